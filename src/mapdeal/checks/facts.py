@@ -134,7 +134,6 @@ class CellTallies:
 
     @cached_property
     def free_on_border(self) -> int:
-        """Cells on the border of the map that are free."""
         return int(np.count_nonzero(self._border[1]))
 
     @property
@@ -426,8 +425,6 @@ class RoomFacts:
 
 @dataclass(frozen=True, eq=False)
 class PairFacts:
-    """A map_server pair."""
-
     path: Path
     entries: dict[str, Entry]
     metadata: MapMetadata
@@ -492,10 +489,8 @@ def _of_npz(path: Path, max_cells: int | None) -> GridFacts | None:
 def _of_pair(
     path: Path, max_cells: int | None, bits: Path | None, entries: dict[str, Entry]
 ) -> tuple[PairFacts, GridFacts | None]:
-    """Return the facts of a YAML file, which must name the bit map that was asked for, if any.
-
-    Its keys are put into `entries` as soon as they are known, for what is found after that.
-    """
+    """Return the facts of a YAML file, which must name the bit map that was asked for, if any."""
+    # Its keys are put into `entries` as soon as they are known, for what is found after that.
     with recognised(path, "a map", MAP):
         entries.update(read_mapping(path))
         metadata = metadata_of(entries, path, mend=True)

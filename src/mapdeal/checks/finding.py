@@ -61,8 +61,6 @@ class Remark:
 
 @dataclass(frozen=True)
 class Check:
-    """A check."""
-
     name: str
     severity: Severity
     about: str

@@ -1,9 +1,6 @@
-"""How findings are reported: as text, JSON, JUnit, SARIF, or to GitHub.
-
-References
-----------
-Static Analysis Results Interchange Format (SARIF) Version 2.1.0 Plus Errata 01, OASIS Standard.
-"""
+"""How findings are reported: as text, JSON, JUnit, SARIF, or to GitHub."""
+# Source: Static Analysis Results Interchange Format (SARIF) Version 2.1.0 Plus Errata 01, OASIS
+# Standard.
 
 from __future__ import annotations
 
@@ -132,7 +129,6 @@ class LintReport(OneLine, Sequence[Finding]):
 
     @property
     def findings(self) -> list[Finding]:
-        """Findings of all maps."""
         return [found for one in self.maps for found in one.findings]
 
     @cached_property
@@ -229,14 +225,9 @@ def _finding(found: Finding) -> dict[str, Any]:
 
 
 def junit_lines(report: LintReport) -> list[str]:
-    """Return one suite of the maps.
-
-    Notes
-    -----
-    A failing map has one failure, whose text lists all that makes it fail, since some readers
-    show no more than the first; what else was found is its output. Times are left out, so that
-    equal maps give equal bytes.
-    """
+    # A failing map has one failure, whose text lists all that makes it fail, since some readers
+    # show no more than the first; what else was found is its output. Times are left out, so that
+    # equal maps give equal bytes.
     failing = sum(bool(one.failures) for one in report.maps)
     counts = f'tests="{len(report.maps)}" failures="{failing}" errors="0"'
     cases = [line for one in report.maps for line in _case(one)]
@@ -288,13 +279,9 @@ _WRONG_PARAMETERS = "An error: ROS refuses the files, or the robot is unsafe wit
 
 
 def sarif_lines(report: LintReport) -> list[str]:
-    """Return one run of the tool, with all checks as its rules.
-
-    Notes
-    -----
-    Files below the working directory have relative URIs, as services expect it of the root of a
-    repository; others absolute ones. A finding without a line gets line 1.
-    """
+    """Return one run of the tool, with all checks as its rules."""
+    # Files below the working directory have relative URIs, as services expect it of the root of a
+    # repository; others absolute ones. A finding without a line gets line 1.
     indices = {name: index for index, name in enumerate(sorted(CHECKS))}
     results = [
         _result(found, indices[found.check], one) for one in report.maps for found in one.findings

@@ -233,7 +233,6 @@ def open_border(facts: GridFacts) -> Iterator[Remark]:
 
 
 def _cell_area(facts: GridFacts) -> float:
-    """Return the square metres of a cell."""
     return facts.frame.resolution**2
 
 

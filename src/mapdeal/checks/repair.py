@@ -99,8 +99,6 @@ def _without_yaw(grid: OccupancyGrid, path: Path) -> OccupancyGrid:
 
 @dataclass(frozen=True)
 class YamlRepair:
-    """Changes to make in a YAML file."""
-
     values: Mapping[str, Any]
     done: tuple[str, ...]
     needs_cells: bool = False

@@ -19,10 +19,8 @@ LOCAL_FOLDER = "local"
 
 
 def is_run(folder: Path) -> bool:
-    """Return whether the manifest in a folder is, or may have been, that of a run.
-
-    Programs of other kinds have files of that name, too: such a folder may hold maps.
-    """
+    """Return whether the manifest in a folder is, or may have been, that of a run."""
+    # Programs of other kinds have files of that name, too: such a folder may hold maps.
     manifest = read_json(folder / MANIFEST)
     return manifest is None or (isinstance(manifest, dict) and "outputs" in manifest)
 
@@ -45,10 +43,8 @@ declare_check(
 
 
 def lint_run(folder: Path) -> list[Finding]:
-    """Return what is wrong with a folder of outputs: files that its manifest does not know.
-
-    The local map that a run has made, too, is looked at with it.
-    """
+    """Return what is wrong with a folder of outputs: files that its manifest does not know."""
+    # The local map that a run has made, too, is looked at with it.
     try:
         _, files = contents_of(folder)
     except FileAccessError as error:

@@ -229,12 +229,7 @@ class Bounds:
         return self.max_shift is not None or self.max_differing is not None
 
     def judged(self, found: Difference) -> tuple[Bound, ...]:
-        """Return each bound that is set, with the value found.
-
-        Notes
-        -----
-        Only the common area is judged, whatever the geometry of the maps.
-        """
+        # Only the common area is judged, whatever the geometry of the maps.
         bounds = []
         if self.max_shift is not None:
             bounds.append(Bound("max-shift", "m", self.max_shift, largest_shift(found)))
@@ -245,10 +240,8 @@ class Bounds:
 
 
 def largest_shift(found: Difference) -> float:
-    """Return the largest distance of an obstacle of either map from those of the other, metres.
-
-    Infinite if only one of the maps has obstacles, nan if they have no common cell.
-    """
+    """Return the largest distance of an obstacle of either map from those of the other, metres."""
+    # Infinite if only one of the maps has obstacles, nan if they have no common cell.
     if not found.common:
         return math.nan
     occupied = STATES.index("occupied")

@@ -1,8 +1,6 @@
-"""The JSON documents of lint, reach, route, diff, align, score and build --compare, read back.
-
-They may come from elsewhere: each value is checked, and an error names the file and the key.
-Numbers that JSON does not have, an infinite width for instance, are null there.
-"""
+"""The JSON documents of lint, reach, route, diff, align, score and build --compare, read back."""
+# They may come from elsewhere: each value is checked, and an error names the file and the key.
+# Numbers that JSON does not have, an infinite width for instance, are null there.
 
 from __future__ import annotations
 
@@ -50,8 +48,6 @@ _WANTED = (
 
 @dataclass(frozen=True)
 class ToldFinding:
-    """A finding of lint, as in its JSON."""
-
     check: str
     severity: Severity
     message: str
@@ -126,8 +122,6 @@ class DiffAnswer:
 
 @dataclass(frozen=True)
 class ComparedMethod:
-    """Result of one mapping method."""
-
     figures: Mapping[str, float | None]
     vanished: tuple[tuple[float, float, int], ...]
 
@@ -147,8 +141,6 @@ class ComparisonAnswer:
 
 @dataclass(frozen=True)
 class ShapesAnswer:
-    """The shapes in a file."""
-
     shapes: tuple[Shape, ...]
 
 

@@ -82,10 +82,8 @@ def bit_map_paths(output: Path) -> tuple[Path, Path]:
 def write_bit_map_pair(
     transaction: Transaction, output: Path, bits: BitMap, *, extra: Mapping[str, Any] | None = None
 ) -> None:
-    """Write a bit map as PBM P4 and its YAML, which any map_server reads as a trinary map.
-
-    `extra` are further keys for the YAML.
-    """
+    """Write a bit map as PBM P4 and its YAML, which any map_server reads as a trinary map."""
+    # `extra` are further keys for the YAML.
     picture, yaml_path = bit_map_paths(output)
     metadata = MapMetadata(
         image=picture.name, resolution=bits.resolution, origin=bits.origin, extra=extra or {}

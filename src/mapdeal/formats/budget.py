@@ -1,8 +1,6 @@
-"""The memory that may be used.
-
-A small file can ask for any amount of memory, by the numbers in its header or because it is
-compressed. So every reader says what it is about to take, and the answer may be an error.
-"""
+"""The memory that may be used."""
+# A small file can ask for any amount of memory, by the numbers in its header or because it is
+# compressed. So every reader says what it is about to take, and the answer may be an error.
 
 from __future__ import annotations
 
@@ -24,11 +22,9 @@ _GROUPS = Path("/sys/fs/cgroup")
 def free_memory(
     meminfo: Path = _MEMINFO, own_group: Path = _OWN_GROUP, groups: Path = _GROUPS
 ) -> int | None:
-    """Return the bytes that are available before anything is swapped out or killed.
-
-    The smaller of what the machine has and what is left of the limits of the control groups
-    (version 2) that the process is in, as containers set them.
-    """
+    """Return the bytes that are available before anything is swapped out or killed."""
+    # The smaller of what the machine has and what is left of the limits of the control groups
+    # (version 2) that the process is in, as containers set them.
     match = re.search(r"^MemAvailable:\s+(\d+) kB", _text(meminfo), re.MULTILINE)
     if match is None:
         return None
@@ -96,10 +92,8 @@ _current: ContextVar[_Budget | None] = ContextVar("budget", default=None)
 
 
 def default_limit(jobs: int = 1) -> int | None:
-    """Return the bytes that each of some jobs may take: its part of half of what is free.
-
-    None if it is not known what is free.
-    """
+    """Return the bytes that each of some jobs may take: its part of half of what is free."""
+    # None if it is not known what is free.
     free = free_memory()
     if free is None:
         return None
@@ -133,11 +127,9 @@ def _by_default() -> _Budget:
 
 @contextmanager
 def holding(count: int) -> Iterator[None]:
-    """Count bytes that were read as taken within a ``with`` block.
-
-    Below 0 they are bytes that readers claim, and that are not taken, since nobody keeps what is
-    made of them.
-    """
+    """Count bytes that were read as taken within a ``with`` block."""
+    # Below 0 they are bytes that readers claim, and that are not taken, since nobody keeps what is
+    # made of them.
     budget = _budget_of(None)
     token = _current.set(replace(budget, held=budget.held + count))
     try:

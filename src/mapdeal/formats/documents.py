@@ -52,8 +52,6 @@ _LARGEST = FARTHEST**2
 
 @dataclass(frozen=True)
 class ToldBound:
-    """A bound on a figure, as in a document."""
-
     name: str
     is_least: bool
     allowed: float

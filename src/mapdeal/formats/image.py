@@ -1,8 +1,6 @@
-"""Images of every format that maps may have, decoded to integer samples.
-
-The contents decide the format, not the file's name. `pnm` parses the format of nearly all maps, and
-`pillow_images` has the others decoded by Pillow.
-"""
+"""Images of every format that maps may have, decoded to integer samples."""
+# The contents decide the format, not the file's name. `pnm` parses the format of nearly all maps,
+# and `pillow_images` has the others decoded by Pillow.
 
 from __future__ import annotations
 
@@ -39,10 +37,8 @@ def open_strips(path: Path, *, max_cells: int | None = None) -> Iterator[Strips]
 def open_passing(
     path: Path, *, max_cells: int | None = None
 ) -> Iterator[tuple[Strips, bytes]]:  # fmt: skip
-    """Open an image file to go through its picture once, without keeping any cells.
-
-    Takes and raises what `open_strips` does.
-    """
+    """Open an image file to go through its picture once, without keeping any cells."""
+    # Takes and raises what `open_strips` does.
     with opened(path) as file:
         image_format, head = _format_of(file)
         height, width = image_format.size(head, path, _limit(image_format, max_cells))
@@ -96,7 +92,6 @@ def recognised_format(head: bytes) -> ImageFormat | None:
 
 
 def _format_of(file: OpenFile) -> tuple[ImageFormat, bytes]:
-    """Return the format of an open file, and its first bytes."""
     head = file.read(0, HEAD)
     return _recognised(head, file.path), head
 

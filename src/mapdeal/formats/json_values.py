@@ -63,8 +63,6 @@ _LARGEST_WHOLE = 1 << 53
 
 @dataclass(frozen=True, eq=False)
 class JsonValue:
-    """A value, and where it stands."""
-
     source: Path
     value: Any
     place: str = ""
@@ -262,8 +260,6 @@ def document_kind(value: Any) -> str | None:
 
 @dataclass(frozen=True)
 class NamedMap:
-    """A map that a document is about."""
-
     file: str
     sha256: Mapping[str, str]
 

@@ -1,7 +1,5 @@
-"""Kind of a file, by its first bytes, and the command that accepts it.
-
-Commands that are given another kind of file than they take say so with one line from here.
-"""
+"""Kind of a file, by its first bytes, and the command that accepts it."""
+# Commands that are given another kind of file than they take say so with one line from here.
 
 from __future__ import annotations
 
@@ -79,8 +77,6 @@ _DOCUMENTS = {
 
 @dataclass(frozen=True)
 class FileKind:
-    """Kind of a file."""
-
     name: str
     what: str
     use: str
@@ -88,10 +84,8 @@ class FileKind:
 
 
 def kind_of(path: Path) -> FileKind | None:
-    """Return what a file or folder is; None if it is nothing that is known.
-
-    The first bytes are read, of YAML and JSON the whole if it is short.
-    """
+    """Return what a file or folder is; None if it is nothing that is known."""
+    # The first bytes are read, of YAML and JSON the whole if it is short.
     if is_folder(path):
         kind = _kind_of_folder(path)
     else:

@@ -26,8 +26,6 @@ Names = tuple[str, ...]
 
 @dataclass(frozen=True)
 class LintConfig:
-    """The table of lint in a file."""
-
     source: Path
     table: str
     select: Names | None = None
@@ -38,11 +36,9 @@ class LintConfig:
 
 
 def find_lint_config(folder: Path) -> LintConfig | None:
-    """Return what the nearest file says, in a folder or one above it; None if there is none.
-
-    A ``mapdeal.toml`` comes before a ``pyproject.toml`` beside it; one of the latter without the
-    table ``[tool.mapdeal.lint]`` is passed over.
-    """
+    """Return what the nearest file says, in a folder or one above it; None if there is none."""
+    # A ``mapdeal.toml`` comes before a ``pyproject.toml`` beside it; one of the latter without the
+    # table ``[tool.mapdeal.lint]`` is passed over.
     start = normal_path(folder)
     for place in (start, *start.parents):
         if exists(place / OWN_FILE):
@@ -157,11 +153,9 @@ class IgnoreComment:
 
 
 def read_ignore_comments(path: Path, limit: int = OF_MAPS.bytes) -> list[IgnoreComment]:
-    """Return the comments of a file that name checks of lint which are to be ignored.
-
-    A comment is recognised by its text, at the beginning of a line or behind white space. So it
-    counts in a file, too, that is no YAML.
-    """
+    """Return the comments of a file that name checks of lint which are to be ignored."""
+    # A comment is recognised by its text, at the beginning of a line or behind white space. So it
+    # counts in a file, too, that is no YAML.
     try:
         data = read_file(path, limit=limit)
     except (FileAccessError, MalformedInputError):

@@ -71,15 +71,11 @@ def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str])
 
 
 def files_matching(pattern: str) -> list[Path]:
-    """Return all but folders that a pattern stands for.
-
-    Notes
-    -----
-    The files are those of ``glob.glob(pattern, recursive=True)``. But that follows each of the ways
-    that links make to a folder, which can be 2 to the power of 40 with two links. Here each
-    part of the pattern leads from some folders to others, and each folder is looked into once for
-    each part, however many ways there are: the time is linear in the entries of all folders.
-    """
+    """Return all but folders that a pattern stands for."""
+    # The files are those of ``glob.glob(pattern, recursive=True)``. But that follows each of the
+    # ways that links make to a folder, which can be 2 to the power of 40 with two links. Here each
+    # part of the pattern leads from some folders to others, and each folder is looked into once for
+    # each part, however many ways there are: the time is linear in the entries of all folders.
     if pattern[-1] in (os.sep, os.altsep):  # folders alone
         return []
     path = Path(pattern)
@@ -191,8 +187,6 @@ _IMAGE_KEY = re.compile(rb"""^(\xef\xbb\xbf)?["']?image["']?[ \t]*:""", re.MULTI
 
 @dataclass(frozen=True)
 class ListedMap:
-    """A map that names stand for."""
-
     path: Path
     name: str
 
@@ -204,14 +198,10 @@ class ListedMap:
 
 @dataclass(frozen=True)
 class WholeFolders:
-    """Folders that count as one thing, listed as they are, rather than searched for maps.
+    """Folders that count as one thing, listed as they are, rather than searched for maps."""
 
-    Notes
-    -----
-    Other folders in one, and the files in those, are listed as everywhere. A folder that cannot
-    be read, or holds nothing to be listed, is listed, too: whoever looks at it says so.
-    """
-
+    # Other folders in one, and the files in those, are listed as everywhere. A folder that cannot
+    # be read, or holds nothing to be listed, is listed, too: whoever looks at it says so.
     mark: str
     is_one: Callable[[Path], bool]
     summary: str
@@ -343,11 +333,9 @@ def _found_by(name: str, rules: _Rules, *, is_listed: bool) -> _Found:
 
 
 def _without_images(files: list[Path], *, keep_all: bool) -> list[Path]:
-    """Return the files without the bit maps that are the image of a YAML file's map.
-
-    Of a pair both match most patterns, and are one map. One that has no YAML file of its name
-    beside it is another's image, unless it was asked for.
-    """
+    """Return the files without the bit maps that are the image of a YAML file's map."""
+    # Of a pair both match most patterns, and are one map. One that has no YAML file of its name
+    # beside it is another's image, unless it was asked for.
     yamls = {one.with_suffix("") for one in files if one.suffix.lower() in _YAML}
 
     def is_map(path: Path) -> bool:
@@ -382,10 +370,8 @@ def _fixed_part(pattern: Path) -> Path:
 
 
 def _below_folder(folder: Path, rules: _Rules) -> tuple[list[Path], list[Path]]:
-    """Return what may be maps in a folder and below, and the folders that are listed themselves.
-
-    Hidden ones and outputs are left aside.
-    """
+    """Return what may be maps in a folder and below, and the folders that are listed themselves."""
+    # Hidden ones and outputs are left aside.
     listed: list[Path] = []
     whole = rules.whole
 

@@ -76,11 +76,9 @@ class FreedCells:
 
 
 def of_map_saver_unknown(picture: Picture) -> NDArray[np.bool_]:
-    """Return which pixels have the grey that map_saver writes for unknown, shape (H, W).
-
-    They have its very brightness, 205 / 255, whatever their maxval: greys beside it may be free
-    with the usual thresholds, which is nobody's mistake.
-    """
+    """Return which pixels have the grey that map_saver writes for unknown, shape (H, W)."""
+    # They have its very brightness, 205 / 255, whatever their maxval: greys beside it may be free
+    # with the usual thresholds, which is nobody's mistake.
     if picture.palette is not None:
         of_index = (picture.palette[:, :3] == MAP_SAVER_UNKNOWN).all(axis=1)
         mask: NDArray[np.bool_] = by_sample(of_index, picture.samples)
@@ -114,11 +112,9 @@ def remark_on_freed(
 
 
 def _advice(freed: Mapping[Dialect, FreedCells], metadata: MapMetadata) -> str:
-    """Return how such cells become unknown again.
-
-    To readers that average the opacity into the grey it is lighter, and free with the usual
-    free_thresh, too. Digits are not rounded: 0.1960785 must not look like 0.196.
-    """
+    """Return how such cells become unknown again."""
+    # To readers that average the opacity into the grey it is lighter, and free with the usual
+    # free_thresh, too. Digits are not rounded: 0.1960785 must not look like 0.196.
     by_opacity = [dialect for dialect, one in freed.items() if one.stay_free]
     parts = []
     if metadata.free_thresh > USUAL_FREE_THRESH:
@@ -186,10 +182,8 @@ class PixelRemarks:
 
 
 def count_of_lost(picture: Picture, times: NDArray[np.int64] | None = None) -> int:
-    """Return how many pixels of mode raw hold no value of a map; of 8-bit grey alone.
-
-    `times` says how often each of them occurs, see `FreedCells.add`.
-    """
+    """Return how many pixels of mode raw hold no value of a map; of 8-bit grey alone."""
+    # `times` says how often each of them occurs, see `FreedCells.add`.
     if picture.colour != "grey" or picture.maxval != 255:
         return 0
     return _count((picture.samples > OCCUPIED) & (picture.samples < 255), times)
@@ -216,7 +210,6 @@ def warn_of_one_cost(path: Path, costmap: Costmap) -> None:
 
 
 def warn_of_cost_figures(path: Path, figures: Figures) -> None:
-    """Warn of costs of which the figures are known, see `figures_of_costs`."""
     common = figures["most_common"]
     if common is None:
         if not figures["lethal"] + figures.get("inscribed", 0):

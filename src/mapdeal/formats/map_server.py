@@ -56,10 +56,8 @@ def lazy_cells(
     budget: CacheBudget | None = None,
     dialect: Dialect = "nav2",
 ) -> OccupancyGrid:
-    """Return the map in an image whose rows are read when they are asked for.
-
-    It gives, cell by cell, what `read_cells` gives.
-    """
+    """Return the map in an image whose rows are read when they are asked for."""
+    # It gives, cell by cell, what `read_cells` gives.
 
     def occupancy(rows: slice) -> NDArray[np.int8]:
         part = pixels.part(rows)
@@ -94,12 +92,10 @@ def _grid_of(occupancy: Layer, metadata: MapMetadata) -> OccupancyGrid:
 
 
 def find_image(yaml_path: Path, image: str) -> Path:
-    """Return the image file that a map's YAML names.
-
-    Relative names are relative to the YAML file. A name that only makes sense elsewhere, an
-    absolute path of another machine or one with backslashes, falls back to what it must mean
-    here, with a warning.
-    """
+    """Return the image file that a map's YAML names."""
+    # Relative names are relative to the YAML file. A name that only makes sense elsewhere, an
+    # absolute path of another machine or one with backslashes, falls back to what it must mean
+    # here, with a warning.
     if _expanded(image) != image:
         _warn_path(yaml_path, f"{image} was expanded; map_server does not")
     path, *others = image_places(yaml_path.parent, image)

@@ -32,10 +32,8 @@ _TRINARY_FREE, _TRINARY_OCCUPIED = 25, 65
 
 
 def pair_paths(output: Path) -> tuple[Path, Path]:
-    """Return the image and the YAML file that `output` stands for.
-
-    ``.pgm`` and ``.png`` name the image, ``.yaml`` the YAML file of a pgm pair.
-    """
+    """Return the image and the YAML file that `output` stands for."""
+    # ``.pgm`` and ``.png`` name the image, ``.yaml`` the YAML file of a pgm pair.
     if output.suffix in (".pgm", ".png"):
         return output, output.with_suffix(".yaml")
     return output.with_suffix(".pgm"), output
@@ -95,10 +93,8 @@ def write_map_image(transaction: Transaction, image: Path, grid: OccupancyGrid) 
 
 
 def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
-    """Return the map that is left of `grid` in mode trinary, with a warning if that is less.
-
-    As map_saver does by default: 0..25 free, 65..100 occupied, all else unknown.
-    """
+    """Return the map that is left of `grid` in mode trinary, with a warning if that is less."""
+    # As map_saver does by default: 0..25 free, 65..100 occupied, all else unknown.
     lost = int(counts_of(grid.occupancy)[FREE + 1 : OCCUPIED].sum())
     if not lost:
         return grid
@@ -150,10 +146,8 @@ def _published_pixels(costmap: Costmap) -> Layer:
 
 
 def _pixels_of(values: Layer, table: NDArray[np.uint8]) -> Layer:
-    """Return the pixels of values, which are made band by band when they are written.
-
-    An array of them would take its memory until its turn has come.
-    """
+    """Return the pixels of values, which are made band by band when they are written."""
+    # An array of them would take its memory until its turn has come.
     if is_lazy(values):
         return looked_up(values, table)
     height = max(1, _MADE_TOGETHER // values.shape[1])

@@ -173,10 +173,8 @@ class MapFile:
         return sha256_of(path)
 
     def check_unchanged(self) -> None:
-        """Raise FileAccessError if a file is not the one any more whose header was read.
-
-        Between two files of a map somebody may have replaced both.
-        """
+        """Raise FileAccessError if a file is not the one any more whose header was read."""
+        # Between two files of a map somebody may have replaced both.
         with locked({path.parent for path in self._states}):
             pass  # whoever was between two renames is through with them
         for path, state in self._states.items():
@@ -187,10 +185,8 @@ class MapFile:
 def open_map(
     path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
 ) -> Iterator[MapFile]:
-    """Open the map in a ``.yaml`` pair or an ``.npz``: its header is read, its cells are not.
-
-    A ``.pbm`` stands for the ``.yaml`` beside it.
-    """
+    """Open the map in a ``.yaml`` pair or an ``.npz``: its header is read, its cells are not."""
+    # A ``.pbm`` stands for the ``.yaml`` beside it.
     if path.suffix.lower() == ".npz":
         yield MapFile(path, max_cells=max_cells, states={path: state_of(path)})
         return

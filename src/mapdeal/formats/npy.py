@@ -37,7 +37,6 @@ class NpyHeader(NamedTuple):
 
     @property
     def nbytes(self) -> int:
-        """The bytes that the values take."""
         return self.elements * self.dtype.itemsize
 
 

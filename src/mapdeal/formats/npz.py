@@ -1,8 +1,6 @@
-"""mapdeal's own files: layers and their geometry in an ``.npz``, format ``mapdeal/1``.
-
-Read without trusting the file: every array's type, shape and size is checked before memory
-is taken for it, and nothing is ever unpickled.
-"""
+"""mapdeal's own files: layers and their geometry in an ``.npz``, format ``mapdeal/1``."""
+# Read without trusting the file: every array's type, shape and size is checked before memory is
+# taken for it, and nothing is ever unpickled.
 
 from __future__ import annotations
 
@@ -47,10 +45,8 @@ Grid = OccupancyGrid | Costmap | DistanceField | PotentialField | Reach
 def write_npz(
     file: BinaryIO, grid: Grid, *, more: Mapping[str, NDArray[Any]] | None = None
 ) -> None:
-    """Write a grid, all its layers and its geometry, and `more` layers, which no reader needs.
-
-    The bytes depend on the grid alone: entries carry no time.
-    """
+    """Write a grid, all its layers and its geometry, and `more` layers, which no reader needs."""
+    # The bytes depend on the grid alone: entries carry no time.
     entries: dict[str, Any] = {
         "format": FORMAT,
         "resolution": np.float64(grid.resolution),
@@ -67,12 +63,10 @@ def write_npz(
 def _write_entry(
     file: BinaryIO, archive: zipfile.ZipFile, name: str, array: Layer
 ) -> None:  # fmt: skip
-    """Add an array, compressed in threads.
-
-    zipfile would compress in one. So it stores what is compressed already, and the entry's
-    header is then corrected to say so. Layers of float64 are left as they are: their last
-    digits are noise, and a tenth less to store costs ten times the time.
-    """
+    """Add an array, compressed in threads."""
+    # zipfile would compress in one. So it stores what is compressed already, and the entry's header
+    # is then corrected to say so. Layers of float64 are left as they are: their last digits are
+    # noise, and a tenth less to store costs ten times the time.
     header = npy_header(array.shape, array.dtype)
     info = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
     checksum = 0
@@ -97,12 +91,10 @@ def _write_entry(
 
 
 def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
-    """Return the grid in an ``.npz`` file that mapdeal wrote.
-
-    A file with costs gives a `Costmap`, one with distances a `DistanceField`, one with a
-    repulsive layer a `PotentialField`, else an `OccupancyGrid`: so does what was reached, whose
-    other layers `read_reach` returns.
-    """
+    """Return the grid in an ``.npz`` file that mapdeal wrote."""
+    # A file with costs gives a `Costmap`, one with distances a `DistanceField`, one with a
+    # repulsive layer a `PotentialField`, else an `OccupancyGrid`: so does what was reached, whose
+    # other layers `read_reach` returns.
     with NpzReader(path, LARGEST_CELLS if max_cells is None else max_cells) as reader:
         return _grid_in(reader, path)
 
@@ -111,14 +103,10 @@ def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
 def open_npz(
     path: Path, *, block_height: int = _BLOCK_HEIGHT, max_cells: int | None = None
 ) -> Iterator[Grid]:
-    """Open an ``.npz`` file: give the grid that `read_npz` returns, of lazy layers.
-
-    Notes
-    -----
-    Rows are best requested in their order: those before others are read from the start again.
-    A potential field is read as a whole. The region of a distance field, the box of cells that
-    have a distance, is not known.
-    """
+    """Open an ``.npz`` file: give the grid that `read_npz` returns, of lazy layers."""
+    # Rows are best requested in their order: those before others are read from the start again. A
+    # potential field is read as a whole. The region of a distance field, the box of cells that have
+    # a distance, is not known.
     most = LARGEST_CELLS if max_cells is None else max_cells
     with NpzReader(path, most, block_height) as reader:
         if _own_layer(reader.names()) != "repulsive":

@@ -1,8 +1,6 @@
-"""The entries of npz files, read without trusting them, at once or by rows.
-
-Every array's type, shape and size is checked before memory is taken for it, and nothing is ever
-unpickled.
-"""
+"""The entries of npz files, read without trusting them, at once or by rows."""
+# Every array's type, shape and size is checked before memory is taken for it, and nothing is ever
+# unpickled.
 
 from __future__ import annotations
 
@@ -35,16 +33,12 @@ _CHUNK = 1 << 22
 
 
 class NpzReader:
-    """The entries of an npz file, each checked before its memory is taken.
+    """The entries of an npz file, each checked before its memory is taken."""
 
-    Notes
-    -----
-    If a height of blocks is given, layers are lazy, but for those that are stored column by
-    column. Rows before those that were read last are read from the start again. Memory is taken
-    for the rows that are asked for, so data that expand a thousand times do no harm. What is
-    damaged is found when its rows are read, a wrong checksum with the last row.
-    """
-
+    # If a height of blocks is given, layers are lazy, but for those that are stored column by
+    # column. Rows before those that were read last are read from the start again. Memory is taken
+    # for the rows that are asked for, so data that expand a thousand times do no harm. What is
+    # damaged is found when its rows are read, a wrong checksum with the last row.
     def __init__(self, path: Path, max_cells: int, block_height: int | None = None) -> None:
         self.path = path
         self._max_cells = max_cells
@@ -102,7 +96,6 @@ class NpzReader:
         return cast("Layer", layer)
 
     def small(self, name: str, dtype: type[np.generic], shape: tuple[int, ...]) -> NDArray[Any]:
-        """Return an array of that type and shape."""
         header = self.header(name)
         self._check(name, header, np.dtype(dtype), _LARGEST_SMALL_ARRAY, shape)
         return self._values(name, header.nbytes)
@@ -139,11 +132,9 @@ class NpzReader:
     def rows(
         self, name: str, columns: int, *, shape: tuple[int, int] | None = None
     ) -> Iterator[NDArray[np.float64]]:
-        """Yield the first `columns` numbers of each row of a table, many rows at a time.
-
-        Rows that have fewer are yielded whole; at least two numbers make a row. If a shape is
-        given, the table must have it. A table that is stored column by column is held in memory.
-        """
+        """Yield the first `columns` numbers of each row of a table, many rows at a time."""
+        # Rows that have fewer are yielded whole; at least two numbers make a row. If a shape is
+        # given, the table must have it. A table that is stored column by column is held in memory.
         with self._opened(name) as (file, header):
             if shape is not None and header.shape != shape:
                 raise self._error(name, f"must have shape {shape}, has {header.shape}")

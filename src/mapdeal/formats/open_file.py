@@ -33,10 +33,8 @@ class OpenFile:
     _head: list[bytes] = field(default_factory=list)
 
     def read(self, offset: int, count: int) -> bytes:
-        """Return some bytes, fewer at the end, which are those of the file that was opened.
-
-        Not through a memory map: a file that gets shorter would end the process.
-        """
+        """Return some bytes, fewer at the end, which are those of the file that was opened."""
+        # Not through a memory map: a file that gets shorter would end the process.
         if offset < HEAD and self._head:  # small files are no more than that
             known = self._head[0]
             if offset + count <= len(known) or len(known) == self.size:
@@ -72,7 +70,6 @@ class OpenFile:
             raise FileAccessError(rule, source=self.path, got=self.size)
 
     def read_whole(self) -> bytes:
-        """Return all bytes."""
         self.check_length()
         claim(self.path, self.size)
         try:

@@ -98,7 +98,6 @@ class Picture:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
         height, width = self.samples.shape[:2]
         return height, width
 
@@ -113,10 +112,8 @@ def by_sample(table: NDArray[Any], samples: Samples) -> NDArray[Any]:
 
 
 def opaque_greys(kind: Picture) -> Picture:
-    """Return a row of all greys 0 .. maxval, opaque, as a picture like another one.
-
-    Of a palette it has all indices.
-    """
+    """Return a row of all greys 0 .. maxval, opaque, as a picture like another one."""
+    # Of a palette it has all indices.
     dtype = kind.samples.dtype
     count = kind.maxval + 1 if kind.palette is None else len(kind.palette)
     greys = np.arange(count)[np.newaxis]

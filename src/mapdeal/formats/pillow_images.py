@@ -1,7 +1,5 @@
-"""PNG, BMP, TIFF and JPEG images, which Pillow decodes as wholes.
-
-Pillow is imported by the functions that need it: most maps are PNM.
-"""
+"""PNG, BMP, TIFF and JPEG images, which Pillow decodes as wholes."""
+# Pillow is imported by the functions that need it: most maps are PNM.
 
 from __future__ import annotations
 
@@ -307,10 +305,9 @@ def one_at_a_time() -> AbstractContextManager[Any]:
 
 @contextmanager
 def damage_refused(path: Path) -> Iterator[None]:
-    """Turn whatever damage leads Pillow's readers to into one clear error.
-
-    Around calls of Pillow, and what it says of a file: in other code the same exceptions are bugs.
-    """
+    """Turn whatever damage leads Pillow's readers to into one clear error."""
+    # Around calls of Pillow, and what it says of a file: in other code the same exceptions are
+    # bugs.
     import logging
 
     from PIL import Image, UnidentifiedImageError

@@ -1,11 +1,6 @@
-"""Netpbm images, P1 to P6, read and written without a library.
-
-Libraries disagree on maxval, on comments and on damaged files; ROS maps have them all.
-
-References
-----------
-The netpbm pages of the formats pbm, pgm and ppm.
-"""
+"""Netpbm images, P1 to P6, read and written without a library."""
+# Libraries disagree on maxval, on comments and on damaged files; ROS maps have them all. Source:
+# The netpbm pages of the formats pbm, pgm and ppm.
 
 from __future__ import annotations
 
@@ -63,12 +58,7 @@ def is_pnm(data: bytes) -> bool:
 
 
 def decode_pnm(data: bytes, source: Path, max_cells: int = LARGEST_CELLS) -> Picture:
-    """Return the picture in a netpbm file.
-
-    Notes
-    -----
-    1 is black in P1 and P4, as netpbm says; the ROS 1 reader takes bits for grey levels.
-    """
+    # 1 is black in P1 and P4, as netpbm says; the ROS 1 reader takes bits for grey levels.
     header = _read_header(data, source)
     check_size(source, header.width, header.height, max_cells)
     _claim(len(data), header, source)
@@ -114,7 +104,6 @@ class LocatedPixels:
 
     @property
     def row_bytes(self) -> int:
-        """Bytes of a row."""
         if self.is_packed:
             return (self.width + 7) // 8
         return self.width * self.channels * (2 if self.maxval > 255 else 1)
@@ -254,10 +243,8 @@ def _read_header(data: bytes, source: Path) -> _Header:
 
 
 def _next_word(data: bytes, start: int) -> tuple[int, int]:
-    """Return where the next word begins and ends, behind white space and whole comments.
-
-    Both are the same if there is none within the bytes that a header may have.
-    """
+    """Return where the next word begins and ends, behind white space and whole comments."""
+    # Both are the same if there is none within the bytes that a header may have.
     limit = start + _LONGEST_HEADER
     while True:
         start = _end_of(_WHITE, data, start, limit)
@@ -274,10 +261,8 @@ def _end_of(pattern: re.Pattern[bytes], data: bytes, start: int, limit: int) -> 
 
 
 def pnm_memory(head: bytes, size: int, source: Path) -> int:
-    """Return the bytes that the pixels of a file and their cells take, given its first bytes.
-
-    Those of a binary file are read strip by strip.
-    """
+    """Return the bytes that the pixels of a file and their cells take, given its first bytes."""
+    # Those of a binary file are read strip by strip.
     header = _read_header(head, source)
     if header.magic <= 3:
         return _bytes_of(size, header)
@@ -314,13 +299,10 @@ def _binary_rows(data: bytes, header: _Header, source: Path) -> memoryview:
 
 
 def _start_of_data(data: bytes, size: int, header: _Header, expected: int, source: Path) -> int:
-    """Return the offset of the first pixel: one byte behind the header, or two after CR LF.
-
-    `data` are the first bytes of the file, `size` is the number of all.
-
-    A file that went through a DOS text conversion has CR LF ends in its header. If no pixel
-    had the value of a line feed, the pixels came through whole, one byte late.
-    """
+    """Return the offset of the first pixel: one byte behind the header, or two after CR LF."""
+    # `data` are the first bytes of the file, `size` is the number of all. A file that went through
+    # a DOS text conversion has CR LF ends in its header. If no pixel had the value of a line feed,
+    # the pixels came through whole, one byte late.
     if data[header.end : header.end + 1] == b"#":
         # A comment right behind maxval: its line end is the one byte before the pixels.
         line_end = data.find(b"\n", header.end)
@@ -445,15 +427,12 @@ class BinaryRows:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
         return self.located.height, self.located.width
 
     def strips(self) -> Strips:
-        """Return all rows."""
         return self.part(slice(0, self.located.height))
 
     def part(self, rows: slice) -> Strips:
-        """Return some rows, which are counted from the south."""
         north = self.located.height - rows.stop
         shape = (rows.stop - rows.start, self.located.width)
         return strips_at_places(

@@ -139,8 +139,6 @@ def _text_of(line: bytes) -> str:
 
 
 class _Form(NamedTuple):
-    """Columns of a line."""
-
     names: tuple[str, ...]
     how_many: str
     more: str = ""

@@ -24,8 +24,6 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True)
 class TransformFile:
-    """A transform that was read, and which maps it is between."""
-
     transform: Transform
     first: Mapping[str, str]
     second: Mapping[str, str]
@@ -37,11 +35,8 @@ def transform_document(transform: Transform) -> dict[str, Any]:
 
 
 def read_transform(path: Path) -> TransformFile:
-    """Return the transform in a JSON file.
-
-    The file is what ``mapdeal align`` has written, or an object with x, y (metres) and yaw
-    (radians) written by hand.
-    """
+    # The file is what ``mapdeal align`` has written, or an object with x, y (metres) and yaw
+    # (radians) written by hand.
     document = read_document(path)
     place = document.get("transform")
     own = document if place is None else place

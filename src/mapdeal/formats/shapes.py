@@ -19,17 +19,13 @@ _PARTS = {"MultiPolygon": "Polygon", "MultiLineString": "LineString", "MultiPoin
 
 
 def read_geojson(path: Path) -> list[Shape]:
-    """Return the shapes of a GeoJSON file, in its order.
-
-    A Polygon is one, its inner rings are holes; a LineString is a line with the thickness that
-    property ``thickness`` says; a Point is a circle with the radius that property ``radius``
-    says. Property ``value`` is what they are drawn with. Other properties mean nothing.
-    """
+    # A Polygon is one, its inner rings are holes; a LineString is a line with the thickness that
+    # property ``thickness`` says; a Point is a circle with the radius that property ``radius``
+    # says. Property ``value`` is what they are drawn with. Other properties mean nothing.
     return geojson_shapes(read_document(path))
 
 
 def geojson_shapes(document: JsonValue) -> list[Shape]:
-    """Return the shapes of a document that was read already, as `read_geojson` does."""
     try:
         return _Reader(document.source).shapes(document.value)
     except RecursionError:
@@ -59,7 +55,6 @@ class _Reader:
         ]
 
     def feature(self, feature: Any, place: str) -> Iterator[Shape]:
-        """Return the shapes of a Feature, or of a bare geometry."""
         if not isinstance(feature, dict):
             raise self.error("must be an object with a type", place)
         if feature.get("type") != "Feature":

@@ -1,9 +1,8 @@
-"""Names of files, and reading a whole input file.
-
-What the system raises on a name that is too long, in a private folder, in a circle of links, or
-relative to a working folder that is gone, becomes one `FileAccessError` that names it. All other
-modules ask here, and not `pathlib`, whose answers to such names differ between versions of Python.
-"""
+"""Names of files, and reading a whole input file."""
+# What the system raises on a name that is too long, in a private folder, in a circle of links, or
+# relative to a working folder that is gone, becomes one `FileAccessError` that names it. All other
+# modules ask here, and not `pathlib`, whose answers to such names differ between versions of
+# Python.
 
 from __future__ import annotations
 
@@ -86,7 +85,6 @@ def exists(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether `path` is a folder, or leads to one."""
     status = _status_or_none(path)
     return status is not None and stat.S_ISDIR(status.st_mode)
 
@@ -131,11 +129,9 @@ def real_path(path: Path) -> Path:
 
 
 def contents_of(folder: Path) -> tuple[list[str], list[str]]:
-    """Return the names of the folders in a folder and of all else, each in order.
-
-    Links count as what they lead to; one that leads to nothing that can be seen is no folder, and
-    whoever reads it says why not.
-    """
+    """Return the names of the folders in a folder and of all else, each in order."""
+    # Links count as what they lead to; one that leads to nothing that can be seen is no folder, and
+    # whoever reads it says why not.
     folders: list[str] = []
     files: list[str] = []
     with access_to(folder), os.scandir(folder) as entries:
@@ -152,11 +148,9 @@ _sums: ContextVar[dict[Path, str] | None] = ContextVar("sums", default=None)
 
 @contextmanager
 def sums_of_reads(*, is_wanted: bool = True) -> Iterator[dict[Path, str]]:
-    """Yield a mapping that collects the SHA-256 of each file that `read_file` reads.
-
-    It is that of the bytes that were read, even if the file changes later. The mapping stays empty
-    if it is not wanted, because it takes time.
-    """
+    """Yield a mapping that collects the SHA-256 of each file that `read_file` reads."""
+    # It is that of the bytes that were read, even if the file changes later. The mapping stays
+    # empty if it is not wanted, because it takes time.
     sums: dict[Path, str] = {}
     token = _sums.set(sums if is_wanted else None)
     try:
@@ -244,10 +238,8 @@ def head_of(path: Path, length: int) -> bytes:
 
 
 def ignores_case(folder: Path) -> bool:
-    """Return whether names that differ in case alone are one to the disk of a folder.
-
-    The nearest existing folder stands for one that is yet to be made.
-    """
+    """Return whether names that differ in case alone are one to the disk of a folder."""
+    # The nearest existing folder stands for one that is yet to be made.
     whole = absolute_path(folder)
     for known in (whole, *whole.parents):
         other = known.name.swapcase()
@@ -276,10 +268,8 @@ _MAPS = (".yaml", ".yml", ".npz")
 
 
 def file_meant(name: str) -> str | None:
-    """Return a hint that asks for the file most like a name in its folder; None without any.
-
-    A name without an ending means the map of that name.
-    """
+    """Return a hint that asks for the file most like a name in its folder; None without any."""
+    # A name without an ending means the map of that name.
     import difflib  # of use to mistakes alone
 
     path = Path(name)

@@ -65,15 +65,9 @@ def _no_comments(_head: bytes) -> list[str]:
 
 @dataclass(frozen=True)
 class ImageFormat:
-    """An image format that maps may have.
-
-    Notes
-    -----
-    The readers of ROS treat some formats differently, because their image libraries do: the
-    modules in `mapdeal.formats.dialects` know these by name. In a format that they do not name,
-    samples mean what `Picture` says.
-    """
-
+    # The readers of ROS treat some formats differently, because their image libraries do: the
+    # modules in `mapdeal.formats.dialects` know these by name. In a format that they do not name,
+    # samples mean what `Picture` says.
     name: str
     suffixes: tuple[str, ...]
     recognises: Callable[[bytes], bool]

@@ -83,11 +83,8 @@ class Temporary:
         return self._file
 
     def open(self) -> None:
-        """Make the file, and lock it.
-
-        Between its making and its locking another run may take it for one of a dead process and
-        remove it; then there is no file of that name any more, and another is made.
-        """
+        # Between its making and its locking another run may take it for one of a dead process and
+        # remove it; then there is no file of that name any more, and another is made.
         while True:
             self.path, self._is_ours = _name_beside(self.destination, _SUFFIX), True
             descriptor = _locked_new_file(self.path, self.destination)
@@ -112,7 +109,6 @@ class Temporary:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
     def append(self, data: bytes) -> None:
-        """Write some bytes, behind those that are there."""
         file = self.file
         with refused(self.destination):
             file.write(data)
@@ -143,10 +139,8 @@ class Temporary:
         self._close()
 
     def _close_to_move(self) -> None:
-        """Close the file where open files cannot be renamed or removed, which is on Windows.
-
-        Elsewhere it stays open, and locked, until it has its own name.
-        """
+        """Close the file where open files cannot be renamed or removed, which is on Windows."""
+        # Elsewhere it stays open, and locked, until it has its own name.
         if fcntl is None:
             self._close()
 
@@ -173,11 +167,9 @@ def _name_beside(path: Path, suffix: str) -> Path:
 
 
 def keep_beside(path: Path) -> Path:
-    """Give a file, or a link, a second name beside its own; return that.
-
-    It is a copy where there can be no second name: on file systems without hard links, and of a
-    file that belongs to somebody else.
-    """
+    """Give a file, or a link, a second name beside its own; return that."""
+    # It is a copy where there can be no second name: on file systems without hard links, and of a
+    # file that belongs to somebody else.
     kept = _name_beside(path, _KEPT)
     try:
         os.link(path, kept, follow_symlinks=False)
@@ -191,10 +183,8 @@ def keep_beside(path: Path) -> Path:
 
 
 def remove_stale(folder: Path) -> None:
-    """Remove what killed processes have left: files that nobody holds locked, and kept old ones.
-
-    Old files are kept only while their folder is locked.
-    """
+    """Remove what killed processes have left: files that nobody holds locked, and kept old ones."""
+    # Old files are kept only while their folder is locked.
     with locked([folder]) as is_alone:
         for path in folder.glob(f"{PREFIX}*"):
             with contextlib.suppress(OSError):
@@ -208,11 +198,9 @@ def remove_stale(folder: Path) -> None:
 
 @contextmanager
 def locked(folders: Iterable[Path]) -> Iterator[bool]:
-    """Keep other transactions from renaming files in folders: sets must not mix.
-
-    The locks die with their process. Gives whether they were to be had: some network file systems
-    have none, and then the last rename of each file wins.
-    """
+    """Keep other transactions from renaming files in folders: sets must not mix."""
+    # The locks die with their process. Gives whether they were to be had: some network file systems
+    # have none, and then the last rename of each file wins.
     with contextlib.ExitStack() as stack:
         are_had = fcntl is not None
         for folder in sorted({folder.resolve() for folder in folders}):  # all in the same order
@@ -228,12 +216,10 @@ def locked(folders: Iterable[Path]) -> Iterator[bool]:
 
 @contextmanager
 def signals_put_off() -> Iterator[None]:
-    """Delay signals that end the process until the end of the block.
-
-    Python handles signals in the main thread only: in other threads there is nothing to delay.
-    The effect of a signal, an exception or the end of the process, then follows the block.
-    SIGKILL cannot be delayed.
-    """
+    """Delay signals that end the process until the end of the block."""
+    # Python handles signals in the main thread only: in other threads there is nothing to delay.
+    # The effect of a signal, an exception or the end of the process, then follows the block.
+    # SIGKILL cannot be delayed.
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -66,10 +66,8 @@ def read_rows(
 
 
 def first_line(file: BinaryIO) -> tuple[int, int, str]:
-    """Return number, place in the file and text of the first line that is no comment.
-
-    The text is empty if there is none.
-    """
+    """Return number, place in the file and text of the first line that is no comment."""
+    # The text is empty if there is none.
     number = 0
     start = file.tell()
     while raw := file.readline(LONGEST_LINE):

@@ -53,17 +53,13 @@ class RowsWriter:
 
 
 class Transaction:
-    """A set of output files that appear together, at the end.
+    """A set of output files that appear together, at the end."""
 
-    Notes
-    -----
-    Each file is written under a temporary name in its own folder, as many at the same time as
-    `mapdeal.kernels.threads` allows. When the block ends without an error, all are renamed in the
-    order of the calls to `write`: the folders are locked meanwhile, signals wait, and a rename that
-    fails undoes those before it. Temporary files are locked by their process, so that those of a
-    killed run are told from those of a live one and removed.
-    """
-
+    # Each file is written under a temporary name in its own folder, as many at the same time as
+    # `mapdeal.kernels.threads` allows. When the block ends without an error, all are renamed in the
+    # order of the calls to `write`: the folders are locked meanwhile, signals wait, and a rename
+    # that fails undoes those before it. Temporary files are locked by their process, so that those
+    # of a killed run are told from those of a live one and removed.
     def __init__(
         self,
         outputs: Iterable[Path],
@@ -201,10 +197,8 @@ class Transaction:
             self._discard()
 
     def _prepare(self, folder: Path) -> None:
-        """Make a folder that files can be written into, and remove what killed runs left there.
-
-        Another process that fails takes the folders away again which it has made.
-        """
+        """Make a folder that files can be written into, and remove what killed runs left there."""
+        # Another process that fails takes the folders away again which it has made.
         for _ in range(_ATTEMPTS):
             with contextlib.suppress(FileNotFoundError):
                 self._make(folder)
@@ -250,10 +244,8 @@ class Transaction:
 def _put_in_place(
     temporaries: Sequence[Temporary], removed: Sequence[Path], *, replaces: bool
 ) -> None:
-    """Rename temporary files to their own names, in order, and remove other files.
-
-    Old files are kept under second names until the end, so that a failure can be undone.
-    """
+    """Rename temporary files to their own names, in order, and remove other files."""
+    # Old files are kept under second names until the end, so that a failure can be undone.
     paths = [*(one.destination for one in temporaries), *removed]
     folders = dict.fromkeys(path.parent for path in paths)
     kept: dict[Path, Path] = {}

@@ -1,9 +1,7 @@
-"""A YAML mapping as its nodes: scalars stay text, keys keep their lines.
-
-PyYAML turns scalars into values by YAML 1.1, where ``5e-2`` is text, ``1:30`` is ninety and
-``010`` is eight; ROS reads the text. So does this. The events come from libyaml, which PyYAML's
-wheels bring; PyYAML's own parser, which serves without it, refuses some tabs that libyaml takes.
-"""
+"""A YAML mapping as its nodes: scalars stay text, keys keep their lines."""
+# PyYAML turns scalars into values by YAML 1.1, where ``5e-2`` is text, ``1:30`` is ninety and
+# ``010`` is eight; ROS reads the text. So does this. The events come from libyaml, which PyYAML's
+# wheels bring; PyYAML's own parser, which serves without it, refuses some tabs that libyaml takes.
 
 from __future__ import annotations
 
@@ -115,11 +113,9 @@ class Entry:
         return self.fields()
 
     def plain_value(self) -> Any:
-        """Return the value, in which all numbers are decimal ones.
-
-        YAML 1.1 reads ``010`` as 8, ``1:30`` as 90 and ``1_0`` as 10; other readers do not. A key
-        that appears twice is refused.
-        """
+        """Return the value, in which all numbers are decimal ones."""
+        # YAML 1.1 reads ``010`` as 8, ``1:30`` as 90 and ``1_0`` as 10; other readers do not. A key
+        # that appears twice is refused.
         for node in list(_scalars_of(self.source, self.node)):
             text = str(node.value).lower()
             if node.tag not in _NUMBER_TAGS or text.lstrip("+-") in (".inf", ".nan"):
@@ -371,13 +367,9 @@ def _number_hint(text: str) -> str | None:
 
 
 def edited(entries: Mapping[str, Entry], changes: Mapping[str, Any]) -> bytes:
-    """Return the file that entries were read from with other values, all else as it is.
-
-    Notes
-    -----
-    The result is what it is meant to be only if the mapping is written in lines, as that of a map
-    is; whoever calls this reads it again.
-    """
+    """Return the file that entries were read from with other values, all else as it is."""
+    # The result is what it is meant to be only if the mapping is written in lines, as that of a map
+    # is; whoever calls this reads it again.
     first = next(iter(entries.values()))
     text = first.node.start_mark.buffer or ""
     spans: list[tuple[int, int, str]] = []

@@ -43,10 +43,8 @@ def bag_paths(output: Path) -> tuple[Path, ...]:
 
 
 def name_inside(output: Path) -> str:
-    """Return what a bag calls its file, without the ending.
-
-    Names that a URI or YAML would have to escape are no names for all readers.
-    """
+    """Return what a bag calls its file, without the ending."""
+    # Names that a URI or YAML would have to escape are no names for all readers.
     return output.stem if _PLAIN.fullmatch(output.stem) else "bag"
 
 
@@ -102,8 +100,6 @@ class Connection:
 
 
 class Place(NamedTuple):
-    """Where a message is."""
-
     connection: int
     time: int
     block: int
@@ -138,7 +134,6 @@ class MessageIndex:
         return len(self.times)
 
     def __iter__(self) -> Iterator[Place]:
-        """Yield all places in their order."""
         for start in range(0, len(self), _TOGETHER):
             some = slice(start, start + _TOGETHER)
             lists = (self.connections, self.times, self.blocks, self.offsets)
@@ -179,12 +174,10 @@ class MessageIndex:
 
 
 class Bag(ABC):
-    """A recording of messages that is open for reading.
+    """A recording of messages that is open for reading."""
 
-    An index of the messages that are wanted is small whatever the size of the bag; messages are
-    then read one by one, and memory holds some chunks at most.
-    """
-
+    # An index of the messages that are wanted is small whatever the size of the bag; messages are
+    # then read one by one, and memory holds some chunks at most.
     path: Path
     form: str
     """Type of the bag, with an article: ``a ROS 1 bag``."""

@@ -122,8 +122,6 @@ IN_THE_FILE = -1
 
 @dataclass
 class Chunk:
-    """A chunk of a file."""
-
     compression: str
     size: int
     start: int

@@ -39,14 +39,10 @@ _OF_ARRAYS, _OF_OBJECTS = 4, 30
 
 
 class Decoder:
-    """Makes messages of bytes.
+    """Makes messages of bytes."""
 
-    Notes
-    -----
-    A type is what the bag says it is; where it says nothing, as before ROS 2 Iron, what the
-    latest ROS 2 has, which for the types that are asked for here has never changed.
-    """
-
+    # A type is what the bag says it is; where it says nothing, as before ROS 2 Iron, what the
+    # latest ROS 2 has, which for the types that are asked for here has never changed.
     def __init__(self, bag: Bag) -> None:
         needs_bags(bag.path)
         self._bag = bag
@@ -86,10 +82,8 @@ class Decoder:
             raise self._bag.malformed(f"the bag has another {name}: {error}", topic) from None
 
     def header(self, place: Place) -> tuple[int, str]:
-        """Return time (nanoseconds) and frame of the header of the message at a place.
-
-        The rest of the message is not decoded.
-        """
+        """Return time (nanoseconds) and frame of the header of the message at a place."""
+        # The rest of the message is not decoded.
         data = self._bag.data(place)
         if self._connections[place.connection].encoding == "ros1":
             order, start = "<", 4  # behind the number

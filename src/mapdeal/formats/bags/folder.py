@@ -1,10 +1,6 @@
-"""Bags of ROS 2 in folders: ``metadata.yaml`` and the files that it names.
-
-References
-----------
-rosbag2_storage's ``BagMetadata``: files in their order, and how they or their messages are
-compressed.
-"""
+"""Bags of ROS 2 in folders: ``metadata.yaml`` and the files that it names."""
+# Source: rosbag2_storage's ``BagMetadata``: files in their order, and how they or their messages
+# are compressed.
 
 from __future__ import annotations
 
@@ -58,14 +54,10 @@ class _Metadata:
 
 
 class FolderBag(Bag):
-    """A folder with a ROS 2 bag in one file or several.
+    """A folder with a ROS 2 bag in one file or several."""
 
-    Notes
-    -----
-    Topics, counts and times are those of the files. A file that is compressed as a whole is
-    expanded into a temporary folder, which goes with the bag.
-    """
-
+    # Topics, counts and times are those of the files. A file that is compressed as a whole is
+    # expanded into a temporary folder, which goes with the bag.
     def __init__(self, path: Path) -> None:
         super().__init__(path, "a folder with a ROS 2 bag")
         self._stack = ExitStack()

@@ -1,9 +1,6 @@
-"""Bags in MCAP files, also cut ones and those without a summary.
-
-References
-----------
-mcap.dev, "MCAP Format Specification", version 0: records of an opcode, a length and fields.
-"""
+"""Bags in MCAP files, also cut ones and those without a summary."""
+# Source: mcap.dev, "MCAP Format Specification", version 0: records of an opcode, a length and
+# fields.
 
 from __future__ import annotations
 
@@ -54,14 +51,10 @@ class _Schema(NamedTuple):
 
 
 class McapBag(ChunkedBag):
-    """An MCAP file with messages of ROS 1 or 2.
+    """An MCAP file with messages of ROS 1 or 2."""
 
-    Notes
-    -----
-    Records are gone through from the start, and the data of chunks passed over: the summary at
-    the end is not needed. Chunks without index records are expanded to see what they hold.
-    """
-
+    # Records are gone through from the start, and the data of chunks passed over: the summary at
+    # the end is not needed. Chunks without index records are expanded to see what they hold.
     _ENTRY = 16
 
     def __init__(self, path: Path) -> None:

@@ -32,8 +32,6 @@ _LARGEST_ANGLE = 1000.0
 
 
 class Stamped(NamedTuple):
-    """A transform with its time."""
-
     parent: str
     child: str
     time: int
@@ -43,8 +41,6 @@ class Stamped(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LaserScan:
-    """One sweep of a laser scanner."""
-
     frame: str
     time: int
     start: float
@@ -72,7 +68,6 @@ class LaserScan:
 
 
 def time_of(stamp: Any) -> int:
-    """Return a time in nanoseconds."""
     return int(stamp.sec) * _SECOND + int(stamp.nanosec)
 
 
@@ -81,14 +76,11 @@ def frame_of(header: Any) -> str:
 
 
 def laser_scan_of(message: Any) -> LaserScan:
-    """Return a ``sensor_msgs/LaserScan``.
-
-    References
-    ----------
-    REP 117: a reading of inf hits nothing, one of -inf is too near, one of nan means nothing.
-    sensor_msgs/LaserScan: readings below ``range_min`` or above ``range_max`` are to be discarded.
-    A reading of ``range_max`` is that of a beam that hits nothing, as with gmapping's ``maxRange``.
-    """
+    """Return a ``sensor_msgs/LaserScan``."""
+    # Source: REP 117: a reading of inf hits nothing, one of -inf is too near, one of nan means
+    # nothing. sensor_msgs/LaserScan: readings below ``range_min`` or above ``range_max`` are to be
+    # discarded. A reading of ``range_max`` is that of a beam that hits nothing, as with gmapping's
+    # ``maxRange``.
     start, step = float(message.angle_min), float(message.angle_increment)
     ranges = np.array(message.ranges, dtype=np.float64)
     last = start + step * max(0, len(ranges) - 1)
@@ -135,13 +127,9 @@ def odometry_of(message: Any) -> Stamped:
 
 
 def grid_of(message: Any, name: str, *, is_costs: bool) -> OccupancyGrid | Costmap:
-    """Return a ``nav_msgs/OccupancyGrid`` or a ``nav2_msgs/Costmap``.
-
-    Notes
-    -----
-    The resolution is a float32 in both: it becomes the number with the fewest digits that stands
-    for it, 0.05 and not 0.05000000074505806. The time that the map was loaded is left out.
-    """
+    """Return a ``nav_msgs/OccupancyGrid`` or a ``nav2_msgs/Costmap``."""
+    # The resolution is a float32 in both: it becomes the number with the fewest digits that stands
+    # for it, 0.05 and not 0.05000000074505806. The time that the map was loaded is left out.
     if name == NAV2_COSTMAP:
         info = message.metadata
         width, height = int(info.size_x), int(info.size_y)

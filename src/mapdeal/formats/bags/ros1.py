@@ -1,10 +1,6 @@
-"""Bags of ROS 1, version 2.0, also unindexed and cut ones.
-
-References
-----------
-ROS wiki, "Bags/Format/2.0": records of a header of fields and of data. A bag without an index, as
-a recorder leaves it that was killed, has the same chunks as one with it.
-"""
+"""Bags of ROS 1, version 2.0, also unindexed and cut ones."""
+# Source: ROS wiki, "Bags/Format/2.0": records of a header of fields and of data. A bag without an
+# index, as a recorder leaves it that was killed, has the same chunks as one with it.
 
 from __future__ import annotations
 
@@ -46,15 +42,9 @@ Fields = Mapping[bytes, bytes]
 
 
 class Ros1Bag(ChunkedBag):
-    """A ROS 1 bag.
-
-    Notes
-    -----
-    Records are gone through from the start, and the data of chunks passed over; so neither the
-    position of the index nor a killed recorder matters. The entries of an index record are
-    counted by its field ``count``, since some writers have a wrong length there.
-    """
-
+    # Records are gone through from the start, and the data of chunks passed over; so neither the
+    # position of the index nor a killed recorder matters. The entries of an index record are
+    # counted by its field ``count``, since some writers have a wrong length there.
     _ENTRY = 12
 
     def __init__(self, path: Path) -> None:

@@ -35,10 +35,8 @@ def npz_points(path: Path) -> Iterator[NDArray[np.float64]]:
 
 
 def npy_points(path: Path) -> Iterator[NDArray[np.float64]]:
-    """Yield the rows of an npy file, some at a time.
-
-    Not through a memory map: a file that gets shorter would end the process.
-    """
+    """Yield the rows of an npy file, some at a time."""
+    # Not through a memory map: a file that gets shorter would end the process.
     with path.open("rb") as file:
         table = _table_of(file, path)
         together = max(1, min(_POINTS_TOGETHER, _BYTES_TOGETHER // table.row_size))
@@ -71,7 +69,6 @@ class _Table:
         return self.dtype.itemsize * (1 if self.is_fortran else self.width)
 
     def points(self, first: int, stop: int) -> NDArray[np.float64]:
-        """Return some rows."""
         count = stop - first
         names = self.dtype.names
         if names is not None:

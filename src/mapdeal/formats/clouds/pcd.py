@@ -1,9 +1,5 @@
-"""PCD, the files of the Point Cloud Library: ascii, binary and binary_compressed.
-
-References
-----------
-The Point Cloud Library's "The PCD (Point Cloud Data) file format", version 0.7.
-"""
+"""PCD, the files of the Point Cloud Library: ascii, binary and binary_compressed."""
+# Source: The Point Cloud Library's "The PCD (Point Cloud Data) file format", version 0.7.
 
 from __future__ import annotations
 
@@ -44,10 +40,8 @@ class _Header:
 
 
 def pcd_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
-    """Yield the points of a PCD file, shape (n, 2) or (n, 3), some at a time.
-
-    The viewpoint is not applied, as in the Point Cloud Library.
-    """
+    """Yield the points of a PCD file, shape (n, 2) or (n, 3), some at a time."""
+    # The viewpoint is not applied, as in the Point Cloud Library.
     header = _read_header(file, path)
     axes = header.record.axes(path, "FIELDS")
     if header.encoding == "ascii":

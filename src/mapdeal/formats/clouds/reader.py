@@ -22,11 +22,9 @@ Points = NDArray[np.float64]
 
 
 def text_points(file: BinaryIO, path: Path) -> Iterator[Points]:
-    """Yield the points of a text, shape (n, 2) or (n, 3), some at a time.
-
-    Numbers are separated by white space, commas or semicolons, as the first line of them shows;
-    they are x, y and z, or what a line of names above says. Lines that begin with # are skipped.
-    """
+    """Yield the points of a text, shape (n, 2) or (n, 3), some at a time."""
+    # Numbers are separated by white space, commas or semicolons, as the first line of them shows;
+    # they are x, y and z, or what a line of names above says. Lines that begin with # are skipped.
     number, start, line = first_line(file)
     if not line:
         return

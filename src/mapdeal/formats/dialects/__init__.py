@@ -1,13 +1,8 @@
-"""Conversion of pixels to occupancy by the three map_server readers in use, one module each.
-
-Every rule depends on a small integer only, a grey level or a sum of samples, and each module works
-it out in exactly the precision of its reader: in a table where there are few of them.
-
-References
-----------
-Read off and checked against the readers of ROS 1 (``map_server/image_loader.cpp``), of Nav2
-humble and of Nav2 jazzy and later (``nav2_map_server/map_io.cpp`` with GraphicsMagick).
-"""
+"""Conversion of pixels to occupancy by the three map_server readers in use, one module each."""
+# Every rule depends on a small integer only, a grey level or a sum of samples, and each module
+# works it out in exactly the precision of its reader: in a table where there are few of them.
+# Source: Read off and checked against the readers of ROS 1 (``map_server/image_loader.cpp``), of
+# Nav2 humble and of Nav2 jazzy and later (``nav2_map_server/map_io.cpp`` with GraphicsMagick).
 
 from __future__ import annotations
 
@@ -60,13 +55,9 @@ def cells_of(
 def reader_of(
     kind: Picture, metadata: MapMetadata, dialect: Dialect
 ) -> Callable[[Picture], NDArray[np.int8]]:
-    """Return a reader's way to read pictures of one kind, such as strips of a picture.
-
-    Notes
-    -----
-    Images of maps with colours and opacities have few of them: what is grey and opaque is looked
-    up in a table that the reader has made.
-    """
+    """Return a reader's way to read pictures of one kind, such as strips of a picture."""
+    # Images of maps with colours and opacities have few of them: what is grey and opaque is looked
+    # up in a table that the reader has made.
     read = DIALECTS[dialect]
     if kind.samples.ndim == 2 and kind.alpha is None:
         return lambda picture: read(picture, metadata)

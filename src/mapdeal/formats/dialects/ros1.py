@@ -11,15 +11,11 @@ from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 
 
 def occupancy_of(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
-    """Return the occupancy of each pixel, shape (H, W), int8, row 0 in the north.
-
-    Notes
-    -----
-    Two slips of the reader are kept, since maps are made by looking at what it does: an index
-    into a palette counts as a grey level, and in mode scale a pixel between the thresholds is
-    unknown if the last byte of its memory is 0, be that opacity, blue, or red in a BMP.
-    One is not: raw values above 100 are unknown here, the reader lets them wrap.
-    """
+    """Return the occupancy of each pixel, shape (H, W), int8, row 0 in the north."""
+    # Two slips of the reader are kept, since maps are made by looking at what it does: an index
+    # into a palette counts as a grey level, and in mode scale a pixel between the thresholds is
+    # unknown if the last byte of its memory is 0, be that opacity, blue, or red in a BMP. One is
+    # not: raw values above 100 are unknown here, the reader lets them wrap.
     samples, alpha = _as_stored(picture)
     trinary = metadata.mode == "trinary"
     if samples.ndim == 2 and alpha is None:
@@ -93,10 +89,8 @@ def _occupancy(
 def _by_sum(
     channels: int, metadata: MapMetadata, *, decided_only: bool = False
 ) -> NDArray[np.int8]:  # fmt: skip
-    """Return the occupancy of each possible sum of `channels` 8-bit samples.
-
-    With `decided_only` values between the thresholds are left unknown in mode scale too.
-    """
+    """Return the occupancy of each possible sum of `channels` 8-bit samples."""
+    # With `decided_only` values between the thresholds are left unknown in mode scale too.
     average = np.arange(channels * 255 + 1) / channels
     if metadata.negate:
         average = 255 - average

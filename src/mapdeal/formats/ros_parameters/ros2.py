@@ -1,21 +1,12 @@
-"""Parameter files of ROS 2.
-
-References
-----------
-``get_value`` of ros2/rcl, rcl_yaml_param_parser/src/parse.c. A value in quotes is a string; else
-it is the first of bool, integer (``strtoll`` with base 0), double (``strtod``) and string that
-takes the whole of it. Tags as in the parser that Nav2's main branch is built with; releases up
-to Kilted know ``!!str`` alone.
-
-It is a machine of few states, and not a reader of nested mappings: what it makes of keys that
-stand twice, of empty mappings and of lists in lists follows from these states alone, and nodes
-live with that. So the same states are kept here.
-
-References
-----------
-``parse_file_events``, ``parse_key``, ``parse_value`` of ros2/rcl,
-rcl_yaml_param_parser/src/parse.c, and namespace.c beside it.
-"""
+"""Parameter files of ROS 2."""
+# Source: ``get_value`` of ros2/rcl, rcl_yaml_param_parser/src/parse.c. A value in quotes is a
+# string; else it is the first of bool, integer (``strtoll`` with base 0), double (``strtod``) and
+# string that takes the whole of it. Tags as in the parser that Nav2's main branch is built with;
+# releases up to Kilted know ``!!str`` alone. It is a machine of few states, and not a reader of
+# nested mappings: what it makes of keys that stand twice, of empty mappings and of lists in lists
+# follows from these states alone, and nodes live with that. So the same states are kept here.
+# Source: ``parse_file_events``, ``parse_key``, ``parse_value`` of ros2/rcl,
+# rcl_yaml_param_parser/src/parse.c, and namespace.c beside it.
 
 from __future__ import annotations
 
@@ -403,12 +394,10 @@ class Walk:
 
 
 class _Names:
-    """Names of mappings within each other, joined to one text, as namespace.c does it.
+    """Names of mappings within each other, joined to one text, as namespace.c does it."""
 
-    The last one is dropped by looking for a separator from behind, even if that stands within
-    the name.
-    """
-
+    # The last one is dropped by looking for a separator from behind, even if that stands within the
+    # name.
     def __init__(self, separator: str) -> None:
         self._separator = separator
         self.text: str | None = None
@@ -468,7 +457,6 @@ def _nesting_hint() -> str:
 
 
 def line_of(event: yaml.Event) -> int:
-    """Return the line that an event starts on, from 1."""
     return int(event.start_mark.line) + 1 if event.start_mark else 1
 
 
@@ -508,11 +496,9 @@ class Ros2Parameters:
         return tuple(one for one in self.nodes if matches(one.name, node))
 
     def for_node(self, node: str) -> dict[str, ParameterValue]:
-        """Return the parameters that a node of a full name gets, by their names.
-
-        As rclcpp's ``parameter_map_from`` since Humble: what comes later overrides, in the order
-        of the nodes in the files, whether ``/**`` or the very name.
-        """
+        """Return the parameters that a node of a full name gets, by their names."""
+        # As rclcpp's ``parameter_map_from`` since Humble: what comes later overrides, in the order
+        # of the nodes in the files, whether ``/**`` or the very name.
         return {name: value for one in self.matching(node) for name, value in one.entries}
 
     def unset_for(self, node: str) -> list[tuple[str, ParameterValue]]:

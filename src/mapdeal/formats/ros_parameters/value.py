@@ -42,8 +42,6 @@ class ParameterFileError(MalformedInputError):
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A parameter in a file."""
-
     value: Any
     kind: str
     source: Path

@@ -1,9 +1,6 @@
-"""CARMEN logs: lines of FLASER, ROBOTLASER1 or RAWLASER1, perhaps compressed with gzip.
-
-References
-----------
-The Carnegie Mellon Robot Navigation Toolkit, "Logger message formats": the fields of each line.
-"""
+"""CARMEN logs: lines of FLASER, ROBOTLASER1 or RAWLASER1, perhaps compressed with gzip."""
+# Source: The Carnegie Mellon Robot Navigation Toolkit, "Logger message formats": the fields of each
+# line.
 
 from __future__ import annotations
 
@@ -102,17 +99,11 @@ class _BadLineError(Exception):
 
 
 class CarmenLog(ScanSource):
-    """The scans of a CARMEN log.
-
-    Notes
-    -----
-    FLASER lines have 180, 181, 360 or 361 readings over a half circle, and the laser's pose.
-    ROBOTLASER1 lines contain their angles and their maximum range, from which on a reading means
-    that nothing was hit. RAWLASER1 lines do, too, but have no pose: that of the last ODOM line is
-    taken. A log may have several kinds for the same scans; the one with a pose that has the most
-    lines counts. All other lines are passed over.
-    """
-
+    # FLASER lines have 180, 181, 360 or 361 readings over a half circle, and the laser's pose.
+    # ROBOTLASER1 lines contain their angles and their maximum range, from which on a reading means
+    # that nothing was hit. RAWLASER1 lines do, too, but have no pose: that of the last ODOM line is
+    # taken. A log may have several kinds for the same scans; the one with a pose that has the most
+    # lines counts. All other lines are passed over.
     def __init__(self, path: Path, *, max_bad: int) -> None:
         check_readable(path)
         self.files = (path,)

@@ -1,7 +1,5 @@
-"""Scans by their files' names, and those of npz files.
-
-An npz has arrays poses (N, 3), angles (M,) and ranges (N, M).
-"""
+"""Scans by their files' names, and those of npz files."""
+# An npz has arrays poses (N, 3), angles (M,) and ranges (N, M).
 
 from __future__ import annotations
 
@@ -20,8 +18,6 @@ _MOST_ELEMENTS = 1 << 31
 
 
 class ScanNpz(ScanSource):
-    """The scans of an npz file."""
-
     def __init__(self, path: Path) -> None:
         self.files = (path,)
         self._path = path

@@ -1,8 +1,6 @@
-"""Sources of laser scans, from arrays and text.
-
-Texts are comma separated, without a header: a pose and the ranges of a scan a line, all angles on
-one.
-"""
+"""Sources of laser scans, from arrays and text."""
+# Texts are comma separated, without a header: a pose and the ranges of a scan a line, all angles on
+# one.
 
 from __future__ import annotations
 
@@ -32,8 +30,6 @@ FARTHEST_POSE = 1e11
 
 
 class ScanArrays(NamedTuple):
-    """Some scans with the same angles."""
-
     poses: Floats
     angles: Floats
     ranges: Floats
@@ -112,8 +108,6 @@ _COPIES = 4
 
 
 class ScanTexts(ScanSource):
-    """The scans of three text files."""
-
     def __init__(self, poses: Path, angles: Path, ranges: Path, *, flip_y: bool = False) -> None:
         self.files = (poses, angles, ranges)
         for path in self.files:
