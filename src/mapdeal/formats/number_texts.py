@@ -53,8 +53,10 @@ def _texts(values: NDArray[np.float64], kind: Kind) -> list[str]:
         values = np.where(np.abs(values) < _NOISE, 0.0, values)
         with np.errstate(over="ignore", invalid="ignore"):
             single = values.astype(np.float32)
-        numbers = zip(values.tolist(), single.tolist(), single.astype(str).tolist(), strict=True)
-        texts = [short if near == value else f"{value:.9g}" for value, near, short in numbers]
+        texts = list(map("%.9g".__mod__, values.tolist()))
+        short = np.flatnonzero(single == values)
+        for index, text in zip(short.tolist(), single[short].astype(str).tolist(), strict=True):
+            texts[index] = text
     elif kind is Kind.WHOLE:
         texts = [f"{value:.0f}" for value in values.tolist()]
     else:
