@@ -1,6 +1,9 @@
-"""How findings are reported: as text, JSON, JUnit, SARIF, or to GitHub."""
-# Source: Static Analysis Results Interchange Format (SARIF) Version 2.1.0 Plus Errata 01, OASIS
-# Standard.
+"""How findings are reported: as text, JSON, JUnit, SARIF, or to GitHub.
+
+References
+----------
+Static Analysis Results Interchange Format (SARIF) Version 2.1.0 Plus Errata 01, OASIS Standard.
+"""
 
 from __future__ import annotations
 

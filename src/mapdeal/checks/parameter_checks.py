@@ -1,7 +1,11 @@
-"""Checks of a robot's parameter files."""
-# Source: navigation, branch noetic-devel: ``costmap_2d_ros.cpp``, ``static_layer.cpp``,
-# ``inflation_layer.cpp``, ``obstacle_layer.cpp``, ``voxel_layer.cpp`` and the files below ``cfg``;
-# navigation2, branches humble to main: the same of ``nav2_costmap_2d``.
+"""Checks of a robot's parameter files.
+
+References
+----------
+navigation, branch noetic-devel: ``costmap_2d_ros.cpp``, ``static_layer.cpp``,
+``inflation_layer.cpp``, ``obstacle_layer.cpp``, ``voxel_layer.cpp`` and the files below ``cfg``;
+navigation2, branches humble to main: the same of ``nav2_costmap_2d``.
+"""
 
 from __future__ import annotations
 

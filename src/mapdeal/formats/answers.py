@@ -1,6 +1,8 @@
-"""The JSON documents of lint, reach, route, diff, align, score and build --compare, read back."""
-# They may come from elsewhere: each value is checked, and an error names the file and the key.
-# Numbers that JSON does not have, an infinite width for instance, are null there.
+"""The JSON documents of lint, reach, route, diff, align, score and build --compare, read back.
+
+They may come from elsewhere: each value is checked, and an error names the file and the key.
+Numbers that JSON does not have, an infinite width for instance, are null there.
+"""
 
 from __future__ import annotations
 

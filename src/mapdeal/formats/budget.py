@@ -1,6 +1,8 @@
-"""The memory that may be used."""
-# A small file can ask for any amount of memory, by the numbers in its header or because it is
-# compressed. So every reader says what it is about to take, and the answer may be an error.
+"""The memory that may be used.
+
+A small file can ask for any amount of memory, by the numbers in its header or because it is
+compressed. So every reader says what it is about to take, and the answer may be an error.
+"""
 
 from __future__ import annotations
 

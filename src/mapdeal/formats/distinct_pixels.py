@@ -1,6 +1,8 @@
-"""Counts of the distinct pixels of a picture: maps have few of them."""
-# What a reader of ROS makes of a pixel depends on its samples alone. So to count what readers make
-# of a picture, it is enough to ask them of each different pixel once.
+"""Counts of the distinct pixels of a picture: maps have few of them.
+
+What a reader of ROS makes of a pixel depends on its samples alone. So to count what readers make
+of a picture, it is enough to ask them of each different pixel once.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""Images of every format that maps may have, decoded to integer samples."""
-# The contents decide the format, not the file's name. `pnm` parses the format of nearly all maps,
-# and `pillow_images` has the others decoded by Pillow.
+"""Images of every format that maps may have, decoded to integer samples.
+
+The contents decide the format, not the file's name. `pnm` parses the format of nearly all maps, and
+`pillow_images` has the others decoded by Pillow.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""Kind of a file, by its first bytes, and the command that accepts it."""
-# Commands that are given another kind of file than they take say so with one line from here.
+"""Kind of a file, by its first bytes, and the command that accepts it.
+
+Commands that are given another kind of file than they take say so with one line from here.
+"""
 
 from __future__ import annotations
 

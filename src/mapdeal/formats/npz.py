@@ -1,6 +1,8 @@
-"""mapdeal's own files: layers and their geometry in an ``.npz``, format ``mapdeal/1``."""
-# Read without trusting the file: every array's type, shape and size is checked before memory is
-# taken for it, and nothing is ever unpickled.
+"""mapdeal's own files: layers and their geometry in an ``.npz``, format ``mapdeal/1``.
+
+Read without trusting the file: every array's type, shape and size is checked before memory
+is taken for it, and nothing is ever unpickled.
+"""
 
 from __future__ import annotations
 

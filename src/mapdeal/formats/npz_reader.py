@@ -1,6 +1,8 @@
-"""The entries of npz files, read without trusting them, at once or by rows."""
-# Every array's type, shape and size is checked before memory is taken for it, and nothing is ever
-# unpickled.
+"""The entries of npz files, read without trusting them, at once or by rows.
+
+Every array's type, shape and size is checked before memory is taken for it, and nothing is ever
+unpickled.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""PNG, BMP, TIFF and JPEG images, which Pillow decodes as wholes."""
-# Pillow is imported by the functions that need it: most maps are PNM.
+"""PNG, BMP, TIFF and JPEG images, which Pillow decodes as wholes.
+
+Pillow is imported by the functions that need it: most maps are PNM.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,12 @@
-"""Writing PNG."""
-# The bytes do not depend on the number of threads: every part of the stream is compressed on its
-# own, with the end of the one before it as its dictionary. Source: Portable Network Graphics (PNG)
-# Specification, W3C: chunks, colour types, filter type 0.
+"""Writing PNG.
+
+The bytes do not depend on the number of threads: every part of the stream is compressed on its own,
+with the end of the one before it as its dictionary.
+
+References
+----------
+Portable Network Graphics (PNG) Specification, W3C: chunks, colour types, filter type 0.
+"""
 
 from __future__ import annotations
 

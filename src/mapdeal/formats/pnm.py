@@ -1,6 +1,11 @@
-"""Netpbm images, P1 to P6, read and written without a library."""
-# Libraries disagree on maxval, on comments and on damaged files; ROS maps have them all. Source:
-# The netpbm pages of the formats pbm, pgm and ppm.
+"""Netpbm images, P1 to P6, read and written without a library.
+
+Libraries disagree on maxval, on comments and on damaged files; ROS maps have them all.
+
+References
+----------
+The netpbm pages of the formats pbm, pgm and ppm.
+"""
 
 from __future__ import annotations
 

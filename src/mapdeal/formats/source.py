@@ -1,8 +1,9 @@
-"""Names of files, and reading a whole input file."""
-# What the system raises on a name that is too long, in a private folder, in a circle of links, or
-# relative to a working folder that is gone, becomes one `FileAccessError` that names it. All other
-# modules ask here, and not `pathlib`, whose answers to such names differ between versions of
-# Python.
+"""Names of files, and reading a whole input file.
+
+What the system raises on a name that is too long, in a private folder, in a circle of links, or
+relative to a working folder that is gone, becomes one `FileAccessError` that names it. All other
+modules ask here, and not `pathlib`, whose answers to such names differ between versions of Python.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""A map on standard input or output: an npz, which one file holds whole."""
-# Readers and writers need files: they seek, look at sizes, and compare states. So what comes in is
-# kept in a file in a private folder, and what goes out is written there, whole, before the first
-# byte of it is sent.
+"""A map on standard input or output: an npz, which one file holds whole.
+
+Readers and writers need files: they seek, look at sizes, and compare states. So what comes in is
+kept in a file in a private folder, and what goes out is written there, whole, before the first byte
+of it is sent.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""A YAML mapping as its nodes: scalars stay text, keys keep their lines."""
-# PyYAML turns scalars into values by YAML 1.1, where ``5e-2`` is text, ``1:30`` is ninety and
-# ``010`` is eight; ROS reads the text. So does this. The events come from libyaml, which PyYAML's
-# wheels bring; PyYAML's own parser, which serves without it, refuses some tabs that libyaml takes.
+"""A YAML mapping as its nodes: scalars stay text, keys keep their lines.
+
+PyYAML turns scalars into values by YAML 1.1, where ``5e-2`` is text, ``1:30`` is ninety and
+``010`` is eight; ROS reads the text. So does this. The events come from libyaml, which PyYAML's
+wheels bring; PyYAML's own parser, which serves without it, refuses some tabs that libyaml takes.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,10 @@
-"""Bags of ROS 2 in folders: ``metadata.yaml`` and the files that it names."""
-# Source: rosbag2_storage's ``BagMetadata``: files in their order, and how they or their messages
-# are compressed.
+"""Bags of ROS 2 in folders: ``metadata.yaml`` and the files that it names.
+
+References
+----------
+rosbag2_storage's ``BagMetadata``: files in their order, and how they or their messages are
+compressed.
+"""
 
 from __future__ import annotations
 

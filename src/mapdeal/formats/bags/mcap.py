@@ -1,6 +1,9 @@
-"""Bags in MCAP files, also cut ones and those without a summary."""
-# Source: mcap.dev, "MCAP Format Specification", version 0: records of an opcode, a length and
-# fields.
+"""Bags in MCAP files, also cut ones and those without a summary.
+
+References
+----------
+mcap.dev, "MCAP Format Specification", version 0: records of an opcode, a length and fields.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,10 @@
-"""Bags of ROS 1, version 2.0, also unindexed and cut ones."""
-# Source: ROS wiki, "Bags/Format/2.0": records of a header of fields and of data. A bag without an
-# index, as a recorder leaves it that was killed, has the same chunks as one with it.
+"""Bags of ROS 1, version 2.0, also unindexed and cut ones.
+
+References
+----------
+ROS wiki, "Bags/Format/2.0": records of a header of fields and of data. A bag without an index, as
+a recorder leaves it that was killed, has the same chunks as one with it.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,10 @@
-"""Bags of ROS 2 in SQLite files (``.db3``), also cut ones."""
-# Source: rosbag2_storage_sqlite3: tables ``topics`` and ``messages``, from its schema 4 on also
-# ``message_definitions``.
+"""Bags of ROS 2 in SQLite files (``.db3``), also cut ones.
+
+References
+----------
+rosbag2_storage_sqlite3: tables ``topics`` and ``messages``, from its schema 4 on also
+``message_definitions``.
+"""
 
 from __future__ import annotations
 

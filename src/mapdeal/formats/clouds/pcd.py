@@ -1,5 +1,9 @@
-"""PCD, the files of the Point Cloud Library: ascii, binary and binary_compressed."""
-# Source: The Point Cloud Library's "The PCD (Point Cloud Data) file format", version 0.7.
+"""PCD, the files of the Point Cloud Library: ascii, binary and binary_compressed.
+
+References
+----------
+The Point Cloud Library's "The PCD (Point Cloud Data) file format", version 0.7.
+"""
 
 from __future__ import annotations
 

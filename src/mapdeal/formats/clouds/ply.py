@@ -1,5 +1,9 @@
-"""PLY, the Stanford polygon format: the vertices of ascii and binary files."""
-# Source: Greg Turk, "The PLY Polygon File Format", 1994.
+"""PLY, the Stanford polygon format: the vertices of ascii and binary files.
+
+References
+----------
+Greg Turk, "The PLY Polygon File Format", 1994.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,13 @@
-"""Conversion of pixels to occupancy by the three map_server readers in use, one module each."""
-# Every rule depends on a small integer only, a grey level or a sum of samples, and each module
-# works it out in exactly the precision of its reader: in a table where there are few of them.
-# Source: Read off and checked against the readers of ROS 1 (``map_server/image_loader.cpp``), of
-# Nav2 humble and of Nav2 jazzy and later (``nav2_map_server/map_io.cpp`` with GraphicsMagick).
+"""Conversion of pixels to occupancy by the three map_server readers in use, one module each.
+
+Every rule depends on a small integer only, a grey level or a sum of samples, and each module works
+it out in exactly the precision of its reader: in a table where there are few of them.
+
+References
+----------
+Read off and checked against the readers of ROS 1 (``map_server/image_loader.cpp``), of Nav2
+humble and of Nav2 jazzy and later (``nav2_map_server/map_io.cpp`` with GraphicsMagick).
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""Parameter files of ROS 1."""
-# Values are those of PyYAML's safe loader, YAML 1.1: ``1e-1`` is text, ``010`` is eight and ``yes``
-# is true. What is nested becomes namespaces, which are merged; of two values the later one stays.
+"""Parameter files of ROS 1.
+
+Values are those of PyYAML's safe loader, YAML 1.1: ``1e-1`` is text, ``010`` is eight and ``yes``
+is true. What is nested becomes namespaces, which are merged; of two values the later one stays.
+"""
 
 from __future__ import annotations
 

@@ -1,12 +1,21 @@
-"""Parameter files of ROS 2."""
-# Source: ``get_value`` of ros2/rcl, rcl_yaml_param_parser/src/parse.c. A value in quotes is a
-# string; else it is the first of bool, integer (``strtoll`` with base 0), double (``strtod``) and
-# string that takes the whole of it. Tags as in the parser that Nav2's main branch is built with;
-# releases up to Kilted know ``!!str`` alone. It is a machine of few states, and not a reader of
-# nested mappings: what it makes of keys that stand twice, of empty mappings and of lists in lists
-# follows from these states alone, and nodes live with that. So the same states are kept here.
-# Source: ``parse_file_events``, ``parse_key``, ``parse_value`` of ros2/rcl,
-# rcl_yaml_param_parser/src/parse.c, and namespace.c beside it.
+"""Parameter files of ROS 2.
+
+References
+----------
+``get_value`` of ros2/rcl, rcl_yaml_param_parser/src/parse.c. A value in quotes is a string; else
+it is the first of bool, integer (``strtoll`` with base 0), double (``strtod``) and string that
+takes the whole of it. Tags as in the parser that Nav2's main branch is built with; releases up
+to Kilted know ``!!str`` alone.
+
+It is a machine of few states, and not a reader of nested mappings: what it makes of keys that
+stand twice, of empty mappings and of lists in lists follows from these states alone, and nodes
+live with that. So the same states are kept here.
+
+References
+----------
+``parse_file_events``, ``parse_key``, ``parse_value`` of ros2/rcl,
+rcl_yaml_param_parser/src/parse.c, and namespace.c beside it.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,9 @@
-"""CARMEN logs: lines of FLASER, ROBOTLASER1 or RAWLASER1, perhaps compressed with gzip."""
-# Source: The Carnegie Mellon Robot Navigation Toolkit, "Logger message formats": the fields of each
-# line.
+"""CARMEN logs: lines of FLASER, ROBOTLASER1 or RAWLASER1, perhaps compressed with gzip.
+
+References
+----------
+The Carnegie Mellon Robot Navigation Toolkit, "Logger message formats": the fields of each line.
+"""
 
 from __future__ import annotations
 

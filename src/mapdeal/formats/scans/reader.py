@@ -1,5 +1,7 @@
-"""Scans by their files' names, and those of npz files."""
-# An npz has arrays poses (N, 3), angles (M,) and ranges (N, M).
+"""Scans by their files' names, and those of npz files.
+
+An npz has arrays poses (N, 3), angles (M,) and ranges (N, M).
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""Sources of laser scans, from arrays and text."""
-# Texts are comma separated, without a header: a pose and the ranges of a scan a line, all angles on
-# one.
+"""Sources of laser scans, from arrays and text.
+
+Texts are comma separated, without a header: a pose and the ranges of a scan a line, all angles on
+one.
+"""
 
 from __future__ import annotations
 
