@@ -8,6 +8,7 @@ wheels bring; PyYAML's own parser, which serves without it, refuses some tabs th
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -323,6 +324,8 @@ class _Composer(yaml.composer.Composer):
         if self._depth > _DEEPEST:
             raise self._error(f"nested deeper than {_DEEPEST} levels", event)
         node = super().compose_node(parent, index)
+        if isinstance(node, yaml.ScalarNode):
+            node.value = sys.intern(node.value)  # PyYAML 6.0.4 compares keys of << by identity
         self._depth -= is_nested
         self._nodes_of[event.anchor] = self._nodes - before
         return node
