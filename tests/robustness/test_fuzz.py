@@ -36,7 +36,8 @@ READS = re.compile(
 NOT_READERS = {
     "formats.temporary.Temporary.open",  # makes a file
     "pipeline.files.read_input", "pipeline.local.read_global_map",  # call readers, with warnings
-    "pipeline.files.read_summed", "pipeline.reports.grids.Grids.open",
+    "pipeline.files.read_summed", "pipeline.files.read_together",
+    "pipeline.reports.grids.Grids.open",
     "pipeline.reports.items.lint_table",  # a table
     "planning.terrain.Terrain.open_cell_of",  # a cell that is open
     "cli.bag_options.BagWords.scans",  # opens readers
