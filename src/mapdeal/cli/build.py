@@ -184,12 +184,12 @@ def build(
     own: dict[Method, dict[str, Any]] = {
         "log-odds": opt.given(
             log_free=log_free, log_occ=log_occ, log_min=log_min, log_max=log_max,
-            values=values or None,
+            values=values or None
         ),
         "counting": opt.given(ratio=ratio),
         "tsdf": opt.given(
             truncation=truncation, truncation_behind=truncation_behind,
-            as_written=as_written or None,
+            as_written=as_written or None
         ),
     }  # fmt: skip
     if compare:

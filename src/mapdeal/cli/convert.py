@@ -41,7 +41,6 @@ def convert(
             metavar="TOPIC",
             help="With a bag: topic to read, if there are several, or to write.  [default: "
             "/map, or /costmap for costs]",
-            show_default=False,
         ),
     ] = None,
     index: Annotated[
@@ -50,7 +49,6 @@ def convert(
             metavar="N",
             help="Reading a bag: index of the message, from 0, or from the end, -1.  [default: "
             "the last]",
-            show_default=False,
         ),
     ] = None,
     takes_all: Annotated[
@@ -60,17 +58,13 @@ def convert(
         Literal["map", "costs"] | None,
         typer.Option(
             help="Reading a bag: what an OccupancyGrid contains.  [default: costs if the "
-            "topic's name contains costmap, else a map]",
-            show_default=False,
+            "topic's name contains costmap, else a map]"
         ),
     ] = None,
     frame_id: Annotated[
         str | None,
         typer.Option(
-            "--frame-id",
-            metavar="FRAME",
-            help="Writing a bag: frame_id of the header.  [default: map]",
-            show_default=False,
+            metavar="FRAME", help="Writing a bag: frame_id of the header.  [default: map]"
         ),
     ] = None,
     encoding: Annotated[
@@ -104,18 +98,12 @@ def convert(
     trinary_costmap: Annotated[
         bool | None,
         typer.Option(
-            "--trinary-costmap/--no-trinary-costmap",
-            help="With --static-layer: values below the threshold become 0.  [default: yes]",
-            show_default=False,
+            help="With --static-layer: values below the threshold become 0.  [default: yes]"
         ),
     ] = None,
     track_unknown: Annotated[
         bool | None,
-        typer.Option(
-            "--track-unknown/--no-track-unknown",
-            help="With --static-layer: unknown cells stay unknown.  [default: yes]",
-            show_default=False,
-        ),
+        typer.Option(help="With --static-layer: unknown cells stay unknown.  [default: yes]"),
     ] = None,
     inscribed_value: Annotated[
         str | None,

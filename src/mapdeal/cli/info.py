@@ -175,10 +175,7 @@ def info(
     ] = None,
     costmap: Annotated[
         CostmapName | None,
-        typer.Option(
-            help="With a robot's parameter files: which costmap.  [default: global]",
-            show_default=False,
-        ),
+        typer.Option(help="With a robot's parameter files: which costmap.  [default: global]"),
     ] = None,
     namespace: Annotated[
         str | None, typer.Option(metavar="NS", help="With a robot's parameter files: which robot.")

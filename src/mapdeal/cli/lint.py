@@ -53,15 +53,13 @@ def lint(
     params_file: Annotated[
         list[Path] | None,
         typer.Option(
-            "--params-file",
             metavar="FILE",
             help="A robot's own parameters: a Nav2 file, or ROS 1's costmap files; can be "
             "repeated, later files win.",
         ),
     ] = None,
     costmap: Annotated[
-        CostmapName | None,
-        typer.Option(help="Costmap of --params-file.  [default: both]", show_default=False),
+        CostmapName | None, typer.Option(help="Costmap of --params-file.  [default: both]")
     ] = None,
     namespace: Annotated[
         str | None,

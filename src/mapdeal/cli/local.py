@@ -49,7 +49,7 @@ def _limit(help_text: str) -> Any:
 @shared_options(
     "robot", "image_max", "image_extent", "no_images", "dialect", "max_cells", "force", "threads",
     "max_memory",
-    makes_costs=lambda _: False,
+    makes_costs=lambda _: False
 )  # fmt: skip
 def local(
     output: Annotated[
@@ -70,7 +70,6 @@ def local(
         typer.Option(
             metavar="X,Y,YAW",
             help="Pose of the robot, metres and radians.  [default: from a bag's transforms]",
-            show_default=False,
         ),
     ] = None,
     poses: Annotated[
@@ -86,7 +85,6 @@ def local(
             metavar="N",
             help="With a bag: index of the message, from 0, or from the end, -1.  [default: "
             "the last]",
-            show_default=False,
         ),
     ] = None,
     takes_all: Annotated[
@@ -143,8 +141,7 @@ def local(
         Unknown | None,
         typer.Option(
             help="With --map or --keep: whether cells that nothing has seen stay unknown "
-            "(keep) or become free.  [default: keep]",
-            show_default=False,
+            "(keep) or become free.  [default: keep]"
         ),
     ] = None,
     keep: Annotated[

@@ -27,7 +27,7 @@ _ClickError: Any = typer.BadParameter.__mro__[2]
 _OTHERS = (
     "run", "local", "build", "query", "route", "edit", "window", "shift", "convert", "pack",
     "unpack", "info", "lint", "diff", "align", "merge", "rotate", "rescale", "clean", "score",
-    "report", "completion",
+    "report", "completion"
 )  # fmt: skip
 _OF_STAGES = ("reach",)
 """Stages whose commands are not made from their parameters: they answer questions."""

@@ -40,7 +40,6 @@ def merge(
             metavar="frames|align|FILE.json",
             help="How the maps are placed: by their frames, by their walls (align), or by "
             "files of mapdeal align, one for each map but the first.  [default: frames]",
-            show_default=False,
         ),
     ] = None,
     rule: Annotated[

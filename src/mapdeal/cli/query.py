@@ -80,7 +80,6 @@ def query(
     at: Annotated[
         list[str] | None,
         typer.Option(
-            "--at",
             metavar="X,Y[,YAW]",
             help="Point, metres, or with a footprint a pose; more may follow.",
         ),

@@ -26,7 +26,6 @@ def rotate(
     yaw: Annotated[
         float | None,
         typer.Option(
-            "--yaw",
             metavar="A",
             help="Rotation, radians, anticlockwise about the origin of the map frame; 0 only "
             "bakes the yaw of the map's origin into the cells.",

@@ -176,8 +176,7 @@ def route(
         typer.Option(
             help="astar: estimate of the remaining cost: the octile distance, or that plus a "
                  "penalty within 2 m of obstacles (field).  [default: octile]",
-            show_default=False,
-        ),
+            ),
     ] = None,
     heuristic_weight: Annotated[
         float | None,

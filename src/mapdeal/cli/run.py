@@ -44,7 +44,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
                       "processed in blocks of rows.  [default: half of the free memory, shared "
                       "between jobs]",
     },
-    makes_costs=lambda own: own["recipe"] is None,
+    makes_costs=lambda own: own["recipe"] is None
 )  # fmt: skip
 def run(
     sources: Annotated[

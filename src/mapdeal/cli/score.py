@@ -44,7 +44,7 @@ _COLUMNS = (
 )
 
 _AFTER_THICKNESS = [
-    "share_one_cell_thick", "corners", "enclosed_areas", "enclosed_m2", "enclosed_pockets",
+    "share_one_cell_thick", "corners", "enclosed_areas", "enclosed_m2", "enclosed_pockets"
 ]  # fmt: skip
 
 
@@ -131,7 +131,7 @@ def _lines(source: Path, truth: Path | None, report: ScoreReport) -> list[str]:
             (name, meaning, figure_text(report.values[name], unit))
             for name, (unit, meaning) in AGAINST_TRUTH.items()
         ]),
-        *_judged(report),
+        *_judged(report)
     ]  # fmt: skip
 
 

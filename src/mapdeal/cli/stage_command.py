@@ -101,7 +101,7 @@ def stage_app(name: str) -> typer.Typer:
         started = time.perf_counter()
         made = apply_to_file(
             source, output, step, settings, encoding=encoding, mask=mask, curve=curve,
-            with_curve=as_json, also_read=() if robot is None else robot.paths,
+            with_curve=as_json, also_read=() if robot is None else robot.paths
         )  # fmt: skip
         terminal.detail(f"{name}: {time.perf_counter() - started:.3f} s")
         if robot is not None:

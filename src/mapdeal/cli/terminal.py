@@ -185,7 +185,7 @@ class Progress:
 
             self._bar = typer.progressbar(
                 length=length, file=sys.stderr, show_pos=what is not None, info_sep=", ",
-                bar_template="[%(bar)s] %(info)s", item_show_func=lambda _: self._failures(),
+                bar_template="[%(bar)s] %(info)s", item_show_func=lambda _: self._failures()
             )  # fmt: skip
 
     def _failures(self) -> str | None:
