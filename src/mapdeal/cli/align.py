@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +12,7 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
-from mapdeal.errors import ParameterError, one_line
+from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Transform
 from mapdeal.mapping.transforms import check_pose
 from mapdeal.pipeline.align import AlignReport, align_files
@@ -80,11 +79,7 @@ def align(
         prior=None if prior is None else _prior(prior),
         rotations=None if rotation is None else _rotations(rotation),
     )
-    if as_json:
-        terminal.result(json.dumps(report.document(), indent=2))
-    else:
-        for line in _lines(first, second, report):
-            terminal.result(one_line(line))
+    terminal.document(report, None if as_json else _lines(first, second, report))
     if not report.found.same_place:
         raise typer.Exit(1)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,40 +17,36 @@ if TYPE_CHECKING:
     from mapdeal.pipeline.bags.frames import FrameOptions
     from mapdeal.pipeline.bags.scans import BagScans
 
+
+def index_option(condition: str) -> Any:
+    return typer.Option(
+        metavar="N",
+        help=f"{condition}: index of the message, from 0, or from the end, -1.  "
+        "[default: the last]",
+    )
+
+
+def _option(metavar: str, help_text: str, *names: str) -> Any:
+    return typer.Option(*names, metavar=metavar, help=f"With a bag: {help_text}")
+
+
 Topics = Annotated[
     list[str] | None,
-    typer.Option(
-        "--topic",
-        metavar="TOPIC",
-        help="With a bag: topic to read, if there are several. Can be repeated.",
-    ),
+    _option("TOPIC", "topic to read, if there are several. Can be repeated.", "--topic"),
 ]
 FixedFrame = Annotated[
-    str | None,
-    typer.Option(
-        metavar="FRAME", help="With a bag: frame of the map.  [default: map, or else odom]"
-    ),
+    str | None, _option("FRAME", "frame of the map.  [default: map, or else odom]")
 ]
 BaseFrame = Annotated[
     str | None,
-    typer.Option(
-        metavar="FRAME",
-        help="With a bag: frame of the robot.  [default: base_link, or else base_footprint]",
-    ),
+    _option("FRAME", "frame of the robot.  [default: base_link, or else base_footprint]"),
 ]
 Odometry = Annotated[
-    str | None,
-    typer.Option(
-        metavar="TOPIC",
-        help="With a bag: odometry topic, for bags without transforms to the robot.",
-    ),
+    str | None, _option("TOPIC", "odometry topic, for bags without transforms to the robot.")
 ]
 Mount = Annotated[
     str | None,
-    typer.Option(
-        metavar="X,Y,YAW",
-        help="With a bag: pose of the sensor on the robot, if no transform gives it.",
-    ),
+    _option("X,Y,YAW", "pose of the sensor on the robot, if no transform gives it."),
 ]
 
 

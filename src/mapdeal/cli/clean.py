@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated
 
 import typer
@@ -65,7 +64,7 @@ def clean(
     limits = {"min_obstacle": min_obstacle, "min_hole": min_hole, "min_free": min_free}
     report = clean_file(source, output, settings, limits)
     if as_json:
-        terminal.result(json.dumps(report.document(), indent=2))
+        terminal.document(report, None)
         return
     say_written(output, report.cleaned.grid.figures())
     terminal.summary(_lines(report.cleaned.counts))

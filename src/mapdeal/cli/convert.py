@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from mapdeal.cli import bag_options as bag_opt
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
@@ -43,14 +44,7 @@ def convert(
             "/map, or /costmap for costs]",
         ),
     ] = None,
-    index: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="Reading a bag: index of the message, from 0, or from the end, -1.  [default: "
-            "the last]",
-        ),
-    ] = None,
+    index: Annotated[int | None, bag_opt.index_option("Reading a bag")] = None,
     takes_all: Annotated[
         bool, typer.Option("--all", help="Reading a bag: write all messages into a folder.")
     ] = False,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Annotated
@@ -15,7 +14,6 @@ from mapdeal.cli import terminal
 from mapdeal.cli.options import OR_STDIN
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
-from mapdeal.errors import one_line
 from mapdeal.pipeline.diff import DiffReport, diff_files
 from mapdeal.pipeline.settings import Settings
 
@@ -73,11 +71,7 @@ def diff(
     """
     bounds = Bounds(max_shift, max_differing)
     report = diff_files(first, second, settings, tolerance=tolerance, bounds=bounds)
-    if as_json:
-        terminal.result(json.dumps(report.document(), indent=2))
-    else:
-        for line in _lines(first, second, report, tolerance):
-            terminal.result(one_line(line))
+    terminal.document(report, None if as_json else _lines(first, second, report, tolerance))
     if not report.passes:
         raise typer.Exit(1)
 

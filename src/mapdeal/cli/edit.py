@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from inspect import signature
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
-from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.shared_options import shared_options, with_shared_options
 from mapdeal.cli.stage_command import say_written
 from mapdeal.cli.streams import TO_STDOUT
 from mapdeal.editing.draw import draw
@@ -23,7 +24,6 @@ from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import OverlayType
 from mapdeal.pipeline.edit import Drawable, draw_on_file
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -80,34 +80,60 @@ def edit() -> None:
     """
 
 
-@app.command()
-@shared_options("files")
-def polygon(
-    source: opt.MapArgument,
-    output: Output,
-    point: Points = None,
-    file: File = None,
-    value: Value = None,
-    overlay: OverlayOption = "seq",
-    blank: Blank = False,
-    background: Background = None,
-    *,
-    settings: Settings,
-) -> None:
+def _drawing(shapes_of: Callable[..., list[Shape]]) -> None:
+    """Add a command that draws the shapes which a function makes of its own options."""
+
+    def command(
+        *,
+        source: opt.MapArgument,
+        output: Output,
+        file: File = None,
+        value: Value = None,
+        overlay: OverlayOption = "seq",
+        blank: Blank = False,
+        background: Background = None,
+        settings: Settings,
+        **own: Any,
+    ) -> None:
+        shapes = shapes_of(**own)
+        if not shapes and file is None:
+            raise ParameterError("one of the two is required", source="--point, --file")
+        shapes = [*([] if file is None else read_shapes(file)), *shapes]
+        start = _start(blank, background)
+        for shape in shapes:
+            number = shape.value if shape.value is not None else value
+            name = ": ".join(part for part in (shape.source, shape.kind) if part)
+            if number is None:
+                hint = f"{name} has no value of its own" if shape.source else None
+                raise ParameterError("is needed to draw with", source="--value", hint=hint)
+            terminal.detail(f"{name}: value {number}")
+
+        def change(grid: Drawable) -> Drawable:
+            return draw(start(grid), shapes, value=value, overlay=overlay)
+
+        what = f"{', '.join(dict.fromkeys(shape.kind for shape in shapes))} drawn"
+        inputs = [] if file is None else [file]
+        figures = draw_on_file(source, output, settings, change, what=what, inputs=inputs)
+        say_written(output, figures)
+
+    command.__name__, command.__doc__ = shapes_of.__name__, shapes_of.__doc__
+    source, output, *others = signature(command, eval_str=True).parameters.values()
+    own = signature(shapes_of, eval_str=True).parameters.values()
+    parameters = [source, output, *own, *others[:-2]]
+    app.command()(with_shared_options(command, parameters, ["files"]))
+
+
+@_drawing
+def polygon(point: Points = None) -> list[Shape]:
     """Draw a filled polygon, or the shapes of a file.
 
     A convex polygon gets the cells that costmap_2d's setConvexPolygonCost sets.
     """
-    own: list[Shape] = [Polygon(_points(point))] if point else []
-    drawing = _Drawing(_gathered(file, own), value, overlay)
-    _draw(source, output, settings, drawing, _start(blank, background), file)
+    return [Polygon(_points(point))] if point else []
 
 
-@app.command()
-@shared_options("files")
+@_drawing
 def line(
-    source: opt.MapArgument,
-    output: Output,
     point: Points = None,
     thickness: Annotated[
         float | None,
@@ -117,26 +143,14 @@ def line(
             "wide.  [default: one cell]",
         ),
     ] = None,
-    file: File = None,
-    value: Value = None,
-    overlay: OverlayOption = "seq",
-    blank: Blank = False,
-    background: Background = None,
-    *,
-    settings: Settings,
-) -> None:
+) -> list[Shape]:
     """Draw a line through points, or the shapes of a file."""
     _refuse_without_points("--thickness", thickness, point)
-    own: list[Shape] = [Line(_points(point), thickness or 0.0)] if point else []
-    drawing = _Drawing(_gathered(file, own), value, overlay)
-    _draw(source, output, settings, drawing, _start(blank, background), file)
+    return [Line(_points(point), thickness or 0.0)] if point else []
 
 
-@app.command()
-@shared_options("files")
+@_drawing
 def circle(
-    source: opt.MapArgument,
-    output: Output,
     point: Points = None,
     radius: Annotated[
         float | None,
@@ -145,21 +159,12 @@ def circle(
             help="Radius of the circle around each point, metres; 0 for its cell alone.",
         ),
     ] = None,
-    file: File = None,
-    value: Value = None,
-    overlay: OverlayOption = "seq",
-    blank: Blank = False,
-    background: Background = None,
-    *,
-    settings: Settings,
-) -> None:
+) -> list[Shape]:
     """Draw filled circles around points, or the shapes of a file."""
     _refuse_without_points("--radius", radius, point)
     if point and radius is None:
         raise ParameterError("is needed for a circle", source="--radius")
-    own: list[Shape] = [Circle(center, radius or 0.0) for center in _points(point)]
-    drawing = _Drawing(_gathered(file, own), value, overlay)
-    _draw(source, output, settings, drawing, _start(blank, background), file)
+    return [Circle(center, radius or 0.0) for center in _points(point)]
 
 
 @app.command()
@@ -183,22 +188,12 @@ def reset(
 ) -> None:
     """Set all cells of a rectangle along the map's axes to one value."""
     region = opt.region(size, at, corner)
-
     start = _start(blank, background)
 
     def change(grid: Drawable) -> Drawable:
         return reset_region(start(grid), value=value, **region)
 
     say_written(output, draw_on_file(source, output, settings, change, what="region reset"))
-
-
-@dataclass(frozen=True)
-class _Drawing:
-    """What is to be drawn, and how."""
-
-    shapes: list[Shape]
-    value: int | None
-    overlay: OverlayType
 
 
 def _points(texts: list[str] | None) -> list[Point]:
@@ -209,38 +204,6 @@ def _refuse_without_points(name: str, given: float | None, points: list[str] | N
     if given is not None and not points:
         rule = "needs --point: the shapes of a file have their own"
         raise ParameterError(rule, source=name)
-
-
-def _gathered(file: Path | None, own: list[Shape]) -> list[Shape]:
-    """Return the shapes of a file, if there is one, and over them those of the points."""
-    if not own and file is None:
-        raise ParameterError("one of the two is required", source="--point, --file")
-    return [*([] if file is None else read_shapes(file)), *own]
-
-
-def _draw(
-    source: Path,
-    output: Path,
-    settings: Settings,
-    drawing: _Drawing,
-    start: Callable[[Drawable], Drawable],
-    file: Path | None,
-) -> None:
-    for shape in drawing.shapes:
-        number = shape.value if shape.value is not None else drawing.value
-        name = ": ".join(part for part in (shape.source, shape.kind) if part)
-        if number is None:
-            hint = f"{name} has no value of its own" if shape.source else None
-            raise ParameterError("is needed to draw with", source="--value", hint=hint)
-        terminal.detail(f"{name}: value {number}")
-
-    def change(grid: Drawable) -> Drawable:
-        return draw(start(grid), drawing.shapes, value=drawing.value, overlay=drawing.overlay)
-
-    kinds = dict.fromkeys(shape.kind for shape in drawing.shapes)
-    what = f"{', '.join(kinds)} drawn"
-    inputs = [] if file is None else [file]
-    say_written(output, draw_on_file(source, output, settings, change, what=what, inputs=inputs))
 
 
 def _start(blank: bool, background: int | None) -> Callable[[Drawable], Drawable]:

@@ -10,10 +10,10 @@ from typing import Annotated
 import typer
 
 from mapdeal.checks.formats import REPORTS, ReportForm, repair_lines, sum_of
+from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.completion import check_words
 from mapdeal.cli.many_maps import jobs_at_once, say_listing
-from mapdeal.cli.options import OR_STDIN
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import MapdealError, ParameterError
@@ -46,7 +46,7 @@ def lint(
         list[str] | None,
         typer.Argument(
             metavar="MAP...",
-            help=f"Maps, folders of maps or runs, quoted patterns, or @LIST.txt. {OR_STDIN}",
+            help=f"Maps, folders of maps or runs, quoted patterns, or @LIST.txt. {opt.OR_STDIN}",
         ),
         FROM_STDIN,
     ] = None,
@@ -101,14 +101,7 @@ def lint(
         ),
     ] = "text",
     jobs: Annotated[
-        int | None,
-        typer.Option(
-            "--jobs",
-            "-j",
-            metavar="N",
-            min=1,
-            help="Processes to use for many maps.  [default: all cores]",
-        ),
+        int | None, opt.jobs_option("Processes to use for many maps.  [default: all cores]")
     ] = None,
     fix: Annotated[
         bool,
@@ -119,12 +112,7 @@ def lint(
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="OUT",
-            help="Where to write the repaired copy: .yaml, .pgm, .png, .npz.",
-        ),
+        opt.output_argument("OUT", "Where to write the repaired copy: .yaml, .pgm, .png, .npz."),
     ] = None,
     in_place: Annotated[
         bool, typer.Option("--in-place", help="Repair maps in place, and report what is left.")

@@ -79,14 +79,7 @@ def local(
         ),
     ] = None,
     topics: bag_opt.Topics = None,
-    index: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="With a bag: index of the message, from 0, or from the end, -1.  [default: "
-            "the last]",
-        ),
-    ] = None,
+    index: Annotated[int | None, bag_opt.index_option("With a bag")] = None,
     takes_all: Annotated[
         bool,
         typer.Option("--all", help="With a bag: make a map of each message, as of a sequence."),

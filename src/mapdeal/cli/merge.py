@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -71,7 +70,7 @@ def merge(
         terminal.need_stdout("--json")
     report = merge_files(maps, output, settings, by=_placed_by(by or ["frames"]), rule=rule)
     if as_json:
-        terminal.result(json.dumps(report.document(), indent=2))
+        terminal.document(report, None)
         return
     say_written(output, report.figures, with_origin=True)
     terminal.summary(_lines(report))

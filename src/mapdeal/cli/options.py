@@ -52,6 +52,14 @@ Rule = Annotated[
 ]
 
 
+def jobs_option(help_text: str) -> Any:
+    return typer.Option("--jobs", "-j", metavar="N", min=1, help=help_text)
+
+
+def points_option(what: str) -> Any:
+    return typer.Option(metavar="FILE|-", help=f"{what}; - reads standard input.")
+
+
 def output_argument(metavar: str, help_text: str) -> Any:
     return typer.Option("--output", "-o", metavar=metavar, help=help_text)
 

@@ -85,19 +85,12 @@ def query(
         ),
     ] = None,
     points: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE|-",
-            help="File of points, one x,y or JSON object per line; - reads standard input.",
-        ),
+        Path | None, opt.points_option("File of points, one x,y or JSON object per line")
     ] = None,
     poses: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE|-",
-            help="With a footprint: file of poses, one x,y,yaw, TUM line or JSON object per "
-                 "line; - reads standard input.",
-        ),
+        opt.points_option("With a footprint: file of poses, one x,y,yaw, TUM line or "
+                          "JSON object per line"),
     ] = None,
     rule: Annotated[
         FootprintRule | None,

@@ -56,11 +56,7 @@ def reach(
         ),
     ] = None,
     points: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE|-",
-            help="File of goals, one [NAME=]x,y or JSON object per line; - reads standard input.",
-        ),
+        Path | None, opt.points_option("File of goals, one [NAME=]x,y or JSON object per line")
     ] = None,
     headings: Annotated[
         int | None,
@@ -139,10 +135,7 @@ def reach(
         parameters={**parameters, "goals": tuple(asked)},
         also_read=() if points in (None, _STDIN) else (points,),
     )
-    if output is None:
-        terminal.result(report.text)
-    else:
-        terminal.summary([f"{output}: {summary_of(report.reach.figures())}"])
+    terminal.answer(output, report.text, summary_of(report.reach.figures()))
     check_reached(report.reach, source)
 
 

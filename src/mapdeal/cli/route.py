@@ -262,10 +262,7 @@ def route(
         weights={**weights, **of_field},
         gains=gains,
     )
-    if output is None:
-        terminal.result(report.text)
-    else:
-        terminal.summary([f"{output}: {_summary_of(report.route)}"])
+    terminal.answer(output, report.text, _summary_of(report.route))
     check_reached(report.route, source)
 
 

@@ -84,12 +84,8 @@ def run(
     ] = False,
     jobs: Annotated[
         int | None,
-        typer.Option(
-            "--jobs",
-            "-j",
-            metavar="N",
-            min=1,
-            help="Number of maps to run at the same time, each in a process.  [default: the cores]",
+        opt.jobs_option(
+            "Number of maps to run at the same time, each in a process.  [default: the cores]"
         ),
     ] = None,
     scheduler: Annotated[

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +12,7 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
-from mapdeal.errors import ParameterError, one_line
+from mapdeal.errors import ParameterError
 from mapdeal.pipeline.score import Asked, ScoreReport, score_files
 from mapdeal.pipeline.settings import Settings
 from mapdeal.scoring.bounds import (
@@ -96,11 +95,7 @@ def score(
         _bounds(minimum, "--min"), _bounds(maximum, "--max"), None, transform, align
     )  # fmt: skip
     report = score_files(source, truth, settings, asked)
-    if as_json:
-        terminal.result(json.dumps(report.document(), indent=2))
-    else:
-        for line in _lines(source, truth, report):
-            terminal.result(one_line(line))
+    terminal.document(report, None if as_json else _lines(source, truth, report))
     if not report.passes:
         raise typer.Exit(1)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import os
 import sys
 import time
@@ -67,7 +68,6 @@ def refuse_keyboard() -> None:
 
 
 def call_files(names: Mapping[Path, str]) -> None:
-    import json  # of use to few
     from urllib.parse import quote
 
     for path, name in names.items():
@@ -150,6 +150,23 @@ def few_warnings(hint: str) -> Iterator[Callable[[str], None]]:
 def summary(lines: Iterable[str]) -> None:
     """Print what was done, unless quiet."""
     if not _quiet:
+        for line in lines:
+            result(one_line(line))
+
+
+def answer(output: Path | None, text: str, short: str) -> None:
+    """Print a result, or where it has been written and what it is in short."""
+    if output is None:
+        result(text)
+    else:
+        summary([f"{output}: {short}"])
+
+
+def document(report: Any, lines: Iterable[str] | None) -> None:
+    """Print a report's lines, or its document as JSON."""
+    if lines is None:
+        result(json.dumps(report.document(), indent=2))
+    else:
         for line in lines:
             result(one_line(line))
 
