@@ -44,22 +44,8 @@ def align(
         opt.output_argument("OUT.json", "Write the transform and the figures as JSON."),
         TO_STDOUT,
     ] = None,
-    prior: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,YAW",
-            help="Rough transform, metres and radians: only places within 30 degrees and 5 m "
-            "of it are searched.",
-        ),
-    ] = None,
-    rotation: Annotated[
-        str | None,
-        typer.Option(
-            metavar="DEG,...",
-            help="Rotations to search, degrees, such as 0,90,180,270, each with a tolerance of "
-            "3 degrees.",
-        ),
-    ] = None,
+    prior: str | None = None,
+    rotation: str | None = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     settings: Settings,
@@ -70,6 +56,13 @@ def align(
     resolution, origin and yaw of the maps may differ, the maps may overlap only in part, and
     things may have moved. Exit code 0 if the match is certain; 1 if the walls agree too little, or
     nearly as well elsewhere.
+
+    Options
+    -------
+    --prior X,Y,YAW: Rough transform, metres and radians: only places within 30 degrees and 5 m of
+        it are searched.
+    --rotation DEG,...: Rotations to search, degrees, such as 0,90,180,270, each with a tolerance
+        of 3 degrees.
     """
     report = align_files(
         first,

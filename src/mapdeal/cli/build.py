@@ -47,127 +47,40 @@ def build(
             help="A CARMEN log (also .gz), an .npz of scans, or a bag of ROS 1 or ROS 2.",
         ),
     ] = None,
-    poses: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Text file with one x,y,yaw per scan. With a bag: the robot's poses, one t x "
-            "y z qx qy qz qw per line, instead of transforms.",
-        ),
-    ] = None,
-    angles: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Text file with the angles of the beams, radians."),
-    ] = None,
-    ranges: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Text file with the ranges of one scan per line, metres."
-        ),
-    ] = None,
-    flip_y: Annotated[
-        bool,
-        typer.Option("--flip-y", help="With --poses: the y axis of the poses points to the right."),
-    ] = False,
+    poses: Path | None = None,
+    angles: Path | None = None,
+    ranges: Path | None = None,
+    flip_y: bool = False,
     topics: bag_opt.Topics = None,
     fixed_frame: bag_opt.FixedFrame = None,
     base_frame: bag_opt.BaseFrame = None,
     odometry: bag_opt.Odometry = None,
     mount: bag_opt.Mount = None,
-    deskew: Annotated[
-        bool,
-        typer.Option(
-            "--deskew", help="With a bag: use the pose at the time of each beam (time_increment)."
-        ),
-    ] = False,
+    deskew: bool = False,
     method: Annotated[
         Method | None,
         typer.Option(help=f"How evidence becomes a map.  [default: {_DEFAULT_METHOD}]"),
     ] = None,
-    compare: Annotated[
-        bool,
-        typer.Option(
-            "--compare",
-            help="Run all methods on one grid and compare them: maps, figures, and pictures of "
-            "the differences.",
-        ),
-    ] = False,
+    compare: bool = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="With --compare: print the figures as JSON.")
     ] = False,
     resolution: Annotated[float, typer.Option(metavar="R", help="Side of a cell, metres.")] = 0.05,
-    size: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WX,WY",
-            help="Extent along x and y, metres.  [default: what contains all scans]",
-        ),
-    ] = None,
-    origin: Annotated[
-        str | None, typer.Option(metavar="X,Y", help="With --size: the lower left corner, metres.")
-    ] = None,
-    range_min: Annotated[
-        float, typer.Option(metavar="M", help="Shorter readings are ignored, metres.")
-    ] = 0.0,
-    range_max: Annotated[
-        float,
-        typer.Option(metavar="M", help="Readings at or above this range have hit nothing, metres."),
-    ] = 30.0,
-    clear_max: Annotated[
-        float,
-        typer.Option(
-            metavar="M",
-            help="Range up to which beams without a hit clear cells, metres; 0 clears none.",
-        ),
-    ] = 0.0,
-    log_free: Annotated[
-        float | None,
-        typer.Option(metavar="V", help="log-odds: added where a beam passes.  [default: -1]"),
-    ] = None,
-    log_occ: Annotated[
-        float | None,
-        typer.Option(metavar="V", help="log-odds: added where a beam ends.  [default: 2]"),
-    ] = None,
-    log_min: Annotated[
-        float | None, typer.Option(metavar="V", help="log-odds: lower bound.  [default: 0]")
-    ] = None,
-    log_max: Annotated[
-        float | None, typer.Option(metavar="V", help="log-odds: upper bound.  [default: 100]")
-    ] = None,
-    values: Annotated[
-        bool,
-        typer.Option("--values", help="log-odds: write the values instead of free and occupied."),
-    ] = False,
-    ratio: Annotated[
-        float | None,
-        typer.Option(
-            metavar="R",
-            help="counting: share of hits above which a cell is occupied.  [default: 0.3]",
-        ),
-    ] = None,
-    truncation: Annotated[
-        float | None,
-        typer.Option(metavar="CELLS", help="tsdf: truncation distance, cells.  [default: 2]"),
-    ] = None,
-    truncation_behind: Annotated[
-        float | None,
-        typer.Option(
-            metavar="N",
-            help="tsdf: how far beams continue behind a hit, in truncation distances.  "
-            "[default: 1]",
-        ),
-    ] = None,
-    as_written: Annotated[
-        bool,
-        typer.Option(
-            "--as-written",
-            help="tsdf: make the map of design document 004: only walls, where the distance "
-            "changes its sign along y; beams continue 3 truncation distances behind a hit.",
-        ),
-    ] = False,
-    layers: Annotated[
-        Path | None, typer.Option(metavar="OUT.npz", help="Also write the map with its evidence.")
-    ] = None,
+    size: str | None = None,
+    origin: str | None = None,
+    range_min: float = 0.0,
+    range_max: float = 30.0,
+    clear_max: float = 0.0,
+    log_free: float | None = None,
+    log_occ: float | None = None,
+    log_min: float | None = None,
+    log_max: float | None = None,
+    values: bool = False,
+    ratio: float | None = None,
+    truncation: float | None = None,
+    truncation_behind: float | None = None,
+    as_written: bool = False,
+    layers: Path | None = None,
     max_bad: Annotated[
         int, typer.Option(metavar="N", min=0, help="Malformed lines of a log to tolerate.")
     ] = DEFAULT_MAX_BAD,
@@ -180,6 +93,34 @@ def build(
 
     Cells that a beam passes become free, and cells where a beam ends become occupied; cells that
     no beam reaches stay unknown. --compare shows what each method makes of a log.
+
+    Options
+    -------
+    --poses FILE: Text file with one x,y,yaw per scan. With a bag: the robot's poses, one t x y z
+        qx qy qz qw per line, instead of transforms.
+    --angles FILE: Text file with the angles of the beams, radians.
+    --ranges FILE: Text file with the ranges of one scan per line, metres.
+    --flip-y: With --poses: the y axis of the poses points to the right.
+    --deskew: With a bag: use the pose at the time of each beam (time_increment).
+    --compare: Run all methods on one grid and compare them: maps, figures, and pictures of the
+        differences.
+    --size WX,WY: Extent along x and y, metres.  [default: what contains all scans]
+    --origin X,Y: With --size: the lower left corner, metres.
+    --range-min M: Shorter readings are ignored, metres.
+    --range-max M: Readings at or above this range have hit nothing, metres.
+    --clear-max M: Range up to which beams without a hit clear cells, metres; 0 clears none.
+    --log-free V: log-odds: added where a beam passes.  [default: -1]
+    --log-occ V: log-odds: added where a beam ends.  [default: 2]
+    --log-min V: log-odds: lower bound.  [default: 0]
+    --log-max V: log-odds: upper bound.  [default: 100]
+    --values: log-odds: write the values instead of free and occupied.
+    --ratio R: counting: share of hits above which a cell is occupied.  [default: 0.3]
+    --truncation CELLS: tsdf: truncation distance, cells.  [default: 2]
+    --truncation-behind N: tsdf: how far beams continue behind a hit, in truncation distances.
+        [default: 1]
+    --as-written: tsdf: make the map of design document 004: only walls, where the distance changes
+        its sign along y; beams continue 3 truncation distances behind a hit.
+    --layers OUT.npz: Also write the map with its evidence.
     """
     own: dict[Method, dict[str, Any]] = {
         "log-odds": opt.given(

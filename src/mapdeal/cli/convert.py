@@ -36,81 +36,45 @@ def convert(
         ),
         TO_STDOUT,
     ],
-    topic: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TOPIC",
-            help="With a bag: topic to read, if there are several, or to write.  [default: "
-            "/map, or /costmap for costs]",
-        ),
-    ] = None,
+    topic: str | None = None,
     index: Annotated[int | None, bag_opt.index_option("Reading a bag")] = None,
     takes_all: Annotated[
         bool, typer.Option("--all", help="Reading a bag: write all messages into a folder.")
     ] = False,
-    read_as: Annotated[
-        Literal["map", "costs"] | None,
-        typer.Option(
-            help="Reading a bag: what an OccupancyGrid contains.  [default: costs if the "
-            "topic's name contains costmap, else a map]"
-        ),
-    ] = None,
-    frame_id: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FRAME", help="Writing a bag: frame_id of the header.  [default: map]"
-        ),
-    ] = None,
-    encoding: Annotated[
-        Scale | None,
-        typer.Option(
-            help="Scale of the values: what ROS publishes, costmap_2d's bytes, or the map as "
-            "amcl sees it.  [default: an .npz keeps its own, pixels of costs are "
-            "occupancy]"
-        ),
-    ] = None,
-    mode: Annotated[
-        Mode | None,
-        typer.Option(
-            help="How values become pixels.  [default: raw if there are values 1..99, else trinary]"
-        ),
-    ] = None,
-    static_layer: Annotated[
-        bool,
-        typer.Option(
-            "--static-layer",
-            help="With --encoding costmap2d: compute costs as costmap_2d's static layer does, "
-            "instead of round(2.54 v).",
-        ),
-    ] = False,
-    lethal_threshold: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", help="With --static-layer: lethal_cost_threshold, 0..100.  [default: 100]"
-        ),
-    ] = None,
-    trinary_costmap: Annotated[
-        bool | None,
-        typer.Option(
-            help="With --static-layer: values below the threshold become 0.  [default: yes]"
-        ),
-    ] = None,
-    track_unknown: Annotated[
-        bool | None,
-        typer.Option(help="With --static-layer: unknown cells stay unknown.  [default: yes]"),
-    ] = None,
-    inscribed_value: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N|none",
-            help="With --static-layer: this value becomes 253, as in Nav2 lyrical and newer; "
-            "none as in older releases and ROS 1.  [default: 99]",
-        ),
-    ] = None,
+    read_as: Literal["map", "costs"] | None = None,
+    frame_id: str | None = None,
+    encoding: Scale | None = None,
+    mode: Mode | None = None,
+    static_layer: bool = False,
+    lethal_threshold: int | None = None,
+    trinary_costmap: bool | None = None,
+    track_unknown: bool | None = None,
+    inscribed_value: str | None = None,
     *,
     settings: Settings,
 ) -> None:
-    """Convert a map to another format or scale, or from or to a bag."""
+    """Convert a map to another format or scale, or from or to a bag.
+
+    Options
+    -------
+    --topic TOPIC: With a bag: topic to read, if there are several, or to write.  [default: /map,
+        or /costmap for costs]
+    --read-as: Reading a bag: what an OccupancyGrid contains.  [default: costs if the topic's name
+        contains costmap, else a map]
+    --frame-id FRAME: Writing a bag: frame_id of the header.  [default: map]
+    --encoding: Scale of the values: what ROS publishes, costmap_2d's bytes, or the map as amcl
+        sees it.  [default: an .npz keeps its own, pixels of costs are occupancy]
+    --mode: How values become pixels.  [default: raw if there are values 1..99, else trinary]
+    --static-layer: With --encoding costmap2d: compute costs as costmap_2d's static layer does,
+        instead of round(2.54 v).
+    --lethal-threshold N: With --static-layer: lethal_cost_threshold, 0..100.  [default: 100]
+    --trinary-costmap/--no-trinary-costmap: With --static-layer: values below the threshold become
+        0.  [default: yes]
+    --track-unknown/--no-track-unknown: With --static-layer: unknown cells stay unknown.  [default:
+        yes]
+    --inscribed-value N|none: With --static-layer: this value becomes 253, as in Nav2 lyrical and
+        newer; none as in older releases and ROS 1.  [default: 99]
+    """
     layer = opt.given(
         lethal_threshold=lethal_threshold, trinary=trinary_costmap, track_unknown=track_unknown
     )

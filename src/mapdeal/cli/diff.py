@@ -33,13 +33,7 @@ def diff(
     second: Annotated[
         Path, typer.Argument(metavar="B", help="Another map; one of the two can be -."), FROM_STDIN
     ],
-    tolerance: Annotated[
-        float,
-        typer.Option(
-            metavar="CELLS",
-            help="Ignore differences with a matching cell in the other map within N cells.",
-        ),
-    ] = 0.0,
+    tolerance: float = 0.0,
     max_shift: Annotated[
         float | None,
         typer.Option(
@@ -68,6 +62,10 @@ def diff(
     0 if the maps are equal within the tolerance, 1 if not. With --max-shift or --max-differing the
     exit code is 0 if the differences in the common area stay within these bounds, whatever the
     geometry of the maps.
+
+    Options
+    -------
+    --tolerance CELLS: Ignore differences with a matching cell in the other map within N cells.
     """
     bounds = Bounds(max_shift, max_differing)
     report = diff_files(first, second, settings, tolerance=tolerance, bounds=bounds)

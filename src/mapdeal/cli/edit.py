@@ -175,18 +175,18 @@ def reset(
     size: opt.Size,
     at: opt.At = None,
     corner: opt.Corner = None,
-    value: Annotated[
-        int | None,
-        typer.Option(
-            metavar="V", help="Value of the cells.  [default: unknown: -1 for a map, 255 for costs]"
-        ),
-    ] = None,
+    value: int | None = None,
     blank: Blank = False,
     background: Background = None,
     *,
     settings: Settings,
 ) -> None:
-    """Set all cells of a rectangle along the map's axes to one value."""
+    """Set all cells of a rectangle along the map's axes to one value.
+
+    Options
+    -------
+    --value V: Value of the cells.  [default: unknown: -1 for a map, 255 for costs]
+    """
     region = opt.region(size, at, corner)
     start = _start(blank, background)
 

@@ -173,13 +173,8 @@ def info(
             help="With parameter files of one robot: report what they resolve to on this map.",
         ),
     ] = None,
-    costmap: Annotated[
-        CostmapName | None,
-        typer.Option(help="With a robot's parameter files: which costmap.  [default: global]"),
-    ] = None,
-    namespace: Annotated[
-        str | None, typer.Option(metavar="NS", help="With a robot's parameter files: which robot.")
-    ] = None,
+    costmap: CostmapName | None = None,
+    namespace: str | None = None,
     *,
     settings: Settings,
 ) -> None:
@@ -188,6 +183,11 @@ def info(
     For maps: size, origin, cell counts, checksum, and the run that made them. For bags: topics and
     transforms. For a robot's parameter files: shape and costmap layers as the robot resolves them;
     consecutive ROS 1 files belong to one robot.
+
+    Options
+    -------
+    --costmap: With a robot's parameter files: which costmap.  [default: global]
+    --namespace NS: With a robot's parameter files: which robot.
     """
     is_of_robot = any(one is not None for one in (costmap, namespace, of_map))
     reports = (

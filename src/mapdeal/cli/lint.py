@@ -50,21 +50,9 @@ def lint(
         ),
         FROM_STDIN,
     ] = None,
-    params_file: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            help="A robot's own parameters: a Nav2 file, or ROS 1's costmap files; can be "
-            "repeated, later files win.",
-        ),
-    ] = None,
-    costmap: Annotated[
-        CostmapName | None, typer.Option(help="Costmap of --params-file.  [default: both]")
-    ] = None,
-    namespace: Annotated[
-        str | None,
-        typer.Option(metavar="NS", help="Robot of --params-file, if it contains several."),
-    ] = None,
+    params_file: list[Path] | None = None,
+    costmap: CostmapName | None = None,
+    namespace: str | None = None,
     select: Annotated[
         list[str] | None,
         typer.Option(
@@ -82,14 +70,7 @@ def lint(
             help="Checks, or areas of checks, to leave out.",
         ),
     ] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Configuration file for all maps.  [default: the nearest mapdeal.toml or "
-            "pyproject.toml of each map]",
-        ),
-    ] = None,
+    config: Path | None = None,
     is_isolated: Annotated[
         bool, typer.Option("--no-config", help="Read no configuration file.")
     ] = False,
@@ -103,20 +84,12 @@ def lint(
     jobs: Annotated[
         int | None, opt.jobs_option("Processes to use for many maps.  [default: all cores]")
     ] = None,
-    fix: Annotated[
-        bool,
-        typer.Option(
-            "--fix",
-            help="Repair what can be repaired: one map with -o, any number with --in-place.",
-        ),
-    ] = False,
+    fix: bool = False,
     output: Annotated[
         Path | None,
         opt.output_argument("OUT", "Where to write the repaired copy: .yaml, .pgm, .png, .npz."),
     ] = None,
-    in_place: Annotated[
-        bool, typer.Option("--in-place", help="Repair maps in place, and report what is left.")
-    ] = False,
+    in_place: bool = False,
     *,
     footprint: Footprint | None,
     settings: Settings,
@@ -138,6 +111,17 @@ def lint(
 
     A comment "# mapdeal: ignore ID, ID" in a map's .yaml or in a parameter file turns these checks
     off for that file.
+
+    Options
+    -------
+    --params-file FILE: A robot's own parameters: a Nav2 file, or ROS 1's costmap files; can be
+        repeated, later files win.
+    --costmap: Costmap of --params-file.  [default: both]
+    --namespace NS: Robot of --params-file, if it contains several.
+    --config FILE: Configuration file for all maps.  [default: the nearest mapdeal.toml or
+        pyproject.toml of each map]
+    --fix: Repair what can be repaired: one map with -o, any number with --in-place.
+    --in-place: Repair maps in place, and report what is left.
     """
     parameters = _parameters_of(params_file, costmap, namespace)
     _check_fix(

@@ -65,19 +65,8 @@ def local(
             "the window of --map is taken.",
         ),
     ] = None,
-    pose: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,YAW",
-            help="Pose of the robot, metres and radians.  [default: from a bag's transforms]",
-        ),
-    ] = None,
-    poses: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Text file with one pose per cloud: x y yaw, or TUM format."
-        ),
-    ] = None,
+    pose: str | None = None,
+    poses: Path | None = None,
     topics: bag_opt.Topics = None,
     index: Annotated[int | None, bag_opt.index_option("With a bag")] = None,
     takes_all: Annotated[
@@ -88,27 +77,10 @@ def local(
     base_frame: bag_opt.BaseFrame = None,
     odometry: bag_opt.Odometry = None,
     mount: bag_opt.Mount = None,
-    frame: Annotated[
-        CloudFrame, typer.Option(help="Frame of the points: the robot's, or already the map's.")
-    ] = "robot",
-    offset: Annotated[
-        str,
-        typer.Option(
-            metavar="DX,DY", help="Offset subtracted from the points' map coordinates, metres."
-        ),
-    ] = "0,0",
-    size: Annotated[
-        str,
-        typer.Option(
-            metavar="WX,WY", help="Extent along x and y, metres, the robot in the middle."
-        ),
-    ] = "20,20",
-    resolution: Annotated[
-        float | None,
-        typer.Option(
-            metavar="R", help="Side of a cell, metres.  [default: 0.05; without a cloud, the map's]"
-        ),
-    ] = None,
+    frame: CloudFrame = "robot",
+    offset: str = "0,0",
+    size: str = "20,20",
+    resolution: float | None = None,
     global_map: Annotated[
         Path | None,
         typer.Option(
@@ -130,25 +102,9 @@ def local(
             "to the point]"
         ),
     ] = None,
-    unknown: Annotated[
-        Unknown | None,
-        typer.Option(
-            help="With --map or --keep: whether cells that nothing has seen stay unknown "
-            "(keep) or become free.  [default: keep]"
-        ),
-    ] = None,
-    keep: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N|all",
-            help="With --poses, or a bag: number of clouds to remember. Their obstacles stay "
-            "until a beam passes them.",
-        ),
-    ] = None,
-    require_points: Annotated[
-        bool,
-        typer.Option("--require-points", help="Exit with 3 if no point of a cloud marks a cell."),
-    ] = False,
+    unknown: Unknown | None = None,
+    keep: str | None = None,
+    require_points: bool = False,
     recipe: run_opt.Recipe = LOCAL_RECIPE,
     changes: run_opt.Changes = None,
     *,
@@ -165,6 +121,20 @@ def local(
     has seen stay unknown. The stages of the recipe follow: inflation, field, rings of costs. A
     sequence, given by --poses, gets a numbered folder for each cloud; clouds whose manifest shows
     no change are skipped.
+
+    Options
+    -------
+    --pose X,Y,YAW: Pose of the robot, metres and radians.  [default: from a bag's transforms]
+    --poses FILE: Text file with one pose per cloud: x y yaw, or TUM format.
+    --frame: Frame of the points: the robot's, or already the map's.
+    --offset DX,DY: Offset subtracted from the points' map coordinates, metres.
+    --size WX,WY: Extent along x and y, metres, the robot in the middle.
+    --resolution R: Side of a cell, metres.  [default: 0.05; without a cloud, the map's]
+    --unknown: With --map or --keep: whether cells that nothing has seen stay unknown (keep) or
+        become free.  [default: keep]
+    --keep N|all: With --poses, or a bag: number of clouds to remember. Their obstacles stay until
+        a beam passes them.
+    --require-points: Exit with 3 if no point of a cloud marks a cell.
     """
     bag = Path(clouds[0]) if clouds and len(clouds) == 1 and is_bag(Path(clouds[0])) else None
     of_bag = bag_opt.BagWords(topics, fixed_frame, base_frame, odometry, mount)

@@ -33,21 +33,8 @@ def merge(
         FROM_STDIN,
     ],
     output: opt.GridOutput,
-    by: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="frames|align|FILE.json",
-            help="How the maps are placed: by their frames, by their walls (align), or by "
-            "files of mapdeal align, one for each map but the first.  [default: frames]",
-        ),
-    ] = None,
-    rule: Annotated[
-        Rule,
-        typer.Option(
-            help="Which value wins where maps differ: the largest, that of the last map that "
-            "knows the cell, or the sum of the evidence."
-        ),
-    ] = "occupied",
+    by: list[str] | None = None,
+    rule: Rule = "occupied",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     settings: Settings,
@@ -65,6 +52,13 @@ def merge(
     Cells that are occupied in one map and free in another are conflicts: they are counted, and
     coloured in the picture. With --by align the exit code is 1, and nothing is written, if the
     placement of a map is uncertain.
+
+    Options
+    -------
+    --by frames|align|FILE.json: How the maps are placed: by their frames, by their walls (align),
+        or by files of mapdeal align, one for each map but the first.  [default: frames]
+    --rule: Which value wins where maps differ: the largest, that of the last map that knows the
+        cell, or the sum of the evidence.
     """
     if as_json:
         terminal.need_stdout("--json")

@@ -77,13 +77,7 @@ def query(
         ),
         FROM_STDIN,
     ],
-    at: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="X,Y[,YAW]",
-            help="Point, metres, or with a footprint a pose; more may follow.",
-        ),
-    ] = None,
+    at: list[str] | None = None,
     points: Annotated[
         Path | None, opt.points_option("File of points, one x,y or JSON object per line")
     ] = None,
@@ -92,13 +86,7 @@ def query(
         opt.points_option("With a footprint: file of poses, one x,y,yaw, TUM line or "
                           "JSON object per line"),
     ] = None,
-    rule: Annotated[
-        FootprintRule | None,
-        typer.Option(
-            help="With a footprint: cells that count, the outline as in Nav2, or full, with "
-                 "those inside.  [default: outline]",
-        ),
-    ] = None,
+    rule: FootprintRule | None = None,
     unknown: Annotated[
         str | None, opt.stage_option(esdf_stage, "unknown", "With a map: what unknown cells "
                                                             "count as.")
@@ -122,6 +110,12 @@ def query(
     Prints one line of JSON for each, in order. Distances and gradients are interpolated between
     the centres of cells. The gradient points away from obstacles, in the map frame. The cost of a
     robot is that of its footprint in Nav2's collision checker.
+
+    Options
+    -------
+    --at X,Y[,YAW]: Point, metres, or with a footprint a pose; more may follow.
+    --rule: With a footprint: cells that count, the outline as in Nav2, or full, with those inside.
+        [default: outline]
     """
     parameters = opt.given(
         unknown=unknown, convention=convention, lethal_threshold=lethal_threshold

@@ -63,9 +63,7 @@ def reach(
         opt.stage_option(reach_stage, "headings", "Number of headings for a robot with "
                                                   "corners, 4..255."),
     ] = None,
-    through_unknown: Annotated[
-        bool, typer.Option("--through-unknown", help="Treat unknown cells as free.")
-    ] = False,
+    through_unknown: bool = False,
     margin: Annotated[
         float | None,
         opt.stage_option(
@@ -82,13 +80,7 @@ def reach(
         Path | None,
         typer.Option("--output", "-o", metavar="OUT.json", help="Write the result to a file."),
     ] = None,
-    layers: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="OUT.npz",
-            help="Write reachable, headings, clearance and widest for every cell.",
-        ),
-    ] = None,
+    layers: Path | None = None,
     lethal_threshold: Annotated[
         int | None,
         opt.stage_option(
@@ -108,6 +100,11 @@ def reach(
     as JSON: areas; for each goal, whether it can be reached, by how wide a robot, and what limits
     it; and the passages that stop the robot, or nearly do. Exit code 1 if a goal cannot be
     reached.
+
+    Options
+    -------
+    --through-unknown: Treat unknown cells as free.
+    --layers OUT.npz: Write reachable, headings, clearance and widest for every cell.
     """
     parameters = opt.given(
         headings=headings, margin=margin, min_area=min_area, lethal_threshold=lethal_threshold

@@ -29,10 +29,7 @@ def report(
         ),
     ],
     output: Annotated[Path, opt.output_argument("OUT.html", "Page to write.")],
-    title: Annotated[
-        str | None,
-        typer.Option(metavar="TEXT", help="Title of the page.  [default: the map's name]"),
-    ] = None,
+    title: str | None = None,
     max_size: Annotated[
         str | None,
         typer.Option(
@@ -54,6 +51,10 @@ def report(
     a field or costmap joins the entry named before it, if it covers the same cells. JSON of reach
     and route, and shapes, belong to the entry named before them; findings of lint belong to the
     maps that they name; a diff shows its two maps one over the other.
+
+    Options
+    -------
+    --title TEXT: Title of the page.  [default: the map's name]
     """
     size = LARGEST_PAGE if max_size is None else opt.size_of(max_size, "--max-size")
     made = write_report(paths, output, settings, title=title, size=size)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
 import typer
 
@@ -23,22 +22,8 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 def rotate(
     source: opt.MapArgument,
     output: opt.GridOutput,
-    yaw: Annotated[
-        float | None,
-        typer.Option(
-            metavar="A",
-            help="Rotation, radians, anticlockwise about the origin of the map frame; 0 only "
-            "bakes the yaw of the map's origin into the cells.",
-        ),
-    ] = None,
-    straighten: Annotated[
-        bool,
-        typer.Option(
-            "--straighten",
-            help="Or rotate by the smallest angle that aligns the main direction of the walls "
-            "with the axes.",
-        ),
-    ] = False,
+    yaw: float | None = None,
+    straighten: bool = False,
     rule: opt.Rule = "area",
     *,
     settings: Settings,
@@ -48,6 +33,13 @@ def rotate(
     The result has yaw 0 and covers the whole rotated map; cells outside it are unknown. With --yaw
     0 all walls stay where they are in the map frame. Otherwise poses change as well, by the
     transform that is printed. Quarter turns copy the cells unchanged.
+
+    Options
+    -------
+    --yaw A: Rotation, radians, anticlockwise about the origin of the map frame; 0 only bakes the
+        yaw of the map's origin into the cells.
+    --straighten: Or rotate by the smallest angle that aligns the main direction of the walls with
+        the axes.
     """
     if straighten and yaw is not None:
         raise ParameterError("cannot be given together with --straighten", source="--yaw")

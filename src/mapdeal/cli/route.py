@@ -127,14 +127,7 @@ def route(
     goal: Annotated[
         str | None, typer.Option("--to", metavar="X,Y", help="Goal, metres.")
     ] = None,
-    pairs: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE|-",
-            help="File of starts and goals, one x,y,x,y or JSON object per line; - reads "
-                 "standard input. Instead of --from and --to.",
-        ),
-    ] = None,
+    pairs: Path | None = None,
     compare: Annotated[
         str | None,
         typer.Option(
@@ -151,33 +144,11 @@ def route(
             help="Write the result to a file; with --pairs a .jsonl.",
         ),
     ] = None,
-    method: Annotated[
-        Method,
-        typer.Option(help="Cheapest route (astar), or steepest descent of the potential "
-                          "(descent)."),
-    ] = "astar",
-    through_unknown: Annotated[
-        bool, typer.Option("--through-unknown", help="Treat unknown cells as free, at the "
-                                                     "highest cost.")
-    ] = False,
-    cost_travel_multiplier: Annotated[
-        float, typer.Option(metavar="K", help="Weight of costs against length.")
-    ] = 2.0,
-    field_weight: Annotated[
-        float | None,
-        typer.Option(
-            metavar="W",
-            help="astar: weight of the distance field in the cost, within 2 m of obstacles.  "
-            "[default: 0; with --pairs, in the cost: 1]",
-        ),
-    ] = None,
-    heuristic: Annotated[
-        Heuristic | None,
-        typer.Option(
-            help="astar: estimate of the remaining cost: the octile distance, or that plus a "
-                 "penalty within 2 m of obstacles (field).  [default: octile]",
-            ),
-    ] = None,
+    method: Method = "astar",
+    through_unknown: bool = False,
+    cost_travel_multiplier: float = 2.0,
+    field_weight: float | None = None,
+    heuristic: Heuristic | None = None,
     heuristic_weight: Annotated[
         float | None,
         typer.Option(
@@ -212,6 +183,18 @@ def route(
     those of the recipe nav2; the shape of a robot replaces its radius of 0.22 m. Without -o the
     result is printed as JSON. With --pairs, one line of JSON is printed for each pair and method,
     and their means on stderr.
+
+    Options
+    -------
+    --pairs FILE|-: File of starts and goals, one x,y,x,y or JSON object per line; - reads standard
+        input. Instead of --from and --to.
+    --method: Cheapest route (astar), or steepest descent of the potential (descent).
+    --through-unknown: Treat unknown cells as free, at the highest cost.
+    --cost-travel-multiplier K: Weight of costs against length.
+    --field-weight W: astar: weight of the distance field in the cost, within 2 m of obstacles.
+        [default: 0; with --pairs, in the cost: 1]
+    --heuristic: astar: estimate of the remaining cost: the octile distance, or that plus a penalty
+        within 2 m of obstacles (field).  [default: octile]
     """
     gains = opt.given(
         attractive_gain=attractive_gain, repulsive_gain=repulsive_gain, repulsive_cap=repulsive_cap

@@ -55,46 +55,18 @@ def run(
         Path, opt.output_argument("DIR", "Output folder, with a subfolder for each map.")
     ],
     recipe: run_opt.RunRecipe = None,
-    sim: Annotated[
-        bool,
-        typer.Option(
-            "--sim",
-            help="Map of a simulated world: cut out its active region first, and "
-            "treat unknown cells as obstacles.",
-        ),
-    ] = False,
+    sim: bool = False,
     changes: run_opt.Changes = None,
-    canvas: Annotated[
-        Canvas,
-        typer.Option(
-            help="Extent of the outputs: the active region (crop), or the full map extent "
-            "(full), unknown outside the region. Stages compute on the region in either "
-            "case, unless active.canvas=full is --set."
-        ),
-    ] = "crop",
-    golden: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="Compare each stage with a stored run; exit with 1 if any differs."
-        ),
-    ] = None,
-    update_golden: Annotated[
-        bool,
-        typer.Option("--update-golden", help="Store the runs in --golden instead of comparing."),
-    ] = False,
+    canvas: Canvas = "crop",
+    golden: Path | None = None,
+    update_golden: bool = False,
     jobs: Annotated[
         int | None,
         opt.jobs_option(
             "Number of maps to run at the same time, each in a process.  [default: the cores]"
         ),
     ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="tcp://HOST:PORT",
-            help="Have the workers of this dask scheduler run the maps.  [needs mapdeal[cluster]]",
-        ),
-    ] = None,
+    scheduler: str | None = None,
     dry_run: Annotated[
         bool,
         typer.Option(
@@ -103,10 +75,7 @@ def run(
             help="Say what would be read, written, skipped and refused, and the memory it takes.",
         ),
     ] = False,
-    report: Annotated[
-        bool,
-        typer.Option("--report", help="Write a page of all that was made, too: DIR/report.html."),
-    ] = False,
+    report: bool = False,
     pose: around.PoseOption = None,
     cloud: around.CloudOption = None,
     frame: around.FrameOption = None,
@@ -135,6 +104,19 @@ def run(
 
     If a map fails, the others continue: the exit code is 5, and DIR/summary.json has the outcome
     of each. A map that --strict refuses counts as failed.
+
+    Options
+    -------
+    --sim: Map of a simulated world: cut out its active region first, and treat unknown cells as
+        obstacles.
+    --canvas: Extent of the outputs: the active region (crop), or the full map extent (full),
+        unknown outside the region. Stages compute on the region in either case, unless
+        active.canvas=full is --set.
+    --golden DIR: Compare each stage with a stored run; exit with 1 if any differs.
+    --update-golden: Store the runs in --golden instead of comparing.
+    --scheduler tcp://HOST:PORT: Have the workers of this dask scheduler run the maps.  [needs
+        mapdeal[cluster]]
+    --report: Write a page of all that was made, too: DIR/report.html.
     """
     if update_golden and golden is None:
         raise ParameterError("needs --golden DIR", source="--update-golden")

@@ -54,16 +54,8 @@ def score(
     truth: Annotated[
         Path | None, typer.Option(metavar="MAP", help="True map to compare with."), FROM_STDIN
     ] = None,
-    align: Annotated[
-        bool, typer.Option("--align", help="Align the map with the true one first.")
-    ] = False,
-    transform: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.json",
-            help="Or apply a transform from its frame to that of the true map, as align writes it.",
-        ),
-    ] = None,
+    align: bool = False,
+    transform: Path | None = None,
     minimum: Annotated[
         list[str] | None,
         typer.Option(
@@ -90,6 +82,12 @@ def score(
     With --truth: the distances between its walls and the true ones, the share of the known area
     that it covers, the agreement of cells. Without: shares of cells, thickness of walls, corners,
     enclosed areas. Exit code 1 if a bound is missed.
+
+    Options
+    -------
+    --align: Align the map with the true one first.
+    --transform FILE.json: Or apply a transform from its frame to that of the true map, as align
+        writes it.
     """
     asked = Asked(
         _bounds(minimum, "--min"), _bounds(maximum, "--max"), None, transform, align

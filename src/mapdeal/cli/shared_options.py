@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from functools import wraps
-from inspect import Parameter, Signature, signature
+from inspect import Parameter, Signature, getdoc, signature
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -24,6 +25,9 @@ from mapdeal.robot.parameters import CostmapName
 Command = Callable[..., None]
 
 _ROBOT, _ALWAYS = "robot", "always"
+_DOCUMENTED = re.compile(r"^(--[\w/-]+)(?: (\S+))?: (.*(?:\n {4}.*)*)", re.MULTILINE)
+"""An option in the section Options of a command's docstring: ``--name METAVAR: help``."""
+
 _OF_FILES = ("params_file", "costmap", "namespace")
 """The options of the group ``robot`` that are about a robot's own parameters."""
 
@@ -210,11 +214,12 @@ def shared_options(
 
     The command takes an argument ``settings``, and ``footprint`` and ``robot`` if the group
     ``robot`` is among the names; all its other arguments are options and arguments of the command
-    line.
+    line. Options can be described in the docstring, in a section "Options".
     """
 
     def decorate(function: Command) -> Command:
         own = dict(signature(function, eval_str=True).parameters)
+        _take_documented(function, own)
         shared = expanded(names)
         made = ["settings", *(["footprint"] if _of_robot(shared) else [])]
         made += ["robot"] if "params_file" in shared else []
@@ -225,6 +230,16 @@ def shared_options(
                                    makes_costs=makes_costs)  # fmt: skip
 
     return decorate
+
+
+def _take_documented(function: Command, own: dict[str, Parameter]) -> None:
+    """Make those parameters options that the docstring describes, and leave the rest as help."""
+    function.__doc__, _, section = (getdoc(function) or "").partition("\n\nOptions\n-------\n")
+    for names, metavar, text in _DOCUMENTED.findall(section):
+        help_text = re.sub(r" \[(?=default|needs)", "  [", " ".join(text.split()))
+        option = typer.Option(names, metavar=metavar or None, help=help_text)
+        name = names[2:].partition("/")[0].replace("-", "_")
+        own[name] = own[name].replace(annotation=Annotated[own[name].annotation, option])
 
 
 def with_shared_options(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import typer
 
 from mapdeal.cli import options as opt
@@ -22,15 +20,8 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 def shift(
     source: opt.MapArgument,
     output: opt.GridOutput,
-    origin: Annotated[
-        str, typer.Option(metavar="X,Y", help="New origin, metres; the map moves by whole cells.")
-    ],
-    default: Annotated[
-        int | None,
-        typer.Option(
-            metavar="V", help="Value of new cells.  [default: unknown: -1 for a map, 255 for costs]"
-        ),
-    ] = None,
+    origin: str,
+    default: int | None = None,
     *,
     settings: Settings,
 ) -> None:
@@ -38,6 +29,11 @@ def shift(
 
     As costmap_2d's updateOrigin: cells that both windows have in common are kept. The new origin
     is the corner of the cell that contains the given point.
+
+    Options
+    -------
+    --origin X,Y: New origin, metres; the map moves by whole cells.
+    --default V: Value of new cells.  [default: unknown: -1 for a map, 255 for costs]
     """
     to = opt.pair(origin, "--origin")
     shown = "unknown" if default is None else default

@@ -28,9 +28,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 def window(
     source: opt.MapArgument,
     output: opt.GridOutput,
-    size: Annotated[
-        str | None, typer.Option(metavar="WX,WY", help="Extent along columns and rows, metres.")
-    ] = None,
+    size: str | None = None,
     at: opt.At = None,
     corner: opt.Corner = None,
     like: Annotated[
@@ -41,13 +39,7 @@ def window(
         ),
         FROM_STDIN,
     ] = None,
-    default: Annotated[
-        int | None,
-        typer.Option(
-            metavar="V",
-            help="Value of cells beyond the map.  [default: unknown: -1 for a map, 255 for costs]",
-        ),
-    ] = None,
+    default: int | None = None,
     *,
     settings: Settings,
 ) -> None:
@@ -56,6 +48,11 @@ def window(
     Cells beyond the map are unknown; beyond a distance field there is no distance. The window lies
     along the map's own axes and begins with the cell that contains its lower left corner, so that
     cells keep their places.
+
+    Options
+    -------
+    --size WX,WY: Extent along columns and rows, metres.
+    --default V: Value of cells beyond the map.  [default: unknown: -1 for a map, 255 for costs]
     """
     region: dict[str, Any] = {}
     inputs: tuple[Path, ...] = ()
