@@ -62,9 +62,7 @@ def build(
         typer.Option(help=f"How evidence becomes a map.  [default: {_DEFAULT_METHOD}]"),
     ] = None,
     compare: bool = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="With --compare: print the figures as JSON.")
-    ] = False,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
     resolution: Annotated[float, typer.Option(metavar="R", help="Side of a cell, metres.")] = 0.05,
     size: str | None = None,
     origin: str | None = None,
@@ -81,9 +79,7 @@ def build(
     truncation_behind: float | None = None,
     as_written: bool = False,
     layers: Path | None = None,
-    max_bad: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Malformed lines of a log to tolerate.")
-    ] = DEFAULT_MAX_BAD,
+    max_bad: Annotated[int, typer.Option(min=0)] = DEFAULT_MAX_BAD,
     *,
     settings: Settings,
 ) -> None:
@@ -121,6 +117,8 @@ def build(
     --as-written: tsdf: make the map of design document 004: only walls, where the distance changes
         its sign along y; beams continue 3 truncation distances behind a hit.
     --layers OUT.npz: Also write the map with its evidence.
+    --json: With --compare: print the figures as JSON.
+    --max-bad N: Malformed lines of a log to tolerate.
     """
     own: dict[Method, dict[str, Any]] = {
         "log-odds": opt.given(

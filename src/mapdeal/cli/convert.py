@@ -38,9 +38,7 @@ def convert(
     ],
     topic: str | None = None,
     index: Annotated[int | None, bag_opt.index_option("Reading a bag")] = None,
-    takes_all: Annotated[
-        bool, typer.Option("--all", help="Reading a bag: write all messages into a folder.")
-    ] = False,
+    takes_all: Annotated[bool, typer.Option("--all")] = False,
     read_as: Literal["map", "costs"] | None = None,
     frame_id: str | None = None,
     encoding: Scale | None = None,
@@ -74,6 +72,7 @@ def convert(
         yes]
     --inscribed-value N|none: With --static-layer: this value becomes 253, as in Nav2 lyrical and
         newer; none as in older releases and ROS 1.  [default: 99]
+    --all: Reading a bag: write all messages into a folder.
     """
     layer = opt.given(
         lethal_threshold=lethal_threshold, trinary=trinary_costmap, track_unknown=track_unknown

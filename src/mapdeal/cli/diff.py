@@ -34,24 +34,8 @@ def diff(
         Path, typer.Argument(metavar="B", help="Another map; one of the two can be -."), FROM_STDIN
     ],
     tolerance: float = 0.0,
-    max_shift: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M",
-            min=0,
-            help="Pass if the directed Hausdorff distances between the obstacles, both ways, "
-            "are at most this, metres.",
-        ),
-    ] = None,
-    max_differing: Annotated[
-        float | None,
-        typer.Option(
-            metavar="PERCENT",
-            min=0,
-            max=100,
-            help="Pass if at most this share of the common cells differs.",
-        ),
-    ] = None,
+    max_shift: Annotated[float | None, typer.Option(min=0)] = None,
+    max_differing: Annotated[float | None, typer.Option(min=0, max=100)] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     settings: Settings,
@@ -66,6 +50,9 @@ def diff(
     Options
     -------
     --tolerance CELLS: Ignore differences with a matching cell in the other map within N cells.
+    --max-shift M: Pass if the directed Hausdorff distances between the obstacles, both ways, are
+        at most this, metres.
+    --max-differing PERCENT: Pass if at most this share of the common cells differs.
     """
     bounds = Bounds(max_shift, max_differing)
     report = diff_files(first, second, settings, tolerance=tolerance, bounds=bounds)

@@ -162,17 +162,8 @@ def info(
         ),
         FROM_STDIN,
     ],
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object per file, one per line.")
-    ] = False,
-    of_map: Annotated[
-        Path | None,
-        typer.Option(
-            "--map",
-            metavar="MAP",
-            help="With parameter files of one robot: report what they resolve to on this map.",
-        ),
-    ] = None,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
+    of_map: Annotated[Path | None, typer.Option("--map")] = None,
     costmap: CostmapName | None = None,
     namespace: str | None = None,
     *,
@@ -188,6 +179,8 @@ def info(
     -------
     --costmap: With a robot's parameter files: which costmap.  [default: global]
     --namespace NS: With a robot's parameter files: which robot.
+    --json: Print one JSON object per file, one per line.
+    --map MAP: With parameter files of one robot: report what they resolve to on this map.
     """
     is_of_robot = any(one is not None for one in (costmap, namespace, of_map))
     reports = (

@@ -53,34 +53,11 @@ def lint(
     params_file: list[Path] | None = None,
     costmap: CostmapName | None = None,
     namespace: str | None = None,
-    select: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="IDS",
-            autocompletion=check_words,
-            help="Checks, or areas of checks such as image, to run; separated by commas.  "
-            "[default: all]",
-        ),
-    ] = None,
-    ignore: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="IDS",
-            autocompletion=check_words,
-            help="Checks, or areas of checks, to leave out.",
-        ),
-    ] = None,
+    select: Annotated[list[str] | None, typer.Option(autocompletion=check_words)] = None,
+    ignore: Annotated[list[str] | None, typer.Option(autocompletion=check_words)] = None,
     config: Path | None = None,
-    is_isolated: Annotated[
-        bool, typer.Option("--no-config", help="Read no configuration file.")
-    ] = False,
-    form: Annotated[
-        ReportForm,
-        typer.Option(
-            "--format",
-            help="Text, one JSON document, GitHub annotations, SARIF 2.1.0, or JUnit XML.",
-        ),
-    ] = "text",
+    is_isolated: Annotated[bool, typer.Option("--no-config")] = False,
+    form: Annotated[ReportForm, typer.Option("--format")] = "text",
     jobs: Annotated[
         int | None, opt.jobs_option("Processes to use for many maps.  [default: all cores]")
     ] = None,
@@ -122,6 +99,11 @@ def lint(
         pyproject.toml of each map]
     --fix: Repair what can be repaired: one map with -o, any number with --in-place.
     --in-place: Repair maps in place, and report what is left.
+    --select IDS: Checks, or areas of checks such as image, to run; separated by commas.  [default:
+        all]
+    --ignore IDS: Checks, or areas of checks, to leave out.
+    --no-config: Read no configuration file.
+    --format: Text, one JSON document, GitHub annotations, SARIF 2.1.0, or JUnit XML.
     """
     parameters = _parameters_of(params_file, costmap, namespace)
     _check_fix(

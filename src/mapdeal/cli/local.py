@@ -55,24 +55,12 @@ def local(
     output: Annotated[
         Path, opt.output_argument("DIR", "Output folder; maps of a sequence go to DIR/0000, ...")
     ],
-    clouds: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--cloud",
-            metavar="FILE",
-            help="A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz, or a bag of ROS 1 or "
-            "ROS 2. With --poses it can be repeated, or a folder, or a quoted pattern. Without it "
-            "the window of --map is taken.",
-        ),
-    ] = None,
+    clouds: Annotated[list[str] | None, typer.Option("--cloud")] = None,
     pose: str | None = None,
     poses: Path | None = None,
     topics: bag_opt.Topics = None,
     index: Annotated[int | None, bag_opt.index_option("With a bag")] = None,
-    takes_all: Annotated[
-        bool,
-        typer.Option("--all", help="With a bag: make a map of each message, as of a sequence."),
-    ] = False,
+    takes_all: Annotated[bool, typer.Option("--all")] = False,
     fixed_frame: bag_opt.FixedFrame = None,
     base_frame: bag_opt.BaseFrame = None,
     odometry: bag_opt.Odometry = None,
@@ -81,14 +69,7 @@ def local(
     offset: str = "0,0",
     size: str = "20,20",
     resolution: float | None = None,
-    global_map: Annotated[
-        Path | None,
-        typer.Option(
-            "--map",
-            metavar="GLOBAL",
-            help="Global map, whose obstacles and free cells in the window are copied.",
-        ),
-    ] = None,
+    global_map: Annotated[Path | None, typer.Option("--map")] = None,
     min_height: Annotated[float | None, _limit("Drop points with a smaller z, metres.")] = None,
     max_height: Annotated[float | None, _limit("Drop points with a larger z, metres.")] = None,
     min_range: Annotated[float | None, _limit("Drop points nearer to the robot, metres.")] = None,
@@ -135,6 +116,11 @@ def local(
     --keep N|all: With --poses, or a bag: number of clouds to remember. Their obstacles stay until
         a beam passes them.
     --require-points: Exit with 3 if no point of a cloud marks a cell.
+    --cloud FILE: A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz, or a bag of ROS 1 or ROS
+        2. With --poses it can be repeated, or a folder, or a quoted pattern. Without it the window
+        of --map is taken.
+    --all: With a bag: make a map of each message, as of a sequence.
+    --map GLOBAL: Global map, whose obstacles and free cells in the window are copied.
     """
     bag = Path(clouds[0]) if clouds and len(clouds) == 1 and is_bag(Path(clouds[0])) else None
     of_bag = bag_opt.BagWords(topics, fixed_frame, base_frame, odometry, mount)

@@ -21,17 +21,15 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 def pack(
     source: opt.MapArgument,
     output: Annotated[Path, opt.output_argument("OUT.pbm", "Bit map to write, with its .yaml.")],
-    lethal_threshold: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            min=1,
-            max=100,
-            help="Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.",
-        ),
-    ] = None,
+    lethal_threshold: Annotated[int | None, typer.Option(min=1, max=100)] = None,
     *,
     settings: Settings,
 ) -> None:
-    """Write the obstacles of a map as a bit map (PBM P4)."""
+    """Write the obstacles of a map as a bit map (PBM P4).
+
+    Options
+    -------
+    --lethal-threshold N: Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a
+        field.
+    """
     say_written(output, pack_file(source, output, settings, lethal_threshold=lethal_threshold))

@@ -38,23 +38,8 @@ def reach(
         ),
         FROM_STDIN,
     ],
-    start: Annotated[
-        str | None,
-        typer.Option(
-            "--from",
-            metavar="X,Y[,YAW]",
-            help="Start, metres and radians; without a yaw, every heading that is free there.  "
-                 "[default: the widest place of the largest free area]",
-        ),
-    ] = None,
-    goals: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--to",
-            metavar="[NAME=]X,Y",
-            help="Goal, metres; more may follow.",
-        ),
-    ] = None,
+    start: Annotated[str | None, typer.Option("--from")] = None,
+    goals: Annotated[list[str] | None, typer.Option("--to")] = None,
     points: Annotated[
         Path | None, opt.points_option("File of goals, one [NAME=]x,y or JSON object per line")
     ] = None,
@@ -76,10 +61,7 @@ def reach(
             reach_stage, "min_area", "Leave out passages that cut off less than this, square "
                                      "metres."),
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="OUT.json", help="Write the result to a file."),
-    ] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o")] = None,
     layers: Path | None = None,
     lethal_threshold: Annotated[
         int | None,
@@ -105,6 +87,10 @@ def reach(
     -------
     --through-unknown: Treat unknown cells as free.
     --layers OUT.npz: Write reachable, headings, clearance and widest for every cell.
+    --from X,Y[,YAW]: Start, metres and radians; without a yaw, every heading that is free there.
+        [default: the widest place of the largest free area]
+    --to [NAME=]X,Y: Goal, metres; more may follow.
+    --output OUT.json: Write the result to a file.
     """
     parameters = opt.given(
         headings=headings, margin=margin, min_area=min_area, lethal_threshold=lethal_threshold

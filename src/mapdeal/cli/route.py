@@ -121,12 +121,8 @@ def route(
         ),
         FROM_STDIN,
     ],
-    start: Annotated[
-        str | None, typer.Option("--from", metavar="X,Y", help="Start, metres.")
-    ] = None,
-    goal: Annotated[
-        str | None, typer.Option("--to", metavar="X,Y", help="Goal, metres.")
-    ] = None,
+    start: Annotated[str | None, typer.Option("--from")] = None,
+    goal: Annotated[str | None, typer.Option("--to")] = None,
     pairs: Path | None = None,
     compare: Annotated[
         str | None,
@@ -137,13 +133,7 @@ def route(
             f"[default: {','.join(PLACES_OF_FIELD)}]",
         ),
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", metavar="OUT.json",
-            help="Write the result to a file; with --pairs a .jsonl.",
-        ),
-    ] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o")] = None,
     method: Method = "astar",
     through_unknown: bool = False,
     cost_travel_multiplier: float = 2.0,
@@ -195,6 +185,9 @@ def route(
         [default: 0; with --pairs, in the cost: 1]
     --heuristic: astar: estimate of the remaining cost: the octile distance, or that plus a penalty
         within 2 m of obstacles (field).  [default: octile]
+    --from X,Y: Start, metres.
+    --to X,Y: Goal, metres.
+    --output OUT.json: Write the result to a file; with --pairs a .jsonl.
     """
     gains = opt.given(
         attractive_gain=attractive_gain, repulsive_gain=repulsive_gain, repulsive_cap=repulsive_cap

@@ -67,14 +67,7 @@ def run(
         ),
     ] = None,
     scheduler: str | None = None,
-    dry_run: Annotated[
-        bool,
-        typer.Option(
-            "--dry-run",
-            "-n",
-            help="Say what would be read, written, skipped and refused, and the memory it takes.",
-        ),
-    ] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", "-n")] = False,
     report: bool = False,
     pose: around.PoseOption = None,
     cloud: around.CloudOption = None,
@@ -117,6 +110,7 @@ def run(
     --scheduler tcp://HOST:PORT: Have the workers of this dask scheduler run the maps.  [needs
         mapdeal[cluster]]
     --report: Write a page of all that was made, too: DIR/report.html.
+    --dry-run: Say what would be read, written, skipped and refused, and the memory it takes.
     """
     if update_golden and golden is None:
         raise ParameterError("needs --golden DIR", source="--update-golden")

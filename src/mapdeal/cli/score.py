@@ -56,23 +56,8 @@ def score(
     ] = None,
     align: bool = False,
     transform: Path | None = None,
-    minimum: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--min",
-            metavar="NAME=VALUE",
-            help="Pass if a figure is at least this value, such as coverage=0.9; can be repeated.",
-        ),
-    ] = None,
-    maximum: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--max",
-            metavar="NAME=VALUE",
-            help="Pass if a figure is at most this value, such as "
-            "dist_est_to_truth_m.mean=0.1; can be repeated.",
-        ),
-    ] = None,
+    minimum: Annotated[list[str] | None, typer.Option("--min")] = None,
+    maximum: Annotated[list[str] | None, typer.Option("--max")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     settings: Settings,
@@ -88,6 +73,10 @@ def score(
     --align: Align the map with the true one first.
     --transform FILE.json: Or apply a transform from its frame to that of the true map, as align
         writes it.
+    --min NAME=VALUE: Pass if a figure is at least this value, such as coverage=0.9; can be
+        repeated.
+    --max NAME=VALUE: Pass if a figure is at most this value, such as dist_est_to_truth_m.mean=0.1;
+        can be repeated.
     """
     asked = Asked(
         _bounds(minimum, "--min"), _bounds(maximum, "--max"), None, transform, align

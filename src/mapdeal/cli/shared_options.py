@@ -235,11 +235,21 @@ def shared_options(
 def _take_documented(function: Command, own: dict[str, Parameter]) -> None:
     """Make those parameters options that the docstring describes, and leave the rest as help."""
     function.__doc__, _, section = (getdoc(function) or "").partition("\n\nOptions\n-------\n")
+    options: dict[str, tuple[str, Any]] = {}
+    for name, one in own.items():
+        option = next(iter(getattr(one.annotation, "__metadata__", ())), None)
+        # typer has the first name where a default would be
+        first, others = getattr(option, "default", None), getattr(option, "param_decls", None)
+        declared = [first, *(others or ())] if isinstance(first, str) else []
+        declared.append("--" + name.replace("_", "-"))
+        options |= dict.fromkeys(declared, (name, option))
     for names, metavar, text in _DOCUMENTED.findall(section):
         help_text = re.sub(r" \[(?=default|needs)", "  [", " ".join(text.split()))
-        option = typer.Option(names, metavar=metavar or None, help=help_text)
-        name = names[2:].partition("/")[0].replace("-", "_")
-        own[name] = own[name].replace(annotation=Annotated[own[name].annotation, option])
+        name, option = options[names.partition("/")[0]]
+        if option is None:
+            option = typer.Option(names)
+            own[name] = own[name].replace(annotation=Annotated[own[name].annotation, option])
+        option.metavar, option.help = metavar or None, help_text
 
 
 def with_shared_options(
