@@ -22,6 +22,7 @@ from mapdeal.errors import (
 from mapdeal.formats.budget import claim
 from mapdeal.formats.dialects import DIALECTS, cells_of, reader_of
 from mapdeal.formats.distinct_pixels import Counts, DistinctPixels
+from mapdeal.formats.endings import BIT_MAP
 from mapdeal.formats.image import IMAGE_FORMATS, open_passing
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import (
@@ -32,7 +33,7 @@ from mapdeal.formats.map_remarks import (
     warn_of_cost_figures,
     warn_of_one_cost,
 )
-from mapdeal.formats.map_server import BIT_MAP, costs_of, find_bits, find_image, yaml_beside
+from mapdeal.formats.map_server import costs_of, find_bits, find_image, yaml_beside
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, metadata_of
 from mapdeal.formats.maps import as_occupancy, open_map
 from mapdeal.formats.npz import read_npz

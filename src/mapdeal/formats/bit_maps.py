@@ -8,7 +8,8 @@ from typing import Any
 
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.budget import use_memory
-from mapdeal.formats.map_server import BIT_MAP, find_bits, yaml_beside
+from mapdeal.formats.endings import BIT_MAP, YAML
+from mapdeal.formats.map_server import find_bits, yaml_beside
 from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.formats.picture import LARGEST_CELLS
 from mapdeal.formats.pnm import decode_pbm, write_pbm
@@ -53,7 +54,7 @@ def read_bit_map_pair(
     """Return a bit map, what its YAML says, and the files it came from, see `read_bit_map`."""
     if path.suffix.lower() != BIT_MAP:
         rule = "a bit map must be a .pbm"
-        hint = "pass the .pbm that the YAML names" if path.suffix in (".yaml", ".yml") else None
+        hint = "pass the .pbm that the YAML names" if path.suffix in YAML else None
         raise ParameterError(rule, source=path, got=path.suffix, hint=hint)
     yaml_path = yaml_beside(path)
     metadata = read_metadata(yaml_path)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.budget import holding
+from mapdeal.formats.endings import LFS_POINTER
 from mapdeal.formats.open_file import HEAD, OpenFile, opened
 from mapdeal.formats.picture import Picture
 from mapdeal.formats.pillow_images import PILLOW_FORMATS
@@ -113,6 +114,6 @@ def _limit(image_format: ImageFormat, max_cells: int | None) -> int:
 def _refuse_other_contents(head: bytes, path: Path) -> None:
     if not head:
         raise MalformedInputError("the image file is empty", source=path)
-    if head.startswith(b"version https://git-lfs"):
+    if head.startswith(LFS_POINTER):
         hint = "fetch it with: git lfs pull"
         raise MalformedInputError("is a Git LFS pointer, not the image", source=path, hint=hint)

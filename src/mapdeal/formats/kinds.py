@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import shlex
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any
 import yaml
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError
+from mapdeal.formats.endings import IMAGE_KEY, LFS_POINTER, NAMED_MAPS, YAML
 from mapdeal.formats.image import read_image_size, recognised_format
 from mapdeal.formats.json_values import document_kind, read_json
 from mapdeal.formats.source import chunks_of, contents_of, exists, head_of, is_folder, status_of
@@ -32,7 +34,6 @@ _COUNTED = 1 << 28
 """Bytes of a text of which the lines are counted."""
 
 _SCAN_WORDS = re.compile(rb"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]")
-_IMAGE_KEY = re.compile(rb"""(?m)^(\xef\xbb\xbf)?["']?image["']?[ \t]*:""")
 _ROS_PARAMETERS = re.compile(rb"(?m)^[ \t]*[\"']?ros__parameters[\"']?[ \t]*:")
 _OF_COSTMAPS = ("local_costmap", "global_costmap", "obstacle_layer", "inflation_layer")
 _OF_ROBOTS = (
@@ -44,9 +45,8 @@ _TUM, _PLANAR = 8, 3
 _MOST_OF_A_POINT = 16
 
 _METADATA = "metadata.yaml"
-_ZSTD, _OF_BAGS = b"\x28\xb5\x2f\xfd", (".mcap", ".db3")
+_OF_BAGS = (".mcap", ".db3")
 _BESIDE_BAGS = (".zstd", ".db3-wal", ".db3-shm", ".txt")
-_MAP_SUFFIXES = (".yaml", ".yml", ".npz", ".pbm")
 _UNKNOWN = "is not a kind of file that mapdeal knows"
 _MAPS_ARE = "a map is a map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal"
 
@@ -58,23 +58,6 @@ _BAG_USE = "mapdeal info {path} lists its topics; convert, build and local --clo
 _PARAMETERS_USE = "mapdeal run MAP -o DIR --params-file {path} takes it"
 _REPORT_USE = "mapdeal report {path} -o OUT.html shows it"
 _OF_A_MAP_USE = "mapdeal report MAP {path} -o OUT.html shows it on its map"
-_DOCUMENTS = {
-    "manifest": ("the manifest of a run", "mapdeal info on its folder describes the run"),
-    "summary": (
-        "the summary of a batch", "mapdeal info describes the folder of each of its maps"
-    ),
-    "route": ("a route (JSON)", _OF_A_MAP_USE),
-    "reach": ("what a robot can reach (JSON)", _OF_A_MAP_USE),
-    "lint": ("what lint has found (JSON)", _REPORT_USE),
-    "diff": ("what differs between two maps (JSON)", _REPORT_USE),
-    "alignment": (
-        "where one map lies in the frame of another (JSON)",
-        f"{_REPORT_USE}; mapdeal merge --by takes it",
-    ),
-    "score": ("the score of a map (JSON)", _REPORT_USE),
-    "comparison": ("methods of mapping compared (JSON)", _REPORT_USE),
-}  # fmt: skip
-"""JSON that mapdeal writes: what it is, and which command takes it."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +84,7 @@ def kind_of(path: Path) -> FileKind | None:
 
 def is_bag(path: Path) -> bool:
     """Return whether a file or folder is a bag of ROS 1 or ROS 2, or the metadata of one."""
-    if path.suffix.lower() in _MAP_SUFFIXES and path.name != _METADATA:
+    if path.suffix.lower() in NAMED_MAPS and path.name != _METADATA:
         return False
     with suppress(MapdealError):
         kind = kind_of(path)
@@ -120,7 +103,7 @@ def recognised(path: Path, wanted: str, *kinds: str) -> Iterator[None]:
         kind = None
         with suppress(MapdealError):
             kind = kind_of(path)
-        if kind is None and MAP in kinds and path.suffix.lower() not in _MAP_SUFFIXES:
+        if kind is None and MAP in kinds and path.suffix.lower() not in NAMED_MAPS:
             error.hint = error.hint or _MAPS_ARE
             if isinstance(error, MalformedInputError):  # what is wrong with its YAML helps nobody
                 raise MalformedInputError(_UNKNOWN, source=path, hint=_MAPS_ARE) from None
@@ -149,23 +132,24 @@ def _is_bag_metadata(path: Path) -> bool:
     return b"rosbag2_bagfile_information" in head_of(path, _HEAD)
 
 
-def _kind_by_magic(path: Path, head: bytes) -> FileKind | None:
-    def size() -> dict[str, Any]:
-        return {"bytes": status_of(path).st_size}
+_MAGIC = (
+    (b"#ROSBAG V", "", "a ROS 1 bag"),
+    (b"\x89MCAP0\r\n", "", "a bag (MCAP)"),
+    (b"SQLite format 3\0", r"\.db3$", "a ROS 2 bag (SQLite)"),
+    (b"SQLite format 3\0", "", "an SQLite database"),
+    (b"\x28\xb5\x2f\xfd", r"(?i)\.(mcap|db3)\.[^.]+$", "a ROS 2 bag, compressed with zstd"),
+)
+"""First bytes of bags, what their names must hold, and what they are."""
 
-    if head.startswith(b"version https://git-lfs.github.com/spec/"):
+
+def _kind_by_magic(path: Path, head: bytes) -> FileKind | None:
+    if head.startswith(LFS_POINTER):
         found = re.search(rb"(?m)^size (\d{1,18})$", head)
         what = "a Git LFS pointer" + (f" to a file of {int(found[1])} bytes" if found else "")
         return FileKind(POINTER, what, "git lfs pull fetches the file itself")
-    if head.startswith(b"#ROSBAG V"):
-        return FileKind(BAG, "a ROS 1 bag", _BAG_USE, size)
-    if head.startswith(b"\x89MCAP0\r\n"):
-        return FileKind(BAG, "a bag (MCAP)", _BAG_USE, size)
-    if head.startswith(b"SQLite format 3\0"):
-        what = "a ROS 2 bag (SQLite)" if path.suffix == ".db3" else "an SQLite database"
-        return FileKind(BAG, what, _BAG_USE, size)
-    if head.startswith(_ZSTD) and Path(path.stem).suffix.lower() in _OF_BAGS:
-        return FileKind(BAG, "a ROS 2 bag, compressed with zstd", _BAG_USE, size)
+    for magic, name, what in _MAGIC:
+        if head.startswith(magic) and re.search(name, path.name):
+            return FileKind(BAG, what, _BAG_USE, lambda: {"bytes": status_of(path).st_size})
     return None
 
 
@@ -220,7 +204,7 @@ def _kind_of_image(path: Path, head: bytes) -> FileKind | None:
         height, width = read_image_size(path)
         return {"pixels": f"{width} x {height}"}
 
-    beside = [p for p in map(path.with_suffix, (".yaml", ".yml")) if p != path and exists(p)]
+    beside = [p for p in map(path.with_suffix, YAML) if p != path and exists(p)]
     use = "a map also needs a .yaml with its resolution and origin; pass that"
     if beside:
         use = f"pass the map: {str(beside[0]).replace('{', '{{').replace('}', '}}')}"
@@ -244,47 +228,55 @@ def _kind_of_log(path: Path, head: bytes) -> FileKind | None:
     return FileKind(SCANS, "a log of laser scans (CARMEN)", _SCANS_USE, figures)
 
 
+_DOCUMENTS = {
+    "manifest": ("the manifest of a run", "", "mapdeal info on its folder describes the run"),
+    "summary": (
+        "the summary of a batch", "#maps", "mapdeal info describes the folder of each of its maps"
+    ),
+    "route": ("a route (JSON)", "#points length_m", _OF_A_MAP_USE),
+    "reach": (
+        "what a robot can reach (JSON)", "reachable_m2 #passages #goals", _OF_A_MAP_USE
+    ),
+    "lint": ("what lint has found (JSON)", "#maps errors warnings notes", _REPORT_USE),
+    "diff": (
+        "what differs between two maps (JSON)", "cells=common_cells differing", _REPORT_USE
+    ),
+    "alignment": (
+        "where one map lies in the frame of another (JSON)", "same_place",
+        f"{_REPORT_USE}; mapdeal merge --by takes it",
+    ),
+    "score": ("the score of a map (JSON)", "#bounds", _REPORT_USE),
+    "comparison": ("methods of mapping compared (JSON)", "", _REPORT_USE),
+}  # fmt: skip
+"""JSON that mapdeal writes: what it is, its figures, of lists (#) the length, and its use."""
+
+
+def _figures_of(value: dict[str, Any], told: str) -> dict[str, Any]:
+    figures: dict[str, Any] = {}
+    for word in told.split():
+        name, _, key = word.lstrip("#").partition("=")
+        found = value.get(key or name)
+        if word[0] != "#":
+            figures[name] = found
+        elif isinstance(found, list):
+            figures[name] = len(found)
+    return figures
+
+
 def _kind_of_json(path: Path, head: bytes) -> FileKind | None:
-    if head.lstrip()[:1] != b"{":
-        return None
-    value = read_json(path)
+    value = read_json(path) if head.lstrip()[:1] == b"{" else None
     name = document_kind(value)
-    figures: dict[str, Any]
-    if name is None:
+    if value is None or name is None:
         return None
     if name == SHAPES:
-        return _shapes("GeoJSON", _counted(value, shapes="features"))
+        return _shapes("GeoJSON", _figures_of(value, "#shapes=features"))
+    what, told, use = _DOCUMENTS[name]
+    figures = _figures_of(value, told)
     if name == "summary":
-        statuses = [str(one["status"]) for one in value["maps"]]
-        counts = {status: statuses.count(status) for status in dict.fromkeys(statuses)}
-        figures = {"maps": len(statuses), **counts}
-    elif name == "route":
-        figures = {"points": len(value["points"]), "length_m": value.get("length_m")}
-    elif name == "reach":
-        told = _counted(value, passages="passages", goals="goals")
-        figures = {"reachable_m2": value["reachable_m2"], **told}
-    elif name == "lint":
-        told = {key: value.get(key) for key in ("errors", "warnings", "notes")}
-        figures = {**_counted(value, maps="maps"), **told}
-    elif name == "diff":
-        figures = {"cells": value.get("common_cells"), "differing": value.get("differing")}
-    elif name == "alignment":
-        figures = {"same_place": value.get("same_place")}
-    elif name == "score":
-        figures = _counted(value, bounds="bounds")
-    elif name == "comparison":
-        methods = value.get("methods")
-        figures = {"methods": ", ".join(methods)} if isinstance(methods, dict) else {}
-    else:
-        figures = {}
-    what, use = _DOCUMENTS[name]
+        figures |= Counter(str(one["status"]) for one in value["maps"])
+    if name == "comparison" and isinstance(value.get("methods"), dict):
+        figures["methods"] = ", ".join(value["methods"])
     return FileKind(name, what, use, lambda: figures)
-
-
-def _counted(value: dict[str, Any], **lists: str) -> dict[str, int]:
-    """Return how long some lists of a document are, by what to call them."""
-    found = {name: value.get(key) for name, key in lists.items()}
-    return {name: len(one) for name, one in found.items() if isinstance(one, list)}
 
 
 def _shapes(form: str, figures: dict[str, Any]) -> FileKind:
@@ -295,13 +287,12 @@ def _shapes(form: str, figures: dict[str, Any]) -> FileKind:
 def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
     if b":" not in head or b"\0" in head:
         return None
-    if _IMAGE_KEY.search(head):
-        return FileKind(MAP, "a map", _MAP_USE)
+    is_map = IMAGE_KEY.search(head)
     try:
-        entries = read_mapping(path, OF_RECIPES)
+        entries = {} if is_map else read_mapping(path, OF_RECIPES)
     except MalformedInputError:
         return None
-    if "image" in entries:
+    if is_map or "image" in entries:
         return FileKind(MAP, "a map", _MAP_USE)
     if "stages" in entries:
         use = "mapdeal run MAP -o DIR --recipe {path} takes it"

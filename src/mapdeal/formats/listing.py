@@ -18,8 +18,8 @@ from mapdeal.errors import (
     emit_warning,
 )
 from mapdeal.formats.budget import claim
+from mapdeal.formats.endings import BIT_MAP, IMAGE_KEY, NAMED_MAPS, YAML
 from mapdeal.formats.kinds import kind_of, other_kind
-from mapdeal.formats.map_server import BIT_MAP
 from mapdeal.formats.source import (
     contents_of,
     exists,
@@ -31,6 +31,7 @@ from mapdeal.formats.source import (
     read_file,
     real_path,
     status_of,
+    yaml_at,
 )
 from mapdeal.formats.yaml_text import read_mapping
 from mapdeal.records import dataclass
@@ -172,17 +173,10 @@ def natural_key(text: str) -> tuple[list[str | int], str]:
     return [int(part) if k % 2 else part for k, part in enumerate(parts)], text
 
 
-_YAML = (".yaml", ".yml")
-_NAMED = (".npz", BIT_MAP)
-"""Endings of files that are maps by their names; YAML files may be of anything."""
-
 _HEAD = 1 << 20
 _LARGEST_LIST = 1 << 26
 _PER_NAME = 400
 """Bytes that the name of a map takes in memory, and what is made of it."""
-
-# Most files need no parser: keys at the top of a mapping stand at the beginning of a line.
-_IMAGE_KEY = re.compile(rb"""^(\xef\xbb\xbf)?["']?image["']?[ \t]*:""", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -255,7 +249,7 @@ def list_maps(
     repeated: dict[tuple[Path, str], Path] = {}
     for one in found:
         for path in one.files:
-            file = _yaml_of(path)
+            file = (yaml_at(path) if path.suffix.lower() == BIT_MAP else None) or path
             key = (real_path(file.parent), file.name)
             name = path.name if one.root is None else _below(path, root)
             if key in maps:
@@ -267,13 +261,6 @@ def list_maps(
     return MapListing(
         tuple(maps.values()), is_set, tuple(left_out.values()), tuple(repeated.values())
     )
-
-
-def _yaml_of(path: Path) -> Path:
-    """Return the YAML file beside a bit map; other files, and one without, as they are."""
-    if path.suffix.lower() != BIT_MAP:
-        return path
-    return next((p for p in map(path.with_suffix, _YAML) if exists(p)), path)
 
 
 def _lines_of(name: str, standard_input: Callable[[], Iterable[bytes]]) -> list[str]:
@@ -316,10 +303,10 @@ def _found_by(name: str, rules: _Rules, *, is_listed: bool) -> _Found:
         maps = [*maps, *folders] or [path]
         root = path
     elif has_magic(name) and not exists(path):
-        matches = list_files([name], (*_YAML, ".npz", BIT_MAP))
+        matches = list_files([name], NAMED_MAPS)
         candidates = [one for one in matches if not _lies_in(one.parent, output)]
         candidates = _without_images(candidates, keep_all=path.suffix.lower() == BIT_MAP)
-        maps = [one for one in candidates if one.suffix.lower() in _NAMED or _is_map(one)]
+        maps = [one for one in candidates if one.suffix.lower() not in YAML or _is_map(one)]
         if not maps:
             rule = (
                 f"matches no map: no .npz or .pbm, no .yaml with the key image{_outside_of(output)}"
@@ -336,13 +323,12 @@ def _without_images(files: list[Path], *, keep_all: bool) -> list[Path]:
     """Return the files without the bit maps that are the image of a YAML file's map."""
     # Of a pair both match most patterns, and are one map. One that has no YAML file of its name
     # beside it is another's image, unless it was asked for.
-    yamls = {one.with_suffix("") for one in files if one.suffix.lower() in _YAML}
+    yamls = {one.with_suffix("") for one in files if one.suffix.lower() in YAML}
 
     def is_map(path: Path) -> bool:
         if path.suffix.lower() != BIT_MAP:
             return True
-        is_alone = not any(exists(path.with_suffix(ending)) for ending in _YAML)
-        return keep_all if is_alone else path.with_suffix("") not in yamls
+        return path.with_suffix("") not in yamls if yaml_at(path) else keep_all
 
     return [one for one in files if is_map(one)]
 
@@ -390,21 +376,15 @@ def _below_folder(folder: Path, rules: _Rules) -> tuple[list[Path], list[Path]]:
 
     walk = folders_below([folder], look_into, leave_out=lambda one: _lies_in(one, rules.output))
     files = [one / name for one, names in walk for name in names]
-    yamls = sorted_naturally(file for file in files if _may_be_maps(file))
-    return yamls, sorted(listed, key=lambda one: natural_key(str(one)))
-
-
-def _may_be_maps(file: Path) -> bool:
-    """Return whether a file is a YAML file, or a link to nothing that may have been a folder."""
-    return file.suffix.lower() in _YAML or not (file.suffix or exists(file))
+    # a link to nothing may have been a folder
+    yamls = (one for one in files if one.suffix.lower() in YAML or not (one.suffix or exists(one)))
+    return sorted_naturally(yamls), sorted(listed, key=lambda one: natural_key(str(one)))
 
 
 def _is_map(path: Path) -> bool:
     """Return whether a YAML file is a map's: it has the key image, broken though it may be."""
     try:
-        if _IMAGE_KEY.search(head_of(path, _HEAD)):
-            return True
-        return "image" in read_mapping(path)
+        return bool(IMAGE_KEY.search(head_of(path, _HEAD))) or "image" in read_mapping(path)
     except FileAccessError:
         return True  # whoever reads it says why not
     except MapdealError:

@@ -10,19 +10,17 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.formats.dialects import cells_of
+from mapdeal.formats.endings import YAML
 from mapdeal.formats.image import open_strips
 from mapdeal.formats.map_remarks import PixelRemarks
 from mapdeal.formats.map_yaml import Dialect, MapMetadata
 from mapdeal.formats.picture import Picture
 from mapdeal.formats.pnm import BinaryRows
-from mapdeal.formats.source import contents_of, exists, is_same_file, status_of
+from mapdeal.formats.source import contents_of, exists, is_same_file, status_of, yaml_at
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.blocks import CacheBudget, Layer, lazy_layer
-
-BIT_MAP = ".pbm"
-"""Ending of a bit map, an image that stands for the YAML file beside it."""
 
 
 def read_cells(
@@ -113,7 +111,7 @@ def find_image(yaml_path: Path, image: str) -> Path:
 
 def yaml_beside(path: Path) -> Path:
     """Return the YAML file beside a ``.pbm``."""
-    found = next((p for p in map(path.with_suffix, (".yaml", ".yml")) if exists(p)), None)
+    found = yaml_at(path)
     if found is None:
         status_of(path)
         rule = f"has no {path.with_suffix('.yaml').name} beside it, which gives its place"
@@ -168,7 +166,7 @@ def _nearest_name(path: Path) -> str | None:
         return None
     import difflib
 
-    images = [n for n in names if n != path.name and not n.endswith((".yaml", ".yml"))]
+    images = [n for n in names if n != path.name and not n.endswith(YAML)]
     lower = {n.lower(): n for n in images}
     near = [n for n in images if Path(n).stem.lower() == path.stem.lower()]
     near += [

@@ -19,11 +19,11 @@ from mapdeal.errors import (
     kept_warnings,
 )
 from mapdeal.formats.budget import use_memory
+from mapdeal.formats.endings import BIT_MAP, YAML
 from mapdeal.formats.image import IMAGE_SUFFIXES, memory_to_read, open_pixel_rows, read_image_size
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import warn_of_nothing_known, warn_of_one_cost
 from mapdeal.formats.map_server import (
-    BIT_MAP,
     check_rows,
     find_bits,
     find_image,
@@ -295,7 +295,7 @@ def output_paths(output: Path) -> tuple[Path, ...]:
     """Return the files that writing a grid to `output` makes."""
     if output.suffix == ".npz":
         return (output,)
-    if output.suffix in (".yaml", ".yml", ".pgm", ".png"):
+    if output.suffix in (*YAML, ".pgm", ".png"):
         return pair_paths(output)
     rule = "an output must end in .yaml, .npz, .pgm or .png"
     hint = "mapdeal pack makes a bit map of a map" if output.suffix == BIT_MAP else None

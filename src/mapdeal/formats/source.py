@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import claim
+from mapdeal.formats.endings import MAPS, YAML
 
-_GIBIBYTE = 1 << 30
-LARGEST_FILE = 16 * _GIBIBYTE
+LARGEST_FILE = 1 << 34
 _HEAD = 1 << 20
 _CHUNK = 1 << 18
 LONGEST_STREAM = 1 << 28
@@ -83,6 +83,11 @@ def exists(path: Path) -> bool:
     A name that no file can have is not there, nor is a link to nothing.
     """
     return _status_or_none(path) is not None
+
+
+def yaml_at(path: Path) -> Path | None:
+    """Return the YAML file that has the name of another file but for the ending."""
+    return next((p for p in map(path.with_suffix, YAML) if exists(p)), None)
 
 
 def is_folder(path: Path) -> bool:
@@ -264,9 +269,6 @@ def sha256_of(path: Path) -> str:
 _ALIKE = 0.8
 """Names are alike from this ratio on: office1.yaml and office.yaml."""
 
-_MAPS = (".yaml", ".yml", ".npz")
-"""Endings of what a name without one may mean, the likeliest first."""
-
 
 def file_meant(name: str) -> str | None:
     """Return a hint that asks for the file most like a name in its folder; None without any."""
@@ -278,7 +280,7 @@ def file_meant(name: str) -> str | None:
         names = [one for one in contents_of(path.parent)[1] if one != path.name]
     except FileAccessError:
         return None
-    near = [path.name + ending for ending in _MAPS if path.name + ending in names]
+    near = [path.name + ending for ending in MAPS if path.name + ending in names]
     plain = {one.lower(): one for one in reversed(names)}
     near += [plain[one] for one in difflib.get_close_matches(path.name.lower(), plain, 1, _ALIKE)]
     return f"did you mean {path.with_name(near[0])}?" if near else None

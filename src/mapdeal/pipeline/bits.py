@@ -9,7 +9,7 @@ import numpy as np
 
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.formats.bit_maps import bit_map_paths, read_bit_map_pair, write_bit_map_pair
-from mapdeal.formats.map_server import BIT_MAP
+from mapdeal.formats.endings import BIT_MAP
 from mapdeal.formats.maps import as_occupancy, output_paths, write_grid
 from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.field import DistanceField

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mapdeal.checks.difference import STATES, changes_of, confusion_of, states_of
 from mapdeal.errors import ParameterError, one_line
+from mapdeal.formats.endings import MAPS
 from mapdeal.formats.json_values import json_of
 from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.png import write_indexed_png
@@ -81,7 +82,7 @@ def compare_methods(
     advance: Advance = lambda _: None,
 ) -> Comparison:
     """Make maps of scans by several methods on one grid; write them, and what differs."""
-    if folder.suffix in (".yaml", ".yml", ".pgm", ".png", ".npz", ".json"):
+    if folder.suffix in (*MAPS, ".pgm", ".png", ".json"):
         rule = "must be a folder: a comparison writes several maps"
         raise ParameterError(rule, source="--output", got=str(folder))
     methods = tuple(settings.methods)

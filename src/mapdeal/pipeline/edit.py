@@ -8,7 +8,7 @@ from pathlib import Path
 from mapdeal.editing.rescale import rescale, rescaled_frame
 from mapdeal.editing.turn import cells_when_turned, rotate, turn_of, yaw_to_straighten
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.formats.map_server import BIT_MAP
+from mapdeal.formats.endings import BIT_MAP
 from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.costmap import Costmap

@@ -21,6 +21,7 @@ from mapdeal.errors import (
     emit_warning,
     one_line,
 )
+from mapdeal.formats.endings import MAPS, YAML
 from mapdeal.formats.json_values import json_of, read_json
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.formats.maps import output_paths, write_grid
@@ -173,19 +174,19 @@ def _reach_image(grid: Reach, **how: Any) -> Image:
 _FILES: dict[type[Any], GridFiles] = {
     OccupancyGrid: GridFiles(
         "OUT", "The result: .yaml (with .pgm) or .npz.",
-        (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image, OccupancyDrawing,
+        MAPS, (".pgm", ".yaml"), occupancy_image, OccupancyDrawing,
     ),
     FieldView: GridFiles(
         "OUT", "The view: .yaml (with .pgm) or .npz.",
-        (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image, OccupancyDrawing,
+        MAPS, (".pgm", ".yaml"), occupancy_image, OccupancyDrawing,
     ),
     Costmap: GridFiles(
         "OUT", "The costs: .yaml (with .pgm) or .npz.",
-        (".yaml", ".yml", ".npz"), (".npz", ".pgm", ".yaml"), cost_image, CostDrawing,
+        MAPS, (".npz", ".pgm", ".yaml"), cost_image, CostDrawing,
     ),
     DistanceField: GridFiles(
         "OUT", "The field as .npz, as a bare .npy, or its 0..100 view as .yaml (with .pgm).",
-        (".yaml", ".yml", ".npz", ".npy"), (".npz", ".pgm", ".yaml"), field_image, FieldDrawing,
+        (*MAPS, ".npy"), (".npz", ".pgm", ".yaml"), field_image, FieldDrawing,
     ),
     PotentialField: GridFiles(
         "OUT.npz", "The field, with all its layers.",
@@ -215,7 +216,7 @@ def passes_of(step: Step, endings: Iterable[str]) -> int:
 
     Once for its figures and once for the files; besides that by the stage, and by its view.
     """
-    has_view = step.stage.view is not None and not {".pgm", ".yaml", ".yml"}.isdisjoint(endings)
+    has_view = step.stage.view is not None and not {".pgm", *YAML}.isdisjoint(endings)
     return 2 + step.stage.passes + (step.stage.view_passes(step.view) if has_view else 0)
 
 

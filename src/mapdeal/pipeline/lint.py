@@ -22,6 +22,7 @@ from mapdeal.errors import (
     refusal_of_the_system,
 )
 from mapdeal.formats.budget import SHARE_OF_JOB
+from mapdeal.formats.endings import BIT_MAP
 from mapdeal.formats.lint_config import (
     IgnoreComment,
     LintConfig,
@@ -30,7 +31,6 @@ from mapdeal.formats.lint_config import (
     read_lint_config,
 )
 from mapdeal.formats.listing import MapListing, list_maps
-from mapdeal.formats.map_server import BIT_MAP
 from mapdeal.formats.maps import open_map
 from mapdeal.formats.source import is_folder, normal_path
 from mapdeal.grid.footprint import Footprint

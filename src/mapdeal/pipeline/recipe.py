@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
+from mapdeal.formats.endings import YAML
 from mapdeal.formats.source import exists, is_folder
 from mapdeal.formats.yaml_text import parse_value
 from mapdeal.grid.costmap import Costmap
@@ -163,7 +164,7 @@ def _read_draft(name: str) -> Draft:
             draft = read_recipe_file(folder / f"{name}.yaml", name)
         return [(stage, Given(given)) for stage, given in draft]
     path = Path(name)
-    if path.suffix not in (".yaml", ".yml") and not exists(path):
+    if path.suffix not in YAML and not exists(path):
         raise unknown_name("recipe", name, BUILT_IN)
     return read_recipe_file(path, name)
 

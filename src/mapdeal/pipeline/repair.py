@@ -13,6 +13,7 @@ from mapdeal.checks.facts import PairFacts, gather
 from mapdeal.checks.finding import Finding
 from mapdeal.checks.repair import repaired, yaml_repair
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, kept_warnings
+from mapdeal.formats.endings import YAML
 from mapdeal.formats.map_server import image_places
 from mapdeal.formats.map_writer import write_map_image
 from mapdeal.formats.map_yaml import MapMetadata, metadata_of
@@ -161,7 +162,7 @@ def _images_of(folder: Path) -> Iterator[tuple[tuple[int, int], Path]]:
     except FileAccessError:
         return
     for path in (folder / name for name in names):
-        if path.suffix.lower() not in (".yaml", ".yml"):
+        if path.suffix.lower() not in YAML:
             continue
         with contextlib.suppress(MapdealError):
             entries = read_mapping(path)

@@ -9,6 +9,7 @@ from pathlib import Path
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError, emit_warning, one_line
 from mapdeal.formats.answers import Answer, ComparisonAnswer, DiffAnswer, LintAnswer, read_answer
 from mapdeal.formats.documents import AlignmentAnswer, ScoreAnswer
+from mapdeal.formats.endings import NAMED_MAPS
 from mapdeal.formats.kinds import SHAPES, kind_of
 from mapdeal.formats.source import exists, identity_of, is_folder, status_of
 from mapdeal.grid.display import count_text
@@ -38,8 +39,6 @@ from mapdeal.pipeline.reports.runs import (
 )
 from mapdeal.report.document import Report, Table
 from mapdeal.version import __version__
-
-_GRIDS = (".yaml", ".yml", ".npz", ".pbm")
 
 
 def gathered(
@@ -107,7 +106,7 @@ def _is_first(path: Path, seen: set[object]) -> bool:
 
 
 def _is_grid(path: Path) -> bool:
-    if path.suffix.lower() not in _GRIDS:
+    if path.suffix.lower() not in NAMED_MAPS:
         return False
     kind = kind_of(path)
     return kind is None or kind.name != SHAPES
