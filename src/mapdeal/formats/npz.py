@@ -62,9 +62,7 @@ def write_npz(
             _write_entry(file, archive, f"{name}.npy", array)
 
 
-def _write_entry(
-    file: BinaryIO, archive: zipfile.ZipFile, name: str, array: Layer
-) -> None:  # fmt: skip
+def _write_entry(file: BinaryIO, archive: zipfile.ZipFile, name: str, array: Layer) -> None:
     """Add an array, compressed in threads."""
     # zipfile would compress in one. So it stores what is compressed already, and the entry's header
     # is then corrected to say so. Layers of float64 are left as they are: their last digits are
@@ -118,12 +116,8 @@ def open_npz(
 
 
 def _grid_in(reader: NpzReader, path: Path) -> Grid:
-    _check_format(reader, path)
-    try:
-        resolution, origin = _geometry_of(reader)
+    with _geometry_in(reader, path) as (resolution, origin):
         return _READERS[_own_layer(reader.names())](reader, resolution, origin)
-    except ParameterError as error:
-        raise error.in_file(path) from None
 
 
 def holds_reach(path: Path) -> bool:
@@ -134,25 +128,28 @@ def holds_reach(path: Path) -> bool:
 
 def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
     """Return what an ``.npz`` file holds of a `Reach`: all but its goals and passages."""
-    with NpzReader(path, LARGEST_CELLS if max_cells is None else max_cells) as reader:
-        _check_format(reader, path)
-        try:
-            resolution, origin = _geometry_of(reader)
-            return Reach(
-                reader.layer("reachable", np.uint8),
-                reader.layer("headings", np.uint8),
-                reader.layer("clearance", np.float32),
-                reader.layer("widest", np.float32),
-                reader.layer("occupancy", np.int8),
-                resolution,
-                origin,
-                start=_start_in(reader, path),
-                robot=_robot_in(reader),
-                heading_count=reader.whole_number("heading_count"),
-                through_unknown=bool(reader.whole_number("through_unknown")),
-            )
-        except ParameterError as error:
-            raise error.in_file(path) from None
+    most = LARGEST_CELLS if max_cells is None else max_cells
+    with NpzReader(path, most) as reader, _geometry_in(reader, path) as (resolution, origin):
+        start = reader.small(
+            "start", np.float64, (3,) if reader.header("start").shape == (3,) else (2,)
+        )
+        if not np.isfinite(start).all():
+            raise MalformedInputError("must be finite numbers", source=path, place="start")
+        robot = None
+        if "robot" in reader.names():
+            corners = reader.small("robot", np.float64, (*reader.header("robot").shape[:1], 2))
+            if len(corners):
+                robot = Footprint.polygon(corners.tolist())
+            else:
+                robot = Footprint.circle(reader.number("robot_radius"))
+        return Reach(
+            reader.layer("reachable", np.uint8), reader.layer("headings", np.uint8),
+            reader.layer("clearance", np.float32), reader.layer("widest", np.float32),
+            reader.layer("occupancy", np.int8), resolution, origin,
+            start=tuple(start.tolist()), robot=robot,
+            heading_count=reader.whole_number("heading_count"),
+            through_unknown=bool(reader.whole_number("through_unknown")),
+        )  # fmt: skip
 
 
 def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, NDArray[Any]]:
@@ -166,33 +163,30 @@ def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, NDAr
 
 def npz_frame(path: Path) -> Frame:
     """Return where the grid in an ``.npz`` file lies; of its layers headers are read."""
-    with NpzReader(path, LARGEST_CELLS) as reader:
-        _check_format(reader, path)
+    with NpzReader(path, LARGEST_CELLS) as reader, _geometry_in(reader, path) as geometry:
         own = _own_layer(reader.names())
         layer = _LAYER_READ.get(own, own)
         shape = reader.header(layer).shape
         if len(shape) != 2:
             rule = f"must have two axes, has {len(shape)}"
             raise MalformedInputError(rule, source=path, place=layer)
-        try:
-            return Frame(*shape, *_geometry_of(reader))
-        except ParameterError as error:
-            raise error.in_file(path) from None
+        return Frame(*shape, *geometry)
 
 
 def npz_memory(path: Path) -> int:
     """Return the bytes that reading an ``.npz`` file takes; of its layers headers are read."""
     with NpzReader(path, LARGEST_CELLS) as reader:
-        names = reader.names()
-        own = _own_layer(names)
+        own = _own_layer(reader.names())
         layers = {_LAYER_READ.get(own, own)}
         if own in _WITH_OCCUPANCY:
-            layers |= {"occupancy"} & names
+            layers |= {"occupancy"} & reader.names()
         taken = sum(reader.header(layer).nbytes for layer in layers)
     return taken + min(PIECES, taken)
 
 
-def _check_format(reader: NpzReader, path: Path) -> None:
+@contextmanager
+def _geometry_in(reader: NpzReader, path: Path) -> Iterator[tuple[float, Origin]]:
+    """Yield resolution and origin of mapdeal's own file, which errors of its values name."""
     if "format" not in reader.names():
         hint = "only npz files that mapdeal wrote can be read"
         with recognised(path, "a map", MAP):
@@ -200,19 +194,18 @@ def _check_format(reader: NpzReader, path: Path) -> None:
     found = reader.text("format", None)
     if found != FORMAT:
         raise MalformedInputError(f"must be {FORMAT}", source=path, place="format", got=found)
-
-
-def _geometry_of(reader: NpzReader) -> tuple[float, Origin]:
-    resolution = check_resolution(reader.number("resolution"))
-    return resolution, check_origin(reader.small("origin", np.float64, (3,)).tolist())
+    try:
+        resolution = check_resolution(reader.number("resolution"))
+        yield resolution, check_origin(reader.small("origin", np.float64, (3,)).tolist())
+    except ParameterError as error:
+        raise error.in_file(path) from None
 
 
 def _read_costmap(reader: NpzReader, resolution: float, origin: Any) -> Costmap:
     scale = reader.text("cost_scale", ("costmap2d", "occupancy"))
     cost = reader.layer("cost", np.uint8 if scale == "costmap2d" else np.int8)
-    circumscribed = None
-    if "circumscribed_cost" in reader.names():
-        circumscribed = reader.whole_number("circumscribed_cost")
+    is_told = "circumscribed_cost" in reader.names()
+    circumscribed = reader.whole_number("circumscribed_cost") if is_told else None
     return Costmap(cost, resolution, origin, scale, circumscribed)  # type: ignore[arg-type]
 
 
@@ -259,32 +252,11 @@ def _read_occupancy(reader: NpzReader, resolution: float, origin: Any) -> Occupa
     return FieldView(occupancy, resolution, origin, ViewScale(view, **lengths))
 
 
-def _read_map_of_reach(reader: NpzReader, resolution: float, origin: Any) -> OccupancyGrid:
-    return OccupancyGrid(reader.layer("occupancy", np.int8), resolution, origin)
-
-
-def _start_in(reader: NpzReader, path: Path) -> tuple[float, ...]:
-    count = 3 if reader.header("start").shape == (3,) else 2
-    start: list[float] = reader.small("start", np.float64, (count,)).tolist()
-    if not np.isfinite(start).all():
-        raise MalformedInputError("must be finite numbers", source=path, place="start")
-    return tuple(start)
-
-
-def _robot_in(reader: NpzReader) -> Footprint | None:
-    if "robot" not in reader.names():
-        return None
-    corners = reader.small("robot", np.float64, (*reader.header("robot").shape[:1], 2))
-    if len(corners):
-        return Footprint.polygon(corners.tolist())
-    return Footprint.circle(reader.number("robot_radius"))
-
-
 _READERS: dict[str, Callable[[NpzReader, float, Any], Grid]] = {
     "cost": _read_costmap,
     "distance": _read_field,
     "repulsive": _read_potential,
-    _OF_REACH: _read_map_of_reach,
+    _OF_REACH: lambda reader, *lies: OccupancyGrid(reader.layer("occupancy", np.int8), *lies),
     "occupancy": _read_occupancy,
 }
 _LAYER_READ = {_OF_REACH: "occupancy"}

@@ -65,7 +65,6 @@ class NpzReader:
         self._files.close()
 
     def names(self) -> set[str]:
-        """Return the names of the arrays."""
         return {name.removesuffix(".npy") for name in self._zip.namelist()}
 
     def header(self, name: str) -> NpyHeader:
@@ -73,8 +72,7 @@ class NpzReader:
             return header
 
     def layer(self, name: str, dtype: type[np.generic]) -> Layer:
-        header = self.header(name)
-        self._check(name, header, np.dtype(dtype), self._max_cells)
+        header = self._checked(name, self._max_cells, np.dtype(dtype))
         if len(header.shape) != 2:
             raise self._error(name, f"must have two axes, has {len(header.shape)}")
         if self._block_height is None or header.is_fortran:
@@ -98,9 +96,9 @@ class NpzReader:
         return cast("Layer", layer)
 
     def small(self, name: str, dtype: type[np.generic], shape: tuple[int, ...]) -> NDArray[Any]:
-        header = self.header(name)
-        self._check(name, header, np.dtype(dtype), _LARGEST_SMALL_ARRAY, shape)
-        return self._values(name, header.nbytes)
+        return self._values(
+            name, self._checked(name, _LARGEST_SMALL_ARRAY, np.dtype(dtype), shape).nbytes
+        )
 
     def number(self, name: str) -> float:
         return float(self._single(name, "iuf", "a number"))
@@ -123,12 +121,11 @@ class NpzReader:
         return text
 
     def numbers(self, name: str, axes: int) -> NDArray[np.float64]:
-        header = self.header(name)
+        header = self._checked(name, self._max_cells)
         if header.dtype.kind not in "iuf" or len(header.shape) != axes:
             found = f"{header.dtype} of shape {header.shape}"
             raise self._error(name, f"must be numbers with {axes} axes, is {found}")
-        self._check(name, header, None, self._max_cells)
-        wide = 2 * header.elements * np.dtype(np.float64).itemsize  # converted, and looked at
+        wide = 16 * header.elements  # converted to float64, and looked at
         return self._values(name, header.nbytes + wide).astype(np.float64)
 
     def rows(
@@ -148,50 +145,44 @@ class NpzReader:
             if width > _MOST_COLUMNS:
                 raise self._error(name, f"{width} columns, above the limit of {_MOST_COLUMNS}")
             # as many as are little memory, too, when they are converted
-            wide = max(1, width) * max(np.dtype(np.float64).itemsize, header.dtype.itemsize)
-            together = max(1, _CHUNK // wide)
+            together = max(1, _CHUNK // (max(1, width) * max(8, header.dtype.itemsize)))
             table = self._values(name, header.nbytes) if header.is_fortran else None
             for first in range(0, height, together):
                 count = min(together, height - first)
+                part = (
+                    np.empty((count, width), header.dtype)
+                    if table is None
+                    else table[first:][:count]
+                )
                 if table is None:
-                    part = np.empty((count, width), dtype=header.dtype)
                     _fill(part, file)
-                else:
-                    part = table[first : first + count]
                 yield part[:, :columns].astype(np.float64)
 
     def _single(self, name: str, kinds: str, what: str) -> NDArray[Any]:
-        header = self.header(name)
-        self._check(name, header, None, _LARGEST_SMALL_ARRAY, ())
-        if header.nbytes > _LARGEST_SMALL_ARRAY:
-            raise self._error(name, f"must be a single value, is {header.dtype}")
-        if header.dtype.kind not in kinds:
+        header = self._checked(name, _LARGEST_SMALL_ARRAY, shape=())
+        if header.dtype.kind not in kinds or header.nbytes > _LARGEST_SMALL_ARRAY:
             raise self._error(name, f"must be {what}, is {header.dtype}")
         return self._values(name, header.nbytes)
 
-    def _check(
-        self,
-        name: str,
-        header: NpyHeader,
-        dtype: np.dtype[Any] | None,
-        most: int,
-        shape: tuple[int, ...] | None = None,
-    ) -> None:
+    def _checked(
+        self, name: str, most: int, dtype: Any = None, shape: tuple[int, ...] | None = None
+    ) -> NpyHeader:
+        header = self.header(name)
         if dtype is not None and header.dtype != dtype:
             raise self._error(name, f"must be {dtype}, is {header.dtype}")
         if shape is not None and header.shape != shape:
             raise self._error(name, f"must have shape {shape}, has {header.shape}")
         if header.elements > most:
             raise self._error(name, f"{header.elements} elements, above the limit of {most}")
+        return header
 
     def _check_values(self, name: str, values: NDArray[Any]) -> None:
         """Refuse rows that a map or costs in memory would be refused for."""
-        if values.dtype != np.int8 or not values.size:
-            return
-        lowest, highest = int(values.min()), int(values.max())
-        if lowest < UNKNOWN or highest > OCCUPIED:
-            rule = f"{name} must lie in -1..100"
-            raise ParameterError(rule, got=(lowest, highest)).in_file(self.path)
+        if values.dtype == np.int8 and values.size:
+            lowest, highest = int(values.min()), int(values.max())
+            if lowest < UNKNOWN or highest > OCCUPIED:
+                rule = f"{name} must lie in -1..100"
+                raise ParameterError(rule, got=(lowest, highest)).in_file(self.path)
 
     def _error(self, name: str, rule: str) -> MalformedInputError:
         return MalformedInputError(rule, source=self.path, place=name)
