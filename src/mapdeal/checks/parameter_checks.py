@@ -278,71 +278,44 @@ def without_effect(facts: ParameterFacts) -> Iterator[Remark]:
 
 _SEVERITIES: dict[str, Severity] = {"refused": "error", "warning": "warning", "note": "note"}
 
-declare_check("params.syntax", "error", "a parameter file that ROS cannot read")
-declare_check("params.other-kind", "error", "a file of another kind, such as a map or a recipe")
-declare_check("params.empty", "error", "a parameter without a value, at which roslaunch ends")
-declare_check("params.name", "error", "a name that is not text")
-declare_check("params.type", "error", "a value of a type that ROS refuses")
-declare_check(
-    "params.silent-default",
-    "warning",
-    "a value of a wrong type in ROS 1, which silently takes its default, or rounds a number",
-)
-declare_check(
-    "params.sensor-type", "warning", "a value of a layer of sensors, of a type that Nav2 refuses"
-)
-declare_check("params.not-finite", "error", "a number that is not finite")
-declare_check("params.not-positive", "error", "a number that must be above 0, or not below it")
-declare_check(
-    "params.range",
-    "warning",
-    "a number out of its range, which ROS moves into it, or takes as it is",
-)
-declare_check("params.substitution", "error", "a value that a launch file would fill in")
-declare_check("params.namespace", "error", "no costmap of the name that is asked for, or several")
-declare_check(
-    "params.other-costmap", "warning", "a file of ROS 1 that is left out, as one of another costmap"
-)
-declare_check("params.footprint", "error", "a footprint that ROS refuses")
-declare_check("params.footprint-unused", "warning", "a footprint that ROS passes over")
-declare_check(
-    "params.outline", "warning", "a footprint that crosses itself, or is not around (0, 0)"
-)
-declare_check("params.no-shape", "warning", "neither a footprint nor a radius")
-declare_check("params.too-large", "error", "a footprint that reaches farther than a kilometre")
-declare_check("params.plugins", "error", "layers that cannot be loaded")
-declare_check(
-    "params.not-modelled", "warning", "a layer that mapdeal does not know, and leaves out"
-)
-declare_check(
-    "params.footprint-clearing", "note", "a static layer that frees the cells below the robot"
-)
-declare_check(
-    "params.inflation-radius", "error", "an inflation radius below the robot's inscribed radius"
-)
-declare_check(
-    "params.custom-inscribed-radius", "warning", "an inscribed radius that is not the footprint's"
-)
-declare_check(
-    "params.asymmetric", "note", "inflation that depends on the path, which a map does not have"
-)
-declare_check(
-    "params.no-static-layer", "warning", "a global costmap whose layers do not read the map"
-)
-declare_check(
-    "params.other-map", "warning", "static layers that read different maps: all get the one here"
-)
-declare_check("params.only-namespace", "warning", "a robot in a namespace that was not asked for")
-declare_check("params.no-node", "error", "a Nav2 file that says nothing of the costmap")
-declare_check(
-    "params.one-level",
-    "error",
-    "a costmap of Nav2 that is not nested twice, and so applies to no node",
-)
-declare_check("params.hidden", "warning", "a later value that ROS 2 ignores for its type")
-declare_check("params.overridden", "warning", "a value that another one takes the place of")
-declare_check("params.twice", "warning", "a key given twice, with different values")
-declare_check("params.repeated", "note", "a key given twice, with one value")
+_DECLARED: tuple[tuple[str, Severity, str], ...] = (
+    ("syntax", "error", "a parameter file that ROS cannot read"),
+    ("other-kind", "error", "a file of another kind, such as a map or a recipe"),
+    ("empty", "error", "a parameter without a value, at which roslaunch ends"),
+    ("name", "error", "a name that is not text"),
+    ("type", "error", "a value of a type that ROS refuses"),
+    ("silent-default", "warning",
+     "a value of a wrong type in ROS 1, which silently takes its default, or rounds a number"),
+    ("sensor-type", "warning", "a value of a layer of sensors, of a type that Nav2 refuses"),
+    ("not-finite", "error", "a number that is not finite"),
+    ("not-positive", "error", "a number that must be above 0, or not below it"),
+    ("range", "warning", "a number out of its range, which ROS moves into it, or takes as it is"),
+    ("substitution", "error", "a value that a launch file would fill in"),
+    ("namespace", "error", "no costmap of the name that is asked for, or several"),
+    ("other-costmap", "warning", "a file of ROS 1 that is left out, as one of another costmap"),
+    ("footprint", "error", "a footprint that ROS refuses"),
+    ("footprint-unused", "warning", "a footprint that ROS passes over"),
+    ("outline", "warning", "a footprint that crosses itself, or is not around (0, 0)"),
+    ("no-shape", "warning", "neither a footprint nor a radius"),
+    ("too-large", "error", "a footprint that reaches farther than a kilometre"),
+    ("plugins", "error", "layers that cannot be loaded"),
+    ("not-modelled", "warning", "a layer that mapdeal does not know, and leaves out"),
+    ("footprint-clearing", "note", "a static layer that frees the cells below the robot"),
+    ("inflation-radius", "error", "an inflation radius below the robot's inscribed radius"),
+    ("custom-inscribed-radius", "warning", "an inscribed radius that is not the footprint's"),
+    ("asymmetric", "note", "inflation that depends on the path, which a map does not have"),
+    ("no-static-layer", "warning", "a global costmap whose layers do not read the map"),
+    ("other-map", "warning", "static layers that read different maps: all get the one here"),
+    ("only-namespace", "warning", "a robot in a namespace that was not asked for"),
+    ("no-node", "error", "a Nav2 file that says nothing of the costmap"),
+    ("one-level", "error", "a costmap of Nav2 that is not nested twice, and so applies to no node"),
+    ("hidden", "warning", "a later value that ROS 2 ignores for its type"),
+    ("overridden", "warning", "a value that another one takes the place of"),
+    ("twice", "warning", "a key given twice, with different values"),
+    ("repeated", "note", "a key given twice, with one value"),
+)  # fmt: skip
+for _name, _severity, _about in _DECLARED:
+    declare_check(f"params.{_name}", _severity, _about)
 
 
 def finding_of(problem: Problem, file: str) -> Finding:
