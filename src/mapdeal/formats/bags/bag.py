@@ -95,8 +95,9 @@ class Connection:
     spelled: str = ""
 
     def __post_init__(self) -> None:
-        if not self.spelled:
-            object.__setattr__(self, "spelled", self.type)
+        object.__setattr__(self, "spelled", self.spelled or self.type)
+        object.__setattr__(self, "topic", normalised_topic(self.topic))
+        object.__setattr__(self, "type", normalised_type(self.type))
 
 
 class Place(NamedTuple):

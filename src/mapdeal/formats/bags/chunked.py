@@ -110,9 +110,6 @@ class KeptChunks:
         return chunk
 
 
-OF_ENTRY, OF_LOOSE, OF_CHUNK, OF_CONNECTION = 160, 40, 600, 1500
-"""Bytes that are kept of an index record, a message outside of chunks, and so on, at most."""
-
 _TOGETHER = 1 << 16
 """Entries of an index record that are read at once."""
 
@@ -139,6 +136,9 @@ class CutError(Exception):
 class ChunkedBag(Bag):
     """A file of records, which are gone through once to find chunks, connections, and the rest."""
 
+    _OF_ENTRY, _OF_LOOSE, _OF_CHUNK, _OF_CONNECTION = 160, 40, 600, 1500
+    """Bytes that are kept of an index record, a message outside of chunks, and so on, at most."""
+
     def __init__(self, path: Path, form: str) -> None:
         super().__init__(path, form)
         self._chunks: list[Chunk] = []
@@ -159,14 +159,12 @@ class ChunkedBag(Bag):
 
     @property
     def connections(self) -> Sequence[Connection]:
-        """All connections; see `Bag`."""
         return list(self._found.values())
 
     def close(self) -> None:
         self._file.close()
 
     def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
-        """Yield the places of all messages of some connections; see `Bag`."""
         wanted = set(connections)
         if self._loose:
             index = MessageIndex.of(self._loose)
@@ -238,7 +236,7 @@ class ChunkedBag(Bag):
             self._chunks[-1].is_indexed = False
 
     def _note_index(self, connection: int, start: int, count: int) -> None:
-        self._note_memory(OF_ENTRY)
+        self._note_memory(self._OF_ENTRY)
         self._chunks[-1].entries.append((connection, start, count))
         self._chunks[-1].is_indexed = True
 

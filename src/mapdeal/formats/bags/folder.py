@@ -82,14 +82,9 @@ class FolderBag(Bag):
                 self._homes.append((part, one.id))
                 said = metadata.serializations.get(one.topic, one.serialization)
                 is_same = said == one.serialization
-                self._found.append(
-                    replace(
-                        one,
-                        id=len(self._found),
-                        encoding=one.encoding if is_same else "",
-                        serialization=said,
-                    )
-                )
+                encoding = one.encoding if is_same else ""
+                number = len(self._found)
+                self._found.append(replace(one, id=number, encoding=encoding, serialization=said))
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -98,14 +93,12 @@ class FolderBag(Bag):
 
     @property
     def connections(self) -> Sequence[Connection]:
-        """All connections of all files; see `Bag`."""
         return self._found
 
     def close(self) -> None:
         self._stack.close()
 
     def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
-        """Yield the places of all messages of some connections; see `Bag`."""
         for part in self._parts:
             numbers = {
                 self._homes[one][1]: one for one in connections if self._homes[one][0] is part
@@ -118,14 +111,12 @@ class FolderBag(Bag):
                     yield replace(piece, connections=ids[at])
 
     def summary(self) -> dict[int, Recorded]:
-        """Return how many messages each connection has, and when; see `Bag`."""
         of_parts = {id(part): part.summary() for part in self._parts}
         return {
             number: of_parts[id(part)][own] for number, (part, own) in enumerate(self._homes)
         }  # fmt: skip
 
     def data(self, place: Place) -> bytes:
-        """Return a message as it was serialized; see `Bag`."""
         part, own = self._homes[place.connection]
         data = part.data(place._replace(connection=own))
         return expanded(data, "zstd", None, self.path) if self._compresses_messages else data

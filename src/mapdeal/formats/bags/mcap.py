@@ -15,23 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapdeal.formats.bags.bag import (
-    Connection,
-    Encoding,
-    MessageIndex,
-    Place,
-    normalised_topic,
-    normalised_type,
-)
-from mapdeal.formats.bags.chunked import (
-    IN_THE_FILE,
-    OF_CHUNK,
-    OF_CONNECTION,
-    OF_LOOSE,
-    Chunk,
-    ChunkedBag,
-    CutError,
-)
+from mapdeal.formats.bags.bag import Connection, Encoding, MessageIndex, Place
+from mapdeal.formats.bags.chunked import IN_THE_FILE, Chunk, ChunkedBag, CutError
 from mapdeal.formats.source import access_to
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -65,7 +50,6 @@ class McapBag(ChunkedBag):
         super().__init__(path, "a bag (MCAP)")
 
     def data(self, place: Place) -> bytes:
-        """Return a message as it was serialized; see `Bag`."""
         with access_to(self.path):
             if place.block == IN_THE_FILE:
                 self._file.seek(place.offset + 1)
@@ -122,7 +106,7 @@ class McapBag(ChunkedBag):
             self._note_index(channel, start + 6, size // 16)
         elif opcode == _MESSAGE and length >= _BEFORE_DATA:
             channel, _, time = struct.unpack("<HIQ", self._read(14))
-            self._note_memory(OF_LOOSE)
+            self._note_memory(self._OF_LOOSE)
             self._loose.extend((channel, _signed(time), IN_THE_FILE, position))
 
     def _note_chunk(self, start: int, length: int, *, is_cut: bool = False) -> None:
@@ -140,7 +124,7 @@ class McapBag(ChunkedBag):
         stored = int.from_bytes(word, "little")
         if not is_cut and stored > length - before:
             raise self.malformed("the head of a chunk is damaged")
-        self._note_memory(OF_CHUNK)
+        self._note_memory(self._OF_CHUNK)
         self._chunks.append(
             Chunk(
                 name.decode("latin-1"), size, start + before, min(stored, length - before), crc,
@@ -156,7 +140,7 @@ class McapBag(ChunkedBag):
                 (number,) = struct.unpack_from("<H", data)
                 if number in self._schemas:
                     return
-                self._note_memory(OF_CONNECTION + 2 * len(data))
+                self._note_memory(self._OF_CONNECTION + 2 * len(data))
                 name, position = _text(data, 2)
                 encoding, position = _text(data, position)
                 text, _ = _text(data, position)
@@ -165,22 +149,17 @@ class McapBag(ChunkedBag):
             number, schema_number = struct.unpack_from("<HH", data)
             if number in self._found:
                 return
-            self._note_memory(OF_CONNECTION + 2 * len(data))
+            self._note_memory(self._OF_CONNECTION + 2 * len(data))
             topic, position = _text(data, 4)
             serialization, _ = _text(data, position)
         except (struct.error, CutError):
             raise self.malformed("a schema or channel is damaged") from None
         schema = self._schemas.get(schema_number, _Schema("", "", ""))
         self._found[number] = Connection(
-            number,
-            normalised_topic(topic),
-            normalised_type(schema.name),
-            _ENCODINGS.get(serialization, ""),
+            number, topic, schema.name, _ENCODINGS.get(serialization, ""),
             schema.text if schema.encoding in ("ros2msg", "ros1msg", *_IDL) else "",
-            schema.encoding in _IDL,
-            serialization,
-            schema.name,
-        )
+            schema.encoding in _IDL, serialization,
+        )  # fmt: skip
 
     def _find_connections_in(self, number: int) -> None:
         data = self._expanded(number)

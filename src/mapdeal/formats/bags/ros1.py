@@ -15,22 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mapdeal.formats.bags.bag import (
-    Connection,
-    MessageIndex,
-    Place,
-    normalised_topic,
-    normalised_type,
-)
-from mapdeal.formats.bags.chunked import (
-    IN_THE_FILE,
-    OF_CHUNK,
-    OF_CONNECTION,
-    OF_LOOSE,
-    Chunk,
-    ChunkedBag,
-    CutError,
-)
+from mapdeal.formats.bags.bag import Connection, MessageIndex, Place
+from mapdeal.formats.bags.chunked import IN_THE_FILE, Chunk, ChunkedBag, CutError
 from mapdeal.formats.source import access_to
 
 _MAGIC = re.compile(rb"#ROSBAG V(\d+)\.(\d+)\n")
@@ -56,7 +42,6 @@ class Ros1Bag(ChunkedBag):
         super().__init__(path, "a ROS 1 bag")
 
     def data(self, place: Place) -> bytes:
-        """Return a message as it was serialized; see `Bag`."""
         with access_to(self.path):
             if place.block == IN_THE_FILE:
                 self._file.seek(place.offset)
@@ -109,7 +94,7 @@ class Ros1Bag(ChunkedBag):
             compression = fields.get(b"compression", b"").decode("latin-1")
             size = _number(fields, b"size")
             there = min(length, self._size - start)
-            self._note_memory(OF_CHUNK)
+            self._note_memory(self._OF_CHUNK)
             self._chunks.append(Chunk(compression, size, start, there, is_cut=is_cut))
         if is_cut:
             raise CutError(f"a record of {length} bytes at byte {position}")
@@ -119,7 +104,7 @@ class Ros1Bag(ChunkedBag):
             self._note_connection(fields, self._read(length))
         elif op == _MESSAGE:
             connection, time = _number(fields, b"conn"), _time(fields)
-            self._note_memory(OF_LOOSE)
+            self._note_memory(self._OF_LOOSE)
             self._loose.extend((connection, time, IN_THE_FILE, position))
         elif op == _CHUNK_INFO:
             self._has_summary = True
@@ -138,15 +123,12 @@ class Ros1Bag(ChunkedBag):
         number = _number(fields, b"conn")
         if number in self._found:
             return
-        self._note_memory(OF_CONNECTION + 4 * len(data))
+        self._note_memory(self._OF_CONNECTION + 4 * len(data))
         told = _fields_in(data)
         topic = fields.get(b"topic", told.get(b"topic", b""))
-        spelled = told.get(b"type", b"").decode("utf-8", "replace")
-        text = told.get(b"message_definition", b"").decode("utf-8", "replace")
-        name_of_topic = normalised_topic(topic.decode("utf-8", "replace"))
-        self._found[number] = Connection(
-            number, name_of_topic, normalised_type(spelled), "ros1", text, False, "ros1", spelled
-        )
+        texts = topic, told.get(b"type", b""), told.get(b"message_definition", b"")
+        topic_name, name, text = (one.decode("utf-8", "replace") for one in texts)
+        self._found[number] = Connection(number, topic_name, name, "ros1", text, False, "ros1")
 
     def _find_connections_in(self, number: int) -> None:
         for fields, data, _ in self._records_of(number):

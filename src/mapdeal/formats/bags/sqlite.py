@@ -18,15 +18,7 @@ from urllib.parse import quote
 import numpy as np
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.bags.bag import (
-    Bag,
-    Connection,
-    MessageIndex,
-    Place,
-    Recorded,
-    normalised_topic,
-    normalised_type,
-)
+from mapdeal.formats.bags.bag import Bag, Connection, MessageIndex, Place, Recorded
 from mapdeal.formats.budget import claim, room
 from mapdeal.formats.source import (
     absolute_path,
@@ -90,7 +82,6 @@ class SqliteBag(Bag):
 
     @property
     def connections(self) -> Sequence[Connection]:
-        """All connections; see `Bag`."""
         return self._found
 
     def close(self) -> None:
@@ -98,7 +89,6 @@ class SqliteBag(Bag):
         self._stack.close()
 
     def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
-        """Yield the places of all messages of some connections; see `Bag`."""
         wanted = ",".join(str(int(one)) for one in connections)
         # what of a cut file has a place in its tables need not have its data
         data = "LENGTH(data || '')" if self._is_cut else "0"
@@ -117,7 +107,6 @@ class SqliteBag(Bag):
             raise self.malformed("a time or topic of a message is not a whole number") from None
 
     def summary(self) -> dict[int, Recorded]:
-        """Return how many messages each connection has, and when; see `Bag`."""
         if self._is_cut:
             return super().summary()
         found = {one.id: Recorded() for one in self._found}
@@ -132,7 +121,6 @@ class SqliteBag(Bag):
         return found
 
     def data(self, place: Place) -> bytes:
-        """Return a message as it was serialized; see `Bag`."""
         of_place = "FROM messages WHERE id = ? AND typeof(data) = 'blob'"
         with self._damage():
             told = self._select(f"SELECT length(data) {of_place}", place.block).fetchone()
@@ -204,15 +192,9 @@ class SqliteBag(Bag):
             seen.add(int(number))
             text, is_idl = texts.get(name, ("", False))
             yield Connection(
-                int(number),
-                normalised_topic(str(topic)),
-                normalised_type(str(name)),
-                "cdr" if serialization == "cdr" else "",
-                text,
-                is_idl,
-                str(serialization),
-                str(name),
-            )
+                int(number), str(topic), str(name), "cdr" if serialization == "cdr" else "",
+                text, is_idl, str(serialization),
+            )  # fmt: skip
 
     def _columns(self) -> dict[str, dict[str, int]]:
         """Return the columns of each table, by their numbers in its key; none are computed."""
