@@ -76,12 +76,10 @@ class Agreement:
         return chance
 
     def evidence(self, chance: Floats) -> Floats:
-        """Return how much more of the walls agrees than by chance, shape (K,).
-
-        The divergence of the share that agrees from the share by chance, times the pieces of
-        wall; the mean over the tolerances. Where maps hardly overlap, it is less in proportion:
-        a few walls always agree somewhere.
-        """
+        """Return how much more of the walls agrees than by chance, shape (K,)."""
+        # The divergence of the share that agrees from the share by chance, times the pieces of
+        # wall; the mean over the tolerances. Where maps hardly overlap, it is less in proportion: a
+        # few walls always agree somewhere.
         pieces = (self.agreeing + self.contradicting) / self.piece
         evidence: Floats = (pieces * self._divergences(chance)).mean(axis=1)
         evidence *= np.minimum(self.overlap / _FULL_OVERLAP, 1)

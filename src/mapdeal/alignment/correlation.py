@@ -81,13 +81,9 @@ class WallMap:
 
 
 def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | None:
-    """Return the walls of a map; None if it has no obstacle.
-
-    Notes
-    -----
-    A map that knows hardly any free space is one of walls alone, such as a drawing: all that is
-    no obstacle counts as free.
-    """
+    """Return the walls of a map; None if it has no obstacle."""
+    # A map that knows hardly any free space is one of walls alone, such as a drawing: all that is
+    # no obstacle counts as free.
     occupied = grid.occupied()
     values = grid.occupancy
     free = (values > UNKNOWN) & (values < _MOST_FREE)
@@ -128,11 +124,9 @@ def _of_masks(frame: Frame, occupied: Mask, free: Mask) -> WallMap:
 
 
 def _faces(occupied: Mask, free: Mask) -> Mask:
-    """Return the obstacle cells that a sensor sees: those beside free ones.
-
-    What is behind them depends on how a map was made. Maps that know little free space, as
-    those of walls alone, have their walls counted from all sides.
-    """
+    """Return the obstacle cells that a sensor sees: those beside free ones."""
+    # What is behind them depends on how a map was made. Maps that know little free space, as those
+    # of walls alone, have their walls counted from all sides.
     sides = np.pad(occupied, 1, mode="edge")
     inside = sides[:-2, 1:-1] & sides[2:, 1:-1] & sides[1:-1, :-2] & sides[1:-1, 2:]
     edges = occupied & ~inside
@@ -173,13 +167,9 @@ Angles = NDArray[np.floating[Any]]
 
 
 def yaws_by_walls(first: WallMap, second: WallMap) -> Angles:
-    """Return the turns that bring the walls of one map into the directions of another's.
-
-    References
-    ----------
-    S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25,
-    2008: turns are the peaks of the circular correlation of two Hough spectra.
-    """
+    """Return the turns that bring the walls of one map into the directions of another's."""
+    # S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25,
+    # 2008: turns are the peaks of the circular correlation of two Hough spectra.
     width = max(_STRIP, first.resolution, second.resolution)
     here, there = (np.fft.rfft(_spectrum(walls, width)) for walls in (first, second))
     correlation = np.fft.irfft(np.conj(here) * there, _DIRECTIONS)
@@ -253,14 +243,10 @@ def places_of(
     kept: int,
     near: Near | None = None,
 ) -> Places:
-    """Return the places where a map correlates best with another.
-
-    Notes
-    -----
-    A shift's score is a sum over cells: walls on walls count for it, walls of one map in free
-    space of the other against it. So it is one correlation of the first map's walls, and one of
-    its free space, with weighted sums of those of the second. Both are done by FFT.
-    """
+    """Return the places where a map correlates best with another."""
+    # A shift's score is a sum over cells: walls on walls count for it, walls of one map in free
+    # space of the other against it. So it is one correlation of the first map's walls, and one of
+    # its free space, with weighted sums of those of the second. Both are done by FFT.
     plan = _Plan(first, second, side)
     found: list[list[Any]] = [[] for _ in yaws]
 
@@ -359,10 +345,8 @@ class _Plan:
 
 
 def _free_blocks(walls: WallMap, cell: float) -> tuple[Floats, Floats]:
-    """Return points for the free space of a map: centres of blocks, and how much of a cell each is.
-
-    Blocks are at most half a cell, so that none is missed when they are turned.
-    """
+    """Return the centres of blocks of a map's free space, and how much of a cell each is."""
+    # blocks are at most half a cell, so that none is missed when they are turned
     factor = max(1, int(cell / 2 / walls.resolution))
     counts = pooled(walls.free, factor)
     cells = np.argwhere(counts)
@@ -433,14 +417,10 @@ _DAMPING = 1e-3
 def refined(
     first: WallMap, second: WallMap, poses: Poses, scales: Sequence[float], most: int
 ) -> Poses:
-    """Return places at which the walls of both maps lie as near to each other as they can.
-
-    Notes
-    -----
-    Gauss-Newton steps on the distances of the first map's walls to those of the second and the
-    other way round, so that walls that only one map has pull at neither. Weights are those of
-    the Geman-McClure estimator.
-    """
+    """Return places at which the walls of both maps lie as near to each other as they can."""
+    # Gauss-Newton steps on the distances of the first map's walls to those of the second and the
+    # other way round, so that walls that only one map has pull at neither. Weights are those of the
+    # Geman-McClure estimator.
     poses = poses.copy()
     here, there = first.some_faces(most)[0], second.some_faces(most)[0]
     for scale in scales:
@@ -494,10 +474,8 @@ def _add(
 
 
 def _slopes(walls: WallMap, points_xy: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the distance to a wall and its slopes along x and y, between the cells' centres.
-
-    Outside of the map the distance is infinite.
-    """
+    """Return the distance to a wall and its slopes along x and y, between the cells' centres."""
+    # Outside of the map the distance is infinite.
     height, width = walls.frame.shape
     places = points_xy / np.float32(walls.resolution) - np.float32(0.5)
     corner = np.floor(places)

@@ -207,10 +207,8 @@ def _at(grid: V, origin: Origin, values: NDArray[Any] | None = None) -> V:
 
 
 def _walls_of(grid: ValueGrid) -> NDArray[np.bool_]:
-    """Return the obstacle cells near known open space, all of them if none is.
-
-    The outline of a map that is occupied outside, where it has been turned before, is no wall.
-    """
+    """Return the obstacle cells near known open space, all of them if none is."""
+    # The outline of a map that is occupied outside, where it has been turned before, is no wall.
     obstacles = _obstacles_of(grid)
     near = ~obstacles & (grid.values != grid.unknown_value)
     for _ in range(_THICKEST_WALL):

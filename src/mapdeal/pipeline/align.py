@@ -45,11 +45,9 @@ class AlignReport:
     maps: tuple[ComparedMap, ComparedMap]
 
     def document(self) -> dict[str, Any]:
-        """Return the report as JSON can hold it.
-
-        The transform stands in it as in a file that is written by hand, x, y and yaw at the top,
-        and once more as an object of its own, as that of the runner-up does.
-        """
+        """Return the report as JSON can hold it."""
+        # The transform stands in it as in a file that is written by hand, x, y and yaw at the top,
+        # and once more as an object of its own, as that of the runner-up does.
         found, (first, second) = self.found, map(asdict, self.maps)
         other = found.runner_up_transform
         return {

@@ -56,10 +56,8 @@ class RunReport(OneLine):
 def products_of(
     recipe: Recipe, grid: Grid, path: Path | None, *, canvas: Frame | None = None
 ) -> Iterator[Product]:
-    """Yield the product of each step of a recipe; errors name the file of the grid, if any.
-
-    With a canvas, each product is extended to it, which does not change what the steps compute.
-    """
+    """Yield the product of each step of a recipe; errors name the file of the grid, if any."""
+    # With a canvas, each product is extended to it, which does not change what the steps compute.
     for step in recipe.steps:
         made = step.apply(grid, path)
         yield Product(step, made if canvas is None else on_canvas(made, canvas))

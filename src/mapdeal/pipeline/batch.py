@@ -254,25 +254,19 @@ class Workers(Protocol):
     """Jobs that are done at the same time."""
 
     def started(self, size: int, work: Work) -> AbstractContextManager[Submit]:
-        """Run `size` workers within a ``with`` block; yield a function that sends them a job.
-
-        An exception that leaves the block stops what they do. A future raises `BrokenExecutor`
-        if it is not known which worker died, and of what.
-        """
+        """Run `size` workers within a ``with`` block; yield a function that sends them a job."""
+        # An exception that leaves the block stops what they do. A future raises `BrokenExecutor` if
+        # it is not known which worker died, and of what.
 
 
 def dispatch(
     count: int, job_of: Callable[[int], Job], work: Work, workers: Workers,
     done: Callable[[int, Outcome], None],
 ) -> None:  # fmt: skip
-    """Distribute jobs among workers.
-
-    Notes
-    -----
-    When a process dies, its pool is lost, and any of the jobs that were under way may be why.
-    Each of them is tried again, alone. If that kills its process, too, it has failed; all
-    others go on.
-    """
+    """Distribute jobs among workers."""
+    # When a process dies, its pool is lost, and any of the jobs that were under way may be why.
+    # Each of them is tried again, alone. If that kills its process, too, it has failed; all others
+    # go on.
     waiting = deque(range(count))
     while waiting:
         for suspect in _until_broken(waiting, workers.size, job_of, work, workers, done):

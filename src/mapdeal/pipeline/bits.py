@@ -70,10 +70,8 @@ def edit_bits(
 def pack_file(
     path: Path, output: Path, options: Settings, *, lethal_threshold: int | None = None
 ) -> Figures:
-    """Write the obstacles of a map as a bit map; return its figures.
-
-    Of a field those are the cells that it counts as obstacles.
-    """
+    """Write the obstacles of a map as a bit map; return its figures."""
+    # Of a field those are the cells that it counts as obstacles.
     outputs = bit_map_paths(output)
     source = read_input(path, options, _PER_CELL)
     with outputs_of(outputs, source.files, options) as transaction:

@@ -52,11 +52,9 @@ def edit_file(
     inputs: Sequence[Path] = (),
     cells: Callable[[Editable], int] | None = None,
 ) -> Figures:
-    """Read a map or costmap, change it, and write it; return its figures.
-
-    Costs that were read as costmap_2d's bytes are written as such; keys of the YAML that
-    map_server does not know are kept.
-    """
+    """Read a map or costmap, change it, and write it; return its figures."""
+    # Costs that were read as costmap_2d's bytes are written as such; keys of the YAML that
+    # map_server does not know are kept.
 
     def editable(grid: Grid) -> Editable:
         if not isinstance(grid, (OccupancyGrid, Costmap)):

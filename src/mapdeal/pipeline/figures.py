@@ -73,11 +73,9 @@ def _named(names: Sequence[str]) -> str:
 
 
 def changes_between(old: Figures, new: Figures) -> list[str]:
-    """Return what differs between the figures of two runs, a text each.
-
-    Goals that are not reached any more come first. Of what differs within a mapping each entry is
-    listed by its own name.
-    """
+    """Return what differs between the figures of two runs, a text each."""
+    # Goals that are not reached any more come first. Of what differs within a mapping each entry is
+    # listed by its own name.
     texts = []
     before, after = (figures.get("goals") for figures in (old, new))
     if are_goals(before) and are_goals(after) and set(before) == set(after):

@@ -66,11 +66,9 @@ from mapdeal.version import __version__
 
 @contextmanager
 def one_pass(transaction: Transaction, grid: Grid) -> Iterator[Grid]:
-    """Write all files of a grid within a ``with`` block in one pass.
-
-    Its rows are then made once for all of them, where layers have no room to be kept. Files of a
-    grid in memory are written as ever, at the same time.
-    """
+    """Write all files of a grid within a ``with`` block in one pass."""
+    # Its rows are then made once for all of them, where layers have no room to be kept. Files of a
+    # grid in memory are written as ever, at the same time.
     if not grid.is_lazy:
         yield grid
         return
@@ -247,10 +245,8 @@ def write_product(
     asked: Grid,
     encoding: Encoding = "occupancy",
 ) -> None:
-    """Write a step's product to a file, and the other one of a pair.
-
-    Within a pass; `asked` is the grid that `one_pass` gives.
-    """
+    """Write a step's product to a file, and the other one of a pair."""
+    # Within a pass; `asked` is the grid that `one_pass` gives.
     if isinstance(asked, DistanceField) and output.suffix == ".npy":
         transaction.write(output, lambda file: write_npy(file, asked.distance))
         document = yaml_document(_geometry_of_npy(grid, output))
@@ -400,10 +396,8 @@ class OutputFolder:
         return [path for path in self.outputs() if exists(path)]
 
     def check_inputs(self, files: Iterable[Path]) -> None:
-        """Refuse inputs that lie in the folder.
-
-        They would be taken for its products one day, replaced by others or removed with them.
-        """
+        """Refuse inputs that lie in the folder."""
+        # They would be taken for its products one day, replaced by others or removed with them.
         for file in files:
             if any(is_same_file(one.parent, self.path) for one in (file, real_path(file))):
                 rule = f"lies in {self.path}, where the outputs go"
@@ -429,10 +423,8 @@ class OutputFolder:
         return figures if same else None
 
     def repeat_warnings(self, filling: Filling) -> None:
-        """Warn of what the run that has written the folder has warned of.
-
-        What reading has warned of, this time, too, is not said twice.
-        """
+        """Warn of what the run that has written the folder has warned of."""
+        # What reading has warned of, this time, too, is not said twice.
         old = read_json(self.path / MANIFEST)
         remarks = old.get("warnings") if isinstance(old, dict) else None
         texts = [str(remark) for remark in remarks] if isinstance(remarks, list) else []
@@ -615,10 +607,8 @@ def _manifest_or_none(folder: Path) -> dict[str, Any] | None:
 
 
 def _is_manifest(value: object) -> bool:
-    """Return whether figures, outputs and stages are there in the shape that a run gives them.
-
-    No stage runs twice, see `Recipe`.
-    """
+    """Return whether figures, outputs and stages are there in the shape that a run gives them."""
+    # No stage runs twice, see `Recipe`.
     if not isinstance(value, dict):
         return False
     figures, outputs, stages = (value.get(key) for key in ("figures", "outputs", "stages"))

@@ -44,10 +44,8 @@ def located(texts: Iterable[str], files: Iterable[Path]) -> list[str]:
 
 
 def _renamed(texts: Iterable[str], names: dict[str, str]) -> list[str]:
-    """Return each text once, on one line, with another name of the file that it begins with.
-
-    A colon is behind the name, and a line may follow.
-    """
+    """Return each text once, on one line, with another name of the file that it begins with."""
+    # A colon is behind the name, and a line may follow.
     renamed: dict[str, None] = {}
     for text in texts:
         old = next((name for name in names if text.startswith(f"{name}:")), None)

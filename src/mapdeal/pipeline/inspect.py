@@ -34,12 +34,10 @@ def describe_robot(
     dialect: Dialect = "nav2",
     map_path: Path | None = None,
 ) -> dict[str, Any]:
-    """Return what a robot's parameter files say of one of its costmaps, as JSON can hold it.
-
-    Beside all that was resolved, each layer has its ``effect`` on a map that is a file, and
-    ``warnings`` are what reading has warned of. With a map there is ``on_map``: what inflation
-    comes to there.
-    """
+    """Return what a robot's parameter files say of one of its costmaps, as JSON can hold it."""
+    # Beside all that was resolved, each layer has its ``effect`` on a map that is a file, and
+    # ``warnings`` are what reading has warned of. With a map there is ``on_map``: what inflation
+    # comes to there.
     with kept_warnings():
         robot = read_robot(paths, costmap=costmap, namespace=namespace, older=dialect != "nav2")
     report: dict[str, Any] = {"file": str(paths[-1]), "kind": "robot parameters"}
@@ -94,15 +92,13 @@ def describe_file(
     max_cells: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> dict[str, Any]:
-    """Return what there is to know of a map, costmap or field, as JSON can hold it.
-
-    ``known_box`` is row, column, height and width of the known cells' bounding box, row 0 in
-    the south; ``sha256`` is of the layer's bytes in that order. ``made_by`` has the stages that
-    have made the file, with the parameters that took effect, where it lies in the folder of the
-    run that wrote it. A folder of a run, or its manifest, is described as a whole. Of a file that
-    is no map there is what it ``is``, the ``figures`` of its header, and its ``use``; of a
-    bag what `describe_bag` returns.
-    """
+    """Return what there is to know of a map, costmap or field, as JSON can hold it."""
+    # ``known_box`` is row, column, height and width of the known cells' bounding box, row 0 in the
+    # south; ``sha256`` is of the layer's bytes in that order. ``made_by`` has the stages that have
+    # made the file, with the parameters that took effect, where it lies in the folder of the run
+    # that wrote it. A folder of a run, or its manifest, is described as a whole. Of a file that is
+    # no map there is what it ``is``, the ``figures`` of its header, and its ``use``; of a bag what
+    # `describe_bag` returns.
     is_run = path.name == MANIFEST or exists(path / MANIFEST)
     if is_run:
         return _describe_run(path)

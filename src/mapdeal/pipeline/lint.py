@@ -197,11 +197,9 @@ def repair_maps(
     jobs: int = 1,
     done: Callable[[int], object] = lambda _: None,
 ) -> tuple[LintReport, list[MapdealError]]:
-    """Repair maps in their own files; return what is left to be said of them.
-
-    Only findings that count are mended: neither those of checks that are not wanted, nor
-    suppressed ones.
-    """
+    """Repair maps in their own files; return what is left to be said of them."""
+    # Only findings that count are mended: neither those of checks that are not wanted, nor
+    # suppressed ones.
     from mapdeal.pipeline.repair import ImageUsers, repair_in_place
 
     before = lint_maps(paths, rules, settings, jobs=jobs, done=done)

@@ -260,10 +260,8 @@ def filling_of(
     make: Callable[[], LocalMap],
     options: Mapping[str, str] | None = None,
 ) -> Filling:
-    """Return what goes into the folder of a local map, which is made by a function.
-
-    `sums` is of the clouds that were read; `options` is what else shapes the products.
-    """
+    """Return what goes into the folder of a local map, which is made by a function."""
+    # `sums` is of the clouds that were read; `options` is what else shapes the products.
     known = common.global_map
     named = {**sums, **(known.sums if known is not None else {})}
     folder = local_folder(job.folder, pose, named, common, options, has_map=known is not None)
@@ -448,11 +446,10 @@ _PER_CELL = 10
 
 
 class RollingRun:
-    """Makes the rolling maps of a sequence, in its order.
+    """Makes the rolling maps of a sequence, in its order."""
 
-    A map is a function of the last clouds and their poses: those that are there already are
-    skipped, and their clouds read only once a later map needs them.
-    """
+    # A map is a function of the last clouds and their poses: those that are there already are
+    # skipped, and their clouds read only once a later map needs them.
 
     def __init__(self, jobs: Sequence[LocalJob], common: LocalCommon) -> None:
         if common.keep is None:
@@ -563,10 +560,8 @@ class Around:
     def filling(
         self, folder: Path, source: Source, settings: Settings, heard: Sequence[str]
     ) -> Filling:
-        """Return what goes into the local map's folder, given that of the run and its map.
-
-        `heard` is what reading the map has warned of.
-        """
+        """Return what goes into the local map's folder, given that of the run and its map."""
+        # `heard` is what reading the map has warned of.
         grid = as_occupancy(source.grid, source.files[0])
         known = GlobalMap(grid, source.files, dict(source.sums), heard)
         common = self._common(settings, known.grid.resolution, known)

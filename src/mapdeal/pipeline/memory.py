@@ -145,10 +145,8 @@ def _way_of(
     image_max: int | None,
     canvas: Canvas,
 ) -> _Blocks | None:
-    """Return how a map is to be processed, from its headers; None if it fits the memory.
-
-    Cells of an image that is decoded as a whole are kept. Others are read again, row by row.
-    """
+    """Return how a map is to be processed, from its headers; None if it fits the memory."""
+    # Cells of an image that is decoded as a whole are kept. Others are read again, row by row.
     reading = file.memory_to_read()
     needed = bytes_in_memory(shape, steps, image_max, canvas=canvas, reading=reading)
     if needed <= budget:
@@ -246,10 +244,8 @@ def _cut(
     *,
     needed: int,
 ) -> tuple[int, CacheBudget]:
-    """Return how many rows make a block, and what of the budget the layers may keep.
-
-    Blocks, what is kept of each, and `base`, which is taken anyhow, fit the budget.
-    """
+    """Return how many rows make a block, and what of the budget the layers may keep."""
+    # Blocks, what is kept of each, and `base`, which is taken anyhow, fit the budget.
     if any(step.is_whole for step in steps):
         raise _too_large(path, shape, needed, budget)
     height, width = shape

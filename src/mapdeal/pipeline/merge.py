@@ -53,14 +53,10 @@ class Known:
 
 
 def transforms_by_files(files: Sequence[Path], maps: Sequence[Known]) -> list[Transform]:
-    """Return the transform from the first map's frame to that of each other map.
-
-    Notes
-    -----
-    A file with checksums is between the two maps that have them, in whatever order these are
-    given, and transforms are chained: from A to B and from C to B place C, too. One without is
-    from the first map to the second, third, ..., as it is the first, second, ... of the files.
-    """
+    """Return the transform from the first map's frame to that of each other map."""
+    # A file with checksums is between the two maps that have them, in whatever order these are
+    # given, and transforms are chained: from A to B and from C to B place C, too. One without is
+    # from the first map to the second, third, ..., as it is the first, second, ... of the files.
     if len(files) >= len(maps):
         rule = f"{len(files)} files are given, and {count_text(len(maps) - 1, 'map')} to place"
         raise ParameterError(rule, source="--by")
@@ -80,10 +76,8 @@ def transforms_by_files(files: Sequence[Path], maps: Sequence[Known]) -> list[Tr
 
 
 def transforms_by_walls(grids: Sequence[OccupancyGrid], paths: Sequence[Path]) -> list[Transform]:
-    """Return the transforms that `transforms_by_files` returns, of maps that are aligned.
-
-    A map that has too little in common with the first one is placed on another that is placed.
-    """
+    """Return the transforms that `transforms_by_files` returns, of maps that are aligned."""
+    # A map that has too little in common with the first one is placed on another that is placed.
     from mapdeal.alignment.align import align
 
     cells = [grid.frame.height * grid.frame.width for grid in grids]

@@ -140,12 +140,10 @@ def _wait_for_first(executor: ProcessPoolExecutor) -> None:
 
 
 def _context() -> BaseContext:
-    """Return how processes are started: forked from one that has imported everything.
-
-    Never from this one: it may have threads, whose locks a fork would copy as they are.
-    Where the server cannot have its socket, as the folder for temporary files has too long a
-    name or is none, each process starts afresh.
-    """
+    """Return how processes are started: forked from one that has imported everything."""
+    # Never from this one: it may have threads, whose locks a fork would copy as they are. Where the
+    # server cannot have its socket, as the folder for temporary files has too long a name or is
+    # none, each process starts afresh.
     if "forkserver" in multiprocessing.get_all_start_methods():
         from multiprocessing import forkserver, resource_tracker
 

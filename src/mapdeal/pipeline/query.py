@@ -99,10 +99,8 @@ def answers_of(field: DistanceField, asked: NumberLines) -> Answers:
 def _states_at(
     field: DistanceField, at: tuple[NDArray[np.int64], NDArray[np.int64]]
 ) -> NDArray[np.intp]:
-    """Return what the map says of cells, as indices of `_STATES`.
-
-    It does not matter what the field counts unknown cells as.
-    """
+    """Return what the map says of cells, as indices of `_STATES`."""
+    # It does not matter what the field counts unknown cells as.
     occupancy = field.occupancy[at]
     states = np.where(occupancy >= field.lethal_threshold, _OCCUPIED, _FREE)
     return np.where(occupancy == UNKNOWN, _UNKNOWN, states)

@@ -107,10 +107,8 @@ def _step_for(
 
 
 def _without_inflation(robot: RobotParameters) -> RobotParameters:
-    """Return a robot whose costs say what is lethal and what unknown, and nothing else.
-
-    Inscribed costs would cover unknown cells.
-    """
+    """Return a robot whose costs say what is lethal and what unknown, and nothing else."""
+    # Inscribed costs would cover unknown cells.
     layers = (one for one in robot.layers if not isinstance(one.layer, InflationLayer))
     return replace(robot, layers=tuple(layers))
 

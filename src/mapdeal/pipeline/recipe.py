@@ -194,12 +194,10 @@ def _adapt_to_sim(draft: Draft) -> None:
 
 
 def _adapt_to_footprint(draft: Draft, footprint: Footprint, seen: Footprint, name: str) -> None:
-    """Apply the robot's shape to the first stage that needs it, and to those that only look.
-
-    These are the ones that hand nothing on. In what a stage has made with the shape they would
-    count it twice; only costs tell obstacles from what is around them. What they are given, `seen`,
-    is of a robot that its own files say is round a circle, as its planner has it.
-    """
+    """Apply the robot's shape to the first stage that needs it, and to those that only look."""
+    # These are the ones that hand nothing on. In what a stage has made with the shape they would
+    # count it twice; only costs tell obstacles from what is around them. What they are given,
+    # `seen`, is of a robot that its own files say is round a circle, as its planner has it.
     shaped: Stage | None = None
     grown, is_used = False, False
     for item in draft:

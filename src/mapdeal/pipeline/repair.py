@@ -70,14 +70,10 @@ def _why(findings: list[Finding]) -> str:
 def repair_in_place(
     path: Path, wanted: Collection[str], settings: Settings, users: ImageUsers
 ) -> list[str]:
-    """Repair a map in its own files; return what was changed, a line each.
-
-    Notes
-    -----
-    In the YAML file the values that are traps are replaced where they stand, so that comments,
-    order and other keys stay. The image is written only if the map is turned. It keeps its name
-    if it is a pgm or png of this map alone; else there is a new one, and the old one stays.
-    """
+    """Repair a map in its own files; return what was changed, a line each."""
+    # In the YAML file the values that are traps are replaced where they stand, so that comments,
+    # order and other keys stay. The image is written only if the map is turned. It keeps its name
+    # if it is a pgm or png of this map alone; else there is a new one, and the old one stays.
     states = {path: state_of(path)}  # before anything is read
     pair, cells, _ = gather(path, max_cells=settings.max_cells)
     if pair is None:

@@ -17,11 +17,9 @@ from mapdeal.stages.layer_parameters import layers_with
 
 
 def draft_for(robot: RobotParameters) -> Draft:
-    """Return the stages that make a robot's costmap of a map.
-
-    Each stage knows whether it has a part in that; of several models the first one that can do
-    all that the layers do is taken.
-    """
+    """Return the stages that make a robot's costmap of a map."""
+    # Each stage knows whether it has a part in that; of several models the first one that can do
+    # all that the layers do is taken.
     draft: Draft = []
     for name in STAGE_NAMES:
         for model, stage in models_of(name).items():
@@ -73,11 +71,9 @@ def _own_of(name: str, robot: RobotParameters, model: object) -> Given | None:
 
 
 def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
-    """Make stages that look at a map for a robot read it as the robot's static layer does.
-
-    This sets the occupancy at which a cell is lethal, and whether unknown cells are free. Values
-    set in the draft stay, and stages on a field or on costs do not need the first.
-    """
+    """Make stages that look at a map for a robot read it as the robot's static layer does."""
+    # This sets the occupancy at which a cell is lethal, and whether unknown cells are free. Values
+    # set in the draft stay, and stages on a field or on costs do not need the first.
     if not robot.static_layers:
         return
     layer = robot.static_layers[-1]

@@ -142,10 +142,8 @@ def costs_of(
 
 
 def _closed_to(robot: Footprint, costs: Costmap, *, obstacles: bool) -> Costmap:
-    """Return costs with 253 at the edge, and around obstacles, wherever ``reach`` is closed.
-
-    Without `obstacles` the costs have the last word around these, to the last bit.
-    """
+    """Return costs with 253 at the edge, and around obstacles, wherever ``reach`` is closed."""
+    # Without `obstacles` the costs have the last word around these, to the last bit.
     cost = costs.cost.copy()
     is_lethal = cost == LETHAL_OBSTACLE
     squared = squares_to(is_lethal & obstacles)

@@ -58,13 +58,7 @@ class Asked:
     align: bool = False
 
     def bounds(self, *, with_truth: bool) -> list[tuple[str, Any, float]]:
-        """Return the bounds, checked; see `checked_bounds`.
-
-        Raises
-        ------
-        ParameterError
-            If something else is asked that cannot be, too.
-        """
+        """Return the bounds, checked; see `checked_bounds`."""
         given = self.transform is not None or self.transform_file is not None
         if given and self.align:
             rule = "cannot be given together with a transform"

@@ -54,12 +54,10 @@ def apply_to_file(
     with_curve: bool = False,
     also_read: Sequence[Path] = (),
 ) -> SingleResult:
-    """Read a map or field, apply one stage, and write the result.
-
-    A keepout mask, a map of its own, is laid over the costs that the stage makes. The picture of
-    their curve goes to `curve`, if that is given; `with_curve` asks for the curve alone, if there
-    is one. Files that were read for the parameters are no more replaced than the map is.
-    """
+    """Read a map or field, apply one stage, and write the result."""
+    # A keepout mask, a map of its own, is laid over the costs that the stage makes. The picture of
+    # their curve goes to `curve`, if that is given; `with_curve` asks for the curve alone, if there
+    # is one. Files that were read for the parameters are no more replaced than the map is.
     outputs = output_of(step, output)
     endings = [output.suffix, *([PICTURE] if settings.image is not None else [])]
     image_max = None if settings.image is None else settings.image_max

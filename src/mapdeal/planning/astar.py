@@ -89,10 +89,8 @@ def shortest_route(
 def surcharges_near_obstacles(
     terrain: Terrain, heuristic_weight: float
 ) -> NDArray[np.float64] | None:  # fmt: skip
-    """Return the heuristic's addition near obstacles, shape (H, W), or None.
-
-    The unit is that of the search: cells of length and weight 1.
-    """
+    """Return the heuristic's addition near obstacles, shape (H, W), or None."""
+    # The unit is that of the search: cells of length and weight 1.
     if check_factor("heuristic_weight", heuristic_weight) == 0:
         return None
     surcharges = terrain.nearness()

@@ -156,10 +156,7 @@ class _Slope:
         return self._lowest_neighbour(place, here)
 
     def _may_step(self, place: Place, following: Place) -> bool:
-        """Return whether a step stays in open cells, and does not end on the edge of a closed one.
-
-        Rounding would put it on either side of the edge.
-        """
+        # open cells, and not the edge of a closed one: rounding would put it on either side
         corners = ((following[0] + row, following[1] + col) for row in _OFF for col in _OFF)
         return self._terrain.is_clear(place, following) and all(
             self._terrain.is_open(_cell_of(corner)) for corner in corners

@@ -121,20 +121,14 @@ class Terrain:
         return self.costmap.frame.holds(cell) and bool(self.weights[cell] > 0)
 
     def allows_step(self, cell: Cell, following: Cell) -> bool:
-        """Return whether one may go from an open cell to one of its neighbours.
-
-        It must be open, and a diagonal step must not lead between two closed cells.
-        """
+        """Return whether a neighbour is open, and not diagonally between two closed cells."""
         if not self.is_open(following):
             return False
         beside = ((cell[0], following[1]), (following[0], cell[1]))
         return any(self.is_open(side) for side in beside)
 
     def is_clear(self, start: Place, end: Place) -> bool:
-        """Return whether a straight piece of way stays in open cells.
-
-        From corner to corner it must not lead between two closed cells.
-        """
+        """Return whether a straight way stays in open cells, never between two closed at a corner."""
         cells = list(_cells_on(start, end))
         return self.is_open(cells[0]) and all(
             self.allows_step(cell, following) for cell, following in pairwise(cells)
@@ -162,11 +156,9 @@ class Terrain:
         return Measures(length, cost, float(clearances.min()), mean)
 
     def clearances_of(self, points_xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the distances of points in open cells to the nearest centre of a lethal cell.
-
-        Exact, metres, shape (N,); +inf if there is no lethal cell. The field knows them of the
-        centres of cells; from another point it says how far away one has to look.
-        """
+        """Return the distances of points in open cells to the nearest centre of a lethal cell."""
+        # Exact, metres, shape (N,); +inf if there is no lethal cell. The field knows them of the
+        # centres of cells; from another point it says how far away one has to look.
         frame, resolution = self.costmap.frame, self.costmap.resolution
         places = frame.continuous_rowcol_from_xy(points_xy)
         cells = frame.clamped_rowcol_from_xy(points_xy)

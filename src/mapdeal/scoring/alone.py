@@ -38,22 +38,15 @@ class Enclosed(NamedTuple):
 
 
 def enclosed_areas(states: States, resolution: float) -> Enclosed:
-    """Return the areas that the walls of a map enclose.
-
-    Notes
-    -----
-    Cells that are not occupied and touch over an edge belong together: a wall whose cells touch
-    over corners is closed. What reaches the border of the map is outside. Everything else is
-    enclosed; it counts if it has free cells, so that the inside of a thick wall, unknown
-    throughout, does not. An open door joins two rooms to one area, and one that leads outside
-    opens its room; unknown cells close nothing.
-
-    References
-    ----------
-    Filatov, Filatov, Krinkin, Chen and Molodan, "2D SLAM quality evaluation methods", 2017
-    (arXiv:1708.02354): the number of enclosed areas, there by contours. Walls that are doubled
-    or smeared enclose pockets that the place does not have.
-    """
+    """Return the areas that the walls of a map enclose."""
+    # Cells that are not occupied and touch over an edge belong together: a wall whose cells touch
+    # over corners is closed. What reaches the border of the map is outside. Everything else is
+    # enclosed; it counts if it has free cells, so that the inside of a thick wall, unknown
+    # throughout, does not. An open door joins two rooms to one area, and one that leads outside
+    # opens its room; unknown cells close nothing.
+    # Filatov, Filatov, Krinkin, Chen and Molodan, "2D SLAM quality evaluation methods", 2017
+    # (arXiv:1708.02354): the number of enclosed areas, there by contours. Walls that are doubled or
+    # smeared enclose pockets that the place does not have.
     from scipy.ndimage import label
 
     labels, count = label(states != OCCUPIED)
@@ -102,25 +95,18 @@ _HALO = 20
 
 
 def corners_of(walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where walls have corners: bends, ends and crossings.
-
-    Notes
-    -----
-    Harris's detector. Walls are 1 and all else is 0, the map's surroundings, too, smoothed by a
-    Gaussian of 1.5 cells; g is the gradient by central differences, and M the mean of g g^T
-    around a cell, weighted by a Gaussian of 2.5 cells. The response is det M - 0.1 (tr M)^2. A
-    corner is where that is above 0, so that g has two directions, the weaker at least an eighth
-    of the stronger, and is the largest within 3 cells. No threshold depends on how strong a
-    response is: thin walls have corners as thick ones have. A thin wall has one at each bend
-    and at each free end; from 9 cells of thickness on the corners of an end are two. What turns
-    within some 10 cells is a corner as well.
-
-    References
-    ----------
-    Harris and Stephens, "A combined corner and edge detector", 1988; Filatov, Filatov, Krinkin,
-    Chen and Molodan, "2D SLAM quality evaluation methods", 2017 (arXiv:1708.02354): the number
-    of corners, which doubled walls raise.
-    """
+    """Return where walls have corners: bends, ends and crossings."""
+    # Harris's detector. Walls are 1 and all else is 0, the map's surroundings, too, smoothed by a
+    # Gaussian of 1.5 cells; g is the gradient by central differences, and M the mean of g g^T
+    # around a cell, weighted by a Gaussian of 2.5 cells. The response is det M - 0.1 (tr M)^2. A
+    # corner is where that is above 0, so that g has two directions, the weaker at least an eighth
+    # of the stronger, and is the largest within 3 cells. No threshold depends on how strong a
+    # response is: thin walls have corners as thick ones have. A thin wall has one at each bend and
+    # at each free end; from 9 cells of thickness on the corners of an end are two. What turns
+    # within some 10 cells is a corner as well.
+    # Harris and Stephens, "A combined corner and edge detector", 1988; Filatov, Filatov, Krinkin,
+    # Chen and Molodan, "2D SLAM quality evaluation methods", 2017 (arXiv:1708.02354): the number of
+    # corners, which doubled walls raise.
     found = np.zeros(walls.shape, dtype=np.bool_)
     step = max(LEAST_ROWS_ALONE, TOGETHER // walls.shape[1])
     bands = -(-len(walls) // step)
@@ -198,13 +184,9 @@ class Thickness:
 
 
 def score_alone(states: States, frame: Frame) -> Values:
-    """Return what a map says of its own quality.
-
-    References
-    ----------
-    Filatov, Filatov, Krinkin, Chen and Molodan, "2D SLAM quality evaluation methods", 2017
-    (arXiv:1708.02354): shares of cells, corners and enclosed areas.
-    """
+    """Return what a map says of its own quality."""
+    # Filatov, Filatov, Krinkin, Chen and Molodan, "2D SLAM quality evaluation methods", 2017
+    # (arXiv:1708.02354): shares of cells, corners and enclosed areas.
     unknown, free, occupied = histogram(states)[: OCCUPIED + 1].tolist()
     walls = states == OCCUPIED
     sizes = _pieces(walls)

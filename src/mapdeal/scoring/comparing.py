@@ -263,34 +263,22 @@ _SIGMA, _TRUNCATE, _GAUSSIAN = 1.5, 3.5, 11
 
 
 def uniform_similarity(first: States, second: States) -> float | None:
-    """Return the mean structural similarity over windows of 7 x 7 cells.
-
-    Notes
-    -----
-    With all pixels of a window weighted alike, sample variances (N - 1), K1 = 0.01, K2 = 0.03
-    and a range of values of 1; windows that reach beyond the map are left out. That is what
-    ``skimage.metrics.structural_similarity`` gives by default. Sums are whole numbers here, so
-    that nothing is rounded before the last step.
-
-    References
-    ----------
-    Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment: from error visibility to
-    structural similarity", IEEE Transactions on Image Processing 13(4), 2004.
-    """
+    """Return the mean structural similarity over windows of 7 x 7 cells."""
+    # With all pixels of a window weighted alike, sample variances (N - 1), K1 = 0.01, K2 = 0.03 and
+    # a range of values of 1; windows that reach beyond the map are left out. That is what
+    # ``skimage.metrics.structural_similarity`` gives by default. Sums are whole numbers here, so
+    # that nothing is rounded before the last step.
+    # Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment: from error visibility to
+    # structural similarity", IEEE Transactions on Image Processing 13(4), 2004.
     count = _UNIFORM**2
     return _mean_similarity(first, second, _UNIFORM, _uniform_moments, count / (count - 1))
 
 
 def gaussian_similarity(first: States, second: States) -> float | None:
-    """Return the mean structural similarity over windows of 11 x 11 cells, weighted by a bell.
-
-    Notes
-    -----
-    The weights are those of a Gaussian with a standard deviation of 1.5 cells, the variances
-    those of the population, as Wang et al. have them;
-    ``skimage.metrics.structural_similarity`` with ``gaussian_weights=True``, ``sigma=1.5`` and
-    ``use_sample_covariance=False``.
-    """
+    """Return the mean structural similarity over windows of 11 x 11 cells, weighted by a bell."""
+    # The weights are those of a Gaussian with a standard deviation of 1.5 cells, the variances
+    # those of the population, as Wang et al. have them; ``skimage.metrics.structural_similarity``
+    # with ``gaussian_weights=True``, ``sigma=1.5`` and ``use_sample_covariance=False``.
     return _mean_similarity(first, second, _GAUSSIAN, _gaussian_moments, 1.0)
 
 

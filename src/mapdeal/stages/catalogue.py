@@ -11,10 +11,7 @@ STAGE_NAMES: tuple[str, ...] = tuple(dict.fromkeys(stage.name for stage in STAGE
 
 
 def models_of(name: str) -> dict[str | None, Stage]:
-    """Return the models of a stage by their names, the default first; a lone one has none.
-
-    Empty if there is no such stage.
-    """
+    """Return the models of a stage by their names, the default first; a lone one has none."""
     return {stage.model: stage for stage in STAGES if stage.name == name}
 
 

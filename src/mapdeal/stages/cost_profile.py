@@ -227,10 +227,8 @@ def _reach(
 
 
 def reach_of(inflation_radius: float, resolution: float, *, is_exact: bool) -> int:
-    """Return the cells that costs reach on a map without end.
-
-    ROS has no tolerance for radii that are multiples of the resolution on paper.
-    """
+    """Return the cells that costs reach on a map without end."""
+    # ROS has no tolerance for radii that are multiples of the resolution on paper.
     if is_exact:
         return cells_to_cover(inflation_radius, resolution)
     return math.ceil(inflation_radius / resolution)

@@ -137,11 +137,9 @@ class Stage:
 def stage(
     *, name: str, summary: str, title: Callable[[Parameters], str], memory: float, **more: Any
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Turn a function into a stage, with the record that `Stage` describes.
-
-    Its keyword arguments are checked and converted as by `checked`. It must also be listed in
-    `mapdeal.stages.listed`.
-    """
+    """Turn a function into a stage, with the record that `Stage` describes."""
+    # Its keyword arguments are checked and converted as by `checked`. It must also be listed in
+    # `mapdeal.stages.listed`.
 
     def made(function: Callable[P, R]) -> Callable[P, R]:
         wrapped = checked(function)
@@ -166,11 +164,9 @@ def stages_among(values: Mapping[str, object]) -> tuple[Stage, ...]:
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """Make `function` check and convert its keyword arguments according to its signature.
-
-    If a field has numbers only in one box of cells, the function receives the box, and its result
-    is extended to the field's frame.
-    """
+    """Make `function` check and convert its keyword arguments according to its signature."""
+    # If a field has numbers only in one box of cells, the function receives the box, and its result
+    # is extended to the field's frame.
     known = parameters_of(function)
 
     @functools.wraps(function)

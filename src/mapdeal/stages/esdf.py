@@ -142,10 +142,8 @@ class Viewer:
 
 
 def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
-    """Return the parameters of the field of what the lowest static layer that counts makes lethal.
-
-    Without one, nothing is; a threshold of 0, with which all is, has no field either.
-    """
+    """Return those of the field of what the lowest static layer that counts makes lethal."""
+    # without one, nothing is; a threshold of 0, with which all is, has no field either
     for one in layers.that_count:
         if isinstance(one, StaticLayer) and one.lethal_cost_threshold > 0:
             others = (one.unknown_cost_value, one.inscribed_obstacle_cost_value)
@@ -251,10 +249,8 @@ def esdf(
 
 
 def reach_is_kept(field: DistanceField, reach: float) -> bool:
-    """Return whether the field distinguishes all distances up to `reach` metres.
-
-    A clipped field cannot distinguish cells exactly at the limit from those beyond it.
-    """
+    """Return whether the field distinguishes all distances up to `reach` metres."""
+    # A clipped field cannot distinguish cells exactly at the limit from those beyond it.
     return field.max_distance is None or (
         furthest_kept(field) > reach * (1 + 1e-6) and math.isfinite(reach)
     )

@@ -21,25 +21,19 @@ _CLIP_TOLERANCE = 2.0**-23
 def squares_in(
     field: DistanceField, obstacles: NDArray[np.bool_], rows: slice = slice(None)
 ) -> NDArray[np.float64]:
-    """Return the squared distance to the nearest obstacle centre, in cells.
-
-    Notes
-    -----
-    Undoes convention and strength, then rounds: distances between cell centres are square roots
-    of whole numbers n of cells. A float32 is off by 2**-24 of its value at most, so its square by
-    n * 2**-23, which is less than one half, and so exact, below n = 2**22: 2048 cells. Beyond, the
-    result is within one part in 2**22.
-    """
+    """Return the squared distance to the nearest obstacle centre, in cells."""
+    # Undoes convention and strength, then rounds: distances between cell centres are square roots
+    # of whole numbers n of cells. A float32 is off by 2**-24 of its value at most, so its square by
+    # n * 2**-23, which is less than one half, and so exact, below n = 2**22: 2048 cells. Beyond,
+    # the result is within one part in 2**22.
     return squares_of_distances(field.distance[rows], obstacles[rows], **_measure(field))
 
 
 def bytes_in(
     field: DistanceField, obstacles: NDArray[np.bool_], table: NDArray[np.uint8]
 ) -> NDArray[np.uint8]:  # fmt: skip
-    """Return a table's entry for each cell's square, the last one for all beyond.
-
-    Takes what `squares_in` takes, and gives what indexing with its result would.
-    """
+    """Return a table's entry for each cell's square, the last one for all beyond."""
+    # Takes what `squares_in` takes, and gives what indexing with its result would.
     return bytes_of_distances(field.distance, obstacles, table, **_measure(field))
 
 

@@ -104,10 +104,8 @@ def _warn(covered: int, freed: int) -> None:
 def _cells_at_centres(
     source: Frame, target: Frame, rows: slice
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows and columns of a grid that hold the cell centres of another's rows.
-
-    Without a turn between the two they are a column and a row that broadcast.
-    """
+    """Return the rows and columns of a grid that hold the cell centres of another's rows."""
+    # Without a turn between the two they are a column and a row that broadcast.
     along = np.arange(rows.start, rows.stop)[:, np.newaxis]
     across = np.arange(target.width)[np.newaxis, :]
     centre = target.xy_from_rowcol([[0, 0]])

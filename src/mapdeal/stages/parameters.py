@@ -94,10 +94,8 @@ class Parameter:
         return get_args(self.kind) if get_origin(self.kind) is Literal else ()
 
     def accept(self, value: object) -> Any:
-        """Convert `value` to the parameter's type.
-
-        Text is read as written in a recipe or a shell: ``0.3``, ``yes``, ``90,70,50``.
-        """
+        """Convert `value` to the parameter's type."""
+        # Text is read as written in a recipe or a shell: ``0.3``, ``yes``, ``90,70,50``.
         if self.optional and (value is None or (isinstance(value, str) and value == "none")):
             return None
         if self.choices:
@@ -150,10 +148,8 @@ class Parameter:
 
 
 def is_plain(value: object) -> bool:
-    """Return whether a value is not text, or is text that not only Python reads as a number.
-
-    Python accepts ``1_000`` and digits of all scripts.
-    """
+    """Return whether a value is not text, or is text that not only Python reads as a number."""
+    # Python accepts ``1_000`` and digits of all scripts.
     return not isinstance(value, str) or (value.isascii() and "_" not in value)
 
 

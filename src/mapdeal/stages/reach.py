@@ -44,10 +44,8 @@ def _shape_of(parameters: Parameters) -> Footprint | None:
 
 
 def _memory_of_headings(parameters: Parameters) -> float:
-    """Return the bytes for each cell that a robot with corners takes beyond `_MEMORY`.
-
-    There is a bit for each heading.
-    """
+    """Return the bytes for each cell that a robot with corners takes beyond `_MEMORY`."""
+    # There is a bit for each heading.
     shape = _shape_of(parameters)
     if shape is None or not shape.vertices:
         return 0.0

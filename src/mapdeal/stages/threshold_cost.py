@@ -57,10 +57,8 @@ def _advice(parameters: Parameters, cost: int) -> str:
 
 
 def _advice_on_nothing(parameters: Parameters) -> str:
-    """Return what to change where nearly all open cells cost 0.
-
-    The costs begin at `down`, but where the factor makes 0 of the whole middle range, at `up`.
-    """
+    """Return what to change where nearly all open cells cost 0."""
+    # The costs begin at `down`, but where the factor makes 0 of the whole middle range, at `up`.
     up, factor = parameters["up"], parameters["down_factor"]
     begin = "down" if factor * (OCCUPIED if up is None else up) >= 1 else "up"
     if begin == "up" and parameters["up_factor"] * _HIGHEST_BELOW_OBSTACLE < 1:
@@ -338,11 +336,9 @@ def _value_at(
 
 
 def _check_clip(field: DistanceField, rule: _Rule, scale: ViewScale) -> None:
-    """Refuse a field whose clipped cells would cost something else at their true distance.
-
-    In the metric view, clipping has no effect if cells at the limit already cost 0. The per-map
-    view is scaled by the farthest and deepest cells, which clipping hides.
-    """
+    """Refuse a field whose clipped cells would cost something else at their true distance."""
+    # In the metric view, clipping has no effect if cells at the limit already cost 0. The per-map
+    # view is scaled by the farthest and deepest cells, which clipping hides.
     if field.max_distance is None:
         return
     limit = field.max_distance
