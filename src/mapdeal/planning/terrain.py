@@ -63,29 +63,9 @@ class Terrain:
         field_weight: float = 0.0,
         through_unknown: bool = False,
     ) -> Terrain:
-        """Return the terrain of a costmap.
-
-        Parameters
-        ----------
-        costmap : Costmap
-            Lethal and inscribed cells are closed: 254 and 253, or 100 and 99.
-        cost_travel_multiplier : float
-            Addition to the weight of 1 at the highest cost of an open cell, 252 or 98.
-        field_weight : float
-            Addition at distance 0 from an obstacle, which falls linearly to 0 at 2 m.
-        through_unknown : bool
-            Whether unknown cells are open, at the highest cost.
-
-        Raises
-        ------
-        ParameterError
-            If a number is negative, not finite or above 1e6.
-
-        References
-        ----------
-        ``getTraversalCost`` of Nav2's Smac 2D planner for the multiplier and its default. NavFn
-        gives unknown cells the highest cost that is open, too.
-        """
+        """Return the terrain of a costmap; see `shortest_route` for its options."""
+        # ``getTraversalCost`` of Nav2's Smac 2D planner for the multiplier and its default. NavFn
+        # gives unknown cells the highest cost that is open, too.
         if not isinstance(costmap, Costmap):
             rule = "takes a Costmap; exponential_cost makes one of a map"
             raise ParameterError(rule, source="route", got=type(costmap).__name__)
@@ -128,7 +108,7 @@ class Terrain:
         return any(self.is_open(side) for side in beside)
 
     def is_clear(self, start: Place, end: Place) -> bool:
-        """Return whether a straight way stays in open cells, never between two closed at a corner."""
+        """Return whether a straight way is in open cells, never between two closed at a corner."""
         cells = list(_cells_on(start, end))
         return self.is_open(cells[0]) and all(
             self.allows_step(cell, following) for cell, following in pairwise(cells)
