@@ -15,7 +15,6 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import holds_everywhere, made_by_windows
 from mapdeal.kernels.dilation import inflated
-from mapdeal.records import dataclass
 from mapdeal.stages.definition import InPlaceOf, Parameters, RobotShape, stage
 from mapdeal.stages.parameters import AT_LEAST_0, METRES, LethalThreshold
 
@@ -80,65 +79,25 @@ def inflate(
     >>> inflate(grid, radius=0.2).occupancy.tolist()
     [[0, 0, 100, 100, 100]]
     """
-    inflation = Inflation.of(radius, footprint, kernel, lethal_threshold, inflate_unknown)
-    inflation.warn_of_no_effect(grid.resolution)
+    if footprint is not None:
+        radius = footprint.circumscribed_radius
+    side, kept = grid.resolution, None if inflate_unknown else UNKNOWN
+    if kernel == "disc" and 0 < radius < side - RADIUS_TOLERANCE:
+        text = f"inflate: radius {radius:g} m is below a cell of {side:g} m and has no effect"
+        emit_warning(text, stacklevel=2)
 
     def inflated_rows(rows: slice) -> NDArray[np.int8]:
-        return inflation.applied(grid.occupancy[rows], grid.resolution)
+        values = grid.occupancy[rows]
+        if kernel == "square":
+            reach = cells_to_cover(min(radius, max(values.shape) * side), side)
+            return inflated(values, lethal_threshold, reach=reach, value=OCCUPIED, kept=kept)
+        limit = largest_square_within(min(radius, math.hypot(*values.shape) * side), side)
+        return inflated(values, lethal_threshold, square=limit, value=OCCUPIED, kept=kept)
 
-    halo = inflation.halo(grid.resolution, max(grid.shape))
+    halo = cells_to_cover(min(radius, max(grid.shape) * side), side) + 1
     occupancy = made_by_windows(grid.occupancy, np.int8, inflated_rows, halo=halo)
     is_full = holds_everywhere(occupancy, lambda values: values == OCCUPIED)
     if is_full and not holds_everywhere(grid.occupancy, lambda v: v >= lethal_threshold):
-        inflation.warn_of_nothing_free()
-    return OccupancyGrid(occupancy, grid.resolution, grid.origin)
-
-
-@dataclass(frozen=True)
-class Inflation:
-    """Rule that inflates obstacles: the parameters of `inflate`, applied to cells."""
-
-    radius: float
-    kernel: Literal["disc", "square"]
-    lethal_threshold: int
-    inflate_unknown: bool
-
-    @classmethod
-    def of(
-        cls,
-        radius: float,
-        footprint: Footprint | None,
-        kernel: Literal["disc", "square"],
-        lethal_threshold: int,
-        inflate_unknown: bool,
-    ) -> Inflation:
-        """Create the inflation from the parameters of `inflate`."""
-        if footprint is not None:
-            radius = footprint.circumscribed_radius
-        return cls(radius, kernel, lethal_threshold, inflate_unknown)
-
-    def applied(self, values: NDArray[np.int8], resolution: float) -> NDArray[np.int8]:
-        """Return the occupancy with the cells under inflated obstacles set to occupied."""
-        threshold, kept = self.lethal_threshold, None if self.inflate_unknown else UNKNOWN
-        if self.kernel == "square":
-            extent = max(values.shape) * resolution
-            reach = cells_to_cover(min(self.radius, extent), resolution)
-            return inflated(values, threshold, reach=reach, value=OCCUPIED, kept=kept)
-        extent = math.hypot(*values.shape) * resolution
-        limit = largest_square_within(min(self.radius, extent), resolution)
-        return inflated(values, threshold, square=limit, value=OCCUPIED, kept=kept)
-
-    def halo(self, resolution: float, longest: int) -> int:
-        """Return the largest number of rows between an obstacle and a cell that it affects."""
-        return cells_to_cover(min(self.radius, longest * resolution), resolution) + 1
-
-    def warn_of_no_effect(self, resolution: float) -> None:
-        """Warn if a disc covers no cell but its own."""
-        if self.kernel == "disc" and 0 < self.radius < resolution - RADIUS_TOLERANCE:
-            text = f"inflate: radius {self.radius:g} m is below a cell of {resolution:g} m and has"
-            emit_warning(f"{text} no effect", stacklevel=3)
-
-    def warn_of_nothing_free(self) -> None:
-        """Warn that obstacles have grown over the whole map."""
-        text = f"inflate: radius {self.radius:g} m leaves no cell of the map free"
-        emit_warning(text, stacklevel=3)
+        text = f"inflate: radius {radius:g} m leaves no cell of the map free"
+        emit_warning(text, stacklevel=2)
+    return OccupancyGrid(occupancy, side, grid.origin)
