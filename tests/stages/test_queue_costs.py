@@ -3,7 +3,7 @@ import pytest
 
 from mapdeal import OccupancyGrid, esdf, exponential_cost
 from mapdeal.pipeline.step import make_step
-from mapdeal.stages.queue_costs import costs_by_queue, queue_difference
+from mapdeal.stages.queue_costs import costs_spread, queue_difference, raise_by_queue
 from recorded_costmaps import exponential_parameters, recorded_costmaps, sum_of
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
@@ -23,7 +23,7 @@ def test_the_queue_makes_the_costmaps_of_ros_1_and_of_older_nav2(real_maps, ever
             given = {"model": "exponential", **short}
         parameters = make_step("cost", given).parameters
         if count % 3 == 0:
-            made = costs_by_queue(case.grid, parameters)
+            made = costs_spread(case.grid, parameters, raise_by_queue)
             assert sum_of(made) == older["sha256"], about["id"]
         difference = queue_difference(case.grid, parameters)
         if "exact_distances" in older:
@@ -45,7 +45,8 @@ def scattered(resolution=0.05):
 def test_only_costs_around_cells_that_the_queue_reaches_late_differ():
     grid = scattered()
     parameters = make_step("cost", {"inflation_radius": 1.0, "cost_scaling_factor": 3.0}).parameters
-    exact, queued = exponential_cost(grid, **parameters).cost, costs_by_queue(grid, parameters)
+    exact = exponential_cost(grid, **parameters).cost
+    queued = costs_spread(grid, parameters, raise_by_queue)
     assert (queued <= exact).all()  # a longer distance is a lower cost
     cells, largest = queue_difference(grid, parameters)
     assert cells == np.count_nonzero(queued != exact) > 0

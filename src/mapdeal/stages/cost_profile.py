@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from mapdeal.kernels.lookup import raise_bytes
 from mapdeal.records import dataclass
 from mapdeal.stages.esdf import reach_is_kept
 from mapdeal.stages.field_values import bytes_in
+from mapdeal.stages.obstacle_source import ObstacleSource
 
 _HIGHEST_GRADED = INSCRIBED_INFLATED_OBSTACLE - 1
 _RAISED_TOGETHER = 1 << 22  # cells: no more memory than for some of them
@@ -44,31 +46,32 @@ class CostProfile:
     @classmethod
     def of(
         cls,
+        source: ObstacleSource,
+        *,
         inscribed_radius: float,
         inflation_radius: float,
         cost_scaling_factor: float,
-        *,
         inflate_unknown: bool,
         inflate_around_unknown: bool,
-        lookup: CostLookup = "exact",
-        float32_resolution: bool = False,
-        resolution: float,
-        shape: tuple[int, int],
+        lookup: CostLookup,
+        float32_resolution: bool | None,
+        **_: object,
     ) -> CostProfile:
-        """Return the profile on a grid; `shape` is that of the whole grid."""
-        side = as_float32(resolution) if float32_resolution else resolution
-        reach = _reach(inflation_radius, side, shape, is_exact=not float32_resolution)
+        """Return the profile for parameters of `exponential_cost`; unrelated ones are ignored."""
+        is_exact = not resolution_is_float32(lookup, float32_resolution)
+        side = source.resolution if is_exact else as_float32(source.resolution)
+        reach = _reach(inflation_radius, side, source.shape, is_exact=is_exact)
         table = cost_table(
             min(reach, _last_cost_above_0(inscribed_radius, cost_scaling_factor, side)),
             resolution=side,
             inscribed_radius=inscribed_radius,
             cost_scaling_factor=cost_scaling_factor,
             lookup=lookup,
-            is_exact=not float32_resolution,
+            is_exact=is_exact,
         )
         return cls(
             inscribed_radius, inflation_radius, cost_scaling_factor, inflate_unknown,
-            inflate_around_unknown, reach, reach * resolution, table,
+            inflate_around_unknown, reach, reach * source.resolution, table,
         )  # fmt: skip
 
     @property
@@ -122,6 +125,14 @@ class CostProfile:
         return cost >= LETHAL_OBSTACLE if self.inflate_around_unknown else cost == LETHAL_OBSTACLE
 
 
+def resolution_is_float32(lookup: CostLookup, asked: bool | None) -> bool:
+    """Return whether costs are computed with the float32 resolution of a map message."""
+    if lookup == "nav2" and asked is False:
+        rule = "cannot be no with lookup nav2, which takes the resolution of a map message"
+        raise ParameterError(rule, place="float32_resolution")
+    return lookup == "nav2" or bool(asked)
+
+
 def warn_of_radii(inscribed_radius: float, inflation_radius: float) -> None:
     if inscribed_radius > inflation_radius:
         text = (
@@ -131,24 +142,9 @@ def warn_of_radii(inscribed_radius: float, inflation_radius: float) -> None:
         emit_warning(text, stacklevel=3)
 
 
-def cost_table(
-    reach: int,
-    *,
-    resolution: float,
-    inscribed_radius: float,
-    cost_scaling_factor: float,
-    lookup: CostLookup = "exact",
-    is_exact: bool = True,
-) -> NDArray[np.uint8]:
-    """Return the cost of each squared distance in cells, 0 .. reach^2 and one 0 beyond."""
-    table = costs_of_squares(
-        np.arange(reach * reach + 2),
-        resolution=resolution,
-        inscribed_radius=inscribed_radius,
-        cost_scaling_factor=cost_scaling_factor,
-        lookup=lookup,
-        is_exact=is_exact,
-    )
+def cost_table(reach: int, **given: Any) -> NDArray[np.uint8]:
+    """Return `costs_of_squares` of the squared distances 0 .. reach^2, and one 0 beyond."""
+    table = costs_of_squares(np.arange(reach * reach + 2), **given)
     table[-1] = FREE_SPACE
     return table
 
@@ -177,7 +173,9 @@ def costs_of_squares(
 ) -> NDArray[np.uint8]:
     """Return the cost of squared distances in cells, however far costs reach."""
     if lookup == "nav2":
-        hundredths = _hundredths_of(squares)
+        # in float32 and rounded as Nav2's inflation layer does
+        cells = np.sqrt(squares.astype(np.float32))
+        hundredths = (cells * np.float32(100) + np.float32(0.5)).astype(np.int64)
         starts = np.flatnonzero(np.diff(hundredths, prepend=-1))
         of_hundredths = [
             _cost_of(index / 100.0 * resolution, inscribed_radius, cost_scaling_factor)
@@ -193,12 +191,6 @@ def costs_of_squares(
         costs[metres <= within] = INSCRIBED_INFLATED_OBSTACLE
     costs[squares == 0] = LETHAL_OBSTACLE
     return costs
-
-
-def _hundredths_of(squares: NDArray[np.int64] | NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return distances in 1/100 cell, in float32 and rounded as Nav2's inflation layer does."""
-    cells = np.sqrt(squares.astype(np.float32))
-    return (cells * np.float32(100) + np.float32(0.5)).astype(np.int64)
 
 
 def _cost_of(metres: float, inscribed_radius: float, cost_scaling_factor: float) -> int:

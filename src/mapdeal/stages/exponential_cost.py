@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
 from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap import CostLookup, Costmap, CostmapLayers, InflationLayer
 from mapdeal.grid.field import DistanceField
@@ -26,7 +24,12 @@ from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.records import dataclass
 from mapdeal.stages.cost import cost_model
-from mapdeal.stages.cost_profile import CostProfile, advice_on, warn_of_radii
+from mapdeal.stages.cost_profile import (
+    CostProfile,
+    advice_on,
+    resolution_is_float32,
+    warn_of_radii,
+)
 from mapdeal.stages.definition import Parameters, RobotShape
 from mapdeal.stages.inflation_curve import inflation_curve
 from mapdeal.stages.obstacle_source import ObstacleSource, check_lethal_threshold, warn_of_strength
@@ -216,7 +219,7 @@ def exponential_cost(
     """
     warn_of_strength(source, "exponential")
     warn_of_radii(inscribed_radius, inflation_radius)
-    profile = profile_of(
+    profile = CostProfile.of(
         source,
         inscribed_radius=inscribed_radius,
         inflation_radius=inflation_radius,
@@ -239,27 +242,24 @@ def exponential_cost(
         profile.raise_around_seeds(cost)
         return cost
 
-    def from_field(field: DistanceField) -> Callable[[slice], NDArray[np.uint8]]:
-        def make(rows: slice) -> NDArray[np.uint8]:
-            cost = base.costs(rows)
-            profile.raise_from_field(cost, field.part(rows))
-            return cost
-
-        return make
-
     if (
         isinstance(source, DistanceField)
         and profile.reach > 0
         and base.spread_from_obstacles(source, around_unknown=inflate_around_unknown)
         and profile.is_in(source)
     ):
-        cost = made_by_rows(source.occupancy, np.uint8, from_field(source), is_kept=True)
+        field = source
+
+        def from_field(rows: slice) -> NDArray[np.uint8]:
+            cost = base.costs(rows)
+            profile.raise_from_field(cost, field.part(rows))
+            return cost
+
+        cost = made_by_rows(source.occupancy, np.uint8, from_field, is_kept=True)
     else:
         cost = made_by_windows(source.occupancy, np.uint8, around_seeds, halo=profile.cells)
-    circumscribed_cost = profile.cost_at(circumscribed_radius)
-    return Costmap(
-        cost, source.resolution, source.origin, circumscribed_cost=circumscribed_cost
-    )  # fmt: skip
+    at_circumscribed = profile.cost_at(circumscribed_radius)
+    return Costmap(cost, source.resolution, source.origin, circumscribed_cost=at_circumscribed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,37 +305,3 @@ class BaseCosts:
         if field.unknown == "free":
             others[UNKNOWN] = around_unknown and self.table[UNKNOWN] == NO_INFORMATION
         return not others.any() or not counts_of(field.occupancy)[others.view(np.bool_)].any()
-
-
-def profile_of(
-    source: ObstacleSource,
-    *,
-    inscribed_radius: float,
-    inflation_radius: float,
-    cost_scaling_factor: float,
-    inflate_unknown: bool,
-    inflate_around_unknown: bool,
-    lookup: CostLookup,
-    float32_resolution: bool | None,
-    **_: object,
-) -> CostProfile:
-    """Return the profile for parameters of `exponential_cost`; unrelated ones are ignored."""
-    return CostProfile.of(
-        inscribed_radius,
-        inflation_radius,
-        cost_scaling_factor,
-        inflate_unknown=inflate_unknown,
-        inflate_around_unknown=inflate_around_unknown,
-        lookup=lookup,
-        float32_resolution=resolution_is_float32(lookup, float32_resolution),
-        resolution=source.resolution,
-        shape=source.shape,
-    )
-
-
-def resolution_is_float32(lookup: CostLookup, asked: bool | None) -> bool:
-    """Return whether costs are computed with the float32 resolution of a map message."""
-    if lookup == "nav2" and asked is False:
-        rule = "cannot be no with lookup nav2, which takes the resolution of a map message"
-        raise ParameterError(rule, place="float32_resolution")
-    return lookup == "nav2" or bool(asked)

@@ -250,17 +250,7 @@ class MasterGrid:
             if isinstance(layer, StaticLayer):
                 laid.append(LaidStatic.of(layer))
                 continue
-            profile = CostProfile.of(
-                layer.inscribed_radius,
-                layer.inflation_radius,
-                layer.cost_scaling_factor,
-                inflate_unknown=layer.inflate_unknown,
-                inflate_around_unknown=layer.inflate_around_unknown,
-                lookup=layer.lookup,
-                float32_resolution=True,
-                resolution=source.resolution,
-                shape=source.shape,
-            )
+            profile = CostProfile.of(source, **vars(layer), float32_resolution=True)
             laid.append(LaidInflation(profile, spread_of(layer)))
         return cls(source, tuple(laid), default_cost)
 

@@ -8,10 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.costmap import InflationLayer
 from mapdeal.kernels.inflation_queue import queue_squares
 from mapdeal.stages.cost_profile import CostProfile, raise_costs
-from mapdeal.stages.exponential_cost import BaseCosts, profile_of
+from mapdeal.stages.exponential_cost import BaseCosts
 from mapdeal.stages.layered_cost import MasterGrid, Spread, raise_around_seeds
 from mapdeal.stages.obstacle_source import ObstacleSource
 
@@ -25,9 +24,8 @@ class QueueDifference(NamedTuple):
 
 def queue_difference(source: ObstacleSource, parameters: Mapping[str, Any]) -> QueueDifference:
     """Return how costs differ from those of ROS 1, and of Nav2 up to Kilted."""
-    made = _layered if "layers" in parameters else _exponential
     exact, queued = (
-        made(source, parameters, spread).astype(np.int16)
+        costs_spread(source, parameters, spread).astype(np.int16)
         for spread in (raise_around_seeds, raise_by_queue)
     )
     difference = np.abs(exact - queued)
@@ -42,26 +40,18 @@ def raise_by_queue(profile: CostProfile, cost: NDArray[np.uint8]) -> None:
         raise_costs(cost, spread, inflate_unknown=profile.inflate_unknown)
 
 
-def costs_by_queue(source: ObstacleSource, parameters: Mapping[str, Any]) -> NDArray[np.uint8]:
-    made = _layered if "layers" in parameters else _exponential
-    return made(source, parameters, raise_by_queue)
-
-
-def _exponential(
+def costs_spread(
     source: ObstacleSource, parameters: Mapping[str, Any], spread: Spread
 ) -> NDArray[np.uint8]:
-    cost = BaseCosts.of(source, **parameters).costs(slice(0, source.shape[0]))
+    """Return the costs of either model, spread by a function where the lookup is exact."""
+    rows = slice(0, source.shape[0])
+    if "layers" in parameters:
+        layers, default_cost = parameters["layers"], parameters["default_cost"]
+        spreads = {"nav2": raise_around_seeds, "exact": spread}
+        grid = MasterGrid.of(source, layers, default_cost, lambda layer: spreads[layer.lookup])
+        return grid.costs(rows)
+    cost = BaseCosts.of(source, **parameters).costs(rows)
     if parameters["lookup"] == "nav2":
         spread = raise_around_seeds
-    spread(profile_of(source, **parameters), cost)
+    spread(CostProfile.of(source, **parameters), cost)
     return cost
-
-
-def _layered(
-    source: ObstacleSource, parameters: Mapping[str, Any], spread: Spread
-) -> NDArray[np.uint8]:
-    def spread_of(layer: InflationLayer) -> Spread:
-        return raise_around_seeds if layer.lookup == "nav2" else spread
-
-    grid = MasterGrid.of(source, parameters["layers"], parameters["default_cost"], spread_of)
-    return grid.costs(slice(0, source.shape[0]))
