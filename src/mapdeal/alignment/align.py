@@ -81,18 +81,14 @@ class Agreement:
         # wall; the mean over the tolerances. Where maps hardly overlap, it is less in proportion: a
         # few walls always agree somewhere.
         pieces = (self.agreeing + self.contradicting) / self.piece
-        evidence: Floats = (pieces * self._divergences(chance)).mean(axis=1)
+        evidence: Floats = (pieces * _divergence(self.shares, chance)).mean(axis=1)
         evidence *= np.minimum(self.overlap / _FULL_OVERLAP, 1)
         return evidence
 
     def quality(self, chance: Floats) -> Floats:
         """Return the same for each piece of wall, shape (K,): how well what is common agrees."""
-        quality: Floats = self._divergences(chance).mean(axis=1)
+        quality: Floats = _divergence(self.shares, chance).mean(axis=1)
         return quality
-
-    def _divergences(self, chance: Floats) -> Floats:
-        """Return the divergences (Kullback and Leibler) from shares by chance, shape (K, T)."""
-        return _divergence(self.shares, chance)
 
 
 def agreement_at(first: WallMap, second: WallMap, poses: Poses, most: int) -> Agreement:
@@ -415,9 +411,8 @@ def _rival(
 def _reason(score: float, rival: float | None, overlap: float) -> str | None:
     """Return why a place is not sure; None if it is."""
     if score < LEAST_SCORE:
-        shown = (
-            math.floor(100 * score) / 100
-        )  # one that is too small is never shown as large enough
+        # one that is too small is never shown as large enough
+        shown = math.floor(100 * score) / 100
         told = f"score {shown:g}, of {LEAST_SCORE:g} at least"
         return f"the walls agree hardly better than those of different places do ({told})"
     if overlap < LEAST_OVERLAP:

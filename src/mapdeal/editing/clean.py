@@ -155,10 +155,10 @@ def clean(
     least_hole, least_free = _count(min_hole, "min_hole"), _count(min_free, "min_free")
     before = np.asarray(grid.occupancy)
     values = before.copy()
-    free_holes = _fill_holes(values, least_hole, FREE)
+    free_holes = _replace(values, UNKNOWN, least_hole, around=FREE, value=FREE)
     islands = _forget_islands(values, least_free)
-    wall_holes = _fill_holes(values, least_hole, OCCUPIED)
-    specks = _remove_specks(values, least_obstacle)
+    wall_holes = _replace(values, UNKNOWN, least_hole, around=OCCUPIED, value=OCCUPIED)
+    specks = _replace(values, OCCUPIED, least_obstacle, around=FREE, value=FREE)
     changed = int(np.count_nonzero(values != before))
     if not changed:
         emit_warning(f"clean: nothing has changed{_why(before)}", stacklevel=2)
@@ -180,22 +180,11 @@ def _forget_islands(values: Values, least: int) -> Patches:
     return _set(values, areas.cells_of(is_small), UNKNOWN, is_small)
 
 
-def _fill_holes(values: Values, least: int, value: int) -> Patches:
-    """Fill small unknown areas whose surrounding cells all have one value, in place."""
+def _replace(values: Values, old: int, least: int, *, around: int, value: int) -> Patches:
+    """Set small groups of old values, in place, if all cells around them equal `around`."""
     if least <= 1:
         return _NONE
-    return _replace(values, values == UNKNOWN, least, around=value, value=value)
-
-
-def _remove_specks(values: Values, least: int) -> Patches:
-    """Remove small obstacles that are surrounded by free space, in place."""
-    if least <= 1:
-        return _NONE
-    return _replace(values, values == OCCUPIED, least, around=FREE, value=FREE)
-
-
-def _replace(values: Values, marked: Mask, least: int, *, around: int, value: int) -> Patches:
-    """Set small groups of marked cells to a value if all cells around them equal `around`."""
+    marked = values == old
     groups = labelled(marked, corners=True)
     is_small = groups.sizes < least
     is_small[0] = False

@@ -230,10 +230,6 @@ def evidence_of(
     return total
 
 
-def in_beams(evidence: NDArray[np.int64]) -> NDArray[np.float64]:
-    return evidence / _PASS
-
-
 def _add_layers(
     total: NDArray[np.int64], lattice: Frame, layers: ChosenLayers, source: Frame
 ) -> None:
@@ -446,7 +442,7 @@ def merged_on(
         total = evidence_of(lattice, states, frames, evidence)
         values[total > 0] = OCCUPIED
         values[total < 0] = FREE
-        log_odds = in_beams(total)
+        log_odds = total / _PASS
         del total
         log_odds += EVEN
         log_odds[values == UNKNOWN] = np.nan

@@ -97,9 +97,15 @@ def compare_methods(
         warn_of_nothing(made[methods[0]].grid, source.named)
         name = Path(source.named.name.removesuffix(".gz")).stem
         for method, result in made.items():
-            _write_map(
-                transaction, folder, method, result, title=f"{name}: {method}", image_extent=shown
+            write_grid(transaction, folder / f"{method}.yaml", result.grid)
+            count = len(result.vanished)
+            rings = RingOverlay(
+                result.vanished.middles_xy(result.grid.frame),
+                "hits that vanished",
+                f"{count} group{'' if count == 1 else 's'} of hits vanished",
             )
+            path, title = folder / f"{method}.png", one_line(f"{name}: {method}")
+            write_picture(transaction, path, result.grid, title, image_extent=shown, overlay=rings)
         found = []
         for pair in pairs:
             first, second = (states_of(made[method].grid.occupancy) for method in pair)
@@ -203,28 +209,6 @@ def _pair_figures(
             for state, row in zip(_STATES, table.tolist(), strict=True)
         },
     }
-
-
-def _write_map(
-    transaction: Transaction,
-    folder: Path,
-    method: Method,
-    result: MethodResult,
-    *,
-    title: str,
-    image_extent: ImageExtent,
-) -> None:
-    write_grid(transaction, folder / f"{method}.yaml", result.grid)
-    count = len(result.vanished)
-    rings = RingOverlay(
-        result.vanished.middles_xy(result.grid.frame),
-        "hits that vanished",
-        f"{count} group{'' if count == 1 else 's'} of hits vanished",
-    )
-    path = folder / f"{method}.png"
-    write_picture(
-        transaction, path, result.grid, one_line(title), image_extent=image_extent, overlay=rings
-    )
 
 
 def _write_difference(

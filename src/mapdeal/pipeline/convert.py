@@ -182,8 +182,11 @@ def _converted(
     if encoding == "amcl":
         occupancy = grid.to_occupancy() if isinstance(grid, Costmap) else grid
         return occupancy.as_amcl_sees_it()
-    if encoding == "occupancy":
-        return _published(grid)
+    if encoding == "occupancy" and isinstance(grid, Costmap):  # as ROS would publish them
+        if grid.scale == "occupancy":
+            return grid
+        values = grid.to_occupancy().occupancy
+        return Costmap(values, grid.resolution, grid.origin, "occupancy")
     if isinstance(grid, Costmap) and grid.scale == "costmap2d":
         if static_layer is not None:
             rule = "applies to maps, and these are already costs on its own scale"
@@ -193,11 +196,3 @@ def _converted(
     if static_layer is not None:
         return Costmap.from_static_layer(occupancy, **static_layer)
     return Costmap.from_occupancy(occupancy)
-
-
-def _published(grid: Grid) -> Grid:
-    """Return costs as ROS would publish them; they stay costs."""
-    if not isinstance(grid, Costmap) or grid.scale == "occupancy":
-        return grid
-    published = grid.to_occupancy()
-    return Costmap(published.occupancy, grid.resolution, grid.origin, "occupancy")

@@ -90,7 +90,7 @@ class _Pass:
 
         self._layer = layer
         self._next = 0
-        self._puts: list[PutRows] = []
+        self._puts: list[tuple[Path, PutRows]] = []
         self.asked: Grid = grid.with_layer(made_by_rows(layer, layer.dtype, handed_on))
 
     def write_all(self, files: Sequence[Begun]) -> None:
@@ -99,7 +99,7 @@ class _Pass:
             if isinstance(writer, RowsWriter):
                 with _failing_at(path):
                     put, finish = writer.begin(file)
-                self._puts.append(_named(path, put))
+                self._puts.append((path, put))
                 finishes.append((path, finish))
         for path, file, writer in files:
             if not isinstance(writer, RowsWriter):
@@ -115,18 +115,11 @@ class _Pass:
     def _hand_on(self, rows: slice) -> None:
         if rows.start != self._next:  # asked for once more
             return
-        for put in self._puts:
-            put(rows)
+        for path, put in self._puts:
+            with _failing_at(path):
+                put(rows)
         self._next = rows.stop
         report_rows(self._layer, rows)
-
-
-def _named(path: Path, put: PutRows) -> PutRows:
-    def put_here(rows: slice) -> None:
-        with _failing_at(path):
-            put(rows)
-
-    return put_here
 
 
 @contextmanager
@@ -269,25 +262,15 @@ def write_products(
     folder: Path,
     *,
     stem: str,
-    images: bool = True,
-    image_max: int = DEFAULT_IMAGE_MAX,
-    image_extent: ImageExtent = DEFAULT_EXTENT,
-    overlay: Overlay | None = None,
+    images: bool,
+    **how: Any,
 ) -> None:
     """Write all files of a step's product, those of `paths_of`."""
     with one_pass(transaction, grid) as asked:
         for path in paths_of(step, folder, images=images):
             if path.suffix == PICTURE:
                 title = one_line(f"{stem}: {step.title}")
-                write_picture(
-                    transaction,
-                    path,
-                    grid,
-                    title,
-                    image_max=image_max,
-                    image_extent=image_extent,
-                    overlay=overlay,
-                )
+                write_picture(transaction, path, grid, title, **how)
             elif path.suffix != ".pgm":  # it is written with its YAML
                 write_product(transaction, path, grid, step, asked=asked)
 
@@ -454,6 +437,7 @@ class OutputFolder:
         old = read_json(self.path / MANIFEST)
         figures: dict[str, Figures] = {}
         texts = list(filling.heard)
+        shows_known = self.settings.images and self.settings.image_extent == "known"
         if filling.read is not None:
             for path in self._input_picture():
                 write_picture(
@@ -467,7 +451,7 @@ class OutputFolder:
         for product in heard_from(filling.products, texts):
             step, grid = product.step, product.grid
             figures[step.name] = {
-                **figures_of(grid, box_of_known=self._shows_known), **product.figures
+                **figures_of(grid, box_of_known=shows_known), **product.figures
             }  # fmt: skip
             remark = step.remark_on(figures[step.name])
             if remark is not None:
@@ -494,10 +478,6 @@ class OutputFolder:
         if isinstance(old, dict):
             self._remove_left_over(transaction, old)
         return figures
-
-    @property
-    def _shows_known(self) -> bool:
-        return self.settings.images and self.settings.image_extent == "known"
 
     def _manifest(self) -> dict[str, Any]:
         return {
@@ -625,7 +605,6 @@ def _is_manifest(value: object) -> bool:
 
 
 _SHOWN = 3
-_PICTURE = ".png"
 
 
 def store_golden(folder: Path, golden: Path, place: str | None = None) -> Path:
@@ -663,7 +642,9 @@ def _difference(stage: str, old: dict[str, Any], new: dict[str, Any]) -> str | N
     if changed:
         return f"other parameters: {changed}"
     files = [_files(manifest, stage) for manifest in (old, new)]
-    differing = [name for name in sorted({*files[0], *files[1]}) if _differs(name, *files)]
+    differing = [
+        name for name in sorted({*files[0], *files[1]}) if files[0].get(name) != files[1].get(name)
+    ]
     if not differing:
         return None
     told = _changes(old["figures"][stage], new["figures"][stage])
@@ -680,12 +661,8 @@ def _files(manifest: dict[str, Any], stage: str) -> dict[str, str]:
     return {
         name: str(digest)
         for name, digest in manifest["outputs"].items()
-        if Path(name).stem == stem and Path(name).suffix != _PICTURE
+        if Path(name).stem == stem and Path(name).suffix != PICTURE
     }
-
-
-def _differs(name: str, old: dict[str, str], new: dict[str, str]) -> bool:
-    return old.get(name) != new.get(name)
 
 
 def _changes(old: Figures, new: Figures) -> str:

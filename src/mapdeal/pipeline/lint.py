@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from mapdeal.checks.facts import RoomFacts
 from mapdeal.checks.finding import CHECKS, Finding
@@ -31,7 +32,7 @@ from mapdeal.formats.lint_config import (
     read_lint_config,
 )
 from mapdeal.formats.listing import MapListing, list_maps
-from mapdeal.formats.maps import open_map
+from mapdeal.formats.maps import MapFile, open_map
 from mapdeal.formats.source import is_folder, normal_path
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import reach_radius
@@ -42,6 +43,8 @@ from mapdeal.version import __version__
 
 if TYPE_CHECKING:  # what only several processes need
     from mapdeal.pipeline.batch import Job
+
+T = TypeVar("T")
 
 _NOT_CHECKED = "lint.not-checked"
 _NO_ACCESS = "file.access"
@@ -245,7 +248,11 @@ def _lint_parameters(
             parameters.paths,
             costmap=parameters.costmap,
             namespace=parameters.namespace,
-            map_resolutions=[found for path in maps if (found := _resolution_of(path, settings))],
+            map_resolutions=[
+                (path.name, found)
+                for path in maps
+                if (found := _of_header(path, settings, lambda file: file.frame().resolution))
+            ],
         )
     except FileAccessError as error:
         faulty = Path(error.source) if error.source is not None else parameters.paths[-1]
@@ -254,16 +261,17 @@ def _lint_parameters(
         return {path: [finding] if path == faulty else [] for path in parameters.paths}
 
 
-def _resolution_of(path: Path, settings: Settings) -> tuple[str, float] | None:
-    """Return the name and the resolution of a map; None if there is none to read."""
+def _of_header(path: Path, settings: Settings, take: Callable[[MapFile], T]) -> T | None:
+    """Return what a function takes from the header of a map; None if there is none to read."""
     if is_folder(path):
         return None
-    with kept_warnings():
-        try:
-            with open_map(path, max_cells=settings.max_cells) as file:
-                return path.name, file.frame().resolution
-        except MapdealError:
-            return None
+    with (
+        kept_warnings(),  # reading itself warns
+        suppress(MapdealError),
+        open_map(path, max_cells=settings.max_cells) as file,
+    ):
+        return take(file)
+    return None
 
 
 def _lint_one(path: Path, settings: Settings, radius: float | None = None) -> _Found:
@@ -294,21 +302,9 @@ def _are_worth_workers(paths: Sequence[Path], settings: Settings) -> bool:
     for path in paths[::step]:
         if cells >= _CELLS_WORTH_WORKERS:
             return True
-        cells += step * _cells_of(path, settings)
+        height, width = _of_header(path, settings, lambda file: file.shape()) or (0, 0)
+        cells += step * height * width
     return cells >= _CELLS_WORTH_WORKERS
-
-
-def _cells_of(path: Path, settings: Settings) -> int:
-    """Return the number of cells in the header of a map; 0 if there is none."""
-    if is_folder(path):
-        return 0
-    with kept_warnings():  # reading itself warns
-        try:
-            with open_map(path, max_cells=settings.max_cells) as file:
-                height, width = file.shape()
-        except MapdealError:
-            return 0
-    return height * width
 
 
 def _lint_in_processes(

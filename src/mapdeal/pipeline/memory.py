@@ -125,7 +125,11 @@ def _read(
         raise _too_large(file.path, grid.shape, needed, budget)
     base = _base(grid.shape, image_max) + grid.occupancy.nbytes
     block_height, cache = _cut(file.path, grid.shape, steps, budget, base, needed=needed)
-    return replace(source, grid=_in_blocks(grid, block_height, cache))
+    values = grid.occupancy
+    layer = lazy_layer(
+        grid.shape, np.int8, lambda rows: values[rows], block_height=block_height, budget=cache
+    )
+    return replace(source, grid=grid.with_values(layer))
 
 
 @dataclass(frozen=True)
@@ -190,14 +194,6 @@ def _bytes_of_crop(grid: Framed) -> int:
     if not isinstance(grid, FieldGrid) or grid.region is None:
         return 0
     return bytes_of(grid) * grid.region.cells // (grid.shape[0] * grid.shape[1])
-
-
-def _in_blocks(grid: OccupancyGrid, block_height: int, cache: CacheBudget) -> OccupancyGrid:
-    values = grid.occupancy
-    layer = lazy_layer(
-        grid.shape, np.int8, lambda rows: values[rows], block_height=block_height, budget=cache
-    )
-    return grid.with_values(layer)
 
 
 @dataclass(frozen=True)

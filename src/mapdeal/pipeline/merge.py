@@ -211,7 +211,10 @@ def merge_files(
             what = f"{lattice.width} x {lattice.height} cells around all maps"
             claim(paths[0], held + per_cell * lattice.height * lattice.width, what=what)
         merged = merged_on(lattice, grids, frames, rule=rule, evidence=layers)
-        _warn(merged, maps, layers, rule, by)
+        advice = "; --by align places maps by their walls" if by == "frames" else ""
+        names = [str(path) for path in paths]
+        for text in remarks_on(merged, names, rule, without_layers(layers), advice=advice):
+            emit_warning(text, stacklevel=2)
         metadata = sources[0].metadata
         more = None if merged.log_odds is None else {"log_odds": merged.log_odds}
         write_grid(
@@ -277,16 +280,3 @@ def _transforms(
     if by == "align":
         return transforms_by_walls(grids, [one.path for one in maps])
     return transforms_by_files([Path(path) for path in by], maps)
-
-
-def _warn(
-    merged: Merged,
-    maps: Sequence[Known],
-    layers: Sequence[ChosenLayers],
-    rule: Rule,
-    by: By | Sequence[Path],
-) -> None:
-    advice = "; --by align places maps by their walls" if by == "frames" else ""
-    names = [str(one.path) for one in maps]
-    for text in remarks_on(merged, names, rule, without_layers(layers), advice=advice):
-        emit_warning(text, stacklevel=3)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.checks.facts import PairFacts, gather
-from mapdeal.checks.finding import Finding
 from mapdeal.checks.repair import repaired, yaml_repair
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, kept_warnings
 from mapdeal.formats.endings import YAML
@@ -48,7 +47,9 @@ def repair_file(path: Path, output: Path, options: Settings) -> list[str]:
     outputs = output_paths(output)
     pair, cells, findings = gather(path, max_cells=options.max_cells)
     if cells is None:
-        raise MalformedInputError(_why(findings), source=path)
+        errors = (found.message for found in findings if found.severity == "error")
+        rule = next(errors, "holds costs, which are not repaired")
+        raise MalformedInputError(rule, source=path)
     inputs = [path, *([pair.path, pair.image_path] if pair is not None else [])]
     with outputs_of(outputs, inputs, options) as transaction:
         with errors_named(path):
@@ -58,13 +59,6 @@ def repair_file(path: Path, output: Path, options: Settings) -> list[str]:
         done += [found.message for found in findings if found.check == "yaml.nan-yaw"]
         done.append(f"image {outputs[0].name}, usual thresholds")
     return done
-
-
-def _why(findings: list[Finding]) -> str:
-    return next(
-        (found.message for found in findings if found.severity == "error"),
-        "holds costs, which are not repaired",
-    )
 
 
 def repair_in_place(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -181,7 +181,7 @@ def score_files(
                 options.image, lambda file: write_indexed_png(file, image.indices, image.palette)
             )
     maps = list(map(ComparedMap.of, paths, sources))
-    return _with_maps(report, maps[0], maps[1] if truth is not None else None)
+    return replace(report, maps=(maps[0], maps[1] if truth is not None else None))
 
 
 def walls_of(found: Comparison) -> ScoredWalls:
@@ -194,13 +194,6 @@ def walls_of(found: Comparison) -> ScoredWalls:
 def title_of(path: Path, truth: Path | None) -> str:
     """Return what stands above the picture of two files."""
     return one_line(f"{path.stem} on {truth.stem if truth else ''}: how far off its walls are")
-
-
-def _with_maps(
-    report: ScoreReport, own: ComparedMap, truth: ComparedMap | None
-) -> ScoreReport:  # fmt: skip
-    fields = {name: getattr(report, name) for name in report.__dataclass_fields__}
-    return ScoreReport(**{**fields, "maps": (own, truth)})
 
 
 def _claim(

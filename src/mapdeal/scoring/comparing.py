@@ -413,12 +413,12 @@ def compare_states(estimate: States, truth: States, frame: Frame) -> Comparison:
         "cells": list(frame.shape),
         "ssim_uniform7": uniform_similarity(truth, estimate),
         "ssim_gauss": gaussian_similarity(truth, estimate),
-        "dist_est_to_truth_m": _told(wall_distances(to_truth, cell)),
-        "dist_truth_to_est_m": _told(wall_distances(to_estimate, cell)),
-        "dist_est_to_truth_where_truth_known_m": _told(
+        "dist_est_to_truth_m": asdict(wall_distances(to_truth, cell)),
+        "dist_truth_to_est_m": asdict(wall_distances(to_estimate, cell)),
+        "dist_est_to_truth_where_truth_known_m": asdict(
             wall_distances(to_truth[truth[walls] != UNKNOWN], cell)
         ),
-        "dist_truth_to_est_where_est_known_m": _told(
+        "dist_truth_to_est_where_est_known_m": asdict(
             wall_distances(to_estimate[estimate[true_walls] != UNKNOWN], cell)
         ),
         "iou_occupied": overlap.iou(OCCUPIED),
@@ -434,7 +434,3 @@ def compare_states(estimate: States, truth: States, frame: Frame) -> Comparison:
         "confusion_whole_lattice": asdict(whole),
     }
     return Comparison(frame, estimate, truth, values, to_truth, to_estimate)
-
-
-def _told(found: WallDistances) -> dict[str, float | None]:
-    return asdict(found)

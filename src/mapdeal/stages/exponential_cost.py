@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap import CostLookup, Costmap, CostmapLayers, InflationLayer
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.values import (
     FREE_SPACE,
@@ -43,6 +42,8 @@ from mapdeal.stages.parameters import (
     LethalThreshold,
 )
 
+_RADII = ("inscribed_radius", "circumscribed_radius")
+
 
 def _title(parameters: Parameters) -> str:
     return (
@@ -50,13 +51,6 @@ def _title(parameters: Parameters) -> str:
         f"inflation {parameters['inflation_radius']:.4g} m, "
         f"factor {parameters['cost_scaling_factor']:.4g}"
     )
-
-
-def _radii_of(footprint: Footprint) -> dict[str, object]:
-    return {
-        "inscribed_radius": footprint.inscribed_radius,
-        "circumscribed_radius": footprint.circumscribed_radius,
-    }
 
 
 def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
@@ -120,7 +114,11 @@ def _advice(parameters: Parameters, cost: int) -> str:
     advice=_advice,
     when_closed="lower inscribed_radius, or the radius of inflate",
     curve=_curve,
-    robot=RobotShape("inscribed_radius", ("inscribed_radius", "circumscribed_radius"), _radii_of),
+    robot=RobotShape(
+        "inscribed_radius",
+        _RADII,
+        lambda footprint: {name: getattr(footprint, name) for name in _RADII},
+    ),
     settled=_settled,
     of_layers=_of_layers,
 )

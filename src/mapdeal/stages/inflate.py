@@ -15,13 +15,8 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import holds_everywhere, made_by_windows
 from mapdeal.kernels.dilation import inflated
-from mapdeal.stages.definition import InPlaceOf, Parameters, RobotShape, stage
+from mapdeal.stages.definition import InPlaceOf, RobotShape, stage
 from mapdeal.stages.parameters import AT_LEAST_0, METRES, LethalThreshold
-
-
-def _circumscribed(parameters: Parameters) -> float:
-    footprint: Footprint = parameters["footprint"]
-    return footprint.circumscribed_radius
 
 
 @stage(
@@ -31,7 +26,7 @@ def _circumscribed(parameters: Parameters) -> float:
     title=lambda parameters: f"inflated by {parameters['radius']:.4g} m ({parameters['kernel']})",
     memory=2.0,
     robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
-    in_place_of={"footprint": InPlaceOf("radius", _circumscribed)},
+    in_place_of={"footprint": InPlaceOf("radius", lambda p: p["footprint"].circumscribed_radius)},
 )
 def inflate(
     grid: OccupancyGrid,

@@ -88,17 +88,13 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
     layer = made_by_rows(costmap.cost, costmap.cost.dtype, covered_rows, is_kept=True)
     for rows in swept(layer):  # for the counts; of an array it is done already
         layer[rows]
-    _warn(sum(covered), sum(freed))
-    return costmap.with_values(layer)
-
-
-def _warn(covered: int, freed: int) -> None:
-    if not covered:
+    if not sum(covered):
         text = "the mask covers no cell of the costs: it has no known cell there"
-        emit_warning(text, stacklevel=3)
-    if freed:
-        text = f"{freed} unknown cells became free where the mask is 0, as in Nav2"
-        emit_warning(text, stacklevel=3)
+        emit_warning(text, stacklevel=2)
+    if sum(freed):
+        text = f"{sum(freed)} unknown cells became free where the mask is 0, as in Nav2"
+        emit_warning(text, stacklevel=2)
+    return costmap.with_values(layer)
 
 
 def _cells_at_centres(

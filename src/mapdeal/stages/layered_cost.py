@@ -45,7 +45,8 @@ def _title(parameters: Parameters) -> str:
 
 
 def _advice(parameters: Parameters, cost: int) -> str:
-    inflation = _last_inflation(parameters["layers"])
+    layers = reversed(parameters["layers"])
+    inflation = next((one for one in layers if isinstance(one, InflationLayer)), None)
     if inflation is None:
         return "no inflation layer spreads costs"
     return advice_on(
@@ -169,13 +170,8 @@ def layered_cost(
     )
 
 
-def _last_inflation(layers: Sequence[CostmapLayer]) -> InflationLayer | None:
-    return next((one for one in reversed(layers) if isinstance(one, InflationLayer)), None)
-
-
-def raise_around_seeds(profile: CostProfile, cost: Master) -> None:
-    """Raise costs, in place, by the exact distances to the cells they spread from."""
-    profile.raise_around_seeds(cost)
+raise_around_seeds: Spread = CostProfile.raise_around_seeds
+"""By the exact distances to these cells."""
 
 
 @dataclass(frozen=True, eq=False)

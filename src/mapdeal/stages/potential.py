@@ -104,7 +104,12 @@ def potential(
     lethal_threshold = check_lethal_threshold(source, lethal_threshold)
     obstacles = np.asarray(obstacles_of(source, lethal_threshold))
     if goal is not None:
-        _check_goal(source, obstacles, goal)
+        cells, inside = source.frame.bounded_rowcol_from_xy([check_point(goal, "goal")])
+        if not inside[0]:
+            text = f"potential: the goal {goal[0]:.10g}, {goal[1]:.10g} lies outside of the map"
+            emit_warning(text, stacklevel=3)
+        elif obstacles[tuple(cells[0])]:
+            raise ParameterError("lies in an obstacle", place="goal", got=goal)
     repulsive = sum_of_inverse_distances(
         obstacles, scale=source.resolution, least=LEAST_DISTANCE * (1 + 1e-9)
     )
@@ -118,14 +123,3 @@ def potential(
         repulsive_gain=repulsive_gain,
         repulsive_cap=repulsive_cap,
     )
-
-
-def _check_goal(
-    source: ObstacleSource, obstacles: np.ndarray, goal: tuple[float, float]
-) -> None:  # fmt: skip
-    cells, inside = source.frame.bounded_rowcol_from_xy([check_point(goal, "goal")])
-    if not inside[0]:
-        text = f"potential: the goal {goal[0]:.10g}, {goal[1]:.10g} lies outside of the map"
-        emit_warning(text, stacklevel=4)
-    elif obstacles[tuple(cells[0])]:
-        raise ParameterError("lies in an obstacle", place="goal", got=goal)

@@ -114,13 +114,7 @@ class BagClouds:
         return index % count
 
     def poses(self, numbers: Sequence[int]) -> list[Pose | None]:
-        """Return where the robot was at each of some clouds; None where it is not known.
-
-        Warns
-        -----
-        MapdealWarning
-            If it is not known for some.
-        """
+        """Return where the robot was at each of some clouds; None where it is not known."""
         headers = [self._header(number) for number in numbers]
         found: list[Pose | None] = [None] * len(numbers)
         for frame in {self._base or frame for _, frame in headers}:

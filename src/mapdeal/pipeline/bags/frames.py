@@ -217,10 +217,8 @@ class SensorFrames:
 
 
 def _of_tf(bag: Bag) -> tuple[list[Connection], list[Connection]]:
-    """Return the connections with transforms: those that move, and those that are static.
-
-    Those of /tf and /tf_static; of a robot with a namespace, if there are no others, its own.
-    """
+    """Return the connections with transforms: those that move, and those that are static."""
+    # Those of /tf and /tf_static; of a robot with a namespace, if there are no others, its own.
     ours = [one for one in bag.of_types(*TF_TYPES) if one.encoding in CAN_BE_READ]
     plain = [one for one in ours if one.topic in (_TF, _STATIC)]
     ours = plain or ours

@@ -38,13 +38,11 @@ _COMMANDS: dict[str, tuple[str, ...]] = {
 
 
 def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dict[str, Any]:
-    """Return what there is to know of a bag, as JSON can hold it.
-
-    ``topics`` has a mapping for each topic: its type, the number of its messages, the times of the
-    first and the last (when they were recorded, nanoseconds), the frame of the first, and the
-    commands that take it. ``transforms`` has those between frames in /tf, with counts;
-    ``use`` the command lines for what can be used.
-    """
+    """Return what there is to know of a bag, as JSON can hold it."""
+    # ``topics`` has a mapping for each topic: its type, the number of its messages, the times of
+    # the first and the last (when they were recorded, nanoseconds), the frame of the first, and the
+    # commands that take it. ``transforms`` has those between frames in /tf, with counts; ``use``
+    # the command lines for what can be used.
     with open_bag(path) as bag:
         told = bag.summary()
         decoder = Decoder(bag)

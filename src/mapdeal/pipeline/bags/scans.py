@@ -29,13 +29,10 @@ _OF_READING = 140
 
 
 class BagScans(ScanSource):
-    """The laser scans of a bag that is open.
+    """The laser scans of a bag that is open."""
 
-    Notes
-    -----
-    Scans come in the order of their recording times. Those outside of the times of the transforms
-    are left out and counted, as are those of a sensor that leans by more than 10 degrees.
-    """
+    # Scans come in the order of their recording times. Those outside of the times of the transforms
+    # are left out and counted, as are those of a sensor that leans by more than 10 degrees.
 
     def __init__(
         self, bag: Bag, topics: Sequence[str], options: FrameOptions, *, deskew: bool = False
@@ -126,10 +123,8 @@ class BagScans(ScanSource):
     def _runs(
         self, scans: list[LaserScan], times: list[NDArray[np.int64]]
     ) -> Iterator[tuple[list[LaserScan], Posed, Stances]]:
-        """Yield scans of the same geometry that follow each other, without those left out.
-
-        The poses are those of all times of a scan, one scan behind the other.
-        """
+        """Yield scans of the same geometry that follow each other, without those left out."""
+        # The poses are those of all times of a scan, one scan behind the other.
         found = self._looked_up(scans, times)
         kept: list[tuple[LaserScan, Posed, Stances]] = []
         for scan, (posed, stance) in zip(scans, found, strict=True):

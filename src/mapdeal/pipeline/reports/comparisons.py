@@ -25,12 +25,10 @@ from mapdeal.scoring.bounds import figure_text, figures_named
 
 
 def drafts_about(file: str, drafts: Sequence[Draft]) -> list[Draft]:
-    """Return the drafts of a map or run that lint has called by a name.
-
-    The map or the folder itself, wherever lint was started, counts most; then a name that a batch
-    gives a map, or a folder; then a file that a run was made of, if no other run was made of one
-    of its name.
-    """
+    """Return the drafts of a map or run that lint has called by a name."""
+    # The map or the folder itself, wherever lint was started, counts most; then a name that a batch
+    # gives a map, or a folder; then a file that a run was made of, if no other run was made of one
+    # of its name.
     path = Path(file)
     same = [draft for draft in drafts if any(is_same_file(path, one) for one in draft.places)]
     if same:
@@ -157,10 +155,8 @@ def _add_method(draft: Draft, method: str, grids: Grids) -> None:
 
 
 def two_maps(path: Path, answer: DiffAnswer, grids: Grids, settings: Settings) -> Draft:
-    """Return the draft of a document of ``diff``: both maps, and what differs.
-
-    The maps are read again. A map that is missing, or has changed since, is reported.
-    """
+    """Return the draft of a document of ``diff``: both maps, and what differs."""
+    # The maps are read again. A map that is missing, or has changed since, is reported.
     if answer.first is None or answer.second is None:
         rule = "does not name its two maps"
         hint = "mapdeal diff A B --json also writes their names"

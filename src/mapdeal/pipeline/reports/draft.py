@@ -84,10 +84,8 @@ class Draft:
         return next(one for one in names if one not in taken)
 
     def entry(self, folders: Collection[str] = ()) -> Entry:
-        """Return the entry as it is now; of very many items, tables and rows the first ones.
-
-        Texts name files without the absolute `folders`, of this machine or of a document's.
-        """
+        """Return the entry as it is now; of very many items, tables and rows the first ones."""
+        # Texts name files without the absolute `folders`, of this machine or of a document's.
 
         def shown(text: str) -> str:
             return without_folders(text, folders)

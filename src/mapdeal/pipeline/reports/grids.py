@@ -40,10 +40,9 @@ class Opened:
 
 
 class Grids:
-    """The grids of files, as many of them in memory as there is room for.
+    """The grids of files, as many of them in memory as there is room for."""
 
-    Within a ``with`` block: those that are read row by row stay open until its end.
-    """
+    # Within a ``with`` block: those that are read row by row stay open until its end.
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -82,13 +81,8 @@ class Grids:
         return self._opened[path]
 
     def grid(self, path: Path) -> Grid:
-        """Return the grid of a file that was opened.
-
-        Raises
-        ------
-        FileAccessError
-            If it has changed since.
-        """
+        """Return the grid of a file that was opened."""
+        # A `FileAccessError` if it has changed since.
         if path not in self._kept:
             with kept_warnings(), sums_of_reads() as read:  # they were given when it was opened
                 grid, file = self._read(path)

@@ -40,10 +40,8 @@ _MOST = 50
 
 
 def difference_items(found: Difference) -> list[Item]:
-    """Return groups of cells that touch where a wall is new, and where one is gone.
-
-    The largest come first. A group is placed at that of its cells which is nearest to its middle.
-    """
+    """Return groups of cells that touch where a wall is new, and where one is gone."""
+    # The largest come first. A group is placed at that of its cells which is nearest to its middle.
     return [*_groups_of(found, ADDED, "wall added"), *_groups_of(found, REMOVED, "wall removed")]
 
 

@@ -52,10 +52,8 @@ _UNKNOWN_MAP = np.full((1, 1), -1, dtype=np.int8)
 
 
 def runs_in(folder: Path) -> list[Draft] | None:
-    """Return a draft for each run in a folder: its own, those of a batch, or those below it.
-
-    Those that have failed have what its summary contains. None if there is none.
-    """
+    """Return a draft for each run in a folder: its own, those of a batch, or those below it."""
+    # Those that have failed have what its summary contains. None if there is none.
     if exists(folder / MANIFEST):
         local = (one for one in contents_of(folder)[0] if exists(folder / one / MANIFEST))
         return [
@@ -97,10 +95,8 @@ def _is_below(place: str) -> bool:
 
 
 def fill_from_run(draft: Draft, grids: Grids) -> None:
-    """Add to a draft what is in the folder of its run.
-
-    What does not match the manifest, or is not there, becomes a warning; the rest is shown.
-    """
+    """Add to a draft what is in the folder of its run."""
+    # What does not match the manifest, or is not there, becomes a warning; the rest is shown.
     if draft.status and draft.status not in _DONE and not exists(draft.path / MANIFEST):
         return
     manifest = manifest_in(draft.path)

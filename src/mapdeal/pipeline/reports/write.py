@@ -99,10 +99,8 @@ def reported(
     *,
     on_made: Callable[[Made], object],
 ) -> Iterator[None]:
-    """Write a page of the runs that are made within a ``with`` block, even if some have failed.
-
-    `on_made` is called with it.
-    """
+    """Write a page of the runs that are made within a ``with`` block, even if some have failed."""
+    # `on_made` is called with it.
     settings = replace(settings, force=True)
     try:
         yield
