@@ -25,7 +25,7 @@ from mapdeal.errors import (
 )
 from mapdeal.formats.json_values import json_of
 from mapdeal.formats.listing import ListedMap
-from mapdeal.formats.maps import MapFile, open_map
+from mapdeal.formats.maps import open_map
 from mapdeal.formats.source import exists, ignores_case, is_same_file, sums_of_reads
 from mapdeal.formats.transaction import Transaction, make_folder
 from mapdeal.kernels.threads import available_threads
@@ -104,17 +104,13 @@ class MapRun:
 def attempt(run_one: Callable[[Any], Any], job: Job) -> Outcome:
     """Do a job; whatever it raises or warns of is part of the outcome."""
     with _recorded_warnings() as texts:
-        result = _result_of(run_one, job)
+        try:
+            result = run_one(job)
+        except MapdealError as error:
+            result = error
+        except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
+            result = refusal_of_the_system(problem, job.path) or internal_error(job, problem)
     return Outcome(result, tuple(texts))
-
-
-def _result_of(run_one: Callable[[Any], Any], job: Job) -> Any:
-    try:
-        return run_one(job)
-    except MapdealError as error:
-        return error
-    except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
-        return refusal_of_the_system(problem, job.path) or internal_error(job, problem)
 
 
 def internal_error(job: Job, problem: BaseException) -> MapdealError:
@@ -196,7 +192,9 @@ def plan_of(job: Job, run: MapRun) -> Plan:
         ):
             size, files = file.shape(), file.files
             named = {} if settings.force else file.sums_by_name(sums)
-            cells = resolution_of(file) if run.around is not None else 0.0
+            cells = 0.0
+            if run.around is not None:  # metres, as a YAML says it; an npz must be read
+                cells = (file.metadata or file.read().grid).resolution
             need = need_of(file, size, steps, settings, image_max=settings.picture_size)
         folders = [output_folder(job.folder, named, run.recipe, settings)]
         if run.around is not None:
@@ -216,13 +214,6 @@ def plan_of(job: Job, run: MapRun) -> Plan:
         return Plan(job, "refused", *size, reads=files, error=refusal)
     what: Literal["new", "replace"] = "replace" if existing else "new"
     return Plan(job, what, *size, need, files, outputs)
-
-
-def resolution_of(file: MapFile) -> float:
-    """Return the side of a map's cells, metres, as its YAML says it; an npz must be read."""
-    if file.metadata is not None:
-        return file.metadata.resolution
-    return file.read().grid.resolution
 
 
 def _refusal(

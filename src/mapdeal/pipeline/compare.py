@@ -25,7 +25,7 @@ from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.components import thickness_of
-from mapdeal.mapping.build import METHODS, MapBuilder, Method, all_parameters
+from mapdeal.mapping.build import METHODS, Method, all_parameters
 from mapdeal.mapping.evidence import HitGroups
 from mapdeal.pipeline.build import Advance, BuildSettings, Gathered, gather, warn_of_nothing
 from mapdeal.pipeline.files import outputs_of
@@ -151,15 +151,12 @@ def _results(gathered: Gathered) -> dict[Method, MethodResult]:
     # the method whose evidence is largest comes first, so that it is gone when others need room
     order = sorted(gathered.builders, key=lambda m: -gathered.builders[m].bytes_per_cell)
     for method in order:
-        made[method] = _result(gathered.builders.pop(method), gathered.seconds[method])
+        builder, started = gathered.builders.pop(method), time.perf_counter()
+        built = builder.result(with_layers=False)
+        seconds = gathered.seconds[method] + time.perf_counter() - started
+        made[method] = MethodResult(built.grid, built.vanished, builder.bytes_per_cell, seconds)
+        del builder, built
     return {method: made[method] for method in METHODS if method in made}
-
-
-def _result(builder: MapBuilder, seconds: float) -> MethodResult:
-    started = time.perf_counter()
-    built = builder.result(with_layers=False)
-    seconds += time.perf_counter() - started
-    return MethodResult(built.grid, built.vanished, builder.bytes_per_cell, seconds)
 
 
 def _lattice(grid: OccupancyGrid) -> dict[str, Any]:

@@ -9,11 +9,9 @@ from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.formats.budget import holding
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.formats.maps import as_occupancy, read_source
-from mapdeal.formats.npz import Grid
 from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.framed import Figures
-from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
 from mapdeal.pipeline.folder import (
@@ -86,9 +84,13 @@ def apply_to_file(
                 raise step.no_curve()
             overlays = robot_overlays(step)
             if over is not None and mask is not None:
-                masked, keepout = _masked(grid, as_occupancy(over.grid, "the mask"), mask)
+                occupancy = as_occupancy(over.grid, "the mask")
+                if not isinstance(grid, Costmap):
+                    raise ParameterError("a mask applies to costs only", source=mask)
+                with errors_named(mask):
+                    masked = apply_keepout_mask(grid, occupancy)
+                overlays.insert(0, KeepoutOverlay.of(grid, masked))
                 grid, title = masked, f"{title}, with {mask.name}"
-                overlays.insert(0, keepout)
             overlay = Overlays(tuple(overlays)) if overlays else None
             with one_pass(transaction, grid) as asked:
                 write_product(transaction, output, grid, step, asked=asked, encoding=encoding)
@@ -100,11 +102,3 @@ def apply_to_file(
             if remark is not None:
                 emit_warning(f"{path}: {remark}", stacklevel=2)
             return SingleResult(figures, costs)
-
-
-def _masked(grid: Grid, mask: OccupancyGrid, path: Path) -> tuple[Costmap, KeepoutOverlay]:
-    if not isinstance(grid, Costmap):
-        raise ParameterError("a mask applies to costs only", source=path)
-    with errors_named(path):
-        masked = apply_keepout_mask(grid, mask)
-    return masked, KeepoutOverlay.of(grid, masked)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ from mapdeal.mapping.beams import Stances, beams_in_plane, stances
 from mapdeal.mapping.transforms import Posed
 from mapdeal.pipeline.bags.frames import FrameOptions, SensorFrames
 from mapdeal.pipeline.files import errors_named
+
+T = TypeVar("T", Posed, Stances)
 
 _SCANS_TOGETHER = 512
 _READINGS_TOGETHER = 1 << 18
@@ -138,8 +141,8 @@ class BagScans(ScanSource):
             run = list(some)
             yield (
                 [scan for scan, _, _ in run],
-                _joined_poses([posed for _, posed, _ in run]),
-                _joined_stances([stance for _, _, stance in run]),
+                _joined([posed for _, posed, _ in run]),
+                _joined([stance for _, _, stance in run]),
             )
 
     def _looked_up(
@@ -191,17 +194,10 @@ def _as_arrays(scans: list[LaserScan], posed: Posed, stance: Stances) -> Iterato
         yield ScanArrays(pose, headings, (scan.ranges * shares)[np.newaxis])
 
 
-def _joined_poses(parts: list[Posed]) -> Posed:
-    return Posed(
-        np.concatenate([one.translations for one in parts]),
-        np.concatenate([one.quaternions for one in parts]),
-        np.concatenate([one.known for one in parts]),
-    )
-
-
-def _joined_stances(parts: list[Stances]) -> Stances:
-    names = Stances.__annotations__
-    return Stances(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
+def _joined(parts: list[T]) -> T:
+    names = type(parts[0]).__annotations__
+    arrays = (np.concatenate([getattr(one, name) for one in parts]) for name in names)
+    return type(parts[0])(*arrays)
 
 
 @contextmanager

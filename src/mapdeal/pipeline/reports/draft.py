@@ -91,7 +91,10 @@ class Draft:
             return without_folders(text, folders)
 
         items = _first(self.items, lambda rest: Item("finding", rest, "note"))
-        tables = _first([_shortened(one) for one in self.tables], lambda rest: Table(rest, ()))
+        short = [
+            replace(one, rows=_first(one.rows, lambda rest: (rest, ""))) for one in self.tables
+        ]
+        tables = _first(short, lambda rest: Table(rest, ()))
         return Entry(
             shown(self.name),
             tuple(self.layers),
@@ -130,10 +133,6 @@ def without_folders(text: str, folders: Collection[str]) -> str:
         if ends and start >= done:
             shown, done = shown + text[done:start], ends[-1]
     return shown + text[done:]
-
-
-def _shortened(table: Table) -> Table:
-    return replace(table, rows=_first(table.rows, lambda rest: (rest, "")))
 
 
 def _first(found: Sequence[Kind], told: Callable[[str], Kind]) -> tuple[Kind, ...]:

@@ -141,9 +141,6 @@ class Grids:
     def _keep(self, path: Path, grid: Grid) -> None:
         """Keep a grid, and let those go that were asked for longest ago."""
         self._kept[path] = grid
-        while len(self._kept) > 1 and sum(map(_bytes_held, self._kept.values())) > self._room:
-            self._kept.popitem(last=False)
-
-
-def _bytes_held(grid: Grid) -> int:
-    return 0 if grid.is_lazy else bytes_of(grid)
+        held = {one: 0 if own.is_lazy else bytes_of(own) for one, own in self._kept.items()}
+        while len(held) > 1 and sum(held.values()) > self._room:
+            del held[self._kept.popitem(last=False)[0]]
