@@ -245,19 +245,15 @@ def _read(
             stack.enter_context(holding(bytes_of(source.grid)))
             own: ChosenLayers = {}
             if rule == "evidence" and source.metadata is None:
-                own = _evidence_in(path, source.grid.shape, options)
+                found = read_evidence(path, max_cells=options.max_cells)
+                try:
+                    own = chosen_layers(found, source.grid.shape)
+                except ParameterError as error:
+                    raise error.in_file(path) from None
                 stack.enter_context(holding(sum(layer.nbytes for layer in own.values())))
             sources.append(source)
             layers.append(own)
     return sources, layers
-
-
-def _evidence_in(path: Path, shape: tuple[int, int], options: Settings) -> ChosenLayers:
-    found = read_evidence(path, max_cells=options.max_cells)
-    try:
-        return chosen_layers(found, shape)
-    except ParameterError as error:
-        raise error.in_file(path) from None
 
 
 def _picture(merged: Merged, paths: Sequence[Path], options: Settings) -> Image:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.formats.maps import as_occupancy
@@ -88,22 +87,15 @@ def answers_of(field: DistanceField, asked: NumberLines) -> Answers:
     values = np.column_stack(
         [asked.numbers, cells, samples.distance, samples.gradient, field.distance[at]]
     )
+    occupancy = field.occupancy[at]  # whatever the field counts unknown cells as
+    states = np.where(occupancy >= field.lethal_threshold, _OCCUPIED, _FREE)
+    states = np.where(occupancy == UNKNOWN, _UNKNOWN, states)
     # of each state the form without a gradient, then that with one
-    chosen = 2 * _states_at(field, at) + np.isfinite(samples.gradient[:, 0]) + 1
+    chosen = 2 * states + np.isfinite(samples.gradient[:, 0]) + 1
     chosen[~inside] = 0
     text = row_texts(values, _KINDS, _FORMS, chosen.astype(np.uint8))
     text = with_errors(text, asked.errors, asked.lines)
     return Answers(text, len(inside), len(inside) - int(inside.sum()))
-
-
-def _states_at(
-    field: DistanceField, at: tuple[NDArray[np.int64], NDArray[np.int64]]
-) -> NDArray[np.intp]:
-    """Return what the map says of cells, as indices of `_STATES`."""
-    # It does not matter what the field counts unknown cells as.
-    occupancy = field.occupancy[at]
-    states = np.where(occupancy >= field.lethal_threshold, _OCCUPIED, _FREE)
-    return np.where(occupancy == UNKNOWN, _UNKNOWN, states)
 
 
 def with_errors(text: str, errors: Mapping[int, str], lines: Sequence[int]) -> str:

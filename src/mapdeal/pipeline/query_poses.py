@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.formats.maps import as_occupancy
@@ -15,7 +14,7 @@ from mapdeal.formats.number_texts import Form, Kind, row_texts
 from mapdeal.formats.points import NumberLines
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.footprint import Footprint, FootprintRule, PoseSamples, sample_poses
+from mapdeal.grid.footprint import Footprint, FootprintRule, sample_poses
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
@@ -118,15 +117,10 @@ def answers_at_poses(
     costmap: Costmap, footprint: Footprint, asked: NumberLines, rule: FootprintRule
 ) -> Answers:
     samples = sample_poses(costmap, footprint, asked.numbers, rule=rule)
-    chosen = _states_of(samples)
+    states = np.where(samples.cost == LETHAL_OBSTACLE, _COLLISION, _FREE)
+    states = np.where(samples.cost == NO_INFORMATION, _UNKNOWN, states)
+    chosen = np.where(samples.inside, states, _OUTSIDE).astype(np.uint8)
     chosen[list(asked.errors)] = len(_STATES)
     values = np.column_stack([asked.numbers, samples.cost])
     text = with_errors(row_texts(values, _KINDS, _FORMS, chosen), asked.errors, asked.lines)
     return Answers(text, len(chosen), len(chosen) - int(samples.inside.sum()))
-
-
-def _states_of(samples: PoseSamples) -> NDArray[np.uint8]:
-    """Return indices of `_STATES`."""
-    states = np.where(samples.cost == LETHAL_OBSTACLE, _COLLISION, _FREE)
-    states = np.where(samples.cost == NO_INFORMATION, _UNKNOWN, states)
-    return np.where(samples.inside, states, _OUTSIDE).astype(np.uint8)

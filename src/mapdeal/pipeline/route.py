@@ -14,7 +14,6 @@ from mapdeal.formats.points import PairLine
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import reach_radius
 from mapdeal.grid.reaching import largest_closed_square, squares_to
 from mapdeal.grid.route import Method, Route
@@ -89,7 +88,9 @@ def route_file(
             if method == "astar":
                 route = shortest_route(costmap, start, goal, **(weights or {}))
             else:
-                field = potential(_lethal_cells(costmap), goal=goal, **(gains or {}))
+                published = costmap.to_occupancy()
+                lethal = published.with_values(published.occupied().astype("int8") * OCCUPIED)
+                field = potential(lethal, goal=goal, **(gains or {}))
                 route = descend(costmap, field, start, **(weights or {}))
         text = route_json(route)
         if output is not None:
@@ -164,12 +165,6 @@ def _recipe_for(footprint: Footprint | None, robot: RobotParameters | None = Non
     reach = max(footprint.inscribed_radius + beyond, footprint.circumscribed_radius)
     setting = f"{recipe.steps[-1].name}.inflation_radius={max(cost['inflation_radius'], reach)!r}"
     return load_recipe(_RECIPE, footprint=footprint, settings=[setting])
-
-
-def _lethal_cells(costmap: Costmap) -> OccupancyGrid:
-    published = costmap.to_occupancy()
-    occupied = published.occupied()
-    return published.with_values(occupied.astype("int8") * OCCUPIED)
 
 
 FIELD_WEIGHT = 1.0
