@@ -44,8 +44,7 @@ def asked(monkeypatch):
         seen.update(rest, pixels=pixels, palette=palette)
         return sheet(pixels, palette, **rest)
 
-    for module in ("layers", "potential", "difference"):
-        monkeypatch.setattr(f"mapdeal.render.{module}.sheet", record)
+    monkeypatch.setattr("mapdeal.render.canvas.sheet", record)
     return seen
 
 

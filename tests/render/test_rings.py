@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from mapdeal.grid.frame import Frame
+from mapdeal.render import canvas
 from mapdeal.render.difference import difference_image
 from mapdeal.render.overlay import RingOverlay
 from mapdeal.render.raster import Raster
@@ -43,16 +44,14 @@ def test_no_rings_have_no_legend():
 
 
 def test_two_maps_of_the_same_data_are_named_and_drawn_larger(monkeypatch):
-    from mapdeal.render import difference
-
     seen = {}
-    sheet = difference.sheet
+    sheet = canvas.sheet
 
     def record(pixels, palette, **rest):
         seen.update(rest, shape=pixels.shape)
         return sheet(pixels, palette, **rest)
 
-    monkeypatch.setattr(difference, "sheet", record)
+    monkeypatch.setattr(canvas, "sheet", record)
     kinds = np.arange(7, dtype=np.uint8)[np.newaxis].repeat(700, axis=0)
     difference_image(kinds, Frame(700, 7, 0.25), title="t", only_in=("counting", "tsdf"))
     labels = [swatch.label for swatch in seen["swatches"]]

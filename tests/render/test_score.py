@@ -7,7 +7,7 @@ import pytest
 
 import mapdeal
 from mapdeal import Frame, OccupancyGrid
-from mapdeal.render import colours
+from mapdeal.render import canvas, colours
 from mapdeal.render import score as drawing
 from mapdeal.render.canvas import sheet
 from mapdeal.render.pen import WHITE
@@ -32,7 +32,7 @@ def asked(monkeypatch):
         seen.update(rest, pixels=pixels, palette=palette)
         return sheet(pixels, palette, **rest)
 
-    monkeypatch.setattr(drawing, "sheet", record)
+    monkeypatch.setattr(canvas, "sheet", record)
     return seen
 
 

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from mapdeal.grid.frame import Frame, Region
 from mapdeal.kernels.lookup import histogram
 from mapdeal.render.colours import Colours
+from mapdeal.render.overlay import Overlay
 from mapdeal.render.pen import Image, Pen, capital_height, text_width
+from mapdeal.render.raster import Raster
 from mapdeal.render.style import ColourBar, Swatch
 
 _X_AXIS, _Y_AXIS = "x [m]", "y [m]"
@@ -64,6 +66,40 @@ def sheet(
         pen.frame(x, y, w, h)
 
     return pen.image(colours)
+
+
+def on_sheet(
+    pixels: NDArray[np.uint8],
+    palette: NDArray[np.integer],
+    frame: Frame,
+    raster: Raster,
+    *,
+    title: str,
+    swatches: list[Swatch],
+    before: str = "",
+    more: str = "",
+    bar: ColourBar | None = None,
+    overlay: Overlay | None = None,
+) -> Image:
+    """Return the picture of a layer of a frame, with an overlay over it, on a sheet."""
+    texts = [before, frame_text(frame, raster.part), more]
+    shown = raster.frame_of(frame)
+    if overlay is not None:
+        if not pixels.flags.writeable:  # they are the layer itself
+            pixels = np.array(pixels)
+        swatches = swatches + overlay.draw(pixels, shown, raster, len(palette))
+        palette = np.vstack([palette, overlay.colours])
+        texts.append(overlay.text)
+    return sheet(
+        pixels,
+        palette.astype(np.uint8),
+        title=title,
+        subtitle="; ".join(filter(None, texts)),
+        metres_per_pixel=raster.metres_per_pixel(frame.resolution),
+        corner_xy=corner_of(shown),
+        bar=bar,
+        swatches=swatches,
+    )
 
 
 def text_size_of(shape: tuple[int, ...]) -> int:

@@ -11,7 +11,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.render import colours
-from mapdeal.render.canvas import corner_of, frame_text, sheet, swatches_in
+from mapdeal.render.canvas import on_sheet, swatches_in
 from mapdeal.render.colours import palette_of
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
@@ -42,13 +42,12 @@ def difference_image(
     raster = Raster.fitting(frame.shape, image_max, part=part, **more)
     pixels = raster.largest(changes)
     style = style or difference_style(only_in)
-    return sheet(
+    return on_sheet(
         raster.enlarged(pixels),
         style.colours,
+        frame,
+        raster,
         title=title,
-        subtitle=frame_text(frame, part),
-        metres_per_pixel=raster.metres_per_pixel(frame.resolution),
-        corner_xy=corner_of(raster.frame_of(frame)),
         swatches=swatches_in(pixels, style.swatches),
     )
 
@@ -88,13 +87,12 @@ def merge_image(
     part = shown_part(kinds, frame, image_extent, is_known=lambda values: values > _NOT_KNOWN)
     raster = Raster.fitting(frame.shape, image_max, part=part, small_side=_SMALL_SIDE)
     pixels = raster.largest(kinds)
-    return sheet(
+    return on_sheet(
         raster.enlarged(pixels),
         _palette(),
+        frame,
+        raster,
         title=title or f"{', '.join(names[:-1])} and {names[-1]}, merged",
-        subtitle=frame_text(frame, part),
-        metres_per_pixel=raster.metres_per_pixel(frame.resolution),
-        corner_xy=corner_of(raster.frame_of(frame)),
         swatches=swatches_in(pixels, [Swatch(kind, text) for kind, text in legend.items()]),
     )
 

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import looked_up, swept
 from mapdeal.kernels.lookup import histogram, level_rows, look_up, set_where
-from mapdeal.render.canvas import corner_of, frame_text, sheet, swatches_in
+from mapdeal.render.canvas import on_sheet, swatches_in
 from mapdeal.render.field_style import (
     FIELD_LEVELS,
     LINE,
@@ -31,7 +30,7 @@ from mapdeal.render.overlay import Overlay
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster, inner_outline
 from mapdeal.render.shown import ImageExtent, OtherThan, shown_part
-from mapdeal.render.style import ColourBar, LayerStyle, Scale, Swatch
+from mapdeal.render.style import LayerStyle, Scale, Swatch
 from mapdeal.render.styles import CostPalette, bounds_circumscribed, cost_style, occupancy_style
 
 
@@ -81,7 +80,7 @@ class OccupancyDrawing(Drawing):
         style, values = occupancy_style(), self._values.pixels
         pixels = look_up(values, cast("NDArray[np.uint8]", style.by_value))
         is_graded = histogram(values)[1:OCCUPIED].any()
-        return _on_sheet(
+        return on_sheet(
             self._raster.enlarged(pixels),
             style.colours,
             self._grid.frame,
@@ -145,7 +144,7 @@ class FieldDrawing(Drawing):
         style = field_style(field, ends)
         pixels, faded = self._pixels(cast("Scale", style.scale))
         strength = "" if field.strength == 1.0 else f", strength {field.strength:g}"
-        return _on_sheet(
+        return on_sheet(
             pixels,
             style.colours,
             field.frame,
@@ -265,7 +264,7 @@ class CostDrawing(Drawing):
             line = inner_outline(above)
             line |= inner_outline(above & ~line)
             pixels[line] = CostPalette.contour
-        return _on_sheet(
+        return on_sheet(
             pixels,
             style.colours,
             costmap.frame,
@@ -301,35 +300,3 @@ def _drawn(drawing: Drawing, grid: Framed, title: str) -> Image:
     for rows in swept(grid.layer):
         drawing.take(rows)
     return drawing.image(title)
-
-
-def _on_sheet(
-    pixels: NDArray[np.uint8],
-    palette: NDArray[np.integer],
-    frame: Frame,
-    raster: Raster,
-    *,
-    title: str,
-    more: str | None = None,
-    bar: ColourBar | None,
-    swatches: list[Swatch],
-    overlay: Overlay | None,
-) -> Image:
-    texts = [frame_text(frame, raster.part), *([more] if more else [])]
-    shown = raster.frame_of(frame)
-    if overlay is not None:
-        if not pixels.flags.writeable:  # they are the layer itself
-            pixels = np.array(pixels)
-        swatches = swatches + overlay.draw(pixels, shown, raster, len(palette))
-        palette = np.vstack([palette, overlay.colours])
-        texts += [overlay.text] if overlay.text else []
-    return sheet(
-        pixels,
-        palette.astype(np.uint8),
-        title=title,
-        subtitle="; ".join(texts),
-        metres_per_pixel=raster.metres_per_pixel(frame.resolution),
-        corner_xy=corner_of(shown),
-        bar=bar,
-        swatches=swatches,
-    )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.frame import Region
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.render.canvas import corner_of, frame_text, sheet
+from mapdeal.render.canvas import on_sheet
 from mapdeal.render.overlay import Brush, Overlay
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
@@ -78,21 +78,16 @@ def potential_image(
         POTENTIAL_NOWHERE: nowhere.any(),
     }
     swatches = [swatch for swatch in style.swatches if occurs.get(swatch.index, unknown.any())]
-    palette = style.colours
-    texts = [frame_text(field.frame, part), _range_text(field)]
-    if overlay is not None:
-        swatches = swatches + overlay.draw(pixels, frame, raster, len(palette))
-        palette = np.vstack([palette, overlay.colours]).astype(np.uint8)
-        texts += [overlay.text] if overlay.text else []
-    return sheet(
+    return on_sheet(
         pixels,
-        palette,
+        style.colours,
+        field.frame,
+        raster,
         title=title,
-        subtitle="; ".join(texts),
-        metres_per_pixel=raster.metres_per_pixel(field.resolution),
-        corner_xy=corner_of(frame),
+        more=_range_text(field),
         bar=style.bar,
         swatches=swatches,
+        overlay=overlay,
     )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.display import count_text
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.reach import GoalReach, Passage, Reach
-from mapdeal.render.canvas import corner_of, frame_text, sheet
+from mapdeal.render.canvas import on_sheet
 from mapdeal.render.captions import Captions
 from mapdeal.render.overlay import Brush, Overlay, outline_of, place_of
 from mapdeal.render.pen import WHITE, Image
@@ -61,25 +61,18 @@ def reach_image(
         places_xy=[reach.start[:2], *((one.goal.x, one.goal.y) for one in _goals_on(reach))],
     )
     raster = Raster.fitting(reach.shape, image_max, part=part)
-    frame = raster.frame_of(reach.frame)
     pixels = np.array(raster.enlarged(raster.largest(codes)))
-    swatches = list(style.swatches)
-    marks = _Marks(pixels, frame, raster)
-    swatches += marks.draw(reach)
-    palette = style.colours
-    texts = [_summary(reach), frame_text(reach.frame, part)]
-    if overlay is not None:
-        swatches += overlay.draw(pixels, frame, raster, len(palette))
-        palette = np.vstack([palette, overlay.colours]).astype(np.uint8)
-        texts += [overlay.text] if overlay.text else []
-    return sheet(
+    marks = _Marks(pixels, raster.frame_of(reach.frame), raster)
+    swatches = [*style.swatches, *marks.draw(reach)]
+    return on_sheet(
         pixels,
-        palette,
+        style.colours,
+        reach.frame,
+        raster,
         title=title,
-        subtitle="; ".join(texts),
-        metres_per_pixel=raster.metres_per_pixel(frame.resolution),
-        corner_xy=corner_of(frame),
+        before=_summary(reach),
         swatches=swatches,
+        overlay=overlay,
     )
 
 

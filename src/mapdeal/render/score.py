@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.frame import Frame
 from mapdeal.records import dataclass
 from mapdeal.render import colours
-from mapdeal.render.canvas import corner_of, frame_text, sheet, swatches_in, text_size_of
+from mapdeal.render.canvas import on_sheet, swatches_in, text_size_of
 from mapdeal.render.colours import interpolated, palette_of
 from mapdeal.render.pen import GREY, WHITE, Image, Pen, text_width
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
@@ -77,17 +77,15 @@ def score_image(
     raster = Raster.fitting(walls.frame.shape, image_max, part=part)
     pixels = raster.largest(codes)
     palette = palette_of(_COLOURS, interpolated(_ANCHORS, _LEVELS))
-    frame = raster.frame_of(walls.frame)
     ticks = [(k / _TICKS, f"{walls.top * k / _TICKS:g}") for k in range(_TICKS)]
     swatches = [Swatch(index, label) for index, label in _LABELS.items()]
     shown = raster.enlarged(pixels)
-    map_sheet = sheet(
+    map_sheet = on_sheet(
         shown,
         palette,
+        walls.frame,
+        raster,
         title=title,
-        subtitle=frame_text(walls.frame, part),
-        metres_per_pixel=raster.metres_per_pixel(frame.resolution),
-        corner_xy=corner_of(frame),
         bar=ColourBar(
             range(_FIRST, _FIRST + _LEVELS),
             [*ticks, (1.0, f"{walls.top:g} and more")],
