@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, cast
+from typing import Any, TypedDict, Unpack, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.kernels.blocks import looked_up, swept
+from mapdeal.kernels.blocks import Layer, looked_up, swept
 from mapdeal.kernels.lookup import histogram, level_rows, look_up, set_where
 from mapdeal.render.canvas import on_sheet, swatches_in
 from mapdeal.render.field_style import (
@@ -34,10 +34,17 @@ from mapdeal.render.style import LayerStyle, Scale, Swatch
 from mapdeal.render.styles import CostPalette, bounds_circumscribed, cost_style, occupancy_style
 
 
+class Look(TypedDict, total=False):
+    """How a picture shows a grid, whatever there is in it."""
+
+    image_max: int
+    image_extent: ImageExtent
+    overlay: Overlay | None
+
+
 class Drawing(ABC):
     """The picture of a grid in the making: first its rows are looked at, then it is drawn."""
 
-    @abstractmethod
     def __init__(
         self,
         grid: Any,
@@ -45,7 +52,22 @@ class Drawing(ABC):
         image_max: int = DEFAULT_IMAGE_MAX,
         image_extent: ImageExtent = "all",
         overlay: Overlay | None = None,
-    ) -> None: ...
+    ) -> None:
+        layer, unknown = self._told_unknown(grid)
+        part = shown_part(
+            layer, grid.frame, image_extent, is_known=OtherThan(unknown), overlay=overlay
+        )
+        self._grid, self._overlay = grid, overlay
+        self._raster = Raster.fitting(grid.shape, image_max, part=part)
+        self._begin()
+
+    def _told_unknown(self, grid: Any) -> tuple[Layer, int]:
+        """Return the layer that says what is known, and its value of unknown cells."""
+        return grid.occupancy, UNKNOWN
+
+    @abstractmethod
+    def _begin(self) -> None:
+        """Get ready to look at the rows."""
 
     @abstractmethod
     def take(self, rows: slice) -> None:
@@ -59,18 +81,10 @@ class Drawing(ABC):
 class OccupancyDrawing(Drawing):
     """The picture of a map, see `occupancy_image`, which has the same parameters."""
 
-    def __init__(
-        self,
-        grid: OccupancyGrid,
-        *,
-        image_max: int = DEFAULT_IMAGE_MAX,
-        image_extent: ImageExtent = "all",
-        overlay: Overlay | None = None,
-    ) -> None:
-        part = shown_part(grid.occupancy, grid.frame, image_extent, overlay=overlay)
-        self._grid, self._overlay = grid, overlay
-        self._raster = Raster.fitting(grid.shape, image_max, part=part)
-        self._values = self._raster.pooling(grid.occupancy, np.fmax)
+    _grid: OccupancyGrid
+
+    def _begin(self) -> None:
+        self._values = self._raster.pooling(self._grid.occupancy, np.fmax)
 
     def take(self, rows: slice) -> None:
         """Look at some rows."""
@@ -92,40 +106,23 @@ class OccupancyDrawing(Drawing):
         )
 
 
-def occupancy_image(
-    grid: OccupancyGrid,
-    *,
-    title: str,
-    image_max: int = DEFAULT_IMAGE_MAX,
-    image_extent: ImageExtent = "all",
-    overlay: Overlay | None = None,
-) -> Image:
+def occupancy_image(grid: OccupancyGrid, *, title: str, **look: Unpack[Look]) -> Image:
     """Return a map in the greys of RViz's scheme "map".
 
     Where cells share a pixel the most occupied one shows. An overlay is drawn over all.
     """
-    drawing = OccupancyDrawing(
-        grid, image_max=image_max, image_extent=image_extent, overlay=overlay
-    )  # fmt: skip
-    return _drawn(drawing, grid, title)
+    return _drawn(OccupancyDrawing(grid, **look), grid, title)
 
 
 class FieldDrawing(Drawing):
     """The picture of a distance field, see `field_image`, which has the same parameters."""
 
-    def __init__(
-        self,
-        field: DistanceField,
-        *,
-        image_max: int = DEFAULT_IMAGE_MAX,
-        image_extent: ImageExtent = "all",
-        overlay: Overlay | None = None,
-    ) -> None:
-        part = shown_part(field.occupancy, field.frame, image_extent, overlay=overlay)
-        raster = Raster.fitting(field.shape, image_max, part=part)
+    _grid: DistanceField
+
+    def _begin(self) -> None:
+        field, raster = self._grid, self._raster
         is_unknown = np.zeros(256, dtype=np.bool_)
         is_unknown[UNKNOWN] = True
-        self._field, self._raster, self._overlay = field, raster, overlay
         # around the box of numbers there is nothing to look at: the box is gone through alone
         self._ends = EndsByRows(field) if field.region is None else None
         self._obstacles = raster.pooling(field.obstacles(), np.fmax)
@@ -139,7 +136,7 @@ class FieldDrawing(Drawing):
                 one.take(rows)
 
     def image(self, title: str) -> Image:
-        field, raster = self._field, self._raster
+        field, raster = self._grid, self._raster
         ends = FieldEnds.of(field) if self._ends is None else self._ends.found()
         style = field_style(field, ends)
         pixels, faded = self._pixels(cast("Scale", style.scale))
@@ -172,7 +169,7 @@ class FieldDrawing(Drawing):
         self, scale: Scale, obstacles: NDArray[np.bool_]
     ) -> tuple[NDArray[np.uint8], int | None]:
         distance, unknown = self._distance.pixels, self._unknown.pixels
-        nowhere = np.isnan(distance) if self._field.region is not None else None
+        nowhere = np.isnan(distance) if self._grid.region is not None else None
         if nowhere is not None:
             distance = np.where(nowhere, np.float32(0), distance)
             unknown = unknown & ~nowhere
@@ -190,14 +187,7 @@ class FieldDrawing(Drawing):
         return levels, faded_index(below, outside=outside)
 
 
-def field_image(
-    field: DistanceField,
-    *,
-    title: str,
-    image_max: int = DEFAULT_IMAGE_MAX,
-    image_extent: ImageExtent = "all",
-    overlay: Overlay | None = None,
-) -> Image:
+def field_image(field: DistanceField, *, title: str, **look: Unpack[Look]) -> Image:
     """Return a distance field in a diverging scale, obstacles red, free space blue.
 
     The outermost obstacle cells, where a field of the Fast-Planner convention is 0, are black.
@@ -205,10 +195,7 @@ def field_image(
     smallest distance shows. The scale ends at the largest distances of known cells.
     An overlay is drawn over all.
     """
-    drawing = FieldDrawing(
-        field, image_max=image_max, image_extent=image_extent, overlay=overlay
-    )  # fmt: skip
-    return _drawn(drawing, field, title)
+    return _drawn(FieldDrawing(field, **look), field, title)
 
 
 def _field_swatches(
@@ -232,30 +219,22 @@ def _field_swatches(
 class CostDrawing(Drawing):
     """The picture of a costmap, see `cost_image`, which has the same parameters."""
 
-    def __init__(
-        self,
-        costmap: Costmap,
-        *,
-        image_max: int = DEFAULT_IMAGE_MAX,
-        image_extent: ImageExtent = "all",
-        overlay: Overlay | None = None,
-    ) -> None:
-        is_known = OtherThan(costmap.unknown_value)
-        part = shown_part(
-            costmap.cost, costmap.frame, image_extent, is_known=is_known, overlay=overlay
-        )
+    _grid: Costmap
+
+    def _told_unknown(self, grid: Any) -> tuple[Layer, int]:
+        return grid.cost, grid.unknown_value
+
+    def _begin(self) -> None:
         # One more than the cost, so that unknown cells are the lowest: 255 + 1 is 0.
         one_more = (np.arange(256) + 1).astype(np.uint8)
-        self._costmap, self._overlay = costmap, overlay
-        self._raster = Raster.fitting(costmap.shape, image_max, part=part)
-        self._ranks = self._raster.pooling(looked_up(costmap.cost, one_more), np.fmax)
+        self._ranks = self._raster.pooling(looked_up(self._grid.cost, one_more), np.fmax)
 
     def take(self, rows: slice) -> None:
         """Look at some rows."""
         self._ranks.take(rows)
 
     def image(self, title: str) -> Image:
-        costmap, raster, ranks = self._costmap, self._raster, self._ranks.pixels
+        costmap, raster, ranks = self._grid, self._raster, self._ranks.pixels
         style = cost_style(costmap)
         pixels = look_up(ranks, np.roll(cast("NDArray[np.uint8]", style.by_value), 1))
         pixels = raster.enlarged(pixels)
@@ -276,23 +255,13 @@ class CostDrawing(Drawing):
         )
 
 
-def cost_image(
-    costmap: Costmap,
-    *,
-    title: str,
-    image_max: int = DEFAULT_IMAGE_MAX,
-    image_extent: ImageExtent = "all",
-    overlay: Overlay | None = None,
-) -> Image:
+def cost_image(costmap: Costmap, *, title: str, **look: Unpack[Look]) -> Image:
     """Return a costmap in an even scale; lethal, inscribed, unknown and free stand apart.
 
     Where cells share a pixel the highest cost shows. If the circumscribed cost is known, a
     line bounds the cells of that cost and more. An overlay is drawn over all.
     """
-    drawing = CostDrawing(
-        costmap, image_max=image_max, image_extent=image_extent, overlay=overlay
-    )  # fmt: skip
-    return _drawn(drawing, costmap, title)
+    return _drawn(CostDrawing(costmap, **look), costmap, title)
 
 
 def _drawn(drawing: Drawing, grid: Framed, title: str) -> Image:
