@@ -26,7 +26,6 @@ from mapdeal.kernels.clearance_tree import (
     clearance_metres,
     clearance_tree,
     rooted,
-    widest_from,
     widest_metres,
 )
 from mapdeal.kernels.distance import signed_distance, squared_distance
@@ -129,7 +128,7 @@ def contenders(occupied: np.ndarray, is_free: np.ndarray, *, with_peers: bool) -
         return areas, widest, clearance_metres(squared, RESOLUTION, in_place=True)
 
     def from_squares() -> Any:
-        return widest_from(clearance_tree(squared, is_free), squared, start)
+        return widest_metres(clearance_tree(squared, is_free), squared, start, 1.0)
 
     listed: Contenders = {
         "esdf": lambda: signed_distance(occupied, scale=RESOLUTION),
@@ -160,9 +159,9 @@ def check(side: int) -> None:
     for make in MAPS.values():
         occupied, is_free = make(side)
         squared, start = squared_distance(occupied), middle_of(is_free)
-        widest = widest_from(clearance_tree(squared, is_free), squared, start)
+        widest = widest_metres(clearance_tree(squared, is_free), squared, start, 1.0)
         for theirs in (by_reconstruction, by_minimax):
-            if not np.array_equal(theirs(squared, is_free, start), widest):
+            if not np.array_equal(np.float32(np.sqrt(theirs(squared, is_free, start))), widest):
                 raise SystemExit(f"{theirs.__name__} has found other ways")
 
 

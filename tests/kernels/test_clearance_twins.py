@@ -25,8 +25,6 @@ def check(squared, is_open, resolution=0.05, choice=0):
     seen, twin = (engine.rooted(tree, root) for engine in both)
     assert_same(seen, twin)
     limits = np.concatenate([[0], np.maximum(seen.bottlenecks, 0)])
-    widest = [engine.widest_squares(tree.basins, squared, limits) for engine in both]
-    assert bits(widest[0]) == bits(widest[1])
     areas = [engine.basin_areas(tree.basins, squared, 3, len(tree.peaks)) for engine in both]
     assert bits(areas[0]) == bits(areas[1])
     metres = np.empty((2, *squared.shape), np.float32)

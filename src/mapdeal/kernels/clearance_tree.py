@@ -60,13 +60,6 @@ def rooted(tree: ClearanceTree, root: int) -> RootedTree:
     return _engine(tree.basins).rooted(tree, root)  # type: ignore[no-any-return]
 
 
-def widest_from(
-    tree: ClearanceTree, squared: SquaredDistances, start: Cell, *, seen: RootedTree | None = None
-) -> SquaredDistances:
-    limits = _limits_from(tree, squared, start, seen)
-    return _engine(squared).widest_squares(tree.basins, squared, limits)  # type: ignore[no-any-return]
-
-
 def widest_metres(
     tree: ClearanceTree,
     squared: SquaredDistances,

@@ -128,19 +128,6 @@ def rooted(tree: ClearanceTree, root: int) -> RootedTree:
     return RootedTree(np.concatenate(order), parent_edges, bottlenecks)
 
 
-def widest_squares(
-    basins: NDArray[np.int32], squared: SquaredDistances, limits: NDArray[np.int64]
-) -> SquaredDistances:
-    """Return the lesser of each cell's square and the limit of its basin; the first is of -1."""
-    widest = np.empty_like(squared)
-
-    def some(rows: slice) -> None:
-        widest[rows] = np.minimum(squared[rows], limits[basins[rows] + 1])
-
-    for_rows(some, squared.shape)
-    return widest
-
-
 def widest_metres(
     basins: NDArray[np.int32],
     squared: SquaredDistances,
@@ -148,10 +135,10 @@ def widest_metres(
     resolution: float,
     metres: NDArray[np.float32],
 ) -> None:
-    """Fill in the metres of `widest_squares`; they may lie over the basins."""
+    """Fill in the metres of the lesser of square and basin's limit, the first of -1."""
     endless = unreachable(squared)
 
-    def some(rows: slice) -> None:
+    def some(rows: slice) -> None:  # metres may lie over the basins
         widest = np.minimum(squared[rows], limits[basins[rows] + 1])
         metres[rows] = _metres(widest, resolution, endless)
 

@@ -97,24 +97,6 @@ def rooted(tree: ClearanceTree, root: int) -> RootedTree:
     return RootedTree(order[:found], parent_edges, bottlenecks)
 
 
-def widest_squares(
-    basins: NDArray[np.int32], squared: SquaredDistances, limits: NDArray[np.int64]
-) -> SquaredDistances:
-    """Do as `mapdeal.kernels.clearance_twin.widest_squares`."""
-    narrow, widest = _narrow(squared), np.empty(squared.shape, np.int32)
-    narrow_limits = np.minimum(limits, _MOST).astype(np.int32)
-
-    def some(rows: slice) -> None:
-        _clearance_tree.limit(narrow[rows], basins[rows], narrow_limits, widest[rows])
-
-    for_rows(some, squared.shape)
-    if squared.dtype == np.int32:
-        return widest
-    wide = widest.astype(squared.dtype)
-    wide[widest == _MOST] = unreachable(squared)
-    return wide
-
-
 def widest_metres(
     basins: NDArray[np.int32],
     squared: SquaredDistances,
