@@ -439,9 +439,9 @@ def test_no_colour_hinges_on_how_a_library_rounds(levels, monkeypatch):
     exact = []
     rint = np.rint
     monkeypatch.setattr("numpy.rint", lambda x: (exact.append(x), rint(x))[1])
-    for scale in (colours.cost_scale, colours.potential_scale, colours.free_side,
-                  colours.obstacle_side):  # fmt: skip
-        scale(levels)
+    for anchors in (colours.COST_ANCHORS, colours.POTENTIAL_ANCHORS, colours.FREE_ANCHORS,
+                    colours.OBSTACLE_ANCHORS):  # fmt: skip
+        interpolated(anchors, levels)
     for values in exact:
         assert abs(values % 1 - 0.5).min() > 1e-9
 

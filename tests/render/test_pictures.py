@@ -23,14 +23,15 @@ from mapdeal.formats.png import write_indexed_png
 from mapdeal.render.canvas import corner_of, frame_text, ticks_between
 from mapdeal.render.colours import (
     ARROW,
+    COST_ANCHORS,
+    FREE_ANCHORS,
     GOAL,
     LETHAL,
     MINIMUM,
+    OBSTACLE_ANCHORS,
     ROUTE,
     START,
-    cost_scale,
-    free_side,
-    obstacle_side,
+    interpolated,
 )
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.overlay import RouteOverlay
@@ -129,9 +130,9 @@ def test_inner_outline_of_a_mask_that_touches_the_border():
     assert np.argwhere(inner_outline(mask)).tolist() == [[0, 1], [1, 0]]
 
 
-@pytest.mark.parametrize("scale", [cost_scale, free_side, obstacle_side])
-def test_scales_fall_evenly_in_lightness(scale):
-    colours = scale(40) / 255
+@pytest.mark.parametrize("anchors", [COST_ANCHORS, FREE_ANCHORS, OBSTACLE_ANCHORS])
+def test_scales_fall_evenly_in_lightness(anchors):
+    colours = interpolated(anchors, 40) / 255
     linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
     luminance = linear @ [0.2126, 0.7152, 0.0722]
     assert (np.diff(luminance) < 0).all()

@@ -34,7 +34,7 @@ def asked(monkeypatch):
         seen["boxes"].append(found and found[0])
         return found
 
-    monkeypatch.setattr("mapdeal.render.reach.sheet", record)
+    monkeypatch.setattr("mapdeal.render.canvas.sheet", record)
     monkeypatch.setattr(Captions, "_free_box", note)
     return seen
 

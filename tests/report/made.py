@@ -28,7 +28,8 @@ def field_style(distance):
     high = float(finite.max()) if len(finite) else 1.0
     low = min(-high * OBSTACLE_LEVELS / FREE_LEVELS, float(finite.min()) if len(finite) else 0.0)
     side = np.vstack([
-        colours.obstacle_side(OBSTACLE_LEVELS)[::-1], colours.free_side(FREE_LEVELS)
+        colours.interpolated(colours.OBSTACLE_ANCHORS, OBSTACLE_LEVELS)[::-1],
+        colours.interpolated(colours.FREE_ANCHORS, FREE_LEVELS),
     ])  # fmt: skip
     faded = colours.mixed(side, colours.RVIZ_UNKNOWN, 0.6)
     levels = len(side)

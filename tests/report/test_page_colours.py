@@ -23,7 +23,7 @@ def pictured(draw, grid):
         return sheet(pixels, palette, **rest)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mapdeal.render.layers.sheet", record)
+        patch.setattr("mapdeal.render.canvas.sheet", record)
         draw(grid, title="t")
     pixels = np.asarray(seen["pixels"])
     step = pixels.shape[0] // grid.shape[0]

@@ -58,16 +58,14 @@ ROBOT_OUTLINE = (0, 40, 110)
 GOAL_REACHED = (0, 110, 90)
 GOAL_MISSED = (130, 0, 110)
 
-_COST_ANCHORS = [(255, 247, 188), (254, 196, 79), (236, 112, 20), (190, 30, 70), (92, 12, 92)]
-_POTENTIAL_ANCHORS = [
-    (250, 250, 235),
-    (200, 228, 190),
-    (110, 190, 170),
-    (40, 125, 150),
-    (35, 45, 95),
-]
-_FREE_SIDE_ANCHORS = [(247, 247, 245), (171, 210, 232), (72, 147, 198), (24, 79, 140), (8, 36, 84)]
-_OBSTACLE_SIDE_ANCHORS = [(252, 219, 199), (228, 130, 104), (178, 34, 48), (96, 6, 30)]
+# From low to high: cost, pale yellow to dark purple, and potential, ivory to dark blue; from near
+# to far: free space, white to dark blue, and inside of obstacles, pale to dark red.
+COST_ANCHORS = [(255, 247, 188), (254, 196, 79), (236, 112, 20), (190, 30, 70), (92, 12, 92)]
+POTENTIAL_ANCHORS = [
+    (250, 250, 235), (200, 228, 190), (110, 190, 170), (40, 125, 150), (35, 45, 95)
+]  # fmt: skip
+FREE_ANCHORS = [(247, 247, 245), (171, 210, 232), (72, 147, 198), (24, 79, 140), (8, 36, 84)]
+OBSTACLE_ANCHORS = [(252, 219, 199), (228, 130, 104), (178, 34, 48), (96, 6, 30)]
 
 _LMS_FROM_RGB = np.array(
     [
@@ -83,26 +81,6 @@ _LAB_FROM_LMS = np.array(
         [0.0259040371, 0.7827717662, -0.8086757660],
     ]
 )
-
-
-def cost_scale(levels: int) -> Colours:
-    """Return colours from low to high cost, shape (levels, 3): pale yellow to dark purple."""
-    return interpolated(_COST_ANCHORS, levels)
-
-
-def potential_scale(levels: int) -> Colours:
-    """Return colours from low to high potential, shape (levels, 3): ivory to dark blue."""
-    return interpolated(_POTENTIAL_ANCHORS, levels)
-
-
-def free_side(levels: int) -> Colours:
-    """Return colours of positive distances, near to far: white to dark blue."""
-    return interpolated(_FREE_SIDE_ANCHORS, levels)
-
-
-def obstacle_side(levels: int) -> Colours:
-    """Return colours of negative distances, shallow to deep: pale to dark red."""
-    return interpolated(_OBSTACLE_SIDE_ANCHORS, levels)
 
 
 def mixed(colours: ArrayLike, other: tuple[int, int, int], share: float) -> Colours:

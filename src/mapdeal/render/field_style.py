@@ -89,7 +89,8 @@ def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
     scale, below = _scale(ends)
     # One shade more, of which the palest is left out: a side of one step is not white.
     known = np.vstack([
-        colours.obstacle_side(below + 1)[:0:-1], colours.free_side(FIELD_LEVELS - below + 1)[1:]
+        colours.interpolated(colours.OBSTACLE_ANCHORS, below + 1)[:0:-1],
+        colours.interpolated(colours.FREE_ANCHORS, FIELD_LEVELS - below + 1)[1:],
     ])  # fmt: skip
     special = [colours.LINE, colours.RVIZ_UNKNOWN]
     swatches = [Swatch(LINE, "obstacle edge")]

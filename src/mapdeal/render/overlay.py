@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -16,8 +17,18 @@ from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
 from mapdeal.kernels.blocks import Layer, made_by_rows
 from mapdeal.kernels.lookup import histogram
 from mapdeal.records import dataclass
-from mapdeal.render import colours
-from mapdeal.render.colours import Colour
+from mapdeal.render.colours import (
+    GOAL,
+    KEEPOUT,
+    MINIMUM,
+    REMOVED,
+    ROBOT,
+    ROBOT_OUTLINE,
+    ROUTE,
+    RVIZ_FREE,
+    START,
+    Colour,
+)
 from mapdeal.render.raster import Raster
 from mapdeal.render.style import Swatch
 
@@ -30,15 +41,17 @@ class Overlay(Protocol):
     """Something that is drawn over the picture of a layer."""
 
     @property
-    def colours(self) -> list[Colour]:
+    def colours(self) -> Sequence[Colour]:
         """What a palette needs for it, one after the other."""
 
     @property
-    def text(self) -> str: ...
+    def text(self) -> str:
+        return ""
 
     @property
     def places_xy(self) -> NDArray[np.float64]:
         """What a picture has to show of it, shape (N, 2), metres in the map frame."""
+        return np.empty((0, 2))
 
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
@@ -59,7 +72,7 @@ class Overlay(Protocol):
 
 
 @dataclass(frozen=True)
-class Overlays:
+class Overlays(Overlay):
     """Several things that are drawn over the same picture, one over the other."""
 
     overlays: tuple[Overlay, ...]
@@ -190,9 +203,7 @@ class RingOverlay:
     label: str
     text: str
 
-    @property
-    def colours(self) -> list[Colour]:
-        return [colours.REMOVED]
+    colours = (REMOVED,)
 
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
@@ -211,15 +222,12 @@ class RingOverlay:
 
 
 @dataclass(frozen=True)
-class PoseOverlay:
+class PoseOverlay(Overlay):
     """An arrowhead where a robot stands, along its heading."""
 
     pose: tuple[float, float, float]
 
-    @property
-    def colours(self) -> list[Colour]:
-        """Of the arrowhead."""
-        return [colours.ROBOT]
+    colours = (ROBOT,)
 
     @property
     def text(self) -> str:
@@ -243,15 +251,12 @@ class PoseOverlay:
 
 
 @dataclass(frozen=True)
-class RouteOverlay:
+class RouteOverlay(Overlay):
     """A route with its ends, and the local minimum that it may have stopped in."""
 
     route: Route
 
-    @property
-    def colours(self) -> list[Colour]:
-        """Of the line, the start, the goal and the minimum."""
-        return [colours.ROUTE, colours.START, colours.GOAL, colours.MINIMUM]
+    colours = (ROUTE, START, GOAL, MINIMUM)
 
     @property
     def text(self) -> str:
@@ -313,23 +318,13 @@ def outline_of(
 
 
 @dataclass(frozen=True)
-class RobotOverlay:
+class RobotOverlay(Overlay):
     """A robot's shape, true to scale, in the corner of a picture where least is to be seen."""
 
     robot: Footprint
     label: str = "robot, to scale"
 
-    @property
-    def colours(self) -> list[Colour]:
-        return [colours.ROBOT_OUTLINE, colours.RVIZ_FREE]
-
-    @property
-    def text(self) -> str:
-        return ""
-
-    @property
-    def places_xy(self) -> NDArray[np.float64]:
-        return np.empty((0, 2))
+    colours = (ROBOT_OUTLINE, RVIZ_FREE)
 
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
@@ -359,7 +354,7 @@ def _evenness(pixels: NDArray[np.uint8], corner: tuple[int, int], size: tuple[in
 
 
 @dataclass(frozen=True, eq=False)
-class KeepoutOverlay:
+class KeepoutOverlay(Overlay):
     """Cells that are lethal by a mask alone."""
 
     closed: Layer
@@ -376,17 +371,7 @@ class KeepoutOverlay:
 
         return cls(made_by_rows(after.cost, bool, closed))
 
-    @property
-    def colours(self) -> list[Colour]:
-        return [colours.KEEPOUT]
-
-    @property
-    def text(self) -> str:
-        return ""
-
-    @property
-    def places_xy(self) -> NDArray[np.float64]:
-        return np.empty((0, 2))
+    colours = (KEEPOUT,)
 
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int

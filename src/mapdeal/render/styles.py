@@ -57,7 +57,7 @@ class CostPalette:
             by_value[INSCRIBED_INFLATED_OBSTACLE] = cls.inscribed
         by_value[NO_INFORMATION] = cls.unknown  # -1 on the occupancy scale
         palette = np.vstack([
-            colours.cost_scale(COST_LEVELS),
+            colours.interpolated(colours.COST_ANCHORS, COST_LEVELS),
             [colours.RVIZ_FREE, colours.INSCRIBED, colours.LETHAL, colours.RVIZ_UNKNOWN,
              colours.CONTOUR],
         ])  # fmt: skip
@@ -137,7 +137,7 @@ def bounds_circumscribed(costmap: Costmap) -> bool:
 
 def potential_style(field: PotentialField) -> LayerStyle:
     """Return the even scale of a normalised potential, 0 to 10; unknown cells are faded."""
-    scale = colours.potential_scale(POTENTIAL_LEVELS)
+    scale = colours.interpolated(colours.POTENTIAL_ANCHORS, POTENTIAL_LEVELS)
     special = [colours.LETHAL, colours.ARROW, colours.GOAL, colours.RVIZ_UNKNOWN]
     swatches = [
         Swatch(POTENTIAL_OBSTACLE, "obstacle"),
@@ -208,7 +208,9 @@ def number_style(low: float, high: float, unit: str, *, nowhere: str = "no value
         high = low + 1.0
     ticks = [((value - low) / (high - low), f"{value:g}") for value in ticks_of(low, high, 6)]
     return LayerStyle(
-        palette_of(colours.free_side(_NUMBER_LEVELS), [colours.RVIZ_UNKNOWN]),
+        palette_of(
+            colours.interpolated(colours.FREE_ANCHORS, _NUMBER_LEVELS), [colours.RVIZ_UNKNOWN]
+        ),
         scale=Scale(low, high, 0, _NUMBER_LEVELS),
         swatches=(Swatch(_NUMBER_LEVELS, nowhere),),
         bar=ColourBar(range(_NUMBER_LEVELS), ticks, unit),
