@@ -22,11 +22,10 @@ _LOOKED_AT_TOGETHER = 1 << 20
 
 
 class FieldGrid(Framed):
-    """A grid of computed numbers, which may be limited to one box of cells.
+    """A grid of computed numbers, which may be limited to one box of cells."""
 
-    Outside the box the numbers are nan and the map is unknown: the field was computed for the box
-    and then extended. Further products are computed for the box and extended likewise.
-    """
+    # Outside the box the numbers are nan and the map is unknown: the field was computed for the box
+    # and then extended. Further products are computed for the box and extended likewise.
 
     occupancy: NDArray[np.int8]
     region: Region | None
@@ -82,10 +81,9 @@ G = TypeVar("G", bound=ValueGrid | FieldGrid | Reach)
 
 
 class layer_of_box(cached_property[NDArray[np.float64]]):  # noqa: N801 - a decorator
-    """A property of a field, an array of shape (..., H, W), that is made once, of its box alone.
+    """A property of a field, an array of shape (..., H, W), that is made once, of its box alone."""
 
-    Around the box it is nan.
-    """
+    # Around the box it is nan.
 
     def __init__(self, function: Callable[[Any], Any]) -> None:
         def made(field: FieldGrid) -> Any:

@@ -215,12 +215,10 @@ def figures_of_costs(counts: NDArray[np.int64], scale: CostScale) -> Figures:
 
 
 def _most_common(counts: NDArray[np.int64], scale: CostScale) -> Figures | None:
-    """Return the cost that most open cells have, and which share of them; None without any.
-
-    Open are cells that are neither lethal, inscribed nor unknown. On scale ``occupancy`` 99
-    is what ROS publishes for inscribed, but to some models just the highest cost: where it is
-    nearly everywhere, 99 is the answer, with its share of all cells but obstacles.
-    """
+    """Return the cost that most open cells have, and which share of them; None without any."""
+    # Open are cells that are neither lethal, inscribed nor unknown. On scale ``occupancy`` 99 is
+    # what ROS publishes for inscribed, but to some models just the highest cost: where it is nearly
+    # everywhere, 99 is the answer, with its share of all cells but obstacles.
     closed_from = INSCRIBED_INFLATED_OBSTACLE
     if scale == "occupancy":
         closed_from = INSCRIBED_PUBLISHED
@@ -325,11 +323,9 @@ class CostmapLayers:
 
     @property
     def that_count(self) -> tuple[CostmapLayer, ...]:
-        """Layers that have an effect.
-
-        Layers below a static layer that replaces all costs have none, nor does an inflation layer
-        whose range is less than one cell.
-        """
+        """Layers that have an effect."""
+        # Layers below a static layer that replaces all costs have none, nor does an inflation layer
+        # whose range is less than one cell.
         replacing = [
             index
             for index, one in enumerate(self.layers)
@@ -340,10 +336,8 @@ class CostmapLayers:
 
     @property
     def static_and_inflation(self) -> tuple[StaticLayer, InflationLayer | None] | None:
-        """The only static layer and the only inflation layer above it, None if there are others.
-
-        A static layer that only raises costs counts as well: there is nothing below it.
-        """
+        """The only static layer and the only inflation layer above it, None if there are others."""
+        # A static layer that only raises costs counts as well: there is nothing below it.
         match self.that_count:
             case (StaticLayer() as static,):
                 return static, None

@@ -112,10 +112,8 @@ def is_number(value: object) -> bool:
 def _side(
     a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return on which side of the line through `a` and `b` a point lies: -1, 1, or 0 on it.
-
-    Decimal coordinates that touch on paper are apart by their rounding, and count as touching.
-    """
+    """Return on which side of the line through `a` and `b` a point lies: -1, 1, or 0 on it."""
+    # Decimal coordinates that touch on paper are apart by their rounding, and count as touching.
     along, beside = b - a, p - a
     rounding = 8 * np.finfo(np.float64).eps * np.maximum(np.abs(a), np.maximum(abs(b), abs(p)))
     slack = _near_product(along, rounding) + _near_product(rounding, beside)
@@ -258,10 +256,8 @@ class Footprint(OneLine):
 
 
 def _pairs(text: str) -> list[str]:
-    """Return what stands in the inner brackets of ``[[...], [...]]``; nothing of other text.
-
-    Each character is looked at a few times, whatever the text.
-    """
+    """Return what stands in the inner brackets of ``[[...], [...]]``; nothing of other text."""
+    # Each character is looked at a few times, whatever the text.
     whole = text.strip()
     if not (whole.startswith("[") and whole.endswith("]")):
         return []
@@ -284,14 +280,10 @@ _FARTHEST = float(1 << 40)
 
 
 def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> tuple[Spans, ...]:
-    """Return the cells that a footprint covers in each heading, relative to the robot's cell.
-
-    Notes
-    -----
-    The robot's centre is the middle of its cell. A corner is in the cell
-    ``floor(0.5 + coordinate / resolution)``, and from there on cells are those that costmap_2d
-    draws: the lines between the corners, and what is inside (`mapdeal.kernels.polygons`).
-    """
+    """Return the cells that a footprint covers in each heading, relative to the robot's cell."""
+    # The robot's centre is the middle of its cell. A corner is in the cell ``floor(0.5 + coordinate
+    # / resolution)``, and from there on cells are those that costmap_2d draws: the lines between
+    # the corners, and what is inside (`mapdeal.kernels.polygons`).
     shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
     vertices = np.array(shape.vertices, dtype=np.float64)
     yaw = frame.origin[2]
@@ -324,10 +316,7 @@ def _fits(corners: NDArray[np.int64], frame: Frame) -> bool:
 
 
 def _drawn(polygons: list[NDArray[np.int64]]) -> list[Spans]:
-    """Return the cells of polygons between these cells, each around its own (0, 0).
-
-    They are drawn at once, one above the other.
-    """
+    """Return the cells of polygons between these cells, each around its own (0, 0)."""
     least = np.array([cells.min(axis=0) for cells in polygons])
     sizes = np.array([cells.max(axis=0) for cells in polygons]) - least + 1
     tops = np.cumsum(sizes[:, 0])

@@ -462,11 +462,9 @@ def xy_ahead(pose: Sequence[float], distance: float) -> tuple[float, float]:
 
 
 def _stepped(start: float, steps: int, step: float) -> float:
-    """Return start + steps * step in decimals: -50 + 789 * 0.05 is -10.55, with no noise.
-
-    Origins and resolutions are decimal numbers in a file; the sum of the floats nearest to them
-    would put the last digits of binary rounding into the next file.
-    """
+    """Return start + steps * step in decimals: -50 + 789 * 0.05 is -10.55, with no noise."""
+    # Origins and resolutions are decimal numbers in a file; the sum of the floats nearest to them
+    # would put the last digits of binary rounding into the next file.
     from decimal import Decimal  # slow to import
 
     return float(Decimal(repr(start)) + steps * Decimal(repr(step)))

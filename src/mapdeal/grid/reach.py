@@ -319,10 +319,8 @@ class Reach(Framed):
 
 
 def reach_radius(robot: Footprint | None) -> float:
-    """Return the radius of the largest round robot that fits wherever a robot does, metres.
-
-    For a robot with corners it is the inscribed radius, or 0 if the centre lies outside of it.
-    """
+    """Return the radius of the largest round robot that fits wherever a robot does, metres."""
+    # For a robot with corners it is the inscribed radius, or 0 if the centre lies outside of it.
     if robot is None or (robot.vertices and not contains_centre(robot.vertices)):
         return 0.0
     return robot.inscribed_radius
@@ -345,8 +343,6 @@ def robot_text(robot: Footprint | None) -> str:
 
 
 def width_of(square: int, resolution: float) -> float:
-    """Return the width of a place, metres, given its squared distance from obstacles in cells.
-
-    It is twice the distance: a round robot passes if its radius is below half of it.
-    """
+    """Return the width of a place, metres, given its squared distance from obstacles in cells."""
+    # It is twice the distance: a round robot passes if its radius is below half of it.
     return round(2 * math.sqrt(square) * resolution, _ROUNDING)

@@ -137,18 +137,14 @@ class Ways:
         return found
 
     def clearance(self, *, in_place: bool = False) -> NDArray[np.float32]:
-        """Return the distance of each cell to what `squared` measures to, metres, shape (H, W).
-
-        With `in_place` it reuses the memory of the squares, which are then lost.
-        """
+        """Return the distance of each cell to what `squared` measures to, metres, shape (H, W)."""
+        # With `in_place` it reuses the memory of the squares, which are then lost.
         return clearance_metres(self.squared, self.frame.resolution, in_place=in_place)
 
     def in_largest_area(self, closed_up_to: int) -> NDArray[np.bool_] | None:
-        """Return the cells of the largest area above a square, shape (H, W); None if none is.
-
-        Areas are connected by the four straight neighbours. Of areas of equal size, the one whose
-        first basin comes first is returned.
-        """
+        """Return the cells of the largest area above a square, shape (H, W); None if none is."""
+        # Areas are connected by the four straight neighbours. Of areas of equal size, the one whose
+        # first basin comes first is returned.
         tree = self.tree
         areas = basin_areas(tree, self.squared, closed_up_to)
         if not areas.any():
@@ -234,10 +230,8 @@ class WaysFrom:
         return self.ways.cells_of(is_reached, closed_up_to).view(np.uint8)
 
     def widest(self, *, in_place: bool = False) -> NDArray[np.float32]:
-        """Return the least clearance on the widest way to each cell, metres, 0 if there is none.
-
-        With `in_place` it reuses the memory of the basins, which are then lost.
-        """
+        """Return the least clearance on the widest way to each cell, metres, 0 if there is none."""
+        # With `in_place` it reuses the memory of the basins, which are then lost.
         if self.rooted is None:
             return np.zeros(self.ways.squared.shape, dtype=np.float32)
         return widest_metres(
@@ -267,10 +261,8 @@ def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
 
 
 def largest_closed_square(radius: float, frame: Frame) -> int:
-    """Return the largest squared distance in cells that is closed to a round robot.
-
-    Cells at this distance have cost 253 around an obstacle, those beyond it less.
-    """
+    """Return the largest squared distance in cells that is closed to a round robot."""
+    # Cells at this distance have cost 253 around an obstacle, those beyond it less.
     return largest_square_within(min(radius, max(frame.size_xy)), frame.resolution)
 
 
@@ -362,10 +354,8 @@ def _order(one: Passage) -> tuple[object, ...]:
 def disconnected(
     grid: OccupancyGrid, radius: float, min_area: float = DEFAULT_MIN_AREA
 ) -> list[Passage]:
-    """Return the passages that stop a round robot between areas of a map.
-
-    If no way at all connects some parts of the map, each part is seen from its own largest area.
-    """
+    """Return the passages that stop a round robot between areas of a map."""
+    # If no way at all connects some parts of the map, each part is seen from its own largest area.
     ways, is_open = _ways_of(grid, radius)
     counts, basins = _regions(ways, is_open, radius)
     parts, _ = joined(len(counts), ways.tree.one, ways.tree.other)
@@ -418,11 +408,9 @@ def _meetings(
     narrow: int,
     least: float,
 ) -> NDArray[np.intp]:
-    """Return the edges at which large regions meet, of squares above `narrow` and up to `wide`.
-
-    A region is what is connected by wider edges; that of the root may be small. Where a robot is
-    stopped, small regions that lie behind one another are a large one together.
-    """
+    """Return the edges at which large regions meet, of squares above `narrow` and up to `wide`."""
+    # A region is what is connected by wider edges; that of the root may be small. Where a robot is
+    # stopped, small regions that lie behind one another are a large one together.
     first, end = (_first_not_above(tree.squares, limit) for limit in (wide, narrow))
     count = len(counts)
     labels, _ = joined(count, tree.one[:first], tree.other[:first])
@@ -472,11 +460,9 @@ def _parted(tree: ClearanceTree, edges: NDArray[np.intp]) -> NDArray[np.intp]:
 def _other_doors(
     ways: Ways, edges: NDArray[np.intp], far: NDArray[np.intp], behind: NDArray[np.float64]
 ) -> Iterator[tuple[int, int]]:
-    """Yield the other doors between areas than the edges, the widest ones, that part them.
-
-    Each is the flat index of its narrowest cell, and which of the edges leads to the same area.
-    What is less than half as wide as that edge is left out: a laser's walls are full of holes.
-    """
+    """Yield the other doors between areas than the edges, the widest ones, that part them."""
+    # Each is the flat index of its narrowest cell, and which of the edges leads to the same area.
+    # What is less than half as wide as that edge is left out: a laser's walls are full of holes.
     labels = _parted(ways.tree, edges)
     leading_to = {
         label: which
@@ -512,10 +498,8 @@ def _ways_of(grid: OccupancyGrid, radius: float) -> tuple[Ways, NDArray[np.bool_
 def _regions(
     ways: Ways, is_open: NDArray[np.bool_], radius: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return how many cells each basin's region has, and a basin of each, the largest first.
-
-    A region's basin is the one with its widest place.
-    """
+    """Return how many cells each basin's region has, and a basin of each, the largest first."""
+    # A region's basin is the one with its widest place.
     tree = ways.tree
     end = _first_not_above(tree.squares, largest_closed_square(radius, ways.frame))
     labels, _ = joined(len(tree.peaks), tree.one[:end], tree.other[:end])
@@ -654,10 +638,8 @@ def _stood(
 
 
 def _widest_place(ground: Ground, ways: Ways, closed_up_to: int) -> Cell | None:
-    """Return where to start if nobody says: in the largest area, the place with the most room.
-
-    Unknown cells that are closed count here, too: a stray beam far from all obstacles is no room.
-    """
+    """Return where to start if nobody says: in the largest area, the place with the most room."""
+    # Unknown cells that are closed count here, too: a stray beam far from all obstacles is no room.
     inside = ways.in_largest_area(closed_up_to)
     if inside is None:
         return None

@@ -45,13 +45,9 @@ def check_choice(value: object, choices: Any, name: str) -> None:
 
 
 def occupancy_from_cost() -> NDArray[np.int8]:
-    """Return the value that costmap_2d publishes for each of the 256 costs.
-
-    References
-    ----------
-    ``costmap_2d_publisher.cpp`` of both ROS navigation stacks: 1 + 97 (cost - 1) / 251 in
-    integer division. Not invertible.
-    """
+    """Return the value that costmap_2d publishes for each of the 256 costs."""
+    # From ``costmap_2d_publisher.cpp`` of both ROS navigation stacks: 1 + 97 (cost - 1) / 251 in
+    # integer division. Not invertible.
     table = 1 + (97 * (np.arange(256) - 1)) // 251
     table[FREE_SPACE] = FREE
     table[INSCRIBED_INFLATED_OBSTACLE] = 99
@@ -76,12 +72,8 @@ def static_layer_cost_from_occupancy(
     inscribed_value: int | None = 99,
     unknown_value: int = NO_INFORMATION,
 ) -> NDArray[np.uint8]:
-    """Return the cost that costmap_2d's static layer assigns to each value.
-
-    References
-    ----------
-    ``interpretValue`` in ``static_layer.cpp``, which casts the value to unsigned char first.
-    """
+    """Return the cost that costmap_2d's static layer assigns to each value."""
+    # From ``interpretValue`` in ``static_layer.cpp``, which casts the value to unsigned char first.
     if not 0 <= lethal_threshold <= OCCUPIED or lethal_threshold % 1:
         rule = "must be a whole number from 0 to 100"
         raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)

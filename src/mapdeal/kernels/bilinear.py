@@ -11,14 +11,10 @@ Floats = NDArray[np.float64]
 
 
 def interpolate(values: NDArray[np.float32], places_rowcol: Floats) -> tuple[Floats, Floats]:
-    """Return the bilinear interpolant of a grid, and its slopes, at places between cells.
-
-    Notes
-    -----
-    Beyond the outermost centres the nearest cells go on, so that the slope across the border
-    is 0. The slopes are those of the interpolant itself: they jump where a line of centres is
-    crossed.
-    """
+    """Return the bilinear interpolant of a grid, and its slopes, at places between cells."""
+    # Beyond the outermost centres the nearest cells go on, so that the slope across the border is
+    # 0. The slopes are those of the interpolant itself: they jump where a line of centres is
+    # crossed.
     between = np.empty(len(places_rowcol))
     slopes = np.empty((len(places_rowcol), 2))
     if engine_name() == "compiled":

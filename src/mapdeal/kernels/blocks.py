@@ -51,10 +51,9 @@ class CacheBudget:
 
 
 class LazyLayer:
-    """A two-dimensional array whose rows are made when they are asked for, block by block.
+    """A two-dimensional array whose rows are made when they are asked for, block by block."""
 
-    Any rows can be requested; the whole array exists only for who asks for all of it.
-    """
+    # Any rows can be requested; the whole array exists only for who asks for all of it.
 
     ndim = 2
     __array_ufunc__ = None  # arithmetic with arrays fails, rather than to work on the whole
@@ -125,11 +124,9 @@ class LazyLayer:
     def made_into(
         self, dtype: Any, make: MakeRows, *, shape: tuple[int, int] | None, is_kept: bool
     ) -> LazyLayer:
-        """Return another layer of the same map.
-
-        If its blocks are to be kept, they are all kept as long as the budget has room, and
-        otherwise one for each thread and one more.
-        """
+        """Return another layer of the same map."""
+        # If its blocks are to be kept, they are all kept as long as the budget has room, and
+        # otherwise one for each thread and one more.
         shape = shape or self.shape
         keep = 0
         if is_kept:

@@ -21,15 +21,12 @@ Cell = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class ClearanceTree:
-    """Basins of clearance, and the widest passages between them.
+    """Basins of clearance, and the widest passages between them."""
 
-    Notes
-    -----
-    Cells are ordered by square and, where squares are equal, by flat index. Each points to the
-    largest of its four neighbours, if that is larger than the cell itself; so each has a way to the
-    peak of its basin on which squares never fall, and the bottleneck of two cells is the least of
-    their own squares and of the edges between their basins in the forest.
-    """
+    # Cells are ordered by square and, where squares are equal, by flat index. Each points to the
+    # largest of its four neighbours, if that is larger than the cell itself; so each has a way to
+    # the peak of its basin on which squares never fall, and the bottleneck of two cells is the
+    # least of their own squares and of the edges between their basins in the forest.
 
     basins: NDArray[np.int32]
     peaks: NDArray[np.int64]
@@ -95,10 +92,8 @@ def basin_areas(
 def _limits_from(
     tree: ClearanceTree, squared: SquaredDistances, start: Cell, seen: RootedTree | None
 ) -> NDArray[np.int64]:
-    """Return for each basin the largest square with which its peak has a way to the start.
-
-    One more comes first, of the cells that are in no basin (-1): 0, as where there is no way.
-    """
+    """Return for each basin the largest square with which its peak has a way to the start."""
+    # One more comes first, of the cells that are in no basin (-1): 0, as where there is no way.
     basin = int(tree.basins[start])
     if basin < 0:
         raise ValueError("the start must be a traversable cell")

@@ -83,10 +83,8 @@ def _pairs_of_basins(heights: Cells, basins: NDArray[np.int32], width: int) -> _
 
 
 def _spanning(one: NDArray[np.int32], other: NDArray[np.int32], count: int) -> Cells:
-    """Return which pairs make the spanning forest that prefers those that come first.
-
-    scipy's is that of least weight; the position in the list as weight makes it the only one.
-    """
+    """Return which pairs make the spanning forest that prefers those that come first."""
+    # scipy's is that of least weight; the position in the list as weight makes it the only one.
     if not len(one):
         return np.zeros(0, dtype=np.int64)
     from scipy.sparse import coo_array

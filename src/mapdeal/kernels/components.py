@@ -124,13 +124,9 @@ Lengths = NDArray[np.int64]
 
 
 def thickness_of(marked: NDArray[np.bool_]) -> Lengths:
-    """Return how thick a structure is at each of its cells.
-
-    Notes
-    -----
-    A straight wall has its thickness along its shorter axis, a slanted one of one cell is one
-    cell thick. Where two walls cross, both runs may be long: the cells there count as thick.
-    """
+    """Return how thick a structure is at each of its cells."""
+    # A straight wall has its thickness along its shorter axis, a slanted one of one cell is one
+    # cell thick. Where two walls cross, both runs may be long: the cells there count as thick.
     height, width = marked.shape
     _, along = _runs_along(marked)
     cols, across = _runs_along(marked.T)
@@ -276,10 +272,8 @@ def _middles(least: Cells, lengths: Cells, middles: Cells) -> tuple[Cells, Cells
 
 
 def _runs(marked: NDArray[np.bool_]) -> tuple[Cells, Cells]:
-    """Return where runs of marked cells begin and end, as numbers of cells.
-
-    Rows are counted as one cell wider than they are, so that no run touches one of the next row.
-    """
+    """Return where runs of marked cells begin and end, as numbers of cells."""
+    # Rows are counted as one cell wider than they are, so that no run touches one of the next row.
     height, width = marked.shape
     edges = np.empty((height, width + 1), dtype=np.bool_)
     edges[:, 0], edges[:, -1] = marked[:, 0], marked[:, -1]

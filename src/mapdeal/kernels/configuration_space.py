@@ -94,12 +94,8 @@ class ConfigurationSpace:
 
 
 def memory(shape: tuple[int, int], heading_count: int, extent: int) -> int:
-    """Return how many bytes a `ConfigurationSpace` and what can be reached take at most.
-
-    Notes
-    -----
-    Without the cells that are blocked, of which the caller has one byte each, or a lazy layer.
-    """
+    """Return how many bytes a `ConfigurationSpace` and what can be reached take at most."""
+    # Without the cells that are blocked, of which the caller has one byte each, or a lazy layer.
     if engine_name() == "compiled":
         from mapdeal.kernels import compiled_configuration
 

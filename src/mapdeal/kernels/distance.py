@@ -128,10 +128,8 @@ def halos_of(blocks: Sequence[BlockRuns]) -> list[Halo]:
 
 
 def _going_on(within: Runs, rows: int, is_equal: Mask | None, reaching: Runs) -> Runs:
-    """Return the lengths of runs, those through the whole block with what reaches it added.
-
-    `is_equal`: whether the block's border is as the row beside it; None where there is none.
-    """
+    """Return the lengths of runs, those through the whole block with what reaches it added."""
+    # `is_equal`: whether the block's border is as the row beside it; None where there is none.
     through = within == rows
     if is_equal is not None:
         through &= is_equal

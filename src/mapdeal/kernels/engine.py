@@ -40,11 +40,9 @@ def engine_name() -> Engine:
 
 @cache
 def compiled_module() -> ModuleType | None:
-    """Return the compiled module of distances; None where it is not, or does not load.
-
-    One engine does everything: there is none either if a module beside it is missing. Those are
-    imported where they are needed.
-    """
+    """Return the compiled module of distances; None where it is not, or does not load."""
+    # One engine does everything: there is none either if a module beside it is missing. Those are
+    # imported where they are needed.
     if not all(find_spec(f"mapdeal.kernels.{name}") for name in _BESIDE):
         return None
     try:

@@ -49,14 +49,10 @@ class Lattice(NamedTuple):
 def costs_at_poses(
     costs: Bytes, lattice: Lattice, corners: Floats, poses: Floats, *, filled: bool
 ) -> tuple[Bytes, Mask]:
-    """Return what a footprint costs at each pose, and whether the grid holds all its corners.
-
-    Notes
-    -----
-    The cells of a footprint that is filled are those of its outline and all that costmap_2d fills
-    when it draws it (`mapdeal.kernels.polygons`). That draws the last line in the other
-    direction, which may lead through other cells: both count.
-    """
+    """Return what a footprint costs at each pose, and whether the grid holds all its corners."""
+    # The cells of a footprint that is filled are those of its outline and all that costmap_2d fills
+    # when it draws it (`mapdeal.kernels.polygons`). That draws the last line in the other
+    # direction, which may lead through other cells: both count.
     results = np.empty(len(poses), dtype=np.uint8)
     inside = np.empty(len(poses), dtype=np.bool_)
     costs, corners, poses = map(np.ascontiguousarray, (costs, corners, poses))

@@ -17,21 +17,14 @@ Cells = NDArray[np.int64]
 
 
 def queue_squares(seeds: NDArray[np.bool_], reach: int) -> NDArray[np.int64]:
-    """Return each cell's squared distance to the seed that the queue reaches it from.
-
-    Notes
-    -----
-    Cells wait in bins of the squared distance to their seed. Bins are emptied from the nearest
-    on; the first entry of a cell counts, and puts the cell's neighbours into the bins of their
-    distance to the same seed: left, down, right, up. A neighbour is never in its cell's own bin,
-    since the square changes by an odd number, so that a bin can be taken as a whole. Entries for
-    bins that are done already are lost, as there.
-
-    References
-    ----------
-    ``updateCosts`` and ``enqueue`` in ``inflation_layer.cpp`` of ROS 1's costmap_2d, and in
-    ``legacy_inflation_layer.cpp`` of nav2_costmap_2d.
-    """
+    """Return each cell's squared distance to the seed that the queue reaches it from."""
+    # Cells wait in bins of the squared distance to their seed. Bins are emptied from the nearest
+    # on; the first entry of a cell counts, and puts the cell's neighbours into the bins of their
+    # distance to the same seed: left, down, right, up. A neighbour is never in its cell's own bin,
+    # since the square changes by an odd number, so that a bin can be taken as a whole. Entries for
+    # bins that are done already are lost, as there.
+    # From ``updateCosts`` and ``enqueue`` in ``inflation_layer.cpp`` of ROS 1's costmap_2d, and in
+    # ``legacy_inflation_layer.cpp`` of nav2_costmap_2d.
     queue = _Queue(seeds.shape, reach * reach)
     found = np.flatnonzero(seeds)
     queue.put(0, found, found)

@@ -11,15 +11,11 @@ from mapdeal.kernels.threads import thread_count
 def sum_of_inverse_distances(
     marked: NDArray[np.bool_], *, scale: float = 1.0, least: float = 0.0
 ) -> NDArray[np.float64]:
-    """Return for each cell the sum of 1 / distance over all marked cells.
-
-    Notes
-    -----
-    The sum is the convolution of the mask with 1 / distance, taken as a product of Fourier
-    transforms: H W log(H W) steps rather than H W times the number of marked cells. 1 / distance
-    is symmetric along both axes, so that its transform is a real cosine transform of a quarter
-    of it. What rounding adds is about 1e-16 of the largest values.
-    """
+    """Return for each cell the sum of 1 / distance over all marked cells."""
+    # The sum is the convolution of the mask with 1 / distance, taken as a product of Fourier
+    # transforms: H W log(H W) steps rather than H W times the number of marked cells. 1 / distance
+    # is symmetric along both axes, so that its transform is a real cosine transform of a quarter of
+    # it. What rounding adds is about 1e-16 of the largest values.
     if not marked.any():
         return np.zeros(marked.shape)
     # scipy.fft takes longer to import than most maps to transform

@@ -25,14 +25,10 @@ RowCol = tuple[float, float]
 def gap_at(
     squared: SquaredDistances, basins: NDArray[np.int32], cell: tuple[int, int]
 ) -> tuple[RowCol, RowCol]:
-    """Return the two ends of the gap that a saddle lies in.
-
-    Notes
-    -----
-    In a wall of some thickness all cells in the middle of the door are equally narrow, and any of
-    them may be the saddle. From it the ridge is followed over cells that are as wide, as long as
-    none beside them is wider: so it ends where rooms begin, and does not run along their walls.
-    """
+    """Return the two ends of the gap that a saddle lies in."""
+    # In a wall of some thickness all cells in the middle of the door are equally narrow, and any of
+    # them may be the saddle. From it the ridge is followed over cells that are as wide, as long as
+    # none beside them is wider: so it ends where rooms begin, and does not run along their walls.
     square = int(squared[cell])
     middle = _middle_of(_ridge(squared, basins, cell))
     reach = 1.5 * math.sqrt(square) + 2
@@ -127,17 +123,12 @@ def joined(
     other: NDArray[np.integer],
     is_large: NDArray[np.bool_] | None = None,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Join nodes over edges, but never two large ones.
-
-    The edges are taken one after the other, as Kruskal does: each joins what it links, unless a
-    large node is part of both already.
-
-    Notes
-    -----
-    A node that is not large is alone until its first edge comes. That edge joins it whatever else
-    has been joined by then, so all such nodes can be joined over their first edge at once; as in
-    Boruvka's algorithm, a few such rounds are enough.
-    """
+    """Join nodes over edges, but never two large ones."""
+    # The edges are taken one after the other, as Kruskal does: each joins what it links, unless a
+    # large node is part of both already.
+    # A node that is not large is alone until its first edge comes. That edge joins it whatever else
+    # has been joined by then, so all such nodes can be joined over their first edge at once; as in
+    # Boruvka's algorithm, a few such rounds are enough.
     into = np.arange(count)
     edges = np.arange(len(one))
     ends = np.stack([one, other], axis=1).astype(np.intp, copy=False)
@@ -158,10 +149,8 @@ def _join_over_first_edge(
     into: NDArray[np.intp], ends: NDArray[np.intp], moving: NDArray[np.intp],
     may_move: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Let nodes point to what they become, in place.
-
-    Of all nodes in `ends` those in `moving` may; both may name a node more than once.
-    """
+    """Let nodes point to what they become, in place."""
+    # Of all nodes in `ends` those in `moving` may; both may name a node more than once.
     backwards = ends[::-1]
     first, second = backwards[:, 1], backwards[:, 0]
     # Of several values for one place the last one stays: that of the first edge.

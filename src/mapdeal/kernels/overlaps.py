@@ -160,11 +160,9 @@ def _largest_of_ranges(lines: Bytes, first: Indices, end: Indices) -> Bytes:
 
 
 def _gather(found: Bytes, values: Bytes, lattice: Lattice) -> None:
-    """Set the largest values by a look at all cells that a cell of the lattice may overlap.
-
-    Most cells are done at once: where the largest value around a centre is that of the cell
-    below it, no other can count.
-    """
+    """Set the largest values by a look at all cells that a cell of the lattice may overlap."""
+    # Most cells are done at once: where the largest value around a centre is that of the cell below
+    # it, no other can count.
     height, width = values.shape
     reach = math.ceil(1 + lattice.side / 2 * lattice.wide) - 1
     rim = 2 * reach + 1
@@ -212,10 +210,8 @@ def _largest_around(values: Bytes, reach: int) -> Bytes:
 
 
 def _overlap(right: Floats, up: Floats, lattice: Lattice) -> Mask:
-    """Return which cells of the array overlap a cell of the lattice, given their distance.
-
-    Two squares overlap unless a line along a side of one of them parts them.
-    """
+    """Return which cells of the array overlap a cell of the lattice, given their distance."""
+    # Two squares overlap unless a line along a side of one of them parts them.
     cos, sin = math.cos(lattice.turn), math.sin(lattice.turn)
     along = 0.5 + lattice.side / 2 * lattice.wide - lattice.touching
     across = lattice.side / 2 + 0.5 * lattice.wide - lattice.touching

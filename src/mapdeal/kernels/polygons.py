@@ -256,20 +256,15 @@ _ONE_COUNT = (1 << _COUNT_BITS) - 1
 
 
 def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Iterator[Spans]:
-    """Return the cells of a polygon of any form, with holes or without, in parts.
-
-    Notes
-    -----
-    The outline is costmap_2d's lines of cells between the corners; inside of it is every cell
-    whose centre an odd number of edges between the corners' centres surround. What is inside
-    of a hole in the same sense, but not on its edge, is left out. What comes of a polygon that
-    reaches beyond the grid is exactly its part inside of it.
-
-    For a convex polygon these are the cells of costmap_2d's ``convexFillCells``, which fills
-    each column from its lowest to its highest cell: a column meets just two of its edges, also
-    after the corners were moved to their cells, since that keeps their order along both axes;
-    and a cell between the two lines of cells lies between the edges.
-    """
+    """Return the cells of a polygon of any form, with holes or without, in parts."""
+    # The outline is costmap_2d's lines of cells between the corners; inside of it is every cell
+    # whose centre an odd number of edges between the corners' centres surround. What is inside of a
+    # hole in the same sense, but not on its edge, is left out. What comes of a polygon that reaches
+    # beyond the grid is exactly its part inside of it.
+    # For a convex polygon these are the cells of costmap_2d's ``convexFillCells``, which fills each
+    # column from its lowest to its highest cell: a column meets just two of its edges, also after
+    # the corners were moved to their cells, since that keeps their order along both axes; and a
+    # cell between the two lines of cells lies between the edges.
     ring_of = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
     yield from _drawn(_edges_of(rings), ring_of, shape)
 
@@ -310,10 +305,8 @@ def _drawn(edges: Edges, ring_of: Indices, shape: tuple[int, int]) -> Iterator[S
 def _inside(
     edges: Edges, ring_of: Indices, bottom: int, top: int, width: int
 ) -> tuple[Indices, Spans]:
-    """Return whose inside it is, and the cells inside of each ring by the even-odd rule.
-
-    Cells on an edge belong to the outline, and may be missing here.
-    """
+    """Return whose inside it is, and the cells inside of each ring by the even-odd rule."""
+    # Cells on an edge belong to the outline, and may be missing here.
     which, rows = enumerated(np.maximum(edges.bottom, bottom), np.minimum(edges.top, top))
     row, col, next_row, next_col = edges.chosen(which)
     up = next_row > row

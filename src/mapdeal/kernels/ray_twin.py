@@ -167,11 +167,9 @@ def _note_hits(at: Cells, seen: NDArray[np.uint8]) -> None:
 def _add_in_order(
     at: Cells, order: Cells, added: Cells, odds: Odds, values: Counts, seen: NDArray[np.uint8]
 ) -> None:
-    """Add to cells in order, clamping after each: many at a time.
-
-    To add and clamp, x -> min(max(x + a, low), high), is a function of three numbers, and so are
-    several of them one after the other: pairs of neighbours become one until each cell has one.
-    """
+    """Add to cells in order, clamping after each: many at a time."""
+    # To add and clamp, x -> min(max(x + a, low), high), is a function of three numbers, and so are
+    # several of them one after the other: pairs of neighbours become one until each cell has one.
     if len(at) == 0:
         return
     sorting = np.lexsort((order, at))

@@ -61,23 +61,18 @@ def rotated(quaternions: Floats, vectors: Floats) -> Floats:
 
 
 def inverse_matrices(matrices: Floats) -> Floats:
-    """Return the inverses of matrices, shape (..., 3, 3).
-
-    Computed from cross products. LAPACK and BLAS reserve 32 MB per thread; if the system refuses,
-    OpenBLAS exits the process or tries again for ever.
-    """
+    """Return the inverses of matrices, shape (..., 3, 3)."""
+    # Computed from cross products. LAPACK and BLAS reserve 32 MB per thread; if the system refuses,
+    # OpenBLAS exits the process or tries again for ever.
     a, b, c = np.moveaxis(matrices, -2, 0)
     adjugate = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
     return np.asarray(adjugate / (a * np.cross(b, c)).sum(axis=-1)[..., np.newaxis, np.newaxis])
 
 
 def slerp(first: Floats, second: Floats, share: Floats) -> Floats:
-    """Return rotations on the shorter arc between two, at a share of it from 0 to 1.
-
-    References
-    ----------
-    Shoemake, "Animating rotation with quaternion curves", 1985; as tf2's ``Quaternion::slerp``.
-    """
+    """Return rotations on the shorter arc between two, at a share of it from 0 to 1."""
+    # From Shoemake, "Animating rotation with quaternion curves", 1985; as tf2's
+    # ``Quaternion::slerp``.
     cosine = np.sum(first * second, axis=-1)
     second = np.where(cosine[..., np.newaxis] < 0, -second, second)
     cosine = np.minimum(np.abs(cosine), 1.0)
@@ -120,13 +115,9 @@ Turns = NDArray[np.floating[Any]]
 
 
 def hough_spectrum(points_xy: Turns, angles: Turns, width: float) -> Turns:
-    """Return how much of a map's walls runs in each of some directions.
-
-    References
-    ----------
-    S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25,
-    2008: the Hough spectrum, there from the Hough transform of all pixels.
-    """
+    """Return how much of a map's walls runs in each of some directions."""
+    # From S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25,
+    # 2008: the Hough spectrum, there from the Hough transform of all pixels.
     points = points_xy - points_xy.mean(axis=0)
     middle = math.ceil(float(np.hypot(*points.T).max()) / width) + 1
     found = np.empty(len(angles))
@@ -163,21 +154,17 @@ def main_direction(occupied: NDArray[np.bool_]) -> float | None:
 
 
 def edge_points(occupied: NDArray[np.bool_]) -> Turns:
-    """Return the centres, x and y in cells, of obstacle cells with a side to one that is none.
-
-    Beyond the grid everything is as at its border.
-    """
+    """Return the centres, x and y in cells, of obstacle cells with a side to one that is none."""
+    # Beyond the grid everything is as at its border.
     padded = np.pad(occupied, 1, mode="edge")
     inside = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
     return np.argwhere(occupied & ~inside)[:, ::-1] + 0.5
 
 
 def _spread_out(points: Turns) -> Turns:
-    """Return some of the points, each at another place of its cell.
-
-    Centres of cells fall onto the middles of strips in the directions of the lattice, and only
-    there: these would seem to have more walls.
-    """
+    """Return some of the points, each at another place of its cell."""
+    # Centres of cells fall onto the middles of strips in the directions of the lattice, and only
+    # there: these would seem to have more walls.
     if len(points) > _MOST_POINTS:
         points = points[np.arange(_MOST_POINTS) * len(points) // _MOST_POINTS]
     spread: Turns = points + (np.arange(len(points))[:, None] * np.array(_SPREAD)) % 1.0 - 0.5

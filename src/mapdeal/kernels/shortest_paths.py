@@ -39,20 +39,15 @@ def cheapest_path(
     *,
     surcharges: NDArray[np.float64] | None = None,
 ) -> FoundPath:
-    """Return the cheapest path over the eight neighbours of cells, by A*.
-
-    Notes
-    -----
-    Diagonal steps between two closed cells are not allowed: where walls touch at a corner
-    there is no gap. What remains to the goal is estimated by the octile distance times the
-    lowest weight, which is never more than it takes; so the answer is the optimum. Of several,
-    the one is returned that is found if of equal estimates the latest is followed first.
-
-    Surcharges make the estimate inconsistent: a cell may be expanded before the cheapest path to
-    it is known. A cell that was expanded is not opened again: to correct its path afterwards
-    would undo what the surcharges are for, and could expand cells many times. So each cell is
-    expanded once at most, and a path is found if there is one.
-    """
+    """Return the cheapest path over the eight neighbours of cells, by A*."""
+    # Diagonal steps between two closed cells are not allowed: where walls touch at a corner there
+    # is no gap. What remains to the goal is estimated by the octile distance times the lowest
+    # weight, which is never more than it takes; so the answer is the optimum. Of several, the one
+    # is returned that is found if of equal estimates the latest is followed first.
+    # Surcharges make the estimate inconsistent: a cell may be expanded before the cheapest path to
+    # it is known. A cell that was expanded is not opened again: to correct its path afterwards
+    # would undo what the surcharges are for, and could expand cells many times. So each cell is
+    # expanded once at most, and a path is found if there is one.
     if not all(_holds(weights, cell) and weights[cell] > 0 for cell in (start, goal)):
         raise ValueError("start and goal must be open cells")
     scaled = np.rint(weights * UNIT)

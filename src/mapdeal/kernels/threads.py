@@ -118,12 +118,9 @@ _T = TypeVar("_T")
 
 
 class ThreadPool(Executor):
-    """Threads that do what they are given; fewer where the system has no more to give.
+    """Threads that do what they are given; fewer where the system has no more to give."""
 
-    Notes
-    -----
-    `concurrent.futures.ThreadPoolExecutor` keeps work that it has refused for want of a thread.
-    """
+    # `concurrent.futures.ThreadPoolExecutor` keeps work that it has refused for want of a thread.
 
     def __init__(self, size: int) -> None:
         self._size = size

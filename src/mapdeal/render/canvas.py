@@ -114,10 +114,8 @@ def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[S
 
 
 def frame_text(frame: Frame, part: Region | None = None) -> str:
-    """Return a map's size in cells and metres, for a subtitle; of a turned one corner and yaw.
-
-    If a picture shows a part of it alone, its size in cells is shown as well.
-    """
+    """Return a map's size in cells and metres, for a subtitle; of a turned one corner and yaw."""
+    # If a picture shows a part of it alone, its size in cells is shown as well.
     width, height = frame.width * frame.resolution, frame.height * frame.resolution
     text = (
         f"{frame.width} x {frame.height} cells, {frame.resolution:.6g} m each, "

@@ -39,11 +39,7 @@ _TINT = (255, 228, 232)
 
 
 def cost_curve_image(curve: CostCurve, *, title: str) -> Image:
-    """Return the picture of a cost curve.
-
-    The area below it has the colours of the picture of a costmap, and so has the row of cells
-    below it. Dots are the distances that occur between cells, the line is the formula.
-    """
+    """Return the picture of a cost curve."""
     return _Drawing(curve).drawn(title)
 
 

@@ -44,11 +44,9 @@ class Zone:
 
 
 def zones_of(curve: CostCurve, end: float) -> list[Zone]:
-    """Return the zones of a curve, from the obstacle's cell up to `end` metres.
-
-    Where the shape of the robot is not known, beyond the inscribed radius nothing is said of
-    collisions.
-    """
+    """Return the zones of a curve, from the obstacle's cell up to `end` metres."""
+    # Where the shape of the robot is not known, beyond the inscribed radius nothing is said of
+    # collisions.
     half = curve.resolution / 2
     inscribed, circumscribed = curve.inscribed_radius or 0.0, curve.circumscribed_radius or 0.0
     places = sorted({p for p in (inscribed, circumscribed, curve.end) if half < p < end})

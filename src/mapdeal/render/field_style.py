@@ -81,11 +81,9 @@ class EndsByRows:
 
 
 def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
-    """Return the scale of a distance field: obstacles red, free space blue, even in metres.
-
-    A step of colour is the same length on both sides of zero, and zero lies between two steps.
-    Each side goes through all its shades, however short it is, so that thin walls stay red.
-    """
+    """Return the scale of a distance field: obstacles red, free space blue, even in metres."""
+    # A step of colour is the same length on both sides of zero, and zero lies between two steps.
+    # Each side goes through all its shades, however short it is, so that thin walls stay red.
     scale, below = _scale(ends)
     # One shade more, of which the palest is left out: a side of one step is not white.
     known = np.vstack([

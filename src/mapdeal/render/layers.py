@@ -107,10 +107,8 @@ class OccupancyDrawing(Drawing):
 
 
 def occupancy_image(grid: OccupancyGrid, *, title: str, **look: Unpack[Look]) -> Image:
-    """Return a map in the greys of RViz's scheme "map".
-
-    Where cells share a pixel the most occupied one shows. An overlay is drawn over all.
-    """
+    """Return a map in the greys of RViz's scheme "map"."""
+    # Where cells share a pixel the most occupied one shows.
     return _drawn(OccupancyDrawing(grid, **look), grid, title)
 
 
@@ -154,11 +152,9 @@ class FieldDrawing(Drawing):
         )
 
     def _pixels(self, scale: Scale) -> tuple[NDArray[np.uint8], int | None]:
-        """Return palette indices, and one that shows what unknown cells look like, if any do.
-
-        Levels inside, then outside of obstacles; the same again, faded, for unknown cells; then
-        the outline of obstacles, and cells without a distance.
-        """
+        """Return palette indices, and one that shows what unknown cells look like, if any do."""
+        # Levels inside, then outside of obstacles; the same again, faded, for unknown cells; then
+        # the outline of obstacles, and cells without a distance.
         obstacles = self._obstacles.pixels
         indices, faded = self._levels(scale, obstacles)
         pixels = self._raster.enlarged(indices)
@@ -188,13 +184,10 @@ class FieldDrawing(Drawing):
 
 
 def field_image(field: DistanceField, *, title: str, **look: Unpack[Look]) -> Image:
-    """Return a distance field in a diverging scale, obstacles red, free space blue.
-
-    The outermost obstacle cells, where a field of the Fast-Planner convention is 0, are black.
-    Unknown cells are faded, those without a distance grey. Where cells share a pixel the
-    smallest distance shows. The scale ends at the largest distances of known cells.
-    An overlay is drawn over all.
-    """
+    """Return a distance field in a diverging scale, obstacles red, free space blue."""
+    # The outermost obstacle cells, where a field of the Fast-Planner convention is 0, are black.
+    # Unknown cells are faded, those without a distance grey. Where cells share a pixel the smallest
+    # distance shows. The scale ends at the largest distances of known cells.
     return _drawn(FieldDrawing(field, **look), field, title)
 
 
@@ -256,11 +249,9 @@ class CostDrawing(Drawing):
 
 
 def cost_image(costmap: Costmap, *, title: str, **look: Unpack[Look]) -> Image:
-    """Return a costmap in an even scale; lethal, inscribed, unknown and free stand apart.
-
-    Where cells share a pixel the highest cost shows. If the circumscribed cost is known, a
-    line bounds the cells of that cost and more. An overlay is drawn over all.
-    """
+    """Return a costmap in an even scale; lethal, inscribed, unknown and free stand apart."""
+    # Where cells share a pixel the highest cost shows. If the circumscribed cost is known, a line
+    # bounds the cells of that cost and more.
     return _drawn(CostDrawing(costmap, **look), costmap, title)
 
 

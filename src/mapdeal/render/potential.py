@@ -36,12 +36,10 @@ def potential_image(
     image_extent: ImageExtent = "all",
     overlay: Overlay | None = None,
 ) -> Image:
-    """Return the normalised potential in an even scale, with arrows that point downhill.
-
-    Obstacles are black, unknown cells faded, those without a potential grey. Where cells share a
-    pixel the highest potential shows, and an obstacle before all. The arrows stand on a coarse
-    lattice and show the direction only. An overlay is drawn over all.
-    """
+    """Return the normalised potential in an even scale, with arrows that point downhill."""
+    # Obstacles are black, unknown cells faded, those without a potential grey. Where cells share a
+    # pixel the highest potential shows, and an obstacle before all. The arrows stand on a coarse
+    # lattice and show the direction only.
     part = shown_part(
         field.occupancy,
         field.frame,

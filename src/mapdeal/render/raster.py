@@ -59,10 +59,8 @@ class Raster:
         return resolution * self.reduce / self.enlarge
 
     def largest(self, layer: Layer) -> NDArray[Any]:
-        """Return the largest value of the cells under each pixel, before enlarging.
-
-        Of numbers it is nan only where all cells are.
-        """
+        """Return the largest value of the cells under each pixel, before enlarging."""
+        # Of numbers it is nan only where all cells are.
         return self.pooling(layer, np.fmax).all()
 
     def smallest(self, layer: Layer) -> NDArray[Any]:

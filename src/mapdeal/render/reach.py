@@ -44,13 +44,11 @@ def reach_image(
     image_extent: ImageExtent = "all",
     overlay: Overlay | None = None,
 ) -> Image:
-    """Return a map with the area that a robot reaches, and what cuts off the rest.
-
-    The largest areas that are open to the robot, but out of its reach, have a colour each. Passages
-    are bars across the door with their width beside them, red where the robot is stopped; the
-    robot's outline at the start is true to scale. Where cells share a pixel an obstacle shows
-    before a cut-off area, and that before the reachable one. An overlay is drawn over all.
-    """
+    """Return a map with the area that a robot reaches, and what cuts off the rest."""
+    # The largest areas that are open to the robot, but out of its reach, have a colour each.
+    # Passages are bars across the door with their width beside them, red where the robot is
+    # stopped; the robot's outline at the start is true to scale. Where cells share a pixel an
+    # obstacle shows before a cut-off area, and that before the reachable one.
     codes, style = reach_codes(reach)
     part = shown_part(
         codes,

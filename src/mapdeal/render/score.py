@@ -67,11 +67,9 @@ def score_image(
     image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all",
 ) -> Image:
-    """Return the walls of a map over the truth, coloured by their distance, and a histogram.
-
-    Walls of the truth from which none of the map's is within 0.1 m are marked. Where cells share
-    a pixel the wall shows that is farthest off.
-    """
+    """Return the walls of a map over the truth, coloured by their distance, and a histogram."""
+    # Walls of the truth from which none of the map's is within 0.1 m are marked. Where cells share
+    # a pixel the wall shows that is farthest off.
     codes = codes_of(walls)
     part = shown_part(codes, walls.frame, image_extent, is_known=lambda some: some != UNKNOWN)
     raster = Raster.fitting(walls.frame.shape, image_max, part=part)
@@ -119,10 +117,8 @@ def _index_of(metres: NDArray[np.floating[Any]], top: float) -> NDArray[np.uint8
 def bins_of(
     metres: NDArray[np.floating[Any]], resolution: float, top: float
 ) -> list[tuple[float, float]]:  # fmt: skip
-    """Return the middles of bins of a cell's side, metres, and the share of distances in each.
-
-    The last bin is that of all that is farther than `top`; its middle is infinite.
-    """
+    """Return the middles of bins of a cell's side, metres, and the share of distances in each."""
+    # The last bin is that of all that is farther than `top`; its middle is infinite.
     count = math.floor(top / resolution + _ROUNDING) + 1
     places = np.minimum(np.floor(metres / resolution + 0.5), count).astype(np.int64)
     shares = np.bincount(places, minlength=count + 1) / max(1, len(metres))

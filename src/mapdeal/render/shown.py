@@ -55,10 +55,8 @@ class KnownLines:
 
 
 def known_box(layer: Layer, is_known: IsKnown) -> Region | None:
-    """Return the box of the known cells of a layer; None if there are none.
-
-    Rows are looked at once, from the first to the last, and those of a lazy layer not again.
-    """
+    """Return the box of the known cells of a layer; None if there are none."""
+    # Rows are looked at once, from the first to the last, and those of a lazy layer not again.
     (parts,) = gathered(layer, KnownLines(is_known))
     with_known = np.flatnonzero(np.concatenate([rows for rows, _ in parts]))
     columns = np.flatnonzero(np.logical_or.reduce([cols for _, cols in parts]))

@@ -31,10 +31,9 @@ class ColourBar:
 
 @dataclass(frozen=True)
 class Scale:
-    """An even scale of numbers: `levels` palette indices from `first` on, from `low` to `high`.
+    """An even scale of numbers: `levels` palette indices from `first` on, from `low` to `high`."""
 
-    Values beyond an end take its index, infinite ones, too.
-    """
+    # Values beyond an end take its index, infinite ones, too.
 
     low: float
     high: float

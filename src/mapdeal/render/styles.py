@@ -102,10 +102,8 @@ def occupancy_style() -> LayerStyle:
 
 
 def cost_style(costmap: Costmap) -> LayerStyle:
-    """Return the even scale of a costmap's graded costs; those that mean something stand apart.
-
-    The legend has an entry for the contour of the circumscribed cost if the costmap knows it.
-    """
+    """Return the even scale of a costmap's graded costs; those that mean something stand apart."""
+    # The legend has an entry for the contour of the circumscribed cost if the costmap knows it.
     own = CostPalette.of(costmap.scale)
     swatches = [Swatch(own.lethal, f"lethal {own.lethal_cost}")]
     labels = {0: "free", own.lethal_cost: "lethal", NO_INFORMATION: "unknown"}
@@ -127,10 +125,8 @@ def cost_style(costmap: Costmap) -> LayerStyle:
 
 
 def bounds_circumscribed(costmap: Costmap) -> bool:
-    """Return whether there is a contour to draw where the circumscribed cost begins.
-
-    Between the radii of a round robot there is nothing to bound: its cost is inscribed.
-    """
+    """Return whether there is a contour to draw where the circumscribed cost begins."""
+    # Between the radii of a round robot there is nothing to bound: its cost is inscribed.
     cost = costmap.circumscribed_cost
     return bool(cost) and cast("int", cost) < INSCRIBED_INFLATED_OBSTACLE
 
@@ -170,10 +166,8 @@ def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
 
 
 def cleaning_style() -> LayerStyle:
-    """Return the colours of the kinds of cells of a cleaned map, 0 to 7.
-
-    They are those of a difference, and 7 for unknown cells that have become free.
-    """
+    """Return the colours of the kinds of cells of a cleaned map, 0 to 7."""
+    # They are those of a difference, and 7 for unknown cells that have become free.
     kinds = list(_KINDS_OF_DIFFERENCE)
     names = ["free, now unknown", "wall", "wall, now free", "unknown, now wall"]
     kinds[3:] = [(name, colour) for name, (_, colour) in zip(names, kinds[3:], strict=True)]

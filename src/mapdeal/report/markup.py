@@ -46,11 +46,9 @@ def joined(content: Iterable[Content]) -> Markup:
 
 
 def escaped(text: str) -> str:
-    r"""Return text as markup shows it; characters that cannot be seen are spelled out.
-
-    Such are control characters, those that turn the direction of what follows, and halves of
-    surrogate pairs, which names of files can hold.
-    """
+    """Return text as markup shows it; characters that cannot be seen are spelled out."""
+    # Such are control characters, those that turn the direction of what follows, and halves of
+    # surrogate pairs, which names of files can hold.
     return html.escape(one_line(text), quote=True)
 
 

@@ -327,16 +327,12 @@ class Encoded:
 
 
 def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
-    """Return layers as levels of compressed tiles.
-
-    Notes
-    -----
-    A level is four times coarser than the next; the coarsest is 256 cells a side or less. The
-    finest has the layer's own cells if none of its sides is longer than 4096, else as many as
-    2^26 allow. If all is too large, the cells of the finest level become twice as long, of all
-    layers of one shape, so that those on one another agree: of the shape that this saves most
-    of, as often as it takes.
-    """
+    """Return layers as levels of compressed tiles."""
+    # A level is four times coarser than the next; the coarsest is 256 cells a side or less. The
+    # finest has the layer's own cells if none of its sides is longer than 4096, else as many as
+    # 2^26 allow. If all is too large, the cells of the finest level become twice as long, of all
+    # layers of one shape, so that those on one another agree: of the shape that this saves most of,
+    # as often as it takes.
     threads = thread_count()
     if threads == 1:
         made = [_encoded_layer(layer, _Compressor(None, 1)) for layer in layers]

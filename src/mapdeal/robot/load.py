@@ -55,10 +55,7 @@ def found_in(
     namespace: str | None = None,
     older: bool = False,
 ) -> tuple[RobotParameters | None, tuple[Problem, ...]]:
-    """Return a robot, as far as its files allow, and all that there is to say of them.
-
-    Takes what `read_robot` takes.
-    """
+    """Return a robot, as far as its files allow, and all that there is to say of them."""
     if not paths:
         raise ParameterError("takes at least one file", place="params_files")
     of_ros2 = [path for path in paths if is_ros2(path)]
@@ -138,10 +135,8 @@ def costmaps_in(
 def costmap_values(
     paths: Sequence[Path], flavour: Flavour, costmap: CostmapName, node: str, namespace: str | None
 ) -> dict[Name, ParameterValue]:
-    """Return the parameters of a costmap by their names in parts; none of files that have none.
-
-    Footprint and radius of ROS 1 are those that are found in the namespaces above, too.
-    """
+    """Return the parameters of a costmap by their names in parts; none of files that have none."""
+    # Footprint and radius of ROS 1 are those that are found in the namespaces above, too.
     if flavour == "nav2":
         try:
             found = read_ros2(paths).for_node(node)

@@ -62,10 +62,8 @@ class Nav2Values:
         return name in self.values
 
     def get(self, name: str, kind: str, default: Any, *, level: Level = "refused") -> Any:
-        """Return a declared parameter, or its default.
-
-        A value of another type becomes a problem, and what it means is returned if that is clear.
-        """
+        """Return a declared parameter, or its default."""
+        # A value of another type becomes a problem, and what it means is returned if that is clear.
         found = self.values.get(name)
         if found is None or found.kind == "not set":  # Nav2 never sees the latter
             return default

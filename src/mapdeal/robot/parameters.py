@@ -39,14 +39,10 @@ class FootprintStringError(ValueError):
 
 
 def corners_of_string(text: str) -> Corners:
-    """Return the corners that a text has, each coordinate a float32.
-
-    Notes
-    -----
-    Numbers are read as a C++ stream reads them: ``0.3-0.2`` is two numbers, and behind ``0.3m``
-    nothing is read any more. An end of a line is a blank to it, but only within the inner
-    brackets.
-    """
+    """Return the corners that a text has, each coordinate a float32."""
+    # Numbers are read as a C++ stream reads them: ``0.3-0.2`` is two numbers, and behind ``0.3m``
+    # nothing is read any more. An end of a line is a blank to it, but only within the inner
+    # brackets.
     groups: list[list[float]] = []
     current: list[float] = []
     depth, at = 0, 0
@@ -387,11 +383,9 @@ def _effect_of_static(layer: StaticLayer) -> str:
 
 
 def reach_of(layer: InflationLayer, resolution: float) -> int:
-    """Return how many cells an inflation layer reaches on a map, its ``cell_inflation_radius``.
-
-    The resolution is that of the map's message: 0.45 m are 16 cells of 0.03 m, as float32(0.03)
-    is a little less.
-    """
+    """Return how many cells an inflation layer reaches on a map, its ``cell_inflation_radius``."""
+    # The resolution is that of the map's message: 0.45 m are 16 cells of 0.03 m, as float32(0.03)
+    # is a little less.
     return max(0, math.ceil(layer.inflation_radius / as_float32(resolution)))
 
 
