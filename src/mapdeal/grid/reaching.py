@@ -72,11 +72,9 @@ def nearest_open_text(frame: Frame, is_open: NDArray[np.bool_], cell: Cell) -> s
 
 
 def nearest_marked(marked: NDArray[np.bool_], cell: Cell) -> Cell | None:
-    """Return the marked cell nearest to a cell, the first of several, row by row; None if none is.
-
-    The cell may lie outside. Rows are searched from it on: a list of all marked cells would take
-    much memory.
-    """
+    """Return the marked cell nearest to a cell, the first of several by rows; None if none is."""
+    # The cell may lie outside. Rows are searched from it on: a list of all marked cells would take
+    # much memory.
     best = None
     for row in sorted(range(len(marked)), key=lambda row: abs(row - cell[0])):
         away = (row - cell[0]) ** 2

@@ -244,14 +244,9 @@ def signed_distance(
     """Return each cell's signed distance to the nearest cell of the other kind."""
     height = len(occupied) if halo is None else halo.height
     return _engine(occupied, height).metres(  # type: ignore[no-any-return]
-        occupied,
-        scale=scale,
-        outside_shift=outside_shift,
-        inside_shift=inside_shift,
-        clip=clip,
-        gain=gain,
-        halo=halo,
-    )
+        occupied, scale=scale, outside_shift=outside_shift, inside_shift=inside_shift, clip=clip,
+        gain=gain, halo=halo,
+    )  # fmt: skip
 
 
 def bytes_by_distance(

@@ -101,18 +101,9 @@ def measure_rays(
 
     def work(bottom: int, top: int) -> None:
         _rays.measure(
-            starts,
-            ends,
-            sensors_rowcol,
-            ranges,
-            truncation,
-            behind,
-            cell,
-            sums,
-            weights,
-            bottom,
-            top,
-        )
+            starts, ends, sensors_rowcol, ranges, truncation, behind, cell, sums, weights,
+            bottom, top,
+        )  # fmt: skip
 
     _by_rows(work, sums.shape[0])
 

@@ -56,18 +56,9 @@ class Overlay(Protocol):
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
     ) -> list[Swatch]:
-        """Draw on the pixels of a map, in place; return the legend.
+        """Draw on the palette indices of a map, row 0 in the south, in place; return the legend.
 
-        Parameters
-        ----------
-        pixels : numpy.ndarray of uint8, shape (H, W)
-            Palette indices, row 0 in the south.
-        frame : Frame
-            The map's geometry.
-        raster : Raster
-            How its cells became pixels.
-        first_index : int
-            Where `colours` begin in the palette.
+        `colours` begin at `first_index` of the palette.
         """
 
 

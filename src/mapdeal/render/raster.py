@@ -38,11 +38,9 @@ class Raster:
         small_side: int = _SMALL_SIDE,
         part: Region | None = None,
     ) -> Raster:
-        """Return the factors for a map, or a part of it, its long side at most `image_max` pixels.
-
-        0 means one pixel per cell, whatever the size. The long side of a small map is enlarged
-        to `small_side` pixels or a little more.
-        """
+        """Return the factors for a map or a part of it, of at most `image_max` pixels a side."""
+        # 0 means one pixel per cell, whatever the size. The long side of a small map is enlarged
+        # to `small_side` pixels or a little more.
         side = max(shape if part is None else (part.height, part.width))
         if image_max == 0:
             return cls(part=part)
