@@ -38,13 +38,7 @@ class Reached:
 
 
 class ConfigurationSpace:
-    """The poses in which a footprint touches no blocked cell and nothing outside of the grid.
-
-    Attributes
-    ----------
-    headings : numpy.ndarray of uint8, shape (H, W)
-        In how many headings each cell is open.
-    """
+    """The poses in which a footprint touches no blocked cell and nothing outside of the grid."""
 
     def __init__(self, blocked: Layer, footprints: Sequence[Spans]) -> None:
         if not 1 <= len(footprints) <= MOST_HEADINGS:
@@ -107,6 +101,7 @@ class _OpenPoses(Protocol):
     """What both engines make."""
 
     headings: NDArray[np.uint8]
+    """In how many headings each cell is open, shape (H, W)."""
 
     def at(self, row: int, col: int) -> NDArray[np.bool_]: ...
     def reach(

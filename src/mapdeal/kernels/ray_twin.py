@@ -24,10 +24,7 @@ Counts = NDArray[np.int32]
 
 
 class _Passed(NamedTuple):
-    """Cells that some rays pass: whose, in the order of the rays, and where, as index into a grid.
-
-    The rays are those up to, but without, `stop`.
-    """
+    """Cells that rays up to, but without, `stop` pass: whose, in their order, and where, flat."""
 
     whose: Cells
     at: Cells

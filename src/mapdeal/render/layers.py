@@ -87,7 +87,6 @@ class OccupancyDrawing(Drawing):
         self._values = self._raster.pooling(self._grid.occupancy, np.fmax)
 
     def take(self, rows: slice) -> None:
-        """Look at some rows."""
         self._values.take(rows)
 
     def image(self, title: str) -> Image:
@@ -128,7 +127,6 @@ class FieldDrawing(Drawing):
         self._unknown = raster.pooling(looked_up(field.occupancy, is_unknown), np.fmin)
 
     def take(self, rows: slice) -> None:
-        """Look at some rows."""
         for one in (self._ends, self._obstacles, self._distance, self._unknown):
             if one is not None:
                 one.take(rows)
@@ -223,7 +221,6 @@ class CostDrawing(Drawing):
         self._ranks = self._raster.pooling(looked_up(self._grid.cost, one_more), np.fmax)
 
     def take(self, rows: slice) -> None:
-        """Look at some rows."""
         self._ranks.take(rows)
 
     def image(self, title: str) -> Image:

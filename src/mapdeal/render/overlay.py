@@ -83,7 +83,6 @@ class Overlays(Overlay):
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
     ) -> list[Swatch]:
-        """Draw all of them; see `Overlay`."""
         swatches = []
         for overlay in self.overlays:
             swatches += overlay.draw(pixels, frame, raster, first_index)
@@ -199,7 +198,6 @@ class RingOverlay:
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
     ) -> list[Swatch]:
-        """Draw the rings; see `Overlay`."""
         if not len(self.places_xy):
             return []
         side = max(pixels.shape)
@@ -232,7 +230,6 @@ class PoseOverlay(Overlay):
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
     ) -> list[Swatch]:
-        """Draw the arrowhead; see `Overlay`."""
         ahead = xy_ahead(self.pose, frame.resolution)
         centre, tip = place_of([self.pose[:2], ahead], frame, raster)
         direction = (tip - centre) / np.hypot(*(tip - centre))
@@ -266,7 +263,6 @@ class RouteOverlay(Overlay):
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
     ) -> list[Swatch]:
-        """Draw the route; see `Overlay`."""
         route = self.route
         line, start, goal, minimum = (first_index + k for k in range(4))
         side = max(pixels.shape)
@@ -320,7 +316,6 @@ class RobotOverlay(Overlay):
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
     ) -> list[Swatch]:
-        """Draw the outline, if there is room for it; see `Overlay`."""
         outline = outline_of(self.robot) / raster.metres_per_pixel(frame.resolution)
         outline -= outline.min(axis=0)
         size = np.ceil(outline.max(axis=0)) + 2 * _AWAY  # columns and rows
@@ -367,7 +362,6 @@ class KeepoutOverlay(Overlay):
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
     ) -> list[Swatch]:
-        """Draw the cells; see `Overlay`."""
         del frame
         closed = raster.enlarged(raster.largest(self.closed))
         pixels[closed] = first_index
