@@ -52,7 +52,6 @@ LocalRecipe = Annotated[
         autocompletion=recipe_words,
         help=f"Recipe of the local map: one of {', '.join(BUILT_IN)}, or a file.  "
         f"[default: {LOCAL_RECIPE}]",
-        show_default=False,
     ),
 ]
 LocalChanges = Annotated[

@@ -24,7 +24,6 @@ RunRecipe = Annotated[
         autocompletion=recipe_words,
         help=f"One of {', '.join(BUILT_IN)}, or a file.  [default: {DEFAULT}; with --params-file "
         "the robot's costmap]",
-        show_default=False,
     ),
 ]
 Changes = Annotated[

@@ -47,7 +47,6 @@ SHARED_OPTIONS = {
     "footprint": SharedOption(
         str | None,
         typer.Option(
-            "--footprint",
             metavar="[[X,Y],...]",
             help="Corners of the robot around its centre, metres.",
         ),
@@ -70,7 +69,6 @@ SHARED_OPTIONS = {
     "robot_16_gon": SharedOption(
         bool,
         typer.Option(
-            "--robot-16-gon/--no-robot-16-gon",
             help="Treat a round robot as a polygon of 16 corners, as costmap_2d does.  "
             "[default: no]",
             show_default=False,
@@ -81,7 +79,6 @@ SHARED_OPTIONS = {
     "params_file": SharedOption(
         list[Path] | None,
         typer.Option(
-            "--params-file",
             metavar="FILE",
             help="Take shape and costs from a robot's own parameters: a Nav2 file, or ROS 1's "
             "costmap files; can be repeated, later files win.",
