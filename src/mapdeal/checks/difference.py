@@ -82,17 +82,13 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
     if tolerance > 0:
         beyond &= _is_beyond(state_a, state_b, both, math.floor(tolerance**2))
     return Difference(
-        _geometry(first, second),
-        int(np.count_nonzero(both)),
-        confusion,
-        int(np.count_nonzero(differs)),
-        int(np.count_nonzero(beyond)),
+        _geometry(first, second), int(np.count_nonzero(both)), confusion,
+        int(np.count_nonzero(differs)), int(np.count_nonzero(beyond)),
         int(np.count_nonzero(first.occupancy >= 0) - np.count_nonzero(both & (a >= 0))),
         _wall_shifts(first, second, frame, (a == OCCUPIED) & both, (b == OCCUPIED) & both),
-        _better_symmetry(first.occupancy, second.occupancy),
-        frame,
+        _better_symmetry(first.occupancy, second.occupancy), frame,
         changes_of(state_a, state_b, both),
-    )
+    )  # fmt: skip
 
 
 def states_of(values: NDArray[np.int8]) -> NDArray[np.uint8]:

@@ -215,16 +215,12 @@ def json_lines(report: LintReport) -> list[str]:
 def _map(one: MapReport) -> dict[str, Any]:
     entry: dict[str, Any] = {
         "file": one.file,
-        "findings": [_finding(found) for found in one.findings],
+        "findings": [
+            {k: v for k, v in asdict(found).items() if k != "file"} for found in one.findings
+        ],
         "suppressed": one.suppressed,
     }
     return {**entry, "repairs": list(one.repairs)} if one.repairs else entry
-
-
-def _finding(found: Finding) -> dict[str, Any]:
-    entry = asdict(found)
-    del entry["file"]
-    return entry
 
 
 def junit_lines(report: LintReport) -> list[str]:

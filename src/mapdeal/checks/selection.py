@@ -113,12 +113,10 @@ def selection_of(
         checks, _ranked(select, "--select"), _ranked(ignore, "--ignore"), selects=bool(select)
     )
     return Selection(
-        checks,
-        strict=strict or (config is not None and config.strict),
-        folder=None if config is None else config.source.parent,
-        per_file=per_file,
+        checks, strict=strict or (config is not None and config.strict),
+        folder=None if config is None else config.source.parent, per_file=per_file,
         severity=severity,
-    )
+    )  # fmt: skip
 
 
 def _chosen(

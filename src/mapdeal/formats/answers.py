@@ -181,40 +181,32 @@ def _lint(document: JsonValue) -> LintAnswer:
 def _linted(one: JsonValue, *, is_parameters: bool) -> LintedFile:
     repairs = one.get("repairs")
     return LintedFile(
-        one["file"].text(),
-        tuple(_finding(found) for found in one["findings"].items()),
-        one["suppressed"].whole(),
-        is_parameters,
+        one["file"].text(), tuple(_finding(found) for found in one["findings"].items()),
+        one["suppressed"].whole(), is_parameters,
         () if repairs is None else tuple(repair.text() for repair in repairs.items()),
-    )
+    )  # fmt: skip
 
 
 def _finding(one: JsonValue) -> ToldFinding:
     line = one["line"]
     return ToldFinding(
-        one["check"].text(),
-        cast("Severity", one["severity"].word(*get_args(Severity))),
-        one["message"].text(),
-        None if line.is_null else line.whole(),
+        one["check"].text(), cast("Severity", one["severity"].word(*get_args(Severity))),
+        one["message"].text(), None if line.is_null else line.whole(),
         tuple(place.point() for place in one["places"].items()),
-    )
+    )  # fmt: skip
 
 
 def _reach(document: JsonValue) -> ReachAnswer:
     start, yaw = document["start"], document["start"]["yaw"]
     goals = document["goals"].items()
     return ReachAnswer(
-        _robot(document["robot"]),
-        document["robot"]["headings"].whole(1, MOST_HEADINGS),
+        _robot(document["robot"]), document["robot"]["headings"].whole(1, MOST_HEADINGS),
         (*_place(start), *(() if yaw.is_null else (yaw.number(),))),
-        document["through_unknown"].flag(),
-        document["reachable_m2"].number(least=0),
-        document["open_m2"].number(least=0),
-        document["free_m2"].number(least=0),
-        document["share"].number(least=0, most=1),
-        tuple(_goal(one) for one in goals),
+        document["through_unknown"].flag(), document["reachable_m2"].number(least=0),
+        document["open_m2"].number(least=0), document["free_m2"].number(least=0),
+        document["share"].number(least=0, most=1), tuple(_goal(one) for one in goals),
         tuple(_passage(one) for one in document["passages"].items()),
-    )
+    )  # fmt: skip
 
 
 def _robot(robot: JsonValue) -> Footprint | None:
@@ -235,14 +227,11 @@ def _goal(one: JsonValue) -> GoalReach:
     name, limit = one.get("name"), one["limited_by"]
     reason, nearest = one["reason"], one["nearest_open"]
     return GoalReach(
-        Goal(*_place(one), None if name is None else name.text()),
-        one["reachable"].flag(),
-        one["heading_count"].whole(),
-        one["widest_radius_m"].number_or(math.inf),
-        None if limit.is_null else _bottleneck(limit),
-        None if reason.is_null else reason.text(),
+        Goal(*_place(one), None if name is None else name.text()), one["reachable"].flag(),
+        one["heading_count"].whole(), one["widest_radius_m"].number_or(math.inf),
+        None if limit.is_null else _bottleneck(limit), None if reason.is_null else reason.text(),
         None if nearest.is_null else _place(nearest),
-    )
+    )  # fmt: skip
 
 
 def _bottleneck(one: JsonValue) -> Bottleneck:
@@ -255,12 +244,9 @@ def _passage(one: JsonValue) -> Passage:
     if len(ends) != 2:
         raise one["ends"].error("must be two points [x, y]")
     return Passage(
-        *_place(one),
-        one["width_m"].number_or(math.inf),
-        one["cuts_off_m2"].number_or(math.inf),
-        one["open"].flag(),
-        (ends[0], ends[1]),
-    )
+        *_place(one), one["width_m"].number_or(math.inf), one["cuts_off_m2"].number_or(math.inf),
+        one["open"].flag(), (ends[0], ends[1]),
+    )  # fmt: skip
 
 
 def _place(one: JsonValue) -> Point:
@@ -272,35 +258,24 @@ def _route(document: JsonValue) -> RouteAnswer:
     nowhere = math.nan if not len(points) else math.inf
     minimum, expanded = document.get("local_minimum"), document["expanded"]
     route = Route(
-        cast("Method", document["method"].word(*get_args(Method))),
-        document["reached"].flag(),
-        document["start"].point(),
-        document["goal"].point(),
-        points,
-        document["length_m"].number_or(nowhere),
-        document["cost"].number_or(nowhere),
+        cast("Method", document["method"].word(*get_args(Method))), document["reached"].flag(),
+        document["start"].point(), document["goal"].point(), points,
+        document["length_m"].number_or(nowhere), document["cost"].number_or(nowhere),
         document["min_clearance_m"].number_or(nowhere),
         None if minimum is None or minimum.is_null else minimum.point(),
         document["mean_clearance_m"].number_or(nowhere),
-        None if expanded.is_null else expanded.whole(),
-        document["optimal"].flag(),
-    )
+        None if expanded.is_null else expanded.whole(), document["optimal"].flag(),
+    )  # fmt: skip
     return RouteAnswer(route)
 
 
 def _diff(document: JsonValue) -> DiffAnswer:
     symmetry, walls = document["symmetry"], document["walls"]
     return DiffAnswer(
-        named_map(document["first"]),
-        named_map(document["second"]),
-        document["equal"].flag(),
-        document["passes"].flag(),
-        document["common_cells"].whole(),
-        document["differing"].whole(),
-        document["beyond_tolerance"].whole(),
-        document["known_only_in_first"].whole(),
-        _pairs(document["geometry"]),
-        _pairs(document["metadata"]),
+        named_map(document["first"]), named_map(document["second"]), document["equal"].flag(),
+        document["passes"].flag(), document["common_cells"].whole(), document["differing"].whole(),
+        document["beyond_tolerance"].whole(), document["known_only_in_first"].whole(),
+        _pairs(document["geometry"]), _pairs(document["metadata"]),
         {
             state: {other: cells.whole() for other, cells in row.fields().items()}
             for state, row in document["confusion"].fields().items()
@@ -308,7 +283,7 @@ def _diff(document: JsonValue) -> DiffAnswer:
         None if symmetry.is_null else symmetry.text(),
         (_shift(walls["first_to_second"]), _shift(walls["second_to_first"])),
         {name: _bound(one) for name, one in document["bounds"].fields().items()},
-    )
+    )  # fmt: skip
 
 
 def _pairs(one: JsonValue) -> dict[str, tuple[str, str]]:
@@ -342,17 +317,15 @@ def _comparison(document: JsonValue) -> ComparisonAnswer:
     if len(origin) != 3:
         raise document["origin"].error("must be three numbers [x, y, yaw]")
     return ComparisonAnswer(
-        tuple(one.text() for one in document["inputs"].items()),
-        document["width"].whole(1),
-        document["height"].whole(1),
-        document["resolution"].number(least=1e-6),
+        tuple(one.text() for one in document["inputs"].items()), document["width"].whole(1),
+        document["height"].whole(1), document["resolution"].number(least=1e-6),
         (origin[0], origin[1], origin[2]),
         {name: _method(one) for name, one in document["methods"].fields().items()},
         {
             (one["first"].text(), one["second"].text()): one["differing"].whole()
             for one in document["pairs"].items()
         },
-    )
+    )  # fmt: skip
 
 
 def _method(one: JsonValue) -> ComparedMethod:

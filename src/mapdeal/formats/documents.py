@@ -35,16 +35,11 @@ def alignment_answer(document: JsonValue) -> AlignmentAnswer:
     moved, reason = document["transform"], document["reason"]
     x, y, yaw = (moved[key].number() for key in ("x", "y", "yaw"))
     return AlignmentAnswer(
-        named_map(document["first"]),
-        named_map(document["second"]),
-        Transform(x, y, yaw),
-        document["same_place"].flag(),
-        None if reason.is_null else reason.text(),
-        document["score"].number(least=0),
-        document["runner_up"].number(least=0),
-        document["overlap"].number(least=0, most=1),
-        document["agreement"].number(least=0, most=1),
-    )
+        named_map(document["first"]), named_map(document["second"]), Transform(x, y, yaw),
+        document["same_place"].flag(), None if reason.is_null else reason.text(),
+        document["score"].number(least=0), document["runner_up"].number(least=0),
+        document["overlap"].number(least=0, most=1), document["agreement"].number(least=0, most=1),
+    )  # fmt: skip
 
 
 _LARGEST = FARTHEST**2
@@ -115,12 +110,10 @@ def _figure(value: JsonValue) -> float | None:
 
 def _bound(one: JsonValue) -> ToldBound:
     return ToldBound(
-        one["name"].text(),
-        one["side"].word("min", "max") == "min",
-        one["allowed"].number(least=-_LARGEST, most=_LARGEST),
-        _figure(one["found"]),
+        one["name"].text(), one["side"].word("min", "max") == "min",
+        one["allowed"].number(least=-_LARGEST, most=_LARGEST), _figure(one["found"]),
         one["holds"].flag(),
-    )
+    )  # fmt: skip
 
 
 _DECIMALS = 9

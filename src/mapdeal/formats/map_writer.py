@@ -72,16 +72,12 @@ def write_pair(
         write_image = _occupancy_writer(image, grid, mode)
     scaled = mode == "scale"
     metadata = MapMetadata(
-        image=image.name,
-        resolution=grid.resolution,
-        origin=grid.origin,
-        mode=mode,
-        occupied_thresh=1.0 if scaled else 0.65,
-        free_thresh=0.0 if scaled else 0.196,
+        image=image.name, resolution=grid.resolution, origin=grid.origin, mode=mode,
+        occupied_thresh=1.0 if scaled else 0.65, free_thresh=0.0 if scaled else 0.196,
         cost_scale=cost_scale,
         view=grid.scale if isinstance(grid, FieldView) and mode == "raw" else None,
         extra=extra or {},
-    )
+    )  # fmt: skip
     transaction.write(image, write_image)
     transaction.write_bytes(yaml_path, yaml_of(metadata))
 

@@ -66,17 +66,11 @@ def metadata_of(
     view = _view(entries, mode)
     known = (*_KNOWN, *_LEGACY_MODES, *(_VIEW_KEYS if view is not None else ()))
     return MapMetadata(
-        image=_image(entries["image"]),
-        resolution=_resolution(entries["resolution"]),
-        origin=_origin(entries["origin"], mend),
-        mode=mode,
-        negate=_negate(entries),
-        occupied_thresh=occupied_thresh,
-        free_thresh=free_thresh,
-        cost_scale=_cost_scale(entries),
-        view=view,
-        extra={k: e.printable_value() for k, e in entries.items() if k not in known},
-    )
+        image=_image(entries["image"]), resolution=_resolution(entries["resolution"]),
+        origin=_origin(entries["origin"], mend), mode=mode, negate=_negate(entries),
+        occupied_thresh=occupied_thresh, free_thresh=free_thresh, cost_scale=_cost_scale(entries),
+        view=view, extra={k: e.printable_value() for k, e in entries.items() if k not in known},
+    )  # fmt: skip
 
 
 def yaml_of(metadata: MapMetadata) -> bytes:

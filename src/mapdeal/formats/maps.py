@@ -127,12 +127,9 @@ class MapFile:
                 emit_warning(text, stacklevel=2)
         else:
             grid = read_cells(
-                self.path,
-                self.metadata,
-                self._image,
-                dialect=self._dialect,
+                self.path, self.metadata, self._image, dialect=self._dialect,
                 max_cells=self._max_cells,
-            )
+            )  # fmt: skip
         self.check_unchanged()
         self._warn_of_cells(grid)
         return Source(grid, self.files, self.metadata)

@@ -231,15 +231,11 @@ def _read_potential(reader: NpzReader, resolution: float, origin: Any) -> Potent
         x, y = reader.small("goal", np.float64, (2,)).tolist()
         goal = (x, y)
     return PotentialField(
-        reader.layer("repulsive", np.float64),
-        reader.layer("occupancy", np.int8),
-        resolution,
-        origin,
-        goal=goal,
-        attractive_gain=reader.number("attractive_gain"),
+        reader.layer("repulsive", np.float64), reader.layer("occupancy", np.int8), resolution,
+        origin, goal=goal, attractive_gain=reader.number("attractive_gain"),
         repulsive_gain=reader.number("repulsive_gain"),
         repulsive_cap=reader.number("repulsive_cap"),
-    )
+    )  # fmt: skip
 
 
 def _read_occupancy(reader: NpzReader, resolution: float, origin: Any) -> OccupancyGrid:

@@ -361,13 +361,9 @@ def _silent_stderr() -> Iterator[None]:
 
 def _format(name: str, suffixes: tuple[str, ...], *signatures: bytes) -> ImageFormat:
     return ImageFormat(
-        name=name,
-        suffixes=suffixes,
-        recognises=lambda head: head.startswith(signatures),
-        read=partial(_read, name),
-        memory=partial(_memory, name),
-        size=partial(_size, name),
-    )
+        name=name, suffixes=suffixes, recognises=lambda head: head.startswith(signatures),
+        read=partial(_read, name), memory=partial(_memory, name), size=partial(_size, name),
+    )  # fmt: skip
 
 
 PILLOW_FORMATS = (

@@ -73,11 +73,9 @@ def decode_pnm(data: bytes, source: Path, max_cells: int = LARGEST_CELLS) -> Pic
     if header.magic == 1:
         samples = np.where(samples, np.uint8(0), np.uint8(255))
     return Picture(
-        "PNM",
-        "rgb" if header.channels == 3 else "grey",
-        samples,
+        "PNM", "rgb" if header.channels == 3 else "grey", samples,
         maxval=255 if header.magic == 1 else header.maxval,
-    )
+    )  # fmt: skip
 
 
 def decode_pbm(
@@ -195,7 +193,8 @@ def write_pbm(file: BinaryIO, packed: NDArray[np.uint8], width: int) -> None:
 def begin_pgm(file: BinaryIO, pixels: Layer, *, comment: str = "") -> Callable[[slice], None]:
     """Begin a P5 file of 8-bit pixels, and return what writes rows of them, row 0 in the south."""
     height, width = pixels.shape
-    _write_pgm_header(file, (height, width), comment)
+    note = f"# {comment}\n" if comment else ""
+    file.write(f"P5\n{note}{width} {height}\n255\n".encode())
     start = file.tell()
 
     def put(rows: slice) -> None:
@@ -203,12 +202,6 @@ def begin_pgm(file: BinaryIO, pixels: Layer, *, comment: str = "") -> Callable[[
         _write_rows(file, pixels[rows][::-1])
 
     return put
-
-
-def _write_pgm_header(file: BinaryIO, shape: tuple[int, int], comment: str) -> None:
-    height, width = shape
-    note = f"# {comment}\n" if comment else ""
-    file.write(f"P5\n{note}{width} {height}\n255\n".encode())
 
 
 def _write_rows(file: BinaryIO, rows: NDArray[np.uint8]) -> None:
@@ -337,14 +330,10 @@ def _check_length(actual: int, expected: int, trailing: bytes, source: Path) -> 
         rule = f"the pixels end early: expected {expected} bytes"
         raise MalformedInputError(rule, source=source, place="pixels", got=actual)
     if actual > expected:
-        _check_trailing(trailing, source)
+        if is_pnm(trailing.lstrip()):
+            raise MalformedInputError("holds more than one picture", source=source)
         text = f"{source}: {actual - expected} bytes after the picture were ignored"
         emit_warning(MapdealWarning(text, "image.trailing-bytes"), stacklevel=6)
-
-
-def _check_trailing(trailing: bytes, source: Path) -> None:
-    if is_pnm(trailing.lstrip()):
-        raise MalformedInputError("holds more than one picture", source=source)
 
 
 def _plain(data: bytes, header: _Header, source: Path) -> Samples:
@@ -489,12 +478,6 @@ def _memory(file: OpenFile, head: bytes) -> int:
 
 
 PNM = ImageFormat(
-    name="PNM",
-    suffixes=(".pgm", ".pbm", ".ppm", ".pnm"),
-    recognises=is_pnm,
-    read=_read_strips,
-    memory=_memory,
-    size=pnm_size,
-    max_cells=LARGEST_CELLS,
-    comments=pnm_comments,
-)
+    name="PNM", suffixes=(".pgm", ".pbm", ".ppm", ".pnm"), recognises=is_pnm, read=_read_strips,
+    memory=_memory, size=pnm_size, max_cells=LARGEST_CELLS, comments=pnm_comments,
+)  # fmt: skip

@@ -113,7 +113,7 @@ def read_poses(path: Path | str) -> Poses:
     """
     path = Path(path)
     with recognised(path, "a file of poses", POSES, NUMBERS):
-        return _poses_in(path)
+        return _planar_poses(_rows_in(path), path)
 
 
 def has_times(path: Path) -> bool:
@@ -162,10 +162,6 @@ def planar_pose(numbers: Sequence[float]) -> tuple[float, float, float]:
     if 1 - 2 * (qx * qx + qy * qy) < math.cos(_LEVEL):
         raise MalformedInputError("the robot leans by more than 10 degrees; w must come last")
     return x, y, math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
-
-
-def _poses_in(path: Path) -> Poses:
-    return _planar_poses(_rows_in(path), path)
 
 
 def _rows_in(path: Path) -> Poses:

@@ -59,10 +59,6 @@ class Strips:
 NOT_AN_IMAGE = "is not an image in a supported format: pgm, pbm, ppm, png, bmp, tiff"
 
 
-def _no_comments(_head: bytes) -> list[str]:
-    return []
-
-
 @dataclass(frozen=True)
 class ImageFormat:
     # The readers of ROS treat some formats differently, because their image libraries do: the
@@ -75,7 +71,7 @@ class ImageFormat:
     memory: Callable[[OpenFile, bytes], int]
     size: Callable[[bytes, Path, int], tuple[int, int]]
     max_cells: int = LARGEST_COMPRESSED_CELLS
-    comments: Callable[[bytes], list[str]] = _no_comments
+    comments: Callable[[bytes], list[str]] = lambda _: []
 
 
 def rows_of_strip(width: int, row_bytes: int) -> int:

@@ -66,24 +66,16 @@ def zstd_module() -> Any:
     return zstd
 
 
-def _with_bz2(data: bytes, most: int) -> bytes:
-    return bz2.BZ2Decompressor().decompress(data, most)
-
-
 def _with_lz4(data: bytes, most: int) -> bytes:
     from lz4.frame import LZ4FrameDecompressor
 
     return bytes(LZ4FrameDecompressor().decompress(data, most))
 
 
-def _with_zstd(data: bytes, most: int) -> bytes:
-    return bytes(zstd_module().ZstdDecompressor().decompress(data, most))
-
-
 _EXPANDERS: dict[str, Callable[[bytes, int], bytes]] = {
-    "bz2": _with_bz2,
+    "bz2": lambda data, most: bz2.BZ2Decompressor().decompress(data, most),
     "lz4": _with_lz4,
-    "zstd": _with_zstd,
+    "zstd": lambda data, most: bytes(zstd_module().ZstdDecompressor().decompress(data, most)),
 }
 
 

@@ -64,13 +64,11 @@ def _angle_text(loader: yaml.SafeLoader, node: yaml.Node) -> str:
     return str(loader.construct_scalar(node)).strip()
 
 
-def _binary(_: yaml.SafeLoader, node: yaml.Node) -> bytes:
-    return base64.decodebytes(str(node.value).encode("ascii"))
-
-
 _RosLoader.add_constructor(_DEGREES, _degrees)
 _RosLoader.add_constructor(_RADIANS, _radians)
-_RosLoader.add_constructor(_BINARY, _binary)
+_RosLoader.add_constructor(
+    _BINARY, lambda _, node: base64.decodebytes(str(node.value).encode("ascii"))
+)
 _ANGLES = (("deg(", _DEGREES), ("rad(", _RADIANS))
 
 _OPERATORS: dict[type, Callable[[float, float], float]] = {

@@ -115,7 +115,10 @@ class CarmenLog(ScanSource):
         self._late = self._without_pose = self._repeated = 0
         self._has_times = False
         self._odometry: tuple[float, float, float] | None = None
-        self._tags = Counter(_tag_of(line) for _, line in self._lines(_TAGS))
+        # not of the whole line, all of which would be copied
+        self._tags = Counter(
+            line[:_LONGEST_TAG].split(maxsplit=1)[0].decode() for _, line in self._lines(_TAGS)
+        )
         if not self._tags:
             rule = f"no line begins with {', '.join(_TAGS)}"
             raise MalformedInputError(rule, source=path, hint="CARMEN logs have such lines")
@@ -242,11 +245,6 @@ class CarmenLog(ScanSource):
             raise FileAccessError(rule, source=self._path) from None
 
 
-def _tag_of(line: bytes) -> str:
-    # not of the whole line, all of which would be copied
-    return line[:_LONGEST_TAG].split(maxsplit=1)[0].decode()
-
-
 def _arrays(scans: list[_Scan]) -> ScanArrays:
     return ScanArrays(
         np.array([scan.pose for scan in scans]),
@@ -333,13 +331,9 @@ def _within(longest: float, ranges: Floats) -> Floats:
 
 def _whole(words: list[bytes], index: int) -> int:
     word = words[index] if index < len(words) else b""
-    if not _is_whole(word):
+    if not (word.isdigit() and len(word) < 6):
         raise _BadLineError("the number of readings is missing or no whole number")
     return int(word)
-
-
-def _is_whole(word: bytes) -> bool:
-    return word.isdigit() and len(word) < 6
 
 
 def _numbers(words: list[bytes]) -> list[float]:
