@@ -118,12 +118,10 @@ def odometry_of(message: Any) -> Stamped:
     """Return the pose of a ``nav_msgs/Odometry`` as the transform that it stands for."""
     place, turn = message.pose.pose.position, message.pose.pose.orientation
     return Stamped(
-        frame_of(message.header),
-        str(message.child_frame_id).lstrip("/"),
-        time_of(message.header.stamp),
-        (float(place.x), float(place.y), float(place.z)),
+        frame_of(message.header), str(message.child_frame_id).lstrip("/"),
+        time_of(message.header.stamp), (float(place.x), float(place.y), float(place.z)),
         (float(turn.x), float(turn.y), float(turn.z), float(turn.w)),
-    )
+    )  # fmt: skip
 
 
 def grid_of(message: Any, name: str, *, is_costs: bool) -> OccupancyGrid | Costmap:
