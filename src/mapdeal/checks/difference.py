@@ -157,12 +157,9 @@ def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str |
 
 
 def _wall_shifts(
-    first: OccupancyGrid,
-    second: OccupancyGrid,
-    frame: Frame,
-    walls_a: NDArray[np.bool_],
+    first: OccupancyGrid, second: OccupancyGrid, frame: Frame, walls_a: NDArray[np.bool_],
     walls_b: NDArray[np.bool_],
-) -> tuple[WallShift | None, WallShift | None]:
+) -> tuple[WallShift | None, WallShift | None]:  # fmt: skip
     points = [grid.frame.xy_from_rowcol(np.argwhere(grid.occupied())) for grid in (first, second)]
     common = [frame.xy_from_rowcol(np.argwhere(walls)) for walls in (walls_a, walls_b)]
     return _shift(common[0], points[1]), _shift(common[1], points[0])

@@ -82,12 +82,9 @@ class CellTallies:
     """Counts of the cells of a map, of which some rows come at a time, from whichever side."""
 
     def __init__(
-        self,
-        shape: tuple[int, int],
-        *,
-        from_north: bool = False,
+        self, shape: tuple[int, int], *, from_north: bool = False,
         of_values: NDArray[np.int64] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         height, width = shape
         self.shape = shape
         self.size = height * width

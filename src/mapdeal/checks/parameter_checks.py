@@ -537,12 +537,9 @@ class _Costmap:
 
 
 def lint_parameters(
-    paths: Sequence[Path],
-    *,
-    costmap: CostmapName | None = None,
-    namespace: str | None = None,
+    paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None,
     map_resolutions: Sequence[tuple[str, float]] = (),
-) -> dict[Path, list[Finding]]:
+) -> dict[Path, list[Finding]]:  # fmt: skip
     """Return what all checks find in a robot's parameter files, by file, line by line."""
     flavour = flavour_of(paths)
     names = costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
@@ -596,13 +593,9 @@ def _named(found: Finding, one: _Costmap, count: int) -> Finding:
 
 
 def _checked(
-    paths: Sequence[Path],
-    one: _Costmap,
-    flavour: Flavour,
-    namespace: str | None,
-    other: RobotParameters | None,
-    map_resolutions: Sequence[tuple[str, float]],
-) -> Iterator[Finding]:
+    paths: Sequence[Path], one: _Costmap, flavour: Flavour, namespace: str | None,
+    other: RobotParameters | None, map_resolutions: Sequence[tuple[str, float]],
+) -> Iterator[Finding]:  # fmt: skip
     if any(problem.check == _OTHER_KIND for problem in one.problems):
         return
     values = costmap_values(paths, flavour, one.name, _node_of(one, namespace), namespace)

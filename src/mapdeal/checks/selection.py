@@ -34,13 +34,9 @@ class Selection:
     severity: Mapping[str, Severity] = field(default_factory=dict)
 
     def judged(
-        self,
-        file: Path,
-        findings: Iterable[Finding],
-        comments: Sequence[IgnoreComment] = (),
-        *,
+        self, file: Path, findings: Iterable[Finding], comments: Sequence[IgnoreComment] = (), *,
         without: Iterable[str] = (),
-    ) -> tuple[tuple[Finding, ...], int]:
+    ) -> tuple[tuple[Finding, ...], int]:  # fmt: skip
         """Return the findings of a map that count, the worst first, and how many were suppressed.
 
         Notes
@@ -81,12 +77,9 @@ class Selection:
 
 
 def selection_of(
-    select: Sequence[str] = (),
-    ignore: Sequence[str] = (),
-    *,
-    strict: bool = False,
+    select: Sequence[str] = (), ignore: Sequence[str] = (), *, strict: bool = False,
     config: LintConfig | None = None,
-) -> Selection:
+) -> Selection:  # fmt: skip
     everything = frozenset(CHECKS)
     checks = everything
     per_file: tuple[tuple[str, frozenset[str]], ...] = ()

@@ -125,11 +125,9 @@ def _shortest_ways(folders: Iterable[Path]) -> list[Path]:
 
 
 def folders_below(
-    folders: Iterable[Path],
-    look_into: Callable[[Path], Contents],
-    *,
+    folders: Iterable[Path], look_into: Callable[[Path], Contents], *,
     leave_out: Callable[[Path], bool] = lambda _: False,
-) -> Iterator[tuple[Path, list[str]]]:
+) -> Iterator[tuple[Path, list[str]]]:  # fmt: skip
     seen: set[tuple[int, int] | None] = set()
     waiting = [(len(one.parts), k, one) for k, one in enumerate(folders)]
     heapq.heapify(waiting)
@@ -230,12 +228,9 @@ class _Rules:
 
 
 def list_maps(
-    names: Iterable[str],
-    output: Path | None,
-    standard_input: Callable[[], Iterable[bytes]],
-    *,
+    names: Iterable[str], output: Path | None, standard_input: Callable[[], Iterable[bytes]], *,
     whole_folders: WholeFolders | None = None,
-) -> MapListing:
+) -> MapListing:  # fmt: skip
     rules = _Rules(None if output is None else real_path(output), whole_folders)
     found: list[_Found] = []
     for name in names:

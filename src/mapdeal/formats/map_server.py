@@ -24,13 +24,9 @@ from mapdeal.kernels.blocks import CacheBudget, Layer, lazy_layer
 
 
 def read_cells(
-    yaml_path: Path,
-    metadata: MapMetadata,
-    image_path: Path,
-    *,
-    dialect: Dialect = "nav2",
+    yaml_path: Path, metadata: MapMetadata, image_path: Path, *, dialect: Dialect = "nav2",
     max_cells: int | None = None,
-) -> OccupancyGrid | Costmap:
+) -> OccupancyGrid | Costmap:  # fmt: skip
     with open_strips(image_path, max_cells=max_cells) as strips:
         if metadata.cost_scale is not None:
             cost = np.empty(strips.shape, dtype=np.uint8)
@@ -47,13 +43,9 @@ def read_cells(
 
 
 def lazy_cells(
-    metadata: MapMetadata,
-    pixels: BinaryRows,
-    *,
-    block_height: int,
-    budget: CacheBudget | None = None,
-    dialect: Dialect = "nav2",
-) -> OccupancyGrid:
+    metadata: MapMetadata, pixels: BinaryRows, *, block_height: int,
+    budget: CacheBudget | None = None, dialect: Dialect = "nav2",
+) -> OccupancyGrid:  # fmt: skip
     """Return the map in an image whose rows are read when they are asked for."""
     # It gives, cell by cell, what `read_cells` gives.
 

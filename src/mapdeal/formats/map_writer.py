@@ -40,14 +40,10 @@ def pair_paths(output: Path) -> tuple[Path, Path]:
 
 
 def write_pair(
-    transaction: Transaction,
-    output: Path,
-    grid: OccupancyGrid | Costmap,
-    *,
-    mode: Mode | None = None,
-    encoding: Encoding = "occupancy",
+    transaction: Transaction, output: Path, grid: OccupancyGrid | Costmap, *,
+    mode: Mode | None = None, encoding: Encoding = "occupancy",
     extra: Mapping[str, Any] | None = None,
-) -> None:
+) -> None:  # fmt: skip
     image, yaml_path = pair_paths(output)
     cost_scale: CostScale | None = None
     if isinstance(grid, Costmap):

@@ -64,17 +64,11 @@ class MapFile:
     """A map whose header is known and whose cells have yet to be read: all at once, or by rows."""
 
     def __init__(
-        self,
-        path: Path,
-        *,
-        dialect: Dialect = "nav2",
-        max_cells: int | None = None,
-        metadata: MapMetadata | None = None,
-        image: Path | None = None,
-        pixels: BinaryRows | None = None,
-        remarks: Sequence[MapdealWarning] = (),
+        self, path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None,
+        metadata: MapMetadata | None = None, image: Path | None = None,
+        pixels: BinaryRows | None = None, remarks: Sequence[MapdealWarning] = (),
         states: Mapping[Path, FileState] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.path = path
         self._states = dict(states or {})
         self.metadata = metadata
@@ -243,12 +237,9 @@ def as_occupancy(grid: Grid, what: Path | str) -> OccupancyGrid:
 
 
 def read_map(
-    path: Path | str,
-    *,
-    dialect: Dialect = "nav2",
-    max_cells: int | None = None,
+    path: Path | str, *, dialect: Dialect = "nav2", max_cells: int | None = None,
     max_memory: int | None = None,
-) -> Grid:
+) -> Grid:  # fmt: skip
     """Read a map.
 
     Parameters
@@ -300,15 +291,10 @@ def output_paths(output: Path) -> tuple[Path, ...]:
 
 
 def write_grid(
-    transaction: Transaction,
-    output: Path,
-    grid: Grid,
-    *,
-    mode: Mode | None = None,
-    encoding: Encoding = "occupancy",
-    extra: dict[str, Any] | None = None,
+    transaction: Transaction, output: Path, grid: Grid, *, mode: Mode | None = None,
+    encoding: Encoding = "occupancy", extra: dict[str, Any] | None = None,
     more: Mapping[str, NDArray[Any]] | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Write a grid to `output` as its ending says; a field and `more` layers only fit an npz."""
     if output.suffix == ".npz":
         if mode is not None:
@@ -321,13 +307,9 @@ def write_grid(
 
 
 def write_map(
-    path: Path | str,
-    grid: Grid,
-    *,
-    mode: Mode | None = None,
-    encoding: Encoding = "occupancy",
+    path: Path | str, grid: Grid, *, mode: Mode | None = None, encoding: Encoding = "occupancy",
     force: bool = False,
-) -> None:
+) -> None:  # fmt: skip
     """Write a map, costmap or field.
 
     Parameters

@@ -33,11 +33,9 @@ class Form(NamedTuple):
 
 
 def row_texts(
-    values: NDArray[np.float64],
-    kinds: Sequence[Kind],
-    forms: Sequence[Form],
+    values: NDArray[np.float64], kinds: Sequence[Kind], forms: Sequence[Form],
     chosen: NDArray[np.uint8],
-) -> str:
+) -> str:  # fmt: skip
     """Return rows of numbers as text, each in the form that is chosen for it."""
     rows = np.empty(len(values), dtype=object)
     for number, form in enumerate(forms):

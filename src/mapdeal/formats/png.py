@@ -124,11 +124,9 @@ def write_indexed_png(
 
 
 def _write(
-    file: BinaryIO,
-    rows: NDArray[np.uint8],
-    colour_type: int,
+    file: BinaryIO, rows: NDArray[np.uint8], colour_type: int,
     palette: NDArray[np.uint8] | None = None,
-) -> None:
+) -> None:  # fmt: skip
     height, row_bytes = rows.shape
     width = row_bytes // 4 if colour_type == _RGBA else row_bytes
     file.write(_SIGNATURE)

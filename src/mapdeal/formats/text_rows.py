@@ -34,15 +34,9 @@ class _Table(NamedTuple):
 
 
 def read_rows(
-    file: BinaryIO,
-    columns: Sequence[int],
-    *,
-    path: Path,
-    first_line: int,
-    delimiter: str | None = None,
-    most: int | None = None,
-    width: int | None = None,
-) -> Iterator[NDArray[np.float64]]:
+    file: BinaryIO, columns: Sequence[int], *, path: Path, first_line: int,
+    delimiter: str | None = None, most: int | None = None, width: int | None = None,
+) -> Iterator[NDArray[np.float64]]:  # fmt: skip
     """Yield columns of a table, some rows at a time; leave the file behind the last of `most`."""
     table = _Table(path, columns, delimiter, width)
     left = most

@@ -61,14 +61,9 @@ class Transaction:
     # that fails undoes those before it. Temporary files are locked by their process, so that those
     # of a killed run are told from those of a live one and removed.
     def __init__(
-        self,
-        outputs: Iterable[Path],
-        *,
-        inputs: Sequence[Path] = (),
-        force: bool = False,
-        hint: str = "--force replaces it",
-        checksums: bool = False,
-    ) -> None:
+        self, outputs: Iterable[Path], *, inputs: Sequence[Path] = (), force: bool = False,
+        hint: str = "--force replaces it", checksums: bool = False,
+    ) -> None:  # fmt: skip
         self._outputs = list(outputs)
         self._inputs = tuple(inputs)
         self._replaces = force
@@ -180,11 +175,9 @@ class Transaction:
         return sums
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
+        self, kind: type[BaseException] | None, error: BaseException | None,
         traceback: TracebackType | None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         try:
             if error is None:
                 self._finished()

@@ -37,13 +37,9 @@ _COPIES = 5
 
 
 def write_bag(
-    transaction: Transaction,
-    output: Path,
-    grid: OccupancyGrid | Costmap,
-    *,
-    topic: str | None = None,
-    frame: str = FRAME,
-) -> None:
+    transaction: Transaction, output: Path, grid: OccupancyGrid | Costmap, *,
+    topic: str | None = None, frame: str = FRAME,
+) -> None:  # fmt: skip
     needs_bags(output, "rosbags.rosbag1", "rosbags.rosbag2")
     claim(output, _COPIES * grid.layer.size, what="messages of this size")
     is_ros1 = output.suffix == ".bag"
@@ -125,12 +121,9 @@ def _scratch(output: Path) -> Iterator[Path]:
 
 
 def _message(
-    types: Mapping[str, Callable[..., Any]],
-    grid: OccupancyGrid | Costmap,
-    frame: str,
-    *,
+    types: Mapping[str, Callable[..., Any]], grid: OccupancyGrid | Costmap, frame: str, *,
     is_ros1: bool,
-) -> Any:
+) -> Any:  # fmt: skip
     time = types["builtin_interfaces/msg/Time"](sec=_STAMP, nanosec=0)
     number = {"seq": 0} if is_ros1 else {}
     header = types["std_msgs/msg/Header"](stamp=time, frame_id=frame, **number)

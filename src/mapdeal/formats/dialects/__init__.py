@@ -32,12 +32,9 @@ DIALECTS: dict[Dialect, Reader] = {
 
 
 def cells_of(
-    picture: Picture,
-    metadata: MapMetadata,
-    dialect: Dialect,
-    *,
+    picture: Picture, metadata: MapMetadata, dialect: Dialect, *,
     out: NDArray[np.int8] | None = None,
-) -> NDArray[np.int8]:
+) -> NDArray[np.int8]:  # fmt: skip
     """Return the occupancy of each cell as a reader has it, shape (H, W), row 0 in the south."""
     picture = picture.from_the_south()
     if _is_plain(picture):
