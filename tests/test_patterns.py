@@ -31,6 +31,8 @@ REASONS = {
      r"(?<![0-9.])([0-9]{1,15}(?:\.[0-9]{0,15})?|\.[0-9]{1,15})\s{0,9}m(?:eters?)?/pix"):
         ("search", "every repeat is bounded, so a try is, too"),
     ("cli/completion.py", r"\n=\n?"): ("sub", "no more than three characters"),
+    ("cli/shared_options.py", r"^(--[\w/-]+)(?: (\S+))?: (.*(?:\n {4}.*)*)"): ("findall", OURS),
+    ("cli/shared_options.py", r" \[(?=default|needs)"): ("sub", OURS),
     ("cli/usage.py", r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}"):
         ("fullmatch", "a name ends at its =, and no comma is in the class of numbers"),
     ("cli/options.py", r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"):
@@ -53,13 +55,11 @@ REASONS = {
         ("search", "tried at the beginnings of lines"),
     ("formats/kinds.py", r"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]"):
         ("search", "tried at the beginnings of lines, where one run precedes a letter"),
-    ("formats/kinds.py", r"""(?m)^(\xef\xbb\xbf)?["']?image["']?[ \t]*:"""):
-        ("search", "tried at the beginnings of lines, where one run follows what is fixed"),
     ("formats/kinds.py", r"(?m)^[ \t]*[\"']?ros__parameters[\"']?[ \t]*:"):
         ("search", "tried at the beginnings of lines, where two runs stand around what is fixed"),
     ("formats/kinds.py", r"(?m)^size (\d{1,18})$"): ("search", "tried at the beginnings of lines"),
     ("formats/listing.py", r"([0-9]+)"): ("split", "a try cannot fail behind its first digit"),
-    ("formats/listing.py", r"""^(\xef\xbb\xbf)?["']?image["']?[ \t]*:"""):
+    ("formats/endings.py", r"""(?m)^(\xef\xbb\xbf)?["']?image["']?[ \t]*:"""):
         ("search", "tried at the beginnings of lines, where one run follows what is fixed"),
     ("formats/pnm.py", r"[ \t\n\v\f\r]*"): ("match", "one class, and it cannot fail"),
     ("formats/pnm.py", r"[ \t\n\v\f\r]"): ("search", "one character"),

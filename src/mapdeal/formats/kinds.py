@@ -132,14 +132,14 @@ def _is_bag_metadata(path: Path) -> bool:
     return b"rosbag2_bagfile_information" in head_of(path, _HEAD)
 
 
-_MAGIC = (
-    (b"#ROSBAG V", "", "a ROS 1 bag"),
-    (b"\x89MCAP0\r\n", "", "a bag (MCAP)"),
-    (b"SQLite format 3\0", r"\.db3$", "a ROS 2 bag (SQLite)"),
-    (b"SQLite format 3\0", "", "an SQLite database"),
-    (b"\x28\xb5\x2f\xfd", r"(?i)\.(mcap|db3)\.[^.]+$", "a ROS 2 bag, compressed with zstd"),
+_MAGIC: tuple[tuple[bytes, tuple[str, ...], str], ...] = (
+    (b"#ROSBAG V", (), "a ROS 1 bag"),
+    (b"\x89MCAP0\r\n", (), "a bag (MCAP)"),
+    (b"SQLite format 3\0", (".db3",), "a ROS 2 bag (SQLite)"),
+    (b"SQLite format 3\0", (), "an SQLite database"),
+    (b"\x28\xb5\x2f\xfd", (".mcap", ".db3"), "a ROS 2 bag, compressed with zstd"),
 )
-"""First bytes of bags, what their names must hold, and what they are."""
+"""First bytes of bags, the endings of which their names must have one, and what they are."""
 
 
 def _kind_by_magic(path: Path, head: bytes) -> FileKind | None:
@@ -147,8 +147,9 @@ def _kind_by_magic(path: Path, head: bytes) -> FileKind | None:
         found = re.search(rb"(?m)^size (\d{1,18})$", head)
         what = "a Git LFS pointer" + (f" to a file of {int(found[1])} bytes" if found else "")
         return FileKind(POINTER, what, "git lfs pull fetches the file itself")
-    for magic, name, what in _MAGIC:
-        if head.startswith(magic) and re.search(name, path.name):
+    suffixes = {suffix.lower() for suffix in path.suffixes}
+    for magic, endings, what in _MAGIC:
+        if head.startswith(magic) and (not endings or suffixes.intersection(endings)):
             return FileKind(BAG, what, _BAG_USE, lambda: {"bytes": status_of(path).st_size})
     return None
 
