@@ -176,6 +176,13 @@ def test_query_reads_standard_input_and_answers_at_once(room):
         assert process.wait() == 0
 
 
+def test_query_without_standard_input_f12(room):
+    words = f'"{sys.executable}" -m mapdeal query "{room}" --points - <&-'
+    done = subprocess.run(["bash", "-c", words], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "error: standard input: is closed\n"
+
+
 def test_query_stops_quietly_when_its_reader_has_gone(room, tmp_path):
     (tmp_path / "p.csv").write_text("1.55,-1.9\n" * 100_000)
     words = f'"{sys.executable}" -m mapdeal query "{room}" --points "{tmp_path}/p.csv" | head -n 1'

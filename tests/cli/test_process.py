@@ -49,6 +49,21 @@ def shell(line, folder):
     )
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "run -v $MAP -o out",
+        "run $MAP -o out >&-",
+        "run -v $MAP -o out 2>&-",
+        "run $MAP -o out >&- 2>&-",
+    ],
+)
+def test_closed_streams_do_not_change_what_is_done(words, tmp_path):
+    told = shell(f"$mapdeal {words}", tmp_path)
+    assert told.returncode == 0, told.stderr
+    assert (tmp_path / "out" / "office" / "manifest.json").exists()
+
+
 @pytest.mark.parametrize("redirection", ["2> >(true)", "2>&1 | true", "> >(true) 2>&1"])
 def test_readers_that_go_away_do_not_change_what_is_done(redirection, tmp_path):
     line = f"set -o pipefail; PYTHONUNBUFFERED=1 $mapdeal run -v $MAP $MAP2 -o out {redirection}"
@@ -61,7 +76,7 @@ def test_readers_that_go_away_do_not_change_what_is_done(redirection, tmp_path):
 
 
 def test_an_error_keeps_its_exit_code_without_stderr(tmp_path):
-    for redirection in ("2>/dev/full", "2> >(true)"):
+    for redirection in ("2>&-", "2>/dev/full", "2> >(true)"):
         told = shell(f"$mapdeal inflate nope.yaml -o a.yaml {redirection}", tmp_path)
         assert (told.returncode, told.stdout) == (4, ""), redirection
 

@@ -32,6 +32,12 @@ def run_process() -> NoReturn:
     own = [number for number in _ENDING if signal.getsignal(number) != signal.SIG_IGN]
     for number in own:
         signal.signal(number, _end)
+    # None where the process was started without; files are not to get these numbers
+    if sys.stdin is None:
+        os.open(os.devnull, os.O_RDONLY)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
     gc.disable()  # until the command is imported, see `begin_work`
     try:
         from mapdeal.kernels.room import prepare_libraries

@@ -62,7 +62,7 @@ def need_stdout(option: str) -> None:
 
 def refuse_keyboard() -> None:
     """Raise ParameterError if what comes in on stdin is typed."""
-    if sys.stdin.isatty():
+    if sys.stdin is not None and sys.stdin.isatty():
         hint = "mapdeal convert MAP -o - | mapdeal ... - takes a map from another command"
         raise ParameterError("is a terminal, and an npz is not text", source="-", hint=hint)
 
@@ -114,6 +114,8 @@ def is_read() -> bool:
 
 def input_chunks() -> Iterator[bytes]:
     """Yield what comes in on stdin, as soon as it comes."""
+    if sys.stdin is None:
+        raise ParameterError("is closed", source="standard input")
     try:
         while chunk := os.read(sys.stdin.fileno(), _CHUNK):
             yield chunk
