@@ -1,0 +1,198 @@
+"""Record what commands do, and compare two checkouts.
+
+``python tests/robustness/record_commands.py record FOLDER... --out a.jsonl`` runs the commands that
+take each map, cloud, log, bag and parameter file below some folders, with the mapdeal of this
+interpreter: exit codes, what is printed, and the files: arrays of npz and npy, the bytes of images
+of maps, texts, of pictures the size alone. Do so before a redesign and after it; then
+``python tests/robustness/record_commands.py compare a.jsonl b.jsonl`` shows the cases that differ,
+and ends with exit code 1 if there are any. Files that commands take from the project's examples
+must be the same in both: name the folders by absolute paths.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import hashlib
+import io
+import json
+import multiprocessing
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+OF_MAPS = """
+info {} --json
+lint {} --format text --no-config
+lint {} --format sarif --no-config --strict --robot-radius 0.3
+convert {} -o o.yaml
+convert {} -o o.npz --dialect ros1
+convert {} -o - --encoding costmap2d
+convert {} -o o.mcap
+active {} -o o.yaml --margin 0.5
+inflate {} -o o.yaml --radius 0.2 --kernel square
+inflate {} -o o.npz --max-memory 60M
+esdf {} -o o.npz --convention center --max-distance 2
+esdf {} -o o.yaml --unknown occupied --view per-map --strict
+cost {} -o o.npz --robot-radius 0.22
+cost {} -o o.yaml --model threshold --down-distance 1.2
+cost {} -o o.npz --model rings --max-memory 60M
+cost {} -o o.npz --model layers
+potential {} -o o.npz --goal 1,1
+reach {} --from 0,0 --to 1,1 --robot-radius 0.2 -o r.json
+query {} --at 0.5,0.3 1,-1 100,100
+query {} --at 0.5,0.3,1 --robot-radius 0.2 --rule full
+route {} --from 0,0 --to 1,1 --through-unknown
+clean {} -o o.yaml --json
+score {} --json
+rescale {} -o o.yaml --resolution 0.11
+rotate {} -o o.npz --yaw 0.3
+shift {} -o o.yaml --origin 1,-2
+window {} -o o.npz --at 0.5,0.3 --size 8,6
+edit circle {} -o o.yaml --point 0.2,0.2 --radius 0.5 --value 100
+pack {} -o o.pbm
+run {} -o out
+run {} -o out --recipe nav2 --no-images
+run {} -o out --recipe design-sim --no-images
+report {} -o r.html
+diff {} {} --json
+score {} --truth {} --json
+align {} {} --json
+merge {} {} -o o.yaml
+"""
+OF_BAGS = """
+info {} --json
+convert {} -o o.yaml
+convert {} -o o --all
+build {} -o o.yaml
+local --cloud {} -o out --no-images --size 8,8
+"""
+OF_CLOUDS = """
+info {} --json
+local --cloud {} --pose 0.5,0.3,0.4 -o out --no-images
+local --cloud {} --pose 0.5,0.3,0.4 -o out --no-images --min-height 0.1 --recipe nav2
+"""
+OF_LOGS = """
+info {} --json
+build {} -o o.yaml
+build {} -o o.yaml --method counting
+build {} -o o.npz --method tsdf --resolution 0.2
+"""
+OF_PARAMETERS = """
+info {} --json
+lint --params-file {}
+"""
+ENDINGS = {
+    ".bag": OF_BAGS, ".mcap": OF_BAGS, ".db3": OF_BAGS, ".pcd": OF_CLOUDS, ".ply": OF_CLOUDS,
+    ".log": OF_LOGS, ".yaml": OF_MAPS,
+}  # fmt: skip
+ENTRY = "import sys; from mapdeal.cli.main import main; sys.exit(main())"
+LONGEST, LONGEST_TEXT = 60, 20_000
+CHANGING = [(r"\d[\d.]* m?s\b", "<seconds>"), (r'"\w*seconds": [^,}\n]+', '"seconds"')]
+"""What differs from run to run."""
+
+
+def commands(folders: list[Path]) -> Iterator[str]:
+    """Yield the commands that take the files below some folders, and what each says of itself."""
+    from mapdeal.cli.main import command_names
+
+    for name in command_names():
+        yield from (f"{name} --help", name, f"{name} none.yaml -o o.yaml")
+    for path in sorted(path for folder in folders for path in folder.rglob("*")):
+        of_it = ENDINGS.get(path.suffix, "")
+        if path.suffix == ".yaml" and "image:" not in path.read_text("utf-8", "replace"):
+            of_it = OF_PARAMETERS
+        yield from (
+            line.replace("{}", shlex.quote(str(path))) for line in of_it.split("\n") if line
+        )
+
+
+def recorded(command: str) -> dict[str, object]:
+    """Run a command in a folder of its own, and return what it has done."""
+    surroundings = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "100"}
+    with tempfile.TemporaryDirectory() as name:
+        try:
+            done = subprocess.run(
+                [sys.executable, "-c", ENTRY, *shlex.split(command)],
+                cwd=name, env=surroundings, capture_output=True, timeout=LONGEST, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return {"command": command, "code": "timeout"}
+        files = {
+            str(path.relative_to(name)): contents(path.suffix, path.read_bytes(), name)
+            for path in sorted(Path(name).rglob("*"))
+            if path.is_file()
+        }
+        out, err = (contents("", data, name) for data in (done.stdout, done.stderr))
+    return {"command": command, "code": done.returncode, "out": out, "err": err, "files": files}
+
+
+def contents(ending: str, data: bytes, folder: str) -> object:
+    """Return what must be the same in both checkouts."""
+    if data.startswith((b"PK", b"\x93NUMPY")):
+        found = np.load(io.BytesIO(data))
+        arrays = {"": found} if isinstance(found, np.ndarray) else found
+        return {
+            name: [str(one.dtype), one.shape, hashlib.sha256(one.tobytes()).hexdigest()]
+            for name, one in arrays.items()
+        }
+    if ending == ".png":
+        return Image.open(io.BytesIO(data)).size
+    if ending == ".html":
+        return "a page"
+    try:
+        text = data.decode().replace(folder, "<folder>")
+    except UnicodeDecodeError:
+        return hashlib.sha256(data).hexdigest()
+    for pattern, word in CHANGING:
+        text = re.sub(pattern, word, text)
+    return text if len(text) < LONGEST_TEXT else hashlib.sha256(text.encode()).hexdigest()
+
+
+def record(folders: list[Path], output: Path) -> int:
+    """Write a line for each command."""
+    with multiprocessing.Pool() as pool, output.open("w") as file:
+        for count, one in enumerate(pool.imap(recorded, commands(folders), 4), 1):
+            file.write(json.dumps(one) + "\n")
+            if count % 500 == 0:
+                print(count, flush=True)
+    return 0
+
+
+def compare(first: Path, second: Path) -> int:
+    """Print the cases that differ."""
+    before, after = (
+        {one["command"]: one for one in map(json.loads, path.read_text().splitlines())}
+        for path in (first, second)
+    )
+    differing = [name for name in before if before[name] != after.get(name)]
+    for name in differing:
+        print(f"--- {name}")
+        texts = (json.dumps(side.get(name), indent=1).split("\n") for side in (before, after))
+        print("\n".join(list(difflib.unified_diff(*texts, n=0, lineterm=""))[2:20]))
+    print(f"{len(differing)} of {len(before)} commands differ")
+    return int(bool(differing))
+
+
+def main() -> int:
+    """Record or compare."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("task", choices=["record", "compare"])
+    parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
+    parser.add_argument("--out", type=Path, default=Path("record.jsonl"))
+    options = parser.parse_args()
+    if options.task == "compare":
+        return compare(*options.paths)
+    return record([path.absolute() for path in options.paths], options.out)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
