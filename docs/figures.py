@@ -25,17 +25,16 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import mapdeal
-from mapdeal.alignment.align import align
-from mapdeal.checks.difference import frame_around
-from mapdeal.formats.png import write_indexed_png
+from mapdeal.checks.selection import frame_around
+from mapdeal.compare.align import align
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.resample import sampled
-from mapdeal.render.colours import Colour
-from mapdeal.render.difference import difference_image
-from mapdeal.render.layers import occupancy_image
-from mapdeal.render.overlay import Brush, place_of
-from mapdeal.render.raster import Raster
-from mapdeal.render.style import LayerStyle, Swatch
+from mapdeal.maps.png import write_indexed_png
+from mapdeal.pictures.colours import Colour, LayerStyle, Swatch
+from mapdeal.pictures.comparisons import difference_image
+from mapdeal.pictures.layers import occupancy_image
+from mapdeal.pictures.overlay import Brush, place_of
+from mapdeal.pictures.raster import Raster
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"

@@ -34,9 +34,8 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.folder import paths_of
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, stage_named
-from mapdeal.stages.definition import Stage, meanings_of
-from mapdeal.stages.layer_parameters import LayerList, described_layer
-from mapdeal.stages.parameters import Parameter
+from mapdeal.stages.definition import Parameter, Stage, meanings_of
+from mapdeal.stages.structured import LayerList, described_layer
 
 DOCS = Path(__file__).parent
 

@@ -6,9 +6,8 @@ import numpy as np
 
 from mapdeal import Costmap, DistanceField, Footprint, OccupancyGrid
 from mapdeal.stages import catalogue
-from mapdeal.stages.definition import RobotShape, stage, stage_of
-from mapdeal.stages.goal_parameters import Goals
-from mapdeal.stages.parameters import AT_LEAST_0, METRES
+from mapdeal.stages.definition import AT_LEAST_0, METRES, RobotShape, stage, stage_of
+from mapdeal.stages.structured import Goals
 
 seen = []
 """The grids that `visit` was given, the last at the end."""
@@ -51,5 +50,5 @@ def list_visit(monkeypatch):
     """Put the stage at the end of the list of stages."""
     monkeypatch.setattr(catalogue, "STAGES", (*catalogue.STAGES, stage_of(visit)))
     monkeypatch.setattr(catalogue, "STAGE_NAMES", (*catalogue.STAGE_NAMES, "visit"))
-    for module in ("step", "recipe", "recipe_file", "robot"):
+    for module in ("step", "recipe"):
         monkeypatch.setattr(f"mapdeal.pipeline.{module}.STAGE_NAMES", catalogue.STAGE_NAMES)

@@ -9,26 +9,26 @@ from sources import MODULES, place_of, tree_of
 pytestmark = pytest.mark.slow
 
 WALKS = {
-    "formats/source.py:contents_of": "lists one folder, each entry once",
-    "checks/run_checks.py:lint_run": "lists one folder",
-    "formats/listing.py:_files_of": "one folder, or the pattern's files, each once",
-    "formats/listing.py:files_matching": "each part of a pattern takes each real folder once",
-    "formats/listing.py:_one_part_on": "the folders of one part: real ones, each once",
-    "formats/listing.py:_seen_in": "lists one folder",
-    "formats/listing.py:numbered_folders": "lists one folder",
-    "pipeline/repair.py:_images_of": "lists one folder",
-    "formats/listing.py:_below_folder": "each real folder once, however many links lead to it",
-    "formats/listing.py:look_into": "lists one folder",
-    "formats/map_server.py:_nearest_name": "lists one folder",
-    "formats/source.py:file_meant": "lists one folder",
-    "formats/bags/folder.py:_guessed": "lists one folder",
-    "formats/bags/folder.py:_present": "lists one folder",
-    "formats/bags/bag.py:bag_paths": "lists one folder",
-    "formats/kinds.py:_kind_of_folder": "lists one folder",
-    "formats/temporary.py:remove_stale": "lists one folder",
-    "formats/transaction.py:_make": "a path gets shorter with each step, up to the root",
-    "pipeline/reports/runs.py:runs_in": "by `folders_below`, into each real folder once",
-    "formats/budget.py:free_memory": "a path gets shorter with each step, up to its end",
+    "files/source.py:contents_of": "lists one folder, each entry once",
+    "checks/map_checks.py:lint_run": "lists one folder",
+    "inputs/listing.py:_files_of": "one folder, or the pattern's files, each once",
+    "inputs/listing.py:files_matching": "each part of a pattern takes each real folder once",
+    "inputs/listing.py:_one_part_on": "the folders of one part: real ones, each once",
+    "inputs/listing.py:_seen_in": "lists one folder",
+    "inputs/listing.py:numbered_folders": "lists one folder",
+    "commands/lint.py:_images_of": "lists one folder",
+    "inputs/listing.py:_below_folder": "each real folder once, however many links lead to it",
+    "inputs/listing.py:look_into": "lists one folder",
+    "maps/map_server.py:_nearest_name": "lists one folder",
+    "files/source.py:file_meant": "lists one folder",
+    "bags/reader.py:_guessed": "lists one folder",
+    "bags/reader.py:_present": "lists one folder",
+    "bags/bag.py:bag_paths": "lists one folder",
+    "inputs/kinds.py:_kind_of_folder": "lists one folder",
+    "files/transaction.py:remove_stale": "lists one folder",
+    "files/transaction.py:_make": "a path gets shorter with each step, up to the root",
+    "commands/report_runs.py:runs_in": "by `folders_below`, into each real folder once",
+    "files/budget.py:free_memory": "a path gets shorter with each step, up to its end",
 }
 """Each function that lists a folder or climbs up a path, and why it is linear in what is there.
 
@@ -80,9 +80,8 @@ def test_every_walk_is_known_to_end():
 
 
 ALLOWED = {
-    "formats/source.py": "the place where the system is asked",
-    "formats/transaction.py": "tells troubles of outputs from those of inputs",
-    "formats/temporary.py": "makes and removes files that are its own",
+    "files/source.py": "the place where the system is asked",
+    "files/transaction.py": "tells troubles of outputs from those of inputs; its own files",
 }
 """Modules that ask the system about names by themselves."""
 

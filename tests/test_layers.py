@@ -10,30 +10,28 @@ from sources import MODULES, place_of, tree_of
 
 pytestmark = pytest.mark.slow
 
-MIDDLE = {"stages", "editing", "planning", "mapping", "alignment", "scoring", "formats", "render"}
-UPPER = {"robot", "checks", "report"}
+FOUNDATION = {"errors", "version", "records", "spelling", "kernels", "grid"}
+ON_GRIDS = {"stages", "editing", "planning", "mapping", "compare", "files", "pictures"}
+OF_FILES = {"files", "inputs", "maps", "sensors"}
+MIDDLE = {*FOUNDATION, *ON_GRIDS, *OF_FILES, "bags", "ros", "checks", "report"}
 ALLOWED = {
     "errors": set(),
     "version": set(),
     "records": set(),
-    "resources": set(),
     "spelling": set(),
     "kernels": {"errors", "spelling", "version"},
     "grid": {"errors", "spelling", "kernels"},
-    "stages": {"errors", "spelling", "grid", "kernels"},
-    "editing": {"errors", "spelling", "grid", "kernels"},
-    "planning": {"errors", "spelling", "grid", "kernels"},
-    "mapping": {"errors", "spelling", "grid", "kernels"},
-    "alignment": {"errors", "spelling", "grid", "kernels"},
-    "scoring": {"errors", "spelling", "grid", "kernels"},
-    "formats": {"errors", "spelling", "grid", "kernels"},
-    "render": {"errors", "spelling", "grid", "kernels"},
-    "robot": {"errors", "spelling", "grid", "kernels", "formats"},
-    "checks": {"errors", "spelling", "grid", "kernels", "formats", "robot"},
-    "report": {"errors", "spelling", "grid", "kernels", "render"},
-    "pipeline": {"errors", "spelling", "version", "grid", "kernels", *MIDDLE, *UPPER},
-    "api": {"errors", "spelling", "version", "grid", "kernels", *MIDDLE, *UPPER, "pipeline"},
-    "cli": {"errors", "spelling", "version", "grid", "kernels", *MIDDLE, *UPPER, "pipeline"},
+    **dict.fromkeys(ON_GRIDS, FOUNDATION),
+    # what a file is, is asked by its readers, and answered by those of all formats
+    **{key: {*FOUNDATION, *OF_FILES} for key in ["inputs", "maps", "sensors"]},
+    "bags": {*FOUNDATION, "files", "inputs"},
+    "ros": {*FOUNDATION, "files", "inputs"},
+    "checks": {*FOUNDATION, *OF_FILES, "ros"},
+    "report": {*FOUNDATION, "pictures"},
+    "pipeline": MIDDLE - {"report", "checks"},
+    "commands": {*MIDDLE, "pipeline"},
+    "api": {*MIDDLE, "pipeline", "commands"},
+    "cli": {*MIDDLE, "pipeline", "commands"},
 }
 
 
@@ -55,7 +53,7 @@ def test_no_layer_imports_from_above():
         layer = _layer(path)
         if layer in ("__init__", "__main__"):
             continue
-        allowed = ALLOWED[layer] | {layer, "records", "resources"}
+        allowed = ALLOWED[layer] | {layer, "records"}
         for module in _imports(path):
             package, _, inside = module.partition(".")
             if package == "mapdeal" and inside and inside.split(".")[0] not in allowed:
@@ -65,7 +63,7 @@ def test_no_layer_imports_from_above():
 
 BUSINESS = [
     ({"typer"}, {"cli"}),
-    ({"PIL", "zipfile", "tempfile"}, {"formats", "render"}),
+    ({"PIL", "zipfile", "tempfile"}, {"files", "maps", "pictures"}),
     ({"multiprocessing", "distributed"}, {"pipeline"}),
 ]
 """Packages, and the layers that alone may import them."""

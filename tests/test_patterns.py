@@ -43,64 +43,64 @@ REASONS = {
     ("cli/usage.py", r": '(?P<word>[^']*)' is not one of "):
         ("search", "a word of the command line; the repeat ends at the next quote"),
     ("cli/stage_command.py", r".*?\.(?=\s+[A-Z`]|$)"): ("match", OURS),
-    ("formats/bags/bag.py", r"([^/]+)/([^/]+)"): ("fullmatch", "a slash stands between the runs"),
-    ("formats/bags/bag.py", r"[A-Za-z_][A-Za-z0-9_]*"): ("fullmatch", "one run"),
-    ("formats/bags/bag.py", r"[A-Za-z0-9_. +-]+"): ("fullmatch", "one run"),
-    ("formats/bags/ros1.py", r"#ROSBAG V(\d+)\.(\d+)\n"):
+    ("bags/bag.py", r"([^/]+)/([^/]+)"): ("fullmatch", "a slash stands between the runs"),
+    ("bags/bag.py", r"[A-Za-z_][A-Za-z0-9_]*"): ("fullmatch", "one run"),
+    ("bags/bag.py", r"[A-Za-z0-9_. +-]+"): ("fullmatch", "one run"),
+    ("bags/ros1.py", r"#ROSBAG V(\d+)\.(\d+)\n"):
         ("fullmatch", "a point stands between the runs; 64 bytes at most"),
-    ("formats/budget.py", r"^MemAvailable:\s+(\d+) kB"):
+    ("files/budget.py", r"^MemAvailable:\s+(\d+) kB"):
         ("search", "tried at the beginnings of lines; the two runs have nothing in common"),
-    ("formats/budget.py", r"^0::/(.*)$"): ("search", "tried at the beginnings of lines"),
-    ("formats/budget.py", r"^inactive_file (\d+)"):
+    ("files/budget.py", r"^0::/(.*)$"): ("search", "tried at the beginnings of lines"),
+    ("files/budget.py", r"^inactive_file (\d+)"):
         ("search", "tried at the beginnings of lines"),
-    ("formats/kinds.py", r"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]"):
+    ("inputs/kinds.py", r"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]"):
         ("search", "tried at the beginnings of lines, where one run precedes a letter"),
-    ("formats/kinds.py", r"(?m)^[ \t]*[\"']?ros__parameters[\"']?[ \t]*:"):
+    ("inputs/kinds.py", r"(?m)^[ \t]*[\"']?ros__parameters[\"']?[ \t]*:"):
         ("search", "tried at the beginnings of lines, where two runs stand around what is fixed"),
-    ("formats/kinds.py", r"(?m)^size (\d{1,18})$"): ("search", "tried at the beginnings of lines"),
-    ("formats/listing.py", r"([0-9]+)"): ("split", "a try cannot fail behind its first digit"),
-    ("formats/endings.py", r"""(?m)^(\xef\xbb\xbf)?["']?image["']?[ \t]*:"""):
+    ("inputs/kinds.py", r"(?m)^size (\d{1,18})$"): ("search", "tried at the beginnings of lines"),
+    ("inputs/listing.py", r"([0-9]+)"): ("split", "a try cannot fail behind its first digit"),
+    ("files/source.py", r"""(?m)^(\xef\xbb\xbf)?["']?image["']?[ \t]*:"""):
         ("search", "tried at the beginnings of lines, where one run follows what is fixed"),
-    ("formats/pnm.py", r"[ \t\n\v\f\r]*"): ("match", "one class, and it cannot fail"),
-    ("formats/pnm.py", r"[ \t\n\v\f\r]"): ("search", "one character"),
-    ("formats/pnm.py", r"[^ \t\n\v\f\r#]*"): ("match", "one class, and it cannot fail"),
-    ("formats/pnm.py", r"#[^\n\r]*"): ("match sub", "it cannot fail behind its first sign"),
-    ("formats/pnm.py", r"P[1-7fF](\s|#)"): ("match", "three characters"),
-    ("formats/pnm.py", r"-?\d{1,12}"): ("fullmatch", "thirteen characters"),
-    ("formats/lint_config.py", r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?"):
+    ("maps/pnm.py", r"[ \t\n\v\f\r]*"): ("match", "one class, and it cannot fail"),
+    ("maps/pnm.py", r"[ \t\n\v\f\r]"): ("search", "one character"),
+    ("maps/pnm.py", r"[^ \t\n\v\f\r#]*"): ("match", "one class, and it cannot fail"),
+    ("maps/pnm.py", r"#[^\n\r]*"): ("match sub", "it cannot fail behind its first sign"),
+    ("maps/pnm.py", r"P[1-7fF](\s|#)"): ("match", "three characters"),
+    ("maps/pnm.py", r"-?\d{1,12}"): ("fullmatch", "thirteen characters"),
+    ("checks/selection.py", r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?"):
         ("search", "every repeat is bounded, so a try is, too"),
-    ("formats/lint_config.py", r"[ \t]*([\w.-]+)[ \t]*"):
+    ("checks/selection.py", r"[ \t]*([\w.-]+)[ \t]*"):
         ("match", "white space and names have nothing in common"),
-    ("formats/ros_parameters/ros2.py",
+    ("ros/ros2_files.py",
      r"([-+]?)(?:0[xX]([0-9a-fA-F]+)|(0[0-7]*)|([1-9][0-9]*))"):
         ("fullmatch", "one run of digits at the end, after what tells the three apart"),
-    ("formats/ros_parameters/ros2.py",
+    ("ros/ros2_files.py",
      r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"):
         ("fullmatch", "a point or an e stands between runs of digits"),
-    ("formats/ros_parameters/ros2.py",
+    ("ros/ros2_files.py",
      r"[-+]?0[xX](?:[0-9a-fA-F]+(?:\.[0-9a-fA-F]*)?|\.[0-9a-fA-F]+)(?:[pP][-+]?[0-9]+)?"):
         ("fullmatch", "a point or a p stands between runs of digits"),
-    ("formats/ros_parameters/ros2.py",
+    ("ros/ros2_files.py",
      r"[-+]?(?:inf(?:inity)?|nan(?:\([0-9a-z_]*\))?)"):
         ("fullmatch", "one run, between fixed characters"),
-    ("formats/ros_parameters/ros2.py", r"[eE]"): ("split", "one character"),
-    ("formats/ros_parameters/ros2.py", r"[pP]"): ("split", "one character"),
-    ("formats/yaml_text.py", r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?"):
+    ("ros/ros2_files.py", r"[eE]"): ("split", "one character"),
+    ("ros/ros2_files.py", r"[pP]"): ("split", "one character"),
+    ("files/yaml_text.py", r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?"):
         ("fullmatch", "a point or an e stands between runs of digits"),
-    ("formats/yaml_text.py", r"[-+]?0\d"): ("match", "three characters"),
-    ("formats/yaml_text.py", r"P[1-7fF]\s"): ("match", "three characters"),
-    ("formats/yaml_text.py", r"[-+]?\d+,\d+"): ("fullmatch", "a comma stands between the digits"),
-    ("formats/yaml_text.py", r"[-+]?[\d.]+\s*[a-zA-Z]"):
+    ("files/yaml_text.py", r"[-+]?0\d"): ("match", "three characters"),
+    ("files/yaml_text.py", r"P[1-7fF]\s"): ("match", "three characters"),
+    ("files/yaml_text.py", r"[-+]?\d+,\d+"): ("fullmatch", "a comma stands between the digits"),
+    ("files/yaml_text.py", r"[-+]?[\d.]+\s*[a-zA-Z]"):
         ("match", "the two runs have nothing in common, and it is tried at one place"),
     ("grid/footprint.py",
      r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?|[-+]?\.?[nN]a[nN]|[-+]?\.?[iI]nf"):
         ("fullmatch", "a point or an e stands between runs of digits"),
     ("pipeline/batch.py", r"(?<![\w./-])/some/folder/"):
         ("split", "a look back at one character, then fixed text"),
-    ("pipeline/reports/draft.py", r"(?<![\w./\\-])(?=/|[A-Za-z]:[\\/]|\\\\)"):
+    ("commands/report_draft.py", r"(?<![\w./\\-])(?=/|[A-Za-z]:[\\/]|\\\\)"):
         ("finditer match", "looks back at one character and ahead at three"),
-    ("pipeline/reports/draft.py", r"[\\/]"): ("finditer", "one character"),
-    ("pipeline/recipe_file.py",
+    ("commands/report_draft.py", r"[\\/]"): ("finditer", "one character"),
+    ("pipeline/recipe.py",
      r"(?:(?P<key>[^(]*) \()?line (?P<line>\d+)(?:, (?P<column>column \d+))?\)?"):
         ("fullmatch", "the first repeat ends at the bracket, the others are of digits"),
     ("pipeline/cluster.py", r"(tcp|tls|ucx|ws|wss)://[^/\s]+:\d{1,5}"):

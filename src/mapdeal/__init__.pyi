@@ -1,7 +1,6 @@
 # The public names of `mapdeal`, each loaded on first use.
 # `mapdeal.__init__` reads this file, so that every name is listed only once.
 
-from mapdeal.alignment.align import Alignment as Alignment
 from mapdeal.api.align import align as align
 from mapdeal.api.bags import build_map_from_bag as build_map_from_bag
 from mapdeal.api.bags import read_map_from_bag as read_map_from_bag
@@ -22,21 +21,23 @@ from mapdeal.api.robot import read_robot_parameters as read_robot_parameters
 from mapdeal.api.run import run as run
 from mapdeal.api.score import Score as Score
 from mapdeal.api.score import score as score
-from mapdeal.checks.difference import WallShift as WallShift
-from mapdeal.checks.finding import Finding as Finding
+from mapdeal.checks.findings import Finding as Finding
 from mapdeal.checks.formats import LintReport as LintReport
 from mapdeal.checks.formats import MapReport as MapReport
 from mapdeal.checks.selection import Bound as Bound
+from mapdeal.checks.selection import WallShift as WallShift
+from mapdeal.compare.align import Alignment as Alignment
+from mapdeal.compare.bounds import ScoreBound as ScoreBound
 from mapdeal.editing.clean import Cleaned as Cleaned
 from mapdeal.editing.clean import clean as clean
 from mapdeal.editing.draw import draw as draw
 from mapdeal.editing.merge import MapCounts as MapCounts
 from mapdeal.editing.merge import Merged as Merged
 from mapdeal.editing.merge import merge as merge
-from mapdeal.editing.rescale import rescale as rescale
-from mapdeal.editing.turn import rotate as rotate
-from mapdeal.editing.turn import straighten as straighten
-from mapdeal.editing.turn import yaw_to_straighten as yaw_to_straighten
+from mapdeal.editing.resampling import rescale as rescale
+from mapdeal.editing.resampling import rotate as rotate
+from mapdeal.editing.resampling import straighten as straighten
+from mapdeal.editing.resampling import yaw_to_straighten as yaw_to_straighten
 from mapdeal.editing.window import blank as blank
 from mapdeal.editing.window import reset_region as reset_region
 from mapdeal.editing.window import shift_origin as shift_origin
@@ -47,16 +48,8 @@ from mapdeal.errors import MalformedInputError as MalformedInputError
 from mapdeal.errors import MapdealError as MapdealError
 from mapdeal.errors import MapdealWarning as MapdealWarning
 from mapdeal.errors import ParameterError as ParameterError
-from mapdeal.formats.bit_maps import read_bit_map as read_bit_map
-from mapdeal.formats.bit_maps import write_bit_map as write_bit_map
-from mapdeal.formats.clouds.reader import read_cloud as read_cloud
-from mapdeal.formats.maps import read_map as read_map
-from mapdeal.formats.maps import write_map as write_map
-from mapdeal.formats.npz import Grid as Grid
-from mapdeal.formats.poses import read_poses as read_poses
-from mapdeal.formats.shapes import read_shapes as read_shapes
 from mapdeal.grid.bit_map import BitMap as BitMap
-from mapdeal.grid.cost_curve import CostCurve as CostCurve
+from mapdeal.grid.costmap import CostCurve as CostCurve
 from mapdeal.grid.costmap import Costmap as Costmap
 from mapdeal.grid.costmap import InflationLayer as InflationLayer
 from mapdeal.grid.costmap import StaticLayer as StaticLayer
@@ -90,12 +83,19 @@ from mapdeal.mapping.local_map import LocalMapper as LocalMapper
 from mapdeal.mapping.local_map import LocalOptions as LocalOptions
 from mapdeal.mapping.local_map import RollingMapper as RollingMapper
 from mapdeal.mapping.local_map import local_map as local_map
-from mapdeal.pipeline.applied import RunReport as RunReport
+from mapdeal.maps.map_server import read_bit_map as read_bit_map
+from mapdeal.maps.map_server import write_bit_map as write_bit_map
+from mapdeal.maps.npz import Grid as Grid
+from mapdeal.maps.reading import read_map as read_map
+from mapdeal.maps.reading import write_map as write_map
+from mapdeal.maps.shapes import read_shapes as read_shapes
 from mapdeal.pipeline.recipe import Recipe as Recipe
-from mapdeal.planning.astar import shortest_route as shortest_route
-from mapdeal.planning.descent import descend as descend
-from mapdeal.robot.parameters import RobotParameters as RobotParameters
-from mapdeal.scoring.bounds import ScoreBound as ScoreBound
+from mapdeal.pipeline.run import RunReport as RunReport
+from mapdeal.planning.routes import descend as descend
+from mapdeal.planning.routes import shortest_route as shortest_route
+from mapdeal.ros.robot import RobotParameters as RobotParameters
+from mapdeal.sensors.clouds import read_cloud as read_cloud
+from mapdeal.sensors.points import read_poses as read_poses
 from mapdeal.stages.esdf import field_view as field_view
 from mapdeal.stages.keepout import apply_keepout_mask as apply_keepout_mask
 from mapdeal.stages.listed import *  # noqa: F403 - every stage is public

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from mapdeal.alignment.align import TOLERANCES, Agreement, agreement_at
-from mapdeal.alignment.correlation import walls_of
+from mapdeal.compare.align import TOLERANCES, Agreement, agreement_at
+from mapdeal.compare.correlation import walls_of
 from mapdeal.grid.occupancy import OccupancyGrid
 
 STILL = np.zeros((1, 3))

@@ -8,8 +8,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from alignment.buildings import HALL, OTHER_WALLS, WALLS, between, cut, drawn, errors
-from mapdeal.alignment.align import align
-from mapdeal.editing.turn import rotate
+from mapdeal.compare.align import align
+from mapdeal.editing.resampling import rotate
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from alignment.buildings import WALLS, drawn
-from mapdeal.alignment.correlation import (
+from mapdeal.compare.correlation import (
     Near,
     moved,
     moved_back,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drawn import grid_from_text
-from mapdeal.alignment.correlation import pooled, walls_of
+from mapdeal.compare.correlation import pooled, walls_of
 from mapdeal.grid.occupancy import OccupancyGrid
 
 ROOM = """

@@ -8,7 +8,7 @@ import pytest
 
 import mapdeal
 from drawn import grid_from_text
-from mapdeal.formats.answers import read_answer
+from mapdeal.commands.report_answers import read_answer
 
 BEFORE = """
     ????????

@@ -10,7 +10,7 @@ from PIL import Image
 import mapdeal
 from drawn import grid_from_text
 from mapdeal.kernels.blocks import lazy_layer
-from mapdeal.render import colours
+from mapdeal.pictures import colours
 
 OFFICE = str(Path(__file__).parents[2] / "examples" / "maps" / "office.yaml")
 COST = "cost, inscribed 0 m, inflation 0.55 m, factor 10"

@@ -10,7 +10,7 @@ import yaml
 from bad_maps import DRAWING, PGM, cells_of, write_map, yaml_text
 from drawn import cells
 from mapdeal import MalformedInputError
-from mapdeal.formats.yaml_text import YamlLimits, read_mapping
+from mapdeal.files.yaml_text import YamlLimits, read_mapping
 
 MALFORMED_FILES = [
     ("Y2-empty", b"", "no mapping in file"),

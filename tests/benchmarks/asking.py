@@ -30,7 +30,7 @@ from mapdeal import (
     footprint_costs,
 )
 from mapdeal.kernels.engine import VARIABLE, engine_name
-from mapdeal.kernels.inverse_distance import sum_of_inverse_distances
+from mapdeal.kernels.lookup import sum_of_inverse_distances
 from mapdeal.kernels.shortest_paths import cheapest_path
 from mapdeal.kernels.threads import use_threads
 

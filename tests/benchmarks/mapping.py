@@ -25,11 +25,11 @@ from scipy.spatial import cKDTree
 from skimage.draw import line
 
 from mapdeal import BeamLimits, BuiltMap, MapBuilder, Scans, build_map
-from mapdeal.formats.scans.reader import open_log
 from mapdeal.kernels.engine import VARIABLE, engine_name
 from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.beams import beams_of
 from mapdeal.mapping.build import METHODS, Extent
+from mapdeal.sensors.scans import open_log
 
 RESOLUTION = 0.05
 ANGLES = np.radians(np.arange(-135, 135.25, 0.5))

@@ -57,8 +57,8 @@ def reading(folder: Path, rows: int, runs: int) -> None:
     import polars as pl
 
     from mapdeal import read_cloud
-    from mapdeal.formats.points import read_points
-    from mapdeal.formats.source import chunks_of
+    from mapdeal.files.source import chunks_of
+    from mapdeal.sensors.points import read_points
 
     points = np.random.default_rng(0).uniform(-100, 100, (rows, 3))
     short = [" ".join(f"{v:.6f}" for v in row) for row in points.tolist()]
@@ -111,7 +111,7 @@ def reading(folder: Path, rows: int, runs: int) -> None:
 def queries(folder: Path, rows: int, runs: int) -> None:
     """Ask a field at points, text in and JSON lines out, each in a process of its own."""
     from mapdeal import OccupancyGrid, esdf
-    from mapdeal.formats.npz import write_npz
+    from mapdeal.maps.npz import write_npz
 
     occupied = cells_of_map(1000)
     field = esdf(OccupancyGrid(occupied.astype(np.int8) * 100, RESOLUTION, ORIGIN))
@@ -168,7 +168,7 @@ def query_by_pandas(source: Path, points: Path, output: Path) -> None:
 
 def mapping(folder: Path, log: Path | None, runs: int) -> None:
     """Read a CARMEN log by mapdeal and numpy; count its beams by mapdeal and a program in C++."""
-    from mapdeal.formats.scans.reader import open_log
+    from mapdeal.sensors.scans import open_log
 
     source, program = folder / "million.log", folder / "count_beams"
     write_log(source, log)

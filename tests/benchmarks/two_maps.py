@@ -27,8 +27,8 @@ import numpy as np
 from PIL import Image
 
 from mapdeal import OccupancyGrid, read_map
+from mapdeal.compare.score import compare_to_truth
 from mapdeal.grid.frame import Transform
-from mapdeal.scoring.comparing import compare_to_truth
 
 RIGHT, FINE = (0.5, 2.0), (0.1, 0.3)
 """Mean shift of the walls in metres, and degrees."""
@@ -139,7 +139,7 @@ def transform_of(truth: Values | None) -> Transform | None:
 
 def outcome(pair: Pair) -> Outcome:
     """Align a pair; the time is without that of reading the maps."""
-    from mapdeal.alignment.align import align
+    from mapdeal.compare.align import align
 
     first, second = read_map(pair.first), read_map(pair.second)
     started, used = time.perf_counter(), time.process_time()

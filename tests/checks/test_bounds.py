@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, ParameterError, write_map
-from mapdeal.checks.difference import compare
-from mapdeal.checks.selection import Bounds
+from mapdeal.checks.selection import Bounds, compare
 from strategies import occupancies
 
 RES = 0.25

@@ -11,7 +11,7 @@ from PIL import Image
 
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, ParameterError, write_map
-from mapdeal.checks.difference import (
+from mapdeal.checks.selection import (
     ADDED,
     BOTH_FREE,
     BOTH_UNKNOWN,

@@ -12,10 +12,9 @@ import pytest
 from PIL import Image
 
 from mapdeal import Costmap, OccupancyGrid, esdf, field_view, read_map, write_map
-from mapdeal.checks import lint
-from mapdeal.checks.check import check
-from mapdeal.checks.facts import GridFacts, PairFacts
-from mapdeal.checks.finding import CHECKS, Finding, Remark
+from mapdeal.checks import lint as lint
+from mapdeal.checks.facts import GridFacts, PairFacts, check
+from mapdeal.checks.findings import CHECKS, Finding, Remark
 from mapdeal.checks.lint import lint_file
 
 GOOD_YAML = {

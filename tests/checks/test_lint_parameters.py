@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import mapdeal
-from mapdeal.checks.finding import CHECKS
+from mapdeal.checks.findings import CHECKS
 from mapdeal.checks.parameter_checks import lint_parameters
 from mapdeal.errors import FileAccessError
 
@@ -235,11 +235,7 @@ def test_problems_of_the_loaders_are_checks_of_one_severity():
     """By the source: a name that is no check would fail where its finding is made."""
     severities = {"refused": {"error"}, "warning": {"error", "warning"}, "note": {"note"}}
     package = Path(mapdeal.__file__).parent
-    sources = [
-        *(package / "robot").glob("*.py"),
-        *(package / "formats/ros_parameters").glob("*.py"),
-    ]
-    text = "\n".join(path.read_text() for path in sources)
+    text = "\n".join(path.read_text() for path in (package / "ros").glob("*.py"))
     told = set(re.findall(r'"(params\.[a-z-]+)",\s*"(refused|warning|note)"', text))
     assert len(told) > 10
     assert not [one for one in told if CHECKS[one[0]].severity not in severities[one[1]]]

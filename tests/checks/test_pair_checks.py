@@ -8,9 +8,9 @@ from PIL import Image
 
 from mapdeal import MapdealWarning, OccupancyGrid, read_map
 from mapdeal.checks import map_checks
-from mapdeal.checks.difference import compare
 from mapdeal.checks.facts import gather
 from mapdeal.checks.repair import repaired
+from mapdeal.checks.selection import compare
 from mapdeal.grid.resample import is_turned
 
 YAML = {

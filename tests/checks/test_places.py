@@ -235,8 +235,8 @@ def first_of(grey):
 def test_greys_are_where_they_are_seen_first(tmp_path, monkeypatch, kind, strip):
     from PIL import Image
 
-    monkeypatch.setattr("mapdeal.formats.strips.STRIP", strip)
-    monkeypatch.setattr("mapdeal.formats.distinct_pixels._PIXELS_TOGETHER", strip)
+    monkeypatch.setattr("mapdeal.maps.picture.STRIP", strip)
+    monkeypatch.setattr("mapdeal.checks.facts._PIXELS_TOGETHER", strip)
     image = Image.fromarray(GREYS)
     image = image if kind == "pgm" else image.convert("RGB")
     image.save(tmp_path / f"m.{kind}")

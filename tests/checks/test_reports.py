@@ -11,7 +11,7 @@ from typing import get_args
 
 import pytest
 
-from mapdeal.checks.finding import CHECKS, Finding
+from mapdeal.checks.findings import CHECKS, Finding
 from mapdeal.checks.formats import REPORTS, LintReport, MapReport, ReportForm, sum_of
 from mapdeal.checks.lint import lint_file  # noqa: F401 - lists all checks
 

@@ -15,9 +15,9 @@ from mapdeal import Footprint, OccupancyGrid, ParameterError, write_map
 from mapdeal.checks import facts, map_checks
 from mapdeal.checks.facts import RoomFacts
 from mapdeal.checks.lint import lint_file
-from mapdeal.formats.budget import use_memory
-from mapdeal.pipeline import lint as module
-from mapdeal.pipeline.lint import LintRules, lint_maps
+from mapdeal.commands import lint as module
+from mapdeal.commands.lint import LintRules, lint_maps
+from mapdeal.files.budget import use_memory
 from oracles import flooded, squared_distance
 
 SIDE, DOOR = 12, 3

@@ -6,10 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.checks.finding import CHECKS, Finding
-from mapdeal.checks.selection import Selection, selection_of
+from mapdeal.checks.findings import CHECKS, Finding
+from mapdeal.checks.selection import IgnoreComment, LintConfig, Selection, selection_of
 from mapdeal.errors import ParameterError
-from mapdeal.formats.lint_config import IgnoreComment, LintConfig
 
 NAMES = ["all", "image", "image.", "image.alpha", "map", "map.specks", "yaml.origin-yaw", "yaml"]
 

@@ -14,11 +14,10 @@ from mapdeal import read_map
 from mapdeal.checks import facts
 from mapdeal.checks.facts import CellTallies, PixelTallies, gather, tallies_of
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.budget import use_memory
-from mapdeal.formats.dialects import DIALECTS, cells_of
-from mapdeal.formats.map_yaml import MapMetadata
-from mapdeal.formats.picture import Picture
-from mapdeal.formats.strips import Strips
+from mapdeal.files.budget import use_memory
+from mapdeal.maps.dialects import DIALECTS, cells_of
+from mapdeal.maps.map_yaml import MapMetadata
+from mapdeal.maps.picture import Picture, Strips
 
 RNG = np.random.default_rng(11)
 SHAPE = (11, 13)

@@ -9,8 +9,8 @@ from PIL import Image
 
 import mapdeal
 from alignment.buildings import HALL, WALLS, between, drawn, errors
-from mapdeal.formats.poses import read_transform
 from mapdeal.grid.frame import Transform
+from mapdeal.sensors.points import read_transform
 
 HERE, THERE = Transform(-3.2, 11.7, 0.3), Transform(5.0, 2.0, 2.2)
 TRUE = between(HERE, THERE)

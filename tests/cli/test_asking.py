@@ -19,7 +19,7 @@ from mapdeal import (
     threshold_cost,
     write_map,
 )
-from mapdeal.pipeline.route import _recipe_for
+from mapdeal.commands.route import _recipe_for
 
 ROOM = "........\n.#......\n......?.\n...##..."
 ROUTE_KEYS = ["reached", "start", "goal", "length_m", "min_clearance_m", "mean_clearance_m",

@@ -27,7 +27,7 @@ from formats.bags.making import (
     words,
 )
 from mapdeal import build_map, read_map
-from mapdeal.formats.bags import chunked
+from mapdeal.bags import bag as chunked
 
 LASER, TF = "sensor_msgs/msg/LaserScan", "tf2_msgs/msg/TFMessage"
 ODOMETRY, MAP = "nav_msgs/msg/Odometry", "nav_msgs/msg/OccupancyGrid"
@@ -787,7 +787,7 @@ def test_an_extra_without_room_is_not_called_missing(command, tmp_path, monkeypa
     def without_room(name):
         raise ImportError("failed to map", name=name, path="backend.so")
 
-    monkeypatch.setattr("mapdeal.formats.bags.reader.import_module", without_room)
+    monkeypatch.setattr("mapdeal.bags.reader.import_module", without_room)
     code, _, err = command("info", whole(Drive()).write(tmp_path, "ros1"))
     assert (code, err.splitlines()[0]) == (4, "error: a library cannot be loaded: failed to map")
 

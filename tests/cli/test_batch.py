@@ -117,7 +117,7 @@ def test_what_is_refused_is_refused_before_any_work_f7_f8_p13(
 def test_more_jobs_than_can_be_of_use_are_capped_p13(command, maps, monkeypatch):
     started = []
     monkeypatch.setattr(
-        "mapdeal.pipeline.processes.ProcessWorkers", lambda size: started.append(size)
+        "mapdeal.pipeline.workers.ProcessWorkers", lambda size: started.append(size)
     )
     make_many = [maps / f"many/{k}.yaml" for k in range(12)]
     for path in make_many:
@@ -165,7 +165,7 @@ def test_a_dry_run_of_one_map_ends_as_its_run_would(command, maps, tmp_path):
 
 
 def test_jobs_share_out_threads_and_memory(monkeypatch):
-    from mapdeal.formats import budget
+    from mapdeal.files import budget
     from mapdeal.pipeline import batch
     from mapdeal.pipeline.recipe import load_recipe
     from mapdeal.pipeline.settings import Settings

@@ -15,7 +15,7 @@ import pytest
 
 import batch_work
 from mapdeal import OccupancyGrid, write_map
-from mapdeal.formats.listing import ListedMap
+from mapdeal.inputs.listing import ListedMap
 from mapdeal.pipeline import cluster
 from mapdeal.pipeline.batch import Job, jobs_of, run_all
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from mapdeal.checks.finding import CHECKS
+from mapdeal.checks.findings import CHECKS
 from mapdeal.cli.main import command_names, main
 from mapdeal.pipeline.recipe import BUILT_IN
 from mapdeal.stages.catalogue import STAGES

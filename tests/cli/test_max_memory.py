@@ -12,10 +12,10 @@ import pytest
 from mapdeal import OccupancyGrid, read_map, write_map
 from mapdeal.cli.options import size_of
 from mapdeal.errors import ParameterError
-from mapdeal.formats import budget
-from mapdeal.formats.maps import MapFile
+from mapdeal.files import budget
 from mapdeal.kernels.engine import engine_name
-from mapdeal.pipeline import memory
+from mapdeal.maps.reading import MapFile
+from mapdeal.pipeline import inputs as memory
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings

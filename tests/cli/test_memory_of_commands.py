@@ -24,9 +24,9 @@ from mapdeal import (
     write_bit_map,
     write_map,
 )
-from mapdeal.formats.npz import write_npz
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.kernels.engine import engine_name
+from mapdeal.maps.npz import write_npz
 
 pytestmark = pytest.mark.thorough
 

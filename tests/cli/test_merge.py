@@ -20,8 +20,8 @@ from mapdeal import (
     read_map,
     write_map,
 )
-from mapdeal.formats.npz import write_npz
-from mapdeal.render import colours
+from mapdeal.maps.npz import write_npz
+from mapdeal.pictures import colours
 
 HALL = "#######\n#.....#\n#..#..#\n#######"
 PART = "????#??\n?...#..\n?..#.?."
@@ -54,7 +54,7 @@ def end(name):
     """What a document of align says of one of its maps."""
     from pathlib import Path
 
-    from mapdeal.formats.source import sha256_of  # of files, not of ours
+    from mapdeal.files.source import sha256_of  # of files, not of ours
 
     files = [Path(f"{name}.yaml"), Path(f"{name}.pgm")]
     return {"file": f"{name}.yaml", "sha256": {one.name: sha256_of(one) for one in files}}
@@ -178,7 +178,7 @@ def aligned(monkeypatch):
                 transform=STEP, same_place=same_place, reason="another place fits as well"
             )
 
-        monkeypatch.setattr("mapdeal.alignment.align.align", align)
+        monkeypatch.setattr("mapdeal.compare.align.align", align)
         return asked
 
     return use

@@ -17,11 +17,10 @@ from drawn import grid_from_text
 from mapdeal import Costmap, read_map, write_map
 from mapdeal.cli.main import command_names
 from mapdeal.cli.stage_command import stage_app
-from mapdeal.pipeline import memory
+from mapdeal.pipeline import inputs as memory
 from mapdeal.stages import catalogue
 from mapdeal.stages.cost import cost_model
-from mapdeal.stages.definition import stage_of
-from mapdeal.stages.parameters import AT_LEAST_0, METRES
+from mapdeal.stages.definition import AT_LEAST_0, METRES, stage_of
 
 PAGE = Path(__file__).parents[2] / "docs" / "architecture.md"
 ROOM = """

@@ -262,8 +262,8 @@ def test_a_real_log_rolls_as_it_is_built(command, real_maps, tmp_path, monkeypat
     takes the last beam, and a local map the hit.
     """
     from mapdeal import Frame, MapBuilder, Scans
-    from mapdeal.formats.scans.reader import open_log
     from mapdeal.mapping.beams import BeamLimits
+    from mapdeal.sensors.scans import open_log
 
     monkeypatch.chdir(tmp_path)
     log = open_log(real_maps / "acschaefer__ple" / "intel-corrected.log")

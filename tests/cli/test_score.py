@@ -8,7 +8,7 @@ import pytest
 
 import mapdeal
 from mapdeal import OccupancyGrid, write_map
-from mapdeal.formats.source import read_file
+from mapdeal.files.source import read_file
 
 
 def room(shift=0):

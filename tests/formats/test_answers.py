@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.checks.finding import Finding
+from mapdeal.checks.findings import Finding
 from mapdeal.checks.formats import LintReport, MapReport, json_lines
-from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.formats.answers import (
+from mapdeal.commands.report_answers import (
     ComparisonAnswer,
     DiffAnswer,
     LintAnswer,
@@ -21,11 +20,12 @@ from mapdeal.formats.answers import (
     ShapesAnswer,
     read_answer,
 )
-from mapdeal.formats.documents import AlignmentAnswer, reach_json, route_json
+from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach
 from mapdeal.grid.route import Route
 from mapdeal.grid.shapes import Circle, Polygon
+from mapdeal.pipeline.documents import AlignmentAnswer, reach_json, route_json
 from robustness.seeds import ANSWERS
 
 SHAPES = {"type": "Feature", "properties": {"radius": 0.5},

@@ -5,8 +5,8 @@ import struct
 import numpy as np
 import pytest
 
-from mapdeal.formats import strips
-from mapdeal.formats.image import read_image
+from mapdeal.maps import picture as strips
+from mapdeal.maps.images import read_image
 
 HEIGHT, WIDTH = 7, 11
 KINDS = [

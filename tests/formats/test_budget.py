@@ -22,9 +22,9 @@ from mapdeal import (
     write_map,
 )
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats import budget
-from mapdeal.formats.budget import check_expansion, claim, holding, memory_limit, use_memory
-from mapdeal.formats.npz import write_npz
+from mapdeal.files import budget
+from mapdeal.files.budget import check_expansion, claim, holding, memory_limit, use_memory
+from mapdeal.maps.npz import write_npz
 
 MB = 1_000_000
 SHAPE = (2000, 2500)
@@ -253,15 +253,15 @@ from pathlib import Path
 from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin, TiffImagePlugin
 from mapdeal import read_cloud, read_map
 from mapdeal.checks.lint import lint_file
-from mapdeal.formats.budget import _budget_of
-from mapdeal.formats.clouds.reader import cloud_chunks
-from mapdeal.formats.poses import read_poses
-from mapdeal.formats.scans.reader import open_log
+from mapdeal.files.budget import _budget_of
+from mapdeal.sensors.clouds import cloud_chunks
+from mapdeal.sensors.points import read_poses
+from mapdeal.sensors.scans import open_log
 
 warnings.simplefilter("ignore")
 claims = [0]
 for module in list(sys.modules.values()):
-    if module.__name__.startswith("mapdeal.formats") and hasattr(module, "claim"):
+    if module.__name__.startswith("mapdeal.") and hasattr(module, "claim"):
         module.claim = lambda path, count, **_: claims.append(count + _budget_of(None).held)
 
 def peak():

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from clouds import lzf_compressed, pcd, pcd_header, ply
 from engines import ENGINES
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning, read_cloud
-from mapdeal.formats.clouds import arrays
-from mapdeal.formats.clouds.reader import cloud_chunks
-from mapdeal.kernels.lzf import lzf_expanded
+from mapdeal.kernels.clouds import lzf_expanded
+from mapdeal.sensors import clouds as arrays
+from mapdeal.sensors.clouds import cloud_chunks
 
 XYZ = [("x", "f4", 1), ("y", "f4", 1), ("z", "f4", 1)]
 ODD = [("rgb", "u8", 1), ("z", "f4", 1), ("hist", "f4", 3), ("y", "f8", 1), ("_", "u1", 2),
@@ -202,7 +202,7 @@ def test_records_of_numpy(read):
 
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_large_arrays_are_read_some_rows_at_a_time(tmp_path, monkeypatch, order):
-    monkeypatch.setattr(arrays, "_BYTES_TOGETHER", 100)
+    monkeypatch.setattr(arrays, "_ARRAYS_BYTES_TOGETHER", 100)
     table = np.asarray(np.arange(70.0).reshape(10, 7), order=order)
     np.save(tmp_path / "c.npy", table)
     np.testing.assert_array_equal(read_cloud(tmp_path / "c.npy"), table[:, :3])

@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 from mapdeal import FileAccessError, MalformedInputError
-from mapdeal.formats import pillow_images
-from mapdeal.formats.image import read_image, read_image_size
+from mapdeal.maps import pillow_images
+from mapdeal.maps.images import read_image, read_image_size
 
 PIXELS = np.array([[0, 128, 254, 254, 254], [254, 0, 128, 0, 254]], dtype=np.uint8)
 FORMATS = [("PNG", {}), ("BMP", {}), ("TIFF", {}), ("TIFF", {"compression": "tiff_lzw"}),

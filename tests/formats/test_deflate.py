@@ -7,8 +7,9 @@ import pytest
 from PIL import Image
 
 from mapdeal import DistanceField, OccupancyGrid
-from mapdeal.formats.npz import write_npz
-from mapdeal.formats.png import (
+from mapdeal.kernels.threads import use_threads
+from mapdeal.maps.npz import write_npz
+from mapdeal.maps.png import (
     PART,
     deflated,
     pieces,
@@ -16,7 +17,6 @@ from mapdeal.formats.png import (
     write_indexed_png,
     write_rgba_png,
 )
-from mapdeal.kernels.threads import use_threads
 
 SIZES = [0, 1, PART - 1, PART, PART + 1, 3 * PART + 12_345]
 

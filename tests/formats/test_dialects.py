@@ -8,10 +8,10 @@ import pytest
 from PIL import Image
 
 from mapdeal import read_map
-from mapdeal.formats import dialects
-from mapdeal.formats.dialects import DIALECTS, cells_of
-from mapdeal.formats.map_yaml import MapMetadata
-from mapdeal.formats.picture import Picture
+from mapdeal.maps import dialects
+from mapdeal.maps.dialects import DIALECTS, cells_of
+from mapdeal.maps.map_yaml import MapMetadata
+from mapdeal.maps.picture import Picture
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 

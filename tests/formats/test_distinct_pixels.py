@@ -5,9 +5,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from mapdeal.formats import distinct_pixels
-from mapdeal.formats.distinct_pixels import DistinctPixels
-from mapdeal.formats.picture import Picture
+from mapdeal.checks import facts as distinct_pixels
+from mapdeal.checks.facts import DistinctPixels
+from mapdeal.maps.picture import Picture
 
 RNG = np.random.default_rng(7)
 SHAPE = (23, 17)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mapdeal.formats.lint_config import IgnoreComment, read_ignore_comments
+from mapdeal.checks.selection import IgnoreComment, read_ignore_comments
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from PIL import Image
 
 from drawn import cells
 from mapdeal import FileAccessError, MalformedInputError, read_map
-from mapdeal.formats.image import IMAGE_FORMATS, IMAGE_SUFFIXES, read_image, read_image_size
-from mapdeal.formats.map_server import costs_of
+from mapdeal.maps.images import IMAGE_FORMATS, IMAGE_SUFFIXES, read_image, read_image_size
+from mapdeal.maps.map_server import costs_of
 from sources import MODULES, tree_of
 
 ROOT = Path(__file__).parents[2]

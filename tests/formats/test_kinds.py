@@ -11,7 +11,7 @@ import pytest
 from drawn import grid_from_text
 from mapdeal import write_map
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.formats.kinds import kind_of, recognised
+from mapdeal.inputs.kinds import kind_of, recognised
 
 FLASER = b"FLASER 180 " + b"1.0 " * 180 + b"0 0 0 0 0 0 12.5 host 12.5\n"
 

@@ -2,8 +2,8 @@
 
 import pytest
 
+from mapdeal.checks.selection import LintConfig, find_lint_config, read_lint_config
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
-from mapdeal.formats.lint_config import LintConfig, find_lint_config, read_lint_config
 
 BODY = """select = ["image", "yaml.origin-yaw"]
 ignore = ["image.greys"]

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapdeal import FileAccessError, MapdealWarning, ParameterError
-from mapdeal.formats import listing
-from mapdeal.formats.listing import files_matching, list_files, numbered_folders, sorted_naturally
-from mapdeal.formats.source import contents_of, status_of
+from mapdeal.files.source import contents_of, status_of
+from mapdeal.inputs import listing
+from mapdeal.inputs.listing import files_matching, list_files, numbered_folders, sorted_naturally
 from odd_names import private
 
 SUFFIXES = (".pcd", ".ply")

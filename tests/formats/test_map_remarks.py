@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from mapdeal import Costmap, MapdealWarning, OccupancyGrid, read_map, write_map
-from mapdeal.formats.maps import open_map
+from mapdeal.maps.reading import open_map
 
 YAML = "image: m.{end}\nresolution: 0.1\norigin: [1.5, -2.0, 0.4]\nnegate: {negate}\n"
 YAML += "occupied_thresh: 0.65\nfree_thresh: {free}\nmode: {mode}\n"
@@ -175,7 +175,7 @@ def test_costs_of_a_file_that_say_nothing(tmp_path, costs, told, end):
 @pytest.mark.parametrize("end", ["pgm", "png", "bmp"])
 def test_all_strips_of_an_image_count(tmp_path, monkeypatch, end):
     """Strips of two rows: those with the odd pixels are neither the first nor the last."""
-    monkeypatch.setattr("mapdeal.formats.strips.STRIP", 120)
+    monkeypatch.setattr("mapdeal.maps.picture.STRIP", 120)
     path = write_pair(tmp_path, Image.fromarray(GREYS), end)
     (text,) = freed_of(path)
     assert ": 300 cells (12.5 %) of grey 205" in text

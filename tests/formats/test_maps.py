@@ -24,7 +24,7 @@ from mapdeal import (
     read_map,
     write_map,
 )
-from mapdeal.formats.maps import open_map, read_source
+from mapdeal.maps.reading import open_map, read_source
 from mapdeal.stages.catalogue import STAGES
 from strategies import occupancies
 

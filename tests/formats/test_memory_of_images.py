@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mapdeal.formats.maps import open_map
 from mapdeal.kernels.engine import engine_name
-from mapdeal.pipeline.memory import bytes_to_read
+from mapdeal.maps.reading import open_map
+from mapdeal.pipeline.inputs import bytes_to_read
 
 SIDE = 3000
 CELLS = SIDE * SIDE

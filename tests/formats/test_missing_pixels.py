@@ -9,7 +9,7 @@ import pytest
 from PIL import Image, TiffImagePlugin
 
 from mapdeal import MalformedInputError
-from mapdeal.formats.image import read_image
+from mapdeal.maps.images import read_image
 
 HEIGHT, WIDTH = 21, 19
 PLACES, ENDS = 12, 8

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 import mapdeal
 from mapdeal import Costmap, FieldView, MalformedInputError, OccupancyGrid, esdf
-from mapdeal.formats.budget import use_memory
-from mapdeal.formats.npz import open_npz, read_npz
+from mapdeal.files.budget import use_memory
+from mapdeal.maps.npz import open_npz, read_npz
 
 ORIGIN = (-3.5, 7.25, 0.3)
 

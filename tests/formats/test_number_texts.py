@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mapdeal.formats.number_texts import Form, Kind, row_texts
+from mapdeal.files.text import Form, Kind, row_texts
 
 LINE = [Form(("", "\n"), (0,))]
 FLOATS = st.floats() | st.floats(-1e4, 1e4) | st.decimals(-999, 999, places=6).map(float)

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from mapdeal import FileAccessError
-from mapdeal.formats.open_file import HEAD, opened
+from mapdeal.maps.picture import HEAD, opened
 
 
 @pytest.mark.parametrize("size", [0, 1, 1000, HEAD - 1, HEAD, HEAD + 1, 2 * HEAD + 5])

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from mapdeal import FileAccessError, MalformedInputError, MapdealError
-from mapdeal.formats.budget import free_memory
-from mapdeal.formats.maps import MapFile, open_map, read_source
-from mapdeal.formats.source import sums_of_reads
+from mapdeal.files.budget import free_memory
+from mapdeal.files.source import sums_of_reads
 from mapdeal.kernels.blocks import blocks_of
+from mapdeal.maps.reading import MapFile, open_map, read_source
 
 HEIGHT, WIDTH = 37, 53
 PIXELS = np.random.default_rng(7).integers(0, 256, (HEIGHT, WIDTH)).astype(np.uint8)

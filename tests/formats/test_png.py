@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mapdeal.formats.png import PART, write_grey_png, write_indexed_png, write_rgba_png
+from mapdeal.maps.png import PART, write_grey_png, write_indexed_png, write_rgba_png
 
 ROWS, COLUMNS = 2 * PART // 1300, 1300  # more than one band
 SHAPES = [(1, 1), (3, 5), (ROWS, COLUMNS)]

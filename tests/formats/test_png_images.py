@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapdeal import MalformedInputError, MapdealError, read_map
-from mapdeal.formats import strips
-from mapdeal.formats.budget import use_memory
-from mapdeal.formats.dialects import cells_of
-from mapdeal.formats.image import open_pixel_rows, open_strips, read_image, read_image_size
-from mapdeal.formats.map_yaml import MapMetadata
+from mapdeal.files.budget import use_memory
+from mapdeal.maps import picture as strips
+from mapdeal.maps.dialects import cells_of
+from mapdeal.maps.images import open_pixel_rows, open_strips, read_image, read_image_size
+from mapdeal.maps.map_yaml import MapMetadata
 
 CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 KINDS = [(0, 1), (0, 2), (0, 4), (0, 8), (0, 16), (2, 8), (2, 16), (3, 1), (3, 2), (3, 4), (3, 8),

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import MalformedInputError, MapdealWarning
-from mapdeal.formats.pnm import begin_pgm, check_pixels, decode_pnm
+from mapdeal.maps.pnm import begin_pgm, check_pixels, decode_pnm
 
 PIXELS = np.array([[0, 10, 255], [13, 205, 254]], dtype=np.uint8)
 BODY = PIXELS.tobytes()

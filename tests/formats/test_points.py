@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import FileAccessError, MalformedInputError
-from mapdeal.formats.points import read_named_points, read_pairs, read_points, read_pose_lines
-from mapdeal.formats.source import chunks_of
+from mapdeal.files.source import chunks_of
+from mapdeal.sensors.points import read_named_points, read_pairs, read_points, read_pose_lines
 
 TEXT = (
     b'x, y\n1,2\n# why\n\n1,2,3\r\n[0.5, -1]\n{"y": 4, "x": 3, "name": "a"}\n-1e-3, .5\nnan,inf\n'

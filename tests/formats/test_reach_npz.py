@@ -9,9 +9,9 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import Footprint, MalformedInputError, MapdealWarning, ParameterError, Reach
-from mapdeal.formats.npz import read_reach
 from mapdeal.grid.canvas import on_canvas
-from mapdeal.pipeline.figures import summary_of
+from mapdeal.maps.npz import read_reach
+from mapdeal.pipeline.folder import summary_of
 
 MAP = grid_from_text("""
     #...?

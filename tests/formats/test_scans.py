@@ -9,9 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
-from mapdeal.formats.scans import carmen
-from mapdeal.formats.scans.reader import open_log
-from mapdeal.formats.scans.source import ScanTexts
+from mapdeal.sensors import scans as carmen
+from mapdeal.sensors.scans import ScanTexts, open_log
 
 
 def flaser(ranges, pose=(1.0, -2.0, 0.5), time=7.0):

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from mapdeal import OccupancyGrid, write_map
-from mapdeal.formats import temporary
-from mapdeal.formats.temporary import Temporary, locked, signals_put_off, sync_folder
+from mapdeal.files import transaction as temporary
+from mapdeal.files.transaction import Temporary, locked, signals_put_off, sync_folder
 
 
 @contextmanager

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from mapdeal import MalformedInputError
 from mapdeal.errors import shown
-from mapdeal.formats import text_rows
-from mapdeal.formats.text_rows import LONGEST_LINE, read_rows
+from mapdeal.files import text as text_rows
+from mapdeal.files.text import LONGEST_LINE, read_rows
 
 pytestmark = pytest.mark.slow
 

@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 
 from mapdeal import FileAccessError, OccupancyGrid, write_map
-from mapdeal.formats import maps, temporary
-from mapdeal.formats.transaction import Transaction
+from mapdeal.files import transaction as temporary
+from mapdeal.files.transaction import Transaction
 from mapdeal.kernels.threads import use_threads
+from mapdeal.maps import reading as maps
 
 
 def _writer(text):
@@ -86,7 +87,7 @@ def test_a_file_in_the_place_of_a_folder_is_named(tmp_path):
 HOLD = """
 import sys, time
 from pathlib import Path
-from mapdeal.formats.transaction import Transaction
+from mapdeal.files.transaction import Transaction
 from mapdeal.kernels.threads import use_threads
 path = Path(sys.argv[1])
 with Transaction([path], checksums=True) as transaction:
@@ -126,7 +127,7 @@ def test_files_of_a_killed_run_are_removed_and_those_of_a_live_one_kept(tmp_path
 
 
 def test_a_temporary_file_that_another_run_has_removed_is_made_again(tmp_path, monkeypatch):
-    import mapdeal.formats.temporary as module
+    import mapdeal.files.transaction as module
 
     lock, removed = module.fcntl.flock, []
 

@@ -6,8 +6,8 @@ import math
 import pytest
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.poses import read_transform, transform_document
 from mapdeal.grid.frame import Transform
+from mapdeal.sensors.points import read_transform, transform_document
 
 
 def written(folder, value):

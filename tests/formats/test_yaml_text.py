@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats import yaml_text
-from mapdeal.formats.yaml_text import (
+from mapdeal.files import yaml_text
+from mapdeal.files.yaml_text import (
     OF_MAPS,
     OF_RECIPES,
     compose_documents,
@@ -152,7 +152,7 @@ def test_tabs_stand_where_libyaml_takes_them():
 
 
 def test_without_libyaml_pyyaml_serves(monkeypatch):
-    monkeypatch.setattr("mapdeal.formats.yaml_text._LIBYAML", yaml_text._PYYAML)
+    monkeypatch.setattr("mapdeal.files.yaml_text._LIBYAML", yaml_text._PYYAML)
     check(MAP)
     with pytest.raises(MalformedInputError, match="line 2, column 9: not valid YAML"):
         parse_mapping(NAME, b"a: 1\nb: [1, 2")

@@ -13,7 +13,7 @@ from drawn import grid_from_text
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.costmap import InflationLayer, StaticLayer
 from mapdeal.kernels.blocks import lazy_layer
-from mapdeal.robot.parameters import ListedLayer
+from mapdeal.ros.robot import ListedLayer
 
 DRAWING = """
     ?..#.

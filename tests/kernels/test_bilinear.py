@@ -7,7 +7,7 @@ from hypothesis.extra import numpy as arrays
 import oracles
 from engines import needs_compiled
 from mapdeal.kernels import engine
-from mapdeal.kernels.bilinear import interpolate
+from mapdeal.kernels.lookup import interpolate
 
 VALUES = arrays.arrays(
     np.float32,

@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engines import needs_compiled
-from mapdeal.kernels import clearance_twin
+from mapdeal.kernels import clearance_numpy as clearance_twin
 from mapdeal.kernels.distance import squared_distance, unreachable
 
 pytestmark = [pytest.mark.slow, needs_compiled]
 
 
 def check(squared, is_open, resolution=0.05, choice=0):
-    from mapdeal.kernels import compiled_clearance
+    from mapdeal.kernels import clearance_compiled as compiled_clearance
 
     assert compiled_clearance.fits(squared)
     both = compiled_clearance, clearance_twin
@@ -101,7 +101,7 @@ def test_on_a_spiral_whose_ways_cross_all_bands_many_times():
 
 
 def test_squares_that_do_not_fit_are_left_to_the_twin():
-    from mapdeal.kernels import compiled_clearance
+    from mapdeal.kernels import clearance_compiled as compiled_clearance
 
     large = np.array([[2**31 - 2, 5, 2**63 - 1]])
     assert compiled_clearance.fits(large)

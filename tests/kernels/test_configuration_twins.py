@@ -56,7 +56,7 @@ def test_both_engines_give_the_same_bytes_with_any_threads(monkeypatch, seed):
 @pytest.fixture
 def rounds(monkeypatch):
     """Let few words of cells wait at a time, and return how often that were too few."""
-    from mapdeal.kernels import compiled_configuration
+    from mapdeal.kernels import configuration_compiled as compiled_configuration
 
     counted, flood = [], compiled_configuration.flood
 

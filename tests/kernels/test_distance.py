@@ -247,7 +247,7 @@ def test_a_table_s_last_square_is_one_of_it_and_the_next_is_beyond(reach):
 
 @needs_compiled
 def test_products_of_the_longest_side_fit_into_64_bits():
-    from mapdeal.kernels.compiled_distance import longest_side
+    from mapdeal.kernels.distance_compiled import longest_side
 
     assert longest_side() > 1_000_000
     assert 2 * longest_side() ** 3 < 2**63

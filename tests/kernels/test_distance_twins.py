@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engines import needs_compiled
-from mapdeal.kernels import scipy_distance
+from mapdeal.kernels import distance_numpy as scipy_distance
 
 pytestmark = [pytest.mark.slow, needs_compiled]
 
@@ -18,7 +18,7 @@ def bits(array):
 
 
 def check(marked, scale, limit, table):
-    from mapdeal.kernels import compiled_distance
+    from mapdeal.kernels import distance_compiled as compiled_distance
 
     metric = {
         "scale": scale,

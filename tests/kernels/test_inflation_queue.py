@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapdeal.kernels.distance import squared_distance, unreachable
-from mapdeal.kernels.inflation_queue import queue_squares
+from mapdeal.stages.older_queue import queue_squares
 from strategies import masks
 
 

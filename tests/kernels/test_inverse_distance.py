@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy import fft
 
 import oracles
-from mapdeal.kernels.inverse_distance import sum_of_inverse_distances
+from mapdeal.kernels.lookup import sum_of_inverse_distances
 from mapdeal.kernels.threads import use_threads
 from strategies import masks
 

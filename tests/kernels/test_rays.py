@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engines import needs_compiled
-from mapdeal.kernels import ray_twin
+from mapdeal.kernels import rays_numpy as ray_twin
 from mapdeal.kernels.rays import DISTANCE_UNIT, Odds, count_rays, measure_rays, weigh_rays
 from mapdeal.kernels.threads import use_threads
 from oracles import line

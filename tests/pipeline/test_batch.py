@@ -12,12 +12,12 @@ import pytest
 import batch_work
 from mapdeal import FileAccessError, MalformedInputError, MapdealError, ParameterError
 from mapdeal.errors import BatchError, FindingError
-from mapdeal.formats.listing import ListedMap
+from mapdeal.inputs.listing import ListedMap
 from mapdeal.pipeline import batch as jobs_module
 from mapdeal.pipeline.batch import Job, MapRun, jobs_of, run_all, text_of
-from mapdeal.pipeline.processes import ProcessWorkers
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.workers import ProcessWorkers
 
 pytestmark = pytest.mark.slow
 

@@ -6,8 +6,7 @@ import pytest
 
 from drawn import grid_from_text
 from mapdeal import write_map
-from mapdeal.pipeline.figures import changes_between
-from mapdeal.pipeline.folder import differences_from_golden, store_golden
+from mapdeal.pipeline.folder import changes_between, differences_from_golden, store_golden
 
 EMPTY, POST = "#" + "." * 23 + "#", "#" + "." * 11 + "#" + "." * 11 + "#"
 ROOM = "\n".join(["#" * 25, *[EMPTY] * 6, POST, *[EMPTY] * 6, "#" * 25])

@@ -9,10 +9,9 @@ import pytest
 
 import mapdeal
 from mapdeal.errors import MalformedInputError, MapdealWarning, emit_warning, kept_warnings
-from mapdeal.pipeline.heard import heard
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
-from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.settings import Settings, heard
 
 KEYS = "resolution: 0.25\norigin: [1.5, -2, 0.3]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 NO_NEGATE = "missing: negate (ROS requires it); assuming 0"

@@ -12,10 +12,10 @@ import pytest
 from mapdeal import FileAccessError, MalformedInputError, OccupancyGrid, ParameterError, write_map
 from mapdeal.checks.formats import REPORTS
 from mapdeal.checks.lint import lint_file
-from mapdeal.formats.budget import SHARE_OF_JOB
-from mapdeal.formats.source import contents_of as real_contents_of
-from mapdeal.pipeline import lint as module
-from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources
+from mapdeal.commands import lint as module
+from mapdeal.commands.lint import LintRules, lint_maps, list_sources
+from mapdeal.files.budget import SHARE_OF_JOB
+from mapdeal.files.source import contents_of as real_contents_of
 
 NO_RULES = LintRules(is_isolated=True)
 
@@ -107,8 +107,8 @@ def test_a_folder_that_cannot_be_read_is_a_finding_and_the_others_go_on(maps, mo
             raise FileAccessError("cannot be read: Permission denied", source=folder)
         return real_contents_of(folder)
 
-    monkeypatch.setattr("mapdeal.formats.listing.contents_of", closed)
-    monkeypatch.setattr("mapdeal.checks.run_checks.contents_of", closed)
+    monkeypatch.setattr("mapdeal.inputs.listing.contents_of", closed)
+    monkeypatch.setattr("mapdeal.checks.map_checks.contents_of", closed)
     for name in ("maps", "maps/b"):
         paths = listed(name)
         assert paths == (["maps/a/plain.yaml"] if name == "maps" else []) + ["maps/b"]
@@ -231,7 +231,7 @@ def workers(monkeypatch):
 
             yield submit
 
-    monkeypatch.setattr("mapdeal.pipeline.processes.ProcessWorkers", Workers)
+    monkeypatch.setattr("mapdeal.pipeline.workers.ProcessWorkers", Workers)
     return fates
 
 

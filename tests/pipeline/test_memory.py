@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from mapdeal import MalformedInputError
-from mapdeal.formats import budget as budget_of_readers
+from mapdeal.files import budget as budget_of_readers
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline import memory
+from mapdeal.pipeline import inputs as memory
 from mapdeal.pipeline.settings import Settings
 
 DEMAND = memory._Demand(base=1000, more=3.0, block=40)

@@ -8,14 +8,13 @@ import pytest
 
 import mapdeal
 from drawn import grid_from_text
+from mapdeal.commands.report import gathered
+from mapdeal.commands.report_answers import RouteAnswer
+from mapdeal.commands.report_draft import Draft, Grids
+from mapdeal.commands.report_items import MOST_POINTS, route_items
+from mapdeal.commands.report_runs import columns_of
 from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.formats.answers import RouteAnswer
 from mapdeal.grid.route import Route
-from mapdeal.pipeline.reports.draft import Draft
-from mapdeal.pipeline.reports.gather import gathered
-from mapdeal.pipeline.reports.grids import Grids
-from mapdeal.pipeline.reports.items import MOST_POINTS, route_items
-from mapdeal.pipeline.reports.runs import columns_of
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS
 from mapdeal.report.document import Item, Table
 from mapdeal.report.page import page_of

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from mapdeal import FileAccessError, OccupancyGrid, write_map
-from mapdeal.formats.transaction import RowsWriter, Transaction
+from mapdeal.files.transaction import RowsWriter, Transaction
 from mapdeal.grid.framed import Framed
 from mapdeal.kernels.blocks import CacheBudget, LazyLayer, rows_reported
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline import memory
+from mapdeal.pipeline import inputs as memory
 from mapdeal.pipeline.folder import one_pass
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from alignment.buildings import OTHER_WALLS, WALLS, between, cut, drawn, errors
+from mapdeal.commands.merge import transforms_by_walls
 from mapdeal.errors import FindingError
 from mapdeal.grid.frame import Transform
-from mapdeal.pipeline.merge import transforms_by_walls
 
 PLACES = [Transform(-3.2, 11.7, 0.3), Transform(5.0, 2.0, 2.2), Transform(-8.0, 3.0, 1.1)]
 

@@ -16,7 +16,7 @@ import pytest
 import batch_work
 from mapdeal import FileAccessError
 from mapdeal.pipeline.batch import Job
-from mapdeal.pipeline.processes import ProcessWorkers
+from mapdeal.pipeline.workers import ProcessWorkers
 
 pytestmark = pytest.mark.slow
 

@@ -9,12 +9,11 @@ import pytest
 import mapdeal
 from alignment.buildings import WALLS, drawn
 from drawn import grid_from_text
+from mapdeal.commands.report import gathered
+from mapdeal.commands.report_draft import Draft, Grids
+from mapdeal.commands.report_runs import drafts_about
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Transform
-from mapdeal.pipeline.reports.comparisons import drafts_about
-from mapdeal.pipeline.reports.draft import Draft
-from mapdeal.pipeline.reports.gather import gathered
-from mapdeal.pipeline.reports.grids import Grids
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS
 
 ROOMS = """

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mapdeal.formats.answers import (
+from mapdeal.commands.report_answers import (
     DiffAnswer,
     LintedFile,
     ReachAnswer,
@@ -13,17 +13,11 @@ from mapdeal.formats.answers import (
     ShapesAnswer,
     ToldFinding,
 )
+from mapdeal.commands.report_items import MOST_ITEMS, finding_items, items_of, lint_table, tables_of
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage
 from mapdeal.grid.route import Route
 from mapdeal.grid.shapes import Circle, Line, Polygon
-from mapdeal.pipeline.reports.items import (
-    MOST_ITEMS,
-    finding_items,
-    items_of,
-    lint_table,
-    tables_of,
-)
 
 ROBOT = Footprint.polygon([(0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2)])
 LIMIT = Bottleneck(-2.0, 1.0, 0.62)

@@ -9,8 +9,8 @@ from mapdeal import Footprint, OccupancyGrid, RobotParameters
 from mapdeal.api.recipe import apply_recipe, load_recipe
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import InflationLayer, StaticLayer
-from mapdeal.pipeline.robot import step_for
-from mapdeal.robot.parameters import ListedLayer
+from mapdeal.pipeline.recipe import step_for
+from mapdeal.ros.robot import ListedLayer
 from oracles import master_grid
 
 pytestmark = pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mapdeal import Costmap, write_map
+from mapdeal.commands.route import compare_pairs
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.points import PairLine
-from mapdeal.pipeline.route import compare_pairs
 from mapdeal.pipeline.settings import Settings
+from mapdeal.sensors.points import PairLine
 
 
 @pytest.fixture

@@ -22,9 +22,9 @@ from mapdeal import (
     potential,
     read_map,
 )
-from mapdeal.pipeline.route import check_reached
-from mapdeal.planning import descent
-from mapdeal.planning.terrain import Terrain
+from mapdeal.commands.route import check_reached
+from mapdeal.planning import routes as descent
+from mapdeal.planning.routes import Terrain
 
 ORIGIN = (1.5, -2.0, 0.4)
 

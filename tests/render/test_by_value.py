@@ -21,18 +21,16 @@ from mapdeal import (
 )
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.reach import Goal, GoalReach, Passage, Reach
-from mapdeal.render import colours, pen
-from mapdeal.render.canvas import _Pen, sheet
-from mapdeal.render.colours import interpolated, mixed
-from mapdeal.render.cost_curve import cost_curve_image
-from mapdeal.render.difference import difference_image, merge_image
-from mapdeal.render.layers import cost_image, field_image, occupancy_image
-from mapdeal.render.overlay import PoseOverlay, RouteOverlay
-from mapdeal.render.pen import capital_height, text_width
-from mapdeal.render.potential import potential_image
-from mapdeal.render.raster import Raster
-from mapdeal.render.reach import reach_image
-from mapdeal.render.style import ColourBar, Swatch
+from mapdeal.pictures import canvas as pen
+from mapdeal.pictures import colours
+from mapdeal.pictures.canvas import _Pen, capital_height, sheet, text_width
+from mapdeal.pictures.colours import ColourBar, Swatch, interpolated, mixed
+from mapdeal.pictures.comparisons import difference_image, merge_image
+from mapdeal.pictures.cost_curve import cost_curve_image
+from mapdeal.pictures.layers import cost_image, field_image, occupancy_image, potential_image
+from mapdeal.pictures.overlay import PoseOverlay, RouteOverlay
+from mapdeal.pictures.raster import Raster
+from mapdeal.pictures.reach import reach_image
 
 
 @pytest.fixture
@@ -44,7 +42,7 @@ def asked(monkeypatch):
         seen.update(rest, pixels=pixels, palette=palette)
         return sheet(pixels, palette, **rest)
 
-    monkeypatch.setattr("mapdeal.render.canvas.sheet", record)
+    monkeypatch.setattr("mapdeal.pictures.canvas.sheet", record)
     return seen
 
 

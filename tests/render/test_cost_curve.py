@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from mapdeal import cost_curve
-from mapdeal.render import colours
-from mapdeal.render.cost_curve import cost_curve_image
-from mapdeal.render.cost_zones import ZoneKind, end_of, marks_of, zones_of
-from mapdeal.render.pen import Pen, text_width
-from mapdeal.render.styles import CostPalette
+from mapdeal.pictures import colours
+from mapdeal.pictures.canvas import Pen, text_width
+from mapdeal.pictures.cost_curve import ZoneKind, cost_curve_image, end_of, marks_of, zones_of
+from mapdeal.pictures.styles import CostPalette
 
 WIDTH = 960
 

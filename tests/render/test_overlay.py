@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from mapdeal.render.overlay import Brush
+from mapdeal.pictures.overlay import Brush
 
 HEIGHT, WIDTH = 24, 31
 places = st.integers(-8 * 4, 40 * 4).map(lambda quarter: quarter / 4)
@@ -69,7 +69,7 @@ def test_a_route_over_a_large_picture_is_drawn_part_by_part(monkeypatch):
     whole, parts = np.zeros((2, 90, 120), np.uint8)
     Brush(whole).polyline(path, 5, thickness=4)
     sizes = []
-    monkeypatch.setattr("mapdeal.render.overlay._MOST_PIXELS", 400)
+    monkeypatch.setattr("mapdeal.pictures.overlay._MOST_PIXELS", 400)
     fromarray = Image.fromarray
     monkeypatch.setattr(Image, "fromarray", lambda a: (sizes.append(a.size), fromarray(a))[1])
     Brush(parts).polyline(path, 5, thickness=4)

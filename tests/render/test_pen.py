@@ -3,7 +3,7 @@ import string
 import numpy as np
 import pytest
 
-from mapdeal.render.pen import (
+from mapdeal.pictures.canvas import (
     MOST_COLOURS,
     WHITE,
     Pen,

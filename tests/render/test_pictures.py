@@ -19,9 +19,9 @@ from mapdeal import (
     potential,
     shortest_route,
 )
-from mapdeal.formats.png import write_indexed_png
-from mapdeal.render.canvas import corner_of, frame_text, ticks_between
-from mapdeal.render.colours import (
+from mapdeal.maps.png import write_indexed_png
+from mapdeal.pictures.canvas import corner_of, frame_text, ticks_between
+from mapdeal.pictures.colours import (
     ARROW,
     COST_ANCHORS,
     FREE_ANCHORS,
@@ -33,10 +33,9 @@ from mapdeal.render.colours import (
     START,
     interpolated,
 )
-from mapdeal.render.layers import cost_image, field_image, occupancy_image
-from mapdeal.render.overlay import RouteOverlay
-from mapdeal.render.potential import potential_image
-from mapdeal.render.raster import Raster, inner_outline
+from mapdeal.pictures.layers import cost_image, field_image, occupancy_image, potential_image
+from mapdeal.pictures.overlay import RouteOverlay
+from mapdeal.pictures.raster import Raster, inner_outline
 
 BLACK, RVIZ_UNKNOWN = (0, 0, 0), (112, 137, 134)
 

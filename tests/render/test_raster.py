@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mapdeal.grid.frame import Region
 from mapdeal.kernels.blocks import lazy_layer
-from mapdeal.render.raster import Raster
+from mapdeal.pictures.raster import Raster
 
 
 @pytest.mark.parametrize("block_height", [1, 4, 7, 100])

@@ -7,13 +7,12 @@ import pytest
 from drawn import cells
 from mapdeal import Footprint
 from mapdeal.grid.reach import Goal, GoalReach, Passage, Reach
-from mapdeal.render import colours
-from mapdeal.render.canvas import sheet
-from mapdeal.render.captions import Captions
-from mapdeal.render.colours import _oklab_from_rgb
-from mapdeal.render.overlay import PoseOverlay, place_of
-from mapdeal.render.raster import Raster
-from mapdeal.render.reach import reach_image
+from mapdeal.pictures import colours
+from mapdeal.pictures.canvas import sheet
+from mapdeal.pictures.colours import _oklab_from_rgb
+from mapdeal.pictures.overlay import PoseOverlay, place_of
+from mapdeal.pictures.raster import Raster
+from mapdeal.pictures.reach import Captions, reach_image
 
 RESOLUTION, ORIGIN = 0.25, (1.5, -2.0, 0.4)
 
@@ -34,7 +33,7 @@ def asked(monkeypatch):
         seen["boxes"].append(found and found[0])
         return found
 
-    monkeypatch.setattr("mapdeal.render.canvas.sheet", record)
+    monkeypatch.setattr("mapdeal.pictures.canvas.sheet", record)
     monkeypatch.setattr(Captions, "_free_box", note)
     return seen
 

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from mapdeal.grid.frame import Frame
-from mapdeal.render import canvas
-from mapdeal.render.difference import difference_image
-from mapdeal.render.overlay import RingOverlay
-from mapdeal.render.raster import Raster
+from mapdeal.pictures import canvas
+from mapdeal.pictures.comparisons import difference_image
+from mapdeal.pictures.overlay import RingOverlay
+from mapdeal.pictures.raster import Raster
 
 FRAME = Frame(60, 90, 0.25, (1.5, -2.0, 0.4))
 

@@ -7,10 +7,10 @@ from PIL import Image
 import mapdeal
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.blocks import lazy_layer
+from mapdeal.pictures.overlay import KeepoutOverlay, RobotOverlay
+from mapdeal.pictures.raster import Raster
 from mapdeal.pipeline.folder import robot_overlays
 from mapdeal.pipeline.step import make_step
-from mapdeal.render.overlay import KeepoutOverlay, RobotOverlay
-from mapdeal.render.raster import Raster
 
 LONG = mapdeal.Footprint.polygon([(0.6, 0.2), (0.6, -0.2), (-0.3, -0.2), (-0.3, 0.2)])
 FRAME = Frame(80, 120, 0.05, (1.0, -2.0, 0.3))

@@ -7,11 +7,10 @@ import pytest
 
 import mapdeal
 from mapdeal import Frame, OccupancyGrid
-from mapdeal.render import canvas, colours
-from mapdeal.render import score as drawing
-from mapdeal.render.canvas import sheet
-from mapdeal.render.pen import WHITE
-from mapdeal.render.score import ScoredWalls, bins_of, score_image
+from mapdeal.pictures import canvas, colours
+from mapdeal.pictures import comparisons as drawing
+from mapdeal.pictures.canvas import WHITE, sheet
+from mapdeal.pictures.comparisons import ScoredWalls, bins_of, score_image
 
 FRAME = Frame(2, 7, 0.25, (1.0, -2.0, 0.0))
 

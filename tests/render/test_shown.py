@@ -8,11 +8,10 @@ from hypothesis import strategies as st
 import mapdeal
 from mapdeal.grid.frame import Region
 from mapdeal.kernels.blocks import lazy_layer
+from mapdeal.pictures.layers import occupancy_image
+from mapdeal.pictures.overlay import PoseOverlay, known_box, shown_part
+from mapdeal.pictures.raster import Raster
 from mapdeal.pipeline.folder import _FILES
-from mapdeal.render.layers import occupancy_image
-from mapdeal.render.overlay import PoseOverlay
-from mapdeal.render.raster import Raster
-from mapdeal.render.shown import known_box, shown_part
 
 ORIGIN = (2.0, -3.0, 0.4)
 
@@ -148,7 +147,7 @@ def _map_of(image, shape):
 
 
 def _frame_index(_):
-    from mapdeal.render.pen import GREY
+    from mapdeal.pictures.canvas import GREY
 
     return GREY
 

@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 
 from drawn import grid_from_text
 from mapdeal import Costmap, esdf
-from mapdeal.render.field_style import FieldEnds, field_style
-from mapdeal.render.style import Scale
-from mapdeal.render.styles import (
+from mapdeal.pictures.colours import Scale
+from mapdeal.pictures.styles import (
+    FieldEnds,
     cleaning_style,
     cost_style,
     difference_style,
+    field_style,
     number_style,
     occupancy_style,
     ticks_of,

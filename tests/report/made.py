@@ -3,9 +3,9 @@
 import numpy as np
 
 import mapdeal
-from mapdeal.render import colours
-from mapdeal.render.style import ColourBar, LayerStyle, Scale, Swatch
-from mapdeal.render.styles import COST_LEVELS, CostPalette
+from mapdeal.pictures import colours
+from mapdeal.pictures.colours import ColourBar, LayerStyle, Scale, Swatch
+from mapdeal.pictures.styles import COST_LEVELS, CostPalette
 from mapdeal.report.document import Entry, PageLayer
 
 FREE_LEVELS, OBSTACLE_LEVELS = 70, 49

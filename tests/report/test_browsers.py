@@ -9,8 +9,7 @@ import pytest
 
 import mapdeal
 from mapdeal.cli.main import main
-from mapdeal.report.document import Entry, Item, Report, Table
-from mapdeal.report.layers import page_layers
+from mapdeal.report.document import Entry, Item, Report, Table, page_layers
 from mapdeal.report.page import page_of
 from report import browsers
 from report.made import entry_of, layers_of

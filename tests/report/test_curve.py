@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mapdeal
-from mapdeal.report.body import curve_figure
+from mapdeal.report.page import curve_figure
 from report.test_markup import read
 
 

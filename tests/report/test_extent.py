@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 import mapdeal
 from mapdeal.kernels.blocks import lazy_layer
-from mapdeal.report.document import Item
-from mapdeal.report.layers import page_layers
+from mapdeal.report.document import Item, page_layers
 from mapdeal.report.tiles import extent_of
 
 

@@ -8,12 +8,10 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, esdf, potential
+from mapdeal.pictures.styles import POTENTIAL_OBSTACLE
 from mapdeal.pipeline.folder import _FILES
-from mapdeal.render.styles import POTENTIAL_OBSTACLE
-from mapdeal.report.body import body_of, legend_of
-from mapdeal.report.document import Entry, Item, Report
-from mapdeal.report.layers import kinds_of, page_layers
-from mapdeal.report.page import page_of
+from mapdeal.report.document import Entry, Item, Report, kinds_of, page_layers
+from mapdeal.report.page import body_of, legend_of, page_of
 
 ROOMS = """
     ?..##...

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.report.markup import Markup, element, escaped, joined
+from mapdeal.report.page import Markup, element, escaped, joined
 
 
 class Reader(HTMLParser):

@@ -8,8 +8,7 @@ import pytest
 
 import mapdeal
 from drawn import grid_from_text
-from mapdeal.report.document import Entry, Item, Report, Table
-from mapdeal.report.layers import page_layers
+from mapdeal.report.document import Entry, Item, Report, Table, page_layers
 from mapdeal.report.page import SCRIPTS, page_of, script_text
 from report.made import entry_of, layers_of
 

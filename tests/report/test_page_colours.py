@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from mapdeal import Costmap, OccupancyGrid, esdf
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.render.canvas import sheet
-from mapdeal.render.layers import cost_image, field_image, occupancy_image
-from mapdeal.report.layers import page_layers
+from mapdeal.pictures.canvas import sheet
+from mapdeal.pictures.layers import cost_image, field_image, occupancy_image
+from mapdeal.report.document import page_layers
 
 ORIGIN = (1.5, -2.0, 0.4)
 
@@ -23,7 +23,7 @@ def pictured(draw, grid):
         return sheet(pixels, palette, **rest)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mapdeal.render.canvas.sheet", record)
+        patch.setattr("mapdeal.pictures.canvas.sheet", record)
         draw(grid, title="t")
     pixels = np.asarray(seen["pixels"])
     step = pixels.shape[0] // grid.shape[0]

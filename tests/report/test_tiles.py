@@ -19,7 +19,7 @@ from mapdeal import OccupancyGrid, esdf
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.kernels.threads import use_threads
-from mapdeal.render.style import LayerStyle
+from mapdeal.pictures.colours import LayerStyle
 from mapdeal.report import tiles
 from mapdeal.report.document import PageLayer
 from mapdeal.report.tiles import encoded, finest_reduce

@@ -7,7 +7,7 @@ import pytest
 
 from mapdeal import Footprint, RobotParameters
 from mapdeal.grid.costmap import InflationLayer, StaticLayer
-from mapdeal.robot.parameters import ListedLayer, effect_of, on_map, reach_of
+from mapdeal.ros.robot import ListedLayer, effect_of, on_map, reach_of
 
 
 def _robot(*layers, track=True):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mapdeal.robot.parameters import (
+from mapdeal.ros.robot import (
     FootprintStringError,
     corners_of_string,
     oddities_of,

@@ -5,7 +5,7 @@ import warnings
 import pytest
 
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning, ParameterError
-from mapdeal.robot.load import found_in, is_ros2, read_robot
+from mapdeal.ros.load import found_in, is_ros2, read_robot
 
 NAV2 = """\
 global_costmap:

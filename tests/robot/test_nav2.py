@@ -8,7 +8,7 @@ import pytest
 
 import mapdeal
 from mapdeal.grid.costmap import InflationLayer, StaticLayer
-from mapdeal.robot.nav2 import nav2_robot
+from mapdeal.ros.nav2 import nav2_robot
 from recorded_costmaps import sum_of
 
 HEAD = "global_costmap:\n  global_costmap:\n    ros__parameters:\n"

@@ -5,9 +5,9 @@ import json
 import pytest
 import yaml
 
-from mapdeal.formats.ros_parameters.value import Problem
 from mapdeal.grid.costmap import InflationLayer, StaticLayer
-from mapdeal.robot.ros1 import ros1_robot
+from mapdeal.ros.ros1 import ros1_robot
+from mapdeal.ros.values import Problem
 
 FOOTPRINT = "footprint: [[-0.2, -0.1], [-0.2, 0.1], [0.3, 0.1], [0.3, -0.1]]\n"
 PLUGINS = """\

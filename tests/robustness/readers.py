@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, ParameterError
-from mapdeal.formats.dialects import DIALECTS
-from mapdeal.formats.image import IMAGE_FORMATS
+from mapdeal.maps.dialects import DIALECTS
+from mapdeal.maps.images import IMAGE_FORMATS
 from robustness import reading, seeds
 from robustness.words import (
     BAG_WORDS,

@@ -23,9 +23,16 @@ from mapdeal import (
     read_map_from_bag,
     read_robot_parameters,
 )
+from mapdeal.bags.messages import LASER_SCAN, POINT_CLOUD
+from mapdeal.bags.reader import open_bag
 from mapdeal.checks.lint import lint_file
-from mapdeal.checks.selection import selection_of
+from mapdeal.checks.selection import read_lint_config, selection_of
 from mapdeal.cli.options import numbers, pair, size_of
+from mapdeal.commands.lint import LintRules, ParameterFiles, lint_maps, list_sources, repair_maps
+from mapdeal.commands.report import gathered
+from mapdeal.commands.report_answers import LintAnswer, RouteAnswer, read_answer
+from mapdeal.commands.report_draft import Grids
+from mapdeal.commands.report_items import finding_items, items_of, lint_table, tables_of
 from mapdeal.editing.merge import chosen_layers, evidence_of
 from mapdeal.errors import (
     FileAccessError,
@@ -33,54 +40,41 @@ from mapdeal.errors import (
     MapdealError,
     ParameterError,
 )
-from mapdeal.formats.answers import LintAnswer, RouteAnswer, read_answer
-from mapdeal.formats.bags.messages import LASER_SCAN, POINT_CLOUD
-from mapdeal.formats.bags.reader import open_bag
-from mapdeal.formats.bit_maps import read_bit_map
-from mapdeal.formats.clouds.reader import cloud_chunks, read_cloud
-from mapdeal.formats.dialects import DIALECTS
-from mapdeal.formats.image import open_pixel_rows, read_image, read_image_size
-from mapdeal.formats.kinds import kind_of
-from mapdeal.formats.lint_config import read_lint_config
-from mapdeal.formats.listing import list_maps
-from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
-from mapdeal.formats.maps import open_map, read_map
-from mapdeal.formats.npz import npz_frame, open_npz, read_evidence, read_npz, read_reach
-from mapdeal.formats.pnm import decode_pbm, decode_pnm, pnm_comments
-from mapdeal.formats.points import (
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import FARTHEST, Frame
+from mapdeal.inputs.kinds import kind_of
+from mapdeal.inputs.listing import list_maps
+from mapdeal.maps.dialects import DIALECTS
+from mapdeal.maps.images import open_pixel_rows, read_image, read_image_size
+from mapdeal.maps.map_server import read_bit_map
+from mapdeal.maps.map_yaml import MapMetadata, read_metadata, yaml_of
+from mapdeal.maps.npz import npz_frame, open_npz, read_evidence, read_npz, read_reach
+from mapdeal.maps.pnm import decode_pbm, decode_pnm, pnm_comments
+from mapdeal.maps.reading import open_map, read_map
+from mapdeal.maps.shapes import read_shapes
+from mapdeal.pipeline.bag_maps import describe_bag
+from mapdeal.pipeline.bag_sensors import FrameOptions, clouds_of_bag
+from mapdeal.pipeline.folder import differences_from_golden
+from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.settings import DEFAULT_SETTINGS
+from mapdeal.report.page import page_of
+from mapdeal.ros.nav2 import nav2_robot
+from mapdeal.ros.ros1 import ros1_robot
+from mapdeal.ros.ros2_files import read_ros2
+from mapdeal.sensors.clouds import cloud_chunks, read_cloud
+from mapdeal.sensors.points import (
+    has_times,
     read_named_points,
     read_pairs,
     read_points,
     read_pose_lines,
+    read_poses,
+    read_trajectory,
+    read_transform,
 )
-from mapdeal.formats.poses import has_times, read_poses, read_trajectory, read_transform
-from mapdeal.formats.ros_parameters.ros2 import read_ros2
-from mapdeal.formats.scans.reader import open_log
-from mapdeal.formats.scans.source import ScanTexts
-from mapdeal.formats.shapes import read_shapes
-from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import FARTHEST, Frame
-from mapdeal.pipeline.bags.clouds import clouds_of_bag
-from mapdeal.pipeline.bags.frames import FrameOptions
-from mapdeal.pipeline.bags.inspect import describe_bag
-from mapdeal.pipeline.folder import differences_from_golden
-from mapdeal.pipeline.lint import (
-    LintRules,
-    ParameterFiles,
-    lint_maps,
-    list_sources,
-    repair_maps,
-)
-from mapdeal.pipeline.recipe import load_recipe
-from mapdeal.pipeline.reports.gather import gathered
-from mapdeal.pipeline.reports.grids import Grids
-from mapdeal.pipeline.reports.items import finding_items, items_of, lint_table, tables_of
-from mapdeal.pipeline.settings import DEFAULT_SETTINGS
-from mapdeal.report.page import page_of
-from mapdeal.robot.nav2 import nav2_robot
-from mapdeal.robot.ros1 import ros1_robot
+from mapdeal.sensors.scans import ScanTexts, open_log
 from mapdeal.stages.catalogue import STAGES
-from mapdeal.stages.parameters import parameters_of
+from mapdeal.stages.definition import parameters_of
 
 MEMORY = 70_000_000
 """Bytes that readers may take, of which they count 50 million as taken by the program."""

@@ -628,7 +628,7 @@ def write_stored():
     from PIL import Image
 
     from mapdeal import Costmap, Footprint, OccupancyGrid, Reach, esdf, potential
-    from mapdeal.formats.npz import write_npz
+    from mapdeal.maps.npz import write_npz
 
     grey = Image.frombytes("L", (WIDTH, HEIGHT), PIXELS)
 

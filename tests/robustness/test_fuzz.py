@@ -16,8 +16,8 @@ import pytest
 import mapdeal
 from mapdeal import Costmap, DistanceField, OccupancyGrid, PotentialField, read_cloud
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES
-from mapdeal.formats.image import IMAGE_FORMATS, read_image
+from mapdeal.maps.images import IMAGE_FORMATS, read_image
+from mapdeal.sensors.clouds import CLOUD_SUFFIXES
 from robustness import seeds
 from robustness.fuzz_readers import fuzz, read_seeds
 from robustness.mutation import Dice, mutant
@@ -34,12 +34,12 @@ READS = re.compile(
     r"|(scans|rows|numbers|pair|size_of)$|.*_(points|chunks|size|facts)$"
 )
 NOT_READERS = {
-    "formats.temporary.Temporary.open",  # makes a file
-    "pipeline.files.read_input", "pipeline.local.read_global_map",  # call readers, with warnings
-    "pipeline.files.read_summed", "pipeline.files.read_together",
-    "pipeline.reports.grids.Grids.open",
-    "pipeline.reports.items.lint_table",  # a table
-    "planning.terrain.Terrain.open_cell_of",  # a cell that is open
+    "files.transaction.Temporary.open",  # makes a file
+    "pipeline.inputs.read_input", "pipeline.local.read_global_map",  # call readers, with warnings
+    "pipeline.inputs.read_summed", "pipeline.inputs.read_together",
+    "commands.report_draft.Grids.open",
+    "commands.report_items.lint_table",  # a table
+    "planning.routes.Terrain.open_cell_of",  # a cell that is open
     "cli.bag_options.BagWords.scans",  # opens readers
     "cli.lint.lint", "cli.terminal.input_chunks",  # the command line
     "api.lint.lint", "api.recipe.load_recipe",  # call what commands call
@@ -77,7 +77,7 @@ def test_every_reader_of_the_project_is_fuzzed(tmp_path):
         watch.disable()
     reached = {entry.code for entry in watch.getstats()}
     found = dict(readers_of_project())
-    assert {"formats.image.read_image", "grid.footprint.Footprint.parse"} <= set(found)
+    assert {"maps.images.read_image", "grid.footprint.Footprint.parse"} <= set(found)
     assert set(found) >= NOT_READERS
     missed = {name for name, code in found.items() if code not in reached} - NOT_READERS
     assert not missed
@@ -86,7 +86,7 @@ def test_every_reader_of_the_project_is_fuzzed(tmp_path):
 def readers_of_project():
     """Yield names and code of public functions and methods that are called like readers."""
     for module in pkgutil.walk_packages(mapdeal.__path__, "mapdeal."):
-        if module.name.startswith(("mapdeal.kernels", "mapdeal.render", "mapdeal.__main__")):
+        if module.name.startswith(("mapdeal.kernels", "mapdeal.pictures", "mapdeal.__main__")):
             continue
         inside = importlib.import_module(module.name)
         place = module.name.removeprefix("mapdeal.")

@@ -15,7 +15,7 @@ import pytest
 
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.kernels.blocks import CacheBudget
-from mapdeal.pipeline import memory
+from mapdeal.pipeline import inputs as memory
 
 pytestmark = pytest.mark.slow
 

@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 from mapdeal import read_map, write_map
-from mapdeal.formats.temporary import Temporary
-from mapdeal.formats.transaction import Transaction
+from mapdeal.files.transaction import Temporary, Transaction
 
 pytestmark = pytest.mark.slow
 
@@ -140,7 +139,7 @@ def test_a_signal_before_a_block_can_clean_up_leaves_nothing(tmp_path, sent):
     code = f"""
 import signal, sys
 from mapdeal.cli.process import run_process
-from mapdeal.formats.transaction import Transaction
+from mapdeal.files.transaction import Transaction
 
 def interrupted(*_):
     signal.raise_signal({int(sent)})

@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 from mapdeal import OccupancyGrid, read_map
+from mapdeal.compare.score import FREE, OCCUPIED, UNKNOWN, compare_states, compare_to_truth
 from mapdeal.grid.frame import Frame, Transform
-from mapdeal.scoring.comparing import FREE, OCCUPIED, UNKNOWN, compare_states, compare_to_truth
 from recorded_scores import PAIRS, agreement, recorded_pairs
 
 GREYS = {UNKNOWN: 205, FREE: 254, OCCUPIED: 0}

@@ -7,13 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mapdeal.compare import score as alone
+from mapdeal.compare.bounds import figure_in, figures_named
+from mapdeal.compare.score import FREE, OCCUPIED, UNKNOWN, corners_of, enclosed_areas, score_alone
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.threads import use_threads
-from mapdeal.scoring import alone
-from mapdeal.scoring.alone import corners_of, enclosed_areas, score_alone
-from mapdeal.scoring.bounds import figure_in, figures_named
-from mapdeal.scoring.comparing import FREE, OCCUPIED, UNKNOWN
 
 
 def rooms():

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mapdeal import ParameterError, ScoreBound
+from mapdeal.compare.bounds import checked_bounds, figures_named, judged
+from mapdeal.compare.score import compare_states
 from mapdeal.grid.frame import Frame
-from mapdeal.scoring.bounds import checked_bounds, figures_named, judged
-from mapdeal.scoring.comparing import compare_states
 from recorded_scores import flat
 
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapdeal import OccupancyGrid
+from mapdeal.compare.score import FREE, OCCUPIED, UNKNOWN, compare_states, compare_to_truth
 from mapdeal.grid.frame import Frame, Transform
-from mapdeal.scoring.comparing import FREE, OCCUPIED, UNKNOWN, compare_states, compare_to_truth
 
 SHAPES = st.tuples(st.integers(1, 9), st.integers(1, 12))
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mapdeal.compare import score as comparing
+from mapdeal.compare.score import gaussian_similarity, uniform_similarity
 from mapdeal.kernels.threads import use_threads
-from mapdeal.scoring import comparing
-from mapdeal.scoring.comparing import gaussian_similarity, uniform_similarity
 
 PIXELS = np.array([0.5, 1.0, 0.0])  # unknown, free, occupied
 

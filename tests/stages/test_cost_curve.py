@@ -19,8 +19,7 @@ from mapdeal import (
     ring_cost,
     threshold_cost,
 )
-from mapdeal.grid.cost_curve import MOST_LISTED
-from mapdeal.grid.costmap import InflationLayer
+from mapdeal.grid.costmap import MOST_LISTED, InflationLayer
 from mapdeal.pipeline.step import make_step
 from recorded_costmaps import recorded_costmaps
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import oracles
 from drawn import grid_from_text
 from mapdeal import DistanceField, OccupancyGrid, ParameterError, ViewScale, esdf, field_view
-from mapdeal.stages.field_values import squares_in
+from mapdeal.stages.esdf import squares_in
 from strategies import RESOLUTIONS, occupancies
 
 CONVENTIONS = st.sampled_from(["fast-planner", "center", "border"])
@@ -119,7 +119,7 @@ def test_a_strength_reaches_as_far_as_the_view_that_is_made_of_the_whole_map(mon
     field = esdf(OccupancyGrid(occupancy, 0.05), strength=0.4)
     expected = oracles.metric_view(occupancy, occupancy >= 100, 0.05, 1.0, 0.4)
     assert np.array_equal(field_view(field, view_range=1.0).occupancy, expected)
-    monkeypatch.setattr("mapdeal.stages.field_values._LARGEST_TABLE", 0)
+    monkeypatch.setattr("mapdeal.stages.esdf._LARGEST_TABLE", 0)
     assert np.array_equal(field_view(field, view_range=1.0).occupancy, expected)
 
 

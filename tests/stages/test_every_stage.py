@@ -13,8 +13,7 @@ from mapdeal import MalformedInputError, OccupancyGrid, ParameterError
 from mapdeal.pipeline.folder import files_of
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages import catalogue
-from mapdeal.stages.definition import Stage, meanings_of, stages_among
-from mapdeal.stages.parameters import parameters_of
+from mapdeal.stages.definition import Stage, meanings_of, parameters_of, stages_among
 
 STAGES = {" ".join(filter(None, (one.name, one.model))): one.function for one in catalogue.STAGES}
 MAPS = {

@@ -12,7 +12,7 @@ from made_up_stages import list_visit
 from mapdeal import ParameterError
 from mapdeal.grid.reach import Goal
 from mapdeal.pipeline.recipe import load_recipe
-from mapdeal.stages.goal_parameters import accept_goals, described_goals
+from mapdeal.stages.structured import accept_goals, described_goals
 
 KITCHEN, HALL = Goal(7.1, 3.2, "kitchen"), Goal(1.5, -2.0, "hall")
 

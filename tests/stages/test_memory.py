@@ -12,7 +12,7 @@ import pytest
 
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.kernels.engine import engine_name
-from mapdeal.pipeline.memory import bytes_in_memory
+from mapdeal.pipeline.inputs import bytes_in_memory
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.catalogue import STAGES
 

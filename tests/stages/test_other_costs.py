@@ -239,7 +239,7 @@ def test_a_field_clipped_inside_an_obstacle_only_has_no_view_per_map():
 
 def test_views_of_long_distances_are_those_of_short_ones(monkeypatch):
     grid = OccupancyGrid([[100, 0, 0, 0, 0, 0, -1]], 0.25, (1.0, 2.0, 0.3))
-    monkeypatch.setattr("mapdeal.stages.field_values._LARGEST_TABLE", 0)
+    monkeypatch.setattr("mapdeal.stages.esdf._LARGEST_TABLE", 0)
     costmap = threshold_cost(grid, down=40, up=62, down_factor=0.5, up_factor=1.1)
     assert costmap.cost.tolist() == [[100, 95, 82, 31, 25, 0, -1]]  # as by hand above
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mapdeal.alignment.align import Alignment
-from mapdeal.alignment.align import align as align_grids
 from mapdeal.api.maps import Map, occupancy_of, transform_of
-from mapdeal.formats.map_yaml import Dialect
+from mapdeal.compare.align import Alignment
+from mapdeal.compare.align import align as align_grids
 from mapdeal.grid.frame import Transform
+from mapdeal.maps.map_yaml import Dialect
 from mapdeal.pipeline.settings import Settings
 
 

@@ -7,6 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
+from mapdeal.commands.build import BuildSettings, build
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Point
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -14,7 +15,6 @@ from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.beams import BeamLimits
 from mapdeal.mapping.build import BuiltMap, Method
 from mapdeal.mapping.transforms import Pose, check_pose
-from mapdeal.pipeline.build import BuildSettings, build
 from mapdeal.pipeline.settings import Settings
 
 
@@ -60,7 +60,7 @@ def read_map_from_bag(
     MapdealWarning
         If the bag is damaged; the intact part is read.
     """
-    from mapdeal.pipeline.bags.grids import grid_topic
+    from mapdeal.pipeline.bag_maps import grid_topic
 
     settings = Settings(max_memory=max_memory)
     with settings.memory(), grid_topic(Path(path), topic, read_as=read_as) as found:
@@ -132,8 +132,7 @@ def build_map_from_bag(
     MapdealWarning
         If scans were skipped or a choice had to be made, and as for `build_map_from_log`.
     """
-    from mapdeal.pipeline.bags.frames import FrameOptions
-    from mapdeal.pipeline.bags.scans import scans_of_bag
+    from mapdeal.pipeline.bag_sensors import FrameOptions, scans_of_bag
 
     settings = Settings(max_memory=max_memory, threads=threads)
     limits = BeamLimits(range_min, range_max, clear_max)

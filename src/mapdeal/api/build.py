@@ -6,14 +6,13 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from mapdeal.formats.scans.reader import open_log
-from mapdeal.formats.scans.source import DEFAULT_MAX_BAD
+from mapdeal.commands.build import BuildSettings, build
 from mapdeal.grid.frame import Point
 from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.beams import BeamLimits
 from mapdeal.mapping.build import BuiltMap, Method
-from mapdeal.pipeline.build import BuildSettings, build
 from mapdeal.pipeline.settings import Settings
+from mapdeal.sensors.scans import DEFAULT_MAX_BAD, open_log
 
 
 def build_map_from_log(

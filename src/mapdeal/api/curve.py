@@ -8,15 +8,15 @@ from typing import Any, get_args
 import numpy as np
 
 from mapdeal.errors import ParameterError
-from mapdeal.formats.npz import Grid
-from mapdeal.grid.cost_curve import CostCurve
+from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.field import View
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.pipeline.robot import step_for
+from mapdeal.maps.npz import Grid
+from mapdeal.pipeline.recipe import step_for
 from mapdeal.pipeline.step import make_step
-from mapdeal.robot.parameters import RobotParameters
+from mapdeal.ros.robot import RobotParameters
 from mapdeal.spelling import as_known
 
 _UNKNOWN_MAP = np.zeros((1, 1), dtype=np.int8)

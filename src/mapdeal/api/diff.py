@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.api.maps import Map, occupancy_of
-from mapdeal.checks.difference import WallShift, compare
-from mapdeal.checks.selection import Bound, Bounds
-from mapdeal.formats.map_yaml import Dialect
+from mapdeal.checks.selection import Bound, Bounds, WallShift, compare
+from mapdeal.commands.diff import DiffReport as FoundByFiles
+from mapdeal.commands.diff import diff_files
 from mapdeal.grid.display import Drawn
 from mapdeal.grid.frame import Frame
-from mapdeal.pipeline.diff import DiffReport as FoundByFiles
-from mapdeal.pipeline.diff import diff_files
+from mapdeal.maps.map_yaml import Dialect
 from mapdeal.pipeline.settings import Settings
 from mapdeal.records import dataclass
 

@@ -6,8 +6,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from mapdeal.formats.map_yaml import Dialect
-from mapdeal.pipeline.inspect import describe_file
+from mapdeal.commands.info import describe_file
+from mapdeal.maps.map_yaml import Dialect
 from mapdeal.pipeline.settings import Settings
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import get_args
 
 from mapdeal.checks.formats import LintReport
+from mapdeal.commands.lint import LintRules, ParameterFiles, lint_maps, list_sources
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Framed
-from mapdeal.pipeline.lint import LintRules, ParameterFiles, lint_maps, list_sources
 from mapdeal.pipeline.settings import Settings
-from mapdeal.robot.parameters import CostmapName
+from mapdeal.ros.robot import CostmapName
 
 
 def lint(

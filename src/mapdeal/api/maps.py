@@ -6,10 +6,10 @@ from os import PathLike
 from pathlib import Path
 
 from mapdeal.errors import ParameterError
-from mapdeal.formats.maps import as_occupancy, read_map
-from mapdeal.formats.npz import Grid
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.maps.npz import Grid
+from mapdeal.maps.reading import as_occupancy, read_map
 from mapdeal.pipeline.settings import Settings
 
 Map = str | PathLike[str] | Grid

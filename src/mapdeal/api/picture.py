@@ -15,12 +15,9 @@ from mapdeal.api.diff import DiffReport
 from mapdeal.api.score import Score
 from mapdeal.editing.merge import Merged
 from mapdeal.errors import ParameterError, one_line
-from mapdeal.formats.npz import Grid
-from mapdeal.formats.png import write_indexed_png
-from mapdeal.formats.transaction import Transaction
+from mapdeal.files.transaction import Transaction
 from mapdeal.grid.bit_map import BitMap
-from mapdeal.grid.cost_curve import CostCurve
-from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
@@ -31,15 +28,24 @@ from mapdeal.grid.route import Route
 from mapdeal.mapping.build import BuiltMap
 from mapdeal.mapping.local_map import LocalMap
 from mapdeal.mapping.transforms import check_pose
+from mapdeal.maps.npz import Grid
+from mapdeal.maps.png import write_indexed_png
+from mapdeal.pictures.canvas import Image
+from mapdeal.pictures.comparisons import difference_image, merge_image
+from mapdeal.pictures.cost_curve import cost_curve_image
+from mapdeal.pictures.overlay import (
+    DEFAULT_EXTENT,
+    ImageExtent,
+    Overlay,
+    Overlays,
+    PoseOverlay,
+    RobotOverlay,
+    RouteOverlay,
+)
+from mapdeal.pictures.raster import DEFAULT_IMAGE_MAX
 from mapdeal.pipeline.folder import PICTURE, files_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.records import dataclass
-from mapdeal.render.cost_curve import cost_curve_image
-from mapdeal.render.difference import difference_image, merge_image
-from mapdeal.render.overlay import Overlay, Overlays, PoseOverlay, RobotOverlay, RouteOverlay
-from mapdeal.render.pen import Image
-from mapdeal.render.raster import DEFAULT_IMAGE_MAX
-from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
 Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Merged | Score | CostCurve
 """What there are pictures of."""

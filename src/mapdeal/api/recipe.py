@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from os import PathLike
 
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.formats.npz import Grid
 from mapdeal.grid.footprint import Footprint
+from mapdeal.maps.npz import Grid
 from mapdeal.pipeline import recipe as recipes
-from mapdeal.pipeline.applied import products_of
 from mapdeal.pipeline.recipe import Recipe
+from mapdeal.pipeline.run import products_of
 from mapdeal.pipeline.settings import Canvas, Settings
-from mapdeal.robot.parameters import RobotParameters
+from mapdeal.ros.robot import RobotParameters
 
 RecipeLike = str | PathLike[str] | Recipe | RobotParameters
 """A built-in recipe, a file, a recipe that was loaded, or a robot, whose costmap it is."""

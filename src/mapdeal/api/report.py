@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 
+from mapdeal.commands.report import LARGEST_PAGE
+from mapdeal.commands.report import write_report as write_page
 from mapdeal.errors import ParameterError
-from mapdeal.formats.map_yaml import Dialect
 from mapdeal.grid.display import OneLine
-from mapdeal.pipeline.reports.write import LARGEST_PAGE
-from mapdeal.pipeline.reports.write import write_report as write_page
+from mapdeal.maps.map_yaml import Dialect
 from mapdeal.pipeline.settings import Settings, is_whole
 from mapdeal.records import dataclass
 

@@ -7,10 +7,10 @@ from os import PathLike
 from pathlib import Path
 
 from mapdeal.errors import ParameterError
-from mapdeal.formats.map_yaml import Dialect
 from mapdeal.grid.values import check_choice
-from mapdeal.robot.load import read_robot
-from mapdeal.robot.parameters import CostmapName, RobotParameters
+from mapdeal.maps.map_yaml import Dialect
+from mapdeal.ros.load import read_robot
+from mapdeal.ros.robot import CostmapName, RobotParameters
 
 StrPath = str | PathLike[str]
 

@@ -9,13 +9,12 @@ from pathlib import Path
 
 from mapdeal.api.recipe import RecipeLike, load_recipe
 from mapdeal.errors import ParameterError, strict_warnings
-from mapdeal.formats.map_yaml import Dialect
 from mapdeal.grid.footprint import Footprint
-from mapdeal.pipeline.applied import RunReport
-from mapdeal.pipeline.run import run_map
+from mapdeal.maps.map_yaml import Dialect
+from mapdeal.pictures.overlay import DEFAULT_EXTENT, ImageExtent
+from mapdeal.pictures.raster import DEFAULT_IMAGE_MAX
+from mapdeal.pipeline.run import RunReport, run_map
 from mapdeal.pipeline.settings import Canvas, Settings
-from mapdeal.render.raster import DEFAULT_IMAGE_MAX
-from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
 
 def run(

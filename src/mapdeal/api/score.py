@@ -10,17 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.api.maps import Map, occupancy_of, transform_of
+from mapdeal.commands.score import Asked, ScoreReport, score_files, score_grids, title_of, walls_of
+from mapdeal.compare.bounds import ScoreBound
+from mapdeal.compare.score import Comparison
 from mapdeal.errors import ParameterError, one_line
-from mapdeal.formats.map_yaml import Dialect
 from mapdeal.grid.display import Drawn
 from mapdeal.grid.frame import Frame, Transform
-from mapdeal.pipeline.score import Asked, ScoreReport, score_files, score_grids, title_of, walls_of
+from mapdeal.maps.map_yaml import Dialect
+from mapdeal.pictures.canvas import Image
+from mapdeal.pictures.comparisons import score_image
 from mapdeal.pipeline.settings import Settings
 from mapdeal.records import dataclass
-from mapdeal.render.pen import Image
-from mapdeal.render.score import score_image
-from mapdeal.scoring.bounds import ScoreBound
-from mapdeal.scoring.comparing import Comparison
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,1 +1,1 @@
-"""Checks of maps, each with a name and a severity: what ``mapdeal lint`` says."""
+"""What is wrong with maps and parameter files."""

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.checks.finding import CHECKS, Finding, places_of
+from mapdeal.checks.findings import CHECKS, Check, Finding, Remark, Severity, add_check, places_of
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
@@ -19,13 +21,27 @@ from mapdeal.errors import (
     emit_warning,
     kept_warnings,
 )
-from mapdeal.formats.budget import claim
-from mapdeal.formats.dialects import DIALECTS, cells_of, reader_of
-from mapdeal.formats.distinct_pixels import Counts, DistinctPixels
-from mapdeal.formats.endings import BIT_MAP
-from mapdeal.formats.image import IMAGE_FORMATS, open_passing
-from mapdeal.formats.kinds import MAP, recognised
-from mapdeal.formats.map_remarks import (
+from mapdeal.files.budget import claim
+from mapdeal.files.source import BIT_MAP
+from mapdeal.files.yaml_text import Entry, read_mapping
+from mapdeal.grid.costmap import Costmap, figures_of_costs
+from mapdeal.grid.field import FieldView, ViewScale
+from mapdeal.grid.frame import Frame, Point
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import FREE, OCCUPIED
+from mapdeal.inputs.kinds import MAP, recognised
+from mapdeal.kernels.blocks import Layer, blocks_of
+from mapdeal.kernels.components import MOST_PLACES, Cells, Components
+from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.lookup import histogram
+from mapdeal.maps.dialects import DIALECTS, cells_of, reader_of
+from mapdeal.maps.images import IMAGE_FORMATS, open_passing
+from mapdeal.maps.map_server import costs_of, find_bits, find_image, yaml_beside
+from mapdeal.maps.map_yaml import Dialect, MapMetadata, metadata_of
+from mapdeal.maps.npz import read_npz
+from mapdeal.maps.picture import Picture, Samples, Strips
+from mapdeal.maps.reading import as_occupancy, open_map
+from mapdeal.maps.remarks import (
     MAP_SAVER_UNKNOWN,
     FreedCells,
     count_of_lost,
@@ -33,26 +49,119 @@ from mapdeal.formats.map_remarks import (
     warn_of_cost_figures,
     warn_of_one_cost,
 )
-from mapdeal.formats.map_server import costs_of, find_bits, find_image, yaml_beside
-from mapdeal.formats.map_yaml import Dialect, MapMetadata, metadata_of
-from mapdeal.formats.maps import as_occupancy, open_map
-from mapdeal.formats.npz import read_npz
-from mapdeal.formats.picture import Picture
-from mapdeal.formats.ros_parameters.value import ParameterValue
-from mapdeal.formats.strips import Strips
-from mapdeal.formats.yaml_text import Entry, read_mapping
-from mapdeal.grid.costmap import Costmap, figures_of_costs
-from mapdeal.grid.field import FieldView, ViewScale
-from mapdeal.grid.frame import Frame, Point
-from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import FREE, OCCUPIED
-from mapdeal.kernels.blocks import Layer, blocks_of
-from mapdeal.kernels.components import MOST_PLACES, Cells, Components
-from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.lookup import histogram
 from mapdeal.records import dataclass
-from mapdeal.robot.load import Name
-from mapdeal.robot.parameters import CostmapName, Flavour, RobotParameters
+from mapdeal.ros.load import Name
+from mapdeal.ros.robot import CostmapName, Flavour, RobotParameters
+from mapdeal.ros.values import ParameterValue
+
+Codes = NDArray[np.uint64]
+Counts = NDArray[np.int64]
+
+_PIXELS_TOGETHER = 1 << 18
+_MOST_KEPT = 1 << 16
+_BITS = 16
+
+
+class DistinctPixels:
+    """Counts the different pixels of pictures that are of one kind, such as strips of a picture."""
+
+    def __init__(self, report: Callable[[Picture, Counts], None]) -> None:
+        self.firsts: dict[int, int] = {}
+        """The first pixel of each opaque 8-bit grey, or index of a palette, by its number."""
+        self._seen = 0
+        self._report = report
+        self._kind: Picture | None = None
+        self._greys = np.zeros(0, dtype=np.int64)
+        self._others: list[tuple[Codes, Counts]] = []
+
+    def add(self, picture: Picture) -> None:
+        """Count the pixels of some rows."""
+        self._kind = picture
+        for band in picture.bands(_PIXELS_TOGETHER):
+            self._add_band(band)
+
+    def finish(self) -> None:
+        """Report what was counted and not yet reported."""
+        kind = self._kind
+        if kind is None:
+            return
+        greys = np.flatnonzero(self._greys)
+        if greys.size:
+            channels = [greys] * (3 if kind.samples.ndim == 3 else 1)
+            if kind.alpha is not None:
+                channels.append(np.full_like(greys, kind.opaque))
+            self._report(_row(channels, kind), self._greys[greys])
+        self._greys = self._greys[:0]
+        self._tell_of_others(kind)
+
+    def _add_band(self, picture: Picture) -> None:
+        """Count some pixels: grey and opaque ones, which are most, without sorting."""
+        grey, others = picture.greys_and_others()
+        counts = histogram(grey) if grey.dtype == np.uint8 else None
+        if counts is not None:
+            self._note_firsts(grey, others, counts)
+        self._seen += grey.size
+        if others.any():
+            self._add_others(picture.only(others))
+            grey = grey[~others][np.newaxis]
+            counts = None if counts is None else histogram(grey)
+        if counts is None:
+            counts = np.bincount(grey.reshape(-1), minlength=256)
+        if len(counts) > len(self._greys):
+            counts, self._greys = self._greys, counts
+        self._greys[: len(counts)] += counts
+
+    def _note_firsts(self, grey: Samples, others: NDArray[np.bool_], counts: Counts) -> None:
+        """Note where the greys are that have not come up before, few as they are."""
+        new = [value for value in np.flatnonzero(counts).tolist() if value not in self.firsts]
+        for value in new:
+            is_here = (grey == value).reshape(-1)
+            first = int(is_here.argmax())
+            if others.reshape(-1)[first]:
+                is_here &= ~others.reshape(-1)
+                first = int(is_here.argmax())
+            if is_here[first]:
+                self.firsts[value] = self._seen + first
+
+    def _add_others(self, row: Picture) -> None:
+        code = np.zeros(row.shape[1], dtype=np.uint64)
+        for channel in _channels_of(row):
+            code <<= np.uint64(_BITS)
+            code |= channel
+        self._others.append(np.unique(code, return_counts=True))
+        if sum(len(codes) for codes, _ in self._others) > _MOST_KEPT and self._kind is not None:
+            self._tell_of_others(self._kind)
+
+    def _tell_of_others(self, kind: Picture) -> None:
+        if not self._others:
+            return
+        listed, times = (np.concatenate(parts) for parts in zip(*self._others, strict=True))
+        self._others.clear()
+        codes, places = np.unique(listed, return_inverse=True)
+        counts = np.zeros(len(codes), dtype=np.int64)
+        np.add.at(counts, places, times)
+        count = (3 if kind.samples.ndim == 3 else 1) + (kind.alpha is not None)
+        shifts = [np.uint64(_BITS * k) for k in reversed(range(count))]
+        channels = [(codes >> shift) & np.uint64(0xFFFF) for shift in shifts]
+        self._report(_row(channels, kind), counts)
+
+
+def _channels_of(row: Picture) -> list[Samples]:
+    samples = row.samples[0]
+    channels = [samples] if samples.ndim == 1 else list(samples.T)
+    return channels if row.alpha is None else [*channels, row.alpha[0]]
+
+
+def _row(channels: Sequence[NDArray[np.integer[Any]]], kind: Picture) -> Picture:
+    """Return a picture of one row; the opacity, if the kind has one, is the last channel."""
+    alpha = None
+    if kind.alpha is not None:
+        alpha = channels[-1].astype(kind.alpha.dtype)[np.newaxis]
+        channels = channels[:-1]
+    samples = np.stack(channels, axis=-1).astype(kind.samples.dtype)[np.newaxis]
+    return replace(
+        kind, samples=samples if kind.samples.ndim == 3 else samples[..., 0], alpha=alpha
+    )
 
 
 def without_rounding_noise(value: float) -> float | None:
@@ -380,7 +489,6 @@ _HEAD = 1 << 16
 _OF_ROOMS = {"compiled": 22, "scipy": 106}
 """Bytes for each cell that looking for passages takes at its peak, by engine."""
 
-_PIXELS_TOGETHER = 1 << 18
 """Colours become wide numbers on the way to cells: not those of many pixels at once."""
 
 
@@ -573,3 +681,34 @@ def _line_in(place: str) -> tuple[int | None, str]:
     else:  # origin (line 3)
         others, _, number = place.removesuffix(")").rpartition(" (line ")
     return (int(number), others) if number.isdecimal() else (None, place)
+
+
+_FACTS = (PairFacts, GridFacts, RoomFacts, ParameterFacts, RobotFacts)
+
+CheckFunction = TypeVar(
+    "CheckFunction",
+    bound=Callable[[PairFacts], Iterator[Remark | str]]
+    | Callable[[GridFacts], Iterator[Remark | str]]
+    | Callable[[RoomFacts], Iterator[Remark | str]]
+    | Callable[[ParameterFacts], Iterator[Remark | str]]
+    | Callable[[RobotFacts], Iterator[Remark | str]],
+)
+
+
+def check(name: str, severity: Severity, about: str) -> Callable[[CheckFunction], CheckFunction]:
+    def added(function: CheckFunction) -> CheckFunction:
+        add_check(Check(name, severity, about, function, _facts_of(name, function)))
+        return function
+
+    return added
+
+
+def _facts_of(name: str, function: Callable[..., Any]) -> type:
+    hints = get_type_hints(function)
+    annotations = [hints.get(parameter) for parameter in inspect.signature(function).parameters]
+    for facts in _FACTS:
+        if annotations == [facts]:
+            return facts
+    known = " or ".join(facts.__name__ for facts in _FACTS)
+    rule = f"check {name} must have one parameter, annotated {known}"
+    raise TypeError(f"{rule}, got {annotations}")

@@ -13,14 +13,14 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cached_property
-from html import escape  # of the same marks; xml.sax takes ten times as long to import
+from html import escape
 from pathlib import Path, PurePath
 from typing import Any, Literal, overload
 from urllib.parse import quote_from_bytes
 
-from mapdeal.checks.finding import CHECKS, SEVERITIES, Finding, Severity
+from mapdeal.checks.findings import CHECKS, SEVERITIES, Finding, Severity
 from mapdeal.errors import FileAccessError, one_line
-from mapdeal.formats.source import absolute_path, normal_path
+from mapdeal.files.source import absolute_path, normal_path
 from mapdeal.grid.display import OneLine, count_text
 from mapdeal.records import dataclass
 

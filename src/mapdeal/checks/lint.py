@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import Any
 
 # The modules of checks: importing one adds its checks to the list.
-from mapdeal.checks import (
-    map_checks,  # noqa: F401
-    parameter_checks,  # noqa: F401
-)
+from mapdeal.checks import map_checks as map_checks
+from mapdeal.checks import parameter_checks as parameter_checks
 from mapdeal.checks.facts import PairFacts, RoomFacts, gather, gather_rooms
-from mapdeal.checks.finding import CHECKS, SEVERITIES, Check, Finding, Remark, declare_check
-from mapdeal.checks.run_checks import lint_run
+from mapdeal.checks.findings import CHECKS, SEVERITIES, Check, Finding, Remark, declare_check
+from mapdeal.checks.map_checks import lint_run
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.source import is_folder
+from mapdeal.files.source import is_folder
 
 LEFT_OUT = "lint.left-out"
 

@@ -18,15 +18,14 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from mapdeal.checks.check import check
-from mapdeal.checks.facts import ParameterFacts, RobotFacts
-from mapdeal.checks.finding import CHECKS, Check, Finding, Remark, Severity, declare_check
+from mapdeal.checks.facts import ParameterFacts, RobotFacts, check
+from mapdeal.checks.findings import CHECKS, Check, Finding, Remark, Severity, declare_check
 from mapdeal.errors import MapdealError
-from mapdeal.formats.ros_parameters.value import ParameterValue, Problem
 from mapdeal.grid.costmap import InflationLayer
 from mapdeal.records import dataclass
-from mapdeal.robot.load import Name, costmap_values, costmaps_in, flavour_of, found_in
-from mapdeal.robot.parameters import INJECTED, CostmapName, Flavour, RobotParameters
+from mapdeal.ros.load import Name, costmap_values, costmaps_in, flavour_of, found_in
+from mapdeal.ros.robot import INJECTED, CostmapName, Flavour, RobotParameters
+from mapdeal.ros.values import ParameterValue, Problem
 
 _COSTMAP = {
     "always_send_full_costmap", "footprint", "footprint_padding", "footprint_topic",

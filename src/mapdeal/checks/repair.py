@@ -11,16 +11,16 @@ import numpy as np
 
 from mapdeal.checks.facts import PairFacts, without_rounding_noise
 from mapdeal.errors import MalformedInputError, kept_warnings
-from mapdeal.formats.budget import PIECES, claim
-from mapdeal.formats.dialects import cells_of
-from mapdeal.formats.image import open_strips
-from mapdeal.formats.map_remarks import USUAL_FREE_THRESH, FreedCells, remark_on_freed
-from mapdeal.formats.map_yaml import Dialect
-from mapdeal.formats.npz import read_npz
+from mapdeal.files.budget import PIECES, claim
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.resample import is_turned, resampled
+from mapdeal.maps.dialects import cells_of
+from mapdeal.maps.images import open_strips
+from mapdeal.maps.map_yaml import Dialect
+from mapdeal.maps.npz import read_npz
+from mapdeal.maps.remarks import USUAL_FREE_THRESH, FreedCells, remark_on_freed
 from mapdeal.records import dataclass
 
 _COSTS = "holds costs, which are not repaired"

@@ -12,12 +12,12 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
+from mapdeal.commands.align import AlignReport, align_files
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Transform
 from mapdeal.mapping.transforms import check_pose
-from mapdeal.pipeline.align import AlignReport, align_files
 from mapdeal.pipeline.settings import Settings
-from mapdeal.stages.parameters import is_plain
+from mapdeal.stages.definition import is_plain
 
 _DECIMALS = 4
 

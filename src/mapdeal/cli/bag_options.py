@@ -13,9 +13,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.records import dataclass
 
 if TYPE_CHECKING:
-    from mapdeal.pipeline.bags.clouds import BagClouds
-    from mapdeal.pipeline.bags.frames import FrameOptions
-    from mapdeal.pipeline.bags.scans import BagScans
+    from mapdeal.pipeline.bag_sensors import BagClouds, BagScans, FrameOptions
 
 
 def index_option(condition: str) -> Any:
@@ -75,7 +73,7 @@ class BagWords:
                 raise ParameterError(rule, source=name)
 
     def frames(self, poses: Path | None) -> FrameOptions:
-        from mapdeal.pipeline.bags.frames import FrameOptions  # not loaded where there is no bag
+        from mapdeal.pipeline.bag_sensors import FrameOptions  # not loaded where there is no bag
 
         mount = None
         if self.mount is not None:
@@ -87,12 +85,12 @@ class BagWords:
         self, path: Path, poses: Path | None, *, has_poses: bool, is_raw: bool
     ) -> AbstractContextManager[BagClouds]:
         """Open the clouds of a bag."""
-        from mapdeal.pipeline.bags.clouds import clouds_of_bag
+        from mapdeal.pipeline.bag_sensors import clouds_of_bag
 
         frames = self.frames(poses)
         return clouds_of_bag(path, self.topics or [], frames, has_poses=has_poses, is_raw=is_raw)
 
     def scans(self, path: Path, poses: Path | None) -> AbstractContextManager[BagScans]:
-        from mapdeal.pipeline.bags.scans import scans_of_bag
+        from mapdeal.pipeline.bag_sensors import scans_of_bag
 
         return scans_of_bag(path, self.topics or [], self.frames(poses), deskew=self.deskew)

@@ -15,14 +15,13 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
+from mapdeal.commands.build import BuildSettings, build_file
 from mapdeal.errors import ParameterError
-from mapdeal.formats.kinds import is_bag
-from mapdeal.formats.scans.reader import open_log
-from mapdeal.formats.scans.source import DEFAULT_MAX_BAD, ScanSource, ScanTexts
+from mapdeal.inputs.kinds import is_bag
 from mapdeal.mapping.beams import BeamLimits
 from mapdeal.mapping.build import Method
-from mapdeal.pipeline.build import BuildSettings, build_file
 from mapdeal.pipeline.settings import Settings
+from mapdeal.sensors.scans import DEFAULT_MAX_BAD, ScanSource, ScanTexts, open_log
 
 _DEFAULT_METHOD: Method = "log-odds"
 
@@ -156,7 +155,7 @@ def build(
         passes = 2 if how.sizes_itself else 1
         bar = stack.enter_context(terminal.Progress(source.preparation + passes * source.count))
         if compare:
-            from mapdeal.pipeline.compare import compare_methods  # not loaded for one map
+            from mapdeal.commands.build import compare_methods  # not loaded for one map
 
             found = compare_methods(source, output, how, settings, advance=bar.advance)
         else:

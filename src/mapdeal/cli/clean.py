@@ -10,9 +10,9 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
+from mapdeal.commands.clean import clean_file
 from mapdeal.editing.clean import MIN_FREE, MIN_HOLE, MIN_OBSTACLE, CleanCounts, Patches
 from mapdeal.grid.display import count_text
-from mapdeal.pipeline.clean import clean_file
 from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)

@@ -87,7 +87,7 @@ def setting_words() -> Iterable[str]:
 def check_words(incomplete: str) -> Iterable[str]:
     """Return the names of the checks of lint, behind those that are already listed."""
     from mapdeal.checks import lint  # noqa: F401 - which registers them
-    from mapdeal.checks.finding import CHECKS
+    from mapdeal.checks.findings import CHECKS
 
     listed = incomplete.rpartition(",")[0]
     return [f"{listed},{name}" if listed else name for name in sorted(CHECKS)]

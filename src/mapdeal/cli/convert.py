@@ -13,11 +13,11 @@ from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
 from mapdeal.cli.streams import TO_STDOUT
+from mapdeal.commands.convert import BagTopic, Scale, convert_all, convert_file
 from mapdeal.errors import ParameterError
-from mapdeal.formats.map_yaml import Mode
-from mapdeal.pipeline.convert import BagTopic, Scale, convert_all, convert_file
+from mapdeal.maps.map_yaml import Mode
 from mapdeal.pipeline.settings import Settings
-from mapdeal.stages.parameters import is_plain
+from mapdeal.stages.definition import is_plain
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 

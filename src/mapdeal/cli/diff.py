@@ -8,13 +8,12 @@ from typing import Annotated
 
 import typer
 
-from mapdeal.checks.difference import STATES, Difference, WallShift
-from mapdeal.checks.selection import Bound, Bounds
+from mapdeal.checks.selection import STATES, Bound, Bounds, Difference, WallShift
 from mapdeal.cli import terminal
 from mapdeal.cli.options import OR_STDIN
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
-from mapdeal.pipeline.diff import DiffReport, diff_files
+from mapdeal.commands.diff import DiffReport, diff_files
 from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)

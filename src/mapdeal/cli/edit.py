@@ -14,15 +14,15 @@ from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options, with_shared_options
 from mapdeal.cli.stage_command import say_written
 from mapdeal.cli.streams import TO_STDOUT
+from mapdeal.commands.edit import Drawable, draw_on_file
 from mapdeal.editing.draw import draw
 from mapdeal.editing.window import blank as blank_of
 from mapdeal.editing.window import reset_region
 from mapdeal.errors import ParameterError
-from mapdeal.formats.shapes import read_shapes
 from mapdeal.grid.frame import Point
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import OverlayType
-from mapdeal.pipeline.edit import Drawable, draw_on_file
+from mapdeal.maps.shapes import read_shapes
 from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)

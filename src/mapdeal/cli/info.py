@@ -14,11 +14,11 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
+from mapdeal.commands.info import describe_file, describe_robot, robots_among
 from mapdeal.errors import one_line
-from mapdeal.pipeline.figures import said, summary_of
-from mapdeal.pipeline.inspect import describe_file, describe_robot, robots_among
+from mapdeal.pipeline.folder import said, summary_of
 from mapdeal.pipeline.settings import Settings
-from mapdeal.robot.parameters import CostmapName
+from mapdeal.ros.robot import CostmapName
 
 _LATEST = 253402300799
 """Seconds up to which Python has dates: the year 9999."""

@@ -16,12 +16,18 @@ from mapdeal.cli.completion import check_words
 from mapdeal.cli.many_maps import jobs_at_once, say_listing
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
+from mapdeal.commands.lint import (
+    LintRules,
+    ParameterFiles,
+    lint_maps,
+    list_sources,
+    repair_file,
+    repair_maps,
+)
 from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.grid.footprint import Footprint
-from mapdeal.pipeline.lint import LintRules, ParameterFiles, lint_maps, list_sources, repair_maps
-from mapdeal.pipeline.repair import repair_file
 from mapdeal.pipeline.settings import Settings
-from mapdeal.robot.parameters import CostmapName
+from mapdeal.ros.robot import CostmapName
 
 _SHAPE = ("footprint", "robot_radius", "footprint_padding", "robot_16_gon")
 

@@ -15,12 +15,10 @@ from mapdeal.cli import terminal
 from mapdeal.cli.run_batch import lines_of_local
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import BatchError, MapdealError, ParameterError, emit_warning, strict_warnings
-from mapdeal.formats.kinds import is_bag
-from mapdeal.formats.poses import has_times
 from mapdeal.grid.footprint import Footprint
+from mapdeal.inputs.kinds import is_bag
 from mapdeal.mapping.local_map import CloudFrame, LocalOptions, Unknown
 from mapdeal.mapping.transforms import Pose, check_pose
-from mapdeal.pipeline.applied import LOCAL_RECIPE, RunReport
 from mapdeal.pipeline.batch import SUMMARY, Job, Outcome, run_all
 from mapdeal.pipeline.local import (
     Keep,
@@ -35,8 +33,10 @@ from mapdeal.pipeline.local import (
     sequence_of_bag,
 )
 from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.run import LOCAL_RECIPE, RunReport
 from mapdeal.pipeline.settings import Settings
-from mapdeal.robot.parameters import RobotParameters
+from mapdeal.ros.robot import RobotParameters
+from mapdeal.sensors.points import has_times
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 

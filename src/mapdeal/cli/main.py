@@ -138,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _told(terminal.lost() or error)  # that results are lost is worse
     except FileAccessError as error:
         if error.is_missing and error.hint is None:
-            from mapdeal.formats.source import file_meant
+            from mapdeal.files.source import file_meant
 
             error.hint = file_meant(str(error.source))
         return _told(error)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mapdeal.cli import terminal
-from mapdeal.formats.listing import MapListing
+from mapdeal.inputs.listing import MapListing
 from mapdeal.kernels.threads import available_threads
 
 _MOST_PER_PROCESSOR = 4

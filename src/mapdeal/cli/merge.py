@@ -12,9 +12,9 @@ from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
 from mapdeal.cli.streams import FROM_STDIN
+from mapdeal.commands.merge import By, Known, MergeReport, merge_files
 from mapdeal.editing.merge import MapCounts, Rule
 from mapdeal.errors import ParameterError
-from mapdeal.pipeline.merge import By, Known, MergeReport, merge_files
 from mapdeal.pipeline.settings import Settings
 
 _WORDS: tuple[By, ...] = ("frames", "align")

@@ -13,8 +13,8 @@ from mapdeal.cli import terminal
 from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
 from mapdeal.errors import ParameterError
 from mapdeal.grid.resample import ResamplingRule
-from mapdeal.pipeline.figures import said
-from mapdeal.stages.parameters import Parameter, is_plain, parameters_of
+from mapdeal.pipeline.folder import said
+from mapdeal.stages.definition import Parameter, is_plain, parameters_of
 
 OR_STDIN = "Or - for an .npz on stdin."
 OR_STDOUT = "Or - for an .npz on stdout."

@@ -15,15 +15,14 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
+from mapdeal.commands.query import Answers, answers_at_poses, answers_of, costs_to_ask, field_to_ask
 from mapdeal.errors import FindingError, ParameterError, emit_warning
-from mapdeal.formats.points import NumberLines, read_points, read_pose_lines
-from mapdeal.formats.source import chunks_of
+from mapdeal.files.source import chunks_of
 from mapdeal.grid.footprint import Footprint, FootprintRule
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.query import Answers, answers_of, field_to_ask
-from mapdeal.pipeline.query_poses import answers_at_poses, costs_to_ask
 from mapdeal.pipeline.settings import Settings
-from mapdeal.robot.parameters import RobotParameters
+from mapdeal.ros.robot import RobotParameters
+from mapdeal.sensors.points import NumberLines, read_points, read_pose_lines
 from mapdeal.stages.esdf import esdf as esdf_stage
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)

@@ -11,15 +11,15 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
+from mapdeal.commands.reach import check_reached, reach_file
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
-from mapdeal.formats.points import read_named_points
-from mapdeal.formats.source import chunks_of
+from mapdeal.files.source import chunks_of
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Goal
-from mapdeal.pipeline.figures import summary_of
-from mapdeal.pipeline.reach import check_reached, reach_file
+from mapdeal.pipeline.folder import summary_of
 from mapdeal.pipeline.settings import Settings
-from mapdeal.robot.parameters import RobotParameters
+from mapdeal.ros.robot import RobotParameters
+from mapdeal.sensors.points import read_named_points
 from mapdeal.stages.reach import reach as reach_stage
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)

@@ -10,8 +10,8 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
-from mapdeal.formats.budget import size_text
-from mapdeal.pipeline.reports.write import LARGEST_PAGE, write_report
+from mapdeal.commands.report import LARGEST_PAGE, write_report
+from mapdeal.files.budget import size_text
 from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)

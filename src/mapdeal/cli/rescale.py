@@ -10,7 +10,7 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
-from mapdeal.pipeline.edit import rescale_file
+from mapdeal.commands.edit import rescale_file
 from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)

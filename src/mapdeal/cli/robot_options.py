@@ -7,11 +7,11 @@ from pathlib import Path
 
 from mapdeal.cli import terminal
 from mapdeal.errors import MapdealError, ParameterError
-from mapdeal.formats.map_yaml import Dialect
 from mapdeal.grid.footprint import Footprint
+from mapdeal.maps.map_yaml import Dialect
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
-from mapdeal.robot.parameters import INJECTED, CostmapName, RobotParameters
+from mapdeal.ros.robot import INJECTED, CostmapName, RobotParameters
 
 
 def robot_shape(
@@ -59,7 +59,7 @@ def robot_parameters(
             if value is not None:
                 raise ParameterError("needs --params-file", source=option)
         return None
-    from mapdeal.robot.load import read_robot  # few commands read one
+    from mapdeal.ros.load import read_robot  # few commands read one
 
     robot = read_robot(
         params_file,
@@ -82,7 +82,7 @@ def say_queue(path: Path, steps: Sequence[Step], settings: Settings) -> None:
     """Say, to who wants details, how the costs of a robot differ from those of an older queue."""
     if not terminal.is_verbose():
         return
-    from mapdeal.pipeline.older_queue import told_of_queue  # few ask
+    from mapdeal.pipeline.single import told_of_queue  # few ask
 
     for step in steps:
         try:

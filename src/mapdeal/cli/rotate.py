@@ -10,8 +10,8 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
+from mapdeal.commands.edit import rotate_file
 from mapdeal.errors import ParameterError
-from mapdeal.pipeline.edit import rotate_file
 from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)

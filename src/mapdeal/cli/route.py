@@ -13,12 +13,7 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
-from mapdeal.errors import ParameterError
-from mapdeal.formats.points import PairLine, read_pairs
-from mapdeal.formats.source import chunks_of
-from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.route import Method, Route
-from mapdeal.pipeline.route import (
+from mapdeal.commands.route import (
     HEURISTIC_WEIGHT,
     PLACES_OF_FIELD,
     Heuristic,
@@ -27,8 +22,13 @@ from mapdeal.pipeline.route import (
     compare_pairs,
     route_file,
 )
+from mapdeal.errors import ParameterError
+from mapdeal.files.source import chunks_of
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.route import Method, Route
 from mapdeal.pipeline.settings import Settings
-from mapdeal.robot.parameters import RobotParameters
+from mapdeal.ros.robot import RobotParameters
+from mapdeal.sensors.points import PairLine, read_pairs
 from mapdeal.stages.potential import potential as potential_stage
 
 _STDIN = Path("-")

@@ -18,16 +18,15 @@ from mapdeal.cli.robot_options import say_queue
 from mapdeal.cli.run_batch import run_batch, run_single, say_plans
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
-from mapdeal.formats.listing import list_maps
-from mapdeal.formats.source import absolute_path
+from mapdeal.files.source import absolute_path
 from mapdeal.grid.display import count_text
 from mapdeal.grid.footprint import Footprint
-from mapdeal.pipeline.applied import LOCAL_RECIPE, around_in
+from mapdeal.inputs.listing import list_maps
 from mapdeal.pipeline.batch import MapRun, Workers, jobs_of
 from mapdeal.pipeline.recipe import load_recipe
-from mapdeal.pipeline.run import output_folder
+from mapdeal.pipeline.run import LOCAL_RECIPE, around_in, output_folder
 from mapdeal.pipeline.settings import Canvas, Settings
-from mapdeal.robot.parameters import RobotParameters
+from mapdeal.ros.robot import RobotParameters
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -160,11 +159,11 @@ def run(
             workers = cluster = ClusterWorkers(client, scheduler, jobs)
             map_run = map_run.within(cluster.memory_of_each())
         elif size is not None and size > 1:
-            from mapdeal.pipeline.processes import ProcessWorkers  # slow to import
+            from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
 
             workers = ProcessWorkers(size)
         if page is not None:
-            from mapdeal.pipeline.reports.write import reported
+            from mapdeal.commands.report import reported
 
             made = [output] if is_batch else [all_jobs[0].folder]
             maps = [job.path for job in all_jobs]
@@ -191,7 +190,7 @@ def run(
 
 def _page_of(output: Path) -> Path:
     """Return where the report goes, which no other file may be."""
-    from mapdeal.pipeline.reports.draft import REPORT, check_replaceable
+    from mapdeal.commands.report_draft import REPORT, check_replaceable
 
     page = output / REPORT
     check_replaceable(page)

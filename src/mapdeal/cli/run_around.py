@@ -13,9 +13,9 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.mapping.local_map import CloudFrame, LocalOptions
 from mapdeal.mapping.transforms import check_pose
-from mapdeal.pipeline.applied import LOCAL_RECIPE
 from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
-from mapdeal.stages.parameters import unknown_name
+from mapdeal.pipeline.run import LOCAL_RECIPE
+from mapdeal.stages.definition import unknown_name
 
 if TYPE_CHECKING:
     from mapdeal.pipeline.local import Around
@@ -92,10 +92,7 @@ def around_of(
         return None
     if cloud is None and frame is not None:
         raise ParameterError("needs --cloud", source="--frame")
-    from mapdeal.pipeline.local import (
-        Around,  # slow to import, as the next
-        only_cloud,
-    )
+    from mapdeal.pipeline.local import Around, only_cloud
 
     place = check_pose(opt.numbers(pose, 3, "X,Y,YAW", "--pose"), "--pose")
     own = [text for text in changes or [] if text.strip().startswith(f"{LOCAL_RECIPE}.")]

@@ -10,9 +10,8 @@ from pathlib import Path
 
 from mapdeal.cli import terminal
 from mapdeal.errors import BatchError, MapdealError, one_line
-from mapdeal.formats.budget import size_text
+from mapdeal.files.budget import size_text
 from mapdeal.grid.framed import Figures
-from mapdeal.pipeline.applied import RunReport
 from mapdeal.pipeline.batch import (
     SUMMARY,
     Job,
@@ -26,7 +25,8 @@ from mapdeal.pipeline.batch import (
     run_all,
     text_of,
 )
-from mapdeal.pipeline.figures import summary_of
+from mapdeal.pipeline.folder import summary_of
+from mapdeal.pipeline.run import RunReport
 
 _LONGEST_REASON = 100
 _LEAST_COLUMN = 8

@@ -12,10 +12,8 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
-from mapdeal.errors import ParameterError
-from mapdeal.pipeline.score import Asked, ScoreReport, score_files
-from mapdeal.pipeline.settings import Settings
-from mapdeal.scoring.bounds import (
+from mapdeal.commands.score import Asked, ScoreReport, score_files
+from mapdeal.compare.bounds import (
     AGAINST_TRUTH,
     ALONE,
     COUNT,
@@ -30,6 +28,8 @@ from mapdeal.scoring.bounds import (
     unit_of,
     why_missing,
 )
+from mapdeal.errors import ParameterError
+from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 

@@ -17,10 +17,10 @@ from mapdeal.cli.options import size_of
 from mapdeal.cli.robot_options import robot_parameters, robot_shape
 from mapdeal.cli.streams import piped, streamed
 from mapdeal.errors import ParameterError, strict_warnings
-from mapdeal.formats.map_yaml import Dialect
+from mapdeal.maps.map_yaml import Dialect
+from mapdeal.pictures.overlay import ImageExtent
 from mapdeal.pipeline.settings import Settings
-from mapdeal.render.shown import ImageExtent
-from mapdeal.robot.parameters import CostmapName
+from mapdeal.ros.robot import CostmapName
 
 Command = Callable[..., None]
 

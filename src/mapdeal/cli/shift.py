@@ -8,8 +8,8 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
+from mapdeal.commands.edit import edit_file
 from mapdeal.editing.window import shift_origin
-from mapdeal.pipeline.edit import edit_file
 from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)

@@ -17,19 +17,18 @@ from mapdeal.cli.robot_options import say_queue
 from mapdeal.cli.shared_options import with_shared_options
 from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.formats.json_values import json_of
-from mapdeal.formats.map_writer import Encoding
+from mapdeal.files.json_values import json_of
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
-from mapdeal.pipeline.figures import summary_of
-from mapdeal.pipeline.folder import files_of
-from mapdeal.pipeline.robot import step_for
+from mapdeal.maps.map_server import Encoding
+from mapdeal.pipeline.folder import files_of, summary_of
+from mapdeal.pipeline.recipe import step_for
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.single import SingleResult, apply_to_file
 from mapdeal.pipeline.step import Step, make_step
-from mapdeal.robot.parameters import RobotParameters
+from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.catalogue import models_of
 from mapdeal.stages.definition import Stage
 

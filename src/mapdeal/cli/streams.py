@@ -58,8 +58,8 @@ def piped(values: Mapping[str, Any], marked: Mapping[str, bool]) -> Iterator[dic
     if sum(_dashes(values[name]) for name in inputs) > 1 and wanted:
         rule = "can be used for one input only: standard input is one file"
         raise ParameterError(rule, source="-")
-    from mapdeal.formats.streams import STDOUT, keep_npz
-    from mapdeal.formats.temporary import temporary_folder
+    from mapdeal.files.transaction import temporary_folder
+    from mapdeal.inputs.streams import STDOUT, keep_npz
 
     if output is not None:
         terminal.leave_stdout_to_data()

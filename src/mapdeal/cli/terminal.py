@@ -81,7 +81,7 @@ def call_files(names: Mapping[Path, str]) -> None:
 
 def send(path: Path) -> None:
     """Write a file to stdout; a reader that has gone has seen enough."""
-    from mapdeal.formats.source import chunks_of
+    from mapdeal.files.source import chunks_of
 
     for chunk in chunks_of(path):
         if _stdout_dropped:

@@ -10,7 +10,7 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
-from mapdeal.pipeline.bits import unpack_file
+from mapdeal.commands.pack import unpack_file
 from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)

@@ -12,12 +12,12 @@ from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
 from mapdeal.cli.streams import FROM_STDIN
+from mapdeal.commands.edit import change_file
 from mapdeal.editing.window import window as window_of
 from mapdeal.errors import ParameterError
-from mapdeal.formats.npz import Grid
 from mapdeal.grid.frame import region_of
-from mapdeal.pipeline.edit import change_file
-from mapdeal.pipeline.files import frame_of_file
+from mapdeal.maps.npz import Grid
+from mapdeal.pipeline.inputs import frame_of_file
 from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)

@@ -17,8 +17,8 @@ from mapdeal.grid.frame import Origin, Region
 from mapdeal.grid.framed import Figures, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN, Convention, UnknownPolicy
-from mapdeal.kernels.bilinear import interpolate
 from mapdeal.kernels.blocks import mapped, swept
+from mapdeal.kernels.lookup import interpolate
 from mapdeal.kernels.threads import in_parallel
 from mapdeal.records import dataclass
 from mapdeal.spelling import as_known

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.display import OneLine
-from mapdeal.kernels.point_cells import Precision, cells_of_points
+from mapdeal.kernels.clouds import Precision, cells_of_points
 
 CELL_TOLERANCE = 1e-9
 """In cells. Lengths that are exact multiples of the resolution on paper may come out of a

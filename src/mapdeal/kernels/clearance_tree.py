@@ -120,10 +120,10 @@ def _check(squared: SquaredDistances, is_traversable: NDArray[np.bool_]) -> None
 
 def _engine(cells: SquaredDistances) -> ModuleType:
     if engine_name() == "compiled":
-        from mapdeal.kernels import compiled_clearance
+        from mapdeal.kernels import clearance_compiled as compiled_clearance
 
         if compiled_clearance.fits(cells):
             return compiled_clearance
-    from mapdeal.kernels import clearance_twin
+    from mapdeal.kernels import clearance_numpy as clearance_twin
 
     return clearance_twin

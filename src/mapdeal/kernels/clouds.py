@@ -71,3 +71,79 @@ def cover_angles(angles: Floats, first: Floats, last: Floats) -> None:
     np.clip(bins, 0, len(first) - 1, out=bins)
     np.minimum.at(first, bins, angles)
     np.maximum.at(last, bins, angles)
+
+
+class Precision(NamedTuple):
+    """How exactly coordinates are known."""
+
+    rounding: float
+    tolerance: float
+    farthest: float
+
+
+def cells_of_points(
+    points_xy: NDArray[np.float64],
+    origin: tuple[float, float, float],
+    resolution: float,
+    precision: Precision,
+) -> NDArray[np.int64] | None:
+    """Return row and column of points, as if the grid went on for ever."""
+    if engine_name() != "compiled":
+        return None
+    from mapdeal.kernels import _rays
+
+    x, y, yaw = origin
+    cells = np.empty(points_xy.shape, dtype=np.int64)
+    is_near = _rays.cells(
+        np.ascontiguousarray(points_xy), cells, x, y, math.cos(-yaw), math.sin(-yaw),
+        resolution, *precision,
+    )  # fmt: skip
+    return cells if is_near else None
+
+
+MOST_EXPANSION = 132
+"""No LZF data expand to more than so many times their length: 264 bytes are a copy of 2."""
+
+
+def lzf_expanded(data: bytes, size: int) -> NDArray[np.uint8] | None:
+    if size > MOST_EXPANSION * len(data):
+        return None
+    expanded = np.empty(size, dtype=np.uint8)
+    if engine_name() == "compiled":
+        from mapdeal.kernels import _compiled
+
+        return expanded if _compiled.lzf_expand(data, expanded) else None
+    return expanded if _expand(data, memoryview(expanded.data)) else None
+
+
+def _expand(data: bytes, to: memoryview) -> bool:
+    place = filled = 0
+    while place < len(data):
+        control = data[place]
+        place += 1
+        if control < 32:
+            run = control + 1
+            if run > len(data) - place or run > len(to) - filled:
+                return False
+            to[filled : filled + run] = data[place : place + run]
+            place += run
+            filled += run
+            continue
+        run = control >> 5
+        if run == 7:
+            if place >= len(data):
+                return False
+            run += data[place]
+            place += 1
+        if place >= len(data):
+            return False
+        back = filled - ((control & 31) << 8) - data[place] - 1
+        place += 1
+        run += 2
+        if back < 0 or run > len(to) - filled:
+            return False
+        while run > 0:  # what is copied may be what was copied just now
+            part = min(run, filled - back)
+            to[filled : filled + part] = to[back : back + part]
+            filled, run = filled + part, run - part
+    return filled == len(to)

@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels import configuration_twin
+from mapdeal.kernels import configuration_numpy as configuration_twin
 from mapdeal.kernels.blocks import Layer
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.polygons import Spans
@@ -91,7 +91,7 @@ def memory(shape: tuple[int, int], heading_count: int, extent: int) -> int:
     """Return how many bytes a `ConfigurationSpace` and what can be reached take at most."""
     # Without the cells that are blocked, of which the caller has one byte each, or a lazy layer.
     if engine_name() == "compiled":
-        from mapdeal.kernels import compiled_configuration
+        from mapdeal.kernels import configuration_compiled as compiled_configuration
 
         return compiled_configuration.memory(shape, heading_count, extent)
     return configuration_twin.memory(shape, heading_count, extent)
@@ -111,7 +111,7 @@ class _OpenPoses(Protocol):
 
 def _open_poses(blocked: Layer, footprints: Sequence[Spans]) -> _OpenPoses:
     if engine_name() == "compiled":
-        from mapdeal.kernels import compiled_configuration
+        from mapdeal.kernels import configuration_compiled as compiled_configuration
 
         return compiled_configuration.OpenPoses(blocked, footprints)
     return configuration_twin.OpenPoses(blocked, footprints)

@@ -270,10 +270,10 @@ def _engine(marked: NDArray[np.bool_], height: int = 0) -> ModuleType:
         rule = f"a mask must be a bool array with two axes, not {marked.ndim} of {marked.dtype}"
         raise ValueError(rule)
     if engine_name() == "compiled" and marked.size > 0:
-        from mapdeal.kernels import compiled_distance
+        from mapdeal.kernels import distance_compiled as compiled_distance
 
         if max(*marked.shape, height) <= compiled_distance.longest_side():
             return compiled_distance
-    from mapdeal.kernels import scipy_distance
+    from mapdeal.kernels import distance_numpy as scipy_distance
 
     return scipy_distance

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels import ray_twin
+from mapdeal.kernels import rays_numpy as ray_twin
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import in_parallel, thread_count
 

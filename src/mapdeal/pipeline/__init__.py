@@ -1,1 +1,1 @@
-"""Recipes, runs and their outputs: what ties sources, stages and sinks together."""
+"""Recipes and what runs them: steps, folders, batches, workers."""

@@ -23,16 +23,15 @@ from mapdeal.errors import (
     refuse_warnings,
     strict_warnings,
 )
-from mapdeal.formats.json_values import json_of
-from mapdeal.formats.listing import ListedMap
-from mapdeal.formats.maps import open_map
-from mapdeal.formats.source import exists, ignores_case, is_same_file, sums_of_reads
-from mapdeal.formats.transaction import Transaction, make_folder
+from mapdeal.files.json_values import json_of
+from mapdeal.files.source import exists, ignores_case, is_same_file, sums_of_reads
+from mapdeal.files.transaction import Transaction, make_folder
+from mapdeal.inputs.listing import ListedMap
 from mapdeal.kernels.threads import available_threads
-from mapdeal.pipeline.applied import RunReport
-from mapdeal.pipeline.memory import Need, memory_budget, need_of
+from mapdeal.maps.reading import open_map
+from mapdeal.pipeline.inputs import Need, memory_budget, need_of
 from mapdeal.pipeline.recipe import Recipe
-from mapdeal.pipeline.run import output_folder, run_map
+from mapdeal.pipeline.run import RunReport, output_folder, run_map
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
 from mapdeal.records import dataclass
 

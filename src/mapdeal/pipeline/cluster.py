@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
-from mapdeal.formats.source import exists
+from mapdeal.files.source import exists
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.batch import Job, Outcome, Submit, Work, WorkerDiedError
 from mapdeal.records import dataclass

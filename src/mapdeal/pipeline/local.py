@@ -20,13 +20,9 @@ from mapdeal.errors import (
     ParameterError,
     emit_warning,
 )
-from mapdeal.formats.budget import claim, holding
-from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES, cloud_chunks
-from mapdeal.formats.json_values import json_of
-from mapdeal.formats.listing import list_files, numbered_folders
-from mapdeal.formats.maps import Source, as_occupancy, open_map
-from mapdeal.formats.poses import read_poses
-from mapdeal.formats.source import (
+from mapdeal.files.budget import claim, holding
+from mapdeal.files.json_values import json_of
+from mapdeal.files.source import (
     FileState,
     check_state,
     is_same_file,
@@ -40,23 +36,25 @@ from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.resample import frames_overlap
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
+from mapdeal.inputs.listing import list_files, numbered_folders
 from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions, RollingMapper, local_map
 from mapdeal.mapping.transforms import Pose
-from mapdeal.pipeline.applied import RunReport, around_in, products_of
-from mapdeal.pipeline.files import errors_named
+from mapdeal.maps.reading import Source, as_occupancy, open_map
+from mapdeal.pictures.overlay import PoseOverlay
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product, fill_together
-from mapdeal.pipeline.heard import heard
-from mapdeal.pipeline.memory import bytes_of, check_fits
+from mapdeal.pipeline.inputs import bytes_of, check_fits, errors_named
 from mapdeal.pipeline.recipe import Recipe
-from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.run import RunReport, around_in, products_of
+from mapdeal.pipeline.settings import Settings, heard
 from mapdeal.pipeline.step import Step
 from mapdeal.records import dataclass
-from mapdeal.render.overlay import PoseOverlay
+from mapdeal.sensors.clouds import CLOUD_SUFFIXES, cloud_chunks
+from mapdeal.sensors.points import read_poses
 from mapdeal.stages.definition import Stage
 
 if TYPE_CHECKING:
-    from mapdeal.pipeline.bags.clouds import BagClouds
+    from mapdeal.pipeline.bag_sensors import BagClouds
 
 Points = NDArray[np.float64]
 

@@ -2,26 +2,258 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
-from mapdeal.formats.endings import YAML
-from mapdeal.formats.source import exists, is_folder
-from mapdeal.formats.yaml_text import parse_value
+from mapdeal.files.source import YAML, exists, is_folder
+from mapdeal.files.yaml_text import OF_RECIPES, Entry, parse_value, read_mapping
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint
-from mapdeal.pipeline.recipe_file import Draft, Given, read_recipe_file
-from mapdeal.pipeline.robot import draft_for, put_map_rules, put_value
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
+from mapdeal.inputs.kinds import RECIPE, kind_of, other_kind, recognised
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.records import dataclass
-from mapdeal.robot.parameters import RobotParameters
+from mapdeal.ros.robot import RobotParameters
+from mapdeal.spelling import as_known
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
-from mapdeal.stages.definition import Stage
-from mapdeal.stages.parameters import unknown_name
+from mapdeal.stages.definition import Stage, unknown_name
+from mapdeal.stages.structured import layers_with
+
+_NO_STAGES = "a recipe needs stages: a list of stages"
+_LOOKS = (
+    'a recipe is the key stages: and below it a list, of items such as "- inflate: {radius: 0.3}"'
+)
+_LINE = re.compile(
+    r"(?:(?P<key>[^(]*) \()?line (?P<line>\d+)(?:, (?P<column>column \d+))?\)?"
+)  # fmt: skip
+
+
+class Given(dict[str, object]):
+    """The parameters that a stage is given, and where each comes from."""
+
+    def __init__(
+        self, values: Mapping[str, object] | None = None, sources: Mapping[str, str] | None = None
+    ) -> None:
+        super().__init__(values or {})
+        self.sources = dict(sources or {})
+
+    def put(self, values: Mapping[str, object], source: str | None = None) -> None:
+        """Set parameters, in the place of those of the same name."""
+        self.update(values)
+        for name in values:
+            self.sources.pop(name, None)
+            if source is not None:
+                self.sources[name] = source
+
+    def located(self, error: ParameterError, stage: str) -> ParameterError:
+        place = (error.place or "").replace(" ", ".")  # "inflate.footprint vertex 1"
+        for name, source in self.sources.items():
+            if error.source is None and f"{place}.".startswith(f"{stage}.{name}."):
+                error.source = source
+        return error
+
+
+Draft = list[tuple[str, Given]]
+
+
+def read_recipe_file(path: Path, name: str) -> Draft:
+    """Return the stages of a recipe's file, of which only names and order are checked."""
+    try:
+        entries = _entries_in(path)
+        for key, entry in entries.items():
+            if key != "stages":
+                error = unknown_name("key", key, ["stages"])
+                error.hint = _LOOKS if models_of(as_known(key, STAGE_NAMES)) else error.hint
+                raise _at(entry, error, name)
+        if not entries:
+            raise ParameterError(_NO_STAGES, source=name, hint=_LOOKS)
+        items = _items_of(entries["stages"], name)
+        draft: Draft = []
+        for item in items:
+            stage, given = _stage_of(item, name)
+            _check_place(item, stage, [done for done, _ in draft], name)
+            draft.append((stage, given))
+    except MalformedInputError as error:
+        raise _as_usage(error, name) from None
+    return draft
+
+
+def _entries_in(path: Path) -> dict[str, Entry]:
+    with recognised(path, "a recipe", RECIPE):
+        entries = _mapping_in(path)
+    kind = None if "stages" in entries else kind_of(path)
+    if kind is not None:
+        raise other_kind(path, kind, "a recipe")
+    return entries
+
+
+def _mapping_in(path: Path) -> dict[str, Entry]:
+    try:
+        return read_mapping(path, OF_RECIPES)
+    except MalformedInputError as error:
+        if error.place is None:  # no mapping: an empty file, or stages without their key
+            error.hint = error.hint or _LOOKS
+        raise
+
+
+def _items_of(entry: Entry, name: str) -> list[Entry]:
+    if not isinstance(entry.node, yaml.SequenceNode) or not entry.node.value:
+        raise _at(entry, ParameterError(_NO_STAGES, hint=_LOOKS), name)
+    return entry.items()
+
+
+def _stage_of(item: Entry, name: str) -> tuple[str, Given]:
+    """Return stage and parameters of a list item, ``stage`` or ``stage: {...}``."""
+    rule = "an item of stages must look like stage: {parameter: value}"
+    if isinstance(item.node, yaml.ScalarNode) and not item.is_nothing():
+        return item.text(), Given()
+    if not isinstance(item.node, yaml.MappingNode) or len(item.node.value) != 1:
+        raise item.error(rule)
+    ((stage, below),) = item.fields().items()
+    if below.is_nothing():
+        return stage, Given()
+    if not isinstance(below.node, yaml.MappingNode):
+        raise item.error(rule)
+    fields = below.merged_fields()
+    values: dict[str, object] = {
+        key: Entry(field.source, f"{stage}.{key}", field.node).plain_value()
+        for key, field in fields.items()
+    }
+    return stage, Given(values, {key: f"{name}:{field.line}" for key, field in fields.items()})
+
+
+def _check_place(item: Entry, stage: str, before: Iterable[str], name: str) -> None:
+    """Refuse a stage that is not known, or cannot come where it stands."""
+    done = list(before)
+    if not models_of(stage):
+        raise _at(item, unknown_name("stage", stage, STAGE_NAMES), name)
+    if stage in done:
+        raise _at(item, ParameterError("a stage can run once", place=stage), name)
+    first = {one: next(iter(models_of(one).values())) for one in (*done, stage)}
+    works_on = next((one for one in reversed(done) if first[one].hands_on), None)
+    if works_on is None or not first[works_on].is_last:
+        return
+    if first[works_on].makes not in first[stage].takes:
+        rule = f"cannot follow {works_on}"
+        raise _at(item, ParameterError(rule, place=stage), name)
+
+
+def _at(entry: Entry, error: ParameterError, name: str) -> ParameterError:
+    error.source = f"{name}:{entry.line}"
+    return error
+
+
+def _as_usage(error: MalformedInputError, name: str) -> ParameterError:
+    """Return an error about what a file holds as one of usage, the line behind the file's name."""
+    found = _LINE.fullmatch(error.place or "")
+    source = name
+    if found is not None:
+        source += f":{found['line']}"
+        error.place = found["key"] or found["column"]
+    error.source = source
+    return ParameterError(str(error), hint=error.hint)
+
+
+def draft_for(robot: RobotParameters) -> Draft:
+    """Return the stages that make a robot's costmap of a map."""
+    # Each stage knows whether it has a part in that; of several models the first one that can do
+    # all that the layers do is taken.
+    draft: Draft = []
+    for name in STAGE_NAMES:
+        for model, stage in models_of(name).items():
+            values = stage.of_layers(robot.costmap_layers)
+            if values is not None:
+                given: dict[str, Any] = {} if model is None else {"model": model}
+                draft.append((name, Given({**given, **values})))
+                break
+    return draft
+
+
+def planned_shape(robot: RobotParameters) -> Footprint:
+    """Return a robot's shape as the costs of its planner have it."""
+    if robot.robot_radius is None:
+        return robot.footprint
+    return Footprint.circle(robot.inscribed_radius)
+
+
+def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> Step:
+    """Return the step of one stage for a robot; what is given wins over the robot's parameters."""
+    models = models_of(name)
+    own = _own_of(name, robot, given.get("model"))
+    if own is not None:
+        for key, value in given.items():
+            put_value(name, own, key, value)
+        return make_step(name, own)
+    wanted = given.get("model", next(iter(models)))
+    stage = models.get(wanted if isinstance(wanted, str) else None)
+    values: dict[str, object] = {}
+    if stage is not None and stage.robot is not None and stage.robot.replaces not in given:
+        values |= stage.robot.parameters(robot.footprint)
+    if stage is not None and "lethal_threshold" in stage.parameters and robot.static_layers:
+        values["lethal_threshold"] = max(robot.static_layers[-1].lethal_cost_threshold, 1)
+    return make_step(name, {**values, **given})
+
+
+def _own_of(name: str, robot: RobotParameters, model: object) -> Given | None:
+    """Return the parameters of a stage for a robot's layers, if it, or its model, follows them."""
+    own = dict(draft_for(robot)).get(name)
+    if own is None or model is None or model == own.get("model"):
+        return own
+    stage = models_of(name).get(model if isinstance(model, str) else None)
+    values = None if stage is None else stage.of_layers(robot.costmap_layers)
+    if stage is not None and stage.robot is not None and values is None:
+        rule = "cannot make what the layers of the parameter file make"
+        hint = f"model {own['model']} can, which is taken without it"
+        raise ParameterError(rule, place=f"{name}.model", got=model, hint=hint)
+    return None if values is None else Given({"model": model, **values})
+
+
+def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
+    """Make stages that look at a map for a robot read it as the robot's static layer does."""
+    # This sets the occupancy at which a cell is lethal, and whether unknown cells are free. Values
+    # set in the draft stay, and stages on a field or on costs do not need the first.
+    if not robot.static_layers:
+        return
+    layer = robot.static_layers[-1]
+    threshold = max(layer.lethal_cost_threshold, 1)
+    of_map = {} if threshold == DEFAULT_LETHAL_THRESHOLD else {"lethal_threshold": threshold}
+    of_all = {} if layer.track_unknown_space else {"through_unknown": True}
+    works_on: type[Any] = OccupancyGrid
+    for name, given in draft:
+        stage = next(iter(models_of(name).values()))
+        if stage.hands_on:
+            works_on = stage.makes
+        elif stage.robot is not None:
+            rules = {**of_all, **(of_map if works_on is OccupancyGrid else {})}
+            given.put({k: v for k, v in rules.items() if k in stage.parameters and k not in given})
+
+
+def put_value(
+    name: str, own: Given, key: str, value: object, source: str | None = None
+) -> None:  # fmt: skip
+    """Set a parameter of a stage, or of one of its layers if only layers have it."""
+    model = own.get("model")
+    stage = models_of(name).get(model if isinstance(model, str) else None)
+    layers: Any = own.get("layers")
+    if stage is not None and key not in stage.parameters and isinstance(layers, tuple):
+        try:
+            changed = layers_with(layers, key, value)
+        except ParameterError as error:
+            error.place = f"{name}.{error.place}"
+            error.source = error.source or source
+            raise
+        if changed is not None:
+            key, value = "layers", changed
+    own.put({key: value}, source)
+
 
 DEFAULT = "default"
 

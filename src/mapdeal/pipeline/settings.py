@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from numbers import Integral
 from pathlib import Path
-from typing import Any, Literal
+from threading import Lock
+from typing import Any, Literal, TypeVar
 
-from mapdeal.errors import ParameterError
-from mapdeal.formats.budget import use_memory
-from mapdeal.formats.map_yaml import Dialect
+from mapdeal.errors import ParameterError, heard_warnings, one_line
+from mapdeal.files.budget import use_memory
 from mapdeal.grid.values import check_choice
+from mapdeal.kernels.blocks import rows_reported
+from mapdeal.maps.map_yaml import Dialect
+from mapdeal.pictures.overlay import DEFAULT_EXTENT, ImageExtent
+from mapdeal.pictures.raster import DEFAULT_IMAGE_MAX
 from mapdeal.records import dataclass
-from mapdeal.render.raster import DEFAULT_IMAGE_MAX
-from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
 Canvas = Literal["crop", "full"]
 
@@ -78,3 +80,95 @@ class Settings:
 
 
 DEFAULT_SETTINGS = Settings()
+
+
+_STEPS = 1000  # of one pass through a layer
+
+
+class Told:
+    """Reports how much of some passes through lazy layers is done."""
+
+    def __init__(self, advance: Advance, passes: int) -> None:
+        self._advance = advance
+        self._passes = passes
+        self._lock = Lock()
+        self._done = 0.0
+        self._taken = 0
+
+    def tell(self, rows: int, height: int) -> None:
+        """Take note of some rows of a layer of a height, from any thread."""
+        with self._lock:
+            self._done += rows / height
+            self._reach(min(int(_STEPS * self._done + 1e-6), _STEPS * self._passes))
+
+    def finish(self) -> None:
+        """Report what is left: a pass that was not needed, since what it finds was known."""
+        with self._lock:
+            self._reach(_STEPS * self._passes)
+
+    def _reach(self, steps: int) -> None:
+        if steps > self._taken:
+            self._advance(steps - self._taken)
+            self._taken = steps
+
+
+@contextmanager
+def passes_reported(progress: ProgressCallback | None, passes: int) -> Iterator[None]:
+    """Report the passes through lazy layers that are made within a ``with`` block."""
+    if progress is None:
+        yield
+        return
+    with progress(passes * _STEPS) as advance:
+        told = Told(advance, passes)
+        with rows_reported(told.tell):
+            yield
+        told.finish()
+
+
+@contextmanager
+def report_nothing(_: int) -> Iterator[Advance]:
+    yield lambda _: None
+
+
+Item = TypeVar("Item")
+
+
+@contextmanager
+def heard(texts: list[str]) -> Iterator[None]:
+    """Add the texts of mapdeal's warnings in the block to a list when it ends."""
+    with heard_warnings() as told:
+        try:
+            yield
+        finally:
+            texts += map(str, told)
+
+
+def heard_from(items: Iterable[Item], texts: list[str]) -> Iterator[Item]:
+    """Yield items; add the texts of the warnings that come up while each is made, see `heard`."""
+    rest = iter(items)
+    while True:
+        with heard(texts):
+            try:
+                item = next(rest)
+            except StopIteration:
+                return
+        yield item
+
+
+def portable(texts: Iterable[str], files: Iterable[Path]) -> list[str]:
+    """Return warnings as they read wherever the files lie, each once: by their names alone."""
+    return _renamed(texts, {str(file): file.name for file in files})
+
+
+def located(texts: Iterable[str], files: Iterable[Path]) -> list[str]:
+    return _renamed(texts, {file.name: str(file) for file in files})
+
+
+def _renamed(texts: Iterable[str], names: dict[str, str]) -> list[str]:
+    """Return each text once, on one line, with another name of the file that it begins with."""
+    # A colon is behind the name, and a line may follow.
+    renamed: dict[str, None] = {}
+    for text in texts:
+        old = next((name for name in names if text.startswith(f"{name}:")), None)
+        renamed[one_line(text if old is None else names[old] + text.removeprefix(old))] = None
+    return list(renamed)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.formats.budget import holding
-from mapdeal.formats.map_writer import Encoding
-from mapdeal.formats.maps import as_occupancy, read_source
-from mapdeal.grid.cost_curve import CostCurve
-from mapdeal.grid.costmap import Costmap
+from mapdeal.errors import ParameterError, emit_warning, kept_warnings
+from mapdeal.files.budget import holding
+from mapdeal.grid.costmap import CostCurve, Costmap, InflationLayer
 from mapdeal.grid.framed import Figures
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
+from mapdeal.maps.map_server import Encoding
+from mapdeal.maps.reading import as_occupancy, read_source
+from mapdeal.pictures.overlay import KeepoutOverlay, Overlays
 from mapdeal.pipeline.folder import (
     PICTURE,
     one_pass,
@@ -23,13 +23,19 @@ from mapdeal.pipeline.folder import (
     write_curve,
     write_product,
 )
-from mapdeal.pipeline.memory import bytes_of, opened_map
-from mapdeal.pipeline.progress import passes_reported
-from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.inputs import (
+    add_picture,
+    bytes_of,
+    errors_named,
+    opened_map,
+    outputs_of,
+    read_input,
+)
+from mapdeal.pipeline.settings import Settings, passes_reported
 from mapdeal.pipeline.step import Step
 from mapdeal.records import dataclass
-from mapdeal.render.overlay import KeepoutOverlay, Overlays
 from mapdeal.stages.keepout import apply_keepout_mask
+from mapdeal.stages.older_queue import queue_difference
 
 
 @dataclass(frozen=True)
@@ -102,3 +108,27 @@ def apply_to_file(
             if remark is not None:
                 emit_warning(f"{path}: {remark}", stacklevel=2)
             return SingleResult(figures, costs)
+
+
+_PER_CELL = 60.0
+"""Bytes for each cell that the queue takes, measured and rounded up."""
+
+
+def told_of_queue(path: Path, step: Step, settings: Settings) -> str | None:
+    """Return how costs of exact distances differ from those of an older inflation layer's queue."""
+    if not _has_queue(step):
+        return None
+    with settings.memory(), kept_warnings():  # all of it was said when the costs were made
+        taken: Any = step.taken(read_input(path, settings, _PER_CELL).grid)
+        cells, largest = queue_difference(taken, step.parameters)
+    if not cells:
+        return f"{step.name}: no cell differs from the queue of older inflation layers"
+    differ = "1 cell differs" if cells == 1 else f"{cells} cells differ"
+    return f"{step.name}: {differ} from the queue of older inflation layers, by {largest} at most"
+
+
+def _has_queue(step: Step) -> bool:
+    layers = step.parameters.get("layers")
+    if layers is None:
+        return step.parameters.get("lookup") == "exact"
+    return any(isinstance(one, InflationLayer) and one.lookup == "exact" for one in layers)

@@ -9,22 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import MapdealError, ParameterError
-from mapdeal.formats.maps import as_occupancy
-from mapdeal.formats.npz import Grid
 from mapdeal.grid.canvas import FieldGrid
-from mapdeal.grid.cost_curve import CostCurve
-from mapdeal.grid.costmap import InflationLayer, StaticLayer
+from mapdeal.grid.costmap import CostCurve, InflationLayer, StaticLayer
 from mapdeal.grid.field import DistanceField, FieldView
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
+from mapdeal.maps.npz import Grid
+from mapdeal.maps.reading import as_occupancy
 from mapdeal.records import dataclass
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
-from mapdeal.stages.definition import Stage
+from mapdeal.stages.definition import Stage, accept_parameters, unknown_name, unknown_parameter
 from mapdeal.stages.esdf import field_view
-from mapdeal.stages.goal_parameters import described_goals
-from mapdeal.stages.layer_parameters import described_layer
-from mapdeal.stages.parameters import accept_parameters, unknown_name, unknown_parameter
+from mapdeal.stages.structured import described_goals, described_layer
 
 
 @dataclass(frozen=True)

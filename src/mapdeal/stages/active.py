@@ -14,8 +14,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.blocks import swept
 from mapdeal.kernels.components import drop_small_groups
-from mapdeal.stages.definition import InSimulation, stage
-from mapdeal.stages.parameters import AT_LEAST_0, CELLS, METRES
+from mapdeal.stages.definition import AT_LEAST_0, CELLS, METRES, InSimulation, stage
 
 Mask = NDArray[np.bool_]
 

@@ -7,8 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.cost_curve import CostCurve
-from mapdeal.grid.costmap import CostLookup, Costmap, CostmapLayers, InflationLayer
+from mapdeal.grid.costmap import CostCurve, CostLookup, Costmap, CostmapLayers, InflationLayer
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.values import (
@@ -22,17 +21,15 @@ from mapdeal.grid.values import (
 from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.records import dataclass
-from mapdeal.stages.cost import cost_model
+from mapdeal.stages.cost import ObstacleSource, check_lethal_threshold, cost_model, warn_of_strength
 from mapdeal.stages.cost_profile import (
     CostProfile,
     advice_on,
+    inflation_curve,
     resolution_is_float32,
     warn_of_radii,
 )
-from mapdeal.stages.definition import Parameters, RobotShape
-from mapdeal.stages.inflation_curve import inflation_curve
-from mapdeal.stages.obstacle_source import ObstacleSource, check_lethal_threshold, warn_of_strength
-from mapdeal.stages.parameters import (
+from mapdeal.stages.definition import (
     AT_LEAST_0,
     METRES,
     OCCUPANCY,
@@ -40,6 +37,8 @@ from mapdeal.stages.parameters import (
     PERCENT,
     FromRobot,
     LethalThreshold,
+    Parameters,
+    RobotShape,
 )
 
 _RADII = ("inscribed_radius", "circumscribed_radius")

@@ -15,8 +15,14 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import holds_everywhere, made_by_windows
 from mapdeal.kernels.dilation import inflated
-from mapdeal.stages.definition import InPlaceOf, RobotShape, stage
-from mapdeal.stages.parameters import AT_LEAST_0, METRES, LethalThreshold
+from mapdeal.stages.definition import (
+    AT_LEAST_0,
+    METRES,
+    InPlaceOf,
+    LethalThreshold,
+    RobotShape,
+    stage,
+)
 
 
 @stage(

@@ -8,8 +8,14 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.cost_curve import CostCurve
-from mapdeal.grid.costmap import Costmap, CostmapLayer, CostmapLayers, InflationLayer, StaticLayer
+from mapdeal.grid.costmap import (
+    CostCurve,
+    Costmap,
+    CostmapLayer,
+    CostmapLayers,
+    InflationLayer,
+    StaticLayer,
+)
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.values import (
@@ -24,13 +30,10 @@ from mapdeal.kernels.blocks import made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass
-from mapdeal.stages.cost import cost_model
-from mapdeal.stages.cost_profile import CostProfile, advice_on, warn_of_radii
-from mapdeal.stages.definition import Parameters
-from mapdeal.stages.inflation_curve import inflation_curve
-from mapdeal.stages.layer_parameters import LayerList
-from mapdeal.stages.obstacle_source import ObstacleSource, refuse_view, warn_of_strength
-from mapdeal.stages.parameters import AT_LEAST_0, COST, METRES, Bound, FromRobot
+from mapdeal.stages.cost import ObstacleSource, cost_model, refuse_view, warn_of_strength
+from mapdeal.stages.cost_profile import CostProfile, advice_on, inflation_curve, warn_of_radii
+from mapdeal.stages.definition import AT_LEAST_0, COST, METRES, Bound, FromRobot, Parameters
+from mapdeal.stages.structured import LayerList
 
 _OF_COSTMAP_2D = (StaticLayer(), InflationLayer())
 _OF_EMPTY_COSTMAP = Bound("0 or 255", lambda value: value in (FREE_SPACE, NO_INFORMATION))

@@ -9,15 +9,14 @@ import numpy as np
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.frame import check_point
 from mapdeal.grid.potential import LARGEST_GAIN, LARGEST_REPULSION, PotentialField
-from mapdeal.kernels.inverse_distance import sum_of_inverse_distances
-from mapdeal.stages.definition import stage
-from mapdeal.stages.obstacle_source import (
+from mapdeal.kernels.lookup import sum_of_inverse_distances
+from mapdeal.stages.cost import (
     ObstacleSource,
     check_lethal_threshold,
     obstacles_of,
     occupancy_with_obstacles,
 )
-from mapdeal.stages.parameters import FACTOR, POINT, REPULSION, Bound, LethalThreshold
+from mapdeal.stages.definition import FACTOR, POINT, REPULSION, Bound, LethalThreshold, stage
 
 GAIN = Bound(f"between 0 and {LARGEST_GAIN:g}", lambda value: 0 <= value <= LARGEST_GAIN)
 CAP = Bound(f"above 0, at most {LARGEST_REPULSION:g}", lambda value: 0 < value <= LARGEST_REPULSION)

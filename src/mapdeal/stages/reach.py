@@ -15,21 +15,20 @@ from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, reach_radius, robot_text
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
-from mapdeal.stages.definition import InPlaceOf, Parameters, RobotShape, stage
-from mapdeal.stages.goal_parameters import Goals
-from mapdeal.stages.obstacle_source import (
-    check_lethal_threshold,
-    obstacles_of,
-    occupancy_with_obstacles,
-)
-from mapdeal.stages.parameters import (
+from mapdeal.stages.cost import check_lethal_threshold, obstacles_of, occupancy_with_obstacles
+from mapdeal.stages.definition import (
     AT_LEAST_0,
     HEADINGS,
     METRES,
     POSE,
     SQUARE_METRES,
+    InPlaceOf,
     LethalThreshold,
+    Parameters,
+    RobotShape,
+    stage,
 )
+from mapdeal.stages.structured import Goals
 
 _SHOWN = 3
 

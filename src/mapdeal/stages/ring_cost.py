@@ -8,21 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.cost_curve import CostCurve
-from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.blocks import made_by_windows
 from mapdeal.kernels.dilation import ringed
-from mapdeal.stages.cost import cost_model
-from mapdeal.stages.definition import Parameters
-from mapdeal.stages.obstacle_source import (
+from mapdeal.stages.cost import (
     ObstacleSource,
     check_lethal_threshold,
+    cost_model,
     obstacles_of,
     warn_of_strength,
 )
-from mapdeal.stages.parameters import COST, PERCENT, LethalThreshold
+from mapdeal.stages.definition import COST, PERCENT, LethalThreshold, Parameters
 
 
 def _curve(source: Framed, parameters: Parameters) -> CostCurve:

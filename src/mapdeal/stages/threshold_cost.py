@@ -8,26 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.cost_curve import CostCurve, squares_up_to
-from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.costmap import CostCurve, Costmap, squares_up_to
 from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, whole_parts
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import looked_up, swept
 from mapdeal.records import dataclass
-from mapdeal.stages.cost import cost_model
-from mapdeal.stages.definition import InPlaceOf, Parameters
-from mapdeal.stages.esdf import Viewer, esdf
-from mapdeal.stages.field_values import furthest_kept
-from mapdeal.stages.obstacle_source import ObstacleSource, check_lethal_threshold
-from mapdeal.stages.parameters import (
+from mapdeal.stages.cost import ObstacleSource, check_lethal_threshold, cost_model
+from mapdeal.stages.definition import (
     ABOVE_0,
     AT_LEAST_0,
     FACTOR,
     METRES,
     PERCENT,
     VIEW_VALUE,
+    InPlaceOf,
     LethalThreshold,
+    Parameters,
 )
+from mapdeal.stages.esdf import Viewer, esdf, furthest_kept
 
 _HIGHEST_BELOW_OBSTACLE = 99
 

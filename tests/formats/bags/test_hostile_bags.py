@@ -15,10 +15,10 @@ import pytest
 from cli.test_memory_of_commands import measured
 from formats.bags.making import START, Maker, occupancy, ros2_store, scan, tf
 from mapdeal import FileAccessError, MalformedInputError
-from mapdeal.formats.bags.chunked import KeptChunks, zstd_module
-from mapdeal.formats.bags.decoding import Decoder
-from mapdeal.formats.bags.reader import open_bag
-from mapdeal.formats.budget import use_memory
+from mapdeal.bags.bag import KeptChunks, zstd_module
+from mapdeal.bags.messages import Decoder
+from mapdeal.bags.reader import open_bag
+from mapdeal.files.budget import use_memory
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
 

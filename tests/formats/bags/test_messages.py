@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from formats.bags.making import cloud, costmap, occupancy, odometry, ros2_store, scan, tf
 from mapdeal import Costmap, MalformedInputError, OccupancyGrid
-from mapdeal.formats.bags.messages import (
+from mapdeal.bags.messages import (
     NAV2_COSTMAP,
     OCCUPANCY_GRID,
     grid_of,

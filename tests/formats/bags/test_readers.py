@@ -21,9 +21,9 @@ from formats.bags.making import (
     words,
 )
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
-from mapdeal.formats.bags.bag import MessageIndex, Place, normalised_topic
-from mapdeal.formats.bags.decoding import Decoder
-from mapdeal.formats.bags.reader import chosen_connections, open_bag
+from mapdeal.bags.bag import MessageIndex, Place, normalised_topic
+from mapdeal.bags.messages import Decoder
+from mapdeal.bags.reader import chosen_connections, open_bag
 
 pytestmark = pytest.mark.slow
 

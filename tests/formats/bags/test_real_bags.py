@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from mapdeal import build_map_from_bag, build_map_from_log, read_map_from_bag
-from mapdeal.formats.bags.bag import normalised_type
-from mapdeal.formats.bags.decoding import Decoder
-from mapdeal.formats.bags.messages import LASER_SCAN, TF_TYPES, laser_scan_of, transforms_of
-from mapdeal.formats.bags.reader import open_bag
+from mapdeal.bags.bag import normalised_type
+from mapdeal.bags.messages import LASER_SCAN, TF_TYPES, Decoder, laser_scan_of, transforms_of
+from mapdeal.bags.reader import open_bag
 
 SCANS = ["mcap", "mcap-zstd-message", "sqlite3", "ros1.bag", "ros1-bz2.bag", "ros1-lz4.bag"]
 

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.formats.ros_parameters.ros1 import (
+from mapdeal.ros.ros1_files import (
     Ros1Namespace,
     as_mapping,
     merge,

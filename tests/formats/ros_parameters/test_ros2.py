@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.formats.ros_parameters.ros2 import matches, read_ros2
+from mapdeal.ros.ros2_files import matches, read_ros2
 
 
 @pytest.fixture

@@ -1,1 +1,0 @@
-"""Where one map lies in the frame of another: from two grids to a transform."""

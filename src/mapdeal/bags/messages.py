@@ -1,0 +1,376 @@
+"""Decoded messages as what mapdeal works with: scans, transforms, grids, points."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.bags.bag import Bag, Connection, Place
+from mapdeal.bags.reader import needs_bags
+from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.files.budget import claim
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.records import dataclass
+
+LASER_SCAN = "sensor_msgs/msg/LaserScan"
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+OCCUPANCY_GRID = "nav_msgs/msg/OccupancyGrid"
+NAV2_COSTMAP = "nav2_msgs/msg/Costmap"
+ODOMETRY = "nav_msgs/msg/Odometry"
+TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+GRID_TYPES = (OCCUPANCY_GRID, NAV2_COSTMAP)
+
+_SECOND = 10**9
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""The types of numbers in a PointField, by its constants."""
+
+_UPRIGHT = math.cos(math.radians(10))
+_MOST_POINTS = 1 << 32
+_LARGEST_ANGLE = 1000.0
+
+
+class Stamped(NamedTuple):
+    parent: str
+    child: str
+    time: int
+    translation: tuple[float, float, float]
+    quaternion: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class LaserScan:
+    frame: str
+    time: int
+    start: float
+    step: float
+    between: float
+    ranges: NDArray[np.float64]
+
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """Of the beams, shape (M,), radians."""
+        return self.start + self.step * np.arange(len(self.ranges), dtype=np.float64)
+
+    @property
+    def geometry(self) -> tuple[str, float, float, int]:
+        """Frame, first angle, step and number of readings."""
+        return self.frame, self.start, self.step, len(self.ranges)
+
+    def beam_times(self) -> NDArray[np.int64]:
+        """Return when each beam was measured, shape (M,), nanoseconds."""
+        after = np.arange(len(self.ranges)) * (self.between * _SECOND)
+        return np.asarray(self.time + np.rint(after).astype(np.int64))
+
+    def at(self, time: int) -> LaserScan:
+        return replace(self, time=time)
+
+
+def time_of(stamp: Any) -> int:
+    return int(stamp.sec) * _SECOND + int(stamp.nanosec)
+
+
+def frame_of(header: Any) -> str:
+    return str(header.frame_id).lstrip("/")
+
+
+def laser_scan_of(message: Any) -> LaserScan:
+    """Return a ``sensor_msgs/LaserScan``."""
+    # Source: REP 117: a reading of inf hits nothing, one of -inf is too near, one of nan means
+    # nothing. sensor_msgs/LaserScan: readings below ``range_min`` or above ``range_max`` are to be
+    # discarded. A reading of ``range_max`` is that of a beam that hits nothing, as with gmapping's
+    # ``maxRange``.
+    start, step = float(message.angle_min), float(message.angle_increment)
+    ranges = np.array(message.ranges, dtype=np.float64)
+    last = start + step * max(0, len(ranges) - 1)
+    if not (abs(start) <= _LARGEST_ANGLE and abs(last) <= _LARGEST_ANGLE):  # refuses nan, too
+        rule = "angle_min and angle_increment must be angles in radians"
+        raise MalformedInputError(rule, got=(start, step))
+    least, most = float(message.range_min), float(message.range_max)
+    with np.errstate(invalid="ignore"):
+        if math.isfinite(most) and most > 0:
+            ranges[ranges >= most] = np.inf
+        if math.isfinite(least):
+            ranges[ranges < least] = np.nan
+    between = float(message.time_increment)
+    return LaserScan(
+        frame_of(message.header), time_of(message.header.stamp), start, step,
+        between if math.isfinite(between) else 0.0, ranges,
+    )  # fmt: skip
+
+
+def transforms_of(message: Any) -> list[Stamped]:
+    """Return the transforms of a ``tf2_msgs/TFMessage`` or ``tf/tfMessage``."""
+    return [_stamped(one) for one in message.transforms]
+
+
+def _stamped(one: Any) -> Stamped:
+    move, turn = one.transform.translation, one.transform.rotation
+    return Stamped(
+        frame_of(one.header), str(one.child_frame_id).lstrip("/"), time_of(one.header.stamp),
+        (float(move.x), float(move.y), float(move.z)),
+        (float(turn.x), float(turn.y), float(turn.z), float(turn.w)),
+    )  # fmt: skip
+
+
+def odometry_of(message: Any) -> Stamped:
+    """Return the pose of a ``nav_msgs/Odometry`` as the transform that it stands for."""
+    place, turn = message.pose.pose.position, message.pose.pose.orientation
+    return Stamped(
+        frame_of(message.header), str(message.child_frame_id).lstrip("/"),
+        time_of(message.header.stamp), (float(place.x), float(place.y), float(place.z)),
+        (float(turn.x), float(turn.y), float(turn.z), float(turn.w)),
+    )  # fmt: skip
+
+
+def grid_of(message: Any, name: str, *, is_costs: bool) -> OccupancyGrid | Costmap:
+    """Return a ``nav_msgs/OccupancyGrid`` or a ``nav2_msgs/Costmap``."""
+    # The resolution is a float32 in both: it becomes the number with the fewest digits that stands
+    # for it, 0.05 and not 0.05000000074505806. The time that the map was loaded is left out.
+    if name == NAV2_COSTMAP:
+        info = message.metadata
+        width, height = int(info.size_x), int(info.size_y)
+    else:
+        info = message.info
+        width, height = int(info.width), int(info.height)
+    if len(message.data) != width * height:
+        rule = f"must have {width} x {height} values, has {len(message.data)}"
+        raise MalformedInputError(rule, place="data")
+    if not width * height:
+        raise MalformedInputError("has no cells", place="data")
+    resolution = float(str(np.float32(info.resolution)))
+    origin = _planar(info.origin)
+    data = np.asarray(message.data).reshape(height, width)
+    if name == NAV2_COSTMAP:
+        return Costmap(data.astype(np.uint8), resolution, origin, "costmap2d")
+    values = data.astype(np.int8)
+    if (values < -1).any() or (values > 100).any():
+        wrong = values[(values < -1) | (values > 100)][0]
+        raise MalformedInputError("must be -1 to 100", place="data", got=int(wrong))
+    if is_costs:
+        return Costmap(values, resolution, origin, "occupancy")
+    return OccupancyGrid(values, resolution, origin)
+
+
+def _planar(pose: Any) -> tuple[float, float, float]:
+    """Return x, y and yaw of a pose in the plane."""
+    place, turn = pose.position, pose.orientation
+    x, y, z, w = (float(part) for part in (turn.x, turn.y, turn.z, turn.w))
+    length = math.hypot(x, y, z, w)
+    if length == 0:  # of publishers that never set it: map_server takes it for no turn, too
+        x, y, z, w, length = 0.0, 0.0, 0.0, 1.0, 1.0
+    if not math.isfinite(length):
+        raise MalformedInputError("must be finite", place="origin")
+    x, y, z, w = x / length, y / length, z / length, w / length
+    if 1 - 2 * (x * x + y * y) < _UPRIGHT:
+        raise MalformedInputError("must lie in the plane: it leans by more than 10 degrees",
+                                  place="origin")  # fmt: skip
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return float(place.x), float(place.y), yaw
+
+
+def points_of(message: Any) -> NDArray[np.float64]:
+    """Return the points of a ``sensor_msgs/PointCloud2``."""
+    fields = {str(one.name): one for one in message.fields}
+    if not {"x", "y"} <= fields.keys():
+        raise MalformedInputError("must name x and y", place="fields", got=" ".join(fields))
+    order = ">" if message.is_bigendian else "<"
+    width, height = int(message.width), int(message.height)
+    step, row = int(message.point_step), int(message.row_step)
+    if not width or not height:
+        return np.empty((0, 3 if "z" in fields else 2))
+    if width * height > _MOST_POINTS:
+        raise MalformedInputError("has too many points", place="width, height")
+    if row < width * step:  # of drivers that leave it 0
+        row = width * step
+    data = np.ascontiguousarray(message.data).view(np.uint8)
+    if len(data) < (height - 1) * row + width * step:
+        rule = f"must have {height} rows of {row} bytes, has {len(data)}"
+        raise MalformedInputError(rule, place="data")
+    axes = [fields[name] for name in ("x", "y", "z") if name in fields]
+    points = np.empty((height, width, len(axes)))
+    for k, one in enumerate(axes):
+        if int(one.datatype) not in _NUMBERS:
+            rule = "must be of a datatype from 1 to 8"
+            raise MalformedInputError(rule, place=f"field {one.name}", got=int(one.datatype))
+        kind = np.dtype(order + _NUMBERS[int(one.datatype)])
+        if int(one.offset) + kind.itemsize > step:
+            rule = f"must lie within a point of {step} bytes"
+            raise MalformedInputError(rule, place=f"field {one.name}", got=int(one.offset))
+        with np.errstate(invalid="ignore"):  # of a signalling nan, which is one like others
+            points[..., k] = np.ndarray(
+                (height, width), kind, data.tobytes() if not data.flags.c_contiguous else data,
+                int(one.offset), (row, step),
+            )  # fmt: skip
+    return points.reshape(-1, len(axes))
+
+
+def points_of_scan(scan: LaserScan) -> NDArray[np.float64]:
+    """Return the points that a scan hits, in the frame of its sensor, shape (M, 2)."""
+    angles, hit = scan.angles, np.isfinite(scan.ranges)
+    ranges, angles = scan.ranges[hit], angles[hit]
+    return np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
+
+
+_T = TypeVar("_T")
+
+_COSTMAP = """\
+std_msgs/Header header
+nav2_msgs/CostmapMetaData metadata
+uint8[] data
+"""
+_COSTMAP_METADATA = """\
+builtin_interfaces/Time map_load_time
+builtin_interfaces/Time update_time
+string layer
+float32 resolution
+uint32 size_x
+uint32 size_y
+geometry_msgs/Pose origin
+"""
+
+_SEPARATOR = "=" * 80
+_LONGEST_DEFINITION = 100_000
+"""Characters: those of the types that are read have some thousand."""
+_LONGEST_ARRAYS = 10_000
+_OF_ARRAYS, _OF_OBJECTS = 4, 30
+"""Times the length of a message that it takes when it is decoded."""
+
+
+class Decoder:
+    """Makes messages of bytes."""
+
+    # A type is what the bag says it is; where it says nothing, as before ROS 2 Iron, what the
+    # latest ROS 2 has, which for the types that are asked for here has never changed.
+    def __init__(self, bag: Bag) -> None:
+        needs_bags(bag.path)
+        self._bag = bag
+        self._connections = {one.id: one for one in bag.connections}
+        self._readers: dict[int, Callable[[bytes], Any]] = {}
+
+    def message(self, place: Place) -> Any:
+        reader = self._readers.get(place.connection)
+        if reader is None:
+            reader = self._reader_of(self._connections[place.connection])
+            self._readers[place.connection] = reader
+        data = self._bag.data(place)
+        has_objects = self._connections[place.connection].type in TF_TYPES
+        needed = (_OF_OBJECTS if has_objects else _OF_ARRAYS) * len(data)
+        claim(self._bag.path, needed, what=f"the {len(data)} bytes of a message")
+        try:
+            return reader(data)
+        except Exception as error:  # noqa: BLE001 - decoders of damaged bytes fail in many ways
+            one = self._connections[place.connection]
+            rule = f"a message at {place.time} ns is not a valid {one.type}"
+            rule += f": {error or type(error).__name__}"
+            raise self._bag.malformed(rule, one.topic) from None
+
+    def read(self, place: Place, make: Callable[[Any], _T]) -> _T:
+        message = self.message(place)
+        topic = self._connections[place.connection].topic
+        try:
+            return make(message)
+        except ParameterError as error:
+            raise error.in_file(self._bag.path, topic) from None
+        except MalformedInputError as error:
+            if error.source is None:
+                error.place = ": ".join(part for part in (topic, error.place) if part)
+            raise error.found_in(self._bag.path) from None
+        except (AttributeError, TypeError, ValueError, OverflowError) as error:
+            name = self._connections[place.connection].type
+            raise self._bag.malformed(f"the bag has another {name}: {error}", topic) from None
+
+    def header(self, place: Place) -> tuple[int, str]:
+        """Return time (nanoseconds) and frame of the header of the message at a place."""
+        # The rest of the message is not decoded.
+        data = self._bag.data(place)
+        if self._connections[place.connection].encoding == "ros1":
+            order, start = "<", 4  # behind the number
+        else:
+            order, start = ("<" if data[1:2] == b"\x01" else ">"), 4  # behind the byte order
+        try:
+            seconds, nanoseconds, length = struct.unpack_from(f"{order}III", data, start)
+            frame = data[start + 12 : start + 12 + length]
+            if len(frame) < length:
+                raise ValueError
+            text = frame.rstrip(b"\0").decode()
+        except (struct.error, ValueError):
+            topic = self._connections[place.connection].topic
+            rule = f"a message at {place.time} ns has no header"
+            raise self._bag.malformed(rule, topic) from None
+        return seconds * 10**9 + nanoseconds, text.lstrip("/")
+
+    def _reader_of(self, connection: Connection) -> Callable[[bytes], Any]:
+        store, name = self._store_of(connection), connection.type
+        if connection.encoding == "ros1":
+            return lambda data: store.deserialize_ros1(data, name)
+        return lambda data: store.deserialize_cdr(data, name)
+
+    def _store_of(self, connection: Connection) -> Any:
+        try:
+            store = _store(connection.type, connection.definition, connection.is_idl)
+            if connection.type not in store.fielddefs:
+                rule = f"its type {connection.type} has no definition"
+                raise self._bag.malformed(rule, connection.topic)
+        except Exception as error:  # noqa: BLE001 - parsers of damaged texts fail in many ways
+            rule = f"its type {connection.type} cannot be parsed: {error}"
+            raise self._bag.malformed(rule, connection.topic) from None
+        return store
+
+
+@lru_cache(maxsize=32)  # of all bags: the readers that a store makes take longer than most messages
+def _store(name: str, definition: str, is_idl: bool) -> Any:
+    """Return the types of a definition, or those of the latest ROS 2 if there is none."""
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+    if not definition:
+        store = get_typestore(Stores.LATEST)
+        store.register(costmap_types())
+        return store
+    if len(definition) > _LONGEST_DEFINITION:
+        raise ValueError(f"{len(definition)} characters, the limit is {_LONGEST_DEFINITION}")
+    store = get_typestore(Stores.EMPTY)
+    if is_idl:
+        found = [get_types_from_idl(text) for text in _idl_parts(definition)]
+    else:
+        found = [get_types_from_msg(definition, name)]
+    for types in found:
+        _check_arrays(types)
+        store.register(types)
+    return store
+
+
+def _check_arrays(types: Any) -> None:
+    """Refuse arrays of fixed lengths for which rosbags would write endless code, or none."""
+    from rosbags.interfaces import Nodetype
+
+    lengths = [
+        inner[1]
+        for _, fields in types.values()
+        for _, (kind, inner) in fields
+        if kind == Nodetype.ARRAY
+    ]
+    if min(lengths, default=1) < 1 or sum(lengths) > _LONGEST_ARRAYS:
+        rule = f"fixed lengths of arrays must be 1 or more, and {_LONGEST_ARRAYS} together at most"
+        raise ValueError(rule)
+
+
+def costmap_types() -> Any:
+    """Return the types of a costmap of Nav2, which rosbags does not have."""
+    from rosbags.typesys import get_types_from_msg
+
+    types = get_types_from_msg(_COSTMAP, "nav2_msgs/msg/Costmap")
+    return types | get_types_from_msg(_COSTMAP_METADATA, "nav2_msgs/msg/CostmapMetaData")
+
+
+def _idl_parts(text: str) -> list[str]:
+    if not text.startswith(f"{_SEPARATOR}\nIDL: "):
+        return [text]
+    return [part.split("\n", 1)[1] for part in text.split(f"{_SEPARATOR}\n")[1:]]

@@ -1,1 +1,0 @@
-"""Findings of lint, in the formats that people and machines read."""

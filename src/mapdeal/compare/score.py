@@ -1,0 +1,642 @@
+"""Comparison of a map with the true one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.frame import Frame, Transform
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.resample import sampled
+from mapdeal.grid.values import FREE as FREE_VALUE
+from mapdeal.grid.values import OCCUPIED as OCCUPIED_VALUE
+from mapdeal.grid.values import UNKNOWN as UNKNOWN_VALUE
+from mapdeal.kernels.components import thickness_of, touching_groups
+from mapdeal.kernels.distance import squared_distance, unreachable
+from mapdeal.kernels.lookup import histogram, look_up
+from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, for_rows, in_parallel, thread_count
+from mapdeal.records import dataclass
+
+States = NDArray[np.uint8]
+"""`UNKNOWN`, `FREE` or `OCCUPIED`, shape (H, W)."""
+
+UNKNOWN, FREE, OCCUPIED = 0, 1, 2
+
+
+def states_of(values: NDArray[np.int8]) -> States:
+    """Return what cells are.
+
+    Examples
+    --------
+    >>> states_of(np.array([[-1, 0, 1, 99, 100]], np.int8)).tolist()
+    [[0, 1, 0, 0, 2]]
+    """
+    table = np.full(256, UNKNOWN, dtype=np.uint8)
+    table[[FREE_VALUE, OCCUPIED_VALUE]] = FREE, OCCUPIED
+    states: States = look_up(values, table)
+    return states
+
+
+_Mask = NDArray[np.bool_]
+
+_NEAR = 0.1
+"""Metres within which a wall counts as found."""
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class WallDistances:
+    """Distances of the wall cells of one map to the nearest wall cell of another, metres."""
+
+    n: int
+    mean: float | None = None
+    median: float | None = None
+    p95: float | None = None
+    max: float | None = None
+    share_lt_0p1: float | None = None
+    share_le_0p1: float | None = None
+
+
+def wall_distances(squares: NDArray[np.signedinteger], resolution: float) -> WallDistances:
+    """Return what there is to say of distances.
+
+    Notes
+    -----
+    Distances are those between cell centres: the root of a whole number of cells, times the
+    resolution. The median and the percentile are numpy's (linear). Squares are compared with
+    (0.1 / resolution) squared, so that two cells of 0.05 m are exactly 0.1 m.
+
+    Examples
+    --------
+    >>> found = wall_distances(np.array([0, 1, 4, 9], dtype=np.int32), 0.05)
+    >>> found.n, round(found.mean, 3), found.share_lt_0p1, found.share_le_0p1
+    (4, 0.075, 0.5, 0.75)
+    """
+    if not len(squares) or int(squares[0]) == unreachable(squares):
+        return WallDistances(len(squares))
+    metres = metres_of(squares, resolution)
+    limit = (_NEAR / resolution) ** 2
+    if math.isclose(limit, round(limit), rel_tol=_ROUNDING):
+        limit = round(limit)
+    median, p95 = np.percentile(metres, [50, 95])
+    return WallDistances(
+        len(squares),
+        float(metres.mean()),
+        float(median),
+        float(p95),
+        float(metres.max()),
+        float(np.count_nonzero(squares < limit) / len(squares)),
+        float(np.count_nonzero(squares <= limit) / len(squares)),
+    )
+
+
+def metres_of(squares: NDArray[np.signedinteger], resolution: float) -> NDArray[np.float64]:
+    """Return squared distances in cells as metres; infinite where there is nothing to reach."""
+    metres = np.sqrt(squares.astype(np.float64))
+    metres *= resolution
+    metres[squares == unreachable(squares)] = math.inf
+    return metres
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """Cells by whether the estimate has them occupied, and whether the truth has."""
+
+    tp: int
+    tn: int
+    fp: int
+    fn: int
+
+    @property
+    def precision(self) -> float | None:
+        """The share of the estimate's occupied cells that are occupied in the truth."""
+        return share(self.tp, self.tp + self.fp)
+
+    @property
+    def recall(self) -> float | None:
+        """The share of the truth's occupied cells that are occupied in the estimate."""
+        return share(self.tp, self.tp + self.fn)
+
+    @property
+    def mcc(self) -> float | None:
+        """Matthews' correlation coefficient, -1..1; None where one map has cells of one kind alone.
+
+        Examples
+        --------
+        >>> Confusion(6, 3, 1, 2).mcc
+        0.47809144373375745
+        """
+        tp, tn, fp, fn = self.tp, self.tn, self.fp, self.fn
+        product = (tp + fp) * (tp + fn) * (tn + fp) * (tn + fn)
+        return (tp * tn - fp * fn) / math.sqrt(product) if product else None
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Cells of two maps on one lattice, by what they are in each."""
+
+    counts: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, estimate: States, truth: States) -> Overlap:
+        """Return the counts of two maps on one lattice.
+
+        Examples
+        --------
+        >>> estimate, truth = np.array([[2, 1, 0]], np.uint8), np.array([[2, 2, 1]], np.uint8)
+        >>> Overlap.of(estimate, truth).counts
+        ((0, 0, 0), (1, 0, 0), (0, 1, 1))
+        """
+        from mapdeal.kernels.lookup import histogram
+
+        pairs = truth * np.uint8(3)
+        pairs += estimate
+        table = histogram(pairs)[:9].reshape(3, 3).tolist()
+        return cls(tuple(tuple(row) for row in table))
+
+    def _in_truth(self, state: int) -> int:
+        return sum(self.counts[state])
+
+    def _in_estimate(self, state: int) -> int:
+        return sum(row[state] for row in self.counts)
+
+    def iou(self, state: int) -> float | None:
+        """Return cells that are of a kind in both maps, per cell that is of it in one or both."""
+        both = self.counts[state][state]
+        return share(both, self._in_truth(state) + self._in_estimate(state) - both)
+
+    @property
+    def known_in_both(self) -> int:
+        """Cells that neither map has unknown."""
+        known = (FREE, OCCUPIED)
+        return sum(self.counts[one][other] for one in known for other in known)
+
+    @property
+    def coverage(self) -> float | None:
+        """The share of the truth's known cells that the estimate knows."""
+        return share(self.known_in_both, self._in_truth(FREE) + self._in_truth(OCCUPIED))
+
+    @property
+    def coverage_free(self) -> float | None:
+        """The share of the truth's free cells that the estimate knows."""
+        free = self.counts[FREE]
+        return share(free[FREE] + free[OCCUPIED], sum(free))
+
+    @property
+    def known_confusion(self) -> Confusion:
+        """Of cells that neither map has unknown."""
+        table = self.counts
+        return Confusion(
+            table[OCCUPIED][OCCUPIED],
+            table[FREE][FREE],
+            table[FREE][OCCUPIED],
+            table[OCCUPIED][FREE],
+        )
+
+    @property
+    def whole_confusion(self) -> Confusion:
+        """Of all cells of the lattice: unknown ones are not occupied."""
+        tp = self.counts[OCCUPIED][OCCUPIED]
+        fp, fn = self._in_estimate(OCCUPIED) - tp, self._in_truth(OCCUPIED) - tp
+        cells = sum(self._in_truth(state) for state in (UNKNOWN, FREE, OCCUPIED))
+        return Confusion(tp, cells - tp - fp - fn, fp, fn)
+
+
+def share(part: int, whole: int) -> float | None:
+    return part / whole if whole else None
+
+
+TOGETHER = 1 << 16
+"""Cells of a band of rows on which a thread works."""
+
+_LIBRARIES = 28_000_000
+"""scipy.ndimage, and what it loads."""
+
+_PER_CELL, _PER_WALL = 9.2, 12
+_OF_BAND, _AROUND = 90, 10
+"""Of a comparison: bytes for each cell, each wall cell of both maps, and each cell of a band, with
+the rows around it."""
+
+_PER_CELL_ALONE, _PER_WALL_ALONE = 7.2, 52
+_OF_BAND_ALONE, _AROUND_ALONE = 60, 40
+"""The same of a map on its own."""
+
+LEAST_ROWS_ALONE = 64
+"""Rows of a band there: with fewer most of the work would be what lies around them."""
+
+_PER_WALL_DRAWN = 40
+
+
+def bytes_to_compare(shape: tuple[int, int], walls: int, *, is_drawn: bool = False) -> int:
+    """Return about how many bytes it takes to compare a map with the truth, and to draw that."""
+    per_wall = _PER_WALL_DRAWN if is_drawn else _PER_WALL
+    return _bytes(shape, _PER_CELL, per_wall * walls, _OF_BAND, _AROUND, 1)
+
+
+def bytes_alone(shape: tuple[int, int], walls: int) -> int:
+    """Return about how many bytes it takes to score a map on its own, as `bytes_to_compare`."""
+    of_walls = _PER_WALL_ALONE * walls
+    return _bytes(shape, _PER_CELL_ALONE, of_walls, _OF_BAND_ALONE, _AROUND_ALONE, LEAST_ROWS_ALONE)
+
+
+def _bytes(
+    shape: tuple[int, int], per_cell: float, of_walls: int, of_band: int, around: int, least: int
+) -> int:  # fmt: skip
+    height, width = shape
+    rows = max(least, TOGETHER // width)
+    workers = min(thread_count(), -(-height // rows))
+    band = of_band * (min(rows, height) + around) * (width + around)
+    return int(_LIBRARIES + per_cell * height * width + of_walls + workers * band)
+
+
+_Floats = NDArray[np.floating[Any]]
+_Moments = tuple[_Floats, _Floats, _Floats, _Floats]
+"""Of the windows: both means, the mean of x * y, and that of x * x + y * y."""
+
+_C1, _C2 = 0.01**2, 0.03**2
+_UNIFORM = 7
+_SIGMA, _TRUNCATE, _GAUSSIAN = 1.5, 3.5, 11
+
+
+def uniform_similarity(first: States, second: States) -> float | None:
+    """Return the mean structural similarity over windows of 7 x 7 cells."""
+    # With all pixels of a window weighted alike, sample variances (N - 1), K1 = 0.01, K2 = 0.03 and
+    # a range of values of 1; windows that reach beyond the map are left out. That is what
+    # ``skimage.metrics.structural_similarity`` gives by default. Sums are whole numbers here, so
+    # that nothing is rounded before the last step.
+    # Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment: from error visibility to
+    # structural similarity", IEEE Transactions on Image Processing 13(4), 2004.
+    count = _UNIFORM**2
+    return _mean_similarity(first, second, _UNIFORM, _uniform_moments, count / (count - 1))
+
+
+def gaussian_similarity(first: States, second: States) -> float | None:
+    """Return the mean structural similarity over windows of 11 x 11 cells, weighted by a bell."""
+    # The weights are those of a Gaussian with a standard deviation of 1.5 cells, the variances
+    # those of the population, as Wang et al. have them; ``skimage.metrics.structural_similarity``
+    # with ``gaussian_weights=True``, ``sigma=1.5`` and ``use_sample_covariance=False``.
+    return _mean_similarity(first, second, _GAUSSIAN, _gaussian_moments, 1.0)
+
+
+def _mean_similarity(
+    first: States,
+    second: States,
+    window: int,
+    moments_of: Callable[[States, States], _Moments],
+    correction: float,
+) -> float | None:
+    height, width = first.shape
+    rows, cols = height - window + 1, width - window + 1
+    if rows < 1 or cols < 1:
+        return None
+    a, b = _half_pixels(first), _half_pixels(second)
+    sums = np.empty(rows)
+    step = max(1, TOGETHER // width)
+
+    def band(part: slice) -> None:
+        for start in range(part.start, part.stop, step):
+            stop = min(start + step, part.stop)
+            under = slice(start, stop + window - 1)
+            means = moments_of(a[under], b[under])
+            sums[start:stop] = _similarity(means, correction).sum(axis=1)
+
+    for_rows(band, (rows, cols))
+    return float(sums.sum() / (rows * cols))
+
+
+def _half_pixels(states: States) -> States:
+    """Return pixels in halves: 0 occupied, 1 unknown, 2 free."""
+    table = np.zeros(3, dtype=np.uint8)
+    table[[OCCUPIED, UNKNOWN, FREE]] = 0, 1, 2
+    halves: States = table[states]
+    return halves
+
+
+def _similarity(moments: _Moments, correction: float) -> _Floats:
+    mean_x, mean_y, mean_xy, mean_squares = moments
+    product = mean_x * mean_y
+    squares = mean_x * mean_x
+    squares += mean_y * mean_y
+    covariance = (mean_xy - product) * correction
+    variances = (mean_squares - squares) * correction
+    result: _Floats = (2 * product + _C1) * (2 * covariance + _C2)
+    result /= (squares + _C1) * (variances + _C2)
+    return result
+
+
+def _uniform_moments(a: States, b: States) -> _Moments:
+    def mean(values: States, part: float) -> _Floats:
+        return _window_sums(values) * (part / _UNIFORM**2)
+
+    return mean(a, 0.5), mean(b, 0.5), mean(a * b, 0.25), _squares_mean(a, b)
+
+
+def _squares_mean(a: States, b: States) -> _Floats:
+    sums = _window_sums(a * a).astype(np.float64)
+    sums += _window_sums(b * b)
+    sums *= 0.25 / _UNIFORM**2
+    return sums
+
+
+def _window_sums(values: States) -> States:
+    """Return the sums of all windows; 49 values of at most 4 make a byte."""
+    height, width = values.shape
+    across = values[:, : width - _UNIFORM + 1].copy()
+    for k in range(1, _UNIFORM):
+        across += values[:, k : width - _UNIFORM + 1 + k]
+    down = across[: height - _UNIFORM + 1].copy()
+    for k in range(1, _UNIFORM):
+        down += across[k : height - _UNIFORM + 1 + k]
+    return down
+
+
+def _gaussian_moments(a: States, b: States) -> _Moments:
+    from scipy.ndimage import gaussian_filter
+
+    edge = _GAUSSIAN // 2
+
+    def mean(values: _Floats) -> _Floats:
+        smooth: _Floats = gaussian_filter(values, _SIGMA, truncate=_TRUNCATE)
+        return smooth[edge:-edge, edge:-edge]
+
+    x, y = a * 0.5, b * 0.5
+    return mean(x), mean(y), mean(x * y), mean(x * x + y * y)
+
+
+Values = dict[str, Any]
+"""Figures by name: numbers, None where there is nothing to measure, or more of such."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A map beside the true one, on the lattice of that, and its score."""
+
+    frame: Frame
+    estimate: States
+    truth: States
+    values: Values
+    wall_squares: NDArray[np.signedinteger]
+    missed: NDArray[np.signedinteger]
+
+
+def compare_to_truth(
+    estimate: OccupancyGrid, truth: OccupancyGrid, transform: Transform | None = None
+) -> Comparison:
+    """Return the score of a map against the true one."""
+    frame = truth.frame
+    values = on_lattice(frame, estimate, transform or Transform())
+    return compare_states(states_of(values), states_of(truth.occupancy), frame)
+
+
+def on_lattice(
+    frame: Frame, estimate: OccupancyGrid, transform: Transform
+) -> NDArray[np.int8]:  # fmt: skip
+    """Return the values of a map at the centres of another one's cells; -1 where it has none."""
+    values, inside = sampled(frame, estimate.occupancy, transform.frame(estimate.frame))
+    values[~inside] = UNKNOWN_VALUE
+    return values
+
+
+def compare_states(estimate: States, truth: States, frame: Frame) -> Comparison:
+    """Return the score of a map that is on the lattice of the true one already."""
+    walls, true_walls = estimate == OCCUPIED, truth == OCCUPIED
+    to_truth = squared_distance(true_walls)[walls]
+    to_estimate = squared_distance(walls)[true_walls]
+    cell = frame.resolution
+    overlap = Overlap.of(estimate, truth)
+    known, whole = overlap.known_confusion, overlap.whole_confusion
+    values = {
+        "cells": list(frame.shape),
+        "ssim_uniform7": uniform_similarity(truth, estimate),
+        "ssim_gauss": gaussian_similarity(truth, estimate),
+        "dist_est_to_truth_m": asdict(wall_distances(to_truth, cell)),
+        "dist_truth_to_est_m": asdict(wall_distances(to_estimate, cell)),
+        "dist_est_to_truth_where_truth_known_m": asdict(
+            wall_distances(to_truth[truth[walls] != UNKNOWN], cell)
+        ),
+        "dist_truth_to_est_where_est_known_m": asdict(
+            wall_distances(to_estimate[estimate[true_walls] != UNKNOWN], cell)
+        ),
+        "iou_occupied": overlap.iou(OCCUPIED),
+        "iou_free": overlap.iou(FREE),
+        "precision_occupied_known_in_both": known.precision,
+        "recall_occupied_known_in_both": known.recall,
+        "coverage": overlap.coverage,
+        "coverage_free": overlap.coverage_free,
+        "known_in_both": overlap.known_in_both,
+        "mcc_known_in_both": known.mcc,
+        "confusion_known_in_both": asdict(known),
+        "mcc_whole_lattice": whole.mcc,
+        "confusion_whole_lattice": asdict(whole),
+    }
+    return Comparison(frame, estimate, truth, values, to_truth, to_estimate)
+
+
+LEAST_AREA = 0.25
+"""Square metres of free cells below which what is enclosed is a pocket, not an area."""
+
+_TOGETHER = 1 << 20
+
+
+class Enclosed(NamedTuple):
+    """Areas enclosed by walls."""
+
+    areas: int
+    pockets: int
+    square_metres: float
+
+
+def enclosed_areas(states: States, resolution: float) -> Enclosed:
+    """Return the areas that the walls of a map enclose."""
+    # Cells that are not occupied and touch over an edge belong together: a wall whose cells touch
+    # over corners is closed. What reaches the border of the map is outside. Everything else is
+    # enclosed; it counts if it has free cells, so that the inside of a thick wall, unknown
+    # throughout, does not. An open door joins two rooms to one area, and one that leads outside
+    # opens its room; unknown cells close nothing.
+    # Filatov, Filatov, Krinkin, Chen and Molodan, "2D SLAM quality evaluation methods", 2017
+    # (arXiv:1708.02354): the number of enclosed areas, there by contours. Walls that are doubled or
+    # smeared enclose pockets that the place does not have.
+    from scipy.ndimage import label
+
+    labels, count = label(states != OCCUPIED)
+    border = np.unique(np.concatenate((labels[0], labels[-1], labels[:, 0], labels[:, -1])))
+    labels *= states == FREE
+    free = label_sizes(labels, count)
+    free[border] = 0
+    free[0] = 0
+    sizes = free[free > 0] * resolution**2
+    is_area = sizes >= LEAST_AREA * (1 - _ROUNDING)
+    return Enclosed(
+        int(np.count_nonzero(is_area)), int(np.count_nonzero(~is_area)), float(sizes[is_area].sum())
+    )
+
+
+def label_sizes(labels: NDArray[np.integer[Any]], count: int) -> NDArray[np.int64]:
+    """Return how many cells each label from 0 to `count` has, without a copy of them all."""
+    sizes = np.zeros(count + 1, dtype=np.int64)
+    step = max(1, _TOGETHER // labels.shape[1])
+    for first in range(0, len(labels), step):
+        found = np.bincount(labels[first : first + step].ravel())
+        sizes[: len(found)] += found
+    return sizes
+
+
+_SMOOTHING, _ALONE_AROUND = 1.5, 2.5
+"""Standard deviations, in cells: of the walls, and of what is near a cell."""
+
+_SENSITIVITY = 0.1
+"""Harris's k."""
+
+_APART = 3
+"""Cells up to which of two corners the weaker one is none."""
+
+_LEAST_TRACE = 1e-4
+"""A fifteenth of what the end of a slanted line of single cells has."""
+
+_SAME = 1e-5
+"""Of responses in 32 bits."""
+
+_HALO = 20
+"""Cells from which a cell's response is made, 6 + 1 + 10, and those of cells up to 3 away."""
+
+
+def corners_of(walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return where walls have corners: bends, ends and crossings."""
+    # Harris's detector. Walls are 1 and all else is 0, the map's surroundings, too, smoothed by a
+    # Gaussian of 1.5 cells; g is the gradient by central differences, and M the mean of g g^T
+    # around a cell, weighted by a Gaussian of 2.5 cells. The response is det M - 0.1 (tr M)^2. A
+    # corner is where that is above 0, so that g has two directions, the weaker at least an eighth
+    # of the stronger, and is the largest within 3 cells. No threshold depends on how strong a
+    # response is: thin walls have corners as thick ones have. A thin wall has one at each bend and
+    # at each free end; from 9 cells of thickness on the corners of an end are two. What turns
+    # within some 10 cells is a corner as well.
+    # Harris and Stephens, "A combined corner and edge detector", 1988; Filatov, Filatov, Krinkin,
+    # Chen and Molodan, "2D SLAM quality evaluation methods", 2017 (arXiv:1708.02354): the number of
+    # corners, which doubled walls raise.
+    found = np.zeros(walls.shape, dtype=np.bool_)
+    step = max(LEAST_ROWS_ALONE, TOGETHER // walls.shape[1])
+    bands = -(-len(walls) // step)
+
+    def some(first: int, end: int) -> None:
+        for start in range(first * step, min(end * step, len(walls)), step):
+            stop = min(start + step, len(walls))
+            found[start:stop] = _corners_in(_with_halo(walls, start, stop))
+
+    if walls.size < CELLS_WORTH_A_THREAD:
+        some(0, bands)
+    else:
+        in_parallel(some, bands)
+    return found
+
+
+def _with_halo(walls: _Mask, start: int, stop: int) -> _Mask:
+    """Return rows with what is around them; nothing is beyond the map."""
+    height, width = walls.shape
+    around = np.zeros((stop - start + 2 * _HALO, width + 2 * _HALO), dtype=np.bool_)
+    first, last = max(start - _HALO, 0), min(stop + _HALO, height)
+    at = first - start + _HALO
+    around[at : at + last - first, _HALO:-_HALO] = walls[first:last]
+    return around
+
+
+def _corners_in(walls: _Mask) -> _Mask:
+    core = (slice(_HALO, -_HALO),) * 2
+    inner = np.zeros(walls.shape, dtype=np.bool_)
+    if not walls.any():
+        return inner[core]
+    response, trace = _response(walls)
+    inner[core] = (response[core] > 0) & (trace[core] > _LEAST_TRACE)
+    at = np.flatnonzero(inner)
+    flat = response.ravel()
+    strongest = flat[at]
+    reach = range(-_APART, _APART + 1)
+    for row in reach:
+        for col in reach:
+            if row * row + col * col <= _APART * _APART:
+                np.maximum(strongest, flat[at + (row * walls.shape[1] + col)], out=strongest)
+    inner.ravel()[at] = flat[at] >= strongest * (1 - _SAME)
+    return inner[core]
+
+
+def _response(walls: _Mask) -> tuple[_Floats, _Floats]:
+    """Return Harris's response, and the trace of M."""
+    from scipy.ndimage import gaussian_filter
+
+    smooth = gaussian_filter(walls.astype(np.float32), _SMOOTHING, mode="constant")
+    down, across = np.zeros_like(smooth), np.zeros_like(smooth)
+    np.subtract(smooth[2:], smooth[:-2], out=down[1:-1])
+    np.subtract(smooth[:, 2:], smooth[:, :-2], out=across[:, 1:-1])
+    down, across = down / 2, across / 2
+    both, rows, cols = (
+        gaussian_filter(product, _ALONE_AROUND, mode="constant")
+        for product in (down * across, down * down, across * across)
+    )
+    trace = rows + cols
+    return rows * cols - both * both - _SENSITIVITY * trace * trace, trace
+
+
+LEAST_PIECE = 5
+"""Cells below which a piece of wall is a speck."""
+
+
+@dataclass(frozen=True)
+class Thickness:
+    """Thickness of the walls at each of their cells, metres; None if there are no walls."""
+
+    mean: float | None = None
+    median: float | None = None
+    p95: float | None = None
+    max: float | None = None
+
+
+def score_alone(states: States, frame: Frame) -> Values:
+    """Return what a map says of its own quality."""
+    # Filatov, Filatov, Krinkin, Chen and Molodan, "2D SLAM quality evaluation methods", 2017
+    # (arXiv:1708.02354): shares of cells, corners and enclosed areas.
+    unknown, free, occupied = histogram(states)[: OCCUPIED + 1].tolist()
+    walls = states == OCCUPIED
+    sizes = _pieces(walls)
+    thick = thickness_of(states == OCCUPIED)
+    corners = touching_groups(corners_of(walls))[1]
+    enclosed = enclosed_areas(states, frame.resolution)
+    return {
+        "cells": list(frame.shape),
+        "resolution_m": frame.resolution,
+        "share_occupied": share(occupied, states.size),
+        "share_free": share(free, states.size),
+        "share_unknown": share(unknown, states.size),
+        "share_occupied_of_known": share(occupied, occupied + free),
+        "wall_cells": occupied,
+        "wall_pieces": int(np.count_nonzero(sizes >= LEAST_PIECE)),
+        "specks": int(np.count_nonzero(sizes < LEAST_PIECE)),
+        "wall_thickness_m": vars(_thickness(thick, frame.resolution)),
+        "share_one_cell_thick": share(int(np.count_nonzero(thick == 1)), len(thick)),
+        "corners": int(corners.max() + 1) if len(corners) else 0,
+        "enclosed_areas": enclosed.areas,
+        "enclosed_pockets": enclosed.pockets,
+        "enclosed_m2": enclosed.square_metres,
+    }
+
+
+def _pieces(walls: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the sizes of pieces of wall, and take the specks out of `walls`."""
+    from scipy.ndimage import label
+
+    labels, count = label(walls, np.ones((3, 3)))
+    sizes = label_sizes(labels, count)
+    sizes[0] = 0
+    walls &= (sizes >= LEAST_PIECE)[labels]
+    return sizes[sizes > 0]
+
+
+def _thickness(cells: NDArray[np.int64], resolution: float) -> Thickness:
+    if not len(cells):
+        return Thickness()
+    median, p95 = np.percentile(cells, [50, 95])
+    figures = (cells.mean(), median, p95, cells.max())  # of whole numbers, in whatever order
+    return Thickness(*(float(figure * resolution) for figure in figures))

@@ -1,0 +1,297 @@
+"""Maps turned in their frame: by an angle, or until their walls lie along the axes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.frame import (
+    MOST_CELLS,
+    Frame,
+    Origin,
+    Transform,
+    cells_to_cover,
+    check_resolution,
+    region_around,
+)
+from mapdeal.grid.framed import ValueGrid
+from mapdeal.grid.resample import ResamplingRule, check_rule, check_values, resampled
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
+
+_QUARTER = math.pi / 2
+_AS_WRITTEN = 2e-5
+"""Radians. 1.5708 and 4.7124 stand for quarter turns; over 100 m this is 2 mm."""
+
+_THICKEST_WALL = 5
+"""Cells of it that count, from its open side."""
+
+V = TypeVar("V", bound=ValueGrid)
+
+
+def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
+    """Rotate a map or costmap about the origin of the map frame, onto a lattice without yaw.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid or Costmap
+        Grid to rotate. The yaw of its origin is baked into the cells, so that every wall stays
+        in place in the map frame if `yaw` is 0.
+    yaw : float
+        Angle, anticlockwise, radians. Points move with the map by ``Transform(0, 0, yaw)``.
+    rule : {'area', 'nearest'}
+        Value of a cell where old and new cells do not coincide; see Notes.
+
+    Returns
+    -------
+    OccupancyGrid or Costmap
+        Grid of the same kind and resolution, with yaw 0, that covers all cells of `grid` and is
+        unknown elsewhere. The edges of its cells lie at multiples of the resolution, except after
+        quarter turns, which copy every cell. Angles within 2e-5 rad of a quarter turn, such as
+        1.5708, count as one.
+
+    Raises
+    ------
+    ParameterError
+        If the angle is not finite, the rule is unknown, or the result would have too many cells.
+
+    Notes
+    -----
+    With ``area``, a cell gets the largest value above 0 that it overlaps. No obstacle is lost and
+    no wall opens, but walls get thicker on each side, by less than the diagonal of a cell. A cell
+    that overlaps no such value is free or unknown, as the grid is at its centre. With ``nearest``,
+    a cell gets the value at its centre, and thin walls may get gaps.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> grid = OccupancyGrid([[0, 100, -1]], 0.5, (1.0, 0.0, 0.0))
+    >>> turned = rotate(grid, math.pi / 2)
+    >>> turned.occupancy.tolist(), turned.origin
+    ([[0], [100], [-1]], (-0.5, 1.0, 0.0))
+    >>> crooked = OccupancyGrid([[0, 100, -1]], 0.5, (1.0, 0.0, 0.3))
+    >>> rotate(crooked).occupancy.tolist()
+    [[-1, 100, 100, -1], [-1, 100, 100, -1]]
+    """
+    check_values(grid)
+    frame, quarters = _turned(grid.frame, yaw)
+    if quarters is not None:
+        check_rule(rule)
+        return _at(grid, frame.origin, np.rot90(grid.values, -quarters))
+    place = _straight_around(frame)
+    return resampled(_at(grid, frame.origin), place, rule=rule)
+
+
+def straighten(grid: V, *, rule: ResamplingRule = "area") -> V:
+    """Rotate a map or costmap so that its walls run along the axes; see `rotate`.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid or Costmap
+        Grid to rotate.
+    rule : {'area', 'nearest'}
+        As in `rotate`.
+
+    Returns
+    -------
+    OccupancyGrid or Costmap
+        Grid rotated by the result of `yaw_to_straighten`.
+
+    Warns
+    -----
+    MapdealWarning
+        If the walls have no main direction; the grid is returned unchanged.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> wall = np.zeros((9, 40), dtype=np.int8)
+    >>> wall[3, 2:38] = 100
+    >>> straighten(OccupancyGrid(wall, 0.05, (1.0, 2.0, 0.3))).origin[2]
+    0.0
+    """
+    yaw = yaw_to_straighten(grid)
+    if yaw is None:
+        emit_warning("no direction of walls stands out, the map is not turned", stacklevel=2)
+        return grid
+    return rotate(grid, yaw, rule=rule)
+
+
+def yaw_to_straighten(grid: ValueGrid) -> float | None:
+    """Return the angle by which `rotate` aligns a map's walls with the axes of the map frame.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid or Costmap
+        Grid whose occupied or lethal cells are the walls.
+
+    Returns
+    -------
+    float or None
+        Smallest such angle, -pi/4..pi/4, anticlockwise, radians. None if there are no walls, or
+        they have no main direction. For a map that is straight to within a cell, the angle only
+        undoes the yaw of its origin.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> wall = np.zeros((9, 40), dtype=np.int8)
+    >>> wall[3, 2:38] = 100
+    >>> yaw_to_straighten(OccupancyGrid(wall, 0.05, (1.0, 2.0, 0.3)))
+    -0.3
+    """
+    from mapdeal.kernels.rotations import main_direction
+
+    direction = main_direction(_walls_of(grid))
+    if direction is None:
+        return None
+    return 0.0 - math.remainder(grid.origin[2] + direction, _QUARTER)  # never -0.0
+
+
+def turn_of(yaw: float) -> Transform:
+    """Return the transform by which `rotate` moves points of a map.
+
+    Examples
+    --------
+    >>> turn_of(1.5708)
+    Transform(x 0 m, y 0 m, yaw 1.570796327 rad)
+    """
+    transform = Transform(0.0, 0.0, yaw)
+    quarters = _quarters_of(transform.yaw)
+    return transform if quarters is None else Transform(0.0, 0.0, quarters * _QUARTER)
+
+
+def cells_when_turned(frame: Frame, yaw: float) -> int:
+    """Return how many cells the result of `rotate` has."""
+    turned, quarters = _turned(frame, yaw)
+    if quarters is not None:
+        return frame.height * frame.width
+    return region_around(Frame(1, 1, frame.resolution), turned).cells
+
+
+def _turned(frame: Frame, yaw: float) -> tuple[Frame, int | None]:
+    """Return where a turned grid lies; for quarter turns its frame without yaw, and how many."""
+    turn = turn_of(yaw)
+    x, y, total = turn.frame(frame).origin
+    whole = _quarters_of(turn.yaw)
+    if whole is not None:  # exactly, without the cosine of a right angle
+        x, y = frame.origin[:2]
+        x, y = ((x, y), (-y, x), (-x, -y), (y, -x))[whole % 4]
+    quarters = _quarters_of(total)
+    if quarters is None:
+        return Frame(*frame.shape, frame.resolution, (x, y, total)), None
+    height, width = frame.shape
+    row, col = ((0, 0), (0, -height), (-height, -width), (-width, 0))[quarters % 4]
+    shape = (width, height) if quarters % 2 else (height, width)
+    straight = Frame(1, 1, frame.resolution, (x + 0.0, y + 0.0, 0.0))
+    return straight.window(row, col, *shape), quarters
+
+
+def _quarters_of(yaw: float) -> int | None:
+    quarters = round(yaw / _QUARTER)
+    return quarters if abs(yaw - quarters * _QUARTER) <= _AS_WRITTEN else None
+
+
+def _straight_around(frame: Frame) -> Frame:
+    """Return the frame without yaw around another, with edges at multiples of the resolution."""
+    lattice = Frame(1, 1, frame.resolution)
+    region = region_around(lattice, frame)
+    if region.cells > MOST_CELLS:
+        rule = f"the turned map must not have more than {MOST_CELLS} cells"
+        raise ParameterError(rule, place="yaw", got=(region.width, region.height))
+    return region.frame_in(lattice)
+
+
+def _at(grid: V, origin: Origin, values: NDArray[Any] | None = None) -> V:
+    layers = {} if values is None else {grid.layer_names[0]: values}
+    like_any: Any = grid
+    made: V = replace(like_any, origin=origin, **layers)
+    return made
+
+
+def _walls_of(grid: ValueGrid) -> NDArray[np.bool_]:
+    """Return the obstacle cells near known open space, all of them if none is."""
+    # The outline of a map that is occupied outside, where it has been turned before, is no wall.
+    obstacles = _obstacles_of(grid)
+    near = ~obstacles & (grid.values != grid.unknown_value)
+    for _ in range(_THICKEST_WALL):
+        before = near.copy()
+        near[1:] |= before[:-1] & obstacles[1:]
+        near[:-1] |= before[1:] & obstacles[:-1]
+        near[:, 1:] |= before[:, :-1] & obstacles[:, 1:]
+        near[:, :-1] |= before[:, 1:] & obstacles[:, :-1]
+    near &= obstacles
+    return near if near.any() else obstacles
+
+
+def _obstacles_of(grid: ValueGrid) -> NDArray[np.bool_]:
+    check_values(grid)
+    if isinstance(grid, Costmap):
+        return grid.to_occupancy().occupied(OCCUPIED)
+    occupied: NDArray[np.bool_] = grid.values >= DEFAULT_LETHAL_THRESHOLD
+    return occupied
+
+
+def rescale(grid: V, resolution: float, *, rule: ResamplingRule = "area") -> V:
+    """Resample a map or costmap to another resolution.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid or Costmap
+        Grid to rescale.
+    resolution : float
+        Side of the new cells, metres.
+    rule : {'area', 'nearest'}
+        ``area``: a cell gets the largest value above 0 that it overlaps, so that no obstacle is
+        lost; otherwise it is free or unknown, as the grid is at its centre. ``nearest``: a cell
+        gets the value at its centre; in a coarser map, thin walls may get gaps or vanish.
+
+    Returns
+    -------
+    OccupancyGrid or Costmap
+        Grid of the same kind, origin and yaw. Its cells cover all of `grid`; cells that extend
+        beyond it are unknown unless they overlap an obstacle or have their centre in `grid`. If
+        an old cell is a whole number of new ones, these are copies of it.
+
+    Raises
+    ------
+    ParameterError
+        If the resolution is not allowed, the rule is unknown, or the result would have too many
+        cells.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> grid = OccupancyGrid([[0, 0, 0, 100], [0, 0, -1, -1]], 0.05, (1.0, 2.0, 0.3))
+    >>> rescale(grid, 0.1).occupancy.tolist()
+    [[0, 100]]
+    >>> rescale(grid, 0.025).shape
+    (4, 8)
+    """
+    check_rule(rule)
+    check_values(grid)
+    frame = rescaled_frame(grid.frame, resolution)
+    return grid if frame == grid.frame else resampled(grid, frame, rule=rule)
+
+
+def rescaled_frame(frame: Frame, resolution: float) -> Frame:
+    """Return the frame of the result of `rescale`.
+
+    Examples
+    --------
+    >>> rescaled_frame(Frame(3, 5, 0.05, (1.0, 2.0, 0.3)), 0.1)
+    Frame(height=2, width=3, resolution=0.1, origin=(1.0, 2.0, 0.3))
+    """
+    side = check_resolution(resolution)
+    if side == frame.resolution:
+        return frame
+    width, height = (max(1, cells_to_cover(length, side)) for length in frame.size_xy)
+    if height * width > MOST_CELLS:
+        rule = f"the result must not have more than {MOST_CELLS} cells"
+        raise ParameterError(rule, place="resolution", got=(width, height))
+    return Frame(height, width, side, frame.origin)

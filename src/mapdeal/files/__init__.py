@@ -1,0 +1,1 @@
+"""Reading and writing files safely, and the forms that many of them share."""

@@ -1,0 +1,272 @@
+"""JSON documents of mapdeal: their text, their kind, their values."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.files.budget import OF_JSON, claim
+from mapdeal.files.source import read_file
+from mapdeal.grid.frame import FARTHEST, Point
+from mapdeal.records import dataclass
+
+_LARGEST_FILE = 1 << 22  # a manifest has some kilobytes
+
+
+def json_of(value: Any) -> bytes:
+    """Return `value` as indented JSON in UTF-8; it must not hold nan or infinity."""
+    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
+    try:
+        return f"{text}\n".encode()
+    except UnicodeEncodeError:  # a file name that is not UTF-8
+        return (json.dumps(value, indent=2, allow_nan=False) + "\n").encode()
+
+
+def read_json(path: Path) -> Any:
+    """Return the value in a JSON file, or None if there is none, or it is damaged or too large."""
+    try:
+        data = read_file(path, limit=_LARGEST_FILE)
+    except (FileAccessError, MalformedInputError):
+        return None
+    claim(path, OF_JSON * len(data))
+    try:
+        return json.loads(data, parse_constant=_refuse_constant, parse_float=_finite)
+    # numbers of many thousand digits are ValueErrors, as is text that is not UTF-8
+    except (ValueError, RecursionError):
+        return None
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is not a JSON number")
+
+
+def _finite(text: str) -> float:
+    """Return a number; one too large for a float is refused, since it could not be written."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is too large")
+    return value
+
+
+LARGEST_DOCUMENT = 1 << 26
+_LARGEST_WHOLE = 1 << 53
+"""Up to here floats, and so all readers of JSON, have every whole number."""
+
+
+@dataclass(frozen=True, eq=False)
+class JsonValue:
+    source: Path
+    value: Any
+    place: str = ""
+
+    def error(self, rule: str) -> MalformedInputError:
+        place = self.place or "the document"
+        return MalformedInputError(rule, source=self.source, place=place, got=self.value)
+
+    def __getitem__(self, key: str) -> JsonValue:
+        found = self.get(key)
+        if found is None:
+            rule = f"must have a key {key}"
+            raise MalformedInputError(rule, source=self.source, place=self.place or "the document")
+        return found
+
+    def get(self, key: str) -> JsonValue | None:
+        """Return the value of a key; None if there is no such key."""
+        fields = self._fields()
+        if key not in fields:
+            return None
+        return JsonValue(self.source, fields[key], f"{self.place}.{key}" if self.place else key)
+
+    def fields(self) -> dict[str, JsonValue]:
+        return {key: self[key] for key in self._fields()}
+
+    def items(self) -> list[JsonValue]:
+        if not isinstance(self.value, list):
+            raise self.error("must be a list")
+        return [
+            JsonValue(self.source, one, f"{self.place}[{index}]")
+            for index, one in enumerate(self.value)
+        ]
+
+    @property
+    def is_null(self) -> bool:
+        return self.value is None
+
+    def number(self, *, least: float = -FARTHEST, most: float = FARTHEST) -> float:
+        if isinstance(self.value, bool) or not isinstance(self.value, int | float):
+            raise self.error("must be a number")
+        if not least <= self.value <= most:
+            raise self.error(f"must be a number from {least:g} to {most:g}")
+        return float(self.value)
+
+    def number_or(self, otherwise: float, *, least: float = 0.0) -> float:
+        return otherwise if self.is_null else self.number(least=least)
+
+    def whole(self, least: int = 0, most: int = _LARGEST_WHOLE) -> int:
+        if isinstance(self.value, bool) or not isinstance(self.value, int):
+            raise self.error("must be a whole number")
+        if not least <= self.value <= most:
+            raise self.error(f"must be a whole number from {least} to {most}")
+        return self.value
+
+    def flag(self) -> bool:
+        if not isinstance(self.value, bool):
+            raise self.error("must be true or false")
+        return self.value
+
+    def text(self) -> str:
+        if not isinstance(self.value, str):
+            raise self.error("must be a text")
+        return self.value
+
+    def word(self, *allowed: str) -> str:
+        text = self.text()
+        if text not in allowed:
+            raise self.error(f"must be one of {', '.join(allowed)}")
+        return text
+
+    def sha256(self) -> str:
+        """Return the 64 hexadecimal digits of a checksum."""
+        text = self.text()
+        if len(text) != 64 or not set(text) <= set("0123456789abcdef"):
+            raise self.error("must be the 64 hexadecimal digits of a sha256")
+        return text
+
+    def shown(self) -> str:
+        return json.dumps(self.value, ensure_ascii=False)
+
+    def point(self) -> Point:
+        """Return two numbers [x, y], metres."""
+        numbers = self.items()
+        if len(numbers) != 2:
+            raise self.error("must be two numbers [x, y]")
+        return numbers[0].number(), numbers[1].number()
+
+    def points(self) -> NDArray[np.float64]:
+        """Return a list of such points, shape (N, 2)."""
+        with contextlib.suppress(OverflowError):
+            if isinstance(self.value, list) and all(map(_is_pair, self.value)):
+                points = np.array(self.value, dtype=np.float64).reshape(-1, 2)
+                if (abs(points) <= FARTHEST).all():
+                    return points
+        return np.array([one.point() for one in self.items()], dtype=np.float64)  # which one it is
+
+    def _fields(self) -> dict[str, Any]:
+        if not isinstance(self.value, dict):
+            raise self.error("must be an object")
+        return self.value
+
+
+def _is_pair(value: object) -> bool:
+    return (
+        type(value) is list
+        and len(value) == 2
+        and type(value[0]) in (float, int)
+        and type(value[1]) in (float, int)
+    )
+
+
+def read_document(path: Path) -> JsonValue:
+    data = read_file(path, limit=LARGEST_DOCUMENT)
+    claim(path, OF_JSON * len(data))
+    return JsonValue(path, parse_document(path, data))
+
+
+def parse_document(path: Path, data: bytes, place: str = "") -> Any:
+    """Return the value of a JSON text, given where it stands in its file."""
+    within = f"{place}, " if place else ""
+    try:
+        return json.loads(
+            data.decode("utf-8-sig"),
+            parse_constant=_refuse_constant,
+            object_pairs_hook=_without_duplicates,
+        )
+    except UnicodeDecodeError as error:
+        where = f"{within}byte {error.start}"
+        raise MalformedInputError("not UTF-8", source=path, place=where) from None
+    except json.JSONDecodeError as error:
+        where = place or f"line {error.lineno}"
+        where = f"{where}, column {error.colno}"
+        raise MalformedInputError(f"no valid JSON: {error.msg}", source=path, place=where) from None
+    except RecursionError:
+        raise MalformedInputError("nested too deep", source=path, place=place or None) from None
+    except ValueError as error:
+        rule = f"no valid JSON: {error}"
+        raise MalformedInputError(rule, source=path, place=place or None) from None
+
+
+def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        seen: set[str] = set()
+        for name, _ in pairs:
+            if name in seen:
+                raise ValueError(f"key {name!r} appears twice")
+            seen.add(name)
+    return found
+
+
+SHAPES, MANIFEST, SUMMARY = "shapes", "manifest", "summary"
+ROUTE, REACH, LINT, DIFF, COMPARISON = "route", "reach", "lint", "diff", "comparison"
+SCORE, ALIGNMENT = "score", "alignment"
+
+COMPARISON_FORMAT = "mapdeal-comparison/1"
+SCORE_FORMAT = "mapdeal-score/1"
+ALIGNMENT_FORMAT = "mapdeal-alignment/1"
+_BY_FORMAT = {
+    COMPARISON_FORMAT: COMPARISON, SCORE_FORMAT: SCORE, ALIGNMENT_FORMAT: ALIGNMENT
+}  # fmt: skip
+_GEOMETRIES = (
+    "FeatureCollection", "Feature", "GeometryCollection", "Polygon", "LineString", "Point",
+    "MultiPolygon", "MultiLineString", "MultiPoint",
+)  # fmt: skip
+
+
+def document_kind(value: Any) -> str | None:
+    """Return what a JSON value is; None if it is nothing that is known.
+
+    Examples
+    --------
+    >>> document_kind({"maps": [], "errors": 0, "suppressed": 0})
+    'lint'
+    """
+    if not isinstance(value, dict):
+        return None
+    if value.get("type") in _GEOMETRIES:
+        return SHAPES
+    if isinstance(value.get("outputs"), dict) and isinstance(value.get("stages"), list):
+        return MANIFEST
+    maps = value.get("maps")
+    if isinstance(maps, list) and {"errors", "suppressed"} <= value.keys():
+        return LINT
+    if isinstance(maps, list) and all(isinstance(one, dict) and "status" in one for one in maps):
+        return SUMMARY
+    if "reached" in value and isinstance(value.get("points"), list):
+        return ROUTE
+    if "reachable_m2" in value and isinstance(value.get("passages"), list):
+        return REACH
+    if {"confusion", "walls"} <= value.keys():
+        return DIFF
+    return _BY_FORMAT.get(str(value.get("format")))
+
+
+@dataclass(frozen=True)
+class NamedMap:
+    file: str
+    sha256: Mapping[str, str]
+
+
+def named_map(one: JsonValue) -> NamedMap | None:
+    """Return a map and its files; None of one that was no file."""
+    if one.is_null:
+        return None
+    sums = {name: digest.sha256() for name, digest in one["sha256"].fields().items()}
+    return NamedMap(one["file"].text(), sums)

@@ -1,1 +1,0 @@
-"""Files of ROS parameters, read as ROS reads them."""

@@ -1,0 +1,385 @@
+"""Kind of a file, by its first bytes, and the command that accepts it.
+
+Commands that are given another kind of file than they take say so with one line from here.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError
+from mapdeal.files.json_values import document_kind, read_json
+from mapdeal.files.source import (
+    IMAGE_KEY,
+    LFS_POINTER,
+    NAMED_MAPS,
+    YAML,
+    chunks_of,
+    contents_of,
+    exists,
+    head_of,
+    is_folder,
+    status_of,
+)
+from mapdeal.files.text import delimiter_of, is_number
+from mapdeal.files.yaml_text import OF_RECIPES, Entry, read_mapping
+from mapdeal.maps.images import read_image_size, recognised_format
+from mapdeal.records import dataclass
+
+MAP, CLOUD, SCANS, POSES, NUMBERS = "map", "point cloud", "laser scans", "poses", "numbers"
+IMAGE, RECIPE, SHAPES, BAG, POINTER = "image", "recipe", "shapes", "bag", "Git LFS pointer"
+PARAMETERS = "ROS parameters"
+
+_HEAD = 1 << 16
+_COUNTED = 1 << 28
+"""Bytes of a text of which the lines are counted."""
+
+_SCAN_WORDS = re.compile(rb"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]")
+_ROS_PARAMETERS = re.compile(rb"(?m)^[ \t]*[\"']?ros__parameters[\"']?[ \t]*:")
+_OF_COSTMAPS = ("local_costmap", "global_costmap", "obstacle_layer", "inflation_layer")
+_OF_ROBOTS = (
+    "footprint", "footprint_padding", "robot_radius", "inflation_radius", "plugins", "map_type",
+    "obstacle_range", "raytrace_range", "rolling_window", "robot_base_frame", "transform_tolerance",
+)  # fmt: skip
+"""Keys of ROS 1's costmap files, of which two make one."""
+_TUM, _PLANAR = 8, 3
+_MOST_OF_A_POINT = 16
+
+_METADATA = "metadata.yaml"
+_OF_BAGS = (".mcap", ".db3")
+_BESIDE_BAGS = (".zstd", ".db3-wal", ".db3-shm", ".txt")
+_UNKNOWN = "is not a kind of file that mapdeal knows"
+_MAPS_ARE = "a map is a map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal"
+
+_MAP_USE = "mapdeal info {path} describes it, mapdeal run {path} -o DIR processes it"
+_CLOUD_USE = "mapdeal local --cloud {path} --pose X,Y,YAW -o DIR makes a map of it"
+_SCANS_USE = "mapdeal build {path} -o OUT.yaml makes a map of it"
+_POSES_USE = "--poses {path} gives it to mapdeal build and mapdeal local"
+_BAG_USE = "mapdeal info {path} lists its topics; convert, build and local --cloud take them"
+_PARAMETERS_USE = "mapdeal run MAP -o DIR --params-file {path} takes it"
+_REPORT_USE = "mapdeal report {path} -o OUT.html shows it"
+_OF_A_MAP_USE = "mapdeal report MAP {path} -o OUT.html shows it on its map"
+
+
+@dataclass(frozen=True)
+class FileKind:
+    name: str
+    what: str
+    use: str
+    figures: Callable[[], dict[str, Any]] = dict
+
+
+def kind_of(path: Path) -> FileKind | None:
+    """Return what a file or folder is; None if it is nothing that is known."""
+    # The first bytes are read, of YAML and JSON the whole if it is short.
+    if is_folder(path):
+        kind = _kind_of_folder(path)
+    else:
+        head = head_of(path, _HEAD)
+        kind = next(filter(None, (look(path, head) for look in _LOOKS)), None)
+    if kind is None:
+        return None
+    use = kind.use.format(path=shlex.quote(str(path)))  # to be typed
+    return FileKind(kind.name, kind.what, use, kind.figures)
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a file or folder is a bag of ROS 1 or ROS 2, or the metadata of one."""
+    if path.suffix.lower() in NAMED_MAPS and path.name != _METADATA:
+        return False
+    with suppress(MapdealError):
+        kind = kind_of(path)
+        return kind is not None and kind.name == BAG
+    return False
+
+
+@contextmanager
+def recognised(path: Path, wanted: str, *kinds: str) -> Iterator[None]:
+    """Name the kind of a file in errors if it is not the one expected."""
+    try:
+        yield
+    except (MalformedInputError, FileAccessError) as error:
+        if str(error.source) != str(path):
+            raise
+        kind = None
+        with suppress(MapdealError):
+            kind = kind_of(path)
+        if kind is None and MAP in kinds and path.suffix.lower() not in NAMED_MAPS:
+            error.hint = error.hint or _MAPS_ARE
+            if isinstance(error, MalformedInputError):  # what is wrong with its YAML helps nobody
+                raise MalformedInputError(_UNKNOWN, source=path, hint=_MAPS_ARE) from None
+        if kind is None or kind.name in kinds:
+            raise
+        raise other_kind(path, kind, wanted) from None
+
+
+def other_kind(path: Path, kind: FileKind, wanted: str) -> MalformedInputError:
+    return MalformedInputError(f"is {kind.what}, not {wanted}", source=path, hint=kind.use)
+
+
+def _kind_of_folder(path: Path) -> FileKind | None:
+    if exists(path / _METADATA) and _is_bag_metadata(path / _METADATA):
+        return FileKind(BAG, "a folder with a ROS 2 bag", _BAG_USE)
+    if exists(path / "summary.json"):
+        return _kind_of_json(path / "summary.json", b"{")
+    with suppress(FileAccessError):
+        suffixes = {Path(name).suffix.lower() for name in contents_of(path)[1]}
+        if suffixes & set(_OF_BAGS) and suffixes <= {*_OF_BAGS, *_BESIDE_BAGS}:
+            return FileKind(BAG, "a folder with a ROS 2 bag, without its metadata", _BAG_USE)
+    return None
+
+
+def _is_bag_metadata(path: Path) -> bool:
+    return b"rosbag2_bagfile_information" in head_of(path, _HEAD)
+
+
+_MAGIC: tuple[tuple[bytes, tuple[str, ...], str], ...] = (
+    (b"#ROSBAG V", (), "a ROS 1 bag"),
+    (b"\x89MCAP0\r\n", (), "a bag (MCAP)"),
+    (b"SQLite format 3\0", (".db3",), "a ROS 2 bag (SQLite)"),
+    (b"SQLite format 3\0", (), "an SQLite database"),
+    (b"\x28\xb5\x2f\xfd", (".mcap", ".db3"), "a ROS 2 bag, compressed with zstd"),
+)
+"""First bytes of bags, the endings of which their names must have one, and what they are."""
+
+
+def _kind_by_magic(path: Path, head: bytes) -> FileKind | None:
+    if head.startswith(LFS_POINTER):
+        found = re.search(rb"(?m)^size (\d{1,18})$", head)
+        what = "a Git LFS pointer" + (f" to a file of {int(found[1])} bytes" if found else "")
+        return FileKind(POINTER, what, "git lfs pull fetches the file itself")
+    suffixes = {suffix.lower() for suffix in path.suffixes}
+    for magic, endings, what in _MAGIC:
+        if head.startswith(magic) and (not endings or suffixes.intersection(endings)):
+            return FileKind(BAG, what, _BAG_USE, lambda: {"bytes": status_of(path).st_size})
+    return None
+
+
+def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
+    if head.startswith((b"ply\n", b"ply\r")):
+        from mapdeal.sensors.clouds import ply_figures
+
+        return FileKind(CLOUD, "a point cloud (PLY)", _CLOUD_USE, lambda: ply_figures(path))
+    lines = [line for line in head.splitlines() if line.strip() and not line.startswith(b"#")]
+    words = [line.split(maxsplit=1)[0] for line in lines[:2]]
+    if words and (words[0] == b"VERSION" or words[0] in (b"FIELDS", b"COLUMNS")):
+        from mapdeal.sensors.clouds import pcd_figures
+
+        return FileKind(CLOUD, "a point cloud (PCD)", _CLOUD_USE, lambda: pcd_figures(path))
+    if head.startswith(b"\x93NUMPY"):
+        from mapdeal.sensors.clouds import npy_figures
+
+        what = "an array of numpy (npy)"
+        return FileKind(CLOUD, what, f"of points, {_CLOUD_USE}", lambda: npy_figures(path))
+    return None
+
+
+def _kind_of_npz(path: Path, head: bytes) -> FileKind | None:
+    if not head.startswith(b"PK"):
+        return None
+    from mapdeal.maps.npz import NpzReader
+
+    with NpzReader(path, 1) as reader:
+        names = reader.names()
+        if "format" in names:
+            return FileKind(MAP, "an npz written by mapdeal", _MAP_USE)
+        if {"poses", "angles", "ranges"} <= names:
+            scans = reader.header("ranges").shape
+            figures = {"scans": scans[0], "beams": scans[1]} if len(scans) == 2 else {}
+            return FileKind(SCANS, "laser scans (npz)", _SCANS_USE, lambda: figures)
+        if "points" in names or len(names) == 1:
+            shape = reader.header("points" if "points" in names else next(iter(names))).shape
+            told = {"shape": " x ".join(map(str, shape))}
+            what = "an array of numpy (npz)"
+            return FileKind(CLOUD, what, f"of points, {_CLOUD_USE}", lambda: told)
+    return None
+
+
+def _kind_of_image(path: Path, head: bytes) -> FileKind | None:
+    if head[:1].islower():  # as YAML does: no image, and the formats are slow to import
+        return None
+    image = recognised_format(head)
+    if image is None:
+        return None
+
+    def figures() -> dict[str, Any]:
+        height, width = read_image_size(path)
+        return {"pixels": f"{width} x {height}"}
+
+    beside = [p for p in map(path.with_suffix, YAML) if p != path and exists(p)]
+    use = "a map also needs a .yaml with its resolution and origin; pass that"
+    if beside:
+        use = f"pass the map: {str(beside[0]).replace('{', '{{').replace('}', '}}')}"
+    return FileKind(IMAGE, f"an image ({image.name})", use, figures)
+
+
+def _kind_of_log(path: Path, head: bytes) -> FileKind | None:
+    if head.startswith(b"\x1f\x8b"):
+        with suppress(OSError, EOFError, zlib.error):
+            expanded = zlib.decompressobj(wbits=31).decompress(head, _HEAD)
+            return _kind_of_log(path, expanded) if expanded[:2] != b"\x1f\x8b" else None
+        return None
+    if not _SCAN_WORDS.search(head):
+        return None
+
+    def figures() -> dict[str, Any]:
+        from mapdeal.sensors.scans import CarmenLog
+
+        return {"scans": CarmenLog(path, max_bad=0).count}
+
+    return FileKind(SCANS, "a log of laser scans (CARMEN)", _SCANS_USE, figures)
+
+
+_DOCUMENTS = {
+    "manifest": ("the manifest of a run", "", "mapdeal info on its folder describes the run"),
+    "summary": (
+        "the summary of a batch", "#maps", "mapdeal info describes the folder of each of its maps"
+    ),
+    "route": ("a route (JSON)", "#points length_m", _OF_A_MAP_USE),
+    "reach": (
+        "what a robot can reach (JSON)", "reachable_m2 #passages #goals", _OF_A_MAP_USE
+    ),
+    "lint": ("what lint has found (JSON)", "#maps errors warnings notes", _REPORT_USE),
+    "diff": (
+        "what differs between two maps (JSON)", "cells=common_cells differing", _REPORT_USE
+    ),
+    "alignment": (
+        "where one map lies in the frame of another (JSON)", "same_place",
+        f"{_REPORT_USE}; mapdeal merge --by takes it",
+    ),
+    "score": ("the score of a map (JSON)", "#bounds", _REPORT_USE),
+    "comparison": ("methods of mapping compared (JSON)", "", _REPORT_USE),
+}  # fmt: skip
+"""JSON that mapdeal writes: what it is, its figures, of lists (#) the length, and its use."""
+
+
+def _figures_of(value: dict[str, Any], told: str) -> dict[str, Any]:
+    figures: dict[str, Any] = {}
+    for word in told.split():
+        name, _, key = word.lstrip("#").partition("=")
+        found = value.get(key or name)
+        if word[0] != "#":
+            figures[name] = found
+        elif isinstance(found, list):
+            figures[name] = len(found)
+    return figures
+
+
+def _kind_of_json(path: Path, head: bytes) -> FileKind | None:
+    value = read_json(path) if head.lstrip()[:1] == b"{" else None
+    name = document_kind(value)
+    if value is None or name is None:
+        return None
+    if name == SHAPES:
+        return _shapes("GeoJSON", _figures_of(value, "#shapes=features"))
+    what, told, use = _DOCUMENTS[name]
+    figures = _figures_of(value, told)
+    if name == "summary":
+        figures |= Counter(str(one["status"]) for one in value["maps"])
+    if name == "comparison" and isinstance(value.get("methods"), dict):
+        figures["methods"] = ", ".join(value["methods"])
+    return FileKind(name, what, use, lambda: figures)
+
+
+def _shapes(form: str, figures: dict[str, Any]) -> FileKind:
+    use = "mapdeal edit polygon MAP --file {path} -o OUT.yaml draws them"
+    return FileKind(SHAPES, f"a file of shapes ({form})", use, lambda: figures)
+
+
+def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
+    if b":" not in head or b"\0" in head:
+        return None
+    is_map = IMAGE_KEY.search(head)
+    try:
+        entries = {} if is_map else read_mapping(path, OF_RECIPES)
+    except MalformedInputError:
+        return None
+    if is_map or "image" in entries:
+        return FileKind(MAP, "a map", _MAP_USE)
+    if "stages" in entries:
+        use = "mapdeal run MAP -o DIR --recipe {path} takes it"
+        names = _stages_in(entries["stages"])
+        return FileKind(RECIPE, "a recipe", use, lambda: {"stages": ", ".join(names)})
+    if "shapes" in entries:
+        with suppress(MalformedInputError):
+            return _shapes("YAML", {"shapes": len(entries["shapes"].items())})
+    if "rosbag2_bagfile_information" in entries:
+        return FileKind(BAG, "the description of a ROS 2 bag", _BAG_USE)
+    found = [key for key in _OF_COSTMAPS if key in entries]
+    if _ROS_PARAMETERS.search(head) or found or sum(key in entries for key in _OF_ROBOTS) > 1:
+        what = "a file of ROS parameters"
+        figures = {"nodes": ", ".join(entries)}
+        return FileKind(PARAMETERS, what, _PARAMETERS_USE, lambda: figures)
+    return None
+
+
+def _stages_in(entry: Entry) -> list[str]:
+    with suppress(MalformedInputError):
+        return [
+            one.text() if isinstance(one.node, yaml.ScalarNode) else next(iter(one.fields()), "")
+            for one in entry.items()
+        ]
+    return []
+
+
+def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
+    rows = [line.strip().decode("latin-1") for line in head.split(b"\n")[:-1] or [head]]
+    rows = [row for row in rows if row and not row.startswith("#")]
+    if not rows or b"\0" in head:
+        return None
+    delimiter = delimiter_of(rows[-1])
+    names = [word.strip(' "').lower() for word in rows[0].removeprefix("//").split(delimiter)]
+    if not names:
+        return None
+    if is_number(names[0]):
+        names = []
+    elif not {"x", "y"} <= set(names) or len(rows) == 1:
+        return None
+    width = len(rows[-1].split(delimiter))
+    for row in rows[bool(names) :]:
+        words = row.split(delimiter)
+        if len(words) != width or not all(map(is_number, words)):
+            return None
+
+    figures = _lines_of(path)
+    if names or (2 <= width <= _MOST_OF_A_POINT and width not in (_PLANAR, _TUM)):
+        what = f"a point cloud (text with {width} numbers a line)"
+        return FileKind(NUMBERS, what, _CLOUD_USE, figures)
+    if width == _TUM:
+        return FileKind(POSES, "a file of poses (TUM)", _POSES_USE, figures)
+    what = f"a text with {width} number{'s' if width > 1 else ''} a line"
+    if width == _PLANAR:
+        use = f"of points x y z, {_CLOUD_USE}; of poses x y yaw, {_POSES_USE}"
+        return FileKind(NUMBERS, what, use, figures)
+    use = "mapdeal build --poses P --angles A --ranges R takes scans in three texts"
+    return FileKind(NUMBERS, what, use, figures)
+
+
+def _lines_of(path: Path) -> Callable[[], dict[str, Any]]:
+    """Return what counts the lines of a text, unless it is very long."""
+
+    def figures() -> dict[str, Any]:
+        if status_of(path).st_size > _COUNTED:
+            return {"bytes": status_of(path).st_size}
+        count, last = 0, b"\n"
+        for chunk in chunks_of(path):
+            count, last = count + chunk.count(b"\n"), chunk[-1:]
+        return {"lines": count + (last != b"\n")}
+
+    return figures
+
+
+_LOOKS: tuple[Callable[[Path, bytes], FileKind | None], ...] = (
+    _kind_by_magic, _kind_of_cloud, _kind_of_npz, _kind_of_image, _kind_of_log, _kind_of_json,
+    _kind_of_numbers, _kind_of_yaml,
+)  # fmt: skip
+"""The first that knows a file counts; those that look at a few bytes come first."""

@@ -1,0 +1,1 @@
+"""Map files: YAML, images, dialects, npz."""

@@ -1,0 +1,363 @@
+"""A decoded picture, before a dialect gives its pixels a meaning."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import field, replace
+from pathlib import Path
+from typing import Any, BinaryIO, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.files.budget import claim
+from mapdeal.files.source import CHANGED, LARGEST_FILE, FileState, access_to, check_readable
+from mapdeal.kernels.lookup import look_up
+from mapdeal.records import dataclass
+
+Samples = NDArray[np.unsignedinteger[Any]]
+
+LARGEST_CELLS = 1_000_000_000
+LARGEST_COMPRESSED_CELLS = 200_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Integer samples of a picture, row 0 in the north.
+
+    Parameters
+    ----------
+    file_format : str
+        The name of the image format that the samples come from; the readers of ROS treat some
+        formats differently.
+    colour : {'grey', 'rgb', 'palette'}
+        What a sample is: brightness, a red, green, blue triple, or an index into `palette`.
+    samples : numpy.ndarray of uint8 or uint16, shape (H, W) or (H, W, 3)
+        Values 0 .. `maxval`, or indices.
+    maxval : int
+        The sample that means full brightness.
+    alpha : numpy.ndarray, shape (H, W), optional
+        Opacity of each pixel, 0 .. `maxval` (0 .. 255 for palettes).
+    alpha_from : {'channel', 'key'}
+        Whether the opacity is a channel of its own or comes from one transparent colour.
+    palette : numpy.ndarray of uint8, shape (N, 4), optional
+        Red, green, blue, opacity of each index.
+    display : tuple of str
+        What the file says about showing the picture, such as a gamma. No reader applies it.
+    """
+
+    file_format: str
+    colour: Literal["grey", "rgb", "palette"]
+    samples: Samples
+    maxval: int = 255
+    alpha: Samples | None = None
+    alpha_from: Literal["channel", "key"] = "channel"
+    palette: NDArray[np.uint8] | None = None
+    display: tuple[str, ...] = ()
+
+    def from_the_south(self) -> Picture:
+        """Return the picture with row 0 in the south, as grids have it."""
+        alpha = None if self.alpha is None else self.alpha[::-1]
+        return replace(self, samples=self.samples[::-1], alpha=alpha)
+
+    def bands(self, most: int) -> Iterator[Picture]:
+        """Yield the picture in bands of rows, views of it: so many pixels at most, or a row."""
+        height, width = self.shape
+        step = max(1, most // width)
+        for first in range(0, height, step):
+            rows = slice(first, first + step)
+            alpha = None if self.alpha is None else self.alpha[rows]
+            yield replace(self, samples=self.samples[rows], alpha=alpha)
+
+    def greys_and_others(self) -> tuple[Samples, NDArray[np.bool_]]:
+        """Return the grey of each pixel, and which pixels are coloured or not opaque.
+
+        Returns
+        -------
+        grey : numpy.ndarray, shape (H, W)
+            A view of the samples; of a palette, indices. It holds for those that are not `others`.
+        others : numpy.ndarray of bool, shape (H, W)
+        """
+        others = np.zeros(self.shape, dtype=np.bool_)
+        grey = self.samples
+        if grey.ndim == 3:
+            grey = self.samples[..., 0]
+            for channel in (1, 2):
+                others |= self.samples[..., channel] != grey
+        if self.alpha is not None:
+            others |= self.alpha != self.opaque
+        return grey, others
+
+    def only(self, mask: NDArray[np.bool_]) -> Picture:
+        """Return the pixels that a mask marks, in a row."""
+        alpha = None if self.alpha is None else self.alpha[mask][np.newaxis]
+        return replace(self, samples=self.samples[mask][np.newaxis], alpha=alpha)
+
+    @property
+    def opaque(self) -> int:
+        """The opacity of a pixel that hides what is behind it."""
+        return 255 if self.palette is not None else self.maxval
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        height, width = self.samples.shape[:2]
+        return height, width
+
+
+def by_sample(table: NDArray[Any], samples: Samples) -> NDArray[Any]:
+    """Return the table's entry for each sample; samples of 8 bits go the fast way."""
+    if samples.dtype == np.uint8 and table.dtype.itemsize == 1 and samples.ndim == 2:
+        whole = np.zeros(256, dtype=table.dtype)
+        whole[: len(table)] = table
+        return look_up(samples, whole)
+    return table[samples]
+
+
+def opaque_greys(kind: Picture) -> Picture:
+    """Return a row of all greys 0 .. maxval, opaque, as a picture like another one."""
+    # Of a palette it has all indices.
+    dtype = kind.samples.dtype
+    count = kind.maxval + 1 if kind.palette is None else len(kind.palette)
+    greys = np.arange(count)[np.newaxis]
+    alpha = None if kind.alpha is None else np.full_like(greys, kind.opaque, kind.alpha.dtype)
+    samples = greys.astype(dtype)
+    if kind.samples.ndim == 3:
+        samples = np.repeat(samples[..., np.newaxis], 3, axis=2)
+    return replace(kind, samples=samples, alpha=alpha)
+
+
+def check_size(source: object, width: int, height: int, limit: int) -> None:
+    """Refuse pictures without cells, or with more cells than `limit`, before memory is taken."""
+    place = "image size"
+    if width <= 0 or height <= 0:
+        rule = "width and height must be above 0"
+        raise MalformedInputError(rule, source=str(source), place=place, got=(width, height))
+    if width * height > limit:
+        rule = f"{width} x {height} are {width * height} cells, above the limit of {limit}"
+        hint = "--max-cells N raises the limit, if you trust the file"
+        raise MalformedInputError(rule, source=str(source), place=place, hint=hint)
+
+
+def to_16_bit(maxval: int) -> NDArray[np.uint16]:
+    """Return the 16-bit sample of each sample 0 .. `maxval`: floor(65535 v / maxval + 0.5).
+
+    Examples
+    --------
+    >>> to_16_bit(255)[[0, 1, 255]].tolist()  # times 257
+    [0, 257, 65535]
+    """
+    values = np.arange(maxval + 1, dtype=np.int64)
+    return ((2 * 65535 * values + maxval) // (2 * maxval)).astype(np.uint16)
+
+
+HEAD = 1 << 19
+"""Bytes at the start of a file that identify it: headers of images are not longer."""
+
+_CHUNK = 1 << 20
+
+
+@dataclass(frozen=True)
+class OpenFile:
+    """A regular file that is open, of which any bytes can be read, by several threads at once."""
+
+    path: Path
+    size: int
+    _descriptor: int
+    _state: FileState
+    _head: list[bytes] = field(default_factory=list)
+
+    def read(self, offset: int, count: int) -> bytes:
+        """Return some bytes, fewer at the end, which are those of the file that was opened."""
+        # Not through a memory map: a file that gets shorter would end the process.
+        if offset < HEAD and self._head:  # small files are no more than that
+            known = self._head[0]
+            if offset + count <= len(known) or len(known) == self.size:
+                self._check_state()
+                return known if count >= len(known) and not offset else known[offset:][:count]
+        parts = self._parts(offset, count)
+        data = parts[0] if len(parts) == 1 else b"".join(parts)
+        if offset == 0 and count == HEAD:
+            self._head.append(data)
+        return data
+
+    def _check_state(self) -> None:
+        with access_to(self.path):
+            after = os.fstat(self._descriptor)
+        if FileState.of_status(after) != self._state:
+            raise FileAccessError(CHANGED, source=self.path)
+
+    def _parts(self, offset: int, count: int) -> list[bytes]:
+        parts = []
+        # no larger than the file: room that is not needed takes longer to be had than the bytes
+        count = min(count, self.size - offset)
+        with access_to(self.path):
+            while count > 0 and (part := os.pread(self._descriptor, count, offset)):
+                parts.append(part)
+                offset, count = offset + len(part), count - len(part)
+        self._check_state()
+        return parts
+
+    def check_length(self) -> None:
+        """Refuse more than any file has: sparse ones claim any size."""
+        if self.size > LARGEST_FILE:
+            rule = f"cannot be read: larger than {LARGEST_FILE} bytes"
+            raise FileAccessError(rule, source=self.path, got=self.size)
+
+    def read_whole(self) -> bytes:
+        self.check_length()
+        claim(self.path, self.size)
+        try:
+            return self.read(0, self.size)
+        except MemoryError:
+            rule = "does not fit into memory"
+            raise FileAccessError(rule, source=self.path, got=self.size) from None
+
+    def sha256(self) -> str:
+        """Return the checksum of the whole file, as hexadecimal digits."""
+        checksum, offset = hashlib.sha256(), 0
+        while chunk := self.read(offset, _CHUNK):
+            checksum.update(chunk)
+            offset += len(chunk)
+        return checksum.hexdigest()
+
+    def stream(self) -> BinaryIO:
+        """Return what reads the file from its start on, as libraries want it."""
+        return io.BufferedReader(_Stream(self))
+
+
+class _Stream(io.RawIOBase):
+    """The bytes of an open file, one after the other."""
+
+    def __init__(self, file: OpenFile) -> None:
+        self._file = file
+        self._offset = 0
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        base = {os.SEEK_SET: 0, os.SEEK_CUR: self._offset, os.SEEK_END: self._file.size}[whence]
+        if base + offset < 0:
+            raise ValueError("a place before the file")
+        self._offset = base + offset
+        return self._offset
+
+    def readinto(self, buffer: bytearray | memoryview) -> int:  # type: ignore[override]
+        data = self._file.read(self._offset, len(buffer))
+        buffer[: len(data)] = data
+        self._offset += len(data)
+        return len(data)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[OpenFile]:
+    """Open a regular file to read it piece by piece."""
+    check_readable(path)
+    with access_to(path):
+        descriptor = os.open(path, os.O_RDONLY)
+    try:
+        with access_to(path):
+            status = os.fstat(descriptor)
+        yield OpenFile(path, status.st_size, descriptor, FileState.of_status(status))
+    finally:
+        os.close(descriptor)
+
+
+STRIP = 1 << 20
+"""Bytes of the pixels in a strip, about: they stay in the processor's cache."""
+
+_PIXELS_TOGETHER = 1 << 22
+
+
+@dataclass(frozen=True, eq=False)
+class Strips:
+    """A picture whose rows are decoded some at a time, from the north to the south."""
+
+    shape: tuple[int, int]
+    pictures: Callable[[], Iterator[Picture]]
+
+    def placed(self) -> Iterator[tuple[slice, Picture]]:
+        """Yield each strip and its rows, counted from the south, as grids count them."""
+        stop = self.shape[0]
+        for picture in self.pictures():
+            start = stop - picture.shape[0]
+            yield slice(start, stop), picture
+            stop = start
+
+    def whole(self) -> Picture:
+        samples: NDArray[Any] | None = None
+        alpha: NDArray[Any] | None = None
+        first = 0
+        for part in self.pictures():
+            rows = slice(first, first + part.shape[0])
+            first = rows.stop
+            if part.shape == self.shape:
+                return part
+            if samples is None:
+                more = part.samples.shape[2:]
+                samples = np.empty((*self.shape, *more), dtype=part.samples.dtype)
+                alpha = None if part.alpha is None else np.empty(self.shape, part.alpha.dtype)
+            samples[rows] = part.samples
+            if alpha is not None:
+                alpha[rows] = part.alpha
+        if samples is None:
+            raise ValueError("a picture without strips")
+        return replace(part, samples=samples, alpha=alpha)
+
+
+NOT_AN_IMAGE = "is not an image in a supported format: pgm, pbm, ppm, png, bmp, tiff"
+
+
+@dataclass(frozen=True)
+class ImageFormat:
+    # The readers of ROS treat some formats differently, because their image libraries do: the
+    # modules in `mapdeal.maps.dialects` know these by name. In a format that they do not name,
+    # samples mean what `Picture` says.
+    name: str
+    suffixes: tuple[str, ...]
+    recognises: Callable[[bytes], bool]
+    read: Callable[[OpenFile, int], Strips]
+    memory: Callable[[OpenFile, bytes], int]
+    size: Callable[[bytes, Path, int], tuple[int, int]]
+    max_cells: int = LARGEST_COMPRESSED_CELLS
+    comments: Callable[[bytes], list[str]] = lambda _: []
+
+
+def rows_of_strip(width: int, row_bytes: int) -> int:
+    """Return the rows of a strip, given the pixels of a row and its bytes, which may be fewer."""
+    return max(1, STRIP // max(width, row_bytes))
+
+
+def strips_of(picture: Picture) -> Strips:
+    """Return the strips of a picture that is in memory; they are views of it."""
+    height, width = picture.shape
+    step = max(1, _PIXELS_TOGETHER // width)
+
+    def parts() -> Iterator[Picture]:
+        for first in range(0, height, step):
+            rows = slice(first, first + step)
+            alpha = None if picture.alpha is None else picture.alpha[rows]
+            yield replace(picture, samples=picture.samples[rows], alpha=alpha)
+
+    return Strips(picture.shape, parts)
+
+
+def strips_at_places(
+    shape: tuple[int, int], row_bytes: int, rows_at: Callable[[int, int], Picture]
+) -> Strips:
+    """Return the strips of a picture, given what reads the rows from one to another."""
+    step = rows_of_strip(shape[1], row_bytes)
+
+    def parts() -> Iterator[Picture]:
+        for first in range(0, shape[0], step):
+            yield rows_at(first, min(first + step, shape[0]))
+
+    return Strips(shape, parts)

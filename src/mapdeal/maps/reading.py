@@ -1,0 +1,351 @@
+"""Reading and writing a grid by its file's name: a map_server pair or an npz."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import field
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from mapdeal.errors import (
+    MalformedInputError,
+    MapdealError,
+    MapdealWarning,
+    ParameterError,
+    emit_warning,
+    kept_warnings,
+)
+from mapdeal.files.budget import use_memory
+from mapdeal.files.source import (
+    BIT_MAP,
+    YAML,
+    FileState,
+    check_state,
+    exists,
+    sha256_of,
+    state_of,
+    status_of,
+)
+from mapdeal.files.transaction import Transaction, locked
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField, FieldView
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.reach import Reach
+from mapdeal.grid.values import check_choice
+from mapdeal.inputs.kinds import MAP, recognised
+from mapdeal.kernels.blocks import CacheBudget
+from mapdeal.maps.images import IMAGE_SUFFIXES, memory_to_read, open_pixel_rows, read_image_size
+from mapdeal.maps.map_server import (
+    Encoding,
+    check_rows,
+    find_bits,
+    find_image,
+    lazy_cells,
+    pair_paths,
+    read_cells,
+    write_pair,
+    yaml_beside,
+)
+from mapdeal.maps.map_yaml import Dialect, MapMetadata, Mode, read_metadata
+from mapdeal.maps.npz import Grid, holds_reach, npz_frame, npz_memory, read_npz, write_npz
+from mapdeal.maps.picture import LARGEST_CELLS, check_size
+from mapdeal.maps.pnm import BinaryRows
+from mapdeal.maps.remarks import warn_of_nothing_known, warn_of_one_cost
+from mapdeal.records import dataclass
+
+
+@dataclass(frozen=True)
+class Source:
+    """A grid that was read, and where it came from."""
+
+    grid: Grid
+    files: tuple[Path, ...]
+    metadata: MapMetadata | None = None
+    sums: Mapping[str, str] = field(default_factory=dict)
+
+
+class MapFile:
+    """A map whose header is known and whose cells have yet to be read: all at once, or by rows."""
+
+    def __init__(
+        self, path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None,
+        metadata: MapMetadata | None = None, image: Path | None = None,
+        pixels: BinaryRows | None = None, remarks: Sequence[MapdealWarning] = (),
+        states: Mapping[Path, FileState] | None = None,
+    ) -> None:  # fmt: skip
+        self.path = path
+        self._states = dict(states or {})
+        self.metadata = metadata
+        self._dialect: Dialect = dialect
+        self._max_cells = max_cells
+        self._image = image
+        self._pixels = pixels
+        self._remarks = remarks
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return (self.path,) if self._image is None else (self.path, self._image)
+
+    @property
+    def shape_by_rows(self) -> tuple[int, int] | None:
+        """Rows and columns, if the map can be read by rows."""
+        return None if self._pixels is None else self._pixels.shape
+
+    def memory_to_read(self) -> int:
+        """Return the bytes that `read` takes of memory at its peak, as far as headers show it."""
+        if self._image is None:
+            return npz_memory(self.path)
+        return memory_to_read(self._image)
+
+    def shape(self) -> tuple[int, int]:
+        """Return rows and columns from headers."""
+        if self._image is None:
+            return npz_frame(self.path).shape
+        return read_image_size(self._image, max_cells=self._max_cells)
+
+    def frame(self) -> Frame:
+        """Return where the grid lies, from headers.
+
+        Raises
+        ------
+        FileAccessError, MalformedInputError
+            As `read`, as far as headers show it.
+        """
+        if self.metadata is None:
+            return npz_frame(self.path)
+        return Frame(*self.shape(), self.metadata.resolution, self.metadata.origin)
+
+    def read(self) -> Source:
+        if self.metadata is None or self._image is None:
+            grid: Grid = read_npz(self.path, max_cells=self._max_cells)
+            if type(grid) is OccupancyGrid and holds_reach(self.path):
+                text = (
+                    f"{self.path}: is what a robot can reach; its map is used, its layers are not"
+                )
+                emit_warning(text, stacklevel=2)
+        else:
+            grid = read_cells(
+                self.path, self.metadata, self._image, dialect=self._dialect,
+                max_cells=self._max_cells,
+            )  # fmt: skip
+        self.check_unchanged()
+        self._warn_of_cells(grid)
+        return Source(grid, self.files, self.metadata)
+
+    def by_rows(self, *, block_height: int, budget: CacheBudget | None = None) -> Source:
+        """Return the map, its rows read when they are asked for; `shape_by_rows` must be known."""
+        self.check_unchanged()
+        pixels, metadata = self._pixels, self.metadata
+        if pixels is None or metadata is None:
+            raise ValueError(f"{self.path} cannot be read by rows")
+        height, width = pixels.shape
+        limit = LARGEST_CELLS if self._max_cells is None else self._max_cells
+        check_size(pixels.image, width, height, limit)
+        for remark in self._remarks:
+            emit_warning(remark, stacklevel=2)
+        grid = lazy_cells(
+            metadata, pixels, block_height=block_height, budget=budget, dialect=self._dialect
+        )
+        check_rows(self.path, metadata, pixels, self._dialect)
+        self._warn_of_cells(grid)
+        return Source(grid, self.files, metadata)
+
+    def _warn_of_cells(self, grid: Grid) -> None:
+        if isinstance(grid, Costmap):
+            warn_of_one_cost(self.path, grid)
+        elif isinstance(grid, OccupancyGrid):
+            warn_of_nothing_known(self.path, grid.occupancy)
+
+    def sums_by_name(self, read: Mapping[Path, str]) -> dict[str, str]:
+        """Return the sha256 of each file, by its name, of what was or will be read of it."""
+        sums = {one.name: read.get(one) or self._sum_of(one) for one in self.files}
+        self.check_unchanged()
+        return sums
+
+    def _sum_of(self, path: Path) -> str:
+        if self._pixels is not None and path == self._image:
+            return self._pixels.sha256()  # by way of the open file
+        return sha256_of(path)
+
+    def check_unchanged(self) -> None:
+        """Raise FileAccessError if a file is not the one any more whose header was read."""
+        # Between two files of a map somebody may have replaced both.
+        with locked({path.parent for path in self._states}):
+            pass  # whoever was between two renames is through with them
+        for path, state in self._states.items():
+            check_state(path, state)
+
+
+@contextmanager
+def open_map(
+    path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
+) -> Iterator[MapFile]:
+    """Open the map in a ``.yaml`` pair or an ``.npz``: its header is read, its cells are not."""
+    # A ``.pbm`` stands for the ``.yaml`` beside it.
+    if path.suffix.lower() == ".npz":
+        yield MapFile(path, max_cells=max_cells, states={path: state_of(path)})
+        return
+    bits = path if path.suffix.lower() == BIT_MAP else None
+    if bits is None:
+        _refuse_image(path)
+    else:
+        path = yaml_beside(bits)
+    states = {path: state_of(path)}
+    with recognised(path, "a map", MAP):
+        metadata = read_metadata(path, dialect=dialect)
+    image = find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
+    states[image] = state_of(image)
+    with ExitStack() as stack:
+        pixels: BinaryRows | None = None
+        with kept_warnings() as remarks:
+            # What is wrong with the header is the business of who reads the map.
+            if metadata.cost_scale is None:
+                with suppress(MapdealError):
+                    pixels = stack.enter_context(open_pixel_rows(image))
+        yield MapFile(
+            path, dialect=dialect, max_cells=max_cells, metadata=metadata, image=image,
+            pixels=pixels, remarks=remarks, states=states,
+        )  # fmt: skip
+
+
+def read_source(
+    path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
+) -> Source:  # fmt: skip
+    """Return the grid in a ``.yaml`` pair or an ``.npz``, with the files it came from."""
+    with open_map(path, dialect=dialect, max_cells=max_cells) as file:
+        return file.read()
+
+
+def _refuse_image(path: Path) -> None:
+    suffix = path.suffix.lower()
+    if suffix in IMAGE_SUFFIXES:
+        sibling = path.with_suffix(".yaml")
+        hint = f"pass {sibling}" if exists(sibling) else "pass the .yaml that names the image"
+        status_of(path)
+        raise MalformedInputError("looks like an image, not a map's YAML", source=path, hint=hint)
+
+
+def as_occupancy(grid: Grid, what: Path | str) -> OccupancyGrid:
+    """Return the map in a grid: a field's own, a costmap's as ROS would publish it."""
+    if isinstance(grid, (DistanceField, PotentialField, Reach)):
+        return grid.grid
+    if isinstance(grid, Costmap):
+        text = f"{what}: contains costs; read as the occupancy that ROS would publish for them"
+        emit_warning(text, stacklevel=2)
+        return grid.to_occupancy()
+    if isinstance(grid, FieldView):
+        text = f"{what}: is the 0..100 view of a distance field; its values are read as a map's"
+        emit_warning(text, stacklevel=2)
+        return grid.as_map()
+    return grid
+
+
+def read_map(
+    path: Path | str, *, dialect: Dialect = "nav2", max_cells: int | None = None,
+    max_memory: int | None = None,
+) -> Grid:  # fmt: skip
+    """Read a map.
+
+    Parameters
+    ----------
+    path : path or str
+        A map_server ``.yaml`` file, a ``.pbm`` file with its ``.yaml`` next to it, or an ``.npz``
+        file written by mapdeal.
+    dialect : {'nav2', 'humble', 'ros1'}
+        map_server whose reading of the image to follow: Nav2 since Jazzy, Nav2 Humble, or ROS 1.
+    max_cells : int, optional
+        Largest number of cells to read; by default 2e8 for compressed images, 1e9 for others.
+    max_memory : int, optional
+        Memory limit, bytes; by default half of the free memory.
+
+    Returns
+    -------
+    OccupancyGrid, Costmap, DistanceField or PotentialField
+        An occupancy grid for every ordinary map; the type of the saved grid for an npz file, or a
+        costmap for a YAML file with ``cost_scale``.
+
+    Raises
+    ------
+    FileAccessError
+        If a file cannot be read.
+    MalformedInputError
+        If a file is malformed.
+    ParameterError
+        If the dialect is unknown.
+
+    Warns
+    -----
+    MapdealWarning
+        For each assumption that had to be made, such as a default for a missing key.
+    """
+    check_choice(dialect, Dialect, "dialect")
+    with use_memory(max_memory):
+        return read_source(Path(path), dialect=dialect, max_cells=max_cells).grid
+
+
+def output_paths(output: Path) -> tuple[Path, ...]:
+    """Return the files that writing a grid to `output` makes."""
+    if output.suffix == ".npz":
+        return (output,)
+    if output.suffix in (*YAML, ".pgm", ".png"):
+        return pair_paths(output)
+    rule = "an output must end in .yaml, .npz, .pgm or .png"
+    hint = "mapdeal pack makes a bit map of a map" if output.suffix == BIT_MAP else None
+    raise ParameterError(rule, source=output, got=output.suffix, hint=hint)
+
+
+def write_grid(
+    transaction: Transaction, output: Path, grid: Grid, *, mode: Mode | None = None,
+    encoding: Encoding = "occupancy", extra: dict[str, Any] | None = None,
+    more: Mapping[str, NDArray[Any]] | None = None,
+) -> None:  # fmt: skip
+    """Write a grid to `output` as its ending says; a field and `more` layers only fit an npz."""
+    if output.suffix == ".npz":
+        if mode is not None:
+            raise ParameterError("an npz has no mode", place="mode", got=mode)
+        transaction.write(output, lambda file: write_npz(file, grid, more=more))
+        return
+    if not isinstance(grid, (OccupancyGrid, Costmap)):
+        raise ParameterError(f"a {grid.kind} is written as npz", source=output)
+    write_pair(transaction, output, grid, mode=mode, encoding=encoding, extra=extra)
+
+
+def write_map(
+    path: Path | str, grid: Grid, *, mode: Mode | None = None, encoding: Encoding = "occupancy",
+    force: bool = False,
+) -> None:  # fmt: skip
+    """Write a map, costmap or field.
+
+    Parameters
+    ----------
+    path : path or str
+        ``.yaml`` or ``.pgm`` for a PGM pair, ``.png`` for a PNG pair, or ``.npz`` for all layers
+        without loss. Missing folders are created.
+    grid : OccupancyGrid, Costmap, DistanceField, PotentialField or Reach
+        Grid to write; fields and results of reach can only be written to an npz file.
+    mode : {'trinary', 'scale', 'raw'}, optional
+        How values become pixels; by default ``raw`` if any value lies in 1..99, else ``trinary``.
+    encoding : {'occupancy', 'costmap2d'}
+        Scale of the costs in the pixels of a costmap.
+    force : bool
+        Whether to replace existing files.
+
+    Raises
+    ------
+    FileAccessError
+        If a file exists and `force` is not set, or a file cannot be written; nothing is changed
+        then.
+    ParameterError
+        If the suffix, mode or encoding is unknown or does not fit the grid.
+    """
+    if mode is not None:
+        check_choice(mode, Mode, "mode")
+    check_choice(encoding, Encoding, "encoding")
+    output = Path(path)
+    with Transaction(output_paths(output), force=force) as transaction:
+        write_grid(transaction, output, grid, mode=mode, encoding=encoding)

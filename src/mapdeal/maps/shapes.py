@@ -1,0 +1,268 @@
+"""Files of shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
+from mapdeal.files.json_values import JsonValue, read_document
+from mapdeal.files.yaml_text import OF_SHAPES, Entry, read_mapping
+from mapdeal.grid.frame import Point
+from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
+from mapdeal.inputs.kinds import SHAPES, recognised
+from mapdeal.spelling import as_known, meant
+
+_PARTS = {"MultiPolygon": "Polygon", "MultiLineString": "LineString", "MultiPoint": "Point"}
+
+
+def read_geojson(path: Path) -> list[Shape]:
+    # A Polygon is one, its inner rings are holes; a LineString is a line with the thickness that
+    # property ``thickness`` says; a Point is a circle with the radius that property ``radius``
+    # says. Property ``value`` is what they are drawn with. Other properties mean nothing.
+    return geojson_shapes(read_document(path))
+
+
+def geojson_shapes(document: JsonValue) -> list[Shape]:
+    try:
+        return _Reader(document.source).shapes(document.value)
+    except RecursionError:
+        raise MalformedInputError("nested too deep", source=document.source) from None
+
+
+class _Reader:
+    """Shapes from the nested parts of a file; errors name the file and the feature."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def error(self, rule: str, place: str, **more: object) -> MalformedInputError:
+        return MalformedInputError(rule, source=self._path, place=place, **more)  # type: ignore[arg-type]
+
+    def shapes(self, document: Any) -> list[Shape]:
+        """Return all shapes of the file."""
+        if not isinstance(document, dict):
+            raise self.error("must be an object with a type", "the file")
+        if document.get("type") != "FeatureCollection":
+            return list(self.feature(document, "feature 1"))
+        features = self._list(document.get("features"), "features")
+        return [
+            shape
+            for index, feature in enumerate(features)
+            for shape in self.feature(feature, f"feature {index + 1}")
+        ]
+
+    def feature(self, feature: Any, place: str) -> Iterator[Shape]:
+        if not isinstance(feature, dict):
+            raise self.error("must be an object with a type", place)
+        if feature.get("type") != "Feature":
+            yield from self._geometry(feature, {}, place)
+            return
+        properties = feature.get("properties") or {}
+        if not isinstance(properties, dict):
+            raise self.error("properties must be an object", place)
+        if feature.get("geometry") is None:
+            text = f"{self._path}: {place}: has no geometry, it was left out"
+            emit_warning(text, stacklevel=2)
+            return
+        yield from self._geometry(feature["geometry"], properties, place)
+
+    def _geometry(
+        self, geometry: Any, properties: Mapping[str, Any], place: str
+    ) -> Iterator[Shape]:
+        kind = geometry.get("type") if isinstance(geometry, dict) else None
+        if kind == "GeometryCollection":
+            for part in self._list(geometry.get("geometries"), f"{place}: geometries"):
+                yield from self._geometry(part, properties, place)
+            return
+        if not isinstance(kind, str) or kind not in (*_PARTS, *_PARTS.values()):
+            kinds = ("Feature", *_PARTS.values(), *_PARTS, "GeometryCollection")
+            rule = f"type must be one of {', '.join(kinds)}"
+            raise self.error(rule, place, got=kind)
+        coordinates = self._list(geometry.get("coordinates"), f"{place}: coordinates")
+        for part in coordinates if kind in _PARTS else [coordinates]:
+            yield self._shape(_PARTS.get(kind, kind), part, properties, place)
+
+    def _shape(self, kind: str, part: Any, properties: Mapping[str, Any], place: str) -> Shape:
+        value = self._number(properties, "value", place)
+        if value is not None and value % 1:
+            raise self.error("must be a whole number", f"{place}: value", got=value)
+        whole = None if value is None else int(value)
+        source = f"{self._path}: {place}"
+        try:
+            if kind == "Polygon":
+                rings = [
+                    self._ring(ring, f"{place}: ring {index + 1}")
+                    for index, ring in enumerate(self._list(part, place))
+                ]
+                if not rings:
+                    raise self.error("a Polygon needs a ring of coordinates", place)
+                return Polygon(rings[0], rings[1:], whole, source)
+            if kind == "LineString":
+                thickness = self._number(properties, "thickness", place) or 0.0
+                return Line(self._points(part, place), thickness, whole, source)
+            radius = self._number(properties, "radius", place)
+            if radius is None:
+                rule = "a Point needs a property radius, in metres, to be a circle"
+                raise self.error(rule, place)
+            return Circle(self._points([part], place)[0], radius, whole, source)
+        except ParameterError as error:
+            raise error.in_file(self._path, place) from None
+
+    def _ring(self, ring: Any, place: str) -> list[Any]:
+        points = self._points(ring, place)
+        closed = len(points) > 1 and points[0] == points[-1]
+        return points[:-1] if closed else points
+
+    def _points(self, points: Any, place: str) -> list[Any]:
+        """Return pairs of numbers; a height behind them is left out."""
+        found = []
+        for index, point in enumerate(self._list(points, place)):
+            numbers = point if isinstance(point, list) else []
+            if len(numbers) not in (2, 3) or not all(_is_number(v) for v in numbers):
+                rule = "must be two numbers [x, y]"
+                raise self.error(rule, f"{place}: position {index + 1}", got=point)
+            found.append(tuple(numbers[:2]))
+        return found
+
+    def _number(self, properties: Mapping[str, Any], name: str, place: str) -> float | None:
+        value = properties.get(name)
+        if value is not None and not _is_number(value):
+            raise self.error("must be a number", f"{place}: {name}", got=value)
+        return value
+
+    def _list(self, value: Any, place: str) -> list[Any]:
+        if not isinstance(value, list):
+            raise self.error("must be a list", place, got=value)
+        return value
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+_KEYS = {
+    "polygon": ("type", "points", "holes", "value"),
+    "line": ("type", "points", "thickness", "value"),
+    "circle": ("type", "center", "radius", "value"),
+}
+_FORM = "a file of shapes has a list: shapes: [{type: polygon, points: [[x, y], ...]}, ...]"
+
+
+def read_shapes(path: Path | str) -> list[Shape]:
+    """Read the shapes in a file, in order.
+
+    Parameters
+    ----------
+    path : path or str
+        A GeoJSON file (``.json`` or ``.geojson``), or a YAML file with a list ``shapes``. Each
+        item has ``type: polygon``, ``points`` and optionally ``holes``; ``type: line``,
+        ``points`` and optionally ``thickness``; or ``type: circle``, ``center`` and ``radius``.
+        Each may have a ``value``. Lengths are in metres, points are [x, y] in the map frame.
+
+    Returns
+    -------
+    list of Polygon, Line or Circle
+        The shapes, with their values.
+
+    Raises
+    ------
+    FileAccessError
+        If the file cannot be read.
+    MalformedInputError
+        If the file is malformed or contains no shape; the error names the shape and the line.
+    """
+    path = Path(path)
+    with recognised(path, "a file of shapes", SHAPES):
+        is_json = path.suffix.lower() in (".json", ".geojson")
+        shapes = read_geojson(path) if is_json else list(_shapes_of(path))
+    if not shapes:
+        raise MalformedInputError("holds no shape", source=path)
+    return shapes
+
+
+def _shapes_of(path: Path) -> Iterator[Shape]:
+    try:
+        entries = read_mapping(path, OF_SHAPES)
+    except MalformedInputError as error:
+        error.hint = _FORM
+        raise
+    if "shapes" not in entries:
+        raise MalformedInputError("missing key shapes", source=path, hint=_FORM)
+    for key, entry in entries.items():
+        if key != "shapes":
+            raise entry.error("unknown key: a file of shapes has only shapes")
+    for index, entry in enumerate(entries["shapes"].items()):
+        yield _shape_of(Entry(path, f"shape {index + 1}", entry.node))
+
+
+def _shape_of(entry: Entry) -> Shape:
+    fields = entry.fields()
+    kind = fields["type"].text() if "type" in fields else None
+    if kind not in _KEYS:
+        rule = f"type must be one of {', '.join(_KEYS)}"
+        raise (fields["type"] if kind else entry).error(rule)
+    fields = _as_known(fields, kind)
+
+    def required(key: str) -> Entry:
+        if key not in fields:
+            raise entry.error(f"a {kind} needs {key}")
+        return fields[key]
+
+    value = _whole(fields["value"]) if "value" in fields else None
+    source = f"{entry.source}: {entry.place}"
+    with _found_at(entry):
+        if kind == "circle":
+            center, radius = _point(required("center")), required("radius").number()
+            return Circle(center, radius, value, source)
+        points = _points(required("points"))
+        if kind == "line":
+            thickness = fields["thickness"].number() if "thickness" in fields else 0.0
+            return Line(points, thickness, value, source)
+        holes = fields["holes"].items() if "holes" in fields else []
+        return Polygon(points, [_points(hole) for hole in holes], value, source)
+
+
+def _as_known(fields: dict[str, Entry], kind: str) -> dict[str, Entry]:
+    """Return the entries of a shape by the names that its keys are known by."""
+    known = _KEYS[kind]
+    named: dict[str, Entry] = {}
+    for key, field in fields.items():
+        name = as_known(key, known)
+        if name not in known:
+            rule, hint = f"unknown key of a {kind}", meant(key, known)
+            raise MalformedInputError(rule, source=field.source, place=field.place, got=key,
+                                      hint=hint or f"known: {', '.join(known)}")  # fmt: skip
+        if name in named:
+            raise field.error(f"is given twice, as {name} and as {key}")
+        named[name] = field
+    return named
+
+
+def _points(entry: Entry) -> list[Point]:
+    return [_point(item) for item in entry.items()]
+
+
+def _point(entry: Entry) -> Point:
+    numbers = entry.items()
+    if len(numbers) != 2:
+        raise entry.error("must be two numbers [x, y]")
+    return numbers[0].number(), numbers[1].number()
+
+
+def _whole(entry: Entry) -> int:
+    number = entry.number()
+    if number % 1:
+        raise entry.error("must be a whole number")
+    return int(number)
+
+
+@contextmanager
+def _found_at(entry: Entry) -> Iterator[None]:
+    """Turn what is wrong with a shape into an error about its place in the file."""
+    try:
+        yield
+    except ParameterError as error:
+        raise error.in_file(entry.source, entry.place) from None

@@ -1,0 +1,403 @@
+"""The sheet around a map: title, legend, colour bar and scale bar."""
+
+from __future__ import annotations
+
+import math
+import unicodedata
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mapdeal.grid.frame import Frame, Region
+from mapdeal.kernels.lookup import histogram
+from mapdeal.kernels.room import check_room
+from mapdeal.pictures.colours import ColourBar, Colours, Swatch
+from mapdeal.pictures.overlay import Overlay
+from mapdeal.pictures.raster import Raster
+from mapdeal.records import dataclass
+
+_SHADES = 16
+
+MOST_COLOURS = 256 - _SHADES
+"""Palette entries that a picture may use; the rest are the greys of the text."""
+
+BLACK, WHITE = MOST_COLOURS, 255
+GREY = MOST_COLOURS + _SHADES // 3
+
+_INK = [WHITE - round(covered * (_SHADES - 1) / 255) for covered in range(256)]
+"""Indices by how much of a pixel is covered."""
+
+_FREETYPE = 16 << 20
+"""Bytes, more than FreeType takes for letters: it dies where it finds none."""
+
+_ALIKE = str.maketrans({
+    "\u00d7": "x", "\u2010": "-", "\u2011": "-", "\u2012": "-", "\u2013": "-", "\u2014": "-",
+    "\u2212": "-", "\u00df": "ss", "\u00b5": "u", "\u00f8": "o", "\u00d8": "O",
+})  # fmt: skip
+"""Characters that the font of Pillow does not have and accents do not make of others."""
+
+_NO_CHARACTER = "\ufffd"
+"""Drawn as a box."""
+
+
+def printable(text: str) -> str:
+    """Return `text` in characters that the font has: no accents if need be, else boxes."""
+    if text.isascii() and text.isprintable():
+        return text
+    kept = []
+    for character in unicodedata.normalize("NFC", text).translate(_ALIKE):
+        plain = unicodedata.normalize("NFKD", character)
+        parts = [c for c in plain if not unicodedata.combining(c)]
+        shown = [character] if _has(character) else parts
+        kept += [c if _has(c) else _NO_CHARACTER for c in shown]
+    return "".join(kept)
+
+
+@cache
+def _has(character: str) -> bool:
+    font = _font(20)
+    masks = [bytes(font.getmask(one)) for one in (character, _NO_CHARACTER)]
+    return character.isprintable() and masks[0] != masks[1]
+
+
+@cache
+def _font(size: int) -> Any:
+    """Return Pillow's own font, Aileron, laid out alike with and without further libraries."""
+    from PIL import ImageFont
+
+    font: Any = ImageFont.load_default(size)
+    return font.font_variant(layout_engine=ImageFont.Layout.BASIC)
+
+
+def text_width(text: str, size: int) -> int:
+    """Return the pixels that `text` takes in a line."""
+    length: float = _font(size).getlength(printable(text))
+    return math.ceil(length)
+
+
+def ascent(size: int) -> int:
+    """Return the rows between the top of a line and its baseline."""
+    return int(_font(size).getmetrics()[0])
+
+
+def capital_height(size: int) -> int:
+    return int(-_font(size).getbbox("H", anchor="ls")[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """A palette image: indices, shape (H, W), row 0 at the top, and colours, shape (256, 3)."""
+
+    indices: NDArray[np.uint8]
+    palette: Colours
+
+
+class Pen:
+    """Text and lines, in one size, on a white sheet of palette indices."""
+
+    def __init__(self, size: int) -> None:
+        check_room(_FREETYPE)
+        self.size = size
+        self._title_size = round(1.25 * size)
+        self.sheet = np.empty((0, 0), dtype=np.uint8)
+
+    def open(self, width: int, height: int) -> None:
+        self.sheet = np.full((height, width), WHITE, dtype=np.uint8)
+
+    def text_width(self, title: str, subtitle: str) -> int:
+        """Return the pixels that the two lines above the map take."""
+        return 1 + max(text_width(title, self._title_size), text_width(subtitle, self.size))
+
+    def text(self, x: int, y: int, text: str, *, limit: int, large: bool = False) -> None:
+        """Write a line whose upper left corner is given; what does not fit `limit` is cut."""
+        size = self._title_size if large else self.size
+        self.write(x, y + ascent(size), _cut(printable(text), limit, size), size)
+
+    def fitting(self, text: str, limit: int) -> str:
+        """Return a line, cut if it does not fit `limit` pixels."""
+        return _cut(printable(text), limit, self.size)
+
+    def label(self, x: float, y: float, text: str) -> None:
+        """Write a line that begins at x, its middle at y."""
+        above, below = _font(self.size).getmetrics()
+        self.write(int(x), int(y) + (above - below) // 2, printable(text), self.size)
+
+    def write(self, x: int, baseline: int, text: str, size: int) -> None:
+        """Write `printable` text in any size from x on."""
+        from PIL import Image as Pillow
+        from PIL import ImageDraw
+
+        line = Pillow.new("L", (text_width(text, size) + size, 2 * size))
+        at = (size // 2, ascent(size))  # a letter may begin left of its place
+        ImageDraw.Draw(line).text(at, text, fill=255, font=_font(size), anchor="ls")
+        left, top = x - at[0], baseline - at[1]
+        under = self.sheet[max(top, 0) : top + line.height, max(left, 0) : left + line.width]
+        # numpy dies for lack of memory where it converts types, so Pillow turns shades to indices
+        ink = np.asarray(line.point(_INK))[max(-top, 0) :, max(-left, 0) :]
+        np.minimum(under, ink[: len(under), : under.shape[1]], out=under)
+
+    def fill(self, left: float, top: float, right: float, bottom: float) -> None:
+        """Fill a black box, its edges included."""
+        self.sheet[int(top) : int(bottom) + 1, int(left) : int(right) + 1] = BLACK
+
+    def frame(self, x: int, y: int, width: int, height: int) -> None:
+        """Draw a thin dark line around a rectangle, outside of it."""
+        self.sheet[y - 1, x - 1 : x + width + 1] = GREY
+        self.sheet[y + height, x - 1 : x + width + 1] = GREY
+        self.sheet[y - 1 : y + height + 1, x - 1] = GREY
+        self.sheet[y - 1 : y + height + 1, x + width] = GREY
+
+    def image(self, colours: ArrayLike) -> Image:
+        """Return the sheet as a picture, given what the indices below `MOST_COLOURS` mean."""
+        own = np.asarray(colours, dtype=np.uint8)
+        palette = np.zeros((256, 3), dtype=np.uint8)
+        palette[: len(own)] = own
+        palette[MOST_COLOURS:] = np.linspace(0, 255, _SHADES).astype(np.uint8)[:, np.newaxis]
+        return Image(self.sheet, palette)
+
+
+def _cut(text: str, limit: int, size: int) -> str:
+    if text_width(text, size) <= limit:
+        return text
+    limit -= text_width("...", size)
+    while text and text_width(text, size) > limit:
+        text = text[:-1]
+    return f"{text}..."
+
+
+_X_AXIS, _Y_AXIS = "x [m]", "y [m]"
+
+
+def sheet(
+    pixels: NDArray[np.uint8],
+    colours: Colours,
+    *,
+    title: str,
+    subtitle: str,
+    metres_per_pixel: float,
+    corner_xy: tuple[float, float] | None = None,
+    bar: ColourBar | None = None,
+    swatches: Sequence[Swatch] = (),
+) -> Image:
+    """Return the picture of a map on a sheet with everything that explains it."""
+    height, width = pixels.shape
+    text_size = text_size_of(pixels.shape)
+    pen = _Pen(text_size)
+    pad = text_size
+    column = pen.legend_width(bar, swatches)
+    map_width = max(width, pen.minimum_width())
+    legend_height = max(height, pen.legend_height(bar, swatches))
+    across = ticks_between(corner_xy[0], width, metres_per_pixel, text_size) if corner_xy else []
+    along = ticks_between(corner_xy[1], height, metres_per_pixel, text_size) if corner_xy else []
+    left, top = pad + pen.labels_width(along), pad + int((4.2 if along else 3.4) * text_size)
+    below = int(1.6 * text_size) if across else 0
+    needed = left + map_width + (pad + column if column else 0) + pad
+    # Thin maps get a sheet that their title fits on, very long titles are cut.
+    sheet_width = max(needed, min(pen.text_width(title, subtitle), 60 * text_size) + 2 * pad)
+    sheet_height = max(top + height + below + int(3.2 * text_size), top + legend_height + pad)
+
+    pen.open(sheet_width, sheet_height)
+    pen.text(pad, pad, title, limit=sheet_width - 2 * pad, large=True)
+    pen.text(pad, pad + int(1.55 * text_size), subtitle, limit=sheet_width - 2 * pad)
+    pen.coordinates(left, top + height, across, along)
+    scale_top = top + height + below + int(0.9 * text_size)
+    end = pen.scale_bar(left, scale_top, map_width, metres_per_pixel)
+    if along:
+        pen.above(pad, left, top, _Y_AXIS)
+    if across:
+        pen.label(max(end, left + width - text_width(_X_AXIS, text_size)), scale_top, _X_AXIS)
+    boxes = pen.legend(left + map_width + pad, top, legend_height, bar, swatches)
+    indices = pen.sheet
+    indices[top : top + height, left : left + width] = pixels[::-1]
+    pen.frame(left, top, width, height)
+    for (x, y, w, h), content in boxes:
+        indices[y : y + h, x : x + w] = content
+        pen.frame(x, y, w, h)
+
+    return pen.image(colours)
+
+
+def on_sheet(
+    pixels: NDArray[np.uint8],
+    palette: NDArray[np.integer],
+    frame: Frame,
+    raster: Raster,
+    *,
+    title: str,
+    swatches: list[Swatch],
+    before: str = "",
+    more: str = "",
+    bar: ColourBar | None = None,
+    overlay: Overlay | None = None,
+) -> Image:
+    """Return the picture of a layer of a frame, with an overlay over it, on a sheet."""
+    texts = [before, frame_text(frame, raster.part), more]
+    shown = raster.frame_of(frame)
+    if overlay is not None:
+        if not pixels.flags.writeable:  # they are the layer itself
+            pixels = np.array(pixels)
+        swatches = swatches + overlay.draw(pixels, shown, raster, len(palette))
+        palette = np.vstack([palette, overlay.colours])
+        texts.append(overlay.text)
+    return sheet(
+        pixels,
+        palette.astype(np.uint8),
+        title=title,
+        subtitle="; ".join(filter(None, texts)),
+        metres_per_pixel=raster.metres_per_pixel(frame.resolution),
+        corner_xy=corner_of(shown),
+        bar=bar,
+        swatches=swatches,
+    )
+
+
+def text_size_of(shape: tuple[int, ...]) -> int:
+    """Return the pixels per em of the text around a map of so many pixels."""
+    return int(min(40, max(14, max(shape) / 55)))
+
+
+def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[Swatch]:
+    """Return the legend entries whose colour a map shows."""
+    shown = histogram(pixels) > 0
+    return [swatch for swatch in swatches if shown[swatch.index]]
+
+
+def frame_text(frame: Frame, part: Region | None = None) -> str:
+    """Return a map's size in cells and metres, for a subtitle; of a turned one corner and yaw."""
+    # If a picture shows a part of it alone, its size in cells is shown as well.
+    width, height = frame.width * frame.resolution, frame.height * frame.resolution
+    text = (
+        f"{frame.width} x {frame.height} cells, {frame.resolution:.6g} m each, "
+        f"{width:.6g} x {height:.6g} m"
+    )
+    x, y, yaw = frame.origin
+    if yaw:
+        text += f", from {x:.10g}, {y:.10g} at yaw {yaw:.4g} (not turned here)"
+    return text if part is None else f"{text}; shown: {part.width} x {part.height} cells"
+
+
+def corner_of(frame: Frame) -> tuple[float, float] | None:
+    """Return the lower left corner of a map that is not turned, for `sheet`."""
+    x, y, yaw = frame.origin
+    return None if yaw else (x, y)
+
+
+def ticks_between(
+    start: float, pixels: int, metres_per_pixel: float, text_size: int
+) -> list[tuple[int, str]]:  # fmt: skip
+    """Return the round coordinates along an edge, each with its pixel, as many as find room."""
+    widest = max(len(f"{value:.0f}") for value in (start, start + pixels * metres_per_pixel))
+    room = text_size * max(4.0, 0.7 * widest + 2)  # pixels
+    step = next(
+        factor * 10.0**power
+        for power in range(-7, 13)
+        for factor in (1, 2, 5)
+        if factor * 10.0**power >= room * metres_per_pixel
+    )
+    decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+    first = math.ceil(start / step - 1e-6)
+    last = math.floor((start + pixels * metres_per_pixel) / step + 1e-6)
+    return [
+        (round((k * step - start) / metres_per_pixel), f"{k * step + 0.0:.{decimals}f}")
+        for k in range(first, last + 1)
+    ]
+
+
+def round_length(length: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that is at most `length`.
+
+    Examples
+    --------
+    >>> round_length(7.3), round_length(0.25)
+    (5.0, 0.2)
+    """
+    power = 10.0 ** math.floor(math.log10(length))
+    step = max(s for s in (1, 2, 5) if s * power <= length * (1 + 1e-9))
+    return float(step * power)
+
+
+class _Pen(Pen):
+    """A pen that writes what goes with a map."""
+
+    def minimum_width(self) -> int:
+        """Return the width below which a scale bar makes no sense."""
+        return 8 * self.size
+
+    def legend_width(self, bar: ColourBar | None, swatches: Sequence[Swatch]) -> int:
+        labels = [s.label for s in swatches]
+        if bar is not None:
+            labels += [label for _, label in bar.ticks] + [bar.unit]
+        if not labels:
+            return 0
+        return int(1.9 * self.size + max(text_width(label, self.size) for label in labels))
+
+    def legend_height(self, bar: ColourBar | None, swatches: Sequence[Swatch]) -> int:
+        return int(self.size * (1.6 * len(swatches) + (14 if bar is not None else 0)))
+
+    def legend(
+        self, x: int, y: int, height: int, bar: ColourBar | None, swatches: Sequence[Swatch]
+    ) -> list[tuple[tuple[int, int, int, int], NDArray[np.uint8]]]:
+        """Draw the labels; return the boxes of colour with their palette indices."""
+        boxes = []
+        size = self.size
+        if bar is not None:
+            top = y + int(1.5 * size)
+            bar_height = min(height - int(size * (1.6 * len(swatches) + 3)), 30 * size)
+            self.text(x, y - int(0.2 * size), bar.unit, limit=10**6)
+            column = np.asarray(bar.indices, dtype=np.uint8)[::-1]
+            rows = np.arange(bar_height) * len(column) // bar_height
+            content = np.repeat(column[rows][:, np.newaxis], int(1.2 * size), axis=1)
+            boxes.append(((x, top, int(1.2 * size), bar_height), content))
+            for position, label in bar.ticks:
+                tick_y = top + round((1 - position) * (bar_height - 1))
+                self.fill(x + 1.2 * size, tick_y, x + 1.5 * size, tick_y)
+                self.label(x + 1.8 * size, tick_y, label)
+            y = top + bar_height + size
+        for swatch in swatches:
+            content = np.full((int(1.1 * size), int(1.2 * size)), swatch.index, dtype=np.uint8)
+            boxes.append(((x, y, content.shape[1], content.shape[0]), content))
+            self.label(x + 1.8 * size, y + content.shape[0] / 2, swatch.label)
+            y += int(1.6 * size)
+        return boxes
+
+    def labels_width(self, ticks: Sequence[tuple[int, str]]) -> int:
+        """Return the room that labels left of the map take."""
+        if not ticks:
+            return 0
+        return int(max(text_width(label, self.size) for _, label in ticks) + 0.6 * self.size)
+
+    def coordinates(
+        self, left: int, bottom: int, across: Sequence[tuple[int, str]],
+        along: Sequence[tuple[int, str]],
+    ) -> None:  # fmt: skip
+        """Draw round coordinates below and left of the map, whose lower left corner is given."""
+        mark = max(3, self.size // 3)
+        for pixel, label in across:
+            x = left + pixel
+            self.fill(x, bottom, x, bottom + mark)
+            baseline = int(bottom + 1.3 * mark) + capital_height(self.size)
+            self.write(x - text_width(label, self.size) // 2, baseline, label, self.size)
+        for pixel, label in along:
+            y = bottom - pixel
+            self.fill(left - mark, y, left, y)
+            self.label(left - 1.5 * mark - text_width(label, self.size), y, label)
+
+    def above(self, left: int, right: int, top: int, name: str) -> None:
+        """Name the labels left of a map, which end at `right`, above its upper edge `top`."""
+        x = max(left, right - text_width(name, self.size) - self.size // 2)
+        self.write(x, top - int(0.55 * self.size), name, self.size)
+
+    def scale_bar(self, x: int, y: int, width: int, metres_per_pixel: float) -> int:
+        """Draw a bar of a round length; return where something else may follow."""
+        length = round_length(width * metres_per_pixel * 0.4)
+        pixels = round(length / metres_per_pixel)
+        thick = max(2, self.size // 6)
+        self.fill(x, y, x + pixels, y + thick)
+        for end in (x, x + pixels):
+            self.fill(end, y - 2 * thick, end + thick // 2, y + thick)
+        label = f"{length:g} m"
+        self.label(x + pixels + self.size, y, label)
+        return x + pixels + 2 * self.size + text_width(label, self.size)

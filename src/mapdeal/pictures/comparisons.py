@@ -1,0 +1,281 @@
+"""The picture of a score: how far the walls of a map are from the true ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import OCCUPIED
+from mapdeal.pictures import colours
+from mapdeal.pictures.canvas import (
+    GREY,
+    WHITE,
+    Image,
+    Pen,
+    on_sheet,
+    swatches_in,
+    text_size_of,
+    text_width,
+)
+from mapdeal.pictures.colours import ColourBar, LayerStyle, Swatch, interpolated, palette_of
+from mapdeal.pictures.overlay import ImageExtent, shown_part
+from mapdeal.pictures.raster import DEFAULT_IMAGE_MAX, Raster
+from mapdeal.pictures.styles import difference_style, occupancy_style
+from mapdeal.records import dataclass
+
+_UNKNOWN = 1
+"""What cells are up to which neither map knows anything."""
+
+_SMALL_SIDE = 1200
+"""Pixels to which maps that differ by single cells are enlarged."""
+
+
+def difference_image(
+    changes: NDArray[np.uint8],
+    frame: Frame,
+    *,
+    title: str,
+    image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = "all",
+    only_in: tuple[str, str] | None = None,
+    style: LayerStyle | None = None,
+) -> Image:
+    is_fine = only_in is not None or style is not None
+    more = {"small_side": _SMALL_SIDE} if is_fine else {}
+    part = shown_part(changes, frame, image_extent, is_known=lambda kinds: kinds > _UNKNOWN)
+    raster = Raster.fitting(frame.shape, image_max, part=part, **more)
+    pixels = raster.largest(changes)
+    style = style or difference_style(only_in)
+    return on_sheet(
+        raster.enlarged(pixels),
+        style.colours,
+        frame,
+        raster,
+        title=title,
+        swatches=swatches_in(pixels, style.swatches),
+    )
+
+
+_NOT_KNOWN, _FREE, _OCCUPIED, _NO_CONFLICT = 0, 1, 101, 101
+"""Each value of the map has the index above it, so that the largest shows; conflicts follow."""
+
+_PAIR = 2
+
+
+_ALIKE = 3
+"""Of conflicts: the kind that has a colour of its own where there are more maps than two."""
+
+
+def merge_image(
+    grid: OccupancyGrid,
+    conflicts: NDArray[np.uint8],
+    *,
+    names: Sequence[str],
+    title: str | None = None,
+    image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = "known",
+) -> Image:
+    kinds = grid.occupancy.view(np.uint8) + np.uint8(1)  # of unknown, which is 255, it is 0
+    if len(names) > _PAIR:
+        legend = {_NO_CONFLICT + _ALIKE: "occupied in one map, free in another"}
+        kinds[conflicts > 0] = _NO_CONFLICT + _ALIKE
+    else:
+        first, second = names
+        legend = {
+            _NO_CONFLICT + 1: f"occupied in {first}, free in {second}",
+            _NO_CONFLICT + 2: f"free in {first}, occupied in {second}",
+        }
+        np.add(conflicts, _NO_CONFLICT, out=kinds, where=conflicts > 0)
+    legend |= {_OCCUPIED: "occupied", _FREE: "free", _NOT_KNOWN: "unknown"}
+    frame = grid.frame
+    part = shown_part(kinds, frame, image_extent, is_known=lambda values: values > _NOT_KNOWN)
+    raster = Raster.fitting(frame.shape, image_max, part=part, small_side=_SMALL_SIDE)
+    pixels = raster.largest(kinds)
+    return on_sheet(
+        raster.enlarged(pixels),
+        _palette(),
+        frame,
+        raster,
+        title=title or f"{', '.join(names[:-1])} and {names[-1]}, merged",
+        swatches=swatches_in(pixels, [Swatch(kind, text) for kind, text in legend.items()]),
+    )
+
+
+def _palette() -> colours.Colours:
+    """Return the colours of a map, unknown first, and those of its conflicts."""
+    of_values = occupancy_style().colours
+    of_conflicts = [colours.REMOVED, colours.ADDED, colours.REMOVED]
+    return palette_of(of_values[OCCUPIED + 1 :], of_values[: OCCUPIED + 1], of_conflicts)
+
+
+# What a cell shows; where cells share a pixel the largest does.
+UNKNOWN, KNOWN_BY_MAP, FREE, UNCOVERED, FOUND, MISSED = range(6)
+_FIRST, _LEVELS = 6, 100
+
+_LABELS = {
+    MISSED: "wall of the truth, none of the map's within 0.1 m",
+    FOUND: "wall of the truth, with one of the map's",
+    UNCOVERED: "known in the truth, unknown in the map",
+    FREE: "free in the truth",
+    KNOWN_BY_MAP: "unknown in the truth, known in the map",
+    UNKNOWN: "unknown in both",
+}
+_COLOURS = [
+    colours.RVIZ_UNKNOWN, (176, 188, 186), colours.RVIZ_FREE, (208, 222, 240), (150, 150, 150),
+    colours.ADDED,
+]  # fmt: skip
+_ANCHORS = [(12, 12, 30), (95, 20, 115), (190, 35, 85), (240, 95, 30), (255, 170, 0)]
+
+_NEAR = 0.1
+_TOP, _LEAST_CELLS = 0.5, 5
+"""Metres, and cells, at the end of the scale: the same for all maps, so that pictures compare."""
+
+_TICKS = 5
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredWalls:
+    """What there is to draw of a score."""
+
+    frame: Frame
+    estimate: NDArray[np.uint8]
+    truth: NDArray[np.uint8]
+    distances: NDArray[np.floating[Any]]
+    missed: NDArray[np.floating[Any]]
+
+    @property
+    def top(self) -> float:
+        """The distance at the end of the colour scale, metres."""
+        return max(_TOP, _LEAST_CELLS * self.frame.resolution)
+
+
+def score_image(
+    walls: ScoredWalls,
+    *,
+    title: str,
+    image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = "all",
+) -> Image:
+    """Return the walls of a map over the truth, coloured by their distance, and a histogram."""
+    # Walls of the truth from which none of the map's is within 0.1 m are marked. Where cells share
+    # a pixel the wall shows that is farthest off.
+    codes = codes_of(walls)
+    part = shown_part(codes, walls.frame, image_extent, is_known=lambda some: some != UNKNOWN)
+    raster = Raster.fitting(walls.frame.shape, image_max, part=part)
+    pixels = raster.largest(codes)
+    palette = palette_of(_COLOURS, interpolated(_ANCHORS, _LEVELS))
+    ticks = [(k / _TICKS, f"{walls.top * k / _TICKS:g}") for k in range(_TICKS)]
+    swatches = [Swatch(index, label) for index, label in _LABELS.items()]
+    shown = raster.enlarged(pixels)
+    map_sheet = on_sheet(
+        shown,
+        palette,
+        walls.frame,
+        raster,
+        title=title,
+        bar=ColourBar(
+            range(_FIRST, _FIRST + _LEVELS),
+            [*ticks, (1.0, f"{walls.top:g} and more")],
+            "walls of the map: to the nearest true one [m]",
+        ),
+        swatches=swatches_in(pixels, swatches),
+    )
+    return _with_histogram(map_sheet, walls, text_size_of(shown.shape))
+
+
+def codes_of(walls: ScoredWalls) -> NDArray[np.uint8]:
+    """Return what each cell shows, `UNKNOWN` to `MISSED`, and beyond, walls by their distance."""
+    known, true_known = walls.estimate != 0, walls.truth != 0
+    codes = np.zeros(walls.frame.shape, dtype=np.uint8)
+    codes[known & ~true_known] = KNOWN_BY_MAP
+    codes[true_known] = FREE
+    codes[true_known & ~known] = UNCOVERED
+    is_missed = walls.missed > _NEAR * (1 + _ROUNDING)
+    codes[walls.truth == 2] = np.where(is_missed, MISSED, FOUND)
+    codes[walls.estimate == 2] = _index_of(walls.distances, walls.top)
+    return codes
+
+
+def _index_of(metres: NDArray[np.floating[Any]], top: float) -> NDArray[np.uint8]:
+    steps = np.minimum(metres / top, 1.0) * (_LEVELS - 1)
+    indices: NDArray[np.uint8] = np.rint(steps).astype(np.uint8)
+    indices += np.uint8(_FIRST)
+    return indices
+
+
+def bins_of(
+    metres: NDArray[np.floating[Any]], resolution: float, top: float
+) -> list[tuple[float, float]]:  # fmt: skip
+    """Return the middles of bins of a cell's side, metres, and the share of distances in each."""
+    # The last bin is that of all that is farther than `top`; its middle is infinite.
+    count = math.floor(top / resolution + _ROUNDING) + 1
+    places = np.minimum(np.floor(metres / resolution + 0.5), count).astype(np.int64)
+    shares = np.bincount(places, minlength=count + 1) / max(1, len(metres))
+    middles = [round(k * resolution, 9) for k in range(count)]
+    return list(zip([*middles, math.inf], shares.tolist(), strict=True))
+
+
+def _with_histogram(above: Image, walls: ScoredWalls, size: int) -> Image:
+    height, width = above.indices.shape
+    pen = Pen(size)
+    bins = bins_of(walls.distances, walls.frame.resolution, walls.top)
+    labels = text_width("100 %", size) + 2 * size
+    wide = max(width, labels + 34 * size)
+    room, tall = 4 * size, 12 * size  # above the bars, and they themselves
+    pen.open(wide, height + room + tall + 4 * size)
+    pen.sheet[:height, :width] = above.indices
+    left, bottom = labels, height + room + tall
+    bar = max(2, min(4 * size, (wide - labels - 3 * size) // len(bins)))
+    pen.label(size, height + int(0.8 * size), _summary(walls))
+    _bars(pen, bins, walls.top, (left, bottom), bar, tall)
+    return Image(pen.sheet, above.palette)
+
+
+def _bars(
+    pen: Pen, bins: list[tuple[float, float]], top: float, corner: tuple[int, int], bar: int,
+    tall: int,
+) -> None:  # fmt: skip
+    left, bottom = corner
+    size = pen.size
+    highest = max(0.1, math.ceil(10 * max(share for _, share in bins) - _ROUNDING) / 10)
+    step = 0.2 if highest > 0.4 else 0.1
+    for k in range(math.floor(highest / step + _ROUNDING) + 1):
+        y = bottom - round(tall * k * step / highest)
+        label = f"{100 * k * step:.0f} %"
+        pen.label(left - size - text_width(label, size), y, label)
+        row = pen.sheet[y, left : left + bar * len(bins)]
+        row[row == WHITE] = WHITE - 2
+    names = ["farther" if math.isinf(middle) else f"{middle:g}" for middle, _ in bins]
+    widths = [text_width(name, size) for name in names]
+    every = max(1, math.ceil((max(widths[:-1]) + size) / bar))
+    last_free = left + len(bins) * bar - (bar + widths[-1]) // 2 - size // 2
+    for k, (middle, share) in enumerate(bins):
+        x = left + k * bar
+        index = int(_index_of(np.array([middle]), top)[0])
+        pen.sheet[bottom - round(tall * share / highest) : bottom, x + 1 : x + bar] = index
+        start = max(left, x + (bar - widths[k]) // 2)
+        is_last = k == len(bins) - 1
+        if is_last or (k % every == 0 and start + widths[k] <= last_free):
+            pen.label(start, bottom + int(0.9 * size), names[k])
+    pen.sheet[bottom, left - size // 3 : left + bar * len(bins)] = GREY
+    pen.label(left, bottom + int(2.4 * size), "distance to the nearest wall of the truth [m]")
+
+
+def _summary(walls: ScoredWalls) -> str:
+    if not len(walls.distances):
+        return "The map has no walls here."
+    if not np.isfinite(walls.distances[0]):
+        return "The truth has no walls."
+    mean, median = float(walls.distances.mean()), float(np.median(walls.distances))
+    text = f"{len(walls.distances)} wall cells of the map: mean {mean:.3g} m, median {median:.3g} m"
+    if len(walls.missed):
+        near = float(np.mean(walls.missed <= _NEAR * (1 + _ROUNDING)))
+        text += f"; {100 * near:.1f} % of the true walls have one within 0.1 m"
+    return text

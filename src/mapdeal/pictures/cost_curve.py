@@ -1,0 +1,455 @@
+"""The picture of a cost curve."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import Enum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mapdeal.grid.costmap import CostCurve
+from mapdeal.grid.frame import RADIUS_TOLERANCE
+from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE
+from mapdeal.pictures import colours
+from mapdeal.pictures.canvas import BLACK, GREY, WHITE, Image, Pen, text_width, ticks_between
+from mapdeal.pictures.overlay import Brush
+from mapdeal.pictures.styles import CostPalette
+from mapdeal.records import dataclass
+
+_FAR = 2.5
+"""Times everything else that a reach may be before it is left out of the picture."""
+
+_FARTHEST = 1e9
+"""Metres that a picture shows at most."""
+
+
+class ZoneKind(Enum):
+    """What holds in a zone, in words."""
+
+    OBSTACLE = "obstacle"
+    COLLISION = "collision at any heading"
+    HEADING = "collision at some headings"
+    CLEAR = "no collision, with a cost"
+    FREE = "no collision, no cost"
+    COST = "with a cost"
+    NO_COST = "no cost"
+    UNSEEN_COLLISION = "collision at any heading, no cost"
+    UNSEEN_HEADING = "collision at some headings, no cost"
+
+
+@dataclass(frozen=True)
+class Zone:
+    """Distances of which the same is true."""
+
+    kind: ZoneKind
+    start: float
+    end: float
+    costs: tuple[int, int] | None
+
+
+def zones_of(curve: CostCurve, end: float) -> list[Zone]:
+    """Return the zones of a curve, from the obstacle's cell up to `end` metres."""
+    # Where the shape of the robot is not known, beyond the inscribed radius nothing is said of
+    # collisions.
+    half = curve.resolution / 2
+    inscribed, circumscribed = curve.inscribed_radius or 0.0, curve.circumscribed_radius or 0.0
+    places = sorted({p for p in (inscribed, circumscribed, curve.end) if half < p < end})
+    starts, ends = [half, *places], [*places, end]
+    zones = [Zone(ZoneKind.OBSTACLE, -half, half, (int(curve.cost[0]), int(curve.cost[0])))]
+    for start, stop in zip(starts, ends, strict=True):
+        kind = _kind_at((start + stop) / 2, curve)
+        if kind is zones[-1].kind:  # a radius that makes no difference
+            start = zones.pop().start
+        zones.append(Zone(kind, start, stop, _costs_between(curve, start, stop)))
+    return zones
+
+
+def _kind_at(metres: float, curve: CostCurve) -> ZoneKind:
+    has_cost = metres <= curve.end
+    if metres <= (curve.inscribed_radius or 0.0):
+        return ZoneKind.COLLISION if has_cost else ZoneKind.UNSEEN_COLLISION
+    if curve.circumscribed_radius is None:
+        return ZoneKind.COST if has_cost else ZoneKind.NO_COST
+    if metres <= curve.circumscribed_radius:
+        return ZoneKind.HEADING if has_cost else ZoneKind.UNSEEN_HEADING
+    return ZoneKind.CLEAR if has_cost else ZoneKind.FREE
+
+
+def _costs_between(curve: CostCurve, start: float, end: float) -> tuple[int, int] | None:
+    distance = curve.distance - RADIUS_TOLERANCE
+    # float32 resolutions may put a cell beyond the radius that it lies at on paper
+    beyond = (curve.inscribed_radius or 0.0) + RADIUS_TOLERANCE
+    np.maximum(distance, beyond, out=distance, where=curve.cost < INSCRIBED_INFLATED_OBSTACLE)
+    inside = curve.cost[(distance > start) & (distance <= end)]
+    if end > curve.reach:  # cells beyond the reach cost 0
+        inside = np.append(inside, 0)
+    return (int(inside.max()), int(inside.min())) if len(inside) else None
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A distance of note, in metres, and what to call it."""
+
+    distance: float
+    label: str
+
+
+def described(zone: Zone, end: float) -> str:
+    """Return how far a zone goes, and its costs; `end` is that of the picture."""
+    if zone.kind is ZoneKind.OBSTACLE:
+        return f"cost {zone.costs[0]}" if zone.costs else ""
+    where = "beyond" if zone.end >= end else f"up to {zone.end:.4g} m"
+    if zone.costs is None:
+        return f"{where}: no cell"
+    high, low = zone.costs
+    return f"{where}: {high}" if high == low else f"{where}: {high} .. {low}"
+
+
+def end_of(curve: CostCurve) -> float:
+    """Return the metres at which the picture ends: beyond all that is of note, unless it is far."""
+    near = max(
+        curve.end,
+        curve.inscribed_radius or 0.0,
+        curve.circumscribed_radius or 0.0,
+        2 * curve.resolution,
+        *(metres for _, metres in curve.marks),
+    )
+    far = max(near, curve.reach, curve.inflation_radius or 0.0)
+    shown = min(far if far <= _FAR * near else near, _FARTHEST)
+    return 1.18 * shown + curve.resolution / 2
+
+
+def marks_of(curve: CostCurve) -> list[Mark]:
+    """Return the distances of note, near to far; radii that are the same share a mark."""
+    marks = [Mark(metres, f"{name}: {metres:.4g} m") for name, metres in curve.marks]
+    inscribed, circumscribed = curve.inscribed_radius, curve.circumscribed_radius
+    if inscribed and circumscribed is not None and math.isclose(inscribed, circumscribed):
+        marks.append(Mark(inscribed, f"inscribed and circumscribed radius: {inscribed:.4g} m"))
+    else:
+        if inscribed:
+            marks.append(Mark(inscribed, f"inscribed radius: {inscribed:.4g} m"))
+        if circumscribed is not None:
+            text = f"circumscribed radius: {circumscribed:.4g} m"
+            marks.append(Mark(circumscribed, text))
+    inflation = curve.inflation_radius
+    if inflation is None or math.isclose(inflation, curve.reach):
+        name = "reach" if inflation is None else "inflation radius"
+        marks.append(Mark(curve.reach, f"{name}: {_reach(curve)}"))
+    else:
+        marks.append(Mark(inflation, f"inflation radius: {inflation:.4g} m"))
+        marks.append(Mark(curve.reach, f"reach: {_reach(curve)}"))
+    return sorted(marks, key=lambda mark: mark.distance)
+
+
+def _reach(curve: CostCurve) -> str:
+    if not curve.reach_cells:
+        return "0 m, no cost spreads"
+    cells = "1 cell" if curve.reach_cells == 1 else f"{curve.reach_cells:.6g} cells"
+    then = f", cost {curve.cost_at_reach}, then 0" if curve.cost_at_reach else ""
+    return f"{curve.reach:.4g} m, {cells}{then}"
+
+
+_SIZE = 16  # pixels per em of the text
+_WIDTH = 960  # pixels of the plot
+_PER_COST = {"costmap2d": 2, "occupancy": 5}  # pixels of its height
+_TICKS = {"costmap2d": (0, 50, 100, 150, 200, 254), "occupancy": (0, 20, 40, 60, 80, 100)}
+_LINE, _ROW = int(1.45 * _SIZE), int(1.6 * _SIZE)
+_BAND = 10
+_BAND_COLOURS = {
+    ZoneKind.OBSTACLE: colours.LETHAL,
+    ZoneKind.COLLISION: colours.INSCRIBED,
+    ZoneKind.HEADING: (249, 190, 110),
+    ZoneKind.CLEAR: (255, 238, 170),
+    ZoneKind.COST: (255, 238, 170),
+    ZoneKind.FREE: colours.RVIZ_FREE,
+    ZoneKind.NO_COST: colours.RVIZ_FREE,
+    ZoneKind.UNSEEN_COLLISION: colours.REMOVED,
+    ZoneKind.UNSEEN_HEADING: (255, 130, 150),
+}
+
+
+_TINT = (255, 228, 232)
+
+
+def cost_curve_image(curve: CostCurve, *, title: str) -> Image:
+    """Return the picture of a cost curve."""
+    return _Drawing(curve).drawn(title)
+
+
+@dataclass(frozen=True)
+class _Dot:
+    """A kind of dots: their radius, and the pixels of a cell below which there is no room."""
+
+    label: str
+    radius: float
+    room: float
+
+
+_ALONG_ROW = _Dot("distances along a row", 4.0, 7.0)
+_OTHER = _Dot("other distances between cells", 2.5, 24.0)
+
+
+class _Drawing:
+    def __init__(self, curve: CostCurve) -> None:
+        self.curve = curve
+        self.palette = CostPalette.of(curve.scale)
+        self.half = curve.resolution / 2
+        self.end = end_of(curve)
+        self.per_cost = _PER_COST[curve.scale]
+        self.marks = marks_of(curve)
+        self.zones = zones_of(curve, self.end)
+        self.pen = Pen(_SIZE)
+        top_cost = self.palette.lethal_cost
+        self.left = _SIZE + text_width("254", _SIZE) + int(1.6 * _SIZE)
+        self.band_top = _SIZE + int(3.4 * _SIZE) + _LINE
+        self.top = self.band_top + _BAND + 1 + int(_ROW * len(self.marks) + 0.4 * _SIZE)
+        self.bottom = self.top + top_cost * self.per_cost
+        self.right = self.left + _WIDTH
+
+    def drawn(self, title: str) -> Image:
+        pen = self.pen
+        legend = self._legend_lines()
+        legend_width = int(1.9 * _SIZE) + max(text_width(line, _SIZE) for _, line in legend)
+        ribbon_top = self.bottom + int(4.4 * _SIZE)
+        height = ribbon_top + int(6.2 * _SIZE)
+        pen.open(self.right + 2 * _SIZE + legend_width + _SIZE, height)
+        limit = pen.sheet.shape[1] - 2 * _SIZE
+        pen.text(_SIZE, _SIZE, title, limit=limit, large=True)
+        pen.text(_SIZE, _SIZE + int(1.55 * _SIZE), _subtitle(self.curve), limit=limit)
+        self._bars()
+        self._unseen()
+        self._grid_lines()
+        self._draw_marks()
+        self._formula()
+        self._dots()
+        self._axes()
+        self._draw_band()
+        self._ribbon(ribbon_top)
+        self._legend(self.right + 2 * _SIZE, legend)
+        return pen.image(np.vstack([self.palette.colours, list(_BAND_COLOURS.values()), [_TINT]]))
+
+    @property
+    def _metres(self) -> NDArray[np.float64]:
+        """The distance at the middle of each column of the plot."""
+        return (np.arange(_WIDTH) + 0.5) / _WIDTH * (self.end + self.half) - self.half
+
+    @property
+    def _per_cell(self) -> float:
+        return _WIDTH * self.curve.resolution / (self.end + self.half)
+
+    def _places(self, metres: ArrayLike, costs: ArrayLike) -> NDArray[np.float64]:
+        """Return where costs at distances lie on the sheet, column and row, shape (..., 2)."""
+        share = (np.asarray(metres) + self.half) / (self.end + self.half)
+        rows = self.bottom - np.asarray(costs, dtype=np.float64) * self.per_cost
+        return np.stack([self.left + _WIDTH * share, rows], axis=-1)
+
+    def _column(self, metres: float) -> int:
+        """Return the column of the sheet in which a distance lies."""
+        return round(float(self._places(metres, 0)[0]))
+
+    def _costs_of_columns(self) -> NDArray[np.int64]:
+        """Return the cost at the nearest distance that occurs, and 0 from the reach on."""
+        curve = self.curve
+        costs = curve.cost_near(np.maximum(self._metres / curve.resolution, 0.0))
+        if curve.metric == "euclidean":
+            costs[self._metres > max(curve.reach, self.half)] = 0
+        return costs
+
+    def _bars(self) -> None:
+        for column, cost in enumerate(self._costs_of_columns().tolist()):
+            top = self.bottom - cost * self.per_cost
+            self.pen.sheet[top : self.bottom, self.left + column] = self.palette.by_value[cost]
+
+    def _grid_lines(self) -> None:
+        for cost in _TICKS[self.curve.scale][1:]:
+            row = self.pen.sheet[self.bottom - cost * self.per_cost, self.left : self.right]
+            row[row == WHITE] = WHITE - 2
+
+    @property
+    def _has_line(self) -> bool:
+        return self.curve.formula is not None and self.curve.reach > self.half
+
+    def _unseen(self) -> None:
+        """Tint the distances at which the robot may collide though there is no cost."""
+        for zone in self.zones:
+            if zone.kind in (ZoneKind.UNSEEN_COLLISION, ZoneKind.UNSEEN_HEADING):
+                a, b = (self._column(x) for x in (zone.start, zone.end))
+                under = self.pen.sheet[self.top : self.bottom, a:b]
+                under[under == WHITE] = len(self.palette.colours) + len(_BAND_COLOURS)
+
+    def _formula(self) -> None:
+        if self.curve.formula is None or not self._has_line:
+            return
+        metres = np.linspace(self.half, min(self.curve.reach, self.end), 2 * _WIDTH)
+        costs = np.minimum(self.curve.formula(metres), self.palette.lethal_cost - 1.0)
+        Brush(self.pen.sheet).polyline(self._places(metres, costs), BLACK, thickness=2)
+
+    def _dots_shown(self) -> list[_Dot]:
+        kinds = [_ALONG_ROW, _OTHER] if self.curve.metric == "euclidean" else [_ALONG_ROW]
+        return [kind for kind in kinds if self._per_cell >= kind.room]
+
+    def _dots(self) -> None:
+        brush = Brush(self.pen.sheet)
+        curve = self.curve
+        if curve.circumscribed_radius is not None and curve.circumscribed_cost:
+            place = self._places(curve.circumscribed_radius, curve.circumscribed_cost)
+            self._draw_contour_dot(place)
+        shown = curve.distance <= self.end
+        whole = curve.cells == np.floor(curve.cells)
+        for dot in reversed(self._dots_shown()):
+            mask = shown & (whole if dot is _ALONG_ROW else ~whole)
+            for place in self._places(curve.distance[mask], curve.cost[mask]):
+                brush.dot(place, WHITE, radius=dot.radius + 1.2)
+                brush.dot(place, BLACK, radius=dot.radius)
+
+    def _draw_contour_dot(self, place: NDArray[np.float64]) -> None:
+        brush = Brush(self.pen.sheet)
+        brush.dot(place, BLACK, radius=8.0)
+        brush.dot(place, self.palette.contour, radius=6.0)
+
+    def _draw_marks(self) -> None:
+        sheet = self.pen.sheet
+        for row, mark in enumerate(self.marks):
+            middle = self.band_top + _BAND + 1 + int(0.9 * _SIZE) + row * _ROW
+            is_beyond = mark.distance > self.end
+            label = self.pen.fitting(mark.label, _WIDTH - 2 * _SIZE) + " >" * is_beyond
+            last = self.right - text_width(label, _SIZE) - 4
+            if is_beyond:
+                self._boxed(last, middle, label)
+                continue
+            x = self._column(mark.distance)
+            dashes = np.arange(middle - _SIZE // 2, self.bottom)
+            dashes = dashes[dashes % 8 < 5]
+            under = sheet[dashes, x]
+            is_cost = under < len(self.palette.colours)
+            sheet[dashes, x] = np.where(is_cost, WHITE, GREY)
+            self._boxed(min(x + 6, last), middle, label)
+
+    def _boxed(self, x: int, middle: int, label: str) -> None:
+        half = int(0.6 * _SIZE)
+        width = text_width(label, _SIZE)
+        self.pen.sheet[middle - half : middle + half, x - 2 : x + width + 2] = WHITE
+        self.pen.label(x, middle, label)
+
+    def _axes(self) -> None:
+        pen = self.pen
+        pen.frame(
+            self.left, self.band_top + _BAND + 1, _WIDTH, self.bottom - self.band_top - _BAND - 1
+        )
+        for cost in _TICKS[self.curve.scale]:
+            y = self.bottom - cost * self.per_cost
+            pen.fill(self.left - 6, y, self.left - 2, y)
+            pen.label(self.left - 10 - text_width(str(cost), _SIZE), y, str(cost))
+        pen.label(self.left - 10 - text_width("cost", _SIZE), self.top - int(1.4 * _SIZE), "cost")
+        scale = (self.end + self.half) / _WIDTH
+        ticks = ticks_between(-self.half, _WIDTH, scale, _SIZE)
+        self._ticks(self.bottom, [one for one in ticks if not one[1].startswith("-")])
+        self._centred(self.bottom + int(2.8 * _SIZE), _AXIS[self.curve.metric])
+
+    def _ticks(self, bottom: int, ticks: Sequence[tuple[int, str]]) -> None:
+        for pixel, label in ticks:
+            x = self.left + pixel
+            self.pen.fill(x, bottom + 1, x, bottom + 6)
+            self.pen.label(x - text_width(label, _SIZE) // 2, bottom + 6 + int(0.8 * _SIZE), label)
+
+    def _centred(self, middle: int, text: str) -> None:
+        x = self.left + (_WIDTH - text_width(text, _SIZE)) // 2
+        self.pen.label(x, middle, text)
+
+    def _draw_band(self) -> None:
+        first = len(self.palette.colours)
+        indices = {kind: first + k for k, kind in enumerate(_BAND_COLOURS)}
+        for zone in self.zones:
+            a, b = (self._column(x) for x in (zone.start, zone.end))
+            self.pen.sheet[self.band_top : self.band_top + _BAND, a:b] = indices[zone.kind]
+            if b < self.right:
+                self.pen.sheet[self.band_top : self.band_top + _BAND, b] = WHITE
+            width = text_width(zone.kind.value, _SIZE)
+            if width <= b - a - 4:
+                self.pen.label(
+                    (a + b - width) // 2, self.band_top - int(0.8 * _SIZE), zone.kind.value
+                )
+        self.pen.frame(self.left, self.band_top, _WIDTH, _BAND)
+
+    def _ribbon(self, top: int) -> None:
+        """Draw a row of cells as the picture of the costmap shows them."""
+        sheet, resolution = self.pen.sheet, self.curve.resolution
+        cells = np.rint(self._metres / resolution)
+        costs = self.curve.cost_near(np.maximum(cells, 0.0))
+        bottom = top + int(1.5 * _SIZE)
+        sheet[top:bottom, self.left : self.right] = self.palette.by_value[costs]
+        if self._per_cell >= 6:
+            edges = np.flatnonzero(np.diff(cells)) + 1
+            sheet[top:bottom, self.left + edges] = GREY
+        self.pen.frame(self.left, top, _WIDTH, bottom - top)
+        self._ticks(bottom, _whole_ticks(self._per_cell))
+        self._centred(
+            bottom + int(2.8 * _SIZE), f"cells of {resolution:.6g} m, along a row or a column"
+        )
+
+    def _legend_lines(self) -> list[tuple[int | str | _Dot | None, str]]:
+        first = len(self.palette.colours)
+        kinds = list(_BAND_COLOURS)
+        lines: list[tuple[int | str | _Dot | None, str]] = []
+        for zone in self.zones:
+            lines.append((first + kinds.index(zone.kind), zone.kind.value))
+            lines.append((None, described(zone, self.end)))
+        lines.append((None, ""))
+        lines += [(dot, dot.label) for dot in self._dots_shown()]
+        if self._has_line:
+            lines.append(("line", "the formula"))
+        if self.curve.circumscribed_cost:
+            lines.append(("contour", f"circumscribed cost {self.curve.circumscribed_cost}"))
+        return lines
+
+    def _legend(self, x: int, lines: Sequence[tuple[int | str | _Dot | None, str]]) -> None:
+        y = self.band_top
+        brush = Brush(self.pen.sheet)
+        for sign, text in lines:
+            middle = y + int(0.6 * _SIZE)
+            side = int(1.2 * _SIZE)
+            if isinstance(sign, int):
+                y += 4
+                middle += 4
+                self.pen.sheet[middle - side // 2 : middle + side // 2, x : x + side] = sign
+                self.pen.frame(x, middle - side // 2, side, side // 2 * 2)
+            elif sign == "line":
+                self.pen.fill(x, middle, x + side, middle + 1)
+            elif sign == "contour":
+                self._draw_contour_dot(np.array([x + side / 2, middle + 0.5]))
+            elif isinstance(sign, _Dot):
+                brush.dot(np.array([x + side / 2, middle + 0.5]), BLACK, radius=sign.radius)
+            self.pen.label(x + 1.8 * _SIZE, middle, text)
+            y += _LINE
+
+
+def _whole_ticks(per_cell: float) -> list[tuple[int, str]]:
+    """Return whole numbers of cells, as many as find room, each with its pixel.
+
+    Examples
+    --------
+    >>> _whole_ticks(400.0)
+    [(200, '0'), (600, '1')]
+    """
+    last = int(_WIDTH / per_cell - 0.5)
+    room = text_width(str(last), _SIZE) + 1.2 * _SIZE
+    step = next(
+        factor * 10**power
+        for power in range(20)
+        for factor in (1, 2, 5)
+        if factor * 10**power * per_cell >= room
+    )
+    return [(round((k + 0.5) * per_cell), str(k)) for k in range(0, last + 1, step)]
+
+
+_AXIS = {
+    "euclidean": "distance from the nearest obstacle, centre to centre, metres",
+    "chebyshev": "distance from the nearest obstacle, the longer of row and column, metres",
+}
+
+
+def _subtitle(curve: CostCurve) -> str:
+    text = f"cost over the distance from the nearest obstacle, on cells of {curve.resolution:.6g} m"
+    return f"{text}; {curve.note}" if curve.note else text

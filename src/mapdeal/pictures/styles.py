@@ -1,0 +1,499 @@
+"""Legends and palettes of each type of grid.
+
+Pictures, and pages that show the same layers, draw with these.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.reach import Reach
+from mapdeal.grid.values import (
+    INSCRIBED_INFLATED_OBSTACLE,
+    LETHAL_OBSTACLE,
+    NO_INFORMATION,
+    OCCUPIED,
+    UNKNOWN,
+    CostScale,
+)
+from mapdeal.kernels.blocks import blocks_of
+from mapdeal.kernels.lookup import histogram
+from mapdeal.kernels.threads import for_rows
+from mapdeal.pictures import colours
+from mapdeal.pictures.canvas import round_length
+from mapdeal.pictures.colours import (
+    Colour,
+    ColourBar,
+    Colours,
+    LayerStyle,
+    Scale,
+    Swatch,
+    palette_of,
+)
+from mapdeal.records import dataclass
+
+COST_LEVELS = 200
+"""Colours of graded costs, the first of a palette."""
+
+
+@dataclass(frozen=True, eq=False)
+class CostPalette:
+    """Palette indices of the costs of a scale."""
+
+    by_value: NDArray[np.uint8]
+    colours: Colours
+    highest_graded: int
+    lethal_cost: int
+    free: int = COST_LEVELS
+    inscribed: int = COST_LEVELS + 1
+    lethal: int = COST_LEVELS + 2
+    unknown: int = COST_LEVELS + 3
+    contour: int = COST_LEVELS + 4
+
+    @classmethod
+    def of(cls, scale: CostScale) -> CostPalette:
+        """Return the palette of a scale of costs."""
+        on_byte_scale = scale == "costmap2d"
+        top = INSCRIBED_INFLATED_OBSTACLE - 1 if on_byte_scale else OCCUPIED - 1
+        by_value = np.full(256, cls.lethal, dtype=np.uint8)
+        by_value[0] = cls.free
+        by_value[1 : top + 1] = (np.arange(top) * COST_LEVELS) // top
+        if on_byte_scale:
+            by_value[INSCRIBED_INFLATED_OBSTACLE] = cls.inscribed
+        by_value[NO_INFORMATION] = cls.unknown  # -1 on the occupancy scale
+        palette = np.vstack([
+            colours.interpolated(colours.COST_ANCHORS, COST_LEVELS),
+            [colours.RVIZ_FREE, colours.INSCRIBED, colours.LETHAL, colours.RVIZ_UNKNOWN,
+             colours.CONTOUR],
+        ])  # fmt: skip
+        lethal_cost = LETHAL_OBSTACLE if on_byte_scale else OCCUPIED
+        return cls(by_value, palette.astype(np.uint8), top, lethal_cost)
+
+
+_NUMBER_LEVELS = 200
+
+POTENTIAL_LEVELS = 100
+_HIGHEST_NORMALISED = 10.0
+POTENTIAL_OBSTACLE, POTENTIAL_ARROW, POTENTIAL_GOAL, POTENTIAL_NOWHERE = range(
+    2 * POTENTIAL_LEVELS, 2 * POTENTIAL_LEVELS + 4
+)
+"""Of a potential: indices beside those of its scale and of the same, faded."""
+
+_KINDS_OF_DIFFERENCE = (
+    ("only in one map", colours.OUTSIDE),
+    ("unknown", colours.RVIZ_UNKNOWN),
+    ("free", colours.RVIZ_FREE),
+    ("free in one, unknown in the other", colours.CHANGED),
+    ("wall", colours.RVIZ_OCCUPIED),
+    ("wall removed", colours.REMOVED),
+    ("wall added", colours.ADDED),
+)
+
+
+def occupancy_style() -> LayerStyle:
+    """Return the greys of RViz's scheme "map", of cells as bytes: unknown ones are 255."""
+    unknown = OCCUPIED + 1
+    ramp = np.rint(255 - 255 * np.arange(OCCUPIED + 1) / OCCUPIED).astype(np.uint8)
+    by_value = np.full(256, unknown, dtype=np.uint8)
+    by_value[: OCCUPIED + 1] = np.arange(OCCUPIED + 1)
+    ticks = [(value / OCCUPIED, str(value)) for value in (0, 25, 50, 75, OCCUPIED)]
+    return LayerStyle(
+        palette_of(np.repeat(ramp[:, np.newaxis], 3, axis=1), [colours.RVIZ_UNKNOWN]),
+        by_value=by_value,
+        swatches=(Swatch(OCCUPIED, "occupied"), Swatch(0, "free"), Swatch(unknown, "unknown")),
+        bar=ColourBar(range(OCCUPIED + 1), ticks, "occupancy"),
+        labels={0: "free", OCCUPIED: "occupied", 255: "unknown"},
+    )
+
+
+def cost_style(costmap: Costmap) -> LayerStyle:
+    """Return the even scale of a costmap's graded costs; those that mean something stand apart."""
+    # The legend has an entry for the contour of the circumscribed cost if the costmap knows it.
+    own = CostPalette.of(costmap.scale)
+    swatches = [Swatch(own.lethal, f"lethal {own.lethal_cost}")]
+    labels = {0: "free", own.lethal_cost: "lethal", NO_INFORMATION: "unknown"}
+    if costmap.scale == "costmap2d":
+        swatches.append(Swatch(own.inscribed, f"inscribed {INSCRIBED_INFLATED_OBSTACLE}"))
+        labels[INSCRIBED_INFLATED_OBSTACLE] = "inscribed"
+    swatches += [Swatch(own.free, "free 0"), Swatch(own.unknown, "unknown")]
+    if bounds_circumscribed(costmap):
+        swatches.append(Swatch(own.contour, f"circumscribed {costmap.circumscribed_cost}"))
+    top = own.highest_graded
+    ticks = [(value / top, f"{value:g}") for value in (1, *round_values(top, 5), top)]
+    return LayerStyle(
+        own.colours,
+        by_value=own.by_value,
+        swatches=tuple(swatches),
+        bar=ColourBar(range(COST_LEVELS), ticks, "cost"),
+        labels=labels,
+    )
+
+
+def bounds_circumscribed(costmap: Costmap) -> bool:
+    """Return whether there is a contour to draw where the circumscribed cost begins."""
+    # Between the radii of a round robot there is nothing to bound: its cost is inscribed.
+    cost = costmap.circumscribed_cost
+    return bool(cost) and cast("int", cost) < INSCRIBED_INFLATED_OBSTACLE
+
+
+def potential_style(field: PotentialField) -> LayerStyle:
+    """Return the even scale of a normalised potential, 0 to 10; unknown cells are faded."""
+    scale = colours.interpolated(colours.POTENTIAL_ANCHORS, POTENTIAL_LEVELS)
+    special = [colours.LETHAL, colours.ARROW, colours.GOAL, colours.RVIZ_UNKNOWN]
+    swatches = [
+        Swatch(POTENTIAL_OBSTACLE, "obstacle"),
+        Swatch(POTENTIAL_LEVELS + POTENTIAL_LEVELS // 4, "unknown: faded"),
+        Swatch(POTENTIAL_ARROW, "downhill"),
+    ]
+    if field.goal is not None:
+        swatches.append(Swatch(POTENTIAL_GOAL, "goal"))
+    if field.region is not None:
+        swatches.append(Swatch(POTENTIAL_NOWHERE, "no potential"))
+    ticks = [(value / _HIGHEST_NORMALISED, f"{value}") for value in range(0, 11, 2)]
+    return LayerStyle(
+        palette_of(scale, colours.mixed(scale, colours.RVIZ_UNKNOWN, 0.6), special),
+        scale=Scale(0.0, _HIGHEST_NORMALISED, 0, POTENTIAL_LEVELS),
+        swatches=tuple(swatches),
+        bar=ColourBar(range(POTENTIAL_LEVELS), ticks, "normalised"),
+        nowhere=POTENTIAL_NOWHERE,
+        faded_by=POTENTIAL_LEVELS,
+    )
+
+
+def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
+    """Return the colours of the seven kinds of cells of a difference, 0 to 6."""
+    kinds = list(_KINDS_OF_DIFFERENCE)
+    if only_in is not None:
+        names = ["free by one of them, unknown by the other", "wall"]
+        names += [f"wall only by {name}" for name in only_in]
+        kinds[3:] = [(name, colour) for name, (_, colour) in zip(names, kinds[3:], strict=True)]
+    return _style_of_kinds(kinds)
+
+
+def cleaning_style() -> LayerStyle:
+    """Return the colours of the kinds of cells of a cleaned map, 0 to 7."""
+    # They are those of a difference, and 7 for unknown cells that have become free.
+    kinds = list(_KINDS_OF_DIFFERENCE)
+    names = ["free, now unknown", "wall", "wall, now free", "unknown, now wall"]
+    kinds[3:] = [(name, colour) for name, (_, colour) in zip(names, kinds[3:], strict=True)]
+    return _style_of_kinds([*kinds, ("unknown, now free", colours.FILLED)])
+
+
+def alignment_style(names: tuple[str, str]) -> LayerStyle:
+    """Return the colours of the kinds of cells of two maps laid over each other, 0 to 5."""
+    _, unknown, free, _, wall, first, second = (colour for _, colour in _KINDS_OF_DIFFERENCE)
+    kinds = [("outside of both", unknown), ("unknown", unknown), ("free in one of them", free)]
+    kinds += [(f"wall of {names[0]}", first), (f"wall of {names[1]}", second)]
+    return _style_of_kinds([*kinds, ("wall of both", wall)])
+
+
+def _style_of_kinds(kinds: Sequence[tuple[str, Colour]]) -> LayerStyle:
+    """Return the colours of kinds of cells, whose values are 0, 1, ..."""
+    count = len(kinds)
+    by_value = np.zeros(256, dtype=np.uint8)
+    by_value[:count] = np.arange(count)
+    names = [name for name, _ in kinds]
+    return LayerStyle(
+        np.array([colour for _, colour in kinds], dtype=np.uint8),
+        by_value=by_value,
+        swatches=tuple(Swatch(kind, names[kind]) for kind in reversed(range(count))),
+        labels=dict(enumerate(names)),
+    )
+
+
+def number_style(low: float, high: float, unit: str, *, nowhere: str = "no value") -> LayerStyle:
+    """Return an even scale from pale to dark blue, of a layer of plain numbers."""
+    if high <= low:
+        high = low + 1.0
+    ticks = [((value - low) / (high - low), f"{value:g}") for value in ticks_of(low, high, 6)]
+    return LayerStyle(
+        palette_of(
+            colours.interpolated(colours.FREE_ANCHORS, _NUMBER_LEVELS), [colours.RVIZ_UNKNOWN]
+        ),
+        scale=Scale(low, high, 0, _NUMBER_LEVELS),
+        swatches=(Swatch(_NUMBER_LEVELS, nowhere),),
+        bar=ColourBar(range(_NUMBER_LEVELS), ticks, unit),
+        nowhere=_NUMBER_LEVELS,
+    )
+
+
+def ticks_of(low: float, high: float, about: int) -> list[float]:
+    """Return the multiples of a round length from `low` to `high`, about so many."""
+    step = round_length((high - low) / about * 1.5)
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    decimals = max(0, -math.floor(math.log10(step)))
+    return [round(k * step, decimals) + 0.0 for k in range(first, last + 1)]
+
+
+def round_values(end: float, about: int) -> list[float]:
+    """Return round numbers between 0 and `end`, both excluded, none close to the end."""
+    step = round_length(end / about * 1.5)
+    return [step * k for k in range(1, math.ceil(end / step)) if end - step * k > 0.35 * step]
+
+
+FIELD_LEVELS = 119
+"""Of known cells; the palette has them again, faded, for unknown ones."""
+LINE = 2 * FIELD_LEVELS
+NOWHERE = LINE + 1
+"""The outline of obstacles, and cells without a distance."""
+
+_LEAST_GAP = 0.08
+"""Between two labels of a bar, of its height."""
+
+
+@dataclass(frozen=True)
+class FieldEnds:
+    """How far a field goes: over known cells, 0 for none, and over all."""
+
+    far: float
+    deep: float
+    highest: float
+    lowest: float
+
+    @property
+    def are_finite(self) -> bool:
+        return math.isfinite(self.highest) and math.isfinite(self.lowest)
+
+    @classmethod
+    def of(cls, field: DistanceField) -> FieldEnds:
+        """Return the ends of a field; where nothing is known, its unknown cells count."""
+        ends = EndsByRows(field.cropped)
+        for rows in blocks_of(field.cropped.distance):
+            ends.take(rows)
+        return ends.found()
+
+
+class EndsByRows:
+    """The ends of a field of which some rows are looked at at a time."""
+
+    def __init__(self, field: DistanceField) -> None:
+        self._field = field
+        self._known: list[tuple[float, float]] = []
+        self._every: list[tuple[float, float]] = []
+
+    def take(self, rows: slice) -> None:
+        """Look at some rows."""
+        distances, occupancies = self._field.distance[rows], self._field.occupancy[rows]
+
+        def look(rows: slice) -> None:
+            distance, occupancy = distances[rows], occupancies[rows]
+            self._every.append((float(distance.max()), float(distance.min())))
+            is_known = occupancy != UNKNOWN
+            if is_known.any():
+                finite = np.where(is_known & np.isfinite(distance), distance, np.float32(0))
+                self._known.append((float(finite.max()), float(finite.min())))
+
+        for_rows(look, distances.shape)
+
+    def found(self) -> FieldEnds:
+        """Return the ends, once all rows were looked at."""
+        known, every = self._known, self._every
+        highest, lowest = max(end[0] for end in every), min(end[1] for end in every)
+        if known:
+            return FieldEnds(max(e[0] for e in known), -min(e[1] for e in known), highest, lowest)
+        finite = [end if math.isfinite(end) else 0.0 for end in (highest, lowest)]
+        return FieldEnds(max(finite[0], 0.0), -min(finite[1], 0.0), highest, lowest)
+
+
+def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
+    """Return the scale of a distance field: obstacles red, free space blue, even in metres."""
+    # A step of colour is the same length on both sides of zero, and zero lies between two steps.
+    # Each side goes through all its shades, however short it is, so that thin walls stay red.
+    scale, below = _scale(ends)
+    # One shade more, of which the palest is left out: a side of one step is not white.
+    known = np.vstack([
+        colours.interpolated(colours.OBSTACLE_ANCHORS, below + 1)[:0:-1],
+        colours.interpolated(colours.FREE_ANCHORS, FIELD_LEVELS - below + 1)[1:],
+    ])  # fmt: skip
+    special = [colours.LINE, colours.RVIZ_UNKNOWN]
+    swatches = [Swatch(LINE, "obstacle edge")]
+    bar = None
+    if ends.are_finite:
+        bar, more = _bar(scale, ends)
+        swatches += [*more, Swatch(faded_index(below, outside=True), "unknown: faded")]
+    else:
+        is_free = ends.highest > 0
+        label = "+inf: no obstacle" if is_free else "-inf: nothing free"
+        swatches.append(Swatch(FIELD_LEVELS - 1 if is_free else 0, label))
+    if field.region is not None:
+        swatches.append(Swatch(NOWHERE, "no distance"))
+    return LayerStyle(
+        palette_of(known, colours.mixed(known, colours.RVIZ_UNKNOWN, 0.6), special),
+        scale=scale,
+        swatches=tuple(swatches),
+        bar=bar,
+        nowhere=NOWHERE,
+        line=LINE,
+        faded_by=FIELD_LEVELS,
+    )
+
+
+def steps_below_zero(scale: Scale) -> int:
+    """Return how many steps of a field's scale are negative distances."""
+    return round(-scale.low / (scale.high - scale.low) * scale.levels)
+
+
+def faded_index(below: int, *, outside: bool) -> int:
+    """Return an index that shows what unknown cells look like, out of obstacles or in them."""
+    typical = below + (FIELD_LEVELS - below) // 3 if outside else below // 2
+    return FIELD_LEVELS + typical
+
+
+def _scale(ends: FieldEnds) -> tuple[Scale, int]:
+    """Return the scale, and how many of its steps are below zero: at least one on each side."""
+    step = (ends.far + ends.deep) / (FIELD_LEVELS - 1) or 1.0
+    below = min(max(1, math.ceil(ends.deep / step - 1e-9)), FIELD_LEVELS - 1)
+    return Scale(-below * step, (FIELD_LEVELS - below) * step, 0, FIELD_LEVELS), below
+
+
+def _bar(scale: Scale, ends: FieldEnds) -> tuple[ColourBar, list[Swatch]]:
+    """Return the bar, and a legend entry for an end that is too near to zero to be labelled."""
+    length = scale.high - scale.low
+    lowest = f"{'<' if ends.lowest < -ends.deep else ''}-{ends.deep:.3g}"
+    highest = f"{'>' if ends.highest > ends.far else ''}{ends.far:.3g}"
+    zero, low, high = ((value - scale.low) / length for value in (0.0, -ends.deep, ends.far))
+    ticks, swatches = [(zero, "0")], []
+    if zero - low >= _LEAST_GAP:
+        ticks.append((low, lowest))
+    elif ends.deep > 0:
+        swatches.append(Swatch(0, f"obstacle, to {lowest} m"))
+    if high - zero >= _LEAST_GAP:
+        ticks.append((high, highest))
+    elif ends.far > 0:
+        swatches.append(Swatch(FIELD_LEVELS - 1, f"free, to {highest} m"))
+    for value in ticks_of(scale.low, scale.high, 6):
+        place = (value - scale.low) / length
+        if all(abs(place - taken) >= _LEAST_GAP for taken, _ in ticks):
+            ticks.append((place, f"{value:g}"))
+    return ColourBar(range(FIELD_LEVELS), sorted(ticks), "distance, m"), swatches
+
+
+_MOST_AREAS = 6
+"""Cut-off areas that have a colour of their own."""
+_LEAST_SHARE = 0.001
+"""Of the open cells: what such an area must have."""
+
+# In the order in which the cells that share a pixel take precedence.
+_UNKNOWN, _NARROW, _REACHED, _NO_TURN, _REACHED_UNKNOWN, _CUT_OFF = range(6)
+UNKNOWN_CODE = _UNKNOWN
+_AREAS = range(_CUT_OFF + 1, _CUT_OFF + 1 + _MOST_AREAS)
+_OBSTACLE = _AREAS.stop
+CLOSED, TIGHT, START, ROBOT, GOAL, MISSED = range(_OBSTACLE + 1, _OBSTACLE + 7)
+"""Palette indices of what is drawn over the cells."""
+
+_COLOURS = [
+    colours.RVIZ_UNKNOWN,
+    colours.TOO_NARROW,
+    colours.REACHABLE,
+    colours.NO_TURN,
+    colours.REACHABLE_UNKNOWN,
+    colours.CUT_OFF,
+    *colours.CUT_OFF_AREAS,
+    colours.RVIZ_OCCUPIED,
+    colours.CLOSED_PASSAGE,
+    colours.TIGHT_PASSAGE,
+    colours.REACH_START,
+    colours.ROBOT_OUTLINE,
+    colours.GOAL_REACHED,
+    colours.GOAL_MISSED,
+]
+
+
+def reach_codes(reach: Reach) -> tuple[NDArray[np.uint8], LayerStyle]:
+    codes = _codes(reach)
+    areas = _colour_areas(codes)
+    counts = histogram(codes)
+    by_value = np.zeros(256, dtype=np.uint8)
+    by_value[: len(_COLOURS)] = np.arange(len(_COLOURS))
+    turns = bool(counts[_NO_TURN])
+    style = LayerStyle(
+        np.array(_COLOURS, dtype=np.uint8),
+        by_value=by_value,
+        swatches=tuple(_swatches(counts, areas, reach.cell_area)),
+        labels={code: name for code, name, _ in _names(areas, turns) if counts[code]},
+    )
+    return codes, style
+
+
+def area_text(area: float) -> str:
+    """Return square metres in three digits, or as many as there are before the point."""
+    return f"{area:.3g} m2" if area < 999.5 else f"{area:.0f} m2"
+
+
+def _codes(reach: Reach) -> NDArray[np.uint8]:
+    """Return what each cell is; all cut-off areas are one yet."""
+    of_occupancy = np.full(256, _NARROW, dtype=np.uint8)
+    of_occupancy[OCCUPIED], of_occupancy[UNKNOWN] = _OBSTACLE, _UNKNOWN
+    codes = np.empty(reach.shape, dtype=np.uint8)
+    occupancies = reach.occupancy.view(np.uint8)
+
+    def fill(rows: slice) -> None:
+        occupancy, headings = occupancies[rows], reach.headings[rows]
+        part = codes[rows]
+        np.take(of_occupancy, occupancy, out=part)
+        is_reached = reach.reachable[rows] != 0
+        part[(headings != 0) & ~is_reached] = _CUT_OFF
+        part[is_reached] = _REACHED
+        part[is_reached & (headings < reach.heading_count)] = _NO_TURN
+        if reach.through_unknown:
+            part[is_reached & (occupancy == of_occupancy.size + UNKNOWN)] = _REACHED_UNKNOWN
+
+    for_rows(fill, reach.shape)
+    return codes
+
+
+def _colour_areas(codes: NDArray[np.uint8]) -> int:
+    """Give the largest cut-off areas codes of their own, in place; return how many."""
+    counts = histogram(codes)
+    if not counts[_CUT_OFF]:
+        return 0
+    from scipy import ndimage
+
+    labels, count = ndimage.label(codes == _CUT_OFF)
+    sizes = np.zeros(count + 1, dtype=np.int64)
+    for row in range(0, len(labels), 256):
+        sizes += np.bincount(labels[row : row + 256].ravel(), minlength=count + 1)
+    sizes[0] = 0
+    least = _LEAST_SHARE * counts[[_REACHED, _NO_TURN, _REACHED_UNKNOWN, _CUT_OFF]].sum()
+    order = np.argsort(-sizes, kind="stable")[:_MOST_AREAS]
+    largest = [label for label in order.tolist() if sizes[label] >= max(least, 1)]
+    code_of = np.full(count + 1, _CUT_OFF, dtype=np.uint8)
+    code_of[largest] = _AREAS[: len(largest)]
+
+    def colour(rows: slice) -> None:
+        part = codes[rows]
+        np.copyto(part, code_of[labels[rows]], where=part == _CUT_OFF)
+
+    for_rows(colour, codes.shape)
+    return len(largest)
+
+
+def _names(areas: int, turns: bool) -> list[tuple[int, str, bool]]:
+    room = ", room to turn" if turns else ""
+    smaller = "smaller" if areas else "small"
+    return [
+        (_REACHED, f"reachable{room}", True),
+        (_NO_TURN, "reachable, no room to turn", True),
+        (_REACHED_UNKNOWN, "reachable, unknown", True),
+        *((code, "cut off", True) for code in _AREAS[:areas]),
+        (_CUT_OFF, f"{smaller} cut-off areas", True),
+        (_NARROW, "no room for the robot", True),
+        (_OBSTACLE, "obstacle", False),
+        (_UNKNOWN, "unknown", False),
+    ]
+
+
+def _swatches(counts: NDArray[np.integer], areas: int, cell_area: float) -> list[Swatch]:
+    return [
+        Swatch(code, f"{name} {area_text(int(counts[code]) * cell_area)}" if is_area else name)
+        for code, name, is_area in _names(areas, bool(counts[_NO_TURN]))
+        if counts[code]
+    ]

@@ -1,1 +1,0 @@
-"""Commands on bags: reading grids, scans and clouds, and the poses of sensors."""

@@ -1,0 +1,394 @@
+"""Maps in memory or block by block: which of the two a map needs, and how it is opened."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning, one_line
+from mapdeal.files.budget import claim, default_limit, holding, memory_limit, size_text
+from mapdeal.files.source import sums_of_reads
+from mapdeal.files.transaction import Transaction
+from mapdeal.grid.canvas import FieldGrid
+from mapdeal.grid.field import FieldView
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.framed import Framed
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.values import FREE, OCCUPIED
+from mapdeal.kernels.blocks import CacheBudget, lazy_layer
+from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.lookup import histogram
+from mapdeal.kernels.threads import thread_count, use_threads
+from mapdeal.maps.npz import Grid
+from mapdeal.maps.reading import MapFile, Source, open_map, read_source
+from mapdeal.pictures.overlay import Overlay
+from mapdeal.pipeline.folder import write_picture
+from mapdeal.pipeline.settings import Canvas, Settings
+from mapdeal.pipeline.step import Step
+from mapdeal.records import dataclass
+
+_PER_PIXEL = 10
+"""Bytes that pictures take while they are drawn, two at the same time."""
+
+_ON_CANVAS = 0.75
+"""Of what a stage takes, what it takes again where its product is put onto a larger canvas."""
+
+_READ = 1.0
+"""Bytes of each cell of a map in memory; what reading takes besides is over before stages begin."""
+
+
+@dataclass(frozen=True)
+class _Demand:
+    """What an engine takes of memory."""
+
+    base: int
+    more: float
+    block: int
+
+
+_DEMANDS = {
+    "compiled": _Demand(50_000_000, 0.0, 40), "scipy": _Demand(100_000_000, 12.0, 90)
+}  # fmt: skip
+
+_PER_COLUMN_OF_BLOCK = 20
+"""Bytes for each column of each block, for its halo: `mapdeal.kernels.distance`."""
+
+_BLOCK_CELLS = 1 << 22
+_NO_LIMIT = 1 << 62
+
+
+def bytes_in_memory(
+    shape: tuple[int, int],
+    steps: Sequence[Step],
+    image_max: int | None,
+    *,
+    canvas: Canvas = "crop",
+    reading: int = 0,
+) -> int:
+    """Return about how many bytes of memory it takes to apply stages to a map in memory."""
+    products = sum(step.memory for step in steps)
+    if canvas == "full":
+        products *= 1 + _ON_CANVAS
+    per_cell = _DEMANDS[engine_name()].more + _READ + products
+    working = _base(shape, image_max) + int(per_cell * shape[0] * shape[1])
+    return max(working, bytes_to_read(reading))
+
+
+def bytes_to_read(reading: int) -> int:
+    """Return about how many bytes a program takes that reads a map, given what reading takes."""
+    return _DEMANDS[engine_name()].base + reading
+
+
+def _base(shape: tuple[int, int], image_max: int | None) -> int:
+    """Return the bytes that are taken in either way."""
+    base = _DEMANDS[engine_name()].base
+    if image_max is None:
+        return base
+    height, width = shape
+    step = max(1, -(-max(shape) // image_max)) if image_max else 1
+    return base + _PER_PIXEL * -(-height // step) * -(-width // step)
+
+
+@contextmanager
+def opened_map(
+    path: Path,
+    steps: Sequence[Step],
+    settings: Settings,
+    *,
+    image_max: int | None,
+    with_sums: bool = False,
+) -> Iterator[Source]:
+    """Open a map to which stages are to be applied: in memory if it fits, else block by block."""
+    with ExitStack() as stack:
+        stack.enter_context(settings.memory())
+        with sums_of_reads(is_wanted=with_sums) as sums:
+            file = stack.enter_context(
+                open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
+            )
+            source = _read(file, steps, image_max, settings.canvas)
+        yield replace(source, sums=file.sums_by_name(sums) if with_sums else {})
+
+
+def _read(
+    file: MapFile, steps: Sequence[Step], image_max: int | None, canvas: Canvas
+) -> Source:  # fmt: skip
+    """Return the map in a file, whole or lazy, as the memory demands it."""
+    limit, _ = memory_limit()
+    budget = _NO_LIMIT if limit is None else limit
+    way = _way_of(file, file.shape(), steps, budget, image_max, canvas)
+    if way is not None and way.is_by_rows:
+        return file.by_rows(block_height=way.block_height, budget=way.cache)
+    source = file.read()
+    grid = source.grid
+    crop = _bytes_of_crop(grid)
+    canvas = "full" if crop else canvas  # what is made of the box is put back
+    needed = bytes_in_memory(grid.shape, steps, image_max, canvas=canvas) + crop
+    if needed <= budget:
+        return source
+    if not isinstance(grid, OccupancyGrid):
+        raise _too_large(file.path, grid.shape, needed, budget)
+    base = _base(grid.shape, image_max) + grid.occupancy.nbytes
+    block_height, cache = _cut(file.path, grid.shape, steps, budget, base, needed=needed)
+    values = grid.occupancy
+    layer = lazy_layer(
+        grid.shape, np.int8, lambda rows: values[rows], block_height=block_height, budget=cache
+    )
+    return replace(source, grid=grid.with_values(layer))
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """How a map is processed of which not all layers fit the memory."""
+
+    is_by_rows: bool
+    block_height: int
+    cache: CacheBudget
+
+
+def _way_of(
+    file: MapFile,
+    shape: tuple[int, int],
+    steps: Sequence[Step],
+    budget: int,
+    image_max: int | None,
+    canvas: Canvas,
+) -> _Blocks | None:
+    """Return how a map is to be processed, from its headers; None if it fits the memory."""
+    # Cells of an image that is decoded as a whole are kept. Others are read again, row by row.
+    reading = file.memory_to_read()
+    needed = bytes_in_memory(shape, steps, image_max, canvas=canvas, reading=reading)
+    if needed <= budget:
+        return None
+    base = _base(shape, image_max)
+    is_by_rows = file.shape_by_rows is not None
+    if not is_by_rows:
+        if bytes_to_read(reading) > budget:
+            raise _too_large(file.path, shape, bytes_to_read(reading), budget)
+        base += shape[0] * shape[1]
+    return _Blocks(is_by_rows, *_cut(file.path, shape, steps, budget, base, needed=needed))
+
+
+def check_fits(
+    path: Path, shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
+) -> None:  # fmt: skip
+    """Refuse a map that is yet to be made, and stages on it, if they take too much memory."""
+    count = bytes_in_memory(shape, steps, image_max) - _DEMANDS[engine_name()].base
+    claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
+
+
+def claim_work(
+    path: Path, grid: Framed, per_cell: float, *, cells: int | None = None, besides: int = 0
+) -> None:  # fmt: skip
+    """Refuse what is about to be done with a grid that was read, if it takes too much memory."""
+    height, width = grid.shape
+    more = int(per_cell * (height * width if cells is None else cells))
+    crop = _bytes_of_crop(grid)
+    if crop:  # all is done with the box, and put back
+        more = 2 * more + crop
+    claim(path, bytes_of(grid) + more + besides, what=f"{width} x {height} cells")
+
+
+def bytes_of(grid: Framed) -> int:
+    """Return the bytes that the layers of a grid take."""
+    return sum(int(getattr(grid, name).nbytes) for name in grid.layer_names)
+
+
+def _bytes_of_crop(grid: Framed) -> int:
+    """Return the bytes of a copy of the box of a field, where it has numbers in a box alone."""
+    if not isinstance(grid, FieldGrid) or grid.region is None:
+        return 0
+    return bytes_of(grid) * grid.region.cells // (grid.shape[0] * grid.shape[1])
+
+
+@dataclass(frozen=True)
+class Need:
+    """What a run takes of memory."""
+
+    memory: int
+    by_blocks: bool
+
+
+def need_of(
+    file: MapFile,
+    shape: tuple[int, int],
+    steps: Sequence[Step],
+    settings: Settings,
+    *,
+    image_max: int | None,
+) -> Need:
+    """Return the memory that `opened_map` and the stages will take, from headers."""
+    budget = memory_budget(settings.max_memory)
+    with use_threads(settings.threads):
+        way = _way_of(file, shape, steps, budget, image_max, settings.canvas)
+    if way is not None:
+        return Need(budget, by_blocks=True)  # layers are kept as long as there is room
+    reading = file.memory_to_read()
+    needed = bytes_in_memory(shape, steps, image_max, canvas=settings.canvas, reading=reading)
+    return Need(needed, by_blocks=False)
+
+
+def memory_budget(max_memory: int | None, jobs: int = 1) -> int:
+    """Return the bytes that each job may take: those given, or its part of half of what is free."""
+    if max_memory is not None:
+        return max_memory
+    limit = default_limit(jobs)
+    return _NO_LIMIT if limit is None else limit
+
+
+def _cut(
+    path: Path,
+    shape: tuple[int, int],
+    steps: Sequence[Step],
+    budget: int,
+    base: int,
+    *,
+    needed: int,
+) -> tuple[int, CacheBudget]:
+    """Return how many rows make a block, and what of the budget the layers may keep."""
+    # Blocks, what is kept of each, and `base`, which is taken anyhow, fit the budget.
+    if any(step.is_whole for step in steps):
+        raise _too_large(path, shape, needed, budget)
+    height, width = shape
+    per_row = _DEMANDS[engine_name()].block * width * (thread_count() + 1)
+
+    def fitting(left: int) -> tuple[int, int]:
+        """Return the least and the most rows, half of the memory for blocks, a quarter for runs."""
+        least = -(-_PER_COLUMN_OF_BLOCK * width * height // max(left // 4, 1))
+        return max(least, 1), left // 2 // per_row
+
+    left = budget - base
+    least, most = fitting(left)
+    if most < least:
+        while most < least:
+            left = max(left + left // 50, per_row)
+            least, most = fitting(left)
+        raise _too_large(path, shape, int(1.01 * (base + left)), budget)
+    rows = int(min(max(_BLOCK_CELLS // width, least), most, height, (1 << 16) - 1))
+    runs = _PER_COLUMN_OF_BLOCK * width * -(-height // rows)
+    return rows, CacheBudget(left - per_row * rows - runs)
+
+
+def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> MalformedInputError:
+    """Return the error of a map that takes more memory than it may."""
+    height, width = shape
+    limit, origin = memory_limit()
+    amounts = f"{size_text(needed)} of memory, {size_text(budget)} may be used"
+    rule = f"{width} x {height} cells need {amounts}{origin if budget == limit else ''}"
+    hint = "raise --max-memory if there is more; binary .pgm maps take least"
+    return MalformedInputError(rule, source=path, hint=hint)
+
+
+def read_input(path: Path, settings: Settings, per_cell: float | None = None) -> Source:
+    """Return the grid in a file, unless what is done with each cell takes too much memory."""
+    with settings.memory(), use_threads(settings.threads):
+        source = read_source(path, dialect=settings.dialect, max_cells=settings.max_cells)
+        if per_cell is not None:
+            claim_work(path, source.grid, per_cell)
+        return source
+
+
+def read_summed(
+    path: Path, settings: Settings, per_cell: float | None = None, besides: int = 0
+) -> Source:  # fmt: skip
+    """Return the grid in a file as `read_input` does, with the checksums of what was read."""
+    with (
+        settings.memory(),
+        use_threads(settings.threads),
+        sums_of_reads() as sums,
+        open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
+    ):
+        source = file.read()
+        if per_cell is not None:
+            claim_work(path, source.grid, per_cell, besides=besides)
+        return replace(source, sums=file.sums_by_name(sums))
+
+
+def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
+    """Return the grids in files as `read_summed` does, each counted while the next is read."""
+    sources: list[Source] = []
+    with ExitStack() as stack:
+        stack.enter_context(settings.memory())
+        for path in paths:
+            sources.append(read_summed(path, settings))
+            stack.enter_context(holding(bytes_of(sources[-1].grid)))
+    return sources
+
+
+def frame_of_file(path: Path, settings: Settings) -> tuple[Frame, tuple[Path, ...]]:
+    """Return where the grid in a file lies, and the files whose headers were read for it."""
+    with settings.memory(), open_map(path, max_cells=settings.max_cells) as file:
+        return file.frame(), file.files
+
+
+@contextmanager
+def outputs_of(
+    outputs: Sequence[Path],
+    inputs: Sequence[Path],
+    settings: Settings,
+    *,
+    curve: Path | None = None,
+) -> Iterator[Transaction]:
+    """Write `outputs`, the picture, and that of a cost curve together, or not at all."""
+    all_outputs = list(outputs)
+    for option, picture in (("--image", settings.image), ("--curve", curve)):
+        if picture is None:
+            continue
+        if picture.suffix != ".png":
+            raise ParameterError("a picture must end in .png", place=option, got=str(picture))
+        if picture in all_outputs:
+            raise ParameterError("is an output already", place=option, got=str(picture))
+        all_outputs.append(picture)
+    with (
+        use_threads(settings.threads),
+        Transaction(all_outputs, inputs=inputs, force=settings.force) as transaction,
+    ):
+        yield transaction
+
+
+def add_picture(
+    transaction: Transaction,
+    settings: Settings,
+    grid: Grid,
+    title: str,
+    overlay: Overlay | None = None,
+) -> None:
+    if settings.image is not None:
+        write_picture(
+            transaction,
+            settings.image,
+            grid,
+            one_line(title),
+            image_extent=settings.image_extent,
+            overlay=overlay,
+        )
+
+
+def warn_of_potential(grid: Grid, path: Path) -> None:
+    if isinstance(grid, PotentialField):
+        text = f"{path}: is a potential field; its map is used, its goal and gains are not"
+        emit_warning(text, stacklevel=2)
+
+
+def warn_of_published_costs(source: Source, path: Path) -> None:
+    """Warn that of a map whose values may be published costs only obstacles are used."""
+    grid, metadata = source.grid, source.metadata
+    is_view = isinstance(grid, FieldView)  # which is warned of, or refused, by this name
+    if isinstance(grid, OccupancyGrid) and metadata and metadata.mode == "raw" and not is_view:
+        between = histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
+        if between:
+            text = f"{path}: {between} cells of 1..99 are not obstacles; costs are read from an npz"
+            emit_warning(text, stacklevel=2)
+
+
+@contextmanager
+def errors_named(path: Path) -> Iterator[None]:
+    """Add the file of the grid to errors that do not name a file already."""
+    try:
+        yield
+    except MapdealError as error:
+        raise error.found_in(path) from None

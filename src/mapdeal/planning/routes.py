@@ -1,0 +1,523 @@
+"""A route that follows the potential downhill, as a local planner does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.frame import Point
+from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
+from mapdeal.grid.route import Route
+from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED
+from mapdeal.kernels.distance import signed_distance
+from mapdeal.kernels.shortest_paths import cheapest_path
+from mapdeal.records import dataclass
+
+FIELD_RANGE = 2.0
+"""Metres from obstacles at which the field no longer weighs: the range of its metric view."""
+
+_LARGEST_FACTOR = 1e6
+
+_AT_CENTRE = 1e-6
+"""In cells: more than what rounding moves a centre by."""
+
+_LARGEST_TOLD_APART = 1 << 20
+"""Squares of cells up to which distances of float32 tell neighbouring ones apart."""
+
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Length, cost and clearance of a route; see `Route`."""
+
+    length: float
+    cost: float
+    min_clearance: float
+    mean_clearance: float
+
+
+NO_WAY = Measures(math.nan, math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain:
+    """A costmap as routes see it."""
+
+    costmap: Costmap
+    weights: NDArray[np.float64]
+    field: DistanceField
+
+    @classmethod
+    def of(
+        cls,
+        costmap: Costmap,
+        *,
+        cost_travel_multiplier: float = 2.0,
+        field_weight: float = 0.0,
+        through_unknown: bool = False,
+    ) -> Terrain:
+        """Return the terrain of a costmap; see `shortest_route` for its options."""
+        # ``getTraversalCost`` of Nav2's Smac 2D planner for the multiplier and its default. NavFn
+        # gives unknown cells the highest cost that is open, too.
+        if not isinstance(costmap, Costmap):
+            rule = "takes a Costmap; exponential_cost makes one of a map"
+            raise ParameterError(rule, source="route", got=type(costmap).__name__)
+        check_factor("cost_travel_multiplier", cost_travel_multiplier)
+        check_factor("field_weight", field_weight)
+        lethal = LETHAL_OBSTACLE if costmap.scale == "costmap2d" else OCCUPIED
+        obstacles = costmap.cost == lethal
+        resolution, origin = costmap.resolution, costmap.origin
+        distance = signed_distance(obstacles, scale=resolution)
+        occupancy = np.where(obstacles, OCCUPIED, 0).astype(np.int8)
+        field = DistanceField(distance, occupancy, resolution, origin, convention="center")
+        by_cost = _weights_by_cost(costmap, cost_travel_multiplier, through_unknown)
+        terrain = cls(costmap, by_cost[costmap.cost.view(np.uint8)], field)
+        return replace(terrain, weights=terrain.weights_near_obstacles(field_weight))
+
+    def weights_near_obstacles(self, field_weight: float) -> NDArray[np.float64]:
+        """Return the weights of open cells and what nearness to obstacles adds, shape (H, W)."""
+        if check_factor("field_weight", field_weight) == 0:
+            return self.weights
+        weights = self.nearness()
+        weights *= field_weight
+        weights += self.weights
+        weights[self.weights <= 0] = 0
+        return weights
+
+    def nearness(self) -> NDArray[np.float64]:
+        """Return how near each cell is to an obstacle, shape (H, W): 1 at it, 0 from 2 m on."""
+        near: NDArray[np.float64] = self.field.distance / np.float64(FIELD_RANGE)
+        np.clip(near, 0, 1, out=near)
+        return np.subtract(1, near, out=near)
+
+    def is_open(self, cell: Cell) -> bool:
+        return self.costmap.frame.holds(cell) and bool(self.weights[cell] > 0)
+
+    def allows_step(self, cell: Cell, following: Cell) -> bool:
+        """Return whether a neighbour is open, and not diagonally between two closed cells."""
+        if not self.is_open(following):
+            return False
+        beside = ((cell[0], following[1]), (following[0], cell[1]))
+        return any(self.is_open(side) for side in beside)
+
+    def is_clear(self, start: Place, end: Place) -> bool:
+        """Return whether a straight way is in open cells, never between two closed at a corner."""
+        cells = list(_cells_on(start, end))
+        return self.is_open(cells[0]) and all(
+            self.allows_step(cell, following) for cell, following in pairwise(cells)
+        )
+
+    def open_cell_of(self, point: Point, name: str) -> Cell:
+        frame = self.costmap.frame
+        cell = cell_of_point(frame, point, name)
+        if not self.is_open(cell):
+            cost = int(self.costmap.cost[cell])
+            what = "unknown" if cost == self.costmap.unknown_value else f"cost {cost}"
+            rule = f"lies in a closed cell ({what})"
+            hint = nearest_open_text(frame, self.weights > 0, cell)
+            raise ParameterError(rule, place=name, got=point, hint=hint)
+        return cell
+
+    def measured(self, points_xy: NDArray[np.float64]) -> Measures:
+        pieces = np.hypot(*np.diff(points_xy, axis=0).T)
+        cells = self.costmap.frame.clamped_rowcol_from_xy(points_xy)[1:]
+        length, cost = float(pieces.sum()), float(pieces @ self.weights[cells[:, 0], cells[:, 1]])
+        clearances = self.clearances_of(points_xy)
+        mean = float(clearances[0])
+        if length > 0 and math.isfinite(mean):
+            mean = float(pieces @ (clearances[:-1] + clearances[1:]) / (2 * length))
+        return Measures(length, cost, float(clearances.min()), mean)
+
+    def clearances_of(self, points_xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the distances of points in open cells to the nearest centre of a lethal cell."""
+        # Exact, metres, shape (N,); +inf if there is no lethal cell. The field knows them of the
+        # centres of cells; from another point it says how far away one has to look.
+        frame, resolution = self.costmap.frame, self.costmap.resolution
+        places = frame.continuous_rowcol_from_xy(points_xy)
+        cells = frame.clamped_rowcol_from_xy(points_xy)
+        at_centre = self.field.distance[cells[:, 0], cells[:, 1]].astype(np.float64) / resolution
+        squares = np.rint(at_centre**2)
+        distances = np.where(squares < _LARGEST_TOLD_APART, np.sqrt(squares), at_centre)
+        is_between = (np.abs(places - cells - 0.5) > _AT_CENTRE).any(axis=1)
+        for index in np.flatnonzero(is_between & np.isfinite(at_centre)).tolist():
+            reach = math.ceil(at_centre[index] + 1.0)
+            distances[index] = self._nearest_lethal(places[index], cells[index], reach)
+        return distances * resolution
+
+    def _nearest_lethal(
+        self, place: NDArray[np.float64], cell: NDArray[np.int64], reach: int
+    ) -> float:
+        """Return the distance in cells of a place to a lethal cell's centre, within a reach."""
+        first = np.maximum(cell - reach, 0)
+        rows, cols = (slice(a, b) for a, b in zip(first, cell + reach + 1, strict=True))
+        centres = np.argwhere(self.field.occupancy[rows, cols] == OCCUPIED) + first + 0.5
+        return float(np.hypot(*(centres - place).T).min())
+
+
+def check_factor(name: str, value: float) -> float:
+    """Return a factor that is allowed, 0 to 1e6."""
+    if not 0 <= value <= _LARGEST_FACTOR:
+        rule = f"must lie between 0 and {_LARGEST_FACTOR:g}"
+        raise ParameterError(rule, place=name, got=value)
+    return value
+
+
+def _cells_on(start: Place, end: Place) -> Iterator[Cell]:
+    """Yield the cells that a straight piece of way passes, one after the other."""
+    way = (end[0] - start[0], end[1] - start[1])
+    shares = {0.0, 1.0}
+    for from_, along in zip(start, way, strict=True):
+        if along:
+            low, high = sorted((from_, from_ + along))
+            shares |= {
+                (edge - from_) / along for edge in range(math.ceil(low), math.floor(high) + 1)
+            }
+    last = None
+    for before, after in pairwise(sorted(share for share in shares if 0 <= share <= 1)):
+        middle = (before + after) / 2
+        cell = (math.floor(start[0] + middle * way[0]), math.floor(start[1] + middle * way[1]))
+        if cell != last:
+            yield cell
+        last = cell
+
+
+def _weights_by_cost(
+    costmap: Costmap, multiplier: float, through_unknown: bool
+) -> NDArray[np.float64]:
+    """Return the weight of each byte that a cost can be."""
+    highest = (INSCRIBED_INFLATED_OBSTACLE if costmap.scale == "costmap2d" else OCCUPIED - 1) - 1
+    weights = np.zeros(256)
+    weights[: highest + 1] = 1 + multiplier * np.arange(highest + 1) / highest
+    if through_unknown:
+        weights[costmap.unknown_value] = weights[highest]
+    return weights
+
+
+def shortest_route(
+    costmap: Costmap,
+    start_xy: Point,
+    goal_xy: Point,
+    *,
+    cost_travel_multiplier: float = 2.0,
+    field_weight: float = 0.0,
+    heuristic_weight: float = 0.0,
+    through_unknown: bool = False,
+) -> Route:
+    """Find the route of lowest cost through a costmap by A*, over eight neighbours per cell.
+
+    Parameters
+    ----------
+    costmap : Costmap
+        The costs. Lethal and inscribed cells are closed: 254 and 253, or 100 and 99 on scale
+        ``occupancy``.
+    start_xy, goal_xy : tuple of float
+        Start and goal in the map frame, metres.
+    cost_travel_multiplier : float
+        Weight of costs relative to length, at least 0: a cell of cost c has the weight
+        1 + multiplier * c / 252, or c / 98 on scale ``occupancy``.
+    field_weight : float
+        Additional weight near obstacles, at least 0: the weight of a cell grows by
+        field_weight * (1 - d / 2) if its distance d to an obstacle is below 2 m.
+    heuristic_weight : float
+        Additional estimate near obstacles, at least 0, metres: the heuristic of a cell grows by
+        heuristic_weight * (1 - d / 2) if its distance d to an obstacle is below 2 m. Above 0, the
+        route need not have the lowest cost.
+    through_unknown : bool
+        Whether unknown cells are open; they then have the highest cost of an open cell.
+
+    Returns
+    -------
+    Route
+        The points are the start, the centres of cells, and the goal. If there is no route,
+        `reached` is False and there are no points.
+
+    Raises
+    ------
+    ParameterError
+        If start or goal is outside the map or in a closed cell, or a number is not allowed.
+
+    Notes
+    -----
+    A step costs its length, 1 or sqrt(2) cells, times the weight of the cell that it enters. If
+    `heuristic_weight` is 0, no other route has a lower sum: the route is `optimal`.
+
+    A weight in the heuristic postpones cells near obstacles: they are expanded after cells in the
+    open whose routes cost up to heuristic_weight metres more. A cell is never reopened after its
+    expansion, so the first route to it stays.
+
+    Diagonal steps between two closed cells are not allowed.
+
+    Examples
+    --------
+    >>> from mapdeal.grid.costmap import Costmap
+    >>> wall = Costmap([[0, 0, 0], [0, 254, 254], [0, 0, 0]], 0.5)
+    >>> route = shortest_route(wall, (1.25, 0.25), (1.25, 1.25))
+    >>> route.reached, round(route.length, 6), round(route.min_clearance, 6)
+    (True, 2.414214, 0.5)
+    """
+    terrain = Terrain.of(
+        costmap,
+        cost_travel_multiplier=cost_travel_multiplier,
+        field_weight=field_weight,
+        through_unknown=through_unknown,
+    )
+    surcharges = surcharges_near_obstacles(terrain, heuristic_weight)
+    return route_over(terrain, start_xy, goal_xy, surcharges=surcharges)
+
+
+def surcharges_near_obstacles(
+    terrain: Terrain, heuristic_weight: float
+) -> NDArray[np.float64] | None:  # fmt: skip
+    """Return the heuristic's addition near obstacles, shape (H, W), or None."""
+    # The unit is that of the search: cells of length and weight 1.
+    if check_factor("heuristic_weight", heuristic_weight) == 0:
+        return None
+    surcharges = terrain.nearness()
+    surcharges *= heuristic_weight / terrain.costmap.resolution
+    return surcharges
+
+
+def route_over(
+    terrain: Terrain,
+    start_xy: Point,
+    goal_xy: Point,
+    *,
+    weights: NDArray[np.float64] | None = None,
+    surcharges: NDArray[np.float64] | None = None,
+) -> Route:
+    first = terrain.open_cell_of(start_xy, "start")
+    last = terrain.open_cell_of(goal_xy, "goal")
+    searched = terrain.weights if weights is None else weights
+    found = cheapest_path(searched, first, last, surcharges=surcharges)
+    how: dict[str, Any] = {"expanded": found.expanded, "optimal": surcharges is None}
+    if len(found.cells) == 0:
+        none = np.empty((0, 2))
+        return Route("astar", False, start_xy, goal_xy, none, **vars(NO_WAY), **how)
+    places = found.cells + 0.5
+    (start, goal), _ = terrain.costmap.frame.bounded_continuous_rowcol_from_xy([start_xy, goal_xy])
+    # no hooks: the centres of the first and the last cell are left out where the way is clear
+    begin = int(len(places) < 2 or terrain.is_clear(start, places[1]))
+    end = len(places) - int(len(places) < 2 or terrain.is_clear(places[-2], goal))
+    between = terrain.costmap.frame.xy_from_continuous_rowcol(places[begin : max(begin, end)])
+    points = np.vstack([[start_xy], between, [goal_xy]])
+    measures = terrain.measured(points)
+    return Route("astar", True, start_xy, goal_xy, points, **vars(measures), **how)
+
+
+_STEPS = (0.5, 0.25, 0.125)
+"""In cells, the longest first; a shorter one is tried where the longer one does not lead down."""
+
+Ending = Literal["arrived", "minimum", "tired"]
+
+_OFF = (-1e-6, 1e-6)
+"""In cells: more than what rounding moves a place by."""
+
+_STEPS_PER_CELL_OF_SIDE = 20
+"""Bounds the number of steps: a way as long as ten times both sides of the map."""
+
+
+def descend(
+    costmap: Costmap,
+    potential: PotentialField,
+    start_xy: Point,
+    *,
+    cost_travel_multiplier: float = 2.0,
+    through_unknown: bool = False,
+) -> Route:
+    """Follow the negative gradient of a potential from a start to its goal.
+
+    Parameters
+    ----------
+    costmap : Costmap
+        Costs on the same cells. Lethal and inscribed cells are closed: 254 and 253, or 100 and 99
+        on scale ``occupancy``. Costs also determine the `cost` of the route; see `shortest_route`.
+    potential : PotentialField
+        Potential with a goal.
+    start_xy : tuple of float
+        Start in the map frame, metres.
+    cost_travel_multiplier : float
+        Weight of costs relative to length in the route's `cost`; it does not affect the path.
+    through_unknown : bool
+        Whether unknown cells are open.
+
+    Returns
+    -------
+    Route
+        If `reached` is False, the route ends in its `local_minimum`. If that is None, the route
+        was abandoned after as many steps as would make it ten times as long as both sides of the
+        map together.
+
+    Raises
+    ------
+    ParameterError
+        If the potential has no goal or another geometry, or start or goal is outside the map or
+        in a closed cell.
+
+    Notes
+    -----
+    Steps are half a cell long, or shorter where the potential, interpolated between the centres
+    of cells, would not fall; it falls with every step. The route slides along closed cells, with
+    steps along the rows or the columns alone. If no such step exists, the route takes the steepest
+    way down to the centre of its cell or of a neighbour; a local minimum is a place from which
+    there is none either. Every segment lies in open cells. The goal is reached from within a
+    cell's length of it, or from within its cell, if nothing closed lies in between.
+
+    The potential is interpolated from `PotentialField.downhill_surface`.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid, potential
+    >>> grid = OccupancyGrid([[0, 0, 0, 0]], 0.5)
+    >>> costmap, field = Costmap.from_occupancy(grid), potential(grid, goal=(1.75, 0.25))
+    >>> route = descend(costmap, field, (0.3, 0.25))
+    >>> route.reached, round(route.length, 6)
+    (True, 1.45)
+    """
+    if not isinstance(potential, PotentialField):
+        rule = "takes a PotentialField; potential makes one of a map"
+        raise ParameterError(rule, source="descend", got=type(potential).__name__)
+    if potential.goal is None:
+        raise ParameterError("the potential has no goal to descend to")
+    terrain = Terrain.of(
+        costmap, cost_travel_multiplier=cost_travel_multiplier, through_unknown=through_unknown
+    )
+    if potential.frame != costmap.frame:
+        raise ParameterError("potential and costmap must have the same cells")
+    terrain.open_cell_of(start_xy, "start")
+    terrain.open_cell_of(potential.goal, "goal")
+    frame = costmap.frame
+    start, goal = frame.continuous_rowcol_from_xy([start_xy, potential.goal]).tolist()
+    slope = _Slope(potential.downhill_surface(), terrain)
+    places, ending = _followed(slope, tuple(start), tuple(goal))
+    points = frame.xy_from_continuous_rowcol(places)
+    points[0] = start_xy
+    minimum = None
+    if ending == "arrived":
+        points = np.vstack([points, [potential.goal]])
+    elif ending == "minimum":
+        minimum = (float(points[-1, 0]), float(points[-1, 1]))
+    measures = terrain.measured(points)
+    return Route(
+        "descent",
+        ending == "arrived",
+        start_xy,
+        potential.goal,
+        points,
+        **vars(measures),
+        local_minimum=minimum,
+    )
+
+
+def _followed(slope: _Slope, start: Place, goal: Place) -> tuple[list[Place], Ending]:
+    places = [start]
+    most = _STEPS_PER_CELL_OF_SIDE * sum(slope.shape)
+    while len(places) <= most:
+        if slope.leads_to(places[-1], goal):
+            return places, "arrived"
+        following = slope.step_down(places[-1])
+        if following is None:
+            return places, "minimum"
+        places.append(following)
+    return places, "tired"
+
+
+class _Slope:
+    """Surface over the centres of cells, in cells, and the steps allowed on it."""
+
+    def __init__(self, surface: NDArray[np.float64], terrain: Terrain) -> None:
+        self.shape = surface.shape
+        self._height, self._width = surface.shape
+        self._values = surface.reshape(-1).data
+        self._terrain = terrain
+
+    def step_down(self, place: Place) -> Place | None:
+        """Return the next place downhill, or None in a local minimum."""
+        here = self.value_at(place)
+        row, col = self._gradient_at(place)
+        for along_rows, along_cols in ((row, col), (row, 0.0), (0.0, col)):
+            length = math.hypot(along_rows, along_cols)
+            for step in _STEPS if length > 0 else ():
+                share = step / length
+                following = (place[0] - share * along_rows, place[1] - share * along_cols)
+                if self.value_at(following) < here and self._may_step(place, following):
+                    return following
+        return self._lowest_neighbour(place, here)
+
+    def _may_step(self, place: Place, following: Place) -> bool:
+        # open cells, and not the edge of a closed one: rounding would put it on either side
+        corners = ((following[0] + row, following[1] + col) for row in _OFF for col in _OFF)
+        return self._terrain.is_clear(place, following) and all(
+            self._terrain.is_open(_cell_of(corner)) for corner in corners
+        )
+
+    def leads_to(self, place: Place, goal: Place) -> bool:
+        is_near = math.dist(place, goal) <= 1.0 or _cell_of(place) == _cell_of(goal)
+        return is_near and self._terrain.is_clear(place, goal)
+
+    def value_at(self, place: Place) -> float:
+        """Return the surface between the centres of cells, bilinear."""
+        row, col = math.floor(place[0] - 0.5), math.floor(place[1] - 0.5)
+        v, u = place[0] - 0.5 - row, place[1] - 0.5 - col
+        south = (1 - u) * self._at(row, col) + u * self._at(row, col + 1)
+        north = (1 - u) * self._at(row + 1, col) + u * self._at(row + 1, col + 1)
+        return (1 - v) * south + v * north
+
+    def _at(self, row: int, col: int) -> float:
+        row, col = min(max(row, 0), self._height - 1), min(max(col, 0), self._width - 1)
+        value: float = self._values[row * self._width + col]
+        return value
+
+    def _gradient_at(self, place: Place) -> tuple[float, float]:
+        """Return the blend of the central differences at the four centres around a place."""
+        row, col = math.floor(place[0] - 0.5), math.floor(place[1] - 0.5)
+        v, u = place[0] - 0.5 - row, place[1] - 0.5 - col
+        along_rows = along_cols = 0.0
+        for r, c, share in (
+            (row, col, (1 - v) * (1 - u)),
+            (row, col + 1, (1 - v) * u),
+            (row + 1, col, v * (1 - u)),
+            (row + 1, col + 1, v * u),
+        ):
+            south, north = _beside(r, self._height)
+            west, east = _beside(c, self._width)
+            along_rows += share * (self._at(north, c) - self._at(south, c)) / max(north - south, 1)
+            along_cols += share * (self._at(r, east) - self._at(r, west)) / max(east - west, 1)
+        return along_rows, along_cols
+
+    def _lowest_neighbour(self, place: Place, here: float) -> Place | None:
+        """Return the centre of the steepest way down to a cell, this one or one beside it."""
+        best, steepest = None, 0.0
+        cell = _cell_of(place)
+        for rows in (-1, 0, 1):
+            for cols in (-1, 0, 1):
+                beside = (cell[0] + rows, cell[1] + cols)
+                if not self._terrain.is_open(beside):
+                    continue
+                centre = (beside[0] + 0.5, beside[1] + 0.5)
+                drop, way = here - self._at(*beside), math.dist(place, centre)
+                if way == 0 or drop / way <= steepest:
+                    continue
+                if self._terrain.is_clear(place, centre):
+                    best, steepest = centre, drop / way
+        return best
+
+
+def _beside(index: int, length: int) -> tuple[int, int]:
+    """Return the indices on both sides, or at the border the index itself on one."""
+    index = min(max(index, 0), length - 1)
+    return max(index - 1, 0), min(index + 1, length - 1)
+
+
+def _cell_of(place: Place) -> Cell:
+    return math.floor(place[0]), math.floor(place[1])

@@ -1,1 +1,0 @@
-"""Pictures of layers for people to look at: arrays in, palette images out."""

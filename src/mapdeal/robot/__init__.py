@@ -1,1 +1,0 @@
-"""A robot's parameter files: its shape, and the layers of its costmap."""

@@ -1,0 +1,1 @@
+"""Parameter files of robots, and what they mean."""

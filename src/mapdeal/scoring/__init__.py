@@ -1,1 +1,0 @@
-"""Quality of a map: on its own, and against the ground truth."""

@@ -1,0 +1,1 @@
+"""Files of clouds, scans, poses and points."""

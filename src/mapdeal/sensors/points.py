@@ -1,0 +1,521 @@
+"""Points, pairs of them, and poses as lines of text: CSV or JSON lines, read as they come."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError, MapdealError, emit_warning, shown
+from mapdeal.files.budget import PIECES, claim
+from mapdeal.files.json_values import JsonValue, read_document
+from mapdeal.files.source import LARGEST_FILE, LONGEST_STREAM, chunks_of, is_regular
+from mapdeal.files.text import delimiter_of, first_line, is_number, read_rows
+from mapdeal.grid.frame import FARTHEST, Point, Transform
+from mapdeal.inputs.kinds import NUMBERS, POSES, recognised
+from mapdeal.records import dataclass
+
+
+@dataclass(frozen=True)
+class TransformFile:
+    transform: Transform
+    first: Mapping[str, str]
+    second: Mapping[str, str]
+
+
+def transform_document(transform: Transform) -> dict[str, Any]:
+    degrees = round(math.degrees(transform.yaw), 9)
+    return {"x": transform.x, "y": transform.y, "yaw": transform.yaw, "yaw_deg": degrees}
+
+
+def read_transform(path: Path) -> TransformFile:
+    # The file is what ``mapdeal align`` has written, or an object with x, y (metres) and yaw
+    # (radians) written by hand.
+    document = read_document(path)
+    place = document.get("transform")
+    own = document if place is None else place
+    sure = document.get("same_place")
+    if sure is not None and not sure.flag():
+        text = f"{path}: align was uncertain about this transform; it is used as it is"
+        emit_warning(text, stacklevel=2)
+    x, y, yaw = (own[key].number() for key in ("x", "y", "yaw"))
+    return TransformFile(
+        Transform(x, y, yaw), _sums_of(document, "first"), _sums_of(document, "second")
+    )
+
+
+def _sums_of(document: JsonValue, key: str) -> dict[str, str]:
+    told = document.get(key)
+    sums = None if told is None or told.is_null else told.get("sha256")
+    if sums is None:
+        return {}
+    return {name: value.sha256() for name, value in sums.fields().items()}
+
+
+TUM = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+"""Columns in files of the TUM benchmark tools."""
+
+_PLANAR, _TUM = 3, len(TUM)
+_UNIT = 1e-3
+"""Tolerance of the length of a quaternion: files contain rounded numbers."""
+
+_ROUNDED = 1e-2
+"""The same where a longer or shorter one is refused: two decimals are enough."""
+
+_LEVEL = math.radians(10)
+"""Largest tilt of a robot at which its heading is still meaningful."""
+
+_LATEST = 9e9
+"""Seconds: what is later is in other units."""
+
+_COPIES = 5
+"""Arrays of the size of all numbers that are there at the same time, at most."""
+
+_LEANS = "a robot that leans by more than 10 degrees; does w come last?"
+
+Poses = NDArray[np.float64]
+
+
+def read_poses(path: Path | str) -> Poses:
+    """Read the poses in a text file.
+
+    Parameters
+    ----------
+    path : path or str
+        Text file with one pose per line: ``x y yaw`` in metres and radians, or, in the format of
+        the TUM benchmark tools, ``t x y z qx qy qz qw``. Numbers are separated by white space,
+        commas or semicolons; lines that begin with # and a line of column names are skipped.
+
+    Returns
+    -------
+    numpy.ndarray of float64, shape (N, 3)
+        x, y (metres) and yaw (radians); the yaw of a quaternion is the heading of its x axis in
+        the plane. Times are not used.
+
+    Raises
+    ------
+    FileAccessError
+        If the file cannot be read.
+    MalformedInputError
+        If a line has the wrong number of values, a value is not finite, or a quaternion is zero.
+
+    Warns
+    -----
+    MapdealWarning
+        If a quaternion is not of length 1, a pose is tilted by more than 10 degrees, a yaw
+        exceeds a full turn, or times do not increase.
+    """
+    path = Path(path)
+    with recognised(path, "a file of poses", POSES, NUMBERS):
+        return _planar_poses(_rows_in(path), path)
+
+
+def has_times(path: Path) -> bool:
+    """Return whether a file has poses with times; one that cannot be read has none."""
+    with suppress(MapdealError, OSError), path.open("rb") as file:
+        _, _, line = first_line(file)
+        return len(line.split(delimiter_of(line))) == _TUM
+    return False
+
+
+class Trajectory(NamedTuple):
+    """Poses with their times."""
+
+    times: NDArray[np.int64]
+    translations: Poses
+    quaternions: Poses
+
+
+def read_trajectory(path: Path | str) -> Trajectory:
+    """Return the poses in a file of TUM's benchmark tools, with their times."""
+    path = Path(path)
+    with recognised(path, "a file of poses", POSES, NUMBERS):
+        rows = _rows_in(path)
+        if rows.shape[1] != _TUM:
+            rule = "has poses without times; scans of a bag need t x y z qx qy qz qw"
+            raise MalformedInputError(rule, source=path)
+        _planar_poses(rows, path)  # with its errors and warnings
+    times = rows[:, 0]
+    if not (np.abs(times) < _LATEST).all():
+        rule = f"must be seconds, below {_LATEST:g}"
+        raise MalformedInputError(rule, source=path, place="t", got=times[np.argmax(np.abs(times))])
+    whole = np.floor(times)
+    nanoseconds = whole.astype(np.int64) * 10**9 + np.rint((times - whole) * 1e9).astype(np.int64)
+    return Trajectory(nanoseconds, rows[:, 1:4], rows[:, 4:])
+
+
+def planar_pose(numbers: Sequence[float]) -> tuple[float, float, float]:
+    """Return x, y and yaw of a pose as TUM's tools have it."""
+    _, x, y, _, *quaternion = numbers
+    length = math.hypot(*quaternion)
+    if not math.isfinite(length):
+        return x, y, math.nan
+    if abs(length - 1) > _ROUNDED:
+        raise MalformedInputError("the quaternion must be of length 1")
+    qx, qy, qz, qw = (part / length for part in quaternion)
+    if 1 - 2 * (qx * qx + qy * qy) < math.cos(_LEVEL):
+        raise MalformedInputError("the robot leans by more than 10 degrees; w must come last")
+    return x, y, math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
+
+
+def _rows_in(path: Path) -> Poses:
+    """Return all numbers in a file, shape (N, 3) or (N, 8)."""
+    file = io.BytesIO(_contents_of(path))
+    number, start, line = first_line(file)
+    delimiter = delimiter_of(line)
+    width = len(line.split(delimiter))
+    if line and width not in (_PLANAR, _TUM):
+        rule = "must be x y yaw, or t x y z qx qy qz qw"
+        raise MalformedInputError(rule, source=path, place=f"line {number}", got=line)
+    if line and not any(map(is_number, line.split(delimiter))):
+        number += 1  # the names of the columns
+    else:
+        file.seek(start)
+    columns = range(width)
+    parts: list[Poses] = []
+    taken = file.getbuffer().nbytes
+    for part in read_rows(
+        file, columns, path=path, first_line=number, delimiter=delimiter, width=width
+    ):
+        taken += _COPIES * part.nbytes
+        claim(path, taken + PIECES)
+        parts.append(part)
+    if not parts:
+        raise MalformedInputError("holds no poses", source=path)
+    return np.concatenate(parts)
+
+
+def _planar_poses(rows: Poses, path: Path) -> Poses:
+    """Return x, y and yaw of each row."""
+    width = rows.shape[1]
+    used = rows if width == _PLANAR else rows[:, 1:]  # times may be in nanoseconds
+    good = (np.abs(used) <= FARTHEST).all(axis=1) & np.isfinite(rows[:, 0])  # refuses nan too
+    if not good.all():
+        first = int(np.argmin(good))
+        rule = f"must be finite numbers within {FARTHEST:g}"
+        raise MalformedInputError(
+            rule, source=path, place=f"pose {first + 1}", got=rows[first].tolist()
+        )
+    if width == _PLANAR:
+        odd = np.abs(rows[:, 2]) > 2 * math.pi
+        _warn_of(odd, "a yaw of more than a turn; is it in degrees?", path)
+        turns = np.where(odd, np.round(rows[:, 2] / (2 * math.pi)), 0.0)
+        return np.column_stack([rows[:, :2], rows[:, 2] - turns * 2 * math.pi])
+    headings = _headings(rows[:, 4:], path)
+    times = rows[:, 0]
+    if (times != times[0]).any():  # one time for all, mostly 0, is none
+        is_late = np.concatenate([[False], times[1:] <= times[:-1]])
+        _warn_of(is_late, "a time that is not after the last", path)
+    return np.column_stack([rows[:, 1:3], headings])
+
+
+def _contents_of(path: Path) -> bytes:
+    """Return what stands in a file, which may be a pipe without an end."""
+    most = LARGEST_FILE if is_regular(path) else LONGEST_STREAM
+    chunks, length = [], 0
+    for chunk in chunks_of(path):
+        length += len(chunk)
+        if length > most:
+            raise MalformedInputError(f"must not be larger than {most} bytes", source=path)
+        claim(path, 2 * length)
+        chunks.append(chunk)
+    return b"".join(chunks)
+
+
+def _headings(quaternions: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
+    lengths = np.linalg.norm(quaternions, axis=1)
+    if not lengths.all():
+        place = f"pose {int(np.argmin(lengths)) + 1}"
+        raise MalformedInputError("the quaternion is zero", source=path, place=place)
+    _warn_of(np.abs(lengths - 1) > _UNIT, "a quaternion that is not of length 1", path)
+    x, y, z, w = (quaternions / lengths[:, np.newaxis]).T
+    upright = 1 - 2 * (x * x + y * y)  # the cosine of the angle between both z axes
+    _warn_of(upright < math.cos(_LEVEL), _LEANS, path)
+    yaw: NDArray[np.float64] = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return yaw
+
+
+def _warn_of(which: NDArray[np.bool_], what: str, path: Path) -> None:
+    count = int(np.count_nonzero(which))
+    if count:
+        first = int(np.argmax(which)) + 1
+        text = f"{path}: {count} of {len(which)} poses, the first of them pose {first}, have {what}"
+        emit_warning(text, stacklevel=4)
+
+
+_LONGEST_LINE = 1 << 16
+_LINE_FEED = ord("\n")
+_IN_PAIR = 4
+_Found = TypeVar("_Found", bound=tuple[Any, ...])
+_NO_NUMBERS = (ValueError, TypeError, LookupError, OverflowError, RecursionError)
+
+
+@dataclass(frozen=True, eq=False)
+class NumberLines:
+    """Numbers of some lines, shape (N, 2) of points, (N, 3) of poses."""
+
+    numbers: NDArray[np.float64]
+    lines: Sequence[int]
+    errors: dict[int, str]
+
+
+@dataclass(frozen=True)
+class PairLine:
+    """A start and a goal, or what is wrong with the line that should hold them."""
+
+    line: int
+    start: Point | None = None
+    goal: Point | None = None
+    error: str | None = None
+
+
+@dataclass(frozen=True)
+class NamedPointLine:
+    """A point with a name if it has one, or what is wrong with the line that should hold it."""
+
+    line: int
+    point: Point | None = None
+    name: str | None = None
+    error: str | None = None
+
+
+def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NumberLines]:
+    """Yield the points of a text, those of each chunk as soon as its lines are complete."""
+    for text, first in _complete_lines(chunks, source):
+        yield _parsed(text, first, _POINT)
+
+
+def read_pose_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[NumberLines]:
+    """Yield the poses of a text, those of each chunk as soon as its lines are complete."""
+    for text, first in _complete_lines(chunks, source):
+        yield _parsed(text, first, _POSE)
+
+
+def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine]:
+    """Yield pairs of points, each as soon as its line is complete."""
+    json_form = '{"from": [x, y], "to": [x, y]} or [[x, y], [x, y]]'
+    for number, text in _told_lines(chunks, source, _is_header_of_pairs):
+        found, error = _line_of(text, _pair_of, "four numbers x,y,x,y", json_form)
+        start, goal = found or (None, None)
+        yield PairLine(number, start, goal, error)
+
+
+def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NamedPointLine]:
+    """Yield points that may have names, each as soon as its line is complete."""
+    json_form = '{"x": x, "y": y}, with a "name" if it has one, or [x, y]'
+    for number, text in _told_lines(chunks, source, _POINT.is_header):
+        found, error = _line_of(text, _named_point_of, "x,y or NAME=x,y", json_form)
+        point, name = found or (None, None)
+        yield NamedPointLine(number, point, name, error)
+
+
+def _told_lines(
+    chunks: Iterable[bytes], source: Path | str, is_header: Callable[[str], bool]
+) -> Iterator[tuple[int, str]]:
+    """Yield number and text of the lines that are no comment, nor a header in the first place."""
+    for some, first in _complete_lines(chunks, source):
+        for number, raw in enumerate(some.split(b"\n"), first):
+            text = _text_of(raw)
+            if not (text.startswith("#") or (number == 1 and is_header(text))):
+                yield number, text
+
+
+def _complete_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[tuple[bytes, int]]:
+    """Yield the lines that each chunk completes, without the last end, and the first's number."""
+    rest, line = b"", 1
+    for chunk in chunks:
+        text = rest + chunk
+        end = text.rfind(b"\n")
+        rest = text[end + 1 :]
+        long = _first_long_line(text)
+        short = text[:end] if long is None else text[: max(0, long - 1)]
+        if end >= 0 and long != 0:
+            yield _unmarked(short, line), line
+            line += _line_count(short)
+        if long is not None:
+            rule = f"a line must not be longer than {_LONGEST_LINE} bytes"
+            raise MalformedInputError(rule, source=source, place=f"line {line}")
+    if rest:
+        yield _unmarked(rest, line), line
+
+
+def _line_count(text: bytes) -> int:
+    # bytes.count is made for what is rare
+    return 1 + int(np.count_nonzero(np.frombuffer(text, dtype=np.uint8) == _LINE_FEED))
+
+
+def _first_long_line(text: bytes) -> int | None:
+    start = 0
+    while len(text) - start > _LONGEST_LINE:
+        end = text.rfind(b"\n", start, start + _LONGEST_LINE + 1)
+        if end < 0:
+            return start
+        start = end + 1  # the lines before it are all shorter than what was looked at
+    return None
+
+
+def _unmarked(text: bytes, first: int) -> bytes:
+    """Return lines of a text without its mark of byte order."""
+    return text.removeprefix(b"\xef\xbb\xbf") if first == 1 else text
+
+
+def _text_of(line: bytes) -> str:
+    return line.decode("utf-8", errors="replace").strip()
+
+
+class _Form(NamedTuple):
+    names: tuple[str, ...]
+    how_many: str
+    more: str = ""
+
+    def rule(self, text: str) -> str:
+        """Return what a line that begins as `text` must be."""
+        if text[:1] not in ("{", "["):
+            return f"{self.how_many} numbers {','.join(self.names)}{self.more}"
+        keys = ", ".join(f'"{name}": {name}' for name in self.names)
+        return f"{{{keys}}} or [{', '.join(self.names)}]"
+
+    def delimiter(self, text: str) -> str | None:
+        """Return what stands between numbers; white space is None."""
+        return delimiter_of(text) if self.more else ","
+
+    def is_header(self, text: str) -> bool:
+        """Return whether a line has the names of its columns."""
+        words = [word.strip(' "') for word in text.lower().split(self.delimiter(text))]
+        if self.more:  # as files of poses: people write theta, too
+            return len(words) in (len(self.names), len(TUM)) and not any(map(is_number, words))
+        return words == [*self.names]
+
+
+_POINT = _Form(("x", "y"), "two")
+_POSE = _Form(("x", "y", "yaw"), "three", f", or TUM's {' '.join(TUM)}")
+
+
+def _parsed(text: bytes, first: int, form: _Form) -> NumberLines:
+    if first == 1:
+        head, end, others = text.partition(b"\n")
+        if end and form.is_header(_text_of(head)):
+            text, first = others, 2
+    at_once = _parsed_at_once(text, first, form)
+    if at_once is not None:
+        return NumberLines(*at_once, {})
+    rows: list[Sequence[float]] = []
+    kept: list[int] = []
+    errors: dict[int, str] = {}
+    for number, raw in enumerate(text.split(b"\n"), first):
+        line = _text_of(raw)
+        if line.startswith("#") or (number == 1 and form.is_header(line)):
+            continue
+        try:
+            rows.append(_row_of(line, form))
+        except MalformedInputError as error:
+            errors[len(rows)] = f"{error.rule}, got {shown(line)}"
+        except _NO_NUMBERS:
+            rule = f"must be {form.rule(line)}, got {shown(line)}"
+            errors[len(rows)] = rule if line else "empty line"
+        else:
+            if not all(map(math.isfinite, rows[-1])):
+                errors[len(rows) - 1] = f"must be finite, got {shown(line)}"
+        if len(rows) == len(kept):
+            rows.append([math.nan] * len(form.names))
+        kept.append(number)
+    numbers = np.array(rows, dtype=np.float64).reshape(-1, len(form.names))
+    return NumberLines(numbers, kept, errors)
+
+
+def _parsed_at_once(
+    text: bytes, first: int, form: _Form
+) -> tuple[NDArray[np.float64], Sequence[int]] | None:
+    """Return the numbers of lines, and which these are, if all are plain numbers."""
+    # numpy takes more characters for blanks, and warns of a text without numbers
+    if text.translate(None, b"0123456789+-.eE, \t\r\n") or not text.strip():
+        return None
+    delimiter = form.delimiter("," if b"," in text else " ")
+    try:
+        numbers = np.loadtxt(io.BytesIO(text), delimiter=delimiter, comments=None, ndmin=2)
+    except ValueError:
+        return None
+    lines = range(first, first + _line_count(text))
+    # empty lines were passed over, and 1e999 is infinite
+    is_plain = numbers.shape == (len(lines), len(form.names))
+    return (numbers, lines) if is_plain and np.isfinite(numbers).all() else None
+
+
+def _row_of(text: str, form: _Form) -> Sequence[float]:
+    if text[:1] in ("{", "["):
+        return _row_of_json(json.loads(text), form)
+    numbers = _numbers_of(text, form.delimiter(text))
+    if form.more and len(numbers) == len(TUM):
+        return planar_pose(numbers)
+    if len(numbers) != len(form.names):
+        raise ValueError
+    return numbers
+
+
+def _row_of_json(value: Any, form: _Form) -> Sequence[float]:
+    row = [value[name] for name in form.names] if isinstance(value, dict) else list(value)
+    if len(row) != len(form.names) or any(type(one) not in (int, float) for one in row):
+        raise ValueError  # bools are ints, too
+    return [float(one) for one in row]
+
+
+def _point_of_json(value: Any) -> Point:
+    x, y = _row_of_json(value, _POINT)
+    return x, y
+
+
+def _numbers_of(text: str, delimiter: str | None = ",") -> list[float]:
+    if not text.isascii() or "_" in text:  # which Python reads as digits, too
+        raise ValueError
+    return [float(part) for part in text.split(delimiter)]
+
+
+def _line_of(
+    text: str, parse: Callable[[str], _Found], form: str, json_form: str
+) -> tuple[_Found | None, str | None]:
+    try:
+        found = parse(text)
+    except _NO_NUMBERS:
+        rule = json_form if text[:1] in ("{", "[") else form
+        return None, f"must be {rule}, got {shown(text)}" if text else "empty line"
+    places = (place for place in found if isinstance(place, tuple))
+    if not all(math.isfinite(number) for place in places for number in place):
+        return None, f"must be finite, got {shown(text)}"
+    return found, None
+
+
+def _pair_of(text: str) -> tuple[Point, Point]:
+    if text[:1] in ("{", "["):
+        value = json.loads(text)
+        start, goal = (value["from"], value["to"]) if isinstance(value, dict) else value
+        return _point_of_json(start), _point_of_json(goal)
+    start_x, start_y, goal_x, goal_y = _numbers_of(text)
+    return (start_x, start_y), (goal_x, goal_y)
+
+
+def _named_point_of(text: str) -> tuple[Point, str | None]:
+    if text[:1] in ("{", "["):
+        value = json.loads(text)
+        name = value.get("name") if isinstance(value, dict) else None
+        if name is not None and not (isinstance(name, str) and name.strip()):
+            raise ValueError
+        return _point_of_json(value), name
+    name, equals, place = text.rpartition("=")
+    if equals and (not name.strip() or "," in name):
+        raise ValueError
+    x, y = _numbers_of(place)
+    return (x, y), name.strip() or None
+
+
+def _is_header_of_pairs(text: str) -> bool:
+    words = [word.strip(' "') for word in text.split(",")]
+    return len(words) == _IN_PAIR and all(
+        word.isidentifier() and word.lower() not in ("nan", "inf", "infinity") for word in words
+    )

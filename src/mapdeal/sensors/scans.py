@@ -1,0 +1,565 @@
+"""CARMEN logs: lines of FLASER, ROBOTLASER1 or RAWLASER1, perhaps compressed with gzip.
+
+References
+----------
+The Carnegie Mellon Robot Navigation Toolkit, "Logger message formats": the fields of each line.
+"""
+
+from __future__ import annotations
+
+import gzip
+import math
+import zlib
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import field
+from functools import cache
+from itertools import repeat, takewhile
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning
+from mapdeal.files.budget import PIECES, claim
+from mapdeal.files.source import check_readable, status_of
+from mapdeal.files.text import LONGEST_LINE, delimiter_of, first_line, read_rows
+from mapdeal.grid.frame import FARTHEST
+from mapdeal.inputs.kinds import SCANS, recognised
+from mapdeal.maps.npz import NpzReader
+from mapdeal.records import dataclass
+from mapdeal.sensors.points import read_poses
+
+Floats = NDArray[np.float64]
+
+DEFAULT_MAX_BAD = 10
+FARTHEST_POSE = 1e11
+"""Metres, and radians."""
+
+
+class ScanArrays(NamedTuple):
+    poses: Floats
+    angles: Floats
+    ranges: Floats
+    sweeps: int | None = None
+
+
+class ScanSource(ABC):
+    """Scans in files, which can be read more than once."""
+
+    files: tuple[Path, ...]
+
+    @property
+    def preparation(self) -> int:
+        """Number of steps before the scans can be read, for a progress bar."""
+        return 0
+
+    def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:  # noqa: B027
+        """Read what scans need, once, before any of them; `advance` is called for each step."""
+
+    @abstractmethod
+    def scans(self) -> Iterator[ScanArrays]:
+        """Yield all scans in their order, some at a time."""
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """Approximate number of scans, for a progress bar."""
+
+    @property
+    def named(self) -> Path:
+        """The file that errors about the scans name."""
+        return self.files[-1]
+
+    def warn(self) -> None:  # noqa: B027 - most have nothing to say
+        """Warn of what was passed over, once all scans were read."""
+
+
+@dataclass
+class BadLines:
+    """Lines that are wrong, up to so many."""
+
+    path: Path
+    most: int
+    count: int = 0
+    first: list[str] = field(default_factory=list)
+    is_told: bool = False
+
+    def add(self, number: int, rule: str) -> None:
+        self.count += 1
+        if len(self.first) < _NAMED:
+            self.first.append(f"line {number}: {rule}")
+        if self.count > self.most:
+            raise self.error()
+
+    def error(self) -> MalformedInputError:
+        self.is_told = True
+        more = f" (and {self.count - 1} more bad lines)" if self.count > 1 else ""
+        hint = "--max-bad N lets N such lines pass"
+        return MalformedInputError(f"{self.first[0]}{more}", source=self.path, hint=hint)
+
+    def warn(self) -> None:
+        if self.count and not self.is_told:
+            more = f" (and {self.count - len(self.first)} more)" if self.count > _NAMED else ""
+            text = (
+                f"{self.path}: {self.count} malformed lines ignored: {'; '.join(self.first)}{more}"
+            )
+            emit_warning(text, stacklevel=2)
+
+
+_NAMED = 3
+
+
+_PLANAR = 3
+_COPIES = 4
+"""Arrays of the size of all angles that are there at the same time, at most."""
+
+
+class ScanTexts(ScanSource):
+    def __init__(self, poses: Path, angles: Path, ranges: Path, *, flip_y: bool = False) -> None:
+        self.files = (poses, angles, ranges)
+        for path in self.files:
+            check_readable(path)
+        self._poses = read_poses(poses)
+        if flip_y:
+            self._poses[:, 1] *= -1.0
+        self._angles = _read_angles(angles)
+
+    @property
+    def count(self) -> int:
+        return len(self._poses)
+
+    def scans(self) -> Iterator[ScanArrays]:
+        """Yield all scans in their order, some at a time; see `ScanSource.scans`."""
+        poses, angles, path = self.files
+        done = 0
+        with _opened(path) as (file, number, delimiter, found):
+            if found not in (0, len(self._angles)):
+                rule = f"must have {len(self._angles)} numbers, one for each angle of {angles}"
+                raise MalformedInputError(rule, source=path, place=f"line {number}", got=found)
+            for rows in read_rows(
+                file,
+                range(len(self._angles)),
+                path=path,
+                first_line=number,
+                delimiter=delimiter,
+                width=len(self._angles),
+            ):
+                some = self._poses[done : done + len(rows)]
+                done += len(rows)
+                if done > self.count:
+                    rule = f"has more lines than {poses} has poses, {self.count}"
+                    raise MalformedInputError(rule, source=path)
+                yield ScanArrays(some, self._angles, rows)
+        if done < self.count:
+            rule = f"ends after {done} scans, {poses} has {self.count} poses"
+            raise MalformedInputError(rule, source=path)
+
+
+def _read_angles(path: Path) -> NDArray[np.float64]:
+    with _opened(path) as (file, number, delimiter, found):
+        rows, taken = [], 0
+        for part in read_rows(
+            file, range(found), path=path, first_line=number, delimiter=delimiter, width=found
+        ):
+            taken += _COPIES * part.nbytes
+            claim(path, taken + PIECES)
+            rows.append(part)
+    if not rows:
+        raise MalformedInputError("holds no angles", source=path)
+    table = np.concatenate(rows)
+    if 1 not in table.shape:
+        rule = "must be one line of angles, or one angle a line"
+        raise MalformedInputError(rule, source=path, got=f"{len(table)} lines of {found}")
+    angles = table.reshape(-1)
+    if not (np.abs(angles) <= FARTHEST).all():  # refuses nan too
+        index = int(np.argmin(np.abs(angles) <= FARTHEST))
+        rule = "must be finite numbers"
+        raise MalformedInputError(rule, source=path, place=f"angle {index + 1}", got=angles[index])
+    return angles
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[BinaryIO, int, str | None, int]]:
+    """Yield a file at its first line of numbers, with that line's number, delimiter and length."""
+    try:
+        with path.open("rb") as file:
+            number, start, line = first_line(file)
+            delimiter = delimiter_of(line)
+            file.seek(start)
+            yield file, number, delimiter, len(line.split(delimiter)) if line else 0
+    except OSError as error:
+        rule = f"cannot be read: {error.strerror or error}"
+        raise FileAccessError(rule, source=path) from None
+
+
+_SCANS_TOGETHER = 512
+_READINGS_TOGETHER = 1 << 18
+_POSED = ("FLASER", "ROBOTLASER1")
+_TAGS = (*_POSED, "RAWLASER1")
+_LONGEST_TAG = max(map(len, _TAGS)) + 1
+_GZIP = b"\x1f\x8b"
+_EXPANSION = 200
+"""Largest ratio of a log's length to that of its gzip file; 4 to 10 is usual."""
+
+_SHORT_LINE = 20
+"""Bytes that a line counts as besides its own: a log of empty lines takes long, too."""
+
+_BEFORE_TAG = b"\xef\xbb\xbf \t"
+_LARGEST_ANGLE = 100.0
+
+_FLASER_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
+"""Degrees between the readings of a half circle, by their number; the first is at -90."""
+
+_LINES_TOGETHER, _BYTES_TOGETHER = 512, 1 << 20
+_SAME = {"head", "middle"}
+_TYPES = {"head": "S40", "middle": "S40", "ranges": "f8", "pose": "f8", "time": "f8"}
+_NO_POSE = (0.0, 0.0, 0.0)
+
+
+class _Laser(NamedTuple):
+    """The geometry of a scanner: first angle, step, number of readings."""
+
+    start: float
+    step: float
+    readings: int
+
+    def angles(self) -> list[float]:
+        return [self.start + k * self.step for k in range(self.readings)]
+
+
+class _Layout(NamedTuple):
+    """What the words of a line are: how many of them belong to each part, in their order."""
+
+    laser: _Laser
+    longest: float
+    parts: dict[str, int]
+
+    def part(self, name: str, words: list[bytes]) -> list[bytes]:
+        before = takewhile(lambda part: part != name, self.parts)
+        start = sum(self.parts[part] for part in before)
+        return words[start : start + self.parts[name]]
+
+    def record(self) -> np.dtype[np.void]:
+        """Return the type of a line for numpy; of words that are not used one letter is kept."""
+        return np.dtype(
+            [
+                (name, _TYPES.get(name, "S1"), (count,))
+                for name, count in self.parts.items()
+                if count
+            ]
+        )
+
+
+class _Scan(NamedTuple):
+    laser: _Laser
+    pose: tuple[float, float, float]
+    ranges: Floats
+    time: float
+
+    def repeats(self, other: _Scan) -> bool:
+        return (
+            self.time == other.time
+            and (self.pose, self.laser) == (other.pose, other.laser)
+            and np.array_equal(self.ranges, other.ranges)
+        )
+
+
+class _BadLineError(Exception):
+    """A line that is not what its first word says."""
+
+
+class CarmenLog(ScanSource):
+    # FLASER lines have 180, 181, 360 or 361 readings over a half circle, and the laser's pose.
+    # ROBOTLASER1 lines contain their angles and their maximum range, from which on a reading means
+    # that nothing was hit. RAWLASER1 lines do, too, but have no pose: that of the last ODOM line is
+    # taken. A log may have several kinds for the same scans; the one with a pose that has the most
+    # lines counts. All other lines are passed over.
+    def __init__(self, path: Path, *, max_bad: int) -> None:
+        check_readable(path)
+        self.files = (path,)
+        self._path = path
+        self._bad = BadLines(path, max_bad)
+        self._late = self._without_pose = self._repeated = 0
+        self._has_times = False
+        self._odometry: tuple[float, float, float] | None = None
+        # not of the whole line, all of which would be copied
+        self._tags = Counter(
+            line[:_LONGEST_TAG].split(maxsplit=1)[0].decode() for _, line in self._lines(_TAGS)
+        )
+        if not self._tags:
+            rule = f"no line begins with {', '.join(_TAGS)}"
+            raise MalformedInputError(rule, source=path, hint="CARMEN logs have such lines")
+        posed = [tag for tag in _POSED if tag in self._tags]
+        self._tag = max(posed, key=self._tags.__getitem__) if posed else "RAWLASER1"
+
+    @property
+    def count(self) -> int:
+        return self._tags[self._tag]
+
+    def scans(self) -> Iterator[ScanArrays]:
+        """Yield all scans in their order, some at a time; see `ScanSource.scans`."""
+        self._bad = BadLines(self._path, self._bad.most)
+        self._late = self._without_pose = self._repeated = 0
+        self._has_times = False  # one time for all, mostly 0, is none
+        together: list[_Scan] = []
+        latest = -math.inf
+        before: _Scan | None = None
+        first_time: float | None = None
+        for scan in self._parsed():
+            if before is not None and scan.repeats(before):
+                self._repeated += 1
+                continue
+            before = scan
+            first_time = scan.time if first_time is None else first_time
+            self._has_times |= scan.time != first_time
+            self._late += scan.time <= latest
+            latest = max(latest, scan.time)
+            most = max(1, min(_SCANS_TOGETHER, _READINGS_TOGETHER // max(1, len(scan.ranges))))
+            if together and (scan.laser != together[0].laser or len(together) == most):
+                yield _arrays(together)
+                together = []
+            together.append(scan)
+        if 2 * self._without_pose > self.count:
+            rule = f"{self._without_pose} of {self.count} RAWLASER1 lines have no ODOM line before"
+            raise MalformedInputError(rule, source=self._path)
+        if together:
+            yield _arrays(together)
+        elif self._bad.count:
+            raise self._bad.error()
+
+    def warn(self) -> None:
+        self._bad.warn()
+        for tag, count in self._tags.items():
+            if tag != self._tag:
+                self._say(f"{count} lines of {tag} are not used beside those of {self._tag}")
+        if self._without_pose:
+            self._say(f"{self._without_pose} scans have no ODOM line before them, dropped")
+        if self._repeated:
+            self._say(f"{self._repeated} of {self.count} scans repeat the one before, dropped")
+        if self._late and self._has_times:
+            text = f"{self._late} of {self.count} scans are not later than those before"
+            self._say(f"{text}, kept in this order")
+
+    def _say(self, text: str) -> None:
+        emit_warning(f"{self._path}: {text}", stacklevel=3)
+
+    def _parsed(self) -> Iterator[_Scan]:
+        wanted = (self._tag,) if self._tag in _POSED else (self._tag, "ODOM")
+        self._odometry = None
+        together: list[tuple[int, bytes]] = []
+        length = 0
+        for number, line in self._lines(wanted):
+            together.append((number, line))
+            length += len(line)
+            if len(together) == _LINES_TOGETHER or length > _BYTES_TOGETHER:
+                yield from self._scans_of(together)
+                together, length = [], 0
+        yield from self._scans_of(together)
+
+    def _scans_of(self, numbered: list[tuple[int, bytes]]) -> Iterator[_Scan]:
+        """Yield the scans of lines, those with a pose by odometry if it is known."""
+        lines = [line for _, line in numbered if not line.startswith(b"ODOM")]
+        scans = iter(_scans_at_once(lines) or repeat(None))
+        for number, line in numbered:
+            try:
+                if line.startswith(b"ODOM"):
+                    self._odometry = _pose(line.split()[1:4])
+                    continue
+                scan = next(scans) or _scan_of(line.split())
+            except _BadLineError as error:
+                self._bad.add(number, str(error))
+                continue
+            if self._tag in _POSED:
+                yield scan
+            elif self._odometry is not None:
+                yield scan._replace(pose=self._odometry)
+            else:
+                self._without_pose += 1
+
+    def _lines(self, tags: tuple[str, ...]) -> Iterator[tuple[int, bytes]]:
+        """Yield the lines that begin with one of some words, and their numbers."""
+        wanted = tuple(f"{tag}{blank}".encode() for tag in tags for blank in (" ", "\t"))
+        most = _EXPANSION * status_of(self._path).st_size + LONGEST_LINE
+        number = length = 0
+        is_start = True
+        with self._opened() as file:
+            while line := file.readline(LONGEST_LINE):
+                length += len(line) + _SHORT_LINE
+                if length > most:
+                    rule = f"the gzip data expand to more than {_EXPANSION} times their size"
+                    raise MalformedInputError(rule, source=self._path)
+                number += is_start
+                if is_start and (text := line.lstrip(_BEFORE_TAG)).startswith(wanted):
+                    yield number, text
+                is_start = line.endswith(b"\n")  # else more of the same line follows
+
+    @contextmanager
+    def _opened(self) -> Iterator[BinaryIO]:
+        try:
+            with self._path.open("rb") as file:
+                if file.read(2) == _GZIP:
+                    file.seek(0)
+                    with gzip.open(file) as expanded:
+                        yield expanded  # type: ignore[misc]
+                else:
+                    file.seek(0)
+                    yield file
+        except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+            rule = f"the gzip data are damaged: {error}"
+            raise MalformedInputError(rule, source=self._path) from None
+        except OSError as error:
+            rule = f"cannot be read: {error.strerror or error}"
+            raise FileAccessError(rule, source=self._path) from None
+
+
+def _arrays(scans: list[_Scan]) -> ScanArrays:
+    return ScanArrays(
+        np.array([scan.pose for scan in scans]),
+        np.array(scans[0].laser.angles()),
+        np.array([scan.ranges for scan in scans]),
+    )
+
+
+@cache
+def _flaser(count: int) -> _Laser:
+    return _Laser(-math.pi / 2, math.radians(_FLASER_STEPS[count]), count)
+
+
+def _layout_of(words: list[bytes]) -> _Layout:
+    if words[0] == b"FLASER":
+        count = _whole(words, 1)
+        if count not in _FLASER_STEPS:
+            raise _BadLineError(f"FLASER must have 180, 181, 360 or 361 readings, has {count}")
+        laser, longest = _flaser(count), 0.0
+        parts = {"head": 2, "ranges": count, "pose": 3, "robot": 3}
+    else:
+        count = _whole(words, 8)
+        if len(words) < 10 + count:
+            raise _BadLineError(f"must have {count} readings and more, ends before")
+        start, field, step, longest = _numbers(words[2:6])
+        laser = _laser(start, field, step, count)
+        remissions = _whole(words, 9 + count)
+        parts = {"head": 9, "ranges": count, "middle": 1, "remissions": remissions}
+        if words[0] == b"ROBOTLASER1":
+            parts |= {"pose": 3, "robot": 8}
+    parts |= {"time": 1, "logger": 2}
+    length = sum(parts.values())
+    if len(words) != length:
+        text = f"{words[0].decode()} must have {length} words here, has {len(words)}"
+        raise _BadLineError(text)
+    return _Layout(laser, longest, parts)
+
+
+def _scan_of(words: list[bytes]) -> _Scan:
+    layout = _layout_of(words)
+    pose = _pose(layout.part("pose", words)) if "pose" in layout.parts else _NO_POSE
+    ranges = np.array(_numbers(layout.part("ranges", words)))
+    (time,) = _numbers(layout.part("time", words))
+    return _Scan(layout.laser, pose, _within(layout.longest, ranges), time)
+
+
+def _scans_at_once(lines: list[bytes]) -> list[_Scan] | None:
+    """Return the scans of lines that are laid out as the first is; None of others."""
+    if not lines:
+        return None
+    try:
+        layout = _layout_of(lines[0].split())
+        table = np.loadtxt(lines, layout.record(), comments=None, encoding="ascii", ndmin=1)
+    except (_BadLineError, ValueError):
+        return None
+    for name in _SAME.intersection(layout.parts):
+        if (table[name] != table[name][0]).any():
+            return None
+    times = table["time"][:, 0].tolist()
+    poses = [_NO_POSE] * len(times)
+    if "pose" in layout.parts:
+        if not (np.abs(table["pose"]) <= FARTHEST_POSE).all():  # refuses nan too
+            return None
+        poses = list(map(tuple, table["pose"].tolist()))
+    ranges = _within(layout.longest, table["ranges"])
+    return [_Scan(layout.laser, *one) for one in zip(poses, ranges, times, strict=True)]
+
+
+def _laser(start: float, field: float, step: float, count: int) -> _Laser:
+    if not (abs(start) <= _LARGEST_ANGLE and 0 < abs(step) <= _LARGEST_ANGLE):  # nan too
+        raise _BadLineError("start angle and resolution must be angles in radians, and not 0")
+    span = abs(step) * (count - 1)
+    if field > 0 and count > 1 and abs(span - field) > 1.5 * abs(step):
+        raise _BadLineError(
+            f"{count} readings span {span:.4g} rad, not the field of view of {field:.4g}"
+        )
+    return _Laser(start, step, count)
+
+
+def _within(longest: float, ranges: Floats) -> Floats:
+    """Return ranges without those at the scanner's maximum, if it has one: these hit nothing."""
+    return np.where(ranges >= longest, math.inf, ranges) if longest > 0 else ranges
+
+
+def _whole(words: list[bytes], index: int) -> int:
+    word = words[index] if index < len(words) else b""
+    if not (word.isdigit() and len(word) < 6):
+        raise _BadLineError("the number of readings is missing or no whole number")
+    return int(word)
+
+
+def _numbers(words: list[bytes]) -> list[float]:
+    try:
+        if any(b"_" in word for word in words):  # which Python reads past
+            raise ValueError
+        return [float(word) for word in words]
+    except ValueError:
+        raise _BadLineError("a number is missing or malformed") from None
+
+
+def _pose(words: list[bytes]) -> tuple[float, float, float]:
+    numbers = _numbers(words)
+    if len(numbers) == 3 and all(abs(one) <= FARTHEST_POSE for one in numbers):  # refuses nan too
+        return numbers[0], numbers[1], numbers[2]
+    raise _BadLineError("the pose must be three finite numbers")
+
+
+_MOST_ELEMENTS = 1 << 31
+
+
+class ScanNpz(ScanSource):
+    def __init__(self, path: Path) -> None:
+        self.files = (path,)
+        self._path = path
+        with NpzReader(path, _MOST_ELEMENTS) as reader:
+            self._angles = reader.numbers("angles", 1)
+            self._poses = reader.numbers("poses", 2)
+        if self._poses.shape[1] != 3:
+            rule = f"must have shape (N, 3), has {self._poses.shape}"
+            raise MalformedInputError(rule, source=path, place="poses")
+        for name, array in (("poses", self._poses), ("angles", self._angles)):
+            if not array.size:
+                raise MalformedInputError("holds none", source=path, place=name)
+            if not (np.abs(array) <= FARTHEST_POSE).all():  # refuses nan too
+                rule = f"must be finite and within {FARTHEST_POSE:g}"
+                raise MalformedInputError(rule, source=path, place=name)
+
+    @property
+    def count(self) -> int:
+        return len(self._poses)
+
+    def scans(self) -> Iterator[ScanArrays]:
+        """Yield all scans in their order, some at a time; see `ScanSource.scans`."""
+        expected = (self.count, len(self._angles))
+        done = 0
+        with NpzReader(self._path, _MOST_ELEMENTS) as reader:
+            for rows in reader.rows("ranges", len(self._angles), shape=expected):
+                yield ScanArrays(self._poses[done : done + len(rows)], self._angles, rows)
+                done += len(rows)
+
+
+def open_log(path: Path, *, max_bad: int = DEFAULT_MAX_BAD) -> ScanSource:
+    """Return the scans of an ``.npz``, or of a CARMEN log under any other name."""
+    with recognised(path, "a log of laser scans", SCANS):
+        if path.suffix.lower() == ".npz":
+            return ScanNpz(path)
+        return CarmenLog(path, max_bad=max_bad)
