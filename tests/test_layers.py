@@ -10,17 +10,15 @@ from sources import MODULES, place_of, tree_of
 
 pytestmark = pytest.mark.slow
 
-FOUNDATION = {"errors", "version", "records", "spelling", "kernels", "grid"}
+FOUNDATION = {"errors", "version", "kernels", "grid"}
 ON_GRIDS = {"stages", "editing", "planning", "mapping", "compare", "files", "pictures"}
 OF_FILES = {"files", "inputs", "maps", "sensors"}
 MIDDLE = {*FOUNDATION, *ON_GRIDS, *OF_FILES, "bags", "ros", "checks", "report"}
 ALLOWED = {
     "errors": set(),
     "version": set(),
-    "records": set(),
-    "spelling": set(),
-    "kernels": {"errors", "spelling", "version"},
-    "grid": {"errors", "spelling", "kernels"},
+    "kernels": {"errors", "version"},
+    "grid": {"errors", "kernels"},
     **dict.fromkeys(ON_GRIDS, FOUNDATION),
     # what a file is, is asked by its readers, and answered by those of all formats
     **{key: {*FOUNDATION, *OF_FILES} for key in ["inputs", "maps", "sensors"]},
@@ -53,7 +51,7 @@ def test_no_layer_imports_from_above():
         layer = _layer(path)
         if layer in ("__init__", "__main__"):
             continue
-        allowed = ALLOWED[layer] | {layer, "records"}
+        allowed = ALLOWED[layer] | {layer}
         for module in _imports(path):
             package, _, inside = module.partition(".")
             if package == "mapdeal" and inside and inside.split(".")[0] not in allowed:

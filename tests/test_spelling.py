@@ -7,7 +7,7 @@ from mapdeal import (
     DistanceField,
     esdf,
 )
-from mapdeal.spelling import BRITISH_AND_AMERICAN, as_known, meant, nearest
+from mapdeal.errors import BRITISH_AND_AMERICAN, as_known, meant, nearest
 from mapdeal.stages.catalogue import STAGES
 
 

@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import ParameterError, as_known
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.field import View
 from mapdeal.grid.footprint import Footprint
@@ -17,7 +17,6 @@ from mapdeal.maps.npz import Grid
 from mapdeal.pipeline.recipe import step_for
 from mapdeal.pipeline.step import make_step
 from mapdeal.ros.robot import RobotParameters
-from mapdeal.spelling import as_known
 
 _UNKNOWN_MAP = np.zeros((1, 1), dtype=np.int8)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,6 @@ from mapdeal.grid.display import Drawn
 from mapdeal.grid.frame import Frame
 from mapdeal.maps.map_yaml import Dialect
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -45,7 +46,6 @@ from mapdeal.pictures.overlay import (
 from mapdeal.pictures.raster import DEFAULT_IMAGE_MAX
 from mapdeal.pipeline.folder import PICTURE, files_of
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass
 
 Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Merged | Score | CostCurve
 """What there are pictures of."""

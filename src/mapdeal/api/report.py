@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
@@ -12,7 +13,6 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.display import OneLine
 from mapdeal.maps.map_yaml import Dialect
 from mapdeal.pipeline.settings import Settings, is_whole
-from mapdeal.records import dataclass
 
 File = str | PathLike[str]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,6 @@ from mapdeal.maps.map_yaml import Dialect
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import score_image
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True, eq=False, repr=False)

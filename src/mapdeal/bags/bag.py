@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from array import array
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, NamedTuple, Self
@@ -22,7 +22,6 @@ from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError,
 from mapdeal.files.budget import PIECES, check_expansion, claim, most_expanded
 from mapdeal.files.source import access_to, contents_of, is_folder, status_of
 from mapdeal.files.transaction import PREFIX
-from mapdeal.records import dataclass
 
 BAG_OUTPUTS = (".bag", ".mcap", ".db3")
 """Suffixes of bags."""

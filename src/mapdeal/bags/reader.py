@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
@@ -40,7 +40,6 @@ from mapdeal.files.source import (
 from mapdeal.files.transaction import temporary_folder
 from mapdeal.files.yaml_text import Entry, YamlLimits, read_mapping
 from mapdeal.inputs.listing import natural_key
-from mapdeal.records import dataclass
 
 METADATA = "metadata.yaml"
 TOP_KEY = "rosbag2_bagfile_information"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -49,7 +49,6 @@ from mapdeal.maps.remarks import (
     warn_of_cost_figures,
     warn_of_one_cost,
 )
-from mapdeal.records import dataclass
 from mapdeal.ros.load import Name
 from mapdeal.ros.robot import CostmapName, Flavour, RobotParameters
 from mapdeal.ros.values import ParameterValue

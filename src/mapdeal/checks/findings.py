@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from mapdeal.errors import one_line
 from mapdeal.grid.frame import Point
-from mapdeal.records import dataclass
 from mapdeal.ros.values import ParameterValue
 
 Severity = Literal["error", "warning", "note"]

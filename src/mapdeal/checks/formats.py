@@ -11,7 +11,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path, PurePath
@@ -22,7 +22,6 @@ from mapdeal.checks.findings import CHECKS, SEVERITIES, Finding, Severity
 from mapdeal.errors import FileAccessError, one_line
 from mapdeal.files.source import absolute_path, normal_path
 from mapdeal.grid.display import OneLine, count_text
-from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True, repr=False)

@@ -13,7 +13,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,6 @@ from mapdeal.checks.facts import ParameterFacts, RobotFacts, check
 from mapdeal.checks.findings import CHECKS, Check, Finding, Remark, Severity, declare_check
 from mapdeal.errors import MapdealError
 from mapdeal.grid.costmap import InflationLayer
-from mapdeal.records import dataclass
 from mapdeal.ros.load import Name, costmap_values, costmaps_in, flavour_of, found_in
 from mapdeal.ros.robot import INJECTED, CostmapName, Flavour, RobotParameters
 from mapdeal.ros.values import ParameterValue, Problem

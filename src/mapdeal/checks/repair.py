@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,6 @@ from mapdeal.maps.images import open_strips
 from mapdeal.maps.map_yaml import Dialect
 from mapdeal.maps.npz import read_npz
 from mapdeal.maps.remarks import USUAL_FREE_THRESH, FreedCells, remark_on_freed
-from mapdeal.records import dataclass
 
 _COSTS = "holds costs, which are not repaired"
 

@@ -6,7 +6,7 @@ import math
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from numbers import Real
 from pathlib import Path, PurePosixPath
@@ -24,7 +24,6 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.resample import sampled
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.dilation import within_distance
-from mapdeal.records import dataclass
 
 OWN_FILE, PYPROJECT = "mapdeal.toml", "pyproject.toml"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +11,6 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.errors import ParameterError
-from mapdeal.records import dataclass
 
 if TYPE_CHECKING:
     from mapdeal.pipeline.bag_sensors import BagClouds, BagScans, FrameOptions

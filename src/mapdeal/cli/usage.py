@@ -14,8 +14,7 @@ import typer
 from typer.models import TyperPath
 
 from mapdeal.cli.streams import DASH
-from mapdeal.errors import ParameterError
-from mapdeal.spelling import as_known, meant, nearest
+from mapdeal.errors import ParameterError, as_known, meant, nearest
 
 _NUMBER = re.compile(r"\(?-?\d+(\.\d*)?\)?")
 _UNKNOWN = re.compile(r"no such (option|command):? '?(?P<name>(?<=')[^']*|[^ ']*)'?")

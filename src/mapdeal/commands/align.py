@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,6 @@ from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.styles import alignment_style
 from mapdeal.pipeline.inputs import bytes_of, errors_named, outputs_of, read_together
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass
 from mapdeal.sensors.points import transform_document
 
 _OF_PICTURE = 16

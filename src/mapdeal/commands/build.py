@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -44,7 +44,6 @@ from mapdeal.pictures.overlay import ImageExtent, RingOverlay
 from mapdeal.pipeline.folder import write_picture
 from mapdeal.pipeline.inputs import add_picture, errors_named, outputs_of
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass
 from mapdeal.sensors.scans import ScanSource
 from mapdeal.version import __version__
 

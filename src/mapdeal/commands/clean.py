@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,6 @@ from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.styles import cleaning_style
 from mapdeal.pipeline.inputs import errors_named, outputs_of, read_summed
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass
 
 _PER_CELL, _LIBRARY = 16, 25_000_000
 """Bytes for each cell: a label of 4, sizes of up to half as many components, and masks. Beside

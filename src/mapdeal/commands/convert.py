@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,7 +23,6 @@ from mapdeal.maps.reading import Source, output_paths, write_grid
 from mapdeal.maps.remarks import warn_of_nothing_known, warn_of_one_cost
 from mapdeal.pipeline.inputs import add_picture, claim_work, errors_named, outputs_of, read_input
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
-from mapdeal.records import dataclass
 from mapdeal.stages.esdf import field_view
 
 Scale = Literal["occupancy", "costmap2d", "amcl"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,6 @@ from mapdeal.maps.reading import Source, as_occupancy
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pipeline.inputs import bytes_of, errors_named, outputs_of, read_together
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass
 
 _PER_CELL, _PER_WALL = 30, 75
 """Bytes for each cell of a grid around both maps, and for each occupied cell of one."""

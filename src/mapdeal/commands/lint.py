@@ -6,7 +6,7 @@ import contextlib
 from codecs import BOM_UTF8
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -60,7 +60,6 @@ from mapdeal.maps.map_yaml import MapMetadata, metadata_of
 from mapdeal.maps.reading import MapFile, open_map, output_paths, write_grid
 from mapdeal.pipeline.inputs import errors_named, outputs_of
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
-from mapdeal.records import dataclass
 from mapdeal.ros.robot import CostmapName
 from mapdeal.version import __version__
 

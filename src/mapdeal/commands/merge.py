@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -35,7 +35,6 @@ from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import merge_image
 from mapdeal.pipeline.inputs import bytes_of, errors_named, outputs_of, read_summed
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass
 from mapdeal.sensors.points import TransformFile, read_transform, transform_document
 
 

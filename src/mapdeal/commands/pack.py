@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,6 @@ from mapdeal.maps.map_server import bit_map_paths, read_bit_map_pair, write_bit_
 from mapdeal.maps.reading import as_occupancy, output_paths, write_grid
 from mapdeal.pipeline.inputs import add_picture, claim_work, errors_named, outputs_of, read_input
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass
 
 _PER_CELL = 3.0
 """Bytes for each cell: a mask, the cells, and what is written."""

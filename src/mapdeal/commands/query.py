@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -37,7 +38,6 @@ from mapdeal.pipeline.inputs import (
 from mapdeal.pipeline.recipe import step_for
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import make_step
-from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import NumberLines
 from mapdeal.stages.definition import parameters_of

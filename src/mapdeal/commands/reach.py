@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,6 @@ from mapdeal.pipeline.inputs import (
 from mapdeal.pipeline.recipe import load_recipe, planned_shape
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step, make_step
-from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
 
 _COSTS_PER_CELL = 8.0

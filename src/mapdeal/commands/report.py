@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mapdeal.commands.build import DOCUMENT
@@ -51,7 +51,6 @@ from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.documents import AlignmentAnswer, ScoreAnswer
 from mapdeal.pipeline.folder import MANIFEST
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
-from mapdeal.records import dataclass
 from mapdeal.report.document import Report, Table
 from mapdeal.report.page import page_of
 from mapdeal.version import __version__

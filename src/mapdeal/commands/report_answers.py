@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
 
@@ -35,7 +36,6 @@ from mapdeal.grid.shapes import Shape
 from mapdeal.inputs.kinds import SHAPES, recognised
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
 from mapdeal.pipeline.documents import AlignmentAnswer, ScoreAnswer, alignment_answer, score_answer
-from mapdeal.records import dataclass
 
 Severity = Literal["error", "warning", "note"]
 

@@ -6,7 +6,7 @@ import re
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,7 +20,6 @@ from mapdeal.maps.npz import Grid, holds_reach, open_npz, read_reach
 from mapdeal.maps.reading import MapFile, open_map
 from mapdeal.pipeline.inputs import bytes_of
 from mapdeal.pipeline.settings import Settings, heard, portable
-from mapdeal.records import dataclass
 from mapdeal.report.document import Entry, Item, PageLayer, Table, kinds_of
 from mapdeal.report.tiles import extent_of
 

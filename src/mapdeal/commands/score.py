@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -37,7 +37,6 @@ from mapdeal.maps.reading import Source, as_occupancy
 from mapdeal.pictures.comparisons import ScoredWalls, score_image
 from mapdeal.pipeline.inputs import bytes_of, errors_named, outputs_of, read_together
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass
 from mapdeal.sensors.points import TransformFile, read_transform, transform_document
 
 Way = Literal["frames", "transform", "align"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,6 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.frame import FARTHEST, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.records import dataclass
 
 TOLERANCES = (0.06, 0.12, 0.25, 0.5)
 """Metres within which a wall lies on a wall, but at least a cell: maps are exact, or bent."""

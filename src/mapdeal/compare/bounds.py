@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Literal
 
-from mapdeal.errors import ParameterError
-from mapdeal.records import dataclass
-from mapdeal.spelling import as_known, nearest
+from mapdeal.errors import ParameterError, as_known, nearest
 
 METRES, SHARE, COUNT, NUMBER, AREA = "m", "share", "count", "number", "m2"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -16,7 +17,6 @@ from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.rotations import hough_spectrum, inverse_matrices
 from mapdeal.kernels.threads import in_parallel
-from mapdeal.records import dataclass
 
 MOST_CELLS_A_SIDE = 1000
 """Larger maps are aligned on coarser cells: walls are found to a fraction of a cell anyway."""

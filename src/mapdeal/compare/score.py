@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,6 @@ from mapdeal.kernels.components import thickness_of, touching_groups
 from mapdeal.kernels.distance import squared_distance, unreachable
 from mapdeal.kernels.lookup import histogram, look_up
 from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, for_rows, in_parallel, thread_count
-from mapdeal.records import dataclass
 
 States = NDArray[np.uint8]
 """`UNKNOWN`, `FREE` or `OCCUPIED`, shape (H, W)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,6 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.dilation import dilate_square
-from mapdeal.records import dataclass
 
 Mask = NDArray[np.bool_]
 Values = NDArray[np.int8]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +19,6 @@ from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, check_choice
 from mapdeal.kernels.dilation import within_distance
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import for_rows
-from mapdeal.records import dataclass
 
 NO_CONFLICT, BY_FIRST, BY_OTHERS, AMONG_OTHERS = range(4)
 """No conflict; the first map is occupied; it is free; it is neither, and others differ."""

@@ -6,6 +6,7 @@ import contextlib
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -16,7 +17,6 @@ from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.files.budget import OF_JSON, claim
 from mapdeal.files.source import read_file
 from mapdeal.grid.frame import FARTHEST, Point
-from mapdeal.records import dataclass
 
 _LARGEST_FILE = 1 << 22  # a manifest has some kilobytes
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -17,7 +17,6 @@ from mapdeal.grid.shapes import Circle, Line
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, OverlayType
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.polygons import Spans, paint
-from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -31,7 +31,6 @@ from mapdeal.grid.values import (
 from mapdeal.kernels.blocks import counts_of, is_lazy
 from mapdeal.kernels.distance import squares_between_cells
 from mapdeal.kernels.lookup import look_up
-from mapdeal.records import dataclass
 
 UNIFORM_SHARE = 0.98
 """Share of the open cells above which one cost for them means that the costs say nothing."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import ParameterError, as_known
 from mapdeal.grid.canvas import FieldGrid, padded
 from mapdeal.grid.display import count_text, numbers_text
 from mapdeal.grid.frame import Origin, Region
@@ -20,8 +20,6 @@ from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN, Convention, U
 from mapdeal.kernels.blocks import mapped, swept
 from mapdeal.kernels.lookup import interpolate
 from mapdeal.kernels.threads import in_parallel
-from mapdeal.records import dataclass
-from mapdeal.spelling import as_known
 
 _POINTS_TOGETHER = 1 << 13
 """Whose arrays stay in the cache on their way through the steps."""

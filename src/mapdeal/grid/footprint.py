@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise, starmap
 from typing import Literal, NamedTuple
 
@@ -18,7 +19,6 @@ from mapdeal.grid.frame import Frame, Point, as_float32
 from mapdeal.grid.values import check_choice
 from mapdeal.kernels.footprints import Lattice, costs_at_poses
 from mapdeal.kernels.polygons import Spans, stacked_spans
-from mapdeal.records import dataclass
 
 
 def checked_corners(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from threading import Lock
 
 import numpy as np
@@ -38,7 +38,6 @@ from mapdeal.kernels.configuration_space import ConfigurationSpace, Pose, Reache
 from mapdeal.kernels.distance import SquaredDistances, squared_distance
 from mapdeal.kernels.meetings import gap_at, joined, saddles_between, sums_behind
 from mapdeal.kernels.threads import for_rows
-from mapdeal.records import dataclass
 
 Cell = tuple[int, int]
 

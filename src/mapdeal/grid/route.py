@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.display import OneLine, count_text, numbers_text
-from mapdeal.records import dataclass
 
 Method = Literal["astar", "descent"]
 

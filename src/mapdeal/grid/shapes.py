@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import chain, pairwise
 from typing import ClassVar, Protocol
 
@@ -23,7 +23,6 @@ from mapdeal.kernels.polygons import (
     line_spans,
     polygon_spans,
 )
-from mapdeal.records import dataclass
 
 _MOST_VERTICES = 10_000
 _FLAT = 1e-12

@@ -11,6 +11,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,6 @@ from mapdeal.files.source import (
 from mapdeal.files.text import delimiter_of, is_number
 from mapdeal.files.yaml_text import OF_RECIPES, Entry, read_mapping
 from mapdeal.maps.images import read_image_size, recognised_format
-from mapdeal.records import dataclass
 
 MAP, CLOUD, SCANS, POSES, NUMBERS = "map", "point cloud", "laser scans", "poses", "numbers"
 IMAGE, RECIPE, SHAPES, BAG, POINTER = "image", "recipe", "shapes", "bag", "Git LFS pointer"

@@ -7,6 +7,7 @@ import heapq
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from glob import has_magic
 from pathlib import Path
 
@@ -37,7 +38,6 @@ from mapdeal.files.source import (
 )
 from mapdeal.files.yaml_text import read_mapping
 from mapdeal.inputs.kinds import kind_of, other_kind
-from mapdeal.records import dataclass
 
 _ANY_FOLDERS = "**"
 

@@ -7,6 +7,7 @@ exact. The engine (see `mapdeal.kernels.engine`) makes no difference to any resu
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 
 from mapdeal.kernels.distance import SquaredDistances
 from mapdeal.kernels.engine import engine_name
-from mapdeal.records import dataclass
 
 Cell = tuple[int, int]
 

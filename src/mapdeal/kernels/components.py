@@ -8,12 +8,11 @@ remembered by a cell of theirs: the middle of the longest run, which is well ins
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from mapdeal.records import dataclass
 
 
 def drop_small_groups(marked: NDArray[np.bool_], min_cells: int) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ planes, so that there is no second set of them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -20,7 +21,6 @@ from mapdeal.kernels import configuration_numpy as configuration_twin
 from mapdeal.kernels.blocks import Layer
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.polygons import Spans
-from mapdeal.records import dataclass
 
 Pose = tuple[int, int, int]
 """Heading, row and column."""

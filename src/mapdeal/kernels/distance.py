@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
@@ -26,7 +27,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.engine import engine_name
-from mapdeal.records import dataclass
 
 SquaredDistances = NDArray[np.signedinteger[Any]]
 

@@ -7,13 +7,13 @@ and whose coordinates are rows and columns with their fractions.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.threads import for_rows
-from mapdeal.records import dataclass
 
 TOUCHING = 1e-6
 """In sides of the larger cell. Cells that overlap by less only touch: their borders are the same

@@ -5,12 +5,12 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.engine import engine_name
-from mapdeal.records import dataclass
 
 UNIT = float(1 << 24)
 """What a weight of 1 is on the scale that paths are summed on. Weights and their diagonals are

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,6 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.display import OneLine, count_text
 from mapdeal.grid.frame import FARTHEST
 from mapdeal.kernels.rotations import rotated
-from mapdeal.records import dataclass
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -23,7 +24,6 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.mapping.beams import BeamCounts, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.evidence import Counting, Evidence, HitGroups, Layers, LogOdds, hit_groups
 from mapdeal.mapping.tsdf import Tsdf, TsdfAsWritten
-from mapdeal.records import dataclass
 
 Method = Literal["log-odds", "counting", "tsdf"]
 

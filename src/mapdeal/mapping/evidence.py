@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,6 @@ from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.polygons import FARTHEST_CELL
 from mapdeal.kernels.rays import A_HIT, MOST_HITS, SEEN, Odds, count_rays, weigh_rays
 from mapdeal.mapping.beams import Beams, as_number
-from mapdeal.records import dataclass
 
 Cells = NDArray[np.int64]
 Mask = NDArray[np.bool_]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -28,7 +29,6 @@ from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOW
 from mapdeal.kernels.clouds import CloudRule, mark_cloud, marks_clouds
 from mapdeal.mapping.evidence import Sightings
 from mapdeal.mapping.transforms import CoveredAngles, Pose, check_pose, wrapped
-from mapdeal.records import dataclass
 
 CloudFrame = Literal["robot", "map"]
 Unknown = Literal["keep", "free"]

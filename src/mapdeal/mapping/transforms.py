@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +15,6 @@ from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.grid.frame import FARTHEST
 from mapdeal.kernels.clouds import cover_angles
 from mapdeal.kernels.rotations import composed, normalised, slerp, undone
-from mapdeal.records import dataclass
 
 Pose = tuple[float, float, float]
 

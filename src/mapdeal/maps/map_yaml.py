@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
@@ -13,7 +13,6 @@ from mapdeal.files.yaml_text import Entry, read_mapping, yaml_document
 from mapdeal.grid.field import ESDF_VIEW, View, ViewScale
 from mapdeal.grid.frame import Origin, check_origin, check_resolution
 from mapdeal.grid.values import CostScale
-from mapdeal.records import dataclass
 
 Mode = Literal["trinary", "scale", "raw"]
 Dialect = Literal["nav2", "humble", "ros1"]

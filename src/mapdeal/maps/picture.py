@@ -7,7 +7,7 @@ import io
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -18,7 +18,6 @@ from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.files.budget import claim
 from mapdeal.files.source import CHANGED, LARGEST_FILE, FileState, access_to, check_readable
 from mapdeal.kernels.lookup import look_up
-from mapdeal.records import dataclass
 
 Samples = NDArray[np.unsignedinteger[Any]]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,6 @@ from mapdeal.maps.npz import Grid, holds_reach, npz_frame, npz_memory, read_npz,
 from mapdeal.maps.picture import LARGEST_CELLS, check_size
 from mapdeal.maps.pnm import BinaryRows
 from mapdeal.maps.remarks import warn_of_nothing_known, warn_of_one_cost
-from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True)

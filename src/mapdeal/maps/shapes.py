@@ -7,13 +7,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
+from mapdeal.errors import MalformedInputError, ParameterError, as_known, emit_warning, meant
 from mapdeal.files.json_values import JsonValue, read_document
 from mapdeal.files.yaml_text import OF_SHAPES, Entry, read_mapping
 from mapdeal.grid.frame import Point
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.inputs.kinds import SHAPES, recognised
-from mapdeal.spelling import as_known, meant
 
 _PARTS = {"MultiPolygon": "Polygon", "MultiLineString": "LineString", "MultiPoint": "Point"}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import unicodedata
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -17,7 +18,6 @@ from mapdeal.kernels.room import check_room
 from mapdeal.pictures.colours import ColourBar, Colours, Swatch
 from mapdeal.pictures.overlay import Overlay
 from mapdeal.pictures.raster import Raster
-from mapdeal.records import dataclass
 
 _SHADES = 16
 

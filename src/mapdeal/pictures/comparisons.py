@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,6 @@ from mapdeal.pictures.colours import ColourBar, LayerStyle, Swatch, interpolated
 from mapdeal.pictures.overlay import ImageExtent, shown_part
 from mapdeal.pictures.raster import DEFAULT_IMAGE_MAX, Raster
 from mapdeal.pictures.styles import difference_style, occupancy_style
-from mapdeal.records import dataclass
 
 _UNKNOWN = 1
 """What cells are up to which neither map knows anything."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -16,7 +17,6 @@ from mapdeal.pictures import colours
 from mapdeal.pictures.canvas import BLACK, GREY, WHITE, Image, Pen, text_width, ticks_between
 from mapdeal.pictures.overlay import Brush
 from mapdeal.pictures.styles import CostPalette
-from mapdeal.records import dataclass
 
 _FAR = 2.5
 """Times everything else that a reach may be before it is left out of the picture."""

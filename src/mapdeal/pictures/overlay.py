@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -30,7 +31,6 @@ from mapdeal.pictures.colours import (
     Swatch,
 )
 from mapdeal.pictures.raster import Raster
-from mapdeal.records import dataclass
 
 _FARTHEST = 2.0**20  # pixels; beyond, Pillow's coordinates overflow
 _MOST_PIXELS = 1 << 24

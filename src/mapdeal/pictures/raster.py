@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,6 @@ from mapdeal.grid.canvas import cut_out
 from mapdeal.grid.frame import Frame, Region
 from mapdeal.kernels.blocks import Layer, blocks_of
 from mapdeal.kernels.threads import for_rows
-from mapdeal.records import dataclass
 
 _SMALL_SIDE = 600
 """Pixels that the long side of a small map is enlarged to, about."""

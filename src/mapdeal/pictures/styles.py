@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -38,7 +39,6 @@ from mapdeal.pictures.colours import (
     Swatch,
     palette_of,
 )
-from mapdeal.records import dataclass
 
 COST_LEVELS = 200
 """Colours of graded costs, the first of a palette."""

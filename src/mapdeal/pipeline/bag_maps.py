@@ -6,6 +6,7 @@ import shlex
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,7 +30,6 @@ from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.settings import ProgressCallback, report_nothing
-from mapdeal.records import dataclass
 
 ReadAs = Literal["map", "costs"]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
@@ -36,7 +37,6 @@ from mapdeal.mapping.beams import FARTHEST_POSE, Stances, beams_in_plane, stance
 from mapdeal.mapping.transforms import Posed, TransformTree
 from mapdeal.pipeline.inputs import errors_named
 from mapdeal.pipeline.local import Cloud, Points, SummedCloud
-from mapdeal.records import dataclass
 from mapdeal.sensors.points import read_trajectory
 from mapdeal.sensors.scans import ScanArrays, ScanSource
 

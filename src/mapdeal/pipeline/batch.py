@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
@@ -33,7 +33,6 @@ from mapdeal.pipeline.inputs import Need, memory_budget, need_of
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import RunReport, output_folder, run_map
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
-from mapdeal.records import dataclass
 
 if TYPE_CHECKING:
     from mapdeal.pipeline.local import Around

@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,6 @@ from mapdeal.errors import FileAccessError, MapdealError, ParameterError
 from mapdeal.files.source import exists
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.batch import Job, Outcome, Submit, Work, WorkerDiedError
-from mapdeal.records import dataclass
 from mapdeal.version import __version__
 
 _SECONDS = 10.0

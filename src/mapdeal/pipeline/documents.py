@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from mapdeal.files.json_values import JsonValue, NamedMap, named_map
@@ -12,7 +13,6 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import FARTHEST, Transform
 from mapdeal.grid.reach import Bottleneck, GoalReach, Passage, Reach
 from mapdeal.grid.route import Route
-from mapdeal.records import dataclass
 from mapdeal.sensors.points import PairLine
 
 

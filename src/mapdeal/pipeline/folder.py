@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, TypeGuard
 
@@ -67,7 +67,6 @@ from mapdeal.pipeline.settings import (
     portable,
 )
 from mapdeal.pipeline.step import Step
-from mapdeal.records import dataclass
 from mapdeal.stages.catalogue import models_of
 from mapdeal.version import __version__
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +30,6 @@ from mapdeal.pictures.overlay import Overlay
 from mapdeal.pipeline.folder import write_picture
 from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.pipeline.step import Step
-from mapdeal.records import dataclass
 
 _PER_PIXEL = 10
 """Bytes that pictures take while they are drawn, two at the same time."""

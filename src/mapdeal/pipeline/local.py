@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -48,7 +48,6 @@ from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import RunReport, around_in, products_of
 from mapdeal.pipeline.settings import Settings, heard
 from mapdeal.pipeline.step import Step
-from mapdeal.records import dataclass
 from mapdeal.sensors.clouds import CLOUD_SUFFIXES, cloud_chunks
 from mapdeal.sensors.points import read_poses
 from mapdeal.stages.definition import Stage

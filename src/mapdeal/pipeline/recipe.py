@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
+from mapdeal.errors import MalformedInputError, ParameterError, as_known, emit_warning
 from mapdeal.files.source import YAML, exists, is_folder
 from mapdeal.files.yaml_text import OF_RECIPES, Entry, parse_value, read_mapping
 from mapdeal.grid.costmap import Costmap
@@ -20,9 +21,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
 from mapdeal.inputs.kinds import RECIPE, kind_of, other_kind, recognised
 from mapdeal.pipeline.step import Step, make_step
-from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
-from mapdeal.spelling import as_known
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.definition import Stage, unknown_name
 from mapdeal.stages.structured import layers_with

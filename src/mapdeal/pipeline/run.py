@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -19,7 +20,6 @@ from mapdeal.pipeline.folder import MANIFEST, Filling, OutputFolder, Product, fi
 from mapdeal.pipeline.inputs import opened_map
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings, heard
-from mapdeal.records import dataclass
 
 LOCAL_RECIPE = "local"
 """The recipe for local maps, and the folder of the one that a run makes."""

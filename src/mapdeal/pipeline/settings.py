@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
 from threading import Lock
@@ -16,7 +17,6 @@ from mapdeal.kernels.blocks import rows_reported
 from mapdeal.maps.map_yaml import Dialect
 from mapdeal.pictures.overlay import DEFAULT_EXTENT, ImageExtent
 from mapdeal.pictures.raster import DEFAULT_IMAGE_MAX
-from mapdeal.records import dataclass
 
 Canvas = Literal["crop", "full"]
 

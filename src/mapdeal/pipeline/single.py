@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,6 @@ from mapdeal.pipeline.inputs import (
 )
 from mapdeal.pipeline.settings import Settings, passes_reported
 from mapdeal.pipeline.step import Step
-from mapdeal.records import dataclass
 from mapdeal.stages.keepout import apply_keepout_mask
 from mapdeal.stages.older_queue import queue_difference
 

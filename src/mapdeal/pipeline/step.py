@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import as_occupancy
-from mapdeal.records import dataclass
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
 from mapdeal.stages.definition import Stage, accept_parameters, unknown_name, unknown_parameter
 from mapdeal.stages.esdf import field_view

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -21,7 +21,6 @@ from mapdeal.grid.route import Route
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED
 from mapdeal.kernels.distance import signed_distance
 from mapdeal.kernels.shortest_paths import cheapest_path
-from mapdeal.records import dataclass
 
 FIELD_RANGE = 2.0
 """Metres from obstacles at which the field no longer weighs: the range of its metric view."""

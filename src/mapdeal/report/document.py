@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -29,7 +29,6 @@ from mapdeal.pictures.styles import (
     potential_style,
     reach_codes,
 )
-from mapdeal.records import dataclass
 
 Points = NDArray[np.float64]
 

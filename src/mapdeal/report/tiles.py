@@ -13,7 +13,7 @@ from base64 import b64encode
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -24,7 +24,6 @@ from mapdeal.grid.values import Convention
 from mapdeal.kernels.blocks import blocks_of
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import ThreadPool, thread_count
-from mapdeal.records import dataclass
 from mapdeal.report.document import Item, PageLayer
 
 _MARGIN = 0.04

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,7 +23,6 @@ from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint, check_simple, contains_centre
 from mapdeal.grid.frame import as_float32
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION
-from mapdeal.records import dataclass
 
 Corners = tuple[tuple[float, float], ...]
 

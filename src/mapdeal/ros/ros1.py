@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -20,7 +20,6 @@ from typing import Literal, TypeVar
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.costmap import CostmapLayer, InflationLayer, StaticLayer
 from mapdeal.grid.footprint import Footprint
-from mapdeal.records import dataclass
 from mapdeal.ros.robot import (
     INJECTED,
     MOST_CORNERS,

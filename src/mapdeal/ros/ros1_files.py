@@ -13,7 +13,7 @@ import hashlib
 import math
 import operator
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,6 @@ import yaml
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import read_file
 from mapdeal.files.yaml_text import YamlLimits, compose_documents, one_line_of, written
-from mapdeal.records import dataclass
 from mapdeal.ros.values import ParameterValue, Problem
 
 _DEGREES, _RADIANS = "!degrees", "!radians"

@@ -27,7 +27,7 @@ import re
 from bisect import insort
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,6 @@ from mapdeal.files.yaml_text import (
     refuse_image,
     written,
 )
-from mapdeal.records import dataclass
 from mapdeal.ros.values import ParameterFileError, ParameterValue
 
 _TRUE = frozenset(["Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.records import dataclass
 
 Level = Literal["refused", "warning", "note"]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Callable, Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -24,7 +24,6 @@ from mapdeal.files.text import delimiter_of, first_line, is_number, read_rows
 from mapdeal.inputs.kinds import CLOUD, NUMBERS, recognised
 from mapdeal.kernels.clouds import lzf_expanded
 from mapdeal.maps.npz import NpyHeader, NpzReader, read_npy_header
-from mapdeal.records import dataclass
 
 LONGEST_HEADER = 1 << 20
 MOST_POINTS = 1 << 40

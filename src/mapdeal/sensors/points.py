@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -20,7 +21,6 @@ from mapdeal.files.source import LARGEST_FILE, LONGEST_STREAM, chunks_of, is_reg
 from mapdeal.files.text import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.frame import FARTHEST, Point, Transform
 from mapdeal.inputs.kinds import NUMBERS, POSES, recognised
-from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import repeat, takewhile
 from pathlib import Path
@@ -30,7 +30,6 @@ from mapdeal.files.text import LONGEST_LINE, delimiter_of, first_line, read_rows
 from mapdeal.grid.frame import FARTHEST
 from mapdeal.inputs.kinds import SCANS, recognised
 from mapdeal.maps.npz import NpzReader
-from mapdeal.records import dataclass
 from mapdeal.sensors.points import read_poses
 
 Floats = NDArray[np.float64]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -23,7 +24,6 @@ from mapdeal.grid.values import (
 )
 from mapdeal.kernels.distance import bytes_by_distance
 from mapdeal.kernels.lookup import raise_bytes
-from mapdeal.records import dataclass
 from mapdeal.stages.cost import ObstacleSource
 from mapdeal.stages.esdf import bytes_in, reach_is_kept
 

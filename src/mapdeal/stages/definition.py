@@ -13,7 +13,7 @@ import math
 import re
 import types
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from numbers import Real
 from os import PathLike
 from typing import (
@@ -31,13 +31,11 @@ from typing import get_type_hints as hints_of
 
 import numpy as np
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import ParameterError, as_known, meant
 from mapdeal.grid.canvas import FieldGrid, on_canvas
 from mapdeal.grid.costmap import CostCurve, CostmapLayers
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
-from mapdeal.records import dataclass
-from mapdeal.spelling import as_known, meant
 
 
 @dataclass(frozen=True)

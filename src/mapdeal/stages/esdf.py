@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -24,7 +25,6 @@ from mapdeal.kernels.blocks import blocks_of, holds_everywhere, made_by_rows, sw
 from mapdeal.kernels.distance import Halo, halos_of, runs_of, signed_distance
 from mapdeal.kernels.lookup import bytes_of_distances, squares_of_distances
 from mapdeal.kernels.threads import for_rows
-from mapdeal.records import dataclass
 from mapdeal.stages.definition import (
     ABOVE_0,
     FACTOR,

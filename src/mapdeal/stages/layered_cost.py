@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -29,7 +30,6 @@ from mapdeal.grid.values import (
 from mapdeal.kernels.blocks import made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.kernels.threads import for_rows
-from mapdeal.records import dataclass
 from mapdeal.stages.cost import ObstacleSource, cost_model, refuse_view, warn_of_strength
 from mapdeal.stages.cost_profile import CostProfile, advice_on, inflation_curve, warn_of_radii
 from mapdeal.stages.definition import AT_LEAST_0, COST, METRES, Bound, FromRobot, Parameters

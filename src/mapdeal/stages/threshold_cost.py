@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -12,7 +13,6 @@ from mapdeal.grid.costmap import CostCurve, Costmap, squares_up_to
 from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, whole_parts
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import looked_up, swept
-from mapdeal.records import dataclass
 from mapdeal.stages.cost import ObstacleSource, check_lethal_threshold, cost_model
 from mapdeal.stages.definition import (
     ABOVE_0,
