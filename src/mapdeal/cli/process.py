@@ -40,7 +40,7 @@ def run_process() -> NoReturn:
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
     gc.disable()  # until the command is imported, see `begin_work`
     try:
-        from mapdeal.kernels.room import prepare_libraries
+        from mapdeal.kernels.engine import prepare_libraries
 
         prepare_libraries()
         if _version_is_printed():

@@ -14,7 +14,7 @@ from queue import Empty, SimpleQueue
 from threading import Semaphore, Thread
 from typing import Any, TypeVar
 
-from mapdeal.kernels.room import check_room
+from mapdeal.kernels.engine import check_room
 
 _PARTS_PER_THREAD = 8
 """So that parts of uneven cost even out."""

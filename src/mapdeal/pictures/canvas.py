@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.grid.frame import Frame, Region
+from mapdeal.kernels.engine import check_room
 from mapdeal.kernels.lookup import histogram
-from mapdeal.kernels.room import check_room
 from mapdeal.pictures.colours import ColourBar, Colours, Swatch
 from mapdeal.pictures.overlay import Overlay
 from mapdeal.pictures.raster import Raster

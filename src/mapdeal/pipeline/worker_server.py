@@ -13,7 +13,7 @@ import sys
 from multiprocessing import forkserver
 from pathlib import Path
 
-from mapdeal.kernels.room import prepare_libraries
+from mapdeal.kernels.engine import prepare_libraries
 
 _SERVER, _COMMAND = os.getpid(), os.getppid()
 
