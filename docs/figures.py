@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import mapdeal
-from mapdeal.checks.selection import frame_around
-from mapdeal.compare.align import align
+from mapdeal.compare.difference import frame_around
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.resample import sampled
 from mapdeal.maps.png import write_indexed_png
@@ -239,7 +238,7 @@ clean {youbot} -o {out}/cleaned.yaml --image {images}/tmcl_cleaned.png"""
 def draw_floor(folder: Path) -> None:
     """Draw three maps of an office floor before and after they are aligned, merged, and scored."""
     maps = [mapdeal.read_map(folder / name) for name in FLOOR]
-    aligned = [Transform()] + [align(one, maps[0]).transform for one in maps[1:]]
+    aligned = [Transform()] + [mapdeal.align(one, maps[0]).transform for one in maps[1:]]
     _draw_walls(
         "tmcl_frames.png", maps, [Transform()] * 3, "office floor: three maps, as their files say"
     )

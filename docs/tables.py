@@ -28,13 +28,13 @@ import typer
 
 from mapdeal.cli.main import app, command_names
 from mapdeal.cli.shared_options import SHARED_OPTIONS, expanded
+from mapdeal.command import Parameter, Stage, meanings_of
 from mapdeal.grid.costmap import Costmap, InflationLayer, StaticLayer
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.folder import paths_of
-from mapdeal.pipeline.step import make_step
+from mapdeal.pipeline.step import Step
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, stage_named
-from mapdeal.stages.definition import Parameter, Stage, meanings_of
 from mapdeal.stages.structured import LayerList, described_layer
 
 DOCS = Path(__file__).parent
@@ -255,7 +255,7 @@ def stages(_: str) -> str:
                 f"`{stage.model}`" if stage.model else "",
                 ", ".join(f"`{path.name}`" for path in _files(stage)),
                 _taken(stage),
-                f"{stage.memory:g}",
+                f"{stage.memory:g}{', of both maps' * (stage.cells is not None)}",
             )
             for stage in STAGES
         ],
@@ -269,8 +269,7 @@ def _taken(stage: Stage) -> str:
 
 
 def _files(stage: Stage) -> list[Path]:
-    step = make_step(stage.name, {"model": stage.model} if stage.model else {})
-    return paths_of(step, Path(), images=True)
+    return paths_of(Step(stage, {}), Path(), images=True)
 
 
 def _default_of(parameter: Parameter) -> str:
@@ -279,6 +278,8 @@ def _default_of(parameter: Parameter) -> str:
         return "yes" if default else "no"
     if default is None:
         return "none"
+    if parameter.is_required:
+        return "required"
     if default == ():
         return "[]"
     if parameter.kind == LayerList:

@@ -28,11 +28,13 @@ def do(job):
     if name.startswith("memory"):
         raise MemoryError
     if name.startswith("odd"):
-        return RunReport(job.folder, "done", {"f": lambda: None})  # which cannot be sent back
+        return RunReport(
+            job.folder, "done", {"f": lambda: None}, job.path
+        )  # which cannot be sent back
     if name.startswith("warn"):
         emit_warning(f"{job.path}: beware\nof this")
     if name.startswith("slow"):
         time.sleep(0.4)
     if name.startswith("two"):
         raise ParameterError("is not allowed", place="p", got=float("inf"))
-    return RunReport(job.folder, "done", {"map": {"width": 3, "height": 2, "pid": 0}})
+    return RunReport(job.folder, "done", {"map": {"width": 3, "height": 2, "pid": 0}}, job.path)

@@ -5,8 +5,8 @@ from typing import Annotated
 import numpy as np
 
 from mapdeal import Costmap, DistanceField, Footprint, OccupancyGrid
+from mapdeal.command import AT_LEAST_0, METRES, RobotShape, stage, stage_of
 from mapdeal.stages import catalogue
-from mapdeal.stages.definition import AT_LEAST_0, METRES, RobotShape, stage, stage_of
 from mapdeal.stages.structured import Goals
 
 seen = []

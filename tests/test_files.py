@@ -16,7 +16,7 @@ WALKS = {
     "inputs/listing.py:_one_part_on": "the folders of one part: real ones, each once",
     "inputs/listing.py:_seen_in": "lists one folder",
     "inputs/listing.py:numbered_folders": "lists one folder",
-    "commands/lint.py:_images_of": "lists one folder",
+    "commands/lint_repair.py:_images_of": "lists one folder",
     "inputs/listing.py:_below_folder": "each real folder once, however many links lead to it",
     "inputs/listing.py:look_into": "lists one folder",
     "maps/map_server.py:_nearest_name": "lists one folder",

@@ -10,7 +10,7 @@ from sources import MODULES, place_of, tree_of
 
 pytestmark = pytest.mark.slow
 
-FOUNDATION = {"errors", "version", "kernels", "grid"}
+FOUNDATION = {"errors", "version", "kernels", "grid", "command"}
 ON_GRIDS = {"stages", "editing", "planning", "mapping", "compare", "files", "pictures"}
 OF_FILES = {"files", "inputs", "maps", "sensors"}
 MIDDLE = {*FOUNDATION, *ON_GRIDS, *OF_FILES, "bags", "ros", "checks", "report"}
@@ -19,6 +19,7 @@ ALLOWED = {
     "version": set(),
     "kernels": {"errors", "version"},
     "grid": {"errors", "kernels"},
+    "command": {"errors", "kernels", "grid"},
     **dict.fromkeys(ON_GRIDS, FOUNDATION),
     # what a file is, is asked by its readers, and answered by those of all formats
     **{key: {*FOUNDATION, *OF_FILES} for key in ["inputs", "maps", "sensors"]},

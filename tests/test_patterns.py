@@ -31,11 +31,12 @@ REASONS = {
      r"(?<![0-9.])([0-9]{1,15}(?:\.[0-9]{0,15})?|\.[0-9]{1,15})\s{0,9}m(?:eters?)?/pix"):
         ("search", "every repeat is bounded, so a try is, too"),
     ("cli/completion.py", r"\n=\n?"): ("sub", "no more than three characters"),
+    ("cli/options.py", r" +\[default: "): ("sub", OURS),
     ("cli/shared_options.py", r"^(--[\w/-]+)(?: (\S+))?: (.*(?:\n {4}.*)*)"): ("findall", OURS),
     ("cli/shared_options.py", r" \[(?=default|needs)"): ("sub", OURS),
     ("cli/usage.py", r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}"):
         ("fullmatch", "a name ends at its =, and no comma is in the class of numbers"),
-    ("cli/options.py", r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"):
+    ("files/budget.py", r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"):
         ("fullmatch", "digits, white space and letters have nothing in common"),
     ("cli/usage.py", r"\(?-?\d+(\.\d*)?\)?"): ("fullmatch", "a point stands between the digits"),
     ("cli/usage.py", r"no such (option|command):? '?(?P<name>(?<=')[^']*|[^ ']*)'?"):
@@ -105,8 +106,8 @@ REASONS = {
         ("fullmatch", "the first repeat ends at the bracket, the others are of digits"),
     ("pipeline/cluster.py", r"(tcp|tls|ucx|ws|wss)://[^/\s]+:\d{1,5}"):
         ("fullmatch", "one run; behind each place where it may end five digits at most"),
-    ("stages/definition.py", r"(?m)^ {4}(?P<names>[a-z_0-9, ]+) : "): ("finditer split", OURS),
-    ("stages/definition.py", r"(?m)^ {4}(?P<name>\w+)\n {4}-+\n"): ("finditer split", OURS),
+    ("command.py", r"(?m)^ {4}(?P<names>[a-z_0-9, ]+) : "): ("finditer split", OURS),
+    ("command.py", r"(?m)^ {4}(?P<name>\w+)\n {4}-+\n"): ("finditer split", OURS),
 }  # fmt: skip
 MADE = {"pipeline/batch.py": r"(?<![\w./-])/some/folder/"}
 """What a pattern that is put together looks like, by file."""

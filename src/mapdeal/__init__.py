@@ -13,8 +13,9 @@ Maps from sensors: `local_map`, and for clouds that arrive in parts `LocalMapper
 `build_map_from_log` and `build_map_from_bag` return a `BuiltMap` from laser scans; `MapBuilder`
 with `BeamLimits` accepts `Scans` in parts.
 Queries: `DistanceField.query` returns `FieldSamples`; `footprint_costs` returns a robot's costs at
-poses; `cost_curve` returns a `CostCurve`; `shortest_route` and `descend` return a `Route`. A
-`Reach` contains a `GoalReach` with a `Bottleneck` for each `Goal`, and every `Passage`.
+poses; `cost_curve` returns a `CostCurve`; `shortest_route` and `descend` return a `Route`, `route`
+a `PlannedRoute`. A `Reach` contains a `GoalReach` with a
+`Bottleneck` for each `Goal`, and every `Passage`.
 Counterparts of the commands: `run` returns a `RunReport`; `load_recipe` returns a `Recipe`, and
 `apply_recipe` applies it to grids in memory; `lint` returns a `LintReport` of `Finding`, with a
 `MapReport` for each map; `diff` returns a `DiffReport` with `WallShift` and `Bound`; `score`

@@ -8,12 +8,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from alignment.buildings import HALL, OTHER_WALLS, WALLS, between, cut, drawn, errors
-from mapdeal.compare.align import align
-from mapdeal.editing.resampling import rotate
+from mapdeal.compare.align import placed as align
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads
+from mapdeal.stages.rotate import rotate
 
 pytestmark = pytest.mark.slow
 

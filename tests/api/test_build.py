@@ -43,7 +43,7 @@ def test_a_log_makes_the_map_and_evidence_of_the_command(tmp_path, command, word
     ("arguments", "match"),
     [
         ({"method": "octree"}, "method: must be one of log-odds"),
-        ({"truncation": 3}, "truncation: is not a parameter of method log-odds"),
+        ({"truncation": 3}, "truncation: does not apply to method log-odds"),
         ({"resolution": 0}, "resolution"),
         ({"size": (1, 1)}, "must be given together"),
         ({"threads": 0}, "threads: must be a whole number"),

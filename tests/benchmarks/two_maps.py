@@ -139,7 +139,7 @@ def transform_of(truth: Values | None) -> Transform | None:
 
 def outcome(pair: Pair) -> Outcome:
     """Align a pair; the time is without that of reading the maps."""
-    from mapdeal.compare.align import align
+    from mapdeal.compare.align import placed as align
 
     first, second = read_map(pair.first), read_map(pair.second)
     started, used = time.perf_counter(), time.process_time()

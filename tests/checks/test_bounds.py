@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drawn import grid_from_text
-from mapdeal import OccupancyGrid, ParameterError, write_map
-from mapdeal.checks.selection import Bounds, compare
+from mapdeal import OccupancyGrid, ParameterError, diff, write_map
+from mapdeal.compare.difference import compare
 from strategies import occupancies
 
 RES = 0.25
@@ -39,7 +39,7 @@ def test_bounds_hold_as_plain_python_says(a, b, shift, bound, percent):
     cells_b = {(r + shift[0], c + shift[1]): int(b[r, c]) for r, c in np.ndindex(b.shape)}
     common = cells_a.keys() & cells_b.keys()
     found = compare(first, second)
-    by_shift, by_share = Bounds(bound, percent).judged(found)
+    by_shift, by_share = found.bounds_of(bound, percent)
     assert found.not_compared == sum(
         value >= 0 and cell not in common for cell, value in cells_a.items()
     )
@@ -61,10 +61,8 @@ def test_bounds_hold_as_plain_python_says(a, b, shift, bound, percent):
 def test_six_cells_are_as_far_as_one_writes_it():
     first = grid_from_text("#.......", 0.05)
     second = grid_from_text("......#.", 0.05)
-    (bound,) = Bounds(max_shift=0.3).judged(compare(first, second))
-    assert bound.holds
-    (bound,) = Bounds(max_shift=0.2999).judged(compare(first, second))
-    assert not bound.holds
+    assert diff(first, second, max_shift=0.3).passes
+    assert not diff(first, second, max_shift=0.2999).passes
 
 
 @pytest.mark.parametrize(
@@ -72,8 +70,9 @@ def test_six_cells_are_as_far_as_one_writes_it():
                (None, math.nan)],
 )  # fmt: skip
 def test_odd_bounds_are_refused(values):
+    grid = OccupancyGrid([[100]], RES)
     with pytest.raises(ParameterError, match=r"max_shift|max_differing"):
-        Bounds(*values)
+        diff(grid, grid, max_shift=values[0], max_differing=values[1])
 
 
 @pytest.fixture
@@ -155,4 +154,5 @@ def test_what_a_bound_does_not_see_is_warned_of(command, maps):
 def test_a_bound_that_is_refused_is_called_as_it_was_given(command, words):
     code, _, err = command("diff", "a.yaml", "b.yaml", *words)
     assert code == 2
-    assert err.startswith(f"error: invalid value for '{words[0]}': {float(words[1])}")
+    assert err.startswith(f"error: {words[0]}: must be a finite number, ")
+    assert err.endswith(f", got {float(words[1])}\n")

@@ -11,7 +11,7 @@ from PIL import Image
 
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, ParameterError, write_map
-from mapdeal.checks.selection import (
+from mapdeal.compare.difference import (
     ADDED,
     BOTH_FREE,
     BOTH_UNKNOWN,
@@ -32,6 +32,10 @@ def state(value):
     return 0 if value == 100 else 1 if value == 0 else 2 if value < 0 else 3
 
 
+def table_of(found):
+    return [[found.confusion[row][col] for col in STATES] for row in STATES]
+
+
 @given(
     a=occupancies(7), b=occupancies(7), shift=st.tuples(st.integers(-4, 4), st.integers(-4, 4)),
     tolerance=st.sampled_from([0, 1, 1.5, 2.9]), yaw=st.sampled_from([0.0, 0.7]),
@@ -49,8 +53,8 @@ def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, ya
     confusion = np.zeros((4, 4), int)
     for x, y in cells.values():
         confusion[state(x), state(y)] += 1
-    np.testing.assert_array_equal(found.confusion, confusion)
-    assert found.common == len(cells)
+    np.testing.assert_array_equal(table_of(found), confusion)
+    assert found.common_cells == len(cells)
     assert found.differing == sum(x != y for x, y in cells.values())
 
     def like_near(cell, own, other):
@@ -66,7 +70,7 @@ def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, ya
         x != y and (tolerance == 0 or not (like_near(cell, 0, 1) and like_near(cell, 1, 0)))
         for cell, (x, y) in cells.items()
     )
-    assert found.beyond == beyond
+    assert found.beyond_tolerance == beyond
     same = a.shape == b.shape and shift == (0, 0) and beyond == 0
     assert found.is_equal == same
     walls = [[cell for cell, pair in cells.items() if pair[which] == 100] for which in (0, 1)]
@@ -74,7 +78,8 @@ def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, ya
         [(r + shift[0], c + shift[1]) for r, c in np.argwhere(b == 100).tolist()],
         np.argwhere(a == 100).tolist(),
     ]
-    for shift_of, wall, other in zip(found.walls, walls, others, strict=True):
+    shifts = (found.first_to_second, found.second_to_first)
+    for shift_of, wall, other in zip(shifts, walls, others, strict=True):
         if not wall or not other:
             assert shift_of is None
             continue
@@ -101,7 +106,8 @@ def test_a_map_of_another_resolution_is_looked_up_at_the_centres():
     fine = OccupancyGrid(np.repeat(np.repeat(coarse.occupancy, 2, 0), 2, 1), 0.2, coarse.origin)
     for a, b, cells in ((fine, coarse, 12), (coarse, fine, 3)):
         found = compare(a, b)
-        assert (found.common, found.differing, found.beyond) == (cells, 0, 0)
+        counts = found.common_cells, found.differing, found.beyond_tolerance
+        assert counts == (cells, 0, 0)
         assert set(found.geometry) == {"width", "height", "resolution"}
         assert not found.is_equal
 
@@ -123,7 +129,7 @@ def test_a_map_that_was_mirrored_or_turned_is_told_g11(shape, name):
 def test_maps_that_do_not_meet_have_nothing_in_common():
     a, b = OccupancyGrid([[100]], 0.1), OccupancyGrid([[100]], 0.1, (5.0, 5.0, 0.0))
     found = compare(a, b)
-    assert (found.common, found.walls) == (0, (None, None))
+    assert (found.common_cells, found.first_to_second, found.second_to_first) == (0, None, None)
     with pytest.raises(ParameterError, match="too far apart"):
         compare(a, OccupancyGrid([[100]], 0.1, (1e7, 1e7, 0.0)))
 

@@ -9,8 +9,8 @@ from PIL import Image
 from mapdeal import MapdealWarning, OccupancyGrid, read_map
 from mapdeal.checks import map_checks
 from mapdeal.checks.facts import gather
-from mapdeal.checks.repair import repaired
-from mapdeal.checks.selection import compare
+from mapdeal.commands.lint_repair import repaired
+from mapdeal.compare.difference import compare
 from mapdeal.grid.resample import is_turned
 
 YAML = {
@@ -269,7 +269,7 @@ def test_a_tolerance_reaches_as_far_as_it_says_and_no_further(tolerance, beyond)
     first = OccupancyGrid([[100, 0, 0, 0]], 0.5)
     second = OccupancyGrid([[0, 0, 0, 100]], 0.5)
     # the wall has moved by 3 cells; free cells have free ones beside them
-    assert compare(first, second, tolerance=tolerance).beyond == beyond
+    assert compare(first, second, tolerance=tolerance).beyond_tolerance == beyond
 
 
 @pytest.fixture

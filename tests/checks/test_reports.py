@@ -12,7 +12,7 @@ from typing import get_args
 import pytest
 
 from mapdeal.checks.findings import CHECKS, Finding
-from mapdeal.checks.formats import REPORTS, LintReport, MapReport, ReportForm, sum_of
+from mapdeal.checks.formats import REPORTS, LintReport, MapReport, ReportForm
 from mapdeal.checks.lint import lint_file  # noqa: F401 - lists all checks
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
@@ -69,10 +69,10 @@ def test_a_report_is_text_that_can_be_written_and_the_same_each_time(form, repor
 
 def test_text_has_a_line_for_each_finding():
     assert len(REPORTS["text"](REPORT)) == 9
-    assert sum_of(REPORT) == "6 maps, 1 folder: 4 errors, 3 warnings, 2 notes, 2 suppressed"
-    assert sum_of(EMPTY) == "0 maps: 0 errors, 0 warnings, 0 notes"
+    assert REPORT.summary() == "6 maps, 1 folder: 4 errors, 3 warnings, 2 notes, 2 suppressed"
+    assert EMPTY.summary() == "0 maps: 0 errors, 0 warnings, 0 notes"
     run = LintReport((map_report("out", is_folder=True),), "1")
-    assert sum_of(run) == "1 folder: 0 errors, 0 warnings, 0 notes"
+    assert run.summary() == "1 folder: 0 errors, 0 warnings, 0 notes"
 
 
 def test_json_has_every_map_and_all_counts():

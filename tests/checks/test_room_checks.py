@@ -15,8 +15,6 @@ from mapdeal import Footprint, OccupancyGrid, ParameterError, write_map
 from mapdeal.checks import facts, map_checks
 from mapdeal.checks.facts import RoomFacts
 from mapdeal.checks.lint import lint_file
-from mapdeal.commands import lint as module
-from mapdeal.commands.lint import LintRules, lint_maps
 from mapdeal.files.budget import use_memory
 from oracles import flooded, squared_distance
 
@@ -28,7 +26,7 @@ TWO_ROOMS = grid_from_text("\n".join([WALL, *ROWS, *OPEN, *ROWS, ROWS[0], WALL])
 """Two rooms of 3 x 3 m, and a door three cells wide: the middle of it is 2 cells, 0.5 m, from the
 next obstacle. Of a robot of 0.5 m the centre can be in 8 x 8 cells of a room, 4 m2, and in four in
 front of the door, where the posts are sqrt(5) cells away or more: 4.25 m2."""
-RULES = LintRules(ignore=("yaml",))
+RULES = {"ignore": "yaml"}
 CLOSED, PASSING = Footprint.circle(0.5), Footprint.circle(0.499)
 
 
@@ -154,28 +152,28 @@ def test_nothing_is_looked_for_without_a_robot_or_unless_it_counts(room, monkeyp
         raise AssertionError("looked for rooms")
 
     monkeypatch.setattr("mapdeal.checks.lint.gather_rooms", refuse)
-    assert "map.disconnected" not in checks_of(lint_maps([room], RULES))
-    for rules in (LintRules(ignore=("map.disconnected",)), LintRules(select=("yaml",))):
-        assert "map.disconnected" not in checks_of(lint_maps([room], rules, footprint=CLOSED))
+    assert "map.disconnected" not in checks_of(mapdeal.lint(room, **RULES))
+    for rules in ({"ignore": "map.disconnected"}, {"select": "yaml"}):
+        assert "map.disconnected" not in checks_of(mapdeal.lint(room, **rules, footprint=CLOSED))
     with pytest.raises(AssertionError, match="looked for rooms"):
         lint_file(room, radius=0.5)
 
 
 def test_the_project_s_rules_count(room):
     Path("mapdeal.toml").write_text('[lint.severity]\n"map.disconnected" = "error"\n')
-    report = lint_maps([room], RULES, footprint=CLOSED)
+    report = mapdeal.lint(room, **RULES, footprint=CLOSED)
     assert (report[0].check, report[0].severity) == ("map.disconnected", "error")
     assert not report.passes
 
 
 def test_a_comment_that_spares_the_map_is_unused_only_where_it_was_looked_at(room):
     room.write_text(room.read_text() + "# mapdeal: ignore map.disconnected\n")
-    assert checks_of(lint_maps([room], RULES)) == []
-    stopped = lint_maps([room], RULES, footprint=CLOSED)
+    assert checks_of(mapdeal.lint(room, **RULES)) == []
+    stopped = mapdeal.lint(room, **RULES, footprint=CLOSED)
     assert (checks_of(stopped), stopped.maps[0].suppressed) == ([], 1)
-    assert checks_of(lint_maps([room], RULES, footprint=PASSING)) == ["lint.unused-ignore"]
-    ignoring = LintRules(ignore=("map.disconnected", "yaml"))
-    assert checks_of(lint_maps([room], ignoring, footprint=PASSING)) == []
+    assert checks_of(mapdeal.lint(room, **RULES, footprint=PASSING)) == ["lint.unused-ignore"]
+    ignoring = {"ignore": ["map.disconnected", "yaml"]}
+    assert checks_of(mapdeal.lint(room, **ignoring, footprint=PASSING)) == []
 
 
 def test_costs_and_runs_have_no_rooms(room, tmp_path):
@@ -201,17 +199,15 @@ def test_a_map_that_takes_too_much_memory_is_left_out_with_one_note(room, monkey
     cells = f"{TWO_ROOMS.shape[1]} x {TWO_ROOMS.shape[0]} cells need"
     assert found.message.startswith(f"map.disconnected: {cells} ")
     room.write_text(room.read_text() + "# mapdeal: ignore map.disconnected\n")
-    settings = module.Settings(max_memory=100_000_000)
-    with settings.memory():
-        report = lint_maps([room], RULES, settings, footprint=CLOSED)
+    report = mapdeal.lint(room, **RULES, footprint=CLOSED, max_memory=100_000_000)
     assert checks_of(report) == ["lint.left-out"]  # and no unused comment
 
 
 def test_processes_look_for_them_too(room, monkeypatch):
-    monkeypatch.setattr(module, "_CELLS_WORTH_WORKERS", 0)
+    monkeypatch.setattr("mapdeal.commands.lint._CELLS_WORTH_WORKERS", 0)
     write_map("n.yaml", TWO_ROOMS)
     paths = [room, Path("n.yaml")]
-    reports = [lint_maps(paths, RULES, footprint=CLOSED, jobs=jobs) for jobs in (1, 2)]
+    reports = [mapdeal.lint(paths, **RULES, footprint=CLOSED, jobs=jobs) for jobs in (1, 2)]
     assert reports[0] == reports[1]
     assert checks_of(reports[0]) == ["map.disconnected"] * 2
 
@@ -264,7 +260,7 @@ def test_every_form_of_the_report_tells_it(command, room, form):
     ("words", "said"),
     [
         (["--robot-radius", 0.5], "--robot-radius: needs a MAP"),
-        (["--footprint", POLYGON, "--params-file", "p.yaml"], "--footprint: needs a MAP"),
+        (["--footprint", POLYGON, "--params-file", "p.yaml"], "--robot-radius: needs a MAP"),
         (["m.yaml", "--robot-radius", 0], "robot radius must be a finite number"),
         (["m.yaml", "--robot-radius", 1, "--footprint", POLYGON], "together with --robot-radius"),
         (["m.yaml", "--robot-radius", 1, "--fix", "--in-place"], "together with --fix"),
@@ -283,7 +279,7 @@ def test_from_python(room):
     assert list(mapdeal.lint(room, footprint=PASSING, ignore="yaml")) == []
     with pytest.raises(ParameterError, match="footprint: must be a Footprint"):
         mapdeal.lint(room, footprint=0.5)
-    with pytest.raises(ParameterError, match="footprint: needs paths"):
+    with pytest.raises(ParameterError, match="footprint: needs a MAP"):
         Path("p.yaml").write_text(PARAMETERS)
         mapdeal.lint(params_file="p.yaml", footprint=CLOSED)
 
@@ -309,4 +305,4 @@ def test_of_a_robot_that_does_not_cover_its_centre_no_radius_is_known(room):
     # its edges are 0.6 m from the centre and more, but that may pass where the robot does not
     ahead = Footprint.polygon([[0.6, 1.0], [0.6, -1.0], [1.4, -1.0], [1.4, 1.0]])
     assert ahead.inscribed_radius == pytest.approx(0.6)
-    assert checks_of(lint_maps([room], RULES, footprint=ahead)) == []
+    assert checks_of(mapdeal.lint(room, **RULES, footprint=ahead)) == []

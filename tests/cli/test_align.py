@@ -75,7 +75,7 @@ def test_a_prior_and_turns_narrow_the_search(maps, command):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--prior", "1,2"], "--prior: must be three numbers X,Y,YAW"),
+        (["--prior", "1,2"], "--prior: must be a transform, or three numbers x, y, yaw"),
         (["--prior", "1,nan,2"], "--prior"),
         (["--rotation", "north"], "--rotation: must be degrees such as 0,90,180,270"),
         (["--rotation", ""], "--rotation"),

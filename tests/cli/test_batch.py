@@ -122,7 +122,7 @@ def test_more_jobs_than_can_be_of_use_are_capped_p13(command, maps, monkeypatch)
     make_many = [maps / f"many/{k}.yaml" for k in range(12)]
     for path in make_many:
         make_map(path, 1)
-    monkeypatch.setattr("mapdeal.cli.many_maps.available_threads", lambda: 2)
+    monkeypatch.setattr("mapdeal.pipeline.batch.available_threads", lambda: 2)
     _, _, err = command("run", "maps/many", "-o", "o", "-j", "9999")
     assert started == [8]
     assert "--jobs 9999: using 8" in err

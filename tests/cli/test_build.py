@@ -111,7 +111,7 @@ def test_other_numbers_of_the_methods(command, log, run):
 
 def test_a_map_as_written_is_one_of_method_tsdf(command, log):
     code, _, err = command("build", log, "-o", "w.npz", "--method", "counting", "--as-written")
-    assert (code, err) == (2, "error: --as-written: does not apply to --method counting\n")
+    assert (code, err) == (2, "error: --as-written: does not apply to method counting\n")
 
 
 def test_y_can_be_flipped(command, log, run):

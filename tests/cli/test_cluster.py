@@ -17,7 +17,7 @@ import batch_work
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.inputs.listing import ListedMap
 from mapdeal.pipeline import cluster
-from mapdeal.pipeline.batch import Job, jobs_of, run_all
+from mapdeal.pipeline.batch import Batch, Job, jobs_of, run_all
 
 pytest.importorskip("distributed")
 
@@ -159,13 +159,17 @@ def test_a_job_that_kills_its_worker_is_done_by_another_which_may_replace_what_i
     jobs = jobs_of(maps, tmp_path / "o", [])
     with cluster.connected(dask.address, cluster.shared_folders(jobs[0])) as client:
         workers = cluster.ClusterWorkers(client, dask.address)
-        outcomes = run_all(jobs, tmp_path / "o", batch_work.do, lambda *_: None, workers=workers)
+        outcomes = run_all(
+            jobs, tmp_path / "o", batch_work.do, lambda *_: None, Batch, workers=workers
+        ).outcomes
         assert [one.status for one in outcomes] == ["done", "done", "failed", "done"]
         assert str(outcomes[2].result) == f"{tmp_path}/bad.yaml: key: is bad, got [1]"
         assert sorted(process.poll() is None for process in dask.workers) == [False, True]
         dask.scheduler.kill()
         slow = jobs_of([ListedMap(tmp_path / "slow.yaml", "slow")], tmp_path / "o", [])
-        outcomes = run_all(slow, tmp_path / "o", batch_work.do, lambda *_: None, workers=workers)
+        outcomes = run_all(
+            slow, tmp_path / "o", batch_work.do, lambda *_: None, Batch, workers=workers
+        ).outcomes
     assert [one.status for one in outcomes] == ["failed"]
     assert "scheduler" in str(outcomes[0].result)
 

@@ -14,6 +14,9 @@ import pytest
 
 from mapdeal.checks.findings import CHECKS
 from mapdeal.cli.main import command_names, main
+from mapdeal.command import meanings_of
+from mapdeal.commands.local import local
+from mapdeal.commands.run import run_maps
 from mapdeal.pipeline.recipe import BUILT_IN
 from mapdeal.stages.catalogue import STAGES
 
@@ -96,6 +99,11 @@ def test_every_parameter_recipe_and_check_is_offered(offered):
     }
     assert offered("run", "--recipe", "") == set(BUILT_IN)
     assert offered("lint", "--ignore", "") == set(CHECKS)
+
+
+@pytest.mark.parametrize("function", [run_maps, local])
+def test_help_names_all_built_in_recipes(function):
+    assert f"One of {', '.join(BUILT_IN)}, or a file." in meanings_of(function)["recipe"]
 
 
 # Lines that have one completion: the word that the shell makes of the last one.

@@ -140,7 +140,7 @@ def test_a_system_that_has_no_more_to_give_is_one_line(folder, command, monkeypa
     def refuse(*_, **__):
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr("mapdeal.cli.info.describe_file", refuse)
+    monkeypatch.setattr("mapdeal.commands.info._described", refuse)
     code, _, err = command("info", "m.yaml")
     assert code == 4
     assert err.splitlines()[0] == f"error: the system has no more to give: {os.strerror(number)}"
@@ -150,7 +150,7 @@ def test_other_errors_of_the_system_are_bugs(folder, command, monkeypatch):
     def refuse(*_, **__):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("mapdeal.cli.info.describe_file", refuse)
+    monkeypatch.setattr("mapdeal.commands.info._described", refuse)
     code, _, err = command("info", "m.yaml")
     assert code == 70
     assert "Traceback" in err

@@ -2,7 +2,8 @@
 
 import pytest
 
-from mapdeal.cli import many_maps, terminal
+from mapdeal.cli import terminal
+from mapdeal.pipeline import batch
 
 
 @pytest.mark.parametrize(
@@ -22,7 +23,7 @@ def test_jobs_are_bounded_by_maps_and_processors(
     monkeypatch, capsys, wanted, maps, processors, size, most
 ):
     terminal.configure(quiet=False, verbose=False)
-    monkeypatch.setattr(many_maps, "available_threads", lambda: processors)
-    assert many_maps.jobs_at_once(wanted, maps) == size
+    monkeypatch.setattr(batch, "available_threads", lambda: processors)
+    assert batch.jobs_at_once(wanted, maps, terminal) == size
     note = f"note: --jobs {wanted}: using {most}, as there are {processors} cores\n"
     assert capsys.readouterr().err == ("" if most is None else note)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from mapdeal import OccupancyGrid, read_map, write_map
-from mapdeal.cli.options import size_of
 from mapdeal.errors import ParameterError
 from mapdeal.files import budget
+from mapdeal.files.budget import size_of
 from mapdeal.kernels.engine import engine_name
 from mapdeal.maps.reading import MapFile
 from mapdeal.pipeline import inputs as memory

@@ -14,6 +14,7 @@ from drawn import cells, grid_from_text
 from mapdeal import (
     Costmap,
     OccupancyGrid,
+    ParameterError,
     Transform,
     esdf,
     merge,
@@ -138,6 +139,27 @@ def test_transforms_of_files(command, folder, told):
     assert (found["x"], found["y"], found["yaw"]) == pytest.approx(OTHER.pose)
 
 
+def test_files_serve_python_as_they_do_the_shell(folder):
+    expected = placed(folder)
+    files = [transform_file("s.json", STEP), transform_file("o.json", OTHER)]
+    a, b, c = maps("a", "b", "c")
+    for given, transforms in (
+        (["a.yaml", "b.yaml", "c.yaml"], files),
+        ([a, folder / "b.yaml", c], [folder / name for name in files]),
+        ([a, b, "c.yaml"], [STEP, OTHER.pose]),
+    ):
+        found = merge(given, transforms=transforms)
+        np.testing.assert_array_equal(found.grid.occupancy, expected.grid.occupancy)
+        assert found.transforms == (Transform(), STEP, OTHER)
+    for odd, told in [
+        (["s.json", STEP], "must be files, or transforms"),
+        ("s.json", "must be 2, one for each map but the first"),
+        (files * 2, "4 files are given, and 2 maps to place"),
+    ]:
+        with pytest.raises(ParameterError, match=f"^transforms: {told}"):
+            merge(["a.yaml", b, c], transforms=odd)
+
+
 def test_checksums_that_are_of_no_map_are_warned_of(command, folder):
     placed(folder)
     strange = {"file": "x.yaml", "sha256": {"x.yaml": "0" * 64}}
@@ -178,7 +200,7 @@ def aligned(monkeypatch):
                 transform=STEP, same_place=same_place, reason="another place fits as well"
             )
 
-        monkeypatch.setattr("mapdeal.compare.align.align", align)
+        monkeypatch.setattr("mapdeal.commands.merge.placed_on", align)
         return asked
 
     return use
@@ -234,6 +256,10 @@ def test_evidence_of_build_is_summed(command, folder):
         # 50, and hits times 7/3 less misses
         expected = [50 + 2 * 7 / 3 - 10, 50 + 4 * 7 / 3 - 8, 50 + 7 / 3 - 14]
         np.testing.assert_allclose(stored["log_odds"], [expected])
+    summed = merge(["a.npz", "b.npz"], rule="evidence")
+    layers = [{"hits": np.int32(hits), "misses": np.int32(misses)} for hits, misses in counts]
+    given = merge(grids, rule="evidence", evidence=layers)
+    np.testing.assert_array_equal(summed.log_odds, given.log_odds)
     # what was merged can be merged: three are the same, however they are put together
     assert command("merge", "o.npz", "b.npz", "--rule", "evidence", "-o", "p.npz")[0] == 0
     assert command(*words, "b.npz", "-o", "q.npz")[0] == 0
@@ -277,7 +303,7 @@ def test_what_cannot_be_done_is_said_and_nothing_written(command, folder):
     transform_file("t.json", STEP, first=end("a"), second=end("c"))
     before = sorted(folder.iterdir())
     for words, code, told in [
-        (["a.yaml"], 2, "merge: takes two maps or more, got 1"),
+        (["a.yaml"], 2, "maps: takes two maps or more, got 1"),
         (["a.yaml", "costs.npz"], 2, "costs.npz: is not a map; merge the maps, and compute costs"),
         (["a.yaml", "field.npz"], 2, "field.npz: is not a map; merge the maps, and compute costs"),
         (["a.yaml", "far.yaml"], 2, "the maps lie too far apart: "),

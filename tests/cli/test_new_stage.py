@@ -17,10 +17,10 @@ from drawn import grid_from_text
 from mapdeal import Costmap, read_map, write_map
 from mapdeal.cli.main import command_names
 from mapdeal.cli.stage_command import stage_app
+from mapdeal.command import AT_LEAST_0, METRES, stage_of
 from mapdeal.pipeline import inputs as memory
 from mapdeal.stages import catalogue
 from mapdeal.stages.cost import cost_model
-from mapdeal.stages.definition import AT_LEAST_0, METRES, stage_of
 
 PAGE = Path(__file__).parents[2] / "docs" / "architecture.md"
 ROOM = """
@@ -59,7 +59,9 @@ def flat_cost(
 @pytest.fixture
 def room(tmp_path, monkeypatch):
     """A map, with the two in the list of stages."""
-    block = re.search(r"^```python\n(.*?)^```", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    block = re.search(
+        r"^```python\n(\"\"\"Stage .*?)^```", PAGE.read_text(), re.MULTILINE | re.DOTALL
+    )
     names = {"__name__": "mapdeal.stages.drop_lone"}
     exec(compile(block[1], PAGE.name, "exec"), names)  # noqa: S102
     listed = (stage_of(names["drop_lone"]), *catalogue.STAGES, stage_of(flat_cost))

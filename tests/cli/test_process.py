@@ -195,7 +195,7 @@ def test_what_else_may_end_a_command_has_its_code(command, monkeypatch, problem,
     def fail(*_, **__):
         raise problem
 
-    monkeypatch.setattr("mapdeal.cli.info.describe_file", fail)
+    monkeypatch.setattr("mapdeal.commands.info._described", fail)
     ended, out, err = command("info", "m.yaml")
     assert (ended, out) == (code, "")
     assert [text for text in err.splitlines() if text.startswith("error: ")] == [line]

@@ -167,8 +167,8 @@ def test_bounds_decide_the_exit_code_and_are_told_one_by_one(command, maps):
     ("words", "told"),
     [
         (("--min", "coverge=1"), "--min: is not a figure of a score, got 'coverge'\nhint: did"),
-        (("--min", "coverage"), "error: --min: must be NAME=VALUE, got 'coverage'"),
-        (("--max", "coverage=x"), "error: --max coverage: must be a number, got 'x'"),
+        (("--min", "coverage"), "--min: must be NAME=VALUE, with a number, got 'coverage'"),
+        (("--max", "coverage=x"), "--max: must be NAME=VALUE, with a number, got 'coverage=x'"),
         (("--max", "coverage=nan"), "must be a"),
         (("--max", "coverage=1", "--max", "coverage=2"), "error: --max: coverage is given twice"),
         (("--min", "corners=1"), "leave --truth out"),
@@ -263,8 +263,8 @@ def test_python_gives_what_the_command_prints(command, maps):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ({"transform": (1, 2)}, "transform: must be a file, a transform, or three numbers"),
-        ({"transform": 3}, "transform: must be a file, a transform, or three numbers"),
+        ({"transform": (1, 2)}, "transform: must be a transform, or three numbers"),
+        ({"transform": 3}, "transform: must be a transform, or three numbers"),
         ({"transform": (1, 2, math.nan)}, "yaw: must be a finite number"),
         ({"transform": (1, 2, 3), "align": True}, "cannot be given together"),
     ],

@@ -43,7 +43,7 @@ def test_the_yaw_is_baked_out(command, room):
 def test_a_turn_with_a_rule_is_told(command, room):
     words = ["--yaw", "-1.2", "--rule", "nearest", "-v"]
     code, out, err = command("rotate", "room.yaml", "-o", "o.npz", *words)
-    assert (code, "rotate: yaw -1.2 rad, rule nearest" in err) == (0, True)
+    assert (code, "rotate: yaw=-1.2, straighten=no, rule=nearest" in err) == (0, True)
     assert "turned by -1.2 rad (-68.7549 degrees) about x 0, y 0" in out
     expected = rotate(room, -1.2, rule="nearest")
     assert np.array_equal(read_map("o.npz").occupancy, expected.occupancy)
@@ -60,7 +60,7 @@ def test_walls_are_brought_along_the_axes(command, room):
 def test_a_map_without_walls_is_written_as_it_is(command, room):
     write_map("empty.yaml", room.with_values(np.zeros_like(room.occupancy)))
     code, out, err = command("rotate", "empty.yaml", "-o", "o.yaml", "--straighten")
-    warning = "warning: empty.yaml: no direction of walls stands out, the map is not turned\n"
+    warning = "warning: rotate: no direction of walls stands out, the map is not turned\n"
     assert (code, err) == (0, warning)
     assert len(out.splitlines()) == 1
     assert read_map("o.yaml").origin == room.origin
@@ -97,7 +97,7 @@ def test_a_field_is_refused_with_what_to_do(command, room, words, tmp_path):
     code, out, err = command(name, "field.npz", "-o", "o.npz", *options)
     assert (code, out) == (2, "")
     assert err.splitlines() == [
-        "error: field.npz: is a field, which cannot be edited",
+        "error: field.npz: grid: must be a map or a costmap, got 'DistanceField'",
         "hint: edit the map, then run esdf or potential on it",
     ]
     assert not (tmp_path / "o.npz").exists()

@@ -29,8 +29,8 @@ def here(tmp_path, monkeypatch):
         ("edit reset m.yaml --szie 1,1 -o o.npz", "no such option: --szie", "--size"),
         ("info m.yaml --jsno", "no such option: --jsno", "--json"),
         ("info m.yaml --dialect nva2", "'nva2' is not one of", "nav2"),
-        ("lint m.yaml --format jsno", "'jsno' is not one of", "json"),
-        ("inflate m.yaml --kernel sqare -o o.npz", "inflate.kernel: must be one of disc, square",
+        ("lint m.yaml --format jsno", "got 'jsno'", "json"),
+        ("inflate m.yaml --kernel sqare -o o.npz", "--kernel: must be one of disc, square",
          "square"),
         ("cost m.yaml --model ring -o o.npz", "no such cost model", "rings"),
         ("run m.yaml -o out --recipe nva2", "no such recipe", "nav2"),
@@ -52,7 +52,8 @@ def test_a_mistyped_word_gets_what_was_meant(command, here, words, error, meant)
     ("words", "hint"),
     [
         ("reach m.yaml --recipe nav2", "run mapdeal reach --help for usage"),  # no --force
-        ("run m.yaml -o out --resolution 0.1", "run mapdeal run --help for usage"),
+        ("run m.yaml -o out --tolerance 0.1", "run mapdeal run --help for usage"),
+        ("run m.yaml -o out --resolution 0.1", "--set rescale.resolution=VALUE sets it"),
         ("run m.yaml -o out --inflation-radius 0.3", "--set cost.inflation_radius=VALUE sets it"),
         ("cost m.yaml -o o.npz --margin 0.3", "run mapdeal cost --help for usage"),
     ],

@@ -343,15 +343,17 @@ def test_what_cannot_be_merged_is_refused():
     for maps in ([], [grid]):
         with pytest.raises(ParameterError, match=r"^maps: takes two maps or more, got "):
             merge(maps)
-    for odd in (costs, esdf(grid), field_view(esdf(grid)), np.zeros((2, 3)), "a.yaml"):
+    for odd in (costs, esdf(grid), field_view(esdf(grid))):
         with pytest.raises(ParameterError, match=r"^map 2: is not a map"):
             merge([grid, odd])
+    with pytest.raises(ParameterError, match="takes files or grids"):
+        merge([grid, np.zeros((2, 3))])
     with pytest.raises(ParameterError, match=r"^rule: must be one of occupied, newest, evidence"):
         merge([grid, grid], rule="oldest")
     with pytest.raises(ParameterError, match=r"^transforms: must be 1, one for each map but"):
         merge([grid, grid], transforms=[None, None])
     far = grid.with_values(grid.occupancy, (1e9, 0.0, 0.0))
-    with pytest.raises(ParameterError, match=r"^origin: the maps lie too far apart: "):
+    with pytest.raises(ParameterError, match=r"^map 1: origin: the maps lie too far apart: "):
         merge([grid, far])
     with pytest.raises(ParameterError, match="must be a finite number"):
         merge([grid, grid], transforms=[Transform(1e12, 1e12, 0.3)])

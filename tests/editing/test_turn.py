@@ -18,8 +18,8 @@ from mapdeal import (
     straighten,
     yaw_to_straighten,
 )
-from mapdeal.editing.resampling import cells_when_turned
 from mapdeal.grid.resample import resampled
+from mapdeal.stages.rotate import cells_when_turned
 
 NUMBERED = np.arange(12, dtype=np.int8).reshape(3, 4)
 ANGLES = st.floats(-4, 4)
@@ -224,6 +224,6 @@ def test_a_field_is_not_turned():
 
 
 def test_a_result_of_too_many_cells_is_refused(monkeypatch):
-    monkeypatch.setattr("mapdeal.editing.resampling.MOST_CELLS", 30)
+    monkeypatch.setattr("mapdeal.stages.rotate.MOST_CELLS", 30)
     with pytest.raises(ParameterError, match=r"yaw: .*30 cells"):
         rotate(some_map(1, 5, 5), 0.7)

@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,23 +10,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal.checks.findings import Finding
-from mapdeal.checks.formats import LintReport, MapReport, json_lines
-from mapdeal.commands.report_answers import (
-    ComparisonAnswer,
-    DiffAnswer,
-    LintAnswer,
-    ReachAnswer,
-    RouteAnswer,
-    ScoreAnswer,
-    ShapesAnswer,
-    read_answer,
+from mapdeal.checks.formats import LintReport, MapReport
+from mapdeal.commands.report_documents import (
+    goal_items,
+    goal_of,
+    passage_items,
+    passage_of,
+    read_results,
+    route_of,
 )
+from mapdeal.commands.route import PlannedRoute
 from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.files.json_values import JsonValue, read_document
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach
-from mapdeal.grid.route import Route
-from mapdeal.grid.shapes import Circle, Polygon
-from mapdeal.pipeline.documents import AlignmentAnswer, reach_json, route_json
+from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach, robot_text
+from mapdeal.pipeline.documents import reach_json
 from robustness.seeds import ANSWERS
 
 SHAPES = {"type": "Feature", "properties": {"radius": 0.5},
@@ -39,112 +38,146 @@ def read(tmp_path):
     def read(document, name="answer.json"):
         path = tmp_path / name
         path.write_bytes(document if isinstance(document, bytes) else json.dumps(document).encode())
-        return read_answer(path)
+        return read_results(path)
 
     return read
 
 
 def test_what_lint_has_found(read):
-    answer = read(LINT)
-    assert isinstance(answer, LintAnswer)
-    assert (answer.errors, answer.warnings, answer.notes, answer.suppressed) == (0, 1, 1, 2)
-    parameters, one = answer.files
-    assert (parameters.file, parameters.findings, parameters.is_parameters) == (
-        "nav2.yaml", (), True,
-    )  # fmt: skip
-    assert (one.file, one.suppressed, one.repairs) == ("a<b>.yaml", 2, ("free_thresh 0.196",))
-    islands, turned = one.findings
-    assert islands.message == "<img onerror=1>\n\x07"  # as it is: whoever shows it escapes it
-    assert islands.places == ((1.5, -2.0), (0.0, 3.0))
-    assert (turned.check, turned.severity, turned.line, turned.places) == (
-        "yaml.origin-yaw", "note", 3, (),
+    results = read(LINT)
+    parameters, one = results.parts
+    assert results.files == ("nav2.yaml", "a<b>.yaml")
+    assert (parameters.items, parameters.is_map, parameters.is_clean) == ([], False, True)
+    assert (one.name, one.is_map, one.is_clean) == ("a<b>.yaml", True, False)
+    assert dict(one.tables[0].rows) == {
+        "errors": "0", "warnings": "1", "notes": "1", "suppressed": "2",
+        "repair 1": "free_thresh 0.196",
+    }  # fmt: skip
+    islands, second, turned = one.items
+    assert islands.text == "map.islands: <img onerror=1>\\n\\x07"
+    assert (islands.tone, islands.place, second.place) == ("warning", (1.5, -2.0), (0.0, 3.0))
+    assert (turned.text, turned.tone, turned.place) == (
+        "yaml.origin-yaw: turned (line 3)", "note", None,
     )  # fmt: skip
 
 
 def test_what_a_robot_reaches(read):
-    answer = read(REACH)
-    assert isinstance(answer, ReachAnswer)
-    assert answer.robot.vertices == ((0.3, 0.2), (0.3, -0.2), (-0.3, 0.0))
-    assert (answer.heading_count, answer.start) == (16, (1.5, -2.0, 0.5))
-    assert (answer.reachable_area, answer.open_area, answer.free_area) == (8.5, 12.0, 20.25)
-    dock, other = answer.goals
+    results = read(REACH)
+    (table,) = results.tables
+    assert dict(table.rows) == {
+        "robot": "a robot with 3 corners, radius 0.09487 to 0.3606 m", "headings": "16",
+        "unknown cells": "closed", "reachable": "8.5 m2", "open to the robot": "12 m2",
+        "free": "20.25 m2", "reachable share of free": "42 %", "goals reached": "1 of 2",
+        "passages": "1, 1 of them closed",
+    }  # fmt: skip
+    start, dock, other, passage = results.items
+    assert (start.place, dock.place, other.place) == ((1.5, -2.0), (3.0, 4.0), (-3.0, 4.0))
+    assert start.text.startswith("start at 1.5, -2, yaw 0.5: ")
+    assert (dock.text, dock.tone) == ("goal dock: reachable in 7 of 16 headings", "good")
+    assert (other.tone, passage.place) == ("error", (-2.0, 1.0))
+    assert passage.lines[0].tolist() == [[-2.0, 0.7], [-2.0, 1.3]]
+
+
+def values_in(document, key, read):
+    return [read(one) for one in JsonValue(Path("answer.json"), document)[key].items()]
+
+
+def test_goals_and_passages():
+    dock, other = values_in(REACH, "goals", goal_of)
     assert dock == GoalReach(Goal(3.0, 4.0, "dock"), True, 7, math.inf)
     assert (dock.reason, dock.nearest_open) == (None, None)
     assert other.limited_by == Bottleneck(-2.0, 1.0, 0.62, "passage")
     assert (other.reason, other.nearest_open) == ("unknown", (-3.0, 4.5))
-    assert answer.passages == (Passage(-2.0, 1.0, 0.62, 12.3, False, ((-2.0, 0.7), (-2.0, 1.3))),)
+    assert values_in(REACH, "passages", passage_of) == [
+        Passage(-2.0, 1.0, 0.62, 12.3, False, ((-2.0, 0.7), (-2.0, 1.3)))
+    ]
 
 
 def test_a_route(read):
-    route = read(ROUTE).route
-    assert isinstance(read(ROUTE), RouteAnswer)
+    route = route_of(JsonValue(Path("answer.json"), ROUTE))
     assert (route.method, route.reached, route.local_minimum) == ("descent", False, (1.0, 1.0))
     assert route.points_xy.tolist() == [[0.0, 1.0], [1.0, 1.0]]
     assert (route.length, route.cost, route.mean_clearance) == (1.0, 1.25, math.inf)
+    *_, item = read(ROUTE).items
+    assert (item.kind, item.lines[0].tolist()) == ("route", route.points_xy.tolist())
 
 
 def test_what_differs(read):
-    answer = read(DIFF)
-    assert isinstance(answer, DiffAnswer)
-    assert answer.first.file == "a.yaml"
-    assert answer.first.sha256 == {"a.yaml": "ab" * 32, "a.pgm": "0" * 64}
-    assert answer.second is None
-    assert answer.geometry == {"width": ("3", "4"), "origin": ("[0, 0, 0]", "[1, 0, 0.5]")}
-    assert answer.metadata == {"mode": ('"trinary"', '"scale"')}
-    assert answer.confusion == {"free": {"free": 9, "occupied": 3}}
-    assert answer.walls == ({"largest": 0.5, "percentile_95": 0.4, "mean": 0.1}, None)
-    assert answer.bounds == {"max_shift": (0.1, None, False)}
+    results = read(DIFF)
+    first, second = results.maps
+    assert (first.file, second, results.files) == ("a.yaml", None, ("a.yaml",))
+    assert first.sha256 == {"a.yaml": "ab" * 32, "a.pgm": "0" * 64}
+    figures, pairs, cells = (dict(table.rows) for table in results.tables)
+    assert pairs == {
+        "width": "3 → 4", "origin": "[0, 0, 0] → [1, 0, 0.5]", "mode": '"trinary" → "scale"',
+    }  # fmt: skip
+    assert cells == {"free → free": "9", "free → occupied": "3"}
+    walls = "directed Hausdorff distance, "
+    assert figures[f"{walls}first to second"] == "0.5 m; 95 % within 0.4 m, mean 0.1 m"
+    assert figures[f"{walls}second to first"] == "no obstacles"
+    assert figures["max_shift"] == "at most 0.1: missed, nothing to compare"
 
 
 def test_methods_compared(read):
-    answer = read(COMPARISON)
-    assert isinstance(answer, ComparisonAnswer)
-    assert (answer.width, answer.height, answer.origin) == (4, 3, (1.0, 2.0, 0.0))
-    assert answer.methods["tsdf"].figures == {"occupied": 3.0, "mean_thickness_m": None}
-    assert answer.methods["tsdf"].vanished == ((1.25, 2.5, 4),)
-    assert answer.differing == {("tsdf", "beams"): 5}
+    results = read(COMPARISON)
+    (tsdf,) = results.parts
+    assert [(item.text, item.place) for item in tsdf.items] == [
+        ("tsdf: 4 cells with hits vanished", (1.25, 2.5))
+    ]
+    method, differing = results.tables
+    assert (method.title, method.rows) == (
+        "Method tsdf", (("occupied", "3"), ("mean thickness m", "-")),
+    )  # fmt: skip
+    assert differing.rows == (("tsdf, beams", "5"),)
 
 
 def test_an_alignment(read):
-    answer = read(ALIGNMENT)
-    assert isinstance(answer, AlignmentAnswer)
-    assert answer.transform.pose == (1.5, -2.0, 0.25)
-    assert (answer.first.file, answer.second) == ("a<b>.yaml", None)
-    assert (answer.same_place, answer.reason) == (False, "another <place> fits")
-    assert (answer.score, answer.runner_up) == (3.5, 3.25)
-    assert (answer.overlap, answer.agreement) == (0.5, 1.0)
+    results = read(ALIGNMENT)
+    assert results.transform.pose == (1.5, -2.0, 0.25)
+    first, second = results.maps
+    assert (first.file, second) == ("a<b>.yaml", None)
+    assert dict(results.tables[0].rows) == {
+        "same place": "not sure: another <place> fits",
+        "transform": "x 1.5 m, y -2 m, yaw 14.32 degrees", "score": "3.50",
+        "best score elsewhere": "3.25", "overlap": "50 %", "walls in common that agree": "100 %",
+    }  # fmt: skip
     with pytest.raises(MalformedInputError, match=r"overlap: must be a number from 0 to 1"):
         read({**ALIGNMENT, "overlap": 1.5})
 
 
 def test_a_score(read):
-    answer = read(SCORE)
-    assert isinstance(answer, ScoreAnswer)
-    assert (answer.file, answer.truth, answer.passes) == ("a<b>.yaml", None, False)
-    assert (answer.width, answer.height, answer.resolution) == (4, 3, 0.25)
-    assert answer.transform == (1.5, -2.0, 0.25)
-    assert answer.figures == {
-        "coverage": 0.9, "ssim_gauss": None, "dist_est_to_truth_m.n": 7.0,
-        "dist_est_to_truth_m.mean": 0.5,
-    }  # fmt: skip
-    assert [(one.name, one.is_least, one.found, one.holds) for one in answer.bounds] == [
-        ("coverage", True, 0.9, True),
-        ("ssim_gauss", False, None, False),
-    ]
+    results = read(SCORE)
+    (own,), (table,) = results.maps, results.tables
+    assert (own.file, results.files) == ("a<b>.yaml", ("a<b>.yaml",))
+    assert table.title == "Score: does not pass"
+    first, second, *others = table.rows
+    assert first == ("bound", "coverage at least 0.8: holds, found 0.9")
+    assert second == ("bound", "ssim_gauss at most 1: missed, not measured")
+    rows = dict(others)
+    assert (rows["truth"], rows["compared on"]) == ("no file", "4 x 3 cells of 0.25 m")
+    assert rows["moved by"] == "x 1.5 m, y -2 m, yaw 14.3239 deg"
+    shown = {name.rpartition("(")[2].rstrip(")"): text for name, text in others}
+    assert (shown["coverage"], shown["ssim_gauss"]) == ("90.0 %", "-")
+    assert shown["dist_est_to_truth_m.mean"] == "0.5 m"
     alone = read({**SCORE, "transform": None, "map": None})
-    assert (alone.has_truth, alone.file, alone.sums) == (False, None, {})
+    assert (alone.maps, alone.files) == ((None,), ())
+    assert dict(alone.tables[0].rows)["size"] == "4 x 3 cells of 0.25 m"
 
 
 def test_shapes_of_either_form(read):
-    assert read(SHAPES) == ShapesAnswer((Circle((1.0, 2.0), 0.5),))
+    (circle,) = read(SHAPES).items
+    assert (circle.text, circle.place) == ("circle of radius 0.5 m", (1.0, 2.0))
     yaml = b"shapes:\n- {type: polygon, points: [[0, 0], [2, 0], [2, 1]]}\n"
-    corners = ((0.0, 0.0), (2.0, 0.0), (2.0, 1.0))
-    assert read(yaml, "s.yaml") == ShapesAnswer((Polygon(corners),))
+    (polygon,) = read(yaml, "s.yaml").items
+    assert polygon.lines[0].tolist() == [[0, 0], [2, 0], [2, 1], [0, 0]]
 
 
 def test_keys_that_are_not_known_yet_are_passed_over(read):
     for document in (LINT, REACH, ROUTE, DIFF, COMPARISON, SCORE):
-        assert type(read({**document, "new": [{}]})) is type(read(document))
+        again, results = read({**document, "new": [{}]}), read(document)
+        assert (again.kind, again.tables, again.parts == []) == (
+            results.kind, results.tables, results.parts == [],
+        )  # fmt: skip
 
 
 def _without(document, *keys):
@@ -255,7 +288,7 @@ def test_deep_values_that_json_takes(read, depth):
         text = json.dumps(document).replace("[" * 200, "[" * depth)
         text = text.replace("]" * 200, "]" * depth).encode()
         try:
-            assert isinstance(read(text), DiffAnswer)
+            assert read(text).kind == "diff"
         except MalformedInputError as error:
             assert "\n" not in str(error)
 
@@ -266,9 +299,9 @@ def test_what_is_too_large_or_not_there(tmp_path):
         file.write(b'{"maps": []')
         file.truncate((1 << 26) + 1)
     with pytest.raises(MalformedInputError, match="must not be larger than 67108864 bytes"):
-        read_answer(path)
+        read_results(path)
     with pytest.raises(FileAccessError):
-        read_answer(tmp_path / "none.json")
+        read_results(tmp_path / "none.json")
 
 
 NUMBERS = st.floats(-1e4, 1e4).map(lambda value: round(value, 9) + 0.0)
@@ -313,10 +346,19 @@ def test_reach_comes_back_as_it_was_written(
     )  # fmt: skip
     path = tmp_path_factory.getbasetemp() / "reach_again.json"
     path.write_text(reach_json(reach))
-    answer = read_answer(path)
-    assert answer == ReachAnswer(
-        robot, headings, start, through, 1.5, 1.5, 1.5, 1.0, goals, passages
-    )
+    document = json.loads(path.read_text())
+    assert tuple(values_in(document, "goals", goal_of)) == goals
+    assert tuple(values_in(document, "passages", passage_of)) == passages
+    results = read_results(path)
+    place, *others = results.items
+    assert place.place == start[:2]
+    expected = [*goal_items(goals, robot, headings), *passage_items(passages)]
+    assert [one.text for one in others] == [one.text for one in expected]
+    rows = dict(results.tables[0].rows)
+    assert rows["headings"] == str(headings)
+    assert rows["robot"] == robot_text(robot)
+    assert rows["unknown cells"] == ("open" if through else "closed")
+    assert rows["reachable"] == rows["free"] == "1.5 m2"
 
 
 @given(
@@ -329,13 +371,14 @@ def test_routes_come_back_as_they_were_written(
     tmp_path_factory, points, minimum, expanded, figures
 ):
     length, cost, least, mean = figures
-    route = Route(
+    route = PlannedRoute(
         "descent", minimum is None, points[0], points[-1], np.array(points), length, cost, least,
-        minimum, mean, expanded, False,
+        minimum, mean, expanded, False, map=None, costs=None,
     )  # fmt: skip
     path = tmp_path_factory.getbasetemp() / "route_again.json"
-    path.write_text(route_json(route))
-    found = read_answer(path).route
+    path.write_text("".join(route.parts()))
+    found = route_of(read_document(path))
+    assert [one.kind for one in read_results(path).items] == ["start", "goal", "route"]
     assert found.points_xy.tolist() == [list(point) for point in points]
     told = (found.start, found.goal, found.local_minimum, found.expanded, found.reached)
     assert told == (points[0], points[-1], minimum, expanded, minimum is None)
@@ -345,13 +388,12 @@ def test_routes_come_back_as_they_were_written(
 def test_lint_comes_back_as_it_was_written(read):
     found = Finding("image.lossy", "warning", "a\udcff.yaml", 'a "quoted" \u2028 name', 4)
     maps = (MapReport("a\udcff.yaml", (found,), suppressed=1), MapReport("b", (), is_folder=True))
-    answer = read("\n".join(json_lines(LintReport(maps, "1.0"))).encode())
-    assert [one.file for one in answer.files] == ["a\udcff.yaml", "b"]
-    (told,) = answer.files[0].findings
-    assert (told.check, told.severity, told.message, told.line) == (
-        found.check, found.severity, found.message, found.line,
-    )  # fmt: skip
-    assert (answer.warnings, answer.suppressed) == (1, 1)
+    results = read(json.dumps(LintReport(maps, "1.0").document()).encode())
+    assert results.files == ("a\udcff.yaml", "b")
+    one, other = results.parts
+    assert [item.text for item in one.items] == [r'image.lossy: a "quoted" \u2028 name (line 4)']
+    assert (one.items[0].tone, other.is_clean) == ("warning", True)
+    assert dict(one.tables[0].rows)["suppressed"] == "1"
 
 
 PLACES_IN_DOCUMENTS = st.randoms(use_true_random=False)
@@ -375,6 +417,6 @@ def test_a_damaged_value_is_refused_or_read(tmp_path_factory, name, chance, junk
     path = tmp_path_factory.getbasetemp() / "damaged.json"
     path.write_text(json.dumps(document))
     try:
-        read_answer(path)
+        read_results(path)
     except MalformedInputError as error:
         assert str(error).startswith(str(path))

@@ -98,11 +98,14 @@ def samples():
             mapdeal.ScoreBound("coverage", "min", 0.9, None),
             mapdeal.WallShift(1.0, 0.5, 0.25), mapdeal.Bound("max-shift", "m", 0.5, 0.25), checked,
             mapdeal.LintReport((checked,), "1"), mapdeal.StaticLayer(), mapdeal.InflationLayer(),
-            mapdeal.RunReport(Path("out/a"), "done", {"esdf": field.figures()}),
+            mapdeal.RunReport(
+                Path("out/a"), "done", {"esdf": field.figures()}, Path("a.yaml")
+            ),
             mapdeal.WrittenReport(Path("out/a.html"), 2, 61234),
             mapdeal.Transform(1.0, -2.0, 0.4), merged(), merged().maps[1],
             robot(), narrow, reached, reached.goal, passage, reach(map_, reached, passage),
             mapdeal.clean(grid_from_text("...#.")),
+            mapdeal.route(costmap, start=start, goal=goal),
         ]
     }  # fmt: skip
 

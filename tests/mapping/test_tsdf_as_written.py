@@ -171,7 +171,7 @@ def test_both_engines_threads_and_parts_give_the_same_bytes(monkeypatch):
 
 def test_only_the_tsdf_has_it():
     scans = ([[0.0, 0.0, 0.0]], [0.0], [[1.0]])
-    with pytest.raises(ParameterError, match="as_written: is not a parameter of method counting"):
+    with pytest.raises(ParameterError, match="as_written: does not apply to method counting"):
         build_map(*scans, method="counting", as_written=True)
     plain = build_map(*scans, method="tsdf", as_written=False)
     assert np.array_equal(plain.grid.occupancy, build_map(*scans, method="tsdf").grid.occupancy)

@@ -14,7 +14,7 @@ from mapdeal import FileAccessError, MalformedInputError, MapdealError, Paramete
 from mapdeal.errors import BatchError, FindingError
 from mapdeal.inputs.listing import ListedMap
 from mapdeal.pipeline import batch as jobs_module
-from mapdeal.pipeline.batch import Job, MapRun, jobs_of, run_all, text_of
+from mapdeal.pipeline.batch import Batch, Job, MapRun, jobs_of, run_all, text_of
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.workers import ProcessWorkers
@@ -32,15 +32,16 @@ def run(names, output, size=2, work=batch_work.do):
     """Return the status of each job, and the summary."""
     told = []
     workers = ProcessWorkers(size) if size else None
-    outcomes = run_all(
+    batch = run_all(
         jobs(names, output),
         output,
         work,
         lambda job, _: told.append(job.path.stem),
+        Batch,
         workers=workers,
     )
     assert sorted(told) == sorted(names)
-    return outcomes, json.loads((output / "summary.json").read_text())["maps"]
+    return batch.outcomes, json.loads((output / "summary.json").read_text())["maps"]
 
 
 @pytest.mark.parametrize("size", [None, 1, 2])
@@ -108,7 +109,7 @@ def test_ctrl_c_leaves_a_summary_of_what_was_done(tmp_path, size):
     workers = ProcessWorkers(size) if size else None
     with pytest.raises(KeyboardInterrupt, match="maps are done") as caught:
         run_all(jobs(["a", *[f"slow{k}" for k in range(60)]], output), output, batch_work.do, press,
-                workers=workers)  # fmt: skip
+                Batch, workers=workers)  # fmt: skip
     summary = json.loads((output / "summary.json").read_text())["maps"]
     statuses = [one["status"] for one in summary]
     assert statuses[0] == "done"
@@ -239,6 +240,6 @@ class OnceWorkers:
 def test_the_summary_tells_what_was_done_before_no_more_workers_could_be_started(tmp_path):
     made = jobs(["a", "dies", "b"], tmp_path)
     with pytest.raises(FileAccessError, match="cannot be started"):
-        run_all(made, tmp_path, batch_work.do, lambda *_: None, workers=OnceWorkers())
+        run_all(made, tmp_path, batch_work.do, lambda *_: None, Batch, workers=OnceWorkers())
     summary = json.loads((tmp_path / "summary.json").read_text())["maps"]
     assert [one["status"] for one in summary] == ["done", "interrupted", "interrupted"]

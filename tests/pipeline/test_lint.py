@@ -9,15 +9,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import mapdeal
 from mapdeal import FileAccessError, MalformedInputError, OccupancyGrid, ParameterError, write_map
-from mapdeal.checks.formats import REPORTS
-from mapdeal.checks.lint import lint_file
-from mapdeal.commands import lint as module
-from mapdeal.commands.lint import LintRules, lint_maps, list_sources
+from mapdeal.checks.formats import REPORTS, LintReport
+from mapdeal.checks.lint import Found, lint_file
+from mapdeal.checks.map_checks import RUN_FOLDERS
+from mapdeal.checks.selection import Selections
+from mapdeal.commands.lint import _Lint
 from mapdeal.files.budget import SHARE_OF_JOB
 from mapdeal.files.source import contents_of as real_contents_of
+from mapdeal.inputs.listing import list_maps
+from mapdeal.pipeline.settings import Settings
 
-NO_RULES = LintRules(is_isolated=True)
+LINT_FILE = "mapdeal.checks.lint.lint_file"
+
+
+def lint(paths, **options):
+    """Lint by no rules of a file, unless one is named."""
+    return mapdeal.lint(paths, **{"config": False, **options})
 
 
 def make_map(path, yaw=0.0, side=12):
@@ -39,7 +48,11 @@ def maps(tmp_path, monkeypatch):
 
 
 def listed(*names, stdin=()):
-    return [str(one.path) for one in list_sources(names, lambda: stdin).maps]
+    return [str(one.path) for one in listing_of(names, stdin).maps]
+
+
+def listing_of(names, stdin=()):
+    return list_maps(names, None, lambda: stdin, whole_folders=RUN_FOLDERS)
 
 
 def checks_of(report):
@@ -67,7 +80,7 @@ def test_a_folder_stands_for_its_maps_and_runs_and_not_for_what_runs_have_writte
     assert listed("maps/runs") == listed("maps/runs/summary.json") == of_runs
     assert listed("maps/runs/r10") == listed("maps/runs/r10/manifest.json") == ["maps/runs/r10"]
     assert listed("maps/**/*.yaml", "maps/runs/r10")[:3] == of_maps
-    found = checks_of(lint_maps([Path("maps/runs/r10")], NO_RULES))
+    found = checks_of(lint([Path("maps/runs/r10")]))
     assert found == {"maps/runs/r10": ["run.missing-file"]}
 
 
@@ -77,7 +90,7 @@ def test_a_manifest_of_another_program_hides_no_map(maps):
         assert listed("maps") == ["maps/a/plain.yaml", "maps/b/broken.yaml", "maps/b/turned.yaml"]
     (maps / "manifest.json").write_text("{damaged")
     assert "maps" in listed("maps")
-    (report,) = lint_maps([maps], NO_RULES).maps
+    report = next(one for one in lint(maps).maps if one.file == str(maps))
     assert [one.message for one in report.findings] == ["its manifest.json is not that of a run"]
 
 
@@ -87,7 +100,7 @@ def test_a_list_stands_for_its_lines(maps):
 
 
 def test_yaml_files_that_are_no_maps_are_left_out(maps):
-    listing = list_sources(["maps"], list)
+    listing = listing_of(["maps"])
     assert [str(one) for one in listing.left_out] == ["maps/params.yaml"]
 
 
@@ -95,7 +108,7 @@ def test_a_folder_with_neither_is_a_finding_and_the_others_go_on(maps):
     (maps / "empty").mkdir()
     paths = listed("maps/empty", "maps/a")
     assert paths == ["maps/empty", "maps/a/plain.yaml"]
-    report = lint_maps([Path(one) for one in paths], NO_RULES)
+    report = lint(paths)
     assert checks_of(report) == {"maps/empty": ["run.no-manifest"], "maps/a/plain.yaml": []}
     assert not report.passes
     assert "no map in it or below" in report.maps[0].findings[0].message
@@ -112,7 +125,7 @@ def test_a_folder_that_cannot_be_read_is_a_finding_and_the_others_go_on(maps, mo
     for name in ("maps", "maps/b"):
         paths = listed(name)
         assert paths == (["maps/a/plain.yaml"] if name == "maps" else []) + ["maps/b"]
-        report = lint_maps([Path("maps/b")], NO_RULES)
+        report = lint([Path("maps/b")])
         (found,) = report.maps[0].findings
         assert (found.check, found.message) == ("file.access", "cannot be read: Permission denied")
 
@@ -130,50 +143,48 @@ def test_a_map_has_the_rules_of_the_nearest_file(maps):
     (maps / "pyproject.toml").write_text("[tool.mapdeal.lint]\nstrict = true\n")
     (maps / "b" / "mapdeal.toml").write_text('[lint]\nignore = ["file"]\n')
     make_map(maps / "a" / "turned.yaml", yaw=0.4)
-    report = lint_maps([Path(one) for one in listed("maps")], LintRules())
+    report = mapdeal.lint(listed("maps"))
     assert checks_of(report) == {
         "maps/a/plain.yaml": [], "maps/a/turned.yaml": ["yaml.origin-yaw"],
         "maps/b/broken.yaml": ["yaml.defaults"], "maps/b/turned.yaml": ["yaml.origin-yaw"],
     }  # fmt: skip
     assert [bool(one.failures) for one in report.maps] == [False, True, False, False]
     assert not report.passes
-    report = lint_maps([maps / "b" / "broken.yaml"], NO_RULES)
+    report = lint([maps / "b" / "broken.yaml"])
     assert "file.access" in [one.check for one in report.findings]
 
 
 def test_one_file_can_hold_for_all(maps):
     Path("strict.toml").write_text("[lint]\nstrict = true\n")
     (maps / "mapdeal.toml").write_text("[lint]\nselect = []\n")
-    rules = LintRules(config=Path("strict.toml"))
-    assert not lint_maps([maps / "b" / "turned.yaml"], rules).passes
-    assert lint_maps([maps / "b" / "turned.yaml"], LintRules()).passes
-    assert not lint_maps(
-        [maps / "b" / "turned.yaml"], LintRules(strict=True, select=("yaml",))
-    ).passes
+    turned = maps / "b" / "turned.yaml"
+    assert not mapdeal.lint(turned, config="strict.toml").passes
+    assert mapdeal.lint(turned).passes
+    assert not mapdeal.lint(turned, strict=True, select="yaml").passes
 
 
 @pytest.mark.parametrize(
     ("rules", "told"),
     [
-        (LintRules(select=("imag",)), "--select: unknown check, got 'imag'"),
-        (LintRules(config=Path("none.toml")), "none.toml: cannot be read"),
-        (LintRules(config=Path("pyproject.toml")), r"has no table \[tool.mapdeal.lint\]"),
-        (LintRules(config=Path("empty.toml")), r"has no table \[lint\]"),
-        (LintRules(config=Path("x"), is_isolated=True), "--no-config"),
+        ({"select": "imag"}, "--select: unknown check, got 'imag'"),
+        ({"config": "none.toml"}, "none.toml: cannot be read"),
+        ({"config": "pyproject.toml"}, r"has no table \[tool.mapdeal.lint\]"),
+        ({"config": "empty.toml"}, r"has no table \[lint\]"),
+        ({"config": "x", "no_config": True}, "--no-config"),
     ],
 )
 def test_rules_that_cannot_be_are_refused_before_any_work(maps, rules, told, monkeypatch):
     Path("pyproject.toml").write_text("")
     Path("empty.toml").write_text("")
-    monkeypatch.setattr(module, "lint_file", None)
+    monkeypatch.setattr(LINT_FILE, None)
     with pytest.raises((ParameterError, FileAccessError), match=told):
-        lint_maps([maps / "a" / "plain.yaml"], rules)
+        mapdeal.lint(maps / "a" / "plain.yaml", **rules)
 
 
 def test_comments_spare_their_map(maps):
     path = maps / "b" / "turned.yaml"
     path.write_text(path.read_text() + "# mapdeal: ignore yaml, image.alpha the dock is turned\n")
-    (report,) = lint_maps([path], NO_RULES).maps
+    (report,) = lint([path]).maps
     assert [(one.check, one.line) for one in report.findings] == [("lint.unused-ignore", 8)]
     assert report.suppressed == 1
 
@@ -181,7 +192,7 @@ def test_comments_spare_their_map(maps):
 def test_comments_of_a_broken_map_count_too(maps):
     path = maps / "b" / "broken.yaml"
     path.write_text(path.read_text() + "# mapdeal: ignore file.access, yaml.defaults\n")
-    (report,) = lint_maps([path], NO_RULES).maps
+    (report,) = lint([path]).maps
     assert (report.findings, report.suppressed) == ((), 2)
 
 
@@ -192,20 +203,22 @@ def test_comments_of_a_broken_map_count_too(maps):
 def many(maps, monkeypatch):
     for k in range(5):
         make_map(maps / "many" / f"{k}.yaml", yaw=k / 10, side=10 + k)
-    monkeypatch.setattr(module, "_CELLS_WORTH_WORKERS", 0)
+    monkeypatch.setattr("mapdeal.commands.lint._CELLS_WORTH_WORKERS", 0)
     return [Path(one) for one in listed("maps")]
 
 
 @pytest.mark.slow
 def test_the_report_is_the_same_with_any_number_of_processes(many):
     done = []
+    rules = Selections((), (), strict=False, config=True)
     reports = [
-        lint_maps(many, LintRules(), jobs=jobs, done=lambda _, jobs=jobs: done.append(jobs))
+        _Lint(rules, Settings(), None, jobs)(many, lambda _, jobs=jobs: done.append(jobs))
         for jobs in (1, 2, 3)
     ]
     assert reports[0] == reports[1] == reports[2]
-    for form in REPORTS.values():
-        assert form(reports[0]) == form(reports[2])
+    for form in REPORTS:
+        one, other = (LintReport(tuple(found), "1", form) for found in reports[::2])
+        assert list(one.lines()) == list(other.lines())
     assert [done.count(jobs) for jobs in (1, 2, 3)] == [len(many)] * 3
 
 
@@ -240,12 +253,12 @@ def test_a_map_that_its_worker_dies_of_is_a_finding(many, workers):
         raise BrokenProcessPool
 
     workers["3.yaml"] = die
-    report = lint_maps(many, NO_RULES, jobs=2)
+    report = lint(many, jobs=2)
     found = checks_of(report)
     assert found["maps/many/3.yaml"] == ["lint.not-checked"]
     message = next(one for one in report.findings if one.check == "lint.not-checked").message
     assert message == "the worker process died, and again with this map alone"
-    alone = checks_of(lint_maps(many, NO_RULES))
+    alone = checks_of(lint(many))
     assert {file for file in found if found[file] != alone[file]} == {"maps/many/3.yaml"}
     assert not report.passes
 
@@ -259,8 +272,8 @@ def test_a_map_that_only_its_share_of_memory_refuses_is_checked_alone(many, work
             raise MalformedInputError(f"needs too much{SHARE_OF_JOB}", source=path)
         return lint_file(path, max_cells=max_cells, radius=radius)
 
-    monkeypatch.setattr(module, "lint_file", refused)
-    report = lint_maps(many, NO_RULES, jobs=2)
+    monkeypatch.setattr(LINT_FILE, refused)
+    report = lint(many, jobs=2)
     assert checks_of(report)["maps/many/2.yaml"] == ["yaml.origin-yaw"]
     assert before.count("2.yaml") == 2
 
@@ -279,8 +292,8 @@ def test_a_bug_met_by_one_map_is_a_finding_of_it(maps, monkeypatch, problem, tol
             raise problem
         return lint_file(path, max_cells=max_cells, radius=radius)
 
-    monkeypatch.setattr(module, "lint_file", fails)
-    report = lint_maps([Path(one) for one in listed("maps")], NO_RULES)
+    monkeypatch.setattr(LINT_FILE, fails)
+    report = lint(listed("maps"))
     (found,) = report.maps[0].findings
     assert (found.check, found.severity) == ("lint.not-checked", "error")
     assert found.message.startswith(told)
@@ -288,8 +301,8 @@ def test_a_bug_met_by_one_map_is_a_finding_of_it(maps, monkeypatch, problem, tol
 
 
 def test_few_small_maps_are_not_worth_workers(maps, monkeypatch):
-    monkeypatch.setattr(module, "_lint_in_processes", None)
-    assert len(lint_maps([Path(one) for one in listed("maps")], NO_RULES, jobs=8).maps) == 3
+    monkeypatch.setattr("mapdeal.commands.lint._lint_in_processes", None)
+    assert len(lint(listed("maps"), jobs=8).maps) == 3
 
 
 def test_large_maps_are_worth_workers(maps, monkeypatch):
@@ -305,13 +318,13 @@ def test_large_maps_are_worth_workers(maps, monkeypatch):
     def taken(paths, settings, radii, jobs, done):
         called.append(jobs)
         for index in range(len(paths)):
-            done(index, module._Found(()))
+            done(index, Found(()))
 
-    monkeypatch.setattr(module, "_lint_in_processes", taken)
+    monkeypatch.setattr("mapdeal.commands.lint._lint_in_processes", taken)
     large = [maps / "large0.yaml", maps / "large1.yaml"]
-    lint_maps(large, NO_RULES, jobs=8)
+    lint(large, jobs=8)
     assert called == [2]
-    monkeypatch.setattr(module, "lint_file", lambda *_, **__: [])
-    lint_maps(large, NO_RULES, jobs=1)
-    lint_maps(large[:1], NO_RULES, jobs=8)
+    monkeypatch.setattr(LINT_FILE, lambda *_, **__: [])
+    lint(large, jobs=1)
+    lint(large[:1], jobs=8)
     assert called == [2]

@@ -95,13 +95,13 @@ def test_what_looks_at_costs_gets_the_shape_as_they_tell_obstacles(tmp_path):
 def test_a_radius_that_counts_twice_is_warned_of_after_inflation_alone(tmp_path):
     for setting in ("visit.radius=0.4", "visit.footprint=[[0.4,0],[-0.2,0.3],[-0.2,-0.3]]"):
         with pytest.warns(MapdealWarning, match=r"visit: (radius|footprint) 0.4 m comes on top of"):
-            recipe(tmp_path, "inflate visit", settings=[setting])
+            recipe(tmp_path, "inflate visit", changes=[setting])
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            recipe(tmp_path, "visit inflate", settings=[setting])
-            recipe(tmp_path, "cost visit", settings=[setting, "cost.inscribed_radius=0.3"])
+            recipe(tmp_path, "visit inflate", changes=[setting])
+            recipe(tmp_path, "cost visit", changes=[setting, "cost.inscribed_radius=0.3"])
     with pytest.warns(MapdealWarning, match="cost: inscribed_radius 0.3 m comes on top of stage i"):
-        recipe(tmp_path, "visit inflate cost", settings=["cost.inscribed_radius=0.3"])
+        recipe(tmp_path, "visit inflate cost", changes=["cost.inscribed_radius=0.3"])
 
 
 def test_only_a_stage_that_takes_costs_can_follow_cost(tmp_path, visit):

@@ -21,6 +21,7 @@ def _one_demand(monkeypatch):
 class Step:
     is_whole = False
     memory = 1.5
+    of_library = 0
 
 
 def cut(left, *, base=500, threads=1, shape=(3000, 1000), steps=(Step,)):

@@ -9,9 +9,8 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal.commands.report import gathered
-from mapdeal.commands.report_answers import RouteAnswer
+from mapdeal.commands.report_documents import MOST_POINTS, route_items
 from mapdeal.commands.report_draft import Draft, Grids
-from mapdeal.commands.report_items import MOST_POINTS, route_items
 from mapdeal.commands.report_runs import columns_of
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.grid.route import Route
@@ -242,7 +241,7 @@ def test_a_path_by_another_name_is_the_same(run, tmp_path):
 def test_a_long_route_keeps_its_ends_and_few_of_its_points():
     points = np.stack([np.arange(70_001.0), np.sqrt(np.arange(70_001.0))], axis=1)
     route = Route("astar", True, (0.0, 0.0), (1.0, 1.0), points, 1.0, 1.0, 1.0)
-    *_, item = route_items(RouteAnswer(route))
+    *_, item = route_items(route)
     (line,) = item.lines
     assert len(line) == MOST_POINTS
     assert (line[0].tolist(), line[-1].tolist()) == (points[0].tolist(), points[-1].tolist())

@@ -29,7 +29,7 @@ def test_a_shape_goes_to_reach_and_to_inflate():
     assert (reach.parameters["footprint"], reach.parameters["radius"]) == (shape, 0.2)
     assert (inflate.parameters["footprint"], inflate.parameters["radius"]) == (shape, 0.2)
     assert cost.parameters["inscribed_radius"] == 0.0
-    later = load_recipe(RECIPE, footprint=shape, settings=["reach.radius=0.5"]).steps[0]
+    later = load_recipe(RECIPE, footprint=shape, changes=["reach.radius=0.5"]).steps[0]
     assert (later.parameters["footprint"], later.parameters["radius"]) == (None, 0.5)
 
 
@@ -40,7 +40,7 @@ def test_after_inflation_the_radius_would_count_twice():
         _, reach = load_recipe("r.yaml", footprint=Footprint.circle(0.2)).steps
     assert reach.parameters["radius"] == 0.0
     with pytest.warns(MapdealWarning, match=r"reach: radius 0.2 m comes on top of stage inflate"):
-        load_recipe("r.yaml", settings=["reach.radius=0.2"])
+        load_recipe("r.yaml", changes=["reach.radius=0.2"])
 
 
 def test_it_looks_at_the_lethal_cells_of_costs():
@@ -52,7 +52,7 @@ def test_it_looks_at_the_lethal_cells_of_costs():
     settings = ["reach.start=-8,0", "reach.radius=0.3"]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        recipe = load_recipe("r.yaml", settings=settings)
+        recipe = load_recipe("r.yaml", changes=settings)
         made = mapdeal.apply_recipe(read_map(OFFICE), recipe)
     alone = mapdeal.reach(read_map(OFFICE), start=(-8, 0), radius=0.3)
     for name in ("reachable", "headings", "clearance"):

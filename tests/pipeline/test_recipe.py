@@ -77,9 +77,9 @@ def test_thresholds_in_metres_take_the_place_of_values():
     arena = described("arena")["cost"]
     assert (arena["down_distance"], arena["down"]) == (1.0, None)
     assert (arena["up_distance"], arena["up"]) == (0.5, None)
-    value = described("arena", settings=["cost.down=30"])["cost"]
+    value = described("arena", changes=["cost.down=30"])["cost"]
     assert (value["down_distance"], value["down"], value["up"]) == (None, 30, None)
-    metres = described("design-real", settings=["cost.view=metric", "cost.down_distance=1.5"])[
+    metres = described("design-real", changes=["cost.view=metric", "cost.down_distance=1.5"])[
         "cost"
     ]
     assert (metres["down_distance"], metres["down"], metres["up"]) == (1.5, None, 54)
@@ -157,7 +157,7 @@ def test_sim_cuts_out_the_active_region_and_counts_unknown_as_occupied():
 def test_settings_win_over_sim_and_shape():
     recipe = described(
         "nav2", sim=True, footprint=SHAPE,
-        settings=["esdf.unknown=free", "cost.inscribed_radius=0.1", "active.margin=5e-1"],
+        changes=["esdf.unknown=free", "cost.inscribed_radius=0.1", "active.margin=5e-1"],
     )  # fmt: skip
     assert recipe["esdf"]["unknown"] == "free"
     assert recipe["cost"]["inscribed_radius"] == 0.1
@@ -192,7 +192,7 @@ def test_the_radius_that_is_told_is_the_one_that_acts(recipe, shape):
         if step.stage.robot is not None:
             name = step.stage.robot.replaces
             settings.append(f"{step.name}.{name}={step.described()[step.name][name]!r}")
-    by_radius = load_recipe(recipe, settings=settings)
+    by_radius = load_recipe(recipe, changes=settings)
     for with_shape, without in zip(told.steps, by_radius.steps, strict=True):
         assert with_shape.title == without.title
         made = [step.apply(grid, Path("m")) for step in (with_shape, without)]
@@ -228,10 +228,10 @@ def test_a_shape_gives_inflate_the_radius_that_is_recorded():
 def test_of_a_radius_and_a_shape_the_later_setting_counts():
     shape = "inflate.footprint=[[0.3, 0.4], [0.3, -0.4], [-0.3, -0.4], [-0.3, 0.4]]"
     settings = ["inflate.radius=0.2", shape]
-    inflated = described("design-real", settings=settings)["inflate"]
+    inflated = described("design-real", changes=settings)["inflate"]
     assert (inflated["radius"], inflated["kernel"]) == (0.5, "square")
     settings.reverse()
-    inflated = described("design-real", settings=settings)["inflate"]
+    inflated = described("design-real", changes=settings)["inflate"]
     assert (inflated["radius"], inflated["footprint"]) == (0.2, None)
 
 
@@ -246,16 +246,16 @@ def test_the_stages_of_a_manifest_are_a_recipe(tmp_path, name, shape):
 
 def test_a_radius_that_counts_twice_is_warned_of():
     with pytest.warns(MapdealWarning, match="twice"):
-        load_recipe("default", settings=["cost.inscribed_radius=0.2"])
+        load_recipe("default", changes=["cost.inscribed_radius=0.2"])
     layers = "cost.layers=[static, inflation: {inscribed_radius: 0.2}, inflation]"
     with pytest.warns(
         MapdealWarning, match=r"inscribed_radius 0.2 m comes on top of stage inflate"
     ):
-        load_recipe("default", settings=["cost.model=layers", layers])
+        load_recipe("default", changes=["cost.model=layers", layers])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         load_recipe("nav2")
-        load_recipe("default", settings=["cost.model=layers"])
+        load_recipe("default", changes=["cost.model=layers"])
 
 
 def test_a_recipe_file_in_every_way_of_writing(tmp_path):
@@ -316,7 +316,7 @@ def test_malformed_recipes_are_refused_as_usage(tmp_path, text, said):
 )
 def test_settings_that_cannot_be_are_refused(setting, said):
     with pytest.raises(ParameterError, match=said):
-        load_recipe("default", settings=[setting])
+        load_recipe("default", changes=[setting])
 
 
 def test_names_of_recipes_that_are_none():
@@ -348,11 +348,11 @@ def test_a_simulation_adds_no_second_active_region():
 
 def test_a_parameter_of_no_model_is_unknown_and_one_of_another_is_that_model_s():
     with pytest.raises(ParameterError) as caught:
-        load_recipe("default", settings=["cost.inscribed_radis=1"])
+        load_recipe("default", changes=["cost.inscribed_radis=1"])
     assert "inscribed_radius" in f"{caught.value} {caught.value.hint}"
     assert "is a parameter of model" not in str(caught.value)
     with pytest.raises(ParameterError, match="is a parameter of model rings, not of exponential"):
-        load_recipe("default", settings=["cost.values=1"])
+        load_recipe("default", changes=["cost.values=1"])
 
 
 @pytest.mark.parametrize(
@@ -367,5 +367,5 @@ def test_a_parameter_of_no_model_is_unknown_and_one_of_another_is_that_model_s()
 )
 def test_a_parameter_without_its_stage_is_told_the_stages_that_have_it(setting, hint):
     with pytest.raises(ParameterError, match=r"must look like stage\.parameter=value") as caught:
-        load_recipe("nav2", settings=[setting])
+        load_recipe("nav2", changes=[setting])
     assert caught.value.hint == hint

@@ -100,11 +100,9 @@ def test_what_an_option_has_set_names_the_option_and_not_the_file(tmp_path):
     path = tmp_path / "r.yaml"
     path.write_text("stages:\n  - inflate:\n      radius: 0.3\n      kernel: disc\n")
     with pytest.raises(ParameterError, match=r"^--set: inflate\.radius: must be"):
-        load_recipe(str(path), settings=["inflate.radius=-1"])
+        load_recipe(str(path), changes=["inflate.radius=-1"])
     with pytest.raises(ParameterError, match=r"^--set: inflate\.radios: no such parameter"):
-        load_recipe(str(path), settings=["inflate.radios=1"])
-    with pytest.raises(ParameterError, match=r"^--local-set: inflate\.radius: must be"):
-        load_recipe(str(path), settings=["inflate.radius=-1"], prefix="--local-")
+        load_recipe(str(path), changes=["inflate.radios=1"])
 
 
 def test_mappings_that_are_merged_give_way_to_what_stands_beside_them(tmp_path):
@@ -125,7 +123,7 @@ def test_mappings_that_are_merged_give_way_to_what_stands_beside_them(tmp_path):
 
 def test_built_in_recipes_have_no_lines():
     with pytest.raises(ParameterError) as caught:
-        load_recipe("nav2", settings=["cost.inscribed_radius=-1"])
+        load_recipe("nav2", changes=["cost.inscribed_radius=-1"])
     assert str(caught.value).startswith("--set: cost.inscribed_radius: must be")
 
 

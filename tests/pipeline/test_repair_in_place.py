@@ -290,7 +290,7 @@ def test_a_failure_leaves_both_files_as_they_were(command, folder, monkeypatch):
 
 def test_a_map_that_changes_meanwhile_is_left(command, folder, monkeypatch):
     write(yaml_text(free_thresh="0.25"))
-    from mapdeal.commands import lint as repair
+    from mapdeal.commands import lint_repair as repair
 
     real = repair.edited
 
@@ -308,7 +308,7 @@ def test_a_map_that_changes_meanwhile_is_left(command, folder, monkeypatch):
 
 def test_a_map_that_changes_while_it_is_checked_is_left(command, folder, monkeypatch):
     write(yaml_text(free_thresh="0.25"))
-    from mapdeal.commands import lint as repair
+    from mapdeal.commands import lint_repair as repair
 
     real = repair.gather
 
@@ -354,7 +354,7 @@ def test_maps_that_are_no_pairs_are_left(command, folder):
         (["--in-place"], "--in-place: needs --fix"),
         (["--fix"], "--fix: needs -o OUT or --in-place"),
         (["--fix", "--in-place", "-o", "x.yaml"], "--in-place: cannot be given together with -o"),
-        (["-o", "x.yaml"], "-o: needs --fix"),
+        (["-o", "x.yaml"], "--output: needs --fix"),
         (["m.yaml", "n.yaml", "--fix", "-o", "x.yaml"], "-o: takes one map, got 2"),
     ],
 )

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapdeal import Footprint, OccupancyGrid, RobotParameters
-from mapdeal.api.recipe import apply_recipe, load_recipe
+from mapdeal import Footprint, OccupancyGrid, RobotParameters, apply_recipe, load_recipe
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import InflationLayer, StaticLayer
 from mapdeal.pipeline.recipe import step_for

@@ -89,7 +89,7 @@ def test_what_has_changed_is_not_overwritten_without_force(room, tmp_path, chang
     if change == "input":
         write_map(room, grid_from_text(ROOM.replace("#", ".", 1), 0.1), force=True)
     elif change == "recipe":
-        recipe = load_recipe("default", settings=["inflate.radius=0.2"])
+        recipe = load_recipe("default", changes=["inflate.radius=0.2"])
     elif change == "options":
         settings = Settings(image_max=100)
     elif change == "output":
@@ -276,7 +276,7 @@ def test_the_canvas_is_part_of_what_makes_a_run_unchanged(room, tmp_path):
 
 def test_stages_that_compute_on_the_whole_canvas_are_something_else(room, tmp_path):
     """Parameter canvas of stage active: beyond the box there are distances then."""
-    recipe = load_recipe("default", sim=True, settings=["active.canvas=full", "esdf.unknown=free"])
+    recipe = load_recipe("default", sim=True, changes=["active.canvas=full", "esdf.unknown=free"])
     run_map(room, tmp_path / "out", recipe, Settings(images=False))
     field = read_map(tmp_path / "out" / "esdf.npz")
     assert field.shape == read_map(room).shape

@@ -2,13 +2,13 @@
 
 import math
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import mapdeal
 import oracles
 from drawn import cells, grid_from_text
 from mapdeal import (
@@ -22,7 +22,6 @@ from mapdeal import (
     potential,
     read_map,
 )
-from mapdeal.commands.route import check_reached
 from mapdeal.planning import routes as descent
 from mapdeal.planning.routes import Terrain
 
@@ -234,8 +233,9 @@ def test_a_way_without_end_is_given_up(monkeypatch):
     monkeypatch.setattr(descent, "_STEPS_PER_CELL_OF_SIDE", 0.5)
     route = descend(_costmap(grid), field, _xy(grid, 1.5, 1.5))
     assert (route.reached, route.local_minimum, len(route.points_xy)) == (False, None, 51)
-    with pytest.raises(FindingError, match="stopped after"):
-        check_reached(route, Path("m.yaml"))
+    ends = {"start": _xy(grid, 1.5, 1.5), "goal": _xy(grid, 35.5, 55.5)}
+    with pytest.raises(FindingError, match="map: stopped after"):
+        mapdeal.route(_costmap(grid), **ends, method="descent").check()
 
 
 @pytest.mark.parametrize(("places", "ending"), [(139, "arrived"), (140, "tired"), (10**9, "tired")])

@@ -26,13 +26,12 @@ from mapdeal import (
 from mapdeal.bags.messages import LASER_SCAN, POINT_CLOUD
 from mapdeal.bags.reader import open_bag
 from mapdeal.checks.lint import lint_file
+from mapdeal.checks.map_checks import RUN_FOLDERS
 from mapdeal.checks.selection import read_lint_config, selection_of
-from mapdeal.cli.options import numbers, pair, size_of
-from mapdeal.commands.lint import LintRules, ParameterFiles, lint_maps, list_sources, repair_maps
+from mapdeal.commands.lint import lint as lint_maps
 from mapdeal.commands.report import gathered
-from mapdeal.commands.report_answers import LintAnswer, RouteAnswer, read_answer
+from mapdeal.commands.report_documents import read_results
 from mapdeal.commands.report_draft import Grids
-from mapdeal.commands.report_items import finding_items, items_of, lint_table, tables_of
 from mapdeal.editing.merge import chosen_layers, evidence_of
 from mapdeal.errors import (
     FileAccessError,
@@ -40,10 +39,12 @@ from mapdeal.errors import (
     MapdealError,
     ParameterError,
 )
+from mapdeal.files.budget import size_of
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import FARTHEST, Frame
 from mapdeal.inputs.kinds import kind_of
 from mapdeal.inputs.listing import list_maps
+from mapdeal.mapping.transforms import FrameOptions
 from mapdeal.maps.dialects import DIALECTS
 from mapdeal.maps.images import open_pixel_rows, read_image, read_image_size
 from mapdeal.maps.map_server import read_bit_map
@@ -53,8 +54,9 @@ from mapdeal.maps.pnm import decode_pbm, decode_pnm, pnm_comments
 from mapdeal.maps.reading import open_map, read_map
 from mapdeal.maps.shapes import read_shapes
 from mapdeal.pipeline.bag_maps import describe_bag
-from mapdeal.pipeline.bag_sensors import FrameOptions, clouds_of_bag
+from mapdeal.pipeline.bag_sensors import clouds_of_bag
 from mapdeal.pipeline.folder import differences_from_golden
+from mapdeal.pipeline.inputs import numbers_of
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS
 from mapdeal.report.page import page_of
@@ -74,7 +76,6 @@ from mapdeal.sensors.points import (
 )
 from mapdeal.sensors.scans import ScanTexts, open_log
 from mapdeal.stages.catalogue import STAGES
-from mapdeal.stages.definition import parameters_of
 
 MEMORY = 70_000_000
 """Bytes that readers may take, of which they count 50 million as taken by the program."""
@@ -306,13 +307,13 @@ def read_bits(path, data):
 def lint(path, data):
     findings = lint_file(path)
     assert all(finding.message.isprintable() for finding in findings), findings
-    (report,) = lint_maps([path], LintRules(is_isolated=True)).maps
+    (report,) = lint_maps(path, config=False).maps
     assert {one.check for one in report.findings} - {one.check for one in findings} <= {
         "lint.unused-ignore"
     }
     assert report.suppressed + len(report.findings) >= len(findings)
-    repaired, problems = repair_maps([path], LintRules(is_isolated=True))
-    assert all(isinstance(one, (MalformedInputError, FileAccessError)) for one in problems)
+    repaired = lint_maps(path, config=False, fix=True, in_place=True)
+    assert all(isinstance(one, (MalformedInputError, FileAccessError)) for one in repaired.problems)
     assert len(repaired.findings) <= len(report.findings) or repaired.maps[0].repairs
     return report.findings
 
@@ -330,7 +331,7 @@ def read_nav2_robot(path, data):
 
 def lint_parameter_files(path, data):
     """Look at a file of parameters with all checks, whatever is wrong with it."""
-    (report,) = lint_maps([], LintRules(is_isolated=True), parameters=ParameterFiles((path,))).maps
+    (report,) = lint_maps(params_file=path, config=False).maps
     assert report.file == str(path)
     for one in report.findings:
         assert one.check != "lint.not-checked"
@@ -517,21 +518,17 @@ def read_one_transform(path, data):
 
 
 def read_one_answer(path, data):
-    answer = read_answer(path)
-    if isinstance(answer, LintAnswer):
-        places = [place for one in answer.files for found in one.findings for place in found.places]
-    elif isinstance(answer, RouteAnswer):
-        places = answer.route.points_xy.tolist()
-    else:
-        places = [end for one in getattr(answer, "passages", ()) for end in one.ends]
-    assert all(abs(value) <= FARTHEST for place in places for value in place)
-    files = answer.files if isinstance(answer, LintAnswer) else ()
-    items = [*items_of(answer), *(item for one in files for item in finding_items(one))]
-    tables = [*tables_of(answer), *map(lint_table, files)]
+    results = read_results(path)
+    items = [*results.items, *(item for part in results.parts for item in part.items)]
+    tables = [*results.tables, *(table for part in results.parts for table in part.tables)]
+    if results.kind != "shapes":
+        places = [item.place for item in items if item.place is not None]
+        places += [place for item in items for line in item.lines for place in line.tolist()]
+        assert all(abs(value) <= FARTHEST for place in places for value in place)
     told = [item.text + item.label for item in items]
     told += [text for table in tables for row in table.rows for text in row]
     assert all(not text or text.isprintable() for text in told)
-    return answer
+    return results
 
 
 def read_all_shapes(path, data):
@@ -561,12 +558,12 @@ def load_one_recipe(path, data):
 
 
 def load_settings(path, data):
-    return load_recipe("default", settings=[text_of(data)]).described()
+    return load_recipe("default", changes=[text_of(data)]).described()
 
 
 def load_layers(path, data):
     settings = ["cost.model=layers", f"cost.layers={text_of(data)}"]
-    recipe = load_recipe("default", settings=settings)
+    recipe = load_recipe("default", changes=settings)
     assert recipe.steps[-1].title.isprintable()
     return recipe.described()
 
@@ -597,9 +594,8 @@ def list_all_maps(path, data):
     os.chdir(path.parent)
     try:
         listing = list_maps(["@" + path.name], Path("out"), list)
-        assert {one.path for one in listing.maps} <= {
-            one.path for one in list_sources(["@" + path.name], list).maps
-        }
+        with_runs = list_maps(["@" + path.name], None, list, whole_folders=RUN_FOLDERS)
+        assert {one.path for one in listing.maps} <= {one.path for one in with_runs.maps}
     finally:
         os.chdir(before)
     assert len(listing.maps) > 0
@@ -629,15 +625,16 @@ def parse_size(path, data):
 
 def parse_numbers(path, data):
     text = text_of(data)
-    assert len(pair(text, "--at")) == 2
-    return numbers(text, 2, "X,Y", "--at")
+    found = numbers_of(text, "X,Y")
+    assert len(found) == 2
+    return found
 
 
 def accept_parameters(path, data):
     """Offer a text to every parameter of every stage; refusals must be mapdeal's own."""
     text, taken = text_of(data), 0
     for stage in STAGES:
-        for parameter in parameters_of(stage.function).values():
+        for parameter in stage.own_parameters.values():
             try:
                 value = parameter.accept(text)
             except ParameterError as error:

@@ -157,10 +157,11 @@ def contents(ending: str, data: bytes, folder: str) -> object:
     return text if len(text) < LONGEST_TEXT else hashlib.sha256(text.encode()).hexdigest()
 
 
-def record(folders: list[Path], output: Path) -> int:
-    """Write a line for each command."""
+def record(folders: list[Path], output: Path, only: list[str]) -> int:
+    """Write a line for each command, or those of some names."""
+    chosen = (one for one in commands(folders) if not only or one.split()[0] in only)
     with multiprocessing.Pool() as pool, output.open("w") as file:
-        for count, one in enumerate(pool.imap(recorded, commands(folders), 4), 1):
+        for count, one in enumerate(pool.imap(recorded, chosen, 4), 1):
             file.write(json.dumps(one) + "\n")
             if count % 500 == 0:
                 print(count, flush=True)
@@ -173,12 +174,13 @@ def compare(first: Path, second: Path) -> int:
         {one["command"]: one for one in map(json.loads, path.read_text().splitlines())}
         for path in (first, second)
     )
-    differing = [name for name in before if before[name] != after.get(name)]
+    shared = [name for name in before if name in after or len(after) == len(before)]
+    differing = [name for name in shared if before[name] != after.get(name)]
     for name in differing:
         print(f"--- {name}")
         texts = (json.dumps(side.get(name), indent=1).split("\n") for side in (before, after))
         print("\n".join(list(difflib.unified_diff(*texts, n=0, lineterm=""))[2:20]))
-    print(f"{len(differing)} of {len(before)} commands differ")
+    print(f"{len(differing)} of {len(shared)} commands differ")
     return int(bool(differing))
 
 
@@ -188,10 +190,11 @@ def main() -> int:
     parser.add_argument("task", choices=["record", "compare"])
     parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
     parser.add_argument("--out", type=Path, default=Path("record.jsonl"))
+    parser.add_argument("--only", nargs="*", default=[], metavar="COMMAND")
     options = parser.parse_args()
     if options.task == "compare":
         return compare(*options.paths)
-    return record([path.absolute() for path in options.paths], options.out)
+    return record([path.absolute() for path in options.paths], options.out, options.only)
 
 
 if __name__ == "__main__":

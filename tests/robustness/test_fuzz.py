@@ -36,13 +36,11 @@ READS = re.compile(
 NOT_READERS = {
     "files.transaction.Temporary.open",  # makes a file
     "pipeline.inputs.read_input", "pipeline.local.read_global_map",  # call readers, with warnings
-    "pipeline.inputs.read_summed", "pipeline.inputs.read_together",
+    "commands.pack.read_bits", "pipeline.inputs.read_summed", "pipeline.inputs.read_together",
     "commands.report_draft.Grids.open",
-    "commands.report_items.lint_table",  # a table
     "planning.routes.Terrain.open_cell_of",  # a cell that is open
-    "cli.bag_options.BagWords.scans",  # opens readers
-    "cli.lint.lint", "cli.terminal.input_chunks",  # the command line
-    "api.lint.lint", "api.recipe.load_recipe",  # call what commands call
+    "cli.terminal.input_chunks", "pipeline.inputs.Terminal.input_chunks",  # the command line
+    "pipeline.recipe.load_recipe",  # call what commands call
 }  # fmt: skip
 
 TELLING = (

@@ -1,5 +1,6 @@
 """What holds for every stage."""
 
+import json
 import pickle
 import re
 from pathlib import Path
@@ -10,12 +11,19 @@ import pytest
 import mapdeal
 from drawn import cells
 from mapdeal import MalformedInputError, OccupancyGrid, ParameterError
+from mapdeal.command import Stage, meanings_of, parameters_of, stages_among
 from mapdeal.pipeline.folder import files_of
-from mapdeal.pipeline.step import make_step
+from mapdeal.pipeline.step import grid_of, make_step
 from mapdeal.stages import catalogue
-from mapdeal.stages.definition import Stage, meanings_of, parameters_of, stages_among
 
-STAGES = {" ".join(filter(None, (one.name, one.model))): one.function for one in catalogue.STAGES}
+STAGES = {" ".join(filter(None, (one.name, one.model))): one for one in catalogue.STAGES}
+NEEDED = {
+    "window": {"size": (1.0, 0.5), "corner": (0.0, 0.0)},
+    "shift": {"origin": (0.25, 0.0)},
+    "rotate": {"yaw": np.pi / 2},
+    "rescale": {"resolution": 0.125},
+}
+"""Parameters of stages that cannot do without."""
 MAPS = {
     "one free cell": ".",
     "one occupied cell": "#",
@@ -30,6 +38,12 @@ MAPS = {
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 
 
+def applied(stage, grid):
+    model = {"model": stage.model} if stage.model else {}
+    step = make_step(stage.name, {**model, **NEEDED.get(stage.name, {})})
+    return grid_of(step.result_of(grid, None))
+
+
 def _layers(grid):
     return {name: getattr(grid, name) for name in grid.layer_names}
 
@@ -40,27 +54,30 @@ def test_input_is_untouched_output_frozen_and_the_same_again(stage, drawing):
     occupancy = cells(drawing)
     before = occupancy.copy()
     grid = OccupancyGrid(occupancy, 0.25, (1.5, -2.0, 0.4))
-    nothing = {mapdeal.active_region: (-1,), mapdeal.reach: (-1, 100)}.get(stage, ())
+    nothing = {"active": (-1,), "reach": (-1, 100)}.get(stage.name, ())
     if np.isin(occupancy, nothing).all():
         with pytest.raises(MalformedInputError):
-            stage(grid)
+            applied(stage, grid)
         return
-    first, second = stage(grid), stage(grid)
+    first, second = applied(stage, grid), applied(stage, grid)
     assert np.array_equal(occupancy, before)
-    assert first.resolution == 0.25
+    assert first.resolution == (0.125 if stage.name == "rescale" else 0.25)
     for name, layer in _layers(first).items():
         assert not layer.flags.writeable
         assert np.array_equal(layer, getattr(second, name))
-    if stage is not mapdeal.active_region:
+    if stage.name != "active" and not stage.moves:
         assert (first.shape, first.origin) == (grid.shape, grid.origin)
 
 
-@pytest.mark.parametrize("stage", STAGES.values(), ids=STAGES)
+STILL = {name: one for name, one in STAGES.items() if not one.moves}
+
+
+@pytest.mark.parametrize("stage", STILL.values(), ids=STILL)
 def test_mirroring_the_map_mirrors_the_result(stage):
     occupancy = cells("..#...\n.?..+.\n....#.\n......")
     for turn in (np.flipud, np.fliplr):
-        straight = stage(OccupancyGrid(occupancy, 0.25))
-        mirrored = stage(OccupancyGrid(turn(occupancy), 0.25))
+        straight = applied(stage, OccupancyGrid(occupancy, 0.25))
+        mirrored = applied(stage, OccupancyGrid(turn(occupancy), 0.25))
         for name, layer in _layers(straight).items():
             expected = turn(layer)
             if name == "repulsive":  # sums whose order is another
@@ -72,7 +89,7 @@ def test_mirroring_the_map_mirrors_the_result(stage):
 @pytest.mark.parametrize("stage", STAGES.values(), ids=STAGES)
 def test_a_bare_array_is_refused_with_what_to_pass(stage):
     with pytest.raises(ParameterError, match="OccupancyGrid"):
-        stage(np.zeros((2, 3), np.int8))
+        applied(stage, np.zeros((2, 3), np.int8))
 
 
 @pytest.mark.parametrize("stage", catalogue.STAGES, ids=STAGES)
@@ -82,9 +99,11 @@ def test_the_record_says_all_that_others_ask_for(stage):
     assert isinstance(stage.makes, type)
     assert files_of(stage.makes).in_folder
     assert [name for name in stage.parameters if not stage.meanings.get(name)] == []
-    for parameter in stage.parameters.values():
+    given = [one for one in stage.parameters.values() if not one.is_required]
+    for parameter in given:
         assert parameter.accept(parameter.default) == parameter.default or parameter.optional
-    step = make_step(stage.name, {"model": stage.model} if stage.model else {})
+    model = {"model": stage.model} if stage.model else {}
+    step = make_step(stage.name, {**model, **NEEDED.get(stage.name, {})})
     assert step.title
     assert isinstance(step.is_whole, bool)
     if stage.robot is not None:
@@ -128,7 +147,7 @@ def test_unknown_stages_and_types_fail_loudly():
 
 
 def test_definitions_that_cannot_work_are_refused_by_name():
-    def brush(grid, *, width: str = "wide"):
+    def brush(grid, *, width: bytes = b"wide"):
         """Draw."""
 
     with pytest.raises(TypeError, match=r"brush: .* width"):
@@ -136,6 +155,17 @@ def test_definitions_that_cannot_work_are_refused_by_name():
     assert meanings_of(brush) == {}
     with pytest.raises(TypeError, match=r"stage shapeless: .* returns"):
         Stage(lambda grid: grid, "shapeless", "Do nothing.", str, 1.0).makes  # noqa: B018
+
+
+@pytest.mark.parametrize("stage", [one for one in catalogue.STAGES if one.edits],
+                         ids=lambda stage: stage.name)  # fmt: skip
+def test_what_a_stage_needs_is_named_and_described_as_it_is_read(stage):
+    step = make_step(stage.name, NEEDED.get(stage.name, {}))
+    ((name, values),) = step.described().items()
+    assert make_step(name, json.loads(json.dumps(values))) == step
+    if stage.name in NEEDED:
+        with pytest.raises(ParameterError, match=rf"{name}\.[\w, ]+: .*required"):
+            make_step(name, {})
 
 
 def test_stages_that_only_look_hand_their_input_on():

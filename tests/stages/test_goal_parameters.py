@@ -106,7 +106,7 @@ def test_settings_are_read_as_yaml(tmp_path, monkeypatch, text, goals):
     list_visit(monkeypatch)
     path = tmp_path / "r.yaml"
     path.write_text("stages:\n  - visit: {goals: [[0, 0]]}\n")
-    (step,) = load_recipe(str(path), settings=[f"visit.goals={text}"]).steps
+    (step,) = load_recipe(str(path), changes=[f"visit.goals={text}"]).steps
     assert step.parameters["goals"] == goals
     (step,) = load_recipe(str(path), changes={"visit.goals": goals}).steps
     assert step.parameters["goals"] == goals
@@ -125,7 +125,7 @@ def test_settings_that_are_no_goals_are_refused(tmp_path, monkeypatch, text, sai
     path = tmp_path / "r.yaml"
     path.write_text("stages:\n  - visit:\n")
     with pytest.raises(ParameterError, match=said):
-        load_recipe(str(path), settings=[f"visit.goals={text}"])
+        load_recipe(str(path), changes=[f"visit.goals={text}"])
 
 
 def test_names_of_a_hundred_thousand_goals_are_looked_at_once():

@@ -212,9 +212,9 @@ def test_layers_in_recipes_settings_and_manifests(tmp_path):
         "{inflation: {inflation_radius: 7e-1, cost_scaling_factor: 3, lookup: nav2}}, static]"
     )
     settings_ = ["cost.model=layers", f"cost.layers={text}"]
-    assert load_recipe("default", settings=settings_).described()[-1] == told
+    assert load_recipe("default", changes=settings_).described()[-1] == told
     settings_ = [f"cost.layers={text}", "cost.model=layers", "cost.default_cost=255"]
-    made = load_recipe("default", settings=settings_).described()[-1]
+    made = load_recipe("default", changes=settings_).described()[-1]
     assert made == {"cost": {**told["cost"], "default_cost": 255}}
 
 
@@ -256,5 +256,5 @@ def test_malformed_layers_are_refused_with_their_place(value, told):
 )
 def test_settings_of_layers_are_read_as_recipes_are(text, told):
     with pytest.raises(ParameterError, match=told) as caught:
-        load_recipe("nav2", settings=["cost.model=layers", f"cost.layers={text}"])
+        load_recipe("nav2", changes=["cost.model=layers", f"cost.layers={text}"])
     assert str(caught.value).startswith("--set: cost.layers: ")

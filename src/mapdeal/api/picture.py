@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from mapdeal.api.diff import DiffReport
-from mapdeal.api.score import Score
-from mapdeal.editing.merge import Merged
+from mapdeal.commands.diff import DiffReport
+from mapdeal.commands.merge import Merged
+from mapdeal.commands.score import Score
 from mapdeal.errors import ParameterError, one_line
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.bit_map import BitMap
@@ -32,7 +32,6 @@ from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.png import write_indexed_png
 from mapdeal.pictures.canvas import Image
-from mapdeal.pictures.comparisons import difference_image, merge_image
 from mapdeal.pictures.cost_curve import cost_curve_image
 from mapdeal.pictures.overlay import (
     DEFAULT_EXTENT,
@@ -173,15 +172,11 @@ def draw_picture(
     if isinstance(shown, DiffReport):
         if is_over:
             raise ParameterError("nothing can be drawn over a comparison", place="route, pose")
-        title = one_line(title or shown.title)
-        image = difference_image(shown.changes, shown.frame, title=title, **look)
-        return _picture(image)
+        return _picture(shown.drawn(title=title, **look))
     if isinstance(shown, Merged):
         if is_over:
             raise ParameterError("nothing can be drawn over merged maps", place="route, pose")
-        names = [f"map {number}" for number in range(1, len(shown.maps) + 1)]
-        title = None if title is None else one_line(title)
-        return _picture(merge_image(shown.grid, shown.conflicts, names=names, title=title, **look))
+        return _picture(shown.drawn(title=title, **look))
     if isinstance(shown, Score):
         if is_over:
             raise ParameterError("nothing can be drawn over a score", place="route, pose")

@@ -1,4 +1,4 @@
-"""How findings are reported: as text, JSON, JUnit, SARIF, or to GitHub.
+"""What lint has found, and how it is reported: as text, JSON, JUnit, SARIF, or to GitHub.
 
 References
 ----------
@@ -19,9 +19,12 @@ from typing import Any, Literal, overload
 from urllib.parse import quote_from_bytes
 
 from mapdeal.checks.findings import CHECKS, SEVERITIES, Finding, Severity
-from mapdeal.errors import FileAccessError, one_line
+from mapdeal.command import Result
+from mapdeal.errors import FileAccessError, MapdealError, one_line
 from mapdeal.files.source import absolute_path, normal_path
 from mapdeal.grid.display import OneLine, count_text
+
+ReportForm = Literal["text", "json", "github", "sarif", "junit"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -57,6 +60,14 @@ class MapReport(OneLine):
     def _told(self) -> Iterator[str]:
         yield f"{self.file}: {counts_text(counts_of(self.findings), self.suppressed)}"
 
+    def document(self) -> dict[str, Any]:
+        """Return its entry in what ``mapdeal lint --format json`` prints."""
+        findings = [
+            {k: v for k, v in asdict(found).items() if k != "file"} for found in self.findings
+        ]
+        entry = {"file": self.file, "findings": findings, "suppressed": self.suppressed}
+        return {**entry, "repairs": list(self.repairs)} if self.repairs else entry
+
     @property
     def failures(self) -> tuple[Finding, ...]:
         """Findings that set the exit code to 1."""
@@ -65,7 +76,7 @@ class MapReport(OneLine):
 
 
 @dataclass(frozen=True, repr=False)
-class LintReport(OneLine, Sequence[Finding]):
+class LintReport(Result, Sequence[Finding]):
     """Findings in one or more maps, as a sequence, map by map.
 
     A report without findings is empty and therefore false.
@@ -77,10 +88,19 @@ class LintReport(OneLine, Sequence[Finding]):
         come first.
     version : str
         Version of mapdeal.
+    form : {'text', 'json', 'github', 'sarif', 'junit'}
+        Format of its `lines`.
+    problems : tuple of MapdealError
+        Why maps could not be repaired.
+    output : path, optional
+        Repaired copy that was written instead of a report.
     """
 
     maps: tuple[MapReport, ...]
     version: str
+    form: ReportForm = "text"
+    problems: tuple[MapdealError, ...] = ()
+    output: Path | None = None
 
     def __len__(self) -> int:
         return len(self.findings)
@@ -115,7 +135,7 @@ class LintReport(OneLine, Sequence[Finding]):
     def _told(self) -> Iterator[str]:
         yield self.summary()
 
-    def summary(self) -> str:
+    def summary(self, _output: Path | None = None) -> str:
         """Return the number of maps and of findings, in one line."""
         folders = sum(one.is_folder for one in self.maps)
         files = sum(one.is_parameters for one in self.maps)
@@ -144,9 +164,37 @@ class LintReport(OneLine, Sequence[Finding]):
         return sum(one.suppressed for one in self.maps)
 
     @property
-    def passes(self) -> bool:
+    def passes(self) -> bool:  # type: ignore[override]
         """Whether no finding sets the exit code to 1."""
         return not any(one.failures for one in self.maps)
+
+    def check(self) -> None:
+        """Raise the error of the first map that could not be repaired."""
+        for problem in self.problems:
+            raise problem
+
+    def document(self) -> dict[str, Any]:
+        """Return the report as the dict that ``mapdeal lint --format json`` prints."""
+        files = [one.document() for one in self.maps if one.is_parameters]
+        return {
+            **({"parameter_files": files} if files else {}),
+            "maps": [one.document() for one in self.maps if not one.is_parameters],
+            **{f"{severity}s": count for severity, count in self.counts.items()},
+            "suppressed": self.suppressed,
+        }
+
+    def lines(self) -> Iterator[str]:
+        """Yield what ``mapdeal lint`` prints in its format."""
+        if self.output is None:
+            yield from (line for text in REPORTS[self.form](self) for line in text.split("\n"))
+
+    def closing(self) -> Iterator[str]:
+        """Yield what ``mapdeal lint`` prints in the end: a sum, or what has been repaired."""
+        for one in self.maps if self.output is not None else ():
+            yield f"{one.file} -> {self.output}"
+            yield from (f"  {line}" for line in one.repairs)
+        if self.output is None and self.form == "text":
+            yield self.summary()
 
 
 def counts_of(findings: Iterable[Finding]) -> dict[str, int]:
@@ -160,10 +208,6 @@ def counts_text(counts: Mapping[str, int], suppressed: int) -> str:
 
 
 _COMMANDS = {"error": "error", "warning": "warning", "note": "notice"}
-
-
-def github_lines(report: LintReport) -> list[str]:
-    return [_annotation(found) for found in report.findings]
 
 
 def _annotation(found: Finding) -> str:
@@ -180,49 +224,13 @@ def _escaped(text: str, *, more: bool = False) -> str:
     return text.replace(":", "%3A").replace(",", "%2C") if more else text
 
 
-def text_lines(report: LintReport) -> list[str]:
-    """Return what was repaired and what was found, as a compiler would say it."""
-    return [*repair_lines(report), *map(line_of, report.findings)]
-
-
 def repair_lines(report: LintReport) -> list[str]:
     return [
         one_line(f"{one.file}: repaired: {told}") for one in report.maps for told in one.repairs
     ]
 
 
-def line_of(found: Finding) -> str:
-    return str(found)
-
-
-def sum_of(report: LintReport) -> str:
-    """Return how many maps there were, and how much was found."""
-    return report.summary()
-
-
-def json_lines(report: LintReport) -> list[str]:
-    files = [one for one in report.maps if one.is_parameters]
-    document = {
-        **({"parameter_files": [_map(one) for one in files]} if files else {}),
-        "maps": [_map(one) for one in report.maps if not one.is_parameters],
-        **{f"{severity}s": count for severity, count in report.counts.items()},
-        "suppressed": report.suppressed,
-    }
-    return [json.dumps(document, indent=2)]
-
-
-def _map(one: MapReport) -> dict[str, Any]:
-    entry: dict[str, Any] = {
-        "file": one.file,
-        "findings": [
-            {k: v for k, v in asdict(found).items() if k != "file"} for found in one.findings
-        ],
-        "suppressed": one.suppressed,
-    }
-    return {**entry, "repairs": list(one.repairs)} if one.repairs else entry
-
-
-def junit_lines(report: LintReport) -> list[str]:
+def _junit_lines(report: LintReport) -> list[str]:
     # A failing map has one failure, whose text lists all that makes it fail, since some readers
     # show no more than the first; what else was found is its output. Times are left out, so that
     # equal maps give equal bytes.
@@ -250,10 +258,10 @@ def _case(one: MapReport) -> list[str]:
         first = one.failures[0]
         more = f" (and {len(one.failures) - 1} more)" if len(one.failures) > 1 else ""
         message = _attribute(f"{first.message}{more}")
-        texts = "\n".join(escape(line_of(found)) for found in one.failures)
+        texts = "\n".join(escape(str(found)) for found in one.failures)
         lines.append(f'      <failure type="{first.check}" message={message}>{texts}</failure>')
     if others:
-        texts = "\n".join(escape(line_of(found)) for found in others)
+        texts = "\n".join(escape(str(found)) for found in others)
         lines.append(f"      <system-out>{texts}</system-out>")
     return [*lines, "    </testcase>"]
 
@@ -276,7 +284,7 @@ _OF_PARAMETERS = "params."
 _WRONG_PARAMETERS = "An error: ROS refuses the files, or the robot is unsafe with them."
 
 
-def sarif_lines(report: LintReport) -> list[str]:
+def _sarif_lines(report: LintReport) -> list[str]:
     """Return one run of the tool, with all checks as its rules."""
     # Files below the working directory have relative URIs, as services expect it of the root of a
     # repository; others absolute ones. A finding without a line gets line 1.
@@ -342,13 +350,11 @@ def _location(name: str, *, is_folder: bool) -> dict[str, str]:
     return {"uri": uri, "uriBaseId": _ROOT}
 
 
-ReportForm = Literal["text", "json", "github", "sarif", "junit"]
-
 REPORTS: dict[ReportForm, Callable[[LintReport], list[str]]] = {
-    "text": text_lines,
-    "json": json_lines,
-    "github": github_lines,
-    "sarif": sarif_lines,
-    "junit": junit_lines,
+    "text": lambda report: [*repair_lines(report), *map(str, report.findings)],
+    "json": lambda report: [json.dumps(report.document(), indent=2)],
+    "github": lambda report: [_annotation(found) for found in report.findings],
+    "sarif": _sarif_lines,
+    "junit": _junit_lines,
 }
 """Functions that make the lines of a report, by format name on the command line."""

@@ -1,34 +1,23 @@
-"""Which checks are asked for, and bounds that a map must keep."""
+"""Which findings count, by options, files of configuration, and comments."""
 
 from __future__ import annotations
 
-import math
 import re
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from numbers import Real
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mapdeal.checks.findings import CHECKS, SEVERITIES, Finding, Severity
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
-from mapdeal.files.source import exists, normal_path, read_file
+from mapdeal.files.source import exists, is_folder, normal_path, read_file
 from mapdeal.files.yaml_text import OF_MAPS
-from mapdeal.grid.frame import MOST_CELLS, Frame, Region, region_around
-from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.resample import sampled
-from mapdeal.grid.values import OCCUPIED
-from mapdeal.kernels.dilation import within_distance
 
 OWN_FILE, PYPROJECT = "mapdeal.toml", "pyproject.toml"
 
 _LARGEST = 1 << 20
-_SEVERITIES = ("error", "warning", "note")
 
 _IGNORE = re.compile(r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?")
 _NAME = re.compile(r"[ \t]*([\w.-]+)[ \t]*")
@@ -140,8 +129,8 @@ def _severity(value: Any, path: Path, place: str) -> tuple[tuple[str, str], ...]
     if not isinstance(value, dict):
         raise ParameterError("must be a table of names", source=path, place=place, got=value)
     for name, severity in value.items():
-        if severity not in _SEVERITIES:
-            rule = f"must be {', '.join(_SEVERITIES[:-1])} or {_SEVERITIES[-1]}"
+        if severity not in SEVERITIES:
+            rule = f"must be {', '.join(SEVERITIES[:-1])} or {SEVERITIES[-1]}"
             raise ParameterError(rule, source=path, place=f'{place}."{name}"', got=severity)
     return tuple(value.items())
 
@@ -185,178 +174,6 @@ def _listed(text: str) -> Names:
         if not name or name.end() < len(part):
             break
     return tuple(names)
-
-
-STATES = ("occupied", "free", "unknown", "between")
-"""States of a cell; ``between`` stands for the values 1..99."""
-
-SYMMETRIES: dict[str, Callable[[NDArray[np.int8]], NDArray[np.int8]]] = {
-    "mirrored upside down": np.flipud,
-    "mirrored left to right": np.fliplr,
-    "turned by 180 degrees": lambda cells: cells[::-1, ::-1],
-    "turned by 90 degrees": np.rot90,
-    "turned by -90 degrees": lambda cells: np.rot90(cells, -1),
-    "transposed": np.transpose,
-    "transposed and turned by 180 degrees": lambda cells: cells.T[::-1, ::-1],
-}
-"""Ways in which the cells of a map are often confused."""
-
-# What a cell of the comparison shows; where cells share a pixel the largest does.
-OUTSIDE, BOTH_UNKNOWN, BOTH_FREE, CHANGED, COMMON, REMOVED, ADDED = range(7)
-
-_MOST_TOLERANCE = 1000.0
-
-
-@dataclass(frozen=True)
-class WallShift:
-    """Distances from the obstacles of one map to the nearest of the other, metres."""
-
-    largest: float
-    percentile_95: float
-    mean: float
-
-
-@dataclass(frozen=True, eq=False)
-class Difference:
-    """Differences between two maps."""
-
-    geometry: dict[str, tuple[Any, Any]]
-    common: int
-    confusion: NDArray[np.int64]
-    differing: int
-    beyond: int
-    not_compared: int
-    walls: tuple[WallShift | None, WallShift | None]
-    symmetry: str | None
-    frame: Frame
-    changes: NDArray[np.uint8]
-
-    @property
-    def is_equal(self) -> bool:
-        """Whether the maps have the same geometry and cells, within the tolerance."""
-        return not self.geometry and self.beyond == 0
-
-
-def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0.0) -> Difference:
-    if not 0 <= tolerance <= _MOST_TOLERANCE:  # refuses nan too
-        rule = f"must be 0 to {_MOST_TOLERANCE:g} cells"
-        raise ParameterError(rule, place="tolerance", got=tolerance)
-    frame = frame_around(first.frame, second.frame)
-    a, in_a = sampled(frame, first.occupancy, first.frame)
-    b, in_b = sampled(frame, second.occupancy, second.frame)
-    both = in_a & in_b
-    state_a, state_b = states_of(a), states_of(b)
-    confusion = confusion_of(state_a[both], state_b[both])
-    differs = both & (a != b)
-    beyond = differs.copy()
-    if tolerance > 0:
-        beyond &= _is_beyond(state_a, state_b, both, math.floor(tolerance**2))
-    return Difference(
-        _geometry(first, second), int(np.count_nonzero(both)), confusion,
-        int(np.count_nonzero(differs)), int(np.count_nonzero(beyond)),
-        int(np.count_nonzero(first.occupancy >= 0) - np.count_nonzero(both & (a >= 0))),
-        _wall_shifts(first, second, frame, (a == OCCUPIED) & both, (b == OCCUPIED) & both),
-        _better_symmetry(first.occupancy, second.occupancy), frame,
-        changes_of(state_a, state_b, both),
-    )  # fmt: skip
-
-
-def states_of(values: NDArray[np.int8]) -> NDArray[np.uint8]:
-    """Return the states of cells, as indices into `STATES`."""
-    table = np.full(256, STATES.index("between"), dtype=np.uint8)
-    table[OCCUPIED] = STATES.index("occupied")
-    table[0] = STATES.index("free")
-    table[128:] = STATES.index("unknown")
-    return table[values.view(np.uint8)]
-
-
-def confusion_of(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Return the number of cells by state in one map (rows) and in the other, shape (4, 4)."""
-    pairs = first.ravel().astype(np.int64) * len(STATES) + second.ravel()
-    return np.bincount(pairs, minlength=len(STATES) ** 2).reshape(len(STATES), -1)
-
-
-def frame_around(first: Frame, second: Frame) -> Frame:
-    """Return the cells of the first lattice that both maps lie in."""
-    other = region_around(first, second)
-    row, col = min(other.row, 0), min(other.col, 0)
-    height = max(other.row + other.height, first.height) - row
-    width = max(other.col + other.width, first.width) - col
-    if height * width > MOST_CELLS:
-        rule = f"the maps lie too far apart: {width} x {height} cells hold both"
-        raise ParameterError(rule, place="origin")
-    return Region(row, col, height, width).frame_in(first)
-
-
-def _is_beyond(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], both: NDArray[np.bool_], square: int
-) -> NDArray[np.bool_]:
-    """Return cells of which one of the maps has no like within a distance in the other."""
-    beyond = np.zeros(both.shape, dtype=np.bool_)
-    for state in range(len(STATES)):
-        of_first, of_second = (first == state) & both, (second == state) & both
-        for own, other in ((of_first, of_second), (of_second, of_first)):
-            if own.any():
-                beyond |= own & ~within_distance(other, square)
-    return beyond
-
-
-def _geometry(first: OccupancyGrid, second: OccupancyGrid) -> dict[str, tuple[Any, Any]]:
-    pairs = {
-        "width": (first.shape[1], second.shape[1]),
-        "height": (first.shape[0], second.shape[0]),
-        "resolution": (first.resolution, second.resolution),
-        "origin": (list(first.origin), list(second.origin)),
-    }
-    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
-
-
-def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str | None:
-    """Return the symmetry that makes at least half of the differing cells agree, if any."""
-    if first.shape not in (second.shape, second.shape[::-1]):
-        return None
-    as_it_is = int((first == second).sum()) if first.shape == second.shape else 0
-    best, most = None, as_it_is + (first.size - as_it_is) // 2
-    for name, turn in SYMMETRIES.items():
-        turned = turn(second)
-        if turned.shape == first.shape:
-            agreeing = int((first == turned).sum())
-            if agreeing > most:
-                best, most = name, agreeing
-    return best
-
-
-def _wall_shifts(
-    first: OccupancyGrid, second: OccupancyGrid, frame: Frame, walls_a: NDArray[np.bool_],
-    walls_b: NDArray[np.bool_],
-) -> tuple[WallShift | None, WallShift | None]:  # fmt: skip
-    points = [grid.frame.xy_from_rowcol(np.argwhere(grid.occupied())) for grid in (first, second)]
-    common = [frame.xy_from_rowcol(np.argwhere(walls)) for walls in (walls_a, walls_b)]
-    return _shift(common[0], points[1]), _shift(common[1], points[0])
-
-
-def _shift(walls: NDArray[np.float64], others: NDArray[np.float64]) -> WallShift | None:
-    if not len(walls) or not len(others):
-        return None
-    from scipy.spatial import cKDTree
-
-    distance, _ = cKDTree(others).query(walls)
-    clean = np.where(distance < 1e-9, 0.0, distance)
-    return WallShift(float(clean.max()), float(np.percentile(clean, 95)), float(clean.mean()))
-
-
-def changes_of(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], both: NDArray[np.bool_]
-) -> NDArray[np.uint8]:
-    """Return what each cell shows, `OUTSIDE` to `ADDED`, given its states and if both have it."""
-    occupied, unknown = STATES.index("occupied"), STATES.index("unknown")
-    changes = np.where(first == second, np.uint8(BOTH_FREE), np.uint8(CHANGED))
-    changes[(first == unknown) & (second == unknown)] = BOTH_UNKNOWN
-    changes[(first == occupied) & (second == occupied)] = COMMON
-    changes[(first == occupied) & (second != occupied)] = REMOVED
-    changes[(first != occupied) & (second == occupied)] = ADDED
-    changes[~both] = OUTSIDE
-    return changes
 
 
 UNUSED = "lint.unused-ignore"
@@ -452,6 +269,35 @@ def selection_of(
     )  # fmt: skip
 
 
+class Selections:
+    """The selection for each map; `config` is as for `mapdeal.lint`."""
+
+    def __init__(
+        self, select: Sequence[str], ignore: Sequence[str], *, strict: bool, config: Path | bool
+    ) -> None:
+        self._make = partial(selection_of, select, ignore, strict=strict)
+        self._is_nearest = config is True
+        self._config = None if isinstance(config, bool) else _config_in(config)
+        self._of_folder: dict[Path, Selection] = {}
+        self._make(config=self._config)  # so that wrong names are told of before any work
+
+    def of(self, path: Path) -> Selection:
+        """Return the selection for a map, or for a folder."""
+        folder = normal_path(path if is_folder(path) else path.parent)
+        if folder not in self._of_folder:
+            config = find_lint_config(folder) if self._is_nearest else self._config
+            self._of_folder[folder] = self._make(config=config)
+        return self._of_folder[folder]
+
+
+def _config_in(path: Path) -> LintConfig:
+    config = read_lint_config(path)
+    if config is None:
+        table = "[tool.mapdeal.lint]" if path.name == PYPROJECT else "[lint]"
+        raise ParameterError(f"has no table {table}", source=path)
+    return config
+
+
 def _chosen(
     before: frozenset[str], select: Mapping[str, int], ignore: Mapping[str, int], *, selects: bool
 ) -> frozenset[str]:
@@ -507,82 +353,3 @@ def _unused(file: Path, comments: Iterable[IgnoreComment], found: set[str]) -> I
                 messages.append(f"{text} ignores nothing here")
         for message in messages:
             yield Finding(UNUSED, CHECKS[UNUSED].severity, str(file), message, comment.line)
-
-
-_ROUNDING = 1e-9
-"""Of distances: six cells of 0.05 m are 0.30000000000000004 m."""
-
-
-@dataclass(frozen=True)
-class Bound:
-    """Bound on the difference between two maps, and the value found.
-
-    Parameters
-    ----------
-    name : str
-        Option that sets the bound, without the leading dashes.
-    unit : str
-        Unit of both values.
-    allowed : float
-        Largest value allowed.
-    found : float
-        Value found; infinite if one map has obstacles to compare and the other has none, nan if
-        the maps have no common cell.
-    """
-
-    name: str
-    unit: str
-    allowed: float
-    found: float
-
-    @property
-    def holds(self) -> bool:
-        """Whether the value found is within the bound, allowing for floating-point rounding."""
-        return self.found <= self.allowed * (1 + _ROUNDING)  # never true of nan
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """Bounds on the difference between two maps."""
-
-    max_shift: float | None = None
-    max_differing: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.max_shift is not None and not _lies_in(self.max_shift, 0, sys.float_info.max):
-            rule = "must be a finite number of metres, 0 or more"
-            raise ParameterError(rule, place="max_shift", got=self.max_shift)
-        if self.max_differing is not None and not _lies_in(self.max_differing, 0, 100):
-            rule = "must be 0 to 100 percent"
-            raise ParameterError(rule, place="max_differing", got=self.max_differing)
-
-    def __bool__(self) -> bool:
-        return self.max_shift is not None or self.max_differing is not None
-
-    def judged(self, found: Difference) -> tuple[Bound, ...]:
-        # Only the common area is judged, whatever the geometry of the maps.
-        bounds = []
-        if self.max_shift is not None:
-            bounds.append(Bound("max-shift", "m", self.max_shift, largest_shift(found)))
-        if self.max_differing is not None:
-            share = 100 * found.beyond / found.common if found.common else math.nan
-            bounds.append(Bound("max-differing", "%", self.max_differing, share))
-        return tuple(bounds)
-
-
-def largest_shift(found: Difference) -> float:
-    """Return the largest distance of an obstacle of either map from those of the other, metres."""
-    # Infinite if only one of the maps has obstacles, nan if they have no common cell.
-    if not found.common:
-        return math.nan
-    occupied = STATES.index("occupied")
-    in_common = np.array([found.confusion[occupied].sum(), found.confusion[:, occupied].sum()])
-    shifts = [
-        0.0 if not count else math.inf if shift is None else shift.largest
-        for count, shift in zip(in_common, found.walls, strict=True)
-    ]
-    return max(shifts)
-
-
-def _lies_in(number: object, lowest: float, highest: float) -> bool:
-    return isinstance(number, Real) and lowest <= float(number) <= highest

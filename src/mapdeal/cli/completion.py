@@ -5,30 +5,24 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
-import typer
-
 from mapdeal.cli import terminal
-from mapdeal.cli.shared_options import shared_options
-from mapdeal.pipeline.settings import Settings
+from mapdeal.cli.apps import command_app
+from mapdeal.command import Words, command
 
 VARIABLE = "_MAPDEAL_COMPLETE"
 """What the scripts set where they ask for words."""
 
-app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
-
-@app.command()
-@shared_options()
+@command(
+    group="CI and reports",
+    shared=(),
+    json="never",
+    example="mapdeal completion bash > mapdeal.bash",
+)
 def completion(
-    shell: Annotated[
-        Literal["bash", "zsh", "fish", "powershell"],
-        typer.Argument(metavar="SHELL", help="bash, zsh, fish or powershell."),
-    ],
-    *,
-    settings: Settings,  # noqa: ARG001 - every command takes them
+    shell: Annotated[Literal["bash", "zsh", "fish", "powershell"], Words("SHELL")],
 ) -> None:
     """Print a completion script for commands, options, values and files.
 
@@ -36,10 +30,18 @@ def completion(
     "$(mapdeal completion zsh)". fish: mapdeal completion fish >
     ~/.config/fish/completions/mapdeal.fish. PowerShell, in $PROFILE: mapdeal completion
     powershell | Out-String | Invoke-Expression. The script asks mapdeal for words at each TAB.
+
+    Parameters
+    ----------
+    shell : str
+        The shell: bash, zsh, fish or powershell.
     """
     from typer._completion_shared import get_completion_script
 
     terminal.result(get_completion_script(prog_name="mapdeal", complete_var=VARIABLE, shell=shell))
+
+
+app = command_app("completion", sys.modules[__name__])
 
 
 def prepare_completion() -> None:
@@ -62,32 +64,3 @@ def prepare_completion() -> None:
 
     completion_init()
     sys.modules[BashComplete.__bases__[0].__module__].add_completion_class(Bash, "bash")
-
-
-def recipe_words() -> Iterable[str]:
-    from mapdeal.pipeline.recipe import BUILT_IN
-
-    return BUILT_IN
-
-
-def setting_words() -> Iterable[str]:
-    """Return ``stage.parameter=`` for each parameter of each stage, with its choices behind."""
-    from mapdeal.stages.catalogue import STAGES
-
-    words: dict[str, None] = {}  # models of a stage share parameters
-    for stage in STAGES:
-        if stage.model:
-            words[f"{stage.name}.model={stage.model}"] = None
-        for name, parameter in stage.parameters.items():
-            choices = ("yes", "no") if parameter.kind is bool else parameter.choices
-            words |= dict.fromkeys(f"{stage.name}.{name}={choice}" for choice in choices or ("",))
-    return words
-
-
-def check_words(incomplete: str) -> Iterable[str]:
-    """Return the names of the checks of lint, behind those that are already listed."""
-    from mapdeal.checks import lint  # noqa: F401 - which registers them
-    from mapdeal.checks.findings import CHECKS
-
-    listed = incomplete.rpartition(",")[0]
-    return [f"{listed},{name}" if listed else name for name in sorted(CHECKS)]

@@ -102,8 +102,16 @@ def _placed(parameter: Any, text: str, others: Iterable[Any]) -> tuple[str, str]
     return "Options", text
 
 
+def _example_of(name: str) -> str:
+    from mapdeal.command import commands_named  # which loads numpy
+
+    first, _, rest = name.partition(" ")
+    own = commands_named(first).get(rest)
+    return EXAMPLES.get(name, "") if own is None else own.example
+
+
 def _write_examples(name: str, _context: Any, formatter: Any) -> None:
-    lines = EXAMPLES.get(name, "").splitlines()
+    lines = _example_of(name).splitlines()
     if lines:  # the command of a new stage has none
         with formatter.section("Examples"):
             for line in lines:

@@ -24,11 +24,26 @@ from mapdeal.errors import FileAccessError, FindingError, MapdealError, refusal_
 # have the same tree of errors, reached from the one class that typer exports.
 _ClickError: Any = typer.BadParameter.__mro__[2]
 
-_OTHERS = (
-    "run", "local", "build", "query", "route", "edit", "window", "shift", "convert", "pack",
-    "unpack", "info", "lint", "diff", "align", "merge", "rotate", "rescale", "clean", "score",
-    "report", "completion"
-)  # fmt: skip
+_OTHERS = ("completion",)
+COMMANDS = (
+    "run",
+    "local",
+    "align",
+    "diff",
+    "score",
+    "build",
+    "query",
+    "route",
+    "convert",
+    "merge",
+    "lint",
+    "edit",
+    "pack",
+    "unpack",
+    "info",
+    "report",
+)
+_MODULES = {"unpack": "pack"}
 _OF_STAGES = ("reach",)
 """Stages whose commands are not made from their parameters: they answer questions."""
 
@@ -37,7 +52,7 @@ def command_names() -> list[str]:
     """Return the names of all commands, in the order of ``--help``."""
     from mapdeal.stages.catalogue import STAGE_NAMES  # which loads numpy
 
-    names = [*STAGE_NAMES, *_OTHERS]
+    names = [*STAGE_NAMES, *COMMANDS, *_OTHERS]
     twice = {name for name in names if names.count(name) > 1}
     if twice:
         raise ValueError(f"a stage has the name of another command: {', '.join(sorted(twice))}")
@@ -57,7 +72,12 @@ class _LazyGroup(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002 - click's signature
         if cmd_name in self.commands:
             return self.commands[cmd_name]
-        if cmd_name in (*_OF_STAGES, *_OTHERS):
+        if cmd_name in (*COMMANDS, *_OF_STAGES):
+            from mapdeal.cli.apps import command_app
+
+            module = import_module(f"mapdeal.commands.{_MODULES.get(cmd_name, cmd_name)}")
+            app = command_app(cmd_name, module)
+        elif cmd_name in _OTHERS:
             app = import_module(f"mapdeal.cli.{cmd_name}").app
         else:
             if cmd_name not in command_names():

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mapdeal.cli import terminal
-from mapdeal.errors import MapdealError, ParameterError
+from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.maps.map_yaml import Dialect
-from mapdeal.pipeline.settings import Settings
-from mapdeal.pipeline.step import Step
 from mapdeal.ros.robot import INJECTED, CostmapName, RobotParameters
 
 
@@ -76,18 +74,3 @@ def robot_parameters(
     if ignored and not is_shape:
         terminal.remark([f"{params_file[-1]}: ignored: {', '.join(ignored)}"])
     return robot
-
-
-def say_queue(path: Path, steps: Sequence[Step], settings: Settings) -> None:
-    """Say, to who wants details, how the costs of a robot differ from those of an older queue."""
-    if not terminal.is_verbose():
-        return
-    from mapdeal.pipeline.single import told_of_queue  # few ask
-
-    for step in steps:
-        try:
-            text = told_of_queue(path, step, settings)
-        except MapdealError as error:
-            text = f"{step.name}: the queue of older inflation layers is not compared: {error.rule}"
-        if text is not None:
-            terminal.detail(text)

@@ -13,10 +13,11 @@ from typing import Annotated, Any, NamedTuple
 import typer
 
 from mapdeal.cli import terminal
-from mapdeal.cli.options import size_of
 from mapdeal.cli.robot_options import robot_parameters, robot_shape
 from mapdeal.cli.streams import piped, streamed
 from mapdeal.errors import ParameterError, strict_warnings
+from mapdeal.files.budget import size_of
+from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.map_yaml import Dialect
 from mapdeal.pictures.overlay import ImageExtent
 from mapdeal.pipeline.settings import Settings
@@ -280,7 +281,11 @@ def with_shared_options(
                 files = {name: given[name] for name in _OF_FILES}
                 is_shape, dialect = not makes_costs(values), settings.dialect
                 values["robot"] = robot_parameters(**files, dialect=dialect, is_shape=is_shape)
-            with settings.memory(anew=True), piped(values, marked) as piped_values:
+            with (
+                settings.memory(anew=True),
+                use_threads(settings.threads),
+                piped(values, marked) as piped_values,
+            ):
                 function(**piped_values)
 
     typed: Any = command

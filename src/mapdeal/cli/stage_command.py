@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from inspect import Parameter
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,24 +14,24 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
-from mapdeal.cli.robot_options import say_queue
 from mapdeal.cli.shared_options import with_shared_options
 from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
+from mapdeal.command import Stage
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.files.json_values import json_of
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.framed import Figures
+from mapdeal.grid.frame import Frame
 from mapdeal.maps.map_server import Encoding
-from mapdeal.pipeline.folder import files_of, summary_of
+from mapdeal.pipeline.folder import files_of, step_line, written_line
+from mapdeal.pipeline.inputs import frame_of_file
 from mapdeal.pipeline.recipe import step_for
 from mapdeal.pipeline.settings import Settings
-from mapdeal.pipeline.single import SingleResult, apply_to_file
+from mapdeal.pipeline.single import SingleResult, apply_to_file, queue_lines
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.catalogue import models_of
-from mapdeal.stages.definition import Stage
 
 _FIRST_SENTENCE = re.compile(r".*?\.(?=\s+[A-Z`]|$)")
 
@@ -57,7 +58,8 @@ _CURVE = Annotated[
         "radii.",
     ),
 ]
-_JSON = Annotated[
+_JSON = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+_JSON_OF_COSTS = Annotated[
     bool,
     typer.Option(
         "--json",
@@ -90,25 +92,31 @@ def stage_app(name: str) -> typer.Typer:
     ) -> None:
         if as_json:
             terminal.need_stdout("--json")
-        if robot is not None:
-            shaped = robot if footprint is None else robot.with_shape(footprint)
-            step = step_for(name, shaped, opt.given(**given))
-            _warn_of_unused(step, shaped)
-        else:
-            step = _step_of(name, models, footprint, given)
-        terminal.detail(opt.described(name, step.described()[name]))
+        read = _read_frames(first, given, settings)
+        with _options_named(name, models):
+            if robot is not None:
+                shaped = robot if footprint is None else robot.with_shape(footprint)
+                step = step_for(name, shaped, opt.given(**given))
+                _warn_of_unused(step, shaped)
+            else:
+                step = _step_of(name, models, footprint, given)
+        terminal.detail(step_line(step))
         started = time.perf_counter()
         made = apply_to_file(
             source, output, step, settings, encoding=encoding, mask=mask, curve=curve,
-            with_curve=as_json, also_read=() if robot is None else robot.paths
+            with_curve=as_json and first.makes is Costmap, with_sums=as_json,
+            also_read=[*([] if robot is None else robot.paths), *read],
         )  # fmt: skip
         terminal.detail(f"{name}: {time.perf_counter() - started:.3f} s")
-        if robot is not None:
-            say_queue(source, [step], settings)
+        if robot is not None and terminal.is_verbose():
+            for line in queue_lines(source, [step], settings):
+                terminal.detail(line)
         if as_json:
-            terminal.result(json_of(_document(step, made)).decode().removesuffix("\n"))
+            document = _document(source, step, made)
+            terminal.result(json_of(document).decode().removesuffix("\n"))
         else:
-            say_written(output, made.figures)
+            written = written_line(output, made.figures, with_origin=first.moves)
+            terminal.summary([written, *getattr(made.made, "lines", list)()])
 
     command.__name__ = name
     command.__doc__ = "\n\n".join(filter(None, [first.summary, first.details]))
@@ -120,14 +128,20 @@ def stage_app(name: str) -> typer.Typer:
     shared.append("files")
     if first.makes is Costmap:
         own += [_option("mask", _MASK, None), _option("encoding", _ENCODING, "occupancy")]
-        own += [_option("curve", _CURVE, None), _option("as_json", _JSON, False)]
+        own += [_option("curve", _CURVE, None), _option("as_json", _JSON_OF_COSTS, False)]
         shared[-1:-1] = ["mask", "encoding", "curve", "as_json"]
+    elif hasattr(first.returns, "document"):
+        own.append(_option("as_json", _JSON, False))
+        shared.insert(-1, "as_json")
+    texts = {} if first.edits else {"max_memory": _MEMORY}
+    if first.shows_changes:
+        texts["image"] = "Write a picture of the changed cells."
     app = typer.Typer(rich_markup_mode=None, add_completion=False)
     made = with_shared_options(
         command,
         own,
         shared,
-        help_texts={"max_memory": _MEMORY},
+        help_texts=texts,
         makes_costs=lambda _: first.makes is Costmap,
     )
     app.command()(made)
@@ -142,7 +156,7 @@ def _arguments(first: Stage, models: Mapping[str | None, Stage]) -> Iterator[Par
     yield Parameter("source", Parameter.KEYWORD_ONLY, annotation=taken)
     written = files_of(first.makes)
     out = opt.output_argument(written.metavar, f"{written.about} {opt.OR_STDOUT}")
-    made: Any = Annotated[Path, out, TO_STDOUT]
+    made: Any = opt.GridOutput if first.edits else Annotated[Path, out, TO_STDOUT]
     yield Parameter("output", Parameter.KEYWORD_ONLY, annotation=made)
     if None not in models:
         names = [str(name) for name in models]
@@ -159,14 +173,42 @@ def _arguments(first: Stage, models: Mapping[str | None, Stage]) -> Iterator[Par
         if any(other.parameters[name] != parameter for other in owners.values()):
             rule = f"models {', '.join(owners)} of {stage.name} have different parameters"
             raise ValueError(f"{rule} of one name: {name}")
-        if parameter.from_robot or parameter.is_structured:
+        is_frame = parameter.kind is Frame  # which the shell takes from a map
+        if parameter.from_robot or (parameter.is_structured and not is_frame):
             continue  # the robot's shape or a recipe sets it
         text = first_sentence(stage.meanings[name])
         if len(owners) < len(models):
             text = f"{', '.join(owners)}: {text[:1].lower()}{text[1:]}"
-        kind: Any = opt.type_of(parameter)
-        annotation: Any = Annotated[kind | None, opt.option_of(parameter, text)]
-        yield _option(name, annotation, None)
+        kind: Any = Path if is_frame else opt.type_of(parameter)
+        marks = [FROM_STDIN] if is_frame else []
+        option = opt.option_of(parameter, text)
+        if parameter.is_required:
+            yield _option(name, Annotated[(kind, option, *marks)], Parameter.empty)
+        else:
+            yield _option(name, Annotated[(kind | None, option, *marks)], None)
+
+
+@contextmanager
+def _options_named(name: str, models: Mapping[str | None, Stage]) -> Iterator[None]:
+    """Have errors name options as they are typed."""
+    try:
+        yield
+    except ParameterError as error:
+        known = {key: one for stage in models.values() for key, one in stage.parameters.items()}
+        keys = (error.place or "").removeprefix(f"{name}.").split(", ")
+        if error.source is None and known.keys() >= set(keys):
+            error.source, error.place = ", ".join(opt.option_name(known[key]) for key in keys), None
+        raise
+
+
+def _read_frames(stage: Stage, given: dict[str, Any], settings: Settings) -> list[Path]:
+    """Replace maps in the place of frames by theirs; return the files that were read for it."""
+    read: list[Path] = []
+    for name, one in stage.parameters.items():
+        if one.kind is Frame and given.get(name) is not None:
+            given[name], files = frame_of_file(given[name], settings)
+            read += files
+    return read
 
 
 def _of_source(stage: Stage) -> tuple[str, str]:
@@ -204,8 +246,10 @@ def first_sentence(text: str) -> str:
     return (match[0] if match else text).replace("`", "")
 
 
-def _document(step: Step, made: SingleResult) -> dict[str, Any]:
+def _document(source: Path, step: Step, made: SingleResult) -> dict[str, Any]:
     """Return what was made as JSON can hold it: how, its figures, and the curve of costs."""
+    if hasattr(made.made, "document"):
+        return {"map": {"file": str(source), "sha256": made.sums}, **made.made.document()}
     curve = {"curve": None} if made.curve is None else made.curve.document()
     return {"parameters": step.described()[step.name], "figures": made.figures, **curve}
 
@@ -241,11 +285,3 @@ def _warn_of_unused(step: Step, robot: RobotParameters) -> None:
             f"--params-file: model {stage.model} takes no shape and no costs of it, only which "
             "occupancy is lethal"
         )
-
-
-def say_written(output: Path, figures: Figures, *, with_origin: bool = False) -> None:
-    text = f"{output}: {figures['width']} x {figures['height']} cells"
-    if with_origin:
-        x, y, yaw = figures["origin"]
-        text += f" at {x:.10g}, {y:.10g}" + (f", yaw {yaw:.6g}" if yaw else "")
-    terminal.summary([f"{text}, {summary_of(figures)}"])

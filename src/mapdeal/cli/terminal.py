@@ -124,6 +124,15 @@ def input_chunks() -> Iterator[bytes]:
         raise FileAccessError(rule, source="standard input") from None
 
 
+def stream(parts: Iterable[str]) -> None:
+    """Print a result piece by piece, each as soon as it is there, while somebody reads them."""
+    for part in parts:
+        result(part)
+        flush()
+        if not is_read():
+            return
+
+
 def warn(text: str) -> None:
     """Print a warning, unless quiet; `emit_warning` is what a strict command heeds."""
     if _strict or not _quiet:
@@ -152,14 +161,6 @@ def summary(lines: Iterable[str]) -> None:
     if not _quiet:
         for line in lines:
             result(one_line(line))
-
-
-def answer(output: Path | None, text: str, short: str) -> None:
-    """Print a result, or where it has been written and what it is in short."""
-    if output is None:
-        result(text)
-    else:
-        summary([f"{output}: {short}"])
 
 
 def document(report: Any, lines: Iterable[str] | None) -> None:
@@ -243,9 +244,9 @@ def blocks_done(steps: int) -> Iterator[Callable[[int], object]]:
 
 
 @contextmanager
-def counted(steps: int) -> Iterator[Callable[[int], object]]:
+def counted(steps: int, what: str | None = None) -> Iterator[Callable[..., object]]:
     """Show the progress of some steps, if there are any; give what takes some of them."""
-    with Progress(steps) if steps else contextlib.nullcontext() as bar:
+    with Progress(steps, what) if steps else contextlib.nullcontext() as bar:
         yield bar.advance if bar else int
 
 

@@ -53,8 +53,8 @@ def _spelled(kind: Any) -> Any:
     is_number, is_path = kind.name.startswith(_NUMBERS), isinstance(kind, TyperPath)
 
     def converted(value: Any, parameter: Any, context: Any) -> Any:
+        from mapdeal.command import is_plain
         from mapdeal.files.source import absolute_path
-        from mapdeal.stages.definition import is_plain
 
         rule = None
         if choices and isinstance(value, str):

@@ -1,29 +1,35 @@
-"""A map from files of laser scans."""
+"""``mapdeal build``: maps from laser scans."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from functools import partial
 from itertools import combinations
+from os import PathLike
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Annotated, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.checks.selection import STATES, changes_of, confusion_of, states_of
+from mapdeal.command import AT_LEAST_0, METRES, Output, Result, Words, command, parameters_of
+from mapdeal.compare.difference import STATES, changes_of, confusion_of, states_of
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, one_line
 from mapdeal.files.budget import claim
 from mapdeal.files.json_values import json_of
 from mapdeal.files.source import MAPS, check_state, is_regular, state_of
-from mapdeal.files.transaction import Transaction
+from mapdeal.grid.display import count_text
 from mapdeal.grid.frame import Frame, Point
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
+from mapdeal.inputs.kinds import is_bag
 from mapdeal.kernels.components import thickness_of
+from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.beams import BeamCounts, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.build import (
     METHODS,
@@ -35,16 +41,18 @@ from mapdeal.mapping.build import (
     frame_of,
     reach_behind,
 )
-from mapdeal.mapping.evidence import NEAR, OFTEN, HitGroups
+from mapdeal.mapping.evidence import NEAR, OFTEN
+from mapdeal.mapping.transforms import FrameOptions, Pose, Topics, check_pose
 from mapdeal.maps.npz import write_npz
 from mapdeal.maps.png import write_indexed_png
 from mapdeal.maps.reading import output_paths, write_grid
+from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
-from mapdeal.pictures.overlay import ImageExtent, RingOverlay
-from mapdeal.pipeline.folder import write_picture
-from mapdeal.pipeline.inputs import add_picture, errors_named, outputs_of
+from mapdeal.pictures.overlay import RingOverlay
+from mapdeal.pipeline.folder import files_of, write_picture, written_line
+from mapdeal.pipeline.inputs import Work, errors_named, refuse
 from mapdeal.pipeline.settings import Settings
-from mapdeal.sensors.scans import ScanSource
+from mapdeal.sensors.scans import DEFAULT_MAX_BAD, ScanSource, ScanTexts, open_log
 from mapdeal.version import __version__
 
 _PER_CELL: dict[Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
@@ -53,11 +61,21 @@ _PER_CELL: dict[Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
 _MOST_KEPT = 1 << 26
 """Bytes of beams that are kept rather than read twice."""
 
+DOCUMENT = "comparison.json"
+_FORMAT = "mapdeal-comparison/1"
+_COMPARE_PER_CELL = 60
+"""Bytes for each cell: the evidence of all methods, and the map that is made of one of them."""
+
+_MOST_PLACES = 100
+_STATES = STATES[:3]
+"""States of a cell; there is none for values 1..99, since values are not compared."""
+
 Advance = Callable[[int], object]
+States = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
-class BuildSettings:
+class _Building:
     """How maps are made of scans."""
 
     methods: Mapping[Method, Mapping[str, Any]]
@@ -67,16 +85,12 @@ class BuildSettings:
     origin: Point | None
 
     def __post_init__(self) -> None:
-        if (self.size is None) != (self.origin is None):
-            raise ParameterError("must be given together", source="--size, --origin")
         self.reach_behind()  # what is wrong with a parameter is said before anything is read
-        if self.size is not None and self.origin is not None:
-            frame_of(self.size, self.origin, self.resolution)
+        self.frame()
 
-    @property
-    def sizes_itself(self) -> bool:
-        """Whether the grid is to hold all that beams reach: scans are then read twice."""
-        return self.size is None
+    def frame(self) -> Frame | None:
+        """Return the cells; None if they are to hold all that beams reach."""
+        return frame_of(self.size, self.origin, self.resolution)
 
     def reach_behind(self) -> float:
         """Return how far behind hits any of the methods has an effect, metres."""
@@ -85,7 +99,7 @@ class BuildSettings:
 
 
 @dataclass(frozen=True)
-class Gathered:
+class _Gathered:
     """What scans have said of the cells of one grid."""
 
     builders: dict[Method, MapBuilder]
@@ -93,127 +107,80 @@ class Gathered:
     counts: BeamCounts
 
 
-def build_file(
+def _built(
     source: ScanSource,
-    output: Path,
-    settings: BuildSettings,
-    options: Settings,
-    *,
-    layers: Path | None = None,
-    advance: Advance = lambda _: None,
-) -> Figures:
-    """Make a map of scans in files, and write it, and its evidence if `layers` is given."""
-    if layers is not None and layers.suffix != ".npz":
-        raise ParameterError("layers are written as .npz", source=layers)
-    (method,) = settings.methods
-    outputs = [*output_paths(output), *([layers] if layers is not None else [])]
-    with outputs_of(outputs, source.files, options) as transaction:
-        built = build(source, settings, options, with_layers=layers is not None, advance=advance)
-        write_grid(transaction, output, built.grid)
-        if layers is not None:
-            transaction.write(layers, lambda file: write_npz(file, built.grid, more=built.layers))
-        title = f"{output.stem}: map, {method}"
-        add_picture(transaction, options, built.grid, title)
-    return {**built.grid.figures(), **asdict(built.counts)}
-
-
-def build(
-    source: ScanSource,
-    settings: BuildSettings,
-    options: Settings,
+    how: _Building,
     *,
     with_layers: bool = True,
     advance: Advance = lambda _: None,
 ) -> BuiltMap:
-    """Return the map of scans in files, with its evidence or without; as `build_file`."""
-    (method,) = settings.methods
-    gathered = gather(source, settings, options, _PER_CELL[method], advance)
-    builder = gathered.builders[method]
+    """Return the map of the scans in files, by the one method that is asked for."""
+    (method,) = how.methods
+    builder = _gathered(source, how, _PER_CELL[method], advance).builders[method]
     built = builder.result(with_layers=with_layers)
-    warn_of_nothing(built.grid, source.named)
+    _warn_of_nothing(built.grid, source.named)
     if built.vanished:
-        _warn_of_vanished(built.vanished, built.grid.frame, builder, source.named)
+        _warn_of_vanished(built, builder, source.named)
     return built
 
 
-def gather(
-    source: ScanSource, settings: BuildSettings, options: Settings, per_cell: int, advance: Advance
-) -> Gathered:
+def _gathered(source: ScanSource, how: _Building, per_cell: int, advance: Advance) -> _Gathered:
     """Return what the scans in files say, by all methods that are asked for."""
     # All files are read twice, or one after the other; a pipe can be read but once.
     states = {path: state_of(path) for path in source.files if is_regular(path)}
     try:
         with errors_named(source.named):
             source.prepare(advance)
-            frame, kept = _frame(source, settings, advance)
-            _claim(source.named, frame, per_cell, options)
-            gathered = _gathered(source, frame, settings, kept, advance)
+            parts: Iterable[_Part] | None = None
+            frame = how.frame()
+            if frame is None:
+                frame, parts = _extent(source, how, advance)
+            what = f"{frame.width} x {frame.height} cells"
+            hint = "a pose may be wrong; --size and --origin bound the map"
+            claim(source.named, per_cell * frame.height * frame.width, what=what, hint=hint)
+            builders = {
+                method: MapBuilder(frame, method, how.limits, **parameters)
+                for method, parameters in how.methods.items()
+            }
+            seconds = dict.fromkeys(builders, 0.0)
+            if parts is None:
+                parts = _parts(source, how.limits, is_told=how.size is None)
+            for beams, scans in parts:
+                for method, builder in builders.items():
+                    started = time.perf_counter()
+                    builder.add_beams(beams)
+                    seconds[method] += time.perf_counter() - started
+                advance(scans)
     finally:
         source.warn()  # what was passed over may be why there is no map
     for path, state in states.items():
         check_state(path, state)
-    if not gathered.counts.scans:
+    counts = next(iter(builders.values())).counts
+    if not counts.scans:
         raise MalformedInputError("holds no scans", source=source.named)
-    return gathered
+    return _Gathered(builders, seconds, counts)
 
 
-class _Part(NamedTuple):
-    """Some beams, and how many scans were read with them."""
-
-    beams: Beams
-    scans: int
+_Part = tuple[Beams, int]
+"""Some beams, and how many scans were read with them."""
 
 
-def _frame(
-    source: ScanSource, settings: BuildSettings, advance: Advance
+def _extent(
+    source: ScanSource, how: _Building, advance: Advance
 ) -> tuple[Frame, list[_Part] | None]:
-    """Return the cells, and all beams if they were read for that and are not too many to keep."""
-    if settings.size is not None and settings.origin is not None:
-        return frame_of(settings.size, settings.origin, settings.resolution), None
-    extent = Extent(settings.limits, settings.reach_behind())
+    """Return the cells that beams reach, and all beams if they are not too many to keep."""
+    extent = Extent(how.limits, how.reach_behind())
     kept: list[_Part] | None = []
     taken = 0
-    for part in _parts(source, settings.limits):
-        extent.add_beams(part.beams)
-        taken += part.beams.nbytes
+    for beams, scans in _parts(source, how.limits):
+        extent.add_beams(beams)
+        taken += beams.nbytes
         if taken > _MOST_KEPT:
             kept = None
         elif kept is not None:
-            kept.append(part)
-        advance(part.scans)
-    return extent.frame(settings.resolution), kept
-
-
-def _claim(named: Path, frame: Frame, per_cell: int, options: Settings) -> None:
-    with options.memory():
-        what = f"{frame.width} x {frame.height} cells"
-        hint = "a pose may be wrong; --size and --origin bound the map"
-        claim(named, per_cell * frame.height * frame.width, what=what, hint=hint)
-
-
-def _gathered(
-    source: ScanSource,
-    frame: Frame,
-    settings: BuildSettings,
-    kept: list[_Part] | None,
-    advance: Advance,
-) -> Gathered:
-    builders = {
-        method: MapBuilder(frame, method, settings.limits, **parameters)
-        for method, parameters in settings.methods.items()
-    }
-    seconds = dict.fromkeys(builders, 0.0)
-    parts: Iterable[_Part] | None = kept
-    if parts is None:
-        parts = _parts(source, settings.limits, is_told=settings.sizes_itself)
-    for part in parts:
-        for method, builder in builders.items():
-            started = time.perf_counter()
-            builder.add_beams(part.beams)
-            seconds[method] += time.perf_counter() - started
-        advance(part.scans)
-    counts = next(iter(builders.values())).counts
-    return Gathered(builders, seconds, counts)
+            kept.append((beams, scans))
+        advance(scans)
+    return extent.frame(how.resolution), kept
 
 
 def _parts(source: ScanSource, limits: BeamLimits, *, is_told: bool = False) -> Iterator[_Part]:
@@ -225,17 +192,18 @@ def _parts(source: ScanSource, limits: BeamLimits, *, is_told: bool = False) -> 
             text = f"{source.named}: angles of up to {largest:.6g} rad: are they in degrees?"
             emit_warning(text, stacklevel=2)
         for scans in Scans(*arrays).parts():
-            yield _Part(beams_of(scans, limits), scans.count)
+            yield beams_of(scans, limits), scans.count
 
 
-def warn_of_nothing(grid: OccupancyGrid, path: Path) -> None:
+def _warn_of_nothing(grid: OccupancyGrid, path: Path) -> None:
     if not np.any(grid.occupancy >= 0):
         text = f"{path}: no beam reaches the grid: the whole map is unknown"
         emit_warning(text, stacklevel=2)
 
 
-def _warn_of_vanished(vanished: HitGroups, frame: Frame, builder: MapBuilder, path: Path) -> None:
-    x, y = vanished.middles_xy(frame)[0]
+def _warn_of_vanished(built: BuiltMap, builder: MapBuilder, path: Path) -> None:
+    vanished = built.vanished
+    x, y = vanished.middles_xy(built.grid.frame)[0]
     is_one = len(vanished) == 1
     told = "1 group of cells" if is_one else f"{len(vanished)} groups of cells"
     told += f" hit {OFTEN} times and more left nothing occupied within {NEAR} cells; "
@@ -245,138 +213,446 @@ def _warn_of_vanished(vanished: HitGroups, frame: Frame, builder: MapBuilder, pa
     emit_warning(f"{path}: {told}; {hint}", stacklevel=2)
 
 
-_FORMAT = "mapdeal-comparison/1"
-DOCUMENT = "comparison.json"
-_COMPARE_PER_CELL = 60
-"""Bytes for each cell: the evidence of all methods, and the map that is made of one of them."""
+def build_map_from_log(
+    path: str | PathLike[str],
+    *,
+    method: Method = "log-odds",
+    resolution: float = 0.05,
+    size: Point | None = None,
+    origin: Point | None = None,
+    range_min: float = 0.0,
+    range_max: float = 30.0,
+    clear_max: float = 0.0,
+    max_bad: int = DEFAULT_MAX_BAD,
+    max_memory: int | None = None,
+    threads: int | None = None,
+    **parameters: Any,
+) -> BuiltMap:
+    """Build a map from the laser scans in a log, like ``mapdeal build LOG``.
 
-_MOST_PLACES = 100
-_STATES = STATES[:3]
-"""States of a cell; there is none for values 1..99, since values are not compared."""
+    Parameters
+    ----------
+    path : path or str
+        A CARMEN log, optionally ``.gz``, or an ``.npz`` with ``poses``, ``angles`` and
+        ``ranges``. It is read in batches of scans, and twice if `size` is not given.
+    method, resolution, size, origin, range_min, range_max, clear_max, **parameters
+        As for `build_map`.
+    max_bad : int
+        Maximum number of malformed lines in a log.
+    max_memory : int, optional
+        Memory limit, bytes; by default half of the free memory.
+    threads : int, optional
+        Number of threads; by default one per core.
+
+    Returns
+    -------
+    BuiltMap
+        The map, its evidence and the beam counts.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If the log cannot be read, has no scans, or no map can be built from it.
+    ParameterError
+        If a parameter is invalid.
+
+    Warns
+    -----
+    MapdealWarning
+        If the map is unknown everywhere or lacks groups of cells that were hit often, or a
+        choice had to be made while reading the log.
+    """
+    settings = Settings(max_memory=max_memory, threads=threads)
+    limits = BeamLimits(range_min, range_max, clear_max)
+    how = _Building({method: parameters}, limits, resolution, size, origin)
+    with settings.memory(), use_threads(settings.threads):
+        return _built(open_log(Path(path), max_bad=max_bad), how)
 
 
-@dataclass(frozen=True, eq=False)
-class MethodResult:
-    """Result of one mapping method."""
+def build_map_from_bag(
+    path: str | PathLike[str],
+    topics: Sequence[str] = (),
+    *,
+    method: Method = "log-odds",
+    resolution: float = 0.05,
+    size: Point | None = None,
+    origin: Point | None = None,
+    range_min: float = 0.0,
+    range_max: float = 30.0,
+    clear_max: float = 0.0,
+    fixed_frame: str | None = None,
+    base_frame: str | None = None,
+    odometry: str | None = None,
+    poses: str | PathLike[str] | None = None,
+    mount: Pose | None = None,
+    deskew: bool = False,
+    max_memory: int | None = None,
+    threads: int | None = None,
+    **parameters: Any,
+) -> BuiltMap:
+    """Build a map from the laser scans in a bag, like ``mapdeal build BAG``.
 
-    grid: OccupancyGrid
-    vanished: HitGroups
-    bytes_per_cell: int
-    seconds: float
+    Parameters
+    ----------
+    path : path or str
+        A ROS 1 ``.bag``, a folder with a ROS 2 bag, or a ``.db3`` or ``.mcap`` file.
+    topics : sequence of str
+        Topics of type sensor_msgs/LaserScan. They can be omitted if the bag has only one.
+    method, resolution, size, origin, range_min, range_max, clear_max, **parameters
+        As for `build_map`.
+    fixed_frame : str, optional
+        Frame of the map. By default ``map`` if the transforms include it, otherwise ``odom``.
+    base_frame : str, optional
+        Frame of the robot. By default ``base_link``, or else ``base_footprint``.
+    odometry : str, optional
+        Odometry topic to use if no transforms lead to the robot.
+    poses : path or str, optional
+        File of robot poses that replaces the transforms: ``t x y z qx qy qz qw`` on each line.
+    mount : tuple of float, optional
+        x, y (metres) and yaw (radians) of the sensor on the robot, if no transform defines it.
+    deskew : bool
+        Whether to use the pose at the time of each beam rather than of each scan.
+    max_memory : int, optional
+        Memory limit, bytes; by default half of the free memory.
+    threads : int, optional
+        Number of threads; by default one per core.
+
+    Returns
+    -------
+    BuiltMap
+        The map, its evidence and the beam counts.
+
+    Raises
+    ------
+    ParameterError
+        If the extra ``bags`` is not installed, or a parameter is invalid.
+    FileAccessError, MalformedInputError
+        If the bag cannot be read or has no scans, or no transforms lead to the sensor.
+
+    Warns
+    -----
+    MapdealWarning
+        If scans were skipped or a choice had to be made, and as for `build_map_from_log`.
+    """
+    from mapdeal.pipeline.bag_sensors import scans_of_bag  # of use to bags alone
+
+    settings = Settings(max_memory=max_memory, threads=threads)
+    limits = BeamLimits(range_min, range_max, clear_max)
+    how = _Building({method: parameters}, limits, resolution, size, origin)
+    frames = FrameOptions(
+        fixed_frame=fixed_frame,
+        base_frame=base_frame,
+        odometry=odometry,
+        mount=None if mount is None else check_pose(mount, "mount"),
+        poses=None if poses is None else Path(poses),
+    )
+    with (
+        settings.memory(),
+        use_threads(settings.threads),
+        scans_of_bag(Path(path), topics, frames, deskew=deskew) as scans,
+    ):
+        return _built(scans, how)
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Build(Result):
+    """A map made of scans, and the files that it was written to."""
+
+    built: BuiltMap
+    method: Method
+    output: Path
+
+    def document(self) -> Figures:
+        return {**self.built.grid.figures(), **asdict(self.built.counts)}
+
+    def lines(self) -> Iterator[str]:
+        figures = self.document()
+        yield written_line(self.output, figures, with_origin=True)
+        yield _beams_line(figures)
+
+    def drawn(self, **look: Any) -> Image:
+        title = one_line(f"{self.output.stem}: map, {self.method}")
+        return files_of(OccupancyGrid).draw(self.built.grid, title=title, overlay=None, **look)
+
+
+def _beams_line(figures: Figures) -> str:
+    text = f"  {figures['scans']} scans, {figures['beams']} beams: {figures['hits']} hits, "
+    return text + f"{figures['no_return']} without return, {figures['bad']} bad"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Result):
     """Comparison of several mapping methods on the same scans."""
 
-    document: dict[str, Any]
+    figures: Figures
     seconds: dict[Method, float]
+    folder: Path
 
-    def timed_document(self) -> dict[str, Any]:
-        """Return the figures of the document with the seconds of each method."""
+    def document(self) -> Figures:
         methods = {
             method: {**figures, "seconds": round(self.seconds[method], 4)}
-            for method, figures in self.document["methods"].items()
+            for method, figures in self.figures["methods"].items()
         }
-        return {**self.document, "methods": methods}
+        return {**self.figures, "methods": methods}
+
+    def lines(self) -> Iterator[str]:
+        figures = self.document()
+        x, y, _ = figures["origin"]
+        yield f"{self.folder}: {figures['width']} x {figures['height']} cells at {x:.10g}, {y:.10g}"
+        yield _beams_line(figures)
+        hit = f"  {figures['cells_hit_three_times']} cells hit three times and more, with "
+        yield f"{hit}{figures['groups_hit_three_times']} groups of three cells and more"
+        head = f"  {'method':<10}{'occupied':>10}{'free':>10}{'unknown':>10}{'one cell wide':>15}"
+        yield f"{head}{'mean':>8}{'groups vanished':>17}{'bytes a cell':>14}{'seconds':>9}"
+        for method, its in figures["methods"].items():
+            share, mean = its["one_cell_wide_share"], its["mean_thickness_cells"]
+            wide = "-" if share is None else f"{100 * share:.1f} %"
+            thick = "-" if mean is None else f"{mean:.2f}"
+            yield (
+                f"  {method:<10}{its['occupied']:>10}{its['free']:>10}{its['unknown']:>10}"
+                f"{wide:>15}{thick:>8}{its['vanished_groups']:>17}{its['bytes_per_cell']:>14}"
+                f"{its['seconds']:>9.2f}"
+            )
+        for pair in figures["pairs"]:
+            cells = pair["cells"]
+            only = [cells["occupied"][s] for s in ("free", "unknown")]
+            other = [cells[s]["occupied"] for s in ("free", "unknown")]
+            yield (
+                f"  {pair['first']}, {pair['second']}: {pair['differing']} cells differ, "
+                f"{sum(only)} occupied only by {pair['first']}, {sum(other)} only by "
+                f"{pair['second']}"
+            )
 
 
-def compare_methods(
-    source: ScanSource,
-    folder: Path,
-    settings: BuildSettings,
-    options: Settings,
+@command(
+    group="Laser scans, point clouds, bags",
+    output=Output(
+        "OUT",
+        "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz; with --compare a folder.",
+        streams=False,
+    ),
+    shared=("image", "force", "threads", "max_memory"),
+    also={"With a bag": FrameOptions, **METHODS},
+    example="""\
+mapdeal build examples/logs/office.log -o out/scanned.yaml --method counting
+mapdeal build examples/logs/office.log --compare -o out/methods
+mapdeal build examples/bags/office.mcap -o out/corridor.yaml""",
+)
+def build(
+    log: Annotated[Path | None, Words("LOG")] = None,
     *,
-    advance: Advance = lambda _: None,
+    output: Path,
+    poses: Annotated[Path | None, Words("FILE")] = None,
+    angles: Annotated[Path | None, Words("FILE")] = None,
+    ranges: Annotated[Path | None, Words("FILE")] = None,
+    flip_y: bool = False,
+    topics: Topics = (),
+    deskew: bool = False,
+    method: Method | None = None,
+    compare: bool = False,
+    resolution: Annotated[float, Words("R")] = 0.05,
+    size: Annotated[Point | None, Words("WX,WY")] = None,
+    origin: Annotated[Point | None, Words("X,Y")] = None,
+    range_min: Annotated[float, METRES] = 0.0,
+    range_max: Annotated[float, METRES] = 30.0,
+    clear_max: Annotated[float, METRES] = 0.0,
+    as_written: bool = False,
+    layers: Annotated[Path | None, Words("OUT.npz")] = None,
+    max_bad: Annotated[int, AT_LEAST_0, Words("N")] = DEFAULT_MAX_BAD,
+    **more: Any,
+) -> Build | Comparison:
+    """Make a map from laser scans with known poses.
+
+    With a bag, the poses come from its transforms or its odometry.
+
+    Cells that a beam passes become free, and cells where a beam ends become occupied; cells that
+    no beam reaches stay unknown. --compare shows what each method makes of a log.
+
+    Parameters
+    ----------
+    log : path, optional
+        A CARMEN log (also .gz), an .npz of scans, or a bag of ROS 1 or ROS 2.
+    output : path
+        File to write, or with `compare` a folder.
+    poses : path, optional
+        Text file with one x,y,yaw per scan; with a bag, the robot's poses, one t x y z qx qy qz
+        qw per line, instead of transforms.
+    angles : path, optional
+        Text file with the angles of the beams, radians.
+    ranges : path, optional
+        Text file with the ranges of one scan per line, metres.
+    flip_y : bool
+        With --poses: the y axis of the poses points to the right.
+    topics : sequence of str
+        With a bag: topic to read, if there are several; can be repeated.
+    deskew : bool
+        With a bag: use the pose at the time of each beam (time_increment).
+    method : {'log-odds', 'counting', 'tsdf'}, optional
+        How evidence becomes a map. [default: log-odds]
+    compare : bool
+        Run all methods on one grid and compare them: maps, figures, and pictures of the
+        differences.
+    resolution : float
+        Side of a cell, metres.
+    size : tuple of float, optional
+        Extent along x and y, metres. [default: what contains all scans]
+    origin : tuple of float, optional
+        With --size: the lower left corner, metres.
+    range_min : float
+        Shorter readings are ignored, metres.
+    range_max : float
+        Readings at or above this range have hit nothing, metres.
+    clear_max : float
+        Range up to which beams without a hit clear cells, metres; 0 clears none.
+    as_written : bool
+        tsdf: make the map of design document 004: only walls, where the distance changes its sign
+        along y; beams continue 3 truncation distances behind a hit.
+    layers : path, optional
+        Also write the map with its evidence.
+    max_bad : int
+        Malformed lines of a log to tolerate.
+    **more
+        Parameters of the method, and of `FrameOptions`.
+    """
+    work = Work.in_shell()
+    frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
+    chosen: dict[Method, dict[str, Any]] = {method or "log-odds": more}
+    if compare:
+        refuse(
+            "cannot be given together with --compare",
+            method=method, values=more.get("values"), layers=layers, image=work.settings.image
+        )  # fmt: skip
+        chosen = {
+            one: {name: more[name] for name in parameters_of(kind) if name in more}
+            for one, kind in METHODS.items()
+        }
+    if as_written:
+        chosen["tsdf" if compare else next(iter(chosen))]["as_written"] = True
+    limits = BeamLimits(range_min, range_max, clear_max)
+    how = _Building(chosen, limits, resolution, size, origin)
+    with ExitStack() as stack:
+        if log is not None and is_bag(log):
+            from mapdeal.pipeline.bag_sensors import scans_of_bag  # of use to bags alone
+
+            refuse("does not apply to bags", angles=angles, ranges=ranges, flip_y=flip_y)
+            bag = scans_of_bag(log, topics, FrameOptions(poses=poses, **frames), deskew=deskew)
+            source: ScanSource = stack.enter_context(bag)
+        else:
+            refuse("needs a bag for LOG", topics=topics, **frames, deskew=deskew)
+            texts = {"poses": poses, "angles": angles, "ranges": ranges}
+            if log is not None:
+                refuse("cannot be given together with a LOG", **texts, flip_y=flip_y)
+                source = open_log(log, max_bad=max_bad)
+            elif poses is None or angles is None or ranges is None:
+                rule = "must be given, or all of --poses, --angles and --ranges"
+                raise ParameterError(rule, source="LOG")
+            else:
+                source = ScanTexts(poses, angles, ranges, flip_y=flip_y)
+        passes = 2 if size is None else 1
+        advance = stack.enter_context(work.counted(source.preparation + passes * source.count))
+        if compare:
+            return _compared(source, output, how, work, advance)
+        return _written(source, output, how, work, layers, advance)
+
+
+def _written(
+    source: ScanSource, output: Path, how: _Building, work: Work, layers: Path | None,
+    advance: Advance,
+) -> Build:  # fmt: skip
+    """Make a map, and write it, and its evidence if `layers` is given."""
+    if layers is not None and layers.suffix != ".npz":
+        raise ParameterError("layers are written as .npz", source=layers)
+    work.outputs += [*output_paths(output), *([layers] if layers is not None else [])]
+    transaction = work.begin(source.files)
+    built = _built(source, how, with_layers=layers is not None, advance=advance)
+    write_grid(transaction, output, built.grid)
+    if layers is not None:
+        transaction.write(layers, lambda file: write_npz(file, built.grid, more=built.layers))
+    return Build(built, next(iter(how.methods)), output)
+
+
+def _compared(
+    source: ScanSource, folder: Path, how: _Building, work: Work, advance: Advance
 ) -> Comparison:
     """Make maps of scans by several methods on one grid; write them, and what differs."""
     if folder.suffix in (*MAPS, ".pgm", ".png", ".json"):
         rule = "must be a folder: a comparison writes several maps"
-        raise ParameterError(rule, source="--output", got=str(folder))
-    methods = tuple(settings.methods)
-    pairs = tuple(combinations(methods, 2))
-    outputs = [path for method in methods for path in _files_of(folder, method)]
-    outputs += [_picture_of(folder, pair) for pair in pairs]
-    shown = options.image_extent
-    with outputs_of([*outputs, folder / DOCUMENT], source.files, options) as transaction:
-        gathered = gather(source, settings, options, _COMPARE_PER_CELL, advance)
-        hit_cells, groups = next(iter(gathered.builders.values())).hit_groups()
-        made = _results(gathered)
-        warn_of_nothing(made[methods[0]].grid, source.named)
-        name = Path(source.named.name.removesuffix(".gz")).stem
-        for method, result in made.items():
-            write_grid(transaction, folder / f"{method}.yaml", result.grid)
-            count = len(result.vanished)
-            rings = RingOverlay(
-                result.vanished.middles_xy(result.grid.frame),
-                "hits that vanished",
-                f"{count} group{'' if count == 1 else 's'} of hits vanished",
-            )
-            path, title = folder / f"{method}.png", one_line(f"{name}: {method}")
-            write_picture(transaction, path, result.grid, title, image_extent=shown, overlay=rings)
-        found = []
-        for pair in pairs:
-            first, second = (states_of(made[method].grid.occupancy) for method in pair)
-            found.append(_pair_figures(pair, first, second))
-            path, title = _picture_of(folder, pair), f"{name}: {pair[0]} and {pair[1]}"
-            frame = made[pair[0]].grid.frame
-            _write_difference(
-                transaction, path, pair, frame, first, second, title=title, image_extent=shown
-            )
-        document = {
-            "format": _FORMAT,
-            "version": __version__,
-            "inputs": [file.name for file in source.files],
-            "limits": asdict(settings.limits),
-            **_lattice(made[methods[0]].grid),
-            **asdict(gathered.counts),
-            "cells_hit_three_times": hit_cells,
-            "groups_hit_three_times": len(groups),
-            "methods": {
-                method: {
-                    "parameters": all_parameters(method, settings.methods[method]),
-                    **_method_figures(result),
-                }
-                for method, result in made.items()
-            },
-            "pairs": found,
-        }
-        transaction.write_bytes(folder / DOCUMENT, json_of(document))
-    return Comparison(document, {method: result.seconds for method, result in made.items()})
-
-
-def _files_of(folder: Path, method: Method) -> list[Path]:
-    return [*output_paths(folder / f"{method}.yaml"), folder / f"{method}.png"]
-
-
-def _picture_of(folder: Path, pair: tuple[Method, Method]) -> Path:
-    return folder / f"{pair[0]}_{pair[1]}.png"
-
-
-def _results(gathered: Gathered) -> dict[Method, MethodResult]:
-    """Return the maps; what a method has gathered is let go of when its map is made."""
-    made = {}
-    # the method whose evidence is largest comes first, so that it is gone when others need room
-    order = sorted(gathered.builders, key=lambda m: -gathered.builders[m].bytes_per_cell)
-    for method in order:
-        builder, started = gathered.builders.pop(method), time.perf_counter()
-        built = builder.result(with_layers=False)
-        seconds = gathered.seconds[method] + time.perf_counter() - started
-        made[method] = MethodResult(built.grid, built.vanished, builder.bytes_per_cell, seconds)
-        del builder, built
-    return {method: made[method] for method in METHODS if method in made}
-
-
-def _lattice(grid: OccupancyGrid) -> dict[str, Any]:
-    height, width = grid.shape
-    return {
-        "width": width, "height": height, "resolution": grid.resolution,
+        raise ParameterError(rule, place="output", got=str(folder))
+    pairs = {pair: folder / f"{pair[0]}_{pair[1]}.png" for pair in combinations(how.methods, 2)}
+    maps = {method: folder / f"{method}.yaml" for method in how.methods}
+    work.outputs += [
+        one for m in maps.values() for one in (*output_paths(m), m.with_suffix(".png"))
+    ]
+    work.outputs += [*pairs.values(), folder / DOCUMENT]
+    transaction = work.begin(source.files)
+    gathered = _gathered(source, how, _COMPARE_PER_CELL, advance)
+    hit_cells, groups = next(iter(gathered.builders.values())).hit_groups()
+    made, bytes_per_cell = _results(gathered)
+    grid = next(iter(made.values())).grid
+    _warn_of_nothing(grid, source.named)
+    name, shown = Path(source.named.name.removesuffix(".gz")).stem, work.settings.image_extent
+    for method, built in made.items():
+        write_grid(transaction, maps[method], built.grid)
+        label = f"{count_text(len(built.vanished), 'group')} of hits vanished"
+        middles = built.vanished.middles_xy(grid.frame)
+        rings = RingOverlay(middles, "hits that vanished", label)
+        path, title = maps[method].with_suffix(".png"), one_line(f"{name}: {method}")
+        write_picture(transaction, path, built.grid, title, image_extent=shown, overlay=rings)
+    found = []
+    for pair, path in pairs.items():
+        first, second = (states_of(made[method].grid.occupancy) for method in pair)
+        found.append(_pair_figures(pair, first, second))
+        title = one_line(f"{name}: {pair[0]} and {pair[1]}")
+        look = {"title": title, "image_extent": shown, "only_in": pair}
+        transaction.write(path, partial(_draw_difference, first, second, grid.frame, look))
+    document = {
+        "format": _FORMAT,
+        "version": __version__,
+        "inputs": [file.name for file in source.files],
+        "limits": asdict(how.limits),
+        "width": grid.shape[1],
+        "height": grid.shape[0],
+        "resolution": grid.resolution,
         "origin": list(grid.origin),
-    }  # fmt: skip
+        **asdict(gathered.counts),
+        "cells_hit_three_times": hit_cells,
+        "groups_hit_three_times": len(groups),
+        "methods": {
+            method: {
+                "parameters": all_parameters(method, how.methods[method]),
+                **_method_figures(built, bytes_per_cell[method]),
+            }
+            for method, built in made.items()
+        },
+        "pairs": found,
+    }
+    transaction.write_bytes(folder / DOCUMENT, json_of(document))
+    return Comparison(document, gathered.seconds, folder)
 
 
-def _method_figures(result: MethodResult) -> Figures:
-    grid, vanished = result.grid, result.vanished
+def _draw_difference(
+    first: States, second: States, frame: Frame, look: dict[str, Any], file: BinaryIO
+) -> None:
+    changes = changes_of(first, second, np.ones(first.shape, dtype=np.bool_))
+    image = difference_image(changes, frame, **look)
+    write_indexed_png(file, image.indices, image.palette)
+
+
+def _results(gathered: _Gathered) -> tuple[dict[Method, BuiltMap], dict[Method, int]]:
+    """Return the maps, each made when the evidence of those before it has been let go."""
+    builders, made = gathered.builders, {}
+    sizes = {method: builder.bytes_per_cell for method, builder in builders.items()}
+    # the method whose evidence is largest comes first, so that it is gone when others need room
+    for method in sorted(builders, key=lambda one: -sizes[one]):
+        started = time.perf_counter()
+        made[method] = builders.pop(method).result(with_layers=False)
+        gathered.seconds[method] += time.perf_counter() - started
+    return {method: made[method] for method in sizes}, sizes
+
+
+def _method_figures(built: BuiltMap, bytes_per_cell: int) -> Figures:
+    grid, vanished = built.grid, built.vanished
+    middles = vanished.middles_xy(grid.frame)[:_MOST_PLACES].tolist()
     figures = grid.figures()
     thickness = thickness_of(grid.occupancy == OCCUPIED)
     one_wide = int(np.count_nonzero(thickness == 1))
@@ -389,21 +665,16 @@ def _method_figures(result: MethodResult) -> Figures:
         "mean_thickness_m": None if mean is None else round(mean * grid.resolution, 6),
         "vanished_groups": len(vanished),
         "vanished_cells": len(vanished.cells),
-        "vanished": list(_places(result)),
-        "bytes_per_cell": result.bytes_per_cell,
-        "memory_bytes": result.bytes_per_cell * grid.occupancy.size,
+        "vanished": [
+            {"x": round(x, 4), "y": round(y, 4), "cells": cells}
+            for (x, y), cells in zip(middles, vanished.sizes.tolist(), strict=False)
+        ],
+        "bytes_per_cell": bytes_per_cell,
+        "memory_bytes": bytes_per_cell * grid.occupancy.size,
     }
 
 
-def _places(result: MethodResult) -> Iterator[dict[str, Any]]:
-    middles = result.vanished.middles_xy(result.grid.frame)[:_MOST_PLACES].tolist()
-    for (x, y), cells in zip(middles, result.vanished.sizes.tolist(), strict=False):
-        yield {"x": round(x, 4), "y": round(y, 4), "cells": cells}
-
-
-def _pair_figures(
-    pair: tuple[Method, Method], first: NDArray[np.uint8], second: NDArray[np.uint8]
-) -> Figures:
+def _pair_figures(pair: tuple[Method, Method], first: States, second: States) -> Figures:
     table = confusion_of(first, second)[:3, :3]
     return {
         "first": pair[0],
@@ -414,24 +685,3 @@ def _pair_figures(
             for state, row in zip(_STATES, table.tolist(), strict=True)
         },
     }
-
-
-def _write_difference(
-    transaction: Transaction,
-    path: Path,
-    pair: tuple[Method, Method],
-    frame: Frame,
-    first: NDArray[np.uint8],
-    second: NDArray[np.uint8],
-    *,
-    title: str,
-    image_extent: ImageExtent,
-) -> None:
-    def write(file: BinaryIO) -> None:
-        changes = changes_of(first, second, np.ones(first.shape, dtype=np.bool_))
-        image = difference_image(
-            changes, frame, title=one_line(title), image_extent=image_extent, only_in=pair
-        )
-        write_indexed_png(file, image.indices, image.palette)
-
-    transaction.write(path, write)

@@ -1,14 +1,15 @@
-"""A grid from one format or scale to another, file to file."""
+"""``mapdeal convert``: a map, costmap or field in another format or on another scale."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from mapdeal.bags.bag import BAG_OUTPUTS, bag_paths
-from mapdeal.errors import ParameterError
+from mapdeal.command import Output, Result, Words, command
+from mapdeal.errors import ParameterError, one_line
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, FieldView
@@ -21,122 +22,193 @@ from mapdeal.maps.map_yaml import Mode
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, output_paths, write_grid
 from mapdeal.maps.remarks import warn_of_nothing_known, warn_of_one_cost
-from mapdeal.pipeline.inputs import add_picture, claim_work, errors_named, outputs_of, read_input
-from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
+from mapdeal.pictures.canvas import Image
+from mapdeal.pipeline.folder import files_of, written_line
+from mapdeal.pipeline.inputs import Work, claim_work, errors_named, read_input, refuse
 from mapdeal.stages.esdf import field_view
 
+ReadAs = Literal["map", "costs"]
 Scale = Literal["occupancy", "costmap2d", "amcl"]
 
 
-@dataclass(frozen=True)
-class BagTopic:
-    """Which topic of a bag is read or written."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Conversion(Result):
+    """A grid, and the files that it was written to."""
 
-    topic: str | None = None
-    index: int | None = None
-    read_as: Literal["map", "costs"] | None = None
-    frame: str | None = None
+    grid: Grid
+    source: Path
+    output: Path
+
+    def document(self) -> Figures:
+        return self.grid.figures()
+
+    def lines(self) -> Iterator[str]:
+        yield written_line(self.output, self.document())
+
+    def drawn(self, **look: Any) -> Image:
+        draw = files_of(type(self.grid)).draw
+        return draw(self.grid, title=one_line(self.source.stem), overlay=None, **look)
 
 
-ANY_TOPIC = BagTopic()
-"""The only topic that fits, and its last message."""
+@dataclass(frozen=True, repr=False)
+class Conversions(Result):
+    """How many grids of a bag were written to a folder."""
+
+    count: int
+    source: Path
+    output: Path
+
+    def document(self) -> dict[str, Any]:
+        return {"count": self.count}
+
+    def lines(self) -> Iterator[str]:
+        yield f"{self.output}: {self.count} of {self.source}"
 
 
-def convert_file(
-    path: Path,
-    output: Path,
-    options: Settings,
+@command(
+    group="Laser scans, point clouds, bags",
+    output=Output(
+        "OUT",
+        "The result: .yaml or .pgm (a pgm pair), .png (a png pair), or .npz; for a bag to replay "
+        ".mcap, .db3 (a folder of ROS 2) or .bag (ROS 1); with --all a folder.",
+    ),
+    also={"With --static-layer": Costmap.from_static_layer},
+    words={
+        "lethal_threshold": Words("N"),
+        "trinary": Words(name="trinary-costmap"),
+        "inscribed_value": Words("N|none"),
+    },
+    json="never",
+    example="""\
+mapdeal convert examples/maps/office.yaml -o out/office.png
+mapdeal convert examples/maps/office.yaml -o out/office.mcap --topic /map
+mapdeal convert examples/bags/office.mcap -o out/from_bag.yaml""",
+)
+def convert(
+    source: Annotated[Path, Words("MAP", streams=True)],
     *,
+    output: Path,
+    topic: Annotated[str | None, Words("TOPIC")] = None,
+    index: Annotated[int | None, Words("N")] = None,
+    takes_all: Annotated[bool, Words(name="all")] = False,
+    read_as: ReadAs | None = None,
+    frame_id: Annotated[str | None, Words("FRAME")] = None,
     encoding: Scale | None = None,
     mode: Mode | None = None,
-    static_layer: Mapping[str, Any] | None = None,
-    of_bag: BagTopic = ANY_TOPIC,
-) -> Figures:
-    """Read a grid and write it in another format; return its figures."""
-    writes_bag = output.suffix in BAG_OUTPUTS
-    outputs = bag_paths(output) if writes_bag else output_paths(output)
-    reads_bag = is_bag(path)
-    _check_words(of_bag, reads_bag=reads_bag, writes_bag=writes_bag)
-    if writes_bag and mode is not None:
-        raise ParameterError("applies to pixels, not to bags", source="--mode", got=mode)
-    if static_layer is not None and encoding != "costmap2d":
-        raise ParameterError("needs --encoding costmap2d", place="--static-layer")
-    source = _read_bag(path, of_bag, options) if reads_bag else read_input(path, options)
-    with options.memory():
-        claim_work(path, source.grid, _per_cell(source.grid, mode, drawn=options.image is not None))
-    with outputs_of(outputs, source.files, options) as transaction:
-        with errors_named(path):
-            grid = _converted(source.grid, encoding, static_layer)
-        if writes_bag:
-            _write_bag(transaction, output, grid, of_bag)
-            add_picture(transaction, options, grid, path.stem)
-            return grid.figures()
-        if isinstance(grid, DistanceField) and output.suffix != ".npz":
-            grid, mode = field_view(grid), mode or "raw"
-        if isinstance(grid, FieldView) and mode not in (None, "raw"):
-            grid = grid.as_map()
-        if isinstance(grid, OccupancyGrid) and mode == "trinary":
-            grid = in_trinary(grid)
-        extra = dict(source.metadata.extra) if source.metadata else {}
-        pixels: Literal["occupancy", "costmap2d"] = (
-            "costmap2d" if encoding == "costmap2d" else "occupancy"
-        )
-        more = None
-        if encoding == "amcl" and isinstance(grid, OccupancyGrid):
-            more = {"amcl": grid.amcl_states()}
-        write_grid(transaction, output, grid, mode=mode, encoding=pixels, extra=extra, more=more)
-        add_picture(transaction, options, grid, path.stem)
-    return grid.figures()
+    static_layer: bool = False,
+    **layer: Any,
+) -> Conversion | Conversions:
+    """Convert a map to another format or scale, or from or to a bag.
+
+    Parameters
+    ----------
+    source : path
+        A map_server .yaml, a .pbm with its .yaml, an .npz written by mapdeal, or a bag.
+    output : path
+        File to write, or with `takes_all` a folder.
+    topic : str, optional
+        With a bag: topic to read, if there are several, or to write. [default: /map, or /costmap
+        for costs]
+    index : int, optional
+        Reading a bag: index of the message, from 0, or from the end, -1. [default: the last]
+    takes_all : bool
+        Reading a bag: write all messages into a folder.
+    read_as : {'map', 'costs'}, optional
+        Reading a bag: what an OccupancyGrid contains. [default: costs if the topic's name contains
+        costmap, else a map]
+    frame_id : str, optional
+        Writing a bag: frame_id of the header. [default: map]
+    encoding : {'occupancy', 'costmap2d', 'amcl'}, optional
+        Scale of the values: what ROS publishes, costmap_2d's bytes, or the map as amcl sees it.
+        [default: an .npz keeps its own, pixels of costs are occupancy]
+    mode : {'trinary', 'scale', 'raw'}, optional
+        How values become pixels. [default: raw if there are values 1..99, else trinary]
+    static_layer : bool
+        With --encoding costmap2d: compute costs as costmap_2d's static layer does, instead of
+        round(2.54 v).
+    **layer
+        As for `Costmap.from_static_layer`.
+    """
+    work = Work.in_shell()
+    if layer and not static_layer:
+        raise ParameterError("needs --static-layer", place=next(iter(layer)))
+    if takes_all:
+        is_amcl = encoding == "amcl"
+        rule, image = "cannot be given together with --all", work.settings.image
+        refuse(rule, mode=mode, static_layer=static_layer, image=image, encoding=is_amcl)
+    reads_bag, writes_bag = is_bag(source), output.suffix in BAG_OUTPUTS and not takes_all
+    if not takes_all:
+        work.outputs += bag_paths(output) if writes_bag else output_paths(output)
+    if not reads_bag:
+        refuse("applies to reading bags", index=index, read_as=read_as)
+    if not writes_bag:
+        refuse("applies to writing bags", frame_id=frame_id)
+    if not (reads_bag or writes_bag):
+        refuse("applies to bags", topic=topic)
+    elif takes_all:
+        refuse("cannot be given together with --all", index=index)
+    if takes_all:
+        scale = None if encoding == "amcl" else encoding
+        return _convert_all(source, output, topic, read_as, scale, work)
+    if writes_bag:
+        refuse("applies to pixels, not to bags", mode=mode)
+    if static_layer and encoding != "costmap2d":
+        raise ParameterError("needs --encoding costmap2d", place="static_layer")
+    if reads_bag:
+        read = _read_bag(source, topic, -1 if index is None else index, read_as)
+    else:
+        read = read_input(source, work.settings)
+    is_drawn = work.settings.image is not None
+    claim_work(source, read.grid, _per_cell(read.grid, mode, drawn=is_drawn))
+    transaction = work.begin(read.files)
+    with errors_named(source):
+        grid = _converted(read.grid, encoding, layer if static_layer else None)
+    if writes_bag:
+        _write_bag(transaction, output, grid, topic, frame_id)
+        return Conversion(grid, source, output)
+    if isinstance(grid, DistanceField) and output.suffix != ".npz":
+        grid, mode = field_view(grid), mode or "raw"
+    if isinstance(grid, FieldView) and mode not in (None, "raw"):
+        grid = grid.as_map()
+    if isinstance(grid, OccupancyGrid) and mode == "trinary":
+        grid = in_trinary(grid)
+    more = None
+    if encoding == "amcl" and isinstance(grid, OccupancyGrid):
+        more = {"amcl": grid.amcl_states()}
+    extra = dict(read.metadata.extra) if read.metadata else {}
+    pixels: Literal["occupancy", "costmap2d"] = (
+        "costmap2d" if encoding == "costmap2d" else "occupancy"
+    )
+    write_grid(transaction, output, grid, mode=mode, encoding=pixels, extra=extra, more=more)
+    return Conversion(grid, source, output)
 
 
-def convert_all(
-    path: Path,
-    folder: Path,
-    options: Settings,
-    *,
-    encoding: Literal["occupancy", "costmap2d"] | None = None,
-    of_bag: BagTopic = ANY_TOPIC,
-    progress: ProgressCallback = report_nothing,
-) -> int:
+def _convert_all(
+    path: Path, folder: Path, topic: str | None, read_as: ReadAs | None,
+    encoding: Literal["occupancy", "costmap2d"] | None, work: Work,
+) -> Conversions:  # fmt: skip
     """Write all maps or costmaps of a topic into a folder: 0000.yaml, 0001.yaml and so on."""
     from mapdeal.pipeline.bag_maps import grid_topic  # not loaded for maps
 
-    _check_words(of_bag, reads_bag=is_bag(path), writes_bag=False)
-    if of_bag.index is not None:
-        raise ParameterError("cannot be given together with --all", source="--index")
-    with options.memory(), grid_topic(path, of_bag.topic, read_as=of_bag.read_as) as topic:
-        digits = max(4, len(str(len(topic) - 1)))
-        names = [folder / f"{number:0{digits}}.yaml" for number in range(len(topic))]
-        outputs = [one for name in names for one in output_paths(name)]
-        with (
-            outputs_of(outputs, topic.files, options) as transaction,
-            progress(len(topic)) as advance,
-        ):
+    with grid_topic(path, topic, read_as=read_as) as found:
+        digits = max(4, len(str(len(found) - 1)))
+        names = [folder / f"{number:0{digits}}.yaml" for number in range(len(found))]
+        work.outputs += [one for name in names for one in output_paths(name)]
+        transaction = work.begin(found.files)
+        with work.counted(len(found)) as advance:
             for number, name in enumerate(names):
-                grid = _converted(topic.read(number).grid, encoding, None)
+                grid = _converted(found.read(number).grid, encoding, None)
                 write_grid(transaction, name, grid, encoding=encoding or "occupancy")
                 transaction.wait()
                 advance(1)
-        return len(topic)
+        return Conversions(len(found), path, folder)
 
 
-def _check_words(given: BagTopic, *, reads_bag: bool, writes_bag: bool) -> None:
-    if not reads_bag:
-        for name, value in (("--index", given.index), ("--read-as", given.read_as)):
-            if value is not None:
-                raise ParameterError("applies to reading bags", source=name)
-    if given.frame is not None and not writes_bag:
-        raise ParameterError("applies to writing bags", source="--frame-id")
-    if given.topic is not None and not (reads_bag or writes_bag):
-        raise ParameterError("applies to bags", source="--topic")
-
-
-def _read_bag(path: Path, given: BagTopic, options: Settings) -> Source:
+def _read_bag(path: Path, topic: str | None, index: int, read_as: ReadAs | None) -> Source:
     from mapdeal.pipeline.bag_maps import grid_topic  # not loaded for maps
 
-    with options.memory(), grid_topic(path, given.topic, read_as=given.read_as) as topic:
-        grid = topic.read(-1 if given.index is None else given.index).grid
-        files = topic.files
+    with grid_topic(path, topic, read_as=read_as) as found:
+        grid, files = found.read(index).grid, found.files
     if isinstance(grid, Costmap):
         warn_of_one_cost(path, grid)
     else:
@@ -144,7 +216,9 @@ def _read_bag(path: Path, given: BagTopic, options: Settings) -> Source:
     return Source(grid, files)
 
 
-def _write_bag(transaction: Transaction, output: Path, grid: Grid, given: BagTopic) -> None:
+def _write_bag(
+    transaction: Transaction, output: Path, grid: Grid, topic: str | None, frame: str | None
+) -> None:
     from mapdeal.bags.write import FRAME, write_bag
 
     if isinstance(grid, FieldView):
@@ -153,13 +227,8 @@ def _write_bag(transaction: Transaction, output: Path, grid: Grid, given: BagTop
         rule = f"ROS has no message for a {grid.kind}"
         hint = "mapdeal cost makes costs of it, which ROS has"
         raise ParameterError(rule, source=output, hint=hint)
-    write_bag(
-        transaction,
-        output,
-        grid,
-        topic=given.topic,
-        frame=FRAME if given.frame is None else given.frame,
-    )
+    frame = FRAME if frame is None else frame
+    write_bag(transaction, output, grid, topic=topic, frame=frame)
 
 
 def _per_cell(grid: Grid, mode: Mode | None, *, drawn: bool) -> float:
@@ -188,7 +257,7 @@ def _converted(
     if isinstance(grid, Costmap) and grid.scale == "costmap2d":
         if static_layer is not None:
             rule = "applies to maps, and these are already costs on its own scale"
-            raise ParameterError(rule, place="--static-layer")
+            raise ParameterError(rule, place="static_layer")
         return grid
     occupancy = grid.to_occupancy() if isinstance(grid, Costmap) else grid
     if static_layer is not None:

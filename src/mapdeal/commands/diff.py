@@ -1,103 +1,117 @@
-"""Differences between the maps in two files."""
+"""``mapdeal diff``: what differs between two maps."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Unpack
 
-from mapdeal.checks.selection import (
-    STATES,
-    Bound,
-    Bounds,
-    Difference,
-    WallShift,
-    compare,
-    frame_around,
+from mapdeal.command import (
+    AT_LEAST_0,
+    CELLS,
+    METRES,
+    PERCENT,
+    Result,
+    Words,
+    accept_parameters,
+    command,
+    parameters_of,
 )
+from mapdeal.compare.difference import STATES, Bound, Difference, WallShift, compare, frame_around
 from mapdeal.errors import emit_warning, one_line
-from mapdeal.files.budget import claim
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.lookup import histogram
-from mapdeal.kernels.threads import use_threads
-from mapdeal.maps.png import write_indexed_png
-from mapdeal.maps.reading import Source, as_occupancy
+from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
-from mapdeal.pipeline.inputs import bytes_of, errors_named, outputs_of, read_together
-from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.inputs import Map, MapInput, Reading, claim_for, errors_named, opened
 
 _PER_CELL, _PER_WALL = 30, 75
 """Bytes for each cell of a grid around both maps, and for each occupied cell of one."""
 
-NO_BOUNDS = Bounds()
-"""Of a comparison that only equal maps pass."""
-
 _METADATA = ("mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
 
 
-@dataclass(frozen=True)
-class ComparedMap:
-    """A map that was compared."""
-
-    file: str
-    sha256: Mapping[str, str]
-
-    @classmethod
-    def of(cls, path: Path, source: Source) -> ComparedMap:
-        return cls(str(path), dict(source.sums))
-
-
-@dataclass(frozen=True)
-class DiffReport:
-    """Differences between two maps and between their YAML files.
+@dataclass(frozen=True, eq=False, repr=False)
+class DiffReport(Difference, Result):
+    """Differences between two maps, A and B.
 
     Parameters
     ----------
-    found : Difference
-        Differences between the cells.
-    metadata : dict
-        Both values of each key that differs between the YAML files.
+    geometry : dict
+        Pairs of values for each of width, height, resolution and origin that differs.
+    common_cells : int
+        Number of cells that both maps cover.
+    differing : int
+        Number of common cells with different values.
+    beyond_tolerance : int
+        Number of differing cells that the tolerance does not explain.
+    not_compared : int
+        Number of known cells of A that B does not cover.
+    confusion : dict of dict of int
+        Number of common cells by state in A, then by state in B; the states are occupied, free,
+        unknown and between (1..99). ``confusion["free"]["occupied"]`` counts new obstacles.
+    first_to_second, second_to_first : WallShift or None
+        Distances, metres, from the obstacles of A in the common area to the nearest obstacle of
+        B, and from those of B to A; None if either map has no obstacles to compare.
+    symmetry : str, optional
+        Rotation or reflection of B that makes it much more similar to A; None if there is none.
+    tolerance : float
+        Tolerance that was given, cells of A.
+    frame : Frame
+        Geometry of the part of A's lattice that covers both maps.
+    changes : numpy.ndarray of uint8, shape of `frame`
+        State of each cell: 0 outside one of the maps, 1 unknown in both, 2 free or 1..99 in both,
+        3 different but occupied in neither, 4 occupied in both, 5 occupied only in A, 6 occupied
+        only in B.
     bounds : tuple of Bound
-        Bounds on the difference; empty if none were set.
-    maps : tuple of ComparedMap
-        The first map and the second; empty if they were not files.
+        Result for each bound that was given.
+    maps : tuple of MapInput
+        The two maps.
     """
 
-    found: Difference
-    metadata: dict[str, tuple[Any, Any]]
-    bounds: tuple[Bound, ...] = ()
-    maps: tuple[ComparedMap, ...] = ()
+    bounds: tuple[Bound, ...]
+    maps: tuple[MapInput, MapInput]
 
     @property
-    def passes(self) -> bool:
-        """Whether all bounds hold; without any, whether the maps are equal."""
-        return all(bound.holds for bound in self.bounds) if self.bounds else self.found.is_equal
+    def passes(self) -> bool:  # type: ignore[override]
+        """Whether all bounds hold; the same as `is_equal` if there are no bounds."""
+        return all(bound.holds for bound in self.bounds) if self.bounds else self.is_equal
+
+    @property
+    def metadata(self) -> dict[str, tuple[Any, Any]]:
+        """Pairs of values of mode, negate, thresholds and cost_scale that differ in YAML files."""
+        a, b = (one.metadata for one in self.maps)
+        if a is None or b is None:
+            return {}
+        pairs = {name: (getattr(a, name), getattr(b, name)) for name in _METADATA}
+        return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+
+    @property
+    def title(self) -> str:
+        """Title of its picture."""
+        return f"{self.maps[0].title} and {self.maps[1].title}: what differs"
 
     def document(self) -> dict[str, Any]:
-        """Return the report as values that JSON can represent."""
-        found = self.found
-        first, second = map(asdict, self.maps) if self.maps else (None, None)
+        """Return the report as the dict that ``mapdeal diff --json`` prints.
+
+        The entries ``first`` and ``second``, paths with checksums, are None for grids.
+        """
+        first, second = (one.document() for one in self.maps)
+        shifts = {"first_to_second": self.first_to_second, "second_to_first": self.second_to_first}
         return {
             "first": first,
             "second": second,
-            "equal": found.is_equal,
-            "geometry": {name: list(pair) for name, pair in found.geometry.items()},
+            "equal": self.is_equal,
+            "geometry": {name: list(pair) for name, pair in self.geometry.items()},
             "metadata": {name: list(pair) for name, pair in self.metadata.items()},
-            "common_cells": found.common,
-            "differing": found.differing,
-            "beyond_tolerance": found.beyond,
-            "known_only_in_first": found.not_compared,
-            "confusion": {
-                state: dict(zip(STATES, row, strict=True))
-                for state, row in zip(STATES, found.confusion.tolist(), strict=True)
-            },
-            "symmetry": found.symmetry,
-            "walls": {
-                "first_to_second": _listed(found.walls[0]),
-                "second_to_first": _listed(found.walls[1]),
-            },
+            "common_cells": self.common_cells,
+            "differing": self.differing,
+            "beyond_tolerance": self.beyond_tolerance,
+            "known_only_in_first": self.not_compared,
+            "confusion": {state: dict(row) for state, row in self.confusion.items()},
+            "symmetry": self.symmetry,
+            "walls": {name: None if one is None else asdict(one) for name, one in shifts.items()},
             "bounds": {
                 bound.name.replace("-", "_"): {
                     "allowed": bound.allowed,
@@ -109,57 +123,176 @@ class DiffReport:
             "passes": self.passes,
         }
 
+    def lines(self) -> Iterator[str]:
+        """Yield what ``mapdeal diff`` prints."""
+        yield f"{self.maps[0].name}, {self.maps[1].name}: {', '.join(self._verdict())}"
+        for what, pairs in (("geometry", self.geometry), ("metadata", self.metadata)):
+            for name, (a, b) in pairs.items():
+                yield f"  {what:<9} {name} {a} -> {b}"
+        cells = f"  cells     {self.common_cells} in both, {self.differing} differ"
+        if self.tolerance:
+            cells += f", {self.beyond_tolerance} beyond a tolerance of {self.tolerance:g} cells"
+        yield f"{cells}; rows: A, columns: B" if self.differing else cells
+        if self.differing:
+            yield from self._matrix()
+        if self.symmetry is not None:
+            yield f"  symmetry  B is much more like A if it is {self.symmetry}"
+        yield f"  walls     {_shift_text('A to B', self.first_to_second)}"
+        yield f"  walls     {_shift_text('B to A', self.second_to_first)}"
+        for bound in self.bounds:
+            yield f"  bound     {_bound_text(bound)}"
 
-def diff_files(
-    first: Path,
-    second: Path,
-    options: Settings,
+    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+        """Return the picture of `changes`."""
+        shown = one_line(title or self.title)
+        return difference_image(self.changes, self.frame, title=shown, **look)
+
+    def _verdict(self) -> Iterator[str]:
+        yield "equal" if self.is_equal else "different"
+        if self.bounds:
+            yield "within the bounds" if self.passes else "beyond the bounds"
+
+    def _matrix(self) -> Iterator[str]:
+        """Yield the confusion matrix, without states that neither map has."""
+        table = self.confusion
+        used = [
+            state
+            for state in STATES
+            if any(table[state].values()) or any(row[state] for row in table.values())
+        ]
+        shown = {state: "1..99" if state == "between" else state for state in used}
+        yield " " * 24 + "".join(f"{shown[state]:>12}" for state in used)
+        for state in used:
+            row = "".join(f"{table[state][other]:>12}" for other in used)
+            yield f"{shown[state]:>24}{row}"
+
+    def _told(self) -> Iterator[str]:
+        yield from self._verdict()
+        for name, (a, b) in {**self.geometry, **self.metadata}.items():
+            yield f"{name} {a} -> {b}"
+        yield f"{self.differing} of {self.common_cells} common cells differ"
+        if self.tolerance:
+            yield f"{self.beyond_tolerance} beyond a tolerance of {self.tolerance:g} cells"
+        if self.symmetry is not None:
+            yield f"B is much more like A if it is {self.symmetry}"
+        for name, shift in (("A to B", self.first_to_second), ("B to A", self.second_to_first)):
+            if shift is not None:
+                yield f"directed Hausdorff distance {name}: {shift.largest:.4g} m"
+
+
+def _bound_text(bound: Bound) -> str:
+    text = f"--{bound.name} {bound.allowed:g} {bound.unit}: {'holds' if bound.holds else 'missed'}"
+    if math.isnan(bound.found):
+        return f"{text}, the maps have no common cell"
+    if math.isinf(bound.found):
+        return f"{text}, only one of the maps has obstacles"
+    # 9 digits: a figure that is shown as the bound itself is not beyond it
+    return f"{text}, found {bound.found:.9g} {bound.unit}"
+
+
+def _shift_text(name: str, shift: WallShift | None) -> str:
+    if shift is None:
+        return f"{name}: no obstacles"
+    return (
+        f"directed Hausdorff distance {name}: {shift.largest:.4g} m; "
+        f"95 % within {shift.percentile_95:.4g} m, mean {shift.mean:.4g} m"
+    )
+
+
+@command(
+    group="Two maps of one place",
+    example="""\
+mapdeal edit line examples/maps/office.yaml -o out/new.yaml \\
+    --point 1,-0.8 1.5,-0.8 --value 100
+mapdeal diff examples/maps/office.yaml out/new.yaml --tolerance 1""",
+)
+def diff(
+    first: Annotated[Map, Words("A")],
+    second: Annotated[Map, Words("B")],
     *,
-    tolerance: float = 0.0,
-    bounds: Bounds = NO_BOUNDS,
+    tolerance: Annotated[float, AT_LEAST_0, CELLS] = 0.0,
+    max_shift: Annotated[float | None, AT_LEAST_0, METRES] = None,
+    max_differing: Annotated[float | None, PERCENT, Words("PERCENT")] = None,
+    **reading: Unpack[Reading],
 ) -> DiffReport:
-    """Return what differs between the maps in two files; draw it if a picture is asked for."""
-    sources = read_together((first, second), options)
-    grids = [
-        as_occupancy(source.grid, path)
-        for source, path in zip(sources, (first, second), strict=True)
-    ]
-    with options.memory(), errors_named(second):
+    """Compare two maps of one place.
+
+    Size, origin, yaw and resolution may differ: cells are compared where both maps have some. Exit
+    code 0 if the maps are equal within the tolerance, 1 if not. With --max-shift or --max-differing
+    the exit code is 0 if the differences in the common area stay within these bounds, whatever the
+    geometry of the maps.
+
+    Parameters
+    ----------
+    first : path, str or grid
+        A map: .yaml, .pbm or .npz. In Python, a grid serves as well. Fields and costs are compared
+        as the maps that ROS would publish.
+    second : path, str or grid
+        Another map.
+    tolerance : float
+        Ignore differences with a matching cell in the other map within this distance, cells of A.
+        A cell whose states differ is ignored if each map has a cell with the other map's state
+        there.
+    max_shift : float, optional
+        Pass if the directed Hausdorff distances between the obstacles, both ways, are at most
+        this, metres. They are the largest distances from an obstacle of either map in the common
+        area to the nearest obstacle of the other map.
+    max_differing : float, optional
+        Pass if at most this share of the common cells differs beyond the tolerance, percent.
+    **reading
+        As for `read_map`; dialect, max_cells and max_memory apply to files.
+
+    Returns
+    -------
+    DiffReport
+        Differences on A's lattice; B is sampled at the centres of the cells. Notebooks show the
+        report as a picture; `draw_picture` draws it.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If a file cannot be read.
+    ParameterError
+        If the tolerance is not in 0..1000, a bound is invalid, or the maps are too far apart for
+        one grid to cover both.
+
+    Warns
+    -----
+    MapdealWarning
+        If a choice had to be made while reading a file, costs are compared, or maps are compared
+        within bounds and B does not cover all of A.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> before = OccupancyGrid([[100, 0, 0, 0]], 0.5)
+    >>> after = OccupancyGrid([[0, 100, 0, 0]], 0.5)
+    >>> diff(before, after, tolerance=1)  # doctest: +NORMALIZE_WHITESPACE
+    DiffReport(equal, 2 of 4 common cells differ, 0 beyond a tolerance of 1 cells,
+               directed Hausdorff distance A to B: 0.5 m, directed Hausdorff distance B to A: 0.5 m)
+    >>> diff(before, after).confusion["free"]["occupied"]
+    1
+    """
+    given = {"tolerance": tolerance, "max_shift": max_shift, "max_differing": max_differing}
+    limits = accept_parameters(parameters_of(diff), given, "diff")
+    maps = opened(first, second, names=("map A", "map B"), **reading)
+    found = compared(maps, tolerance=limits.pop("tolerance"), **reading)
+    bounds = found.bounds_of(**limits)
+    a, b = maps
+    if bounds and found.not_compared:
+        text = f"does not cover {found.not_compared} known cells of {a.name}"
+        emit_warning(f"{b.name}: {text}, which are not compared", stacklevel=2)
+    return DiffReport(**vars(found), bounds=bounds, maps=(a, b))
+
+
+def compared(
+    maps: Sequence[MapInput], *, tolerance: float = 0.0, **reading: Unpack[Reading]
+) -> Difference:  # fmt: skip
+    """Return what differs between two maps that were read, unless it takes too much memory."""
+    grids = [one.occupancy for one in maps]
+    with errors_named(maps[1].name):
         frame = frame_around(*(grid.frame for grid in grids))
-        cells = frame.height * frame.width
         walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
-        held = sum(bytes_of(source.grid) for source in sources)
-        claim(
-            second,
-            held + _PER_CELL * cells + _PER_WALL * walls,
-            what=f"{frame.width} x {frame.height} cells",
-        )
-    files = [file for source in sources for file in source.files]
-    with outputs_of([], files, options) as transaction:
-        with use_threads(options.threads), errors_named(second):
-            found = compare(*grids, tolerance=tolerance)
-        if bounds and found.not_compared:
-            text = f"does not cover {found.not_compared} known cells of {first}"
-            emit_warning(f"{second}: {text}, which are not compared", stacklevel=2)
-        if options.image is not None:
-            title = one_line(f"{first.stem} and {second.stem}: what differs")
-            image = difference_image(
-                found.changes, found.frame, title=title, image_extent=options.image_extent
-            )
-            transaction.write(
-                options.image, lambda file: write_indexed_png(file, image.indices, image.palette)
-            )
-    maps = tuple(map(ComparedMap.of, (first, second), sources))
-    return DiffReport(found, _metadata(*sources), bounds.judged(found), maps)
-
-
-def _metadata(first: Source, second: Source) -> dict[str, tuple[Any, Any]]:
-    a, b = first.metadata, second.metadata
-    if a is None or b is None:
-        return {}
-    pairs = {name: (getattr(a, name), getattr(b, name)) for name in _METADATA}
-    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
-
-
-def _listed(shift: WallShift | None) -> dict[str, float] | None:
-    return None if shift is None else asdict(shift)
+        needed = _PER_CELL * frame.height * frame.width + _PER_WALL * walls
+        claim_for(maps, needed, f"{frame.width} x {frame.height} cells", **reading)
+        return compare(*grids, tolerance=tolerance)

@@ -1,179 +1,295 @@
-"""Grids in files, changed."""
+"""Draw into a map or costmap, or reset a part of it.
+
+Points are in metres in the map frame; the yaw of the map is honoured.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Annotated, Any, TypeVar
 
-from mapdeal.commands.pack import OccupancyBits, edit_bits
-from mapdeal.editing.resampling import (
-    cells_when_turned,
-    rescale,
-    rescaled_frame,
-    rotate,
-    turn_of,
-    yaw_to_straighten,
-)
-from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.command import METRES, VALUE, Output, Words, command
+from mapdeal.commands.pack import Made, read_bits
+from mapdeal.editing.draw import blank as blank_of
+from mapdeal.editing.draw import draw, reset_region
+from mapdeal.errors import ParameterError
 from mapdeal.files.source import BIT_MAP
+from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.frame import MOST_CELLS, Transform, check_resolution
-from mapdeal.grid.framed import Figures
+from mapdeal.grid.frame import Point
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.resample import ResamplingRule
-from mapdeal.maps.npz import Grid
-from mapdeal.maps.reading import output_paths, write_grid
-from mapdeal.pipeline.inputs import add_picture, claim_work, errors_named, outputs_of, read_input
-from mapdeal.pipeline.settings import Settings
+from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
+from mapdeal.grid.values import FREE, OCCUPIED, OverlayType
+from mapdeal.maps.map_server import Encoding, bit_map_paths
+from mapdeal.maps.reading import output_paths
+from mapdeal.maps.shapes import read_shapes
+from mapdeal.pipeline.inputs import Work, claim_cells, errors_named, numbers_of, opened
 
 _PER_CELL = 6.0
-"""Bytes for each cell of the new grid: of a field 5, and a byte more while it is written."""
+"""Bytes for each cell of a map: of costs 5, and a byte more while they are written."""
 
-Editable = OccupancyGrid | Costmap
-Drawable = Editable | OccupancyBits
+C = TypeVar("C", bound=Callable[..., Made])
 
-
-def draw_on_file(
-    path: Path,
-    output: Path,
-    options: Settings,
-    change: Callable[[Drawable], Drawable],
-    *,
-    what: str,
-    inputs: Sequence[Path] = (),
-) -> Figures:
-    """Do what `edit_file` does; a ``.pbm`` can also be written as one."""
-    do: Callable[..., Figures] = edit_bits if output.suffix == BIT_MAP else edit_file
-    return do(path, output, options, change, what=what, inputs=inputs)
+Source = Annotated[Path, Words("MAP", streams=True)]
+Points = Annotated[
+    Sequence[Point],
+    Words("X,Y", lambda texts: [numbers_of(one, "X,Y") for one in texts], is_repeated=True),
+]
+Pair = partial(Words, read=lambda text: numbers_of(text, "X,Y"))
 
 
-def edit_file(
-    path: Path,
-    output: Path,
-    options: Settings,
-    change: Callable[[Editable], Editable],
-    *,
-    what: str,
-    inputs: Sequence[Path] = (),
-    cells: Callable[[Editable], int] | None = None,
-) -> Figures:
-    """Read a map or costmap, change it, and write it; return its figures."""
-    # Costs that were read as costmap_2d's bytes are written as such; keys of the YAML that
-    # map_server does not know are kept.
+@dataclass(frozen=True, eq=False)
+class _OccupancyBits(BitMap):
+    """A bit map that is drawn on with values of a map: 0 free, 100 occupied."""
 
-    def editable(grid: Grid) -> Editable:
-        if not isinstance(grid, (OccupancyGrid, Costmap)):
+    def accept_value(self, value: float, name: str = "value") -> int:
+        """Return `value`, which must be 0 or 100."""
+        if value not in (FREE, OCCUPIED):
+            rule = f"must be {FREE} or {OCCUPIED}: cells of a bit map are free or occupied"
+            hint = "write to a .yaml or .npz for other values"
+            raise ParameterError(rule, place=name, got=value, hint=hint)
+        return int(value)
+
+
+def _edits(
+    name: str, example: str, also: Callable[..., Any] | None = None
+) -> Callable[[C], C]:  # fmt: skip
+    """Make a function a command of the group ``edit``."""
+    output = Output(
+        "OUT",
+        "The result: .yaml or .pgm (a pgm pair), .png (a pair), .npz, or of a .pbm also .pbm.",
+        paths=lambda path: list((bit_map_paths if path.suffix == BIT_MAP else output_paths)(path)),
+    )
+    return command(
+        name=f"edit {name}",
+        group="Drawing and packing",
+        output=output,
+        also={} if also is None else {"": also},
+        json="never",
+        example=example,
+    )
+
+
+def _edited(
+    source: Path, change: Callable[[Any], Any], what: str, *, inputs: Sequence[Path] = ()
+) -> Made:
+    """Read a map or costmap, or a bit map that is to be written as one, and change it."""
+    work, title = Work.in_shell(), f"{source.stem}: {what}"
+    if any(path.suffix == BIT_MAP for path in work.outputs):
+        if source.suffix.lower() != BIT_MAP:
+            rule, hint = "only an edited .pbm can be written as one", "mapdeal pack makes a bit map"
+            raise ParameterError(rule, source=work.outputs[0], hint=f"{hint} of a map")
+        bits, extra = read_bits(source, work, also=inputs)
+        grid: Any = _OccupancyBits(bits.packed, bits.width, bits.resolution, bits.origin)
+        encoding: Encoding = "occupancy"
+    else:
+        (read,) = opened(source, names=("map",), also=inputs)
+        claim_cells(read, _PER_CELL)
+        grid, metadata = read.grid, read.metadata
+        extra = metadata.extra if metadata else {}
+        as_bytes = metadata is not None and metadata.cost_scale is not None
+        encoding = "costmap2d" if as_bytes else "occupancy"
+    with errors_named(source):
+        if not isinstance(grid, OccupancyGrid | Costmap | BitMap):
             rule = "is a field, which cannot be edited"
             raise ParameterError(rule, hint="edit the map, then run esdf or potential on it")
-        return grid
+        return Made(change(grid), title, extra, encoding)
 
-    def count(grid: Grid) -> int:
-        with errors_named(path):
-            given = editable(grid)
-            return given.values.size if cells is None else cells(given)
 
-    return change_file(
-        path,
-        output,
-        options,
-        lambda grid: change(editable(grid)),
-        what=what,
-        inputs=inputs,
-        cells=None if cells is None else count,
+def _start(blank: bool, background: int | None) -> Callable[[Any], Any]:
+    """Return what makes of a map the one that is drawn on."""
+    if background is not None and not blank:
+        raise ParameterError("needs --blank", place="background")
+    return (lambda grid: blank_of(grid, background or 0)) if blank else lambda grid: grid
+
+
+def _drawn(
+    source: Path,
+    shapes: Sequence[Shape],
+    *,
+    file: Annotated[Path | None, Words("SHAPES")] = None,
+    value: Annotated[int, VALUE] | None = None,
+    overlay: OverlayType = "seq",
+    blank: bool = False,
+    background: Annotated[int, VALUE] | None = None,
+) -> Made:
+    """Draw the shapes of a file, then others.
+
+    Parameters
+    ----------
+    file : path, optional
+        Draw all shapes of a YAML or GeoJSON file, whatever their kind, in order.
+    value : int, optional
+        Value to draw, on the map's own scale: -1..100, or 0..255 for costmap_2d's costs, or 0 or
+        100 for a .pbm.
+    overlay : {'seq', 'max', 'min'}
+        Which value wins in a cell: the later (seq), the larger (max) or the smaller one (min); any
+        value replaces unknown.
+    blank : bool
+        Start from 0 everywhere, to draw a mask.
+    background : int, optional
+        With --blank: start from V instead, such as -1 (unknown) for a mask without effect outside
+        its shapes.
+    """
+    if not shapes and file is None:
+        raise ParameterError("one of the two is required", place="point, file")
+    shapes = [*([] if file is None else read_shapes(file)), *shapes]
+    start, detail = _start(blank, background), Work.in_shell().terminal.detail
+    for shape in shapes:
+        number = shape.value if shape.value is not None else value
+        name = ": ".join(part for part in (shape.source, shape.kind) if part)
+        if number is None:
+            hint = f"{name} has no value of its own" if shape.source else None
+            raise ParameterError("is needed to draw with", place="value", hint=hint)
+        detail(f"{name}: value {number}")
+    return _edited(
+        source,
+        lambda grid: draw(start(grid), shapes, value=value, overlay=overlay),
+        f"{', '.join(dict.fromkeys(shape.kind for shape in shapes))} drawn",
+        inputs=[] if file is None else [file],
     )
 
 
-def change_file(
-    path: Path,
-    output: Path,
-    options: Settings,
-    change: Callable[[Grid], Grid],
+@_edits(
+    "polygon",
+    """\
+mapdeal edit polygon examples/maps/office.yaml -o out/shelf.yaml \\
+    --point 9,-5 10.2,-5 10.2,-3 9,-3 --value 100
+mapdeal edit polygon examples/maps/office.yaml -o out/mask.yaml --blank \\
+    --file examples/shapes/office_zones.yaml""",
+    also=_drawn,
+)
+def polygon(source: Source, *, point: Points = (), **drawing: Any) -> Made:
+    """Draw a filled polygon, or the shapes of a file.
+
+    A convex polygon gets the cells that costmap_2d's setConvexPolygonCost sets.
+
+    Parameters
+    ----------
+    source : path
+        A map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal.
+    point : list of points
+        Point, metres; more may follow.
+    """
+    return _drawn(source, [Polygon(point)] if point else [], **drawing)
+
+
+@_edits(
+    "line",
+    """\
+mapdeal edit line examples/maps/office.yaml -o out/door.yaml \\
+    --point -7.0,1.4 -5.9,1.4 --thickness 0.1 --value 100""",
+    also=_drawn,
+)
+def line(
+    source: Source,
     *,
-    what: str,
-    inputs: Sequence[Path] = (),
-    cells: Callable[[Grid], int] | None = None,
-) -> Figures:
-    """Do what `edit_file` does, with fields, too; `cells` are those of the new grid."""
-    outputs = output_paths(output)
-    source = read_input(path, options)
-    with options.memory():
-        count = None if cells is None else cells(source.grid)
-        height, width = source.grid.shape
-        if count is None or count <= MOST_CELLS:  # more are refused by whoever makes them
-            both = None if count is None else count + min(count, height * width)
-            claim_work(path, source.grid, _PER_CELL, cells=both)  # what they share is cut out first
-    with outputs_of(outputs, [*source.files, *inputs], options) as transaction:
-        with errors_named(path):
-            grid = change(source.grid)
-        metadata = source.metadata
-        as_bytes = metadata is not None and metadata.cost_scale is not None
-        write_grid(
-            transaction,
-            output,
-            grid,
-            encoding="costmap2d" if as_bytes else "occupancy",
-            extra=dict(metadata.extra) if metadata else {},
-        )
-        add_picture(transaction, options, grid, f"{path.stem}: {what}")
-    return grid.figures()
+    point: Points = (),
+    thickness: Annotated[float, METRES] | None = None,
+    **drawing: Any,
+) -> Made:
+    """Draw a line through points, or the shapes of a file.
+
+    Parameters
+    ----------
+    source : path
+        A map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal.
+    point : list of points
+        Point, metres; more may follow.
+    thickness : float, optional
+        Thickness of the line, metres; up to the side of a cell the line is one cell wide.
+        [default: one cell]
+    """
+    _refuse_without_points(point, thickness=thickness)
+    return _drawn(source, [Line(point, thickness or 0.0)] if point else [], **drawing)
 
 
-_TO_STRAIGHTEN = 6.0
-"""Bytes for each cell while directions of walls are searched for: masks, and the edges of walls."""
-
-
-def rotate_file(
-    path: Path,
-    output: Path,
-    options: Settings,
-    yaw: float | None,
+@_edits(
+    "circle",
+    """\
+mapdeal edit circle examples/maps/office.yaml -o out/ghost.yaml \\
+    --point 5.0,0.3 --radius 0.5 --value 0""",
+    also=_drawn,
+)
+def circle(
+    source: Source,
     *,
-    rule: ResamplingRule = "area",
-    inputs: Sequence[Path] = (),
-) -> tuple[Figures, Transform | None]:
-    """Turn a map or costmap as `rotate` does; return its figures, and how points turn with it."""
-    turn = None if yaw is None else turn_of(yaw)
+    point: Points = (),
+    radius: Annotated[float, METRES] | None = None,
+    **drawing: Any,
+) -> Made:
+    """Draw filled circles around points, or the shapes of a file.
 
-    def cells(grid: Editable) -> int:
-        nonlocal turn
-        if turn is None:
-            claim_work(path, grid, _TO_STRAIGHTEN)
-            angle = yaw_to_straighten(grid)
-            if angle is None:
-                emit_warning(f"{path}: no direction of walls stands out, the map is not turned")
-                return grid.shape[0] * grid.shape[1]
-            turn = turn_of(angle)
-        return cells_when_turned(grid.frame, turn.yaw)
-
-    def change(grid: Editable) -> Editable:
-        return grid if turn is None else rotate(grid, turn.yaw, rule=rule)
-
-    figures = edit_file(path, output, options, change, what="turned", inputs=inputs, cells=cells)
-    return figures, turn
+    Parameters
+    ----------
+    source : path
+        A map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal.
+    point : list of points
+        Point, metres; more may follow.
+    radius : float, optional
+        Radius of the circle around each point, metres; 0 for its cell alone.
+    """
+    _refuse_without_points(point, radius=radius)
+    if point and radius is None:
+        raise ParameterError("is needed for a circle", place="radius")
+    return _drawn(source, [Circle(center, radius or 0.0) for center in point], **drawing)
 
 
-def rescale_file(
-    path: Path,
-    output: Path,
-    options: Settings,
-    resolution: float,
+@_edits(
+    "reset",
+    """\
+mapdeal edit reset examples/maps/office.yaml -o out/forgotten.yaml \\
+    --corner -9.4,-5.7 --size 3.9,4.8""",
+)
+def reset(
+    source: Source,
     *,
-    rule: ResamplingRule = "area",
-    inputs: Sequence[Path] = (),
-) -> Figures:
-    """Bring a map or costmap to another resolution, as `rescale` does; return its figures."""
-    check_resolution(resolution)
+    size: Annotated[Point | None, Pair("WX,WY")] = None,
+    at: Annotated[Point | None, Pair("X,Y")] = None,
+    corner: Annotated[Point | None, Pair("X,Y")] = None,
+    value: Annotated[int, VALUE] | None = None,
+    blank: bool = False,
+    background: Annotated[int, VALUE] | None = None,
+) -> Made:
+    """Set all cells of a rectangle along the map's axes to one value.
 
-    def cells(grid: Editable) -> int:
-        frame = rescaled_frame(grid.frame, resolution)
-        return max(frame.height * frame.width, grid.shape[0] * grid.shape[1])
+    Parameters
+    ----------
+    source : path
+        A map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal.
+    size : tuple of float
+        Extent along columns and rows, metres.
+    at : tuple of float, optional
+        Centre of the rectangle, map frame, metres.
+    corner : tuple of float, optional
+        Or the corner at its first cell, map frame, metres: the lower left one if the map has no
+        yaw.
+    value : int, optional
+        Value of the cells. [default: unknown: -1 for a map, 255 for costs]
+    blank : bool
+        Start from 0 everywhere, to draw a mask.
+    background : int, optional
+        With --blank: start from V instead, such as -1 (unknown) for a mask without effect outside
+        the rectangle.
+    """
+    start = _start(blank, background)
+    if size is None:
+        raise ParameterError("is required", place="size")
+    if (at is None) == (corner is None):
+        one = "one of the two is required" if at is None else "cannot be given together"
+        raise ParameterError(one, place="at, corner")
 
-    return edit_file(
-        path,
-        output,
-        options,
-        lambda grid: rescale(grid, resolution, rule=rule),
-        what=f"at {resolution:g} m",
-        inputs=inputs,
-        cells=cells,
-    )
+    def change(grid: Any) -> Any:
+        return reset_region(start(grid), size_xy=size, center_xy=at, corner_xy=corner, value=value)
+
+    return _edited(source, change, "region reset")
+
+
+def _refuse_without_points(point: Sequence[Point], **given: float | None) -> None:
+    for name, value in given.items():
+        if value is not None and not point:
+            rule = "needs --point: the shapes of a file have their own"
+            raise ParameterError(rule, place=name)

@@ -1,14 +1,19 @@
-"""What files hold."""
+"""``mapdeal info``: what there is to know of maps, runs, bags and a robot's parameter files."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from mapdeal.command import Result, Words, command
 from mapdeal.errors import FileAccessError, MalformedInputError, kept_warnings
 from mapdeal.files.source import exists, is_folder, sha256_of, status_of, sums_of_reads
 from mapdeal.grid.costmap import Costmap
@@ -19,41 +24,139 @@ from mapdeal.inputs.kinds import BAG, IMAGE, MAP, PARAMETERS, POINTER, kind_of
 from mapdeal.maps.map_yaml import Dialect
 from mapdeal.maps.npz import holds_reach, read_reach
 from mapdeal.maps.reading import open_map
-from mapdeal.pipeline.folder import MANIFEST, manifest_in, stages_behind
-from mapdeal.pipeline.inputs import claim_work
-from mapdeal.pipeline.settings import ProgressCallback
+from mapdeal.pipeline.folder import MANIFEST, manifest_in, said, stages_behind, summary_of
+from mapdeal.pipeline.inputs import Work, claim_work
+from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.ros.load import is_ros2, read_robot
 from mapdeal.ros.robot import CostmapName, effect_of, on_map
 
+Report = dict[str, Any]
+Row = tuple[str, str]
 
-def describe_robot(
-    paths: Sequence[Path],
+_OF_POTENTIAL, _OF_OTHERS = 62.0, 2.0
+"""Bytes for each cell that figures take; those of a potential are of layers that it does not have
+until they are asked for."""
+
+_ANSWERS = ("goals", "passages", "closed_passages")
+"""Figures of what can be reached that an npz does not hold."""
+
+_SHOWN_KEYS = ("image", "mode", "negate", "occupied_thresh", "free_thresh")
+_OF_RUN = ("version", "inputs", "options", "stages", "figures", "warnings")
+
+_LATEST = 253402300799
+"""Seconds up to which Python has dates: the year 9999."""
+
+_NAMES = {"distance field": "distances", "potential field": "values", "reach": "area"}
+_RADII = ("inscribed_radius", "circumscribed_radius")
+_STACKS = {"nav2": "Nav2", "ros1": "ROS 1"}
+
+
+def info(
+    path: str | PathLike[str],
     *,
-    costmap: CostmapName = "global",
-    namespace: str | None = None,
     dialect: Dialect = "nav2",
-    map_path: Path | None = None,
+    max_cells: int | None = None,
+    max_memory: int | None = None,
 ) -> dict[str, Any]:
-    """Return what a robot's parameter files say of one of its costmaps, as JSON can hold it."""
-    # Beside all that was resolved, each layer has its ``effect`` on a map that is a file, and
-    # ``warnings`` are what reading has warned of. With a map there is ``on_map``: what inflation
-    # comes to there.
-    with kept_warnings():
-        robot = read_robot(paths, costmap=costmap, namespace=namespace, older=dialect != "nav2")
-    report: dict[str, Any] = {"file": str(paths[-1]), "kind": "robot parameters"}
-    report |= robot.described()
-    for entry, one in zip(report["layers"], robot.layers, strict=True):
-        entry["effect"] = effect_of(one, robot)
-    report["warnings"] = list(robot.remarks)
-    if map_path is not None:
-        with open_map(map_path, dialect=dialect) as file:
-            resolution = file.frame().resolution
-        report["map"] = str(map_path)
-        report["on_map"] = on_map(robot, resolution)
-    return report
+    """Describe a map, distance field, costmap or run folder.
+
+    Parameters
+    ----------
+    path : path or str
+        A ``.yaml``, ``.pbm`` or ``.npz`` file, or a folder with a manifest.
+    dialect, max_cells, max_memory
+        As for `read_map`.
+
+    Returns
+    -------
+    dict of str to object
+        The description that ``mapdeal info --json`` prints: size, origin, cell counts, checksum
+        and, for the outputs of a run, the stages that made them.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If the file or folder cannot be read.
+    """
+    settings = Settings(dialect=dialect, max_cells=max_cells, max_memory=max_memory)
+    with settings.memory():
+        return _described(Path(path), settings)
 
 
-def robots_among(
+@dataclass(frozen=True, repr=False)
+class Descriptions(Result):
+    """Descriptions of files, each made when its turn comes."""
+
+    reports: Iterator[Report]
+
+    def document(self) -> dict[str, Any]:
+        """Return the next of them."""
+        return next(self.reports)
+
+    def parts(self) -> Iterator[str]:
+        """Yield each of them on a line."""
+        yield from map(json.dumps, self.reports)
+
+    def lines(self) -> Iterator[str]:
+        """Yield what ``mapdeal info`` prints, with an empty line between two files."""
+        for index, report in enumerate(self.reports):
+            if index:
+                yield ""
+            yield from _lines_of(report)
+
+
+@command(
+    name="info",
+    group="Questions about a map",
+    shared=("dialect", "max_cells", "max_memory"),
+    example="""\
+mapdeal info examples/maps/office.yaml
+mapdeal info examples/robots/nav2_params.yaml --map examples/maps/office.yaml
+mapdeal info examples/bags/office.mcap""",
+)
+def describe(
+    sources: Annotated[Sequence[Path], Words("MAP...", typed=list[Path], streams=True)],
+    *,
+    of_map: Annotated[Path | None, Words("MAP", name="map")] = None,
+    costmap: CostmapName | None = None,
+    namespace: Annotated[str | None, Words("NS")] = None,
+    dialect: Dialect = "nav2",
+    max_cells: int | None = None,
+) -> Descriptions:
+    """Describe maps, runs, bags and a robot's parameter files.
+
+    For maps: size, origin, cell counts, checksum, and the run that made them. For bags: topics and
+    transforms. For a robot's parameter files: shape and costmap layers as the robot resolves them;
+    consecutive ROS 1 files belong to one robot. With --json there is one JSON object per file, one
+    per line.
+
+    Parameters
+    ----------
+    sources : sequence of path
+        Maps, costmaps, fields, bags, or folders of runs.
+    of_map : path, optional
+        With parameter files of one robot: report what they resolve to on this map.
+    costmap : {'global', 'local'}, optional
+        With a robot's parameter files: which costmap  [default: global].
+    namespace : str, optional
+        With a robot's parameter files: which robot.
+    dialect : str
+        How images of maps are read, see `read_map`.
+    max_cells : int, optional
+        Largest map that is read.
+    """
+    settings = Settings(dialect=dialect, max_cells=max_cells)
+    counted = Work.in_shell().counted
+    is_of_robot = any(one is not None for one in (costmap, namespace, of_map))
+    return Descriptions(
+        _describe_robot(group, costmap or "global", namespace, dialect, of_map)
+        if is_robot
+        else _described(group[0], settings, counted)
+        for is_robot, group in _robots_among(sources, is_one=is_of_robot)
+    )
+
+
+def _robots_among(
     paths: Sequence[Path], *, is_one: bool
 ) -> Iterator[tuple[bool, list[Path]]]:  # fmt: skip
     """Yield files one by one, and parameter files that are of one robot together."""
@@ -75,23 +178,32 @@ def robots_among(
         yield True, stack
 
 
-_OF_POTENTIAL, _OF_OTHERS = 62.0, 2.0
-"""Bytes for each cell that figures take; those of a potential are of layers that it does not have
-until they are asked for."""
+def _describe_robot(
+    paths: Sequence[Path], costmap: CostmapName, namespace: str | None, dialect: Dialect,
+    map_path: Path | None,
+) -> Report:  # fmt: skip
+    """Return what a robot's parameter files say of one of its costmaps, as JSON can hold it."""
+    # Beside all that was resolved, each layer has its ``effect`` on a map that is a file, and
+    # ``warnings`` are what reading has warned of. With a map there is ``on_map``: what inflation
+    # comes to there.
+    with kept_warnings():
+        robot = read_robot(paths, costmap=costmap, namespace=namespace, older=dialect != "nav2")
+    report: dict[str, Any] = {"file": str(paths[-1]), "kind": "robot parameters"}
+    report |= robot.described()
+    for entry, one in zip(report["layers"], robot.layers, strict=True):
+        entry["effect"] = effect_of(one, robot)
+    report["warnings"] = list(robot.remarks)
+    if map_path is not None:
+        with open_map(map_path, dialect=dialect) as file:
+            resolution = file.frame().resolution
+        report["map"] = str(map_path)
+        report["on_map"] = on_map(robot, resolution)
+    return report
 
-_ANSWERS = ("goals", "passages", "closed_passages")
-"""Figures of what can be reached that an npz does not hold."""
 
-_SHOWN_KEYS = ("image", "mode", "negate", "occupied_thresh", "free_thresh")
-
-
-def describe_file(
-    path: Path,
-    *,
-    dialect: Dialect = "nav2",
-    max_cells: int | None = None,
-    progress: ProgressCallback | None = None,
-) -> dict[str, Any]:
+def _described(
+    path: Path, settings: Settings, progress: ProgressCallback | None = None
+) -> Report:  # fmt: skip
     """Return what there is to know of a map, costmap or field, as JSON can hold it."""
     # ``known_box`` is row, column, height and width of the known cells' bounding box, row 0 in the
     # south; ``sha256`` is of the layer's bytes in that order. ``made_by`` has the stages that have
@@ -99,13 +211,12 @@ def describe_file(
     # that wrote it. A folder of a run, or its manifest, is described as a whole. Of a file that is
     # no map there is what it ``is``, the ``figures`` of its header, and its ``use``; of a bag what
     # `describe_bag` returns.
-    is_run = path.name == MANIFEST or exists(path / MANIFEST)
-    if is_run:
+    if path.name == MANIFEST or exists(path / MANIFEST):
         return _describe_run(path)
     try:
         if path.suffix.lower() == ".npz" and holds_reach(path):
-            return _describe_reach(path, max_cells)
-        return _describe_map(path, dialect, max_cells)
+            return _describe_reach(path, settings.max_cells)
+        return _describe_map(path, settings.dialect, settings.max_cells)
     except (MalformedInputError, FileAccessError) as error:
         # an error about a file that a map names is not about what the map is
         kind = kind_of(path) if str(error.source) == str(path) else None
@@ -119,13 +230,13 @@ def describe_file(
     return report | {"figures": kind.figures(), "use": kind.use}
 
 
-def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> dict[str, Any]:
+def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report:
     with sums_of_reads() as sums, open_map(path, dialect=dialect, max_cells=max_cells) as file:
         source = file.read()
         named = file.sums_by_name(sums)
     grid = source.grid
     claim_work(path, grid, _OF_POTENTIAL if isinstance(grid, PotentialField) else _OF_OTHERS)
-    report: dict[str, Any] = {"file": str(path), "kind": grid.kind}
+    report: Report = {"file": str(path), "kind": grid.kind}
     report |= {name: getattr(grid, name) for name in grid.parameter_names}
     report |= grid.figures()
     if source.metadata is not None:
@@ -138,11 +249,11 @@ def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> dict[s
     return report if stages is None else report | {"made_by": stages}
 
 
-def _describe_reach(path: Path, max_cells: int | None) -> dict[str, Any]:
+def _describe_reach(path: Path, max_cells: int | None) -> Report:
     """Return what an npz contains of what a robot can reach; its results are in another file."""
     grid = read_reach(path, max_cells=max_cells)
     claim_work(path, grid, _OF_OTHERS)
-    report: dict[str, Any] = {
+    report: Report = {
         "file": str(path),
         "kind": grid.kind,
         "layers": list(grid.layer_names),
@@ -156,13 +267,13 @@ def _describe_reach(path: Path, max_cells: int | None) -> dict[str, Any]:
     return report if stages is None else report | {"made_by": stages}
 
 
-def _describe_run(path: Path) -> dict[str, Any]:
+def _describe_run(path: Path) -> Report:
     """Return the content of the manifest of a run, except the checksums of its outputs."""
     folder = path if is_folder(path) else path.parent
     status_of(folder / MANIFEST)
     manifest = manifest_in(folder)
-    keys = ("version", "inputs", "options", "stages", "figures", "warnings")
-    report = {"file": str(path), "kind": "run"} | {key: manifest.get(key) for key in keys}
+    report: Report = {"file": str(path), "kind": "run"}
+    report |= {key: manifest.get(key) for key in _OF_RUN}
     return report | {key: manifest[key] for key in ("robot",) if key in manifest}
 
 
@@ -178,3 +289,211 @@ def _known_box(occupancy: Any) -> list[int] | None:
         return None
     row, col = int(rows[0]), int(cols[0])
     return [row, col, int(rows[-1]) - row + 1, int(cols[-1]) - col + 1]
+
+
+def _lines_of(report: Report) -> Iterator[str]:
+    """Yield what is printed of a file: its name, and rows with a name each."""
+    name, width, rows = str(report["file"]), 11, _rows_of_map
+    if report["kind"] == "robot parameters":
+        names = [file["name"] for file in report["files"]]
+        name, width = ", ".join(names) if len(names) > 1 else name, 13
+        rows = _rows_of_robot
+    elif report["kind"] == "bag":
+        rows = _rows_of_bag
+    elif report["kind"] == "run":
+        rows = _rows_of_run
+    elif "use" in report:
+        rows = _rows_of_file
+    yield from [name, *(f"  {key:<{width}} {value}" for key, value in rows(report))]
+
+
+def _rows_of_run(report: Report) -> Iterator[Row]:
+    yield "kind", f"run of mapdeal {said(report['version'])}"
+    yield "inputs", _listed(report["inputs"], with_values=False)
+    yield "options", _listed(report["options"])
+    if "robot" in report:
+        yield "robot", _robot_of_run(report["robot"])
+    for name, parameters in _stages(report["stages"]):
+        yield name, _listed(parameters)
+        yield "", _figures(report["figures"].get(name, {}))
+    for text in report["warnings"] if isinstance(report["warnings"], list) else ():
+        yield "warning", str(text)
+
+
+def _robot_of_run(robot: Any) -> str:
+    """Return what a manifest says of the robot, on one line; changed by somebody, as it is."""
+    try:
+        names = ", ".join(file["name"] for file in robot["files"])
+        radii = [f"{name} {robot[name]:.6g} m" for name in _RADII]
+        return f"{robot['node']} of {names}, {', '.join(radii)}"
+    except (LookupError, TypeError, ValueError):
+        return said(robot)
+
+
+def _rows_of_file(report: Report) -> Iterator[Row]:
+    yield "kind", str(report["is"])
+    if report["figures"]:
+        yield "holds", _measured(report["figures"])
+    yield "use", str(report["use"])
+
+
+def _figures(figures: Report) -> str:
+    """Return what a stage has made; of a manifest that somebody has changed as it is."""
+    try:
+        text = f"{figures['width']} x {figures['height']} cells, {summary_of(figures)}"
+    except (LookupError, TypeError, ValueError, ZeroDivisionError):
+        return _listed(figures)
+    return text
+
+
+def _stages(stages: list[Report]) -> Iterator[tuple[str, Report]]:
+    for stage in stages:
+        yield from stage.items()
+
+
+def _listed(values: object, *, with_values: bool = True) -> str:
+    if not isinstance(values, dict):
+        return said(values)
+    return ", ".join(f"{key} {said(one)}" if with_values else key
+                     for key, one in values.items())  # fmt: skip
+
+
+def _measured(figures: Report) -> str:
+    """Return figures with counts in front of what they count: ``5 points, encoding ascii``."""
+    parts = []
+    for name, value in figures.items():
+        is_count = isinstance(value, int)
+        parts.append(f"{value} {name}" if is_count else f"{name} {said(value)}")
+        if value == 1:
+            parts[-1] = parts[-1].removesuffix("s")
+    return ", ".join(parts)
+
+
+def _rows_of_map(report: Report) -> Iterator[Row]:
+    width, height, resolution = report["width"], report["height"], report["resolution"]
+    x, y, yaw = report["origin"]
+    yield "kind", report["kind"]
+    metres = f"{width * resolution:g} x {height * resolution:g} m"
+    yield "size", f"{width} x {height} cells, {metres}"
+    yield "resolution", f"{resolution!r} m"
+    yield "origin", f"x {x!r} m, y {y!r} m, yaw {yaw!r} rad"
+    yield _NAMES.get(report["kind"], "cells"), summary_of(report)
+    if "layers" in report:
+        yield "layers", ", ".join(report["layers"])
+        unknown = "open" if report["through_unknown"] else "closed"
+        headings = f"{report['heading_count']} headings"
+        yield "made for", f"{report['robot']}, {headings}, unknown {unknown}"
+    if "attractive_gain" in report:
+        names = ("attractive_gain", "repulsive_gain", "repulsive_cap")
+        yield "made with", ", ".join(f"{name} {report[name]:g}" for name in names)
+    if "lowest_distance" in report:
+        limit = "none" if report["max_distance"] is None else f"{report['max_distance']:g} m"
+        made = f"unknown {report['unknown']}, lethal_threshold {report['lethal_threshold']}"
+        yield "made with", f"{made}, max_distance {limit}, strength {report['strength']:g}"
+    if "view" in report:
+        end = report.get("view_range", report.get("farthest"))
+        yield "view", f"{report['view']}, 0 at {end:.4g} m"
+    if report.get("known_box"):
+        row, col, rows, cols = report["known_box"]
+        yield "known box", f"{cols} x {rows} cells from row {row}, col {col}; row 0 south"
+    if "mode" in report:
+        how = str(report["mode"])
+        if report["mode"] != "raw":
+            how += f", occupied {report['occupied_thresh']:g}, free {report['free_thresh']:g}"
+        how += ", negate" if report["negate"] else ""
+        yield "image", str(report["image"])
+        yield "read as", f"{how}, dialect {report['dialect']}"
+    for name, parameters in _stages(report.get("made_by", [])):
+        yield "made by", f"{name}: {_listed(parameters)}"
+    yield "sha256", report["sha256"]
+
+
+def _rows_of_bag(report: Report) -> Iterator[Row]:
+    yield "kind", report["is"]
+    yield "messages", _when(report)
+    yield from _under("topics", _table(report["topics"]))
+    yield from _under("transforms", _transforms(report["transforms"]))
+    yield from _under("use", report["use"])
+
+
+def _under(name: str, lines: Iterable[str]) -> Iterator[Row]:
+    """Yield lines with a name in front of the first."""
+    for index, line in enumerate(lines):
+        yield "" if index else name, line
+
+
+def _when(report: Report) -> str:
+    if not report["messages"]:
+        return "none"
+    text = f"{report['messages']} in {report['duration_s']:.6g} s"
+    seconds = report["start_ns"] / 1e9
+    if 0 < seconds <= _LATEST:
+        text += f", from {datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    return text
+
+
+def _table(topics: list[Report]) -> Iterator[str]:
+    """Yield a line for each topic, in columns."""
+    rows = [
+        (
+            one["topic"],
+            one["type"],
+            str(one["count"]),
+            "" if one["frame"] is None else f"in {one['frame']}",
+            f"for {', '.join(one['commands'])}" if one["commands"] else "",
+        )
+        for one in topics
+    ]
+    widths = [max((len(row[k]) for row in rows), default=0) for k in range(5)]
+    for row in rows:
+        topic, name, count, frame, use = row
+        yield (
+            f"{topic:<{widths[0]}}  {name:<{widths[1]}}  {count:>{widths[2]}}  "
+            f"{frame:<{widths[3]}}  {use}"
+        ).rstrip()
+
+
+def _transforms(edges: list[Report]) -> Iterator[str]:
+    width = max((len(f"{one['parent']} -> {one['child']}") for one in edges), default=0)
+    digits = max((len(str(one["count"])) for one in edges), default=0)
+    for one in edges:
+        edge = f"{one['parent']} -> {one['child']}"
+        yield f"{edge:<{width}}  {one['count']:>{digits}} on {one['topic']}"
+
+
+def _rows_of_robot(report: Report) -> Iterator[Row]:
+    window = ", a window that moves with the robot" if report["rolling_window"] else ""
+    yield "kind", f"robot parameters of {_STACKS[report['flavour']]}"
+    yield "costmap", f"{report['costmap']}, {report['node']}{window}"
+    yield "shape", _shape_of(report)
+    yield "inscribed", f"{report['inscribed_radius']:.6g} m"
+    yield "circumscribed", f"{report['circumscribed_radius']:.6g} m"
+    yield "starts out", "unknown" if report["track_unknown_space"] else "free"
+    width = max((len(_name_of(one)) for one in report["layers"]), default=0)
+    layers = (f"{_name_of(one):<{width}}  {one['effect']}" for one in report["layers"])
+    yield from _under("layers", layers)
+    for one in report.get("on_map", ()):
+        reach = f"{one['layer']} reaches {one['cell_inflation_radius']} cells, {one['reach']:.4g} m"
+        cost = f"cost at the circumscribed radius {one['circumscribed_cost']}"
+        yield "on the map", f"{Path(report['map']).name}: {reach}; {cost}"
+    for text in report["warnings"]:
+        yield "warning", text
+    for file in report["files"]:
+        yield "sha256", file["sha256"] + (f"  {file['name']}" if len(report["files"]) > 1 else "")
+
+
+def _shape_of(report: Report) -> str:
+    footprint, padding = report["footprint"], report["footprint_padding"]
+    if isinstance(footprint, dict):
+        return f"round, radius {footprint['radius']:.6g} m"
+    padded = f", moved outwards by {padding:.6g} m" if padding else ""
+    if report["robot_radius"] is not None:
+        corners = f"a polygon of {len(footprint)} corners"
+        return f"round, robot_radius {report['robot_radius']:g} m: {corners}{padded}"
+    corners = ", ".join(f"[{x:.6g}, {y:.6g}]" for x, y in footprint)
+    return f"[{corners}]" + (f", with footprint_padding {padding:.6g} m" if padding else "")
+
+
+def _name_of(layer: Report) -> str:
+    kind = "filter" if layer.get("filter") else layer["plugin"].rpartition(":")[2]
+    return f"{layer['name']} ({kind})"

@@ -1,78 +1,48 @@
-"""Lint on any number of maps, in this process or in several, by the rules of each project."""
+"""``mapdeal lint``: what is wrong with maps, and with a robot's parameter files."""
 
 from __future__ import annotations
 
-import contextlib
-from codecs import BOM_UTF8
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Annotated, TypeVar
 
-from mapdeal.checks.facts import PairFacts, RoomFacts, gather
-from mapdeal.checks.findings import CHECKS, Finding
-from mapdeal.checks.formats import LintReport, MapReport
-from mapdeal.checks.lint import LEFT_OUT, checks_of, lint_file
+from mapdeal.checks.facts import RoomFacts
+from mapdeal.checks.findings import CHECKS
+from mapdeal.checks.formats import LintReport, MapReport, ReportForm, repair_lines
+from mapdeal.checks.lint import (
+    LEFT_OUT,
+    Found,
+    checks_of,
+    found_in,
+    found_in_parameters,
+    not_checked,
+)
 from mapdeal.checks.map_checks import RUN_FOLDERS
-from mapdeal.checks.repair import repaired, yaml_repair
-from mapdeal.checks.selection import (
-    IgnoreComment,
-    LintConfig,
-    Selection,
-    find_lint_config,
-    read_ignore_comments,
-    read_lint_config,
-    selection_of,
-)
-from mapdeal.errors import (
-    FileAccessError,
-    MalformedInputError,
-    MapdealError,
-    ParameterError,
-    kept_warnings,
-    refusal_of_the_system,
-)
+from mapdeal.checks.parameter_checks import robot_in
+from mapdeal.checks.selection import Selections
+from mapdeal.command import AT_LEAST_1, Output, Words, command
+from mapdeal.commands.lint_repair import ImageUsers, repair_copy, repair_in_place
+from mapdeal.errors import MapdealError, ParameterError, kept_warnings
 from mapdeal.files.budget import SHARE_OF_JOB
-from mapdeal.files.source import (
-    BIT_MAP,
-    YAML,
-    check_state,
-    contents_of,
-    exists,
-    head_of,
-    identity_of,
-    is_folder,
-    is_same_file,
-    normal_path,
-    real_path,
-    state_of,
-)
-from mapdeal.files.transaction import Transaction
-from mapdeal.files.yaml_text import edited, parse_mapping, read_mapping
+from mapdeal.files.source import is_folder
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import reach_radius
-from mapdeal.inputs.listing import MapListing, list_maps
-from mapdeal.kernels.threads import use_threads
-from mapdeal.maps.map_server import image_places, write_map_image
-from mapdeal.maps.map_yaml import MapMetadata, metadata_of
-from mapdeal.maps.reading import MapFile, open_map, output_paths, write_grid
-from mapdeal.pipeline.inputs import errors_named, outputs_of
-from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
+from mapdeal.grid.values import check_choice
+from mapdeal.inputs.listing import list_maps
+from mapdeal.maps.reading import MapFile, open_map
+from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch, jobs_at_once
+from mapdeal.pipeline.inputs import Work, memory_budget
+from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
 from mapdeal.ros.robot import CostmapName
 from mapdeal.version import __version__
 
-if TYPE_CHECKING:  # what only several processes need
-    from mapdeal.pipeline.batch import Job
-
 T = TypeVar("T")
 
-_NOT_CHECKED = "lint.not-checked"
-_NO_ACCESS = "file.access"
-
-_LARGEST_PARAMETERS = 1 << 20
-"""Bytes of a robot's parameter file."""
+Names = str | PathLike[str] | Iterable[str | PathLike[str]]
 
 _CELLS_OF_ANY = 250_000
 """Cells that are checked in the time that a file takes, however small it is."""
@@ -84,202 +54,323 @@ _CELLS_WORTH_WORKERS = 500_000_000
 """Checked in two or three seconds: of fewer, two processes save less than they take to start."""
 
 
-@dataclass(frozen=True)
-class LintRules:
-    """Rules that decide which findings count."""
-
-    select: tuple[str, ...] = ()
-    ignore: tuple[str, ...] = ()
-    strict: bool = False
-    config: Path | None = None
-    is_isolated: bool = False
-
-
-class _Selections:
-    """The selection for each map, every file of configuration read once."""
-
-    def __init__(self, rules: LintRules) -> None:
-        self._rules = rules
-        self._of_folder: dict[Path, Selection] = {}
-        self._of_source: dict[Path | None, Selection] = {}
-        if rules.config is not None and rules.is_isolated:
-            raise ParameterError("cannot be given together with --no-config", source="--config")
-        self._config = None if rules.config is None else _read_config(rules.config)
-        self._make(self._config)  # so that wrong names are told of before any work
-
-    def of(self, path: Path) -> Selection:
-        """Return the selection for a map, or for a folder."""
-        folder = normal_path(path if is_folder(path) else path.parent)
-        if folder not in self._of_folder:
-            config = self._config
-            if config is None and not self._rules.is_isolated:
-                config = find_lint_config(folder)
-            self._of_folder[folder] = self._make(config)
-        return self._of_folder[folder]
-
-    def _make(self, config: LintConfig | None) -> Selection:
-        source = None if config is None else config.source
-        if source not in self._of_source:
-            rules = self._rules
-            self._of_source[source] = selection_of(
-                rules.select, rules.ignore, strict=rules.strict, config=config
-            )
-        return self._of_source[source]
+def _several(given: Names) -> tuple[str, ...]:
+    names: Iterable[object] = (given,)
+    if isinstance(given, Iterable) and not isinstance(given, str | bytes):
+        names = tuple(given)
+    for one in names:
+        if not isinstance(one, str | PathLike):
+            raise ParameterError("takes names or paths", source="lint", got=one)
+    return tuple(map(str, names))
 
 
-def _read_config(path: Path) -> LintConfig:
-    config = read_lint_config(path)
-    if config is None:
-        table = "[tool.mapdeal.lint]" if path.name == "pyproject.toml" else "[lint]"
-        raise ParameterError(f"has no table {table}", source=path)
-    return config
+def _separated(texts: Iterable[str]) -> tuple[str, ...]:
+    """Return names that were given with commas between them, or option by option."""
+    return tuple(name.strip() for text in texts for name in text.split(","))
 
 
-@dataclass(frozen=True)
-class ParameterFiles:
-    """A robot's parameter files, and what to look at in them."""
-
-    paths: tuple[Path, ...]
-    costmap: CostmapName | None = None
-    namespace: str | None = None
+def _check_words(incomplete: str) -> Iterable[str]:
+    """Return the names of the checks, behind those that are already listed."""
+    listed = incomplete.rpartition(",")[0]
+    return [f"{listed},{name}" if listed else name for name in sorted(CHECKS)]
 
 
-@dataclass(frozen=True)
-class _Found:
-    """Findings and comments of a map before rules are applied."""
-
-    findings: tuple[Finding, ...]
-    comments: tuple[IgnoreComment, ...] = ()
+Checks = Annotated[Names, Words("IDS", _separated, is_repeated=True, completed=_check_words)]
 
 
-def list_sources(
-    names: Iterable[str], standard_input: Callable[[], Iterable[bytes]]
-) -> MapListing:  # fmt: skip
-    """Return the maps, and folders of runs, that names stand for; see `list_maps`."""
-    return list_maps(names, None, standard_input, whole_folders=RUN_FOLDERS)
-
-
-def lint_maps(
-    paths: Sequence[Path],
-    rules: LintRules,
-    settings: Settings = DEFAULT_SETTINGS,
+@command(
+    group="CI and reports",
+    output=Output(
+        "OUT", "Where to write the repaired copy: .yaml, .pgm, .png, .npz.",
+        is_required=False, streams=False,
+    ),
+    shared=(
+        "footprint", "robot_radius", "footprint_padding", "robot_16_gon", "max_cells", "force",
+        "max_memory",
+    ),
+    texts={
+        "footprint": "Corners of the robot around its centre, metres: find rooms that it "
+        "cannot enter, by its inscribed radius.",
+        "robot_radius": "Radius of a round robot, metres: find rooms that it cannot enter.",
+        "strict": "Exit with 1 for warnings as well.",
+    },
+    json="never",
+    example="""\
+mapdeal lint examples/maps --strict
+mapdeal lint examples/maps --format sarif > lint.sarif
+mapdeal lint --params-file examples/robots/nav2_params.yaml""",
+)  # fmt: skip
+def lint(
+    paths: Annotated[Names, Words("MAP...", typed=list[str], streams=True)] = (),
     *,
-    parameters: ParameterFiles | None = None,
+    params_file: Annotated[Names, Words("FILE", typed=list[Path])] = (),
+    costmap: CostmapName | None = None,
+    namespace: Annotated[str | None, Words("NS")] = None,
     footprint: Footprint | None = None,
-    jobs: int = 1,
-    done: Callable[[int], object] = lambda _: None,
+    select: Checks = (),
+    ignore: Checks = (),
+    strict: bool = False,
+    config: Annotated[str | PathLike[str] | bool, Words("FILE", typed=Path)] = True,
+    no_config: bool = False,
+    form: Annotated[ReportForm, Words(name="format")] = "text",
+    jobs: Annotated[int | None, AT_LEAST_1, Words("N", short="j")] = None,
+    fix: bool = False,
+    output: Annotated[str | PathLike[str] | None, Words(typed=Path)] = None,
+    in_place: bool = False,
+    max_cells: int | None = None,
+    max_memory: int | None = None,
+    force: bool = False,
 ) -> LintReport:
-    selections = _Selections(rules)
-    wanted = [selections.of(path) for path in paths]
-    reports = [] if parameters is None else _reports_of(parameters, paths, selections, settings)
-    radius = _radius_of(footprint, parameters) if paths else None
-    of_robot = checks_of(RoomFacts)
-    radii = {
-        path: radius
-        for path, selection in zip(paths, wanted, strict=True)
-        if radius is not None and not selection.checks.isdisjoint(of_robot)
-    }
-    found: dict[int, _Found] = {}
+    """Check maps, and a robot's parameter files, for errors and pitfalls.
 
-    def take(index: int, one: _Found) -> None:
-        found[index] = one
-        done(1)
+    Errors are wrong or unsafe for some reader, and make the exit code 1. Warnings are pitfalls;
+    notes are good to know. A file that cannot be read is a finding, and the other files are still
+    checked.
 
-    if jobs > 1 and _are_worth_workers(paths, settings):
-        _lint_in_processes(paths, settings, radii, min(jobs, len(paths)), take)
-    else:
-        for index, path in enumerate(paths):
-            take(index, _lint_one(path, settings, radii.get(path)))
-    for index, (path, selection) in enumerate(zip(paths, wanted, strict=True)):
-        is_left_out = any(one.check == LEFT_OUT for one in found[index].findings)
-        without = of_robot if is_left_out or path not in radii else ()
-        findings, suppressed = selection.judged(
-            path, found[index].findings, found[index].comments, without=without
+    A MAP is a map_server .yaml, a .pbm with its .yaml, or an .npz; a folder, for all maps and runs
+    in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file with one such
+    name per line (@- reads standard input).
+
+    With --params-file a robot's own parameters are checked as well: what ROS refuses or silently
+    ignores, and how shape and costs fit together. A MAP is optional then.
+
+    With a robot's shape, areas are reported that only passages too narrow for the robot connect.
+
+    A comment "# mapdeal: ignore ID, ID" in a map's .yaml or in a parameter file turns these checks
+    off for that file.
+
+    Parameters
+    ----------
+    paths : path or str, or several
+        Maps, folders of maps or runs, quoted patterns, or @LIST.txt. Files are map_server
+        ``.yaml``, ``.pbm`` with its YAML next to it, and ``.npz``.
+    params_file : path or str, or several
+        A robot's own parameters: a Nav2 file, or ROS 1's costmap files; can be repeated, later
+        files win.
+    costmap : {'global', 'local'}, optional
+        Costmap of --params-file  [default: both]. Only costmaps that the files define are checked.
+    namespace : str, optional
+        Robot of --params-file, if it contains several.
+    footprint : Footprint, optional
+        Shape of a robot that should be able to pass through the maps. Areas connected only by
+        passages too narrow for its inscribed radius are reported. By default the shape in the
+        parameter files, if any.
+    select : str or several
+        Checks, or areas of checks such as image, to run; separated by commas  [default: all].
+        In Python several names are a list.
+    ignore : str or several
+        Checks, or areas of checks, to leave out.
+    strict : bool
+        Whether warnings also make `LintReport.passes` false.
+    config : path, str or bool
+        Configuration file for all maps  [default: the nearest mapdeal.toml or pyproject.toml of
+        each map]. In Python True stands for the nearest, False for none.
+    no_config : bool
+        Read no configuration file.
+    form : {'text', 'json', 'github', 'sarif', 'junit'}
+        Text, one JSON document, GitHub annotations, SARIF 2.1.0, or JUnit XML.
+    jobs : int, optional
+        Processes to use for many maps  [default: all cores]. In Python the default is one.
+    fix : bool
+        Repair what can be repaired: one map with -o, any number with --in-place.
+    output : path or str, optional
+        Where to write the repaired copy: .yaml, .pgm, .png, .npz.
+    in_place : bool
+        Repair maps in place, and report what is left.
+    max_cells : int, optional
+        Maximum size of a file to read, cells; by default 2e8 for compressed images, 1e9 for
+        others.
+    max_memory : int, optional
+        Memory limit, bytes; by default half of the free memory.
+    force : bool
+        Whether to replace an existing `output`.
+
+    Returns
+    -------
+    LintReport
+        Sequence of `Finding`; ``print`` shows each one as the command does. A file that cannot be
+        read is a finding, not an error.
+
+    Raises
+    ------
+    ParameterError
+        If there are neither maps nor parameter files, a check is unknown, a pattern matches no
+        map, `footprint` is not a footprint or is given without maps, or a configuration is
+        invalid.
+    FileAccessError, MalformedInputError
+        If a list or configuration file cannot be read.
+
+    Examples
+    --------
+    In a script for CI::
+
+        report = mapdeal.lint("maps", ignore="yaml.origin-off-lattice")
+        for finding in report:
+            print(finding)
+        sys.exit(0 if report.passes else 1)
+    """
+    settings = Settings(max_cells=max_cells, max_memory=max_memory, force=force)
+    work = Work.current.get()
+    names, files = _several(paths), tuple(map(Path, _several(params_file)))
+    for place, value in (("costmap", costmap), ("namespace", namespace)):
+        if value is not None and not files:
+            raise ParameterError("needs --params-file", place=place)
+    if costmap is not None:
+        check_choice(costmap, CostmapName, "costmap")
+    if footprint is not None and not isinstance(footprint, Footprint):
+        raise ParameterError("must be a Footprint", place="footprint", got=footprint)
+    for place, is_given in (("params_file", bool(files)), ("footprint", footprint is not None)):
+        if fix and is_given:
+            rule, hint = "cannot be given together with --fix", "--fix repairs maps only"
+            raise ParameterError(rule, place=place, hint=hint)
+    if output is not None and in_place:
+        raise ParameterError("cannot be given together with -o", place="in_place")
+    if fix and output is None and not in_place:
+        raise ParameterError("needs -o OUT or --in-place", place="fix")
+    if not fix and (output is not None or in_place):
+        raise ParameterError("needs --fix", place="in_place" if output is None else "output")
+    if footprint is not None and not names:
+        raise ParameterError("needs a MAP", place="footprint")
+    if not names and not files:
+        raise ParameterError("names no map: needs a MAP, or --params-file", source="lint")
+    if no_config and not isinstance(config, bool):
+        raise ParameterError("cannot be given together with --no-config", place="config")
+    nearest = config and not no_config if isinstance(config, bool) else Path(config)
+    with settings.memory():
+        chunks = _no_standard_input if work is None else work.terminal.input_chunks
+        listing = list_maps(names, None, chunks, whole_folders=RUN_FOLDERS)
+        maps = [one.path for one in listing.maps]
+        if output is not None:
+            return _repaired_copy(maps, Path(output), settings)
+        at_once = min(jobs or 1, len(maps))
+        counted: ProgressCallback = report_nothing
+        if work is not None:
+            listing.say(work.terminal, "checked")
+            at_once = jobs_at_once(jobs, len(maps), work.terminal)
+            if len(maps) > 1:
+                counted = partial(work.terminal.counted, what="map")
+        lint_maps = _Lint(
+            Selections(_several(select), _several(ignore), strict=strict, config=nearest),
+            settings,
+            _radius_of(footprint, files, costmap, namespace) if maps else None,
+            at_once,
         )
-        reports.append(
-            MapReport(str(path), findings, suppressed, selection.strict, is_folder(path))
-        )
-    return LintReport(tuple(reports), __version__)
+        reports = lint_maps.parameters(files, costmap, namespace, maps) if files else []
+        with counted(len(maps)) as done:
+            reports += lint_maps(maps, done)
+        problems = _repair_in_place(maps, reports, lint_maps) if in_place else []
+    report = LintReport(tuple(reports), __version__, form, tuple(problems))
+    if work is not None:
+        work.terminal.remark(repair_lines(report) if form != "text" else ())
+        for problem in problems[1:]:
+            work.terminal.error(problem)  # `LintReport.check` raises the first
+    return report
 
 
-def _radius_of(footprint: Footprint | None, parameters: ParameterFiles | None) -> float | None:
+def _no_standard_input() -> Iterable[bytes]:
+    hint = "give the names as a list"
+    raise ParameterError("applies to the command line", source="@-", hint=hint)
+
+
+def _radius_of(
+    footprint: Footprint | None, files: Sequence[Path], costmap: CostmapName | None,
+    namespace: str | None,
+) -> float | None:  # fmt: skip
     """Return the inscribed radius of the robot whose shape, or whose files, are given."""
-    if footprint is not None:
-        return reach_radius(footprint)
-    if parameters is None:
-        return None
-    from mapdeal.checks.parameter_checks import robot_in  # few calls look at any
-
-    robot = robot_in(parameters.paths, costmap=parameters.costmap, namespace=parameters.namespace)
-    return None if robot is None else reach_radius(robot.footprint)
+    if footprint is None and files:
+        robot = robot_in(files, costmap=costmap, namespace=namespace)
+        footprint = None if robot is None else robot.footprint
+    return None if footprint is None else reach_radius(footprint)
 
 
-def repair_maps(
-    paths: Sequence[Path],
-    rules: LintRules,
-    settings: Settings = DEFAULT_SETTINGS,
-    *,
-    jobs: int = 1,
-    done: Callable[[int], object] = lambda _: None,
-) -> tuple[LintReport, list[MapdealError]]:
-    """Repair maps in their own files; return what is left to be said of them."""
+@dataclass
+class _Lint:
+    """Lint by some rules, of a robot's files or, so many at the same time, of maps."""
+
+    selections: Selections
+    settings: Settings
+    radius: float | None = None
+    jobs: int = 1
+
+    def parameters(
+        self, files: Sequence[Path], costmap: CostmapName | None, namespace: str | None,
+        maps: Sequence[Path],
+    ) -> list[MapReport]:  # fmt: skip
+        """Return what is wrong with a robot's parameter files, also beside maps."""
+        for path in maps:
+            self.selections.of(path)  # what is wrong with their rules is told of first
+        headers = [
+            (path.name, found)
+            for path in maps
+            if (found := _of_header(path, self.settings, lambda file: file.frame().resolution))
+        ]
+        found_by_file = found_in_parameters(files, costmap, namespace, headers)
+        reports = [self._report(path, found) for path, found in found_by_file.items()]
+        return [replace(one, is_parameters=True) for one in reports]
+
+    def __call__(self, paths: Sequence[Path], done: Callable[[int], object]) -> list[MapReport]:
+        """Return what is wrong with maps."""
+        of_robot = checks_of(RoomFacts)
+        radii = {
+            path: self.radius
+            for path in paths
+            if not self.selections.of(path).checks.isdisjoint(of_robot) and self.radius is not None
+        }
+        found: dict[int, Found] = {}
+
+        def take(index: int, one: Found) -> None:
+            found[index] = one
+            done(1)
+
+        if self.jobs > 1 and _are_worth_workers(paths, self.settings):
+            _lint_in_processes(paths, self.settings, radii, min(self.jobs, len(paths)), take)
+        else:
+            for index, path in enumerate(paths):
+                take(index, found_in(path, self.settings.max_cells, radii.get(path)))
+        reports = []
+        for index, path in enumerate(paths):
+            is_left_out = any(one.check == LEFT_OUT for one in found[index].findings)
+            without = of_robot if is_left_out or path not in radii else ()
+            report = self._report(path, found[index], without)
+            reports.append(replace(report, is_folder=is_folder(path)))
+        return reports
+
+    def _report(self, path: Path, found: Found, without: Iterable[str] = ()) -> MapReport:
+        selection = self.selections.of(path)
+        judged = selection.judged(path, found.findings, found.comments, without=without)
+        return MapReport(str(path), *judged, selection.strict)
+
+
+def _repair_in_place(
+    paths: Sequence[Path], reports: list[MapReport], lint_maps: _Lint
+) -> list[MapdealError]:  # fmt: skip
+    """Repair maps in their own files, and put what is left in the place of their reports."""
     # Only findings that count are mended: neither those of checks that are not wanted, nor
     # suppressed ones.
-
-    before = lint_maps(paths, rules, settings, jobs=jobs, done=done)
     users: ImageUsers = {}
-    reports, problems = list(before.maps), []
-    for index, (path, one) in enumerate(zip(paths, before.maps, strict=True)):
+    problems = []
+    for index, (path, one) in enumerate(zip(paths, reports, strict=True)):
         wanted = {found.check for found in one.findings}
         if one.is_folder or not wanted:
             continue
         try:
-            repairs = repair_in_place(path, wanted, settings, users)
+            repairs = repair_in_place(path, wanted, lint_maps.settings, users)
         except MapdealError as error:
             problems.append(error)
             continue
         if repairs:
-            (after,) = lint_maps([path], rules, settings).maps
+            (after,) = lint_maps([path], int)
             reports[index] = replace(after, repairs=tuple(repairs))
-    return replace(before, maps=tuple(reports)), problems
+    return problems
 
 
-def _reports_of(
-    parameters: ParameterFiles, maps: Sequence[Path], selections: _Selections, settings: Settings
-) -> list[MapReport]:
-    reports = []
-    for path, findings in _lint_parameters(parameters, maps, settings).items():
-        selection = selections.of(path)
-        counted, suppressed = selection.judged(
-            path, findings, read_ignore_comments(path, _LARGEST_PARAMETERS)
-        )
-        reports.append(
-            MapReport(str(path), counted, suppressed, selection.strict, is_parameters=True)
-        )
-    return reports
-
-
-def _lint_parameters(
-    parameters: ParameterFiles, maps: Sequence[Path], settings: Settings
-) -> dict[Path, list[Finding]]:
-    from mapdeal.checks.parameter_checks import lint_parameters  # few calls look at any
-
-    try:
-        return lint_parameters(
-            parameters.paths,
-            costmap=parameters.costmap,
-            namespace=parameters.namespace,
-            map_resolutions=[
-                (path.name, found)
-                for path in maps
-                if (found := _of_header(path, settings, lambda file: file.frame().resolution))
-            ],
-        )
-    except FileAccessError as error:
-        faulty = Path(error.source) if error.source is not None else parameters.paths[-1]
-        text = str(error).removeprefix(f"{faulty}: ")
-        finding = Finding(_NO_ACCESS, CHECKS[_NO_ACCESS].severity, str(faulty), text)
-        return {path: [finding] if path == faulty else [] for path in parameters.paths}
+def _repaired_copy(paths: Sequence[Path], output: Path, settings: Settings) -> LintReport:
+    if len(paths) != 1:
+        hint = "--in-place repairs any number of maps"
+        raise ParameterError("takes one map", source="-o", got=len(paths), hint=hint)
+    done = repair_copy(paths[0], output, settings)
+    report = MapReport(str(paths[0]), (), repairs=tuple(done))
+    return LintReport((report,), __version__, output=output)
 
 
 def _of_header(path: Path, settings: Settings, take: Callable[[MapFile], T]) -> T | None:
@@ -293,25 +384,6 @@ def _of_header(path: Path, settings: Settings, take: Callable[[MapFile], T]) -> 
     ):
         return take(file)
     return None
-
-
-def _lint_one(path: Path, settings: Settings, radius: float | None = None) -> _Found:
-    """Return what is found in a map, also if it cannot be checked."""
-    try:
-        findings = lint_file(path, max_cells=settings.max_cells, radius=radius)
-    except MapdealError as error:
-        return _not_checked(path, str(error))
-    except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
-        text = f"internal error: {type(problem).__name__}: {problem}; this is a bug in mapdeal"
-        return _not_checked(path, str(refusal_of_the_system(problem) or text))
-    has_comments = not is_folder(path) and path.suffix.lower() not in (".npz", BIT_MAP)
-    comments = read_ignore_comments(path) if has_comments else []
-    return _Found(tuple(findings), tuple(comments))
-
-
-def _not_checked(path: Path, text: str) -> _Found:
-    severity = CHECKS[_NOT_CHECKED].severity
-    return _Found((Finding(_NOT_CHECKED, severity, str(path), text.removeprefix(f"{path}: ")),))
 
 
 def _are_worth_workers(paths: Sequence[Path], settings: Settings) -> bool:
@@ -333,32 +405,24 @@ def _lint_in_processes(
     settings: Settings,
     radii: Mapping[Path, float],
     jobs: int,
-    done: Callable[[int, _Found], None],
+    done: Callable[[int, Found], None],
 ) -> None:
-    from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch
-    from mapdeal.pipeline.inputs import memory_budget
-    from mapdeal.pipeline.workers import ProcessWorkers
+    from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
 
     def take(index: int, outcome: Outcome) -> None:
-        found = outcome.result
-        if not isinstance(found, _Found):
-            found = _not_checked(paths[index], str(found))
+        path, found = paths[index], outcome.result
+        if not isinstance(found, Found):
+            found = not_checked(path, str(found))
         elif any(SHARE_OF_JOB in one.message for one in found.findings):
-            found = _lint_one(
-                paths[index], settings, radii.get(paths[index])
-            )  # alone it may have all of it
+            found = found_in(path, settings.max_cells, radii.get(path))  # alone it may have all
         done(index, found)
 
-    work = _LintJob(
-        replace(
-            settings,
-            max_memory=memory_budget(settings.max_memory, jobs),
-            memory_is_chosen=settings.max_memory is not None,
-        ),
-        radii,
-    )
+    of_each = memory_budget(settings.max_memory, jobs)
+    is_chosen = settings.max_memory is not None
+    shared = replace(settings, max_memory=of_each, memory_is_chosen=is_chosen)
     all_jobs = [Job(path, path, str(path), str(path)) for path in paths]
-    dispatch(len(paths), all_jobs.__getitem__, partial(attempt, work), ProcessWorkers(jobs), take)
+    work = partial(attempt, _LintJob(shared, radii))
+    dispatch(len(paths), all_jobs.__getitem__, work, ProcessWorkers(jobs), take)
 
 
 @dataclass(frozen=True)
@@ -368,134 +432,6 @@ class _LintJob:
     settings: Settings
     radii: Mapping[Path, float]
 
-    def __call__(self, job: Job) -> _Found:
+    def __call__(self, job: Job) -> Found:
         with self.settings.memory(anew=True):
-            return _lint_one(job.path, self.settings, self.radii.get(job.path))
-
-
-ImageUsers = dict[Path, list[tuple[tuple[int, int], Path]]]
-"""The images that the YAML files of a folder name, and those files: each folder is read once."""
-
-_WRITTEN = (".pgm", ".png")
-"""Formats of images that can be written as they were."""
-
-_COPY = "mapdeal lint MAP --fix -o OUT writes a repaired copy"
-
-
-def repair_file(path: Path, output: Path, options: Settings) -> list[str]:
-    """Write a map without the traps that can be taken out of it; return what was changed."""
-    outputs = output_paths(output)
-    pair, cells, findings = gather(path, max_cells=options.max_cells)
-    if cells is None:
-        errors = (found.message for found in findings if found.severity == "error")
-        rule = next(errors, "holds costs, which are not repaired")
-        raise MalformedInputError(rule, source=path)
-    inputs = [path, *([pair.path, pair.image_path] if pair is not None else [])]
-    with outputs_of(outputs, inputs, options) as transaction:
-        with errors_named(path):
-            grid, done = repaired(path, pair, max_cells=options.max_cells)
-        write_grid(transaction, output, grid)
-    if pair is not None:
-        done += [found.message for found in findings if found.check == "yaml.nan-yaw"]
-        done.append(f"image {outputs[0].name}, usual thresholds")
-    return done
-
-
-def repair_in_place(
-    path: Path, wanted: Collection[str], settings: Settings, users: ImageUsers
-) -> list[str]:
-    """Repair a map in its own files; return what was changed, a line each."""
-    # In the YAML file the values that are traps are replaced where they stand, so that comments,
-    # order and other keys stay. The image is written only if the map is turned. It keeps its name
-    # if it is a pgm or png of this map alone; else there is a new one, and the old one stays.
-    states = {path: state_of(path)}  # before anything is read
-    pair, cells, _ = gather(path, max_cells=settings.max_cells)
-    if pair is None:
-        return []
-    repair = yaml_repair(pair, None if cells is None else cells.frame, wanted)
-    if not repair:
-        return []
-    states[pair.image_path] = state_of(pair.image_path)
-    values, done = dict(repair.values), list(repair.done)
-    target = real_path(pair.path)
-    outputs = [target]
-    if repair.needs_cells:
-        image, told = _image_for(pair, users)
-        outputs.insert(0, image)
-        done.append(told)
-    with (
-        use_threads(settings.threads),
-        errors_named(pair.path),
-        Transaction(outputs, force=True) as transaction,
-    ):
-        if repair.needs_cells:
-            grid, told_of_cells = repaired(pair.path, pair, max_cells=settings.max_cells)
-            done = [*told_of_cells, *done]
-            new: dict[str, Any] = {
-                "mode": write_map_image(transaction, image, grid),
-                "resolution": grid.resolution,
-                "origin": tuple(grid.origin),
-                "negate": 0,
-                "occupied_thresh": 0.65,
-                "free_thresh": 0.196,
-            }
-            if image != real_path(pair.image_path):
-                new["image"] = image.name
-            values |= {key: one for key, one in new.items() if getattr(pair.metadata, key) != one}
-        mark = head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
-        data = (BOM_UTF8 if mark else b"") + edited(pair.entries, values)
-        if _metadata_in(data, pair.path) != replace(pair.metadata, **values):
-            rule = "its YAML is written in a way that cannot be edited"
-            raise MalformedInputError(rule, source=pair.path, hint=_COPY)
-        transaction.write_bytes(target, data)
-        for one, state in states.items():
-            check_state(one, state)
-    return done
-
-
-def _metadata_in(data: bytes, path: Path) -> MapMetadata | None:
-    # warnings that stay are found again
-    with kept_warnings(), contextlib.suppress(MalformedInputError):
-        return metadata_of(parse_mapping(path, data), path)
-    return None
-
-
-def _image_for(pair: PairFacts, users: ImageUsers) -> tuple[Path, str]:
-    """Return where the image of new cells goes, and what is said of that."""
-    other = _other_user(pair, users)
-    if other is None and pair.image_path.suffix in _WRITTEN:
-        return real_path(pair.image_path), f"{pair.image_path.name} written anew"
-    new = real_path(pair.path).with_suffix(".pgm")
-    why = "whose format is only read" if other is None else f"which {other.name} also uses"
-    if exists(new):
-        rule = f"its image {pair.image_path.name}, {why}, would become {new.name}, which exists"
-        raise FileAccessError(rule, source=pair.path, hint=_COPY)
-    return new, f"{new.name} written beside {pair.image_path.name}, {why}"
-
-
-def _other_user(pair: PairFacts, users: ImageUsers) -> Path | None:
-    """Return a map beside the image, or beside this map, that uses the image, too."""
-    identity = identity_of(pair.image_path)
-    for folder in (pair.image_path.parent, pair.path.parent):
-        if folder not in users:
-            users[folder] = list(_images_of(folder))
-        for named, path in users[folder]:
-            if named == identity and not is_same_file(path, pair.path):
-                return path
-    return None
-
-
-def _images_of(folder: Path) -> Iterator[tuple[tuple[int, int], Path]]:
-    """Yield what images the YAML files in a folder name; who cannot be read names none."""
-    try:
-        _, names = contents_of(folder)
-    except FileAccessError:
-        return
-    for path in (folder / name for name in names):
-        if path.suffix.lower() not in YAML:
-            continue
-        with contextlib.suppress(MapdealError):
-            entries = read_mapping(path)
-            places = image_places(folder, entries["image"].text()) if "image" in entries else []
-            if identity := next(filter(None, map(identity_of, places)), None):
-                yield identity, path
+            return found_in(job.path, self.settings.max_cells, self.radii.get(job.path))

@@ -1,64 +1,383 @@
-"""Maps in files, merged into one."""
+"""``mapdeal merge``: several maps of one place as one."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Unpack
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.command import OnlyInPython, Output, Result, Words, command
 from mapdeal.compare.align import bytes_to_align
+from mapdeal.compare.align import placed as placed_on
 from mapdeal.editing.merge import (
     FEWEST,
     ChosenLayers,
-    Merged,
+    Layers,
+    MapCounts,
     Rule,
     check_is_map,
     chosen_layers,
     lattice_around,
     merged_on,
-    placed,
-    remarks_on,
-    without_layers,
 )
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.files.budget import claim, holding
 from mapdeal.grid.display import count_text
 from mapdeal.grid.frame import Transform
-from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import check_choice
 from mapdeal.maps.npz import read_evidence
-from mapdeal.maps.png import write_indexed_png
-from mapdeal.maps.reading import Source, output_paths, write_grid
+from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import merge_image
-from mapdeal.pipeline.inputs import bytes_of, errors_named, outputs_of, read_summed
-from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.folder import written_line
+from mapdeal.pipeline.inputs import (
+    Map,
+    MapInput,
+    Reading,
+    Work,
+    bytes_of,
+    errors_named,
+    opened,
+    settings_of,
+    transform_of,
+)
 from mapdeal.sensors.points import TransformFile, read_transform, transform_document
 
+_PER_CELL, _OF_EVIDENCE = 22, 26
+"""Bytes for each cell of the result, and more of them for sums; each map takes another one."""
 
-@dataclass(frozen=True)
-class Known:
-    """Source files of a map that was read."""
+_OF_PICTURE = 2
+"""Bytes more for a picture, besides its own."""
 
-    path: Path
-    sums: Mapping[str, str]
-
-    def is_of(self, sums: Mapping[str, str]) -> bool:
-        """Return whether these are its checksums, whatever its files are called."""
-        return sorted(self.sums.values()) == sorted(sums.values())
+Placing = Sequence[Transform | str | PathLike[str] | None]
 
 
-def transforms_by_files(files: Sequence[Path], maps: Sequence[Known]) -> list[Transform]:
-    """Return the transform from the first map's frame to that of each other map."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Merged(Result):
+    """Result of `merge`: several maps combined into one.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        Merged map.
+    conflicts : numpy.ndarray of uint8, shape of the grid
+        1 where the first map is occupied and another free, 2 where the first is free and another
+        occupied, 3 where only other maps contradict each other; 0 elsewhere.
+    maps : tuple of MapCounts
+        Counts for each map, in the order given.
+    common : int
+        Number of cells known in two or more maps.
+    log_odds : numpy.ndarray of float64, shape of the grid, optional
+        Sum that decided each cell under rule ``evidence``, on the scale of `build_map`: 50 is
+        even, nan where nothing is known. None under other rules.
+    inputs : tuple of MapInput
+        The maps that were merged.
+    transforms : tuple of Transform
+        From the first map's frame to the frame of each map.
+    rule : {'occupied', 'newest', 'evidence'}
+        How the values were combined.
+    """
+
+    grid: OccupancyGrid
+    conflicts: NDArray[np.uint8]
+    maps: tuple[MapCounts, ...]
+    common: int
+    log_odds: NDArray[np.float64] | None
+    inputs: tuple[MapInput, ...]
+    transforms: tuple[Transform, ...]
+    rule: Rule
+
+    def _told(self) -> Iterator[str]:
+        height, width = self.grid.shape
+        yield f"{len(self.maps)} maps"
+        yield f"{width} x {height} cells"
+        yield count_text(self.conflict_count, "conflict")
+
+    @property
+    def conflict_count(self) -> int:
+        """Number of cells that are occupied in one map and free in another."""
+        return int(np.count_nonzero(self.conflicts))
+
+    def document(self) -> dict[str, Any]:
+        """Return the dict that ``mapdeal merge --json`` prints."""
+        return {
+            "rule": self.rule,
+            "merged": [
+                {
+                    **(one.document() or {"file": None, "sha256": None}),
+                    "transform": transform_document(transform),
+                    **asdict(counts),
+                    "conflicts": counts.conflicts,
+                    "conflict_share": counts.conflict_share,
+                }
+                for one, transform, counts in zip(
+                    self.inputs, self.transforms, self.maps, strict=True
+                )
+            ],
+            "common": self.common,
+            "conflicts": self.conflict_count,
+            "figures": self.grid.figures(),
+        }
+
+    def summary(self, output: Path) -> Iterator[str]:
+        """Yield what ``mapdeal merge`` prints."""
+        yield written_line(output, self.grid.figures(), with_origin=True)
+        yield from self.lines()
+
+    def lines(self) -> Iterator[str]:
+        """Yield what ``mapdeal merge`` prints of the maps."""
+        told = f"  {self.common} cells are known in several maps"
+        if self.common:
+            share = 100 * self.conflict_count / self.common
+            told += f"; {self.conflict_count} of them ({share:.2f} %) are occupied in one and free"
+            told += " in another"
+        yield told
+        for number, (one, counts) in enumerate(zip(self.inputs, self.maps, strict=True)):
+            text = f"  {one.name}: {counts.known} cells known"
+            if number:
+                text += f", {counts.added} added"
+            if counts.common:
+                text += f"; of {counts.common} that others know, {counts.occupied_here} are "
+                text += f"occupied here and free there, {counts.free_here} vice versa"
+            if counts.common and counts.walls:
+                share = 100 * counts.met / counts.walls
+                text += f"; {share:.0f} % of its walls there are also in others"
+            yield text
+
+    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+        """Return the picture of the merged map and of the conflicts."""
+        names = [one.title for one in self.inputs]
+        if len(set(names)) < len(names):
+            names = [f"map {number}" for number in range(1, len(names) + 1)]
+        title = None if title is None else one_line(title)
+        return merge_image(self.grid, self.conflicts, names=names, title=title, **look)
+
+    def write(self, transaction: Any, output: Path) -> None:
+        """Write the merged map, with the keys of the first map's YAML, and the sum if any."""
+        metadata = self.inputs[0].metadata
+        extra = dict(metadata.extra) if metadata else {}
+        more = None if self.log_odds is None else {"log_odds": self.log_odds}
+        write_grid(transaction, output, self.grid, extra=extra, more=more)
+
+
+def _placing(words: list[str]) -> Literal["align"] | list[Path] | None:
+    for word in ("frames", "align"):
+        if word in words:
+            if len(words) > 1:
+                rule = f"{word} cannot be given together with others"
+                raise ParameterError(rule, got=words)
+            return "align" if word == "align" else None
+    return [Path(word) for word in words]
+
+
+@command(
+    group="Two maps of one place",
+    output=Output(
+        "OUT", "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz.",
+        paths=output_paths,
+    ),
+    example="""\
+mapdeal merge examples/maps/office.yaml examples/maps/office_cartographer.yaml \\
+    --by align -o out/merged.yaml --image out/merged.png""",
+)  # fmt: skip
+def merge(
+    maps: Annotated[Sequence[Map], Words("MAP...")],
+    *,
+    transforms: Annotated[
+        Literal["align"] | Placing | None,
+        Words("frames|align|FILE.json", _placing, "by", is_repeated=True),
+    ] = None,
+    rule: Rule = "occupied",
+    evidence: Annotated[Sequence[Layers | None] | None, OnlyInPython] = None,
+    **reading: Unpack[Reading],
+) -> Merged:
+    """Merge maps of one place into one.
+
+    The result has the lattice of the first map, whose cells keep their places, extended by whole
+    cells to all that the others know. The others may have any resolution, origin and yaw: they are
+    resampled so that no obstacle is lost.
+
+    Rule occupied: occupied wins over free, and free over unknown. Rule newest: the last map that
+    knows a cell wins. Rule evidence: the evidence for and against an obstacle is summed, from the
+    layers of mapdeal build --layers; a map without them has one vote per cell, and a tie is
+    decided by rule occupied.
+
+    Cells that are occupied in one map and free in another are conflicts: they are counted, and
+    coloured in the picture. With --by align the exit code is 1, and nothing is written, if the
+    placement of a map is uncertain.
+
+    Parameters
+    ----------
+    maps : sequence of path, str or grid
+        Two maps or more: .yaml, .pbm or .npz. In Python, grids serve as well.
+    transforms : 'align' or sequence of Transform, path or None, optional
+        How the maps are placed: by their frames (the default), by their walls (align), or by files
+        of mapdeal align, one for each map but the first. In Python, a `Transform` serves as well:
+        it leads from the first map's frame to the frame of that map, as `align` finds it, p_map =
+        T p_first; None means the same frame.
+    rule : {'occupied', 'newest', 'evidence'}
+        Which value wins where maps differ: the largest, that of the last map that knows the cell,
+        or the sum of the evidence.
+    evidence : sequence of mapping, optional
+        Layers of each map for rule ``evidence``, as returned by `build_map`: ``log_odds``, or
+        ``hits`` and ``misses``. None or an empty mapping stands for a map without layers. By
+        default they are read from the maps' own files.
+    **reading
+        As for `read_map`; dialect, max_cells and max_memory apply to files.
+
+    Returns
+    -------
+    Merged
+        The merged map, the conflicts, and the counts for each map.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If a file cannot be read.
+    FindingError
+        If the maps are to be aligned, and the placement of one is uncertain.
+    ParameterError
+        If there are fewer than two maps, one of them is not a map, `transforms` or `evidence` do
+        not fit the maps or the rule, or the maps are too far apart for one grid.
+
+    Warns
+    -----
+    MapdealWarning
+        If a map adds nothing, has no known cell in common with another, or contradicts the others
+        so strongly that it is probably misaligned; if a map has no layers under rule ``evidence``.
+
+    Notes
+    -----
+    For a map on another lattice, ``occupied`` and ``newest`` mark every cell that overlaps one of
+    its obstacles, however little, and use the value at the centre of all other cells. Conflicts
+    and votes use the value at the centre, or, if the map is finer than the result, any obstacle in
+    the cell, which could be missed otherwise. Layers of evidence are sampled at the centre.
+
+    For conflicts and votes, a cell is occupied at 65 and above and free at 25 and below, the
+    defaults of Nav2's map_saver.
+
+    The unit of evidence is one passing beam. ``log_odds`` count from 50, a hit in ``hits`` weighs
+    7/3 (so that the sum is positive above a share of hits of 0.3, the default of method
+    ``counting``), and a vote weighs 1.
+
+    References
+    ----------
+    ``updateWithMax`` of costmap_2d also lets the largest value win. The sum follows H. Moravec and
+    A. Elfes, "High Resolution Maps from Wide Angle Sonar", 1985.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> before = OccupancyGrid([[100, 0, 0, -1]], 0.5, (1.0, 2.0, 0.0))
+    >>> after = OccupancyGrid([[0, 100, 100, 0]], 0.5, (1.5, 2.0, 0.0))
+    >>> merged = merge([before, after])
+    >>> merged.grid.occupancy.tolist(), merged.conflicts.tolist()
+    ([[100, 0, 100, 100, 0]], [[0, 0, 2, 0, 0]])
+    >>> merge([before, after], rule="newest").grid.occupancy.tolist()
+    [[100, 0, 100, 100, 0]]
+    """
+    check_choice(rule, Rule, "rule")
+    if len(maps) < FEWEST:
+        raise ParameterError("takes two maps or more", place="maps", got=len(maps))
+    names = [f"map {number}" for number in range(1, len(maps) + 1)]
+    files = _files_of(transforms)
+    inputs = opened(*maps, names=names, also=files, **reading)
+    grids = [check_is_map(one.grid, one.name) for one in inputs]
+    settings = settings_of(**reading)
+    with settings.memory(), holding(sum(map(bytes_of, grids))):
+        layers = _evidence_of(inputs, rule, evidence, settings.max_cells)
+        if files:
+            places = _by_files(files, inputs)
+        elif transforms == "align":
+            places = _by_walls(grids, inputs)
+        else:
+            places = _given(transforms, len(maps) - 1)
+    frames = [
+        grid.frame if place is None else place.inverse().frame(grid.frame)
+        for grid, place in zip(grids, places, strict=True)
+    ]
+    with errors_named(inputs[0].name):
+        lattice = lattice_around(grids, frames)
+    held = sum(map(bytes_of, grids)) + _bytes_in(layers)
+    per_cell = _PER_CELL + len(maps) + _OF_EVIDENCE * (rule == "evidence")
+    per_cell += _OF_PICTURE * (settings.image is not None)
+    with settings.memory():
+        what = f"{lattice.width} x {lattice.height} cells around all maps"
+        claim(inputs[0].name, held + per_cell * lattice.height * lattice.width, what=what)
+    parts = merged_on(lattice, grids, frames, rule, layers)
+    placed = tuple(place or Transform() for place in places)
+    merged = Merged(*parts, inputs=tuple(inputs), transforms=placed, rule=rule)
+    is_advised = transforms is None and Work.current.get() is not None
+    advice = "; --by align places maps by their walls" if is_advised else ""
+    for text in _remarks_on(merged, [not one for one in layers], advice):
+        emit_warning(text, stacklevel=2)
+    return merged
+
+
+def _files_of(transforms: Literal["align"] | Placing | None) -> list[Path]:
+    """Return the files that place maps; none if they are placed otherwise."""
+    if transforms is None or isinstance(transforms, str):
+        return []
+    files = [Path(one) for one in transforms if isinstance(one, str | PathLike)]
+    if 0 < len(files) < len(transforms):
+        raise ParameterError("must be files, or transforms", place="transforms")
+    return files
+
+
+def _given(transforms: Any, count: int) -> list[Transform | None]:
+    """Return transforms that Python users give, None for the first map and as they please."""
+    if transforms is None:
+        return [None] * (count + 1)
+    if len(transforms) != count or isinstance(transforms, str):
+        rule = f"must be {count}, one for each map but the first"
+        raise ParameterError(rule, place="transforms", got=len(transforms))
+    return [None, *(transform_of(one, place="transforms") for one in transforms)]
+
+
+def _evidence_of(
+    maps: Sequence[MapInput],
+    rule: Rule,
+    given: Sequence[Layers | None] | None,
+    max_cells: int | None,
+) -> list[ChosenLayers]:
+    """Return the layers of evidence of each map: those given, or those in its file."""
+    if given is not None and rule != "evidence":
+        raise ParameterError("is for rule evidence alone", place="evidence")
+    if given is not None and len(given) != len(maps):
+        text = f"must be {len(maps)}, one for each map"
+        raise ParameterError(text, place="evidence", got=len(given))
+    chosen: list[ChosenLayers] = []
+    for one, layers in zip(maps, given or [None] * len(maps), strict=True):
+        path = one.path if one.metadata is None and given is None and rule == "evidence" else None
+        try:
+            with holding(_bytes_in(chosen)):
+                found = layers if path is None else read_evidence(path, max_cells=max_cells)
+                chosen.append(chosen_layers(found or {}, one.grid.shape))
+        except ParameterError as error:
+            raise error.found_in(one.name) if path is None else error.in_file(path) from None
+    return chosen
+
+
+def _bytes_in(layers: Sequence[ChosenLayers]) -> int:
+    return sum(layer.nbytes for one in layers for layer in one.values())
+
+
+def _by_files(files: Sequence[Path], maps: Sequence[MapInput]) -> list[Transform | None]:
+    """Return the transform from the first map's frame to that of each map."""
     # A file with checksums is between the two maps that have them, in whatever order these are
     # given, and transforms are chained: from A to B and from C to B place C, too. One without is
     # from the first map to the second, third, ..., as it is the first, second, ... of the files.
     if len(files) >= len(maps):
         rule = f"{len(files)} files are given, and {count_text(len(maps) - 1, 'map')} to place"
-        raise ParameterError(rule, source="--by")
-    own = [next(k for k, one in enumerate(maps) if one.is_of(other.sums)) for other in maps]
+        raise ParameterError(rule, place="transforms")
+    own = [next(k for k, one in enumerate(maps) if one is other or _is_of(one, other.sums))
+           for other in maps]  # fmt: skip
     steps = [
         _step(read_transform(path), path, number, maps) for number, path in enumerate(files, 1)
     ]
@@ -67,19 +386,22 @@ def transforms_by_files(files: Sequence[Path], maps: Sequence[Known]) -> list[Tr
         found |= more
     for one, first in zip(maps, own, strict=True):
         if first not in found:
-            rule = f"no transforms lead from {maps[0].path} to {one.path}"
+            rule = f"no transforms lead from {maps[0].name} to {one.name}"
             hint = "pass --by once for each map but the first"
-            raise ParameterError(rule, source="--by", hint=hint)
-    return [found[first] for first in own[1:]]
+            raise ParameterError(rule, place="transforms", hint=hint)
+    return [None, *(found[first] for first in own[1:])]
 
 
-def transforms_by_walls(grids: Sequence[OccupancyGrid], paths: Sequence[Path]) -> list[Transform]:
-    """Return the transforms that `transforms_by_files` returns, of maps that are aligned."""
+def _is_of(one: MapInput, sums: Mapping[str, str]) -> bool:
+    """Return whether these are a map's checksums, whatever its files are called."""
+    return bool(sums) and sorted(one.sums.values()) == sorted(sums.values())
+
+
+def _by_walls(grids: Sequence[OccupancyGrid], maps: Sequence[MapInput]) -> list[Transform | None]:
+    """Return the transforms that `_by_files` returns, of maps that are aligned."""
     # A map that has too little in common with the first one is placed on another that is placed.
-    from mapdeal.compare.align import align
-
     cells = [grid.frame.height * grid.frame.width for grid in grids]
-    claim(paths[0], bytes_to_align(sorted(cells)[-2:]), what="maps that are aligned")
+    claim(maps[0].name, bytes_to_align(sorted(cells)[-2:]), what="maps that are aligned")
     found = {0: Transform()}
     reasons: dict[int, str] = {}
     new = [0]
@@ -89,8 +411,8 @@ def transforms_by_walls(grids: Sequence[OccupancyGrid], paths: Sequence[Path]) -
             for base in placed:
                 if number in found:
                     break
-                with errors_named(paths[number]):
-                    step = align(grids[base], grids[number])
+                with errors_named(maps[number].name):
+                    step = placed_on(grids[base], grids[number])
                 if step.same_place:
                     found[number] = step.transform.after(found[base])
                     new.append(number)
@@ -98,12 +420,12 @@ def transforms_by_walls(grids: Sequence[OccupancyGrid], paths: Sequence[Path]) -
                     reasons.setdefault(number, str(step.reason))  # that of the first map
     for number, reason in reasons.items():
         if number not in found:
-            path = paths[number]
+            first, name = maps[0].name, maps[number].name
             others = " or on another" if len(found) > 1 else ""
-            rule = f"its placement on {paths[0]}{others} is uncertain: {reason}"
-            hint = f"mapdeal align {paths[0]} {path} shows the result; --by FILE.json uses it"
-            raise FindingError(rule, source=path, hint=hint)
-    return [found[number] for number in range(1, len(grids))]
+            rule = f"its placement on {first}{others} is uncertain: {reason}"
+            hint = f"mapdeal align {first} {name} shows the result; --by FILE.json uses it"
+            raise FindingError(rule, source=name, hint=hint)
+    return [None, *(found[number] for number in range(1, len(grids)))]
 
 
 def _next_to(
@@ -118,10 +440,10 @@ def _next_to(
 
 
 def _step(
-    told: TransformFile, path: Path, number: int, maps: Sequence[Known]
+    told: TransformFile, path: Path, number: int, maps: Sequence[MapInput]
 ) -> tuple[int, int, Transform]:
     ends = [
-        next((k for k, one in enumerate(maps) if one.is_of(sums)), None)
+        next((k for k, one in enumerate(maps) if _is_of(one, sums)), None)
         for sums in (told.first, told.second)
     ]
     if ends[0] is not None and ends[1] is not None:
@@ -129,148 +451,29 @@ def _step(
     if told.first or told.second:
         text = (
             f"{path}: its checksums are not those of the maps; used as the transform from "
-            f"{maps[0].path} to {maps[number].path}"
+            f"{maps[0].name} to {maps[number].name}"
         )
         emit_warning(text, stacklevel=2)
     return 0, number, told.transform
 
 
-_PER_CELL, _OF_EVIDENCE = 22, 26
-"""Bytes for each cell of the result, and more of them for sums; each map takes another one."""
-
-_OF_PICTURE = 2
-"""Bytes more for a picture, besides its own."""
-
-By = Literal["frames", "align"]
-
-
-@dataclass(frozen=True)
-class MergeReport:
-    """What was merged, and how."""
-
-    merged: Merged
-    maps: tuple[Known, ...]
-    transforms: tuple[Transform, ...]
-    rule: Rule
-
-    @property
-    def figures(self) -> Figures:
-        return self.merged.grid.figures()
-
-    def document(self) -> dict[str, Any]:
-        return {
-            "rule": self.rule,
-            "merged": [
-                {
-                    "file": str(one.path),
-                    "sha256": dict(one.sums),
-                    "transform": transform_document(transform),
-                    **asdict(counts),
-                    "conflicts": counts.conflicts,
-                    "conflict_share": counts.conflict_share,
-                }
-                for one, transform, counts in zip(
-                    self.maps, self.transforms, self.merged.maps, strict=True
-                )
-            ],
-            "common": self.merged.common,
-            "conflicts": self.merged.conflict_count,
-            "figures": self.figures,
-        }
-
-
-def merge_files(
-    paths: Sequence[Path],
-    output: Path,
-    options: Settings,
-    *,
-    by: By | Sequence[Path] = "frames",
-    rule: Rule = "occupied",
-) -> MergeReport:
-    outputs = output_paths(output)
-    if len(paths) < FEWEST:
-        raise ParameterError("takes two maps or more", source="merge", got=len(paths))
-    sources, layers = _read(paths, options, rule)
-    grids = [check_is_map(one.grid, str(path)) for one, path in zip(sources, paths, strict=True)]
-    maps = tuple(Known(path, one.sums) for path, one in zip(paths, sources, strict=True))
-    files = [file for one in sources for file in one.files]
-    if not isinstance(by, str):
-        files += by
-    with outputs_of(outputs, files, options) as transaction:
-        with options.memory(), holding(sum(map(bytes_of, grids))):
-            transforms = _transforms(by, grids, maps)
-        frames = placed(grids, transforms)
-        with errors_named(paths[0]):
-            lattice = lattice_around(grids, frames)
-        held = sum(map(bytes_of, grids)) + sum(v.nbytes for one in layers for v in one.values())
-        per_cell = _PER_CELL + len(maps) + _OF_EVIDENCE * (rule == "evidence")
-        per_cell += _OF_PICTURE * (options.image is not None)
-        with options.memory():
-            what = f"{lattice.width} x {lattice.height} cells around all maps"
-            claim(paths[0], held + per_cell * lattice.height * lattice.width, what=what)
-        merged = merged_on(lattice, grids, frames, rule=rule, evidence=layers)
-        advice = "; --by align places maps by their walls" if by == "frames" else ""
-        names = [str(path) for path in paths]
-        for text in remarks_on(merged, names, rule, without_layers(layers), advice=advice):
-            emit_warning(text, stacklevel=2)
-        metadata = sources[0].metadata
-        more = None if merged.log_odds is None else {"log_odds": merged.log_odds}
-        write_grid(
-            transaction,
-            output,
-            merged.grid,
-            extra=dict(metadata.extra) if metadata else {},
-            more=more,
-        )
-        if options.image is not None:
-            image = _picture(merged, paths, options)
-            transaction.write(
-                options.image, lambda file: write_indexed_png(file, image.indices, image.palette)
+def _remarks_on(merged: Merged, is_bare: Sequence[bool], advice: str) -> Iterator[str]:
+    names = [one.name for one in merged.inputs]
+    if merged.rule == "evidence" and all(is_bare):
+        yield "no map has evidence layers; each of their cells counts as one vote"
+    elif merged.rule == "evidence":
+        for name, is_so in zip(names, is_bare, strict=True):
+            if is_so:
+                yield f"{name}: has no evidence layers; each of its cells counts as one vote"
+    for name, counts in list(zip(names, merged.maps, strict=True))[1:]:
+        if not counts.common:
+            yield f"{name}: knows no cell that another map knows"
+        elif not counts.added and (merged.rule == "occupied" or not counts.conflicts):
+            yield f"{name}: adds nothing: the maps before it know all of its cells and obstacles"
+        if counts.is_contradicted:
+            share = 100 * counts.conflict_share
+            yield (
+                f"{name}: contradicts the other maps on {share:.1f} % of the cells that it shares "
+                f"with them, and only {counts.met} of its {counts.walls} wall cells there have a "
+                f"wall of theirs near: it is hardly aligned{advice}"
             )
-    return MergeReport(merged, maps, (Transform(), *transforms), rule)
-
-
-def _read(
-    paths: Sequence[Path], options: Settings, rule: Rule
-) -> tuple[list[Source], list[ChosenLayers]]:
-    """Return the maps in files, and the layers of evidence where they are asked for."""
-    sources: list[Source] = []
-    layers: list[ChosenLayers] = []
-    with ExitStack() as stack:
-        stack.enter_context(options.memory())
-        for path in paths:
-            source = read_summed(path, options)
-            stack.enter_context(holding(bytes_of(source.grid)))
-            own: ChosenLayers = {}
-            if rule == "evidence" and source.metadata is None:
-                found = read_evidence(path, max_cells=options.max_cells)
-                try:
-                    own = chosen_layers(found, source.grid.shape)
-                except ParameterError as error:
-                    raise error.in_file(path) from None
-                stack.enter_context(holding(sum(layer.nbytes for layer in own.values())))
-            sources.append(source)
-            layers.append(own)
-    return sources, layers
-
-
-def _picture(merged: Merged, paths: Sequence[Path], options: Settings) -> Image:
-    names = [path.stem for path in paths]
-    if len(set(names)) < len(names):
-        names = [f"map {number}" for number in range(1, len(names) + 1)]
-    return merge_image(
-        merged.grid,
-        merged.conflicts,
-        names=[one_line(name) for name in names],
-        image_extent=options.image_extent,
-    )
-
-
-def _transforms(
-    by: By | Sequence[Path], grids: Sequence[OccupancyGrid], maps: Sequence[Known]
-) -> list[Transform]:
-    if by == "frames":
-        return [Transform() for _ in maps[1:]]
-    if by == "align":
-        return transforms_by_walls(grids, [one.path for one in maps])
-    return transforms_by_files([Path(path) for path in by], maps)

@@ -1,16 +1,22 @@
-"""Questions to a distance field, answered as lines of JSON; of poses see `query_poses`."""
+"""``mapdeal query``: what a distance field says of points, and costs of a robot at poses."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
+from mapdeal.command import LethalThreshold, Result, Words, command
+from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.files.text import Form, Kind, row_texts
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
@@ -22,86 +28,271 @@ from mapdeal.grid.values import (
     LETHAL_OBSTACLE,
     NO_INFORMATION,
     UNKNOWN,
+    Convention,
+    UnknownPolicy,
     static_layer_cost_from_occupancy,
 )
 from mapdeal.kernels.lookup import look_up
-from mapdeal.kernels.threads import use_threads
-from mapdeal.maps.reading import as_occupancy
 from mapdeal.pipeline.inputs import (
+    Map,
+    MapInput,
     check_fits,
-    claim_work,
+    claim_cells,
     errors_named,
-    read_input,
+    numbers_of,
+    opened,
+    refuse,
+    settings_of,
+    text_in,
     warn_of_potential,
     warn_of_published_costs,
 )
 from mapdeal.pipeline.recipe import step_for
-from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import make_step
 from mapdeal.ros.robot import RobotParameters
-from mapdeal.sensors.points import NumberLines
-from mapdeal.stages.definition import parameters_of
+from mapdeal.sensors.points import NumberLines, read_points, read_pose_lines
 from mapdeal.stages.esdf import esdf
 
-END = "}\n"
+_END = "}\n"
 """Of an answer."""
 
 _STATES = ("free", "occupied", "unknown")
 _FREE, _OCCUPIED, _UNKNOWN = range(len(_STATES))
 
-_KINDS = [
-    Kind.EXACT, Kind.EXACT, Kind.WHOLE, Kind.WHOLE,
-    Kind.SINGLE, Kind.SINGLE, Kind.SINGLE, Kind.SINGLE,
-]  # fmt: skip
+_STATES_OF_COSTS = ("free", "collision", "unknown", "outside")
+_FREE_COST, _COLLISION, _UNKNOWN_COST, _OUTSIDE = range(len(_STATES_OF_COSTS))
+
+_OF_POINTS = [*[Kind.EXACT] * 2, *[Kind.WHOLE] * 2, *[Kind.SINGLE] * 4]
 """Of x, y, row, col, distance, both slopes, and the distance of the cell."""
 
+_OF_POSES = [*[Kind.EXACT] * 3, Kind.WHOLE]
+"""Of x, y, yaw and the cost."""
 
-def _forms() -> Iterator[Form]:
+_PER_CELL, _OF_ROBOT = 1.0, 3.0
+"""Bytes for each cell: the costs of a map, and what a robot's take to make."""
+
+
+def _forms_of_points() -> Iterator[Form]:
     """Yield the form of the answer outside, and for each state without and with a gradient."""
     start = ('{"x": ', ', "y": ')
     keys = ("row", "col", "state", "distance", "gradient", "cell_distance")
     nothing = "".join(f', "{key}": null' for key in keys)
-    yield Form((*start, f', "inside": false{nothing}{END}'), (0, 1))
+    yield Form((*start, f', "inside": false{nothing}{_END}'), (0, 1))
     for state in _STATES:
         begin = (*start, ', "inside": true, "row": ', ', "col": ', f', "state": "{state}", ')
         distance, last = '"distance": ', '"cell_distance": '
         head = (*begin[:-1], begin[-1] + distance)
-        yield Form((*head, f', "gradient": null, {last}', END), (0, 1, 2, 3, 4, 7))
+        yield Form((*head, f', "gradient": null, {last}', _END), (0, 1, 2, 3, 4, 7))
         slopes = (', "gradient": [', ", ", f"], {last}")
-        yield Form((*head, *slopes, END), (0, 1, 2, 3, 4, 5, 6, 7))
+        yield Form((*head, *slopes, _END), (0, 1, 2, 3, 4, 5, 6, 7))
 
 
-_FORMS = list(_forms())
+def _forms_of_poses() -> Iterator[Form]:
+    """Yield the form of the answer for each state, and for a line without a pose."""
+    start = ('{"x": ', ', "y": ', ', "yaw": ')
+    for state in _STATES_OF_COSTS:
+        inside = "false" if state == "outside" else "true"
+        cost = f', "inside": {inside}, "cost": '
+        yield Form((*start, cost, f', "state": "{state}"{_END}'), (0, 1, 2, 3))
+    yield Form((*start, f', "inside": false, "cost": null, "state": null{_END}'), (0, 1, 2))
 
 
-@dataclass(frozen=True)
-class Answers:
-    """Values of a field at some points, or of costs at some poses."""
+_FORMS_OF_POINTS, _FORMS_OF_POSES = list(_forms_of_points()), list(_forms_of_poses())
 
-    text: str
-    count: int
-    outside: int
+Answer = Callable[[NumberLines], tuple[str, NDArray[np.bool_]]]
+"""Returns a JSON object for each line that asks, and which of the places are inside of the map."""
 
 
-def field_to_ask(path: Path, options: Settings, parameters: Mapping[str, object]) -> DistanceField:
-    """Return the field in a file, or the one that `parameters` of `esdf` make of its map."""
-    source = read_input(path, options)
-    if isinstance(source.grid, DistanceField):
-        for name in parameters:
-            option = f"--{name.replace('_', '-')}"
-            raise ParameterError("applies to maps: this field is already computed", source=option)
-        with options.memory():
-            claim_work(path, source.grid, 0.0)
-        return source.grid
-    with options.memory():
-        check_fits(path, source.grid.shape, [make_step("esdf", {})], None)
-    warn_of_potential(source.grid, path)
-    with use_threads(options.threads), errors_named(path):
-        return esdf(as_occupancy(source.grid, path), **parameters)  # type: ignore[arg-type]
+@dataclass(frozen=True, eq=False, repr=False)
+class Answers(Result):
+    """Values of a field at points, or costs of a robot at poses, found as these are read."""
+
+    map: MapInput
+    what: Literal["point", "pose"]
+    asked: Iterable[NumberLines]
+    asked_in: Path | str
+    answer: Answer
+    is_strict: bool = False
+    counts: Counter[str] = field(default_factory=Counter)
+
+    def parts(self) -> Iterator[str]:
+        """Yield the answers, a JSON object on a line for each point or pose."""
+        for some in self.asked:
+            text, is_inside = self.answer(some)
+            turned = np.abs(some.numbers[:, 2:]) > 2 * math.pi  # only poses have a third column
+            self.counts.update(
+                all=len(is_inside),
+                outside=int(np.count_nonzero(~is_inside)),
+                bad=len(some.errors),
+                turned=int(np.count_nonzero(turned)),
+            )
+            if text:
+                yield _with_errors(text, some).removesuffix("\n")
+
+    def document(self) -> dict[str, Any]:
+        """Return all answers."""
+        lines = (line for part in self.parts() for line in part.splitlines())
+        return {"answers": list(map(json.loads, lines))}
+
+    def lines(self) -> Iterator[str]:
+        """Yield how many points or poses have been answered."""
+        count, outside = self.counts["all"], self.counts["outside"]
+        yield f"{count} {self.what}s, {outside} of them outside of the map"
+
+    def details(self) -> Iterable[str]:
+        return self.lines()
+
+    def check(self) -> None:
+        """Warn of what is odd about the places, and raise FindingError if that is asked for."""
+        count, outside, bad, turned = (
+            self.counts[key] for key in ("all", "outside", "bad", "turned")
+        )
+        if bad:
+            emit_warning(f"{self.asked_in}: {bad} of {count} hold no finite {self.what}")
+        if turned:
+            rule = "have a yaw of more than a turn; is it in degrees?"
+            emit_warning(f"{turned} of {count} poses {rule}")
+        if self.is_strict and outside:
+            rule = f"{outside} of {count} {self.what}s are not inside of the map"
+            raise FindingError(rule, source=self.map.name)
 
 
-def answers_of(field: DistanceField, asked: NumberLines) -> Answers:
-    """Return what a field says of points, one JSON object for each line asked."""
+def _with_errors(text: str, asked: NumberLines) -> str:
+    """Return answers of which some say what is wrong with the line that was asked."""
+    if not asked.errors:
+        return text
+    answers = text.splitlines(keepends=True)
+    for index, error in asked.errors.items():
+        line = f', "line": {asked.lines[index]}' if asked.lines[index] else ""
+        told = f'{line}, "error": {json.dumps(error)}'
+        answers[index] = f"{answers[index].removesuffix(_END)}{told}{_END}"
+    return "".join(answers)
+
+
+@command(
+    group="Questions about a map",
+    json="default",
+    shared=(
+        "footprint", "robot_radius", "footprint_padding", "params_file", "costmap", "namespace",
+        "dialect", "max_cells", "threads", "max_memory",
+    ),
+    texts={
+        "footprint": "Report the cost of a robot at poses: its corners around its centre, metres.",
+        "robot_radius": "The same for a round robot, metres: a polygon of 16 corners as in "
+        "costmap_2d.",
+        "params_file": "The same for a robot's own parameters: a Nav2 file, or ROS 1's costmap "
+        "files, which also define the costs of a map.",
+        "strict": "Exit with 1 if a point or a robot lies outside the map, or if there is a "
+        "warning.",
+    },
+    example="""\
+mapdeal query examples/maps/office.yaml --at 0.5,0.3 -5,0.3
+mapdeal query examples/maps/office.yaml --points examples/points/office.csv
+mapdeal query examples/maps/office.yaml --at 0.5,-0.5,1.57 \\
+    --params-file examples/robots/nav2_params.yaml""",
+)  # fmt: skip
+def query(
+    map: Map,  # noqa: A002 - what it is
+    *,
+    at: Annotated[Sequence[str | Sequence[float]] | None, Words("X,Y[,YAW]")] = None,
+    points: Annotated[Path | None, Words("FILE|-")] = None,
+    poses: Annotated[Path | None, Words("FILE|-")] = None,
+    rule: FootprintRule | None = None,
+    unknown: UnknownPolicy | None = None,
+    convention: Convention | None = None,
+    lethal_threshold: LethalThreshold | None = None,
+    footprint: Footprint | None = None,
+    robot: Annotated[RobotParameters | None, Words()] = None,
+) -> Answers:
+    """Report distances and gradients at points, or a robot's cost at poses.
+
+    Prints one line of JSON for each, in order. Distances and gradients are interpolated between
+    the centres of cells. The gradient points away from obstacles, in the map frame. The cost of a
+    robot is that of its footprint in Nav2's collision checker.
+
+    Parameters
+    ----------
+    map : path, str or grid
+        A distance field (.npz), or a map to make one of; for a footprint costs (.npz), or a map.
+    at : sequence, optional
+        Point, metres, or with a footprint a pose; more may follow.
+    points : path, optional
+        File of points, one x,y or JSON object per line; - reads standard input.
+    poses : path, optional
+        With a footprint: file of poses, one x,y,yaw, TUM line or JSON object per line; - reads
+        standard input.
+    rule : {'outline', 'full'}, optional
+        With a footprint: cells that count, the outline as in Nav2 and by default, or full, with
+        those inside.
+    unknown : {'free', 'occupied'}, optional
+        With a map: what unknown cells count as; free by default for distances.
+    convention : {'fast-planner', 'center', 'border'}, optional
+        With a map: where the distance is zero; fast-planner by default.
+    lethal_threshold : int, optional
+        With a map: least occupancy of an obstacle, 1..100; 100 by default.
+    footprint : Footprint, optional
+        The robot's shape.
+    robot : RobotParameters, optional
+        The robot's own parameters; `footprint` replaces its shape.
+    """
+    of_map = {"unknown": unknown, "convention": convention, "lethal_threshold": lethal_threshold}
+    if robot is not None:
+        refuse("cannot be given together with --params-file", **of_map)
+        robot = robot if footprint is None else robot.with_shape(footprint)
+        footprint = robot.footprint
+    if footprint is None:
+        need = "needs --footprint, --robot-radius or --params-file"
+        refuse(need, poses=poses, rule=rule)
+        what, form, file, read = "point", "X,Y", points, read_points
+    else:
+        refuse("has no yaws; poses of a footprint are given by --poses", points=points)
+        refuse("applies to distances, not to a footprint", convention=convention)
+        what, form, file, read = "pose", "X,Y,YAW", poses, read_pose_lines
+    if not at and file is None:
+        raise ParameterError("one of the two is required", place=f"at, {what}s")
+    first = _rows(at or (), form)
+    chunks, asked_in = ((), "--at") if file is None else text_in(file)
+    (one,) = opened(map, names=("map",))
+    given = {name: value for name, value in of_map.items() if value is not None}
+    answer: Answer
+    if footprint is None:
+        answer = partial(_answers_of, _field_of(one, given))
+    else:
+        costs = _costs_of(one, given, robot)
+        answer = partial(_answers_at, costs, footprint, rule or "outline")
+    asked = chain([first] if at else [], read(chunks, asked_in))
+    is_strict = settings_of().strict
+    return Answers(one, cast("Any", what), asked, asked_in, answer, is_strict)
+
+
+def _rows(at: Sequence[str | Sequence[float]], form: str) -> NumberLines:
+    try:
+        numbers = [numbers_of(place, form, place="at") for place in at]
+    except ParameterError as error:
+        texts = [place for place in at if isinstance(place, str)]
+        if form == "X,Y" and any(text.count(",") > 1 for text in texts):
+            error.hint = "a pose X,Y,YAW is asked for a robot, by --footprint or --robot-radius"
+        raise
+    rows = np.array(numbers, dtype=np.float64).reshape(-1, form.count(",") + 1)
+    finite = np.isfinite(rows).all(axis=1)
+    errors = {k: f"must be finite, got {at[k]}" for k in np.flatnonzero(~finite).tolist()}
+    return NumberLines(rows, [0] * len(at), errors)
+
+
+def _field_of(one: MapInput, given: Mapping[str, Any]) -> DistanceField:
+    """Return the field in a file, or the one of its map."""
+    if isinstance(one.grid, DistanceField):
+        refuse("applies to maps: this field is already computed", **given)
+        claim_cells(one, 0.0)
+        return one.grid
+    check_fits(one.name, one.grid.shape, [make_step("esdf", {})], None)
+    warn_of_potential(one)
+    with errors_named(one.name):
+        return esdf(one.occupancy, **given)
+
+
+def _answers_of(field: DistanceField, asked: NumberLines) -> tuple[str, NDArray[np.bool_]]:
+    """Return what a field says of points."""
     cells, inside = field.frame.bounded_rowcol_from_xy(asked.numbers)
     samples = field.query(asked.numbers)
     at = cells[:, 0], cells[:, 1]
@@ -114,85 +305,37 @@ def answers_of(field: DistanceField, asked: NumberLines) -> Answers:
     # of each state the form without a gradient, then that with one
     chosen = 2 * states + np.isfinite(samples.gradient[:, 0]) + 1
     chosen[~inside] = 0
-    text = row_texts(values, _KINDS, _FORMS, chosen.astype(np.uint8))
-    text = with_errors(text, asked.errors, asked.lines)
-    return Answers(text, len(inside), len(inside) - int(inside.sum()))
+    return row_texts(values, _OF_POINTS, _FORMS_OF_POINTS, chosen.astype(np.uint8)), inside
 
 
-def with_errors(text: str, errors: Mapping[int, str], lines: Sequence[int]) -> str:
-    """Return answers of which some say what is wrong with the line that was asked."""
-    if not errors:
-        return text
-    answers = text.splitlines(keepends=True)
-    for index, error in errors.items():
-        line = f', "line": {lines[index]}' if lines[index] else ""
-        told = f'{line}, "error": {json.dumps(error)}'
-        answers[index] = f"{answers[index].removesuffix(END)}{told}{END}"
-    return "".join(answers)
-
-
-_PER_CELL, _OF_ROBOT = 1.0, 3.0
-"""Bytes for each cell: the costs of a map, and what a robot's take to make."""
-
-_STATES_OF_COSTS = ("free", "collision", "unknown", "outside")
-_FREE_COST, _COLLISION, _UNKNOWN_COST, _OUTSIDE = range(len(_STATES_OF_COSTS))
-
-_OF_POSES = [Kind.EXACT, Kind.EXACT, Kind.EXACT, Kind.WHOLE]
-"""Of x, y, yaw and the cost."""
-
-
-def _forms_of_poses() -> Iterator[Form]:
-    """Yield the form of the answer for each state, and for a line without a pose."""
-    start = ('{"x": ', ', "y": ', ', "yaw": ')
-    for state in _STATES_OF_COSTS:
-        inside = "false" if state == "outside" else "true"
-        cost = f', "inside": {inside}, "cost": '
-        yield Form((*start, cost, f', "state": "{state}"{END}'), (0, 1, 2, 3))
-    yield Form((*start, f', "inside": false, "cost": null, "state": null{END}'), (0, 1, 2))
-
-
-_FORMS_OF_POSES = list(_forms_of_poses())
-
-
-def costs_to_ask(
-    path: Path,
-    options: Settings,
-    parameters: Mapping[str, Any],
-    robot: RobotParameters | None = None,
-) -> Costmap:
+def _costs_of(one: MapInput, given: Mapping[str, Any], robot: RobotParameters | None) -> Costmap:
     """Return the costs in a file, or those of its map: a robot's, or of obstacles alone."""
-    accepted = {name: parameters_of(esdf)[name].accept(one) for name, one in parameters.items()}
-    source = read_input(path, options)
-    grid = source.grid
+    grid = one.grid
     if isinstance(grid, DistanceField):
         rule = "is a distance field; a footprint is asked of costs or a map"
-        hint = f"mapdeal cost {path} -o cost.npz makes costs of it"
-        raise ParameterError(rule, source=path, hint=hint)
-    with options.memory():
-        claim_work(path, grid, _PER_CELL if robot is None else _OF_ROBOT)
+        hint = f"mapdeal cost {one.name} -o cost.npz makes costs of it"
+        raise ParameterError(rule, source=one.name, hint=hint)
+    claim_cells(one, _PER_CELL if robot is None else _OF_ROBOT)
     if isinstance(grid, Costmap):
-        for name in parameters:
-            option = f"--{name.replace('_', '-')}"
-            raise ParameterError("applies to maps: these costs are already computed", source=option)
+        refuse("applies to maps: these costs are already computed", **given)
         if grid.scale != "costmap2d":
             rule = "costs on the occupancy scale do not show what a footprint hits"
             hint = "mapdeal cost --model exponential writes costmap_2d's own as .npz"
-            raise ParameterError(rule, source=path, hint=hint)
+            raise ParameterError(rule, source=one.name, hint=hint)
         return grid
-    warn_of_published_costs(source, path)
-    warn_of_potential(grid, path)
-    with use_threads(options.threads), errors_named(path):
+    warn_of_published_costs(one)
+    warn_of_potential(one)
+    with errors_named(one.name):
         if robot is None:
-            return _static_costs(as_occupancy(grid, path), **accepted)
-        made: Any = step_for("cost", robot, {}).apply(grid, path)
-        return cast("Costmap", made)
+            return _static_costs(one.occupancy, **given)
+        return cast("Costmap", step_for("cost", robot, {}).apply(grid, one.path))
 
 
 def _static_costs(
     occupancy: OccupancyGrid,
     *,
     lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
-    unknown: str | None = None,
+    unknown: UnknownPolicy | None = None,
 ) -> Costmap:
     """Return 254 for obstacles, 255 for unknown cells, or what these are to be, and 0."""
     table = static_layer_cost_from_occupancy(
@@ -204,16 +347,14 @@ def _static_costs(
     return Costmap(costs, occupancy.resolution, occupancy.origin)
 
 
-def answers_at_poses(
-    costmap: Costmap, footprint: Footprint, asked: NumberLines, rule: FootprintRule
-) -> Answers:
+def _answers_at(
+    costmap: Costmap, footprint: Footprint, rule: FootprintRule, asked: NumberLines
+) -> tuple[str, NDArray[np.bool_]]:
+    """Return the costs of a robot at poses."""
     samples = sample_poses(costmap, footprint, asked.numbers, rule=rule)
     states = np.where(samples.cost == LETHAL_OBSTACLE, _COLLISION, _FREE_COST)
     states = np.where(samples.cost == NO_INFORMATION, _UNKNOWN_COST, states)
     chosen = np.where(samples.inside, states, _OUTSIDE).astype(np.uint8)
     chosen[list(asked.errors)] = len(_STATES_OF_COSTS)
     values = np.column_stack([asked.numbers, samples.cost])
-    text = with_errors(
-        row_texts(values, _OF_POSES, _FORMS_OF_POSES, chosen), asked.errors, asked.lines
-    )
-    return Answers(text, len(chosen), len(chosen) - int(samples.inside.sum()))
+    return row_texts(values, _OF_POSES, _FORMS_OF_POSES, chosen), samples.inside

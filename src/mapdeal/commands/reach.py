@@ -1,137 +1,101 @@
-"""Where a robot can go on the map or the costs in a file."""
+"""``mapdeal reach``: where a robot can go on a map or on costs, and what stops it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import FindingError, ParameterError, emit_warning
+from mapdeal.command import Output, Words, command
+from mapdeal.errors import FindingError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.grid.costmap import Costmap, InflationLayer
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import RADIUS_TOLERANCE
-from mapdeal.grid.reach import GoalReach, Reach, reach_radius
+from mapdeal.grid.reach import Goal, GoalReach, Reach, reach_radius
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import write_grid
-from mapdeal.pipeline.documents import reach_json
+from mapdeal.pictures.canvas import Image
+from mapdeal.pipeline.documents import Spread, reach_document, reach_json
+from mapdeal.pipeline.folder import summary_of
 from mapdeal.pipeline.inputs import (
-    add_picture,
+    Map,
+    MapInput,
+    Work,
+    claim_cells,
     errors_named,
-    outputs_of,
-    read_input,
+    need_ending,
+    numbers_of,
+    opened,
+    text_in,
     warn_of_potential,
     warn_of_published_costs,
 )
 from mapdeal.pipeline.recipe import load_recipe, planned_shape
-from mapdeal.pipeline.settings import Settings
-from mapdeal.pipeline.step import Step, make_step
+from mapdeal.pipeline.step import make_step
 from mapdeal.ros.robot import RobotParameters
+from mapdeal.sensors.points import read_named_points
+from mapdeal.stages.reach import reach
 
 _COSTS_PER_CELL = 8.0
 """Bytes for each cell that the costs of a robot's own layers take."""
 
 
-@dataclass(frozen=True)
-class ReachReport:
-    """What a robot can reach, and its JSON text."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Reachability(Spread):
+    """What a robot can reach on a map, and what was done, for pictures."""
 
+    map: MapInput
     reach: Reach
-    text: str
+    title: str
 
+    @property
+    def missed(self) -> list[GoalReach]:
+        """The goals that cannot be reached."""
+        return [one for one in self.reach.goals if not one.reachable]
 
-def reach_file(
-    path: Path,
-    output: Path | None,
-    options: Settings,
-    *,
-    layers: Path | None = None,
-    robot: RobotParameters | None = None,
-    footprint: Footprint | None = None,
-    parameters: Mapping[str, Any] | None = None,
-    also_read: Sequence[Path] = (),
-) -> ReachReport:
-    """Find where a robot can go on the map or the costs in a file, and write what is asked for."""
-    for name, file, ending in (("--output", output, ".json"), ("--layers", layers, ".npz")):
-        if file is not None and file.suffix != ending:
-            rule = f"must end in {ending}"
-            raise ParameterError(rule, source=name, got=str(file))
-    step = _step_for(robot, footprint, parameters or {})
-    source = read_input(path, options, step.memory + _COSTS_PER_CELL * (robot is not None))
-    outputs = [one for one in (output, layers) if one is not None]
-    inputs = [*source.files, *(robot.paths if robot else ()), *also_read]
-    with outputs_of(outputs, inputs, options) as transaction:
-        with errors_named(path):
-            grid = source.grid
-            if not isinstance(grid, Costmap):
-                warn_of_published_costs(source, path)
-                warn_of_potential(grid, path)
-            if robot is not None and not isinstance(grid, Costmap):
-                occupancy = np.asarray(grid.occupancy)
-                for one in load_recipe(None, robot=_without_inflation(robot)).steps:
-                    grid = one.apply(grid, path)
-                _warn_of_free_unknown(occupancy, grid, path)
-            found = step.apply(grid, path)
-        if not isinstance(found, Reach):
-            raise TypeError("the stage reach must make a Reach")
-        if "start" not in (parameters or {}):
-            x, y = found.start[:2]
-            emit_warning(
-                f"no start is given: it is {x:.10g},{y:.10g}, the widest place of the largest "
-                "open area"
-            )
-        text = reach_json(found)
-        if output is not None:
-            transaction.write_bytes(output, f"{text}\n".encode())
-        if layers is not None:
-            write_grid(transaction, layers, found)
-        add_picture(transaction, options, found, f"{path.stem}: {step.title}")
-    return ReachReport(found, text)
+    @property
+    def passes(self) -> bool:  # type: ignore[override]
+        """Whether all goals can be reached."""
+        return not self.missed
 
+    def document(self) -> dict[str, Any]:
+        """Return what the robot can reach as the dict that ``mapdeal reach`` prints."""
+        return reach_document(self.reach)
 
-def _step_for(
-    robot: RobotParameters | None, footprint: Footprint | None, parameters: Mapping[str, Any]
-) -> Step:
-    """Return the step, for the shape that was given by hand or else by parameters."""
-    shape = footprint
-    if shape is None and robot is not None:
-        shape = planned_shape(robot)
-    given = {} if shape is None else {"footprint": shape}
-    return make_step("reach", {**parameters, **given})
+    def parts(self) -> Iterator[str]:
+        """Yield the document as text, each goal and each passage on a line."""
+        yield reach_json(self.reach)
 
+    def lines(self) -> Iterator[str]:
+        """Yield the areas, and how many goals and passages there are."""
+        yield summary_of(self.reach.figures())
 
-def _without_inflation(robot: RobotParameters) -> RobotParameters:
-    """Return a robot whose costs say what is lethal and what unknown, and nothing else."""
-    # Inscribed costs would cover unknown cells.
-    layers = (one for one in robot.layers if not isinstance(one.layer, InflationLayer))
-    return replace(robot, layers=tuple(layers))
+    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+        """Return where the robot can go."""
+        from mapdeal.pictures.reach import reach_image
 
+        return reach_image(self.reach, title=title or f"{self.map.title}: {self.title}", **look)
 
-def _warn_of_free_unknown(occupancy: NDArray[np.int8], costs: Grid, path: Path) -> None:
-    """Warn that a robot's costmap makes free space of the unknown cells of a map."""
-    unknown = np.count_nonzero(occupancy == UNKNOWN)
-    if unknown and isinstance(costs, Costmap) and not (costs.cost == costs.unknown_value).any():
-        text = (
-            f"{path}: the robot's costmap treats unknown cells as free, "
-            f"{100 * unknown / occupancy.size:.3g} % of the map: the robot drives through; "
-            "track_unknown_space: true closes them"
-        )
-        emit_warning(text, stacklevel=2)
-
-
-def check_reached(found: Reach, path: Path) -> None:
-    """Raise FindingError if a goal is not reachable; it names the first, and what stops it."""
-    missed = [one for one in found.goals if not one.reachable]
-    if not missed:
-        return
-    rule = not_reachable_text(missed[0], found)
-    if len(missed) > 1:
-        rule += f"; nor are {len(missed) - 1} more of {len(found.goals)} goals"
-    raise FindingError(rule, source=path, hint=_hint_for(missed[0], found))
+    def check(self) -> None:
+        """Raise FindingError if a goal is not reachable; it names the first, and what stops it."""
+        if not self.missed:
+            return
+        first, *others = self.missed
+        rule = not_reachable_text(first, self.reach)
+        if others:
+            rule += f"; nor are {len(others)} more of {len(self.reach.goals)} goals"
+        hint = "--image shows where the robot can go"
+        if first.nearest_open is not None:
+            x, y = (round(value, 6) + 0.0 for value in first.nearest_open)
+            hint = f"the nearest open cell is at {x:.10g},{y:.10g}"
+        elif first.limited_by is None and not self.reach.through_unknown:
+            hint = "unknown cells are closed; --through-unknown opens them"
+        raise FindingError(rule, source=self.map.name, hint=hint)
 
 
 def not_reachable_text(missed: GoalReach, found: Reach) -> str:
@@ -152,10 +116,139 @@ def not_reachable_text(missed: GoalReach, found: Reach) -> str:
     )
 
 
-def _hint_for(missed: GoalReach, found: Reach) -> str | None:
-    if missed.nearest_open is not None:
-        x, y = (round(value, 6) + 0.0 for value in missed.nearest_open)
-        return f"the nearest open cell is at {x:.10g},{y:.10g}"
-    if missed.limited_by is None and not found.through_unknown:
-        return "unknown cells are closed; --through-unknown opens them"
-    return "--image shows where the robot can go"
+def _start(text: str) -> tuple[float, ...]:
+    return numbers_of(text, "X,Y,YAW" if text.count(",") > 1 else "X,Y")
+
+
+def _goals(texts: Sequence[str]) -> list[Goal]:
+    goals = []
+    for text in texts:
+        name, equals, place = text.rpartition("=")
+        x, y = numbers_of(place, "X,Y")
+        if "," in name:  # several goals that are joined by commas would be one with an odd name
+            rule = "must be [NAME=]X,Y, and a name has no comma"
+            hint = "several goals are separated by blanks: --to kitchen=3,-4 lab=9,4"
+            raise ParameterError(rule, got=text, hint=hint)
+        goals.append(Goal(x, y, name if equals else None))
+    return goals
+
+
+def _goals_in(path: Path) -> list[Goal]:
+    """Return the points of a file; a line that holds none is an error."""
+    chunks, name = text_in(path)
+    found: list[Goal] = []
+    for one in read_named_points(chunks, name):
+        if one.point is None:
+            raise MalformedInputError(one.error or "", source=name, place=f"line {one.line}")
+        found.append(Goal(*one.point, one.name))
+    if not found:
+        raise MalformedInputError("holds no points", source=name)
+    return found
+
+
+@command(
+    name="reach",  # mapdeal.reach is the stage
+    group="Questions about a map",
+    output=Output("OUT.json", "Write the result to a file.", is_required=False, streams=False),
+    json="default",
+    shared=("robot", "files"),
+    also={"": reach},
+    words={
+        "start": Words("X,Y[,YAW]", _start, "from"),
+        "goals": Words("[NAME=]X,Y", _goals, "to", is_repeated=True),
+    },
+    example="""\
+mapdeal reach examples/maps/office.yaml --from -8,0 --to kitchen=3,-4 lab=9,4 \\
+    --robot-radius 0.28 -o out/reach.json --image out/reach.png""",
+)
+def reachability(
+    map: Map,  # noqa: A002 - what it is
+    *,
+    points: Annotated[Path | None, Words("FILE|-")] = None,
+    layers: Annotated[Path | None, Words("OUT.npz")] = None,
+    footprint: Footprint | None = None,
+    robot: Annotated[RobotParameters | None, Words()] = None,
+    **parameters: Any,
+) -> Reachability:
+    """Show where a robot can go from a start, and which passages stop it.
+
+    A round robot fits where the nearest obstacle is farther away than its radius; a robot with
+    corners is tried in many headings. Unknown cells and all that lies outside the map are closed.
+    Without -o the result is printed as JSON: areas; for each goal, whether it can be reached, by
+    how wide a robot, and what limits it; and the passages that stop the robot, or nearly do. Exit
+    code 1 if a goal cannot be reached.
+
+    Parameters
+    ----------
+    map : path, str or grid
+        A map, a distance field of one, or costs (.npz).
+    start : tuple of float, optional
+        Start, metres and radians; without a yaw, every heading that is free there; by default the
+        widest place of the largest free area.
+    goals : sequence of Goal, optional
+        Goal, metres; more may follow.
+    points : path, optional
+        File of goals, one [NAME=]x,y or JSON object per line; - reads standard input.
+    layers : path, optional
+        Write reachable, headings, clearance and widest for every cell.
+    footprint : Footprint, optional
+        The robot's shape.
+    robot : RobotParameters, optional
+        The robot's own parameters; `footprint` replaces its shape.
+    **parameters
+        As for the stage `reach`.
+    """
+    work = Work.in_shell()
+    if footprint is None and robot is None:
+        emit_warning(
+            "no robot is given, by --robot-radius, --footprint or --params-file: the result is "
+            "that of a point; widest_radius_m is the radius of the largest round robot"
+        )
+    need_ending(".json")
+    if layers is not None:
+        if layers.suffix != ".npz":
+            raise ParameterError("must end in .npz", place="layers", got=str(layers))
+        work.outputs.append(layers)
+    from_file = [] if points is None else _goals_in(points)
+    parameters["goals"] = (*parameters.get("goals", ()), *from_file)
+    shape = planned_shape(robot) if footprint is None and robot is not None else footprint
+    step = make_step("reach", {**parameters, "footprint": shape})
+    also = [*(robot.paths if robot else ()), *([points] if points else ())]
+    (one,) = opened(map, names=("map",), also=also)
+    claim_cells(one, step.memory + _COSTS_PER_CELL * (robot is not None))
+    with errors_named(one.name):
+        grid = one.grid
+        if not isinstance(grid, Costmap):
+            warn_of_published_costs(one)
+            warn_of_potential(one)
+            if robot is not None:
+                grid = _costs_of(robot, one, np.asarray(grid.occupancy))
+        found = step.apply(grid, one.path)
+    if not isinstance(found, Reach):
+        raise TypeError("the stage reach must make a Reach")
+    if "start" not in parameters:
+        x, y = found.start[:2]
+        emit_warning(
+            f"no start is given: it is {x:.10g},{y:.10g}, the widest place of the largest open area"
+        )
+    if layers is not None:
+        write_grid(work.begin(), layers, found)
+    return Reachability(one, found, step.title)
+
+
+def _costs_of(robot: RobotParameters, one: MapInput, occupancy: NDArray[np.int8]) -> Grid:
+    """Return what is lethal and what unknown to a robot, and nothing else."""
+    # Inscribed costs would cover unknown cells.
+    layers = (each for each in robot.layers if not isinstance(each.layer, InflationLayer))
+    grid = one.grid
+    for step in load_recipe(None, robot=replace(robot, layers=tuple(layers))).steps:
+        grid = step.apply(grid, one.path)
+    unknown = np.count_nonzero(occupancy == UNKNOWN)
+    if unknown and isinstance(grid, Costmap) and not (grid.cost == grid.unknown_value).any():
+        text = (
+            f"{one.name}: the robot's costmap treats unknown cells as free, "
+            f"{100 * unknown / occupancy.size:.3g} % of the map: the robot drives through; "
+            "track_unknown_space: true closes them"
+        )
+        emit_warning(text, stacklevel=2)
+    return grid

@@ -1,33 +1,27 @@
-"""What a report is of: the paths that were named, put together."""
+"""``mapdeal report``: one page of runs, maps, and what was found out about them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
+from typing import Annotated, Any
 
+from mapdeal.command import Output, Result, Words, command
 from mapdeal.commands.build import DOCUMENT
-from mapdeal.commands.report_answers import (
-    Answer,
-    ComparisonAnswer,
-    DiffAnswer,
-    LintAnswer,
-    read_answer,
-)
+from mapdeal.commands.report_documents import Results, read_results
 from mapdeal.commands.report_draft import Draft, Grids, Opened, folder_of
-from mapdeal.commands.report_items import finding_items, items_of, lint_table, tables_of
 from mapdeal.commands.report_runs import (
-    INPUT,
     NOT_SHOWN,
     add_layers,
-    aligned_maps,
     columns_of,
     drafts_about,
     fill_from_run,
     give_score,
-    map_of,
     methods_in,
+    place_of,
     rows_of,
     runs_in,
     two_maps,
@@ -40,25 +34,213 @@ from mapdeal.errors import (
     emit_warning,
     one_line,
 )
-from mapdeal.files.budget import size_text
-from mapdeal.files.source import NAMED_MAPS, exists, identity_of, is_folder, status_of
+from mapdeal.files.budget import size_of, size_text
+from mapdeal.files.json_values import ALIGNMENT, COMPARISON, DIFF, LINT, SCORE
+from mapdeal.files.source import NAMED_MAPS, exists, head_of, identity_of, is_folder, status_of
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.display import count_text
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.inputs.kinds import SHAPES, kind_of
 from mapdeal.kernels.threads import use_threads
+from mapdeal.maps.map_yaml import Dialect
 from mapdeal.pipeline.batch import SUMMARY
-from mapdeal.pipeline.documents import AlignmentAnswer, ScoreAnswer
 from mapdeal.pipeline.folder import MANIFEST
-from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
+from mapdeal.pipeline.settings import Settings, is_whole
 from mapdeal.report.document import Report, Table
 from mapdeal.report.page import page_of
 from mapdeal.version import __version__
+
+File = str | PathLike[str]
+
+LARGEST_PAGE = 25_000_000
+"""Bytes of a page: what goes into an e-mail."""
+
+_PAGE = "report.html"
+_SMALLEST_PAGE = 100_000
+_ENDINGS = (".html", ".htm")
+_GENERATOR, _HEAD = b'<meta name="generator" content="mapdeal', 1 << 12
+_INPUT = "input"
+"""The name of the layer with the map that a run was given."""
+
+
+@dataclass(frozen=True, repr=False)
+class WrittenReport(Result):
+    """Result of `write_report`.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the page.
+    maps : int
+        Number of maps on the page.
+    size : int
+        File size, bytes.
+    """
+
+    path: Path
+    maps: int
+    size: int
+
+    def _told(self) -> Iterator[str]:
+        yield str(self.path)
+        yield count_text(self.maps, "map")
+        yield f"{self.size} bytes"
+
+    def document(self) -> dict[str, Any]:
+        """Return its path, the number of maps, and its size in bytes."""
+        return {"path": str(self.path), "maps": self.maps, "bytes": self.size}
+
+    def lines(self) -> Iterator[str]:
+        """Yield what ``mapdeal report`` prints."""
+        yield f"{self.path}: {count_text(self.maps, 'map')}, {size_text(self.size)}"
+
+
+@command(
+    name="report",
+    group="CI and reports",
+    output=Output("OUT.html", "Page to write.", streams=False, parameter="path"),
+    shared=("dialect", "max_cells", "force", "threads", "max_memory"),
+    json="never",
+    example="""\
+mapdeal run examples/maps/office.yaml -o out
+mapdeal report out/office examples/maps/office.yaml -o out/report.html""",
+)
+def write_report(
+    path: File,
+    sources: Annotated[File | Sequence[File], Words("PATH...", typed=list[Path])],
+    *,
+    title: Annotated[str | None, Words("TEXT")] = None,
+    max_size: Annotated[int, Words("SIZE", size_of)] = LARGEST_PAGE,
+    dialect: Dialect = "nav2",
+    max_cells: int | None = None,
+    force: bool = False,
+    threads: int | None = None,
+    max_memory: int | None = None,
+) -> WrittenReport:
+    """Write one HTML page about runs, maps, findings and routes.
+
+    The page is a single file that needs no network: all layers to zoom and pan, with the values
+    under the pointer; findings, passages and routes in their places; parameters, figures and
+    checksums. Several maps become a table with thumbnails.
+
+    Each run and each map is an entry of its own. The map that a run was made from joins that run;
+    a field or costmap joins the entry named before it, if it covers the same cells. JSON of reach
+    and route, and shapes, belong to the entry named before them; findings of lint belong to the
+    maps that they name; a diff shows its two maps one over the other.
+
+    Parameters
+    ----------
+    path : path or str
+        Output path, ``.html``. Missing folders are created.
+    sources : path or str, or a sequence of them
+        Folders of runs or batches; maps, fields and costs; JSON of lint, reach, route, diff, align
+        and score; shapes.
+    title : str, optional
+        Title of the page  [default: the map's name]. Of several maps it is their number.
+    max_size : int
+        Size of the page, like 25M: maps that would make it larger are shown in larger cells
+        [default: 25 MB]. In Python it is a number of bytes.
+    dialect, max_cells, max_memory
+        As for `read_map`.
+    force : bool
+        Whether to replace an existing file.
+    threads : int, optional
+        Number of threads; by default one per core.
+
+    Returns
+    -------
+    WrittenReport
+        Path and size of the page, and the number of maps on it.
+
+    Raises
+    ------
+    FileAccessError
+        If a source cannot be read, a folder contains no run, or the page already exists or cannot
+        be written. No file is changed then.
+    MalformedInputError
+        If a source is malformed.
+    ParameterError
+        If a document belongs to none of the maps, or an argument is invalid.
+
+    Warns
+    -----
+    MapdealWarning
+        If something is missing or does not match; the page shows the same warning.
+    """
+    if title is not None and not isinstance(title, str):
+        raise ParameterError("must be a text", place="title", got=title)
+    if not is_whole(max_size):
+        raise ParameterError("must be a whole number of bytes", place="max_size", got=max_size)
+    if max_size < _SMALLEST_PAGE:
+        rule = f"must be at least {size_text(_SMALLEST_PAGE)}"
+        raise ParameterError(rule, place="max_size", got=max_size)
+    settings = Settings(
+        dialect=dialect, max_cells=max_cells, force=force, threads=threads, max_memory=max_memory
+    )
+    named = [sources] if isinstance(sources, str | PathLike) else sources
+    if not named:
+        raise ParameterError("needs at least one", place="sources")
+    return _written(Path(path), list(map(Path, named)), settings, title=title, size=max_size)
+
+
+def _written(
+    output: Path, paths: Sequence[Path], settings: Settings, *, title: str | None = None,
+    size: int = LARGEST_PAGE, inputs: Sequence[Path] = (),
+) -> WrittenReport:  # fmt: skip
+    """Write a page, see `gathered`; of an error nothing is changed."""
+    if output.suffix.lower() not in _ENDINGS:
+        raise ParameterError("the page must end in .html", source=output)
+    with settings.memory(), use_threads(settings.threads), Grids(settings) as grids:
+        report = gathered(paths, grids, title=title, inputs=inputs)
+        read = [*paths, *grids.files]
+        with Transaction([output], inputs=read, force=settings.force) as transaction:
+            sizes: list[int] = []
+            transaction.write_parts(output, _measured(page_of(report, size=size), sizes))
+    return WrittenReport(output, len(report.entries), sum(sizes))
+
+
+def _measured(parts: Iterable[bytes], sizes: list[int]) -> Iterator[bytes]:
+    for part in parts:
+        sizes.append(len(part))
+        yield part
+
+
+def page_in(folder: Path) -> Path:
+    """Return where the page of runs goes; refuse to replace there what mapdeal has not made."""
+    page = folder / _PAGE
+    if exists(page) and _GENERATOR not in head_of(page, _HEAD):
+        rule = "exists, and is not a page written by mapdeal"
+        raise FileAccessError(rule, source=page, hint="move it: --report writes there")
+    return page
+
+
+@contextmanager
+def reported(
+    page: Path,
+    paths: Sequence[Path],
+    inputs: Sequence[Path],
+    settings: Settings,
+    *,
+    on_made: Callable[[WrittenReport], object],
+) -> Iterator[None]:
+    """Write a page of the runs that are made within a ``with`` block, even if some have failed."""
+    # `on_made` is called with it. Of `inputs` are the runs made, which they join.
+    settings = replace(settings, force=True)
+    try:
+        yield
+    except BatchError:
+        on_made(_written(page, paths, settings, inputs=inputs))
+        raise
+    on_made(_written(page, paths, settings, inputs=inputs))
 
 
 def gathered(
     paths: Sequence[Path], grids: Grids, *, title: str | None = None, inputs: Sequence[Path] = ()
 ) -> Report:
+    """Return the content of a page of what is at some paths.
+
+    Maps among `inputs` join the runs that were made of them.
+    """
     gathering = _Gathering(grids)
     first_names: dict[object, Path] = {}
     for path in paths:
@@ -108,7 +290,7 @@ def _entries_of(path: Path, grids: Grids, seen: set[object]) -> list[Draft] | No
         except MapdealError as error:
             if len(found) == 1:
                 raise
-            draft.miss(f"{one_line(str(error))}, so this run is not shown", draft.path)
+            draft.lacks("this run", draft.path, error)
     return found
 
 
@@ -127,16 +309,6 @@ def _is_grid(path: Path) -> bool:
     return kind is None or kind.name != SHAPES
 
 
-def _files_in(answer: Answer) -> Iterator[str]:
-    """Yield the names of the files that a document is about."""
-    if isinstance(answer, DiffAnswer | AlignmentAnswer):
-        yield from (one.file for one in (answer.first, answer.second) if one is not None)
-    elif isinstance(answer, LintAnswer):
-        yield from (told.file for told in answer.files)
-    elif isinstance(answer, ScoreAnswer):
-        yield from (one for one in (answer.file, answer.truth) if one is not None)
-
-
 class _Gathering:
     """The drafts of a report, as they come together."""
 
@@ -146,9 +318,7 @@ class _Gathering:
         self.drafts: list[Draft] = []
         self.named: set[str] = set()
         self._seen: set[object] = set()
-        self._documents: list[tuple[Path, Answer, Draft | None]] = []
-        self._linted: list[tuple[Path, LintAnswer]] = []
-        self._scored: list[tuple[Path, ScoreAnswer]] = []
+        self._waiting: list[tuple[Path, Results, Draft | None]] = []
 
     def add_grid(self, path: Path) -> None:
         """Add the grid of a file to the draft that it belongs to, or to a new one, once."""
@@ -157,21 +327,27 @@ class _Gathering:
         opened = self._grids.open(path)
         if self.add_input(opened):
             return
-        draft = self.drafts[-1] if self.drafts else None
-        if opened.kind is OccupancyGrid or draft is None or not self._fits(draft, path):
+        grid, draft = self._grids.grid(path), self.drafts[-1] if self.drafts else None
+        fits = draft is not None and any(layer.frame == grid.frame for layer in draft.layers)
+        if draft is None or opened.kind is OccupancyGrid or not fits:
             draft = Draft(path.stem, path)
             self.drafts.append(draft)
-        self._add(draft, opened)
-
-    def _fits(self, draft: Draft, path: Path) -> bool:
-        frame = self._grids.grid(path).frame
-        return any(layer.frame == frame for layer in draft.layers)
+        name = draft.free_name(path.stem)
+        add_layers(draft, self._grids.layers(path, name, grid.kind.capitalize()))
+        draft.paths.append(path)
+        figures = grid.figures()
+        draft.figures |= {**columns_of({name: figures}), **draft.figures}
+        draft.tables += [
+            Table(f"{name}: figures", rows_of(figures)),
+            Table(f"{name}: SHA-256", rows_of(opened.sums)),
+        ]
+        draft.warn(opened.heard, opened.files)
 
     def add_input(self, opened: Opened) -> bool:
         """Add a map to the runs that were made of it; return whether there are any."""
         runs = [run for run in self.runs if run.takes(opened.sums.values())]
         for run in runs:
-            name = run.free_name(INPUT)
+            name = run.free_name(_INPUT)
             above = run.layers
             run.layers = self._grids.layers(opened.path, name, "Map as read")
             add_layers(run, above)
@@ -181,59 +357,37 @@ class _Gathering:
             run.warn(opened.heard, opened.files)
         return bool(runs)
 
-    def _add(self, draft: Draft, opened: Opened) -> None:
-        grid = self._grids.grid(opened.path)
-        name = draft.free_name(opened.path.stem)
-        add_layers(draft, self._grids.layers(opened.path, name, grid.kind.capitalize()))
-        draft.paths.append(opened.path)
-        figures = grid.figures()
-        draft.figures |= {**columns_of({name: figures}), **draft.figures}
-        draft.tables += [
-            Table(f"{name}: figures", rows_of(figures)),
-            Table(f"{name}: SHA-256", rows_of(opened.sums)),
-        ]
-        draft.warn(opened.heard, opened.files)
-
     def add_document(self, path: Path) -> None:
         """Read a document; its content goes where it belongs, at the end."""
-        answer = read_answer(path)
-        self.named |= set(_files_in(answer))
-        if isinstance(answer, DiffAnswer):
-            draft = two_maps(path, answer, self._grids, self._grids.settings)
-            self.drafts.append(draft)
-            draft.tables += tables_of(answer)
-        elif isinstance(answer, AlignmentAnswer):
-            draft = aligned_maps(path, answer, self._grids)
-            self.drafts.append(draft)
-            draft.tables[:0] = tables_of(answer)
-        elif isinstance(answer, LintAnswer):
-            self._linted.append((path, answer))
-        elif isinstance(answer, ScoreAnswer):
-            self._scored.append((path, answer))
-        elif isinstance(answer, ComparisonAnswer):
+        results = read_results(path)
+        self.named |= set(results.files)
+        if results.kind in (DIFF, ALIGNMENT):
+            self.drafts.append(two_maps(path, results, self._grids))
+        elif results.kind == COMPARISON:
             rule = "is what build --compare has written beside its maps"
             raise ParameterError(rule, source=path, hint=f"name the folder, {path.parent}")
         else:
-            self._documents.append((path, answer, self.drafts[-1] if self.drafts else None))
+            self._waiting.append((path, results, self.drafts[-1] if self.drafts else None))
 
     def settle(self, first: Path) -> None:
         """Add the content of documents, `first` among them, to the entries that they belong to."""
+        linted = [(path, one) for path, one, _ in self._waiting if one.kind == LINT]
+        scored = [(path, one) for path, one, _ in self._waiting if one.kind == SCORE]
         if not self.drafts:
-            for _, linted in self._linted:
-                self._add_maps(Path(told.file) for told in linted.files if not told.is_parameters)
-            places = (map_of(answer, path) for path, answer in self._scored)
-            self._add_maps(place for place in places if place is not None)
+            for _, results in linted:
+                self._add_maps(Path(part.name) for part in results.parts if part.is_map)
+            maps = [(own, path) for path, results in scored for own in results.maps]
+            self._add_maps(place_of(own, path) for own, path in maps if own is not None)
         if not self.drafts:  # such as findings about parameter files alone
             rule = "belongs to a map or a run, and none is named"
             raise ParameterError(rule, source=first, hint="name it before this file")
-        for _, answer, draft in self._documents:
-            owner = draft or self.drafts[0]
-            owner.items += items_of(answer)
-            owner.tables += tables_of(answer)
-        for path, linted in self._linted:
-            self._add_findings(path, linted)
-        for path, scored in self._scored:
-            give_score(path, scored, self.drafts, self._grids)
+        for _, results, draft in self._waiting:
+            if results.kind not in (LINT, SCORE):
+                (draft or self.drafts[0]).add(results)
+        for path, results in linted:
+            self._add_findings(path, results)
+        for path, results in scored:
+            give_score(path, results, self.drafts, self._grids)
 
     def _add_maps(self, paths: Iterable[Path]) -> None:
         """Add the maps that documents name, where nothing else is named."""
@@ -241,115 +395,21 @@ class _Gathering:
             try:
                 self.add_grid(path)
             except MapdealError as error:
-                draft = Draft(path.stem, path)
-                draft.miss(f"{one_line(str(error))}, so this map is not shown", path)
-                self.drafts.append(draft)
+                self.drafts.append(Draft(path.stem, path))
+                self.drafts[-1].lacks("this map", path, error)
 
-    def _add_findings(self, path: Path, answer: LintAnswer) -> None:
+    def _add_findings(self, path: Path, results: Results) -> None:
         lost = []
-        for told in answer.files:
-            drafts = drafts_about(told.file, self.drafts)
-            if not drafts and len(answer.files) == len(self.drafts) == 1:
+        for part in results.parts:
+            drafts = drafts_about(part.name, self.drafts)
+            if not drafts and len(results.parts) == len(self.drafts) == 1:
                 drafts = self.drafts
             for draft in drafts:
-                draft.items += finding_items(told)
-                draft.tables.append(lint_table(told))
-            if not drafts and told.findings:
-                lost.append(told.file)
+                draft.add(part)
+            if not drafts and not part.is_clean:
+                lost.append(part.name)
         if lost:
             more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
             which = f"{one_line(lost[0])}{more}"
             text = f"{path}: findings of {which} are left out: the map is not shown here"
             emit_warning(text, stacklevel=2)
-
-
-LARGEST_PAGE = 25_000_000
-"""Bytes of a page: what goes into an e-mail."""
-
-_SMALLEST_PAGE = 100_000
-_ENDINGS = (".html", ".htm")
-
-
-@dataclass(frozen=True)
-class Made:
-    """What has become of a report."""
-
-    path: Path
-    entries: int
-    size: int
-
-    @property
-    def text(self) -> str:
-        return f"{count_text(self.entries, 'map')}, {size_text(self.size)}"
-
-
-def write_report(
-    paths: Sequence[Path],
-    output: Path,
-    settings: Settings = DEFAULT_SETTINGS,
-    *,
-    title: str | None = None,
-    size: int = LARGEST_PAGE,
-    inputs: Sequence[Path] = (),
-) -> Made:
-    """Write one page of what is at some paths, see `gathered`.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        What it is of.
-    output : Path
-        The page, ``.html``.
-    settings : Settings
-        How files are read and written.
-    title : str, optional
-        What stands above all.
-    size : int
-        Bytes that the page may have; maps that would make it larger are shown in larger cells.
-    inputs : sequence of Path
-        Maps that join the runs that were made of them.
-
-    Raises
-    ------
-    MapdealError
-        If a path cannot be read, or the output exists; nothing is changed then.
-    """
-    if output.suffix.lower() not in _ENDINGS:
-        raise ParameterError("the page must end in .html", source=output)
-    if size < _SMALLEST_PAGE:
-        rule = f"must be at least {size_text(_SMALLEST_PAGE)}"
-        raise ParameterError(rule, place="max_size", got=size)
-    with settings.memory(), use_threads(settings.threads), Grids(settings) as grids:
-        report = gathered(paths, grids, title=title, inputs=inputs)
-        with Transaction(
-            [output], inputs=[*paths, *grids.files], force=settings.force
-        ) as transaction:
-            sizes: list[int] = []
-            transaction.write_parts(output, _measured(page_of(report, size=size), sizes))
-    return Made(output, len(report.entries), sum(sizes))
-
-
-def _measured(parts: Iterable[bytes], sizes: list[int]) -> Iterator[bytes]:
-    for part in parts:
-        sizes.append(len(part))
-        yield part
-
-
-@contextmanager
-def reported(
-    page: Path,
-    paths: Sequence[Path],
-    inputs: Sequence[Path],
-    settings: Settings,
-    *,
-    on_made: Callable[[Made], object],
-) -> Iterator[None]:
-    """Write a page of the runs that are made within a ``with`` block, even if some have failed."""
-    # `on_made` is called with it.
-    settings = replace(settings, force=True)
-    try:
-        yield
-    except BatchError:
-        on_made(write_report(paths, page, settings, inputs=inputs))
-        raise
-    on_made(write_report(paths, page, settings, inputs=inputs))

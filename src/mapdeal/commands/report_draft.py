@@ -11,9 +11,10 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
-from mapdeal.errors import FileAccessError, emit_warning, kept_warnings, one_line
+from mapdeal.commands.report_documents import Part, Results
+from mapdeal.errors import FileAccessError, MapdealError, emit_warning, kept_warnings, one_line
 from mapdeal.files.budget import memory_limit
-from mapdeal.files.source import CHANGED, exists, head_of, sums_of_reads
+from mapdeal.files.source import CHANGED, sums_of_reads
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.kernels.blocks import Layer, is_lazy, lazy_layer
 from mapdeal.maps.npz import Grid, holds_reach, open_npz, read_reach
@@ -22,20 +23,6 @@ from mapdeal.pipeline.inputs import bytes_of
 from mapdeal.pipeline.settings import Settings, heard, portable
 from mapdeal.report.document import Entry, Item, PageLayer, Table, kinds_of
 from mapdeal.report.tiles import extent_of
-
-REPORT = "report.html"
-"""The page of a run, in the folder that was named for its outputs."""
-
-_GENERATOR = b'<meta name="generator" content="mapdeal'
-_HEAD = 1 << 12
-
-
-def check_replaceable(page: Path) -> None:
-    """Refuse to replace what is in the place of a page, unless mapdeal has made it."""
-    if exists(page) and _GENERATOR not in head_of(page, _HEAD):
-        rule = "exists, and is not a page written by mapdeal"
-        raise FileAccessError(rule, source=page, hint="move it: --report writes there")
-
 
 Kind = TypeVar("Kind")
 
@@ -83,6 +70,22 @@ class Draft:
         """Warn of a file that is missing or does not match, on the page, too."""
         emit_warning(text, stacklevel=2)
         self.warn([text], [file])
+
+    def lacks(self, what: str, file: Path, error: MapdealError) -> None:
+        """Warn of what is not shown because of an error."""
+        self.miss(f"{one_line(str(error))}, so {what} is not shown", file)
+
+    def compare_sums(
+        self, file: Path, found: Collection[object], told: Collection[object], what: str
+    ) -> None:  # fmt: skip
+        """Warn of a map that is not what a document is of, given the checksums of both."""
+        if told and found != told:
+            self.miss(f"{file}: is not the map that {what}: its checksum differs", file)
+
+    def add(self, one: Part | Results) -> None:
+        """Add what a document says."""
+        self.items += one.items
+        self.tables += one.tables
 
     def free_name(self, name: str) -> str:
         taken = {layer.name for layer in self.layers}
@@ -206,6 +209,15 @@ class Grids:
             self._opened[path] = Opened(path, type(grid), file.files, sums, tuple(texts))
         return self._opened[path]
 
+    def is_there(self, path: Path, draft: Draft, what: str, *, quietly: bool = False) -> bool:
+        """Open a file as `open` does; if it cannot be read, warn that `what` is not shown."""
+        try:
+            self.open(path, quietly=quietly)
+        except MapdealError as error:
+            draft.lacks(what, path, error)
+            return False
+        return True
+
     def grid(self, path: Path) -> Grid:
         """Return the grid of a file that was opened."""
         # A `FileAccessError` if it has changed since.
@@ -218,10 +230,6 @@ class Grids:
             self._keep(path, grid)
         self._kept.move_to_end(path)
         return self._kept[path]
-
-    def is_lazy(self, path: Path) -> bool:
-        """Return whether a file that was opened is read row by row."""
-        return self.grid(path).is_lazy
 
     def layers(self, path: Path, name: str, title: str) -> list[PageLayer]:
         """Return the layers of a page that the grid of a file becomes, read when asked for."""

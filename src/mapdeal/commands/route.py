@@ -1,33 +1,45 @@
-"""Routes on the map or the costs in a file."""
+"""``mapdeal route``: ways through a map, between two points or between many pairs of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+import json
+import math
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Unpack
 
+from mapdeal.command import FACTOR, METRES, REPULSION, Output, Words, command
 from mapdeal.errors import BatchError, FindingError, MalformedInputError, ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import reach_radius
 from mapdeal.grid.reaching import largest_closed_square, squares_to
 from mapdeal.grid.route import Method, Route
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED
-from mapdeal.maps.reading import Source
+from mapdeal.pictures.canvas import Image
+from mapdeal.pictures.layers import cost_image
 from mapdeal.pictures.overlay import RouteOverlay
-from mapdeal.pipeline.documents import failed_line, route_json, route_line
+from mapdeal.pipeline.documents import Spread, rounded, spread_json
 from mapdeal.pipeline.inputs import (
-    add_picture,
+    Map,
+    MapInput,
+    Reading,
+    claim_cells,
     errors_named,
-    outputs_of,
-    read_input,
+    need_ending,
+    numbers_of,
+    opened,
+    refuse,
+    settings_of,
+    text_in,
     warn_of_potential,
     warn_of_published_costs,
 )
 from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape
-from mapdeal.pipeline.settings import Settings
 from mapdeal.planning.routes import (
     Terrain,
     descend,
@@ -36,112 +48,444 @@ from mapdeal.planning.routes import (
     surcharges_near_obstacles,
 )
 from mapdeal.ros.robot import RobotParameters
-from mapdeal.sensors.points import PairLine
-from mapdeal.stages.potential import potential
+from mapdeal.sensors.points import PairLine, read_pairs
+from mapdeal.stages.potential import CAP, GAIN, potential
 
 Heuristic = Literal["octile", "field"]
+
+WAYS = ("plain", "cost", "heuristic")
+"""Where the distance field acts: nowhere, in the cost of a step, or in the heuristic."""
 
 _RECIPE = "nav2"
 _PER_CELL: dict[Method, float] = {"astar": 36.0, "descent": 126.0}
 """Bytes for each cell, those of the recipe included."""
 
+_PER_CELL_OF_PAIRS = 60.0
 _OF_HEURISTIC = 16.0
 """Bytes for each cell that the field in the heuristic takes."""
 
-PLACES_OF_FIELD = ("plain", "cost", "heuristic")
-"""Where the distance field acts: nowhere, in the cost of a step, or in the heuristic."""
-
-HEURISTIC_WEIGHT = 2.0
+_HEURISTIC_WEIGHT = 2.0
 """Metres that the field adds to the heuristic at an obstacle, if no weight is given: what is
 missing there to a clearance of 2 m."""
 
+_FIELD_WEIGHT = 1.0
+"""Of way ``cost``, if none is given: at an obstacle a metre costs one more."""
 
-@dataclass(frozen=True)
-class RouteReport:
-    """A route, and its JSON text."""
+_MEANS = {
+    "mean clearance": ("mean_clearance", "{:.3f} m"),
+    "min clearance": ("min_clearance", "{:.3f} m"),
+    "length": ("length", "{:.2f} m"),
+    "cost": ("cost", "{:.2f}"),
+    "expanded": ("expanded", "{:.0f}"),
+}
+"""Columns of the table of means: attributes of routes, and how they are written."""
 
-    route: Route
-    text: str
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class PlannedRoute(Route, Spread):
+    """A route through a map, with the costs that it was planned on.
+
+    It has all attributes of a `Route`.
+
+    Parameters
+    ----------
+    map : MapInput
+        The map.
+    costs : Costmap
+        Costs of the map, or those that were given.
+    """
+
+    map: MapInput
+    costs: Costmap
+
+    @property
+    def passes(self) -> bool:  # type: ignore[override]
+        """Whether the goal is reached."""
+        return self.reached
+
+    def document(self) -> dict[str, Any]:
+        """Return the route as the dict that ``mapdeal route`` prints."""
+        minimum = self.local_minimum
+        stopped = {"local_minimum": None if minimum is None else _place(minimum)}
+        return {
+            "method": self.method,
+            **_entries(self),
+            **(stopped if self.method == "descent" else {}),
+            "points": [_place(point) for point in self.points_xy.tolist()],
+        }
+
+    def parts(self) -> Iterator[str]:
+        """Yield the document as text, each point on a line."""
+        yield spread_json(self.document(), "points")
+
+    def lines(self) -> Iterator[str]:
+        """Yield length, cost and clearance."""
+        if not len(self.points_xy):
+            yield "not reached"
+            return
+        text = f"{self.length:.2f} m, cost {self.cost:.2f}, {len(self.points_xy)} points"
+        if math.isfinite(self.min_clearance):
+            text += f", at least {self.min_clearance:.2f} m from obstacles"
+            text += f", {self.mean_clearance:.2f} m on average"
+        yield text if self.reached else f"not reached: {text}"
+
+    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+        """Return the route over the costs."""
+        if title is None:
+            title = f"{self.map.title}: route, {self.method}"
+            has_field = self.method == "astar" and not self.optimal
+            title += ", field in the heuristic" if has_field else ""
+        return cost_image(self.costs, title=title, overlay=RouteOverlay(self), **look)
+
+    def check(self) -> None:
+        """Raise FindingError if the goal is not reached."""
+        if self.reached:
+            return
+        goal = f"{self.goal[0]:.10g}, {self.goal[1]:.10g}"
+        hint = None
+        if self.local_minimum is not None:
+            x, y = (round(value, 3) + 0.0 for value in self.local_minimum)
+            rule = f"stopped at {x:.10g}, {y:.10g}, in a local minimum of the potential over "
+            rule += "open cells"
+            hint = "every potential may have some; --method astar finds its way around them"
+        elif len(self.points_xy):
+            rule = f"stopped after {self.length:.4g} m on the way to {goal}"
+        else:
+            rule = f"no route leads to {goal}"
+            hint = "lethal, inscribed and unknown cells are closed; --image shows them, "
+            hint += "--through-unknown opens the unknown ones"
+        raise FindingError(rule, source=self.map.name, hint=hint)
 
 
-def route_file(
-    path: Path,
-    output: Path | None,
-    options: Settings,
-    *,
-    start: tuple[float, float],
-    goal: tuple[float, float],
-    method: Method = "astar",
-    footprint: Footprint | None = None,
-    robot: RobotParameters | None = None,
-    weights: Mapping[str, Any] | None = None,
-    gains: Mapping[str, Any] | None = None,
-) -> RouteReport:
-    """Find a route through the map or the costs in a file, and write it if `output` is given."""
-    if output is not None and output.suffix != ".json":
-        raise ParameterError("a route is written as .json", source=output)
-    has_field = bool(weights and weights.get("heuristic_weight"))
-    source = read_input(path, options, _PER_CELL[method] + has_field * _OF_HEURISTIC)
-    outputs = [] if output is None else [output]
-    inputs = [*source.files, *(robot.paths if robot else ())]
-    with outputs_of(outputs, inputs, options) as transaction:
-        with errors_named(path):
-            costmap = costs_of(source, path, footprint, robot)
-            if method == "astar":
-                route = shortest_route(costmap, start, goal, **(weights or {}))
+@dataclass(frozen=True, eq=False, repr=False)
+class PairedRoutes(Spread):
+    """Routes of many pairs of points by several ways, found as the pairs are read.
+
+    Parameters
+    ----------
+    pairs : iterable of PairLine
+        The pairs; they can be read once.
+    pairs_in : path or str
+        Name of their file.
+    terrain : Terrain
+        Where the routes lead.
+    searches : mapping
+        What each way hands to `route_over`.
+    counts : Counter
+        Pairs so far, those without routes (failed), and those whose goals are not reached.
+    sums : dict
+        Sums of the figures of each way over the pairs whose goals are all reached.
+    """
+
+    pairs: Iterable[PairLine]
+    pairs_in: Path | str
+    terrain: Terrain
+    searches: Mapping[str, Mapping[str, Any]]
+    counts: Counter[str] = field(default_factory=Counter)
+    sums: dict[tuple[str, str], float] = field(default_factory=lambda: defaultdict(float))
+
+    def parts(self) -> Iterator[str]:
+        """Yield a line of JSON for each pair and way, or one that says why there are no routes."""
+        for pair in self.pairs:
+            self.counts["pairs"] += 1
+            number = self.counts["pairs"]
+            found, failure = self._found(pair)
+            if failure:
+                self.counts["failed"] += 1
+                yield json.dumps({"pair": number, "line": pair.line, **failure})
+                continue
+            if all(route.reached for route in found.values()):
+                for way, route in found.items():
+                    for name, _ in _MEANS.values():
+                        self.sums[way, name] += getattr(route, name)
             else:
-                published = costmap.to_occupancy()
-                lethal = published.with_values(published.occupied().astype("int8") * OCCUPIED)
-                field = potential(lethal, goal=goal, **(gains or {}))
-                route = descend(costmap, field, start, **(weights or {}))
-        text = route_json(route)
-        if output is not None:
-            transaction.write_bytes(output, f"{text}\n".encode())
-        title = f"{path.stem}: route, {method}"
-        title += ", field in the heuristic" if has_field else ""
-        add_picture(transaction, options, costmap, title, RouteOverlay(route))
-    return RouteReport(route, text)
+                self.counts["unreached"] += 1
+            for way, route in found.items():
+                yield json.dumps({"pair": number, "method": way, **_entries(route)})
+        if not self.counts["pairs"]:
+            raise MalformedInputError("holds no pairs of points", source=self.pairs_in)
+
+    def _found(self, pair: PairLine) -> tuple[dict[str, Route], dict[str, Any]]:
+        """Return the route of each way between two points, and why there are none."""
+        if pair.start is None or pair.goal is None:
+            return {}, {"error": pair.error}
+        try:
+            return {
+                way: route_over(self.terrain, pair.start, pair.goal, **search)
+                for way, search in self.searches.items()
+            }, {}
+        except ParameterError as error:
+            places = {"start": _place(pair.start), "goal": _place(pair.goal)}
+            return {}, {**places, "error": str(error), **_given(hint=error.hint)}
+
+    @property
+    def reached(self) -> int:
+        """Number of pairs whose goals are all reached."""
+        return self.counts["pairs"] - self.counts["failed"] - self.counts["unreached"]
+
+    def document(self) -> dict[str, Any]:
+        """Return all routes."""
+        return {"routes": list(map(json.loads, self.parts()))}
+
+    def lines(self) -> Iterator[str]:
+        """Yield how many pairs there have been."""
+        yield f"{self.counts['pairs']} pairs by {', '.join(self.searches)}"
+
+    def remarks(self) -> Iterator[str]:
+        """Yield the means of each way's routes, as a table."""
+        if not self.reached:
+            return
+        plural = "s" if self.reached > 1 else ""
+        rows = [[f"means of {self.reached} pair{plural}", *_MEANS]]
+        for way in self.searches:
+            means = [(self.sums[way, name] / self.reached, form) for name, form in _MEANS.values()]
+            texts = [form.format(mean) if math.isfinite(mean) else "-" for mean, form in means]
+            rows.append([f"  {way}", *texts])
+        first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
+        for head, *texts in rows:
+            cells = [text.rjust(width) for text, width in zip(texts, others, strict=True)]
+            yield "  ".join([head.ljust(first), *cells])
+
+    def check(self) -> None:
+        """Raise an error if a pair has no routes, or its goal was not reached."""
+        count, failed, unreached = (self.counts[key] for key in ("pairs", "failed", "unreached"))
+        if failed:
+            raise BatchError(f"{failed} of {count} pairs have no routes", source=self.pairs_in)
+        if unreached:
+            rule = f"no route leads from start to goal in {unreached} of {count} pairs"
+            raise FindingError(rule, source=self.pairs_in)
 
 
-def check_reached(route: Route, path: Path) -> None:
-    if route.reached:
-        return
-    goal = f"{route.goal[0]:.10g}, {route.goal[1]:.10g}"
-    if route.local_minimum is None and len(route.points_xy):
-        raise FindingError(f"stopped after {route.length:.4g} m on the way to {goal}", source=path)
-    if route.local_minimum is None:
-        rule = f"no route leads to {goal}"
-        hint = "lethal, inscribed and unknown cells are closed; --image shows them, "
-        hint += "--through-unknown opens the unknown ones"
-        raise FindingError(rule, source=path, hint=hint)
-    x, y = (round(value, 3) + 0.0 for value in route.local_minimum)
-    rule = f"stopped at {x:.10g}, {y:.10g}, in a local minimum of the potential over open cells"
-    hint = "every potential may have some; --method astar finds its way around them"
-    raise FindingError(rule, source=path, hint=hint)
+def _entries(route: Route) -> dict[str, Any]:
+    return {
+        "reached": route.reached,
+        "start": _place(route.start),
+        "goal": _place(route.goal),
+        "length_m": rounded(route.length),
+        "min_clearance_m": rounded(route.min_clearance),
+        "mean_clearance_m": rounded(route.mean_clearance),
+        "cost": rounded(route.cost),
+        "expanded": route.expanded,
+        "optimal": route.optimal,
+    }
 
 
-def costs_of(
-    source: Source, path: Path, footprint: Footprint | None, robot: RobotParameters | None = None
-) -> Costmap:
-    """Return the costs in a file, or those of its map: the robot's, or the recipe ``nav2``'s."""
-    grid = source.grid
+def _place(point: Iterable[float]) -> list[float | None]:
+    return list(map(rounded, point))
+
+
+def _point(text: str) -> Point:
+    x, y = numbers_of(text, "X,Y")
+    return x, y
+
+
+@command(
+    group="Questions about a map",
+    output=Output(
+        "OUT.json", "Write the result to a file; with --pairs a .jsonl.",
+        is_required=False, streams=False,
+    ),
+    json="default",
+    shared=("robot", "files"),
+    example="""\
+mapdeal route examples/maps/office.yaml --from -7.5,2.5 --to 9,5 \\
+    -o out/route.json --image out/route.png
+mapdeal route examples/maps/office.yaml \\
+    --pairs examples/points/office_pairs.csv -o out/pairs.jsonl""",
+)  # fmt: skip
+def route(
+    map: Map,  # noqa: A002 - what it is
+    *,
+    start: Annotated[Point | None, Words("X,Y", _point, "from")] = None,
+    goal: Annotated[Point | None, Words("X,Y", _point, "to")] = None,
+    pairs: Annotated[Path | None, Words("FILE|-")] = None,
+    compare: Annotated[Sequence[str] | None, Words("METHOD,...", lambda t: t.split(","))] = None,
+    method: Method = "astar",
+    through_unknown: bool = False,
+    cost_travel_multiplier: Annotated[float, FACTOR] = 2.0,
+    field_weight: Annotated[float | None, Words("W")] = None,
+    heuristic: Heuristic | None = None,
+    heuristic_weight: Annotated[float | None, METRES] = None,
+    attractive_gain: Annotated[float | None, GAIN, FACTOR] = None,
+    repulsive_gain: Annotated[float | None, GAIN, FACTOR] = None,
+    repulsive_cap: Annotated[float | None, CAP, REPULSION] = None,
+    footprint: Footprint | None = None,
+    robot: Annotated[RobotParameters | None, Words()] = None,
+    **reading: Unpack[Reading],
+) -> PlannedRoute | PairedRoutes:
+    """Find a route between two points.
+
+    Lethal, inscribed and unknown cells are closed. A map gets the costs of --params-file, or else
+    those of the recipe nav2; the shape of a robot replaces its radius of 0.22 m. Without -o the
+    result is printed as JSON. With --pairs, one line of JSON is printed for each pair and method,
+    and their means on stderr.
+
+    Parameters
+    ----------
+    map : path, str or grid
+        Costs (.npz), or a map to make costs of.
+    start : tuple of float
+        Start, metres.
+    goal : tuple of float
+        Goal, metres.
+    pairs : path, optional
+        File of starts and goals, one x,y,x,y or JSON object per line; - reads standard input.
+        Instead of a start and a goal.
+    compare : sequence of {'plain', 'cost', 'heuristic'}, optional
+        With pairs: search without the distance field (plain), with it in the cost, or in the
+        heuristic; by default all three.
+    method : {'astar', 'descent'}
+        Cheapest route (astar), or steepest descent of the potential (descent).
+    through_unknown : bool
+        Treat unknown cells as free, at the highest cost.
+    cost_travel_multiplier : float
+        Weight of costs against length.
+    field_weight : float, optional
+        astar: weight of the distance field in the cost, within 2 m of obstacles; 0 by default,
+        with pairs, in the cost, 1.
+    heuristic : {'octile', 'field'}, optional
+        astar: estimate of the remaining cost, the octile distance (octile, the default), or that
+        plus a penalty within 2 m of obstacles (field).
+    heuristic_weight : float, optional
+        Penalty of the heuristic field at an obstacle, metres; 2 by default.
+    attractive_gain : float, optional
+        descent: weight of the distance to the goal; 1 by default.
+    repulsive_gain : float, optional
+        descent: weight of the repulsion; 1 by default.
+    repulsive_cap : float, optional
+        descent: upper bound of the repulsion; 1e5 by default.
+    footprint : Footprint, optional
+        The robot's shape, for the costs of a map.
+    robot : RobotParameters, optional
+        The robot's own parameters, for the costs of a map.
+    **reading
+        As for `read_map`; dialect, max_cells and max_memory apply to a file.
+
+    Returns
+    -------
+    PlannedRoute or PairedRoutes
+        The route, whether or not it reaches the goal; see `Route.reached`. With pairs, the routes
+        of all of them, found as their `parts` are read.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If a file cannot be read.
+    ParameterError
+        If start or goal is outside the map or in a closed cell, or parameters do not go together.
+
+    See Also
+    --------
+    shortest_route, descend : The same on a costmap.
+
+    Examples
+    --------
+    >>> from mapdeal import Costmap
+    >>> wall = Costmap([[0, 0, 0], [0, 254, 254], [0, 0, 0]], 0.5)
+    >>> found = route(wall, start=(1.25, 0.25), goal=(1.25, 1.25))
+    >>> found.reached, round(found.length, 6)
+    (True, 2.414214)
+    """
+    gains = _given(
+        attractive_gain=attractive_gain, repulsive_gain=repulsive_gain, repulsive_cap=repulsive_cap
+    )
+    of_field = _given(field_weight=field_weight, heuristic_weight=heuristic_weight)
+    weights: dict[str, Any] = {
+        "cost_travel_multiplier": cost_travel_multiplier, "through_unknown": through_unknown
+    }  # fmt: skip
+    if pairs is not None:
+        one_route = "applies to one route, not to pairs"
+        refuse(one_route, start=start, goal=goal, heuristic=heuristic, **gains)
+        refuse(one_route, image=settings_of(**reading).image)
+        if method != "astar":
+            raise ParameterError("compares routes of method astar", place="pairs")
+        ways = tuple(dict.fromkeys(WAYS if compare is None else compare))
+        if not ways or not set(ways) <= set(WAYS):
+            rule = f"must be some of {', '.join(WAYS)}"
+            raise ParameterError(rule, place="compare", got=",".join(ways))
+        for name, way in (("field_weight", "cost"), ("heuristic_weight", "heuristic")):
+            if name in of_field and way not in ways:
+                raise ParameterError(f"needs {way} among the methods to compare", place=name)
+        need_ending(".jsonl")
+        chunks, pairs_in = text_in(pairs)
+        files = [pairs_in] if isinstance(pairs_in, Path) else []
+        one, costs = _costs_of(map, footprint, robot, files, _PER_CELL_OF_PAIRS, reading)
+        with errors_named(one.name):
+            terrain = Terrain.of(costs, **weights)
+            searches = {way: _search_by(way, terrain, **of_field) for way in ways}
+        return PairedRoutes(read_pairs(chunks, pairs_in), pairs_in, terrain, searches)
+    refuse("applies to pairs alone", compare=compare)
+    if start is None or goal is None:
+        raise ParameterError("both are required, unless pairs are given", place="start, goal")
+    if method == "astar":
+        refuse("does not apply to method astar", **gains)
+    else:
+        refuse(f"does not apply to method {method}", **of_field, heuristic=heuristic)
+    if heuristic == "field":
+        of_field.setdefault("heuristic_weight", _HEURISTIC_WEIGHT)
+    elif heuristic_weight is not None:
+        raise ParameterError("applies to heuristic field alone", place="heuristic_weight")
+    need_ending(".json")
+    per_cell = _PER_CELL[method] + _OF_HEURISTIC * bool(of_field.get("heuristic_weight"))
+    one, costs = _costs_of(map, footprint, robot, [], per_cell, reading)
+    with errors_named(one.name):
+        if method == "astar":
+            found = shortest_route(costs, start, goal, **weights, **of_field)
+        else:
+            published = costs.to_occupancy()
+            lethal = published.with_values(published.occupied().astype("int8") * OCCUPIED)
+            found = descend(costs, potential(lethal, goal=goal, **gains), start, **weights)
+    return PlannedRoute(**vars(found), map=one, costs=costs)
+
+
+def _given(**options: Any) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _search_by(
+    way: str,
+    terrain: Terrain,
+    *,
+    field_weight: float = _FIELD_WEIGHT,
+    heuristic_weight: float = _HEURISTIC_WEIGHT,
+) -> dict[str, Any]:
+    """Return what a way hands to `route_over`."""
+    if way == "cost":
+        return {"weights": terrain.weights_near_obstacles(field_weight)}
+    if way == "heuristic":
+        return {"surcharges": surcharges_near_obstacles(terrain, heuristic_weight)}
+    return {}
+
+
+def _costs_of(
+    map: Map,  # noqa: A002 - as the command calls it
+    footprint: Footprint | None,
+    robot: RobotParameters | None,
+    files: Sequence[Path],
+    per_cell: float,
+    reading: Reading,
+) -> tuple[MapInput, Costmap]:
+    """Return a map and its costs: those in the file, the robot's, or the recipe ``nav2``'s."""
+    also = [*(robot.paths if robot else ()), *files]
+    (one,) = opened(map, names=("map",), also=also, **reading)
+    claim_cells(one, per_cell, **reading)
+    grid = one.grid
     if isinstance(grid, Costmap):
-        if footprint is not None or robot is not None:
-            rule = "applies to maps: these costs are already computed"
-            option = "--footprint, --robot-radius" if robot is None else "--params-file"
-            raise ParameterError(rule, source=option)
-        return grid
-    warn_of_published_costs(source, path)
-    warn_of_potential(grid, path)
-    for step in _recipe_for(footprint, robot).steps:
-        if not (step.stage.makes is DistanceField and isinstance(grid, DistanceField)):
-            grid = step.apply(grid, path)
-    if not isinstance(grid, Costmap):
-        raise TypeError("the recipe of routes must end in costs")
-    shape = footprint
-    if shape is None and robot is not None:
-        shape = planned_shape(robot)
-    return grid if shape is None else _closed_to(shape, grid, obstacles=robot is None)
+        rule = "applies to maps: these costs are already computed"
+        refuse(rule, robot=robot, footprint=footprint)
+        return one, grid
+    warn_of_published_costs(one)
+    warn_of_potential(one)
+    with errors_named(one.name):
+        for step in _recipe_for(footprint, robot).steps:
+            if not (step.stage.makes is DistanceField and isinstance(grid, DistanceField)):
+                grid = step.apply(grid, one.path)
+        if not isinstance(grid, Costmap):
+            raise TypeError("the recipe of routes must end in costs")
+        shape = footprint
+        if shape is None and robot is not None:
+            shape = planned_shape(robot)
+        return one, grid if shape is None else _closed_to(shape, grid, obstacles=robot is None)
 
 
 def _closed_to(robot: Footprint, costs: Costmap, *, obstacles: bool) -> Costmap:
@@ -165,153 +509,5 @@ def _recipe_for(footprint: Footprint | None, robot: RobotParameters | None = Non
     cost = recipe.steps[-1].parameters
     beyond = cost["inflation_radius"] - cost["inscribed_radius"]
     reach = max(footprint.inscribed_radius + beyond, footprint.circumscribed_radius)
-    setting = f"{recipe.steps[-1].name}.inflation_radius={max(cost['inflation_radius'], reach)!r}"
-    return load_recipe(_RECIPE, footprint=footprint, settings=[setting])
-
-
-FIELD_WEIGHT = 1.0
-"""Of method ``cost``, if none is given: at an obstacle a metre costs one more."""
-
-_PER_CELL_OF_PAIRS = 60.0
-"""Bytes for each cell, those of the recipe included."""
-
-_AVERAGED = ("mean_clearance", "min_clearance", "length", "cost", "expanded")
-
-
-@dataclass(frozen=True)
-class PairsReport:
-    """What has become of pairs of points."""
-
-    pairs: int
-    failed: int
-    unreached: int
-    means: dict[str, dict[str, float]]
-
-    @property
-    def reached(self) -> int:
-        return self.pairs - self.failed - self.unreached
-
-    def check(self, source: Path | str) -> None:
-        """Raise an error if a pair has no routes, or its goal was not reached."""
-        if self.failed:
-            raise BatchError(f"{self.failed} of {self.pairs} pairs have no routes", source=source)
-        if self.unreached:
-            rule = f"no route leads from start to goal in {self.unreached} of {self.pairs} pairs"
-            raise FindingError(rule, source=source)
-
-
-class _Tally:
-    """Counts and sums of routes, whose points are not kept: there may be any number of pairs."""
-
-    def __init__(self, methods: Iterable[str]) -> None:
-        self._sums = {method: dict.fromkeys(_AVERAGED, 0.0) for method in methods}
-        self._failed = self._reached = self._unreached = 0
-
-    def add(self, found: Mapping[str, Route]) -> None:
-        """Count a pair by what each method has found; nothing if it could not be planned."""
-        if not found:
-            self._failed += 1
-        elif not all(route.reached for route in found.values()):
-            self._unreached += 1
-        else:
-            self._reached += 1
-            for method, route in found.items():
-                for name in _AVERAGED:
-                    self._sums[method][name] += getattr(route, name)
-
-    def report(self) -> PairsReport:
-        """Return what was counted."""
-        pairs = self._failed + self._reached + self._unreached
-        means = {
-            method: {name: value / self._reached for name, value in sums.items()}
-            for method, sums in self._sums.items()
-            if self._reached
-        }
-        return PairsReport(pairs, self._failed, self._unreached, means)
-
-
-def compare_pairs(
-    path: Path,
-    asked: Iterable[PairLine],
-    output: Path | None,
-    options: Settings,
-    *,
-    asked_from: Path | str,
-    methods: Sequence[str] = PLACES_OF_FIELD,
-    footprint: Footprint | None = None,
-    robot: RobotParameters | None = None,
-    weights: Mapping[str, Any] | None = None,
-    field_weight: float = FIELD_WEIGHT,
-    heuristic_weight: float = HEURISTIC_WEIGHT,
-    show: Callable[[str], object] = lambda _: None,
-) -> PairsReport:
-    """Find routes of pairs of points by each method, and write a line of JSON for each."""
-    if output is not None and output.suffix != ".jsonl":
-        raise ParameterError("routes of pairs are written as .jsonl", source=output)
-    if not methods or not set(methods) <= set(PLACES_OF_FIELD):
-        rule = f"must be some of {', '.join(PLACES_OF_FIELD)}"
-        raise ParameterError(rule, source="--compare", got=",".join(methods))
-    if options.image is not None:
-        raise ParameterError("applies to one route, not to --pairs", source="--image")
-    source = read_input(path, options, _PER_CELL_OF_PAIRS)
-    outputs = [] if output is None else [output]
-    inputs = [*source.files, *(robot.paths if robot else ())]
-    inputs += [asked_from] if isinstance(asked_from, Path) else []
-    with outputs_of(outputs, inputs, options) as transaction:
-        with errors_named(path):
-            terrain = Terrain.of(costs_of(source, path, footprint, robot), **(weights or {}))
-            searches = {
-                method: _search_of(method, terrain, field_weight, heuristic_weight)
-                for method in dict.fromkeys(methods)
-            }
-        tally = _Tally(searches)
-        lines = _lines_of(asked, terrain, searches, tally)
-        if output is None:
-            for line in lines:
-                show(line)
-        else:
-            transaction.write_parts(output, (f"{line}\n".encode() for line in lines))
-        report = tally.report()
-        if report.pairs == 0:
-            raise MalformedInputError("holds no pairs of points", source=asked_from)
-    return report
-
-
-def _search_of(
-    method: str, terrain: Terrain, field_weight: float, heuristic_weight: float
-) -> dict[str, Any]:
-    """Return what a method hands to `route_over`."""
-    if method == "cost":
-        return {"weights": terrain.weights_near_obstacles(field_weight)}
-    if method == "heuristic":
-        return {"surcharges": surcharges_near_obstacles(terrain, heuristic_weight)}
-    return {}
-
-
-def _lines_of(
-    asked: Iterable[PairLine],
-    terrain: Terrain,
-    searches: Mapping[str, Mapping[str, Any]],
-    tally: _Tally,
-) -> Iterator[str]:
-    """Yield the lines of each pair once it is planned, and counted."""
-    for pair, one in enumerate(asked, 1):
-        found, texts = _answer(pair, one, terrain, searches)
-        tally.add(found)
-        yield from texts
-
-
-def _answer(
-    pair: int, asked: PairLine, terrain: Terrain, searches: Mapping[str, Mapping[str, Any]]
-) -> tuple[dict[str, Route], list[str]]:
-    """Return the route of each method between two points, and the lines that describe them."""
-    if asked.start is None or asked.goal is None:
-        return {}, [failed_line(asked, pair=pair, error=str(asked.error))]
-    try:
-        found = {
-            method: route_over(terrain, asked.start, asked.goal, **search)
-            for method, search in searches.items()
-        }
-    except ParameterError as error:
-        return {}, [failed_line(asked, pair=pair, error=str(error), hint=error.hint)]
-    return found, [route_line(route, pair=pair, method=method) for method, route in found.items()]
+    change = {"cost.inflation_radius": max(cost["inflation_radius"], reach)}
+    return load_recipe(_RECIPE, change, footprint=footprint)

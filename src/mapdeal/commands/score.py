@@ -1,21 +1,38 @@
-"""The score of the map in a file, on its own or against a true one."""
+"""``mapdeal score``: how good a map is, on its own or against a true one."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Unpack
 
 import numpy as np
 
-from mapdeal.commands.diff import ComparedMap
-from mapdeal.compare.align import bytes_to_align
-from mapdeal.compare.bounds import ScoreBound, checked_bounds, judged
+from mapdeal.command import Result, Words, command, is_plain
+from mapdeal.compare.align import bytes_to_align, placed
+from mapdeal.compare.bounds import (
+    AGAINST_TRUTH,
+    ALONE,
+    COUNT,
+    DISTANCES,
+    METRES,
+    SHARE,
+    THICKNESS,
+    ScoreBound,
+    checked_bounds,
+    figure_in,
+    figure_text,
+    figures_named,
+    judged,
+    unit_of,
+    why_missing,
+)
 from mapdeal.compare.score import (
     UNKNOWN,
     Comparison,
-    States,
     bytes_alone,
     bytes_to_compare,
     compare_to_truth,
@@ -24,78 +41,100 @@ from mapdeal.compare.score import (
     states_of,
 )
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
-from mapdeal.files.budget import claim
 from mapdeal.files.json_values import SCORE_FORMAT
 from mapdeal.grid.display import count_text
 from mapdeal.grid.frame import Frame, Transform
-from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.lookup import histogram
-from mapdeal.kernels.threads import use_threads
-from mapdeal.maps.png import write_indexed_png
-from mapdeal.maps.reading import Source, as_occupancy
+from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import ScoredWalls, score_image
-from mapdeal.pipeline.inputs import bytes_of, errors_named, outputs_of, read_together
-from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.inputs import (
+    Map,
+    MapInput,
+    Reading,
+    Work,
+    claim_for,
+    errors_named,
+    opened,
+    transform_of,
+)
 from mapdeal.sensors.points import TransformFile, read_transform, transform_document
 
 Way = Literal["frames", "transform", "align"]
 """How the maps were placed: by their files, by a transform, or by aligning them."""
 
+_COLUMNS = (
+    ("n", "n", COUNT, 9),
+    ("mean", "mean", METRES, 13),
+    ("median", "median", METRES, 13),
+    ("p95", "p95", METRES, 13),
+    ("max", "max", METRES, 13),
+    ("within 0.1 m", "share_le_0p1", SHARE, 14),
+)
+_AFTER_THICKNESS = (
+    "share_one_cell_thick", "corners", "enclosed_areas", "enclosed_m2", "enclosed_pockets"
+)  # fmt: skip
+
 _HINT = "--align finds how the maps lie, --transform takes it from a file"
 
 
-@dataclass(frozen=True)
-class Asked:
-    """Bounds and placement requested for a score."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Score(Result):
+    """Quality of a map, on its own or compared with a ground-truth map.
 
-    minimum: Mapping[str, float]
-    maximum: Mapping[str, float]
-    transform: Transform | None = None
-    transform_file: Path | None = None
-    align: bool = False
+    Parameters
+    ----------
+    values : dict
+        Figures by name, as in ``mapdeal score --json``: numbers or groups of numbers, None where
+        there was nothing to measure. ``cells`` are rows and columns.
+    bounds : tuple of ScoreBound
+        Result for each bound that was given.
+    frame : Frame
+        Geometry of the cells that were counted: that of the truth, or of the map without a truth.
+    maps : tuple of MapInput
+        The map, and the truth if there is one.
+    transform : tuple of float or None
+        x, y (metres) and yaw (radians) of the transform from the map's frame to the frame of the
+        truth; None without a truth.
+    way : {'frames', 'transform', 'align'}
+        How the maps were placed: as they lie in one frame, by a transform that was given, or by
+        aligning them.
+    comparison : Comparison or None
+        The cells of both maps, and the distances between their walls; None without a truth.
 
-    def bounds(self, *, with_truth: bool) -> list[tuple[str, Any, float]]:
-        """Return the bounds, checked; see `checked_bounds`."""
-        given = self.transform is not None or self.transform_file is not None
-        if given and self.align:
-            rule = "cannot be given together with a transform"
-            raise ParameterError(rule, source="--align")
-        if not with_truth:
-            for name, value in (("--align", self.align), ("--transform", given)):
-                if value:
-                    raise ParameterError("needs --truth, a map to bring this one onto", source=name)
-        return checked_bounds(self.minimum, self.maximum, with_truth=with_truth)
-
-    def with_file_read(self) -> Asked:
-        """Return the same with the transform that a file holds, whatever maps it is between."""
-        if self.transform_file is None:
-            return self
-        return Asked(self.minimum, self.maximum, read_transform(self.transform_file).transform)
-
-
-@dataclass(frozen=True, eq=False)
-class ScoreReport:
-    """A score."""
+    Notes
+    -----
+    A score with a truth is shown as a picture in notebooks and can be drawn with `draw_picture`:
+    the walls of the map over the truth, coloured by their distance from it.
+    """
 
     values: dict[str, Any]
     bounds: tuple[ScoreBound, ...]
     frame: Frame
-    states: States
-    comparison: Comparison | None = None
-    transform: Transform | None = None
+    maps: tuple[MapInput, ...]
+    transform: tuple[float, float, float] | None = None
     way: Way = "frames"
-    maps: tuple[ComparedMap | None, ComparedMap | None] = (None, None)
+    comparison: Comparison | None = None
 
     @property
-    def passes(self) -> bool:
+    def passes(self) -> bool:  # type: ignore[override]
+        """Whether all bounds hold; True if there are none."""
         return all(bound.holds for bound in self.bounds)
 
+    @property
+    def is_drawn(self) -> bool:
+        """Whether there is a picture, which requires a truth."""
+        return self.comparison is not None
+
     def document(self) -> dict[str, Any]:
-        named, truth = (None if one is None else asdict(one) for one in self.maps)
+        """Return the score as the dict that ``mapdeal score --json`` prints.
+
+        The entries ``map`` and ``truth``, paths with checksums, are None for grids.
+        """
+        named, truth, *_ = (*(one.document() for one in self.maps), None)
         transform = None
         if self.transform is not None:
-            transform = {**transform_document(self.transform), "by": self.way}
+            transform = {**transform_document(Transform(*self.transform)), "by": self.way}
         return {
             "format": SCORE_FORMAT,
             "map": named,
@@ -112,172 +151,301 @@ class ScoreReport:
             "passes": self.passes,
         }
 
+    def lines(self) -> Iterator[str]:
+        """Yield what ``mapdeal score`` prints."""
+        frame = self.frame
+        size = f"{frame.width} x {frame.height} cells of {frame.resolution:.6g} m"
+        yield f"{' against '.join(one.name for one in self.maps)}: {size}"
+        if self.transform is not None:
+            yield f"  transform  {_transform_text(self.transform, self.way)}"
+            yield from self._distances()
+        yield from self._figures()
+        for bound in self.bounds:
+            yield f"  bound     {self._bound_text(bound)}"
 
-def score_grids(
-    estimate: OccupancyGrid,
-    truth: OccupancyGrid | None,
-    asked: Asked,
+    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+        """Return the walls of the map over the truth, coloured by their distance from it."""
+        found = self.comparison
+        if found is None:
+            raise ParameterError("of a map on its own has no picture", place="a score")
+        cell = found.frame.resolution
+        distances, missed = metres_of(found.wall_squares, cell), metres_of(found.missed, cell)
+        walls = ScoredWalls(found.frame, found.estimate, found.truth, distances, missed)
+        named = " on ".join(one.title for one in self.maps)
+        title = one_line(title or f"{named}: how far off its walls are")
+        return score_image(walls, title=title, **look)
+
+    def _distances(self) -> Iterator[str]:
+        wide = max(len(meaning) for meaning in DISTANCES.values())
+        head = f"  {'distance to the nearest wall':<{wide}}"
+        yield ""
+        yield head + "".join(f"{title:>{room}}" for title, _, _, room in _COLUMNS)
+        for name, meaning in DISTANCES.items():
+            group = self.values[name]
+            cells = (f"{figure_text(group[key], unit):>{room}}" for _, key, unit, room in _COLUMNS)
+            yield f"  {meaning:<{wide}}{''.join(cells)}  {name}"
+        yield ""
+
+    def _figures(self) -> Iterator[str]:
+        figures = figures_named(with_truth=self.is_drawn)
+        order = list(AGAINST_TRUTH)
+        if not self.is_drawn:
+            order = [name for name in ALONE if name not in _AFTER_THICKNESS]
+            order += [f"{THICKNESS}.{key}" for key in ("mean", "median", "p95")]
+            order += _AFTER_THICKNESS
+        wide = max(len(figures[name][1]) for name in order)
+        for name in order:
+            unit, meaning = figures[name]
+            value = figure_text(figure_in(self.values, name), unit)
+            yield f"  {meaning:<{wide}}  {value:<10}  {name}"
+
+    def _bound_text(self, bound: ScoreBound) -> str:
+        unit = unit_of(bound.name, with_truth=self.is_drawn)
+        text = f"--{bound.side} {bound.name}={bound.allowed:g}{unit}: "
+        text += "holds" if bound.holds else "missed"
+        if bound.found is None:
+            return f"{text}, not measured: {why_missing(bound.name)}"
+        # 9 digits: a figure that is shown as the bound itself is within it
+        return f"{text}, found {bound.found:.9g}{unit}"
+
+    def _told(self) -> Iterator[str]:
+        if self.transform is None:
+            yield f"{self.values['corners']} corners"
+            yield f"{self.values['enclosed_areas']} enclosed areas"
+            yield f"{self.values['specks']} small components"
+        else:
+            mean = self.values["dist_est_to_truth_m"]["mean"]
+            yield "no walls to measure" if mean is None else f"walls {mean:.4g} m off in the mean"
+            coverage = self.values["coverage"]
+            yield "" if coverage is None else f"{100 * coverage:.4g} % covered"
+        if self.bounds:
+            yield "within the bounds" if self.passes else "beyond the bounds"
+
+
+def _transform_text(pose: tuple[float, float, float], way: Way) -> str:
+    if way == "frames":
+        return "none: both maps are taken to be in one frame"
+    x, y, yaw = pose
+    found = "found by align" if way == "align" else "as given"
+    return f"x {x:.6g} m, y {y:.6g} m, yaw {math.degrees(yaw):.6g} deg, {found}"
+
+
+def _bounds(texts: Iterable[str]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if name in found:
+            raise ParameterError(f"{name} is given twice")
+        try:
+            found[name] = float(value if name and is_plain(value) else "")
+        except ValueError:
+            raise ParameterError("must be NAME=VALUE, with a number", got=text) from None
+    return found
+
+
+@command(
+    group="Two maps of one place",
+    texts={"image": "Write a picture of the distances between walls."},
+    example="""\
+mapdeal score examples/maps/office_cartographer.yaml \\
+    --truth examples/maps/office.yaml --align --min coverage=0.9""",
+)
+def score(
+    map: Map,  # noqa: A002 - what it is
+    truth: Annotated[Map | None, Words("MAP", name="truth")] = None,
     *,
-    names: tuple[str, str] = ("the map", "the truth"),
-) -> ScoreReport:
-    bounds = asked.bounds(with_truth=truth is not None)
-    _warn_of_values(estimate, names[0])
-    if truth is None:
-        states = states_of(estimate.occupancy)
-        values = score_alone(states, estimate.frame)
-        if not values["wall_cells"]:
-            emit_warning(f"{names[0]}: has no occupied cells", stacklevel=2)
-        return ScoreReport(values, tuple(judged(bounds, values)), estimate.frame, states)
-    _warn_of_values(truth, names[1])
-    transform, way = _brought_together(estimate, truth, asked, names)
-    found = compare_to_truth(estimate, truth, transform)
-    _warn_of(found, estimate, names)
-    return ScoreReport(
-        found.values,
-        tuple(judged(bounds, found.values)),
-        found.frame,
-        found.estimate,
-        found,
-        transform,
-        way,
-    )
+    align: bool = False,
+    transform: Annotated[
+        str | PathLike[str] | Transform | Sequence[float] | None, Words("FILE.json", Path)
+    ] = None,
+    minimum: Annotated[
+        Mapping[str, float] | None, Words("NAME=VALUE", _bounds, "min", is_repeated=True)
+    ] = None,
+    maximum: Annotated[
+        Mapping[str, float] | None, Words("NAME=VALUE", _bounds, "max", is_repeated=True)
+    ] = None,
+    **reading: Unpack[Reading],
+) -> Score:
+    """Score a map, on its own or against a true map.
+
+    With --truth: the distances between its walls and the true ones, the share of the known area
+    that it covers, the agreement of cells. Without: shares of cells, thickness of walls, corners,
+    enclosed areas. Exit code 1 if a bound is missed.
+
+    Parameters
+    ----------
+    map : path, str or grid
+        A map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal. In Python, a grid
+        serves as well. Fields and costs are scored as the maps that ROS would publish.
+    truth : path, str or grid, optional
+        True map to compare with.
+    align : bool
+        Align the map with the true one first.
+    transform : path, str, Transform or sequence of float, optional
+        Or apply a transform from its frame to that of the true map, as align writes it. In Python
+        x, y (metres) and yaw (radians) serve as well. With neither `align` nor `transform`, both
+        maps are taken to be in one frame.
+    minimum : mapping of str to float, optional
+        Pass if a figure is at least this value, such as coverage=0.9; can be repeated. In Python
+        values by name; dots lead into groups: ``{"dist_est_to_truth_m.mean": 0.1}``.
+    maximum : mapping of str to float, optional
+        Pass if a figure is at most this value, such as dist_est_to_truth_m.mean=0.1; can be
+        repeated.
+    **reading
+        As for `read_map`; dialect, max_cells and max_memory apply to files.
+
+    Returns
+    -------
+    Score
+        Score on the lattice of the truth; the map is sampled at the centres of its cells. 100
+        counts as occupied, 0 as free, everything else as unknown.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If a file cannot be read.
+    FindingError
+        If `align` is true and the maps may not show the same place.
+    ParameterError
+        If a bound names no figure, or an argument requires a truth.
+
+    Warns
+    -----
+    MapdealWarning
+        If a choice had to be made while reading a file, or the figures mean little because
+        nothing overlaps or there are no walls.
+
+    Notes
+    -----
+    With a truth, over all cells of its lattice:
+
+    - ``ssim_uniform7`` and ``ssim_gauss``: structural similarity as in scikit-image, with its
+      defaults and with the weights of Wang et al. (2004); unknown cells are grey.
+    - ``dist_est_to_truth_m``, ``dist_truth_to_est_m``: distances between the centres of occupied
+      cells, metres; a second set counts only cells that the other map knows.
+    - ``iou_``..., ``precision_``..., ``recall_``..., ``mcc_``... and ``confusion_``...: agreement
+      of cells; ``coverage``: share of the cells known in the truth that are known in both.
+
+    Without a truth: shares, walls, small components, wall thickness, corners and enclosed areas,
+    after Filatov et al., "2D SLAM quality evaluation methods" (2017).
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> truth = OccupancyGrid([[100, 0, 0, 100], [100, 0, 0, 100]], 0.5)
+    >>> found = score(OccupancyGrid([[0, 100, 0, 100], [-1, 100, 0, 100]], 0.5), truth)
+    >>> found
+    Score(walls 0.25 m off in the mean, 87.5 % covered)
+    >>> found.values["confusion_known_in_both"]
+    {'tp': 2, 'tn': 2, 'fp': 2, 'fn': 1}
+    """
+    if align and transform is not None:
+        raise ParameterError("cannot be given together with a transform", place="align")
+    work = Work.current.get()
+    image = None if work is None else work.settings.image
+    for name, value in {"align": align or None, "transform": transform, "--image": image}.items():
+        if truth is None and value is not None:
+            raise ParameterError("needs --truth, a map to compare with", place=name)
+    limits = checked_bounds(minimum or {}, maximum or {}, with_truth=truth is not None)
+    file = Path(transform) if isinstance(transform, str | PathLike) else None
+    move: TransformFile | Transform | None
+    move = transform_of(transform, place="transform") if file is None else read_transform(file)
+    given = [map] if truth is None else [map, truth]
+    names = ("the map", "the truth")[: len(given)]
+    maps = opened(*given, names=names, also=[] if file is None else [file], **reading)
+    _claim(maps, reading, aligns=align)
+    estimate, *others = (one.occupancy for one in maps)
+    with errors_named(maps[0].name):
+        _warn_of_values(maps)
+        if not others:
+            states = states_of(estimate.occupancy)
+            values = score_alone(states, estimate.frame)
+            if not values["wall_cells"]:
+                emit_warning(f"{maps[0].name}: has no occupied cells", stacklevel=2)
+            return Score(values, judged(limits, values), estimate.frame, tuple(maps))
+        way: Way = "align" if align else "frames" if move is None else "transform"
+        if isinstance(move, TransformFile):
+            move = _transform_in(move, file, maps)
+        elif align:
+            move = _aligned(maps)
+        move = move or Transform()
+        found = compare_to_truth(estimate, others[0], move)
+        _warn_of(found, maps)
+    bounds = judged(limits, found.values)
+    return Score(found.values, bounds, found.frame, tuple(maps), move.pose, way, found)
 
 
-def score_files(
-    path: Path, truth: Path | None, options: Settings, asked: Asked
-) -> ScoreReport:  # fmt: skip
-    """Return the score of the map in a file; draw it if a picture is asked for."""
-    asked.bounds(with_truth=truth is not None)  # before anything is read
-    if truth is None and options.image is not None:
-        raise ParameterError("needs --truth, a map to compare with", source="--image")
-    paths = [path] if truth is None else [path, truth]
-    told = None if asked.transform_file is None else read_transform(asked.transform_file)
-    sources = read_together(paths, options)
-    grids = [as_occupancy(source.grid, one) for source, one in zip(sources, paths, strict=True)]
-    with options.memory(), use_threads(options.threads):
-        _claim(paths[-1], sources, grids, options, aligns=asked.align)
-    files = [file for source in sources for file in source.files]
-    if asked.transform_file is not None:
-        files.append(asked.transform_file)
-    if told is not None:
-        asked = _with_transform(asked, told, sources)
-    with (
-        outputs_of([], files, options) as transaction,
-        use_threads(options.threads),
-        errors_named(path),
-    ):
-        report = score_grids(
-            grids[0], grids[1] if truth is not None else None, asked, names=(str(path), str(truth))
-        )
-        if options.image is not None and report.comparison is not None:
-            image = score_image(
-                walls_of(report.comparison),
-                title=title_of(path, truth),
-                image_extent=options.image_extent,
-            )
-            transaction.write(
-                options.image, lambda file: write_indexed_png(file, image.indices, image.palette)
-            )
-    maps = list(map(ComparedMap.of, paths, sources))
-    return replace(report, maps=(maps[0], maps[1] if truth is not None else None))
-
-
-def walls_of(found: Comparison) -> ScoredWalls:
-    to_truth, missed = (
-        metres_of(squares, found.frame.resolution) for squares in (found.wall_squares, found.missed)
-    )
-    return ScoredWalls(found.frame, found.estimate, found.truth, to_truth, missed)
-
-
-def title_of(path: Path, truth: Path | None) -> str:
-    """Return what stands above the picture of two files."""
-    return one_line(f"{path.stem} on {truth.stem if truth else ''}: how far off its walls are")
-
-
-def _claim(
-    path: Path,
-    sources: list[Source],
-    grids: list[OccupancyGrid],
-    options: Settings,
-    *,
-    aligns: bool,
-) -> None:
+def _claim(maps: Sequence[MapInput], reading: Reading, *, aligns: bool) -> None:
     """Refuse what takes too much memory."""
-    shape = grids[-1].shape
+    grids = [one.occupancy for one in maps]
+    shape, of_picture = grids[-1].shape, 0
     walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
-    if len(grids) > 1:
-        needed = bytes_to_compare(shape, walls, is_drawn=options.image is not None)
-        if aligns:
-            cells = [grid.shape[0] * grid.shape[1] for grid in grids]
-            needed = max(needed, bytes_to_align(cells))
-    else:
+    if len(grids) == 1:
         needed = bytes_alone(shape, walls)
-    held = sum(bytes_of(source.grid) for source in sources)
-    claim(path, held + needed, what=f"{shape[1]} x {shape[0]} cells")
-
-
-def _with_transform(asked: Asked, told: TransformFile, sources: list[Source]) -> Asked:
-    """Return what is asked with the transform of a file, turned round if it goes the other way."""
-    transform, source = told.transform, asked.transform_file
-    sums = [dict(one.sums) for one in sources]
-    if told.first and told.second:
-        ends = [set(of.values()) for of in (told.first, told.second)]
-        own = [set(of.values()) for of in sums]
-        if ends == own[::-1] and ends != own:
-            text = f"{source}: leads from the truth to the map; its inverse is used"
-            emit_warning(text, stacklevel=2)
-            transform = transform.inverse()
-        elif ends != own:
-            text = f"{source}: is between other maps: the checksums are not those of these two"
-            emit_warning(text, stacklevel=2)
-    return Asked(asked.minimum, asked.maximum, transform)
-
-
-def _brought_together(
-    estimate: OccupancyGrid, truth: OccupancyGrid, asked: Asked, names: tuple[str, str]
-) -> tuple[Transform, Way]:
-    if asked.transform is not None:
-        return asked.transform, "transform"
-    if not asked.align:
-        return Transform(), "frames"
-    from mapdeal.compare.align import align
-
-    found = align(estimate, truth)
-    if not found.same_place:
-        rule = f"cannot be aligned to {names[1]} with certainty: {found.reason}"
-        raise FindingError(rule, source=names[0], hint="--transform uses a transform as it is")
-    return found.transform, "align"
-
-
-def _warn_of_values(grid: OccupancyGrid, name: str) -> None:
-    between = int(histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum())
-    if between:
-        verb = "counts" if between == 1 else "count"
-        text = f"{name}: {count_text(between, 'cell')} of 1..99 {verb} as unknown"
-        emit_warning(text, stacklevel=3)
-
-
-def _warn_of(found: Comparison, estimate: OccupancyGrid, names: tuple[str, str]) -> None:
-    own, truth = names
-    if not (found.truth != UNKNOWN).any():
-        emit_warning(
-            f"{truth}: has no known cell, so there is nothing to compare with", stacklevel=3
-        )
-    elif not (found.estimate != UNKNOWN).any():
-        text = f"{own}: has no known cell on {truth}; {_HINT}"
-        emit_warning(text, stacklevel=3)
-    elif not found.values["known_in_both"]:
-        text = f"{own}: has no known cell in common with {truth}; {_HINT}"
-        emit_warning(text, stacklevel=3)
     else:
-        for walls, name in ((found.wall_squares, own), (found.missed, truth)):
-            if not len(walls):
-                text = f"{name}: has no occupied cell there, so no distances can be measured"
-                emit_warning(text, stacklevel=3)
-    cell, true_cell = estimate.resolution, found.frame.resolution
+        needed = bytes_to_compare(shape, walls)
+        of_picture = bytes_to_compare(shape, walls, is_drawn=True)
+    if aligns:
+        needed = max(needed, bytes_to_align([grid.shape[0] * grid.shape[1] for grid in grids]))
+    what = f"{shape[1]} x {shape[0]} cells"
+    claim_for(maps, needed, what, of_picture=of_picture, **reading)
+
+
+def _transform_in(told: TransformFile, file: Path | None, maps: Sequence[MapInput]) -> Transform:
+    """Return the transform of a file, turned round if it goes the other way between two files."""
+    if not told.first or not told.second or any(one.source is None for one in maps):
+        return told.transform
+    ends = [set(sums.values()) for sums in (told.first, told.second)]
+    own = [set(one.source.sums.values()) for one in maps if one.source is not None]
+    if ends == own:
+        return told.transform
+    if ends == own[::-1]:
+        text = f"{file}: leads from the truth to the map; its inverse is used"
+        emit_warning(text, stacklevel=3)
+        return told.transform.inverse()
+    text = f"{file}: is between other maps: the checksums are not those of these two"
+    emit_warning(text, stacklevel=3)
+    return told.transform
+
+
+def _aligned(maps: Sequence[MapInput]) -> Transform:
+    found = placed(maps[0].occupancy, maps[1].occupancy)
+    if not found.same_place:
+        rule = f"cannot be aligned to {maps[1].name} with certainty: {found.reason}"
+        hint = "--transform uses a transform as it is"
+        raise FindingError(rule, source=maps[0].name, hint=hint)
+    return found.transform
+
+
+def _warn_of_values(maps: Sequence[MapInput]) -> None:
+    for one in maps:
+        between = int(histogram(one.occupancy.occupancy)[FREE + 1 : OCCUPIED].sum())
+        if between:
+            verb = "counts" if between == 1 else "count"
+            text = f"{one.name}: {count_text(between, 'cell')} of 1..99 {verb} as unknown"
+            emit_warning(text, stacklevel=3)
+
+
+def _warn_of(found: Comparison, maps: Sequence[MapInput]) -> None:
+    own, truth = (one.name for one in maps)
+    texts = []
+    if not (found.truth != UNKNOWN).any():
+        texts.append(f"{truth}: has no known cell, so there is nothing to compare with")
+    elif not (found.estimate != UNKNOWN).any():
+        texts.append(f"{own}: has no known cell on {truth}; {_HINT}")
+    elif not found.values["known_in_both"]:
+        texts.append(f"{own}: has no known cell in common with {truth}; {_HINT}")
+    else:
+        texts += [
+            f"{name}: has no occupied cell there, so no distances can be measured"
+            for walls, name in ((found.wall_squares, own), (found.missed, truth))
+            if not len(walls)
+        ]
+    cell, true_cell = maps[0].occupancy.resolution, found.frame.resolution
     if not np.isclose(cell, true_cell, rtol=1e-6, atol=0):
-        text = (
+        texts.append(
             f"{own}: has cells of {cell:g} m, {truth} of {true_cell:g} m; what counts is its cell "
             "at the centre of each of theirs"
         )
+    for text in texts:
         emit_warning(text, stacklevel=3)

@@ -204,29 +204,8 @@ _LEFT = 1.2
 
 
 @dataclass(frozen=True, repr=False)
-class Alignment(OneLine):
-    """Placement of a first map in the frame of a second.
-
-    Parameters
-    ----------
-    transform : Transform
-        From the first map's frame to the second's: p_second = R(yaw) p_first + (x, y).
-    reason : str or None
-        Why the placement is uncertain; None if it is certain.
-    score : float
-        How much better the walls agree than those of different places do by chance; 0 if they
-        do not.
-    runner_up : float
-        Score of the best placement elsewhere; 0 if there is none.
-    runner_up_transform : Transform or None
-        That placement; None if there is none.
-    overlap : float
-        Free space of one map that the other knows (the mean of both), as a share of the free
-        space of the map that has less.
-    agreement : float
-        Share of the walls that lie within 0.25 m of a wall of the other map, among those that
-        lie there or in its free space.
-    """
+class Placement(OneLine):
+    """Placement of a first map in the frame of a second, see `mapdeal.Alignment`."""
 
     transform: Transform
     reason: str | None
@@ -248,60 +227,14 @@ class Alignment(OneLine):
         yield f"score {self.score:.2f}, runner-up {self.runner_up:.2f}"
 
 
-def align(
+def placed(
     first: OccupancyGrid,
     second: OccupancyGrid,
     *,
     prior: Transform | None = None,
     rotations: Sequence[float] | None = None,
-) -> Alignment:
-    """Find where one map lies in the frame of another map of the same place.
-
-    Parameters
-    ----------
-    first, second : OccupancyGrid
-        The maps. Size, resolution, origin, yaw and the part of the place shown may differ.
-    prior : Transform, optional
-        Approximate placement. The search is limited to 30 degrees and 5 m around it, or a tenth
-        of the smaller map's diagonal if that is more.
-    rotations : sequence of float, optional
-        The only rotations to consider, each with a tolerance of 3 degrees, radians.
-
-    Returns
-    -------
-    Alignment
-        The best placement, certain or not; `reason` explains why it is uncertain.
-
-    Raises
-    ------
-    ParameterError
-        If `rotations` is empty or contains a value that is not finite.
-
-    Notes
-    -----
-    Candidates are the peaks of FFT correlations over all shifts: at the rotations for which the
-    walls run in the same directions (Carpin 2008) and, on coarser cells, at rotations all around.
-    Each candidate is refined until the walls lie as close to each other as possible. All are then
-    judged by the faces of walls: a face agrees if it lies on a wall of the other map with free
-    space on the same side, and contradicts if it lies in the other map's free space. The score is
-    the divergence of the share that agrees from the share that agrees at wrong places, times the
-    length of the walls in pieces of 2 m (less for small maps). A placement is certain if its score
-    is at least 3, the maps overlap by a tenth, and every placement elsewhere scores at least 2 less
-    and at most 0.75 times as much, or 0.35 times if the walls agree about as well there.
-
-    A placement is only found where the walls determine it. In a long corridor of which neither map
-    shows the ends, the position along the corridor is arbitrary, and the runner-up reveals this.
-
-    Examples
-    --------
-    >>> walls = np.zeros((40, 60), dtype=np.int8)
-    >>> walls[[0, -1]] = walls[:, [0, -1]] = walls[12, :35] = walls[12:30, 22] = 100
-    >>> room = OccupancyGrid(walls, 0.1, (1.0, 2.0, 0.0))
-    >>> turned = OccupancyGrid(np.rot90(walls), 0.1)
-    >>> found = align(room, turned)
-    >>> found.same_place, round(math.degrees(found.transform.yaw), 1)
-    (True, -90.0)
-    """
+) -> Placement:
+    """Return the best placement of a map in the frame of another, certain or not."""
     _check(rotations)
     here, there = walls_of(first), walls_of(second)
     if here is None or there is None:
@@ -373,7 +306,7 @@ class _Search:
         return allowed
 
 
-def _judged(first: WallMap, second: WallMap, poses: Poses) -> Alignment:
+def _judged(first: WallMap, second: WallMap, poses: Poses) -> Placement:
     """Return the best of some places, and whether it is sure."""
     found = agreement_at(first, second, poses, _MOST_CHECKED)
     likely = int(found.evidence(found.by_chance()).argmax())
@@ -386,7 +319,7 @@ def _judged(first: WallMap, second: WallMap, poses: Poses) -> Alignment:
     runner_up = 0.0 if other is None else float(scores[other])
     polished = _polished(first, second, poses[best : best + 1])
     overlap = float(found.overlap[best])
-    return Alignment(
+    return Placement(
         transform=_transform_of(first, second, polished),
         reason=_reason(float(scores[best]), _rival(scores, qualities, best, elsewhere), overlap),
         score=float(scores[best]),
@@ -463,8 +396,8 @@ def _pose_of(first: WallMap, second: WallMap, transform: Transform) -> Poses:
     return np.array([lattices.yaw, lattices.x, lattices.y])
 
 
-def _nowhere(reason: str, prior: Transform | None) -> Alignment:
-    return Alignment(prior or Transform(), reason, 0.0, 0.0, None, 0.0, 0.0)
+def _nowhere(reason: str, prior: Transform | None) -> Placement:
+    return Placement(prior or Transform(), reason, 0.0, 0.0, None, 0.0, 0.0)
 
 
 def _check(rotations: Sequence[float] | None) -> None:

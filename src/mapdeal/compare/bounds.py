@@ -189,10 +189,12 @@ def checked_bounds(
     return found
 
 
-def judged(bounds: list[tuple[str, Side, float]], values: Mapping[str, Any]) -> list[ScoreBound]:
-    return [
+def judged(
+    bounds: list[tuple[str, Side, float]], values: Mapping[str, Any]
+) -> tuple[ScoreBound, ...]:  # fmt: skip
+    return tuple(
         ScoreBound(name, side, allowed, figure_in(values, name)) for name, side, allowed in bounds
-    ]
+    )
 
 
 def why_missing(name: str) -> str:

@@ -151,8 +151,6 @@ class Overlap:
         >>> Overlap.of(estimate, truth).counts
         ((0, 0, 0), (1, 0, 0), (0, 1, 1))
         """
-        from mapdeal.kernels.lookup import histogram
-
         pairs = truth * np.uint8(3)
         pairs += estimate
         table = histogram(pairs)[:9].reshape(3, 3).tolist()

@@ -1,1 +1,1 @@
-"""Changes to parts of a grid: shapes drawn, regions reset, windows, other origins."""
+"""Shapes drawn into grids, regions reset, several maps merged into one."""

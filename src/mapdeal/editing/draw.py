@@ -1,4 +1,4 @@
-"""Drawing shapes into maps, costmaps and bit maps."""
+"""Drawing shapes into maps, costmaps and bit maps; regions that are reset."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol, Self, TypeVar
 
+import numpy as np
+
 from mapdeal.errors import FindingError, ParameterError, emit_warning
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.bit_map import BitMap
+from mapdeal.grid.frame import Frame, Point, region_of
+from mapdeal.grid.framed import ValueGrid
 from mapdeal.grid.shapes import Shape
 from mapdeal.grid.values import OverlayType
 from mapdeal.kernels.polygons import Spans
@@ -31,6 +35,7 @@ class Paintable(Protocol):
 
 
 G = TypeVar("G", bound=Paintable)
+D = TypeVar("D", bound=ValueGrid | BitMap)
 
 
 def draw(
@@ -150,3 +155,84 @@ def _findings(grid: Paintable, shape: Shape) -> Iterator[tuple[str, str]]:
         some = any(spans.rows.size for spans in shape.spans(grid.frame))
         drawn = "the shape is clipped" if some else "nothing of the shape is drawn"
         yield f"{part} lies outside of the map", drawn
+
+
+def reset_region(
+    grid: D,
+    *,
+    size_xy: Point,
+    corner_xy: Point | None = None,
+    center_xy: Point | None = None,
+    value: int | None = None,
+    strict: bool = False,
+) -> D:
+    """Return a grid in which one region is set to a single value.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid, Costmap or BitMap
+        Grid to change.
+    size_xy, corner_xy, center_xy : tuple of float
+        Region, as in `window`.
+    value : int, optional
+        Value on the grid's scale; unknown if not given. Required for a bit map, which has no
+        unknown cells.
+    strict : bool
+        Whether a region that extends beyond the grid is an error; nothing is changed then.
+
+    Raises
+    ------
+    ParameterError
+        As in `window`, or if `value` is not on the grid's scale or is missing for a bit map.
+    FindingError
+        If `strict` is set and the region extends beyond the grid.
+
+    Warns
+    -----
+    MapdealWarning
+        If `strict` is not set and the region extends beyond the grid.
+
+    References
+    ----------
+    ``resetMap`` of costmap_2d and ``resetMapToValue`` of Nav2.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> grid = OccupancyGrid([[0, 0, 0], [0, 0, 0]], 0.5, (1.0, 2.0, 0.0))
+    >>> region = {"corner_xy": (1.5, 2.0), "size_xy": (0.5, 1.0)}
+    >>> reset_region(grid, value=100, **region).occupancy.tolist()
+    [[0, 100, 0], [0, 100, 0]]
+    """
+    if value is not None:
+        number = grid.accept_value(value)
+    elif isinstance(grid, BitMap):
+        raise ParameterError("is needed, 0 or 100: a bit map has no unknown cells", place="value")
+    else:
+        number = grid.unknown_value
+    region = region_of(grid.frame, size_xy, corner_xy=corner_xy, center_xy=center_xy)
+    rows, cols = region.shared_with(grid.shape)
+    if (rows.stop - rows.start, cols.stop - cols.start) != region[2:]:
+        if strict:
+            rule = "reaches beyond the map; nothing was changed"
+            raise FindingError(rule, place="region")
+        outside = rows.start == rows.stop or cols.start == cols.stop
+        text = "lies outside of the map" if outside else "reaches beyond the map, it is clipped"
+        emit_warning(f"region: {text}", stacklevel=2)
+    if isinstance(grid, BitMap):
+        mask = grid.to_mask()
+        mask[rows, cols] = number
+        return grid.with_packed(np.packbits(mask, axis=1))
+    values = grid.values.copy()
+    values[rows, cols] = number
+    return grid.with_values(values)
+
+
+def blank(grid: D, value: int = 0) -> D:
+    """Return a grid of the same kind and geometry with the same value in every cell.
+
+    Useful for drawing a mask: a mask that is unknown outside its shapes changes nothing there.
+    """
+    if isinstance(grid, BitMap):
+        return grid.fill(bool(grid.accept_value(value, "background")))
+    return grid.with_values(np.full_like(grid.values, grid.accept_value(value, "background")))

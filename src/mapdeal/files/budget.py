@@ -13,7 +13,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mapdeal.errors import MalformedInputError
+from mapdeal.errors import MalformedInputError, ParameterError
 
 _MEMINFO = Path("/proc/meminfo")
 _OWN_GROUP = Path("/proc/self/cgroup")
@@ -200,3 +200,17 @@ def size_text(count: int) -> str:
     rounded = -(-count // step) * step
     unit, name = (10**9, "GB") if rounded >= 10**9 else (10**6, "MB")
     return f"{rounded / unit:.6f}".rstrip("0").rstrip(".") + f" {name}"
+
+
+def size_of(text: str, name: str | None = None) -> int:
+    """Return a number of bytes: ``500M`` and ``4GiB`` are of 1024, ``4GB`` of 1000."""
+    match = re.fullmatch(
+        r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?", text.strip(), re.IGNORECASE
+    )
+    if match is None:
+        raise ParameterError("must be a size such as 4G or 500M", place=name, got=text)
+    number, unit, ending = float(match[1]), match[2].lower(), (match[3] or "").lower()
+    size = int(number * (1000 if ending == "b" else 1024) ** " kmgt".index(unit or " "))
+    if size < 1:
+        raise ParameterError("must be above 0", place=name, got=text)
+    return size

@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.files.budget import OF_JSON, claim
 from mapdeal.files.source import read_file
 from mapdeal.grid.frame import FARTHEST, Point
+
+T = TypeVar("T")
 
 _LARGEST_FILE = 1 << 22  # a manifest has some kilobytes
 
@@ -99,6 +101,10 @@ class JsonValue:
     @property
     def is_null(self) -> bool:
         return self.value is None
+
+    def or_none(self, read: Callable[[JsonValue], T]) -> T | None:
+        """Return what a function reads of it; None of null."""
+        return None if self.is_null else read(self)
 
     def number(self, *, least: float = -FARTHEST, most: float = FARTHEST) -> float:
         if isinstance(self.value, bool) or not isinstance(self.value, int | float):

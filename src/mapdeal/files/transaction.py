@@ -400,6 +400,11 @@ class Transaction:
 
         self.write(path, write)
 
+    def write_json(self, path: Path, document: Any) -> None:
+        from mapdeal.files.json_values import json_of  # few outputs are JSON
+
+        self.write_bytes(path, json_of(document))
+
     def wait(self) -> None:
         """Wait for the files whose writing has begun, so that what they are made of can go."""
         self._finished()

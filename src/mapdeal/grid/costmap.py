@@ -174,8 +174,8 @@ class Costmap(ValueGrid):
         track_unknown : bool
             ``track_unknown_space``: whether unknown cells become 255 instead of 0.
         inscribed_value : int, optional
-            ``inscribed_obstacle_cost_value`` of Nav2 lyrical and newer: value that becomes 253.
-            None for older releases, which have no such rule.
+            ``inscribed_obstacle_cost_value`` of Nav2 lyrical and newer: value that becomes 253;
+            None for older releases and ROS 1, which have no such rule.
 
         Raises
         ------

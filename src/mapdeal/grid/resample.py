@@ -54,8 +54,8 @@ def check_rule(rule: str) -> None:
 def check_values(grid: object) -> None:
     """Refuse a grid that is neither a map nor a costmap."""
     if not isinstance(grid, ValueGrid):
-        rule = "must be a map or a costmap; compute fields of the new map"
-        raise ParameterError(rule, place="grid", got=type(grid).__name__)
+        rule, hint = "must be a map or a costmap", "edit the map, then run esdf or potential on it"
+        raise ParameterError(rule, place="grid", got=type(grid).__name__, hint=hint)
 
 
 def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:

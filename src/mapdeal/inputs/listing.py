@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from glob import has_magic
 from pathlib import Path
+from typing import Any
 
 from mapdeal.errors import (
     FileAccessError,
@@ -211,6 +212,19 @@ class MapListing:
     is_set: bool
     left_out: tuple[Path, ...]
     repeated: tuple[Path, ...]
+
+    def say(self, terminal: Any, done: str) -> None:
+        """Say on a terminal what is left out, and what is `done` once though named more often."""
+        no_maps = "YAML file{} without the key image {} left out"
+        often = f"map{{}} {{}} named more than once, and {{}} {done} once"
+        for paths, told in ((self.left_out, no_maps), (self.repeated, often)):
+            if len(paths) == 1:
+                terminal.remark([f"note: 1 {told.format('', 'was', 'is')}: {paths[0]}"])
+            elif paths:
+                many = told.format("s", "were", "are")
+                terminal.remark([f"note: {len(paths)} {many}, such as {paths[0]}; -v names all"])
+                for path in paths:
+                    terminal.detail(f"{many.rsplit(' ', 2)[0]}: {path}")
 
 
 @dataclass

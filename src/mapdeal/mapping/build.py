@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mapdeal.command import parameters_of
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.display import Drawn, count_text
 from mapdeal.grid.frame import (
@@ -27,7 +28,7 @@ from mapdeal.mapping.tsdf import Tsdf, TsdfAsWritten
 
 Method = Literal["log-odds", "counting", "tsdf"]
 
-METHODS: dict[str, Callable[..., Evidence]] = {
+METHODS: dict[Method, Callable[..., Evidence]] = {
     "log-odds": LogOdds,
     "counting": Counting,
     "tsdf": Tsdf,
@@ -90,8 +91,12 @@ class Extent:
         return Region(row, col, height, width).frame_in(lattice)
 
 
-def frame_of(size: Point, origin: Point, resolution: float) -> Frame:
-    """Return the grid of a size in metres with a given corner."""
+def frame_of(size: Point | None, origin: Point | None, resolution: float) -> Frame | None:
+    """Return the grid of a size in metres with a given corner; None if neither is given."""
+    if size is None and origin is None:
+        return None
+    if size is None or origin is None:
+        raise ParameterError("must be given together", place="size, origin")
     x, y = check_point(origin, "origin")
     width, height = check_point(size, "size")
     if not (width > 0 and height > 0):
@@ -195,20 +200,20 @@ class MapBuilder:
         return self._evidence.advice(vanished)
 
 
-def _evidence(frame: Frame, method: str, parameters: Mapping[str, Any]) -> Evidence:
+def _evidence(frame: Frame, method: Method, parameters: Mapping[str, Any]) -> Evidence:
     if method not in METHODS:
         rule = f"must be one of {', '.join(get_args(Method))}"
         raise ParameterError(rule, place="method", got=method)
     kind, own = _kind_of(method, parameters)
-    known = kind.__init__.__kwdefaults__ or {}
+    known = parameters_of(kind)
     for name in own:
         if name not in known:
-            raise ParameterError(f"is not a parameter of method {method}", place=name)
-    return kind(frame, **own)
+            raise ParameterError(f"does not apply to method {method}", place=name)
+    return kind(frame, **{name: known[name].accept(value) for name, value in own.items()})
 
 
 def _kind_of(
-    method: str, given: Mapping[str, Any]
+    method: Method, given: Mapping[str, Any]
 ) -> tuple[Callable[..., Evidence], dict[str, Any]]:
     own = dict(given)
     if method == "tsdf" and own.pop("as_written", False):
@@ -220,7 +225,7 @@ def all_parameters(method: Method, given: Mapping[str, Any]) -> dict[str, Any]:
     return {**(_kind_of(method, given)[0].__init__.__kwdefaults__ or {}), **given}
 
 
-def reach_behind(method: str, resolution: float, parameters: Mapping[str, Any]) -> float:
+def reach_behind(method: Method, resolution: float, parameters: Mapping[str, Any]) -> float:
     """Return how far behind hits a method has an effect, metres."""
     frame = Frame(1, 1, check_resolution(resolution))
     return _evidence(frame, method, parameters).reach_behind * frame.resolution
@@ -288,11 +293,8 @@ def build_map(
     """
     scans = Scans(poses, angles, ranges)  # type: ignore[arg-type]
     limits = BeamLimits(range_min, range_max, clear_max)
-    if (size is None) != (origin is None):
-        raise ParameterError("size and origin must be given together", place="size")
-    if size is not None and origin is not None:
-        frame = frame_of(size, origin, resolution)
-    else:
+    frame = frame_of(size, origin, resolution)
+    if frame is None:
         extent = Extent(limits, reach_behind(method, resolution, parameters))
         extent.add(scans)
         frame = extent.frame(resolution)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
+from mapdeal.command import Bound, Words
 from mapdeal.grid.display import OneLine, count_text
 from mapdeal.grid.frame import Frame, Region
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -19,7 +18,7 @@ from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.polygons import FARTHEST_CELL
 from mapdeal.kernels.rays import A_HIT, MOST_HITS, SEEN, Odds, count_rays, weigh_rays
-from mapdeal.mapping.beams import Beams, as_number
+from mapdeal.mapping.beams import Beams
 
 Cells = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -168,11 +167,36 @@ class Evidence(ABC):
 _UNIT = 1 << 16
 """What an evidence of 1 is: in whole numbers sums are exact, in whatever order they are made."""
 
-_EVEN = 50
+_EVEN, _FAR = 50, 1000
+
+
+def _whole(value: float) -> int:
+    return round(max(-_FAR, min(value, _FAR)) * _UNIT)
+
+
+_PASSED = Bound("below 0, at least -100", lambda v: -100 * _UNIT <= _whole(v) < 0)
+_HIT = Bound("above 0, at most 100", lambda v: 0 < _whole(v) <= 100 * _UNIT)
+_LEAST = Bound("at least 0, below 50", lambda v: 0 <= _whole(v) < _EVEN * _UNIT)
+_MOST = Bound("above 50, at most 100", lambda v: 50 < _whole(v) / _UNIT <= 100)
 
 
 class LogOdds(Evidence):
     """Evidence as one number per cell, which starts at 50.
+
+    Parameters
+    ----------
+    frame : Frame
+        Geometry of the map.
+    log_free : float
+        Added where a beam passes.
+    log_occ : float
+        Added where a beam ends.
+    log_min : float
+        Lower bound.
+    log_max : float
+        Upper bound.
+    values : bool
+        Write the values instead of free and occupied.
 
     References
     ----------
@@ -192,32 +216,23 @@ class LogOdds(Evidence):
         self,
         frame: Frame,
         *,
-        log_free: float = -1.0,
-        log_occ: float = 2.0,
-        log_min: float = 0.0,
-        log_max: float = 100.0,
+        log_free: Annotated[float, _PASSED, Words("V")] = -1.0,
+        log_occ: Annotated[float, _HIT, Words("V")] = 2.0,
+        log_min: Annotated[float, _LEAST, Words("V")] = 0.0,
+        log_max: Annotated[float, _MOST, Words("V")] = 100.0,
         values: bool = False,
     ) -> None:
         super().__init__(frame)
-        self._odds = Odds(
-            _whole(log_free, "log_free", -100 * _UNIT, -1, "below 0, at least -100"),
-            _whole(log_occ, "log_occ", 1, 100 * _UNIT, "above 0, at most 100"),
-            _whole(log_min, "log_min", 0, _EVEN * _UNIT - 1, "at least 0, below 50"),
-            _whole(
-                log_max, "log_max", _EVEN * _UNIT + 1, 100 * _UNIT, f"above {_EVEN}, at most 100"
-            ),
-        )
+        self._odds = Odds(*map(_whole, (log_free, log_occ, log_min, log_max)))
         self._publish_values = values
         self._values = np.full(frame.shape, _EVEN * _UNIT, dtype=np.int32)
         self._seen = np.zeros(frame.shape, dtype=np.uint8)
 
     def add(self, beams: Beams) -> None:
-        """Add the evidence of beams; see `Evidence.add`."""
         beams, starts, ends = self.cells_of(beams)
         weigh_rays(starts, ends, beams.is_hit, self._odds, self._values, self._seen)
 
     def occupancy(self) -> NDArray[np.int8]:
-        """Return the map of the evidence so far, shape (H, W)."""
         if self._publish_values:
             rounded = np.rint(self._values / _UNIT).astype(np.int8)
         else:
@@ -228,7 +243,6 @@ class LogOdds(Evidence):
         return rounded
 
     def often_hit(self) -> NDArray[np.bool_]:
-        """Return which cells were hit often; see `Evidence.often_hit`."""
         return self._seen >= SEEN + OFTEN * A_HIT
 
     def vanished_from(self, grid: OccupancyGrid) -> HitGroups:
@@ -236,7 +250,6 @@ class LogOdds(Evidence):
         return HitGroups.none() if self._publish_values else super().vanished_from(grid)
 
     def advice(self, vanished: HitGroups) -> str:
-        """Return what keeps groups of hits; see `Evidence.advice`."""
         now = self._odds.on_hit / _UNIT
         more, all_ = ("may keep it", "its") if len(vanished) == 1 else ("keeps more", "their")
         return f"--log-occ above {now:g} {more}, --values keeps {all_} evidence"
@@ -246,19 +259,19 @@ class LogOdds(Evidence):
         return {"log_odds": np.where(self._seen > 0, self._values / _UNIT, np.nan)}
 
 
-def _whole(value: float, name: str, least: int, most: int, rule: str) -> int:
-    """Return a parameter in whole units, within bounds after rounding."""
-    units = as_number(value, name) * _UNIT
-    if not (math.isfinite(units) and least <= round(units) <= most):
-        raise ParameterError(f"must be {rule}", place=name, got=value)
-    return round(units)
-
-
 _COUNT_UNIT = 1_000_000
+_SHARE = Bound("at least 0, below 1", lambda value: 0 <= value < 1)
 
 
 class Counting(Evidence):
     """Evidence as counts of the beams that hit each cell and of those that pass it.
+
+    Parameters
+    ----------
+    frame : Frame
+        Geometry of the map.
+    ratio : float
+        Share of hits above which a cell is occupied.
 
     References
     ----------
@@ -266,20 +279,16 @@ class Counting(Evidence):
     free.
     """
 
-    def __init__(self, frame: Frame, *, ratio: float = 0.3) -> None:
+    def __init__(self, frame: Frame, *, ratio: Annotated[float, _SHARE, Words("R")] = 0.3) -> None:
         super().__init__(frame)
-        if not 0 <= as_number(ratio, "ratio") < 1:  # refuses nan too
-            raise ParameterError("must be at least 0, below 1", place="ratio", got=ratio)
         self._ratio = round(ratio * _COUNT_UNIT)
         self._hits, self._misses = np.zeros((2, *frame.shape), dtype=np.int32)
 
     def add(self, beams: Beams) -> None:
-        """Add the evidence of beams; see `Evidence.add`."""
         beams, starts, ends = self.cells_of(beams)
         count_rays(starts, ends, beams.is_hit, self._hits, self._misses)
 
     def occupancy(self) -> NDArray[np.int8]:
-        """Return the map of the evidence so far, shape (H, W)."""
         visits = self._hits + self._misses
         # in whole numbers, so that no rounding lifts a share above itself
         occupied = self._hits.astype(np.int64) * _COUNT_UNIT > visits.astype(np.int64) * self._ratio
@@ -288,11 +297,9 @@ class Counting(Evidence):
         return values
 
     def often_hit(self) -> NDArray[np.bool_]:
-        """Return which cells were hit often; see `Evidence.often_hit`."""
         return self._hits >= OFTEN
 
     def advice(self, vanished: HitGroups) -> str:
-        """Return the ratio that keeps groups of hits; see `Evidence.advice`."""
         at = tuple(vanished.cells.T)
         hits = self._hits[at].astype(np.int64)
         # of each cell the largest number of percent below its share of hits

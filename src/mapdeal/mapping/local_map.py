@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mapdeal.command import AT_LEAST_0, METRES, Words, parameters_of
 from mapdeal.errors import ParameterError
 from mapdeal.grid.display import Drawn, count_text, numbers_text
 from mapdeal.grid.frame import (
@@ -17,6 +18,7 @@ from mapdeal.grid.frame import (
     FARTHEST,
     ROUNDING,
     Frame,
+    Point,
     Region,
     check_point,
     check_resolution,
@@ -41,19 +43,25 @@ class LocalOptions:
     Parameters
     ----------
     frame : {'robot', 'map'}
-        Frame of the cloud's coordinates: ``robot``, with x ahead and y to the left, or ``map``.
+        Frame of the cloud's coordinates: the robot's, with x ahead and y to the left, or already
+        the map's.
     offset : tuple of float
         x and y to subtract from the points' coordinates in the map frame, metres.
     size : tuple of float
         Extent of the map along x and y, rounded up to whole cells, metres.
     resolution : float
         Side of a cell, metres.
-    min_height, max_height : float, optional
-        Lowest and highest z of the points to use, in the cloud's own coordinates, metres.
-    min_range, max_range : float, optional
-        Smallest and largest horizontal distance from the robot of the points to use, metres.
+    min_height : float, optional
+        Lowest z of the points to use, in the cloud's own coordinates, metres.
+    max_height : float, optional
+        Highest z of the points to use, metres.
+    min_range : float, optional
+        Smallest horizontal distance from the robot of the points to use, metres.
+    max_range : float, optional
+        Largest horizontal distance from the robot of the points to use, metres.
     raytrace_range : float, optional
-        Distance from the robot up to which beams clear cells, metres; `max_range` if not given.
+        Distance from the robot up to which beams clear cells, metres. [default: `max_range`, else
+        up to the point]
     unknown : {'keep', 'free'}
         Whether cells that nothing has seen stay unknown or become free. Without a global map,
         `local_map` and `LocalMapper` always make them free.
@@ -65,38 +73,24 @@ class LocalOptions:
     """
 
     frame: CloudFrame = "robot"
-    offset: tuple[float, float] = (0.0, 0.0)
-    size: tuple[float, float] = (20.0, 20.0)
-    resolution: float = 0.05
-    min_height: float | None = None
-    max_height: float | None = None
-    min_range: float | None = None
-    max_range: float | None = None
-    raytrace_range: float | None = None
+    offset: Annotated[Point, Words("DX,DY")] = (0.0, 0.0)
+    size: Annotated[Point, Words("WX,WY")] = (20.0, 20.0)
+    resolution: Annotated[float, Words("R")] = 0.05
+    min_height: Annotated[float | None, METRES] = None
+    max_height: Annotated[float | None, METRES] = None
+    min_range: Annotated[float | None, AT_LEAST_0, METRES] = None
+    max_range: Annotated[float | None, AT_LEAST_0, METRES] = None
+    raytrace_range: Annotated[float | None, AT_LEAST_0, METRES] = None
     unknown: Unknown = "keep"
 
     def __post_init__(self) -> None:
-        for name, known in (("frame", CloudFrame), ("unknown", Unknown)):
-            if getattr(self, name) not in get_args(known):
-                rule = f"must be one of {', '.join(get_args(known))}"
-                raise ParameterError(rule, place=name, got=getattr(self, name))
+        for name, one in parameters_of(LocalOptions).items():
+            object.__setattr__(self, name, one.accept(getattr(self, name)))
         object.__setattr__(self, "offset", check_point(self.offset, "offset"))
         object.__setattr__(self, "size", check_point(self.size, "size"))
         object.__setattr__(self, "resolution", check_resolution(self.resolution))
-        for name in ("min_height", "max_height"):
-            self._check_limit(name, signed=True)
-        for name in ("min_range", "max_range", "raytrace_range"):
-            self._check_limit(name, signed=False)
         for what in ("height", "range"):
             self._check_order(f"min_{what}", f"max_{what}")
-
-    def _check_limit(self, name: str, *, signed: bool) -> None:
-        value = getattr(self, name)
-        if value is None:
-            return
-        if not math.isfinite(value) or (value < 0 and not signed):
-            rule = "must be a finite number" + ("" if signed else ", at least 0")
-            raise ParameterError(rule, place=name, got=value)
 
     def _check_order(self, least: str, most: str) -> None:
         low, high = getattr(self, least), getattr(self, most)

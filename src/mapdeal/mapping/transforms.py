@@ -7,10 +7,13 @@ from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import Words
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.grid.frame import FARTHEST
 from mapdeal.kernels.clouds import cover_angles
@@ -41,6 +44,34 @@ def check_pose(pose: Sequence[float], name: str = "pose") -> Pose:
         text = f"{name}: a yaw of {yaw:.6g} rad is more than a turn; is it in degrees?"
         emit_warning(text, stacklevel=2)
     return x, y, wrapped(yaw)
+
+
+Topics = Annotated[Sequence[str], Words("TOPIC", name="topic")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameOptions:
+    """Sources of the sensors' poses; commands that read bags have these as options.
+
+    Parameters
+    ----------
+    fixed_frame : str, optional
+        Frame of the map.  [default: map, or else odom]
+    base_frame : str, optional
+        Frame of the robot.  [default: base_link, or else base_footprint]
+    odometry : str, optional
+        Odometry topic, for bags without transforms to the robot.
+    mount : tuple of float, optional
+        Pose of the sensor on the robot, metres and radians, if no transform gives it.
+    poses : path, optional
+        File of the robot's poses, which replaces transforms: ``t x y z qx qy qz qw`` a line.
+    """
+
+    fixed_frame: Annotated[str | None, Words("FRAME")] = None
+    base_frame: Annotated[str | None, Words("FRAME")] = None
+    odometry: Annotated[str | None, Words("TOPIC")] = None
+    mount: Annotated[Pose | None, Words("X,Y,YAW")] = None
+    poses: Annotated[Path | None, Words("FILE")] = None
 
 
 class CoveredAngles:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import CELLS, Bound, Words
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.dilation import dilate_square
 from mapdeal.kernels.rays import DISTANCE_UNIT, count_rays, measure_rays
-from mapdeal.mapping.beams import Beams, as_number
+from mapdeal.mapping.beams import Beams
 from mapdeal.mapping.evidence import OFTEN, Evidence, HitGroups, Layers
 
 Field = NDArray[np.float64]
@@ -148,12 +149,25 @@ def _partners_of(crossings: Crossings, row: int, col: int) -> list[tuple[int, in
 _FARTHEST = 1000.0
 """Cells that distances, and beams behind what they hit, reach at most."""
 
+_TRUNCATION = Bound(f"1 to {_FARTHEST:g}", lambda value: 1 <= value <= _FARTHEST)
+
+_Truncation = Annotated[float, _TRUNCATION, CELLS]
+
 _TENTHS_OF_THIN = 3
 """Share of hits above which free cells are thin obstacles: that of method counting."""
 
 
 class Tsdf(Evidence):
     """The mean of each cell's signed distances along the beams to what they hit.
+
+    Parameters
+    ----------
+    frame : Frame
+        Geometry of the map.
+    truncation : float
+        Truncation distance, cells.
+    truncation_behind : float
+        How far beams continue behind a hit, in truncation distances.
 
     Notes
     -----
@@ -187,24 +201,23 @@ class Tsdf(Evidence):
     """
 
     def __init__(
-        self, frame: Frame, *, truncation: float = 2.0, truncation_behind: float = 1.0
+        self,
+        frame: Frame,
+        *,
+        truncation: _Truncation = 2.0,
+        truncation_behind: Annotated[float, Words("N")] = 1.0,
     ) -> None:
         super().__init__(frame)
-        if not 1 <= as_number(truncation, "truncation") <= _FARTHEST:  # nan too
-            rule = f"must be 1 to {_FARTHEST:g} cells"
-            raise ParameterError(rule, place="truncation", got=truncation)
-        self._truncation = float(truncation)
-        self._behind = as_number(truncation_behind, "truncation_behind")
-        self.reach_behind = self._truncation * self._behind
+        self._truncation, self._behind = truncation, truncation_behind
+        self.reach_behind = truncation * truncation_behind
         if not 1 <= self.reach_behind <= _FARTHEST:
-            least, most = 1 / self._truncation, _FARTHEST / self._truncation
+            least, most = 1 / truncation, _FARTHEST / truncation
             rule = f"must be {least:.6g} to {most:.6g} truncations: 1 to {_FARTHEST:g} cells"
             raise ParameterError(rule, place="truncation_behind", got=truncation_behind)
         self._sums: NDArray[Any] = np.zeros(frame.shape, dtype=np.int64)
         self._weights, self._hits, self._misses = np.zeros((3, *frame.shape), dtype=np.int32)
 
     def add(self, beams: Beams) -> None:
-        """Add the evidence of beams; see `Evidence.add`."""
         near, starts, ends = self.cells_of(beams)
         count_rays(starts, ends, near.is_hit, self._hits, self._misses)
         near, starts, ends = self.cells_of(beams, self.reach_behind * self.frame.resolution)
@@ -216,7 +229,6 @@ class Tsdf(Evidence):
         )  # fmt: skip
 
     def occupancy(self) -> NDArray[np.int8]:
-        """Return the map of the evidence so far, shape (H, W)."""
         values = np.full(self.frame.shape, UNKNOWN, dtype=np.int8)
         values[self._sums > 0] = FREE
         field = self._field()
@@ -232,11 +244,9 @@ class Tsdf(Evidence):
         return self._hits * np.int64(10) > _TENTHS_OF_THIN * visits
 
     def often_hit(self) -> NDArray[np.bool_]:
-        """Return which cells were hit often; see `Evidence.often_hit`."""
         return self._hits >= OFTEN
 
     def advice(self, vanished: HitGroups) -> str:
-        """Return what keeps groups of hits; see `Evidence.advice`."""
         which = "it" if len(vanished) == 1 else "them"
         return f"--method counting with a small --ratio keeps {which}"
 
@@ -284,13 +294,12 @@ class TsdfAsWritten(Tsdf):
     """
 
     def __init__(
-        self, frame: Frame, *, truncation: float = 2.0, truncation_behind: float = 3.0
+        self, frame: Frame, *, truncation: _Truncation = 2.0, truncation_behind: float = 3.0
     ) -> None:
         super().__init__(frame, truncation=truncation, truncation_behind=truncation_behind)
         self._sums = np.zeros(frame.shape)  # means
 
     def add(self, beams: Beams) -> None:
-        """Add the evidence of beams; see `Evidence.add`."""
         resolution = self.frame.resolution
         near, starts, ends = self.cells_of(beams)
         kept = self._inside(ends) | ~near.is_hit
@@ -310,7 +319,6 @@ class TsdfAsWritten(Tsdf):
         return inside[:, 0] & inside[:, 1]
 
     def occupancy(self) -> NDArray[np.int8]:
-        """Return the map of the evidence so far, shape (H, W)."""
         field, walls = self._sums, np.full(self.frame.shape, UNKNOWN, dtype=np.int8)
         pairs = [np.s_[1:, :], np.s_[:-1, :]], [np.s_[:1, 1:], np.s_[:1, :-1]]
         # the search comes back to the first cell, which it has not marked: from the next in its row

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,7 +30,7 @@ from mapdeal.bags.reader import chosen_connections, open_bag
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.pipeline.settings import ProgressCallback, report_nothing
+from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
 
 ReadAs = Literal["map", "costs"]
 
@@ -70,7 +71,7 @@ class GridTopic:
         count = len(self)
         if not -count <= number < count:
             rule = f"{self.topic} has {count} messages: 0 to {count - 1}, or -1 to {-count}"
-            raise ParameterError(rule, source="--index", got=number)
+            raise ParameterError(rule, place="index", got=number)
         place = self._index[number % count]
         name = self._types[place.connection]
 
@@ -89,6 +90,53 @@ def grid_topic(
     """Open a bag at a topic of maps or costmaps within a ``with`` block; see `GridTopic`."""
     with open_bag(path) as bag:
         yield GridTopic(bag, topic, read_as)
+
+
+def read_map_from_bag(
+    path: str | PathLike[str],
+    topic: str | None = None,
+    *,
+    index: int = -1,
+    read_as: ReadAs | None = None,
+    max_memory: int | None = None,
+) -> OccupancyGrid | Costmap:
+    """Read a map or costmap from a bag, like ``mapdeal convert BAG``.
+
+    Parameters
+    ----------
+    path : path or str
+        A ROS 1 ``.bag``, a folder with a ROS 2 bag, or a ``.db3`` or ``.mcap`` file.
+    topic : str, optional
+        Topic of type nav_msgs/OccupancyGrid or nav2_msgs/Costmap. It can be omitted if the bag
+        has only one.
+    index : int
+        Index of the message in recording order; negative values count from the last.
+    read_as : {'map', 'costs'}, optional
+        Meaning of the values of an OccupancyGrid. By default they are costs if the topic name
+        contains ``costmap``, otherwise a map.
+    max_memory : int, optional
+        Memory limit, bytes; by default half of the free memory.
+
+    Returns
+    -------
+    OccupancyGrid or Costmap
+        The map, or the costs on the scale of the message.
+
+    Raises
+    ------
+    ParameterError
+        If the extra ``bags`` is not installed, or `index` is out of range.
+    FileAccessError, MalformedInputError
+        If the bag cannot be read, or has no such topic.
+
+    Warns
+    -----
+    MapdealWarning
+        If the bag is damaged; the intact part is read.
+    """
+    settings = Settings(max_memory=max_memory)
+    with settings.memory(), grid_topic(Path(path), topic, read_as=read_as) as found:
+        return found.read(index).grid
 
 
 def _is_of_costs(connection: Connection) -> bool:

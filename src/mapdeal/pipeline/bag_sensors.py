@@ -34,7 +34,7 @@ from mapdeal.files.budget import claim
 from mapdeal.files.source import FileState, sha256_of, state_of
 from mapdeal.kernels.rotations import from_yaw, rotated
 from mapdeal.mapping.beams import FARTHEST_POSE, Stances, beams_in_plane, stances
-from mapdeal.mapping.transforms import Posed, TransformTree
+from mapdeal.mapping.transforms import FrameOptions, Pose, Posed, TransformTree
 from mapdeal.pipeline.inputs import errors_named
 from mapdeal.pipeline.local import Cloud, Points, SummedCloud
 from mapdeal.sensors.points import read_trajectory
@@ -48,19 +48,6 @@ BASE_FRAMES = ("base_link", "base_footprint")
 
 _TF, _STATIC = "/tf", "/tf_static"
 _SEVERAL = 3
-
-Pose = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class FrameOptions:
-    """Sources of the sensors' poses."""
-
-    fixed_frame: str | None = None
-    base_frame: str | None = None
-    poses: Path | None = None
-    odometry: str | None = None
-    mount: Pose | None = None
 
 
 class SensorFrames:

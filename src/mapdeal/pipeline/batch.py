@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections import deque
+import time
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
 
+from mapdeal.command import Result
 from mapdeal.errors import (
     BatchError,
     FileAccessError,
@@ -23,21 +25,24 @@ from mapdeal.errors import (
     refuse_warnings,
     strict_warnings,
 )
-from mapdeal.files.json_values import json_of
+from mapdeal.files.budget import size_text as bytes_text
 from mapdeal.files.source import exists, ignores_case, is_same_file, sums_of_reads
 from mapdeal.files.transaction import Transaction, make_folder
+from mapdeal.grid.display import count_text
 from mapdeal.inputs.listing import ListedMap
 from mapdeal.kernels.threads import available_threads
 from mapdeal.maps.reading import open_map
-from mapdeal.pipeline.inputs import Need, memory_budget, need_of
+from mapdeal.pipeline.inputs import Need, Terminal, memory_budget, need_of
 from mapdeal.pipeline.recipe import Recipe
-from mapdeal.pipeline.run import RunReport, output_folder, run_map
+from mapdeal.pipeline.run import RunReport, output_folder, run_map, size_text
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
 
 if TYPE_CHECKING:
     from mapdeal.pipeline.local import Around
 
 SUMMARY = "summary.json"
+_MOST_PER_PROCESSOR, _LEAST_CAP = 4, 8
+_LONGEST_REASON = 100
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,17 @@ class Outcome:
         local = getattr(self.result, "local", None)
         return "done" if local is not None and local.status == "done" else str(self.result.status)
 
+    def document(self, job: Job) -> dict[str, Any]:
+        """Return the job's entry in the summary, without its names."""
+        document: dict[str, Any] = {"status": self.status}
+        if isinstance(self.result, MapdealError):
+            error = text_of(str(self.result), job)
+            document |= {"exit_code": self.result.exit_code, "error": error}
+        elif self.result is not None:
+            document |= self.result.document()
+        texts = [text_of(text, job) for text in self.warnings]
+        return {**document, "warnings": texts} if texts else document
+
 
 @dataclass(frozen=True)
 class MapRun:
@@ -97,6 +113,15 @@ class MapRun:
         settings = replace(self.settings, force=self.settings.force or job.is_new)
         with settings.memory(anew=True), strict_warnings(settings.strict, job.path):
             return run_map(job.path, job.folder, self.recipe, settings, self.around)
+
+
+def jobs_at_once(wanted: int | None, maps: int, terminal: Terminal) -> int:
+    """Return how many jobs there are at the same time: not more than can be of use."""
+    processors = available_threads()
+    most = max(_LEAST_CAP, _MOST_PER_PROCESSOR * processors)
+    if wanted is not None and wanted > most:
+        terminal.remark([f"note: --jobs {wanted}: using {most}, as there are {processors} cores"])
+    return min(wanted or processors, maps, most)
 
 
 def attempt(run_one: Callable[[Any], Any], job: Job) -> Outcome:
@@ -177,6 +202,19 @@ class Plan:
     writes: tuple[Path, ...] = ()
     error: MapdealError | None = None
 
+    @property
+    def row(self) -> tuple[str, ...]:
+        """Its line of a table."""
+        size = f"{self.width} x {self.height}"
+        if self.error is not None:
+            what = f"{self.what} ({self.error.exit_code})"
+            return what, "-", size if self.height else "-", "-", _failure(self.error, self.job)
+        memory = "-" if self.need is None else bytes_text(self.need.memory)
+        if self.need is not None and self.need.by_blocks:
+            memory += " in blocks"
+        where = f"{self.job.name} -> {self.job.folder}"
+        return self.what, str(len(self.writes)) if self.writes else "-", size, memory, where
+
 
 def plan_of(job: Job, run: MapRun) -> Plan:
     """Return what a run would do with a map, from headers, checksums and the manifest."""
@@ -212,6 +250,52 @@ def plan_of(job: Job, run: MapRun) -> Plan:
         return Plan(job, "refused", *size, reads=files, error=refusal)
     what: Literal["new", "replace"] = "replace" if existing else "new"
     return Plan(job, what, *size, need, files, outputs)
+
+
+@dataclass(frozen=True)
+class Plans:
+    """What a run would do with all of its maps, so many at the same time."""
+
+    plans: Sequence[Plan]
+    at_once: int | None
+    """Number of jobs, None on a cluster."""
+
+    others: Sequence[Path]
+
+    def lines(self) -> Iterator[str]:
+        """Yield a line a map, those that would fail at the end, and the totals."""
+        ordered = sorted(self.plans, key=lambda plan: plan.error is not None)
+        head = ("what", "files", "cells", "memory", "map -> folder")
+        yield from _aligned([head, *(plan.row for plan in ordered)])
+        counts = Counter(plan.what for plan in self.plans)
+        running, failing = counts["new"] + counts["replace"], counts["refused"] + counts["failed"]
+        others = f", and {' and '.join(map(str, self.others))}" if self.others else ""
+        yield (
+            f"{count_text(len(self.plans), 'map')}: {running} to run, {counts['unchanged']} "
+            f"unchanged, {failing} that would fail; "
+            f"{sum(len(plan.writes) for plan in self.plans)} files to write{others}"
+        )
+        needed = sorted((plan.need.memory for plan in self.plans if plan.need), reverse=True)
+        if needed:
+            at_once = min(self.at_once or 1, len(needed))
+            text = f"memory: about {bytes_text(needed[0])} for the map that needs most"
+            if at_once > 1:
+                text += f", {bytes_text(sum(needed[:at_once]))} at most with {at_once} jobs"
+            yield text if self.at_once else f"{text}, on a worker"
+        yield "nothing was written: this was --dry-run"
+
+    def details(self) -> Iterator[str]:
+        """Yield the files that would be read and written."""
+        for plan in self.plans:
+            yield from (f"{plan.job.name}: read {path}" for path in plan.reads)
+            yield from (f"{plan.job.name}: write {path}" for path in plan.writes)
+
+    def check(self) -> None:
+        """Raise BatchError if a map would fail."""
+        failing = sum(plan.error is not None for plan in self.plans)
+        if failing:
+            rule = f"{failing} of {count_text(len(self.plans), 'map')} would fail"
+            raise BatchError(rule, source="--dry-run")
 
 
 def _refusal(
@@ -315,18 +399,76 @@ def _outcome_of(future: Future[Outcome], job: Job) -> Outcome | None:
         return Outcome(internal_error(job, problem))
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Batch(Result):
+    """Outcomes of the jobs of a batch."""
+
+    what: ClassVar[str] = "map"
+    is_brief: ClassVar[bool] = False
+    """Whether only the first line of each job is printed, and warnings as they are."""
+
+    output: Path
+    jobs: Sequence[Job]
+    outcomes: Sequence[Outcome]
+    seconds: float
+
+    def document(self) -> dict[str, Any]:
+        """Return the summary."""
+        pairs = zip(self.jobs, self.outcomes, strict=True)
+        return {
+            "maps": [
+                {self.what: job.name, "folder": job.place, **outcome.document(job)}
+                for job, outcome in pairs
+            ]
+        }
+
+    def count(self, status: str) -> int:
+        return sum(outcome.status == status for outcome in self.outcomes)
+
+    def lines(self) -> Iterator[str]:
+        """Yield a line a map, those that failed at the end, where one looks first."""
+        rows, failed = [("status", "cells", "map")], []
+        for job, outcome in zip(self.jobs, self.outcomes, strict=True):
+            result = outcome.result
+            if isinstance(result, MapdealError):
+                failed.append((f"failed ({result.exit_code})", "-", _failure(result, job)))
+            elif result is not None:
+                size = size_text(next(iter(result.figures.values())))
+                rows.append((result.status, size, job.name))
+        yield from _aligned([*rows, *failed])
+        counts = [f"{self.count(status)} {status}" for status in ("done", "unchanged", "failed")]
+        yield f"{count_text(len(self.jobs), self.what)}: {', '.join(counts)}"
+
+    def check(self) -> None:
+        """Raise BatchError if a map has failed."""
+        failed = self.count("failed")
+        if failed:
+            rule = f"{failed} of {len(self.jobs)} maps failed"
+            raise BatchError(rule, source=self.output / SUMMARY)
+
+    @classmethod
+    def printed(cls, job: Job, warning: str) -> str:
+        """Return a warning as it is printed."""
+        is_named = cls.is_brief or warning.startswith(str(job.path.with_suffix("")))
+        return warning if is_named else f"{job.path}: {warning}"
+
+
+B = TypeVar("B", bound=Batch)
+
+
 def run_all(
     jobs: Sequence[Job],
     output: Path,
     run_one: Callable[[Job], RunReport],
     on_done: Callable[[Job, Outcome], None],
+    kind: type[B],
     *,
     workers: Workers | None = None,
-    what: str = "map",
-) -> list[Outcome]:
+) -> B:
     """Run every job, none stopped by another's failure, and write ``summary.json``."""
     marked: dict[int, Job] = {}
     outcomes: dict[int, Outcome] = {}
+    started = time.perf_counter()
 
     def job_of(index: int) -> Job:
         """Return the job, as it was when its turn came first."""
@@ -339,6 +481,13 @@ def run_all(
         outcomes[index] = outcome
         on_done(jobs[index], outcome)
 
+    def summarised() -> B:
+        found = [outcomes.get(index, Outcome(None)) for index in range(len(jobs))]
+        batch = kind(output, jobs, found, time.perf_counter() - started)
+        with Transaction([output / SUMMARY], force=True) as transaction:
+            transaction.write_json(output / SUMMARY, batch.document())
+        return batch
+
     refuse_warnings()
     make_folder(output)
     try:
@@ -348,39 +497,59 @@ def run_all(
         else:
             dispatch(len(jobs), job_of, partial(attempt, run_one), workers, done)
     except KeyboardInterrupt:
-        _write_summary(jobs, outcomes, output, what)
-        told = f"{len(outcomes)} of {len(jobs)} {what}s are done, run the same command to continue"
-        raise KeyboardInterrupt(told) from None
+        summarised()
+        told = f"{len(outcomes)} of {len(jobs)} {kind.what}s are done"
+        raise KeyboardInterrupt(f"{told}, run the same command to continue") from None
     except MapdealError:
         if outcomes:
-            _write_summary(jobs, outcomes, output, what)
+            summarised()
         raise
-    _write_summary(jobs, outcomes, output, what)
-    return [outcomes[index] for index in range(len(jobs))]
+    return summarised()
 
 
-def _write_summary(
-    jobs: Sequence[Job], outcomes: dict[int, Outcome], output: Path, what: str
-) -> None:
-    entries = [
-        _entry(job, outcomes.get(index, Outcome(None)), what) for index, job in enumerate(jobs)
-    ]
-    summary = output / SUMMARY
-    with Transaction([summary], force=True) as transaction:
-        transaction.write_bytes(summary, json_of({"maps": entries}))
+def run_and_report(
+    jobs: Sequence[Job],
+    output: Path,
+    run_one: Callable[[Job], RunReport],
+    kind: type[B],
+    terminal: Terminal,
+    *,
+    workers: Workers | None = None,
+) -> B:
+    """Run every job as `run_all` does; report failures and warnings when they happen."""
+    with (
+        terminal.counted(len(jobs), kind.what) as advance,
+        terminal.few_warnings(f"{output / SUMMARY} has them all") as warn,
+    ):
+
+        def report(job: Job, outcome: Outcome) -> None:
+            for text in outcome.warnings:
+                warn(kind.printed(job, text))
+            if isinstance(outcome.result, MapdealError):
+                terminal.error(outcome.result)
+            elif outcome.result is not None:
+                lines = list(outcome.result.lines())
+                for line in lines[:1] if kind.is_brief else lines:
+                    terminal.detail(line)
+            advance(failed=outcome.status == "failed")
+
+        return run_all(jobs, output, run_one, report, kind, workers=workers)
 
 
-def _entry(job: Job, outcome: Outcome, what: str) -> dict[str, Any]:
-    result = outcome.result
-    entry: dict[str, Any] = {what: job.name, "folder": job.place, "status": outcome.status}
-    if isinstance(result, MapdealError):
-        entry |= {"exit_code": result.exit_code, "error": text_of(str(result), job)}
-    elif result is not None:
-        entry["figures"] = result.figures
-        if getattr(result, "local", None) is not None:
-            entry["local"] = result.local.figures
-    texts = [text_of(text, job) for text in outcome.warnings]
-    return {**entry, "warnings": texts} if texts else entry
+def _failure(error: MapdealError, job: Job) -> str:
+    """Return the name of a map and why it has failed."""
+    text = text_of(str(error), job)
+    for source in (job.name, str(job.path)):
+        text = text.removeprefix(f"{one_line(source)}: ")
+    is_short = len(text) <= _LONGEST_REASON
+    return f"{job.name}: {text if is_short else f'{text[: _LONGEST_REASON - 3]}...'}"
+
+
+def _aligned(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    """Yield rows as lines, each column but the last as wide as its widest entry."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        yield "  ".join(f"{text:<{w}}" for text, w in zip(row, [*widths[:-1], 0], strict=True))
 
 
 def text_of(text: str, job: Job) -> str:

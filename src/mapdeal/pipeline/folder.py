@@ -113,6 +113,15 @@ def summary_of(figures: Figures) -> str:
     return ", ".join(share(name) for name in names)
 
 
+def written_line(output: Path, figures: Figures, *, with_origin: bool = False) -> str:
+    """Return what commands print of a grid that they have written."""
+    text = f"{output}: {figures['width']} x {figures['height']} cells"
+    if with_origin:
+        x, y, yaw = figures["origin"]
+        text += f" at {x:.10g}, {y:.10g}" + (f", yaw {yaw:.6g}" if yaw else "")
+    return f"{text}, {summary_of(figures)}"
+
+
 def _summary_of_reach(figures: Figures) -> str:
     x, y, *_ = figures["start"]
     reached, room = figures["reachable_m2"], figures["open_m2"]
@@ -187,6 +196,12 @@ def said(value: object) -> str:
     if isinstance(value, list):
         return f"[{', '.join(map(said, value))}]"
     return str(value)
+
+
+def step_line(step: Step) -> str:
+    """Return a stage with its parameters as a verbose command says them."""
+    values = step.described()[step.name].items()
+    return f"{step.name}: {', '.join(f'{name}={said(value)}' for name, value in values)}"
 
 
 @contextmanager

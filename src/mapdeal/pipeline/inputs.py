@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike
 from pathlib import Path
+from typing import Any, Protocol, TypedDict, Unpack
 
 import numpy as np
 
+from mapdeal.command import is_plain
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning, one_line
 from mapdeal.files.budget import claim, default_limit, holding, memory_limit, size_text
-from mapdeal.files.source import sums_of_reads
+from mapdeal.files.source import chunks_of, sums_of_reads
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import FieldGrid
 from mapdeal.grid.field import FieldView
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
@@ -24,11 +29,12 @@ from mapdeal.kernels.blocks import CacheBudget, lazy_layer
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import thread_count, use_threads
+from mapdeal.maps.map_yaml import Dialect, MapMetadata
 from mapdeal.maps.npz import Grid
-from mapdeal.maps.reading import MapFile, Source, open_map, read_source
+from mapdeal.maps.reading import MapFile, Source, as_occupancy, open_map, read_source
 from mapdeal.pictures.overlay import Overlay
 from mapdeal.pipeline.folder import write_picture
-from mapdeal.pipeline.settings import Canvas, Settings
+from mapdeal.pipeline.settings import Canvas, ProgressCallback, Settings
 from mapdeal.pipeline.step import Step
 
 _PER_PIXEL = 10
@@ -74,7 +80,8 @@ def bytes_in_memory(
     if canvas == "full":
         products *= 1 + _ON_CANVAS
     per_cell = _DEMANDS[engine_name()].more + _READ + products
-    working = _base(shape, image_max) + int(per_cell * shape[0] * shape[1])
+    libraries = max((step.of_library for step in steps), default=0)
+    working = _base(shape, image_max) + libraries + int(per_cell * shape[0] * shape[1])
     return max(working, bytes_to_read(reading))
 
 
@@ -173,7 +180,7 @@ def _way_of(
 
 
 def check_fits(
-    path: Path, shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
+    path: Path | str, shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
 ) -> None:  # fmt: skip
     """Refuse a map that is yet to be made, and stages on it, if they take too much memory."""
     count = bytes_in_memory(shape, steps, image_max) - _DEMANDS[engine_name()].base
@@ -181,7 +188,7 @@ def check_fits(
 
 
 def claim_work(
-    path: Path, grid: Framed, per_cell: float, *, cells: int | None = None, besides: int = 0
+    path: Path | str, grid: Framed, per_cell: float, *, cells: int | None = None, besides: int = 0
 ) -> None:  # fmt: skip
     """Refuse what is about to be done with a grid that was read, if it takes too much memory."""
     height, width = grid.shape
@@ -190,6 +197,18 @@ def claim_work(
     if crop:  # all is done with the box, and put back
         more = 2 * more + crop
     claim(path, bytes_of(grid) + more + besides, what=f"{width} x {height} cells")
+
+
+def claim_step(path: Path, grid: Grid, step: Step) -> None:
+    """Refuse to apply a stage whose need of memory nobody knew before, if it is too much."""
+    if grid.is_lazy:
+        return
+    if step.stage.cells is None:
+        claim_work(path, grid, step.memory, besides=step.of_library)
+        return
+    with errors_named(path):
+        for count in step.stage.cells(grid, step.parameters):
+            claim_work(path, grid, step.stage.memory, cells=count)
 
 
 def bytes_of(grid: Framed) -> int:
@@ -324,6 +343,207 @@ def frame_of_file(path: Path, settings: Settings) -> tuple[Frame, tuple[Path, ..
         return file.frame(), file.files
 
 
+Map = str | PathLike[str] | Grid
+"""A map's file, or the map itself."""
+
+
+class Reading(TypedDict, total=False):
+    """How files of maps are read, see `read_map`."""
+
+    dialect: Dialect
+    max_cells: int | None
+    max_memory: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class MapInput:
+    """A map that a command works on: a grid, and the files that it was read from, if any."""
+
+    grid: Grid
+    name: str
+    source: Source | None = None
+    path: Path | None = None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return () if self.source is None else self.source.files
+
+    @property
+    def sums(self) -> Mapping[str, str]:
+        return {} if self.source is None else self.source.sums
+
+    @property
+    def metadata(self) -> MapMetadata | None:
+        return None if self.source is None else self.source.metadata
+
+    @property
+    def title(self) -> str:
+        return one_line(self.name if self.path is None else self.path.stem)
+
+    @cached_property
+    def occupancy(self) -> OccupancyGrid:
+        """The map: fields and costs as ROS would publish them."""
+        return as_occupancy(self.grid, self.path or self.name)
+
+    def document(self) -> dict[str, Any] | None:
+        """Return path and checksums; None for a grid that is no file's."""
+        if self.source is None:
+            return None
+        return {"file": str(self.path), "sha256": dict(self.source.sums)}
+
+
+class Terminal(Protocol):
+    """What can be said while a command is under way, see `mapdeal.cli.terminal`."""
+
+    def detail(self, text: str) -> None: ...
+    def remark(self, lines: Iterable[str]) -> None: ...
+    def summary(self, lines: Iterable[str]) -> None: ...
+    def result(self, text: str) -> None: ...
+    def warn(self, text: str) -> None: ...
+    def error(self, problem: MapdealError) -> None: ...
+    def is_verbose(self) -> bool: ...
+    def input_chunks(self) -> Iterator[bytes]: ...
+    def few_warnings(self, hint: str) -> AbstractContextManager[Callable[[str], None]]: ...
+    def counted(
+        self, steps: int, what: str | None = None
+    ) -> AbstractContextManager[Callable[..., object]]: ...
+
+
+class Work:
+    """A command under way in the shell: its settings, and the files that it writes together."""
+
+    current: ContextVar[Work | None] = ContextVar("work", default=None)
+
+    def __init__(
+        self, settings: Settings, outputs: Sequence[Path], stack: ExitStack, terminal: Terminal
+    ) -> None:
+        self.settings, self.outputs, self.terminal = settings, list(outputs), terminal
+        self.counted: ProgressCallback = terminal.counted
+        self._stack = stack
+        self._transaction: Transaction | None = None
+
+    @classmethod
+    def in_shell(cls) -> Work:
+        """Return the command under way to a function that serves the shell alone."""
+        work = cls.current.get()
+        if work is None:
+            raise RuntimeError("only the command line calls this function")
+        return work
+
+    def begin(self, inputs: Sequence[Path] = ()) -> Transaction:
+        """Check the outputs against what has been read, before any work; once."""
+        if self._transaction is None:
+            made = outputs_of(self.outputs, inputs, self.settings)
+            self._transaction = self._stack.enter_context(made)
+        return self._transaction
+
+
+def settings_of(**reading: Unpack[Reading]) -> Settings:
+    """Return the settings of the command under way in the shell, or else those given."""
+    work = Work.current.get()
+    return Settings(**reading) if work is None else work.settings
+
+
+def need_ending(ending: str) -> None:
+    """Refuse an output of the command under way in the shell that does not end so."""
+    work = Work.current.get()
+    for output in () if work is None else work.outputs:
+        if output.suffix != ending:
+            raise ParameterError(f"must end in {ending}", source="--output", got=str(output))
+
+
+def text_in(path: Path) -> tuple[Iterable[bytes], Path | str]:
+    """Return the chunks of a text file, in the shell for ``-`` of standard input, and its name."""
+    work = Work.current.get()
+    if work is None or path != Path("-"):
+        return chunks_of(path), path
+    return work.terminal.input_chunks(), "standard input"
+
+
+def opened(
+    *maps: Map, names: Sequence[str], also: Sequence[Path] = (), **reading: Unpack[Reading]
+) -> list[MapInput]:
+    """Return maps given as files or as grids, all of them read, by what messages call them."""
+    work, settings = Work.current.get(), settings_of(**reading)
+    paths = [Path(one) for one in maps if isinstance(one, str | PathLike)]
+    for one in maps:
+        if not isinstance(one, str | PathLike | Grid):
+            raise ParameterError("takes files or grids", got=one)
+    sources = iter(read_together(paths, settings))
+    found = []
+    for one, name in zip(maps, names, strict=True):
+        if isinstance(one, str | PathLike):
+            source = next(sources)
+            found.append(MapInput(source.grid, str(Path(one)), source, Path(one)))
+        else:
+            found.append(MapInput(one, name))
+    if work is not None:
+        work.begin([*(file for one in found for file in one.files), *also])
+    return found
+
+
+def refuse(rule: str, /, **given: object) -> None:
+    """Raise ParameterError about the first of some parameters that is given."""
+    for name, value in given.items():
+        if value is not None and value is not False and value != ():
+            raise ParameterError(rule, place=name)
+
+
+def transform_of(given: object, *, place: str | None = None) -> Transform | None:
+    """Return a transform that may be given as x, y and yaw; None if none is given."""
+    if given is None or isinstance(given, Transform):
+        return given
+    try:
+        x, y, yaw = (float(one) for one in _parts(given))
+    except (TypeError, ValueError):
+        rule = "must be a transform, or three numbers x, y, yaw"
+        raise ParameterError(rule, place=place, got=given) from None
+    return Transform(x, y, yaw)
+
+
+def _parts(given: Any) -> Iterable[Any]:
+    if not isinstance(given, str):
+        return tuple(given)
+    if not is_plain(given):
+        raise ValueError
+    return given.split(",")
+
+
+_COUNTS = {2: "two", 3: "three"}
+
+
+def numbers_of(given: object, form: str, *, place: str | None = None) -> tuple[float, ...]:
+    """Return numbers that may be given as text, as many as a form such as ``X,Y`` has."""
+    count = form.count(",") + 1
+    try:
+        numbers = tuple(float(one) for one in _parts(given))
+        if len(numbers) != count:
+            raise ValueError
+    except (TypeError, ValueError):
+        rule = f"must be {_COUNTS[count]} numbers {form}"
+        raise ParameterError(rule, place=place, got=given) from None
+    return numbers
+
+
+def claim_cells(one: MapInput, per_cell: float, **reading: Unpack[Reading]) -> None:
+    """Refuse what is about to be done with each cell of a map, if it takes too much memory."""
+    with settings_of(**reading).memory():
+        claim_work(one.name, one.grid, per_cell)
+
+
+def claim_for(
+    maps: Sequence[MapInput], count: int, what: str, *, of_picture: int = 0,
+    **reading: Unpack[Reading],
+) -> None:  # fmt: skip
+    """Refuse what is about to be done with maps that were read, if it takes too much memory."""
+    settings = settings_of(**reading)
+    if settings.image is not None:
+        count = max(count, of_picture)
+    held = sum(bytes_of(one.grid) for one in maps)
+    with settings.memory():
+        claim(maps[-1].name, held + count, what=what)
+
+
 @contextmanager
 def outputs_of(
     outputs: Sequence[Path],
@@ -367,25 +587,25 @@ def add_picture(
         )
 
 
-def warn_of_potential(grid: Grid, path: Path) -> None:
-    if isinstance(grid, PotentialField):
-        text = f"{path}: is a potential field; its map is used, its goal and gains are not"
+def warn_of_potential(one: MapInput) -> None:
+    if isinstance(one.grid, PotentialField):
+        text = f"{one.name}: is a potential field; its map is used, its goal and gains are not"
         emit_warning(text, stacklevel=2)
 
 
-def warn_of_published_costs(source: Source, path: Path) -> None:
+def warn_of_published_costs(one: MapInput) -> None:
     """Warn that of a map whose values may be published costs only obstacles are used."""
-    grid, metadata = source.grid, source.metadata
+    grid, metadata = one.grid, one.metadata
     is_view = isinstance(grid, FieldView)  # which is warned of, or refused, by this name
     if isinstance(grid, OccupancyGrid) and metadata and metadata.mode == "raw" and not is_view:
         between = histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
         if between:
-            text = f"{path}: {between} cells of 1..99 are not obstacles; costs are read from an npz"
-            emit_warning(text, stacklevel=2)
+            text = f"{one.name}: {between} cells of 1..99 are not obstacles"
+            emit_warning(f"{text}; costs are read from an npz", stacklevel=2)
 
 
 @contextmanager
-def errors_named(path: Path) -> Iterator[None]:
+def errors_named(path: Path | str) -> Iterator[None]:
     """Add the file of the grid to errors that do not name a file already."""
     try:
         yield

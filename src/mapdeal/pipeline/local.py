@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import Stage
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
@@ -50,7 +51,6 @@ from mapdeal.pipeline.settings import Settings, heard
 from mapdeal.pipeline.step import Step
 from mapdeal.sensors.clouds import CLOUD_SUFFIXES, cloud_chunks
 from mapdeal.sensors.points import read_poses
-from mapdeal.stages.definition import Stage
 
 if TYPE_CHECKING:
     from mapdeal.pipeline.bag_sensors import BagClouds
@@ -129,6 +129,9 @@ _DIGITS = 4
 
 Keep = int | Literal["all"]
 
+OF_WINDOWS = ("size", "resolution", "unknown")
+"""Fields of `LocalOptions` that apply without a cloud."""
+
 
 _LOCAL = Stage(
     local_map,
@@ -203,20 +206,20 @@ def make_local(job: LocalJob, common: LocalCommon, *, skip: bool = False) -> Run
     """Make a local map of a cloud, apply the recipe and write everything into a folder."""
     with common.settings.memory(), holding_map(common.global_map):
         filling = local_filling(job, common)
-    return filled(filling, common.settings, skip=skip)
+    return filled(filling, job.source(common), common.settings, skip=skip)
 
 
-def filled(filling: Filling, settings: Settings, *, skip: bool) -> RunReport:
+def filled(filling: Filling, source: Path, settings: Settings, *, skip: bool) -> RunReport:
     """Fill the folder of a local map, unless it is to be skipped if it holds all this already."""
     folder = filling.folder
     folder.check_inputs(filling.files)
     figures = folder.unchanged_figures() if skip and not settings.force else None
     if figures is not None:
         folder.repeat_warnings(filling)
-        return RunReport(folder.path, "unchanged", figures)
+        return RunReport(folder.path, "unchanged", figures, source)
     with use_threads(settings.threads):
         (figures,) = fill_together([filling])
-    return RunReport(folder.path, "done", figures)
+    return RunReport(folder.path, "done", figures, source)
 
 
 @contextmanager
@@ -493,7 +496,7 @@ class RollingRun:
             {"clouds_before": self._sum_before(first, index), **summed.options},
         )
         self._summed[index] = summed
-        return filled(filling, self._common.settings, skip=True)
+        return filled(filling, self._cloud(index), self._common.settings, skip=True)
 
     def _cloud(self, index: int) -> Path:
         return self._jobs[index].source(self._common)

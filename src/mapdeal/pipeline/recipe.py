@@ -6,11 +6,13 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import yaml
 
+from mapdeal.command import Stage, Words, unknown_name
 from mapdeal.errors import MalformedInputError, ParameterError, as_known, emit_warning
 from mapdeal.files.source import YAML, exists, is_folder
 from mapdeal.files.yaml_text import OF_RECIPES, Entry, parse_value, read_mapping
@@ -23,7 +25,6 @@ from mapdeal.inputs.kinds import RECIPE, kind_of, other_kind, recognised
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
-from mapdeal.stages.definition import Stage, unknown_name
 from mapdeal.stages.structured import layers_with
 
 _NO_STAGES = "a recipe needs stages: a list of stages"
@@ -33,6 +34,30 @@ _LOOKS = (
 _LINE = re.compile(
     r"(?:(?P<key>[^(]*) \()?line (?P<line>\d+)(?:, (?P<column>column \d+))?\)?"
 )  # fmt: skip
+
+
+def recipe_words() -> Iterable[str]:
+    return BUILT_IN
+
+
+def setting_words() -> Iterable[str]:
+    """Return ``stage.parameter=`` for each parameter of each stage, with its choices behind."""
+    words: dict[str, None] = {}  # models of a stage share parameters
+    for stage in STAGES:
+        if stage.model:
+            words[f"{stage.name}.model={stage.model}"] = None
+        for name, parameter in stage.parameters.items():
+            choices = ("yes", "no") if parameter.kind is bool else parameter.choices
+            words |= dict.fromkeys(f"{stage.name}.{name}={choice}" for choice in choices or ("",))
+    return words
+
+
+RecipeName = Annotated[str | None, Words("NAME|FILE", completed=recipe_words)]
+Changes = Annotated[
+    list[str] | None,
+    Words("STAGE.PARAMETER=VALUE", name="set", completed=setting_words),
+]
+"""Options of commands that run a recipe."""
 
 
 class Given(dict[str, object]):
@@ -256,6 +281,9 @@ def put_value(
 
 DEFAULT = "default"
 
+SET = "--set"
+"""What errors call a change that is given as text."""
+
 BUILT_IN = (DEFAULT, "nav2", "local", "arena", "design-real", "design-sim", "design-local")
 
 
@@ -298,59 +326,85 @@ class Recipe(OneLine):
         return [one.described() for one in self.steps]
 
 
+RecipeLike = str | PathLike[str] | Recipe | RobotParameters
+"""A built-in recipe, a file, a recipe that was loaded, or a robot, whose costmap it is."""
+
+
 def load_recipe(
-    name: str | None,
+    recipe: RecipeLike | None = DEFAULT,
+    changes: Mapping[str, object] | Sequence[str] | None = None,
     *,
-    sim: bool = False,
     footprint: Footprint | None = None,
+    sim: bool = False,
     robot: RobotParameters | None = None,
-    settings: Sequence[str] = (),
-    changes: Mapping[str, object] | None = None,
-    prefix: str = "--",
 ) -> Recipe:
-    """Return a recipe, adapted and checked.
+    """Load a recipe, apply changes to it, and check all its parameters.
 
     Parameters
     ----------
-    name : str, optional
-        One of `BUILT_IN`, or the path of a YAML file; by default the costmap of the robot, or
-        ``default`` without a robot.
-    sim : bool
-        Whether the map is of a simulated world: inserts ``active`` at the start if the recipe has
-        none, and makes the field count unknown cells as occupied.
+    recipe : str, path, Recipe or RobotParameters
+        Name of a built-in recipe, such as ``default`` or ``nav2`` (see ``mapdeal run --help``),
+        or a YAML file. A loaded recipe is returned unchanged. Robot parameters, from
+        `read_robot_parameters`, become a recipe for the costmap that they describe. None stands
+        for `robot`, or for ``default`` without one.
+    changes : mapping of str to object, or sequence of str, optional
+        Parameters by ``stage.parameter``, such as ``{"inflate.radius": 0.3}``, or as texts like
+        those of ``--set``. They override everything else.
     footprint : Footprint, optional
-        The robot's shape: sets the radius of inflate, or the radii of cost if nothing is inflated.
+        Robot shape. It sets the radius of `inflate`, or the radii of the costs if the recipe
+        does not inflate.
+    sim : bool
+        Whether the map shows a simulated world: its active region is cropped first, and the field
+        treats unknown cells as obstacles.
     robot : RobotParameters, optional
-        The robot's own parameters. A named recipe takes only the shape from them; its stages that
-        pass nothing on to later ones also read the map as the robot's static layer does.
-    settings : sequence of str
-        Settings ``stage.parameter=value``, which override everything else.
-    changes : mapping of str to object, optional
-        Settings as values by ``stage.parameter``.
-    prefix : str
-        Prefix of the options ``recipe`` and ``set`` in error messages.
+        Robot whose shape a named recipe takes. Stages that pass nothing on to later ones also read
+        the map as the robot's static layer does.
+
+    Returns
+    -------
+    Recipe
+        Recipe for `apply_recipe` and `run`; `Recipe.described` lists all its parameters.
 
     Raises
     ------
     ParameterError
-        If the recipe is malformed or a parameter is not allowed.
+        If the recipe does not exist or is malformed, a parameter is unknown or invalid, or changes
+        are given for a loaded recipe.
     FileAccessError
-        If the recipe's file cannot be read.
+        If the recipe file cannot be read.
 
     Warns
     -----
     MapdealWarning
-        If the robot's radius would count twice.
+        If the robot's radius would be applied twice.
+
+    Examples
+    --------
+    >>> load_recipe("nav2", {"cost.inflation_radius": 0.8})
+    Recipe(esdf -> cost exponential)
     """
-    if name == "":
-        raise ParameterError("must not be empty", source=f"{prefix}recipe")
+    if footprint is not None and not isinstance(footprint, Footprint):
+        hint = "Footprint.circle(radius) or Footprint.polygon([(x, y), ...]) makes one"
+        raise ParameterError("must be a Footprint", place="footprint", got=footprint, hint=hint)
+    if isinstance(recipe, Recipe):
+        if changes or footprint is not None or sim or robot is not None:
+            rule = "a recipe that was loaded cannot be changed"
+            raise ParameterError(rule, place="recipe", hint="give the changes to load_recipe")
+        return recipe
+    if isinstance(recipe, RobotParameters):
+        recipe, robot = None, recipe
+    if recipe is not None and not isinstance(recipe, str | PathLike):
+        rule = "must be the name of a recipe, a file, a robot, or what load_recipe returns"
+        raise ParameterError(rule, place="recipe", got=recipe)
+    if recipe == "":
+        raise ParameterError("must not be empty", place="recipe")
     if robot is not None:
         robot = robot if footprint is None else robot.with_shape(footprint)
         footprint = robot.footprint
-    if robot is not None and name is None:
+    if robot is not None and recipe is None:
         draft, name, footprint = draft_for(robot), "of the robot", None
     else:
-        name = DEFAULT if name is None else name
+        name = DEFAULT if recipe is None else str(recipe)
         draft = _read_draft(name)
         if robot is not None:
             put_map_rules(draft, robot)
@@ -360,10 +414,7 @@ def load_recipe(
         round_one = None if robot is None or robot.robot_radius is None else robot.inscribed_radius
         seen = footprint if round_one is None else Footprint.circle(round_one)
         _adapt_to_footprint(draft, footprint, seen, name)
-    for setting in settings:
-        _apply_setting(draft, setting, name, f"{prefix}set")
-    for target, given in (changes or {}).items():
-        _apply_change(draft, target, given, name, "changes")
+    _apply_changes(draft, changes, name)
     steps = tuple(_made(stage, given) for stage, given in draft)
     for text in _remarks_on(steps):
         emit_warning(text, stacklevel=2)
@@ -445,26 +496,35 @@ def _adapt_to_footprint(draft: Draft, footprint: Footprint, seen: Footprint, nam
         raise ParameterError(rule, source=name)
 
 
-def _apply_setting(draft: Draft, setting: str, name: str, option: str) -> None:
-    target, equals, value = setting.partition("=")
-    if not (equals and all(target.strip().partition("."))):
-        rule = "must look like stage.parameter=value"
-        hint = _hint_for(draft, target) if equals else None
-        raise ParameterError(rule, source=option, got=setting, hint=hint)
-    _apply_change(draft, target.strip(), _value_of(target, value, option), name, option, setting)
+def _apply_changes(draft: Draft, changes: object, name: str) -> None:
+    if isinstance(changes, Mapping):
+        for target, value in changes.items():
+            _apply_change(draft, target, value, name, "changes")
+        return
+    texts: Any = () if changes is None else changes
+    is_list = isinstance(texts, Sequence) and not isinstance(texts, str)
+    if not is_list or not all(isinstance(one, str) for one in texts):
+        raise ParameterError("must be values by name", place="changes", got=changes)
+    for setting in texts:
+        target, equals, value = setting.partition("=")
+        if not (equals and all(target.strip().partition("."))):
+            rule = "must look like stage.parameter=value"
+            hint = _hint_for(draft, target) if equals else None
+            raise ParameterError(rule, source=SET, got=setting, hint=hint)
+        _apply_change(draft, target.strip(), _value_of(target, value), name, SET, setting)
 
 
-def _value_of(target: str, text: str, option: str) -> object:
+def _value_of(target: str, text: str) -> object:
     """Return the value that a setting asks for: text, or of parameters that need it YAML."""
     stage, _, parameter = target.strip().partition(".")
     known = [one.parameters.get(parameter.replace("-", "_")) for one in models_of(stage).values()]
     if not any(one is not None and one.is_yaml for one in known):
         return text.strip()
     try:
-        return parse_value(text, option)
+        return parse_value(text, SET)
     except MalformedInputError as error:
         error.source = error.place = None
-        raise ParameterError(str(error), source=option, place=target.strip()) from None
+        raise ParameterError(str(error), source=SET, place=target.strip()) from None
 
 
 def _apply_change(

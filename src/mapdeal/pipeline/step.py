@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mapdeal.command import Stage, accept_parameters, unknown_name, unknown_parameter
 from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.grid.canvas import FieldGrid
 from mapdeal.grid.costmap import CostCurve, InflationLayer, StaticLayer
 from mapdeal.grid.field import DistanceField, FieldView
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import as_occupancy
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
-from mapdeal.stages.definition import Stage, accept_parameters, unknown_name, unknown_parameter
 from mapdeal.stages.esdf import field_view
 from mapdeal.stages.structured import described_goals, described_layer
 
@@ -42,8 +43,15 @@ class Step:
 
     @property
     def memory(self) -> float:
-        """Bytes for each cell of a map in memory, see `Stage`."""
+        """Bytes for each cell of a map in memory, see `Stage`; 0 if `claim_step` does that."""
+        if self.stage.cells is not None:
+            return 0.0
         return self.stage.memory + self.stage.more_memory(self.parameters)
+
+    @property
+    def of_library(self) -> int:
+        """Bytes that a library takes besides."""
+        return self.stage.of_library
 
     @property
     def is_whole(self) -> bool:
@@ -56,12 +64,17 @@ class Step:
         return self.stage.is_smaller(self.parameters)
 
     def apply(self, grid: Grid, source: Path | None) -> Grid:
-        """Return what the stage makes of `grid`; errors name the file it came from, if any."""
+        """Return the grid that the stage makes of `grid`."""
+        return grid_of(self.result_of(self.taken(grid, source), source))
+
+    def result_of(self, taken: Grid, source: Path | None) -> Any:
+        """Return what the stage returns; errors name the file that `taken` came from, if any."""
+        known = self.stage.own_parameters
         try:
-            made: Grid = self.stage.function(self.taken(grid, source), **self.parameters)
+            values = {known[key].name: value for key, value in self.parameters.items()}
+            return self.stage.function(taken, **values)
         except MapdealError as error:
             raise error if source is None else error.found_in(source) from None
-        return made
 
     def curve_on(self, grid: Grid) -> CostCurve | None:
         """Return the costs over the distance from the nearest obstacle, None if there are none."""
@@ -96,6 +109,12 @@ class Step:
         return {self.name: {key: _plain(value) for key, value in values.items()}}
 
 
+def grid_of(made: Any) -> Grid:
+    """Return the grid in what a stage returns."""
+    grid: Grid = made if isinstance(made, Grid) else made.grid
+    return grid
+
+
 def make_step(name: str, given: Mapping[str, object]) -> Step:
     models = models_of(name)
     if not models:
@@ -106,9 +125,9 @@ def make_step(name: str, given: Mapping[str, object]) -> Step:
             raise unknown_parameter(key, stage.parameters, name)
     own, view = ({key: value for key, value in given.items() if key in known}
                  for known in (stage.own_parameters, stage.view_parameters))  # fmt: skip
-    parameters = accept_parameters(stage.function, own, name)
+    parameters = accept_parameters(stage.own_parameters, own, name)
     _settle(parameters, stage, own)
-    return Step(stage, parameters, accept_parameters(stage.view, view, name) if stage.view else {})
+    return Step(stage, parameters, accept_parameters(stage.view_parameters, view, name))
 
 
 def _settle(parameters: dict[str, Any], stage: Stage, given: Mapping[str, object]) -> None:
@@ -126,7 +145,7 @@ def _settle(parameters: dict[str, Any], stage: Stage, given: Mapping[str, object
     try:
         parameters.update(stage.settled(parameters))
     except ParameterError as error:
-        error.place = f"{stage.name}.{error.place}"
+        error.place = ".".join(filter(None, (stage.name, error.place)))
         raise
 
 
@@ -155,6 +174,8 @@ def _in_model(
 def _plain(value: Any) -> Any:
     if hasattr(value, "vertices"):
         return [list(vertex) for vertex in value.vertices] or {"radius": value.radius}
+    if isinstance(value, Frame):
+        return {key: _plain(one) for key, one in asdict(value).items()}
     if isinstance(value, (StaticLayer, InflationLayer)):
         return described_layer(value)
     if isinstance(value, tuple) and value and all(isinstance(one, Goal) for one in value):

@@ -1,4 +1,4 @@
-"""A route that follows the potential downhill, as a local planner does."""
+"""Routes through costs: the cheapest, by A*, and the steepest descent of a potential."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import AT_LEAST_0, CELLS, METRES, InSimulation, stage
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.canvas import cut_out, on_canvas
 from mapdeal.grid.frame import Region, cells_to_cover
@@ -14,7 +15,6 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.blocks import swept
 from mapdeal.kernels.components import drop_small_groups
-from mapdeal.stages.definition import AT_LEAST_0, CELLS, METRES, InSimulation, stage
 
 Mask = NDArray[np.bool_]
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from mapdeal.command import Stage, stages_among
 from mapdeal.stages import listed
-from mapdeal.stages.definition import Stage, stages_among
 
 STAGES: tuple[Stage, ...] = stages_among(vars(listed))
 

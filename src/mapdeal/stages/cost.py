@@ -8,13 +8,13 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import Parameters, stage
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import UNIFORM_SHARE
 from mapdeal.grid.field import DistanceField, FieldView
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, INSCRIBED_PUBLISHED, OCCUPIED
-from mapdeal.stages.definition import Parameters, stage
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -32,7 +32,7 @@ def cost_model(
     when_closed: str,
     **more: Any,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Turn a function into a cost model; see `mapdeal.stages.definition.Stage`."""
+    """Turn a function into a cost model; see `mapdeal.command.Stage`."""
 
     def remark(parameters: Parameters, figures: Figures) -> str | None:
         return _remark_on_uniform_costs(figures, parameters, advice, when_closed)

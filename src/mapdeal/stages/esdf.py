@@ -10,6 +10,16 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import (
+    ABOVE_0,
+    FACTOR,
+    METRES,
+    STRENGTH,
+    InSimulation,
+    LethalThreshold,
+    checked,
+    stage,
+)
 from mapdeal.grid.costmap import CostmapLayers, StaticLayer
 from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, obstacles_in
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -25,16 +35,6 @@ from mapdeal.kernels.blocks import blocks_of, holds_everywhere, made_by_rows, sw
 from mapdeal.kernels.distance import Halo, halos_of, runs_of, signed_distance
 from mapdeal.kernels.lookup import bytes_of_distances, squares_of_distances
 from mapdeal.kernels.threads import for_rows
-from mapdeal.stages.definition import (
-    ABOVE_0,
-    FACTOR,
-    METRES,
-    STRENGTH,
-    InSimulation,
-    LethalThreshold,
-    checked,
-    stage,
-)
 
 _LARGEST_TABLE = 1 << 22
 _CLIP_TOLERANCE = 2.0**-23

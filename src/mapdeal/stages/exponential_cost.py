@@ -8,6 +8,17 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import (
+    AT_LEAST_0,
+    METRES,
+    OCCUPANCY,
+    PER_METRE,
+    PERCENT,
+    FromRobot,
+    LethalThreshold,
+    Parameters,
+    RobotShape,
+)
 from mapdeal.grid.costmap import CostCurve, CostLookup, Costmap, CostmapLayers, InflationLayer
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.framed import Framed
@@ -28,17 +39,6 @@ from mapdeal.stages.cost_profile import (
     inflation_curve,
     resolution_is_float32,
     warn_of_radii,
-)
-from mapdeal.stages.definition import (
-    AT_LEAST_0,
-    METRES,
-    OCCUPANCY,
-    PER_METRE,
-    PERCENT,
-    FromRobot,
-    LethalThreshold,
-    Parameters,
-    RobotShape,
 )
 
 _RADII = ("inscribed_radius", "circumscribed_radius")

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import AT_LEAST_0, METRES, InPlaceOf, LethalThreshold, RobotShape, stage
 from mapdeal.errors import emit_warning
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import RADIUS_TOLERANCE, cells_to_cover, largest_square_within
@@ -15,14 +16,6 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import holds_everywhere, made_by_windows
 from mapdeal.kernels.dilation import inflated
-from mapdeal.stages.definition import (
-    AT_LEAST_0,
-    METRES,
-    InPlaceOf,
-    LethalThreshold,
-    RobotShape,
-    stage,
-)
 
 
 @stage(

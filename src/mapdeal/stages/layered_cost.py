@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import AT_LEAST_0, COST, METRES, Bound, FromRobot, Parameters
 from mapdeal.grid.costmap import (
     CostCurve,
     Costmap,
@@ -32,7 +33,6 @@ from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.kernels.threads import for_rows
 from mapdeal.stages.cost import ObstacleSource, cost_model, refuse_view, warn_of_strength
 from mapdeal.stages.cost_profile import CostProfile, advice_on, inflation_curve, warn_of_radii
-from mapdeal.stages.definition import AT_LEAST_0, COST, METRES, Bound, FromRobot, Parameters
 from mapdeal.stages.structured import LayerList
 
 _OF_COSTMAP_2D = (StaticLayer(), InflationLayer())

@@ -5,6 +5,11 @@ The order is that of lists; of the models of one stage the first is the default.
 
 # isort: off
 from mapdeal.stages.active import active_region as active_region
+from mapdeal.stages.clean import clean as clean
+from mapdeal.stages.window import window as window
+from mapdeal.stages.shift import shift_origin as shift_origin
+from mapdeal.stages.rotate import turned as _turned  # noqa: F401 - for Python there are `rotate` and `straighten`
+from mapdeal.stages.rescale import rescale as rescale
 from mapdeal.stages.inflate import inflate as inflate
 from mapdeal.stages.esdf import esdf as esdf
 from mapdeal.stages.potential import potential as potential

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import numpy as np
 
+from mapdeal.command import FACTOR, POINT, REPULSION, Bound, LethalThreshold, stage
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.frame import check_point
 from mapdeal.grid.potential import LARGEST_GAIN, LARGEST_REPULSION, PotentialField
@@ -16,7 +17,6 @@ from mapdeal.stages.cost import (
     obstacles_of,
     occupancy_with_obstacles,
 )
-from mapdeal.stages.definition import FACTOR, POINT, REPULSION, Bound, LethalThreshold, stage
 
 GAIN = Bound(f"between 0 and {LARGEST_GAIN:g}", lambda value: 0 <= value <= LARGEST_GAIN)
 CAP = Bound(f"above 0, at most {LARGEST_REPULSION:g}", lambda value: 0 < value <= LARGEST_REPULSION)

@@ -7,6 +7,19 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import (
+    AT_LEAST_0,
+    HEADINGS,
+    METRES,
+    POSE,
+    SQUARE_METRES,
+    FromRobot,
+    InPlaceOf,
+    LethalThreshold,
+    Parameters,
+    RobotShape,
+    stage,
+)
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
@@ -16,18 +29,6 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, reach_radius, robot_text
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
 from mapdeal.stages.cost import check_lethal_threshold, obstacles_of, occupancy_with_obstacles
-from mapdeal.stages.definition import (
-    AT_LEAST_0,
-    HEADINGS,
-    METRES,
-    POSE,
-    SQUARE_METRES,
-    InPlaceOf,
-    LethalThreshold,
-    Parameters,
-    RobotShape,
-    stage,
-)
 from mapdeal.stages.structured import Goals
 
 _SHOWN = 3
@@ -82,7 +83,7 @@ def reach(
     *,
     start: Annotated[tuple[float, ...], POSE] | None = None,
     goals: Goals = (),
-    radius: Annotated[float, AT_LEAST_0, METRES] = 0.0,
+    radius: Annotated[float, AT_LEAST_0, METRES, FromRobot] = 0.0,
     footprint: Footprint | None = None,
     headings: Annotated[int, HEADINGS] = 72,
     through_unknown: bool = False,

@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import COST, PERCENT, LethalThreshold, Parameters
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.framed import Framed
@@ -20,7 +21,6 @@ from mapdeal.stages.cost import (
     obstacles_of,
     warn_of_strength,
 )
-from mapdeal.stages.definition import COST, PERCENT, LethalThreshold, Parameters
 
 
 def _curve(source: Framed, parameters: Parameters) -> CostCurve:

@@ -1,6 +1,7 @@
-"""Layers of costmap_2d as a parameter of a stage, as written in recipes and manifests.
+"""Parameters of stages that are more than a line of text, as written in recipes and manifests.
 
-They form a list of mappings, each with one key, the kind of the layer, and its settings below::
+Layers of costmap_2d form a list of mappings, each with one key, the kind of the layer, and its
+settings below::
 
     - static: {track_unknown_space: no}
     - inflation: {inflation_radius: 0.7, cost_scaling_factor: 3.0}
@@ -12,18 +13,45 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from typing import Any, get_type_hints
 
-from mapdeal.errors import ParameterError
-from mapdeal.grid.costmap import CostmapLayer, InflationLayer, StaticLayer
-from mapdeal.grid.reach import Goal
-from mapdeal.stages.definition import (
+from mapdeal.command import (
+    ABOVE_0,
     AT_LEAST_0,
     PERCENT,
     Bound,
     Parameter,
+    accept_parameters,
     split_optional,
     structured,
     unknown_name,
 )
+from mapdeal.errors import ParameterError
+from mapdeal.grid.costmap import CostmapLayer, InflationLayer, StaticLayer
+from mapdeal.grid.frame import MOST_CELLS, Frame, check_origin, check_resolution
+from mapdeal.grid.reach import Goal
+
+_FRAME = {
+    "height": Parameter("height", None, int, optional=False, bounds=(ABOVE_0,)),
+    "width": Parameter("width", None, int, optional=False, bounds=(ABOVE_0,)),
+    "resolution": Parameter("resolution", None, float, optional=False, bounds=(ABOVE_0,)),
+    "origin": Parameter("origin", None, tuple[float, float, float], optional=False, bounds=()),
+}
+_FRAME_LOOKS = "{height: 60, width: 80, resolution: 0.05, origin: [-2, -1.5, 0]}"
+
+
+def accept_frame(name: str, value: object) -> Frame:
+    if isinstance(value, Frame):
+        return value
+    if not isinstance(value, Mapping) or set(value) != set(_FRAME):
+        raise ParameterError(f"must look like {_FRAME_LOOKS}", place=name, got=value)
+    found = accept_parameters(_FRAME, value, name)
+    if found["height"] * found["width"] > MOST_CELLS:
+        raise ParameterError(f"must not have more than {MOST_CELLS} cells", place=name, got=value)
+    check_resolution(found["resolution"])
+    return Frame(**{**found, "origin": check_origin(found["origin"])})
+
+
+structured(Frame, accept_frame)
+
 
 _LOOKS = "{kitchen: [7.1, 3.2], ...} or [[7.1, 3.2], ...]"
 

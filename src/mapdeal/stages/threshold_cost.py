@@ -8,13 +8,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.costmap import CostCurve, Costmap, squares_up_to
-from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, whole_parts
-from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.kernels.blocks import looked_up, swept
-from mapdeal.stages.cost import ObstacleSource, check_lethal_threshold, cost_model
-from mapdeal.stages.definition import (
+from mapdeal.command import (
     ABOVE_0,
     AT_LEAST_0,
     FACTOR,
@@ -25,6 +19,12 @@ from mapdeal.stages.definition import (
     LethalThreshold,
     Parameters,
 )
+from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.grid.costmap import CostCurve, Costmap, squares_up_to
+from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, whole_parts
+from mapdeal.grid.values import OCCUPIED, UNKNOWN
+from mapdeal.kernels.blocks import looked_up, swept
+from mapdeal.stages.cost import ObstacleSource, check_lethal_threshold, cost_model
 from mapdeal.stages.esdf import Viewer, esdf, furthest_kept
 
 _HIGHEST_BELOW_OBSTACLE = 99

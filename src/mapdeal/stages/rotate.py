@@ -1,14 +1,17 @@
-"""Maps turned in their frame: by an angle, or until their walls lie along the axes."""
+"""Stage ``rotate``: a map turned by an angle, or until its walls lie along the axes."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import Any, TypeVar
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Generic, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import RADIANS, Parameters, stage
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import (
@@ -16,8 +19,6 @@ from mapdeal.grid.frame import (
     Frame,
     Origin,
     Transform,
-    cells_to_cover,
-    check_resolution,
     region_around,
 )
 from mapdeal.grid.framed import ValueGrid
@@ -32,6 +33,88 @@ _THICKEST_WALL = 5
 """Cells of it that count, from its open side."""
 
 V = TypeVar("V", bound=ValueGrid)
+
+_angles: WeakKeyDictionary[ValueGrid, float | None] = WeakKeyDictionary()
+"""Results of `yaw_to_straighten`, of which a turn asks twice: how many cells it takes, and then."""
+
+
+@dataclass(frozen=True, eq=False)
+class Turned(Generic[V]):
+    """A map that was turned, and how points turn with it; None if it was not."""
+
+    grid: V
+    transform: Transform | None
+
+    def lines(self) -> Iterator[str]:
+        """Yield what ``mapdeal rotate`` prints of the turn."""
+        if self.transform is not None:
+            yaw = self.transform.yaw
+            yield f"turned by {yaw:.10g} rad ({math.degrees(yaw):.6g} degrees) about x 0, y 0"
+
+
+def _check(parameters: Parameters) -> Parameters:
+    if parameters["straighten"] and parameters["yaw"] is not None:
+        raise ParameterError("cannot be given together with straighten", place="yaw")
+    if not parameters["straighten"] and parameters["yaw"] is None:
+        raise ParameterError("one of the two is required", place="yaw, straighten")
+    return {}
+
+
+def _cells(grid: ValueGrid, parameters: Parameters) -> Iterator[int]:
+    """Yield the cells in which directions of walls are searched for, then those of both maps."""
+    yaw, count = parameters["yaw"], grid.shape[0] * grid.shape[1]
+    if yaw is None:
+        yield count
+        yaw = yaw_to_straighten(grid)
+    made = count if yaw is None else cells_when_turned(grid.frame, yaw)
+    if made <= MOST_CELLS:  # more are refused by the turn
+        yield made + min(made, count)
+
+
+@stage(
+    name="rotate",
+    product="turned",
+    summary="Rotate a map or costmap, and bake the yaw of its origin into the cells.",
+    details="The result has yaw 0 and covers the whole rotated map; cells outside it are unknown. "
+    "With --yaw 0 all walls stay where they are in the map frame. Otherwise poses change as well, "
+    "by the transform that is printed. Quarter turns copy the cells unchanged.",
+    title=lambda _: "turned",
+    memory=6.0,
+    cells=_cells,
+    is_whole=lambda _: True,
+    edits=True,
+    moves=True,
+    settled=_check,
+)
+def turned(
+    grid: V,
+    *,
+    yaw: Annotated[float, RADIANS] | None = None,
+    straighten: bool = False,
+    rule: ResamplingRule = "area",
+) -> Turned[V]:
+    """Rotate a map or costmap as `rotate` or `straighten` does.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid or Costmap
+        Grid to rotate.
+    yaw : float, optional
+        Rotation, radians, anticlockwise about the origin of the map frame; 0 only bakes the yaw of
+        the map's origin into the cells.
+    straighten : bool
+        Or rotate by the smallest angle that aligns the main direction of the walls with the axes.
+    rule : {'area', 'nearest'}
+        Value of a new cell: the largest of all overlapped cells (area), so that no obstacle is
+        lost, or the value at its centre (nearest).
+    """
+    if straighten:
+        yaw = yaw_to_straighten(grid)
+    if yaw is None:
+        text = "rotate: no direction of walls stands out, the map is not turned"
+        emit_warning(text, stacklevel=4)
+        return Turned(grid, None)
+    return Turned(rotate(grid, yaw, rule=rule), turn_of(yaw))
 
 
 def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
@@ -115,11 +198,7 @@ def straighten(grid: V, *, rule: ResamplingRule = "area") -> V:
     >>> straighten(OccupancyGrid(wall, 0.05, (1.0, 2.0, 0.3))).origin[2]
     0.0
     """
-    yaw = yaw_to_straighten(grid)
-    if yaw is None:
-        emit_warning("no direction of walls stands out, the map is not turned", stacklevel=2)
-        return grid
-    return rotate(grid, yaw, rule=rule)
+    return turned(grid, straighten=True, rule=rule).grid
 
 
 def yaw_to_straighten(grid: ValueGrid) -> float | None:
@@ -147,10 +226,12 @@ def yaw_to_straighten(grid: ValueGrid) -> float | None:
     """
     from mapdeal.kernels.rotations import main_direction
 
-    direction = main_direction(_walls_of(grid))
-    if direction is None:
-        return None
-    return 0.0 - math.remainder(grid.origin[2] + direction, _QUARTER)  # never -0.0
+    if grid not in _angles:
+        direction = main_direction(_walls_of(grid))
+        _angles[grid] = None
+        if direction is not None:
+            _angles[grid] = 0.0 - math.remainder(grid.origin[2] + direction, _QUARTER)  # never -0.0
+    return _angles[grid]
 
 
 def turn_of(yaw: float) -> Transform:
@@ -235,63 +316,3 @@ def _obstacles_of(grid: ValueGrid) -> NDArray[np.bool_]:
         return grid.to_occupancy().occupied(OCCUPIED)
     occupied: NDArray[np.bool_] = grid.values >= DEFAULT_LETHAL_THRESHOLD
     return occupied
-
-
-def rescale(grid: V, resolution: float, *, rule: ResamplingRule = "area") -> V:
-    """Resample a map or costmap to another resolution.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid or Costmap
-        Grid to rescale.
-    resolution : float
-        Side of the new cells, metres.
-    rule : {'area', 'nearest'}
-        ``area``: a cell gets the largest value above 0 that it overlaps, so that no obstacle is
-        lost; otherwise it is free or unknown, as the grid is at its centre. ``nearest``: a cell
-        gets the value at its centre; in a coarser map, thin walls may get gaps or vanish.
-
-    Returns
-    -------
-    OccupancyGrid or Costmap
-        Grid of the same kind, origin and yaw. Its cells cover all of `grid`; cells that extend
-        beyond it are unknown unless they overlap an obstacle or have their centre in `grid`. If
-        an old cell is a whole number of new ones, these are copies of it.
-
-    Raises
-    ------
-    ParameterError
-        If the resolution is not allowed, the rule is unknown, or the result would have too many
-        cells.
-
-    Examples
-    --------
-    >>> from mapdeal import OccupancyGrid
-    >>> grid = OccupancyGrid([[0, 0, 0, 100], [0, 0, -1, -1]], 0.05, (1.0, 2.0, 0.3))
-    >>> rescale(grid, 0.1).occupancy.tolist()
-    [[0, 100]]
-    >>> rescale(grid, 0.025).shape
-    (4, 8)
-    """
-    check_rule(rule)
-    check_values(grid)
-    frame = rescaled_frame(grid.frame, resolution)
-    return grid if frame == grid.frame else resampled(grid, frame, rule=rule)
-
-
-def rescaled_frame(frame: Frame, resolution: float) -> Frame:
-    """Return the frame of the result of `rescale`.
-
-    Examples
-    --------
-    >>> rescaled_frame(Frame(3, 5, 0.05, (1.0, 2.0, 0.3)), 0.1)
-    Frame(height=2, width=3, resolution=0.1, origin=(1.0, 2.0, 0.3))
-    """
-    side = check_resolution(resolution)
-    if side == frame.resolution:
-        return frame
-    width, height = (max(1, cells_to_cover(length, side)) for length in frame.size_xy)
-    if height * width > MOST_CELLS:
-        rule = f"the result must not have more than {MOST_CELLS} cells"
-        raise ParameterError(rule, place="resolution", got=(width, height))
-    return Frame(height, width, side, frame.origin)

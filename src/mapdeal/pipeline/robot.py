@@ -1,8 +1,11 @@
-"""The costs over the distance from the nearest obstacle, without a costmap."""
+"""A robot's own parameter files, and the costs that it has over the distance from obstacles."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from numbers import Real
+from os import PathLike
+from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
@@ -13,12 +16,72 @@ from mapdeal.grid.field import View
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import check_choice
+from mapdeal.maps.map_yaml import Dialect
 from mapdeal.maps.npz import Grid
 from mapdeal.pipeline.recipe import step_for
 from mapdeal.pipeline.step import make_step
-from mapdeal.ros.robot import RobotParameters
+from mapdeal.ros.load import read_robot
+from mapdeal.ros.robot import CostmapName, RobotParameters
 
 _UNKNOWN_MAP = np.zeros((1, 1), dtype=np.int8)
+
+
+def read_robot_parameters(
+    paths: str | PathLike[str] | Sequence[str | PathLike[str]],
+    *,
+    costmap: CostmapName = "global",
+    namespace: str | None = None,
+    dialect: Dialect = "nav2",
+) -> RobotParameters:
+    """Read a robot's shape and costmap from its own parameter files, like ``--params-file``.
+
+    Parameters
+    ----------
+    paths : path, str or sequence of them
+        A Nav2 parameter file, or ROS 1 costmap files; later files override earlier ones. A ROS 1
+        file without a costmap's name at the top level is loaded into the requested costmap.
+    costmap : {'global', 'local'}
+        Costmap to read.
+    namespace : str, optional
+        Namespace of the robot, if the files describe several.
+    dialect : {'nav2', 'humble', 'ros1'}
+        Version of the inflation layer for a Nav2 file: the current one (``nav2``), or the one of
+        Humble to Kilted and ROS 1.
+
+    Returns
+    -------
+    RobotParameters
+        Parameters that can be used instead of a recipe: ``run(path, output, robot)``.
+
+    Raises
+    ------
+    FileAccessError
+        If a file cannot be read.
+    MalformedInputError
+        If the actual ROS node would not start with these files.
+    ParameterError
+        If Nav2 and ROS 1 files are mixed, or no file is given.
+
+    Warns
+    -----
+    MapdealWarning
+        If the resulting costmap may not be the one that the author of the files expects.
+
+    Examples
+    --------
+    >>> robot = read_robot_parameters("examples/robots/nav2_params.yaml")
+    >>> round(robot.inscribed_radius, 3), [layer.name for layer in robot.ignored]
+    (0.19, ['obstacle_layer', 'keepout_filter'])
+    """
+    check_choice(costmap, CostmapName, "costmap")
+    check_choice(dialect, Dialect, "dialect")
+    given = [paths] if isinstance(paths, str | PathLike) else paths
+    if not isinstance(given, Sequence) or not all(isinstance(one, str | PathLike) for one in given):
+        raise ParameterError("takes paths of parameter files", place="paths", got=paths)
+    return read_robot(
+        [Path(one) for one in given], costmap=costmap, namespace=namespace, older=dialect != "nav2"
+    )
 
 
 def cost_curve(

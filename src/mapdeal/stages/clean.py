@@ -1,15 +1,15 @@
-"""Small components of a map removed: specks, pinholes, islands of free space."""
+"""Stage ``clean``: a map without specks, pinholes and islands of free space."""
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import AT_LEAST_0, CELLS, stage
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.display import OneLine, count_text
 from mapdeal.grid.field import FieldView
@@ -21,12 +21,6 @@ from mapdeal.kernels.dilation import dilate_square
 Mask = NDArray[np.bool_]
 Values = NDArray[np.int8]
 
-# In maps of real robots at 5 cm most specks in free space are single cells or pairs, as noise is; a
-# table's leg has more. Most holes between beams have less than ten cells, and most islands beyond
-# walls and windows less than a hundred, 0.25 m2.
-MIN_OBSTACLE, MIN_HOLE, MIN_FREE = 3, 10, 100
-"""Components with fewer cells are removed."""
-
 _ANY_SIZE = 1 << 62
 """More cells than a map can have."""
 
@@ -36,6 +30,9 @@ class Patches(NamedTuple):
 
     components: int
     cells: int
+
+    def __str__(self) -> str:
+        return f"{self.components} ({count_text(self.cells, 'cell')})"
 
 
 _NONE = Patches(0, 0)
@@ -52,7 +49,7 @@ class CleanCounts:
     changed: int
 
     def steps(self) -> dict[str, Patches]:
-        steps = [field.name for field in fields(self)][:-1]
+        steps = [one.name for one in fields(self)][:-1]
         return {name: getattr(self, name) for name in steps}
 
     def document(self) -> dict[str, object]:
@@ -73,10 +70,26 @@ class Cleaned(OneLine):
         Cleaned map, with the geometry of the original.
     counts : CleanCounts
         Changes made by each step.
+    limits : dict of str to int
+        Parameters of `clean` by name.
     """
 
     grid: OccupancyGrid
     counts: CleanCounts
+    limits: Mapping[str, int] = field(default_factory=dict)
+
+    def document(self) -> dict[str, object]:
+        """Return limits and counts as values that JSON can represent."""
+        return {"limits": dict(self.limits), **self.counts.document()}
+
+    def lines(self) -> Iterator[str]:
+        """Yield what ``mapdeal clean`` prints of the changes."""
+        counts = self.counts
+        filled = f"{counts.free_holes} are now free, {counts.wall_holes} occupied"
+        yield f"  pinholes          {filled}"
+        yield f"  islands           {counts.islands} are now unknown"
+        yield f"  small components  {counts.specks} are now free"
+        yield f"  changed           {count_text(counts.changed, 'cell')}"
 
     def _told(self) -> Iterator[str]:
         yield f"{count_text(self.counts.changed, 'cell')} changed"
@@ -84,12 +97,28 @@ class Cleaned(OneLine):
             yield f"{patches.components} {name}"
 
 
+# In maps of real robots at 5 cm most specks in free space are single cells or pairs, as noise is; a
+# table's leg has more. Most holes between beams have less than ten cells, and most islands beyond
+# walls and windows less than a hundred, 0.25 m2.
+@stage(
+    name="clean",
+    product="cleaned",
+    summary="Remove small components, pinholes and islands of free space.",
+    details="No wall is opened: an obstacle is removed only if all cells around it are free, and a "
+    "hole is filled only if all cells around it are free or all are occupied. Values 1..99 stay.",
+    title=lambda _: "cleaned",
+    memory=16.0,  # a label of 4, sizes of up to half as many components, and masks
+    of_library=25_000_000,
+    is_whole=lambda _: True,
+    edits=True,
+    shows_changes=True,
+)
 def clean(
     grid: OccupancyGrid,
     *,
-    min_obstacle: int = MIN_OBSTACLE,
-    min_hole: int = MIN_HOLE,
-    min_free: int = MIN_FREE,
+    min_obstacle: Annotated[int, AT_LEAST_0, CELLS] = 3,
+    min_hole: Annotated[int, AT_LEAST_0, CELLS] = 10,
+    min_free: Annotated[int, AT_LEAST_0, CELLS] = 100,
 ) -> Cleaned:
     """Remove the small components of a map: specks, pinholes and islands of free space.
 
@@ -99,19 +128,20 @@ def clean(
         Map to clean. Values 1..99 are neither free nor occupied: they stay, and so does any
         obstacle or hole that touches one.
     min_obstacle : int
-        Obstacles with fewer cells (8-connected) become free if all cells around them are free.
+        Remove obstacles with fewer cells (8-connected) from free space; 0 or 1 for none. All cells
+        around them must be free.
     min_hole : int
-        Unknown areas with fewer cells (8-connected) become free if all cells around them are
-        free, occupied if all are occupied.
+        Fill unknown areas with fewer cells (8-connected) that only free cells, or only occupied
+        cells, surround; 0 or 1 for none.
     min_free : int
-        Free areas with fewer cells (4-connected, because no robot passes between two obstacles
-        that share a corner) become unknown, except those that share an edge with a value 1..99,
-        beyond which they may continue, and the largest of the others.
+        Make free areas with fewer cells unknown, except the largest; 0 or 1 for none. They are
+        4-connected, because no robot passes between two obstacles that share a corner. Those that
+        share an edge with a value 1..99, beyond which they may continue, stay.
 
     Returns
     -------
     Cleaned
-        Cleaned map and counts of the changes. A value of 0 or 1 disables the step of an option.
+        Cleaned map and counts of the changes.
 
     Raises
     ------
@@ -150,8 +180,8 @@ def clean(
         hint = "clean the map first, then compute costs or distances from it"
         raise ParameterError("takes a map with free, occupied and unknown cells", place="clean",
                              got=type(grid).__name__, hint=hint)  # fmt: skip
-    least_obstacle = _count(min_obstacle, "min_obstacle")
-    least_hole, least_free = _count(min_hole, "min_hole"), _count(min_free, "min_free")
+    limits = {"min_obstacle": min_obstacle, "min_hole": min_hole, "min_free": min_free}
+    least_obstacle, least_hole, least_free = (min(one, _ANY_SIZE) for one in limits.values())
     before = np.asarray(grid.occupancy)
     values = before.copy()
     free_holes = _replace(values, UNKNOWN, least_hole, around=FREE, value=FREE)
@@ -160,9 +190,9 @@ def clean(
     specks = _replace(values, OCCUPIED, least_obstacle, around=FREE, value=FREE)
     changed = int(np.count_nonzero(values != before))
     if not changed:
-        emit_warning(f"clean: nothing has changed{_why(before)}", stacklevel=2)
+        emit_warning(f"clean: nothing has changed{_why(before)}", stacklevel=3)
     counts = CleanCounts(free_holes, islands, wall_holes, specks, changed)
-    return Cleaned(grid.with_values(values), counts)
+    return Cleaned(grid.with_values(values), counts, limits)
 
 
 def _forget_islands(values: Values, least: int) -> Patches:
@@ -216,16 +246,6 @@ def _beside(cells: Mask) -> Mask:
     beside[:, 1:] |= cells[:, :-1]
     beside[:, :-1] |= cells[:, 1:]
     return beside
-
-
-def _count(value: object, name: str) -> int:
-    try:
-        number = -1 if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
-        number = -1
-    if number < 0:
-        raise ParameterError("must be a whole number of cells, at least 0", place=name, got=value)
-    return min(number, _ANY_SIZE)
 
 
 def _why(values: Values) -> str:

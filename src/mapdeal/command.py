@@ -1,21 +1,29 @@
-"""Definition of a stage: a function, and a record of everything else the program needs to know.
+"""What a stage and a command are: a function, and a record of all else that the program asks.
 
-Each stage is defined in one file: a plain function whose keyword-only arguments are its parameters,
-with the decorator `stage`, which takes the record. Recipes, commands, the memory plan, manifests,
-titles, help texts and tables in the docs are derived from both; nothing else names a stage.
+The keyword-only arguments of the function are its parameters: names, defaults, types and bounds
+stand in its signature, their meanings in its docstring, and nowhere else. They hold for the shell,
+for Python and for recipes alike; help texts and the tables of the docs are made of them.
+
+A stage makes a grid of a grid. It has the decorator `stage`, whose record also serves recipes, the
+plan of memory, manifests and titles. A command answers with a `Result`, and has the decorator
+`command`.
 """
 
 from __future__ import annotations
 
 import functools
 import inspect
+import json
 import math
 import re
 import types
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Sequence as AbcSequence
+from dataclasses import dataclass, field, is_dataclass, replace
 from numbers import Real
 from os import PathLike
+from pathlib import Path
 from typing import (
     Annotated,
     Any,
@@ -34,8 +42,10 @@ import numpy as np
 from mapdeal.errors import ParameterError, as_known, meant
 from mapdeal.grid.canvas import FieldGrid, on_canvas
 from mapdeal.grid.costmap import CostCurve, CostmapLayers
+from mapdeal.grid.display import Drawn
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
+from mapdeal.grid.occupancy import OccupancyGrid
 
 
 @dataclass(frozen=True)
@@ -47,6 +57,7 @@ class Bound:
 
 
 AT_LEAST_0 = Bound("at least 0", lambda value: value >= 0)
+AT_LEAST_1 = Bound("at least 1", lambda value: value >= 1)
 ABOVE_0 = Bound("above 0", lambda value: value > 0)
 PERCENT = Bound("between 0 and 100", lambda value: 0 <= value <= 100)
 STRENGTH = Bound("between 1e-6 and 1e6", lambda value: 1e-6 <= value <= 1e6)
@@ -71,12 +82,33 @@ OCCUPANCY = Unit("occupancy", "N")
 COST = Unit("cost", "N")
 VIEW_VALUE = Unit("view", "V")
 POINT = Unit("m", "X,Y")
+RADIANS = Unit("rad", "A")
+VALUE = Unit("", "V")
 POSE = Unit("m, rad", "X,Y[,YAW]")
 SQUARE_METRES = Unit("m2", "M2")
 
 
+@dataclass(frozen=True)
+class Words:
+    """How the shell writes a parameter: what stands for its value, its name, what reads it."""
+
+    metavar: str | None = None
+    read: Callable[[Any], Any] | None = None
+    name: str | None = None
+    is_repeated: bool = False
+    streams: bool = False
+    completed: Callable[..., Iterable[str]] | None = None
+    short: str | None = None
+    typed: Any = None
+    """What the shell hands over, as it is: a list of files for one file or several, say."""
+
+
 class FromRobot:
     """Mark of a parameter set by a robot's shape: recipes can set it, but there is no option."""
+
+
+class OnlyInPython:
+    """Mark of a parameter that the shell has no option for."""
 
 
 LethalThreshold = Annotated[int, LETHAL, OCCUPANCY]
@@ -94,6 +126,16 @@ class Parameter:
     bounds: tuple[Bound, ...]
     unit: Unit | None = None
     from_robot: bool = False
+    words: Words | None = None
+
+    @property
+    def key(self) -> str:
+        """Its name in the shell and in recipes."""
+        return (self.words and self.words.name) or self.name
+
+    @property
+    def is_required(self) -> bool:
+        return self.default is inspect.Parameter.empty
 
     @property
     def is_structured(self) -> bool:
@@ -104,6 +146,12 @@ class Parameter:
     def is_yaml(self) -> bool:
         """Whether a text that sets it is read as YAML first: lists and mappings, not a shape."""
         return self.is_structured and self.kind is not Footprint
+
+    @property
+    def is_as_typed(self) -> bool:
+        """Whether the shell's value needs no conversion: paths, and texts that can be repeated."""
+        is_typed = self.words is not None and self.words.typed is not None
+        return is_typed or self.kind in (str, Path) or get_origin(self.kind) in (list, AbcSequence)
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -122,7 +170,7 @@ class Parameter:
             error.hint = meant(str(value), self.choices)
             raise error
         if self.kind in _STRUCTURED:
-            return _STRUCTURED[self.kind](self.name, value)
+            return _STRUCTURED[self.kind](self.key, value)
         if self.kind is bool:
             return self._accept_bool(value)
         if get_origin(self.kind) is tuple:
@@ -160,7 +208,7 @@ class Parameter:
         return int(number) if kind is int else number
 
     def _error(self, rule: str, value: object) -> ParameterError:
-        return ParameterError(f"must be {rule}", place=self.name, got=value)
+        return ParameterError(f"must be {rule}", place=self.key, got=value)
 
 
 def is_plain(value: object) -> bool:
@@ -170,19 +218,32 @@ def is_plain(value: object) -> bool:
 
 
 @functools.cache
-def parameters_of(function: Callable[..., Any]) -> dict[str, Parameter]:
-    """Return the parameters of a stage's function: its keyword-only arguments."""
+def parameters_of(
+    function: Callable[..., Any], *, of_stage: bool = False
+) -> dict[str, Parameter]:  # fmt: skip
+    """Return the parameters of a function, or of a class: its keyword-only arguments.
+
+    Those of a stage are all but the first, even if Python users may give them without their names,
+    and those of a data class all of its fields.
+    """
     function = inspect.unwrap(function)
-    hints = hints_of(function, include_extras=True)
+    typed: Any = function
+    is_class = isinstance(function, type)
+    hints = hints_of(typed.__init__ if is_class else typed, include_extras=True)
     found: dict[str, Parameter] = {}
-    for name, argument in inspect.signature(function).parameters.items():
-        if argument.kind is not inspect.Parameter.KEYWORD_ONLY:
+    for number, (name, argument) in enumerate(inspect.signature(function).parameters.items()):
+        is_named = argument.kind is argument.POSITIONAL_OR_KEYWORD and (
+            is_dataclass(function) or (of_stage and number)
+        )
+        if argument.kind is not argument.KEYWORD_ONLY and not is_named:
             continue
         kind, marks = _split_annotated(hints[name])
         kind, optional = split_optional(kind)
         kind, inner_marks = _split_annotated(kind)
         marks += inner_marks
-        if not _is_supported(kind):
+        if OnlyInPython in marks:
+            continue
+        if not _is_supported(kind) and not any(isinstance(mark, Words) for mark in marks):
             rule = f"{function.__name__}: a parameter cannot be of this type"
             raise TypeError(f"{rule}: {name}: {hints[name]}")
         found[name] = Parameter(
@@ -193,15 +254,15 @@ def parameters_of(function: Callable[..., Any]) -> dict[str, Parameter]:
             tuple(mark for mark in marks if isinstance(mark, Bound)),
             next((mark for mark in marks if isinstance(mark, Unit)), None),
             FromRobot in marks,
+            next((mark for mark in marks if isinstance(mark, Words)), None),
         )
     return found
 
 
 def accept_parameters(
-    function: Callable[..., Any], given: Mapping[str, object], owner: str
+    known: Mapping[str, Parameter], given: Mapping[str, object], owner: str
 ) -> dict[str, Any]:
     """Return all parameters of a stage: those given, checked, and the defaults of the rest."""
-    known = parameters_of(function)
     values = {name: parameter.default for name, parameter in known.items()}
     for name, value in given.items():
         if name not in known:
@@ -211,6 +272,9 @@ def accept_parameters(
         except ParameterError as error:
             error.place = f"{owner}.{error.place or name}"
             raise
+    for name, parameter in known.items():
+        if parameter.is_required and name not in given:
+            raise ParameterError("is required", place=f"{owner}.{name}")
     return values
 
 
@@ -233,7 +297,9 @@ def _is_supported(kind: Any) -> bool:
         return True
     if get_origin(kind) is tuple:
         return all(one in (int, float, Ellipsis) for one in get_args(kind))
-    return kind in (bool, int, float) or get_origin(kind) is Literal
+    if get_origin(kind) in (list, AbcSequence):
+        return get_args(kind)[0] in (str, Path)
+    return kind in (bool, int, float, str, Path) or get_origin(kind) is Literal
 
 
 def split_optional(hint: Any) -> tuple[Any, bool]:
@@ -246,8 +312,9 @@ def split_optional(hint: Any) -> tuple[Any, bool]:
     """
     if get_origin(hint) not in (Union, types.UnionType):
         return hint, False
-    (kind,) = (arm for arm in get_args(hint) if arm is not type(None))
-    return kind, True
+    arms = [arm for arm in get_args(hint) if arm is not type(None)]
+    kind = arms[0] if len(arms) == 1 else Union[tuple(arms)]  # noqa: UP007 - made of a list
+    return kind, len(arms) < len(get_args(hint))
 
 
 def _split_annotated(hint: Any) -> tuple[Any, tuple[Any, ...]]:
@@ -284,6 +351,7 @@ def structured(kind: Any, accept: Callable[[str, object], Any]) -> None:
 
 P = ParamSpec("P")
 R = TypeVar("R")
+C = TypeVar("C", bound=Callable[..., Any])
 
 Parameters = Mapping[str, Any]
 
@@ -334,6 +402,21 @@ class Stage:
     view_passes: Callable[[Parameters], int] = lambda _: 0
     passes: int = 0
     more_memory: Callable[[Parameters], float] = lambda _: 0.0
+    of_library: int = 0
+    """Bytes that a library takes, beside those for each cell."""
+
+    cells: Callable[[Any, Parameters], Iterable[int]] | None = None
+    """Yields for how many cells, one number after another, it takes `memory`, if not for all."""
+
+    edits: bool = False
+    """Whether it changes a grid of any type that it takes into one of the same type."""
+
+    moves: bool = False
+    """Whether its product may lie elsewhere than its input, on other cells."""
+
+    shows_changes: bool = False
+    """Whether the picture that its command draws is of the cells that it changes."""
+
     is_whole: Callable[[Parameters], bool] = lambda _: False
     is_smaller: Callable[[Parameters], bool] = lambda _: False
     hands_on: bool = True
@@ -356,7 +439,7 @@ class Stage:
 
     @functools.cached_property
     def own_parameters(self) -> dict[str, Parameter]:
-        return parameters_of(self.function)
+        return {one.key: one for one in parameters_of(self.function, of_stage=True).values()}
 
     @functools.cached_property
     def view_parameters(self) -> dict[str, Parameter]:
@@ -371,23 +454,185 @@ class Stage:
     def meanings(self) -> dict[str, str]:
         """Description of each parameter, from the docstrings of function and view."""
         functions = [self.function, *([] if self.view is None else [self.view])]
-        described = [meanings_of(function) for function in functions]
-        return {name: text for texts in described for name, text in texts.items()}
+        texts = {k: text for function in functions for k, text in meanings_of(function).items()}
+        return {k: texts[one.name] for k, one in self.parameters.items() if one.name in texts}
+
+    @functools.cached_property
+    def returns(self) -> Any:
+        """What the function returns: a grid, or a result that has one as its attribute `grid`."""
+        returned = get_type_hints(inspect.unwrap(self.function)).get("return")
+        if returned is None:
+            raise TypeError(f"stage {self.name}: the function must say what it returns")
+        return returned
 
     @functools.cached_property
     def makes(self) -> type[Any]:
-        made: type[Any] | None = get_type_hints(inspect.unwrap(self.function)).get("return")
-        if made is None:
-            raise TypeError(f"stage {self.name}: the function must say what it returns")
-        return made
+        """Type of its product; of a stage that edits, the one that it has in recipes."""
+        made: type[Any] = self.returns
+        return OccupancyGrid if self.edits else made
 
     @functools.cached_property
     def takes(self) -> tuple[type[Any], ...]:
         """Types of grids that it works on directly; of other grids it receives the map."""
+        if self.edits:
+            return (OccupancyGrid,)
         function = inspect.unwrap(self.function)
         first = next(iter(inspect.signature(function).parameters))
         taken = get_type_hints(function)[first]
         return get_args(taken) or (taken,)
+
+
+@dataclass(frozen=True)
+class Output:
+    """What the option ``-o`` of a command names."""
+
+    metavar: str
+    about: str
+    is_required: bool = True
+    streams: bool = True
+    paths: Callable[[Path], Iterable[Path]] = lambda path: [path]
+    parameter: str = "output"
+    """Parameter of a function that is given it, and writes itself."""
+
+
+class Result(Drawn):
+    """What a command answers: its document, its lines of text, and its picture if it has one."""
+
+    passes = True
+    """Whether the command has found what it was asked to find; else it ends with 1."""
+
+    @abstractmethod
+    def document(self) -> dict[str, Any]:
+        """Return what ``--json`` prints, as values that JSON can represent."""
+
+    @abstractmethod
+    def lines(self) -> Iterable[str]:
+        """Return what is printed without ``--json``, a line each."""
+
+    def _told(self) -> Iterator[str]:
+        yield from map(str.strip, self.lines())
+
+    def summary(self, _output: Path) -> Iterable[str]:
+        """Return what is printed when the answer is in a file, a line each."""
+        return self.lines()
+
+    def parts(self) -> Iterable[str]:
+        """Yield the document as text, whole or piece by piece, each as soon as it is found."""
+        yield json.dumps(self.document(), indent=2)
+
+    def details(self) -> Iterable[str]:
+        """Return what only a verbose command says besides, a line each."""
+        return ()
+
+    def closing(self) -> Iterable[str]:
+        """Return what is printed below the lines unless the command is quiet, a line each."""
+        return ()
+
+    def remarks(self) -> Iterable[str]:
+        """Return what goes with the answer, on stderr, a line each."""
+        return ()
+
+    def drawn(self, **_: Any) -> Any:
+        """Return the picture that `draw_picture` draws, with its options."""
+        raise ParameterError("has no picture", place=type(self).__name__.lower())
+
+    def write(self, transaction: Any, output: Path) -> None:
+        """Write what ``-o`` asks for: by default the document."""
+        transaction.write_json(output, self.document())
+
+    def check(self) -> None:
+        """Raise the error with which the command ends though the result has been printed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """A command: a function, and what only the shell needs to know of it."""
+
+    function: Callable[..., Any]
+    group: str
+    example: str
+    name: str = ""
+    output: Output | None = None
+    shared: tuple[str, ...] = ("files",)
+    texts: Mapping[str, str] = field(default_factory=dict)
+    also: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
+    """Functions and classes to which it hands keyword arguments, by what their help begins with."""
+
+    words: Mapping[str, Words] = field(default_factory=dict)
+    """How the shell writes parameters that are declared where there is no shell."""
+
+    json: Literal["asked", "default", "never"] = "asked"
+    makes_costs: Callable[[Mapping[str, Any]], bool] = lambda _: True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", self.name or self.function.__name__)
+
+    @property
+    def help(self) -> str:
+        """The docstring of the function up to its first section."""
+        text = inspect.getdoc(self.function) or ""
+        return text.partition("\n\nParameters\n")[0]
+
+    @functools.cached_property
+    def meanings(self) -> dict[str, str]:
+        found = {
+            name: f"{begin}: {text[:1].lower()}{text[1:]}" if begin else text
+            for begin, one in self.also.items()
+            for name, text in meanings_of(one).items()
+        }
+        return found | meanings_of(self.function)
+
+    @functools.cached_property
+    def parameters(self) -> dict[str, Parameter]:
+        found: dict[str, Parameter] = {}
+        for one in (self.function, *self.also.values()):
+            found |= {k: own for k, own in parameters_of(one).items() if k not in found}
+        return found | {name: replace(found[name], words=one) for name, one in self.words.items()}
+
+    @functools.cached_property
+    def takes_output(self) -> bool:
+        """Whether the function is given the output, and writes itself."""
+        return self.output is not None and self.output.parameter in {*self.inputs, *self.parameters}
+
+    @functools.cached_property
+    def inputs(self) -> dict[str, tuple[Any, Words, bool]]:
+        """Type, words, and whether it is required, of each positional argument."""
+        hints = hints_of(self.function, include_extras=True)
+        found = {}
+        for name, one in inspect.signature(self.function).parameters.items():
+            if one.kind is one.POSITIONAL_OR_KEYWORD:
+                kind, marks = _split_annotated(hints[name])
+                words = next((mark for mark in marks if isinstance(mark, Words)), Words())
+                found[name] = kind, words, one.default is one.empty
+        return found
+
+
+_COMMANDS: dict[Callable[..., Any], Command] = {}
+
+
+def command(*, group: str, example: str, **more: Any) -> Callable[[C], C]:
+    """Make a function a command, with the record that `Command` describes."""
+
+    def made(function: C) -> C:
+        _COMMANDS[function] = Command(function, group, example, **more)
+        return function
+
+    return made
+
+
+def command_of(function: Callable[..., Any]) -> Command:
+    return _COMMANDS[function]
+
+
+def commands_named(name: str) -> dict[str, Command]:
+    """Return the command of a name, or those of a group by the word behind its name."""
+    # Their module has been imported.
+    found = {one.name: one for one in _COMMANDS.values()}
+    return {
+        one.removeprefix(name).strip(): own
+        for one, own in found.items()
+        if f"{one} ".startswith(f"{name} ")
+    }
 
 
 def stage(
@@ -398,7 +643,7 @@ def stage(
     # `mapdeal.stages.listed`.
 
     def made(function: Callable[P, R]) -> Callable[P, R]:
-        wrapped = checked(function)
+        wrapped = checked(function, is_cropped=not more.get("edits"))
         _STAGES[wrapped] = Stage(wrapped, name, summary, title, memory, **more)
         return wrapped
 
@@ -419,11 +664,11 @@ def stages_among(values: Mapping[str, object]) -> tuple[Stage, ...]:
     return tuple(found)
 
 
-def checked(function: Callable[P, R]) -> Callable[P, R]:
+def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P, R]:
     """Make `function` check and convert its keyword arguments according to its signature."""
     # If a field has numbers only in one box of cells, the function receives the box, and its result
-    # is extended to the field's frame.
-    known = parameters_of(function)
+    # is extended to the field's frame, unless it minds the box itself.
+    known = parameters_of(function, of_stage=True)
 
     @functools.wraps(function)
     def with_checks(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -437,7 +682,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         if args and isinstance(args[0], (str, PathLike)):
             raise ParameterError("takes a grid: read_map(path)", source=function.__name__)
         field: Any = args[0] if args else None
-        if isinstance(field, FieldGrid) and field.region is not None:
+        if is_cropped and isinstance(field, FieldGrid) and field.region is not None:
             make: Any = function
             whole: R = on_canvas(make(field.cropped, *args[1:], **accepted), field.frame)
             return whole
@@ -453,6 +698,7 @@ def meanings_of(function: Callable[..., Any]) -> dict[str, str]:
     sections = _SECTION.split(indented)
     body = next((b for n, b in zip(sections[1::2], sections[2::2], strict=True)
                  if n == "Parameters"), "")  # fmt: skip
+    body = body.partition("\n    **")[0]
     entries = list(_ENTRY.finditer(body))
     meanings: dict[str, str] = {}
     ends = [*(entry.start() for entry in entries[1:]), len(body)]

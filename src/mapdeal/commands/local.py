@@ -1,0 +1,232 @@
+"""``mapdeal local``: local maps from point clouds, and windows of a global map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from mapdeal.command import Output, Words, command, parameters_of
+from mapdeal.errors import BatchError, ParameterError, emit_warning, strict_warnings
+from mapdeal.grid.footprint import Footprint
+from mapdeal.inputs.kinds import is_bag
+from mapdeal.mapping.local_map import LocalOptions
+from mapdeal.mapping.transforms import FrameOptions, Topics, check_pose
+from mapdeal.pipeline.batch import Batch, Job, run_and_report
+from mapdeal.pipeline.folder import step_line
+from mapdeal.pipeline.inputs import Work, refuse
+from mapdeal.pipeline.local import (
+    OF_WINDOWS,
+    Keep,
+    LocalCommon,
+    LocalJob,
+    RollingRun,
+    make_local,
+    only_cloud,
+    other_folders,
+    read_global_map,
+    sequence_of,
+    sequence_of_bag,
+)
+from mapdeal.pipeline.recipe import Changes, RecipeName, load_recipe
+from mapdeal.pipeline.run import LOCAL_RECIPE, RunReport
+from mapdeal.ros.robot import RobotParameters
+from mapdeal.sensors.points import has_times
+
+
+class LocalMaps(Batch):
+    """Outcomes of the clouds of a sequence."""
+
+    what = "cloud"
+    is_brief = True
+
+    def lines(self) -> Iterator[str]:
+        """Yield how many maps were made, and how fast if all were."""
+        done, unchanged = self.count("done"), self.count("unchanged")
+        text = f"{self.output}: {done} done, {unchanged} unchanged, {self.count('failed')} failed"
+        is_all = done == len(self.jobs)
+        yield text + (f", {done / self.seconds:.3g} maps a second" if is_all else "")
+
+    def check(self) -> None:
+        """Raise BatchError if a cloud has failed."""
+        if self.count("failed"):
+            raise BatchError(f"{self.count('failed')} of {len(self.jobs)} clouds failed")
+
+
+def _keep(text: str) -> Keep:
+    if text == "all":
+        return "all"
+    if not (text.isascii() and text.isdigit() and int(text[:9]) > 0 and len(text) < 10):
+        raise ParameterError("must be a number of clouds, at least 1, or all", got=text)
+    return int(text)
+
+
+@command(
+    group="Laser scans, point clouds, bags",
+    output=Output("DIR", "Output folder; maps of a sequence go to DIR/0000, ...", streams=False),
+    shared=("robot", "image_max", "image_extent", "no_images", "dialect", "max_cells", "force",
+            "threads", "max_memory"),
+    also={"With a bag": FrameOptions, "": LocalOptions},
+    json="never",
+    makes_costs=lambda _: False,
+    example="""\
+mapdeal local --cloud examples/clouds/corridor2.pcd --pose -1,0.35,0.3 \\
+    --map examples/maps/office.yaml --size 12,8 -o out/local
+mapdeal local --cloud 'examples/clouds/corridor*.pcd' \\
+    --poses examples/clouds/corridor_poses.txt -o out/corridor""",
+)  # fmt: skip
+def local(
+    *,
+    output: Path,
+    clouds: Annotated[list[str] | None, Words("FILE", name="cloud")] = None,
+    pose: Annotated[tuple[float, float, float] | None, Words("X,Y,YAW")] = None,
+    poses: Annotated[Path | None, Words("FILE")] = None,
+    topics: Topics = (),
+    index: Annotated[int | None, Words("N")] = None,
+    takes_all: Annotated[bool, Words(name="all")] = False,
+    global_map: Annotated[Path | None, Words("GLOBAL", name="map")] = None,
+    keep: Annotated[Keep | None, Words("N|all", _keep)] = None,
+    require_points: bool = False,
+    recipe: RecipeName = LOCAL_RECIPE,
+    changes: Changes = None,
+    footprint: Footprint | None = None,
+    robot: Annotated[RobotParameters | None, Words()] = None,
+    **more: Any,
+) -> RunReport | LocalMaps:
+    """Make maps around a robot from point clouds, a global map, or both.
+
+    With a bag, the last cloud is used, or with --all each; points are transformed to the robot's
+    frame.
+
+    Cells with a point are occupied, others free; with --map, cells that neither the map nor a beam
+    has seen stay unknown. The stages of the recipe follow: inflation, field, rings of costs. A
+    sequence, given by --poses, gets a numbered folder for each cloud; clouds whose manifest shows
+    no change are skipped.
+
+    Parameters
+    ----------
+    output : path
+        Output folder.
+    clouds : list of str, optional
+        A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz, or a bag of ROS 1 or ROS 2; with
+        --poses it can be repeated, or a folder, or a quoted pattern; without it the window of
+        --map is taken.
+    pose : tuple of float, optional
+        Pose of the robot, metres and radians. [default: from a bag's transforms]
+    poses : path, optional
+        Text file with one pose per cloud: x y yaw, or TUM format.
+    topics : sequence of str
+        With a bag: topic to read, if there are several; can be repeated.
+    index : int, optional
+        With a bag: index of the message, from 0, or from the end, -1. [default: the last]
+    takes_all : bool
+        With a bag: make a map of each message, as of a sequence.
+    resolution : float, optional
+        Side of a cell, metres. [default: 0.05; without a cloud, the map's]
+    global_map : path, optional
+        Global map, whose obstacles and free cells in the window are copied.
+    unknown : {'keep', 'free'}, optional
+        With --map or --keep: whether cells that nothing has seen stay unknown (keep) or become
+        free.
+    keep : int or 'all', optional
+        With --poses, or a bag: number of clouds to remember; their obstacles stay until a beam
+        passes them.
+    require_points : bool
+        Exit with 3 if no point of a cloud marks a cell.
+    recipe : str
+        One of default, nav2, local, arena, design-real, design-sim, design-local, or a file.
+    changes : list of str, optional
+        Set a parameter of a stage; can be repeated.
+    footprint : Footprint, optional
+        Shape of the robot.
+    robot : RobotParameters, optional
+        The robot's own parameters, of which the shape is taken.
+    **more
+        Fields of `LocalOptions` and of `FrameOptions`.
+    """
+    work = Work.in_shell()
+    frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
+    bag = Path(clouds[0]) if clouds and len(clouds) == 1 and is_bag(Path(clouds[0])) else None
+    is_sequence = poses is not None or (bag is not None and (takes_all or keep is not None))
+    if bag is None:
+        refuse("needs a bag for --cloud", topics=topics, **frames, index=index, takes_all=takes_all)
+        if pose is None and poses is None:
+            raise ParameterError("--pose or --poses is required", place="pose")
+    elif is_sequence:
+        refuse("applies to one cloud, not to a sequence", index=index)
+    if poses is not None:
+        refuse("cannot be given together with --poses", pose=pose)
+    if not clouds:
+        if global_map is None:
+            raise ParameterError("a cloud or --map is required", place="clouds")
+        changed = {
+            name: value for name, value in more.items()
+            if name not in OF_WINDOWS and value != getattr(LocalOptions, name)
+        }  # fmt: skip
+        rule = "applies to clouds: it needs --cloud"
+        refuse(rule, poses=poses, **changed, require_points=require_points)
+    if pose is not None:
+        pose = check_pose(pose, "--pose")
+    if is_sequence:
+        refuse("applies to one cloud, not to a sequence", pose=pose)
+    else:
+        refuse("applies to a sequence: it needs --poses", keep=keep)
+    if more.get("unknown") == "keep" and global_map is None and keep is None:
+        emit_warning(
+            "--unknown keep has no effect without --map or --keep: cells without points are free"
+        )
+    known = None if global_map is None else read_global_map(global_map, work.settings)
+    if known is not None and not clouds:
+        more.setdefault("resolution", known.grid.resolution)
+    loaded = load_recipe(recipe, changes, footprint=footprint, robot=robot)
+    options = LocalOptions(**more)
+    common = LocalCommon(options, loaded, work.settings, known, require_points, keep)
+    for step in loaded.steps:
+        work.terminal.detail(step_line(step))
+    if bag is None and poses is not None:
+        return _sequence(sequence_of(clouds or [], poses, output), output, common, work)
+    if bag is None:
+        cloud = only_cloud(clouds) if clouds else None
+        return make_local(LocalJob(cloud, pose or (), output), common)
+    from mapdeal.pipeline.bag_sensors import clouds_of_bag  # of use to bags alone
+
+    trajectory = poses if poses is not None and has_times(poses) else None
+    with clouds_of_bag(
+        bag,
+        topics,
+        FrameOptions(poses=trajectory, **frames),
+        has_poses=pose is not None or (poses is not None and trajectory is None),
+        is_raw=options.frame == "map",
+    ) as source:
+        with work.counted(source.preparation) as advance:
+            source.prepare(advance)
+        if is_sequence:
+            jobs = sequence_of_bag(source, None if trajectory else poses, output)
+            return _sequence(jobs, output, common, work)
+        number = source.number(index)
+        place = source.pose(number) if pose is None else pose
+        return make_local(LocalJob(source.cloud(number), place, output), common)
+
+
+def _sequence(
+    sequence: Sequence[LocalJob], output: Path, common: LocalCommon, work: Work
+) -> LocalMaps:  # fmt: skip
+    others = other_folders(sequence, output)
+    if others:
+        emit_warning(f"{len(others)} folders are not of this sequence, such as {others[0]}")
+    numbers = {job.folder: number for number, job in enumerate(sequence)}
+    rolling = None if common.keep is None else RollingRun(sequence, common)
+
+    def run_one(job: Job) -> RunReport:
+        number = numbers[job.folder]
+        with strict_warnings(common.settings.strict, job.path):
+            if rolling is not None:
+                return rolling(number)
+            return make_local(sequence[number], common, skip=True)
+
+    jobs = [
+        Job(cloud.path, job.folder, cloud.name, job.folder.name)
+        for job in sequence
+        if (cloud := job.cloud) is not None
+    ]
+    return run_and_report(jobs, output, run_one, LocalMaps, work.terminal)

@@ -1,0 +1,584 @@
+"""The JSON documents of lint, reach, route, diff, align, score and build --compare, on a page.
+
+They may come from elsewhere: each value is checked, and an error names the file and the key.
+Numbers that JSON does not have, an infinite width for instance, are null there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.checks.findings import SEVERITIES, Finding, Severity
+from mapdeal.compare.bounds import figure_text, figures_named
+from mapdeal.compare.difference import ADDED, REMOVED, Difference
+from mapdeal.errors import MalformedInputError, ParameterError, one_line
+from mapdeal.files.json_values import (
+    ALIGNMENT,
+    COMPARISON,
+    DIFF,
+    LINT,
+    REACH,
+    ROUTE,
+    SCORE,
+    JsonValue,
+    NamedMap,
+    document_kind,
+    named_map,
+    read_document,
+)
+from mapdeal.files.source import head_of
+from mapdeal.grid.display import count_text
+from mapdeal.grid.footprint import Footprint, checked_corners
+from mapdeal.grid.frame import FARTHEST, Point, Transform
+from mapdeal.grid.reach import (
+    MOST_HEADINGS,
+    Bottleneck,
+    Goal,
+    GoalReach,
+    Passage,
+    PlaceOfLimit,
+    robot_text,
+)
+from mapdeal.grid.route import Method, Route
+from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
+from mapdeal.inputs.kinds import SHAPES, recognised
+from mapdeal.kernels.components import touching_groups
+from mapdeal.maps.shapes import geojson_shapes, read_shapes
+from mapdeal.report.document import Item, Table, Tone
+
+MOST_ITEMS = 1000
+"""Of one kind: nobody looks through more, and a page with a million of them opens nowhere."""
+
+MOST_POINTS = 20_000
+"""Of a route on a page, which would grow by some megabytes for a million of them."""
+
+_MOST_GROUPS = 50
+"""Groups that are listed of new walls, and of those that are gone."""
+
+_MOST_ROWS = 200
+_LONGEST = 400
+_CORNERS_OF_CIRCLE = 64
+_WIDEST, _MOST_CORNERS = 1000.0, 500
+"""Largest coordinate of a robot's corner, metres, and how many corners it may have."""
+
+_LARGEST = FARTHEST**2
+_WANTED = (
+    "what lint, reach, route, diff, align, score or build --compare writes as JSON, nor a file of "
+    "shapes"
+)
+Row = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Part:
+    """What a document says of one of several maps, or of one of several ways to make one."""
+
+    name: str
+    items: list[Item]
+    tables: list[Table]
+    is_map: bool = True
+    is_clean: bool = False
+
+
+@dataclass(frozen=True)
+class Results:
+    """What a document says of maps, as a page shows it."""
+
+    kind: str
+    items: list[Item] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    parts: list[Part] = field(default_factory=list)
+    maps: tuple[NamedMap | None, ...] = ()
+    files: tuple[str, ...] = ()
+    """Names of files in it."""
+
+    transform: Transform | None = None
+
+
+def read_results(path: Path) -> Results:
+    """Return what lint, reach, route, diff, align, score or build --compare wrote, or shapes."""
+    if not head_of(path, 1 << 10).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
+        return Results(SHAPES, shape_items(read_shapes(path)))
+    document = read_document(path)
+    name = document_kind(document.value)
+    if name == SHAPES:
+        return Results(SHAPES, shape_items(geojson_shapes(document)))
+    if name not in _READERS:
+        with recognised(path, _WANTED):
+            raise MalformedInputError(f"is not {_WANTED}", source=path)
+    try:
+        return _READERS[name](document)
+    except RecursionError:  # a value that is shown, or kept as it is
+        raise MalformedInputError("nested too deep", source=path) from None
+
+
+def _lint(document: JsonValue) -> Results:
+    files = document.get("parameter_files")
+    parts = [_linted(one, is_map=False) for one in ([] if files is None else files.items())]
+    parts += [_linted(one, is_map=True) for one in document["maps"].items()]
+    for key in ("errors", "warnings", "notes", "suppressed"):
+        document[key].whole()
+    return Results(LINT, parts=parts, files=tuple(part.name for part in parts))
+
+
+def _linted(one: JsonValue, *, is_map: bool) -> Part:
+    file, repairs = one["file"].text(), one.get("repairs")
+    findings = [_finding(found, file) for found in one["findings"].items()]
+    counts = Counter(found.severity for found in findings)
+    rows = [(f"{severity}s", str(counts[severity])) for severity in SEVERITIES]
+    rows.append(("suppressed", str(one["suppressed"].whole())))
+    for number, repair in enumerate([] if repairs is None else repairs.items(), start=1):
+        rows.append((f"repair {number}", short(repair.text())))
+    items = _shortened((item for found in findings for item in _items_of(found)), "finding")
+    return Part(file, items, [Table("Lint", tuple(rows))], is_map, is_clean=not findings)
+
+
+def _finding(one: JsonValue, file: str) -> Finding:
+    severity = cast("Severity", one["severity"].word(*SEVERITIES))
+    line = one["line"].or_none(JsonValue.whole)
+    places = tuple(place.point() for place in one["places"].items())
+    return Finding(one["check"].text(), severity, file, one["message"].text(), line, places)
+
+
+def _items_of(found: Finding) -> Iterator[Item]:
+    line = f" (line {found.line})" if found.line is not None else ""
+    text = short(f"{found.check}: {found.message}{line}")
+    yield Item("finding", text, found.severity, found.places[0] if found.places else None)
+    for index, place in enumerate(found.places[1:], start=2):
+        text = short(f"{found.check}: place {index} of {len(found.places)}")
+        yield Item("finding", text, found.severity, place)
+
+
+def _reach(document: JsonValue) -> Results:
+    robot, start, yaw = _robot(document["robot"]), document["start"], document["start"]["yaw"]
+    headings = document["robot"]["headings"].whole(1, MOST_HEADINGS)
+    pose = *_place(start), *(() if yaw.is_null else (yaw.number(),))
+    goals = [goal_of(one) for one in document["goals"].items()]
+    passages = [passage_of(one) for one in document["passages"].items()]
+    is_open = document["through_unknown"].flag()
+    areas = [document[f"{name}_m2"].number(least=0) for name in ("reachable", "open", "free")]
+    share = document["share"].number(least=0, most=1)
+    closed = sum(not one.is_open for one in passages)
+    rows = (
+        ("robot", robot_text(robot)),
+        ("headings", str(headings)),
+        ("unknown cells", "open" if is_open else "closed"),
+        ("reachable", f"{areas[0]:.6g} m2"),
+        ("open to the robot", f"{areas[1]:.6g} m2"),
+        ("free", f"{areas[2]:.6g} m2"),
+        ("reachable share of free", f"{100 * share:.4g} %"),
+        ("goals reached", f"{sum(one.reachable for one in goals)} of {len(goals)}"),
+        ("passages", f"{len(passages)}, {closed} of them closed"),
+    )
+    items = [_start_item(pose, robot), *goal_items(goals, robot, headings),
+             *passage_items(passages)]  # fmt: skip
+    return Results(REACH, items, [Table("What the robot can reach", rows)])
+
+
+def _robot(robot: JsonValue) -> Footprint | None:
+    corners = robot.get("footprint")
+    if corners is None:
+        radius = robot["radius"].number(least=0, most=_WIDEST)
+        return Footprint.circle(radius) if radius else None
+    points = [one.point() for one in corners.items()]
+    try:
+        return Footprint(
+            checked_corners(points, "footprint", within=_WIDEST, least=3, most=_MOST_CORNERS)
+        )
+    except ParameterError as error:
+        raise error.in_file(corners.source, corners.place) from None
+
+
+def goal_of(one: JsonValue) -> GoalReach:
+    name = one.get("name")
+    return GoalReach(
+        Goal(*_place(one), None if name is None else name.text()), one["reachable"].flag(),
+        one["heading_count"].whole(), one["widest_radius_m"].number_or(math.inf),
+        one["limited_by"].or_none(_bottleneck), one["reason"].or_none(JsonValue.text),
+        one["nearest_open"].or_none(_place),
+    )  # fmt: skip
+
+
+def _bottleneck(one: JsonValue) -> Bottleneck:
+    at = cast("PlaceOfLimit", one["at"].word(*get_args(PlaceOfLimit)))
+    return Bottleneck(*_place(one), one["width_m"].number_or(math.inf), at)
+
+
+def passage_of(one: JsonValue) -> Passage:
+    ends = [end.point() for end in one["ends"].items()]
+    if len(ends) != 2:
+        raise one["ends"].error("must be two points [x, y]")
+    return Passage(
+        *_place(one), one["width_m"].number_or(math.inf), one["cuts_off_m2"].number_or(math.inf),
+        one["open"].flag(), (ends[0], ends[1]),
+    )  # fmt: skip
+
+
+def _place(one: JsonValue) -> Point:
+    return one["x"].number(), one["y"].number()
+
+
+def _start_item(start: Sequence[float], robot: Footprint | None) -> Item:
+    x, y, *yaw = start
+    heading = f", yaw {yaw[0]:.4g}" if yaw else ""
+    text = f"start at {_at((x, y))}{heading}: {robot_text(robot)}"
+    return Item("start", text, place=(x, y), label="start")
+
+
+def goal_items(
+    goals: Iterable[GoalReach], robot: Footprint | None, heading_count: int
+) -> list[Item]:
+    items = []
+    for one in goals:
+        place = one.goal.x, one.goal.y
+        text = f"goal {one.goal.label}: {'reachable' if one.reachable else 'not reachable'}"
+        if one.reachable and robot is not None and robot.vertices:
+            text += f" in {one.heading_count} of {count_text(heading_count, 'heading')}"
+        if one.reason is not None:
+            text += f": {one.stopped_by}"
+        elif one.widest_radius == 0:
+            text += "; by no robot, however small"
+        elif math.isfinite(one.widest_radius):
+            text += f"; a round robot gets there with a radius below {_metres(one.widest_radius)}"
+        limit = one.limited_by
+        if one.reason is None and limit is not None and math.isfinite(limit.width):
+            text += f": {limit.text}"
+        tone: Tone = "good" if one.reachable else "error"
+        items.append(Item("goal", short(text), tone, place, label=short(one.goal.name or "goal")))
+    return _shortened(items, "goal")
+
+
+def passage_items(passages: Iterable[Passage]) -> list[Item]:
+    """Return passages, each a line between the obstacles on both sides of it."""
+    items = []
+    for one in passages:
+        width, area = _metres(one.width), f"{one.cut_off:.4g} m2"
+        text = f"closed passage of {width}, cuts off {area}"
+        tone: Tone = "error"
+        if one.is_open:
+            text, tone = f"narrow passage of {width}, {area} behind it", "warning"
+        line = np.array(one.ends, dtype=np.float64)
+        label = f"{100 * one.width:.0f} cm" if one.width < 1 else width
+        items.append(Item("passage", text, tone, (one.x, one.y), (line,), label))
+    return _shortened(items, "passage")
+
+
+def _route(document: JsonValue) -> Results:
+    route = route_of(document)
+    rows = (
+        ("method", route.method),
+        ("reached", "yes" if route.reached else "no"),
+        ("start", _at(route.start)),
+        ("goal", _at(route.goal)),
+        ("length", _metres(route.length)),
+        ("least clearance", _metres(route.min_clearance)),
+        ("mean clearance", _metres(route.mean_clearance)),
+        ("cost", f"{route.cost:.6g}" if math.isfinite(route.cost) else "-"),
+        ("cells expanded", "-" if route.expanded is None else str(route.expanded)),
+        ("certainly the cheapest", "yes" if route.optimal else "no"),
+    )
+    return Results(ROUTE, route_items(route), [Table("Route", rows)])
+
+
+def route_of(document: JsonValue) -> Route:
+    points, minimum = document["points"].points(), document.get("local_minimum")
+    nowhere = math.nan if not len(points) else math.inf
+    return Route(
+        cast("Method", document["method"].word(*get_args(Method))), document["reached"].flag(),
+        document["start"].point(), document["goal"].point(), points,
+        document["length_m"].number_or(nowhere), document["cost"].number_or(nowhere),
+        document["min_clearance_m"].number_or(nowhere),
+        None if minimum is None else minimum.or_none(JsonValue.point),
+        document["mean_clearance_m"].number_or(nowhere),
+        document["expanded"].or_none(JsonValue.whole), document["optimal"].flag(),
+    )  # fmt: skip
+
+
+def route_items(route: Route) -> list[Item]:
+    tone: Tone = "good" if route.reached else "error"
+    label = "goal" if route.reached else "goal, not reached"
+    ends = [
+        Item("start", f"start at {_at(route.start)}", place=route.start, label="start"),
+        Item("goal", f"{label}, at {_at(route.goal)}", tone, route.goal, label=label),
+    ]
+    text = f"route by {route.method}"
+    points_xy = route.points_xy
+    if not len(points_xy):
+        return [*ends, Item("route", f"{text}: no way", tone)]
+    text += f" of {_metres(route.length)}"
+    if math.isfinite(route.min_clearance):
+        text += f", at least {_metres(route.min_clearance)} from obstacles"
+    if math.isfinite(route.cost):
+        text += f", cost {route.cost:.4g}"
+    if route.local_minimum is not None:
+        text += f"; it ends in a local minimum at {_at(route.local_minimum)}"
+    elif not route.reached:
+        text += "; it does not reach the goal"
+    x, y = points_xy[len(points_xy) // 2].tolist()
+    if len(points_xy) > MOST_POINTS:
+        chosen = np.linspace(0, len(points_xy) - 1, MOST_POINTS)  # with the first and the last
+        points_xy = points_xy[chosen.astype(np.int64)]
+    return [*ends, Item("route", text, tone, (x, y), (points_xy,))]
+
+
+def shape_items(shapes: Iterable[Shape]) -> list[Item]:
+    """Return shapes, each with its outline; a circle as a polygon."""
+    return _shortened((_shape_item(one) for one in shapes), "shape")
+
+
+def _shape_item(shape: Shape) -> Item:
+    lines: tuple[NDArray[np.float64], ...] = ()
+    text, place = shape.kind, None
+    if isinstance(shape, Polygon):
+        rings = (shape.points_xy, *shape.holes_xy)
+        lines = tuple(np.array([*ring, ring[0]], dtype=np.float64) for ring in rings)
+        text = f"polygon with {len(shape.points_xy)} corners"
+        text += f" and {count_text(len(shape.holes_xy), 'hole')}" if shape.holes_xy else ""
+    elif isinstance(shape, Line):
+        lines = (np.array(shape.points_xy, dtype=np.float64),)
+        text = f"line through {len(shape.points_xy)} points"
+        text += f", {_metres(shape.thickness)} thick" if shape.thickness else ""
+    elif isinstance(shape, Circle):
+        angles = np.arange(_CORNERS_OF_CIRCLE + 1) % _CORNERS_OF_CIRCLE * (2 * np.pi)
+        angles /= _CORNERS_OF_CIRCLE
+        unit = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        lines = (np.array(shape.center_xy, dtype=np.float64) + shape.radius * unit,)
+        text = f"circle of radius {_metres(shape.radius)}"
+    if lines:
+        x, y = ((lines[0].min(axis=0) + lines[0].max(axis=0)) / 2).tolist()
+        place = x, y
+    text += "" if shape.value is None else f", value {shape.value}"
+    return Item("shape", text, place=place, lines=lines)
+
+
+def _named(document: JsonValue, *keys: str) -> tuple[tuple[NamedMap | None, ...], tuple[str, ...]]:
+    """Return the maps at some keys, and the names of those that are files."""
+    maps = tuple(named_map(document[key]) for key in keys)
+    return maps, tuple(one.file for one in maps if one is not None)
+
+
+def _alignment(document: JsonValue) -> Results:
+    maps, files = _named(document, "first", "second")
+    x, y, yaw = (document["transform"][key].number() for key in ("x", "y", "yaw"))
+    is_same = document["same_place"].flag()
+    reason = document["reason"].or_none(JsonValue.text)
+    shares = [document[key].number(least=0, most=1) for key in ("overlap", "agreement")]
+    rows = (
+        ("same place", "yes" if is_same else f"not sure: {short(reason or '')}"),
+        ("transform", f"x {x:.4g} m, y {y:.4g} m, yaw {math.degrees(yaw):.4g} degrees"),
+        ("score", f"{document['score'].number(least=0):.2f}"),
+        ("best score elsewhere", f"{document['runner_up'].number(least=0):.2f}"),
+        ("overlap", f"{100 * shares[0]:.0f} %"),
+        ("walls in common that agree", f"{100 * shares[1]:.0f} %"),
+    )
+    table = Table("Alignment", rows)
+    return Results(ALIGNMENT, [], [table], [], maps, files, Transform(x, y, yaw))
+
+
+def _diff(document: JsonValue) -> Results:
+    maps, files = _named(document, "first", "second")
+    rows = [(key, _yes(document[key].flag())) for key in ("equal", "passes")]
+    for what, named in zip(("first map", "second map"), maps, strict=True):
+        rows += [] if named is None else [(what, short(named.file))]
+    for key, what in (
+        ("common_cells", "common cells"), ("differing", "differing"),
+        ("beyond_tolerance", "beyond the tolerance"),
+        ("known_only_in_first", "known in the first alone"),
+    ):  # fmt: skip
+        rows.append((what, str(document[key].whole())))
+    symmetry = document["symmetry"].or_none(JsonValue.text)
+    if symmetry is not None:
+        rows.append(("the second is much more like it", f"if it is {short(symmetry)}"))
+    for key in ("first_to_second", "second_to_first"):
+        shift = document["walls"][key].or_none(_shift)
+        what = f"directed Hausdorff distance, {key.replace('_', ' ')}"
+        rows.append((what, shift or "no obstacles"))
+    for name, one in document["bounds"].fields().items():
+        rows.append((short(name), _bound_of_diff(one)))
+    tables = [Table("What differs", tuple(rows))]
+    pairs = {**_pairs(document["geometry"]), **_pairs(document["metadata"])}
+    if pairs:
+        tables.append(Table("Geometry and metadata, first → second", tuple(pairs.items())))
+    cells = [
+        (short(f"{state} → {other}"), count.whole())
+        for state, row in document["confusion"].fields().items()
+        for other, count in row.fields().items()
+    ]
+    counted = tuple((what, str(count)) for what, count in cells if count)
+    tables.append(Table("Cells, first → second", counted))
+    return Results(DIFF, [], tables, [], maps, files)
+
+
+def _shift(one: JsonValue) -> str:
+    largest, most, mean = (
+        _metres(one[name].number(least=0)) for name in ("largest", "percentile_95", "mean")
+    )
+    return f"{largest}; 95 % within {most}, mean {mean}"
+
+
+def _bound_of_diff(one: JsonValue) -> str:
+    allowed, found = one["allowed"].number(least=0), one["found"].number_or(math.nan)
+    verdict = "holds" if one["holds"].flag() else "missed"
+    told = "nothing to compare" if math.isnan(found) else f"found {found:.9g}"
+    return f"at most {allowed:g}: {verdict}, {told}"
+
+
+def _pairs(one: JsonValue) -> dict[str, str]:
+    """Return values of both maps as they stand in the document."""
+    found = {}
+    for name, pair in one.fields().items():
+        values = pair.items()
+        if len(values) != 2:
+            raise pair.error("must be two values")
+        found[short(name)] = short(f"{values[0].shown()} → {values[1].shown()}")
+    return found
+
+
+def difference_items(found: Difference) -> list[Item]:
+    """Return groups of cells that touch where a wall is new, and where one is gone."""
+    # The largest come first. A group is placed at that of its cells which is nearest to its middle.
+    return [*_groups_of(found, ADDED, "wall added"), *_groups_of(found, REMOVED, "wall removed")]
+
+
+def _groups_of(found: Difference, kind: int, what: str) -> list[Item]:
+    cells, groups = touching_groups(found.changes == kind)
+    if not len(cells):
+        return []
+    sizes = np.bincount(groups)
+    items = []
+    for group in np.argsort(-sizes, kind="stable")[:_MOST_GROUPS].tolist():
+        own = cells[groups == group]
+        away = np.square(own - own.mean(axis=0)).sum(axis=1)
+        x, y = found.frame.xy_from_rowcol([own[int(np.argmin(away))].tolist()])[0].tolist()
+        text = f"{what}: {count_text(int(sizes[group]), 'cell')} at {x:.6g}, {y:.6g}"
+        items.append(Item("finding", text, "warning", (x, y)))
+    left = len(sizes) - _MOST_GROUPS
+    if left > 0:
+        items.append(Item("finding", f"{what}: {count_text(left, 'smaller group')} not listed"))
+    return items
+
+
+def _comparison(document: JsonValue) -> Results:
+    for one in document["inputs"].items():
+        one.text()
+    document["width"].whole(1), document["height"].whole(1)
+    document["resolution"].number(least=1e-6)
+    if len([one.number() for one in document["origin"].items()]) != 3:
+        raise document["origin"].error("must be three numbers [x, y, yaw]")
+    parts = [_method(name, one) for name, one in document["methods"].fields().items()]
+    pairs = {}
+    for one in document["pairs"].items():
+        pairs[short(f"{one['first'].text()}, {one['second'].text()}")] = one["differing"].whole()
+    rows = tuple((name, str(count)) for name, count in pairs.items())
+    tables = [table for part in parts for table in part.tables]
+    return Results(COMPARISON, [], [*tables, Table("Differing cells", rows)], parts)
+
+
+def _method(name: str, one: JsonValue) -> Part:
+    rows = []
+    for key, told in one.fields().items():
+        if key not in ("parameters", "vanished"):
+            text = "-" if told.is_null else f"{told.number(most=_LARGEST):.9g}"
+            rows.append((short(key.replace("_", " ")), text))
+    items = []
+    for place in one["vanished"].items():
+        count = count_text(place["cells"].whole(), "cell")
+        text = short(f"{name}: {count} with hits vanished")
+        items.append(Item("finding", text, "note", _place(place)))
+    table = Table(short(f"Method {name}"), tuple(rows))
+    return Part(name, _shortened(items, "group of hits"), [table])
+
+
+def _score(document: JsonValue) -> Results:
+    maps, files = _named(document, "map")
+    truth, moved, lattice = document["truth"], document["transform"], document["lattice"]
+    rows = [("bound", _bound(one)) for one in document["bounds"].items()]
+    truth_file = None if truth.is_null else truth["file"].text()
+    if not moved.is_null:
+        x, y, yaw = (moved[key].number() for key in ("x", "y", "yaw"))
+        rows.append(("truth", short(truth_file or "no file")))
+        if x or y or yaw:
+            pose = f"x {x:.6g} m, y {y:.6g} m, yaw {math.degrees(yaw):.6g} deg"
+            rows.append(("moved by", pose))
+    size = f"{lattice['width'].whole(1)} x {lattice['height'].whole(1)} cells of "
+    size += f"{lattice['resolution'].number(least=1e-6):.6g} m"
+    rows.append(("size" if moved.is_null else "compared on", size))
+    figures, names = _figures(document["values"]), figures_named(with_truth=not moved.is_null)
+    for name in (name for name in names if name in figures):
+        unit, meaning = names[name]
+        rows.append((f"{meaning} ({name})", figure_text(figures[name], unit)))
+    for name, value in figures.items():
+        if name not in names and name != "resolution_m":
+            rows.append((short(name), "-" if value is None else f"{value:.6g}"))
+    verdict = "passes" if document["passes"].flag() else "does not pass"
+    title = f"Score: {verdict}" if document["bounds"].items() else "Score"
+    table = Table(title, tuple(rows[:_MOST_ROWS]))
+    files += () if truth_file is None else (truth_file,)
+    return Results(SCORE, [], [table], [], maps, files)
+
+
+def _bound(one: JsonValue) -> str:
+    side = "at least" if one["side"].word("min", "max") == "min" else "at most"
+    allowed, found = one["allowed"].number(least=-_LARGEST, most=_LARGEST), _figure(one["found"])
+    verdict = "holds" if one["holds"].flag() else "missed"
+    told = "not measured" if found is None else f"found {found:.9g}"
+    return f"{short(one['name'].text())} {side} {allowed:g}: {verdict}, {told}"
+
+
+def _figures(values: JsonValue) -> dict[str, float | None]:
+    found: dict[str, float | None] = {}
+    for name, value in values.fields().items():
+        if isinstance(value.value, dict):
+            for part, inner in value.fields().items():
+                found[f"{name}.{part}"] = _figure(inner)
+        elif not isinstance(value.value, list):  # a size, which the lattice tells too
+            found[name] = _figure(value)
+    return found
+
+
+def _figure(value: JsonValue) -> float | None:
+    return value.or_none(lambda one: one.number(least=-_LARGEST, most=_LARGEST))
+
+
+def _shortened(items: Iterable[Item], what: str) -> list[Item]:
+    rest = iter(items)
+    listed = list(islice(rest, MOST_ITEMS))
+    left = sum(1 for _ in rest)
+    if left:
+        text = f"{count_text(left, f'more {what}')} not listed"
+        listed.append(Item(listed[0].kind, text, "note"))
+    return listed
+
+
+def short(text: str) -> str:
+    """Return a text that may come from anywhere as one short line."""
+    line = one_line(text)
+    return line if len(line) <= _LONGEST else f"{line[:_LONGEST]}..."
+
+
+def _metres(value: float) -> str:
+    return f"{value:.4g} m" if math.isfinite(value) else "-"
+
+
+def _at(point: Sequence[float]) -> str:
+    x, y = point
+    return f"{x + 0.0:.6g}, {y + 0.0:.6g}"
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"
+
+
+_READERS: dict[str | None, Callable[[JsonValue], Results]] = {
+    LINT: _lint, REACH: _reach, ROUTE: _route, DIFF: _diff, COMPARISON: _comparison,
+    SCORE: _score, ALIGNMENT: _alignment,
+}  # fmt: skip

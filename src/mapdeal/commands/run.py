@@ -1,0 +1,478 @@
+"""``mapdeal run``: maps through a whole recipe."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Unpack
+
+from mapdeal.command import AT_LEAST_1, Output, Words, command, parameters_of, unknown_name
+from mapdeal.errors import (
+    FindingError,
+    MapdealError,
+    ParameterError,
+    emit_warning,
+    one_line,
+    strict_warnings,
+)
+from mapdeal.files.source import absolute_path
+from mapdeal.grid.display import count_text
+from mapdeal.grid.footprint import Footprint
+from mapdeal.inputs.listing import list_maps
+from mapdeal.mapping.local_map import CloudFrame, LocalOptions
+from mapdeal.mapping.transforms import check_pose
+from mapdeal.pictures.overlay import DEFAULT_EXTENT, ImageExtent
+from mapdeal.pictures.raster import DEFAULT_IMAGE_MAX
+from mapdeal.pipeline.batch import (
+    SUMMARY,
+    Batch,
+    Job,
+    MapRun,
+    Outcome,
+    Plans,
+    Workers,
+    attempt,
+    dispatch,
+    jobs_at_once,
+    jobs_of,
+    plan_of,
+    run_and_report,
+)
+from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden
+from mapdeal.pipeline.inputs import Reading, Terminal, Work, refuse
+from mapdeal.pipeline.recipe import (
+    DEFAULT,
+    SET,
+    Changes,
+    RecipeLike,
+    RecipeName,
+    load_recipe,
+    recipe_words,
+    setting_words,
+)
+from mapdeal.pipeline.run import (
+    LOCAL_RECIPE,
+    RunReport,
+    around_in,
+    output_folder,
+    run_map,
+)
+from mapdeal.pipeline.settings import Canvas, Settings
+from mapdeal.ros.robot import RobotParameters
+
+if TYPE_CHECKING:
+    from mapdeal.pipeline.local import Around
+
+_LOCAL_SET = "--local-set"
+_OF_LOCAL = f"{LOCAL_RECIPE}."
+
+
+def run(
+    path: str | PathLike[str],
+    output: str | PathLike[str],
+    recipe: RecipeLike = DEFAULT,
+    changes: Mapping[str, object] | Sequence[str] | None = None,
+    *,
+    footprint: Footprint | None = None,
+    sim: bool = False,
+    canvas: Canvas = "crop",
+    images: bool = True,
+    image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = DEFAULT_EXTENT,
+    force: bool = False,
+    strict: bool = False,
+    threads: int | None = None,
+    **reading: Unpack[Reading],
+) -> RunReport:
+    """Run a recipe on a map and write the results to a folder, like ``mapdeal run MAP -o DIR``.
+
+    Parameters
+    ----------
+    path : path or str
+        A map_server ``.yaml``, a ``.pbm`` with its ``.yaml`` next to it, or an ``.npz``.
+    output : path or str
+        Output folder; the results are written to a subfolder named after the map.
+    recipe, changes, footprint, sim
+        As for `load_recipe`.
+    canvas : {'crop', 'full'}
+        Extent of the outputs: the cells that the stages computed, or the full map extent.
+    images : bool
+        Whether to write a picture of each product.
+    image_max : int
+        Longest side of the maps in pictures, pixels; 0 for one pixel per cell.
+    image_extent : {'known', 'all'}
+        Area shown in pictures: the known cells with a margin, or the whole map.
+    force : bool
+        Whether to replace existing outputs.
+    strict : bool
+        Whether to turn warnings into an error before anything is written.
+    threads : int, optional
+        Number of threads to compute and write with; by default one per core.
+    **reading
+        As for `read_map`: dialect and max_cells. With max_memory, bytes, a map that needs more is
+        processed in blocks of rows, with the same result, or refused; by default it is half of the
+        free memory.
+
+    Returns
+    -------
+    RunReport
+        Output folder, whether the outputs were already up to date, and the figures of each stage.
+
+    Raises
+    ------
+    FileAccessError
+        If a file cannot be read or written, or different outputs already exist.
+    MalformedInputError
+        If the map is malformed, or needs too much memory.
+    ParameterError
+        If the recipe or a parameter is invalid.
+    FindingError
+        If `strict` is true and there is a warning.
+
+    Warns
+    -----
+    MapdealWarning
+        If a choice had to be made while reading, or a product carries no information.
+
+    Notes
+    -----
+    Outputs appear together, the manifest last; after an error nothing has changed. Each call
+    processes one map; use the command line for folders of maps, several at a time.
+    """
+    if not isinstance(path, str | PathLike):
+        hint = "apply_recipe takes a grid, write_map writes it to a file"
+        raise ParameterError("takes the path of a map", place="run", got=path, hint=hint)
+    source = Path(path)
+    settings = Settings(
+        force=force,
+        strict=strict,
+        threads=threads,
+        images=images,
+        image_max=image_max,
+        image_extent=image_extent,
+        canvas=canvas,
+        **reading,
+    )
+    with strict_warnings(strict, source):
+        loaded = load_recipe(recipe, changes, footprint=footprint, sim=sim)
+        if not loaded.is_smaller:
+            settings = replace(settings, canvas="crop")  # the same, as manifests tell it
+        return run_map(source, Path(output) / source.stem, loaded, settings)
+
+
+@command(
+    name="run",
+    group="Maps, distance fields, costmaps",
+    output=Output("DIR", "Output folder, with a subfolder for each map.", streams=False),
+    shared=("robot", "image_max", "image_extent", "no_images", "dialect", "max_cells", "force",
+            "threads", "max_memory"),
+    texts={
+        "threads": "Threads of each job.  [default: all cores, shared between jobs]",
+        "max_memory": "Memory for each job, such as 4G or 500M; maps that need more are "
+                      "processed in blocks of rows.  [default: half of the free memory, shared "
+                      "between jobs]",
+    },
+    json="never",
+    makes_costs=lambda own: own["recipe"] is None,
+    example="""\
+mapdeal run examples/maps/office.yaml -o out
+mapdeal run examples/maps -o out/all --recipe nav2 --report
+mapdeal run examples/maps/office.yaml -o out/robot \\
+    --params-file examples/robots/nav2_params.yaml""",
+)  # fmt: skip
+def run_maps(
+    sources: Annotated[list[str], Words("MAP...")],
+    *,
+    output: Path,
+    recipe: RecipeName = None,
+    sim: bool = False,
+    changes: Changes = None,
+    canvas: Canvas = "crop",
+    pose: Annotated[tuple[float, float, float] | None, Words("X,Y,YAW")] = None,
+    cloud: Annotated[str | None, Words("FILE")] = None,
+    frame: CloudFrame | None = None,
+    local_recipe: Annotated[str | None, Words("NAME|FILE", completed=recipe_words)] = None,
+    local_changes: Annotated[
+        list[str] | None,
+        Words("STAGE.PARAMETER=VALUE", name="local-set", completed=setting_words),
+    ] = None,
+    golden: Annotated[Path | None, Words("DIR")] = None,
+    update_golden: bool = False,
+    jobs: Annotated[int | None, AT_LEAST_1, Words("N", short="j")] = None,
+    scheduler: Annotated[str | None, Words("tcp://HOST:PORT")] = None,
+    report: bool = False,
+    dry_run: Annotated[bool, Words(short="n")] = False,
+    footprint: Footprint | None = None,
+    robot: Annotated[RobotParameters | None, Words()] = None,
+) -> None:
+    """Run maps through a recipe: inflation, distance field, costmap.
+
+    Each map gets its own folder: a pgm, yaml and png file of every stage, npz files of field and
+    costs, and a manifest. Maps whose manifest shows no change are skipped.
+
+    A MAP is a map_server .yaml, a .pbm with its .yaml, or an .npz; a folder, for all such .yaml
+    files in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file with one
+    such name per line (@- reads standard input). Maps of folders, patterns and lists keep their
+    path below DIR.
+
+    With --params-file the maps get the costs of a robot, as its own Nav2 or ROS 1 parameters
+    define them; options on the command line win over the file. A --recipe takes only its shape.
+
+    With --pose, a single map also gets the local map around a robot there, with or without a point
+    cloud (--cloud).
+
+    If a map fails, the others continue: the exit code is 5, and DIR/summary.json has the outcome
+    of each. A map that --strict refuses counts as failed.
+
+    Parameters
+    ----------
+    sources : list of str
+        Maps, folders, quoted patterns, or @LIST.txt.
+    output : path
+        Output folder.
+    recipe : str, optional
+        One of default, nav2, local, arena, design-real, design-sim, design-local, or a file.
+        [default: default; with --params-file the robot's costmap]
+    sim : bool
+        Map of a simulated world: cut out its active region first, and treat unknown cells as
+        obstacles.
+    changes : list of str, optional
+        Set a parameter of a stage; can be repeated.
+    canvas : {'crop', 'full'}
+        Extent of the outputs: the active region (crop), or the full map extent (full), unknown
+        outside the region; stages compute on the region in either case, unless active.canvas=full
+        is --set.
+    pose : tuple of float, optional
+        Also make the local map around a robot at this pose, as `mapdeal local` does, in the
+        subfolder local of the map's folder.
+    cloud : str, optional
+        The point cloud that the robot at --pose sees; without it the local map is a window of the
+        map.
+    frame : {'robot', 'map'}, optional
+        The frame of the cloud's coordinates. [default: robot]
+    local_recipe : str, optional
+        Recipe of the local map, as for --recipe. [default: local]
+    local_changes : list of str, optional
+        Change a parameter of the local recipe, or an option of `mapdeal local`, such as
+        local.size=12,8; can be repeated.
+    golden : path, optional
+        Compare each stage with a stored run; exit with 1 if any differs.
+    update_golden : bool
+        Store the runs in --golden instead of comparing.
+    jobs : int, optional
+        Number of maps to run at the same time, each in a process. [default: the cores]
+    scheduler : str, optional
+        Have the workers of this dask scheduler run the maps. [needs mapdeal[cluster]]
+    report : bool
+        Write a page of all that was made, too: DIR/report.html.
+    dry_run : bool
+        Say what would be read, written, skipped and refused, and the memory it takes.
+    footprint : Footprint, optional
+        Shape of the robot.
+    robot : RobotParameters, optional
+        The robot's own parameters.
+    """
+    work = Work.in_shell()
+    terminal = work.terminal
+    if update_golden and golden is None:
+        raise ParameterError("needs --golden DIR", place="update_golden")
+    if "-" in sources:
+        rule = "standard input has no name for a folder of outputs"
+        hint = "mapdeal convert - -o FILE.npz keeps it under a name; @- takes names of maps"
+        raise ParameterError(rule, source="-", hint=hint)
+    for text in changes or []:
+        if text.strip().startswith(_OF_LOCAL):
+            hint = f"with --pose, {_LOCAL_SET} takes what the local map is made with"
+            raise ParameterError("is not a parameter of a stage", source=SET, got=text, hint=hint)
+    loaded = load_recipe(recipe, changes, footprint=footprint, sim=sim, robot=robot)
+    for step in loaded.steps:
+        terminal.detail(step_line(step))
+    if canvas == "full" and not loaded.is_smaller:
+        emit_warning("--canvas full: has no effect, no stage of the recipe crops the map")
+        canvas = "crop"
+    # progress: of a single map alone, see `_run_one`
+    settings = replace(work.settings, canvas=canvas, progress=None)
+    if footprint is None and robot is not None:
+        footprint = robot.footprint
+    around = None
+    if pose is None:
+        refuse(
+            "needs --pose", cloud=cloud, frame=frame, local_recipe=local_recipe,
+            local_changes=local_changes or None
+        )  # fmt: skip
+    else:
+        around = _around(pose, cloud, frame, local_recipe, local_changes or [], footprint)
+    if scheduler is not None:
+        refuse("cannot be given together with --scheduler", pose=pose)
+        output = absolute_path(output)
+    listing = list_maps(sources, output, terminal.input_chunks)
+    names = {path.name for path in output_folder(output, {}, loaded, settings).outputs()}
+    all_jobs = jobs_of(listing.maps, output, names)
+    listing.say(terminal, "run")
+    is_batch = listing.is_set or len(all_jobs) > 1
+    if around is not None and len(all_jobs) > 1:
+        raise ParameterError(f"takes one map, there are {len(all_jobs)}", place="pose")
+    map_run = MapRun(loaded, settings, around)
+    size = None
+    if scheduler is not None:
+        all_jobs = [replace(job, path=absolute_path(job.path)) for job in all_jobs]
+    else:
+        size = jobs_at_once(jobs, len(all_jobs), terminal)
+        map_run = map_run.sharing(size)
+    page = _page_of(output) if report else None
+    if dry_run:
+        others = [*([output / SUMMARY] if is_batch else []), *([page] if page else [])]
+        _print_plans(Plans([plan_of(job, map_run) for job in all_jobs], size, others), terminal,
+                    is_batch=is_batch)  # fmt: skip
+        return
+    with ExitStack() as stack:
+        workers: Workers | None = None
+        if scheduler is not None:
+            from mapdeal.pipeline.cluster import ClusterWorkers, connected, shared_folders
+
+            client = stack.enter_context(connected(scheduler, shared_folders(all_jobs[0])))
+            workers = cluster = ClusterWorkers(client, scheduler, jobs)
+            map_run = map_run.within(cluster.memory_of_each())
+        elif size is not None and size > 1:
+            from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
+
+            workers = ProcessWorkers(size)
+        if page is not None:
+            from mapdeal.commands.report import reported
+
+            made = [output] if is_batch else [all_jobs[0].folder]
+            maps = [job.path for job in all_jobs]
+            stack.enter_context(
+                reported(
+                    page,
+                    made,
+                    maps,
+                    settings,
+                    on_made=lambda one: terminal.summary(one.lines()),
+                )
+            )
+        if is_batch:
+            batch = run_and_report(all_jobs, output, map_run, Batch, terminal, workers=workers)
+            terminal.summary(batch.lines())
+            batch.check()
+        else:
+            terminal.summary(_run_one(all_jobs[0], map_run, workers, work).lines())
+            if robot is not None and workers is None and terminal.is_verbose():
+                from mapdeal.pipeline.single import queue_lines  # few ask
+
+                for line in queue_lines(all_jobs[0].path, loaded.steps, settings):
+                    terminal.detail(line)
+    runs = [(job.folder, job.place) for job in all_jobs]
+    if around is not None:
+        runs += [(around_in(folder), f"{place}/{LOCAL_RECIPE}") for folder, place in runs]
+    if golden is not None:
+        _compare_with_golden(runs, golden, terminal, update=update_golden)
+
+
+def _around(
+    pose: Sequence[float],
+    cloud: str | None,
+    frame: CloudFrame | None,
+    recipe: str | None,
+    changes: Sequence[str],
+    footprint: Footprint | None,
+) -> Around:
+    """Return where a robot stands on the map, and how its local map is made."""
+    from mapdeal.pipeline.local import OF_WINDOWS, Around, only_cloud  # of use to few runs
+
+    if cloud is None:
+        refuse("needs --cloud", frame=frame)
+    own = [text for text in changes if text.strip().startswith(_OF_LOCAL)]
+    options = dict(map(_option_of, own))
+    for name in options:
+        if cloud is None and name not in OF_WINDOWS:
+            raise ParameterError("needs --cloud", source=_LOCAL_SET, got=f"{_OF_LOCAL}{name}")
+    others = [text for text in changes if text not in own]
+    recipe = LOCAL_RECIPE if recipe is None else recipe
+    try:
+        return Around(
+            check_pose(pose, "--pose"),
+            load_recipe(recipe, others, footprint=footprint),
+            LocalOptions(frame or "robot", **options),
+            None if cloud is None else only_cloud([cloud]).path,
+            takes_cells=cloud is None and "resolution" not in options,
+        )
+    except ParameterError as error:
+        if SET in (error.source, error.place):
+            error.source, error.place = _LOCAL_SET, error.place if error.source else None
+        elif error.place == "recipe":
+            error.place = "local_recipe"
+        elif error.place in options:
+            error.source, error.place = f"{_LOCAL_SET} {_OF_LOCAL}{error.place}", None
+        raise
+
+
+def _option_of(text: str) -> tuple[str, Any]:
+    """Return name and value of a change of the command local's options."""
+    target, equals, value = text.partition("=")
+    name = target.strip().removeprefix(_OF_LOCAL).replace("-", "_")
+    known = [one for one in parameters_of(LocalOptions) if one != "frame"]
+    if not equals:
+        raise ParameterError("must look like stage.parameter=value", source=_LOCAL_SET, got=text)
+    if name not in known:
+        raise unknown_name("option", name, known, place=_LOCAL_SET)
+    return name, value.strip()
+
+
+def _page_of(output: Path) -> Path:
+    """Return where the report goes, which no other file may be."""
+    from mapdeal.commands.report import page_in
+
+    return page_in(output)
+
+
+def _print_plans(plans: Plans, terminal: Terminal, *, is_batch: bool) -> None:
+    """Print what a run would do, and end as it would as far as that is known."""
+    error = plans.plans[0].error
+    if not is_batch and error is not None:
+        raise error
+    terminal.summary(plans.lines())
+    for line in plans.details():
+        terminal.detail(line)
+    plans.check()
+
+
+def _run_one(job: Job, run: MapRun, workers: Workers | None, work: Work) -> RunReport:
+    """Run the only map, on a cluster or here; its errors are those of the command."""
+    if workers is None:
+        return replace(run, settings=replace(run.settings, progress=work.settings.progress))(job)
+    outcomes: list[Outcome] = []
+    dispatch(
+        1, lambda _: job, partial(attempt, run), workers, lambda _, done: outcomes.append(done)
+    )
+    (outcome,) = outcomes
+    for text in outcome.warnings:
+        work.terminal.warn(text)
+    if isinstance(outcome.result, MapdealError):
+        raise outcome.result
+    report: RunReport = outcome.result
+    return report
+
+
+def _compare_with_golden(
+    runs: Sequence[tuple[Path, str]], golden: Path, terminal: Terminal, *, update: bool
+) -> None:
+    """Store the runs, or tell what differs from those that are stored."""
+    if update:
+        stored = [store_golden(folder, golden, place) for folder, place in runs]
+        terminal.summary([f"{path}: stored" for path in stored])
+        return
+    lines = [
+        line for folder, place in runs for line in differences_from_golden(folder, golden, place)
+    ]
+    for line in lines:
+        terminal.result(one_line(line))
+    if lines:
+        verb = "differs" if len(lines) == 1 else "differ"
+        rule = f"{count_text(len(lines), 'stage')} {verb} from the golden run"
+        raise FindingError(rule, source=golden, hint="--update-golden accepts them")
+    terminal.summary([f"{golden}: all stages as stored"])

@@ -1,0 +1,256 @@
+"""What differs between two maps, cell by cell, and bounds on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.frame import MOST_CELLS, Frame, Region, region_around
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.resample import sampled
+from mapdeal.grid.values import OCCUPIED
+from mapdeal.kernels.dilation import within_distance
+
+STATES = ("occupied", "free", "unknown", "between")
+"""States of a cell; ``between`` stands for the values 1..99."""
+
+
+SYMMETRIES: dict[str, Callable[[NDArray[np.int8]], NDArray[np.int8]]] = {
+    "mirrored upside down": np.flipud,
+    "mirrored left to right": np.fliplr,
+    "turned by 180 degrees": lambda cells: cells[::-1, ::-1],
+    "turned by 90 degrees": np.rot90,
+    "turned by -90 degrees": lambda cells: np.rot90(cells, -1),
+    "transposed": np.transpose,
+    "transposed and turned by 180 degrees": lambda cells: cells.T[::-1, ::-1],
+}
+"""Ways in which the cells of a map are often confused."""
+
+
+# What a cell of the comparison shows; where cells share a pixel the largest does.
+OUTSIDE, BOTH_UNKNOWN, BOTH_FREE, CHANGED, COMMON, REMOVED, ADDED = range(7)
+
+
+_MOST_TOLERANCE = 1000.0
+
+
+@dataclass(frozen=True)
+class WallShift:
+    """Distances from the obstacles of one map to the nearest of the other, metres."""
+
+    largest: float
+    percentile_95: float
+    mean: float
+
+
+_ROUNDING = 1e-9
+"""Of distances: six cells of 0.05 m are 0.30000000000000004 m."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Bound on the difference between two maps, and the value found.
+
+    Parameters
+    ----------
+    name : str
+        Option that sets the bound, without the leading dashes.
+    unit : str
+        Unit of both values.
+    allowed : float
+        Largest value allowed.
+    found : float
+        Value found; infinite if one map has obstacles to compare and the other has none, nan if
+        the maps have no common cell.
+    """
+
+    name: str
+    unit: str
+    allowed: float
+    found: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the value found is within the bound, allowing for floating-point rounding."""
+        return self.found <= self.allowed * (1 + _ROUNDING)  # never true of nan
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Difference:
+    """Differences between two maps, as `mapdeal.DiffReport` describes them."""
+
+    geometry: dict[str, tuple[Any, Any]]
+    common_cells: int
+    differing: int
+    beyond_tolerance: int
+    not_compared: int
+    confusion: dict[str, dict[str, int]]
+    first_to_second: WallShift | None
+    second_to_first: WallShift | None
+    symmetry: str | None
+    tolerance: float
+    frame: Frame
+    changes: NDArray[np.uint8]
+
+    @property
+    def is_equal(self) -> bool:
+        """Whether the maps have the same geometry and cells, within the tolerance."""
+        return not self.geometry and self.beyond_tolerance == 0
+
+    @property
+    def largest_shift(self) -> float:
+        """Largest distance of an obstacle of either map from those of the other, metres.
+
+        Infinite if only one of the maps has obstacles, nan if they have no common cell.
+        """
+        if not self.common_cells:
+            return math.nan
+        in_first = sum(self.confusion["occupied"].values())
+        in_second = sum(row["occupied"] for row in self.confusion.values())
+        shifts = (in_first, self.first_to_second), (in_second, self.second_to_first)
+        return max(
+            0.0 if not count else math.inf if shift is None else shift.largest
+            for count, shift in shifts
+        )
+
+    def bounds_of(self, max_shift: float | None, max_differing: float | None) -> tuple[Bound, ...]:
+        """Return the bounds that are given; only the common area is judged."""
+        found = []
+        if max_shift is not None:
+            found.append(Bound("max-shift", "m", max_shift, self.largest_shift))
+        if max_differing is not None:
+            count = self.common_cells
+            share = 100 * self.beyond_tolerance / count if count else math.nan
+            found.append(Bound("max-differing", "%", max_differing, share))
+        return tuple(found)
+
+
+def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0.0) -> Difference:
+    if not 0 <= tolerance <= _MOST_TOLERANCE:  # refuses nan too
+        rule = f"must be 0 to {_MOST_TOLERANCE:g} cells"
+        raise ParameterError(rule, place="tolerance", got=tolerance)
+    frame = frame_around(first.frame, second.frame)
+    a, in_a = sampled(frame, first.occupancy, first.frame)
+    b, in_b = sampled(frame, second.occupancy, second.frame)
+    both = in_a & in_b
+    state_a, state_b = states_of(a), states_of(b)
+    counts = confusion_of(state_a[both], state_b[both]).tolist()
+    differs = both & (a != b)
+    beyond = differs.copy()
+    if tolerance > 0:
+        beyond &= _is_beyond(state_a, state_b, both, math.floor(tolerance**2))
+    known = np.count_nonzero(first.occupancy >= 0) - np.count_nonzero(both & (a >= 0))
+    walls = [grid.frame.xy_from_rowcol(np.argwhere(grid.occupied())) for grid in (first, second)]
+    in_common = [frame.xy_from_rowcol(np.argwhere((cells == OCCUPIED) & both)) for cells in (a, b)]
+    return Difference(
+        geometry=_geometry(first, second),
+        common_cells=int(np.count_nonzero(both)),
+        differing=int(np.count_nonzero(differs)),
+        beyond_tolerance=int(np.count_nonzero(beyond)),
+        not_compared=int(known),
+        confusion={
+            state: dict(zip(STATES, row, strict=True))
+            for state, row in zip(STATES, counts, strict=True)
+        },
+        first_to_second=_shift(in_common[0], walls[1]),
+        second_to_first=_shift(in_common[1], walls[0]),
+        symmetry=_better_symmetry(first.occupancy, second.occupancy),
+        tolerance=tolerance,
+        frame=frame,
+        changes=changes_of(state_a, state_b, both),
+    )
+
+
+def states_of(values: NDArray[np.int8]) -> NDArray[np.uint8]:
+    """Return the states of cells, as indices into `STATES`."""
+    table = np.full(256, STATES.index("between"), dtype=np.uint8)
+    table[OCCUPIED] = STATES.index("occupied")
+    table[0] = STATES.index("free")
+    table[128:] = STATES.index("unknown")
+    return table[values.view(np.uint8)]
+
+
+def confusion_of(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Return the number of cells by state in one map (rows) and in the other, shape (4, 4)."""
+    pairs = first.ravel().astype(np.int64) * len(STATES) + second.ravel()
+    return np.bincount(pairs, minlength=len(STATES) ** 2).reshape(len(STATES), -1)
+
+
+def frame_around(first: Frame, second: Frame) -> Frame:
+    """Return the cells of the first lattice that both maps lie in."""
+    other = region_around(first, second)
+    row, col = min(other.row, 0), min(other.col, 0)
+    height = max(other.row + other.height, first.height) - row
+    width = max(other.col + other.width, first.width) - col
+    if height * width > MOST_CELLS:
+        rule = f"the maps lie too far apart: {width} x {height} cells hold both"
+        raise ParameterError(rule, place="origin")
+    return Region(row, col, height, width).frame_in(first)
+
+
+def _is_beyond(
+    first: NDArray[np.uint8], second: NDArray[np.uint8], both: NDArray[np.bool_], square: int
+) -> NDArray[np.bool_]:
+    """Return cells of which one of the maps has no like within a distance in the other."""
+    beyond = np.zeros(both.shape, dtype=np.bool_)
+    for state in range(len(STATES)):
+        of_first, of_second = (first == state) & both, (second == state) & both
+        for own, other in ((of_first, of_second), (of_second, of_first)):
+            if own.any():
+                beyond |= own & ~within_distance(other, square)
+    return beyond
+
+
+def _geometry(first: OccupancyGrid, second: OccupancyGrid) -> dict[str, tuple[Any, Any]]:
+    pairs = {
+        "width": (first.shape[1], second.shape[1]),
+        "height": (first.shape[0], second.shape[0]),
+        "resolution": (first.resolution, second.resolution),
+        "origin": (list(first.origin), list(second.origin)),
+    }
+    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+
+
+def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str | None:
+    """Return the symmetry that makes at least half of the differing cells agree, if any."""
+    if first.shape not in (second.shape, second.shape[::-1]):
+        return None
+    as_it_is = int((first == second).sum()) if first.shape == second.shape else 0
+    best, most = None, as_it_is + (first.size - as_it_is) // 2
+    for name, turn in SYMMETRIES.items():
+        turned = turn(second)
+        if turned.shape == first.shape:
+            agreeing = int((first == turned).sum())
+            if agreeing > most:
+                best, most = name, agreeing
+    return best
+
+
+def _shift(walls: NDArray[np.float64], others: NDArray[np.float64]) -> WallShift | None:
+    if not len(walls) or not len(others):
+        return None
+    from scipy.spatial import cKDTree
+
+    distance, _ = cKDTree(others).query(walls)
+    clean = np.where(distance < 1e-9, 0.0, distance)
+    return WallShift(float(clean.max()), float(np.percentile(clean, 95)), float(clean.mean()))
+
+
+def changes_of(
+    first: NDArray[np.uint8], second: NDArray[np.uint8], both: NDArray[np.bool_]
+) -> NDArray[np.uint8]:
+    """Return what each cell shows, `OUTSIDE` to `ADDED`, given its states and if both have it."""
+    occupied, unknown = STATES.index("occupied"), STATES.index("unknown")
+    changes = np.where(first == second, np.uint8(BOTH_FREE), np.uint8(CHANGED))
+    changes[(first == unknown) & (second == unknown)] = BOTH_UNKNOWN
+    changes[(first == occupied) & (second == occupied)] = COMMON
+    changes[(first == occupied) & (second != occupied)] = REMOVED
+    changes[(first != occupied) & (second == occupied)] = ADDED
+    changes[~both] = OUTSIDE
+    return changes
