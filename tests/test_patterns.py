@@ -32,8 +32,6 @@ REASONS = {
         ("search", "every repeat is bounded, so a try is, too"),
     ("cli/completion.py", r"\n=\n?"): ("sub", "no more than three characters"),
     ("cli/options.py", r" +\[default: "): ("sub", OURS),
-    ("cli/shared_options.py", r"^(--[\w/-]+)(?: (\S+))?: (.*(?:\n {4}.*)*)"): ("findall", OURS),
-    ("cli/shared_options.py", r" \[(?=default|needs)"): ("sub", OURS),
     ("cli/usage.py", r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}"):
         ("fullmatch", "a name ends at its =, and no comma is in the class of numbers"),
     ("files/budget.py", r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"):

@@ -620,10 +620,6 @@ def command(*, group: str, example: str, **more: Any) -> Callable[[C], C]:
     return made
 
 
-def command_of(function: Callable[..., Any]) -> Command:
-    return _COMMANDS[function]
-
-
 def commands_named(name: str) -> dict[str, Command]:
     """Return the command of a name, or those of a group by the word behind its name."""
     # Their module has been imported.

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from functools import wraps
-from inspect import Parameter, Signature, getdoc, signature
+from inspect import Parameter, Signature
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -26,8 +25,6 @@ from mapdeal.ros.robot import CostmapName
 Command = Callable[..., None]
 
 _ROBOT, _ALWAYS = "robot", "always"
-_DOCUMENTED = re.compile(r"^(--[\w/-]+)(?: (\S+))?: (.*(?:\n {4}.*)*)", re.MULTILINE)
-"""An option in the section Options of a command's docstring: ``--name METAVAR: help``."""
 
 _OF_FILES = ("params_file", "costmap", "namespace")
 """The options of the group ``robot`` that are about a robot's own parameters."""
@@ -201,53 +198,6 @@ def expanded(names: Iterable[str]) -> list[str]:
 
 def _makes_costs(_values: Mapping[str, Any]) -> bool:
     return True
-
-
-def shared_options(
-    *names: str,
-    help_texts: Mapping[str, str] | None = None,
-    makes_costs: Callable[[Mapping[str, Any]], bool] = _makes_costs,
-) -> Callable[[Command], Command]:
-    """Return a decorator that adds shared options to those of a command.
-
-    The command takes an argument ``settings``, and ``footprint`` and ``robot`` if the group
-    ``robot`` is among the names; all its other arguments are options and arguments of the command
-    line. Options can be described in the docstring, in a section "Options".
-    """
-
-    def decorate(function: Command) -> Command:
-        own = dict(signature(function, eval_str=True).parameters)
-        _take_documented(function, own)
-        shared = expanded(names)
-        made = ["settings", *(["footprint"] if _of_robot(shared) else [])]
-        made += ["robot"] if "params_file" in shared else []
-        for name in made:
-            if own.pop(name, None) is None:
-                raise ValueError(f"{function.__name__}: no argument {name!r}")
-        return with_shared_options(function, own.values(), names, help_texts=help_texts,
-                                   makes_costs=makes_costs)  # fmt: skip
-
-    return decorate
-
-
-def _take_documented(function: Command, own: dict[str, Parameter]) -> None:
-    """Make those parameters options that the docstring describes, and leave the rest as help."""
-    function.__doc__, _, section = (getdoc(function) or "").partition("\n\nOptions\n-------\n")
-    options: dict[str, tuple[str, Any]] = {}
-    for name, one in own.items():
-        option = next(iter(getattr(one.annotation, "__metadata__", ())), None)
-        # typer has the first name where a default would be
-        first, others = getattr(option, "default", None), getattr(option, "param_decls", None)
-        declared = [first, *(others or ())] if isinstance(first, str) else []
-        declared.append("--" + name.replace("_", "-"))
-        options |= dict.fromkeys(declared, (name, option))
-    for names, metavar, text in _DOCUMENTED.findall(section):
-        help_text = re.sub(r" \[(?=default|needs)", "  [", " ".join(text.split()))
-        name, option = options[names.partition("/")[0]]
-        if option is None:
-            option = typer.Option(names)
-            own[name] = own[name].replace(annotation=Annotated[own[name].annotation, option])
-        option.metavar, option.help = metavar or None, help_text
 
 
 def with_shared_options(
