@@ -26,14 +26,13 @@ from PIL import Image
 
 import mapdeal
 from mapdeal.compare.difference import frame_around
+from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import Transform
-from mapdeal.grid.resample import sampled
 from mapdeal.maps.png import write_indexed_png
 from mapdeal.pictures.colours import Colour, LayerStyle, Swatch
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.layers import occupancy_image
-from mapdeal.pictures.overlay import Brush, place_of
-from mapdeal.pictures.raster import Raster
+from mapdeal.pictures.overlay import Brush, Surface
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
@@ -68,14 +67,12 @@ class Routes:
         """All ways."""
         return np.concatenate([route.points_xy for route in self.routes.values()])
 
-    def draw(
-        self, pixels: NDArray[np.uint8], frame: mapdeal.Frame, raster: Raster, first_index: int
-    ) -> list[Swatch]:
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         """Draw the routes; see `Overlay`."""
-        brush = Brush(pixels)
+        brush = Brush(on.pixels)
         swatches = []
         for index, (name, route) in enumerate(self.routes.items(), first_index):
-            path = place_of(route.points_xy, frame, raster)
+            path = on.places(route.points_xy)
             brush.polyline(path, index, thickness=3)
             swatches.append(Swatch(index, name))
         return swatches
@@ -83,7 +80,6 @@ class Routes:
 
 PICTURES = {
     "quickstart.md": {
-        "office.png": "out/quickstart/office/input.png",
         "office_esdf.png": "out/quickstart/office/esdf.png",
         "office_cost.png": "out/quickstart/office/cost.png",
         "office_cost_nav2.png": "out/quickstart/footprint/office/cost.png",
@@ -92,21 +88,17 @@ PICTURES = {
     "stages.md": {
         "arena.png": "out/stages/canvas/arena/input.png",
         "arena_cost.png": "out/stages/arena/arena/cost.png",
-        "office_inflated.png": "out/stages/inflated.png",
-        "office_inflated_square.png": "out/stages/square.png",
         "cost_curve.png": "out/stages/curve.png",
-        "office_cost_threshold.png": "out/stages/threshold.png",
         "office_cost_rings.png": "out/stages/rings.png",
     },
     "robots.md": {
         "robot_cost.png": "out/robots/cost.png",
         "robot_curve.png": "out/robots/curve.png",
-        "robot_short_curve.png": "out/robots/short.png",
     },
-    "asking.md": {
-        "office_potential.png": "out/asking/potential.png",
-        "office_route.png": "out/asking/route.png",
-        "office_descent.png": "out/asking/descent.png",
+    "asking.md": {"office_route.png": "out/asking/route.png"},
+    "potentials.md": {
+        "office_potential.png": "out/potentials/potential.png",
+        "office_descent.png": "out/potentials/descent.png",
     },
     "reach.md": {
         "reach_before.png": "out/before.png",

@@ -5,9 +5,9 @@ nothing and exits with 1 if a page would change.
 
 A table stands between two comments. The words of the first say what it is made of::
 
-    <!-- options of inflate -->
+    <!-- parameters of inflate -->
 
-    | option | default | meaning |
+    | parameter | default | unit | meaning |
     ...
 
     <!-- end -->
@@ -20,21 +20,23 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import typer
 
-from mapdeal.cli.main import app, command_names
-from mapdeal.cli.shared_options import SHARED_OPTIONS, expanded
+from mapdeal.checks import lint  # noqa: F401 - which lists all checks
+from mapdeal.checks.findings import CHECKS
+from mapdeal.cli.help_pages import in_groups
+from mapdeal.cli.main import app
+from mapdeal.cli.options import SHARED_OPTIONS, expanded
 from mapdeal.command import Parameter, Stage, meanings_of
 from mapdeal.grid.costmap import Costmap, InflationLayer, StaticLayer
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.folder import paths_of
 from mapdeal.pipeline.step import Step
-from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, stage_named
+from mapdeal.stages.catalogue import STAGES, stage_named
 from mapdeal.stages.structured import LayerList, described_layer
 
 DOCS = Path(__file__).parent
@@ -43,7 +45,6 @@ MadeTable = Callable[[str], str]
 
 _END = "end"
 _COMMENT = re.compile(r"^<!-- (.+?) -->\n", re.MULTILINE)
-_REMARK = re.compile(r"  \[(default: )?(.+)\]$")
 _CODE = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]*|(?<![^\s(])\.[a-z]{2,4}\b|\bmapdeal\[\w+\]")
 
 
@@ -103,113 +104,42 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:], ""])
 
 
-def options_of(names: str) -> str:
-    """Return the table of a command's own arguments and options.
-
-    Of several commands, ``edit line, edit circle``, it has a column that says whose option it is.
-    """
-    commands = names.split(", ")
-    found: dict[str, dict[tuple[str, ...], list[str]]] = {}
-    for name in commands:
-        for parameter in _sorted(_command(name).params):
-            row = _row(parameter)
-            if not _is_shared(parameter):
-                owners = found.setdefault(parameter.name, {}).setdefault(row, [])
-                owners.append(name.split()[-1])
-    rows = [(row, of) for same in found.values() for row, of in same.items()]
-    if len(commands) == 1:
-        return markdown_table(["option", "default", "meaning"], [row for row, _ in rows])
+def commands(_: str) -> str:
+    """Return the table of all commands, by the groups of ``mapdeal --help``."""
+    groups = in_groups(typer.main.get_command(app), None)
     return markdown_table(
-        ["option", "of", "default", "meaning"],
+        ["", "command", "what it does"],
         [
-            (option, "all" if len(of) == len(commands) else ", ".join(of), default, meaning)
-            for (option, default, meaning), of in rows
+            (title if one is members[0] else "", f"`{one.name}`", one.short_help)
+            for title, members in groups.items()
+            for one in members
         ],
     )
 
 
 def shared_options(names: str) -> str:
-    """Return the table of shared options, by their names and those of their groups."""
-    having = {name: {one.name: one for one in _parameters(name)} for name in command_names()}
+    """Return the table of options that many commands have, by the names of their groups."""
     rows = []
     for name in expanded(names.split(", ")):
         if name not in SHARED_OPTIONS:
             raise ValueError(f"no shared option {name!r}")
-        commands = [command for command in command_names() if name in having[command]]
-        same = [having[command][name] for command in commands if _is_shared(having[command][name])]
-        rows.append((*_row(same[0]), _listed(commands)))
-    return markdown_table(["option", "default", "meaning", "commands"], rows)
+        option = SHARED_OPTIONS[name]
+        text, _, default = option.text.partition("  [default: ")
+        chosen = "" if option.default is None or option.kind is bool else str(option.default)
+        metavar = option.metavar or ", ".join(get_args(option.kind) if option.default else ())
+        shown = " ".join(filter(None, [f"--{name.replace('_', '-')}", metavar]))
+        rows.append((f"`{shown}`", _with_code(default[:-1] or chosen), _with_code(text)))
+    return markdown_table(["option", "default", "meaning"], rows)
 
 
-def _listed(commands: list[str]) -> str:
-    """Return which commands have something, or which ones do not if these are fewer."""
-    others = [name for name in command_names() if name not in commands]
-    names = others if len(others) < len(commands) else commands
-    listed = ", ".join(f"`{name}`" for name in names)
-    if not others:
-        return "all"
-    return f"all but {listed}" if names is others else listed
-
-
-def _command(name: str) -> Any:
-    command = typer.main.get_command(app)
-    for word in name.split():
-        command = command.get_command(None, word)  # type: ignore[attr-defined]
-        if command is None:
-            raise ValueError(f"no command {name!r}")
-    return command
-
-
-def _parameters(name: str) -> list[Any]:
-    """Return the parameters of a command, or of all commands of a group."""
-    command = _command(name)
-    of_group = getattr(command, "commands", {}).values()
-    return list(chain(command.params, *(one.params for one in of_group)))
-
-
-def _sorted(parameters: Iterable[Any]) -> list[Any]:
-    """Return parameters with the arguments first, as they are written."""
-    return sorted(parameters, key=lambda parameter: parameter.param_type_name != "argument")
-
-
-def _is_shared(parameter: Any) -> bool:
-    """Return whether an option is a shared one, with the text that all commands have."""
-    shared = SHARED_OPTIONS.get(parameter.name)
-    return shared is not None and parameter.help == shared.option.help
-
-
-def _row(parameter: Any) -> tuple[str, str, str]:
-    """Return option, default and meaning, as cells."""
-    if not parameter.help:
-        raise ValueError(f"no help text of {parameter.name!r}")
-    text, remark = parameter.help, ""
-    default = "required" if parameter.required else _shown(parameter.default)
-    if match := _REMARK.search(text):
-        text = text[: match.start()]
-        if match[1]:
-            default = match[2]
-        else:
-            remark = f" {match[2][0].upper()}{match[2][1:]}."
-    return _names(parameter), _with_code(default), _with_code(text + remark)
+def checks(_: str) -> str:
+    """Return the table of all checks of ``lint``."""
+    rows = [(f"`{one.name}`", one.severity, one.about) for _, one in sorted(CHECKS.items())]
+    return markdown_table(["check", "severity", "finds"], rows)
 
 
 def _with_code(text: str) -> str:
     return _CODE.sub(lambda code: f"`{code[0]}`", text)
-
-
-def _shown(default: Any) -> str:
-    return "" if default is None or isinstance(default, bool) else str(default)
-
-
-def _names(parameter: Any) -> str:
-    """Return how an option is written, its short name first, with its value."""
-    metavar = parameter.metavar or "|".join(getattr(parameter.type, "choices", ()))
-    if parameter.param_type_name == "argument":
-        return f"`{metavar}`"
-    names = sorted([*parameter.opts, *parameter.secondary_opts], key=lambda name: name[:2] == "--")
-    if not getattr(parameter, "is_flag", False):
-        names[-1] += f" {metavar or parameter.type.name.upper()}"
-    return ", ".join(f"`{name}`" for name in names)
 
 
 def parameters_of(words: str) -> str:
@@ -293,19 +223,9 @@ def _default_of(parameter: Parameter) -> str:
     return str(default)
 
 
-def stage_commands(_: str) -> str:
-    """Return the table of the commands that run one stage."""
-    first = {stage.name: stage for stage in reversed(STAGES)}
-    rows = [(f"`{name}`", first[name].summary) for name in STAGE_NAMES]
-    return markdown_table(["command", "what it does"], rows)
-
-
 PAGES: dict[str, dict[str, MadeTable]] = {
-    "cli.md": {
-        "options of": options_of,
-        "shared options": shared_options,
-        "stage commands": stage_commands,
-    },
+    "cli.md": {"commands": commands, "shared options": shared_options},
+    "lint.md": {"checks": checks},
     "stages.md": {
         "parameters of": parameters_of,
         "layers of costmaps": layers_of_costmaps,

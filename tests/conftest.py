@@ -23,7 +23,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "mapdeal"))
 
 WHOLE = frozenset({"command", "project", "real_maps", "running"})
 """Fixtures that run whole commands, pages, real maps and browsers."""
-OF_WHOLES = {ROOT / "tests" / name for name in ("api", "cli", "pipeline", "report")}
+OF_WHOLES = {ROOT / "tests" / name for name in ("commands", "cli", "pipeline", "report")}
 
 # Real maps, logs and bags of public repositories: docs/test_data.md describes them.
 TEST_DATA = Path(os.environ.get("MAPDEAL_TEST_DATA", ROOT.parent / "shared" / "data"))

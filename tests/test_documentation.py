@@ -12,8 +12,6 @@ import pytest
 from PIL import Image
 
 import mapdeal
-from mapdeal.cli.main import command_names
-from mapdeal.cli.shared_options import SHARED_OPTIONS
 from mapdeal.stages.catalogue import STAGES
 
 pytestmark = pytest.mark.slow
@@ -144,7 +142,7 @@ def test_every_module_that_architecture_names_is_there():
     known = [f"/{path.relative_to(ROOT).as_posix()}" for path in ROOT.glob("[!.]*/**/*.*")]
     text = (ROOT / "docs" / "architecture.md").read_text()
     named = set(re.findall(r"`([\w/]+\.(?:py|pyi|pyx|h))`", text))
-    assert len(named) > 80
+    assert len(named) > 20
     examples = {"drop_lone.py"}
     assert not {n for n in named - examples if not any(path.endswith(f"/{n}") for path in known)}
 
@@ -167,15 +165,22 @@ def test_tables_say_what_the_code_says(tables):
     assert tables.main(["--check"]) == 0
 
 
-@pytest.mark.parametrize("cell", ["| 0.3 |", "Inflation radius, metres.", "all but `build`"])
-def test_a_cell_that_was_edited_is_found_and_put_right(tables, cell, capsys):
-    page = tables.DOCS / "cli.md"
+@pytest.mark.parametrize(
+    ("name", "cell"),
+    [
+        ("stages.md", "| 0.3 |"),
+        ("cli.md", "Threads to use."),
+        ("lint.md", "| `image.alpha` | note |"),
+    ],
+)
+def test_a_cell_that_was_edited_is_found_and_put_right(tables, name, cell, capsys):
+    page = tables.DOCS / name
     text = page.read_text()
     assert cell in text
     page.write_text(text.replace(cell, "| 0.4 |", 1))
     assert tables.main(["--check"]) == 1
     assert page.read_text() != text
-    assert capsys.readouterr().out.startswith("cli.md: is out of date")
+    assert capsys.readouterr().out.startswith(f"{name}: is out of date")
     assert tables.main([]) == 0
     assert page.read_text() == text
     assert tables.main(["--check"]) == 0
@@ -190,11 +195,10 @@ def test_prose_around_tables_is_left_alone(tables):
 @pytest.mark.parametrize(
     "text",
     [
-        "<!-- options of inflate -->\n",
+        "<!-- commands -->\n",
         "<!-- end -->\n",
-        "<!-- option of inflate -->\n<!-- end -->\n",
-        "<!-- options of inflate -->\n<!-- options of esdf -->\n<!-- end -->\n",
-        "<!-- options of nothing -->\n<!-- end -->\n",
+        "<!-- command -->\n<!-- end -->\n",
+        "<!-- commands -->\n<!-- shared options files -->\n<!-- end -->\n",
         "<!-- shared options threds -->\n<!-- end -->\n",
     ],
 )
@@ -206,12 +210,3 @@ def test_a_comment_without_a_table_is_an_error(tables, text):
 def test_a_pipe_in_a_cell_is_escaped(tables):
     made = tables.markdown_table(["a", "b"], [["`x|y`", ""]])
     assert made == "| a | b |\n|---|---|\n| `x\\|y` | |\n"
-
-
-def test_every_option_is_in_a_table():
-    text = (ROOT / "docs" / "cli.md").read_text()
-    told = " ".join(re.findall("<!-- options of (.*) -->", text)).replace(",", "").split()
-    of_stages = {stage.name for stage in STAGES}  # these are in stages.md
-    assert set(told) >= set(command_names()) - of_stages
-    for name in SHARED_OPTIONS:
-        assert f"`--{name.replace('_', '-')}" in text

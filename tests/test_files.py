@@ -16,7 +16,7 @@ WALKS = {
     "inputs/listing.py:_one_part_on": "the folders of one part: real ones, each once",
     "inputs/listing.py:_seen_in": "lists one folder",
     "inputs/listing.py:numbered_folders": "lists one folder",
-    "commands/lint_repair.py:_images_of": "lists one folder",
+    "commands/lint.py:_images_of": "lists one folder",
     "inputs/listing.py:_below_folder": "each real folder once, however many links lead to it",
     "inputs/listing.py:look_into": "lists one folder",
     "maps/map_server.py:_nearest_name": "lists one folder",
@@ -27,8 +27,8 @@ WALKS = {
     "inputs/kinds.py:_kind_of_folder": "lists one folder",
     "files/transaction.py:remove_stale": "lists one folder",
     "files/transaction.py:_make": "a path gets shorter with each step, up to the root",
-    "commands/report_runs.py:runs_in": "by `folders_below`, into each real folder once",
-    "files/budget.py:free_memory": "a path gets shorter with each step, up to its end",
+    "commands/report_entries.py:runs_in": "by `folders_below`, into each real folder once",
+    "files/source.py:free_memory": "a path gets shorter with each step, up to its end",
 }
 """Each function that lists a folder or climbs up a path, and why it is linear in what is there.
 

@@ -34,23 +34,23 @@ REASONS = {
     ("cli/options.py", r" +\[default: "): ("sub", OURS),
     ("cli/usage.py", r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}"):
         ("fullmatch", "a name ends at its =, and no comma is in the class of numbers"),
-    ("files/budget.py", r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"):
+    ("files/source.py", r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"):
         ("fullmatch", "digits, white space and letters have nothing in common"),
     ("cli/usage.py", r"\(?-?\d+(\.\d*)?\)?"): ("fullmatch", "a point stands between the digits"),
     ("cli/usage.py", r"no such (option|command):? '?(?P<name>(?<=')[^']*|[^ ']*)'?"):
         ("match", "a repeat ends before the blank or quote that may follow"),
     ("cli/usage.py", r": '(?P<word>[^']*)' is not one of "):
         ("search", "a word of the command line; the repeat ends at the next quote"),
-    ("cli/stage_command.py", r".*?\.(?=\s+[A-Z`]|$)"): ("match", OURS),
+    ("cli/apps.py", r".*?\.(?=\s+[A-Z`]|$)"): ("match", OURS),
     ("bags/bag.py", r"([^/]+)/([^/]+)"): ("fullmatch", "a slash stands between the runs"),
     ("bags/bag.py", r"[A-Za-z_][A-Za-z0-9_]*"): ("fullmatch", "one run"),
     ("bags/bag.py", r"[A-Za-z0-9_. +-]+"): ("fullmatch", "one run"),
-    ("bags/ros1.py", r"#ROSBAG V(\d+)\.(\d+)\n"):
+    ("bags/chunked.py", r"#ROSBAG V(\d+)\.(\d+)\n"):
         ("fullmatch", "a point stands between the runs; 64 bytes at most"),
-    ("files/budget.py", r"^MemAvailable:\s+(\d+) kB"):
+    ("files/source.py", r"^MemAvailable:\s+(\d+) kB"):
         ("search", "tried at the beginnings of lines; the two runs have nothing in common"),
-    ("files/budget.py", r"^0::/(.*)$"): ("search", "tried at the beginnings of lines"),
-    ("files/budget.py", r"^inactive_file (\d+)"):
+    ("files/source.py", r"^0::/(.*)$"): ("search", "tried at the beginnings of lines"),
+    ("files/source.py", r"^inactive_file (\d+)"):
         ("search", "tried at the beginnings of lines"),
     ("inputs/kinds.py", r"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]"):
         ("search", "tried at the beginnings of lines, where one run precedes a letter"),
@@ -60,16 +60,19 @@ REASONS = {
     ("inputs/listing.py", r"([0-9]+)"): ("split", "a try cannot fail behind its first digit"),
     ("files/source.py", r"""(?m)^(\xef\xbb\xbf)?["']?image["']?[ \t]*:"""):
         ("search", "tried at the beginnings of lines, where one run follows what is fixed"),
-    ("maps/pnm.py", r"[ \t\n\v\f\r]*"): ("match", "one class, and it cannot fail"),
-    ("maps/pnm.py", r"[ \t\n\v\f\r]"): ("search", "one character"),
-    ("maps/pnm.py", r"[^ \t\n\v\f\r#]*"): ("match", "one class, and it cannot fail"),
-    ("maps/pnm.py", r"#[^\n\r]*"): ("match sub", "it cannot fail behind its first sign"),
-    ("maps/pnm.py", r"P[1-7fF](\s|#)"): ("match", "three characters"),
-    ("maps/pnm.py", r"-?\d{1,12}"): ("fullmatch", "thirteen characters"),
-    ("checks/selection.py", r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?"):
+    ("maps/images.py", r"#[^\n\r]*|[^ \t\n\v\f\r#]+"):
+        ("finditer", "either cannot fail behind its first character"),
+    ("maps/images.py", r"[ \t\n\v\f\r]"): ("search", "one character"),
+    ("maps/images.py", r"#[^\n\r]*"): ("sub", "it cannot fail behind its first sign"),
+    ("maps/images.py", r"P[1-7fF](\s|#)"): ("match", "three characters"),
+    ("maps/images.py", r"-?\d{1,12}"): ("fullmatch", "thirteen characters"),
+    ("checks/findings.py", r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?"):
         ("search", "every repeat is bounded, so a try is, too"),
-    ("checks/selection.py", r"[ \t]*([\w.-]+)[ \t]*"):
+    ("checks/findings.py", r"[ \t]*([\w.-]+)[ \t]*"):
         ("match", "white space and names have nothing in common"),
+    ("ros/robot.py",
+     r"[ \t\n\v\f\r]*([-+]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]*)?|\.?))"):
+        ("match", "it cannot fail: blanks, then runs of digits with a point or an e between"),
     ("ros/ros2_files.py",
      r"([-+]?)(?:0[xX]([0-9a-fA-F]+)|(0[0-7]*)|([1-9][0-9]*))"):
         ("fullmatch", "one run of digits at the end, after what tells the three apart"),
@@ -96,13 +99,13 @@ REASONS = {
         ("fullmatch", "a point or an e stands between runs of digits"),
     ("pipeline/batch.py", r"(?<![\w./-])/some/folder/"):
         ("split", "a look back at one character, then fixed text"),
-    ("commands/report_draft.py", r"(?<![\w./\\-])(?=/|[A-Za-z]:[\\/]|\\\\)"):
+    ("commands/report_entries.py", r"(?<![\w./\\-])(?=/|[A-Za-z]:[\\/]|\\\\)"):
         ("finditer match", "looks back at one character and ahead at three"),
-    ("commands/report_draft.py", r"[\\/]"): ("finditer", "one character"),
+    ("commands/report_entries.py", r"[\\/]"): ("finditer", "one character"),
     ("pipeline/recipe.py",
      r"(?:(?P<key>[^(]*) \()?line (?P<line>\d+)(?:, (?P<column>column \d+))?\)?"):
         ("fullmatch", "the first repeat ends at the bracket, the others are of digits"),
-    ("pipeline/cluster.py", r"(tcp|tls|ucx|ws|wss)://[^/\s]+:\d{1,5}"):
+    ("pipeline/workers.py", r"(tcp|tls|ucx|ws|wss)://[^/\s]+:\d{1,5}"):
         ("fullmatch", "one run; behind each place where it may end five digits at most"),
     ("command.py", r"(?m)^ {4}(?P<names>[a-z_0-9, ]+) : "): ("finditer split", OURS),
     ("command.py", r"(?m)^ {4}(?P<name>\w+)\n {4}-+\n"): ("finditer split", OURS),

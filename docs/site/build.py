@@ -21,9 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import mapdeal
-from mapdeal.cli.examples import EXAMPLES
 from mapdeal.cli.help_pages import in_groups, sections_of
-from mapdeal.cli.main import app, command_names
+from mapdeal.cli.main import app
 from mapdeal.stages.catalogue import STAGES
 
 SITE = Path(__file__).parent
@@ -35,6 +34,7 @@ RAW = SOURCE.replace("https://github.com/", "https://raw.githubusercontent.com/"
     "/blob/", "/"
 )
 LOADED = re.compile(r"(?:url\(|@import )[\"']?((?:https?:)?//[^\"')]+)")
+CODE_WITH_BARS = re.compile(r"`([^`\n]*\\\|[^`\n]*)`")
 LINK = re.compile(r"(\]\()([^)\s]+)(\))")
 
 EXIT_CODES = "See [exit codes](../../cli.md#exit-codes)."
@@ -113,7 +113,7 @@ def write(path: Path, text: str) -> None:
 
 
 def with_site_links(text: str, source: Path, page: Path, pages: Path) -> str:
-    """Return a page whose links lead to pages of the site, or else to the repository."""
+    """Return a page for the site: links lead to its pages, or else to the repository."""
 
     def led(match: re.Match[str]) -> str:
         target, mark, anchor = match[2].partition("#")
@@ -132,7 +132,10 @@ def with_site_links(text: str, source: Path, page: Path, pages: Path) -> str:
         above = "../" * (len(page.relative_to(pages).parts) - 1)
         return f"{match[1]}{above}{inside}{mark}{anchor}{match[3]}"
 
-    return LINK.sub(led, text)
+    def barred(match: re.Match[str]) -> str:  # which the site's tables would show with backslashes
+        return f"<code>{escape(match[1]).replace(chr(92) + '|', '&#124;')}</code>"
+
+    return CODE_WITH_BARS.sub(barred, LINK.sub(led, text))
 
 
 def write_commands(pages: Path) -> Iterator[tuple[str, str]]:
@@ -140,9 +143,9 @@ def write_commands(pages: Path) -> Iterator[tuple[str, str]]:
     import typer
 
     group: Any = typer.main.get_command(app)
-    for members in in_groups(command_names()).values():
-        for name in members:
-            command = group.get_command(None, name)
+    for members in in_groups(group, None).values():
+        for command in members:
+            name = command.name
             kinds = getattr(command, "commands", {})
             parts = [f"# mapdeal {name}\n\n{_description(command)}\n"]
             if kinds:
@@ -175,7 +178,7 @@ def _section(command: Any, name: str, head: str) -> str:
             meaning = escape(text).replace("|", "&#124;").replace("[", "\\[")
             shown = escape(names).replace("|", "&#124;")
             lines.append(f"| <code>{shown}</code> | {meaning} |\n")
-    lines.append(f"\n{level} Examples\n\n```sh\n{EXAMPLES[name]}\n```\n")
+    lines.append(f"\n{level} Examples\n\n```sh\n{command.epilog}\n```\n")
     return "".join(lines)
 
 

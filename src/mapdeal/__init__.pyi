@@ -1,18 +1,18 @@
 # The public names of `mapdeal`, each loaded on first use.
 # `mapdeal.__init__` reads this file, so that every name is listed only once.
 
-from mapdeal.api.picture import Picture as Picture
-from mapdeal.api.picture import draw_picture as draw_picture
-from mapdeal.api.picture import write_picture as write_picture
 from mapdeal.checks.findings import Finding as Finding
-from mapdeal.checks.formats import LintReport as LintReport
-from mapdeal.checks.formats import MapReport as MapReport
+from mapdeal.checks.lint import LintReport as LintReport
+from mapdeal.checks.lint import MapReport as MapReport
 from mapdeal.commands.align import Alignment as Alignment
 from mapdeal.commands.align import align as align
 from mapdeal.commands.build import build_map_from_bag as build_map_from_bag
 from mapdeal.commands.build import build_map_from_log as build_map_from_log
 from mapdeal.commands.diff import DiffReport as DiffReport
 from mapdeal.commands.diff import diff as diff
+from mapdeal.commands.draw_picture import Picture as Picture
+from mapdeal.commands.draw_picture import draw_picture as draw_picture
+from mapdeal.commands.draw_picture import write_picture as write_picture
 from mapdeal.commands.info import info as info
 from mapdeal.commands.lint import lint as lint
 from mapdeal.commands.merge import Merged as Merged
@@ -27,10 +27,7 @@ from mapdeal.commands.score import score as score
 from mapdeal.compare.bounds import ScoreBound as ScoreBound
 from mapdeal.compare.difference import Bound as Bound
 from mapdeal.compare.difference import WallShift as WallShift
-from mapdeal.editing.draw import blank as blank
-from mapdeal.editing.draw import draw as draw
-from mapdeal.editing.draw import reset_region as reset_region
-from mapdeal.editing.merge import MapCounts as MapCounts
+from mapdeal.compare.merge import MapCounts as MapCounts
 from mapdeal.errors import FileAccessError as FileAccessError
 from mapdeal.errors import FindingError as FindingError
 from mapdeal.errors import MalformedInputError as MalformedInputError
@@ -38,6 +35,9 @@ from mapdeal.errors import MapdealError as MapdealError
 from mapdeal.errors import MapdealWarning as MapdealWarning
 from mapdeal.errors import ParameterError as ParameterError
 from mapdeal.grid.bit_map import BitMap as BitMap
+from mapdeal.grid.bit_map import blank as blank
+from mapdeal.grid.bit_map import draw as draw
+from mapdeal.grid.bit_map import reset_region as reset_region
 from mapdeal.grid.costmap import CostCurve as CostCurve
 from mapdeal.grid.costmap import Costmap as Costmap
 from mapdeal.grid.costmap import InflationLayer as InflationLayer
@@ -45,6 +45,7 @@ from mapdeal.grid.costmap import StaticLayer as StaticLayer
 from mapdeal.grid.field import DistanceField as DistanceField
 from mapdeal.grid.field import FieldSamples as FieldSamples
 from mapdeal.grid.field import FieldView as FieldView
+from mapdeal.grid.field import PotentialField as PotentialField
 from mapdeal.grid.field import ViewScale as ViewScale
 from mapdeal.grid.footprint import Footprint as Footprint
 from mapdeal.grid.footprint import footprint_costs as footprint_costs
@@ -52,21 +53,20 @@ from mapdeal.grid.frame import Frame as Frame
 from mapdeal.grid.frame import Transform as Transform
 from mapdeal.grid.frame import xy_ahead as xy_ahead
 from mapdeal.grid.occupancy import OccupancyGrid as OccupancyGrid
-from mapdeal.grid.potential import PotentialField as PotentialField
 from mapdeal.grid.reach import Bottleneck as Bottleneck
 from mapdeal.grid.reach import Goal as Goal
 from mapdeal.grid.reach import GoalReach as GoalReach
 from mapdeal.grid.reach import Passage as Passage
 from mapdeal.grid.reach import Reach as Reach
-from mapdeal.grid.route import Route as Route
+from mapdeal.grid.reach import Route as Route
 from mapdeal.grid.shapes import Circle as Circle
 from mapdeal.grid.shapes import Line as Line
 from mapdeal.grid.shapes import Polygon as Polygon
-from mapdeal.mapping.beams import BeamLimits as BeamLimits
-from mapdeal.mapping.beams import Scans as Scans
 from mapdeal.mapping.build import BuiltMap as BuiltMap
 from mapdeal.mapping.build import MapBuilder as MapBuilder
 from mapdeal.mapping.build import build_map as build_map
+from mapdeal.mapping.evidence import BeamLimits as BeamLimits
+from mapdeal.mapping.evidence import Scans as Scans
 from mapdeal.mapping.local_map import LocalMap as LocalMap
 from mapdeal.mapping.local_map import LocalMapper as LocalMapper
 from mapdeal.mapping.local_map import LocalOptions as LocalOptions
@@ -80,9 +80,9 @@ from mapdeal.maps.reading import write_map as write_map
 from mapdeal.maps.shapes import read_shapes as read_shapes
 from mapdeal.pipeline.bag_maps import read_map_from_bag as read_map_from_bag
 from mapdeal.pipeline.recipe import Recipe as Recipe
+from mapdeal.pipeline.recipe import cost_curve as cost_curve
 from mapdeal.pipeline.recipe import load_recipe as load_recipe
-from mapdeal.pipeline.robot import cost_curve as cost_curve
-from mapdeal.pipeline.robot import read_robot_parameters as read_robot_parameters
+from mapdeal.pipeline.recipe import read_robot_parameters as read_robot_parameters
 from mapdeal.pipeline.run import RunReport as RunReport
 from mapdeal.pipeline.run import apply_recipe as apply_recipe
 from mapdeal.planning.routes import descend as descend
@@ -91,12 +91,12 @@ from mapdeal.ros.robot import RobotParameters as RobotParameters
 from mapdeal.sensors.clouds import read_cloud as read_cloud
 from mapdeal.sensors.points import read_poses as read_poses
 from mapdeal.stages.clean import Cleaned as Cleaned
+from mapdeal.stages.cost import apply_keepout_mask as apply_keepout_mask
 from mapdeal.stages.esdf import field_view as field_view
-from mapdeal.stages.keepout import apply_keepout_mask as apply_keepout_mask
 from mapdeal.stages.listed import *  # noqa: F403 - every stage is public
-from mapdeal.stages.rotate import rotate as rotate
-from mapdeal.stages.rotate import straighten as straighten
-from mapdeal.stages.rotate import yaw_to_straighten as yaw_to_straighten
+from mapdeal.stages.resample import rotate as rotate
+from mapdeal.stages.resample import straighten as straighten
+from mapdeal.stages.resample import yaw_to_straighten as yaw_to_straighten
 from mapdeal.version import __version__ as __version__
 
 __all__: list[str]

@@ -42,10 +42,10 @@ import numpy as np
 from mapdeal.errors import ParameterError, as_known, meant
 from mapdeal.grid.canvas import FieldGrid, on_canvas
 from mapdeal.grid.costmap import CostCurve, CostmapLayers
-from mapdeal.grid.display import Drawn
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.framed import Figures
+from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import Drawn
 
 
 @dataclass(frozen=True)
@@ -111,8 +111,7 @@ class OnlyInPython:
     """Mark of a parameter that the shell has no option for."""
 
 
-LethalThreshold = Annotated[int, LETHAL, OCCUPANCY]
-"""Occupancy from which a cell is an obstacle."""
+LethalThreshold = Annotated[int, LETHAL, OCCUPANCY]  # occupancy from which a cell is an obstacle
 
 
 @dataclass(frozen=True)
@@ -397,23 +396,21 @@ class Stage:
     memory: float
     product: str = ""
     details: str = ""
+    group: str = ""
+    example: str = ""  # as of `Command`; of a stage that has several models, the first has both
     model: str | None = None
     view: Callable[..., Any] | None = None
     view_passes: Callable[[Parameters], int] = lambda _: 0
     passes: int = 0
     more_memory: Callable[[Parameters], float] = lambda _: 0.0
-    of_library: int = 0
-    """Bytes that a library takes, beside those for each cell."""
-
+    of_library: int = 0  # bytes that a library takes, beside those for each cell
     cells: Callable[[Any, Parameters], Iterable[int]] | None = None
     """Yields for how many cells, one number after another, it takes `memory`, if not for all."""
 
     edits: bool = False
     """Whether it changes a grid of any type that it takes into one of the same type."""
 
-    moves: bool = False
-    """Whether its product may lie elsewhere than its input, on other cells."""
-
+    moves: bool = False  # whether its product may lie elsewhere than its input, on other cells
     shows_changes: bool = False
     """Whether the picture that its command draws is of the cells that it changes."""
 
@@ -491,15 +488,13 @@ class Output:
     is_required: bool = True
     streams: bool = True
     paths: Callable[[Path], Iterable[Path]] = lambda path: [path]
-    parameter: str = "output"
-    """Parameter of a function that is given it, and writes itself."""
+    parameter: str = "output"  # parameter of a function that is given it, and writes itself
 
 
 class Result(Drawn):
     """What a command answers: its document, its lines of text, and its picture if it has one."""
 
-    passes = True
-    """Whether the command has found what it was asked to find; else it ends with 1."""
+    passes = True  # whether the command has found what it was asked to find; else it ends with 1
 
     @abstractmethod
     def document(self) -> dict[str, Any]:

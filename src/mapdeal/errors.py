@@ -14,16 +14,6 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import ClassVar, Self
 
-__all__ = [
-    "BatchError",
-    "FileAccessError",
-    "FindingError",
-    "MalformedInputError",
-    "MapdealError",
-    "MapdealWarning",
-    "ParameterError",
-]
-
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN)
 _MISSING = object()
 _HINT = "hint: "
@@ -235,7 +225,6 @@ def refusal_of_the_system(error: Exception, source: Path | None = None) -> Mapde
 
 
 def _short(text: str, limit: int = 400) -> str:
-    """Return a text that may quote a file, cut where nobody reads on."""
     return text if len(text) <= limit else f"{text[:limit]}..."
 
 

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import tracemalloc
 import zlib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -211,15 +210,14 @@ def test_a_file_that_changes_while_it_is_read_is_refused_i17(
     write_map, folder, command, monkeypatch
 ):
     write_map(PGM)
-    original = Path.open
+    original = os.pread
 
-    def open_and_append(path, *arguments, **options):
-        if path.name == "m.pgm":
-            with original(path, "ab") as file:
-                file.write(b"\0")
-        return original(path, *arguments, **options)
+    def append_and_read(*arguments):
+        with (folder / "m.pgm").open("ab") as file:
+            file.write(b"\0")
+        return original(*arguments)
 
-    monkeypatch.setattr(Path, "open", open_and_append)
+    monkeypatch.setattr(os, "pread", append_and_read)
     code, out, err = command("run", "m.yaml", "-o", "out")
     assert code == 4
     assert out == ""

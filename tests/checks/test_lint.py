@@ -186,18 +186,11 @@ def test_every_check_has_a_case():
     covered = {name for name, _ in CASES} | {"image.depth", "image.outside-folder", "map.view"}
     covered |= {"run.no-manifest", "run.missing-file", "run.other-file", "run.uniform-cost"}
     covered |= {"map.disconnected", "lint.left-out"}  # test_room_checks.py
-    covered |= {"lint.not-checked", "lint.unused-ignore"}  # tests/pipeline/test_lint.py
+    covered |= {"lint.not-checked", "lint.unused-ignore"}  # tests/commands/test_lint.py
     covered |= {name for name in CHECKS if name.startswith("params.")}  # test_lint_parameters.py
     assert covered == set(CHECKS)
     assert len(CHECKS) >= 30
     assert all(re.fullmatch(r"[a-z]+\.[a-z-]+", name) for name in CHECKS)
-
-
-def test_the_documentation_lists_every_check():
-    page = (Path(__file__).parents[2] / "docs" / "lint.md").read_text()
-    rows = re.findall(r"^\| `([a-z]+\.[a-z-]+)` \| (\w+) \| (.+) \|$", page, re.MULTILINE)
-    listed = {name: (severity, about) for name, severity, about in rows}
-    assert listed == {one.name: (one.severity, one.about) for one in CHECKS.values()}
 
 
 def test_an_image_of_another_folder(tmp_path):

@@ -9,9 +9,9 @@ from PIL import Image
 from mapdeal import MapdealWarning, OccupancyGrid, read_map
 from mapdeal.checks import map_checks
 from mapdeal.checks.facts import gather
-from mapdeal.commands.lint_repair import repaired
+from mapdeal.commands.lint import repaired
 from mapdeal.compare.difference import compare
-from mapdeal.grid.resample import is_turned
+from mapdeal.grid.canvas import is_turned
 
 YAML = {
     "image": "m.pgm", "mode": "trinary", "resolution": "0.05", "origin": "[-1.5, 2.0, 0.0]",

@@ -12,8 +12,13 @@ from typing import get_args
 import pytest
 
 from mapdeal.checks.findings import CHECKS, Finding
-from mapdeal.checks.formats import REPORTS, LintReport, MapReport, ReportForm
-from mapdeal.checks.lint import lint_file  # noqa: F401 - lists all checks
+from mapdeal.checks.lint import (
+    REPORTS,
+    LintReport,
+    MapReport,
+    ReportForm,
+    lint_file,  # noqa: F401 - lists all checks
+)
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 

@@ -15,7 +15,7 @@ from mapdeal import Footprint, OccupancyGrid, ParameterError, write_map
 from mapdeal.checks import facts, map_checks
 from mapdeal.checks.facts import RoomFacts
 from mapdeal.checks.lint import lint_file
-from mapdeal.files.budget import use_memory
+from mapdeal.files.source import use_memory
 from oracles import flooded, squared_distance
 
 SIDE, DOOR = 12, 3

@@ -6,8 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.checks.findings import CHECKS, Finding
-from mapdeal.checks.selection import IgnoreComment, LintConfig, Selection, selection_of
+from mapdeal.checks.findings import (
+    CHECKS,
+    Finding,
+    IgnoreComment,
+    LintConfig,
+    Selection,
+    selection_of,
+)
 from mapdeal.errors import ParameterError
 
 NAMES = ["all", "image", "image.", "image.alpha", "map", "map.specks", "yaml.origin-yaw", "yaml"]

@@ -14,9 +14,8 @@ from mapdeal import read_map
 from mapdeal.checks import facts
 from mapdeal.checks.facts import CellTallies, PixelTallies, gather, tallies_of
 from mapdeal.errors import MalformedInputError
-from mapdeal.files.budget import use_memory
-from mapdeal.maps.dialects import DIALECTS, cells_of
-from mapdeal.maps.map_yaml import MapMetadata
+from mapdeal.files.source import use_memory
+from mapdeal.maps.dialects import DIALECTS, MapMetadata, cells_of
 from mapdeal.maps.picture import Picture, Strips
 
 RNG = np.random.default_rng(11)

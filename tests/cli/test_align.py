@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 import mapdeal
-from alignment.buildings import HALL, WALLS, between, drawn, errors
+from compare.buildings import HALL, WALLS, between, drawn, errors
 from mapdeal.grid.frame import Transform
 from mapdeal.sensors.points import read_transform
 

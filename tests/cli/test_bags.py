@@ -10,8 +10,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 import mapdeal
-from drawn import grid_from_text
-from formats.bags.making import (
+from bags.making import (
     FORMATS,
     SECOND,
     START,
@@ -26,6 +25,7 @@ from formats.bags.making import (
     tf,
     words,
 )
+from drawn import grid_from_text
 from mapdeal import build_map, read_map
 from mapdeal.bags import bag as chunked
 
@@ -418,6 +418,9 @@ def test_costs_keep_their_scale_and_a_map_can_be_asked_for(command, tmp_path):
     assert (found.scale, found.cost.tolist()) == ("occupancy", [[0, 50, 99], [100, -1, 1]])
     assert command("convert", path, *topic, "--read-as", "map", "-o", "m.npz")[0] == 0
     assert read_map("m.npz").kind == "occupancy grid"
+    assert command("convert", path, "--topic", "/map", "--read-as", "costs", "-o", "k.npz")[0] == 0
+    costs = read_map("k.npz")
+    assert (costs.scale, costs.cost.tolist()) == ("occupancy", GRID.occupancy.tolist())
     assert command("convert", path, "--topic", "/costmap_raw", "-o", "r.npz")[0] == 0
     raw = read_map("r.npz")
     assert (raw.scale, raw.cost.tolist()) == ("costmap2d", [[0, 253, 254, 255]])

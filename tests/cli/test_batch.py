@@ -165,7 +165,7 @@ def test_a_dry_run_of_one_map_ends_as_its_run_would(command, maps, tmp_path):
 
 
 def test_jobs_share_out_threads_and_memory(monkeypatch):
-    from mapdeal.files import budget
+    from mapdeal.files import source as budget
     from mapdeal.pipeline import batch
     from mapdeal.pipeline.recipe import load_recipe
     from mapdeal.pipeline.settings import Settings

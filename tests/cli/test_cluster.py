@@ -16,7 +16,7 @@ import pytest
 import batch_work
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.inputs.listing import ListedMap
-from mapdeal.pipeline import cluster
+from mapdeal.pipeline import workers as cluster
 from mapdeal.pipeline.batch import Batch, Job, jobs_of, run_all
 
 pytest.importorskip("distributed")
@@ -192,7 +192,7 @@ def test_workers_of_another_version_are_refused(dask, maps, tmp_path):
 
 
 def test_a_scheduler_that_does_not_answer_is_told_in_one_line(command, maps, monkeypatch):
-    monkeypatch.setattr(cluster, "_SECONDS", 0.5)
+    monkeypatch.setattr(cluster, "_TIMEOUT", 0.5)
     code, out, err = command("run", "maps", "-o", "o", "--scheduler", "tcp://127.0.0.1:9")
     assert (code, out) == (4, "")
     assert err.startswith("error: tcp://127.0.0.1:9: the scheduler does not answer: ")

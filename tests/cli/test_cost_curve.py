@@ -7,7 +7,7 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import read_map, write_map
-from mapdeal.pipeline import single
+from mapdeal.pipeline import run as single
 
 ROOM = "........\n.#......\n......?.\n...##..."
 ROBOT = ("--footprint", "[[0.3,0.2],[-0.3,0.2],[-0.3,-0.2],[0.3,-0.2]]", "--inflation-radius", 0.55)

@@ -3,45 +3,59 @@
 import re
 import shlex
 import shutil
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+import typer
 
-from mapdeal.cli.examples import EXAMPLES
 from mapdeal.cli.help_pages import GROUPS
-from mapdeal.cli.main import command_names
+from mapdeal.cli.main import app, command_names
+from mapdeal.stages.catalogue import STAGE_NAMES
 
 EXAMPLE_FILES = Path(__file__).parents[2] / "examples"
 
 
-def lines_of(name):
-    return [shlex.split(line) for line in EXAMPLES[name].replace("\\\n", " ").splitlines()]
+def every_command():
+    group = typer.main.get_command(app)
+    for name in command_names():
+        one = group.get_command(None, name)
+        yield name, one
+        yield from ((f"{name} {word}", own) for word, own in getattr(one, "commands", {}).items())
 
 
-def test_every_command_stands_in_one_group_and_has_examples(command):
-    grouped = [name for names in GROUPS.values() for name in names]
-    assert sorted(grouped) == sorted(command_names())
-    kinds = {f"edit {kind}" for kind in ("polygon", "line", "circle", "reset")}
-    assert set(EXAMPLES) == {*grouped, *kinds}
+COMMANDS = dict(every_command())
+
+
+def test_every_command_stands_in_one_group(command):
+    assert {one.rich_help_panel for one in COMMANDS.values()} == set(GROUPS)
     code, out, _ = command("--help")
     assert code == 0
     assert re.findall(r"^(\S.*):$", out, re.MULTILINE) == ["Options", *GROUPS]
-    assert re.findall(r"^  ([a-z]+)  ", out, re.MULTILINE) == grouped
+    listed = re.findall(r"^  ([a-z]+)  ", out, re.MULTILINE)
+    assert sorted(listed) == sorted(command_names())
+    assert listed[0] == "run"
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+def test_a_stage_may_only_have_the_name_of_the_command_that_shows_it():
+    modules = {name for name in command_names() if find_spec(f"mapdeal.commands.{name}")}
+    assert modules & set(STAGE_NAMES) == {"reach"}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
 def test_examples_run_and_are_printed_as_they_are(name, command, tmp_path, monkeypatch):
     shutil.copytree(EXAMPLE_FILES, tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
-    assert all(len(line) <= 80 for line in EXAMPLES[name].splitlines())
-    for program, *words in lines_of(name):
-        assert program == "mapdeal"
-        assert " ".join(words).startswith(name) or len(lines_of(name)) > 1
+    example = COMMANDS[name].epilog.splitlines()
+    assert all(len(line) <= 80 for line in example)
+    lines = [shlex.split(line) for line in "\n".join(example).replace("\\\n", " ").splitlines()]
+    assert any(words[: 1 + len(name.split())] == ["mapdeal", *name.split()] for words in lines)
+    for _, *words in lines:
         code, _, err = command(*(words[: words.index(">")] if ">" in words else words))
         assert code == (words[0] == "diff"), err  # which finds what the line before it drew
     code, out, _ = command(*name.split(), "--help")
     printed = out[out.index("\nExamples:\n") :].splitlines()[2:]
-    assert [line.removeprefix("  ") for line in printed] == EXAMPLES[name].splitlines()
+    assert [line.removeprefix("  ") for line in printed] == example
 
 
 def test_options_that_count_with_a_value_of_another_stand_below_it(command):

@@ -11,15 +11,14 @@ import pytest
 
 from mapdeal import OccupancyGrid, read_map, write_map
 from mapdeal.errors import ParameterError
-from mapdeal.files import budget
-from mapdeal.files.budget import size_of
+from mapdeal.files import source as budget
+from mapdeal.files.source import size_of
 from mapdeal.kernels.engine import engine_name
 from mapdeal.maps.reading import MapFile
 from mapdeal.pipeline import inputs as memory
 from mapdeal.pipeline.recipe import load_recipe
-from mapdeal.pipeline.run import run_map
+from mapdeal.pipeline.run import apply_to_file, run_map
 from mapdeal.pipeline.settings import Settings
-from mapdeal.pipeline.single import apply_to_file
 from mapdeal.pipeline.step import make_step
 
 pytestmark = pytest.mark.slow

@@ -3,28 +3,27 @@
 import json
 import re
 import sys
-import types
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import mapdeal
-from mapdeal.cli import main
+from mapdeal import commands
 
 ROOT = Path(__file__).parents[2]
 OFFICE = ROOT / "examples" / "maps" / "office.yaml"
 
 
 @pytest.fixture
-def stats(monkeypatch):
+def stats(monkeypatch, tmp_path):
     text = (ROOT / "docs" / "architecture.md").read_text()
     code = next(c for c in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "stats" in c)
-    module = types.ModuleType("mapdeal.commands.stats")
-    monkeypatch.setitem(sys.modules, module.__name__, module)
-    exec(compile(code, "stats.py", "exec"), module.__dict__)  # noqa: S102 - our own page
-    monkeypatch.setattr(main, "COMMANDS", (*main.COMMANDS, "stats"))
-    return module.stats
+    (tmp_path / "stats.py").write_text(code)
+    monkeypatch.setattr(commands, "__path__", [*commands.__path__, str(tmp_path)])
+    yield import_module("mapdeal.commands.stats").stats
+    del sys.modules["mapdeal.commands.stats"], commands.stats
 
 
 def test_it_measures_a_map_in_the_shell_as_in_python(stats, command):

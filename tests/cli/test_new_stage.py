@@ -15,8 +15,7 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import Costmap, read_map, write_map
-from mapdeal.cli.main import command_names
-from mapdeal.cli.stage_command import stage_app
+from mapdeal.cli.apps import stage_app
 from mapdeal.command import AT_LEAST_0, METRES, stage_of
 from mapdeal.pipeline import inputs as memory
 from mapdeal.stages import catalogue
@@ -78,7 +77,7 @@ def test_it_has_a_command(command, room, tmp_path):
     text = " ".join(out.split())
     assert "--lethal-threshold N Occupancy of an obstacle, 1..100. [default: 100]" in text
     assert "first sentence" not in out
-    others = command("--help")[1].split("Other commands:")[1]
+    others = command("--help")[1].split("Changing a map:")[1]
     assert "drop-lone" in others
     assert "..." not in others
     code, out, err = command("drop-lone", room, "-o", tmp_path / "out.yaml", "--image",
@@ -149,9 +148,6 @@ def test_a_stage_that_is_not_listed_is_not_known(command, room, tmp_path, monkey
 
 
 def test_names_that_collide_are_refused(command, room, monkeypatch):
-    monkeypatch.setattr(catalogue, "STAGE_NAMES", (*catalogue.STAGE_NAMES, "window"))
-    with pytest.raises(ValueError, match="name of another command: window"):
-        command_names()
     other = replace(stage_of(flat_cost), model="flatter")
     other.__dict__["own_parameters"] = {
         name: replace(one, default=9.0) for name, one in stage_of(flat_cost).parameters.items()

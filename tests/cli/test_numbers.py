@@ -7,20 +7,20 @@ import typer
 from bad_maps import check_failure
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.cli.main import app, command_names
-from mapdeal.cli.shared_options import SHARED_OPTIONS
+from mapdeal.cli.options import SHARED_OPTIONS
 
 VALUES = ["1e308", "-1e308", "5e-324", "nan", "inf", "-0", "1e400", "99999999999999999999"]
 IN_OUT = ["m.yaml", "-o", "o.npz", "--force"]
 DRAWN = ["--point", "1.2,2.1", "--value", "100"]
 
 # A command that works; what is tried is added, in the place of the same option if it is there.
-WORKING = {
+# A command that is not named here takes a map, and writes an npz if it writes anything.
+LINES = {
     "run": ["m.yaml", "-o", "out", "--force", "--no-images"],
     "local": ["--cloud", "c.csv", "--pose", "0,0,0", "-o", "out", "--force", "--size", "2,2",
               "--no-images"],
     "build": ["--poses", "c.csv", "--angles", "a.txt", "--ranges", "r.txt", "-o", "o.yaml",
               "--force"],
-    "active": IN_OUT, "inflate": IN_OUT, "esdf": IN_OUT, "cost": IN_OUT, "potential": IN_OUT,
     "query": ["m.yaml", "--at", "1.2,2.1"],
     "reach": ["m.yaml", "--from", "1.3,2.4", "--to", "2.3,3.4", "-o", "o.json", "--force"],
     "route": ["m.yaml", "--from", "1.3,2.4", "--to", "2.3,3.4"],
@@ -32,14 +32,10 @@ WORKING = {
     "shift": [*IN_OUT, "--origin", "1.1,2.1"],
     "rotate": [*IN_OUT, "--yaw", "0.3"],
     "rescale": [*IN_OUT, "--resolution", "0.2"],
-    "convert": IN_OUT,
     "pack": ["m.yaml", "-o", "o.pbm", "--force"],
     "unpack": ["b.pbm", "-o", "o.yaml", "--force"],
-    "info": ["m.yaml"],
-    "lint": ["m.yaml"],
     "diff": ["m.yaml", "m.yaml"],
     "merge": ["m.yaml", "m.yaml", "-o", "o.yaml", "--force"],
-    "clean": IN_OUT,
     "align": ["m.yaml", "m.yaml"],
     "score": ["m.yaml", "--truth", "m.yaml"],
     "report": ["m.yaml", "-o", "o.html", "--force"],
@@ -68,8 +64,10 @@ def commands():
     return found
 
 
-def test_every_command_is_tried():
-    assert set(WORKING) == set(commands())
+WORKING = {
+    name: LINES.get(name, IN_OUT if "--output" in options else ["m.yaml"])
+    for name, options in commands().items()
+}
 
 
 @pytest.fixture

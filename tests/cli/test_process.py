@@ -108,7 +108,7 @@ def test_ctrl_c_is_said_and_leaves_nothing(tmp_path):
 
 INTERRUPTED_RUN = """
 import sys
-from mapdeal.grid.framed import Framed
+from mapdeal.grid.frame import Framed
 from mapdeal.cli.process import run_process
 
 def interrupted(*_):

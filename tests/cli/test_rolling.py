@@ -262,7 +262,7 @@ def test_a_real_log_rolls_as_it_is_built(command, real_maps, tmp_path, monkeypat
     takes the last beam, and a local map the hit.
     """
     from mapdeal import Frame, MapBuilder, Scans
-    from mapdeal.mapping.beams import BeamLimits
+    from mapdeal.mapping.evidence import BeamLimits
     from mapdeal.sensors.scans import open_log
 
     monkeypatch.chdir(tmp_path)

@@ -9,7 +9,7 @@ from drawn import grid_from_text
 from mapdeal import Footprint, RobotParameters, write_map
 from mapdeal.cli import terminal
 from mapdeal.cli.main import app, command_names
-from mapdeal.cli.shared_options import SHARED_OPTIONS, with_shared_options
+from mapdeal.cli.options import SHARED_OPTIONS, with_shared_options
 from mapdeal.command import split_optional
 from mapdeal.errors import ParameterError
 from mapdeal.pipeline.settings import Settings
@@ -161,7 +161,7 @@ def test_a_help_text_of_the_command_replaces_the_shared_one():
 
     [option] = inspect.signature(draw).parameters["threads"].annotation.__metadata__
     assert option.help == "Threads of each job."
-    assert SHARED_OPTIONS["threads"].option.help.startswith("Threads to use.")
+    assert SHARED_OPTIONS["threads"].text.startswith("Threads to use.")
 
 
 @pytest.mark.parametrize(
@@ -219,7 +219,7 @@ def test_a_shared_option_is_the_same_in_all_commands(path):
             assert parameter.opts[0] == f"--{parameter.name.replace('_', '-')}"
             assert parameter.default == shared.default
             choices = "|".join(map(str, get_args(split_optional(shared.kind)[0])))
-            assert parameter.metavar in (shared.option.metavar, choices)
+            assert parameter.metavar in (shared.metavar, choices)
 
 
 FLAGS = [

@@ -285,7 +285,7 @@ def test_a_picture_beside_a_pipe(here):
 def test_the_pipes_of_the_docs_run(here):
     root = Path(__file__).parents[2]
     (here / "examples").symlink_to(root / "examples")
-    page = (root / "docs" / "shell.md").read_text()
+    page = (root / "docs" / "cli.md").read_text()
     (block,) = re.findall(r"^```bash\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     for line in block.splitlines():
         codes, _, _ = pipe(" | ".join(part.removeprefix("mapdeal ") for part in line.split(" | ")))

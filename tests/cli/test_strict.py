@@ -5,9 +5,10 @@ import warnings
 
 import numpy as np
 import pytest
+import typer
 
 import mapdeal
-from mapdeal.cli.main import command_names, main
+from mapdeal.cli.main import app, command_names, main
 
 GREYS = np.full((40, 60), 254, dtype=np.uint8)
 GREYS[5, :] = 0
@@ -19,15 +20,11 @@ FREED = (
     " lower free_thresh from 0.25 to 0.196"
 )
 
-# A command line for every command that reads a map.
+# Command lines of commands that read a map; others of them take it alone, or write an npz.
 LINES = {
     "run": ["run", "m.yaml", "-o", "o", "--no-images"],
     "local": ["local", "--map", "m.yaml", "--pose", "3,0,0.2", "-o", "o"],
-    "active": ["active", "m.yaml", "-o", "o.yaml"],
     "inflate": ["inflate", "m.yaml", "-o", "o.yaml"],
-    "esdf": ["esdf", "m.yaml", "-o", "o.npz"],
-    "cost": ["cost", "m.yaml", "-o", "o.npz"],
-    "potential": ["potential", "m.yaml", "-o", "o.npz"],
     "query": ["query", "m.yaml", "--at", "3,0"],
     "reach": ["reach", "m.yaml", "--from", "3,0", "--to", "3.3,0", "-o", "o.json"],
     "route": ["route", "m.yaml", "--from", "3,0", "--to", "3.3,0"],
@@ -39,7 +36,6 @@ LINES = {
     "rescale": ["rescale", "m.yaml", "--resolution", "0.2", "-o", "o.yaml"],
     "convert": ["convert", "m.yaml", "-o", "o.png"],
     "pack": ["pack", "m.yaml", "-o", "o.pbm"],
-    "info": ["info", "m.yaml"],
     "diff": ["diff", "m.yaml", "m.yaml"],
     "merge": ["merge", "m.yaml", "m.yaml", "-o", "o.yaml"],
     "clean": ["clean", "m.yaml", "-o", "o.yaml"],
@@ -58,6 +54,15 @@ NOT_SURE = {"align"}
 OTHERS = {"lint", "build", "unpack", "completion"}
 
 
+def line_of(name):
+    one = typer.main.get_command(app).get_command(None, name)
+    writes = any("--output" in parameter.opts for parameter in one.params)
+    return [name, "m.yaml", *(["-o", "o.npz"] if writes else [])]
+
+
+LINES = {name: LINES.get(name) or line_of(name) for name in command_names() if name not in OTHERS}
+
+
 def write_pair(name, greys, free_thresh):
     with open(f"{name}.pgm", "wb") as file:
         file.write(b"P5\n%d %d\n255\n" % greys.shape[::-1] + greys.tobytes())
@@ -73,10 +78,6 @@ def maps(tmp_path, monkeypatch):
     write_pair("u", np.full((3, 5), 205, dtype=np.uint8), 0.196)
     write_pair("good", GREYS, 0.196)
     return tmp_path
-
-
-def test_every_command_is_listed():
-    assert set(LINES) | OTHERS == set(command_names())
 
 
 @pytest.mark.parametrize("name", LINES)

@@ -218,11 +218,11 @@ def test_layers_that_are_made_block_by_block_are_left_alone():
 
 
 def test_giant_grids_are_not_counted(monkeypatch):
-    monkeypatch.setattr("mapdeal.grid.framed.MOST_COUNTED", 14)
+    monkeypatch.setattr("mapdeal.grid.frame.MOST_COUNTED", 14)
     for name in ("OccupancyGrid", "BitMap"):
         assert repr(SAMPLES[name]) == f"{name}({PLACE})"
     assert repr(SAMPLES["DistanceField"]) == f"DistanceField({PLACE}, convention fast-planner)"
-    monkeypatch.setattr("mapdeal.grid.framed.MOST_COUNTED", 15)
+    monkeypatch.setattr("mapdeal.grid.frame.MOST_COUNTED", 15)
     assert repr(SAMPLES["BitMap"]) == f"BitMap({PLACE}, 2 ones)"
 
 

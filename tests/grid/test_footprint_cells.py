@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import oracles
 from mapdeal.grid.footprint import Footprint, footprint_spans
 from mapdeal.grid.frame import Frame
-from mapdeal.kernels.configuration_space import ConfigurationSpace
+from mapdeal.kernels.paths import ConfigurationSpace
 
 RECTANGLE = ((0.45, 0.225), (0.45, -0.225), (-0.45, -0.225), (-0.45, 0.225))
 SHAPES = [

@@ -19,7 +19,7 @@ from mapdeal.grid.reaching import (
     largest_closed_square,
     passages,
 )
-from mapdeal.kernels.clearance_tree import clearance_tree
+from mapdeal.kernels.paths import clearance_tree
 
 RESOLUTION, ORIGIN = 0.07, (3.0, -2.0, 0.4)
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapdeal import Costmap, Frame, OccupancyGrid, ParameterError
-from mapdeal.grid.resample import obstacles_in, resampled, wholly_in
+from mapdeal.grid.canvas import obstacles_in, resampled, wholly_in
 from mapdeal.kernels.threads import use_threads
 
 

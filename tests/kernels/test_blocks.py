@@ -48,7 +48,7 @@ def test_it_says_what_it_is():
     layer = lazy()
     assert (layer.shape, layer.ndim, len(layer)) == ((23, 4), 2, 23)
     assert (layer.dtype, layer.nbytes) == (np.uint8, WHOLE.nbytes)
-    assert [(s.start, s.stop) for s in layer.blocks()] == [
+    assert [(s.start, s.stop) for s in blocks_of(layer)] == [
         (0, 5), (5, 10), (10, 15), (15, 20), (20, 23)
     ]  # fmt: skip
     with pytest.raises(IndexError):

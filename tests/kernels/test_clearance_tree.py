@@ -11,14 +11,14 @@ from scipy import ndimage
 import oracles
 from drawn import cells
 from mapdeal import read_map
-from mapdeal.kernels.clearance_tree import (
+from mapdeal.kernels.distance import squared_distance, unreachable
+from mapdeal.kernels.paths import (
     basin_areas,
     clearance_metres,
     clearance_tree,
     rooted,
     widest_metres,
 )
-from mapdeal.kernels.distance import squared_distance, unreachable
 from mapdeal.kernels.threads import use_threads
 
 

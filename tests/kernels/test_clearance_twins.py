@@ -6,17 +6,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engines import needs_compiled
-from mapdeal.kernels import clearance_numpy as clearance_twin
+from mapdeal.kernels import scipy_twins
 from mapdeal.kernels.distance import squared_distance, unreachable
 
 pytestmark = [pytest.mark.slow, needs_compiled]
 
 
 def check(squared, is_open, resolution=0.05, choice=0):
-    from mapdeal.kernels import clearance_compiled as compiled_clearance
+    from mapdeal.kernels import compiled
 
-    assert compiled_clearance.fits(squared)
-    both = compiled_clearance, clearance_twin
+    assert compiled.fits(squared)
+    both = compiled, scipy_twins
     tree, twin = (engine.clearance_tree(squared, is_open) for engine in both)
     assert_same(tree, twin)
     if not len(tree.peaks):
@@ -101,10 +101,10 @@ def test_on_a_spiral_whose_ways_cross_all_bands_many_times():
 
 
 def test_squares_that_do_not_fit_are_left_to_the_twin():
-    from mapdeal.kernels import clearance_compiled as compiled_clearance
+    from mapdeal.kernels import compiled
 
     large = np.array([[2**31 - 2, 5, 2**63 - 1]])
-    assert compiled_clearance.fits(large)
+    assert compiled.fits(large)
     large[0, 0] += 1
-    assert not compiled_clearance.fits(large)
-    assert not compiled_clearance.fits(np.zeros((0, 4), np.int32))
+    assert not compiled.fits(large)
+    assert not compiled.fits(np.zeros((0, 4), np.int32))

@@ -6,7 +6,7 @@ import pytest
 from engines import needs_compiled
 from mapdeal.grid.footprint import Footprint, footprint_spans
 from mapdeal.grid.frame import Frame
-from mapdeal.kernels.configuration_space import ConfigurationSpace
+from mapdeal.kernels.paths import ConfigurationSpace
 from mapdeal.kernels.polygons import Spans
 from mapdeal.kernels.threads import use_threads
 
@@ -56,16 +56,16 @@ def test_both_engines_give_the_same_bytes_with_any_threads(monkeypatch, seed):
 @pytest.fixture
 def rounds(monkeypatch):
     """Let few words of cells wait at a time, and return how often that were too few."""
-    from mapdeal.kernels import configuration_compiled as compiled_configuration
+    from mapdeal.kernels import compiled
 
-    counted, flood = [], compiled_configuration.flood
+    counted, flood = [], compiled.flood
 
     def counting(*words):
         counted.append(flood(*words))
 
-    monkeypatch.setattr(compiled_configuration, "_FEWEST_WAITING", 4)
-    monkeypatch.setattr(compiled_configuration, "_SHARE_WAITING", 1 << 30)
-    monkeypatch.setattr(compiled_configuration, "flood", counting)
+    monkeypatch.setattr(compiled, "_FEWEST_WAITING", 4)
+    monkeypatch.setattr(compiled, "_SHARE_WAITING", 1 << 30)
+    monkeypatch.setattr(compiled, "flood", counting)
     monkeypatch.setenv("MAPDEAL_KERNELS", "compiled")
     return counted
 

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 import oracles
 from engines import ENGINES
-from mapdeal.kernels.dilation import dilate_square, inflated, ringed, within_distance
+from mapdeal.kernels.distance import dilate_square, inflated, ringed, within_distance
 from mapdeal.kernels.threads import use_threads
 from strategies import masks
 

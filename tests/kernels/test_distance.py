@@ -9,13 +9,13 @@ import oracles
 from engines import needs_compiled
 from mapdeal.errors import ParameterError
 from mapdeal.kernels import engine
-from mapdeal.kernels.dilation import within_distance
 from mapdeal.kernels.distance import (
     bytes_by_distance,
     signed_distance,
     signed_squared_distance,
     squared_distance,
     unreachable,
+    within_distance,
 )
 from mapdeal.kernels.threads import use_threads
 from strategies import masks
@@ -247,10 +247,10 @@ def test_a_table_s_last_square_is_one_of_it_and_the_next_is_beyond(reach):
 
 @needs_compiled
 def test_products_of_the_longest_side_fit_into_64_bits():
-    from mapdeal.kernels.distance_compiled import longest_side
+    from mapdeal.kernels.compiled import LONGEST_SIDE
 
-    assert longest_side() > 1_000_000
-    assert 2 * longest_side() ** 3 < 2**63
+    assert LONGEST_SIDE > 1_000_000
+    assert 2 * LONGEST_SIDE**3 < 2**63
 
 
 @needs_compiled

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engines import needs_compiled
-from mapdeal.kernels import distance_numpy as scipy_distance
+from mapdeal.kernels import scipy_twins
 
 pytestmark = [pytest.mark.slow, needs_compiled]
 
@@ -18,7 +18,7 @@ def bits(array):
 
 
 def check(marked, scale, limit, table):
-    from mapdeal.kernels import distance_compiled as compiled_distance
+    from mapdeal.kernels import compiled
 
     metric = {
         "scale": scale,
@@ -35,8 +35,8 @@ def check(marked, scale, limit, table):
         ("metres", metric | {"clip": math.inf, "gain": 1.0}),
         ("bytes_of_squares", {"table": table}),
     ]:
-        ours = getattr(compiled_distance, name)(marked, **arguments)
-        twin = getattr(scipy_distance, name)(marked, **arguments)
+        ours = getattr(compiled, name)(marked, **arguments)
+        twin = getattr(scipy_twins, name)(marked, **arguments)
         assert bits(ours) == bits(twin), name
 
 

@@ -10,8 +10,9 @@ from hypothesis.extra import numpy as arrays
 
 import oracles
 from engines import needs_compiled
-from mapdeal.kernels import engine, footprints
-from mapdeal.kernels.footprints import Lattice, costs_at_poses
+from mapdeal.kernels import engine
+from mapdeal.kernels import polygons as footprints
+from mapdeal.kernels.polygons import Lattice, costs_at_poses
 from mapdeal.kernels.threads import use_threads
 
 COSTS = arrays.arrays(

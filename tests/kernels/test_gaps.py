@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from mapdeal.kernels.components import gap_at
 from mapdeal.kernels.distance import squared_distance
-from mapdeal.kernels.meetings import gap_at
 
 
 def room_with_a_wall(first, last, gap, thickness, turned):

@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapdeal.kernels.distance import squared_distance, unreachable
-from mapdeal.stages.older_queue import queue_squares
+from mapdeal.stages.layered_cost import queue_squares
 from strategies import masks
 
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.kernels.meetings import joined, saddles_between, sums_behind
+from mapdeal.kernels.components import joined, saddles_between, sums_behind
 
 
 @st.composite

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mapdeal.kernels.overlaps import Lattice, largest_under, nearest_under
+from mapdeal.kernels.lookup import Lattice, largest_under, nearest_under
 
 VALUES = np.array([[1, 0, 9], [4, 0, 0]], np.uint8)
 

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engines import needs_compiled
-from mapdeal.kernels import rays_numpy as ray_twin
-from mapdeal.kernels.rays import DISTANCE_UNIT, Odds, count_rays, measure_rays, weigh_rays
+from mapdeal.kernels import sensing
+from mapdeal.kernels.sensing import DISTANCE_UNIT, Odds, count_rays, measure_rays, weigh_rays
 from mapdeal.kernels.threads import use_threads
 from oracles import line
 
@@ -124,7 +124,9 @@ def test_rays_from_and_to_far_away_take_no_longer(shape, rays):
     starts, ends, is_hit = arrays(rays)
     hits, misses, twin_hits, twin_misses = np.zeros((4, *shape), dtype=np.int32)
     count_rays(starts, ends, is_hit, hits, misses)
-    ray_twin.count_rays(starts, ends, is_hit, twin_hits, twin_misses)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MAPDEAL_KERNELS", "scipy")
+        count_rays(starts, ends, is_hit, twin_hits, twin_misses)
     np.testing.assert_array_equal(hits, twin_hits)
     np.testing.assert_array_equal(misses, twin_misses)
 
@@ -178,7 +180,7 @@ def test_many_rays_give_the_same_bytes_on_both_engines_and_any_threads(monkeypat
             measure_rays(starts, ends, sensors, ranges, 2.5, 1.7, sums, weights)
         found.append([layer.tobytes() for layer in (hits, misses, values, seen, sums, weights)])
     assert found[0] == found[1] == found[2]
-    assert misses.sum() > ray_twin._CELLS_TOGETHER
+    assert misses.sum() > sensing._CELLS_TOGETHER
 
 
 @needs_compiled

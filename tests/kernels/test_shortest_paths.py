@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import oracles
 from engines import needs_compiled
 from mapdeal.kernels import engine
-from mapdeal.kernels.shortest_paths import cheapest_path
+from mapdeal.kernels.paths import cheapest_path
 
 
 @st.composite

@@ -9,8 +9,7 @@ from engines import needs_compiled
 from mapdeal import MalformedInputError, MapBuilder, ParameterError, build_map
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.threads import use_threads
-from mapdeal.mapping.beams import BeamCounts, BeamLimits, Beams, Scans, beams_of
-from mapdeal.mapping.evidence import Counting
+from mapdeal.mapping.evidence import BeamCounts, BeamLimits, Beams, Counting, Scans, beams_of
 from oracles import line
 
 RES = 0.25

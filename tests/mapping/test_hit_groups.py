@@ -8,7 +8,7 @@ from drawn import cells
 from mapdeal import MapBuilder, Scans, build_map
 from mapdeal.grid.frame import Frame
 from mapdeal.mapping.build import frame_of
-from mapdeal.mapping.evidence import HitGroups, hit_groups, vanished_groups
+from mapdeal.mapping.evidence import hit_groups, vanished_groups
 
 
 @st.composite
@@ -71,7 +71,7 @@ def test_middles_are_in_the_map_frame():
     x, y = np.mean(centres, axis=0) * 0.25
     expected = [1.5 + x * np.cos(0.4) - y * np.sin(0.4), -2.0 + x * np.sin(0.4) + y * np.cos(0.4)]
     np.testing.assert_allclose(groups.middles_xy(frame), [expected], atol=1e-12)
-    assert HitGroups.none().middles_xy(frame).shape == (0, 2)
+    assert hit_groups(np.zeros((2, 3), dtype=bool)).middles_xy(frame).shape == (0, 2)
 
 
 GRID = {"resolution": 0.5, "size": (6, 4.5), "origin": (-0.5, 0.25)}

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from conftest import NO_TEST_DATA
 from mapdeal.kernels.rotations import from_yaw, normalised
-from mapdeal.mapping.beams import beams_in_plane, stances
+from mapdeal.mapping.evidence import beams_in_plane, stances
 from mapdeal.mapping.transforms import TransformTree
 
 T0, MS = 1_700_000_000_123_456_789, 1_000_000

@@ -17,7 +17,7 @@ from mapdeal import (
 )
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.threads import use_threads
-from mapdeal.mapping.beams import BeamLimits
+from mapdeal.mapping.evidence import BeamLimits
 from oracles import line
 
 pytestmark = pytest.mark.slow

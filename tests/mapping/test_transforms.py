@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from mapdeal import MalformedInputError
 from mapdeal.kernels.rotations import composed, multiplied, normalised, rotated, slerp, undone
-from mapdeal.mapping.beams import beams_in_plane, stances
+from mapdeal.mapping.evidence import beams_in_plane, stances
 from mapdeal.mapping.transforms import TransformTree
 
 T0, MS = 1_700_000_000_123_456_789, 1_000_000

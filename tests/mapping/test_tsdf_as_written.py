@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from engines import needs_compiled
 from mapdeal import MapBuilder, ParameterError, build_map
 from mapdeal.kernels.threads import use_threads
-from mapdeal.mapping.beams import Scans
+from mapdeal.mapping.evidence import Scans
 from oracles import line
 
 RES = 0.25

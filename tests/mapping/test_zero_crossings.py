@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.mapping.tsdf import crossings_of, thin_blocks, thin_surface
+from mapdeal.mapping.evidence import crossings_of, thin_blocks, thin_surface
 
 
 @st.composite

@@ -11,12 +11,11 @@ import pytest
 
 import mapdeal
 from mapdeal import FileAccessError, MalformedInputError, OccupancyGrid, ParameterError, write_map
-from mapdeal.checks.formats import REPORTS, LintReport
-from mapdeal.checks.lint import Found, lint_file
+from mapdeal.checks.findings import Selections
+from mapdeal.checks.lint import REPORTS, Found, LintReport, lint_file
 from mapdeal.checks.map_checks import RUN_FOLDERS
-from mapdeal.checks.selection import Selections
 from mapdeal.commands.lint import _Lint
-from mapdeal.files.budget import SHARE_OF_JOB
+from mapdeal.files.source import SHARE_OF_JOB
 from mapdeal.files.source import contents_of as real_contents_of
 from mapdeal.inputs.listing import list_maps
 from mapdeal.pipeline.settings import Settings

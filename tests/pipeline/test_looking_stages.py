@@ -7,7 +7,7 @@ import pytest
 
 import made_up_stages
 from mapdeal import Footprint, MapdealWarning, OccupancyGrid, ParameterError, esdf, layered_cost
-from mapdeal.cli.stage_command import stage_app
+from mapdeal.cli.apps import stage_app
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.esdf import field_view

@@ -1,11 +1,12 @@
 """How much memory a map gets, and how it is cut into blocks, by numbers computed by hand."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from mapdeal import MalformedInputError
-from mapdeal.files import budget as budget_of_readers
+from mapdeal.files import source as budget_of_readers
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline import inputs as memory
 from mapdeal.pipeline.settings import Settings
@@ -21,7 +22,7 @@ def _one_demand(monkeypatch):
 class Step:
     is_whole = False
     memory = 1.5
-    of_library = 0
+    stage = SimpleNamespace(of_library=0)
 
 
 def cut(left, *, base=500, threads=1, shape=(3000, 1000), steps=(Step,)):

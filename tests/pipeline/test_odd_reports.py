@@ -10,10 +10,9 @@ import mapdeal
 from drawn import grid_from_text
 from mapdeal.commands.report import gathered
 from mapdeal.commands.report_documents import MOST_POINTS, route_items
-from mapdeal.commands.report_draft import Draft, Grids
-from mapdeal.commands.report_runs import columns_of
+from mapdeal.commands.report_entries import Draft, Grids, columns_of
 from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.grid.route import Route
+from mapdeal.grid.reach import Route
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS
 from mapdeal.report.document import Item, Table
 from mapdeal.report.page import page_of

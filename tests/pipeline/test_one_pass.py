@@ -8,7 +8,7 @@ import pytest
 
 from mapdeal import FileAccessError, OccupancyGrid, write_map
 from mapdeal.files.transaction import RowsWriter, Transaction
-from mapdeal.grid.framed import Framed
+from mapdeal.grid.frame import Framed
 from mapdeal.kernels.blocks import CacheBudget, LazyLayer, rows_reported
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline import inputs as memory

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from alignment.buildings import OTHER_WALLS, WALLS, between, cut, drawn, errors
+from compare.buildings import OTHER_WALLS, WALLS, between, cut, drawn, errors
 from mapdeal import FindingError, Transform, merge
 
 PLACES = [Transform(-3.2, 11.7, 0.3), Transform(5.0, 2.0, 2.2), Transform(-8.0, 3.0, 1.1)]

@@ -290,7 +290,7 @@ def test_a_failure_leaves_both_files_as_they_were(command, folder, monkeypatch):
 
 def test_a_map_that_changes_meanwhile_is_left(command, folder, monkeypatch):
     write(yaml_text(free_thresh="0.25"))
-    from mapdeal.commands import lint_repair as repair
+    from mapdeal.commands import lint as repair
 
     real = repair.edited
 
@@ -308,7 +308,7 @@ def test_a_map_that_changes_meanwhile_is_left(command, folder, monkeypatch):
 
 def test_a_map_that_changes_while_it_is_checked_is_left(command, folder, monkeypatch):
     write(yaml_text(free_thresh="0.25"))
-    from mapdeal.commands import lint_repair as repair
+    from mapdeal.commands import lint as repair
 
     real = repair.gather
 

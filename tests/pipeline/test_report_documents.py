@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import mapdeal
-from alignment.buildings import WALLS, drawn
+from compare.buildings import WALLS, drawn
 from drawn import grid_from_text
 from mapdeal.commands.report import gathered
-from mapdeal.commands.report_draft import Draft, Grids
-from mapdeal.commands.report_runs import drafts_about
+from mapdeal.commands.report_entries import Draft, Grids, drafts_about
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Transform
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS

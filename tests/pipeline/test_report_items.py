@@ -15,8 +15,7 @@ from mapdeal.commands.report_documents import (
     shape_items,
 )
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage
-from mapdeal.grid.route import Route
+from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Route
 from mapdeal.grid.shapes import Circle, Line, Polygon
 from robustness.seeds import ANSWERS
 

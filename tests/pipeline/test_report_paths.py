@@ -12,8 +12,7 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal.commands.report import gathered
-from mapdeal.commands.report_draft import Draft, Grids
-from mapdeal.commands.report_runs import add_layers
+from mapdeal.commands.report_entries import Draft, Grids, add_layers
 from mapdeal.errors import FileAccessError
 from mapdeal.grid.frame import Frame
 from mapdeal.pictures.styles import occupancy_style
@@ -182,7 +181,7 @@ def test_no_table_is_empty(run):
 @pytest.mark.parametrize("fits", [True, False])
 def test_what_reading_a_map_warns_of_is_on_the_page_and_given_once(tmp_path, fits, monkeypatch):
     if not fits:
-        monkeypatch.setattr("mapdeal.commands.report_draft.memory_limit", lambda: (0, ""))
+        monkeypatch.setattr("mapdeal.commands.report_entries.memory_limit", lambda: (0, ""))
     grid = grid_from_text(ROOMS)
     dark = mapdeal.OccupancyGrid(np.full_like(grid.occupancy, -1), 0.25, (1.5, -2.0, 0.4))
     for name in ("one", "two"):

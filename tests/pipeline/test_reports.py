@@ -9,7 +9,7 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal.commands.report import gathered
-from mapdeal.commands.report_draft import Grids
+from mapdeal.commands.report_entries import Grids
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS
 
@@ -225,7 +225,7 @@ def test_titles(run, rooms, tmp_path):
 @pytest.mark.parametrize("fits", [True, False])
 def test_layers_are_the_same_when_files_do_not_fit_the_memory(run, rooms, fits, monkeypatch):
     if not fits:
-        monkeypatch.setattr("mapdeal.commands.report_draft.memory_limit", lambda: (0, ""))
+        monkeypatch.setattr("mapdeal.commands.report_entries.memory_limit", lambda: (0, ""))
     with Grids(DEFAULT_SETTINGS) as grids:
         layers = gathered([run, rooms], grids).entries[0].layers
         values = [layer.values[:] for layer in layers]

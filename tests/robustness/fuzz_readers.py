@@ -24,7 +24,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from mapdeal.errors import MapdealError, MapdealWarning
-from mapdeal.files.budget import use_memory
+from mapdeal.files.source import use_memory
 from robustness.mutation import Dice, mutant
 from robustness.readers import READERS
 from robustness.reading import MEMORY

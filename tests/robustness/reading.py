@@ -25,36 +25,40 @@ from mapdeal import (
 )
 from mapdeal.bags.messages import LASER_SCAN, POINT_CLOUD
 from mapdeal.bags.reader import open_bag
+from mapdeal.checks.findings import read_lint_config, selection_of
 from mapdeal.checks.lint import lint_file
 from mapdeal.checks.map_checks import RUN_FOLDERS
-from mapdeal.checks.selection import read_lint_config, selection_of
 from mapdeal.commands.lint import lint as lint_maps
 from mapdeal.commands.report import gathered
 from mapdeal.commands.report_documents import read_results
-from mapdeal.commands.report_draft import Grids
-from mapdeal.editing.merge import chosen_layers, evidence_of
+from mapdeal.commands.report_entries import Grids
+from mapdeal.compare.merge import chosen_layers, evidence_of
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
     MapdealError,
     ParameterError,
 )
-from mapdeal.files.budget import size_of
+from mapdeal.files.source import size_of
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import FARTHEST, Frame
 from mapdeal.inputs.kinds import kind_of
 from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.transforms import FrameOptions
-from mapdeal.maps.dialects import DIALECTS
-from mapdeal.maps.images import open_pixel_rows, read_image, read_image_size
+from mapdeal.maps.dialects import DIALECTS, MapMetadata, read_metadata, yaml_of
+from mapdeal.maps.images import (
+    PnmImage,
+    open_image,
+    pnm_comments,
+    read_image,
+    read_image_size,
+)
 from mapdeal.maps.map_server import read_bit_map
-from mapdeal.maps.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.maps.npz import npz_frame, open_npz, read_evidence, read_npz, read_reach
-from mapdeal.maps.pnm import decode_pbm, decode_pnm, pnm_comments
+from mapdeal.maps.picture import opened
 from mapdeal.maps.reading import open_map, read_map
 from mapdeal.maps.shapes import read_shapes
-from mapdeal.pipeline.bag_maps import describe_bag
-from mapdeal.pipeline.bag_sensors import clouds_of_bag
+from mapdeal.pipeline.bag_maps import clouds_of_bag, describe_bag
 from mapdeal.pipeline.folder import differences_from_golden
 from mapdeal.pipeline.inputs import numbers_of
 from mapdeal.pipeline.recipe import load_recipe
@@ -140,7 +144,8 @@ def read_pnm(path, data):
 
 def read_by_rows(path, data):
     """Read an image at once and by rows: both give the same pixels, or neither any."""
-    with open_pixel_rows(path) as pixels:
+    with open_image(path) as image:
+        pixels = image.rows() if isinstance(image, PnmImage) else None
         if pixels is None:
             return read_image(path)
         height, width = pixels.shape
@@ -287,13 +292,14 @@ def read_bag(path, data):
 
 
 def decode_bits(path, data):
-    packed, width = decode_pbm(data, path)
+    with opened(path) as file:
+        image = PnmImage(file)
+        packed, width = image.bits(), image.width
+        whole = read_image(path)
     assert packed.dtype == np.uint8
     assert packed.shape[1] == (width + 7) // 8
     assert 0 < packed.size <= len(data)
-    assert (decode_pnm(data, path).samples == 0).sum() == np.unpackbits(
-        packed, axis=1, count=width
-    ).sum()
+    assert (whole.samples == 0).sum() == np.unpackbits(packed, axis=1, count=width).sum()
     return packed
 
 

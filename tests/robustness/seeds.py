@@ -577,7 +577,7 @@ def stored_bags():
     import numpy as np
     from mcap.writer import CompressionType
 
-    from formats.bags import making
+    from bags import making
 
     def maker(*, has_costs):
         made = making.Maker()

@@ -36,8 +36,8 @@ READS = re.compile(
 NOT_READERS = {
     "files.transaction.Temporary.open",  # makes a file
     "pipeline.inputs.read_input", "pipeline.local.read_global_map",  # call readers, with warnings
-    "commands.pack.read_bits", "pipeline.inputs.read_summed", "pipeline.inputs.read_together",
-    "commands.report_draft.Grids.open",
+    "commands.pack.read_bits", "pipeline.inputs.read_together",
+    "commands.report_entries.Grids.open",
     "planning.routes.Terrain.open_cell_of",  # a cell that is open
     "cli.terminal.input_chunks", "pipeline.inputs.Terminal.input_chunks",  # the command line
     "pipeline.recipe.load_recipe",  # call what commands call

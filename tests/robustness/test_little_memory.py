@@ -80,4 +80,4 @@ def test_matrices_are_not_left_to_openblas():
                 or (of == "np" and name in ("dot", "matmul", "tensordot", "inner"))
             ):
                 found.add(path.stem)
-    assert found == {"routes", "rotations", "meetings", "bit_map"}
+    assert found == {"routes", "rotations", "components", "bit_map"}

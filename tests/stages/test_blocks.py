@@ -19,7 +19,7 @@ from mapdeal import (
     MapdealWarning,
     OccupancyGrid,
 )
-from mapdeal.grid.resample import frames_overlap
+from mapdeal.grid.canvas import frames_overlap
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.pipeline.step import grid_of
 from mapdeal.stages.catalogue import STAGES

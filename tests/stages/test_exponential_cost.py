@@ -1,5 +1,6 @@
 import json
 import math
+from dataclasses import fields
 from decimal import Decimal
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 import oracles
 from drawn import grid_from_text
 from mapdeal import (
+    InflationLayer,
     MapdealWarning,
     OccupancyGrid,
     ParameterError,
@@ -18,9 +20,8 @@ from mapdeal import (
     inflate,
     read_map,
 )
-from mapdeal.kernels.distance import bytes_by_distance
 from mapdeal.pipeline.step import make_step
-from mapdeal.stages.cost_profile import cost_table, raise_costs
+from mapdeal.stages.exponential_cost import CostProfile, cost_table
 from strategies import RESOLUTIONS, occupancies
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
@@ -49,7 +50,8 @@ def test_golden_costs_along_a_row(resolution, inscribed, factor, expected):
     ("squared", "cost"), [(0, 254), (1, 253), (4, 253), (5, 219), (9, 102), (10, 87), (16, 37)]
 )
 def test_golden_costs_of_squared_distances(squared, cost):
-    table = cost_table(5, resolution=1.0, inscribed_radius=2.1, cost_scaling_factor=1.0)
+    layer = InflationLayer(inscribed_radius=2.1, cost_scaling_factor=1.0)
+    table = cost_table(5, layer, 1.0)
     assert table[squared] == cost
 
 
@@ -190,10 +192,8 @@ def test_the_rules_of_the_static_layer_and_of_nav2_s_lookup_equal_brute_force(
 
 def test_nav2_looks_costs_up_at_hundredths_of_a_cell():
     # sqrt(2) cells are 1.41, of the float32 resolution: 252 exp(-3 * (0.0705 - 0)) = 203.9...
-    costs = cost_table(
-        2, resolution=float(np.float32(0.05)), inscribed_radius=0.0, cost_scaling_factor=3.0,
-        lookup="nav2",
-    )  # fmt: skip
+    layer = InflationLayer(cost_scaling_factor=3.0, lookup="nav2")
+    costs = cost_table(2, layer, float(np.float32(0.05)))
     assert costs.tolist() == [
         254,
         int(252 * math.exp(-3 * 1.00 * 0.05000000074505806)),
@@ -233,19 +233,11 @@ def test_costs_equal_the_real_layer_within_the_brushfire_s_error(real_maps, case
     about = json.loads((real_maps / "expected" / "peers.json").read_text())[f"inflation/{case}"]
     with np.load(real_maps / "expected" / "peers.npz") as expected:
         old, legacy = (expected[f"inflation/{case}/{name}"] for name in ("in", "legacy"))
-    reach = math.ceil(about["inflation_radius"] / about["resolution"] - 1e-9)
-    cost = old
-    if reach > 0:
-        seeds = (old == 254) | (about["inflate_around_unknown"] & (old == 255))
-        table = cost_table(
-            reach,
-            resolution=about["resolution"],
-            inscribed_radius=about["inscribed_radius"],
-            cost_scaling_factor=about["cost_scaling_factor"],
-        )
-        cost = old.copy()
-        spread = bytes_by_distance(seeds, table)
-        raise_costs(cost, spread, inflate_unknown=about["inflate_unknown"])
+    names = [one.name for one in fields(InflationLayer) if one.name in about]
+    layer = InflationLayer(**{name: about[name] for name in names})
+    grid = OccupancyGrid(np.zeros(old.shape, np.int8), about["resolution"])
+    cost = old.copy()
+    CostProfile(grid, layer, float32_resolution=False).raise_around_seeds(cost)
     differing = cost != legacy
     assert differing.mean() <= 0.003
     assert (cost[differing] > legacy[differing]).all()

@@ -3,7 +3,7 @@ import pytest
 
 from mapdeal import OccupancyGrid, esdf, exponential_cost
 from mapdeal.pipeline.step import make_step
-from mapdeal.stages.older_queue import costs_spread, queue_difference, raise_by_queue
+from mapdeal.stages.layered_cost import costs_spread, queue_difference, raise_by_queue
 from recorded_costmaps import exponential_parameters, recorded_costmaps, sum_of
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")

@@ -6,37 +6,38 @@ import bz2
 import re
 import sys
 from abc import ABC, abstractmethod
-from array import array
-from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, NamedTuple, Self
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
-from mapdeal.files.budget import PIECES, check_expansion, claim, most_expanded
-from mapdeal.files.source import access_to, contents_of, is_folder, status_of
+from mapdeal.files.source import (
+    PIECES,
+    check_expansion,
+    claim,
+    contents_of,
+    is_folder,
+    most_expanded,
+)
 from mapdeal.files.transaction import PREFIX
 
-BAG_OUTPUTS = (".bag", ".mcap", ".db3")
-"""Suffixes of bags."""
-
+BAG_OUTPUTS = (".bag", ".mcap", ".db3")  # suffixes of bags
 _PART = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _LONGEST_TOPIC = 247
 _PLAIN = re.compile(r"[A-Za-z0-9_. +-]+")
-_METADATA = "metadata.yaml"
+METADATA = "metadata.yaml"
 
 
 def bag_paths(output: Path) -> tuple[Path, ...]:
     """Return the files of a bag: one for ``.bag`` and ``.mcap``, a folder with two for ``.db3``."""
     if output.suffix != ".db3":
         return (output,)
-    paths = output / f"{name_inside(output)}.db3", output / _METADATA
+    paths = output / f"{name_inside(output)}.db3", output / METADATA
     if is_folder(output):
         folders, files = contents_of(output)
         own = {path.name for path in paths}
@@ -54,17 +55,8 @@ def name_inside(output: Path) -> str:
 
 
 def check_topic(topic: str) -> str:
-    """Return the name of a topic, with its leading slash.
-
-    References
-    ----------
-    ROS wiki, "Names"; rmw's ``validate_full_topic_name``.
-
-    Examples
-    --------
-    >>> check_topic("robot_1/map")
-    '/robot_1/map'
-    """
+    """Return the name of a topic, with its leading slash."""
+    # Sources: ROS wiki, "Names"; rmw's ``validate_full_topic_name``.
     name = topic if topic.startswith("/") else f"/{topic}"
     if not all(map(_PART.fullmatch, name[1:].split("/"))) or len(name) > _LONGEST_TOPIC:
         rule = "must be the name of a topic: letters, digits and _, with single slashes between"
@@ -142,18 +134,17 @@ class MessageIndex:
     def __iter__(self) -> Iterator[Place]:
         for start in range(0, len(self), _TOGETHER):
             some = slice(start, start + _TOGETHER)
-            lists = (self.connections, self.times, self.blocks, self.offsets)
-            yield from map(Place, *(one[some].tolist() for one in lists))
+            yield from map(Place, *(one[some].tolist() for one in self.columns))
 
     def __getitem__(self, number: int) -> Place:
-        lists = (self.connections, self.times, self.blocks, self.offsets)
-        return Place(*(int(one[number]) for one in lists))
+        return Place(*(int(one[number]) for one in self.columns))
+
+    @property
+    def columns(self) -> tuple[Integers, Integers, Integers, Integers]:
+        return self.connections, self.times, self.blocks, self.offsets
 
     def chosen(self, which: NDArray[np.bool_] | Integers) -> MessageIndex:
-        """Return some of the places, by a mask or by numbers."""
-        return MessageIndex(
-            self.connections[which], self.times[which], self.blocks[which], self.offsets[which]
-        )
+        return MessageIndex(*(one[which] for one in self.columns))
 
     def in_time(self) -> MessageIndex:
         """Return the places in the order of their times; of equal ones as they were recorded."""
@@ -164,19 +155,13 @@ class MessageIndex:
     @classmethod
     def of(cls, numbers: Sequence[int] | Sequence[Place]) -> MessageIndex:
         """Return the index of places that stand one behind the other, four numbers each."""
-        table = np.array(numbers, dtype=np.int64).reshape(-1, 4)
-        return cls(table[:, 0], table[:, 1], table[:, 2], table[:, 3])
+        return cls(*np.array(numbers, dtype=np.int64).reshape(-1, 4).T)
 
     @classmethod
     def joined(cls, parts: Sequence[MessageIndex]) -> MessageIndex:
         if not parts:
             return cls.of([])
-        return cls(
-            *(
-                np.concatenate([getattr(part, name) for part in parts])
-                for name in ("connections", "times", "blocks", "offsets")
-            )
-        )
+        return cls(*map(np.concatenate, zip(*(part.columns for part in parts), strict=True)))
 
 
 class Bag(ABC):
@@ -184,13 +169,10 @@ class Bag(ABC):
 
     # An index of the messages that are wanted is small whatever the size of the bag; messages are
     # then read one by one, and memory holds some chunks at most.
-    path: Path
-    form: str
-    """Type of the bag, with an article: ``a ROS 1 bag``."""
-
     def __init__(self, path: Path, form: str) -> None:
         self.path = path
         self.form = form
+        """Type of the bag, with an article: ``a ROS 1 bag``."""
         self._remarks: list[str] = []
 
     @property
@@ -247,15 +229,11 @@ class Bag(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:  # fmt: skip
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
 def normalised_topic(topic: str) -> str:
-    """Return a topic's name with one leading slash."""
     return "/" + "/".join(part for part in topic.split("/") if part)
 
 
@@ -266,12 +244,7 @@ def normalised_type(name: str) -> str:
 
 
 _TOGETHER = 1 << 14
-_PLACE = 32
-"""Bytes of a place."""
-
-
-_KEPT_BYTES = 1 << 25
-_KEPT = 8
+_PLACE = 32  # bytes of a place
 
 
 def expanded(
@@ -288,7 +261,7 @@ def expanded(
     most = most_expanded(len(data)) if size is None else size
     try:
         # one byte more than it claims, so that a lie shows, and a bomb stays small
-        found = _EXPANDERS[compression](data, most + 1)
+        found = bytes(_EXPANDERS[compression]().decompress(data, most + 1))
     except MemoryError:  # what it expands to has been claimed: the chunk is not to blame
         raise
     except Exception as error:  # noqa: BLE001 - each library has errors of its own
@@ -308,187 +281,11 @@ def expanded(
 
 def zstd_module() -> Any:
     """Return what reads zstd: Python's own module, or that of rosbags' dependencies before 3.14."""
-    if sys.version_info >= (3, 14):
-        from compression import zstd
-    else:
-        from backports import zstd
-    return zstd
+    return import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
 
 
-def _with_lz4(data: bytes, most: int) -> bytes:
-    from lz4.frame import LZ4FrameDecompressor
-
-    return bytes(LZ4FrameDecompressor().decompress(data, most))
-
-
-_EXPANDERS: dict[str, Callable[[bytes, int], bytes]] = {
-    "bz2": lambda data, most: bz2.BZ2Decompressor().decompress(data, most),
-    "lz4": _with_lz4,
-    "zstd": lambda data, most: bytes(zstd_module().ZstdDecompressor().decompress(data, most)),
+_EXPANDERS: dict[str, Callable[[], Any]] = {
+    "bz2": bz2.BZ2Decompressor,
+    "lz4": lambda: import_module("lz4.frame").LZ4FrameDecompressor(),
+    "zstd": lambda: zstd_module().ZstdDecompressor(),
 }
-
-
-class KeptChunks:
-    """The last few chunks: messages in order of time alternate between two or three."""
-
-    def __init__(self, read: Callable[[int], bytes]) -> None:
-        self._read = read
-        self._kept: OrderedDict[int, bytes] = OrderedDict()
-        self._bytes = 0
-
-    def __getitem__(self, number: int) -> bytes:
-        found = self._kept.get(number)
-        if found is not None:
-            self._kept.move_to_end(number)
-            return found
-        while len(self._kept) >= _KEPT or self._bytes > _KEPT_BYTES:
-            _, old = self._kept.popitem(last=False)
-            self._bytes -= len(old)
-            del old  # before another is read
-        chunk = self._read(number)
-        self._kept[number] = chunk
-        self._bytes += len(chunk)
-        return chunk
-
-
-_CHUNKED_TOGETHER = 1 << 16
-"""Entries of an index record that are read at once."""
-
-IN_THE_FILE = -1
-"""The number of no chunk: a message that stands between them."""
-
-
-@dataclass
-class Chunk:
-    compression: str
-    size: int
-    start: int
-    length: int
-    crc: int = 0
-    entries: list[tuple[int, int, int]] = field(default_factory=list)
-    is_indexed: bool = False
-    is_cut: bool = False
-
-
-class CutError(Exception):
-    """A record that does not end before the data do, or is none."""
-
-
-class ChunkedBag(Bag):
-    """A file of records, which are gone through once to find chunks, connections, and the rest."""
-
-    _OF_ENTRY, _OF_LOOSE, _OF_CHUNK, _OF_CONNECTION = 160, 40, 600, 1500
-    """Bytes that are kept of an index record, a message outside of chunks, and so on, at most."""
-
-    def __init__(self, path: Path, form: str) -> None:
-        super().__init__(path, form)
-        self._chunks: list[Chunk] = []
-        self._found: dict[int, Connection] = {}
-        self._loose = array("q")  # places, four numbers each
-        self._noted = 0
-        with access_to(path):
-            self._file = path.open("rb")
-        try:
-            with access_to(path):
-                self._size = status_of(path).st_size
-                self._walk()
-            self._find_connections()
-        except BaseException:
-            self._file.close()
-            raise
-        self._kept = KeptChunks(self._expanded)
-
-    @property
-    def connections(self) -> Sequence[Connection]:
-        return list(self._found.values())
-
-    def close(self) -> None:
-        self._file.close()
-
-    def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
-        wanted = set(connections)
-        if self._loose:
-            index = MessageIndex.of(self._loose)
-            yield index.chosen(np.isin(index.connections, list(wanted)))
-        for number, chunk in enumerate(self._chunks):
-            if chunk.is_indexed:
-                yield from self._indexed(number, wanted)
-                continue
-            found = array("q")
-            for one in self._messages_in(number):
-                if one.connection in wanted:
-                    found.extend(one)
-            if found:
-                yield MessageIndex.of(found)
-
-    @abstractmethod
-    def _walk(self) -> None:
-        """Go through all records of the file."""
-
-    @abstractmethod
-    def _find_connections_in(self, number: int) -> None:
-        """Take in the connections that a chunk describes."""
-
-    @abstractmethod
-    def _messages_in(self, number: int) -> Iterator[Place]:
-        """Yield the places of the messages in a chunk, as far as they are whole."""
-
-    @abstractmethod
-    def _entries(self, data: bytes, number: int, connection: int) -> MessageIndex:
-        """Return the places that the entries of an index record stand for."""
-
-    _ENTRY: int
-    """Bytes of an entry."""
-
-    def _find_connections(self) -> None:
-        """Look into chunks for connections that no record behind them describes."""
-        for number, chunk in enumerate(self._chunks):
-            known = {one for one, _, _ in chunk.entries}
-            if not (chunk.is_indexed and known <= self._found.keys()):
-                self._find_connections_in(number)
-
-    def _indexed(self, number: int, wanted: set[int]) -> Iterator[MessageIndex]:
-        for connection, start, count in self._chunks[number].entries:
-            for first in range(0, count if connection in wanted else 0, _CHUNKED_TOGETHER):
-                with access_to(self.path):
-                    self._file.seek(start + self._ENTRY * first)
-                    data = self._read(self._ENTRY * min(count - first, _CHUNKED_TOGETHER))
-                yield self._entries(data, number, connection)
-
-    def _expanded(self, number: int) -> bytes:
-        chunk = self._chunks[number]
-        with access_to(self.path):
-            self._file.seek(chunk.start)
-            data = self._read(chunk.length)
-        data = expanded(data, chunk.compression, chunk.size, self.path, partly=chunk.is_cut)
-        if chunk.crc and not chunk.is_cut and crc32(data) != chunk.crc:
-            raise self.malformed("a chunk is damaged: its checksum differs")
-        return data
-
-    def _remark_on_damage(self, number: int) -> None:
-        """Warn of a chunk of which the rest cannot be read, unless it is known to be cut."""
-        if not self._chunks[number].is_cut:
-            self.remark("a chunk is damaged; the intact part before it is read")
-
-    def _remark_on_end(self, why: str = "") -> None:
-        """Warn of a file that ends too early, and do without the last index: it may be cut, too."""
-        self.remark(f"ends too early{why}; the intact part before it is read")
-        if self._chunks:
-            self._chunks[-1].is_indexed = False
-
-    def _note_index(self, connection: int, start: int, count: int) -> None:
-        self._note_memory(self._OF_ENTRY)
-        self._chunks[-1].entries.append((connection, start, count))
-        self._chunks[-1].is_indexed = True
-
-    def _note_memory(self, count: int) -> None:
-        """Refuse a file of which more is to be kept than there is memory for."""
-        self._noted += count
-        claim(self.path, self._noted, what="its connections and chunks")
-
-    def _read(self, length: int) -> bytes:
-        claim(self.path, length, what=f"{length} bytes of a record")
-        data = self._file.read(length)
-        if len(data) < length:
-            raise self.malformed("ends within a record, or was cut meanwhile")
-        return data

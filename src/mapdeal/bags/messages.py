@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 import math
+import sqlite3
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, NamedTuple, TypeVar
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.bags.bag import Bag, Connection, Place
+from mapdeal.bags.bag import (
+    METADATA,
+    Bag,
+    Connection,
+    Place,
+    bag_paths,
+    check_frame,
+    check_topic,
+    name_inside,
+)
 from mapdeal.bags.reader import needs_bags
-from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.files.budget import claim
+from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
+from mapdeal.files.source import access_to, chunks_of, claim
+from mapdeal.files.transaction import Transaction, temporary_folder
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
 
@@ -81,7 +94,6 @@ def frame_of(header: Any) -> str:
 
 
 def laser_scan_of(message: Any) -> LaserScan:
-    """Return a ``sensor_msgs/LaserScan``."""
     # Source: REP 117: a reading of inf hits nothing, one of -inf is too near, one of nan means
     # nothing. sensor_msgs/LaserScan: readings below ``range_min`` or above ``range_max`` are to be
     # discarded. A reading of ``range_max`` is that of a beam that hits nothing, as with gmapping's
@@ -107,11 +119,19 @@ def laser_scan_of(message: Any) -> LaserScan:
 
 def transforms_of(message: Any) -> list[Stamped]:
     """Return the transforms of a ``tf2_msgs/TFMessage`` or ``tf/tfMessage``."""
-    return [_stamped(one) for one in message.transforms]
+    return [
+        _stamped(one, one.transform.translation, one.transform.rotation)
+        for one in message.transforms
+    ]
 
 
-def _stamped(one: Any) -> Stamped:
-    move, turn = one.transform.translation, one.transform.rotation
+def odometry_of(message: Any) -> Stamped:
+    """Return the pose of a ``nav_msgs/Odometry`` as the transform that it stands for."""
+    pose = message.pose.pose
+    return _stamped(message, pose.position, pose.orientation)
+
+
+def _stamped(one: Any, move: Any, turn: Any) -> Stamped:
     return Stamped(
         frame_of(one.header), str(one.child_frame_id).lstrip("/"), time_of(one.header.stamp),
         (float(move.x), float(move.y), float(move.z)),
@@ -119,18 +139,7 @@ def _stamped(one: Any) -> Stamped:
     )  # fmt: skip
 
 
-def odometry_of(message: Any) -> Stamped:
-    """Return the pose of a ``nav_msgs/Odometry`` as the transform that it stands for."""
-    place, turn = message.pose.pose.position, message.pose.pose.orientation
-    return Stamped(
-        frame_of(message.header), str(message.child_frame_id).lstrip("/"),
-        time_of(message.header.stamp), (float(place.x), float(place.y), float(place.z)),
-        (float(turn.x), float(turn.y), float(turn.z), float(turn.w)),
-    )  # fmt: skip
-
-
 def grid_of(message: Any, name: str, *, is_costs: bool) -> OccupancyGrid | Costmap:
-    """Return a ``nav_msgs/OccupancyGrid`` or a ``nav2_msgs/Costmap``."""
     # The resolution is a float32 in both: it becomes the number with the fewest digits that stands
     # for it, 0.05 and not 0.05000000074505806. The time that the map was loaded is left out.
     if name == NAV2_COSTMAP:
@@ -159,18 +168,17 @@ def grid_of(message: Any, name: str, *, is_costs: bool) -> OccupancyGrid | Costm
 
 
 def _planar(pose: Any) -> tuple[float, float, float]:
-    """Return x, y and yaw of a pose in the plane."""
     place, turn = pose.position, pose.orientation
-    x, y, z, w = (float(part) for part in (turn.x, turn.y, turn.z, turn.w))
-    length = math.hypot(x, y, z, w)
-    if length == 0:  # of publishers that never set it: map_server takes it for no turn, too
-        x, y, z, w, length = 0.0, 0.0, 0.0, 1.0, 1.0
+    parts = [float(part) for part in (turn.x, turn.y, turn.z, turn.w)]
+    if not any(parts):  # of publishers that never set it: map_server takes it for no turn, too
+        parts = [0.0, 0.0, 0.0, 1.0]
+    length = math.hypot(*parts)
     if not math.isfinite(length):
         raise MalformedInputError("must be finite", place="origin")
-    x, y, z, w = x / length, y / length, z / length, w / length
+    x, y, z, w = (part / length for part in parts)
     if 1 - 2 * (x * x + y * y) < _UPRIGHT:
-        raise MalformedInputError("must lie in the plane: it leans by more than 10 degrees",
-                                  place="origin")  # fmt: skip
+        rule = "must lie in the plane: it leans by more than 10 degrees"
+        raise MalformedInputError(rule, place="origin")
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return float(place.x), float(place.y), yaw
 
@@ -196,25 +204,22 @@ def points_of(message: Any) -> NDArray[np.float64]:
     axes = [fields[name] for name in ("x", "y", "z") if name in fields]
     points = np.empty((height, width, len(axes)))
     for k, one in enumerate(axes):
-        if int(one.datatype) not in _NUMBERS:
-            rule = "must be of a datatype from 1 to 8"
-            raise MalformedInputError(rule, place=f"field {one.name}", got=int(one.datatype))
-        kind = np.dtype(order + _NUMBERS[int(one.datatype)])
-        if int(one.offset) + kind.itemsize > step:
+        place, number, offset = f"field {one.name}", int(one.datatype), int(one.offset)
+        if number not in _NUMBERS:
+            raise MalformedInputError("must be of a datatype from 1 to 8", place=place, got=number)
+        kind = np.dtype(order + _NUMBERS[number])
+        if offset + kind.itemsize > step:
             rule = f"must lie within a point of {step} bytes"
-            raise MalformedInputError(rule, place=f"field {one.name}", got=int(one.offset))
+            raise MalformedInputError(rule, place=place, got=offset)
         with np.errstate(invalid="ignore"):  # of a signalling nan, which is one like others
-            points[..., k] = np.ndarray(
-                (height, width), kind, data.tobytes() if not data.flags.c_contiguous else data,
-                int(one.offset), (row, step),
-            )  # fmt: skip
+            points[..., k] = np.ndarray((height, width), kind, data, offset, (row, step))
     return points.reshape(-1, len(axes))
 
 
 def points_of_scan(scan: LaserScan) -> NDArray[np.float64]:
     """Return the points that a scan hits, in the frame of its sensor, shape (M, 2)."""
-    angles, hit = scan.angles, np.isfinite(scan.ranges)
-    ranges, angles = scan.ranges[hit], angles[hit]
+    hit = np.isfinite(scan.ranges)
+    ranges, angles = scan.ranges[hit], scan.angles[hit]
     return np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
 
 
@@ -236,16 +241,12 @@ geometry_msgs/Pose origin
 """
 
 _SEPARATOR = "=" * 80
-_LONGEST_DEFINITION = 100_000
-"""Characters: those of the types that are read have some thousand."""
+_LONGEST_DEFINITION = 100_000  # characters: those of the types that are read have some thousand
 _LONGEST_ARRAYS = 10_000
-_OF_ARRAYS, _OF_OBJECTS = 4, 30
-"""Times the length of a message that it takes when it is decoded."""
+_OF_ARRAYS, _OF_OBJECTS = 4, 30  # times the length of a message that it takes when it is decoded
 
 
 class Decoder:
-    """Makes messages of bytes."""
-
     # A type is what the bag says it is; where it says nothing, as before ROS 2 Iron, what the
     # latest ROS 2 has, which for the types that are asked for here has never changed.
     def __init__(self, bag: Bag) -> None:
@@ -255,73 +256,61 @@ class Decoder:
         self._readers: dict[int, Callable[[bytes], Any]] = {}
 
     def message(self, place: Place) -> Any:
-        reader = self._readers.get(place.connection)
-        if reader is None:
-            reader = self._reader_of(self._connections[place.connection])
-            self._readers[place.connection] = reader
+        one = self._connections[place.connection]
+        if one.id not in self._readers:
+            self._readers[one.id] = self._reader_of(one)
         data = self._bag.data(place)
-        has_objects = self._connections[place.connection].type in TF_TYPES
-        needed = (_OF_OBJECTS if has_objects else _OF_ARRAYS) * len(data)
+        needed = (_OF_OBJECTS if one.type in TF_TYPES else _OF_ARRAYS) * len(data)
         claim(self._bag.path, needed, what=f"the {len(data)} bytes of a message")
         try:
-            return reader(data)
+            return self._readers[one.id](data)
         except Exception as error:  # noqa: BLE001 - decoders of damaged bytes fail in many ways
-            one = self._connections[place.connection]
             rule = f"a message at {place.time} ns is not a valid {one.type}"
             rule += f": {error or type(error).__name__}"
             raise self._bag.malformed(rule, one.topic) from None
 
     def read(self, place: Place, make: Callable[[Any], _T]) -> _T:
-        message = self.message(place)
-        topic = self._connections[place.connection].topic
+        message, one = self.message(place), self._connections[place.connection]
         try:
             return make(message)
         except ParameterError as error:
-            raise error.in_file(self._bag.path, topic) from None
+            raise error.in_file(self._bag.path, one.topic) from None
         except MalformedInputError as error:
             if error.source is None:
-                error.place = ": ".join(part for part in (topic, error.place) if part)
+                error.place = ": ".join(part for part in (one.topic, error.place) if part)
             raise error.found_in(self._bag.path) from None
         except (AttributeError, TypeError, ValueError, OverflowError) as error:
-            name = self._connections[place.connection].type
-            raise self._bag.malformed(f"the bag has another {name}: {error}", topic) from None
+            rule = f"the bag has another {one.type}: {error}"
+            raise self._bag.malformed(rule, one.topic) from None
 
     def header(self, place: Place) -> tuple[int, str]:
         """Return time (nanoseconds) and frame of the header of the message at a place."""
         # The rest of the message is not decoded.
-        data = self._bag.data(place)
-        if self._connections[place.connection].encoding == "ros1":
-            order, start = "<", 4  # behind the number
-        else:
-            order, start = ("<" if data[1:2] == b"\x01" else ">"), 4  # behind the byte order
-        try:
-            seconds, nanoseconds, length = struct.unpack_from(f"{order}III", data, start)
-            frame = data[start + 12 : start + 12 + length]
+        data, one = self._bag.data(place), self._connections[place.connection]
+        order = "<" if one.encoding == "ros1" or data[1:2] == b"\x01" else ">"
+        try:  # behind a number in ROS 1, behind the byte order in ROS 2
+            seconds, nanoseconds, length = struct.unpack_from(f"{order}III", data, 4)
+            frame = data[16 : 16 + length]
             if len(frame) < length:
                 raise ValueError
             text = frame.rstrip(b"\0").decode()
         except (struct.error, ValueError):
-            topic = self._connections[place.connection].topic
             rule = f"a message at {place.time} ns has no header"
-            raise self._bag.malformed(rule, topic) from None
+            raise self._bag.malformed(rule, one.topic) from None
         return seconds * 10**9 + nanoseconds, text.lstrip("/")
 
     def _reader_of(self, connection: Connection) -> Callable[[bytes], Any]:
-        store, name = self._store_of(connection), connection.type
+        name = connection.type
+        try:
+            store = _store(name, connection.definition, connection.is_idl)
+            if name not in store.fielddefs:
+                raise self._bag.malformed(f"its type {name} has no definition", connection.topic)
+        except Exception as error:  # noqa: BLE001 - parsers of damaged texts fail in many ways
+            rule = f"its type {name} cannot be parsed: {error}"
+            raise self._bag.malformed(rule, connection.topic) from None
         if connection.encoding == "ros1":
             return lambda data: store.deserialize_ros1(data, name)
         return lambda data: store.deserialize_cdr(data, name)
-
-    def _store_of(self, connection: Connection) -> Any:
-        try:
-            store = _store(connection.type, connection.definition, connection.is_idl)
-            if connection.type not in store.fielddefs:
-                rule = f"its type {connection.type} has no definition"
-                raise self._bag.malformed(rule, connection.topic)
-        except Exception as error:  # noqa: BLE001 - parsers of damaged texts fail in many ways
-            rule = f"its type {connection.type} cannot be parsed: {error}"
-            raise self._bag.malformed(rule, connection.topic) from None
-        return store
 
 
 @lru_cache(maxsize=32)  # of all bags: the readers that a store makes take longer than most messages
@@ -336,11 +325,8 @@ def _store(name: str, definition: str, is_idl: bool) -> Any:
     if len(definition) > _LONGEST_DEFINITION:
         raise ValueError(f"{len(definition)} characters, the limit is {_LONGEST_DEFINITION}")
     store = get_typestore(Stores.EMPTY)
-    if is_idl:
-        found = [get_types_from_idl(text) for text in _idl_parts(definition)]
-    else:
-        found = [get_types_from_msg(definition, name)]
-    for types in found:
+    found = [get_types_from_msg(definition, name)] if not is_idl else []
+    for types in found or map(get_types_from_idl, _idl_parts(definition)):
         _check_arrays(types)
         store.register(types)
     return store
@@ -350,12 +336,8 @@ def _check_arrays(types: Any) -> None:
     """Refuse arrays of fixed lengths for which rosbags would write endless code, or none."""
     from rosbags.interfaces import Nodetype
 
-    lengths = [
-        inner[1]
-        for _, fields in types.values()
-        for _, (kind, inner) in fields
-        if kind == Nodetype.ARRAY
-    ]
+    kinds = [kind for _, fields in types.values() for _, kind in fields]
+    lengths = [inner[1] for kind, inner in kinds if kind == Nodetype.ARRAY]
     if min(lengths, default=1) < 1 or sum(lengths) > _LONGEST_ARRAYS:
         rule = f"fixed lengths of arrays must be 1 or more, and {_LONGEST_ARRAYS} together at most"
         raise ValueError(rule)
@@ -373,3 +355,123 @@ def _idl_parts(text: str) -> list[str]:
     if not text.startswith(f"{_SEPARATOR}\nIDL: "):
         return [text]
     return [part.split("\n", 1)[1] for part in text.split(f"{_SEPARATOR}\n")[1:]]
+
+
+MAP_TOPIC, COSTS_TOPIC, FRAME = "/map", "/costmap", "map"
+
+_STAMP = 1  # seconds: ROS 1 refuses 0, and the same map has to make the same bytes
+_NANOSECONDS = _STAMP * 10**9
+_VERSION: Literal[8] = 8  # of the metadata: rosbag2 of Humble and newer reads it, 9 only newer ones
+_COPIES = 5  # bytes for each cell that are there at the same time, at most
+
+
+def write_bag(
+    transaction: Transaction, output: Path, grid: OccupancyGrid | Costmap, *,
+    topic: str | None = None, frame: str = FRAME,
+) -> None:  # fmt: skip
+    needs_bags(output, "rosbags.rosbag1", "rosbags.rosbag2")
+    claim(output, _COPIES * grid.layer.size, what="messages of this size")
+    is_ros1 = output.suffix == ".bag"
+    if topic is None:
+        topic = COSTS_TOPIC if isinstance(grid, Costmap) else MAP_TOPIC
+    if isinstance(grid, Costmap) and grid.scale == "costmap2d" and is_ros1:
+        text = f"{output}: ROS 1 publishes costs as 0 to 100; those of costmap_2d are made so"
+        emit_warning(text, stacklevel=2)
+        grid = grid.to_occupancy()
+    topic, frame = check_topic(topic), check_frame(frame)
+    with _scratch(output) as folder:
+        if is_ros1:
+            files = _write_ros1(folder / "bag", grid, topic, frame)
+        else:
+            files = _write_ros2(folder / name_inside(output), output.suffix, grid, topic, frame)
+        for path, file in zip(bag_paths(output), files, strict=True):
+            transaction.write_parts(path, chunks_of(file))
+
+
+def _write_ros1(
+    file: Path, grid: OccupancyGrid | Costmap, topic: str, frame: str
+) -> tuple[Path, ...]:
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Writer(file) as writer:
+        connection = writer.add_connection(
+            topic, OCCUPANCY_GRID, typestore=store, callerid="/mapdeal", latching=1
+        )
+        message = _message(store.types, grid, frame, is_ros1=True)
+        writer.write(connection, _NANOSECONDS, store.serialize_ros1(message, OCCUPANCY_GRID))
+    return (file,)
+
+
+def _write_ros2(
+    bag: Path, suffix: str, grid: OccupancyGrid | Costmap, topic: str, frame: str
+) -> tuple[Path, ...]:
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability
+    from rosbags.interfaces import QosTime as Time
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(costmap_types())
+    name = NAV2_COSTMAP if _has_own_message(grid) else OCCUPANCY_GRID
+    plugin = StoragePlugin.MCAP if suffix == ".mcap" else StoragePlugin.SQLITE3
+    unset = Time(sec=0, nsec=0)
+    # as map_server publishes: whoever subscribes later gets the last one, too
+    latched = Qos(
+        history=QosHistory.KEEP_LAST, depth=1, reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL, deadline=unset, lifespan=unset,
+        liveliness=QosLiveliness.AUTOMATIC, liveliness_lease_duration=unset,
+        avoid_ros_namespace_conventions=False,
+    )  # fmt: skip
+    with Writer(bag, version=_VERSION, storage_plugin=plugin) as writer:
+        connection = writer.add_connection(
+            topic, name, typestore=store, offered_qos_profiles=[latched]
+        )
+        message = _message(store.types, grid, frame, is_ros1=False)
+        writer.write(connection, _NANOSECONDS, store.serialize_cdr(message, name))
+    file = bag / f"{bag.name}{suffix}"
+    return (file,) if suffix == ".mcap" else (file, bag / METADATA)
+
+
+def _has_own_message(grid: OccupancyGrid | Costmap) -> bool:
+    return isinstance(grid, Costmap) and grid.scale == "costmap2d"
+
+
+@contextmanager
+def _scratch(output: Path) -> Iterator[Path]:
+    """Yield a folder for rosbags to write to, which accepts names but no open files."""
+    with access_to(output, "written"), temporary_folder() as folder:
+        try:
+            yield folder
+        except sqlite3.Error as error:  # such as a full disk, or a map beyond its largest blob
+            raise FileAccessError(f"cannot be written: {error}", source=output) from None
+
+
+def _message(
+    types: Mapping[str, Callable[..., Any]], grid: OccupancyGrid | Costmap, frame: str, *,
+    is_ros1: bool,
+) -> Any:  # fmt: skip
+    time = types["builtin_interfaces/msg/Time"](sec=_STAMP, nanosec=0)
+    number = {"seq": 0} if is_ros1 else {}
+    header = types["std_msgs/msg/Header"](stamp=time, frame_id=frame, **number)
+    x, y, yaw = grid.origin
+    origin = types["geometry_msgs/msg/Pose"](
+        position=types["geometry_msgs/msg/Point"](x=x, y=y, z=0.0),
+        orientation=types["geometry_msgs/msg/Quaternion"](
+            x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2)
+        ),
+    )
+    height, width = grid.shape
+    resolution = float(np.float32(grid.resolution))
+    values = np.ascontiguousarray(grid.layer).reshape(-1)
+    if _has_own_message(grid):
+        info = types["nav2_msgs/msg/CostmapMetaData"](
+            map_load_time=time, update_time=time, layer="master", resolution=resolution,
+            size_x=width, size_y=height, origin=origin,
+        )  # fmt: skip
+        return types[NAV2_COSTMAP](header=header, metadata=info, data=values.view(np.uint8))
+    info = types["nav_msgs/msg/MapMetaData"](
+        map_load_time=time, resolution=resolution, width=width, height=height, origin=origin
+    )
+    return types[OCCUPANCY_GRID](header=header, info=info, data=values.view(np.int8))

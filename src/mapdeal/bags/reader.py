@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import NamedTuple
 
 import numpy as np
 
 from mapdeal.bags.bag import (
     CAN_BE_READ,
+    METADATA,
     Bag,
     Connection,
     MessageIndex,
@@ -21,15 +23,12 @@ from mapdeal.bags.bag import (
     normalised_topic,
     zstd_module,
 )
-from mapdeal.bags.mcap import MAGIC as MCAP_MAGIC
-from mapdeal.bags.mcap import McapBag
-from mapdeal.bags.ros1 import Ros1Bag
-from mapdeal.bags.sqlite import MAGIC as SQLITE_MAGIC
-from mapdeal.bags.sqlite import SqliteBag
+from mapdeal.bags.chunked import MCAP_MAGIC, McapBag, Ros1Bag
+from mapdeal.bags.sqlite import SQLITE_MAGIC, SqliteBag
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.files.budget import check_expansion
 from mapdeal.files.source import (
     access_to,
+    check_expansion,
     check_readable,
     contents_of,
     exists,
@@ -41,32 +40,30 @@ from mapdeal.files.transaction import temporary_folder
 from mapdeal.files.yaml_text import Entry, YamlLimits, read_mapping
 from mapdeal.inputs.listing import natural_key
 
-METADATA = "metadata.yaml"
-TOP_KEY = "rosbag2_bagfile_information"
-ZSTD_SUFFIXES = (".zstd", ".zst")
+_TOP_KEY = "rosbag2_bagfile_information"
+_ZSTD_SUFFIXES = (".zstd", ".zst")
 
 _LIMITS = YamlLimits(bytes=1 << 22, nodes=100_000, aliases=1000)
 _STORAGES: dict[str, Callable[[Path], Bag]] = {"sqlite3": SqliteBag, "mcap": McapBag}
+_KINDS: dict[bytes, Callable[[Path], Bag]] = {
+    b"#ROSBAG V": Ros1Bag, MCAP_MAGIC: McapBag, SQLITE_MAGIC: SqliteBag,
+}  # fmt: skip
 _SUFFIXES = {".db3": "sqlite3", ".mcap": "mcap"}
 _PIECE = 1 << 20
+_NAMED = 12
 _TOPICS = "topics_with_message_count"
 
 
-@dataclass(frozen=True)
-class _Metadata:
-    """Relevant content of ``metadata.yaml``."""
+class _Metadata(NamedTuple):
+    """What ``metadata.yaml`` says of files, of their compression, and of topics."""
 
     storage: str
     files: tuple[str, ...]
     compression: str
-    """Of files, of messages, or of nothing: ``file``, ``message``, ``none``."""
     serializations: Mapping[str, str]
-    """Serialization of the messages of each topic, which files need not record."""
 
 
 class FolderBag(Bag):
-    """A folder with a ROS 2 bag in one file or several."""
-
     # Topics, counts and times are those of the files. A file that is compressed as a whole is
     # expanded into a temporary folder, which goes with the bag.
     def __init__(self, path: Path) -> None:
@@ -88,8 +85,7 @@ class FolderBag(Bag):
             for one in part.connections:
                 self._homes.append((part, one.id))
                 said = metadata.serializations.get(one.topic, one.serialization)
-                is_same = said == one.serialization
-                encoding = one.encoding if is_same else ""
+                encoding = one.encoding if said == one.serialization else ""
                 number = len(self._found)
                 self._found.append(replace(one, id=number, encoding=encoding, serialization=said))
 
@@ -119,9 +115,7 @@ class FolderBag(Bag):
 
     def summary(self) -> dict[int, Recorded]:
         of_parts = {id(part): part.summary() for part in self._parts}
-        return {
-            number: of_parts[id(part)][own] for number, (part, own) in enumerate(self._homes)
-        }  # fmt: skip
+        return {number: of_parts[id(part)][own] for number, (part, own) in enumerate(self._homes)}
 
     def data(self, place: Place) -> bytes:
         part, own = self._homes[place.connection]
@@ -132,17 +126,15 @@ class FolderBag(Bag):
         path = self.path / METADATA
         if not exists(path):
             return self._guessed()
-        top = read_mapping(path, _LIMITS).get(TOP_KEY)
-        if top is None:
-            raise MalformedInputError("missing", source=path, place=TOP_KEY)
-        fields = top.fields()
+        top = read_mapping(path, _LIMITS).get(_TOP_KEY)
+        fields = {} if top is None else top.fields()
         for key in ("storage_identifier", "relative_file_paths"):
             if key not in fields:
-                raise MalformedInputError("missing", source=path, place=key)
+                place = _TOP_KEY if top is None else key
+                raise MalformedInputError("missing", source=path, place=place)
         storage = fields["storage_identifier"].text()
         if storage not in _STORAGES:
-            rule = "must be sqlite3 or mcap: others are not read"
-            raise fields["storage_identifier"].error(rule)
+            raise fields["storage_identifier"].error("must be sqlite3 or mcap: others are not read")
         mode = _text_of(fields, "compression_mode").lower() or "none"
         form = _text_of(fields, "compression_format").lower()
         if mode not in ("none", "file", "message", "storage"):
@@ -175,15 +167,15 @@ class FolderBag(Bag):
 
     @contextmanager
     def _opened(self, path: Path, storage: str) -> Iterator[Bag]:
-        with plain_file(path) as file, _STORAGES[storage](file) as bag:
+        with _plain_file(path) as file, _STORAGES[storage](file) as bag:
             bag.path = path  # that errors name, and not a temporary one
             yield bag
 
 
 @contextmanager
-def plain_file(path: Path) -> Iterator[Path]:
+def _plain_file(path: Path) -> Iterator[Path]:
     """Yield a file that is not compressed as a whole: the file itself, or a temporary one."""
-    if path.suffix.lower() not in ZSTD_SUFFIXES:
+    if path.suffix.lower() not in _ZSTD_SUFFIXES:
         yield path
         return
     zstd = zstd_module()
@@ -221,7 +213,7 @@ def _text_of(fields: Mapping[str, Entry], key: str) -> str:
 
 def _plain(name: str) -> str:
     suffix = Path(name).suffix.lower()
-    return name[: -len(suffix)] if suffix in ZSTD_SUFFIXES else name
+    return name[: -len(suffix)] if suffix in _ZSTD_SUFFIXES else name
 
 
 def needs_bags(source: Path | str, *modules: str) -> None:
@@ -238,46 +230,31 @@ def needs_bags(source: Path | str, *modules: str) -> None:
         raise ParameterError(f"needs the extra 'bags'{why}", source=source, hint=hint) from None
 
 
-_NAMED = 12
-
-
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Open a bag for reading within a ``with`` block."""
     needs_bags(path)
     if path.name == METADATA:
         path = path.parent
-    if is_folder(path):
-        with FolderBag(path) as bag:
-            _check_serialization(bag)
-            yield bag
-        return
-    with plain_file(path) as file, _opened(path, file) as bag:
-        bag.path = path
-        _check_serialization(bag)
+    with ExitStack() as stack:
+        if is_folder(path):
+            bag: Bag = stack.enter_context(FolderBag(path))
+        else:
+            bag = stack.enter_context(_opened(path, stack.enter_context(_plain_file(path))))
+            bag.path = path
+        names = sorted({one.serialization for one in bag.connections})
+        if names and not any(one.encoding in CAN_BE_READ for one in bag.connections):
+            are = ", ".join(map(repr, names))
+            raise bag.malformed(f"its messages are serialized as {are}; cdr and ros1 are read")
         yield bag
 
 
 def _opened(path: Path, file: Path) -> Bag:
     head = head_of(file, 16)
-    if head.startswith(b"#ROSBAG V"):
-        return Ros1Bag(file)
-    if head.startswith(MCAP_MAGIC):
-        return McapBag(file)
-    if head.startswith(SQLITE_MAGIC):
-        return SqliteBag(file)
-    if not head:
-        raise MalformedInputError("is empty", source=path)
-    raise MalformedInputError("is not a bag of ROS 1 or ROS 2", source=path)
-
-
-def _check_serialization(bag: Bag) -> None:
-    """Refuse a bag of which nothing can be read."""
-    names = sorted({one.serialization for one in bag.connections})
-    if names and not any(one.encoding in CAN_BE_READ for one in bag.connections):
-        raise bag.malformed(
-            f"its messages are serialized as {', '.join(map(repr, names))}; cdr and ros1 are read"
-        )
+    for magic, kind in _KINDS.items():
+        if head.startswith(magic):
+            return kind(file)
+    rule = "is not a bag of ROS 1 or ROS 2" if head else "is empty"
+    raise MalformedInputError(rule, source=path)
 
 
 def chosen_connections(
@@ -312,7 +289,6 @@ def chosen_connections(
 
 def _error(bag: Bag, rule: str, connections: Sequence[Connection], before: str) -> Exception:
     named = sorted({f"{one.topic} ({one.spelled})" for one in connections})
-    text = ", ".join(named[:_NAMED]) + (
-        f" and {len(named) - _NAMED} more" if named[_NAMED:] else ""
-    )
+    text = ", ".join(named[:_NAMED])
+    text += f" and {len(named) - _NAMED} more" if named[_NAMED:] else ""
     return MalformedInputError(rule, source=bag.path, hint=f"{before} {text}" if named else None)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -19,62 +20,53 @@ import numpy as np
 
 from mapdeal.bags.bag import Bag, Connection, MessageIndex, Place, Recorded
 from mapdeal.errors import MalformedInputError
-from mapdeal.files.budget import claim, room
 from mapdeal.files.source import (
     absolute_path,
     access_to,
     check_readable,
     chunks_of,
+    claim,
     head_of,
     is_regular,
+    room,
     status_of,
 )
 from mapdeal.files.transaction import temporary_folder
 
-MAGIC = b"SQLite format 3\0"
+SQLITE_MAGIC = b"SQLite format 3\0"
 
 _ROWS_TOGETHER = 1 << 14
-_ROW = 1000
-"""Bytes of a topic besides its texts, about."""
+_ROW = 1000  # bytes of a topic besides its texts, about
 _SMALLEST_PAGE = 512
 _SMALL_CACHE = "PRAGMA cache_size = -16384"
-_ENDLESS, _TOO_BIG = "interrupted", "too big"
-"""What SQLite says when a limit is reached."""
-
+_ENDLESS, _TOO_BIG = "interrupted", "too big"  # what SQLite says when a limit is reached
 _WORDS = {
     "not a database": "is not an SQLite file",
     "malformed": "is damaged, or cut",
     _ENDLESS: "is damaged: its tables have more rows than fit into the file",
     _TOO_BIG: "a row needs more memory than may be used",
 }
-_LONGEST = 10**9
-"""Bytes of a row, as SQLite has it by itself."""
-
-_LOOK = 1 << 14
-"""Steps of SQLite between two looks at how many it has taken."""
-_STEPS_PER_BYTE = 8
-"""More than a query takes: a row has some 20 bytes, and takes some 50 steps."""
-
+_LONGEST = 10**9  # bytes of a row, as SQLite has it by itself
+_LOOK = 1 << 14  # steps of SQLite between two looks at how many it has taken
+_STEPS_PER_BYTE = 8  # more than a query takes: a row has some 20 bytes, and takes some 50 steps
 _PLAIN = ("TABLE ", "INDEX ", "UNIQUE INDEX ")
 _WHOLE = "CASE typeof({0}) WHEN 'integer' THEN {0} END"
 
 
 class SqliteBag(Bag):
-    """A ROS 2 bag in one SQLite file."""
-
     def __init__(self, path: Path) -> None:
         super().__init__(path, "a ROS 2 bag (SQLite)")
         check_readable(path)
         self._is_cut = False
         self._looks = self._most_looks = 64 + _STEPS_PER_BYTE * status_of(path).st_size // _LOOK
         self._stack = ExitStack()
-        if head_of(path, len(MAGIC)) != MAGIC:
+        if head_of(path, len(SQLITE_MAGIC)) != SQLITE_MAGIC:
             raise self.malformed("is not an SQLite file")
         with self._damage():
             self._db = self._connected(path)
         try:
             with self._damage():
-                self._found = tuple(self._read_all_connections())
+                self._found = self._read_all_connections()
                 self._db.execute(_SMALL_CACHE)
         except BaseException:
             self.close()
@@ -155,11 +147,11 @@ class SqliteBag(Bag):
         db.execute("PRAGMA trusted_schema = OFF")
         return db
 
-    def _read_all_connections(self) -> Iterator[Connection]:
+    def _read_all_connections(self) -> list[Connection]:
         try:
             if _rest_of_pages(self.path):
                 raise sqlite3.DatabaseError
-            yield from list(self._read_connections())
+            return list(self._read_connections())
         except sqlite3.DatabaseError:
             self._db.close()
             self._db = self._connected(self._stack.enter_context(_whole_pages(self.path)))
@@ -168,7 +160,7 @@ class SqliteBag(Bag):
             self._is_cut = True
             found = list(self._read_connections())
             self.remark("is damaged, or cut; the intact part is read")
-            yield from found
+            return found
 
     def _read_connections(self) -> Iterator[Connection]:
         columns = self._columns()
@@ -178,10 +170,10 @@ class SqliteBag(Bag):
         if not columns["messages"].get("id"):  # each would be searched for among all others
             raise self.malformed("table messages has no primary key id")
         texts: dict[str, tuple[str, bool]] = {}
-        names = "topic_type", "encoding", "encoded_message_definition"
-        if columns["message_definitions"].keys() >= set(names):
-            query = f"SELECT {', '.join(names)} FROM message_definitions"  # noqa: S608
-            for name, encoding, text in self._rows(query):
+        needed = {"topic_type", "encoding", "encoded_message_definition"}
+        if columns["message_definitions"].keys() >= needed:
+            query = "SELECT topic_type, encoding, encoded_message_definition"
+            for name, encoding, text in self._rows(f"{query} FROM message_definitions"):
                 if encoding in ("ros2msg", "ros2idl"):
                     texts[name] = (str(text), encoding == "ros2idl")
         query = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
@@ -261,11 +253,7 @@ def _rest_of_pages(path: Path) -> int:
 def _until_damage(cursor: sqlite3.Cursor, is_cut: bool) -> Iterator[tuple[Any, ...]]:
     """Yield some rows; of a cut file those before the damage."""
     try:
-        for _ in range(_ROWS_TOGETHER):
-            row = cursor.fetchone()
-            if row is None:
-                return
-            yield row
+        yield from islice(cursor, _ROWS_TOGETHER)
     except sqlite3.DatabaseError as error:
         if not is_cut or _ENDLESS in str(error):
             raise

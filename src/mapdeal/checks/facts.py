@@ -1,8 +1,7 @@
-"""What checks look at, each found once."""
+"""What checks look at, each found once, and the decorator of checks."""
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -21,8 +20,7 @@ from mapdeal.errors import (
     emit_warning,
     kept_warnings,
 )
-from mapdeal.files.budget import claim
-from mapdeal.files.source import BIT_MAP
+from mapdeal.files.source import BIT_MAP, claim
 from mapdeal.files.yaml_text import Entry, read_mapping
 from mapdeal.grid.costmap import Costmap, figures_of_costs
 from mapdeal.grid.field import FieldView, ViewScale
@@ -30,33 +28,25 @@ from mapdeal.grid.frame import Frame, Point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.inputs.kinds import MAP, recognised
+from mapdeal.kernels.arrays import Integers
 from mapdeal.kernels.blocks import Layer, blocks_of
-from mapdeal.kernels.components import MOST_PLACES, Cells, Components
+from mapdeal.kernels.components import MOST_PLACES, Components
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import histogram
-from mapdeal.maps.dialects import DIALECTS, cells_of, reader_of
+from mapdeal.maps import map_server
+from mapdeal.maps.dialects import DIALECTS, Dialect, MapMetadata, cells_of, metadata_of, reader_of
 from mapdeal.maps.images import IMAGE_FORMATS, open_passing
-from mapdeal.maps.map_server import costs_of, find_bits, find_image, yaml_beside
-from mapdeal.maps.map_yaml import Dialect, MapMetadata, metadata_of
 from mapdeal.maps.npz import read_npz
 from mapdeal.maps.picture import Picture, Samples, Strips
 from mapdeal.maps.reading import as_occupancy, open_map
-from mapdeal.maps.remarks import (
-    MAP_SAVER_UNKNOWN,
-    FreedCells,
-    count_of_lost,
-    remark_on_lost,
-    warn_of_cost_figures,
-    warn_of_one_cost,
-)
 from mapdeal.ros.load import Name
-from mapdeal.ros.robot import CostmapName, Flavour, RobotParameters
-from mapdeal.ros.values import ParameterValue
+from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, RobotParameters
 
 Codes = NDArray[np.uint64]
 Counts = NDArray[np.int64]
 
 _PIXELS_TOGETHER = 1 << 18
+"""Colours become wide numbers on the way to cells: not those of many pixels at once."""
 _MOST_KEPT = 1 << 16
 _BITS = 16
 
@@ -74,13 +64,11 @@ class DistinctPixels:
         self._others: list[tuple[Codes, Counts]] = []
 
     def add(self, picture: Picture) -> None:
-        """Count the pixels of some rows."""
         self._kind = picture
         for band in picture.bands(_PIXELS_TOGETHER):
             self._add_band(band)
 
     def finish(self) -> None:
-        """Report what was counted and not yet reported."""
         kind = self._kind
         if kind is None:
             return
@@ -124,7 +112,8 @@ class DistinctPixels:
 
     def _add_others(self, row: Picture) -> None:
         code = np.zeros(row.shape[1], dtype=np.uint64)
-        for channel in _channels_of(row):
+        channels = list(np.atleast_2d(row.samples[0].T))
+        for channel in channels if row.alpha is None else [*channels, row.alpha[0]]:
             code <<= np.uint64(_BITS)
             code |= channel
         self._others.append(np.unique(code, return_counts=True))
@@ -145,44 +134,25 @@ class DistinctPixels:
         self._report(_row(channels, kind), counts)
 
 
-def _channels_of(row: Picture) -> list[Samples]:
-    samples = row.samples[0]
-    channels = [samples] if samples.ndim == 1 else list(samples.T)
-    return channels if row.alpha is None else [*channels, row.alpha[0]]
-
-
 def _row(channels: Sequence[NDArray[np.integer[Any]]], kind: Picture) -> Picture:
-    """Return a picture of one row; the opacity, if the kind has one, is the last channel."""
     alpha = None
     if kind.alpha is not None:
         alpha = channels[-1].astype(kind.alpha.dtype)[np.newaxis]
         channels = channels[:-1]
     samples = np.stack(channels, axis=-1).astype(kind.samples.dtype)[np.newaxis]
-    return replace(
-        kind, samples=samples if kind.samples.ndim == 3 else samples[..., 0], alpha=alpha
-    )
+    samples = samples if kind.samples.ndim == 3 else samples[..., 0]
+    return replace(kind, samples=samples, alpha=alpha)
 
 
 def without_rounding_noise(value: float) -> float | None:
-    """Return the decimal that a value stands for; None if it has no noise of rounding.
-
-    The noise is that of a 32-bit or 64-bit float.
-
-    Examples
-    --------
-    >>> without_rounding_noise(0.05000000074505806)
-    0.05
-    >>> without_rounding_noise(0.05)
-    """
+    """Return the decimal of a value with the noise of a 32-bit or 64-bit float; None without it."""
     plain = float(f"{value:.6g}")
     if plain != value and float(np.float32(plain)) == float(np.float32(value)):
         return plain
     return None
 
 
-Place = tuple[int, int]
-"""Row and column of a cell, row 0 in the south."""
-
+Place = tuple[int, int]  # row and column of a cell, row 0 in the south
 _CELLS_TOGETHER = 1 << 18
 
 
@@ -208,22 +178,23 @@ class CellTallies:
 
     def add(self, occupancy: NDArray[np.int8]) -> None:
         """Count the cells of the next rows, shape (rows, W)."""
-        height, width = occupancy.shape
-        step = max(1, _CELLS_TOGETHER // width)
-        for first in range(0, height, step):
+        step = max(1, _CELLS_TOGETHER // occupancy.shape[1])
+        for first in range(0, len(occupancy), step):
             self._add_band(occupancy[first : first + step])
 
     def _add_band(self, band: NDArray[np.int8]) -> None:
-        first, stop = self._rows, self._rows + len(band)
-        self._rows = stop
+        height, first = self.shape[0], self._rows
+        stop = self._rows = first + len(band)
         if self._counts_values:
             self._of_values += histogram(band)
-        self._known_rows[first:stop] = band.max(axis=1) >= 0
-        self._known_cols |= band.max(axis=0) >= 0
         free = band == FREE
         self._free.add(free)
+        if self._from_north:
+            first, stop, band, free = height - stop, height - first, band[::-1], free[::-1]
+        self._known_rows[first:stop] = band.max(axis=1) >= 0
+        self._known_cols |= band.max(axis=0) >= 0
         self._free_cols[first:stop] = free[:, [0, -1]]
-        for side, row in enumerate((0, self.shape[0] - 1)):
+        for side, row in enumerate((0, height - 1)):
             if first <= row < stop:
                 self._free_rows[side] = free[row - first]
 
@@ -234,7 +205,6 @@ class CellTallies:
 
     @property
     def border(self) -> int:
-        """Number of cells on the border of the map."""
         height, width = self.shape
         return self.size - max(height - 2, 0) * max(width - 2, 0)
 
@@ -252,24 +222,18 @@ class CellTallies:
         return [(row, col) for row, col in cells[middles[:MOST_PLACES]].tolist()]
 
     @cached_property
-    def _border(self) -> tuple[Cells, NDArray[np.bool_]]:
-        """Return the cells of the border, anticlockwise from (0, 0), and which of them are free."""
+    def _border(self) -> tuple[Integers, NDArray[np.bool_]]:
         height, width = self.shape
         rows, cols = np.arange(height), np.arange(width)
-        sides = [(0 * cols, cols), (rows[1:], 0 * rows[1:] + width - 1)]
+        bottom, top = self._free_rows
+        left, right = self._free_cols.T
+        sides = [(0 * cols, cols, bottom), (rows[1:], 0 * rows[1:] + width - 1, right[1:])]
         if height > 1:
-            sides.append((0 * cols[1:] + height - 1, cols[-2::-1]))
+            sides.append((0 * cols[1:] + height - 1, cols[-2::-1], top[-2::-1]))
         if width > 1:
-            sides.append((rows[-2:0:-1], 0 * rows[-2:0:-1]))
-        cells = np.concatenate([np.stack(side, axis=1) for side in sides])
-        bottom_and_top, left_and_right = self._free_rows, self._free_cols
-        if self._from_north:
-            bottom_and_top, left_and_right = bottom_and_top[::-1], left_and_right[::-1]
-        row, col = cells.T
-        on_side = left_and_right[row, (col > 0).astype(np.intp)]
-        on_end = bottom_and_top[(row > 0).astype(np.intp), col]
-        is_end = (row == 0) | (row == height - 1)
-        return cells, np.where(is_end, on_end, on_side)
+            sides.append((rows[-2:0:-1], 0 * rows[-2:0:-1], left[-2:0:-1]))
+        row, col, is_free = (np.concatenate(parts) for parts in zip(*sides, strict=True))
+        return np.stack([row, col], axis=1), is_free
 
     @property
     def known_box(self) -> tuple[int, int]:
@@ -283,11 +247,10 @@ class CellTallies:
     def middle_of_known(self) -> tuple[float, float]:
         """The middle of that box, in rows and columns as the centres of cells have them."""
         rows, cols = np.flatnonzero(self._known_rows), np.flatnonzero(self._known_cols)
-        row, col = float(rows[0] + rows[-1]) / 2, float(cols[0] + cols[-1]) / 2
-        return (self.shape[0] - 1 - row if self._from_north else row), col
+        return float(rows[0] + rows[-1]) / 2, float(cols[0] + cols[-1]) / 2
 
     @cached_property
-    def free_components(self) -> tuple[Cells, Cells]:
+    def free_components(self) -> tuple[Integers, Integers]:
         """The sizes of the 8-connected components of free cells, and how many there are of each."""
         return self._free.sizes()
 
@@ -301,13 +264,6 @@ class CellTallies:
 
 
 def _stretches(marked: NDArray[np.bool_], *, is_closed: bool) -> list[tuple[int, int]]:
-    """Return where stretches of marked things begin, and how long they are.
-
-    Examples
-    --------
-    >>> _stretches(np.array([True, True, False, True]), is_closed=True)
-    [(3, 3)]
-    """
     if marked.all():
         return [(0, len(marked))]
     edges = np.flatnonzero(np.diff(marked, prepend=False, append=False))
@@ -319,7 +275,6 @@ def _stretches(marked: NDArray[np.bool_], *, is_closed: bool) -> list[tuple[int,
 
 
 def tallies_of(occupancy: Layer) -> CellTallies:
-    """Return the counts of all cells of a layer, row 0 in the south."""
     tallies = CellTallies(occupancy.shape)
     for block in blocks_of(occupancy):
         tallies.add(occupancy[block])
@@ -331,20 +286,19 @@ class PixelTallies:
 
     def __init__(self, metadata: MapMetadata) -> None:
         readers: tuple[Dialect, ...] = () if metadata.cost_scale is not None else tuple(DIALECTS)
-        self.size = 0
-        """Pixels."""
-        self.coloured = 0
-        """Pixels that are no grey."""
+        self.size = 0  # pixels
+        self.coloured = 0  # pixels that are no grey
         self.not_opaque = 0
-        self.lost = 0
-        """Pixels of mode raw that hold no value of a map."""
-        self.freed = {name: FreedCells(metadata, name) for name in readers}
+        self.lost = 0  # pixels of mode raw that hold no value of a map
+        self.freed = {name: map_server.FreedCells(metadata, name) for name in readers}
         """Map_saver's unknown cells that are free, for each reader; none in mode raw."""
         self._metadata = metadata
         self.of_greys = np.zeros(256, dtype=np.int64)
         """Number of pixels of each grey, for 8-bit grey images."""
-        self._of_values = {name: np.zeros(256, dtype=np.int64) for name in readers}
-        self._differing = dict.fromkeys(readers, 0)
+        self.of_values = {name: np.zeros(256, dtype=np.int64) for name in readers}
+        """How often a reader has each byte, arrays that grow while pixels come."""
+        self.differing = {name: 0 for name in readers if name != "nav2"}
+        """Number of cells in which each other reader differs from nav2."""
         self.differing_greys: dict[Dialect, list[int]] = {name: [] for name in readers}
         """Greys that nav2 and each of the others have differently, the most frequent first."""
         self.freed_greys: list[int] = []
@@ -352,7 +306,6 @@ class PixelTallies:
         self._pixels = DistinctPixels(self._tally)
 
     def add(self, picture: Picture) -> None:
-        """Count the pixels of some rows."""
         self._pixels.add(picture)
 
     def finish(self) -> None:
@@ -372,16 +325,7 @@ class PixelTallies:
     @cached_property
     def counts(self) -> dict[Dialect, dict[str, int]]:
         """Number of occupied, free, unknown and other cells for each reader."""
-        return {name: states_of(values) for name, values in self._of_values.items()}
-
-    def of_values(self, reader: Dialect) -> NDArray[np.int64]:
-        """Return how often a reader has each byte, an array that grows while pixels come."""
-        return self._of_values[reader]
-
-    @property
-    def differing(self) -> dict[Dialect, int]:
-        """Number of cells in which each other reader differs from nav2."""
-        return {name: count for name, count in self._differing.items() if name != "nav2"}
+        return {name: states_of(values) for name, values in self.of_values.items()}
 
     def _tally(self, pixels: Picture, counts: Counts) -> None:
         """Count pixels that differ from each other, a row of them."""
@@ -398,11 +342,12 @@ class PixelTallies:
             self.not_opaque += int(counts[opacity[0] < pixels.opaque].sum())
         is_raw = self._metadata.mode == "raw"
         if is_raw and self.freed:
-            self.lost += count_of_lost(pixels, counts[np.newaxis])
+            self.lost += map_server.count_of_lost(pixels, counts[np.newaxis])
         readings = {name: cells_of(pixels, self._metadata, name) for name in self.freed}
         for name, cells in readings.items():
-            np.add.at(self._of_values[name], cells[0].view(np.uint8), counts)
-            self._differing[name] += int(counts[cells[0] != readings["nav2"][0]].sum())
+            np.add.at(self.of_values[name], cells[0].view(np.uint8), counts)
+            if name != "nav2":
+                self.differing[name] += int(counts[cells[0] != readings["nav2"][0]].sum())
             if not is_raw:
                 self.freed[name].add(pixels, cells, counts[np.newaxis])
         if pixels.samples.dtype == np.uint8 and readings:
@@ -418,22 +363,14 @@ class PixelTallies:
         for name, cells in readings.items():
             differs = cells[0, order] != readings["nav2"][0, order]
             self.differing_greys[name] += grey[0, order[differs]].tolist()
-            is_freed = (grey[0, order] == MAP_SAVER_UNKNOWN) & (cells[0, order] == FREE)
+            is_freed = (grey[0, order] == map_server.MAP_SAVER_UNKNOWN) & (cells[0, order] == FREE)
             is_saved = pixels.palette is None and pixels.maxval == 255
             if is_saved and self._metadata.mode != "raw" and is_freed.any():
-                self.freed_greys = [MAP_SAVER_UNKNOWN]
+                self.freed_greys = [map_server.MAP_SAVER_UNKNOWN]
 
 
 def states_of(values: NDArray[np.int64]) -> dict[str, int]:
-    """Return how many cells are occupied, free, unknown and between, given how many of each byte.
-
-    Examples
-    --------
-    >>> values = np.zeros(256, dtype=np.int64)
-    >>> values[[100, 0, 255, 50]] = [4, 3, 2, 1]  # 255 is the byte of -1
-    >>> states_of(values)
-    {'occupied': 4, 'free': 3, 'unknown': 2, 'between': 1}
-    """
+    """Return how many cells are in each state, given how many have each byte."""
     occupied, free, unknown = int(values[OCCUPIED]), int(values[FREE]), int(values[128:].sum())
     between = int(values.sum()) - occupied - free - unknown
     return {"occupied": occupied, "free": free, "unknown": unknown, "between": between}
@@ -450,9 +387,6 @@ class ParameterFacts:
 
     def shown(self, *name: str) -> str:
         return ("." if self.flavour == "nav2" else "/").join(name)
-
-    def section(self, name: str) -> Mapping[Name, ParameterValue]:
-        return self.sections.get(name, {})
 
     @cached_property
     def sections(self) -> dict[str, dict[Name, ParameterValue]]:
@@ -488,8 +422,6 @@ _HEAD = 1 << 16
 _OF_ROOMS = {"compiled": 22, "scipy": 106}
 """Bytes for each cell that looking for passages takes at its peak, by engine."""
 
-"""Colours become wide numbers on the way to cells: not those of many pixels at once."""
-
 
 @dataclass(frozen=True, eq=False)
 class GridFacts:
@@ -503,16 +435,12 @@ class GridFacts:
         """Return the facts of a map in memory, or of one that is read by rows."""
         return cls(grid.frame, tallies_of(grid.occupancy))
 
-    @property
-    def counts(self) -> dict[str, int]:
-        return self.cells.counts
-
     def places(self, cells_rowcol: Sequence[tuple[float, float]]) -> tuple[Point, ...]:
         """Return the centres of cells in the map frame, metres."""
         return places_of(self.frame.xy_from_rowcol(cells_rowcol).tolist())
 
     @property
-    def other_components(self) -> tuple[Cells, Cells]:
+    def other_components(self) -> tuple[Integers, Integers]:
         """The sizes of the components of free cells but the largest, and how many of each."""
         sizes, counts = self.cells.free_components
         others = counts.copy()
@@ -552,12 +480,12 @@ def gather(
 ) -> tuple[PairFacts | None, GridFacts | None, list[Finding]]:
     """Return what there is to check of a file, and what was found while it was read."""
     findings: list[Finding] = []
+    entries: dict[str, Entry] = {}
     pair: PairFacts | None = None
     cells: GridFacts | None = None
-    entries: dict[str, Entry] = {}
     try:
         bits = path if path.suffix.lower() == BIT_MAP else None
-        path = path if bits is None else yaml_beside(bits)
+        path = path if bits is None else map_server.yaml_beside(bits)
         with _warnings_as_findings(findings, path, entries):
             if path.suffix.lower() == ".npz":
                 cells = _of_npz(path, max_cells)
@@ -583,7 +511,7 @@ def _of_npz(path: Path, max_cells: int | None) -> GridFacts | None:
     """Return the facts of the map in an npz, None if it holds costs or a view."""
     grid = read_npz(path, max_cells=max_cells)
     if isinstance(grid, Costmap):
-        warn_of_one_cost(path, grid)
+        map_server.warn_of_one_cost(path, grid)
         return None
     if isinstance(grid, FieldView):
         _warn_of_view(path, grid.scale)
@@ -599,17 +527,20 @@ def _of_pair(
     with recognised(path, "a map", MAP):
         entries.update(read_mapping(path))
         metadata = metadata_of(entries, path, mend=True)
-    image = find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
+    if bits is None:
+        image = map_server.find_image(path, metadata.image)
+    else:
+        image = map_server.find_bits(bits, path, metadata)
     with open_passing(image, max_cells=max_cells) as (strips, head):
         kind, pixels, cells = _counted(strips, metadata, image)
     if pixels.lost:
-        text = f"{image}: {remark_on_lost(pixels.lost)}"
+        text = f"{image}: {map_server.remark_on_lost(pixels.lost)}"
         emit_warning(MapdealWarning(text, "image.raw-values"), stacklevel=2)
     comments = IMAGE_FORMATS[kind.file_format].comments(head[:_HEAD])
     frame = Frame(*strips.shape, metadata.resolution, metadata.origin)
     pair = PairFacts(path, entries, metadata, image, kind, pixels, frame, comments)
     if cells is None:
-        warn_of_cost_figures(path, figures_of_costs(pixels.of_greys, "costmap2d"))
+        map_server.warn_of_cost_figures(path, figures_of_costs(pixels.of_greys, "costmap2d"))
         return pair, None
     if metadata.view is not None:
         _warn_of_view(path, metadata.view)
@@ -626,18 +557,19 @@ def _counted(
     strips: Strips, metadata: MapMetadata, image: Path
 ) -> tuple[Picture, PixelTallies, CellTallies | None]:
     """Go through a picture; return its kind, what its pixels come to, and its cells, if any."""
-    holds_costs = metadata.cost_scale is not None
     pixels = PixelTallies(metadata)
     cells = None
-    if not holds_costs:  # a reader makes the same of equal pixels: these are counted already
-        of_values = pixels.of_values("nav2")
+    if (
+        metadata.cost_scale is None
+    ):  # a reader makes the same of equal pixels: these are counted already
+        of_values = pixels.of_values["nav2"]
         cells = CellTallies(strips.shape, from_north=True, of_values=of_values)
     for strip in strips.pictures():
         read = None if cells is None else reader_of(strip, metadata, "nav2")
         for part in strip.bands(_PIXELS_TOGETHER):
             pixels.add(part)
             if read is None or cells is None:
-                costs_of(part, image)
+                map_server.costs_of(part, image)
             else:
                 cells.add(read(part))
     pixels.finish()
@@ -671,7 +603,7 @@ def _finding(name: str, path: Path, text: str, entries: Mapping[str, Entry]) -> 
         if line is None and place in entries:
             line = entries[place].line
         text = f"{place}{colon}{rest}" if place else rest
-    return Finding(name, CHECKS[name].severity, str(path), text, line)
+    return CHECKS[name].finding(path, text, line)
 
 
 def _line_in(place: str) -> tuple[int | None, str]:
@@ -683,31 +615,20 @@ def _line_in(place: str) -> tuple[int | None, str]:
 
 
 _FACTS = (PairFacts, GridFacts, RoomFacts, ParameterFacts, RobotFacts)
-
-CheckFunction = TypeVar(
-    "CheckFunction",
-    bound=Callable[[PairFacts], Iterator[Remark | str]]
-    | Callable[[GridFacts], Iterator[Remark | str]]
-    | Callable[[RoomFacts], Iterator[Remark | str]]
-    | Callable[[ParameterFacts], Iterator[Remark | str]]
-    | Callable[[RobotFacts], Iterator[Remark | str]],
-)
+CheckFunction = TypeVar("CheckFunction", bound=Callable[[Any], Iterator[Remark | str]])
 
 
 def check(name: str, severity: Severity, about: str) -> Callable[[CheckFunction], CheckFunction]:
+    """Add a function to the list of checks; it gets the facts that its parameter is annotated."""
+
     def added(function: CheckFunction) -> CheckFunction:
-        add_check(Check(name, severity, about, function, _facts_of(name, function)))
+        hints = get_type_hints(function)
+        facts = [kind for parameter, kind in hints.items() if parameter != "return"]
+        if len(facts) != 1 or facts[0] not in _FACTS:
+            known = " or ".join(one.__name__ for one in _FACTS)
+            rule = f"check {name} must have one parameter, annotated {known}"
+            raise TypeError(f"{rule}, got {facts}")
+        add_check(Check(name, severity, about, function, facts[0]))
         return function
 
     return added
-
-
-def _facts_of(name: str, function: Callable[..., Any]) -> type:
-    hints = get_type_hints(function)
-    annotations = [hints.get(parameter) for parameter in inspect.signature(function).parameters]
-    for facts in _FACTS:
-        if annotations == [facts]:
-            return facts
-    known = " or ".join(facts.__name__ for facts in _FACTS)
-    rule = f"check {name} must have one parameter, annotated {known}"
-    raise TypeError(f"{rule}, got {annotations}")

@@ -1,14 +1,21 @@
-"""Checks, their findings, and the list of all checks."""
+"""Checks and their findings; which of them count, by options, configuration, and comments."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+import difflib
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from functools import partial
+from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
-from mapdeal.errors import one_line
+from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, one_line
+from mapdeal.files.source import exists, is_folder, normal_path, read_file
+from mapdeal.files.yaml_text import OF_MAPS
 from mapdeal.grid.frame import Point
-from mapdeal.ros.values import ParameterValue
+from mapdeal.ros.robot import ParameterValue
 
 Severity = Literal["error", "warning", "note"]
 _DECIMALS = 9
@@ -64,8 +71,18 @@ class Check:
     name: str
     severity: Severity
     about: str
-    run: Callable[[Any], Iterator[Remark | str]] | None = None
+    run: Callable[[Any], Iterable[Remark | str]] = lambda _: ()
     facts: type | None = None
+
+    def remarks(self, facts: Any) -> Iterator[Remark]:
+        for found in self.run(facts):
+            yield found if isinstance(found, Remark) else Remark(found)
+
+    def finding(
+        self, file: Path | str, message: str, line: int | None = None,
+        places: tuple[Point, ...] = (),
+    ) -> Finding:  # fmt: skip
+        return Finding(self.name, self.severity, str(file), message, line, places)
 
 
 def places_of(points_xy: Iterable[Sequence[float]]) -> tuple[Point, ...]:
@@ -73,8 +90,7 @@ def places_of(points_xy: Iterable[Sequence[float]]) -> tuple[Point, ...]:
     return tuple((round(x, _DECIMALS) + 0.0, round(y, _DECIMALS) + 0.0) for x, y in points_xy)
 
 
-CHECKS: dict[str, Check] = {}
-"""All checks by name, in the order in which they run."""
+CHECKS: dict[str, Check] = {}  # all checks by name, in the order in which they run
 
 
 def add_check(check: Check) -> None:
@@ -109,3 +125,333 @@ declare_check("lint.not-checked", "error", "a map that could not be checked: no 
 declare_check(
     "lint.unused-ignore", "note", "a comment that ignores nothing, or names a check that is none"
 )
+
+
+OWN_FILE, PYPROJECT = "mapdeal.toml", "pyproject.toml"
+
+_LARGEST = 1 << 20
+
+_IGNORE = re.compile(r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?")
+_NAME = re.compile(r"[ \t]*([\w.-]+)[ \t]*")
+
+Names = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class LintConfig:
+    source: Path
+    table: str
+    select: Names | None = None
+    ignore: Names | None = None
+    strict: bool = False
+    per_file_ignores: tuple[tuple[str, Names], ...] = field(default=())
+    severity: tuple[tuple[str, str], ...] = field(default=())
+
+
+def find_lint_config(folder: Path) -> LintConfig | None:
+    """Return what the nearest file says, in a folder or one above it; None if there is none."""
+    # A ``mapdeal.toml`` comes before a ``pyproject.toml`` beside it; one of the latter without the
+    # table ``[tool.mapdeal.lint]`` is passed over.
+    start = normal_path(folder)
+    for place in (start, *start.parents):
+        if exists(place / OWN_FILE):
+            return read_lint_config(place / OWN_FILE) or LintConfig(place / OWN_FILE, "lint")
+        if exists(place / PYPROJECT):
+            found = read_lint_config(place / PYPROJECT)
+            if found is not None:
+                return found
+    return None
+
+
+def read_lint_config(path: Path) -> LintConfig | None:
+    """Return what a file says of lint; None if it has no such table."""
+    document = _document_of(path)
+    if path.name == PYPROJECT:
+        tool = document.get("tool", {})
+        ours = tool.get("mapdeal", {}) if isinstance(tool, dict) else {}
+        table, ours_at = "tool.mapdeal.lint", "tool.mapdeal."
+    else:
+        ours, table, ours_at = document, "lint", ""
+    if not isinstance(ours, dict):
+        raise ParameterError("must be a table", source=path, place="tool.mapdeal", got=ours)
+    _check_keys(ours, ("lint",), path, ours_at)
+    if "lint" not in ours:
+        return None
+    entries = ours["lint"]
+    if not isinstance(entries, dict):
+        raise ParameterError("must be a table", source=path, place=table, got=entries)
+    _check_keys(entries, tuple(_KEYS), path, f"{table}.")
+    values = {
+        name: _KEYS[key](entries[key], path, f"{table}.{key}")
+        for key, name in ((key, key.replace("-", "_")) for key in entries)
+    }
+    return LintConfig(path, table, **values)
+
+
+def _document_of(path: Path) -> dict[str, Any]:
+    import tomllib
+
+    data = read_file(path, limit=_LARGEST)
+    try:
+        return tomllib.loads(data.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise MalformedInputError("not UTF-8", source=path, place=f"byte {error.start}") from None
+    except RecursionError:
+        raise MalformedInputError("not valid TOML: nested too deeply", source=path) from None
+    except ValueError as error:  # of tomllib, or numbers of many thousand digits
+        raise MalformedInputError(f"not valid TOML: {error}", source=path) from None
+
+
+def _check_keys(
+    table: Mapping[str, Any], known: Iterable[str], path: Path, prefix: str
+) -> None:  # fmt: skip
+    for key in table:
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"known keys: {', '.join(known)}"
+            if key in _KEYS:  # of the table that it stands above
+                hint = f"it belongs in the table [{prefix}lint]"
+            raise ParameterError("unknown key", source=path, place=f"{prefix}{key}", hint=hint)
+
+
+def _names(value: Any, path: Path, place: str) -> Names:
+    if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
+        raise ParameterError("must be a list of names", source=path, place=place, got=value)
+    return tuple(value)
+
+
+def _flag(value: Any, path: Path, place: str) -> bool:
+    if not isinstance(value, bool):
+        raise ParameterError("must be true or false", source=path, place=place, got=value)
+    return value
+
+
+def _per_file(value: Any, path: Path, place: str) -> tuple[tuple[str, Names], ...]:
+    if not isinstance(value, dict):
+        rule = "must be a table of patterns and lists of names"
+        raise ParameterError(rule, source=path, place=place, got=value)
+    return tuple(
+        (pattern, _names(names, path, f'{place}."{pattern}"')) for pattern, names in value.items()
+    )
+
+
+def _severity(value: Any, path: Path, place: str) -> tuple[tuple[str, str], ...]:
+    if not isinstance(value, dict):
+        raise ParameterError("must be a table of names", source=path, place=place, got=value)
+    for name, severity in value.items():
+        if severity not in SEVERITIES:
+            rule = f"must be {', '.join(SEVERITIES[:-1])} or {SEVERITIES[-1]}"
+            raise ParameterError(rule, source=path, place=f'{place}."{name}"', got=severity)
+    return tuple(value.items())
+
+
+_KEYS: dict[str, Callable[[Any, Path, str], Any]] = {
+    "select": _names,
+    "ignore": _names,
+    "strict": _flag,
+    "per-file-ignores": _per_file,
+    "severity": _severity,
+}
+"""Reader of the value of each key."""
+
+
+@dataclass(frozen=True)
+class IgnoreComment:
+    """A comment ``# mapdeal: ignore ID[, ID]``."""
+
+    line: int
+    names: Names
+
+
+def read_ignore_comments(path: Path, limit: int = OF_MAPS.bytes) -> list[IgnoreComment]:
+    """Return the comments of a file that name checks of lint which are to be ignored."""
+    # A comment is recognised by its text, at the beginning of a line or behind white space. So it
+    # counts in a file, too, that is no YAML.
+    try:
+        data = read_file(path, limit=limit)
+    except (FileAccessError, MalformedInputError):
+        return []
+    lines = data.decode("utf-8-sig", "replace").splitlines()
+    found = ((number, line, _IGNORE.search(line)) for number, line in enumerate(lines, start=1))
+    return [IgnoreComment(number, _listed(line[one.end() :])) for number, line, one in found if one]
+
+
+def _listed(text: str) -> Names:
+    names = []
+    for part in text.split(","):
+        name = _NAME.match(part)
+        names += [name[1]] if name else []
+        if not name or name.end() < len(part):
+            break
+    return tuple(names)
+
+
+UNUSED = "lint.unused-ignore"
+EVERYTHING = "all"
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Selection of the findings that count, and their severities."""
+
+    checks: frozenset[str]
+    strict: bool = False
+    folder: Path | None = None
+    per_file: tuple[tuple[str, frozenset[str]], ...] = ()
+    severity: Mapping[str, Severity] = field(default_factory=dict)
+
+    def judged(
+        self, file: Path, findings: Iterable[Finding], comments: Sequence[IgnoreComment] = (), *,
+        without: Iterable[str] = (),
+    ) -> tuple[tuple[Finding, ...], int]:  # fmt: skip
+        """Return the findings of a map that count, worst first, and how many were suppressed."""
+        # Suppressed are findings of checks that are wanted, by a comment or a pattern. A comment
+        # that ignores nothing is a finding itself, which no comment ignores.
+        findings = list(findings)
+        spared = self._spared(file)
+        wanted = [found for found in findings if found.check in self.checks]
+        ignored = {name for one in comments for text in one.names for name in _matching(text)}
+        ignored.discard(UNUSED)
+        kept = [found for found in wanted if found.check not in ignored | spared]
+        unused = []
+        if UNUSED in self.checks - spared:
+            unused = list(_unused(file, comments, {*without, *(found.check for found in findings)}))
+        weighed = [
+            replace(found, severity=self.severity.get(found.check, found.severity))
+            for found in [*kept, *unused]
+        ]
+        weighed.sort(key=lambda found: SEVERITIES.index(found.severity))
+        return tuple(weighed), len(wanted) - len(kept)
+
+    def _spared(self, file: Path) -> frozenset[str]:
+        if not self.per_file or self.folder is None:
+            return frozenset()
+        path, folder = normal_path(file), normal_path(self.folder)
+        if folder not in path.parents:
+            return frozenset()
+        below = PurePosixPath(path.relative_to(folder).as_posix())
+        names = [path.name, *map(str, (below, *below.parents[:-1]))]
+        spared: frozenset[str] = frozenset()
+        for pattern, checks in self.per_file:
+            if any(fnmatchcase(name, pattern.removesuffix("/")) for name in names):
+                spared |= checks
+        return spared
+
+
+def selection_of(
+    select: Sequence[str] = (), ignore: Sequence[str] = (), *, strict: bool = False,
+    config: LintConfig | None = None,
+) -> Selection:  # fmt: skip
+    everything = frozenset(CHECKS)
+    checks = everything
+    per_file: tuple[tuple[str, frozenset[str]], ...] = ()
+    severity: dict[str, Severity] = {}
+    if config is not None:
+        source, table = config.source, config.table
+        checks = _chosen(
+            checks,
+            _ranked(config.select or (), source, f"{table}.select"),
+            _ranked(config.ignore or (), source, f"{table}.ignore"),
+            selects=config.select is not None,
+        )
+        per_file = tuple(
+            (pattern, frozenset(_ranked(names, source, f'{table}.per-file-ignores."{pattern}"')))
+            for pattern, names in config.per_file_ignores
+        )
+        ranks: dict[str, int] = {}
+        for text, level in config.severity:
+            for name, rank in _ranked([text], source, f"{table}.severity").items():
+                if rank >= ranks.get(name, 0):
+                    ranks[name] = rank
+                    severity[name] = level  # type: ignore[assignment]
+    checks = _chosen(
+        checks, _ranked(select, "--select"), _ranked(ignore, "--ignore"), selects=bool(select)
+    )
+    return Selection(
+        checks, strict=strict or (config is not None and config.strict),
+        folder=None if config is None else config.source.parent, per_file=per_file,
+        severity=severity,
+    )  # fmt: skip
+
+
+class Selections:
+    """The selection for each map; `config` is as for `mapdeal.lint`."""
+
+    def __init__(
+        self, select: Sequence[str], ignore: Sequence[str], *, strict: bool, config: Path | bool
+    ) -> None:
+        self._make = partial(selection_of, select, ignore, strict=strict)
+        self._is_nearest = config is True
+        self._config = None if isinstance(config, bool) else _config_in(config)
+        self._of_folder: dict[Path, Selection] = {}
+        self._make(config=self._config)  # so that wrong names are told of before any work
+
+    def of(self, path: Path) -> Selection:
+        folder = normal_path(path if is_folder(path) else path.parent)
+        if folder not in self._of_folder:
+            config = find_lint_config(folder) if self._is_nearest else self._config
+            self._of_folder[folder] = self._make(config=config)
+        return self._of_folder[folder]
+
+
+def _config_in(path: Path) -> LintConfig:
+    config = read_lint_config(path)
+    if config is None:
+        table = "[tool.mapdeal.lint]" if path.name == PYPROJECT else "[lint]"
+        raise ParameterError(f"has no table {table}", source=path)
+    return config
+
+
+def _chosen(
+    before: frozenset[str], select: Mapping[str, int], ignore: Mapping[str, int], *, selects: bool
+) -> frozenset[str]:
+    """Return checks after a choice, given how precisely each is selected and ignored."""
+    ranks = select if selects else dict.fromkeys(before, -1)
+    return frozenset(name for name, rank in ranks.items() if rank > ignore.get(name, -2))
+
+
+def _ranked(names: Iterable[str], source: Path | str, place: str | None = None) -> dict[str, int]:
+    """Return how precisely each check is named, at best: 0 by all, 1 by its area, 2 by itself."""
+    ranks: dict[str, int] = {}
+    for text in names:
+        matching = _matching(text)
+        if not matching:
+            raise ParameterError(
+                "unknown check", source=source, place=place, got=text, hint=hint_for(text)
+            )
+        for name, rank in matching.items():
+            ranks[name] = max(rank, ranks.get(name, 0))
+    return ranks
+
+
+def _matching(text: str) -> dict[str, int]:
+    """Return the checks that a name stands for, and how precisely; none of one that is none."""
+    if text in CHECKS:
+        return {text: 2}
+    if text.lower() == EVERYTHING:
+        return dict.fromkeys(CHECKS, 0)
+    area = text.removesuffix(".")
+    return dict.fromkeys((name for name in CHECKS if name.partition(".")[0] == area), 1)
+
+
+def hint_for(text: str) -> str:
+    """Return which check, or area of checks, a name may be meant to be."""
+    areas = dict.fromkeys(name.partition(".")[0] for name in CHECKS)
+    near = difflib.get_close_matches(text.lower(), [*CHECKS, *areas], n=1)
+    if not near:  # a check's name without its area
+        near = [name for name in CHECKS if name.partition(".")[2] == text.lower()][:1]
+    return f"did you mean {near[0]}?" if near else f"areas are {', '.join(areas)}"
+
+
+def _unused(file: Path, comments: Iterable[IgnoreComment], found: set[str]) -> Iterator[Finding]:
+    """Yield what is wrong with comments, given the checks that have found something."""
+    for comment in comments:
+        messages = [] if comment.names else ["names no check: write # mapdeal: ignore AREA.NAME"]
+        for text in comment.names:
+            matching = _matching(text)
+            if not matching:
+                messages.append(f"unknown check {text}; {hint_for(text)}")
+            elif found.isdisjoint(matching) or text == UNUSED:
+                messages.append(f"{text} ignores nothing here")
+        for message in messages:
+            yield Finding(UNUSED, CHECKS[UNUSED].severity, str(file), message, comment.line)

@@ -19,7 +19,7 @@ from mapdeal.grid.costmap import UNIFORM_SHARE
 from mapdeal.inputs.kinds import kind_of
 from mapdeal.inputs.listing import WholeFolders
 from mapdeal.maps.images import IMAGE_FORMATS
-from mapdeal.maps.remarks import MAP_SAVER_UNKNOWN, NOTHING_KNOWN, percent, remark_on_freed
+from mapdeal.maps.map_server import MAP_SAVER_UNKNOWN, NOTHING_KNOWN, percent, remark_on_freed
 
 _CARTOGRAPHER_UNKNOWN = 128
 _TRINARY = {0, MAP_SAVER_UNKNOWN, 254, 255}
@@ -29,11 +29,8 @@ _PER_PIXEL = re.compile(
 )
 
 
-@check(
-    "thresholds.unknown-becomes-free",
-    "error",
-    "map_saver's unknown, grey 205, is read as free in 0.1 % of the cells or more",
-)
+@check("thresholds.unknown-becomes-free", "error",
+       "map_saver's unknown, grey 205, is read as free in 0.1 % of the cells or more")  # fmt: skip
 def unknown_becomes_free(facts: PairFacts) -> Iterator[Remark]:
     """Count them for each reader: free_thresh is above 0.196, or opacity makes them lighter."""
     if facts.pixels.freed:
@@ -60,7 +57,6 @@ def on_grey(facts: PairFacts) -> Iterator[Remark]:
 
 @check("readers.differ", "warning", "cells that nav2, humble and ROS 1 read differently")
 def readers_differ(facts: PairFacts) -> Iterator[Remark]:
-    """Compare all cells as the three readers have them."""
     pixels = facts.pixels
     for name, cells in pixels.differing.items():
         if cells:
@@ -83,14 +79,12 @@ def ending(facts: PairFacts) -> Iterator[Remark]:
 
 @check("image.maxval", "warning", "a brightness that does not end at 255")
 def maxval(facts: PairFacts) -> Iterator[str]:
-    """Look at the header of PNM images: readers disagree on other maxvals."""
     if facts.kind.file_format == "PNM" and facts.kind.maxval not in (1, 255):
         yield f"maxval is {facts.kind.maxval}: not all readers scale it"
 
 
 @check("image.alpha", "note", "pixels that are not opaque")
 def alpha(facts: PairFacts) -> Iterator[str]:
-    """Count them: they are unknown to Nav2, and averaged into the brightness by ROS 1."""
     count = facts.pixels.not_opaque
     if count:
         share = percent(count, facts.pixels.size)
@@ -99,7 +93,6 @@ def alpha(facts: PairFacts) -> Iterator[str]:
 
 @check("image.gamma", "note", "a gamma or colour profile (PNG gAMA, iCCP), which is not applied")
 def gamma(facts: PairFacts) -> Iterator[str]:
-    """Look for them: viewers may show other greys than map readers take."""
     if facts.kind.display:
         display = " and ".join(facts.kind.display)
         yield f"{display}: viewers may show other greys than map readers, which ignore it, take"
@@ -107,7 +100,6 @@ def gamma(facts: PairFacts) -> Iterator[str]:
 
 @check("image.colour", "warning", "pixels that are not grey")
 def colour(facts: PairFacts) -> Iterator[str]:
-    """Count them: colour becomes grey by rules that differ between readers."""
     count = facts.pixels.coloured
     if count:
         share = percent(count, facts.pixels.size)
@@ -116,7 +108,6 @@ def colour(facts: PairFacts) -> Iterator[str]:
 
 @check("image.palette", "warning", "an image with a palette, of which ROS 1 reads the indices")
 def palette(facts: PairFacts) -> Iterator[str]:
-    """Look for a palette: ROS 1 takes the indices for brightness."""
     if facts.kind.colour == "palette" and facts.kind.file_format != "BMP":
         yield "ROS 1 reads indices of the palette, not colours"
 
@@ -135,7 +126,6 @@ def greys(facts: PairFacts) -> Iterator[Remark]:
 
 @check("image.cartographer", "note", "Cartographer's grey for unknown, 128")
 def cartographer(facts: PairFacts) -> Iterator[str]:
-    """Look for a tenth of the pixels and more."""
     count = facts.pixels.greys.get(_CARTOGRAPHER_UNKNOWN, 0)
     if count > facts.pixels.size / 10:
         yield f"{count} pixels have grey 128, Cartographer's unknown"
@@ -160,21 +150,19 @@ _MIN_ISLAND_AREA = 1.0
 @check("map.no-obstacle", "warning", "a map without any obstacle")
 def no_obstacle(facts: GridFacts) -> Iterator[str]:
     """Look for obstacles: without one the distance field is infinite everywhere."""
-    if not facts.counts["occupied"] and facts.counts["unknown"] < facts.cells.size:
+    if not facts.cells.counts["occupied"] and facts.cells.counts["unknown"] < facts.cells.size:
         yield "no cell is occupied; are the thresholds and negate right?"
 
 
 @check("map.no-free", "warning", "a map without any free cell")
 def no_free(facts: GridFacts) -> Iterator[str]:
-    """Look for free cells: without one there is no place for a robot."""
-    if not facts.counts["free"] and facts.counts["unknown"] < facts.cells.size:
+    if not facts.cells.counts["free"] and facts.cells.counts["unknown"] < facts.cells.size:
         yield "no cell is free; are the thresholds and negate right?"
 
 
 @check("map.all-unknown", "error", "a map of which nothing is known")
 def all_unknown(facts: GridFacts) -> Iterator[str]:
-    """Look for known cells: without one the map is of no use."""
-    if facts.counts["unknown"] == facts.cells.size:
+    if facts.cells.counts["unknown"] == facts.cells.size:
         yield NOTHING_KNOWN
 
 
@@ -191,21 +179,19 @@ def mostly_unknown(facts: GridFacts) -> Iterator[Remark]:
 
 @check("map.inside-out", "warning", "more occupied than free cells")
 def inside_out(facts: GridFacts) -> Iterator[str]:
-    """Compare their numbers; often negate is wrong."""
-    occupied, free = facts.counts["occupied"], facts.counts["free"]
+    occupied, free = facts.cells.counts["occupied"], facts.cells.counts["free"]
     if occupied > free > 0:
         yield f"{occupied} cells are occupied and {free} free; is negate right?"
 
 
 @check("map.islands", "warning", "free space that cannot be reached from the largest part")
 def islands(facts: GridFacts) -> Iterator[Remark]:
-    """Measure the connected components of a square metre or more."""
     sizes, counts = facts.other_components
-    is_large = sizes * _cell_area(facts) >= _MIN_ISLAND_AREA
+    is_large = sizes * facts.frame.resolution**2 >= _MIN_ISLAND_AREA
     count = int(counts[is_large].sum())
     if count:
-        area = float((sizes * counts)[is_large].sum()) * _cell_area(facts)
-        largest = facts.cells.free_components[0][-1] * _cell_area(facts)
+        area = float((sizes * counts)[is_large].sum()) * facts.frame.resolution**2
+        largest = facts.cells.free_components[0][-1] * facts.frame.resolution**2
         parts = "area" if count == 1 else "areas"
         text = (
             f"{count} {parts} of free space, {area:.3g} m2, cannot be reached from"
@@ -220,7 +206,7 @@ def islands(facts: GridFacts) -> Iterator[Remark]:
 def specks(facts: GridFacts) -> Iterator[Remark]:
     """Count the smaller components: stray beams, mostly."""
     sizes, counts = facts.other_components
-    is_small = sizes * _cell_area(facts) < _MIN_ISLAND_AREA
+    is_small = sizes * facts.frame.resolution**2 < _MIN_ISLAND_AREA
     count = int(counts[is_small].sum())
     if count:
         cells = int((sizes * counts)[is_small].sum())
@@ -231,15 +217,10 @@ def specks(facts: GridFacts) -> Iterator[Remark]:
 
 @check("map.open-border", "note", "free cells on the border of the map")
 def open_border(facts: GridFacts) -> Iterator[Remark]:
-    """Count them: free space seems to go on, but nothing is known beyond."""
     count = facts.cells.free_on_border
     if count:
         text = f"{count} of {facts.cells.border} cells on the border are free; is the map cut off?"
         yield Remark(text, places=facts.places(facts.cells.free_stretches))
-
-
-def _cell_area(facts: GridFacts) -> float:
-    return facts.frame.resolution**2
 
 
 _ROOM = 4.0
@@ -255,7 +236,6 @@ _SHOWN, _MOST_PLACES = 10, 20
     "areas that only a passage too narrow for the robot joins; with a robot's shape alone",
 )
 def disconnected(facts: RoomFacts) -> Iterator[Remark]:
-    """Look for the passages that cut a room or more off, the one that costs most first."""
     from mapdeal.grid.reaching import disconnected as passages_between
 
     needed = 2 * facts.radius
@@ -281,7 +261,6 @@ _STRING = "tag:yaml.org,2002:str"
 
 @check("yaml.unknown-key", "warning", "a key that map_server does not know")
 def unknown_key(facts: PairFacts) -> Iterator[Remark]:
-    """Name the known key that it may be meant to be."""
     for key in facts.metadata.extra:
         near = difflib.get_close_matches(key, _KNOWN, n=1)
         meant = f"; did you mean {near[0]}?" if near else ""
@@ -290,7 +269,6 @@ def unknown_key(facts: PairFacts) -> Iterator[Remark]:
 
 @check("yaml.mode-case", "warning", "a mode in capitals, which ROS 1 refuses")
 def mode_case(facts: PairFacts) -> Iterator[Remark]:
-    """Compare letter by letter, as ROS 1 does."""
     if "mode" in facts.entries:
         text = facts.entries["mode"].text()
         if text != text.lower():
@@ -305,11 +283,8 @@ def image_unquoted(facts: PairFacts) -> Iterator[Remark]:
         yield Remark(f"{facts.metadata.image} is not text in YAML; put it in quotes", "image")
 
 
-@check(
-    "yaml.resolution-noise",
-    "warning",
-    "a resolution with the noise of rounding: 0.05000000074505806",
-)
+@check("yaml.resolution-noise", "warning",
+       "a resolution with the noise of rounding: 0.05000000074505806")  # fmt: skip
 def resolution_noise(facts: PairFacts) -> Iterator[Remark]:
     """Name the decimal: cells lie a little off where other maps of that resolution have them."""
     value = facts.metadata.resolution
@@ -322,7 +297,6 @@ def resolution_noise(facts: PairFacts) -> Iterator[Remark]:
 
 @check("yaml.resolution-unusual", "warning", "cells larger than 10 m or smaller than 1 mm")
 def resolution_unusual(facts: PairFacts) -> Iterator[Remark]:
-    """Look at the size: often a unit is wrong."""
     value = facts.metadata.resolution
     if not 1e-3 <= value <= 10:
         yield Remark(f"{value:g} m per cell is unusual; is the unit right?", "resolution")
@@ -330,7 +304,6 @@ def resolution_unusual(facts: PairFacts) -> Iterator[Remark]:
 
 @check("yaml.origin-noise", "note", "an origin with the noise of rounding, as -10.000000149011612")
 def origin_noise(facts: PairFacts) -> Iterator[Remark]:
-    """Name the decimal of each number."""
     for name, value in zip(("x", "y", "yaw"), facts.metadata.origin, strict=True):
         plain = without_rounding_noise(value)
         if plain is not None:
@@ -339,7 +312,6 @@ def origin_noise(facts: PairFacts) -> Iterator[Remark]:
 
 @check("yaml.origin-yaw", "warning", "a map that is turned, which costmap_2d and AMCL ignore")
 def origin_yaw(facts: PairFacts) -> Iterator[Remark]:
-    """Look for a yaw: mapdeal honours it, much of ROS does not."""
     yaw = facts.metadata.origin[2]
     if yaw:
         yield Remark(f"yaw {yaw:g} rad is ignored by costmap_2d and AMCL", "origin")
@@ -364,7 +336,6 @@ def origin_far(facts: PairFacts) -> Iterator[Remark]:
 
 @check("image.absolute-path", "warning", "an absolute path, which holds on one machine")
 def absolute_path(facts: PairFacts) -> Iterator[Remark]:
-    """Name the path that is relative to the YAML file."""
     name = facts.metadata.image
     if PurePosixPath(name).is_absolute() or PureWindowsPath(name).is_absolute():
         yield Remark(f"{name} is absolute; write {facts.image_path.name}", "image")
@@ -372,7 +343,6 @@ def absolute_path(facts: PairFacts) -> Iterator[Remark]:
 
 @check("image.outside-folder", "note", "an image that is not beside its YAML file")
 def outside_folder(facts: PairFacts) -> Iterator[Remark]:
-    """Look for steps out of the folder: copying the pair needs care then."""
     name = facts.metadata.image
     if ".." in PurePosixPath(name).parts:
         yield Remark(f"{name} leaves the folder of the YAML file", "image")
@@ -407,23 +377,22 @@ declare_check(
 
 
 def lint_run(folder: Path) -> list[Finding]:
-    """Return what is wrong with a folder of outputs: files that its manifest does not know."""
     # The local map that a run has made, too, is looked at with it.
     try:
         _, files = contents_of(folder)
     except FileAccessError as error:
-        return [_finding("file.access", folder, str(error).removeprefix(f"{folder}: "))]
+        return [CHECKS["file.access"].finding(folder, str(error).removeprefix(f"{folder}: "))]
     manifest = read_json(folder / MANIFEST)
     outputs = manifest.get("outputs") if isinstance(manifest, dict) else None
     if not isinstance(outputs, dict) or not outputs:
         kind = kind_of(folder)
         if kind is not None:
             text = f"is {kind.what}, not a folder of maps or of a run ({kind.use})"
-            return [_finding("run.no-manifest", folder, text)]
+            return [CHECKS["run.no-manifest"].finding(folder, text)]
         text = f"has no {MANIFEST} of a run, and no map in it or below: no .yaml with the key image"
         if MANIFEST in files:
             text = f"its {MANIFEST} is not that of a run"
-        return [_finding("run.no-manifest", folder, text)]
+        return [CHECKS["run.no-manifest"].finding(folder, text)]
     found = [*_of_outputs(folder, outputs), *_of_costs(folder, manifest.get("figures"))]
     if exists(folder / LOCAL_FOLDER / MANIFEST):
         found += lint_run(folder / LOCAL_FOLDER)
@@ -434,26 +403,21 @@ def _of_outputs(folder: Path, outputs: dict[str, Any]) -> Iterator[Finding]:
     for name, digest in outputs.items():
         path = folder / Path(name).name
         if not exists(path):
-            yield _finding("run.missing-file", folder, f"{path.name} is gone")
+            yield CHECKS["run.missing-file"].finding(folder, f"{path.name} is gone")
         elif not holds(path, str(digest)):
             text = f"{path.name} is not the file that the manifest lists"
-            yield _finding("run.other-file", folder, text)
+            yield CHECKS["run.other-file"].finding(folder, text)
 
 
 def _of_costs(folder: Path, figures: object) -> Iterator[Finding]:
-    """Look for costs that say nothing of where to drive."""
     for stage, told in figures.items() if isinstance(figures, dict) else ():
         if not isinstance(told, dict) or "most_common" not in told:
             continue
         common = told["most_common"]
         if common is None:
-            yield _finding("run.uniform-cost", folder, f"{stage}: no cell is open")
+            yield CHECKS["run.uniform-cost"].finding(folder, f"{stage}: no cell is open")
         elif isinstance(common, dict):
             share, cost = common.get("share"), common.get("cost")
             if isinstance(share, float) and share > UNIFORM_SHARE:
                 text = f"{stage}: {100 * share:.4g} % of the open cells cost {cost}"
-                yield _finding("run.uniform-cost", folder, text)
-
-
-def _finding(name: str, folder: Path, text: str) -> Finding:
-    return Finding(name, CHECKS[name].severity, str(folder), text)
+                yield CHECKS["run.uniform-cost"].finding(folder, text)

@@ -19,12 +19,18 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.checks.facts import ParameterFacts, RobotFacts, check
-from mapdeal.checks.findings import CHECKS, Check, Finding, Remark, Severity, declare_check
+from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, declare_check
 from mapdeal.errors import MapdealError
 from mapdeal.grid.costmap import InflationLayer
 from mapdeal.ros.load import Name, costmap_values, costmaps_in, flavour_of, found_in
-from mapdeal.ros.robot import INJECTED, CostmapName, Flavour, RobotParameters
-from mapdeal.ros.values import ParameterValue, Problem
+from mapdeal.ros.robot import (
+    INJECTED,
+    CostmapName,
+    Flavour,
+    ParameterValue,
+    Problem,
+    RobotParameters,
+)
 
 _COSTMAP = {
     "always_send_full_costmap", "footprint", "footprint_padding", "footprint_topic",
@@ -95,14 +101,10 @@ OF_AN_IDLE_LAYER = frozenset(
 BELOW_INFLATION = frozenset({"inflation_radius", "cost_scaling_factor", "inflate_unknown"})
 """What an inflation layer reads; Nav2 does not hand it down from the costmap."""
 
-_ALL_LAYERS = (
+_ALL_LAYERS: tuple[str, ...] = (
     "StaticLayer", "InflationLayer", "LegacyInflationLayer", "AsymmetricInflationLayer",
 )  # fmt: skip
-_OF_COSTMAP: dict[str, tuple[str, ...]] = {
-    "footprint": _ALL_LAYERS,
-    "robot_radius": _ALL_LAYERS,
-    "footprint_padding": _ALL_LAYERS,
-}
+_OF_COSTMAP = dict.fromkeys(("footprint", "robot_radius", "footprint_padding"), _ALL_LAYERS)
 ABOVE_LAYERS: dict[Flavour, dict[str, tuple[str, ...]]] = {
     "ros1": _OF_COSTMAP,
     "nav2": _OF_COSTMAP
@@ -114,15 +116,12 @@ ABOVE_LAYERS: dict[Flavour, dict[str, tuple[str, ...]]] = {
 }  # fmt: skip
 """Parameters of a costmap that have no effect below layers of these classes."""
 
-SECTIONS_OF_OLD = ("static_map", "map_type")
-"""What ROS 1 reads where there is no list of plugins."""
+SECTIONS_OF_OLD = ("static_map", "map_type")  # what ROS 1 reads where there is no list of plugins
 
 
 def known_names(flavour: Flavour, layer: str) -> frozenset[str]:
     """Return the names that a costmap knows, or a layer of a class; none of other classes."""
-    if not layer:
-        return frozenset(_COSTMAP | _COSTMAP_OF[flavour])
-    return frozenset(_BY_CLASS.get(layer, set()))
+    return frozenset(_BY_CLASS.get(layer, set()) if layer else _COSTMAP | _COSTMAP_OF[flavour])
 
 
 _ALIKE = 0.85
@@ -145,7 +144,6 @@ def class_of(plugin: str) -> str:
     "a layer that writes obstacles after the inflation layer: they are not inflated",
 )
 def layer_after_inflation(facts: RobotFacts) -> Iterator[Remark]:
-    """Look for layers that mark cells after inflation, and so uninflated ones."""
     inflation = None
     for one in facts.robot.layers:
         if not one.is_enabled or one.is_filter:
@@ -161,7 +159,6 @@ def layer_after_inflation(facts: RobotFacts) -> Iterator[Remark]:
 
 @check("params.two-inflations", "warning", "two inflation layers that are both switched on")
 def two_inflations(facts: RobotFacts) -> Iterator[Remark]:
-    """Count inflation layers; of two, each cell gets the higher cost."""
     names = [one.name for one in facts.robot.inflation_layers]
     if len(set(names)) > 1:
         text = f"{' and '.join(names)} both inflate: a cell gets the higher of their costs"
@@ -170,7 +167,6 @@ def two_inflations(facts: RobotFacts) -> Iterator[Remark]:
 
 @check("params.layer-disabled", "note", "a layer that is listed, and switched off")
 def layer_disabled(facts: RobotFacts) -> Iterator[Remark]:
-    """Look for ``enabled: false``."""
     for one in facts.robot.layers:
         is_last = isinstance(one.layer, InflationLayer) and not facts.robot.inflation_layers
         if not one.is_enabled and not is_last:  # which params.no-inflation tells
@@ -179,22 +175,17 @@ def layer_disabled(facts: RobotFacts) -> Iterator[Remark]:
 
 @check("params.plugin-twice", "warning", "a layer that is listed twice")
 def plugin_twice(facts: ParameterFacts) -> Iterator[Remark]:
-    """Count names in the list."""
     for name, count in Counter(name for name, _ in facts.plugins).items():
         if count > 1:
             text = f"{name} is listed {count} times"
             yield Remark(text, at=facts.values.get(("plugins",)))
 
 
-@check(
-    "params.unused-section", "note", "parameters of a layer that the list of plugins does not name"
-)
+@check("params.unused-section", "note",
+       "parameters of a layer that the list of plugins does not name")  # fmt: skip
 def unused_section(facts: ParameterFacts) -> Iterator[Remark]:
-    """Look for parameters of layers that nobody loads: often the list spells them otherwise.
-
-    A file of ROS 1 that both costmaps load has the layers of either; and every second Nav2 file
-    has the static layer of Nav2's example in its local costmap, which changes nothing.
-    """
+    # A file of ROS 1 that both costmaps load has the layers of either; and every second Nav2 file
+    # has the static layer of Nav2's example in its local costmap, which changes nothing.
     listed = {name for name, _ in facts.plugins} | set(_named_within(facts))
     for name, section in facts.sections.items():
         names = {path[1] for path in section}
@@ -212,18 +203,14 @@ def _named_within(facts: ParameterFacts) -> Iterator[str]:
     """Yield what layers of layers, and of sensors, name in lists of their own."""
     for path, one in facts.values.items():
         if len(path) == 2 and path[1] in ("plugins", "observation_sources"):
-            yield from _words(one.value)
-
-
-def _words(value: object) -> list[str]:
-    if isinstance(value, str):
-        return value.split()
-    return [one for one in value if isinstance(one, str)] if isinstance(value, list | tuple) else []
+            if isinstance(one.value, str):
+                yield from one.value.split()
+            elif isinstance(one.value, list | tuple):
+                yield from (name for name in one.value if isinstance(name, str))
 
 
 @check("params.misspelt", "warning", "a name that is nearly that of a parameter")
 def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
-    """Compare names with those that the costmap and its layers read."""
     unknown = 0
     for places, known in _places(facts):
         for path, value in places.items():
@@ -244,13 +231,12 @@ def _places(facts: ParameterFacts) -> Iterator[tuple[dict[Name, ParameterValue],
     for name, plugin in dict(facts.plugins).items():
         known = known_names(facts.flavour, class_of(plugin))
         if known:
-            section = facts.section(name)
+            section = facts.sections.get(name, {})
             yield {path: one for path, one in section.items() if len(path) == 2}, known
 
 
 @check("params.misplaced", "warning", "a parameter where nobody reads it")
 def misplaced(facts: ParameterFacts) -> Iterator[Remark]:
-    """Look for names that are read at another level."""
     inflations = [name for name, kind in facts.plugins if kind.endswith("InflationLayer")]
     for path, value in facts.values.items():
         if facts.flavour == "nav2" and len(path) == 1 and path[0] in BELOW_INFLATION:
@@ -319,18 +305,14 @@ for _name, _severity, _about in _DECLARED:
 def finding_of(problem: Problem, file: str) -> Finding:
     message = f"{problem.parameter}: {problem.text}" if problem.parameter else problem.text
     if problem.got is not None:
-        message += f", got {_short(problem.got)}"
+        got = " ".join(problem.got.split())
+        message += f", got {got if len(got) <= 60 else got[:57] + '...'}"
     if problem.hint is not None:
         message += f"; {problem.hint}"
     source = file if problem.source is None else str(problem.source)
     known = CHECKS.get(problem.check)
     severity = _SEVERITIES[problem.level] if known is None else known.severity
     return Finding(problem.check, severity, source, message, problem.line)
-
-
-def _short(text: str, limit: int = 60) -> str:
-    one = " ".join(text.split())
-    return one if len(one) <= limit else one[: limit - 3] + "..."
 
 
 _INSCRIBED_COST = 252
@@ -366,7 +348,6 @@ def inflation_below_circumscribed(facts: RobotFacts) -> Iterator[Remark]:
 
 @check("params.no-inflation", "warning", "a costmap in which no inflation layer has an effect")
 def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
-    """Look for an inflation layer that is switched on and reaches anywhere."""
     robot = facts.robot
     if _widest(facts) is not None:
         return
@@ -389,7 +370,6 @@ def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
 
 @check("params.cost-cliff", "note", "costs that are still high where inflation ends")
 def cost_cliff(facts: RobotFacts) -> Iterator[Remark]:
-    """Take the cost at the inflation radius."""
     layer = _widest(facts)
     if layer is None or layer.inflation_radius <= layer.inscribed_radius:
         return
@@ -410,7 +390,6 @@ def cost_cliff(facts: RobotFacts) -> Iterator[Remark]:
 
 @check("params.cost-ends-early", "note", "costs that are 0 long before inflation ends")
 def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
-    """Take the distance at which costs become 0."""
     layer = _widest(facts)
     if layer is None or layer.cost_scaling_factor <= 0:
         return
@@ -427,7 +406,6 @@ def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
 
 @check("params.inflation-defaults", "note", "an inflation layer that leaves ROS's defaults")
 def inflation_defaults(facts: RobotFacts) -> Iterator[Remark]:
-    """Look for a radius or a scaling factor that nobody has chosen."""
     for layer in facts.robot.inflation_layers:
         told = [
             f"{name} is {value:g}{unit}"
@@ -438,14 +416,13 @@ def inflation_defaults(facts: RobotFacts) -> Iterator[Remark]:
             if not any(facts.of_layer(layer.name, f"{name}{side}") for side in _SIDES)
         ]
         if told:
-            section = facts.parameters.section(layer.name)
+            section = facts.parameters.sections.get(layer.name, {})
             at = next(iter(section.values()), facts.value("plugins"))
             yield Remark(f"{layer.name}: not set, and so {' and '.join(told)}", at=at)
 
 
-@check(
-    "params.radius-and-footprint", "warning", "a robot_radius beside a footprint: it has no effect"
-)
+@check("params.radius-and-footprint", "warning",
+       "a robot_radius beside a footprint: it has no effect")  # fmt: skip
 def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
     """Look for both: ``setRobotFootprint`` takes the polygon."""
     radius = facts.value("robot_radius")
@@ -455,13 +432,9 @@ def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
         yield Remark(f"robot_radius has no effect: footprint counts{where}", at=radius)
 
 
-@check(
-    "params.unknown-is-free",
-    "warning",
-    "unknown space that is free to drive in, as track_unknown_space is not set",
-)
+@check("params.unknown-is-free", "warning",
+       "unknown space that is free to drive in, as track_unknown_space is not set")  # fmt: skip
 def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
-    """Look for a static layer that does not keep unknown cells."""
     layers = [one for one in facts.robot.static_layers if one.name != INJECTED]
     free = [one for one in layers if not one.track_unknown_space]
     own = facts.value("track_unknown_space")  # of Nav2 the costmap's alone
@@ -470,11 +443,9 @@ def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
         yield Remark(text, at=facts.value("plugins"))
 
 
-@check(
-    "params.costmaps-differ", "note", "a global and a local costmap of robots of different shape"
-)
+@check("params.costmaps-differ", "note",
+       "a global and a local costmap of robots of different shape")  # fmt: skip
 def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
-    """Compare the radii of both costmaps."""
     robot, other = facts.robot, facts.other
     if other is None:
         return
@@ -491,9 +462,8 @@ def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
     )
 
 
-@check(
-    "params.resolution", "note", "a resolution of the global costmap that is not that of the map"
-)
+@check("params.resolution", "note",
+       "a resolution of the global costmap that is not that of the map")  # fmt: skip
 def resolution(facts: RobotFacts) -> Iterator[Remark]:
     """Compare it with the map, whose geometry the static layer gives the costmap."""
     value = facts.value("resolution")
@@ -515,12 +485,9 @@ def _reach(layer: InflationLayer) -> str:
     return f"inflation_radius {layer.inflation_radius:g} m"
 
 
-# The modules of checks: importing one adds its checks to the list.
-
 _ONE_LEVEL = "params.one-level"
 _NOT_THERE = ("params.namespace", "params.no-node", _ONE_LEVEL)
-_OTHER_KIND = "params.other-kind"
-"""A file of which no name and no value is a parameter."""
+_OTHER_KIND = "params.other-kind"  # a file of which no name and no value is a parameter
 _OF_THE_OTHER = "params.other-costmap"
 """A file that one costmap leaves out is one of the other's, if both are looked at."""
 
@@ -533,6 +500,15 @@ class _Costmap:
     robot: RobotParameters | None
     problems: tuple[Problem, ...]
 
+    @property
+    def is_absent(self) -> bool:
+        return any(p.check in _NOT_THERE and p.level == "refused" for p in self.problems)
+
+    @property
+    def is_misplaced(self) -> bool:
+        """Whether the files mean to say something of it, at the wrong level."""
+        return any(problem.check == _ONE_LEVEL for problem in self.problems)
+
 
 def lint_parameters(
     paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None,
@@ -541,8 +517,8 @@ def lint_parameters(
     """Return what all checks find in a robot's parameter files, by file, line by line."""
     flavour = flavour_of(paths)
     names = costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
-    looked_at = [_resolve(paths, one, namespace) for one in names]
-    present = [one for one in looked_at if not _is_absent(one) or _is_misplaced(one)]
+    looked_at = [_Costmap(one, *found_in(paths, costmap=one, namespace=namespace)) for one in names]
+    present = [one for one in looked_at if not one.is_absent or one.is_misplaced]
     present = present or looked_at[:1]
     findings: list[Finding] = []
     last = str(paths[-1])
@@ -551,7 +527,10 @@ def lint_parameters(
         told = [one for one in one.problems if len(present) == 1 or one.check != _OF_THE_OTHER]
         own = [finding_of(problem, last) for problem in told]
         own += _checked(paths, one, flavour, namespace, other, map_resolutions)
-        findings += [_named(found, one, len(present)) for found in own]
+        for found in own:
+            is_named = found.line is not None or len(present) == 1
+            message = f"{one.name} costmap: {found.message}"
+            findings.append(found if is_named else replace(found, message=message))
     by_file: dict[Path, list[Finding]] = {path: [] for path in paths}
     for found in dict.fromkeys(findings):
         by_file.setdefault(Path(found.file), []).append(found)
@@ -564,30 +543,10 @@ def robot_in(
     names: tuple[CostmapName, ...] = ("global", "local") if costmap is None else (costmap,)
     for name in names:
         with suppress(MapdealError):
-            one = _resolve(paths, name, namespace)
-            if one.robot is not None and not _is_absent(one):
+            one = _Costmap(name, *found_in(paths, costmap=name, namespace=namespace))
+            if one.robot is not None and not one.is_absent:
                 return one.robot
     return None
-
-
-def _resolve(paths: Sequence[Path], costmap: CostmapName, namespace: str | None) -> _Costmap:
-    robot, problems = found_in(paths, costmap=costmap, namespace=namespace)
-    return _Costmap(costmap, robot, problems)
-
-
-def _is_absent(one: _Costmap) -> bool:
-    return any(p.check in _NOT_THERE and p.level == "refused" for p in one.problems)
-
-
-def _is_misplaced(one: _Costmap) -> bool:
-    """Return whether the files mean to say something of a costmap, at the wrong level."""
-    return any(problem.check == _ONE_LEVEL for problem in one.problems)
-
-
-def _named(found: Finding, one: _Costmap, count: int) -> Finding:
-    if found.line is not None or count == 1:
-        return found
-    return replace(found, message=f"{one.name} costmap: {found.message}")
 
 
 def _checked(
@@ -602,13 +561,17 @@ def _checked(
             flavour, one.name, values, _plugins(flavour, values, one.robot)
         )
     }
-    if one.robot is not None and not _is_absent(one):
+    if one.robot is not None and not one.is_absent:
         facts[RobotFacts] = RobotFacts(
             one.robot, facts[ParameterFacts], other, tuple(map_resolutions)
         )
     for known in CHECKS.values():
         if known.facts in facts:
-            yield from _findings_of(known, facts[known.facts], str(paths[-1]))
+            for remark in known.remarks(facts[known.facts]):
+                source, line = paths[-1], None
+                if remark.at is not None:
+                    source, line = remark.at.source, remark.at.line
+                yield known.finding(source, remark.message, line)
 
 
 def _node_of(one: _Costmap, namespace: str | None) -> str:
@@ -617,15 +580,6 @@ def _node_of(one: _Costmap, namespace: str | None) -> str:
         return one.robot.node
     name = f"{one.name}_costmap"
     return "/".join(["", *(part for part in (namespace or "").split("/") if part), name, name])
-
-
-def _findings_of(known: Check, facts: Any, file: str) -> Iterator[Finding]:
-    for found in known.run(facts) if known.run is not None else ():
-        remark = found if isinstance(found, Remark) else Remark(found)
-        source, line = (
-            (file, None) if remark.at is None else (str(remark.at.source), remark.at.line)
-        )
-        yield Finding(known.name, known.severity, source, remark.message, line)
 
 
 def _plugins(
@@ -645,9 +599,8 @@ def _plugins(
     filters = values.get(("filters",))
     more = filters.value if filters is not None and isinstance(filters.value, tuple) else ()
     names = [one for one in (*entries, *more) if isinstance(one, str)]
-    return tuple((name, _class_in(values, name)) for name in names)
-
-
-def _class_in(values: Mapping[Name, ParameterValue], name: str) -> str:
-    plugin = values.get((name, "plugin"))
-    return plugin.value if plugin is not None and isinstance(plugin.value, str) else ""
+    plugins = ((name, values.get((name, "plugin"))) for name in names)
+    return tuple(
+        (name, one.value if one is not None and isinstance(one.value, str) else "")
+        for name, one in plugins
+    )

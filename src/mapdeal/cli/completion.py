@@ -11,8 +11,7 @@ from mapdeal.cli import terminal
 from mapdeal.cli.apps import command_app
 from mapdeal.command import Words, command
 
-VARIABLE = "_MAPDEAL_COMPLETE"
-"""What the scripts set where they ask for words."""
+VARIABLE = "_MAPDEAL_COMPLETE"  # what the scripts set where they ask for words
 
 
 @command(

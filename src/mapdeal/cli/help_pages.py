@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import partial
-from typing import Any, Final
+from typing import Any
 
-from mapdeal.cli.examples import EXAMPLES
+GROUPS = (
+    "Maps, distance fields, costmaps",
+    "Questions about a map",
+    "Changing a map",
+    "Two maps of one place",
+    "Laser scans and point clouds",
+    "Formats",
+    "CI and reports",
+)
+"""Titles under which ``mapdeal --help`` lists commands, in its order."""
 
-GROUPS: Final = {
-    "Maps, distance fields, costmaps": ("run", "active", "inflate", "esdf", "cost"),
-    "Questions about a map": ("reach", "query", "route", "potential", "info"),
-    "Two maps of one place": ("align", "merge", "diff", "score", "rotate", "rescale", "clean"),
-    "Laser scans, point clouds, bags": ("build", "local", "convert"),
-    "CI and reports": ("lint", "report", "completion"),
-    "Drawing and packing": ("edit", "window", "shift", "pack", "unpack"),
-}
-"""Commands by the title under which ``mapdeal --help`` lists them."""
-
-_OTHERS = "Other commands"
 _COMMON = "Common options"
 _LAST = ("Robot", _COMMON)
 """Groups of options that many commands have; they come after a command's own."""
@@ -26,36 +24,29 @@ _LAST = ("Robot", _COMMON)
 _CONDITIONS = ("With a bag",)
 
 
-def in_groups(names: Iterable[str]) -> dict[str, list[str]]:
-    """Return names of commands by the title of their group, in the order of ``--help``.
-
-    Examples
-    --------
-    >>> in_groups(["esdf", "smooth", "run"])
-    {'Maps, distance fields, costmaps': ['run', 'esdf'], 'Other commands': ['smooth']}
-    """
-    left = dict.fromkeys(names)
-    groups = {
-        title: [name for name in members if name in left] for title, members in GROUPS.items()
-    }
-    grouped = {name for members in groups.values() for name in members}
-    groups[_OTHERS] = [name for name in left if name not in grouped]
-    return {title: members for title, members in groups.items() if members}
+def in_groups(group: Any, context: Any) -> dict[str, list[Any]]:
+    """Return the commands of a group by the title below which ``--help`` lists them."""
+    found: dict[str, list[Any]] = {title: [] for title in GROUPS}
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        found.setdefault(command.rich_help_panel or "Other commands", []).append(command)
+    return found
 
 
-def lay_out(command: Any, name: str) -> None:
+def lay_out(command: Any) -> None:
     """Make the ``--help`` of a command list its options in groups, and end with examples."""
     command.format_options = partial(_write_options, command, command.format_options)
-    command.format_epilog = partial(_write_examples, name)
+    if command.epilog:
+        command.format_epilog = partial(_write_examples, command.epilog)
 
 
 def write_commands(group: Any, context: Any, formatter: Any) -> None:
-    """Write the commands of a group under the titles of `GROUPS`."""
-    names = group.list_commands(context)
-    for title, members in in_groups(names).items():
-        rows = [(name, group.get_command(context, name).short_help) for name in members]
+    groups = in_groups(group, context)
+    longest = max(len(one.name) for members in groups.values() for one in members)
+    for title, members in groups.items():
         with formatter.section(title):
-            formatter.write_dl(rows, col_max=len(max(names, key=len)))
+            rows = [(one.name, one.short_help) for one in members]
+            formatter.write_dl(rows, col_max=longest)
 
 
 def sections_of(command: Any, context: Any) -> dict[str, list[tuple[str, str]]]:
@@ -73,7 +64,6 @@ def sections_of(command: Any, context: Any) -> dict[str, list[tuple[str, str]]]:
 
 
 def _write_options(command: Any, write_ungrouped: Any, context: Any, formatter: Any) -> None:
-    """Write arguments and options; those that have one stand below the title of their group."""
     if hasattr(command, "commands"):
         write_ungrouped(context, formatter)
         return
@@ -83,11 +73,8 @@ def _write_options(command: Any, write_ungrouped: Any, context: Any, formatter: 
 
 
 def _placed(parameter: Any, text: str, others: Iterable[Any]) -> tuple[str, str]:
-    """Return the title below which a parameter stands, and its help text there.
-
-    Help texts say in their first words with what an option counts: "With a bag: ...", or the
-    value of another option, "rings: ...". Below a title that says so they need not.
-    """
+    # Help texts say in their first words with what an option counts: "With a bag: ...", or the
+    # value of another option, "rings: ...". Below a title that says so they need not.
     if parameter.param_type_name == "argument":
         return "Arguments", text
     title = _COMMON if parameter.name == "help" else getattr(parameter, "rich_help_panel", None)
@@ -102,17 +89,7 @@ def _placed(parameter: Any, text: str, others: Iterable[Any]) -> tuple[str, str]
     return "Options", text
 
 
-def _example_of(name: str) -> str:
-    from mapdeal.command import commands_named  # which loads numpy
-
-    first, _, rest = name.partition(" ")
-    own = commands_named(first).get(rest)
-    return EXAMPLES.get(name, "") if own is None else own.example
-
-
-def _write_examples(name: str, _context: Any, formatter: Any) -> None:
-    lines = _example_of(name).splitlines()
-    if lines:  # the command of a new stage has none
-        with formatter.section("Examples"):
-            for line in lines:
-                formatter.write(f"{'':{formatter.current_indent}}{line}\n")
+def _write_examples(example: str, _context: Any, formatter: Any) -> None:
+    with formatter.section("Examples"):
+        for line in example.splitlines():
+            formatter.write(f"{'':{formatter.current_indent}}{line}\n")

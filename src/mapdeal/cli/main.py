@@ -9,13 +9,15 @@ import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
+from importlib.util import find_spec
+from pkgutil import iter_modules
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from mapdeal.cli import terminal
-from mapdeal.cli.help_pages import in_groups, lay_out, write_commands
+from mapdeal.cli.help_pages import lay_out, write_commands
 from mapdeal.cli.process import begin_work, ending
 from mapdeal.cli.usage import accept_words, usage_error
 from mapdeal.errors import FileAccessError, FindingError, MapdealError, refusal_of_the_system
@@ -24,47 +26,18 @@ from mapdeal.errors import FileAccessError, FindingError, MapdealError, refusal_
 # have the same tree of errors, reached from the one class that typer exports.
 _ClickError: Any = typer.BadParameter.__mro__[2]
 
-_OTHERS = ("completion",)
-COMMANDS = (
-    "run",
-    "local",
-    "align",
-    "diff",
-    "score",
-    "build",
-    "query",
-    "route",
-    "convert",
-    "merge",
-    "lint",
-    "edit",
-    "pack",
-    "unpack",
-    "info",
-    "report",
-)
-_MODULES = {"unpack": "pack"}
-_OF_STAGES = ("reach",)
-"""Stages whose commands are not made from their parameters: they answer questions."""
-
 
 def command_names() -> list[str]:
-    """Return the names of all commands, in the order of ``--help``."""
+    """Return the names of all commands: the modules of `mapdeal.commands`, then the stages."""
+    from mapdeal import commands
     from mapdeal.stages.catalogue import STAGE_NAMES  # which loads numpy
 
-    names = [*STAGE_NAMES, *COMMANDS, *_OTHERS]
-    twice = {name for name in names if names.count(name) > 1}
-    if twice:
-        raise ValueError(f"a stage has the name of another command: {', '.join(sorted(twice))}")
-    return [name for members in in_groups(names).values() for name in members]
+    modules = sorted(name for _, name, _ in iter_modules(commands.__path__) if "_" not in name)
+    return list(dict.fromkeys([*modules, *STAGE_NAMES, "completion"]))
 
 
 class _LazyGroup(TyperGroup):
-    """A group that imports a command when it is asked for.
-
-    The commands of stages are made from their definitions, unless they have more to ask. Each
-    other one lives in ``mapdeal.cli.<name>`` as a typer app with one command.
-    """
+    """Commands, each imported and made from its definition when it is asked for."""
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - click's signature
         return command_names()
@@ -72,24 +45,23 @@ class _LazyGroup(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002 - click's signature
         if cmd_name in self.commands:
             return self.commands[cmd_name]
-        if cmd_name in (*COMMANDS, *_OF_STAGES):
+        if "_" not in cmd_name and (found := find_spec(f"mapdeal.commands.{cmd_name}")):
             from mapdeal.cli.apps import command_app
 
-            module = import_module(f"mapdeal.commands.{_MODULES.get(cmd_name, cmd_name)}")
-            app = command_app(cmd_name, module)
-        elif cmd_name in _OTHERS:
-            app = import_module(f"mapdeal.cli.{cmd_name}").app
-        else:
-            if cmd_name not in command_names():
-                return None
-            from mapdeal.cli.stage_command import stage_app
+            app = command_app(cmd_name, import_module(found.name))
+        elif cmd_name == "completion":
+            from mapdeal.cli.completion import app
+        elif cmd_name in command_names():
+            from mapdeal.cli.apps import stage_app
 
             app = stage_app(cmd_name)
+        else:
+            return None
         begin_work()
         command: Any = typer.main.get_command(app)
-        for name, one in (("", command), *getattr(command, "commands", {}).items()):
+        for one in (command, *getattr(command, "commands", {}).values()):
             accept_words(one, cmd_name)
-            lay_out(one, f"{cmd_name} {name}".strip())
+            lay_out(one)
         command.name = cmd_name
         first, _, _ = (command.help or "").partition("\n\n")
         command.short_help = " ".join(first.split())  # else it is cut off in the list
@@ -189,6 +161,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _told(error: MapdealError) -> int:
-    """Report an error; return its exit code."""
     terminal.error(error)
     return error.exit_code

@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import fields
+from functools import partial, wraps
+from inspect import Parameter as Argument
+from inspect import Signature
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
 import typer
 
-from mapdeal.cli.streams import TO_STDOUT
+from mapdeal.cli import terminal
+from mapdeal.cli.process import TO_STDOUT, piped, streamed
 from mapdeal.command import Parameter, Words
+from mapdeal.errors import ParameterError, strict_warnings
+from mapdeal.files.source import size_of
+from mapdeal.grid.footprint import Footprint
+from mapdeal.kernels.threads import use_threads
+from mapdeal.maps.dialects import Dialect
+from mapdeal.pictures.overlay import ImageExtent
+from mapdeal.pipeline.settings import Settings
+from mapdeal.ros.robot import INJECTED, CostmapName, RobotParameters
 
 OR_STDIN = "Or - for an .npz on stdin."
 OR_STDOUT = "Or - for an .npz on stdout."
@@ -80,3 +93,247 @@ def type_of(parameter: Parameter) -> Any:
 
 def given(**options: object) -> dict[str, object]:
     return {name: value for name, value in options.items() if value is not None}
+
+
+def robot_shape(
+    *,
+    footprint: str | None,
+    robot_radius: float | None,
+    footprint_padding: float,
+    robot_16_gon: bool | None = None,
+) -> Footprint | None:
+    """Return the robot's shape; without the option for it, a round one has 16 corners, always."""
+    if robot_16_gon and robot_radius is None:
+        raise ParameterError("needs --robot-radius", source="--robot-16-gon")
+    if footprint is not None and robot_radius is not None:
+        rule = "cannot be given together with --robot-radius"
+        raise ParameterError(rule, source="--footprint")
+    if footprint is not None:
+        return Footprint.parse(footprint).padded(footprint_padding)
+    if robot_radius is not None:
+        make = Footprint.circle if robot_16_gon is False else Footprint.sixteen_gon
+        return make(robot_radius).padded(footprint_padding)
+    if footprint_padding:
+        rule = "needs --footprint or --robot-radius"
+        raise ParameterError(rule, source="--footprint-padding")
+    return None
+
+
+def robot_parameters(
+    *,
+    params_file: Sequence[Path] | None,
+    costmap: CostmapName | None,
+    namespace: str | None,
+    dialect: Dialect,
+    is_shape: bool = False,
+) -> RobotParameters | None:
+    """Return the robot that parameter files describe, if there are any, and say what is ignored.
+
+    Readers older than today's Nav2 stand for its older costmap, too. Nothing is said of layers to
+    those who want no more than the shape.
+    """
+    if not params_file:
+        for option, value in (("--costmap", costmap), ("--namespace", namespace)):
+            if value is not None:
+                raise ParameterError("needs --params-file", source=option)
+        return None
+    from mapdeal.ros.load import read_robot  # few commands read one
+
+    robot = read_robot(
+        params_file,
+        costmap=costmap or "global",
+        namespace=namespace,
+        older=dialect != "nav2",
+        is_shape=is_shape,
+    )
+    terminal.detail(f"robot: {robot!r}")
+    if not is_shape and any(one.name == INJECTED for one in robot.layers):
+        text = "the local costmap has no static layer; the map is put in front of its layers"
+        terminal.remark([f"{params_file[-1]}: {text}"])
+    ignored = [f"{one.name} ({one.why_ignored})" for one in robot.ignored]
+    if ignored and not is_shape:
+        terminal.remark([f"{params_file[-1]}: ignored: {', '.join(ignored)}"])
+    return robot
+
+
+Command = Callable[..., None]
+
+_ROBOT, _ALWAYS = "robot", "always"
+
+_OF_FILES = ("params_file", "costmap", "namespace")
+"""The options of the group ``robot`` that are about a robot's own parameters."""
+
+_OF_SETTINGS = {one.name for one in fields(Settings)}
+
+
+class SharedOption(NamedTuple):
+    """An option that many commands have; those of ``files`` are settings of the same name."""
+
+    kind: Any
+    text: str
+    metavar: str | None = None
+    default: object = None
+    group: str | None = "files"
+    least: int | None = None
+
+    def parameter(self, name: str, text: str | None) -> Argument:
+        flag = [f"--{name.replace('_', '-')}"] if self.kind is bool else []
+        flag += ["-" + name[0]] if name in ("quiet", "verbose") else []
+        option = typer.Option(
+            *([] if name == "robot_16_gon" else flag),  # which has a --no-, too
+            metavar=self.metavar,
+            min=self.least,
+            help=text or self.text,
+            show_default="[default: " not in (text or self.text),
+            rich_help_panel="Robot" if self.group == _ROBOT else "Common options",
+        )
+        kind: Any = Annotated[(self.kind, option)]
+        return Argument(name, Argument.KEYWORD_ONLY, default=self.default, annotation=kind)
+
+
+_robots = partial(SharedOption, group="robot")
+_always = partial(SharedOption, bool, default=False, group="always")
+
+SHARED_OPTIONS = {
+    "footprint": _robots(
+        str | None, "Corners of the robot around its centre, metres.", "[[X,Y],...]"
+    ),
+    "robot_radius": _robots(float | None, "Radius of a round robot, metres.", "M"),
+    "footprint_padding": _robots(
+        float, "Distance to move the edges of the shape outwards, metres; ROS uses 0.01.", "M", 0.0
+    ),
+    "robot_16_gon": _robots(
+        bool,
+        "Treat a round robot as a polygon of 16 corners, as costmap_2d does.  [default: no]",
+        default=False,
+    ),
+    "params_file": _robots(
+        list[Path] | None,
+        "Take shape and costs from a robot's own parameters: a Nav2 file, or ROS 1's costmap "
+        "files; can be repeated, later files win.",
+        "FILE",
+    ),
+    "costmap": _robots(CostmapName | None, "Costmap of --params-file.  [default: global]"),
+    "namespace": _robots(str | None, "Robot of --params-file, if it contains several.", "NS"),
+    "image": SharedOption(Path | None, "Also write a picture of the result.", "FILE.png"),
+    "image_extent": SharedOption(
+        ImageExtent,
+        "Extent of pictures: the known cells and a margin, or the whole map.",
+        default=Settings.image_extent,
+    ),
+    "dialect": SharedOption(
+        Dialect,
+        "How the image is read: as nav2 (jazzy and newer), humble or ros1.",
+        default=Settings.dialect,
+    ),
+    "max_cells": SharedOption(
+        int | None,
+        "Refuse larger images before allocating memory.  [default: 2e8 for compressed images, "
+        "1e9 for others]",
+        "N",
+        least=1,
+    ),
+    "force": SharedOption(bool, "Replace existing outputs.", default=False),
+    "threads": SharedOption(int | None, "Threads to use.  [default: all cores]", "N", least=1),
+    "max_memory": SharedOption(
+        str | None,
+        "Memory to use, such as 4G or 500M; what needs more is refused.  [default: half of the "
+        "free memory]",
+        "SIZE",
+    ),
+    "image_max": SharedOption(
+        int,
+        "Longest side of pictures, pixels; 0 for one pixel per cell.",
+        "PIXELS",
+        Settings.image_max,
+        group=None,
+        least=0,
+    ),
+    "no_images": SharedOption(bool, "Write no pictures.", default=False, group=None),
+    "strict": _always("Exit with 1, and write nothing, if there is a warning."),
+    "quiet": _always("Print only errors and requested results."),
+    "verbose": _always("Print what is read and done."),
+}
+"""By name of the parameter; a group has this order. Every command ends with ``always``."""
+
+
+def expanded(names: Iterable[str]) -> list[str]:
+    groups: dict[str, list[str]] = {}
+    for name, option in SHARED_OPTIONS.items():
+        if option.group is not None:
+            groups.setdefault(option.group, []).append(name)
+    return [member for name in names for member in groups.get(name, [name])]
+
+
+def with_shared_options(
+    function: Command,
+    own: Iterable[Argument],
+    names: Sequence[str],
+    *,
+    help_texts: Mapping[str, str] | None = None,
+    makes_costs: Callable[[Mapping[str, Any]], bool] = lambda _: True,
+) -> Command:
+    """Return a command that hands a function `Settings`, the robot, and its own options."""
+    parameters = _spliced(function.__name__, {one.name: one for one in own}, names, help_texts)
+    shared = [name for name in SHARED_OPTIONS if name in expanded([*names, _ALWAYS])]
+    robot = [name for name in shared if SHARED_OPTIONS[name].group == _ROBOT]
+    marked = streamed(parameters)
+
+    @wraps(function)
+    def command(**values: Any) -> None:
+        given = {name: values.pop(name) for name in shared}
+        if given["quiet"] and given["verbose"]:
+            raise ParameterError("cannot be given together with --quiet", source="--verbose")
+        terminal.configure(**{name: given[name] for name in ("quiet", "verbose", "strict")})
+        values["settings"] = settings = _settings_of(given)
+        with strict_warnings(settings.strict):
+            if robot:
+                shape = {name: given[name] for name in robot if name not in _OF_FILES}
+                values["footprint"] = robot_shape(**shape)
+            if "params_file" in shared:
+                files = {name: given[name] for name in _OF_FILES}
+                is_shape, dialect = not makes_costs(values), settings.dialect
+                values["robot"] = robot_parameters(**files, dialect=dialect, is_shape=is_shape)
+            with (
+                settings.memory(anew=True),
+                use_threads(settings.threads),
+                piped(values, marked) as piped_values,
+            ):
+                function(**piped_values)
+
+    typed: Any = command
+    typed.__signature__ = Signature(parameters, return_annotation=None)
+    typed.__annotations__ = {one.name: one.annotation for one in parameters} | {"return": None}
+    return command
+
+
+def _spliced(
+    command: str,
+    own: Mapping[str, Argument],
+    names: Sequence[str],
+    help_texts: Mapping[str, str] | None,
+) -> list[Argument]:
+    ordered = expanded([*names, _ALWAYS])
+    for name in ordered:
+        if name not in own and name not in SHARED_OPTIONS:
+            raise ValueError(f"{command}: no option or group {name!r}")
+        if ordered.count(name) > 1 or (name in own and name in SHARED_OPTIONS):
+            raise ValueError(f"{command}: option {name!r} comes twice")
+    texts = dict(help_texts or {})
+    parameters = {name: one for name, one in own.items() if name not in ordered}
+    for name in ordered:
+        parameters[name] = own.get(name) or SHARED_OPTIONS[name].parameter(
+            name, texts.pop(name, None)
+        )
+    if texts:
+        raise ValueError(f"{command}: no shared option {next(iter(texts))!r}")
+    return [one.replace(kind=Argument.KEYWORD_ONLY) for one in parameters.values()]
+
+
+def _settings_of(given: Mapping[str, Any]) -> Settings:
+    values = {name: given[name] for name in given if name in _OF_SETTINGS}
+    if values.get("max_memory") is not None:
+        values["max_memory"] = size_of(values["max_memory"], "--max-memory")
+    if "no_images" in given:
+        values["images"] = not given["no_images"]
+    return Settings(**values, progress=terminal.blocks_done)

@@ -20,8 +20,7 @@ from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, Parame
 _CHUNK = 1 << 18
 _FEW = 10
 _CLEAR = "\r\x1b[K"
-PROGRESS_SECONDS = 10.0
-"""Seconds between two lines of progress where there is no bar."""
+PROGRESS_SECONDS = 10.0  # seconds between two lines of progress where there is no bar
 
 _stdout_problem: str | None = None
 _stdout_dropped = False
@@ -102,16 +101,6 @@ def result(text: str) -> None:
         _to_stdout(lambda: print(_as_called(text)))  # noqa: T201
 
 
-def flush() -> None:
-    """Let whoever reads the results have those that are there."""
-    _to_stdout(sys.stdout.flush)
-
-
-def is_read() -> bool:
-    """Return whether results still reach somebody, so that more of them make sense."""
-    return not _stdout_dropped
-
-
 def input_chunks() -> Iterator[bytes]:
     """Yield what comes in on stdin, as soon as it comes."""
     if sys.stdin is None:
@@ -128,8 +117,8 @@ def stream(parts: Iterable[str]) -> None:
     """Print a result piece by piece, each as soon as it is there, while somebody reads them."""
     for part in parts:
         result(part)
-        flush()
-        if not is_read():
+        _to_stdout(sys.stdout.flush)
+        if _stdout_dropped:
             return
 
 
@@ -156,18 +145,9 @@ def few_warnings(hint: str) -> Iterator[Callable[[str], None]]:
         warn(f"{more} more warning{'s' if more > 1 else ''}; {hint}")
 
 
-def summary(lines: Iterable[str]) -> None:
-    """Print what was done, unless quiet."""
-    if not _quiet:
-        for line in lines:
-            result(one_line(line))
-
-
-def document(report: Any, lines: Iterable[str] | None) -> None:
-    """Print a report's lines, or its document as JSON."""
-    if lines is None:
-        result(json.dumps(report.document(), indent=2))
-    else:
+def summary(lines: Iterable[str], *, is_asked_for: bool = False) -> None:
+    """Print what was done, unless quiet and not asked for."""
+    if is_asked_for or not _quiet:
         for line in lines:
             result(one_line(line))
 

@@ -13,7 +13,7 @@ from typing import Any
 import typer
 from typer.models import TyperPath
 
-from mapdeal.cli.streams import DASH
+from mapdeal.cli.process import DASH
 from mapdeal.errors import ParameterError, as_known, meant, nearest
 
 _NUMBER = re.compile(r"\(?-?\d+(\.\d*)?\)?")
@@ -26,10 +26,7 @@ _POINT = re.compile(r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
 
 
 def accept_words(command: Any, name: str) -> None:
-    """Make a command read its words as recipes do: spellings, numbers, flags; and points in rows.
-
-    What is wrong with a file is left to whoever opens it.
-    """
+    """Have a command read words as recipes do: spellings, numbers, flags; and points in rows."""
     parse = command.parse_args
     flags = {
         option[2:]

@@ -14,25 +14,15 @@ from mapdeal.compare.align import Placement, bytes_to_align, placed
 from mapdeal.compare.difference import frame_around
 from mapdeal.errors import ParameterError
 from mapdeal.files.json_values import ALIGNMENT_FORMAT
+from mapdeal.grid.canvas import obstacles_in, sampled
 from mapdeal.grid.frame import Transform
-from mapdeal.grid.resample import obstacles_in, sampled
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.styles import alignment_style
-from mapdeal.pipeline.inputs import (
-    Map,
-    MapInput,
-    Reading,
-    claim_for,
-    errors_named,
-    opened,
-    transform_of,
-)
+from mapdeal.pipeline import inputs
 from mapdeal.sensors.points import transform_document
 
-_OF_PICTURE = 16
-"""Bytes for each cell of both maps while one is drawn on the other."""
-
+_OF_PICTURE = 16  # bytes for each cell of both maps while one is drawn on the other
 _UNKNOWN, _FREE = 1, 2
 """Kinds of cells in a picture: 3 is a wall of the first map, 4 of the second, 5 of both."""
 
@@ -48,8 +38,7 @@ class Alignment(Placement, Result):
     reason : str or None
         Why the placement is uncertain; None if it is certain.
     score : float
-        How much better the walls agree than those of different places do by chance; 0 if they
-        do not.
+        How much better the walls agree than by chance; 0 if they do not.
     runner_up : float
         Score of the best placement elsewhere; 0 if there is none.
     runner_up_transform : Transform or None
@@ -64,7 +53,7 @@ class Alignment(Placement, Result):
         The two maps.
     """
 
-    maps: tuple[MapInput, MapInput]
+    maps: tuple[inputs.MapInput, inputs.MapInput]
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
@@ -72,19 +61,15 @@ class Alignment(Placement, Result):
         return self.same_place
 
     def document(self) -> dict[str, Any]:
-        """Return the alignment as the dict that ``mapdeal align --json`` prints."""
-        # The transform stands in it as in a file that is written by hand, x, y and yaw at the top,
-        # and once more as an object of its own, as that of the runner-up does.
-        first, second = (one.document() for one in self.maps)
-        other = self.runner_up_transform
+        place, other = transform_document(self.transform), self.runner_up_transform
         return {
             "format": ALIGNMENT_FORMAT,
-            "first": first,
-            "second": second,
+            "first": self.maps[0].document(),
+            "second": self.maps[1].document(),
             "same_place": self.same_place,
             "reason": self.reason,
-            **transform_document(self.transform),
-            "transform": transform_document(self.transform),
+            **place,  # at the top, as in a file that is written by hand
+            "transform": place,
             "score": self.score,
             "runner_up": self.runner_up,
             "runner_up_transform": None if other is None else transform_document(other),
@@ -93,17 +78,16 @@ class Alignment(Placement, Result):
         }
 
     def lines(self) -> Iterator[str]:
-        """Yield what ``mapdeal align`` prints."""
         verdict = "the same place" if self.same_place else f"not sure: {self.reason}"
         yield f"{self.maps[0].name}, {self.maps[1].name}: {verdict}"
         if self.score == 0 and not self.same_place and self.overlap == 0:
             return
         yield f"  transform  {_text(self.transform)}"
-        elsewhere = ", and no other place was found"
+        other = "and no other place was found"
         if self.runner_up_transform is not None:
-            elsewhere = f", the best place elsewhere {self.runner_up:.2f}: "
-            elsewhere += _text(self.runner_up_transform)
-        yield f"  score      {self.score:.2f}{elsewhere}"
+            place = _text(self.runner_up_transform)
+            other = f"the best place elsewhere {self.runner_up:.2f}: {place}"
+        yield f"  score      {self.score:.2f}, {other}"
         yield f"  overlap    {100 * self.overlap:.0f} % of the free space of the map that has less"
         yield f"  walls      {100 * self.agreement:.0f} % of those in common agree within 0.25 m"
 
@@ -151,12 +135,14 @@ mapdeal align examples/maps/office_cartographer.yaml examples/maps/office.yaml \
     -o out/transform.json""",
 )
 def align(
-    first: Annotated[Map, Words("A")],
-    second: Annotated[Map, Words("B")],
+    first: Annotated[inputs.Map, Words("A")],
+    second: Annotated[inputs.Map, Words("B")],
     *,
-    prior: Annotated[Transform | Sequence[float] | None, Words("X,Y,YAW", transform_of)] = None,
+    prior: Annotated[
+        Transform | Sequence[float] | None, Words("X,Y,YAW", inputs.transform_of)
+    ] = None,
     rotations: Annotated[Sequence[float] | None, Words("DEG,...", _rotations, "rotation")] = None,
-    **reading: Unpack[Reading],
+    **reading: Unpack[inputs.Reading],
 ) -> Alignment:
     """Find where a map lies in the frame of another map of the same place.
 
@@ -194,19 +180,18 @@ def align(
 
     Notes
     -----
-    Candidates are the peaks of correlations (by FFT) over all shifts: at the rotations that make
-    the walls parallel and, on coarser cells, at rotations all around. Each candidate is refined by
-    minimising the distances between walls. All are then judged by their wall faces: a face agrees
-    if it lies on a wall of the other map with free space on the same side, and contradicts if it
-    lies in the other map's free space. The score measures how much more agrees than at wrong
-    alignments: it is the Kullback-Leibler divergence of the two shares for each 2 m of wall (less
-    in small maps). An alignment is certain if its score is at least 3, the maps overlap by a
-    tenth, and no other alignment reaches 0.75 of its score, or 0.35 where walls agree as well.
+    Candidates are peaks of correlations over all shifts, at the rotations that make the walls
+    parallel and, on coarser cells, at all others. Each is refined by minimising the distances
+    between walls, and judged by wall faces: a face agrees if it lies on a wall of the other map
+    with free space on the same side, and contradicts if it lies in the other map's free space. The
+    score is the Kullback-Leibler divergence of the share that agrees from that at wrong
+    alignments, for each 2 m of wall (less in small maps). An alignment is certain if its score is
+    at least 3, the maps overlap by a tenth, and no other one reaches 0.75 of its score, or 0.35
+    where walls agree as well.
 
     References
     ----------
-    S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25,
-    2008, for rotations from wall directions.
+    S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25, 2008.
 
     Examples
     --------
@@ -219,12 +204,13 @@ def align(
     >>> found.same_place, round(abs(found.transform.yaw), 3)
     (True, 3.142)
     """
-    about = transform_of(prior, place="prior")
-    maps = opened(first, second, names=("map A", "map B"), **reading)
-    own, other = (one.occupancy for one in maps)
-    sizes = [grid.shape[0] * grid.shape[1] for grid in (own, other)]
+    about = inputs.transform_of(prior, place="prior")
+    a, b = inputs.opened(first, second, names=("map A", "map B"), **reading)
+    sizes = [math.prod(one.occupancy.shape) for one in (a, b)]
     what = f"maps of {sizes[0]} and {sizes[1]} cells"
-    claim_for(maps, bytes_to_align(sizes), what, of_picture=_OF_PICTURE * sum(sizes), **reading)
-    with errors_named(maps[1].name):
-        found = placed(own, other, prior=about, rotations=rotations)
-    return Alignment(**vars(found), maps=(maps[0], maps[1]))
+    inputs.claim_for(
+        [a, b], bytes_to_align(sizes), what, of_picture=_OF_PICTURE * sum(sizes), **reading
+    )
+    with inputs.errors_named(b.name):
+        found = placed(a.occupancy, b.occupancy, prior=about, rotations=rotations)
+    return Alignment(**vars(found), maps=(a, b))

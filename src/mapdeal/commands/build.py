@@ -17,20 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.command import AT_LEAST_0, METRES, Output, Result, Words, command, parameters_of
+from mapdeal.commands.pack import Made
 from mapdeal.compare.difference import STATES, changes_of, confusion_of, states_of
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, one_line
-from mapdeal.files.budget import claim
 from mapdeal.files.json_values import json_of
-from mapdeal.files.source import MAPS, check_state, is_regular, state_of
-from mapdeal.grid.display import count_text
-from mapdeal.grid.frame import Frame, Point
-from mapdeal.grid.framed import Figures
+from mapdeal.files.source import MAPS, check_state, claim, is_regular, state_of
+from mapdeal.grid.frame import Figures, Frame, Point
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import OCCUPIED
+from mapdeal.grid.values import OCCUPIED, count_text
 from mapdeal.inputs.kinds import is_bag
 from mapdeal.kernels.components import thickness_of
 from mapdeal.kernels.threads import use_threads
-from mapdeal.mapping.beams import BeamCounts, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.build import (
     METHODS,
     BuiltMap,
@@ -41,15 +38,14 @@ from mapdeal.mapping.build import (
     frame_of,
     reach_behind,
 )
-from mapdeal.mapping.evidence import NEAR, OFTEN
+from mapdeal.mapping.evidence import NEAR, OFTEN, BeamCounts, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.transforms import FrameOptions, Pose, Topics, check_pose
 from mapdeal.maps.npz import write_npz
 from mapdeal.maps.png import write_indexed_png
 from mapdeal.maps.reading import output_paths, write_grid
-from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.overlay import RingOverlay
-from mapdeal.pipeline.folder import files_of, write_picture, written_line
+from mapdeal.pipeline.folder import write_picture, written_line
 from mapdeal.pipeline.inputs import Work, errors_named, refuse
 from mapdeal.pipeline.settings import Settings
 from mapdeal.sensors.scans import DEFAULT_MAX_BAD, ScanSource, ScanTexts, open_log
@@ -58,9 +54,7 @@ from mapdeal.version import __version__
 _PER_CELL: dict[Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
 """Bytes for each cell: the evidence, and the map that is made of it."""
 
-_MOST_KEPT = 1 << 26
-"""Bytes of beams that are kept rather than read twice."""
-
+_MOST_KEPT = 1 << 26  # bytes of beams that are kept rather than read twice
 DOCUMENT = "comparison.json"
 _FORMAT = "mapdeal-comparison/1"
 _COMPARE_PER_CELL = 60
@@ -98,25 +92,12 @@ class _Building:
         return max(reach_behind(method, self.resolution, given) for method, given in methods)
 
 
-@dataclass(frozen=True)
-class _Gathered:
-    """What scans have said of the cells of one grid."""
-
-    builders: dict[Method, MapBuilder]
-    seconds: dict[Method, float]
-    counts: BeamCounts
-
-
 def _built(
-    source: ScanSource,
-    how: _Building,
-    *,
-    with_layers: bool = True,
+    source: ScanSource, how: _Building, *, with_layers: bool = True,
     advance: Advance = lambda _: None,
-) -> BuiltMap:
-    """Return the map of the scans in files, by the one method that is asked for."""
+) -> BuiltMap:  # fmt: skip
     (method,) = how.methods
-    builder = _gathered(source, how, _PER_CELL[method], advance).builders[method]
+    builder = _gathered(source, how, _PER_CELL[method], advance)[0][method]
     built = builder.result(with_layers=with_layers)
     _warn_of_nothing(built.grid, source.named)
     if built.vanished:
@@ -124,8 +105,10 @@ def _built(
     return built
 
 
-def _gathered(source: ScanSource, how: _Building, per_cell: int, advance: Advance) -> _Gathered:
-    """Return what the scans in files say, by all methods that are asked for."""
+def _gathered(
+    source: ScanSource, how: _Building, per_cell: int, advance: Advance
+) -> tuple[dict[Method, MapBuilder], dict[Method, float]]:
+    """Return what the scans in files say, by all methods that are asked for, and their seconds."""
     # All files are read twice, or one after the other; a pipe can be read but once.
     states = {path: state_of(path) for path in source.files if is_regular(path)}
     try:
@@ -155,14 +138,12 @@ def _gathered(source: ScanSource, how: _Building, per_cell: int, advance: Advanc
         source.warn()  # what was passed over may be why there is no map
     for path, state in states.items():
         check_state(path, state)
-    counts = next(iter(builders.values())).counts
-    if not counts.scans:
+    if not next(iter(builders.values())).counts.scans:
         raise MalformedInputError("holds no scans", source=source.named)
-    return _Gathered(builders, seconds, counts)
+    return builders, seconds
 
 
-_Part = tuple[Beams, int]
-"""Some beams, and how many scans were read with them."""
+_Part = tuple[Beams, int]  # some beams, and how many scans were read with them
 
 
 def _extent(
@@ -197,52 +178,39 @@ def _parts(source: ScanSource, limits: BeamLimits, *, is_told: bool = False) -> 
 
 def _warn_of_nothing(grid: OccupancyGrid, path: Path) -> None:
     if not np.any(grid.occupancy >= 0):
-        text = f"{path}: no beam reaches the grid: the whole map is unknown"
-        emit_warning(text, stacklevel=2)
+        emit_warning(f"{path}: no beam reaches the grid: the whole map is unknown", stacklevel=2)
 
 
 def _warn_of_vanished(built: BuiltMap, builder: MapBuilder, path: Path) -> None:
     vanished = built.vanished
     x, y = vanished.middles_xy(built.grid.frame)[0]
-    is_one = len(vanished) == 1
-    told = "1 group of cells" if is_one else f"{len(vanished)} groups of cells"
-    told += f" hit {OFTEN} times and more left nothing occupied within {NEAR} cells; "
-    told += "it has" if is_one else "the largest has"
-    told += f" {vanished.sizes[0]} cells, around {x:.2f}, {y:.2f}; {builder.advice(vanished)}"
-    hint = "--compare shows what each method loses"
-    emit_warning(f"{path}: {told}; {hint}", stacklevel=2)
+    which = "it" if len(vanished) == 1 else "the largest"
+    emit_warning(
+        f"{path}: {count_text(len(vanished), 'group')} of cells hit {OFTEN} times and more left "
+        f"nothing occupied within {NEAR} cells; {which} has {vanished.sizes[0]} cells, around "
+        f"{x:.2f}, {y:.2f}; {builder.advice(vanished)}; --compare shows what each method loses",
+        stacklevel=2,
+    )
 
 
 def build_map_from_log(
-    path: str | PathLike[str],
-    *,
-    method: Method = "log-odds",
-    resolution: float = 0.05,
-    size: Point | None = None,
-    origin: Point | None = None,
-    range_min: float = 0.0,
-    range_max: float = 30.0,
-    clear_max: float = 0.0,
-    max_bad: int = DEFAULT_MAX_BAD,
-    max_memory: int | None = None,
-    threads: int | None = None,
-    **parameters: Any,
-) -> BuiltMap:
+    path: str | PathLike[str], *, method: Method = "log-odds", resolution: float = 0.05,
+    size: Point | None = None, origin: Point | None = None, range_min: float = 0.0,
+    range_max: float = 30.0, clear_max: float = 0.0, max_bad: int = DEFAULT_MAX_BAD,
+    max_memory: int | None = None, threads: int | None = None, **parameters: Any,
+) -> BuiltMap:  # fmt: skip
     """Build a map from the laser scans in a log, like ``mapdeal build LOG``.
 
     Parameters
     ----------
     path : path or str
-        A CARMEN log, optionally ``.gz``, or an ``.npz`` with ``poses``, ``angles`` and
-        ``ranges``. It is read in batches of scans, and twice if `size` is not given.
+        A CARMEN log, optionally ``.gz``, or an ``.npz`` with ``poses``, ``angles`` and ``ranges``.
     method, resolution, size, origin, range_min, range_max, clear_max, **parameters
         As for `build_map`.
     max_bad : int
         Maximum number of malformed lines in a log.
-    max_memory : int, optional
-        Memory limit, bytes; by default half of the free memory.
-    threads : int, optional
-        Number of threads; by default one per core.
+    max_memory, threads
+        As for `run`.
 
     Returns
     -------
@@ -270,26 +238,13 @@ def build_map_from_log(
 
 
 def build_map_from_bag(
-    path: str | PathLike[str],
-    topics: Sequence[str] = (),
-    *,
-    method: Method = "log-odds",
-    resolution: float = 0.05,
-    size: Point | None = None,
-    origin: Point | None = None,
-    range_min: float = 0.0,
-    range_max: float = 30.0,
-    clear_max: float = 0.0,
-    fixed_frame: str | None = None,
-    base_frame: str | None = None,
-    odometry: str | None = None,
-    poses: str | PathLike[str] | None = None,
-    mount: Pose | None = None,
-    deskew: bool = False,
-    max_memory: int | None = None,
-    threads: int | None = None,
-    **parameters: Any,
-) -> BuiltMap:
+    path: str | PathLike[str], topics: Sequence[str] = (), *, method: Method = "log-odds",
+    resolution: float = 0.05, size: Point | None = None, origin: Point | None = None,
+    range_min: float = 0.0, range_max: float = 30.0, clear_max: float = 0.0,
+    fixed_frame: str | None = None, base_frame: str | None = None, odometry: str | None = None,
+    poses: str | PathLike[str] | None = None, mount: Pose | None = None, deskew: bool = False,
+    max_memory: int | None = None, threads: int | None = None, **parameters: Any,
+) -> BuiltMap:  # fmt: skip
     """Build a map from the laser scans in a bag, like ``mapdeal build BAG``.
 
     Parameters
@@ -297,7 +252,7 @@ def build_map_from_bag(
     path : path or str
         A ROS 1 ``.bag``, a folder with a ROS 2 bag, or a ``.db3`` or ``.mcap`` file.
     topics : sequence of str
-        Topics of type sensor_msgs/LaserScan. They can be omitted if the bag has only one.
+        Topics of type sensor_msgs/LaserScan; can be omitted if the bag has only one.
     method, resolution, size, origin, range_min, range_max, clear_max, **parameters
         As for `build_map`.
     fixed_frame : str, optional
@@ -312,10 +267,8 @@ def build_map_from_bag(
         x, y (metres) and yaw (radians) of the sensor on the robot, if no transform defines it.
     deskew : bool
         Whether to use the pose at the time of each beam rather than of each scan.
-    max_memory : int, optional
-        Memory limit, bytes; by default half of the free memory.
-    threads : int, optional
-        Number of threads; by default one per core.
+    max_memory, threads
+        As for `run`.
 
     Returns
     -------
@@ -334,7 +287,7 @@ def build_map_from_bag(
     MapdealWarning
         If scans were skipped or a choice had to be made, and as for `build_map_from_log`.
     """
-    from mapdeal.pipeline.bag_sensors import scans_of_bag  # of use to bags alone
+    from mapdeal.pipeline.bag_maps import scans_of_bag  # of use to bags alone
 
     settings = Settings(max_memory=max_memory, threads=threads)
     limits = BeamLimits(range_min, range_max, clear_max)
@@ -354,25 +307,19 @@ def build_map_from_bag(
         return _built(scans, how)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Build(Result):
-    """A map made of scans, and the files that it was written to."""
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Build(Made):
+    """A map made of scans."""
 
-    built: BuiltMap
-    method: Method
-    output: Path
+    counts: BeamCounts
 
     def document(self) -> Figures:
-        return {**self.built.grid.figures(), **asdict(self.built.counts)}
+        return {**super().document(), **asdict(self.counts)}
 
-    def lines(self) -> Iterator[str]:
+    def summary(self, output: Path) -> Iterator[str]:
         figures = self.document()
-        yield written_line(self.output, figures, with_origin=True)
+        yield written_line(output, figures, with_origin=True)
         yield _beams_line(figures)
-
-    def drawn(self, **look: Any) -> Image:
-        title = one_line(f"{self.output.stem}: map, {self.method}")
-        return files_of(OccupancyGrid).draw(self.built.grid, title=title, overlay=None, **look)
 
 
 def _beams_line(figures: Figures) -> str:
@@ -402,30 +349,28 @@ class Comparison(Result):
         yield _beams_line(figures)
         hit = f"  {figures['cells_hit_three_times']} cells hit three times and more, with "
         yield f"{hit}{figures['groups_hit_three_times']} groups of three cells and more"
-        head = f"  {'method':<10}{'occupied':>10}{'free':>10}{'unknown':>10}{'one cell wide':>15}"
-        yield f"{head}{'mean':>8}{'groups vanished':>17}{'bytes a cell':>14}{'seconds':>9}"
+        row = "  {:<10}{:>10}{:>10}{:>10}{:>15}{:>8}{:>17}{:>14}{:>9}"
+        yield row.format("method", *_STATES, "one cell wide", "mean", "groups vanished",
+                         "bytes a cell", "seconds")  # fmt: skip
         for method, its in figures["methods"].items():
             share, mean = its["one_cell_wide_share"], its["mean_thickness_cells"]
             wide = "-" if share is None else f"{100 * share:.1f} %"
             thick = "-" if mean is None else f"{mean:.2f}"
-            yield (
-                f"  {method:<10}{its['occupied']:>10}{its['free']:>10}{its['unknown']:>10}"
-                f"{wide:>15}{thick:>8}{its['vanished_groups']:>17}{its['bytes_per_cell']:>14}"
-                f"{its['seconds']:>9.2f}"
-            )
+            states = [its[state] for state in _STATES]
+            yield row.format(method, *states, wide, thick, its["vanished_groups"],
+                             its["bytes_per_cell"], f"{its['seconds']:.2f}")  # fmt: skip
         for pair in figures["pairs"]:
-            cells = pair["cells"]
-            only = [cells["occupied"][s] for s in ("free", "unknown")]
-            other = [cells[s]["occupied"] for s in ("free", "unknown")]
+            first, second, cells = pair["first"], pair["second"], pair["cells"]
+            only = sum(cells["occupied"][state] for state in ("free", "unknown"))
+            other = sum(cells[state]["occupied"] for state in ("free", "unknown"))
             yield (
-                f"  {pair['first']}, {pair['second']}: {pair['differing']} cells differ, "
-                f"{sum(only)} occupied only by {pair['first']}, {sum(other)} only by "
-                f"{pair['second']}"
+                f"  {first}, {second}: {pair['differing']} cells differ, {only} occupied only by "
+                f"{first}, {other} only by {second}"
             )
 
 
 @command(
-    group="Laser scans, point clouds, bags",
+    group="Laser scans and point clouds",
     output=Output(
         "OUT",
         "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz; with --compare a folder.",
@@ -472,8 +417,6 @@ def build(
     ----------
     log : path, optional
         A CARMEN log (also .gz), an .npz of scans, or a bag of ROS 1 or ROS 2.
-    output : path
-        File to write, or with `compare` a folder.
     poses : path, optional
         Text file with one x,y,yaw per scan; with a bag, the robot's poses, one t x y z qx qy qz
         qw per line, instead of transforms.
@@ -532,7 +475,7 @@ def build(
     how = _Building(chosen, limits, resolution, size, origin)
     with ExitStack() as stack:
         if log is not None and is_bag(log):
-            from mapdeal.pipeline.bag_sensors import scans_of_bag  # of use to bags alone
+            from mapdeal.pipeline.bag_maps import scans_of_bag  # of use to bags alone
 
             refuse("does not apply to bags", angles=angles, ranges=ranges, flip_y=flip_y)
             bag = scans_of_bag(log, topics, FrameOptions(poses=poses, **frames), deskew=deskew)
@@ -552,23 +495,16 @@ def build(
         advance = stack.enter_context(work.counted(source.preparation + passes * source.count))
         if compare:
             return _compared(source, output, how, work, advance)
-        return _written(source, output, how, work, layers, advance)
-
-
-def _written(
-    source: ScanSource, output: Path, how: _Building, work: Work, layers: Path | None,
-    advance: Advance,
-) -> Build:  # fmt: skip
-    """Make a map, and write it, and its evidence if `layers` is given."""
-    if layers is not None and layers.suffix != ".npz":
-        raise ParameterError("layers are written as .npz", source=layers)
-    work.outputs += [*output_paths(output), *([layers] if layers is not None else [])]
-    transaction = work.begin(source.files)
-    built = _built(source, how, with_layers=layers is not None, advance=advance)
+        if layers is not None and layers.suffix != ".npz":
+            raise ParameterError("layers are written as .npz", source=layers)
+        work.outputs += [*output_paths(output), *([layers] if layers is not None else [])]
+        transaction = work.begin(source.files)
+        built = _built(source, how, with_layers=layers is not None, advance=advance)
     write_grid(transaction, output, built.grid)
     if layers is not None:
         transaction.write(layers, lambda file: write_npz(file, built.grid, more=built.layers))
-    return Build(built, next(iter(how.methods)), output)
+    (method,) = how.methods
+    return Build(built.grid, f"{output.stem}: map, {method}", counts=built.counts)
 
 
 def _compared(
@@ -580,14 +516,14 @@ def _compared(
         raise ParameterError(rule, place="output", got=str(folder))
     pairs = {pair: folder / f"{pair[0]}_{pair[1]}.png" for pair in combinations(how.methods, 2)}
     maps = {method: folder / f"{method}.yaml" for method in how.methods}
-    work.outputs += [
-        one for m in maps.values() for one in (*output_paths(m), m.with_suffix(".png"))
-    ]
+    for path in maps.values():
+        work.outputs += [*output_paths(path), path.with_suffix(".png")]
     work.outputs += [*pairs.values(), folder / DOCUMENT]
     transaction = work.begin(source.files)
-    gathered = _gathered(source, how, _COMPARE_PER_CELL, advance)
-    hit_cells, groups = next(iter(gathered.builders.values())).hit_groups()
-    made, bytes_per_cell = _results(gathered)
+    builders, seconds = _gathered(source, how, _COMPARE_PER_CELL, advance)
+    counts = next(iter(builders.values())).counts
+    hit_cells, groups = next(iter(builders.values())).hit_groups()
+    made, bytes_per_cell = _results(builders, seconds)
     grid = next(iter(made.values())).grid
     _warn_of_nothing(grid, source.named)
     name, shown = Path(source.named.name.removesuffix(".gz")).stem, work.settings.image_extent
@@ -597,7 +533,7 @@ def _compared(
         middles = built.vanished.middles_xy(grid.frame)
         rings = RingOverlay(middles, "hits that vanished", label)
         path, title = maps[method].with_suffix(".png"), one_line(f"{name}: {method}")
-        write_picture(transaction, path, built.grid, title, image_extent=shown, overlay=rings)
+        write_picture(transaction, path, built.grid, title, work.settings, rings)
     found = []
     for pair, path in pairs.items():
         first, second = (states_of(made[method].grid.occupancy) for method in pair)
@@ -614,7 +550,7 @@ def _compared(
         "height": grid.shape[0],
         "resolution": grid.resolution,
         "origin": list(grid.origin),
-        **asdict(gathered.counts),
+        **asdict(counts),
         "cells_hit_three_times": hit_cells,
         "groups_hit_three_times": len(groups),
         "methods": {
@@ -627,7 +563,7 @@ def _compared(
         "pairs": found,
     }
     transaction.write_bytes(folder / DOCUMENT, json_of(document))
-    return Comparison(document, gathered.seconds, folder)
+    return Comparison(document, seconds, folder)
 
 
 def _draw_difference(
@@ -638,15 +574,15 @@ def _draw_difference(
     write_indexed_png(file, image.indices, image.palette)
 
 
-def _results(gathered: _Gathered) -> tuple[dict[Method, BuiltMap], dict[Method, int]]:
-    """Return the maps, each made when the evidence of those before it has been let go."""
-    builders, made = gathered.builders, {}
-    sizes = {method: builder.bytes_per_cell for method, builder in builders.items()}
+def _results(
+    builders: dict[Method, MapBuilder], seconds: dict[Method, float]
+) -> tuple[dict[Method, BuiltMap], dict[Method, int]]:
+    made, sizes = {}, {method: builder.bytes_per_cell for method, builder in builders.items()}
     # the method whose evidence is largest comes first, so that it is gone when others need room
     for method in sorted(builders, key=lambda one: -sizes[one]):
         started = time.perf_counter()
         made[method] = builders.pop(method).result(with_layers=False)
-        gathered.seconds[method] += time.perf_counter() - started
+        seconds[method] += time.perf_counter() - started
     return {method: made[method] for method in sizes}, sizes
 
 

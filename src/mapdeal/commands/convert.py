@@ -5,49 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 from mapdeal.bags.bag import BAG_OUTPUTS, bag_paths
 from mapdeal.command import Output, Result, Words, command
-from mapdeal.errors import ParameterError, one_line
+from mapdeal.commands.pack import Made
+from mapdeal.errors import ParameterError
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import DistanceField, FieldView
-from mapdeal.grid.framed import Figures
+from mapdeal.grid.field import DistanceField, FieldView, PotentialField
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.potential import PotentialField
 from mapdeal.inputs.kinds import is_bag
-from mapdeal.maps.map_server import in_trinary
-from mapdeal.maps.map_yaml import Mode
+from mapdeal.maps.dialects import Mode
+from mapdeal.maps.map_server import Encoding, in_trinary, warn_of_nothing_known, warn_of_one_cost
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, output_paths, write_grid
-from mapdeal.maps.remarks import warn_of_nothing_known, warn_of_one_cost
-from mapdeal.pictures.canvas import Image
-from mapdeal.pipeline.folder import files_of, written_line
 from mapdeal.pipeline.inputs import Work, claim_work, errors_named, read_input, refuse
 from mapdeal.stages.esdf import field_view
 
 ReadAs = Literal["map", "costs"]
 Scale = Literal["occupancy", "costmap2d", "amcl"]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Conversion(Result):
-    """A grid, and the files that it was written to."""
-
-    grid: Grid
-    source: Path
-    output: Path
-
-    def document(self) -> Figures:
-        return self.grid.figures()
-
-    def lines(self) -> Iterator[str]:
-        yield written_line(self.output, self.document())
-
-    def drawn(self, **look: Any) -> Image:
-        draw = files_of(type(self.grid)).draw
-        return draw(self.grid, title=one_line(self.source.stem), overlay=None, **look)
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,7 +43,7 @@ class Conversions(Result):
 
 
 @command(
-    group="Laser scans, point clouds, bags",
+    group="Formats",
     output=Output(
         "OUT",
         "The result: .yaml or .pgm (a pgm pair), .png (a png pair), or .npz; for a bag to replay "
@@ -97,15 +74,13 @@ def convert(
     mode: Mode | None = None,
     static_layer: bool = False,
     **layer: Any,
-) -> Conversion | Conversions:
+) -> Made | Conversions:
     """Convert a map to another format or scale, or from or to a bag.
 
     Parameters
     ----------
     source : path
         A map_server .yaml, a .pbm with its .yaml, an .npz written by mapdeal, or a bag.
-    output : path
-        File to write, or with `takes_all` a folder.
     topic : str, optional
         With a bag: topic to read, if there are several, or to write. [default: /map, or /costmap
         for costs]
@@ -132,10 +107,10 @@ def convert(
     work = Work.in_shell()
     if layer and not static_layer:
         raise ParameterError("needs --static-layer", place=next(iter(layer)))
+    not_with_all = "cannot be given together with --all"
     if takes_all:
-        is_amcl = encoding == "amcl"
-        rule, image = "cannot be given together with --all", work.settings.image
-        refuse(rule, mode=mode, static_layer=static_layer, image=image, encoding=is_amcl)
+        image, is_amcl = work.settings.image, encoding == "amcl"
+        refuse(not_with_all, mode=mode, static_layer=static_layer, image=image, encoding=is_amcl)
     reads_bag, writes_bag = is_bag(source), output.suffix in BAG_OUTPUTS and not takes_all
     if not takes_all:
         work.outputs += bag_paths(output) if writes_bag else output_paths(output)
@@ -146,10 +121,9 @@ def convert(
     if not (reads_bag or writes_bag):
         refuse("applies to bags", topic=topic)
     elif takes_all:
-        refuse("cannot be given together with --all", index=index)
+        refuse(not_with_all, index=index)
     if takes_all:
-        scale = None if encoding == "amcl" else encoding
-        return _convert_all(source, output, topic, read_as, scale, work)
+        return _convert_all(source, output, topic, read_as, cast("Encoding | None", encoding), work)
     if writes_bag:
         refuse("applies to pixels, not to bags", mode=mode)
     if static_layer and encoding != "costmap2d":
@@ -158,14 +132,16 @@ def convert(
         read = _read_bag(source, topic, -1 if index is None else index, read_as)
     else:
         read = read_input(source, work.settings)
-    is_drawn = work.settings.image is not None
-    claim_work(source, read.grid, _per_cell(read.grid, mode, drawn=is_drawn))
+    per_cell = 12.0 if mode == "scale" else 5.0
+    if isinstance(read.grid, PotentialField):  # most of its layers are made when they are written
+        per_cell = 76.0 if work.settings.image is None else 130.0
+    claim_work(source, read.grid, per_cell)
     transaction = work.begin(read.files)
     with errors_named(source):
         grid = _converted(read.grid, encoding, layer if static_layer else None)
     if writes_bag:
         _write_bag(transaction, output, grid, topic, frame_id)
-        return Conversion(grid, source, output)
+        return Made(grid, source.stem)
     if isinstance(grid, DistanceField) and output.suffix != ".npz":
         grid, mode = field_view(grid), mode or "raw"
     if isinstance(grid, FieldView) and mode not in (None, "raw"):
@@ -176,16 +152,14 @@ def convert(
     if encoding == "amcl" and isinstance(grid, OccupancyGrid):
         more = {"amcl": grid.amcl_states()}
     extra = dict(read.metadata.extra) if read.metadata else {}
-    pixels: Literal["occupancy", "costmap2d"] = (
-        "costmap2d" if encoding == "costmap2d" else "occupancy"
-    )
+    pixels: Encoding = "costmap2d" if encoding == "costmap2d" else "occupancy"
     write_grid(transaction, output, grid, mode=mode, encoding=pixels, extra=extra, more=more)
-    return Conversion(grid, source, output)
+    return Made(grid, source.stem)
 
 
 def _convert_all(
     path: Path, folder: Path, topic: str | None, read_as: ReadAs | None,
-    encoding: Literal["occupancy", "costmap2d"] | None, work: Work,
+    encoding: Encoding | None, work: Work,
 ) -> Conversions:  # fmt: skip
     """Write all maps or costmaps of a topic into a folder: 0000.yaml, 0001.yaml and so on."""
     from mapdeal.pipeline.bag_maps import grid_topic  # not loaded for maps
@@ -219,7 +193,7 @@ def _read_bag(path: Path, topic: str | None, index: int, read_as: ReadAs | None)
 def _write_bag(
     transaction: Transaction, output: Path, grid: Grid, topic: str | None, frame: str | None
 ) -> None:
-    from mapdeal.bags.write import FRAME, write_bag
+    from mapdeal.bags.messages import FRAME, write_bag
 
     if isinstance(grid, FieldView):
         grid = grid.as_map()
@@ -231,13 +205,6 @@ def _write_bag(
     write_bag(transaction, output, grid, topic=topic, frame=frame)
 
 
-def _per_cell(grid: Grid, mode: Mode | None, *, drawn: bool) -> float:
-    """Return the bytes for each cell that writing takes besides the grid."""
-    if isinstance(grid, PotentialField):  # most of its layers are made when they are written
-        return 130.0 if drawn else 76.0
-    return 12.0 if mode == "scale" else 5.0
-
-
 def _converted(
     grid: Grid, encoding: Scale | None, static_layer: Mapping[str, Any] | None
 ) -> Grid:  # fmt: skip
@@ -246,20 +213,16 @@ def _converted(
     if not isinstance(grid, (OccupancyGrid, Costmap)):
         rule = f"a field has no values of {encoding}"
         raise ParameterError(rule, place="encoding", hint="mapdeal cost makes costs of a map")
-    if encoding == "amcl":
-        occupancy = grid.to_occupancy() if isinstance(grid, Costmap) else grid
-        return occupancy.as_amcl_sees_it()
-    if encoding == "occupancy" and isinstance(grid, Costmap):  # as ROS would publish them
-        if grid.scale == "occupancy":
-            return grid
-        values = grid.to_occupancy().occupancy
-        return Costmap(values, grid.resolution, grid.origin, "occupancy")
-    if isinstance(grid, Costmap) and grid.scale == "costmap2d":
+    if isinstance(grid, Costmap) and encoding == grid.scale:
         if static_layer is not None:
             rule = "applies to maps, and these are already costs on its own scale"
             raise ParameterError(rule, place="static_layer")
         return grid
     occupancy = grid.to_occupancy() if isinstance(grid, Costmap) else grid
+    if encoding == "amcl":
+        return occupancy.as_amcl_sees_it()
+    if encoding == "occupancy":  # as ROS would publish them
+        return Costmap(occupancy.occupancy, grid.resolution, grid.origin, "occupancy")
     if static_layer is not None:
         return Costmap.from_static_layer(occupancy, **static_layer)
     return Costmap.from_occupancy(occupancy)

@@ -40,17 +40,14 @@ class DiffReport(Difference, Result):
     ----------
     geometry : dict
         Pairs of values for each of width, height, resolution and origin that differs.
-    common_cells : int
-        Number of cells that both maps cover.
-    differing : int
-        Number of common cells with different values.
-    beyond_tolerance : int
-        Number of differing cells that the tolerance does not explain.
+    common_cells, differing, beyond_tolerance : int
+        Number of cells that both maps cover, of those with different values, and of those that the
+        tolerance does not explain.
     not_compared : int
         Number of known cells of A that B does not cover.
     confusion : dict of dict of int
-        Number of common cells by state in A, then by state in B; the states are occupied, free,
-        unknown and between (1..99). ``confusion["free"]["occupied"]`` counts new obstacles.
+        Number of common cells by state in A, then by state in B: occupied, free, unknown or
+        between (1..99). ``confusion["free"]["occupied"]`` counts new obstacles.
     first_to_second, second_to_first : WallShift or None
         Distances, metres, from the obstacles of A in the common area to the nearest obstacle of
         B, and from those of B to A; None if either map has no obstacles to compare.
@@ -62,8 +59,7 @@ class DiffReport(Difference, Result):
         Geometry of the part of A's lattice that covers both maps.
     changes : numpy.ndarray of uint8, shape of `frame`
         State of each cell: 0 outside one of the maps, 1 unknown in both, 2 free or 1..99 in both,
-        3 different but occupied in neither, 4 occupied in both, 5 occupied only in A, 6 occupied
-        only in B.
+        3 different but occupied in neither, 4 occupied in both, 5 only in A, 6 only in B.
     bounds : tuple of Bound
         Result for each bound that was given.
     maps : tuple of MapInput
@@ -89,19 +85,14 @@ class DiffReport(Difference, Result):
 
     @property
     def title(self) -> str:
-        """Title of its picture."""
         return f"{self.maps[0].title} and {self.maps[1].title}: what differs"
 
     def document(self) -> dict[str, Any]:
-        """Return the report as the dict that ``mapdeal diff --json`` prints.
-
-        The entries ``first`` and ``second``, paths with checksums, are None for grids.
-        """
-        first, second = (one.document() for one in self.maps)
+        """Return what ``--json`` prints; ``first`` and ``second`` are None for grids."""
         shifts = {"first_to_second": self.first_to_second, "second_to_first": self.second_to_first}
         return {
-            "first": first,
-            "second": second,
+            "first": self.maps[0].document(),
+            "second": self.maps[1].document(),
             "equal": self.is_equal,
             "geometry": {name: list(pair) for name, pair in self.geometry.items()},
             "metadata": {name: list(pair) for name, pair in self.metadata.items()},
@@ -124,7 +115,6 @@ class DiffReport(Difference, Result):
         }
 
     def lines(self) -> Iterator[str]:
-        """Yield what ``mapdeal diff`` prints."""
         yield f"{self.maps[0].name}, {self.maps[1].name}: {', '.join(self._verdict())}"
         for what, pairs in (("geometry", self.geometry), ("metadata", self.metadata)):
             for name, (a, b) in pairs.items():
@@ -155,16 +145,14 @@ class DiffReport(Difference, Result):
     def _matrix(self) -> Iterator[str]:
         """Yield the confusion matrix, without states that neither map has."""
         table = self.confusion
-        used = [
-            state
+        shown = {
+            state: "1..99" if state == "between" else state
             for state in STATES
             if any(table[state].values()) or any(row[state] for row in table.values())
-        ]
-        shown = {state: "1..99" if state == "between" else state for state in used}
-        yield " " * 24 + "".join(f"{shown[state]:>12}" for state in used)
-        for state in used:
-            row = "".join(f"{table[state][other]:>12}" for other in used)
-            yield f"{shown[state]:>24}{row}"
+        }
+        yield " " * 24 + "".join(f"{name:>12}" for name in shown.values())
+        for state, name in shown.items():
+            yield f"{name:>24}" + "".join(f"{table[state][other]:>12}" for other in shown)
 
     def _told(self) -> Iterator[str]:
         yield from self._verdict()
@@ -193,10 +181,8 @@ def _bound_text(bound: Bound) -> str:
 def _shift_text(name: str, shift: WallShift | None) -> str:
     if shift is None:
         return f"{name}: no obstacles"
-    return (
-        f"directed Hausdorff distance {name}: {shift.largest:.4g} m; "
-        f"95 % within {shift.percentile_95:.4g} m, mean {shift.mean:.4g} m"
-    )
+    text = f"directed Hausdorff distance {name}: {shift.largest:.4g} m; 95 % within "
+    return text + f"{shift.percentile_95:.4g} m, mean {shift.mean:.4g} m"
 
 
 @command(
@@ -245,22 +231,20 @@ def diff(
     Returns
     -------
     DiffReport
-        Differences on A's lattice; B is sampled at the centres of the cells. Notebooks show the
-        report as a picture; `draw_picture` draws it.
+        Differences on A's lattice; B is sampled at the centres of the cells.
 
     Raises
     ------
     FileAccessError, MalformedInputError
         If a file cannot be read.
     ParameterError
-        If the tolerance is not in 0..1000, a bound is invalid, or the maps are too far apart for
-        one grid to cover both.
+        If the tolerance is not in 0..1000, a bound is invalid, or the maps are too far apart.
 
     Warns
     -----
     MapdealWarning
-        If a choice had to be made while reading a file, costs are compared, or maps are compared
-        within bounds and B does not cover all of A.
+        If a choice had to be made while reading a file, costs are compared, or bounds are given
+        and B does not cover all of A.
 
     Examples
     --------
@@ -275,10 +259,9 @@ def diff(
     """
     given = {"tolerance": tolerance, "max_shift": max_shift, "max_differing": max_differing}
     limits = accept_parameters(parameters_of(diff), given, "diff")
-    maps = opened(first, second, names=("map A", "map B"), **reading)
-    found = compared(maps, tolerance=limits.pop("tolerance"), **reading)
+    a, b = opened(first, second, names=("map A", "map B"), **reading)
+    found = compared([a, b], tolerance=limits.pop("tolerance"), **reading)
     bounds = found.bounds_of(**limits)
-    a, b = maps
     if bounds and found.not_compared:
         text = f"does not cover {found.not_compared} known cells of {a.name}"
         emit_warning(f"{b.name}: {text}, which are not compared", stacklevel=2)

@@ -13,11 +13,10 @@ from typing import Annotated, Any, TypeVar
 
 from mapdeal.command import METRES, VALUE, Output, Words, command
 from mapdeal.commands.pack import Made, read_bits
-from mapdeal.editing.draw import blank as blank_of
-from mapdeal.editing.draw import draw, reset_region
 from mapdeal.errors import ParameterError
 from mapdeal.files.source import BIT_MAP
-from mapdeal.grid.bit_map import BitMap
+from mapdeal.grid.bit_map import BitMap, draw, reset_region
+from mapdeal.grid.bit_map import blank as blank_of
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Point
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -26,10 +25,12 @@ from mapdeal.grid.values import FREE, OCCUPIED, OverlayType
 from mapdeal.maps.map_server import Encoding, bit_map_paths
 from mapdeal.maps.reading import output_paths
 from mapdeal.maps.shapes import read_shapes
-from mapdeal.pipeline.inputs import Work, claim_cells, errors_named, numbers_of, opened
+from mapdeal.pipeline.inputs import Work, claim_cells, errors_named, numbers_of, opened, refuse
 
 _PER_CELL = 6.0
 """Bytes for each cell of a map: of costs 5, and a byte more while they are written."""
+
+_FOR_POINTS = "needs --point: the shapes of a file have their own"
 
 C = TypeVar("C", bound=Callable[..., Made])
 
@@ -46,7 +47,6 @@ class _OccupancyBits(BitMap):
     """A bit map that is drawn on with values of a map: 0 free, 100 occupied."""
 
     def accept_value(self, value: float, name: str = "value") -> int:
-        """Return `value`, which must be 0 or 100."""
         if value not in (FREE, OCCUPIED):
             rule = f"must be {FREE} or {OCCUPIED}: cells of a bit map are free or occupied"
             hint = "write to a .yaml or .npz for other values"
@@ -57,7 +57,6 @@ class _OccupancyBits(BitMap):
 def _edits(
     name: str, example: str, also: Callable[..., Any] | None = None
 ) -> Callable[[C], C]:  # fmt: skip
-    """Make a function a command of the group ``edit``."""
     output = Output(
         "OUT",
         "The result: .yaml or .pgm (a pgm pair), .png (a pair), .npz, or of a .pbm also .pbm.",
@@ -65,7 +64,7 @@ def _edits(
     )
     return command(
         name=f"edit {name}",
-        group="Drawing and packing",
+        group="Changing a map",
         output=output,
         also={} if also is None else {"": also},
         json="never",
@@ -77,30 +76,29 @@ def _edited(
     source: Path, change: Callable[[Any], Any], what: str, *, inputs: Sequence[Path] = ()
 ) -> Made:
     """Read a map or costmap, or a bit map that is to be written as one, and change it."""
-    work, title = Work.in_shell(), f"{source.stem}: {what}"
+    work = Work.in_shell()
+    encoding: Encoding = "occupancy"
     if any(path.suffix == BIT_MAP for path in work.outputs):
         if source.suffix.lower() != BIT_MAP:
             rule, hint = "only an edited .pbm can be written as one", "mapdeal pack makes a bit map"
             raise ParameterError(rule, source=work.outputs[0], hint=f"{hint} of a map")
         bits, extra = read_bits(source, work, also=inputs)
         grid: Any = _OccupancyBits(bits.packed, bits.width, bits.resolution, bits.origin)
-        encoding: Encoding = "occupancy"
     else:
         (read,) = opened(source, names=("map",), also=inputs)
         claim_cells(read, _PER_CELL)
-        grid, metadata = read.grid, read.metadata
-        extra = metadata.extra if metadata else {}
-        as_bytes = metadata is not None and metadata.cost_scale is not None
-        encoding = "costmap2d" if as_bytes else "occupancy"
+        grid, extra = read.grid, {}
+        if read.metadata is not None:
+            extra = read.metadata.extra
+            encoding = "occupancy" if read.metadata.cost_scale is None else "costmap2d"
     with errors_named(source):
         if not isinstance(grid, OccupancyGrid | Costmap | BitMap):
             rule = "is a field, which cannot be edited"
             raise ParameterError(rule, hint="edit the map, then run esdf or potential on it")
-        return Made(change(grid), title, extra, encoding)
+        return Made(change(grid), f"{source.stem}: {what}", extra, encoding)
 
 
 def _start(blank: bool, background: int | None) -> Callable[[Any], Any]:
-    """Return what makes of a map the one that is drawn on."""
     if background is not None and not blank:
         raise ParameterError("needs --blank", place="background")
     return (lambda grid: blank_of(grid, background or 0)) if blank else lambda grid: grid
@@ -120,6 +118,8 @@ def _drawn(
 
     Parameters
     ----------
+    source : path
+        A map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal.
     file : path, optional
         Draw all shapes of a YAML or GeoJSON file, whatever their kind, in order.
     value : int, optional
@@ -137,14 +137,14 @@ def _drawn(
     if not shapes and file is None:
         raise ParameterError("one of the two is required", place="point, file")
     shapes = [*([] if file is None else read_shapes(file)), *shapes]
-    start, detail = _start(blank, background), Work.in_shell().terminal.detail
+    start = _start(blank, background)
     for shape in shapes:
         number = shape.value if shape.value is not None else value
         name = ": ".join(part for part in (shape.source, shape.kind) if part)
         if number is None:
             hint = f"{name} has no value of its own" if shape.source else None
             raise ParameterError("is needed to draw with", place="value", hint=hint)
-        detail(f"{name}: value {number}")
+        Work.in_shell().terminal.detail(f"{name}: value {number}")
     return _edited(
         source,
         lambda grid: draw(start(grid), shapes, value=value, overlay=overlay),
@@ -169,8 +169,6 @@ def polygon(source: Source, *, point: Points = (), **drawing: Any) -> Made:
 
     Parameters
     ----------
-    source : path
-        A map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal.
     point : list of points
         Point, metres; more may follow.
     """
@@ -195,15 +193,14 @@ def line(
 
     Parameters
     ----------
-    source : path
-        A map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal.
     point : list of points
         Point, metres; more may follow.
     thickness : float, optional
         Thickness of the line, metres; up to the side of a cell the line is one cell wide.
         [default: one cell]
     """
-    _refuse_without_points(point, thickness=thickness)
+    if not point:
+        refuse(_FOR_POINTS, thickness=thickness)
     return _drawn(source, [Line(point, thickness or 0.0)] if point else [], **drawing)
 
 
@@ -225,15 +222,14 @@ def circle(
 
     Parameters
     ----------
-    source : path
-        A map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal.
     point : list of points
         Point, metres; more may follow.
     radius : float, optional
         Radius of the circle around each point, metres; 0 for its cell alone.
     """
-    _refuse_without_points(point, radius=radius)
-    if point and radius is None:
+    if not point:
+        refuse(_FOR_POINTS, radius=radius)
+    elif radius is None:
         raise ParameterError("is needed for a circle", place="radius")
     return _drawn(source, [Circle(center, radius or 0.0) for center in point], **drawing)
 
@@ -286,10 +282,3 @@ def reset(
         return reset_region(start(grid), size_xy=size, center_xy=at, corner_xy=corner, value=value)
 
     return _edited(source, change, "region reset")
-
-
-def _refuse_without_points(point: Sequence[Point], **given: float | None) -> None:
-    for name, value in given.items():
-        if value is not None and not point:
-            rule = "needs --point: the shapes of a file have their own"
-            raise ParameterError(rule, place=name)

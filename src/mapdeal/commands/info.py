@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,11 +18,11 @@ from mapdeal.command import Result, Words, command
 from mapdeal.errors import FileAccessError, MalformedInputError, kept_warnings
 from mapdeal.files.source import exists, is_folder, sha256_of, status_of, sums_of_reads
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.field import PotentialField
 from mapdeal.grid.reach import robot_text
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.inputs.kinds import BAG, IMAGE, MAP, PARAMETERS, POINTER, kind_of
-from mapdeal.maps.map_yaml import Dialect
+from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.npz import holds_reach, read_reach
 from mapdeal.maps.reading import open_map
 from mapdeal.pipeline.folder import MANIFEST, manifest_in, said, stages_behind, summary_of
@@ -43,9 +44,7 @@ _ANSWERS = ("goals", "passages", "closed_passages")
 _SHOWN_KEYS = ("image", "mode", "negate", "occupied_thresh", "free_thresh")
 _OF_RUN = ("version", "inputs", "options", "stages", "figures", "warnings")
 
-_LATEST = 253402300799
-"""Seconds up to which Python has dates: the year 9999."""
-
+_LATEST = 253402300799  # seconds up to which Python has dates: the year 9999
 _NAMES = {"distance field": "distances", "potential field": "values", "reach": "area"}
 _RADII = ("inscribed_radius", "circumscribed_radius")
 _STACKS = {"nav2": "Nav2", "ros1": "ROS 1"}
@@ -90,15 +89,12 @@ class Descriptions(Result):
     reports: Iterator[Report]
 
     def document(self) -> dict[str, Any]:
-        """Return the next of them."""
         return next(self.reports)
 
     def parts(self) -> Iterator[str]:
-        """Yield each of them on a line."""
         yield from map(json.dumps, self.reports)
 
     def lines(self) -> Iterator[str]:
-        """Yield what ``mapdeal info`` prints, with an empty line between two files."""
         for index, report in enumerate(self.reports):
             if index:
                 yield ""
@@ -140,10 +136,8 @@ def describe(
         With a robot's parameter files: which costmap  [default: global].
     namespace : str, optional
         With a robot's parameter files: which robot.
-    dialect : str
-        How images of maps are read, see `read_map`.
-    max_cells : int, optional
-        Largest map that is read.
+    dialect, max_cells : str, int, optional
+        As for `read_map`.
     """
     settings = Settings(dialect=dialect, max_cells=max_cells)
     counted = Work.in_shell().counted
@@ -183,21 +177,15 @@ def _describe_robot(
     map_path: Path | None,
 ) -> Report:  # fmt: skip
     """Return what a robot's parameter files say of one of its costmaps, as JSON can hold it."""
-    # Beside all that was resolved, each layer has its ``effect`` on a map that is a file, and
-    # ``warnings`` are what reading has warned of. With a map there is ``on_map``: what inflation
-    # comes to there.
     with kept_warnings():
         robot = read_robot(paths, costmap=costmap, namespace=namespace, older=dialect != "nav2")
-    report: dict[str, Any] = {"file": str(paths[-1]), "kind": "robot parameters"}
-    report |= robot.described()
+    report = {"file": str(paths[-1]), "kind": "robot parameters", **robot.described()}
     for entry, one in zip(report["layers"], robot.layers, strict=True):
         entry["effect"] = effect_of(one, robot)
     report["warnings"] = list(robot.remarks)
     if map_path is not None:
         with open_map(map_path, dialect=dialect) as file:
-            resolution = file.frame().resolution
-        report["map"] = str(map_path)
-        report["on_map"] = on_map(robot, resolution)
+            report |= {"map": str(map_path), "on_map": on_map(robot, file.frame().resolution)}
     return report
 
 
@@ -205,12 +193,6 @@ def _described(
     path: Path, settings: Settings, progress: ProgressCallback | None = None
 ) -> Report:  # fmt: skip
     """Return what there is to know of a map, costmap or field, as JSON can hold it."""
-    # ``known_box`` is row, column, height and width of the known cells' bounding box, row 0 in the
-    # south; ``sha256`` is of the layer's bytes in that order. ``made_by`` has the stages that have
-    # made the file, with the parameters that took effect, where it lies in the folder of the run
-    # that wrote it. A folder of a run, or its manifest, is described as a whole. Of a file that is
-    # no map there is what it ``is``, the ``figures`` of its header, and its ``use``; of a bag what
-    # `describe_bag` returns.
     if path.name == MANIFEST or exists(path / MANIFEST):
         return _describe_run(path)
     try:
@@ -221,7 +203,10 @@ def _described(
         # an error about a file that a map names is not about what the map is
         kind = kind_of(path) if str(error.source) == str(path) else None
         if kind is None or kind.name in (MAP, IMAGE, POINTER):
-            raise _without_run(path) if kind is None and is_folder(path) else error from None
+            if kind is None and is_folder(path):
+                rule = f"is a directory without the {MANIFEST} of a run"
+                error = FileAccessError(rule, source=path, hint="name the maps in it")
+            raise error from None
     if kind.name == BAG:
         from mapdeal.pipeline.bag_maps import describe_bag  # not loaded for a map
 
@@ -242,28 +227,37 @@ def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report
     if source.metadata is not None:
         report["dialect"] = dialect
         report |= {key: getattr(source.metadata, key) for key in _SHOWN_KEYS}
-    if not isinstance(grid, Costmap):
-        report["known_box"] = _known_box(grid.occupancy)
-    report["sha256"] = hashlib.sha256(grid.layer.data).hexdigest()
-    stages = stages_behind(path.name, path.parent, named)
-    return report if stages is None else report | {"made_by": stages}
+    return report | _origin_of(path, grid, named)
 
 
 def _describe_reach(path: Path, max_cells: int | None) -> Report:
     """Return what an npz contains of what a robot can reach; its results are in another file."""
     grid = read_reach(path, max_cells=max_cells)
     claim_work(path, grid, _OF_OTHERS)
-    report: Report = {
+    return {
         "file": str(path),
         "kind": grid.kind,
         "layers": list(grid.layer_names),
+        **{key: value for key, value in grid.figures().items() if key not in _ANSWERS},
+        "robot": robot_text(grid.robot),
+        "heading_count": grid.heading_count,
+        "through_unknown": grid.through_unknown,
+        **_origin_of(path, grid, {path.name: sha256_of(path)}),
     }
-    told = grid.figures()
-    report |= {key: told[key] for key in told if key not in _ANSWERS}
-    report |= {"robot": robot_text(grid.robot), "heading_count": grid.heading_count}
-    report |= {"through_unknown": grid.through_unknown, "known_box": _known_box(grid.occupancy)}
+
+
+def _origin_of(path: Path, grid: Any, sums: Mapping[str, str]) -> Report:
+    """Return the extent of what a grid knows, its checksum, and the stages that have made it."""
+    report: Report = {}
+    if not isinstance(grid, Costmap):
+        known = grid.occupancy != UNKNOWN  # row 0 is in the south
+        rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+        report["known_box"] = None
+        if rows.size:
+            size = [int(rows[-1] - rows[0]) + 1, int(cols[-1] - cols[0]) + 1]
+            report["known_box"] = [int(rows[0]), int(cols[0]), *size]
     report["sha256"] = hashlib.sha256(grid.layer.data).hexdigest()
-    stages = stages_behind(path.name, path.parent, {path.name: sha256_of(path)})
+    stages = stages_behind(path.name, path.parent, sums)
     return report if stages is None else report | {"made_by": stages}
 
 
@@ -272,38 +266,19 @@ def _describe_run(path: Path) -> Report:
     folder = path if is_folder(path) else path.parent
     status_of(folder / MANIFEST)
     manifest = manifest_in(folder)
-    report: Report = {"file": str(path), "kind": "run"}
-    report |= {key: manifest.get(key) for key in _OF_RUN}
-    return report | {key: manifest[key] for key in ("robot",) if key in manifest}
-
-
-def _without_run(path: Path) -> FileAccessError:
-    rule = f"is a directory without the {MANIFEST} of a run"
-    return FileAccessError(rule, source=path, hint="name the maps in it")
-
-
-def _known_box(occupancy: Any) -> list[int] | None:
-    known = occupancy != UNKNOWN
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    if rows.size == 0:
-        return None
-    row, col = int(rows[0]), int(cols[0])
-    return [row, col, int(rows[-1]) - row + 1, int(cols[-1]) - col + 1]
+    report = {"file": str(path), "kind": "run", **{key: manifest.get(key) for key in _OF_RUN}}
+    return report | ({"robot": manifest["robot"]} if "robot" in manifest else {})
 
 
 def _lines_of(report: Report) -> Iterator[str]:
-    """Yield what is printed of a file: its name, and rows with a name each."""
-    name, width, rows = str(report["file"]), 11, _rows_of_map
+    name, width = str(report["file"]), 11
+    rows = _rows_of_file if "use" in report else _rows_of_map
     if report["kind"] == "robot parameters":
         names = [file["name"] for file in report["files"]]
         name, width = ", ".join(names) if len(names) > 1 else name, 13
         rows = _rows_of_robot
-    elif report["kind"] == "bag":
-        rows = _rows_of_bag
-    elif report["kind"] == "run":
-        rows = _rows_of_run
-    elif "use" in report:
-        rows = _rows_of_file
+    elif report["kind"] in ("bag", "run"):
+        rows = _rows_of_bag if report["kind"] == "bag" else _rows_of_run
     yield from [name, *(f"  {key:<{width}} {value}" for key, value in rows(report))]
 
 
@@ -313,7 +288,7 @@ def _rows_of_run(report: Report) -> Iterator[Row]:
     yield "options", _listed(report["options"])
     if "robot" in report:
         yield "robot", _robot_of_run(report["robot"])
-    for name, parameters in _stages(report["stages"]):
+    for name, parameters in chain.from_iterable(map(dict.items, report["stages"])):
         yield name, _listed(parameters)
         yield "", _figures(report["figures"].get(name, {}))
     for text in report["warnings"] if isinstance(report["warnings"], list) else ():
@@ -340,15 +315,9 @@ def _rows_of_file(report: Report) -> Iterator[Row]:
 def _figures(figures: Report) -> str:
     """Return what a stage has made; of a manifest that somebody has changed as it is."""
     try:
-        text = f"{figures['width']} x {figures['height']} cells, {summary_of(figures)}"
+        return f"{figures['width']} x {figures['height']} cells, {summary_of(figures)}"
     except (LookupError, TypeError, ValueError, ZeroDivisionError):
         return _listed(figures)
-    return text
-
-
-def _stages(stages: list[Report]) -> Iterator[tuple[str, Report]]:
-    for stage in stages:
-        yield from stage.items()
 
 
 def _listed(values: object, *, with_values: bool = True) -> str:
@@ -362,27 +331,23 @@ def _measured(figures: Report) -> str:
     """Return figures with counts in front of what they count: ``5 points, encoding ascii``."""
     parts = []
     for name, value in figures.items():
-        is_count = isinstance(value, int)
-        parts.append(f"{value} {name}" if is_count else f"{name} {said(value)}")
-        if value == 1:
-            parts[-1] = parts[-1].removesuffix("s")
+        text = f"{value} {name}" if isinstance(value, int) else f"{name} {said(value)}"
+        parts.append(text.removesuffix("s") if value == 1 else text)
     return ", ".join(parts)
 
 
 def _rows_of_map(report: Report) -> Iterator[Row]:
-    width, height, resolution = report["width"], report["height"], report["resolution"]
+    width, height, cell = report["width"], report["height"], report["resolution"]
     x, y, yaw = report["origin"]
     yield "kind", report["kind"]
-    metres = f"{width * resolution:g} x {height * resolution:g} m"
-    yield "size", f"{width} x {height} cells, {metres}"
-    yield "resolution", f"{resolution!r} m"
+    yield "size", f"{width} x {height} cells, {width * cell:g} x {height * cell:g} m"
+    yield "resolution", f"{cell!r} m"
     yield "origin", f"x {x!r} m, y {y!r} m, yaw {yaw!r} rad"
     yield _NAMES.get(report["kind"], "cells"), summary_of(report)
     if "layers" in report:
         yield "layers", ", ".join(report["layers"])
-        unknown = "open" if report["through_unknown"] else "closed"
-        headings = f"{report['heading_count']} headings"
-        yield "made for", f"{report['robot']}, {headings}, unknown {unknown}"
+        unknown = "unknown open" if report["through_unknown"] else "unknown closed"
+        yield "made for", f"{report['robot']}, {report['heading_count']} headings, {unknown}"
     if "attractive_gain" in report:
         names = ("attractive_gain", "repulsive_gain", "repulsive_cap")
         yield "made with", ", ".join(f"{name} {report[name]:g}" for name in names)
@@ -403,62 +368,51 @@ def _rows_of_map(report: Report) -> Iterator[Row]:
         how += ", negate" if report["negate"] else ""
         yield "image", str(report["image"])
         yield "read as", f"{how}, dialect {report['dialect']}"
-    for name, parameters in _stages(report.get("made_by", [])):
+    for name, parameters in chain.from_iterable(map(dict.items, report.get("made_by", ()))):
         yield "made by", f"{name}: {_listed(parameters)}"
     yield "sha256", report["sha256"]
 
 
 def _rows_of_bag(report: Report) -> Iterator[Row]:
     yield "kind", report["is"]
-    yield "messages", _when(report)
-    yield from _under("topics", _table(report["topics"]))
-    yield from _under("transforms", _transforms(report["transforms"]))
-    yield from _under("use", report["use"])
-
-
-def _under(name: str, lines: Iterable[str]) -> Iterator[Row]:
-    """Yield lines with a name in front of the first."""
-    for index, line in enumerate(lines):
-        yield "" if index else name, line
-
-
-def _when(report: Report) -> str:
-    if not report["messages"]:
-        return "none"
-    text = f"{report['messages']} in {report['duration_s']:.6g} s"
-    seconds = report["start_ns"] / 1e9
-    if 0 < seconds <= _LATEST:
-        text += f", from {datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
-    return text
-
-
-def _table(topics: list[Report]) -> Iterator[str]:
-    """Yield a line for each topic, in columns."""
-    rows = [
+    messages = "none"
+    if report["messages"]:
+        messages = f"{report['messages']} in {report['duration_s']:.6g} s"
+        seconds = report["start_ns"] / 1e9
+        if 0 < seconds <= _LATEST:
+            messages += f", from {datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    yield "messages", messages
+    topics, edges = report["topics"], report["transforms"]
+    digits = max((len(str(one["count"])) for one in topics), default=0)
+    rows: list[tuple[str, ...]] = [
         (
             one["topic"],
             one["type"],
-            str(one["count"]),
+            str(one["count"]).rjust(digits),
             "" if one["frame"] is None else f"in {one['frame']}",
             f"for {', '.join(one['commands'])}" if one["commands"] else "",
         )
         for one in topics
     ]
-    widths = [max((len(row[k]) for row in rows), default=0) for k in range(5)]
-    for row in rows:
-        topic, name, count, frame, use = row
-        yield (
-            f"{topic:<{widths[0]}}  {name:<{widths[1]}}  {count:>{widths[2]}}  "
-            f"{frame:<{widths[3]}}  {use}"
-        ).rstrip()
-
-
-def _transforms(edges: list[Report]) -> Iterator[str]:
-    width = max((len(f"{one['parent']} -> {one['child']}") for one in edges), default=0)
+    yield from _under("topics", _columns(rows))
     digits = max((len(str(one["count"])) for one in edges), default=0)
-    for one in edges:
-        edge = f"{one['parent']} -> {one['child']}"
-        yield f"{edge:<{width}}  {one['count']:>{digits}} on {one['topic']}"
+    rows = [
+        (f"{one['parent']} -> {one['child']}", f"{one['count']:>{digits}} on {one['topic']}")
+        for one in edges
+    ]
+    yield from _under("transforms", _columns(rows))
+    yield from _under("use", report["use"])
+
+
+def _under(name: str, lines: Iterable[str]) -> Iterator[Row]:
+    for index, line in enumerate(lines):
+        yield "" if index else name, line
+
+
+def _columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        yield "  ".join(map(str.ljust, row, widths)).rstrip()
 
 
 def _rows_of_robot(report: Report) -> Iterator[Row]:
@@ -469,9 +423,11 @@ def _rows_of_robot(report: Report) -> Iterator[Row]:
     yield "inscribed", f"{report['inscribed_radius']:.6g} m"
     yield "circumscribed", f"{report['circumscribed_radius']:.6g} m"
     yield "starts out", "unknown" if report["track_unknown_space"] else "free"
-    width = max((len(_name_of(one)) for one in report["layers"]), default=0)
-    layers = (f"{_name_of(one):<{width}}  {one['effect']}" for one in report["layers"])
-    yield from _under("layers", layers)
+    rows = []
+    for one in report["layers"]:
+        kind = "filter" if one.get("filter") else one["plugin"].rpartition(":")[2]
+        rows.append((f"{one['name']} ({kind})", one["effect"]))
+    yield from _under("layers", _columns(rows))
     for one in report.get("on_map", ()):
         reach = f"{one['layer']} reaches {one['cell_inflation_radius']} cells, {one['reach']:.4g} m"
         cost = f"cost at the circumscribed radius {one['circumscribed_cost']}"
@@ -488,12 +444,7 @@ def _shape_of(report: Report) -> str:
         return f"round, radius {footprint['radius']:.6g} m"
     padded = f", moved outwards by {padding:.6g} m" if padding else ""
     if report["robot_radius"] is not None:
-        corners = f"a polygon of {len(footprint)} corners"
-        return f"round, robot_radius {report['robot_radius']:g} m: {corners}{padded}"
+        radius = f"round, robot_radius {report['robot_radius']:g} m"
+        return f"{radius}: a polygon of {len(footprint)} corners{padded}"
     corners = ", ".join(f"[{x:.6g}, {y:.6g}]" for x, y in footprint)
     return f"[{corners}]" + (f", with footprint_padding {padding:.6g} m" if padding else "")
-
-
-def _name_of(layer: Report) -> str:
-    kind = "filter" if layer.get("filter") else layer["plugin"].rpartition(":")[2]
-    return f"{layer['name']} ({kind})"

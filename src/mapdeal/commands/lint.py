@@ -1,41 +1,74 @@
-"""``mapdeal lint``: what is wrong with maps, and with a robot's parameter files."""
+"""``mapdeal lint``: what is wrong with maps, and with a robot's parameter files.
+
+Traps are taken out of a map's cells, or out of its YAML file alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from codecs import BOM_UTF8
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from mapdeal.checks.facts import RoomFacts
-from mapdeal.checks.findings import CHECKS
-from mapdeal.checks.formats import LintReport, MapReport, ReportForm, repair_lines
-from mapdeal.checks.lint import (
-    LEFT_OUT,
-    Found,
-    checks_of,
-    found_in,
-    found_in_parameters,
-    not_checked,
-)
+import numpy as np
+
+from mapdeal.checks import lint as checks
+from mapdeal.checks.facts import PairFacts, RoomFacts, gather, without_rounding_noise
+from mapdeal.checks.findings import CHECKS, Selections
+from mapdeal.checks.lint import LintReport, MapReport, ReportForm, repair_lines
 from mapdeal.checks.map_checks import RUN_FOLDERS
 from mapdeal.checks.parameter_checks import robot_in
-from mapdeal.checks.selection import Selections
 from mapdeal.command import AT_LEAST_1, Output, Words, command
-from mapdeal.commands.lint_repair import ImageUsers, repair_copy, repair_in_place
-from mapdeal.errors import MapdealError, ParameterError, kept_warnings
-from mapdeal.files.budget import SHARE_OF_JOB
-from mapdeal.files.source import is_folder
+from mapdeal.errors import (
+    FileAccessError,
+    MalformedInputError,
+    MapdealError,
+    ParameterError,
+    kept_warnings,
+)
+from mapdeal.files.source import (
+    PIECES,
+    SHARE_OF_JOB,
+    YAML,
+    check_state,
+    claim,
+    contents_of,
+    exists,
+    head_of,
+    identity_of,
+    is_folder,
+    is_same_file,
+    real_path,
+    state_of,
+)
+from mapdeal.files.transaction import Transaction
+from mapdeal.files.yaml_text import edited, parse_mapping, read_mapping
+from mapdeal.grid.canvas import is_turned, resampled
+from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import Frame, region_around
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import reach_radius
 from mapdeal.grid.values import check_choice
 from mapdeal.inputs.listing import list_maps
-from mapdeal.maps.reading import MapFile, open_map
+from mapdeal.kernels.threads import use_threads
+from mapdeal.maps.dialects import Dialect, MapMetadata, cells_of, metadata_of
+from mapdeal.maps.images import open_strips
+from mapdeal.maps.map_server import (
+    USUAL_FREE_THRESH,
+    FreedCells,
+    image_places,
+    remark_on_freed,
+    write_map_image,
+)
+from mapdeal.maps.npz import read_npz
+from mapdeal.maps.reading import MapFile, open_map, output_paths, write_grid
 from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch, jobs_at_once
-from mapdeal.pipeline.inputs import Work, memory_budget
+from mapdeal.pipeline.inputs import Work, errors_named, memory_budget, outputs_of, refuse
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
 from mapdeal.ros.robot import CostmapName
 from mapdeal.version import __version__
@@ -54,6 +87,22 @@ _CELLS_WORTH_WORKERS = 500_000_000
 """Checked in two or three seconds: of fewer, two processes save less than they take to start."""
 
 
+_COSTS = "holds costs, which are not repaired"
+
+_NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
+
+_PER_CELL_REPAIRED = 3  # bytes: the cells, and what they become while they are written
+_PER_CELL_OF_TURNED, _PER_NEW_CELL = 5, 3
+"""Bytes, of a turned map that is resampled and of the new one."""
+
+
+ImageUsers = dict[Path, list[tuple[tuple[int, int], Path]]]
+"""The images that the YAML files of a folder name, and those files: each folder is read once."""
+
+_WRITTEN = (".pgm", ".png")  # formats of images that can be written as they were
+_COPY = "mapdeal lint MAP --fix -o OUT writes a repaired copy"
+
+
 def _several(given: Names) -> tuple[str, ...]:
     names: Iterable[object] = (given,)
     if isinstance(given, Iterable) and not isinstance(given, str | bytes):
@@ -70,7 +119,6 @@ def _separated(texts: Iterable[str]) -> tuple[str, ...]:
 
 
 def _check_words(incomplete: str) -> Iterable[str]:
-    """Return the names of the checks, behind those that are already listed."""
     listed = incomplete.rpartition(",")[0]
     return [f"{listed},{name}" if listed else name for name in sorted(CHECKS)]
 
@@ -142,8 +190,7 @@ def lint(
     Parameters
     ----------
     paths : path or str, or several
-        Maps, folders of maps or runs, quoted patterns, or @LIST.txt. Files are map_server
-        ``.yaml``, ``.pbm`` with its YAML next to it, and ``.npz``.
+        Maps, folders of maps or runs, quoted patterns, or @LIST.txt.
     params_file : path or str, or several
         A robot's own parameters: a Nav2 file, or ROS 1's costmap files; can be repeated, later
         files win.
@@ -152,9 +199,8 @@ def lint(
     namespace : str, optional
         Robot of --params-file, if it contains several.
     footprint : Footprint, optional
-        Shape of a robot that should be able to pass through the maps. Areas connected only by
-        passages too narrow for its inscribed radius are reported. By default the shape in the
-        parameter files, if any.
+        Shape of a robot that should be able to pass through the maps: areas connected only by
+        passages too narrow for its inscribed radius are reported. By default that in the files.
     select : str or several
         Checks, or areas of checks such as image, to run; separated by commas  [default: all].
         In Python several names are a list.
@@ -177,26 +223,21 @@ def lint(
         Where to write the repaired copy: .yaml, .pgm, .png, .npz.
     in_place : bool
         Repair maps in place, and report what is left.
-    max_cells : int, optional
-        Maximum size of a file to read, cells; by default 2e8 for compressed images, 1e9 for
-        others.
-    max_memory : int, optional
-        Memory limit, bytes; by default half of the free memory.
+    max_cells, max_memory : int, optional
+        As for `read_map`.
     force : bool
         Whether to replace an existing `output`.
 
     Returns
     -------
     LintReport
-        Sequence of `Finding`; ``print`` shows each one as the command does. A file that cannot be
-        read is a finding, not an error.
+        Sequence of `Finding`; ``print`` shows each one as the command does.
 
     Raises
     ------
     ParameterError
-        If there are neither maps nor parameter files, a check is unknown, a pattern matches no
-        map, `footprint` is not a footprint or is given without maps, or a configuration is
-        invalid.
+        If there are neither maps nor parameter files, a pattern matches no map, or a check, the
+        `footprint` or a configuration is invalid.
     FileAccessError, MalformedInputError
         If a list or configuration file cannot be read.
 
@@ -212,17 +253,15 @@ def lint(
     settings = Settings(max_cells=max_cells, max_memory=max_memory, force=force)
     work = Work.current.get()
     names, files = _several(paths), tuple(map(Path, _several(params_file)))
-    for place, value in (("costmap", costmap), ("namespace", namespace)):
-        if value is not None and not files:
-            raise ParameterError("needs --params-file", place=place)
+    if not files:
+        refuse("needs --params-file", costmap=costmap, namespace=namespace)
     if costmap is not None:
         check_choice(costmap, CostmapName, "costmap")
     if footprint is not None and not isinstance(footprint, Footprint):
         raise ParameterError("must be a Footprint", place="footprint", got=footprint)
-    for place, is_given in (("params_file", bool(files)), ("footprint", footprint is not None)):
-        if fix and is_given:
-            rule, hint = "cannot be given together with --fix", "--fix repairs maps only"
-            raise ParameterError(rule, place=place, hint=hint)
+    if fix and (files or footprint is not None):
+        rule, hint = "cannot be given together with --fix", "--fix repairs maps only"
+        raise ParameterError(rule, place="params_file" if files else "footprint", hint=hint)
     if output is not None and in_place:
         raise ParameterError("cannot be given together with -o", place="in_place")
     if fix and output is None and not in_place:
@@ -249,10 +288,13 @@ def lint(
             at_once = jobs_at_once(jobs, len(maps), work.terminal)
             if len(maps) > 1:
                 counted = partial(work.terminal.counted, what="map")
+        if footprint is None and files and maps:
+            robot = robot_in(files, costmap=costmap, namespace=namespace)
+            footprint = None if robot is None else robot.footprint
         lint_maps = _Lint(
             Selections(_several(select), _several(ignore), strict=strict, config=nearest),
             settings,
-            _radius_of(footprint, files, costmap, namespace) if maps else None,
+            None if footprint is None or not maps else reach_radius(footprint),
             at_once,
         )
         reports = lint_maps.parameters(files, costmap, namespace, maps) if files else []
@@ -270,17 +312,6 @@ def lint(
 def _no_standard_input() -> Iterable[bytes]:
     hint = "give the names as a list"
     raise ParameterError("applies to the command line", source="@-", hint=hint)
-
-
-def _radius_of(
-    footprint: Footprint | None, files: Sequence[Path], costmap: CostmapName | None,
-    namespace: str | None,
-) -> float | None:  # fmt: skip
-    """Return the inscribed radius of the robot whose shape, or whose files, are given."""
-    if footprint is None and files:
-        robot = robot_in(files, costmap=costmap, namespace=namespace)
-        footprint = None if robot is None else robot.footprint
-    return None if footprint is None else reach_radius(footprint)
 
 
 @dataclass
@@ -304,21 +335,20 @@ class _Lint:
             for path in maps
             if (found := _of_header(path, self.settings, lambda file: file.frame().resolution))
         ]
-        found_by_file = found_in_parameters(files, costmap, namespace, headers)
+        found_by_file = checks.found_in_parameters(files, costmap, namespace, headers)
         reports = [self._report(path, found) for path, found in found_by_file.items()]
         return [replace(one, is_parameters=True) for one in reports]
 
     def __call__(self, paths: Sequence[Path], done: Callable[[int], object]) -> list[MapReport]:
-        """Return what is wrong with maps."""
-        of_robot = checks_of(RoomFacts)
+        of_robot = checks.checks_of(RoomFacts)
         radii = {
             path: self.radius
             for path in paths
             if not self.selections.of(path).checks.isdisjoint(of_robot) and self.radius is not None
         }
-        found: dict[int, Found] = {}
+        found: dict[int, checks.Found] = {}
 
-        def take(index: int, one: Found) -> None:
+        def take(index: int, one: checks.Found) -> None:
             found[index] = one
             done(1)
 
@@ -326,16 +356,16 @@ class _Lint:
             _lint_in_processes(paths, self.settings, radii, min(self.jobs, len(paths)), take)
         else:
             for index, path in enumerate(paths):
-                take(index, found_in(path, self.settings.max_cells, radii.get(path)))
+                take(index, checks.found_in(path, self.settings.max_cells, radii.get(path)))
         reports = []
         for index, path in enumerate(paths):
-            is_left_out = any(one.check == LEFT_OUT for one in found[index].findings)
+            is_left_out = any(one.check == checks.LEFT_OUT for one in found[index].findings)
             without = of_robot if is_left_out or path not in radii else ()
             report = self._report(path, found[index], without)
             reports.append(replace(report, is_folder=is_folder(path)))
         return reports
 
-    def _report(self, path: Path, found: Found, without: Iterable[str] = ()) -> MapReport:
+    def _report(self, path: Path, found: checks.Found, without: Iterable[str] = ()) -> MapReport:
         selection = self.selections.of(path)
         judged = selection.judged(path, found.findings, found.comments, without=without)
         return MapReport(str(path), *judged, selection.strict)
@@ -354,7 +384,7 @@ def _repair_in_place(
         if one.is_folder or not wanted:
             continue
         try:
-            repairs = repair_in_place(path, wanted, lint_maps.settings, users)
+            repairs = _repaired_in_place(path, wanted, lint_maps.settings, users)
         except MapdealError as error:
             problems.append(error)
             continue
@@ -362,15 +392,6 @@ def _repair_in_place(
             (after,) = lint_maps([path], int)
             reports[index] = replace(after, repairs=tuple(repairs))
     return problems
-
-
-def _repaired_copy(paths: Sequence[Path], output: Path, settings: Settings) -> LintReport:
-    if len(paths) != 1:
-        hint = "--in-place repairs any number of maps"
-        raise ParameterError("takes one map", source="-o", got=len(paths), hint=hint)
-    done = repair_copy(paths[0], output, settings)
-    report = MapReport(str(paths[0]), (), repairs=tuple(done))
-    return LintReport((report,), __version__, output=output)
 
 
 def _of_header(path: Path, settings: Settings, take: Callable[[MapFile], T]) -> T | None:
@@ -401,37 +422,267 @@ def _are_worth_workers(paths: Sequence[Path], settings: Settings) -> bool:
 
 
 def _lint_in_processes(
-    paths: Sequence[Path],
-    settings: Settings,
-    radii: Mapping[Path, float],
-    jobs: int,
-    done: Callable[[int, Found], None],
-) -> None:
+    paths: Sequence[Path], settings: Settings, radii: Mapping[Path, float], jobs: int,
+    done: Callable[[int, checks.Found], None],
+) -> None:  # fmt: skip
     from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
 
     def take(index: int, outcome: Outcome) -> None:
         path, found = paths[index], outcome.result
-        if not isinstance(found, Found):
-            found = not_checked(path, str(found))
+        if not isinstance(found, checks.Found):
+            found = checks.not_checked(path, str(found))
         elif any(SHARE_OF_JOB in one.message for one in found.findings):
-            found = found_in(path, settings.max_cells, radii.get(path))  # alone it may have all
+            found = checks.found_in(
+                path, settings.max_cells, radii.get(path)
+            )  # alone it may have all
         done(index, found)
 
     of_each = memory_budget(settings.max_memory, jobs)
     is_chosen = settings.max_memory is not None
     shared = replace(settings, max_memory=of_each, memory_is_chosen=is_chosen)
     all_jobs = [Job(path, path, str(path), str(path)) for path in paths]
-    work = partial(attempt, _LintJob(shared, radii))
+    work = partial(attempt, partial(_found_by, shared, radii))
     dispatch(len(paths), all_jobs.__getitem__, work, ProcessWorkers(jobs), take)
 
 
-@dataclass(frozen=True)
-class _LintJob:
-    """Lint with its options, as it is sent to workers."""
+def _found_by(settings: Settings, radii: Mapping[Path, float], job: Job) -> checks.Found:
+    with settings.memory(anew=True):
+        return checks.found_in(job.path, settings.max_cells, radii.get(job.path))
 
-    settings: Settings
-    radii: Mapping[Path, float]
 
-    def __call__(self, job: Job) -> Found:
-        with self.settings.memory(anew=True):
-            return found_in(job.path, self.settings.max_cells, self.radii.get(job.path))
+def repaired(
+    path: Path, pair: PairFacts | None, *, max_cells: int | None = None
+) -> tuple[OccupancyGrid, list[str]]:
+    """Return a map as it should be, and what was changed, a line each."""
+    done: list[str] = []
+    with kept_warnings():  # all was told when it was read first
+        grid: Any = (
+            read_npz(path, max_cells=max_cells)
+            if pair is None
+            else _map_of_pair(pair, max_cells, done)
+        )
+    if isinstance(grid, Costmap):
+        raise MalformedInputError(_COSTS, source=path)
+    grid = grid if isinstance(grid, OccupancyGrid) else grid.grid
+    claim(path, _PER_CELL_REPAIRED * grid.occupancy.size)
+    resolution = _plain(grid.resolution)
+    x, y, yaw = map(_plain, grid.origin)
+    if (resolution, (x, y, yaw)) != (grid.resolution, grid.origin):
+        done.append(f"resolution {resolution!r}, origin {x!r}, {y!r}, {yaw!r} without noise")
+        grid = OccupancyGrid(grid.occupancy, resolution, (x, y, yaw))
+    if is_turned(grid.frame):
+        done.append(f"yaw {yaw:g} rad is in the cells now")
+        lattice = Frame(1, 1, resolution)
+        region = region_around(lattice, grid.frame)
+        cells = _PER_CELL_OF_TURNED * grid.occupancy.size + _PER_NEW_CELL * region.cells
+        claim(path, cells + PIECES)
+        grid = resampled(grid, region.frame_in(lattice))  # with every obstacle of the turned one
+    elif yaw:
+        grid = OccupancyGrid(grid.occupancy, resolution, (x, y, 0.0))
+    return grid, done
+
+
+def _map_of_pair(pair: PairFacts, max_cells: int | None, done: list[str]) -> OccupancyGrid:
+    """Read a map again, with a lower free_thresh if map_saver's unknown is free."""
+    if pair.metadata.cost_scale is not None:
+        raise MalformedInputError(_COSTS, source=pair.path)
+    given = mended = pair.metadata
+    freed: dict[Dialect, FreedCells] = {"nav2": pair.pixels.freed["nav2"]}
+    if remark_on_freed(freed, pair.pixels.size, given) is not None:
+        mended = replace(given, free_thresh=min(USUAL_FREE_THRESH, given.free_thresh))
+    changed = 0
+    with open_strips(pair.image_path, max_cells=max_cells) as strips:
+        occupancy = np.empty(strips.shape, dtype=np.int8)
+        for rows, picture in strips.placed():
+            cells_of(picture, mended, "nav2", out=occupancy[rows])
+            if mended is not given:
+                before = cells_of(picture, given, "nav2")
+                changed += int(np.count_nonzero(before != occupancy[rows]))
+    if changed:
+        cells = "1 cell is" if changed == 1 else f"{changed} cells are"
+        done.append(f"{cells} now unknown instead of free: map_saver's grey for unknown")
+    return OccupancyGrid(occupancy, given.resolution, given.origin)
+
+
+def _yaml_repair(
+    pair: PairFacts, frame: Frame | None, wanted: Collection[str]
+) -> tuple[dict[str, Any], bool]:
+    """Return values that take traps out of a map's YAML file, and whether cells are to change."""
+    metadata, entries = pair.metadata, pair.entries
+    values: dict[str, Any] = {}
+    if "yaml.defaults" in wanted:
+        filled_in = {
+            "negate": int(metadata.negate),
+            "occupied_thresh": metadata.occupied_thresh,
+            "free_thresh": metadata.free_thresh,
+        }
+        values |= {key: value for key, value in filled_in.items() if key not in entries}
+    if "yaml.number-as-text" in wanted:
+        for key in (one for one in _NUMBERS if one in entries):
+            numbers = entries[key].items() if key == "origin" else [entries[key]]
+            if any(one.is_yaml_1_1_text for one in numbers):
+                values[key] = getattr(metadata, key)
+    if "thresholds.unknown-becomes-free" in wanted and metadata.free_thresh > USUAL_FREE_THRESH:
+        values["free_thresh"] = USUAL_FREE_THRESH
+    if "yaml.resolution-noise" in wanted:
+        values["resolution"] = _plain(metadata.resolution)
+    needs_cells = False
+    x, y, yaw = metadata.origin
+    if "yaml.origin-noise" in wanted:
+        x, y, yaw = map(_plain, metadata.origin)
+    if "yaml.origin-yaw" in wanted and frame is not None:
+        needs_cells = is_turned(frame)
+        yaw = yaw if needs_cells else 0.0
+    if (x, y, yaw) != metadata.origin or "yaml.nan-yaw" in wanted:
+        values["origin"] = (x, y, yaw)
+    if {"yaml.mode-case", "yaml.legacy-mode"} & set(wanted):
+        values["mode"] = metadata.mode
+    image = _image_name(pair, wanted)
+    if image is not None:
+        values["image"] = image
+    return values, needs_cells
+
+
+def _plain(value: float) -> float:
+    return without_rounding_noise(value) or value
+
+
+def _image_name(pair: PairFacts, wanted: Collection[str]) -> str | None:
+    """Return a relative name of an image that lies in the folder of its map, or below."""
+    if "yaml.image-unquoted" in wanted:
+        return pair.metadata.image
+    if not {"image.absolute-path", "image.foreign-path"} & set(wanted):
+        return None
+    folder = pair.path.parent
+    if folder not in pair.image_path.parents and folder != Path():
+        return None
+    if pair.image_path.is_absolute() and not folder.is_absolute():
+        return None
+    relative = pair.image_path.relative_to(folder)
+    return None if ".." in relative.parts else relative.as_posix()
+
+
+def _shown(value: Any) -> str:
+    return ", ".join(map(repr, value)) if isinstance(value, tuple) else str(value)
+
+
+def _repaired_copy(paths: Sequence[Path], output: Path, settings: Settings) -> LintReport:
+    """Write a map without the traps that can be taken out of it, and return what was changed."""
+    if len(paths) != 1:
+        hint = "--in-place repairs any number of maps"
+        raise ParameterError("takes one map", source="-o", got=len(paths), hint=hint)
+    path, outputs = paths[0], output_paths(output)
+    pair, cells, findings = gather(path, max_cells=settings.max_cells)
+    if cells is None:
+        errors = (found.message for found in findings if found.severity == "error")
+        raise MalformedInputError(next(errors, _COSTS), source=path)
+    inputs = [path, *([pair.path, pair.image_path] if pair is not None else [])]
+    with outputs_of(outputs, inputs, settings) as transaction:
+        with errors_named(path):
+            grid, done = repaired(path, pair, max_cells=settings.max_cells)
+        write_grid(transaction, output, grid)
+    if pair is not None:
+        done += [found.message for found in findings if found.check == "yaml.nan-yaw"]
+        done.append(f"image {outputs[0].name}, usual thresholds")
+    report = MapReport(str(path), (), repairs=tuple(done))
+    return LintReport((report,), __version__, output=output)
+
+
+def _repaired_in_place(
+    path: Path, wanted: Collection[str], settings: Settings, users: ImageUsers
+) -> list[str]:
+    """Repair a map in its own files; return what was changed, a line each."""
+    # In the YAML file the values that are traps are replaced where they stand, so that comments,
+    # order and other keys stay. The image is written only if the map is turned. It keeps its name
+    # if it is a pgm or png of this map alone; else there is a new one, and the old one stays.
+    states = {path: state_of(path)}  # before anything is read
+    pair, cells, _ = gather(path, max_cells=settings.max_cells)
+    if pair is None:
+        return []
+    values, needs_cells = _yaml_repair(pair, None if cells is None else cells.frame, wanted)
+    if not values and not needs_cells:
+        return []
+    states[pair.image_path] = state_of(pair.image_path)
+    geometry = {"resolution", "origin"} if needs_cells else set()  # of new cells: not known yet
+    done = [f"{key} {_shown(value)}" for key, value in values.items() if key not in geometry]
+    target = real_path(pair.path)
+    outputs = [target]
+    if needs_cells:
+        image, told = _image_for(pair, users)
+        outputs.insert(0, image)
+        done.append(told)
+    with (
+        use_threads(settings.threads),
+        errors_named(pair.path),
+        Transaction(outputs, force=True) as transaction,
+    ):
+        if needs_cells:
+            grid, of_cells = repaired(pair.path, pair, max_cells=settings.max_cells)
+            done = [*of_cells, *done]
+            new: dict[str, Any] = {
+                "mode": write_map_image(transaction, image, grid),
+                "resolution": grid.resolution,
+                "origin": tuple(grid.origin),
+                "negate": 0,
+                "occupied_thresh": 0.65,
+                "free_thresh": 0.196,
+            }
+            if image != real_path(pair.image_path):
+                new["image"] = image.name
+            values |= {key: one for key, one in new.items() if getattr(pair.metadata, key) != one}
+        mark = head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
+        data = (BOM_UTF8 if mark else b"") + edited(pair.entries, values)
+        if _metadata_in(data, pair.path) != replace(pair.metadata, **values):
+            rule = "its YAML is written in a way that cannot be edited"
+            raise MalformedInputError(rule, source=pair.path, hint=_COPY)
+        transaction.write_bytes(target, data)
+        for one, state in states.items():
+            check_state(one, state)
+    return done
+
+
+def _metadata_in(data: bytes, path: Path) -> MapMetadata | None:
+    with kept_warnings(), suppress(MalformedInputError):  # warnings that stay are found again
+        return metadata_of(parse_mapping(path, data), path)
+    return None
+
+
+def _image_for(pair: PairFacts, users: ImageUsers) -> tuple[Path, str]:
+    """Return where the image of new cells goes, and what is said of that."""
+    other = _other_user(pair, users)
+    if other is None and pair.image_path.suffix in _WRITTEN:
+        return real_path(pair.image_path), f"{pair.image_path.name} written anew"
+    new = real_path(pair.path).with_suffix(".pgm")
+    why = "whose format is only read" if other is None else f"which {other.name} also uses"
+    if exists(new):
+        rule = f"its image {pair.image_path.name}, {why}, would become {new.name}, which exists"
+        raise FileAccessError(rule, source=pair.path, hint=_COPY)
+    return new, f"{new.name} written beside {pair.image_path.name}, {why}"
+
+
+def _other_user(pair: PairFacts, users: ImageUsers) -> Path | None:
+    """Return a map beside the image, or beside this map, that uses the image, too."""
+    identity = identity_of(pair.image_path)
+    for folder in (pair.image_path.parent, pair.path.parent):
+        if folder not in users:
+            users[folder] = list(_images_of(folder))
+        for named, path in users[folder]:
+            if named == identity and not is_same_file(path, pair.path):
+                return path
+    return None
+
+
+def _images_of(folder: Path) -> Iterator[tuple[tuple[int, int], Path]]:
+    """Yield what images the YAML files in a folder name; who cannot be read names none."""
+    try:
+        _, names = contents_of(folder)
+    except FileAccessError:
+        return
+    for path in (folder / name for name in names):
+        if path.suffix.lower() not in YAML:
+            continue
+        with suppress(MapdealError):
+            entries = read_mapping(path)
+            places = image_places(folder, entries["image"].text()) if "image" in entries else []
+            if identity := next(filter(None, map(identity_of, places)), None):
+                yield identity, path

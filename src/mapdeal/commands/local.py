@@ -12,22 +12,10 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.inputs.kinds import is_bag
 from mapdeal.mapping.local_map import LocalOptions
 from mapdeal.mapping.transforms import FrameOptions, Topics, check_pose
+from mapdeal.pipeline import local as local_maps
 from mapdeal.pipeline.batch import Batch, Job, run_and_report
 from mapdeal.pipeline.folder import step_line
 from mapdeal.pipeline.inputs import Work, refuse
-from mapdeal.pipeline.local import (
-    OF_WINDOWS,
-    Keep,
-    LocalCommon,
-    LocalJob,
-    RollingRun,
-    make_local,
-    only_cloud,
-    other_folders,
-    read_global_map,
-    sequence_of,
-    sequence_of_bag,
-)
 from mapdeal.pipeline.recipe import Changes, RecipeName, load_recipe
 from mapdeal.pipeline.run import LOCAL_RECIPE, RunReport
 from mapdeal.ros.robot import RobotParameters
@@ -41,19 +29,17 @@ class LocalMaps(Batch):
     is_brief = True
 
     def lines(self) -> Iterator[str]:
-        """Yield how many maps were made, and how fast if all were."""
         done, unchanged = self.count("done"), self.count("unchanged")
         text = f"{self.output}: {done} done, {unchanged} unchanged, {self.count('failed')} failed"
         is_all = done == len(self.jobs)
         yield text + (f", {done / self.seconds:.3g} maps a second" if is_all else "")
 
     def check(self) -> None:
-        """Raise BatchError if a cloud has failed."""
         if self.count("failed"):
             raise BatchError(f"{self.count('failed')} of {len(self.jobs)} clouds failed")
 
 
-def _keep(text: str) -> Keep:
+def _keep(text: str) -> local_maps.Keep:
     if text == "all":
         return "all"
     if not (text.isascii() and text.isdigit() and int(text[:9]) > 0 and len(text) < 10):
@@ -62,7 +48,7 @@ def _keep(text: str) -> Keep:
 
 
 @command(
-    group="Laser scans, point clouds, bags",
+    group="Laser scans and point clouds",
     output=Output("DIR", "Output folder; maps of a sequence go to DIR/0000, ...", streams=False),
     shared=("robot", "image_max", "image_extent", "no_images", "dialect", "max_cells", "force",
             "threads", "max_memory"),
@@ -85,7 +71,7 @@ def local(
     index: Annotated[int | None, Words("N")] = None,
     takes_all: Annotated[bool, Words(name="all")] = False,
     global_map: Annotated[Path | None, Words("GLOBAL", name="map")] = None,
-    keep: Annotated[Keep | None, Words("N|all", _keep)] = None,
+    keep: Annotated[local_maps.Keep | None, Words("N|all", _keep)] = None,
     require_points: bool = False,
     recipe: RecipeName = LOCAL_RECIPE,
     changes: Changes = None,
@@ -105,8 +91,6 @@ def local(
 
     Parameters
     ----------
-    output : path
-        Output folder.
     clouds : list of str, optional
         A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz, or a bag of ROS 1 or ROS 2; with
         --poses it can be repeated, or a folder, or a quoted pattern; without it the window of
@@ -137,8 +121,6 @@ def local(
         One of default, nav2, local, arena, design-real, design-sim, design-local, or a file.
     changes : list of str, optional
         Set a parameter of a stage; can be repeated.
-    footprint : Footprint, optional
-        Shape of the robot.
     robot : RobotParameters, optional
         The robot's own parameters, of which the shape is taken.
     **more
@@ -161,7 +143,7 @@ def local(
             raise ParameterError("a cloud or --map is required", place="clouds")
         changed = {
             name: value for name, value in more.items()
-            if name not in OF_WINDOWS and value != getattr(LocalOptions, name)
+            if name not in local_maps.OF_WINDOWS and value != getattr(LocalOptions, name)
         }  # fmt: skip
         rule = "applies to clouds: it needs --cloud"
         refuse(rule, poses=poses, **changed, require_points=require_points)
@@ -175,20 +157,20 @@ def local(
         emit_warning(
             "--unknown keep has no effect without --map or --keep: cells without points are free"
         )
-    known = None if global_map is None else read_global_map(global_map, work.settings)
+    known = None if global_map is None else local_maps.read_global_map(global_map, work.settings)
     if known is not None and not clouds:
         more.setdefault("resolution", known.grid.resolution)
     loaded = load_recipe(recipe, changes, footprint=footprint, robot=robot)
     options = LocalOptions(**more)
-    common = LocalCommon(options, loaded, work.settings, known, require_points, keep)
+    common = local_maps.LocalCommon(options, loaded, work.settings, known, require_points, keep)
     for step in loaded.steps:
         work.terminal.detail(step_line(step))
     if bag is None and poses is not None:
-        return _sequence(sequence_of(clouds or [], poses, output), output, common, work)
+        return _sequence(local_maps.sequence_of(clouds or [], poses, output), output, common, work)
     if bag is None:
-        cloud = only_cloud(clouds) if clouds else None
-        return make_local(LocalJob(cloud, pose or (), output), common)
-    from mapdeal.pipeline.bag_sensors import clouds_of_bag  # of use to bags alone
+        cloud = local_maps.only_cloud(clouds) if clouds else None
+        return local_maps.make_local(local_maps.LocalJob(cloud, pose or (), output), common)
+    from mapdeal.pipeline.bag_maps import clouds_of_bag  # of use to bags alone
 
     trajectory = poses if poses is not None and has_times(poses) else None
     with clouds_of_bag(
@@ -201,28 +183,31 @@ def local(
         with work.counted(source.preparation) as advance:
             source.prepare(advance)
         if is_sequence:
-            jobs = sequence_of_bag(source, None if trajectory else poses, output)
+            jobs = local_maps.sequence_of_bag(source, None if trajectory else poses, output)
             return _sequence(jobs, output, common, work)
         number = source.number(index)
         place = source.pose(number) if pose is None else pose
-        return make_local(LocalJob(source.cloud(number), place, output), common)
+        return local_maps.make_local(
+            local_maps.LocalJob(source.cloud(number), place, output), common
+        )
 
 
 def _sequence(
-    sequence: Sequence[LocalJob], output: Path, common: LocalCommon, work: Work
+    sequence: Sequence[local_maps.LocalJob], output: Path, common: local_maps.LocalCommon,
+    work: Work,
 ) -> LocalMaps:  # fmt: skip
-    others = other_folders(sequence, output)
+    others = local_maps.other_folders(sequence, output)
     if others:
         emit_warning(f"{len(others)} folders are not of this sequence, such as {others[0]}")
     numbers = {job.folder: number for number, job in enumerate(sequence)}
-    rolling = None if common.keep is None else RollingRun(sequence, common)
+    rolling = None if common.keep is None else local_maps.RollingRun(sequence, common)
 
     def run_one(job: Job) -> RunReport:
         number = numbers[job.folder]
         with strict_warnings(common.settings.strict, job.path):
             if rolling is not None:
                 return rolling(number)
-            return make_local(sequence[number], common, skip=True)
+            return local_maps.make_local(sequence[number], common, skip=True)
 
     jobs = [
         Job(cloud.path, job.folder, cloud.name, job.folder.name)

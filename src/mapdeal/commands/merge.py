@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import compress
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, Unpack
@@ -12,25 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.command import OnlyInPython, Output, Result, Words, command
+from mapdeal.compare import merge as merging
 from mapdeal.compare.align import bytes_to_align
 from mapdeal.compare.align import placed as placed_on
-from mapdeal.editing.merge import (
-    FEWEST,
-    ChosenLayers,
-    Layers,
-    MapCounts,
-    Rule,
-    check_is_map,
-    chosen_layers,
-    lattice_around,
-    merged_on,
-)
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
-from mapdeal.files.budget import claim, holding
-from mapdeal.grid.display import count_text
+from mapdeal.files.source import claim, holding
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import check_choice
+from mapdeal.grid.values import check_choice, count_text
 from mapdeal.maps.npz import read_evidence
 from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures.canvas import Image
@@ -47,13 +37,12 @@ from mapdeal.pipeline.inputs import (
     settings_of,
     transform_of,
 )
-from mapdeal.sensors.points import TransformFile, read_transform, transform_document
+from mapdeal.sensors.points import read_transform, transform_document
 
 _PER_CELL, _OF_EVIDENCE = 22, 26
 """Bytes for each cell of the result, and more of them for sums; each map takes another one."""
 
-_OF_PICTURE = 2
-"""Bytes more for a picture, besides its own."""
+_OF_PICTURE = 2  # bytes more for a picture, besides its own
 
 Placing = Sequence[Transform | str | PathLike[str] | None]
 
@@ -86,18 +75,17 @@ class Merged(Result):
 
     grid: OccupancyGrid
     conflicts: NDArray[np.uint8]
-    maps: tuple[MapCounts, ...]
+    maps: tuple[merging.MapCounts, ...]
     common: int
     log_odds: NDArray[np.float64] | None
     inputs: tuple[MapInput, ...]
     transforms: tuple[Transform, ...]
-    rule: Rule
+    rule: merging.Rule
 
     def _told(self) -> Iterator[str]:
         height, width = self.grid.shape
-        yield f"{len(self.maps)} maps"
-        yield f"{width} x {height} cells"
-        yield count_text(self.conflict_count, "conflict")
+        conflicts = count_text(self.conflict_count, "conflict")
+        yield f"{len(self.maps)} maps, {width} x {height} cells, {conflicts}"
 
     @property
     def conflict_count(self) -> int:
@@ -105,20 +93,17 @@ class Merged(Result):
         return int(np.count_nonzero(self.conflicts))
 
     def document(self) -> dict[str, Any]:
-        """Return the dict that ``mapdeal merge --json`` prints."""
         return {
             "rule": self.rule,
             "merged": [
                 {
-                    **(one.document() or {"file": None, "sha256": None}),
-                    "transform": transform_document(transform),
+                    **(self.inputs[k].document() or {"file": None, "sha256": None}),
+                    "transform": transform_document(self.transforms[k]),
                     **asdict(counts),
                     "conflicts": counts.conflicts,
                     "conflict_share": counts.conflict_share,
                 }
-                for one, transform, counts in zip(
-                    self.inputs, self.transforms, self.maps, strict=True
-                )
+                for k, counts in enumerate(self.maps)
             ],
             "common": self.common,
             "conflicts": self.conflict_count,
@@ -126,12 +111,10 @@ class Merged(Result):
         }
 
     def summary(self, output: Path) -> Iterator[str]:
-        """Yield what ``mapdeal merge`` prints."""
         yield written_line(output, self.grid.figures(), with_origin=True)
         yield from self.lines()
 
     def lines(self) -> Iterator[str]:
-        """Yield what ``mapdeal merge`` prints of the maps."""
         told = f"  {self.common} cells are known in several maps"
         if self.common:
             share = 100 * self.conflict_count / self.common
@@ -140,8 +123,7 @@ class Merged(Result):
         yield told
         for number, (one, counts) in enumerate(zip(self.inputs, self.maps, strict=True)):
             text = f"  {one.name}: {counts.known} cells known"
-            if number:
-                text += f", {counts.added} added"
+            text += f", {counts.added} added" if number else ""
             if counts.common:
                 text += f"; of {counts.common} that others know, {counts.occupied_here} are "
                 text += f"occupied here and free there, {counts.free_here} vice versa"
@@ -151,7 +133,6 @@ class Merged(Result):
             yield text
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
-        """Return the picture of the merged map and of the conflicts."""
         names = [one.title for one in self.inputs]
         if len(set(names)) < len(names):
             names = [f"map {number}" for number in range(1, len(names) + 1)]
@@ -159,7 +140,6 @@ class Merged(Result):
         return merge_image(self.grid, self.conflicts, names=names, title=title, **look)
 
     def write(self, transaction: Any, output: Path) -> None:
-        """Write the merged map, with the keys of the first map's YAML, and the sum if any."""
         metadata = self.inputs[0].metadata
         extra = dict(metadata.extra) if metadata else {}
         more = None if self.log_odds is None else {"log_odds": self.log_odds}
@@ -168,12 +148,11 @@ class Merged(Result):
 
 def _placing(words: list[str]) -> Literal["align"] | list[Path] | None:
     for word in ("frames", "align"):
-        if word in words:
-            if len(words) > 1:
-                rule = f"{word} cannot be given together with others"
-                raise ParameterError(rule, got=words)
-            return "align" if word == "align" else None
-    return [Path(word) for word in words]
+        if word in words and len(words) > 1:
+            raise ParameterError(f"{word} cannot be given together with others", got=words)
+    if words == ["frames"]:
+        return None
+    return "align" if words == ["align"] else [Path(word) for word in words]
 
 
 @command(
@@ -193,8 +172,8 @@ def merge(
         Literal["align"] | Placing | None,
         Words("frames|align|FILE.json", _placing, "by", is_repeated=True),
     ] = None,
-    rule: Rule = "occupied",
-    evidence: Annotated[Sequence[Layers | None] | None, OnlyInPython] = None,
+    rule: merging.Rule = "occupied",
+    evidence: Annotated[Sequence[merging.Layers | None] | None, OnlyInPython] = None,
     **reading: Unpack[Reading],
 ) -> Merged:
     """Merge maps of one place into one.
@@ -218,16 +197,14 @@ def merge(
         Two maps or more: .yaml, .pbm or .npz. In Python, grids serve as well.
     transforms : 'align' or sequence of Transform, path or None, optional
         How the maps are placed: by their frames (the default), by their walls (align), or by files
-        of mapdeal align, one for each map but the first. In Python, a `Transform` serves as well:
-        it leads from the first map's frame to the frame of that map, as `align` finds it, p_map =
-        T p_first; None means the same frame.
+        of mapdeal align, one for each map but the first. In Python, a `Transform` from the first
+        map's frame to that of the map, p_map = T p_first, serves as well; None is the same frame.
     rule : {'occupied', 'newest', 'evidence'}
         Which value wins where maps differ: the largest, that of the last map that knows the cell,
         or the sum of the evidence.
     evidence : sequence of mapping, optional
         Layers of each map for rule ``evidence``, as returned by `build_map`: ``log_odds``, or
-        ``hits`` and ``misses``. None or an empty mapping stands for a map without layers. By
-        default they are read from the maps' own files.
+        ``hits`` and ``misses``; none for a map without. By default those in the maps' files.
     **reading
         As for `read_map`; dialect, max_cells and max_memory apply to files.
 
@@ -244,27 +221,24 @@ def merge(
         If the maps are to be aligned, and the placement of one is uncertain.
     ParameterError
         If there are fewer than two maps, one of them is not a map, `transforms` or `evidence` do
-        not fit the maps or the rule, or the maps are too far apart for one grid.
+        not fit the maps or the rule, or the maps are too far apart.
 
     Warns
     -----
     MapdealWarning
-        If a map adds nothing, has no known cell in common with another, or contradicts the others
-        so strongly that it is probably misaligned; if a map has no layers under rule ``evidence``.
+        If a map adds nothing, has no known cell in common with another, contradicts the others so
+        strongly that it is probably misaligned, or has no layers under rule ``evidence``.
 
     Notes
     -----
     For a map on another lattice, ``occupied`` and ``newest`` mark every cell that overlaps one of
     its obstacles, however little, and use the value at the centre of all other cells. Conflicts
     and votes use the value at the centre, or, if the map is finer than the result, any obstacle in
-    the cell, which could be missed otherwise. Layers of evidence are sampled at the centre.
+    the cell; there a cell is occupied at 65 and above and free at 25 and below, the defaults of
+    Nav2's map_saver. Layers of evidence are sampled at the centre.
 
-    For conflicts and votes, a cell is occupied at 65 and above and free at 25 and below, the
-    defaults of Nav2's map_saver.
-
-    The unit of evidence is one passing beam. ``log_odds`` count from 50, a hit in ``hits`` weighs
-    7/3 (so that the sum is positive above a share of hits of 0.3, the default of method
-    ``counting``), and a vote weighs 1.
+    The unit of evidence is one passing beam. ``log_odds`` count from 50, a vote weighs 1, and a hit
+    in ``hits`` 7/3: the sum is positive above a share of hits of 0.3, as in method ``counting``.
 
     References
     ----------
@@ -282,13 +256,17 @@ def merge(
     >>> merge([before, after], rule="newest").grid.occupancy.tolist()
     [[100, 0, 100, 100, 0]]
     """
-    check_choice(rule, Rule, "rule")
-    if len(maps) < FEWEST:
+    check_choice(rule, merging.Rule, "rule")
+    if len(maps) < merging.FEWEST:
         raise ParameterError("takes two maps or more", place="maps", got=len(maps))
     names = [f"map {number}" for number in range(1, len(maps) + 1)]
-    files = _files_of(transforms)
+    files: list[Path] = []
+    if transforms is not None and not isinstance(transforms, str):
+        files = [Path(one) for one in transforms if isinstance(one, str | PathLike)]
+        if 0 < len(files) < len(transforms):
+            raise ParameterError("must be files, or transforms", place="transforms")
     inputs = opened(*maps, names=names, also=files, **reading)
-    grids = [check_is_map(one.grid, one.name) for one in inputs]
+    grids = [merging.check_is_map(one.grid, one.name) for one in inputs]
     settings = settings_of(**reading)
     with settings.memory(), holding(sum(map(bytes_of, grids))):
         layers = _evidence_of(inputs, rule, evidence, settings.max_cells)
@@ -303,14 +281,14 @@ def merge(
         for grid, place in zip(grids, places, strict=True)
     ]
     with errors_named(inputs[0].name):
-        lattice = lattice_around(grids, frames)
+        lattice = merging.lattice_around(grids, frames)
     held = sum(map(bytes_of, grids)) + _bytes_in(layers)
     per_cell = _PER_CELL + len(maps) + _OF_EVIDENCE * (rule == "evidence")
     per_cell += _OF_PICTURE * (settings.image is not None)
     with settings.memory():
         what = f"{lattice.width} x {lattice.height} cells around all maps"
         claim(inputs[0].name, held + per_cell * lattice.height * lattice.width, what=what)
-    parts = merged_on(lattice, grids, frames, rule, layers)
+    parts = merging.merged_on(lattice, grids, frames, rule, layers)
     placed = tuple(place or Transform() for place in places)
     merged = Merged(*parts, inputs=tuple(inputs), transforms=placed, rule=rule)
     is_advised = transforms is None and Work.current.get() is not None
@@ -318,16 +296,6 @@ def merge(
     for text in _remarks_on(merged, [not one for one in layers], advice):
         emit_warning(text, stacklevel=2)
     return merged
-
-
-def _files_of(transforms: Literal["align"] | Placing | None) -> list[Path]:
-    """Return the files that place maps; none if they are placed otherwise."""
-    if transforms is None or isinstance(transforms, str):
-        return []
-    files = [Path(one) for one in transforms if isinstance(one, str | PathLike)]
-    if 0 < len(files) < len(transforms):
-        raise ParameterError("must be files, or transforms", place="transforms")
-    return files
 
 
 def _given(transforms: Any, count: int) -> list[Transform | None]:
@@ -341,46 +309,41 @@ def _given(transforms: Any, count: int) -> list[Transform | None]:
 
 
 def _evidence_of(
-    maps: Sequence[MapInput],
-    rule: Rule,
-    given: Sequence[Layers | None] | None,
+    maps: Sequence[MapInput], rule: merging.Rule, given: Sequence[merging.Layers | None] | None,
     max_cells: int | None,
-) -> list[ChosenLayers]:
+) -> list[merging.ChosenLayers]:  # fmt: skip
     """Return the layers of evidence of each map: those given, or those in its file."""
     if given is not None and rule != "evidence":
         raise ParameterError("is for rule evidence alone", place="evidence")
     if given is not None and len(given) != len(maps):
         text = f"must be {len(maps)}, one for each map"
         raise ParameterError(text, place="evidence", got=len(given))
-    chosen: list[ChosenLayers] = []
+    chosen: list[merging.ChosenLayers] = []
     for one, layers in zip(maps, given or [None] * len(maps), strict=True):
         path = one.path if one.metadata is None and given is None and rule == "evidence" else None
         try:
             with holding(_bytes_in(chosen)):
                 found = layers if path is None else read_evidence(path, max_cells=max_cells)
-                chosen.append(chosen_layers(found or {}, one.grid.shape))
+                chosen.append(merging.chosen_layers(found or {}, one.grid.shape))
         except ParameterError as error:
             raise error.found_in(one.name) if path is None else error.in_file(path) from None
     return chosen
 
 
-def _bytes_in(layers: Sequence[ChosenLayers]) -> int:
+def _bytes_in(layers: Sequence[merging.ChosenLayers]) -> int:
     return sum(layer.nbytes for one in layers for layer in one.values())
 
 
 def _by_files(files: Sequence[Path], maps: Sequence[MapInput]) -> list[Transform | None]:
-    """Return the transform from the first map's frame to that of each map."""
     # A file with checksums is between the two maps that have them, in whatever order these are
     # given, and transforms are chained: from A to B and from C to B place C, too. One without is
     # from the first map to the second, third, ..., as it is the first, second, ... of the files.
     if len(files) >= len(maps):
         rule = f"{len(files)} files are given, and {count_text(len(maps) - 1, 'map')} to place"
         raise ParameterError(rule, place="transforms")
-    own = [next(k for k, one in enumerate(maps) if one is other or _is_of(one, other.sums))
-           for other in maps]  # fmt: skip
-    steps = [
-        _step(read_transform(path), path, number, maps) for number, path in enumerate(files, 1)
-    ]
+    own = [k if (first := _number_of(one.sums, maps)) is None else first
+           for k, one in enumerate(maps)]  # fmt: skip
+    steps = [_step(path, number, maps) for number, path in enumerate(files, 1)]
     found = {0: Transform()}
     while more := dict(_next_to(found, [(own[a], own[b], step) for a, b, step in steps])):
         found |= more
@@ -392,13 +355,14 @@ def _by_files(files: Sequence[Path], maps: Sequence[MapInput]) -> list[Transform
     return [None, *(found[first] for first in own[1:])]
 
 
-def _is_of(one: MapInput, sums: Mapping[str, str]) -> bool:
-    """Return whether these are a map's checksums, whatever its files are called."""
-    return bool(sums) and sorted(one.sums.values()) == sorted(sums.values())
+def _number_of(sums: Mapping[str, str], maps: Sequence[MapInput]) -> int | None:
+    """Return which map has these checksums, whatever its files are called."""
+    wanted = sorted(sums.values())
+    known = [sorted(one.sums.values()) for one in maps]
+    return known.index(wanted) if wanted and wanted in known else None
 
 
 def _by_walls(grids: Sequence[OccupancyGrid], maps: Sequence[MapInput]) -> list[Transform | None]:
-    """Return the transforms that `_by_files` returns, of maps that are aligned."""
     # A map that has too little in common with the first one is placed on another that is placed.
     cells = [grid.frame.height * grid.frame.width for grid in grids]
     claim(maps[0].name, bytes_to_align(sorted(cells)[-2:]), what="maps that are aligned")
@@ -439,21 +403,15 @@ def _next_to(
             yield first, step.inverse().after(found[second])
 
 
-def _step(
-    told: TransformFile, path: Path, number: int, maps: Sequence[MapInput]
-) -> tuple[int, int, Transform]:
-    ends = [
-        next((k for k, one in enumerate(maps) if _is_of(one, sums)), None)
-        for sums in (told.first, told.second)
-    ]
-    if ends[0] is not None and ends[1] is not None:
-        return ends[0], ends[1], told.transform
+def _step(path: Path, number: int, maps: Sequence[MapInput]) -> tuple[int, int, Transform]:
+    """Return between which maps a file's transform leads, and the transform."""
+    told = read_transform(path)
+    first, second = _number_of(told.first, maps), _number_of(told.second, maps)
+    if first is not None and second is not None:
+        return first, second, told.transform
     if told.first or told.second:
-        text = (
-            f"{path}: its checksums are not those of the maps; used as the transform from "
-            f"{maps[0].name} to {maps[number].name}"
-        )
-        emit_warning(text, stacklevel=2)
+        text = f"{path}: its checksums are not those of the maps; used as the transform from "
+        emit_warning(f"{text}{maps[0].name} to {maps[number].name}", stacklevel=2)
     return 0, number, told.transform
 
 
@@ -462,18 +420,16 @@ def _remarks_on(merged: Merged, is_bare: Sequence[bool], advice: str) -> Iterato
     if merged.rule == "evidence" and all(is_bare):
         yield "no map has evidence layers; each of their cells counts as one vote"
     elif merged.rule == "evidence":
-        for name, is_so in zip(names, is_bare, strict=True):
-            if is_so:
-                yield f"{name}: has no evidence layers; each of its cells counts as one vote"
-    for name, counts in list(zip(names, merged.maps, strict=True))[1:]:
+        for name in compress(names, is_bare):
+            yield f"{name}: has no evidence layers; each of its cells counts as one vote"
+    for name, counts in zip(names[1:], merged.maps[1:], strict=True):
         if not counts.common:
             yield f"{name}: knows no cell that another map knows"
         elif not counts.added and (merged.rule == "occupied" or not counts.conflicts):
             yield f"{name}: adds nothing: the maps before it know all of its cells and obstacles"
         if counts.is_contradicted:
-            share = 100 * counts.conflict_share
             yield (
-                f"{name}: contradicts the other maps on {share:.1f} % of the cells that it shares "
-                f"with them, and only {counts.met} of its {counts.walls} wall cells there have a "
-                f"wall of theirs near: it is hardly aligned{advice}"
+                f"{name}: contradicts the other maps on {100 * counts.conflict_share:.1f} % of the "
+                f"cells that it shares with them, and only {counts.met} of its {counts.walls} wall "
+                f"cells there have a wall of theirs near: it is hardly aligned{advice}"
             )

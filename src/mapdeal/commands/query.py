@@ -18,44 +18,19 @@ from numpy.typing import NDArray
 from mapdeal.command import LethalThreshold, Result, Words, command
 from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.files.text import Form, Kind, row_texts
+from mapdeal.grid import values
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint, FootprintRule, sample_poses
-from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import (
-    DEFAULT_LETHAL_THRESHOLD,
-    FREE_SPACE,
-    LETHAL_OBSTACLE,
-    NO_INFORMATION,
-    UNKNOWN,
-    Convention,
-    UnknownPolicy,
-    static_layer_cost_from_occupancy,
-)
 from mapdeal.kernels.lookup import look_up
-from mapdeal.pipeline.inputs import (
-    Map,
-    MapInput,
-    check_fits,
-    claim_cells,
-    errors_named,
-    numbers_of,
-    opened,
-    refuse,
-    settings_of,
-    text_in,
-    warn_of_potential,
-    warn_of_published_costs,
-)
+from mapdeal.pipeline import inputs
 from mapdeal.pipeline.recipe import step_for
 from mapdeal.pipeline.step import make_step
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import NumberLines, read_points, read_pose_lines
 from mapdeal.stages.esdf import esdf
 
-_END = "}\n"
-"""Of an answer."""
-
+_END = "}\n"  # of an answer
 _STATES = ("free", "occupied", "unknown")
 _FREE, _OCCUPIED, _UNKNOWN = range(len(_STATES))
 
@@ -65,36 +40,33 @@ _FREE_COST, _COLLISION, _UNKNOWN_COST, _OUTSIDE = range(len(_STATES_OF_COSTS))
 _OF_POINTS = [*[Kind.EXACT] * 2, *[Kind.WHOLE] * 2, *[Kind.SINGLE] * 4]
 """Of x, y, row, col, distance, both slopes, and the distance of the cell."""
 
-_OF_POSES = [*[Kind.EXACT] * 3, Kind.WHOLE]
-"""Of x, y, yaw and the cost."""
-
+_OF_POSES = [*[Kind.EXACT] * 3, Kind.WHOLE]  # of x, y, yaw and the cost
 _PER_CELL, _OF_ROBOT = 1.0, 3.0
 """Bytes for each cell: the costs of a map, and what a robot's take to make."""
 
 
+def _form(template: str) -> Form:
+    first, *others = template.split("@")
+    return Form((first, *(text[1:] for text in others)), tuple(int(text[0]) for text in others))
+
+
 def _forms_of_points() -> Iterator[Form]:
-    """Yield the form of the answer outside, and for each state without and with a gradient."""
-    start = ('{"x": ', ', "y": ')
     keys = ("row", "col", "state", "distance", "gradient", "cell_distance")
     nothing = "".join(f', "{key}": null' for key in keys)
-    yield Form((*start, f', "inside": false{nothing}{_END}'), (0, 1))
+    yield _form(f'{{"x": @0, "y": @1, "inside": false{nothing}{_END}')
     for state in _STATES:
-        begin = (*start, ', "inside": true, "row": ', ', "col": ', f', "state": "{state}", ')
-        distance, last = '"distance": ', '"cell_distance": '
-        head = (*begin[:-1], begin[-1] + distance)
-        yield Form((*head, f', "gradient": null, {last}', _END), (0, 1, 2, 3, 4, 7))
-        slopes = (', "gradient": [', ", ", f"], {last}")
-        yield Form((*head, *slopes, _END), (0, 1, 2, 3, 4, 5, 6, 7))
+        text = f'{{"x": @0, "y": @1, "inside": true, "row": @2, "col": @3, "state": "{state}"'
+        for gradient in ("null", "[@5, @6]"):
+            end = f'"gradient": {gradient}, "cell_distance": @7{_END}'
+            yield _form(f'{text}, "distance": @4, {end}')
 
 
 def _forms_of_poses() -> Iterator[Form]:
-    """Yield the form of the answer for each state, and for a line without a pose."""
-    start = ('{"x": ', ', "y": ', ', "yaw": ')
+    pose = '{"x": @0, "y": @1, "yaw": @2, "inside": '
     for state in _STATES_OF_COSTS:
         inside = "false" if state == "outside" else "true"
-        cost = f', "inside": {inside}, "cost": '
-        yield Form((*start, cost, f', "state": "{state}"{_END}'), (0, 1, 2, 3))
-    yield Form((*start, f', "inside": false, "cost": null, "state": null{_END}'), (0, 1, 2))
+        yield _form(f'{pose}{inside}, "cost": @3, "state": "{state}"{_END}')
+    yield _form(f'{pose}false, "cost": null, "state": null{_END}')
 
 
 _FORMS_OF_POINTS, _FORMS_OF_POSES = list(_forms_of_points()), list(_forms_of_poses())
@@ -107,7 +79,7 @@ Answer = Callable[[NumberLines], tuple[str, NDArray[np.bool_]]]
 class Answers(Result):
     """Values of a field at points, or costs of a robot at poses, found as these are read."""
 
-    map: MapInput
+    map: inputs.MapInput
     what: Literal["point", "pose"]
     asked: Iterable[NumberLines]
     asked_in: Path | str
@@ -116,7 +88,6 @@ class Answers(Result):
     counts: Counter[str] = field(default_factory=Counter)
 
     def parts(self) -> Iterator[str]:
-        """Yield the answers, a JSON object on a line for each point or pose."""
         for some in self.asked:
             text, is_inside = self.answer(some)
             turned = np.abs(some.numbers[:, 2:]) > 2 * math.pi  # only poses have a third column
@@ -130,38 +101,30 @@ class Answers(Result):
                 yield _with_errors(text, some).removesuffix("\n")
 
     def document(self) -> dict[str, Any]:
-        """Return all answers."""
         lines = (line for part in self.parts() for line in part.splitlines())
         return {"answers": list(map(json.loads, lines))}
 
     def lines(self) -> Iterator[str]:
-        """Yield how many points or poses have been answered."""
         count, outside = self.counts["all"], self.counts["outside"]
         yield f"{count} {self.what}s, {outside} of them outside of the map"
 
-    def details(self) -> Iterable[str]:
-        return self.lines()
+    details = lines
 
     def check(self) -> None:
-        """Warn of what is odd about the places, and raise FindingError if that is asked for."""
-        count, outside, bad, turned = (
-            self.counts[key] for key in ("all", "outside", "bad", "turned")
-        )
-        if bad:
-            emit_warning(f"{self.asked_in}: {bad} of {count} hold no finite {self.what}")
-        if turned:
+        counts, count = self.counts, self.counts["all"]
+        if counts["bad"]:
+            emit_warning(f"{self.asked_in}: {counts['bad']} of {count} hold no finite {self.what}")
+        if counts["turned"]:
             rule = "have a yaw of more than a turn; is it in degrees?"
-            emit_warning(f"{turned} of {count} poses {rule}")
-        if self.is_strict and outside:
-            rule = f"{outside} of {count} {self.what}s are not inside of the map"
+            emit_warning(f"{counts['turned']} of {count} poses {rule}")
+        if self.is_strict and counts["outside"]:
+            rule = f"{counts['outside']} of {count} {self.what}s are not inside of the map"
             raise FindingError(rule, source=self.map.name)
 
 
 def _with_errors(text: str, asked: NumberLines) -> str:
     """Return answers of which some say what is wrong with the line that was asked."""
-    if not asked.errors:
-        return text
-    answers = text.splitlines(keepends=True)
+    answers = text.splitlines(keepends=True) if asked.errors else [text]
     for index, error in asked.errors.items():
         line = f', "line": {asked.lines[index]}' if asked.lines[index] else ""
         told = f'{line}, "error": {json.dumps(error)}'
@@ -192,14 +155,14 @@ mapdeal query examples/maps/office.yaml --at 0.5,-0.5,1.57 \\
     --params-file examples/robots/nav2_params.yaml""",
 )  # fmt: skip
 def query(
-    map: Map,  # noqa: A002 - what it is
+    map: inputs.Map,  # noqa: A002 - what it is
     *,
     at: Annotated[Sequence[str | Sequence[float]] | None, Words("X,Y[,YAW]")] = None,
     points: Annotated[Path | None, Words("FILE|-")] = None,
     poses: Annotated[Path | None, Words("FILE|-")] = None,
     rule: FootprintRule | None = None,
-    unknown: UnknownPolicy | None = None,
-    convention: Convention | None = None,
+    unknown: values.UnknownPolicy | None = None,
+    convention: values.Convention | None = None,
     lethal_threshold: LethalThreshold | None = None,
     footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
@@ -231,28 +194,26 @@ def query(
     lethal_threshold : int, optional
         With a map: least occupancy of an obstacle, 1..100; 100 by default.
     footprint : Footprint, optional
-        The robot's shape.
-    robot : RobotParameters, optional
-        The robot's own parameters; `footprint` replaces its shape.
+        The robot's shape, instead of that of `robot`.
     """
     of_map = {"unknown": unknown, "convention": convention, "lethal_threshold": lethal_threshold}
     if robot is not None:
-        refuse("cannot be given together with --params-file", **of_map)
+        inputs.refuse("cannot be given together with --params-file", **of_map)
         robot = robot if footprint is None else robot.with_shape(footprint)
         footprint = robot.footprint
     if footprint is None:
         need = "needs --footprint, --robot-radius or --params-file"
-        refuse(need, poses=poses, rule=rule)
+        inputs.refuse(need, poses=poses, rule=rule)
         what, form, file, read = "point", "X,Y", points, read_points
     else:
-        refuse("has no yaws; poses of a footprint are given by --poses", points=points)
-        refuse("applies to distances, not to a footprint", convention=convention)
+        inputs.refuse("has no yaws; poses of a footprint are given by --poses", points=points)
+        inputs.refuse("applies to distances, not to a footprint", convention=convention)
         what, form, file, read = "pose", "X,Y,YAW", poses, read_pose_lines
     if not at and file is None:
         raise ParameterError("one of the two is required", place=f"at, {what}s")
     first = _rows(at or (), form)
-    chunks, asked_in = ((), "--at") if file is None else text_in(file)
-    (one,) = opened(map, names=("map",))
+    chunks, asked_in = ((), "--at") if file is None else inputs.text_in(file)
+    (one,) = inputs.opened(map, names=("map",))
     given = {name: value for name, value in of_map.items() if value is not None}
     answer: Answer
     if footprint is None:
@@ -261,13 +222,13 @@ def query(
         costs = _costs_of(one, given, robot)
         answer = partial(_answers_at, costs, footprint, rule or "outline")
     asked = chain([first] if at else [], read(chunks, asked_in))
-    is_strict = settings_of().strict
+    is_strict = inputs.settings_of().strict
     return Answers(one, cast("Any", what), asked, asked_in, answer, is_strict)
 
 
 def _rows(at: Sequence[str | Sequence[float]], form: str) -> NumberLines:
     try:
-        numbers = [numbers_of(place, form, place="at") for place in at]
+        numbers = [inputs.numbers_of(place, form, place="at") for place in at]
     except ParameterError as error:
         texts = [place for place in at if isinstance(place, str)]
         if form == "X,Y" and any(text.count(",") > 1 for text in texts):
@@ -279,82 +240,72 @@ def _rows(at: Sequence[str | Sequence[float]], form: str) -> NumberLines:
     return NumberLines(rows, [0] * len(at), errors)
 
 
-def _field_of(one: MapInput, given: Mapping[str, Any]) -> DistanceField:
-    """Return the field in a file, or the one of its map."""
+def _field_of(one: inputs.MapInput, given: Mapping[str, Any]) -> DistanceField:
     if isinstance(one.grid, DistanceField):
-        refuse("applies to maps: this field is already computed", **given)
-        claim_cells(one, 0.0)
+        inputs.refuse("applies to maps: this field is already computed", **given)
+        inputs.claim_cells(one, 0.0)
         return one.grid
-    check_fits(one.name, one.grid.shape, [make_step("esdf", {})], None)
-    warn_of_potential(one)
-    with errors_named(one.name):
+    inputs.check_fits(one.name, one.grid.shape, [make_step("esdf", {})], None)
+    inputs.warn_of_potential(one)
+    with inputs.errors_named(one.name):
         return esdf(one.occupancy, **given)
 
 
 def _answers_of(field: DistanceField, asked: NumberLines) -> tuple[str, NDArray[np.bool_]]:
-    """Return what a field says of points."""
     cells, inside = field.frame.bounded_rowcol_from_xy(asked.numbers)
     samples = field.query(asked.numbers)
     at = cells[:, 0], cells[:, 1]
-    values = np.column_stack(
+    columns = np.column_stack(
         [asked.numbers, cells, samples.distance, samples.gradient, field.distance[at]]
     )
-    occupancy = field.occupancy[at]  # whatever the field counts unknown cells as
+    occupancy = field.occupancy[at]
     states = np.where(occupancy >= field.lethal_threshold, _OCCUPIED, _FREE)
-    states = np.where(occupancy == UNKNOWN, _UNKNOWN, states)
+    states[occupancy == values.UNKNOWN] = _UNKNOWN  # whatever the field counts unknown cells as
     # of each state the form without a gradient, then that with one
     chosen = 2 * states + np.isfinite(samples.gradient[:, 0]) + 1
     chosen[~inside] = 0
-    return row_texts(values, _OF_POINTS, _FORMS_OF_POINTS, chosen.astype(np.uint8)), inside
+    return row_texts(columns, _OF_POINTS, _FORMS_OF_POINTS, chosen.astype(np.uint8)), inside
 
 
-def _costs_of(one: MapInput, given: Mapping[str, Any], robot: RobotParameters | None) -> Costmap:
+def _costs_of(
+    one: inputs.MapInput, given: Mapping[str, Any], robot: RobotParameters | None
+) -> Costmap:
     """Return the costs in a file, or those of its map: a robot's, or of obstacles alone."""
     grid = one.grid
     if isinstance(grid, DistanceField):
         rule = "is a distance field; a footprint is asked of costs or a map"
         hint = f"mapdeal cost {one.name} -o cost.npz makes costs of it"
         raise ParameterError(rule, source=one.name, hint=hint)
-    claim_cells(one, _PER_CELL if robot is None else _OF_ROBOT)
+    inputs.claim_cells(one, _PER_CELL if robot is None else _OF_ROBOT)
     if isinstance(grid, Costmap):
-        refuse("applies to maps: these costs are already computed", **given)
+        inputs.refuse("applies to maps: these costs are already computed", **given)
         if grid.scale != "costmap2d":
             rule = "costs on the occupancy scale do not show what a footprint hits"
             hint = "mapdeal cost --model exponential writes costmap_2d's own as .npz"
             raise ParameterError(rule, source=one.name, hint=hint)
         return grid
-    warn_of_published_costs(one)
-    warn_of_potential(one)
-    with errors_named(one.name):
-        if robot is None:
-            return _static_costs(one.occupancy, **given)
-        return cast("Costmap", step_for("cost", robot, {}).apply(grid, one.path))
-
-
-def _static_costs(
-    occupancy: OccupancyGrid,
-    *,
-    lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
-    unknown: UnknownPolicy | None = None,
-) -> Costmap:
-    """Return 254 for obstacles, 255 for unknown cells, or what these are to be, and 0."""
-    table = static_layer_cost_from_occupancy(
-        lethal_threshold=lethal_threshold, inscribed_value=None
-    )
-    of_unknown = {"free": FREE_SPACE, "occupied": LETHAL_OBSTACLE, None: NO_INFORMATION}
-    table[UNKNOWN] = of_unknown[unknown]
-    costs = look_up(occupancy.occupancy, table)
-    return Costmap(costs, occupancy.resolution, occupancy.origin)
+    inputs.warn_of_published_costs(one)
+    inputs.warn_of_potential(one)
+    with inputs.errors_named(one.name):
+        if robot is not None:
+            return cast("Costmap", step_for("cost", robot, {}).apply(grid, one.path))
+        threshold = given.get("lethal_threshold", values.DEFAULT_LETHAL_THRESHOLD)
+        table = values.static_layer_cost_from_occupancy(
+            lethal_threshold=threshold, inscribed_value=None
+        )
+        of_unknown = {"free": values.FREE_SPACE, "occupied": values.LETHAL_OBSTACLE}
+        table[values.UNKNOWN] = of_unknown.get(given.get("unknown", ""), values.NO_INFORMATION)
+        costs = look_up(one.occupancy.occupancy, table)
+        return Costmap(costs, one.occupancy.resolution, one.occupancy.origin)
 
 
 def _answers_at(
     costmap: Costmap, footprint: Footprint, rule: FootprintRule, asked: NumberLines
 ) -> tuple[str, NDArray[np.bool_]]:
-    """Return the costs of a robot at poses."""
-    samples = sample_poses(costmap, footprint, asked.numbers, rule=rule)
-    states = np.where(samples.cost == LETHAL_OBSTACLE, _COLLISION, _FREE_COST)
-    states = np.where(samples.cost == NO_INFORMATION, _UNKNOWN_COST, states)
-    chosen = np.where(samples.inside, states, _OUTSIDE).astype(np.uint8)
+    costs, inside = sample_poses(costmap, footprint, asked.numbers, rule=rule)
+    states = np.where(costs == values.LETHAL_OBSTACLE, _COLLISION, _FREE_COST)
+    states = np.where(costs == values.NO_INFORMATION, _UNKNOWN_COST, states)
+    chosen = np.where(inside, states, _OUTSIDE).astype(np.uint8)
     chosen[list(asked.errors)] = len(_STATES_OF_COSTS)
-    values = np.column_stack([asked.numbers, samples.cost])
-    return row_texts(values, _OF_POSES, _FORMS_OF_POSES, chosen), samples.inside
+    columns = np.column_stack([asked.numbers, costs])
+    return row_texts(columns, _OF_POSES, _FORMS_OF_POSES, chosen), inside

@@ -20,69 +20,48 @@ from mapdeal.grid.values import UNKNOWN
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
-from mapdeal.pipeline.documents import Spread, reach_document, reach_json
-from mapdeal.pipeline.folder import summary_of
-from mapdeal.pipeline.inputs import (
-    Map,
-    MapInput,
-    Work,
-    claim_cells,
-    errors_named,
-    need_ending,
-    numbers_of,
-    opened,
-    text_in,
-    warn_of_potential,
-    warn_of_published_costs,
-)
+from mapdeal.pipeline import inputs
+from mapdeal.pipeline.folder import Spread, reach_document, reach_json, summary_of
 from mapdeal.pipeline.recipe import load_recipe, planned_shape
 from mapdeal.pipeline.step import make_step
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import read_named_points
 from mapdeal.stages.reach import reach
 
-_COSTS_PER_CELL = 8.0
-"""Bytes for each cell that the costs of a robot's own layers take."""
+_COSTS_PER_CELL = 8.0  # bytes for each cell that the costs of a robot's own layers take
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reachability(Spread):
     """What a robot can reach on a map, and what was done, for pictures."""
 
-    map: MapInput
+    map: inputs.MapInput
     reach: Reach
     title: str
 
     @property
     def missed(self) -> list[GoalReach]:
-        """The goals that cannot be reached."""
         return [one for one in self.reach.goals if not one.reachable]
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
-        """Whether all goals can be reached."""
         return not self.missed
 
     def document(self) -> dict[str, Any]:
-        """Return what the robot can reach as the dict that ``mapdeal reach`` prints."""
         return reach_document(self.reach)
 
     def parts(self) -> Iterator[str]:
-        """Yield the document as text, each goal and each passage on a line."""
         yield reach_json(self.reach)
 
     def lines(self) -> Iterator[str]:
-        """Yield the areas, and how many goals and passages there are."""
         yield summary_of(self.reach.figures())
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
-        """Return where the robot can go."""
         from mapdeal.pictures.reach import reach_image
 
         return reach_image(self.reach, title=title or f"{self.map.title}: {self.title}", **look)
 
     def check(self) -> None:
-        """Raise FindingError if a goal is not reachable; it names the first, and what stops it."""
         if not self.missed:
             return
         first, *others = self.missed
@@ -100,9 +79,8 @@ class Reachability(Spread):
 
 def not_reachable_text(missed: GoalReach, found: Reach) -> str:
     goal = missed.goal
-    what = f"goal {goal.x + 0.0:.10g},{goal.y + 0.0:.10g}"
-    what += "" if goal.name is None else f" ({goal.name})"
-    text = f"{what} is not reachable"
+    name = "" if goal.name is None else f" ({goal.name})"
+    text = f"goal {goal.x + 0.0:.10g},{goal.y + 0.0:.10g}{name} is not reachable"
     if missed.reason is not None:
         return f"{text}: {missed.stopped_by}"
     limit = missed.limited_by
@@ -117,14 +95,14 @@ def not_reachable_text(missed: GoalReach, found: Reach) -> str:
 
 
 def _start(text: str) -> tuple[float, ...]:
-    return numbers_of(text, "X,Y,YAW" if text.count(",") > 1 else "X,Y")
+    return inputs.numbers_of(text, "X,Y,YAW" if text.count(",") > 1 else "X,Y")
 
 
 def _goals(texts: Sequence[str]) -> list[Goal]:
     goals = []
     for text in texts:
         name, equals, place = text.rpartition("=")
-        x, y = numbers_of(place, "X,Y")
+        x, y = inputs.numbers_of(place, "X,Y")
         if "," in name:  # several goals that are joined by commas would be one with an odd name
             rule = "must be [NAME=]X,Y, and a name has no comma"
             hint = "several goals are separated by blanks: --to kitchen=3,-4 lab=9,4"
@@ -134,9 +112,8 @@ def _goals(texts: Sequence[str]) -> list[Goal]:
 
 
 def _goals_in(path: Path) -> list[Goal]:
-    """Return the points of a file; a line that holds none is an error."""
-    chunks, name = text_in(path)
-    found: list[Goal] = []
+    chunks, name = inputs.text_in(path)
+    found = []
     for one in read_named_points(chunks, name):
         if one.point is None:
             raise MalformedInputError(one.error or "", source=name, place=f"line {one.line}")
@@ -162,7 +139,7 @@ mapdeal reach examples/maps/office.yaml --from -8,0 --to kitchen=3,-4 lab=9,4 \\
     --robot-radius 0.28 -o out/reach.json --image out/reach.png""",
 )
 def reachability(
-    map: Map,  # noqa: A002 - what it is
+    map: inputs.Map,  # noqa: A002 - what it is
     *,
     points: Annotated[Path | None, Words("FILE|-")] = None,
     layers: Annotated[Path | None, Words("OUT.npz")] = None,
@@ -192,19 +169,17 @@ def reachability(
     layers : path, optional
         Write reachable, headings, clearance and widest for every cell.
     footprint : Footprint, optional
-        The robot's shape.
-    robot : RobotParameters, optional
-        The robot's own parameters; `footprint` replaces its shape.
+        The robot's shape, instead of that of `robot`.
     **parameters
         As for the stage `reach`.
     """
-    work = Work.in_shell()
+    work = inputs.Work.in_shell()
     if footprint is None and robot is None:
         emit_warning(
             "no robot is given, by --robot-radius, --footprint or --params-file: the result is "
             "that of a point; widest_radius_m is the radius of the largest round robot"
         )
-    need_ending(".json")
+    inputs.need_ending(".json")
     if layers is not None:
         if layers.suffix != ".npz":
             raise ParameterError("must end in .npz", place="layers", got=str(layers))
@@ -214,13 +189,13 @@ def reachability(
     shape = planned_shape(robot) if footprint is None and robot is not None else footprint
     step = make_step("reach", {**parameters, "footprint": shape})
     also = [*(robot.paths if robot else ()), *([points] if points else ())]
-    (one,) = opened(map, names=("map",), also=also)
-    claim_cells(one, step.memory + _COSTS_PER_CELL * (robot is not None))
-    with errors_named(one.name):
+    (one,) = inputs.opened(map, names=("map",), also=also)
+    inputs.claim_cells(one, step.memory + _COSTS_PER_CELL * (robot is not None))
+    with inputs.errors_named(one.name):
         grid = one.grid
         if not isinstance(grid, Costmap):
-            warn_of_published_costs(one)
-            warn_of_potential(one)
+            inputs.warn_of_published_costs(one)
+            inputs.warn_of_potential(one)
             if robot is not None:
                 grid = _costs_of(robot, one, np.asarray(grid.occupancy))
         found = step.apply(grid, one.path)
@@ -236,7 +211,7 @@ def reachability(
     return Reachability(one, found, step.title)
 
 
-def _costs_of(robot: RobotParameters, one: MapInput, occupancy: NDArray[np.int8]) -> Grid:
+def _costs_of(robot: RobotParameters, one: inputs.MapInput, occupancy: NDArray[np.int8]) -> Grid:
     """Return what is lethal and what unknown to a robot, and nothing else."""
     # Inscribed costs would cover unknown cells.
     layers = (each for each in robot.layers if not isinstance(each.layer, InflationLayer))

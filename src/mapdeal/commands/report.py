@@ -12,13 +12,16 @@ from typing import Annotated, Any
 from mapdeal.command import Output, Result, Words, command
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.report_documents import Results, read_results
-from mapdeal.commands.report_draft import Draft, Grids, Opened, folder_of
-from mapdeal.commands.report_runs import (
+from mapdeal.commands.report_entries import (
     NOT_SHOWN,
+    Draft,
+    Grids,
+    Opened,
     add_layers,
     columns_of,
     drafts_about,
     fill_from_run,
+    folder_of,
     give_score,
     methods_in,
     place_of,
@@ -34,15 +37,23 @@ from mapdeal.errors import (
     emit_warning,
     one_line,
 )
-from mapdeal.files.budget import size_of, size_text
 from mapdeal.files.json_values import ALIGNMENT, COMPARISON, DIFF, LINT, SCORE
-from mapdeal.files.source import NAMED_MAPS, exists, head_of, identity_of, is_folder, status_of
+from mapdeal.files.source import (
+    NAMED_MAPS,
+    exists,
+    head_of,
+    identity_of,
+    is_folder,
+    size_of,
+    size_text,
+    status_of,
+)
 from mapdeal.files.transaction import Transaction
-from mapdeal.grid.display import count_text
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import SHAPES, kind_of
 from mapdeal.kernels.threads import use_threads
-from mapdeal.maps.map_yaml import Dialect
+from mapdeal.maps.dialects import Dialect
 from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST
 from mapdeal.pipeline.settings import Settings, is_whole
@@ -52,15 +63,12 @@ from mapdeal.version import __version__
 
 File = str | PathLike[str]
 
-LARGEST_PAGE = 25_000_000
-"""Bytes of a page: what goes into an e-mail."""
-
+LARGEST_PAGE = 25_000_000  # bytes of a page: what goes into an e-mail
 _PAGE = "report.html"
 _SMALLEST_PAGE = 100_000
 _ENDINGS = (".html", ".htm")
 _GENERATOR, _HEAD = b'<meta name="generator" content="mapdeal', 1 << 12
-_INPUT = "input"
-"""The name of the layer with the map that a run was given."""
+_INPUT = "input"  # the name of the layer with the map that a run was given
 
 
 @dataclass(frozen=True, repr=False)
@@ -106,17 +114,12 @@ mapdeal run examples/maps/office.yaml -o out
 mapdeal report out/office examples/maps/office.yaml -o out/report.html""",
 )
 def write_report(
-    path: File,
-    sources: Annotated[File | Sequence[File], Words("PATH...", typed=list[Path])],
-    *,
+    path: File, sources: Annotated[File | Sequence[File], Words("PATH...", typed=list[Path])], *,
     title: Annotated[str | None, Words("TEXT")] = None,
-    max_size: Annotated[int, Words("SIZE", size_of)] = LARGEST_PAGE,
-    dialect: Dialect = "nav2",
-    max_cells: int | None = None,
-    force: bool = False,
-    threads: int | None = None,
+    max_size: Annotated[int, Words("SIZE", size_of)] = LARGEST_PAGE, dialect: Dialect = "nav2",
+    max_cells: int | None = None, force: bool = False, threads: int | None = None,
     max_memory: int | None = None,
-) -> WrittenReport:
+) -> WrittenReport:  # fmt: skip
     """Write one HTML page about runs, maps, findings and routes.
 
     The page is a single file that needs no network: all layers to zoom and pan, with the values
@@ -195,14 +198,14 @@ def _written(
         read = [*paths, *grids.files]
         with Transaction([output], inputs=read, force=settings.force) as transaction:
             sizes: list[int] = []
-            transaction.write_parts(output, _measured(page_of(report, size=size), sizes))
+
+            def measured() -> Iterator[bytes]:
+                for part in page_of(report, size=size):
+                    sizes.append(len(part))
+                    yield part
+
+            transaction.write_parts(output, measured())
     return WrittenReport(output, len(report.entries), sum(sizes))
-
-
-def _measured(parts: Iterable[bytes], sizes: list[int]) -> Iterator[bytes]:
-    for part in parts:
-        sizes.append(len(part))
-        yield part
 
 
 def page_in(folder: Path) -> Path:
@@ -216,13 +219,9 @@ def page_in(folder: Path) -> Path:
 
 @contextmanager
 def reported(
-    page: Path,
-    paths: Sequence[Path],
-    inputs: Sequence[Path],
-    settings: Settings,
-    *,
+    page: Path, paths: Sequence[Path], inputs: Sequence[Path], settings: Settings, *,
     on_made: Callable[[WrittenReport], object],
-) -> Iterator[None]:
+) -> Iterator[None]:  # fmt: skip
     """Write a page of the runs that are made within a ``with`` block, even if some have failed."""
     # `on_made` is called with it. Of `inputs` are the runs made, which they join.
     settings = replace(settings, force=True)
@@ -237,10 +236,7 @@ def reported(
 def gathered(
     paths: Sequence[Path], grids: Grids, *, title: str | None = None, inputs: Sequence[Path] = ()
 ) -> Report:
-    """Return the content of a page of what is at some paths.
-
-    Maps among `inputs` join the runs that were made of them.
-    """
+    """Return the content of a page; maps among `inputs` join the runs that were made of them."""
     gathering = _Gathering(grids)
     first_names: dict[object, Path] = {}
     for path in paths:
@@ -295,7 +291,6 @@ def _entries_of(path: Path, grids: Grids, seen: set[object]) -> list[Draft] | No
 
 
 def _is_first(path: Path, seen: set[object]) -> bool:
-    """Return whether a file or folder, by whatever name, is met for the first time."""
     key = identity_of(path) or path
     is_first = key not in seen
     seen.add(key)
@@ -390,7 +385,6 @@ class _Gathering:
             give_score(path, results, self.drafts, self._grids)
 
     def _add_maps(self, paths: Iterable[Path]) -> None:
-        """Add the maps that documents name, where nothing else is named."""
         for path in paths:
             try:
                 self.add_grid(path)

@@ -36,7 +36,6 @@ from mapdeal.files.json_values import (
     read_document,
 )
 from mapdeal.files.source import head_of
-from mapdeal.grid.display import count_text
 from mapdeal.grid.footprint import Footprint, checked_corners
 from mapdeal.grid.frame import FARTHEST, Point, Transform
 from mapdeal.grid.reach import (
@@ -44,12 +43,14 @@ from mapdeal.grid.reach import (
     Bottleneck,
     Goal,
     GoalReach,
+    Method,
     Passage,
     PlaceOfLimit,
+    Route,
     robot_text,
 )
-from mapdeal.grid.route import Method, Route
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
+from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import SHAPES, recognised
 from mapdeal.kernels.components import touching_groups
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
@@ -61,9 +62,7 @@ MOST_ITEMS = 1000
 MOST_POINTS = 20_000
 """Of a route on a page, which would grow by some megabytes for a million of them."""
 
-_MOST_GROUPS = 50
-"""Groups that are listed of new walls, and of those that are gone."""
-
+_MOST_GROUPS = 50  # groups that are listed of new walls, and of those that are gone
 _MOST_ROWS = 200
 _LONGEST = 400
 _CORNERS_OF_CIRCLE = 64
@@ -98,8 +97,7 @@ class Results:
     tables: list[Table] = field(default_factory=list)
     parts: list[Part] = field(default_factory=list)
     maps: tuple[NamedMap | None, ...] = ()
-    files: tuple[str, ...] = ()
-    """Names of files in it."""
+    files: tuple[str, ...] = ()  # names of files in it
 
     transform: Transform | None = None
 
@@ -159,9 +157,10 @@ def _items_of(found: Finding) -> Iterator[Item]:
 
 
 def _reach(document: JsonValue) -> Results:
-    robot, start, yaw = _robot(document["robot"]), document["start"], document["start"]["yaw"]
+    robot, yaw = _robot(document["robot"]), document["start"]["yaw"]
     headings = document["robot"]["headings"].whole(1, MOST_HEADINGS)
-    pose = *_place(start), *(() if yaw.is_null else (yaw.number(),))
+    place = _place(document["start"])
+    heading = "" if yaw.is_null else f", yaw {yaw.number():.4g}"
     goals = [goal_of(one) for one in document["goals"].items()]
     passages = [passage_of(one) for one in document["passages"].items()]
     is_open = document["through_unknown"].flag()
@@ -179,8 +178,9 @@ def _reach(document: JsonValue) -> Results:
         ("goals reached", f"{sum(one.reachable for one in goals)} of {len(goals)}"),
         ("passages", f"{len(passages)}, {closed} of them closed"),
     )
-    items = [_start_item(pose, robot), *goal_items(goals, robot, headings),
-             *passage_items(passages)]  # fmt: skip
+    text = f"start at {_at(place)}{heading}: {robot_text(robot)}"
+    start = Item("start", text, place=place, label="start")
+    items = [start, *goal_items(goals, robot, headings), *passage_items(passages)]
     return Results(REACH, items, [Table("What the robot can reach", rows)])
 
 
@@ -225,13 +225,6 @@ def passage_of(one: JsonValue) -> Passage:
 
 def _place(one: JsonValue) -> Point:
     return one["x"].number(), one["y"].number()
-
-
-def _start_item(start: Sequence[float], robot: Footprint | None) -> Item:
-    x, y, *yaw = start
-    heading = f", yaw {yaw[0]:.4g}" if yaw else ""
-    text = f"start at {_at((x, y))}{heading}: {robot_text(robot)}"
-    return Item("start", text, place=(x, y), label="start")
 
 
 def goal_items(
@@ -331,7 +324,6 @@ def route_items(route: Route) -> list[Item]:
 
 
 def shape_items(shapes: Iterable[Shape]) -> list[Item]:
-    """Return shapes, each with its outline; a circle as a polygon."""
     return _shortened((_shape_item(one) for one in shapes), "shape")
 
 
@@ -361,7 +353,6 @@ def _shape_item(shape: Shape) -> Item:
 
 
 def _named(document: JsonValue, *keys: str) -> tuple[tuple[NamedMap | None, ...], tuple[str, ...]]:
-    """Return the maps at some keys, and the names of those that are files."""
     maps = tuple(named_map(document[key]) for key in keys)
     return maps, tuple(one.file for one in maps if one is not None)
 
@@ -386,7 +377,7 @@ def _alignment(document: JsonValue) -> Results:
 
 def _diff(document: JsonValue) -> Results:
     maps, files = _named(document, "first", "second")
-    rows = [(key, _yes(document[key].flag())) for key in ("equal", "passes")]
+    rows = [(key, "yes" if document[key].flag() else "no") for key in ("equal", "passes")]
     for what, named in zip(("first map", "second map"), maps, strict=True):
         rows += [] if named is None else [(what, short(named.file))]
     for key, what in (
@@ -426,14 +417,17 @@ def _shift(one: JsonValue) -> str:
 
 
 def _bound_of_diff(one: JsonValue) -> str:
-    allowed, found = one["allowed"].number(least=0), one["found"].number_or(math.nan)
+    allowed = one["allowed"].number(least=0)
+    found = one["found"].or_none(lambda value: value.number(least=0))
+    return f"at most {allowed:g}: {_verdict(one, found, 'nothing to compare')}"
+
+
+def _verdict(one: JsonValue, found: float | None, absent: str) -> str:
     verdict = "holds" if one["holds"].flag() else "missed"
-    told = "nothing to compare" if math.isnan(found) else f"found {found:.9g}"
-    return f"at most {allowed:g}: {verdict}, {told}"
+    return f"{verdict}, {absent if found is None else f'found {found:.9g}'}"
 
 
 def _pairs(one: JsonValue) -> dict[str, str]:
-    """Return values of both maps as they stand in the document."""
     found = {}
     for name, pair in one.fields().items():
         values = pair.items()
@@ -446,24 +440,19 @@ def _pairs(one: JsonValue) -> dict[str, str]:
 def difference_items(found: Difference) -> list[Item]:
     """Return groups of cells that touch where a wall is new, and where one is gone."""
     # The largest come first. A group is placed at that of its cells which is nearest to its middle.
-    return [*_groups_of(found, ADDED, "wall added"), *_groups_of(found, REMOVED, "wall removed")]
-
-
-def _groups_of(found: Difference, kind: int, what: str) -> list[Item]:
-    cells, groups = touching_groups(found.changes == kind)
-    if not len(cells):
-        return []
-    sizes = np.bincount(groups)
     items = []
-    for group in np.argsort(-sizes, kind="stable")[:_MOST_GROUPS].tolist():
-        own = cells[groups == group]
-        away = np.square(own - own.mean(axis=0)).sum(axis=1)
-        x, y = found.frame.xy_from_rowcol([own[int(np.argmin(away))].tolist()])[0].tolist()
-        text = f"{what}: {count_text(int(sizes[group]), 'cell')} at {x:.6g}, {y:.6g}"
-        items.append(Item("finding", text, "warning", (x, y)))
-    left = len(sizes) - _MOST_GROUPS
-    if left > 0:
-        items.append(Item("finding", f"{what}: {count_text(left, 'smaller group')} not listed"))
+    for kind, what in ((ADDED, "wall added"), (REMOVED, "wall removed")):
+        cells, groups = touching_groups(found.changes == kind)
+        sizes = np.bincount(groups)
+        for group in np.argsort(-sizes, kind="stable")[:_MOST_GROUPS].tolist():
+            own = cells[groups == group]
+            away = np.square(own - own.mean(axis=0)).sum(axis=1)
+            x, y = found.frame.xy_from_rowcol([own[int(np.argmin(away))].tolist()])[0].tolist()
+            text = f"{what}: {count_text(int(sizes[group]), 'cell')} at {x:.6g}, {y:.6g}"
+            items.append(Item("finding", text, "warning", (x, y)))
+        left = len(sizes) - _MOST_GROUPS
+        if left > 0:
+            items.append(Item("finding", f"{what}: {count_text(left, 'smaller group')} not listed"))
     return items
 
 
@@ -529,9 +518,8 @@ def _score(document: JsonValue) -> Results:
 def _bound(one: JsonValue) -> str:
     side = "at least" if one["side"].word("min", "max") == "min" else "at most"
     allowed, found = one["allowed"].number(least=-_LARGEST, most=_LARGEST), _figure(one["found"])
-    verdict = "holds" if one["holds"].flag() else "missed"
-    told = "not measured" if found is None else f"found {found:.9g}"
-    return f"{short(one['name'].text())} {side} {allowed:g}: {verdict}, {told}"
+    verdict = _verdict(one, found, "not measured")
+    return f"{short(one['name'].text())} {side} {allowed:g}: {verdict}"
 
 
 def _figures(values: JsonValue) -> dict[str, float | None]:
@@ -572,10 +560,6 @@ def _metres(value: float) -> str:
 def _at(point: Sequence[float]) -> str:
     x, y = point
     return f"{x + 0.0:.6g}, {y + 0.0:.6g}"
-
-
-def _yes(value: bool) -> str:
-    return "yes" if value else "no"
 
 
 _READERS: dict[str | None, Callable[[JsonValue], Results]] = {

@@ -16,37 +16,16 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Point
-from mapdeal.grid.reach import reach_radius
+from mapdeal.grid.reach import Method, Route, reach_radius
 from mapdeal.grid.reaching import largest_closed_square, squares_to
-from mapdeal.grid.route import Method, Route
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import cost_image
 from mapdeal.pictures.overlay import RouteOverlay
-from mapdeal.pipeline.documents import Spread, rounded, spread_json
-from mapdeal.pipeline.inputs import (
-    Map,
-    MapInput,
-    Reading,
-    claim_cells,
-    errors_named,
-    need_ending,
-    numbers_of,
-    opened,
-    refuse,
-    settings_of,
-    text_in,
-    warn_of_potential,
-    warn_of_published_costs,
-)
+from mapdeal.pipeline import inputs
+from mapdeal.pipeline.folder import Spread, rounded, spread_json
 from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape
-from mapdeal.planning.routes import (
-    Terrain,
-    descend,
-    route_over,
-    shortest_route,
-    surcharges_near_obstacles,
-)
+from mapdeal.planning import routes
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import PairLine, read_pairs
 from mapdeal.stages.potential import CAP, GAIN, potential
@@ -61,16 +40,12 @@ _PER_CELL: dict[Method, float] = {"astar": 36.0, "descent": 126.0}
 """Bytes for each cell, those of the recipe included."""
 
 _PER_CELL_OF_PAIRS = 60.0
-_OF_HEURISTIC = 16.0
-"""Bytes for each cell that the field in the heuristic takes."""
-
+_OF_HEURISTIC = 16.0  # bytes for each cell that the field in the heuristic takes
 _HEURISTIC_WEIGHT = 2.0
 """Metres that the field adds to the heuristic at an obstacle, if no weight is given: what is
 missing there to a clearance of 2 m."""
 
-_FIELD_WEIGHT = 1.0
-"""Of way ``cost``, if none is given: at an obstacle a metre costs one more."""
-
+_FIELD_WEIGHT = 1.0  # of way cost, if none is given: at an obstacle a metre costs one more
 _MEANS = {
     "mean clearance": ("mean_clearance", "{:.3f} m"),
     "min clearance": ("min_clearance", "{:.3f} m"),
@@ -83,9 +58,7 @@ _MEANS = {
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class PlannedRoute(Route, Spread):
-    """A route through a map, with the costs that it was planned on.
-
-    It has all attributes of a `Route`.
+    """A `Route` through a map, with the costs that it was planned on.
 
     Parameters
     ----------
@@ -95,7 +68,7 @@ class PlannedRoute(Route, Spread):
         Costs of the map, or those that were given.
     """
 
-    map: MapInput
+    map: inputs.MapInput
     costs: Costmap
 
     @property
@@ -104,22 +77,16 @@ class PlannedRoute(Route, Spread):
         return self.reached
 
     def document(self) -> dict[str, Any]:
-        """Return the route as the dict that ``mapdeal route`` prints."""
         minimum = self.local_minimum
-        stopped = {"local_minimum": None if minimum is None else _place(minimum)}
-        return {
-            "method": self.method,
-            **_entries(self),
-            **(stopped if self.method == "descent" else {}),
-            "points": [_place(point) for point in self.points_xy.tolist()],
-        }
+        document = {"method": self.method, **_entries(self)}
+        if self.method == "descent":
+            document["local_minimum"] = None if minimum is None else _place(minimum)
+        return {**document, "points": list(map(_place, self.points_xy.tolist()))}
 
     def parts(self) -> Iterator[str]:
-        """Yield the document as text, each point on a line."""
         yield spread_json(self.document(), "points")
 
     def lines(self) -> Iterator[str]:
-        """Yield length, cost and clearance."""
         if not len(self.points_xy):
             yield "not reached"
             return
@@ -161,31 +128,18 @@ class PlannedRoute(Route, Spread):
 class PairedRoutes(Spread):
     """Routes of many pairs of points by several ways, found as the pairs are read.
 
-    Parameters
-    ----------
-    pairs : iterable of PairLine
-        The pairs; they can be read once.
-    pairs_in : path or str
-        Name of their file.
-    terrain : Terrain
-        Where the routes lead.
-    searches : mapping
-        What each way hands to `route_over`.
-    counts : Counter
-        Pairs so far, those without routes (failed), and those whose goals are not reached.
-    sums : dict
-        Sums of the figures of each way over the pairs whose goals are all reached.
+    `searches` has what each way hands to `route_over`; `sums` those of the figures of each way over
+    the pairs whose goals are all reached.
     """
 
     pairs: Iterable[PairLine]
     pairs_in: Path | str
-    terrain: Terrain
+    terrain: routes.Terrain
     searches: Mapping[str, Mapping[str, Any]]
     counts: Counter[str] = field(default_factory=Counter)
     sums: dict[tuple[str, str], float] = field(default_factory=lambda: defaultdict(float))
 
     def parts(self) -> Iterator[str]:
-        """Yield a line of JSON for each pair and way, or one that says why there are no routes."""
         for pair in self.pairs:
             self.counts["pairs"] += 1
             number = self.counts["pairs"]
@@ -211,7 +165,7 @@ class PairedRoutes(Spread):
             return {}, {"error": pair.error}
         try:
             return {
-                way: route_over(self.terrain, pair.start, pair.goal, **search)
+                way: routes.route_over(self.terrain, pair.start, pair.goal, **search)
                 for way, search in self.searches.items()
             }, {}
         except ParameterError as error:
@@ -224,15 +178,12 @@ class PairedRoutes(Spread):
         return self.counts["pairs"] - self.counts["failed"] - self.counts["unreached"]
 
     def document(self) -> dict[str, Any]:
-        """Return all routes."""
         return {"routes": list(map(json.loads, self.parts()))}
 
     def lines(self) -> Iterator[str]:
-        """Yield how many pairs there have been."""
         yield f"{self.counts['pairs']} pairs by {', '.join(self.searches)}"
 
     def remarks(self) -> Iterator[str]:
-        """Yield the means of each way's routes, as a table."""
         if not self.reached:
             return
         plural = "s" if self.reached > 1 else ""
@@ -243,11 +194,9 @@ class PairedRoutes(Spread):
             rows.append([f"  {way}", *texts])
         first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
         for head, *texts in rows:
-            cells = [text.rjust(width) for text, width in zip(texts, others, strict=True)]
-            yield "  ".join([head.ljust(first), *cells])
+            yield "  ".join([head.ljust(first), *map(str.rjust, texts, others)])
 
     def check(self) -> None:
-        """Raise an error if a pair has no routes, or its goal was not reached."""
         count, failed, unreached = (self.counts[key] for key in ("pairs", "failed", "unreached"))
         if failed:
             raise BatchError(f"{failed} of {count} pairs have no routes", source=self.pairs_in)
@@ -274,9 +223,8 @@ def _place(point: Iterable[float]) -> list[float | None]:
     return list(map(rounded, point))
 
 
-def _point(text: str) -> Point:
-    x, y = numbers_of(text, "X,Y")
-    return x, y
+def _point(text: str) -> tuple[float, ...]:
+    return inputs.numbers_of(text, "X,Y")
 
 
 @command(
@@ -294,7 +242,7 @@ mapdeal route examples/maps/office.yaml \\
     --pairs examples/points/office_pairs.csv -o out/pairs.jsonl""",
 )  # fmt: skip
 def route(
-    map: Map,  # noqa: A002 - what it is
+    map: inputs.Map,  # noqa: A002 - what it is
     *,
     start: Annotated[Point | None, Words("X,Y", _point, "from")] = None,
     goal: Annotated[Point | None, Words("X,Y", _point, "to")] = None,
@@ -311,7 +259,7 @@ def route(
     repulsive_cap: Annotated[float | None, CAP, REPULSION] = None,
     footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
-    **reading: Unpack[Reading],
+    **reading: Unpack[inputs.Reading],
 ) -> PlannedRoute | PairedRoutes:
     """Find a route between two points.
 
@@ -354,17 +302,15 @@ def route(
         descent: weight of the repulsion; 1 by default.
     repulsive_cap : float, optional
         descent: upper bound of the repulsion; 1e5 by default.
-    footprint : Footprint, optional
-        The robot's shape, for the costs of a map.
-    robot : RobotParameters, optional
-        The robot's own parameters, for the costs of a map.
+    footprint, robot : Footprint, RobotParameters, optional
+        The robot's shape and own parameters, for the costs of a map.
     **reading
         As for `read_map`; dialect, max_cells and max_memory apply to a file.
 
     Returns
     -------
     PlannedRoute or PairedRoutes
-        The route, whether or not it reaches the goal; see `Route.reached`. With pairs, the routes
+        The route, also if it does not reach the goal, see `Route.reached`; with pairs, the routes
         of all of them, found as their `parts` are read.
 
     Raises
@@ -394,9 +340,9 @@ def route(
         "cost_travel_multiplier": cost_travel_multiplier, "through_unknown": through_unknown
     }  # fmt: skip
     if pairs is not None:
-        one_route = "applies to one route, not to pairs"
-        refuse(one_route, start=start, goal=goal, heuristic=heuristic, **gains)
-        refuse(one_route, image=settings_of(**reading).image)
+        of_one = {"start": start, "goal": goal, "heuristic": heuristic, **gains}
+        image = inputs.settings_of(**reading).image
+        inputs.refuse("applies to one route, not to pairs", **of_one, image=image)
         if method != "astar":
             raise ParameterError("compares routes of method astar", place="pairs")
         ways = tuple(dict.fromkeys(WAYS if compare is None else compare))
@@ -406,35 +352,35 @@ def route(
         for name, way in (("field_weight", "cost"), ("heuristic_weight", "heuristic")):
             if name in of_field and way not in ways:
                 raise ParameterError(f"needs {way} among the methods to compare", place=name)
-        need_ending(".jsonl")
-        chunks, pairs_in = text_in(pairs)
+        inputs.need_ending(".jsonl")
+        chunks, pairs_in = inputs.text_in(pairs)
         files = [pairs_in] if isinstance(pairs_in, Path) else []
         one, costs = _costs_of(map, footprint, robot, files, _PER_CELL_OF_PAIRS, reading)
-        with errors_named(one.name):
-            terrain = Terrain.of(costs, **weights)
+        with inputs.errors_named(one.name):
+            terrain = routes.Terrain.of(costs, **weights)
             searches = {way: _search_by(way, terrain, **of_field) for way in ways}
         return PairedRoutes(read_pairs(chunks, pairs_in), pairs_in, terrain, searches)
-    refuse("applies to pairs alone", compare=compare)
+    inputs.refuse("applies to pairs alone", compare=compare)
     if start is None or goal is None:
         raise ParameterError("both are required, unless pairs are given", place="start, goal")
     if method == "astar":
-        refuse("does not apply to method astar", **gains)
+        inputs.refuse("does not apply to method astar", **gains)
     else:
-        refuse(f"does not apply to method {method}", **of_field, heuristic=heuristic)
+        inputs.refuse(f"does not apply to method {method}", **of_field, heuristic=heuristic)
     if heuristic == "field":
         of_field.setdefault("heuristic_weight", _HEURISTIC_WEIGHT)
     elif heuristic_weight is not None:
         raise ParameterError("applies to heuristic field alone", place="heuristic_weight")
-    need_ending(".json")
+    inputs.need_ending(".json")
     per_cell = _PER_CELL[method] + _OF_HEURISTIC * bool(of_field.get("heuristic_weight"))
     one, costs = _costs_of(map, footprint, robot, [], per_cell, reading)
-    with errors_named(one.name):
+    with inputs.errors_named(one.name):
         if method == "astar":
-            found = shortest_route(costs, start, goal, **weights, **of_field)
+            found = routes.shortest_route(costs, start, goal, **weights, **of_field)
         else:
             published = costs.to_occupancy()
             lethal = published.with_values(published.occupied().astype("int8") * OCCUPIED)
-            found = descend(costs, potential(lethal, goal=goal, **gains), start, **weights)
+            found = routes.descend(costs, potential(lethal, goal=goal, **gains), start, **weights)
     return PlannedRoute(**vars(found), map=one, costs=costs)
 
 
@@ -443,48 +389,39 @@ def _given(**options: Any) -> dict[str, Any]:
 
 
 def _search_by(
-    way: str,
-    terrain: Terrain,
-    *,
-    field_weight: float = _FIELD_WEIGHT,
+    way: str, terrain: routes.Terrain, *, field_weight: float = _FIELD_WEIGHT,
     heuristic_weight: float = _HEURISTIC_WEIGHT,
-) -> dict[str, Any]:
-    """Return what a way hands to `route_over`."""
+) -> dict[str, Any]:  # fmt: skip
     if way == "cost":
         return {"weights": terrain.weights_near_obstacles(field_weight)}
     if way == "heuristic":
-        return {"surcharges": surcharges_near_obstacles(terrain, heuristic_weight)}
+        return {"surcharges": routes.surcharges_near_obstacles(terrain, heuristic_weight)}
     return {}
 
 
 def _costs_of(
-    map: Map,  # noqa: A002 - as the command calls it
-    footprint: Footprint | None,
-    robot: RobotParameters | None,
-    files: Sequence[Path],
-    per_cell: float,
-    reading: Reading,
-) -> tuple[MapInput, Costmap]:
+    map: inputs.Map,  # noqa: A002 - as the command calls it
+    footprint: Footprint | None, robot: RobotParameters | None, files: Sequence[Path],
+    per_cell: float, reading: inputs.Reading,
+) -> tuple[inputs.MapInput, Costmap]:  # fmt: skip
     """Return a map and its costs: those in the file, the robot's, or the recipe ``nav2``'s."""
     also = [*(robot.paths if robot else ()), *files]
-    (one,) = opened(map, names=("map",), also=also, **reading)
-    claim_cells(one, per_cell, **reading)
+    (one,) = inputs.opened(map, names=("map",), also=also, **reading)
+    inputs.claim_cells(one, per_cell, **reading)
     grid = one.grid
     if isinstance(grid, Costmap):
         rule = "applies to maps: these costs are already computed"
-        refuse(rule, robot=robot, footprint=footprint)
+        inputs.refuse(rule, robot=robot, footprint=footprint)
         return one, grid
-    warn_of_published_costs(one)
-    warn_of_potential(one)
-    with errors_named(one.name):
+    inputs.warn_of_published_costs(one)
+    inputs.warn_of_potential(one)
+    with inputs.errors_named(one.name):
         for step in _recipe_for(footprint, robot).steps:
             if not (step.stage.makes is DistanceField and isinstance(grid, DistanceField)):
                 grid = step.apply(grid, one.path)
         if not isinstance(grid, Costmap):
             raise TypeError("the recipe of routes must end in costs")
-        shape = footprint
-        if shape is None and robot is not None:
-            shape = planned_shape(robot)
+        shape = planned_shape(robot) if footprint is None and robot is not None else footprint
         return one, grid if shape is None else _closed_to(shape, grid, obstacles=robot is None)
 
 

@@ -20,47 +20,17 @@ from mapdeal.errors import (
     strict_warnings,
 )
 from mapdeal.files.source import absolute_path
-from mapdeal.grid.display import count_text
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.values import count_text
 from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.local_map import CloudFrame, LocalOptions
 from mapdeal.mapping.transforms import check_pose
-from mapdeal.pictures.overlay import DEFAULT_EXTENT, ImageExtent
-from mapdeal.pictures.raster import DEFAULT_IMAGE_MAX
-from mapdeal.pipeline.batch import (
-    SUMMARY,
-    Batch,
-    Job,
-    MapRun,
-    Outcome,
-    Plans,
-    Workers,
-    attempt,
-    dispatch,
-    jobs_at_once,
-    jobs_of,
-    plan_of,
-    run_and_report,
-)
+from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
+from mapdeal.pipeline import batch
+from mapdeal.pipeline import recipe as recipes
 from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden
 from mapdeal.pipeline.inputs import Reading, Terminal, Work, refuse
-from mapdeal.pipeline.recipe import (
-    DEFAULT,
-    SET,
-    Changes,
-    RecipeLike,
-    RecipeName,
-    load_recipe,
-    recipe_words,
-    setting_words,
-)
-from mapdeal.pipeline.run import (
-    LOCAL_RECIPE,
-    RunReport,
-    around_in,
-    output_folder,
-    run_map,
-)
+from mapdeal.pipeline.run import LOCAL_RECIPE, RunReport, around_in, output_folder, run_map
 from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.ros.robot import RobotParameters
 
@@ -72,22 +42,14 @@ _OF_LOCAL = f"{LOCAL_RECIPE}."
 
 
 def run(
-    path: str | PathLike[str],
-    output: str | PathLike[str],
-    recipe: RecipeLike = DEFAULT,
-    changes: Mapping[str, object] | Sequence[str] | None = None,
-    *,
-    footprint: Footprint | None = None,
-    sim: bool = False,
-    canvas: Canvas = "crop",
-    images: bool = True,
-    image_max: int = DEFAULT_IMAGE_MAX,
-    image_extent: ImageExtent = DEFAULT_EXTENT,
-    force: bool = False,
-    strict: bool = False,
-    threads: int | None = None,
-    **reading: Unpack[Reading],
-) -> RunReport:
+    path: str | PathLike[str], output: str | PathLike[str],
+    recipe: recipes.RecipeLike = recipes.DEFAULT,
+    changes: Mapping[str, object] | Sequence[str] | None = None, *,
+    footprint: Footprint | None = None, sim: bool = False, canvas: Canvas = "crop",
+    images: bool = True, image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = DEFAULT_EXTENT, force: bool = False, strict: bool = False,
+    threads: int | None = None, **reading: Unpack[Reading],
+) -> RunReport:  # fmt: skip
     """Run a recipe on a map and write the results to a folder, like ``mapdeal run MAP -o DIR``.
 
     Parameters
@@ -102,10 +64,8 @@ def run(
         Extent of the outputs: the cells that the stages computed, or the full map extent.
     images : bool
         Whether to write a picture of each product.
-    image_max : int
-        Longest side of the maps in pictures, pixels; 0 for one pixel per cell.
-    image_extent : {'known', 'all'}
-        Area shown in pictures: the known cells with a margin, or the whole map.
+    image_max, image_extent
+        As for `draw_picture`.
     force : bool
         Whether to replace existing outputs.
     strict : bool
@@ -140,25 +100,18 @@ def run(
 
     Notes
     -----
-    Outputs appear together, the manifest last; after an error nothing has changed. Each call
-    processes one map; use the command line for folders of maps, several at a time.
+    Outputs appear together, the manifest last; after an error nothing has changed.
     """
     if not isinstance(path, str | PathLike):
         hint = "apply_recipe takes a grid, write_map writes it to a file"
         raise ParameterError("takes the path of a map", place="run", got=path, hint=hint)
     source = Path(path)
     settings = Settings(
-        force=force,
-        strict=strict,
-        threads=threads,
-        images=images,
-        image_max=image_max,
-        image_extent=image_extent,
-        canvas=canvas,
-        **reading,
-    )
+        force=force, strict=strict, threads=threads, images=images, image_max=image_max,
+        image_extent=image_extent, canvas=canvas, **reading,
+    )  # fmt: skip
     with strict_warnings(strict, source):
-        loaded = load_recipe(recipe, changes, footprint=footprint, sim=sim)
+        loaded = recipes.load_recipe(recipe, changes, footprint=footprint, sim=sim)
         if not loaded.is_smaller:
             settings = replace(settings, canvas="crop")  # the same, as manifests tell it
         return run_map(source, Path(output) / source.stem, loaded, settings)
@@ -188,17 +141,17 @@ def run_maps(
     sources: Annotated[list[str], Words("MAP...")],
     *,
     output: Path,
-    recipe: RecipeName = None,
+    recipe: recipes.RecipeName = None,
     sim: bool = False,
-    changes: Changes = None,
+    changes: recipes.Changes = None,
     canvas: Canvas = "crop",
     pose: Annotated[tuple[float, float, float] | None, Words("X,Y,YAW")] = None,
     cloud: Annotated[str | None, Words("FILE")] = None,
     frame: CloudFrame | None = None,
-    local_recipe: Annotated[str | None, Words("NAME|FILE", completed=recipe_words)] = None,
+    local_recipe: Annotated[str | None, Words("NAME|FILE", completed=recipes.recipe_words)] = None,
     local_changes: Annotated[
         list[str] | None,
-        Words("STAGE.PARAMETER=VALUE", name="local-set", completed=setting_words),
+        Words("STAGE.PARAMETER=VALUE", name="local-set", completed=recipes.setting_words),
     ] = None,
     golden: Annotated[Path | None, Words("DIR")] = None,
     update_golden: bool = False,
@@ -232,8 +185,6 @@ def run_maps(
     ----------
     sources : list of str
         Maps, folders, quoted patterns, or @LIST.txt.
-    output : path
-        Output folder.
     recipe : str, optional
         One of default, nav2, local, arena, design-real, design-sim, design-local, or a file.
         [default: default; with --params-file the robot's costmap]
@@ -271,10 +222,6 @@ def run_maps(
         Write a page of all that was made, too: DIR/report.html.
     dry_run : bool
         Say what would be read, written, skipped and refused, and the memory it takes.
-    footprint : Footprint, optional
-        Shape of the robot.
-    robot : RobotParameters, optional
-        The robot's own parameters.
     """
     work = Work.in_shell()
     terminal = work.terminal
@@ -287,8 +234,10 @@ def run_maps(
     for text in changes or []:
         if text.strip().startswith(_OF_LOCAL):
             hint = f"with --pose, {_LOCAL_SET} takes what the local map is made with"
-            raise ParameterError("is not a parameter of a stage", source=SET, got=text, hint=hint)
-    loaded = load_recipe(recipe, changes, footprint=footprint, sim=sim, robot=robot)
+            raise ParameterError(
+                "is not a parameter of a stage", source=recipes.SET, got=text, hint=hint
+            )
+    loaded = recipes.load_recipe(recipe, changes, footprint=footprint, sim=sim, robot=robot)
     for step in loaded.steps:
         terminal.detail(step_line(step))
     if canvas == "full" and not loaded.is_smaller:
@@ -311,28 +260,38 @@ def run_maps(
         output = absolute_path(output)
     listing = list_maps(sources, output, terminal.input_chunks)
     names = {path.name for path in output_folder(output, {}, loaded, settings).outputs()}
-    all_jobs = jobs_of(listing.maps, output, names)
+    all_jobs = batch.jobs_of(listing.maps, output, names)
     listing.say(terminal, "run")
     is_batch = listing.is_set or len(all_jobs) > 1
     if around is not None and len(all_jobs) > 1:
         raise ParameterError(f"takes one map, there are {len(all_jobs)}", place="pose")
-    map_run = MapRun(loaded, settings, around)
+    map_run = batch.MapRun(loaded, settings, around)
     size = None
     if scheduler is not None:
         all_jobs = [replace(job, path=absolute_path(job.path)) for job in all_jobs]
     else:
-        size = jobs_at_once(jobs, len(all_jobs), terminal)
+        size = batch.jobs_at_once(jobs, len(all_jobs), terminal)
         map_run = map_run.sharing(size)
-    page = _page_of(output) if report else None
+    page = None
+    if report:
+        from mapdeal.commands.report import page_in, reported
+
+        page = page_in(output)
     if dry_run:
-        others = [*([output / SUMMARY] if is_batch else []), *([page] if page else [])]
-        _print_plans(Plans([plan_of(job, map_run) for job in all_jobs], size, others), terminal,
-                    is_batch=is_batch)  # fmt: skip
+        others = [*([output / batch.SUMMARY] if is_batch else []), *([page] if page else [])]
+        plans = batch.Plans([batch.plan_of(job, map_run) for job in all_jobs], size, others)
+        error = plans.plans[0].error
+        if not is_batch and error is not None:
+            raise error
+        terminal.summary(plans.lines())
+        for line in plans.details():
+            terminal.detail(line)
+        plans.check()  # ends as the run would, as far as that is known
         return
+    workers: batch.Workers | None = None
     with ExitStack() as stack:
-        workers: Workers | None = None
         if scheduler is not None:
-            from mapdeal.pipeline.cluster import ClusterWorkers, connected, shared_folders
+            from mapdeal.pipeline.workers import ClusterWorkers, connected, shared_folders
 
             client = stack.enter_context(connected(scheduler, shared_folders(all_jobs[0])))
             workers = cluster = ClusterWorkers(client, scheduler, jobs)
@@ -342,27 +301,22 @@ def run_maps(
 
             workers = ProcessWorkers(size)
         if page is not None:
-            from mapdeal.commands.report import reported
-
             made = [output] if is_batch else [all_jobs[0].folder]
             maps = [job.path for job in all_jobs]
+            tell = terminal.summary
             stack.enter_context(
-                reported(
-                    page,
-                    made,
-                    maps,
-                    settings,
-                    on_made=lambda one: terminal.summary(one.lines()),
-                )
+                reported(page, made, maps, settings, on_made=lambda one: tell(one.lines()))
             )
         if is_batch:
-            batch = run_and_report(all_jobs, output, map_run, Batch, terminal, workers=workers)
-            terminal.summary(batch.lines())
-            batch.check()
+            done = batch.run_and_report(
+                all_jobs, output, map_run, batch.Batch, terminal, workers=workers
+            )
+            terminal.summary(done.lines())
+            done.check()
         else:
             terminal.summary(_run_one(all_jobs[0], map_run, workers, work).lines())
             if robot is not None and workers is None and terminal.is_verbose():
-                from mapdeal.pipeline.single import queue_lines  # few ask
+                from mapdeal.pipeline.run import queue_lines  # few ask
 
                 for line in queue_lines(all_jobs[0].path, loaded.steps, settings):
                     terminal.detail(line)
@@ -374,13 +328,9 @@ def run_maps(
 
 
 def _around(
-    pose: Sequence[float],
-    cloud: str | None,
-    frame: CloudFrame | None,
-    recipe: str | None,
-    changes: Sequence[str],
-    footprint: Footprint | None,
-) -> Around:
+    pose: Sequence[float], cloud: str | None, frame: CloudFrame | None, recipe: str | None,
+    changes: Sequence[str], footprint: Footprint | None,
+) -> Around:  # fmt: skip
     """Return where a robot stands on the map, and how its local map is made."""
     from mapdeal.pipeline.local import OF_WINDOWS, Around, only_cloud  # of use to few runs
 
@@ -396,13 +346,13 @@ def _around(
     try:
         return Around(
             check_pose(pose, "--pose"),
-            load_recipe(recipe, others, footprint=footprint),
+            recipes.load_recipe(recipe, others, footprint=footprint),
             LocalOptions(frame or "robot", **options),
             None if cloud is None else only_cloud([cloud]).path,
             takes_cells=cloud is None and "resolution" not in options,
         )
     except ParameterError as error:
-        if SET in (error.source, error.place):
+        if recipes.SET in (error.source, error.place):
             error.source, error.place = _LOCAL_SET, error.place if error.source else None
         elif error.place == "recipe":
             error.place = "local_recipe"
@@ -423,33 +373,15 @@ def _option_of(text: str) -> tuple[str, Any]:
     return name, value.strip()
 
 
-def _page_of(output: Path) -> Path:
-    """Return where the report goes, which no other file may be."""
-    from mapdeal.commands.report import page_in
-
-    return page_in(output)
-
-
-def _print_plans(plans: Plans, terminal: Terminal, *, is_batch: bool) -> None:
-    """Print what a run would do, and end as it would as far as that is known."""
-    error = plans.plans[0].error
-    if not is_batch and error is not None:
-        raise error
-    terminal.summary(plans.lines())
-    for line in plans.details():
-        terminal.detail(line)
-    plans.check()
-
-
-def _run_one(job: Job, run: MapRun, workers: Workers | None, work: Work) -> RunReport:
+def _run_one(
+    job: batch.Job, run: batch.MapRun, workers: batch.Workers | None, work: Work
+) -> RunReport:
     """Run the only map, on a cluster or here; its errors are those of the command."""
     if workers is None:
         return replace(run, settings=replace(run.settings, progress=work.settings.progress))(job)
-    outcomes: list[Outcome] = []
-    dispatch(
-        1, lambda _: job, partial(attempt, run), workers, lambda _, done: outcomes.append(done)
-    )
-    (outcome,) = outcomes
+    outcomes: dict[int, batch.Outcome] = {}
+    batch.dispatch(1, lambda _: job, partial(batch.attempt, run), workers, outcomes.__setitem__)
+    outcome = outcomes[0]
     for text in outcome.warnings:
         work.terminal.warn(text)
     if isinstance(outcome.result, MapdealError):

@@ -12,64 +12,29 @@ from typing import Annotated, Any, Literal, Unpack
 import numpy as np
 
 from mapdeal.command import Result, Words, command, is_plain
+from mapdeal.compare import bounds as score_bounds
+from mapdeal.compare import score as scoring
 from mapdeal.compare.align import bytes_to_align, placed
-from mapdeal.compare.bounds import (
-    AGAINST_TRUTH,
-    ALONE,
-    COUNT,
-    DISTANCES,
-    METRES,
-    SHARE,
-    THICKNESS,
-    ScoreBound,
-    checked_bounds,
-    figure_in,
-    figure_text,
-    figures_named,
-    judged,
-    unit_of,
-    why_missing,
-)
-from mapdeal.compare.score import (
-    UNKNOWN,
-    Comparison,
-    bytes_alone,
-    bytes_to_compare,
-    compare_to_truth,
-    metres_of,
-    score_alone,
-    states_of,
-)
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import SCORE_FORMAT
-from mapdeal.grid.display import count_text
 from mapdeal.grid.frame import Frame, Transform
-from mapdeal.grid.values import FREE, OCCUPIED
+from mapdeal.grid.values import FREE, OCCUPIED, count_text
 from mapdeal.kernels.lookup import histogram
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import ScoredWalls, score_image
-from mapdeal.pipeline.inputs import (
-    Map,
-    MapInput,
-    Reading,
-    Work,
-    claim_for,
-    errors_named,
-    opened,
-    transform_of,
-)
+from mapdeal.pipeline import inputs
 from mapdeal.sensors.points import TransformFile, read_transform, transform_document
 
 Way = Literal["frames", "transform", "align"]
 """How the maps were placed: by their files, by a transform, or by aligning them."""
 
 _COLUMNS = (
-    ("n", "n", COUNT, 9),
-    ("mean", "mean", METRES, 13),
-    ("median", "median", METRES, 13),
-    ("p95", "p95", METRES, 13),
-    ("max", "max", METRES, 13),
-    ("within 0.1 m", "share_le_0p1", SHARE, 14),
+    ("n", "n", score_bounds.COUNT, 9),
+    ("mean", "mean", score_bounds.METRES, 13),
+    ("median", "median", score_bounds.METRES, 13),
+    ("p95", "p95", score_bounds.METRES, 13),
+    ("max", "max", score_bounds.METRES, 13),
+    ("within 0.1 m", "share_le_0p1", score_bounds.SHARE, 14),
 )
 _AFTER_THICKNESS = (
     "share_one_cell_thick", "corners", "enclosed_areas", "enclosed_m2", "enclosed_pockets"
@@ -101,20 +66,15 @@ class Score(Result):
         aligning them.
     comparison : Comparison or None
         The cells of both maps, and the distances between their walls; None without a truth.
-
-    Notes
-    -----
-    A score with a truth is shown as a picture in notebooks and can be drawn with `draw_picture`:
-    the walls of the map over the truth, coloured by their distance from it.
     """
 
     values: dict[str, Any]
-    bounds: tuple[ScoreBound, ...]
+    bounds: tuple[score_bounds.ScoreBound, ...]
     frame: Frame
-    maps: tuple[MapInput, ...]
+    maps: tuple[inputs.MapInput, ...]
     transform: tuple[float, float, float] | None = None
     way: Way = "frames"
-    comparison: Comparison | None = None
+    comparison: scoring.Comparison | None = None
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
@@ -123,14 +83,11 @@ class Score(Result):
 
     @property
     def is_drawn(self) -> bool:
-        """Whether there is a picture, which requires a truth."""
+        """Whether there is a picture: walls over those of a truth, coloured by their distance."""
         return self.comparison is not None
 
     def document(self) -> dict[str, Any]:
-        """Return the score as the dict that ``mapdeal score --json`` prints.
-
-        The entries ``map`` and ``truth``, paths with checksums, are None for grids.
-        """
+        """Return what ``--json`` prints; ``map`` and ``truth`` are None for grids."""
         named, truth, *_ = (*(one.document() for one in self.maps), None)
         transform = None
         if self.transform is not None:
@@ -152,7 +109,6 @@ class Score(Result):
         }
 
     def lines(self) -> Iterator[str]:
-        """Yield what ``mapdeal score`` prints."""
         frame = self.frame
         size = f"{frame.width} x {frame.height} cells of {frame.resolution:.6g} m"
         yield f"{' against '.join(one.name for one in self.maps)}: {size}"
@@ -164,47 +120,47 @@ class Score(Result):
             yield f"  bound     {self._bound_text(bound)}"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
-        """Return the walls of the map over the truth, coloured by their distance from it."""
         found = self.comparison
         if found is None:
             raise ParameterError("of a map on its own has no picture", place="a score")
         cell = found.frame.resolution
-        distances, missed = metres_of(found.wall_squares, cell), metres_of(found.missed, cell)
-        walls = ScoredWalls(found.frame, found.estimate, found.truth, distances, missed)
+        distances = [scoring.metres_of(one, cell) for one in (found.wall_squares, found.missed)]
+        walls = ScoredWalls(found.frame, found.estimate, found.truth, *distances)
         named = " on ".join(one.title for one in self.maps)
         title = one_line(title or f"{named}: how far off its walls are")
         return score_image(walls, title=title, **look)
 
     def _distances(self) -> Iterator[str]:
-        wide = max(len(meaning) for meaning in DISTANCES.values())
+        wide = max(len(meaning) for meaning in score_bounds.DISTANCES.values())
         head = f"  {'distance to the nearest wall':<{wide}}"
         yield ""
         yield head + "".join(f"{title:>{room}}" for title, _, _, room in _COLUMNS)
-        for name, meaning in DISTANCES.items():
-            group = self.values[name]
-            cells = (f"{figure_text(group[key], unit):>{room}}" for _, key, unit, room in _COLUMNS)
-            yield f"  {meaning:<{wide}}{''.join(cells)}  {name}"
+        for name, meaning in score_bounds.DISTANCES.items():
+            row = f"  {meaning:<{wide}}"
+            for _, key, unit, room in _COLUMNS:
+                row += score_bounds.figure_text(self.values[name][key], unit).rjust(room)
+            yield f"{row}  {name}"
         yield ""
 
     def _figures(self) -> Iterator[str]:
-        figures = figures_named(with_truth=self.is_drawn)
-        order = list(AGAINST_TRUTH)
+        figures = score_bounds.figures_named(with_truth=self.is_drawn)
+        order = list(score_bounds.AGAINST_TRUTH)
         if not self.is_drawn:
-            order = [name for name in ALONE if name not in _AFTER_THICKNESS]
-            order += [f"{THICKNESS}.{key}" for key in ("mean", "median", "p95")]
+            order = [name for name in score_bounds.ALONE if name not in _AFTER_THICKNESS]
+            order += [f"{score_bounds.THICKNESS}.{key}" for key in ("mean", "median", "p95")]
             order += _AFTER_THICKNESS
         wide = max(len(figures[name][1]) for name in order)
         for name in order:
             unit, meaning = figures[name]
-            value = figure_text(figure_in(self.values, name), unit)
+            value = score_bounds.figure_text(score_bounds.figure_in(self.values, name), unit)
             yield f"  {meaning:<{wide}}  {value:<10}  {name}"
 
-    def _bound_text(self, bound: ScoreBound) -> str:
-        unit = unit_of(bound.name, with_truth=self.is_drawn)
+    def _bound_text(self, bound: score_bounds.ScoreBound) -> str:
+        unit = score_bounds.unit_of(bound.name, with_truth=self.is_drawn)
         text = f"--{bound.side} {bound.name}={bound.allowed:g}{unit}: "
         text += "holds" if bound.holds else "missed"
         if bound.found is None:
-            return f"{text}, not measured: {why_missing(bound.name)}"
+            return f"{text}, not measured: {score_bounds.why_missing(bound.name)}"
         # 9 digits: a figure that is shown as the bound itself is within it
         return f"{text}, found {bound.found:.9g}{unit}"
 
@@ -214,9 +170,8 @@ class Score(Result):
             yield f"{self.values['enclosed_areas']} enclosed areas"
             yield f"{self.values['specks']} small components"
         else:
-            mean = self.values["dist_est_to_truth_m"]["mean"]
+            mean, coverage = self.values["dist_est_to_truth_m"]["mean"], self.values["coverage"]
             yield "no walls to measure" if mean is None else f"walls {mean:.4g} m off in the mean"
-            coverage = self.values["coverage"]
             yield "" if coverage is None else f"{100 * coverage:.4g} % covered"
         if self.bounds:
             yield "within the bounds" if self.passes else "beyond the bounds"
@@ -251,8 +206,8 @@ mapdeal score examples/maps/office_cartographer.yaml \\
     --truth examples/maps/office.yaml --align --min coverage=0.9""",
 )
 def score(
-    map: Map,  # noqa: A002 - what it is
-    truth: Annotated[Map | None, Words("MAP", name="truth")] = None,
+    map: inputs.Map,  # noqa: A002 - what it is
+    truth: Annotated[inputs.Map | None, Words("MAP", name="truth")] = None,
     *,
     align: bool = False,
     transform: Annotated[
@@ -264,7 +219,7 @@ def score(
     maximum: Annotated[
         Mapping[str, float] | None, Words("NAME=VALUE", _bounds, "max", is_repeated=True)
     ] = None,
-    **reading: Unpack[Reading],
+    **reading: Unpack[inputs.Reading],
 ) -> Score:
     """Score a map, on its own or against a true map.
 
@@ -283,8 +238,7 @@ def score(
         Align the map with the true one first.
     transform : path, str, Transform or sequence of float, optional
         Or apply a transform from its frame to that of the true map, as align writes it. In Python
-        x, y (metres) and yaw (radians) serve as well. With neither `align` nor `transform`, both
-        maps are taken to be in one frame.
+        x, y (metres) and yaw (radians) serve as well. By default the maps are in one frame.
     minimum : mapping of str to float, optional
         Pass if a figure is at least this value, such as coverage=0.9; can be repeated. In Python
         values by name; dots lead into groups: ``{"dist_est_to_truth_m.mean": 0.1}``.
@@ -326,8 +280,7 @@ def score(
     - ``iou_``..., ``precision_``..., ``recall_``..., ``mcc_``... and ``confusion_``...: agreement
       of cells; ``coverage``: share of the cells known in the truth that are known in both.
 
-    Without a truth: shares, walls, small components, wall thickness, corners and enclosed areas,
-    after Filatov et al., "2D SLAM quality evaluation methods" (2017).
+    Without a truth: figures after Filatov et al., "2D SLAM quality evaluation methods" (2017).
 
     Examples
     --------
@@ -341,74 +294,68 @@ def score(
     """
     if align and transform is not None:
         raise ParameterError("cannot be given together with a transform", place="align")
-    work = Work.current.get()
+    work = inputs.Work.current.get()
     image = None if work is None else work.settings.image
     for name, value in {"align": align or None, "transform": transform, "--image": image}.items():
         if truth is None and value is not None:
             raise ParameterError("needs --truth, a map to compare with", place=name)
-    limits = checked_bounds(minimum or {}, maximum or {}, with_truth=truth is not None)
-    file = Path(transform) if isinstance(transform, str | PathLike) else None
+    limits = score_bounds.checked_bounds(minimum or {}, maximum or {}, with_truth=truth is not None)
     move: TransformFile | Transform | None
-    move = transform_of(transform, place="transform") if file is None else read_transform(file)
-    given = [map] if truth is None else [map, truth]
-    names = ("the map", "the truth")[: len(given)]
-    maps = opened(*given, names=names, also=[] if file is None else [file], **reading)
+    files = [Path(transform)] if isinstance(transform, str | PathLike) else []
+    move = read_transform(files[0]) if files else inputs.transform_of(transform, place="transform")
+    given = {"the map": map} if truth is None else {"the map": map, "the truth": truth}
+    maps = inputs.opened(*given.values(), names=list(given), also=files, **reading)
     _claim(maps, reading, aligns=align)
     estimate, *others = (one.occupancy for one in maps)
-    with errors_named(maps[0].name):
+    with inputs.errors_named(maps[0].name):
         _warn_of_values(maps)
         if not others:
-            states = states_of(estimate.occupancy)
-            values = score_alone(states, estimate.frame)
+            values = scoring.score_alone(scoring.states_of(estimate.occupancy), estimate.frame)
             if not values["wall_cells"]:
                 emit_warning(f"{maps[0].name}: has no occupied cells", stacklevel=2)
-            return Score(values, judged(limits, values), estimate.frame, tuple(maps))
+            return Score(values, score_bounds.judged(limits, values), estimate.frame, tuple(maps))
         way: Way = "align" if align else "frames" if move is None else "transform"
         if isinstance(move, TransformFile):
-            move = _transform_in(move, file, maps)
+            move = _transform_in(move, files[0], maps)
         elif align:
             move = _aligned(maps)
         move = move or Transform()
-        found = compare_to_truth(estimate, others[0], move)
+        found = scoring.compare_to_truth(estimate, others[0], move)
         _warn_of(found, maps)
-    bounds = judged(limits, found.values)
+    bounds = score_bounds.judged(limits, found.values)
     return Score(found.values, bounds, found.frame, tuple(maps), move.pose, way, found)
 
 
-def _claim(maps: Sequence[MapInput], reading: Reading, *, aligns: bool) -> None:
-    """Refuse what takes too much memory."""
+def _claim(maps: Sequence[inputs.MapInput], reading: inputs.Reading, *, aligns: bool) -> None:
     grids = [one.occupancy for one in maps]
     shape, of_picture = grids[-1].shape, 0
     walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
     if len(grids) == 1:
-        needed = bytes_alone(shape, walls)
+        needed = scoring.bytes_alone(shape, walls)
     else:
-        needed = bytes_to_compare(shape, walls)
-        of_picture = bytes_to_compare(shape, walls, is_drawn=True)
+        needed = scoring.bytes_to_compare(shape, walls)
+        of_picture = scoring.bytes_to_compare(shape, walls, is_drawn=True)
     if aligns:
-        needed = max(needed, bytes_to_align([grid.shape[0] * grid.shape[1] for grid in grids]))
+        needed = max(needed, bytes_to_align([math.prod(grid.shape) for grid in grids]))
     what = f"{shape[1]} x {shape[0]} cells"
-    claim_for(maps, needed, what, of_picture=of_picture, **reading)
+    inputs.claim_for(maps, needed, what, of_picture=of_picture, **reading)
 
 
-def _transform_in(told: TransformFile, file: Path | None, maps: Sequence[MapInput]) -> Transform:
+def _transform_in(told: TransformFile, file: Path, maps: Sequence[inputs.MapInput]) -> Transform:
     """Return the transform of a file, turned round if it goes the other way between two files."""
-    if not told.first or not told.second or any(one.source is None for one in maps):
-        return told.transform
     ends = [set(sums.values()) for sums in (told.first, told.second)]
-    own = [set(one.source.sums.values()) for one in maps if one.source is not None]
-    if ends == own:
+    own = [set(one.sums.values()) for one in maps]
+    if not all(ends) or any(one.path is None for one in maps) or ends == own:
         return told.transform
-    if ends == own[::-1]:
-        text = f"{file}: leads from the truth to the map; its inverse is used"
-        emit_warning(text, stacklevel=3)
-        return told.transform.inverse()
-    text = f"{file}: is between other maps: the checksums are not those of these two"
-    emit_warning(text, stacklevel=3)
-    return told.transform
+    is_other_way = ends == own[::-1]
+    what = "is between other maps: the checksums are not those of these two"
+    if is_other_way:
+        what = "leads from the truth to the map; its inverse is used"
+    emit_warning(f"{file}: {what}", stacklevel=3)
+    return told.transform.inverse() if is_other_way else told.transform
 
 
-def _aligned(maps: Sequence[MapInput]) -> Transform:
+def _aligned(maps: Sequence[inputs.MapInput]) -> Transform:
     found = placed(maps[0].occupancy, maps[1].occupancy)
     if not found.same_place:
         rule = f"cannot be aligned to {maps[1].name} with certainty: {found.reason}"
@@ -417,7 +364,7 @@ def _aligned(maps: Sequence[MapInput]) -> Transform:
     return found.transform
 
 
-def _warn_of_values(maps: Sequence[MapInput]) -> None:
+def _warn_of_values(maps: Sequence[inputs.MapInput]) -> None:
     for one in maps:
         between = int(histogram(one.occupancy.occupancy)[FREE + 1 : OCCUPIED].sum())
         if between:
@@ -426,21 +373,19 @@ def _warn_of_values(maps: Sequence[MapInput]) -> None:
             emit_warning(text, stacklevel=3)
 
 
-def _warn_of(found: Comparison, maps: Sequence[MapInput]) -> None:
+def _warn_of(found: scoring.Comparison, maps: Sequence[inputs.MapInput]) -> None:
     own, truth = (one.name for one in maps)
     texts = []
-    if not (found.truth != UNKNOWN).any():
+    if not (found.truth != scoring.UNKNOWN).any():
         texts.append(f"{truth}: has no known cell, so there is nothing to compare with")
-    elif not (found.estimate != UNKNOWN).any():
+    elif not (found.estimate != scoring.UNKNOWN).any():
         texts.append(f"{own}: has no known cell on {truth}; {_HINT}")
     elif not found.values["known_in_both"]:
         texts.append(f"{own}: has no known cell in common with {truth}; {_HINT}")
     else:
-        texts += [
-            f"{name}: has no occupied cell there, so no distances can be measured"
-            for walls, name in ((found.wall_squares, own), (found.missed, truth))
-            if not len(walls)
-        ]
+        for walls, name in ((found.wall_squares, own), (found.missed, truth)):
+            if not len(walls):
+                texts.append(f"{name}: has no occupied cell there, so no distances can be measured")
     cell, true_cell = maps[0].occupancy.resolution, found.frame.resolution
     if not np.isclose(cell, true_cell, rtol=1e-6, atol=0):
         texts.append(

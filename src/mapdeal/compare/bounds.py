@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from numbers import Real
 from typing import Any, Literal
 
@@ -30,8 +31,6 @@ _OF_CONFUSION = {
 _OF_THICKNESS = {name: _OF_DISTANCES[name] for name in ("mean", "median", "p95")} | {
     "max": (METRES, "thickest")
 }
-
-Group = Mapping[str, tuple[str, str]]
 
 DISTANCES: dict[str, str] = {
     "dist_est_to_truth_m": "walls of the map to those of the truth",
@@ -77,22 +76,16 @@ ALONE: dict[str, tuple[str, str]] = {
 
 THICKNESS = "wall_thickness_m"
 
-_GROUPS_WITH_TRUTH: dict[str, Group] = {
-    **dict.fromkeys(DISTANCES, _OF_DISTANCES),
-    **dict.fromkeys(CONFUSIONS, _OF_CONFUSION),
-}
-_GROUPS_ALONE: dict[str, Group] = {THICKNESS: _OF_THICKNESS}
-
 
 def figures_named(*, with_truth: bool) -> dict[str, tuple[str, str]]:
     """Return unit and meaning of each figure that can have a bound, by its dotted name."""
-    plain = AGAINST_TRUTH if with_truth else ALONE
-    groups = _GROUPS_WITH_TRUTH if with_truth else _GROUPS_ALONE
-    titles = {**DISTANCES, **CONFUSIONS, THICKNESS: "thickness of walls"}
-    found = dict(plain)
-    for group, members in groups.items():
-        for name, (unit, meaning) in members.items():
-            found[f"{group}.{name}"] = unit, f"{titles[group]}: {meaning}"
+    found = dict(AGAINST_TRUTH if with_truth else ALONE)
+    groups = [(DISTANCES, _OF_DISTANCES), (CONFUSIONS, _OF_CONFUSION)]
+    if not with_truth:
+        groups = [({THICKNESS: "thickness of walls"}, _OF_THICKNESS)]
+    for titles, members in groups:
+        for (group, title), (name, (unit, meaning)) in product(titles.items(), members.items()):
+            found[f"{group}.{name}"] = unit, f"{title}: {meaning}"
     return found
 
 
@@ -105,15 +98,7 @@ def figure_in(values: Mapping[str, Any], name: str) -> float | None:
 
 
 def figure_text(value: float | None, unit: str) -> str:
-    """Return a figure with its unit as people read it, ``-`` where there is none.
-
-    Examples
-    --------
-    >>> figure_text(0.30000000000000004, METRES), figure_text(0.9097, SHARE)
-    ('0.3 m', '91.0 %')
-    >>> figure_text(None, METRES), figure_text(1234, COUNT), figure_text(0.46785, NUMBER)
-    ('-', '1234', '0.468')
-    """
+    """Return a figure with its unit as people read it, ``-`` where there is none."""
     if value is None:
         return "-"
     if unit == SHARE:
@@ -127,8 +112,7 @@ def figure_text(value: float | None, unit: str) -> str:
 
 Side = Literal["min", "max"]
 
-_ROUNDING = 1e-9
-"""Of figures: six cells of 0.05 m are 0.30000000000000004 m."""
+_ROUNDING = 1e-9  # of figures: six cells of 0.05 m are 0.30000000000000004 m
 
 
 @dataclass(frozen=True)
@@ -174,13 +158,14 @@ def checked_bounds(
 ) -> list[tuple[str, Side, float]]:
     """Return the bounds under the official names of their figures."""
     found: list[tuple[str, Side, float]] = []
-    for side, bounds in (("min", minimum), ("max", maximum)):
+    given_bounds: dict[Side, Mapping[str, float]] = {"min": minimum, "max": maximum}
+    for side, bounds in given_bounds.items():
         for given, allowed in bounds.items():
             name = _known_name(given, side, with_truth=with_truth)
             if not isinstance(allowed, Real) or not math.isfinite(allowed):
                 rule = "must be a finite number"
                 raise ParameterError(rule, source=f"--{side}", place=name, got=allowed)
-            found.append((name, "min" if side == "min" else "max", float(allowed)))
+            found.append((name, side, float(allowed)))
     least = {name: allowed for name, side, allowed in found if side == "min"}
     for name, side, allowed in found:
         if side == "max" and allowed < least.get(name, -math.inf):
@@ -191,20 +176,11 @@ def checked_bounds(
 
 def judged(
     bounds: list[tuple[str, Side, float]], values: Mapping[str, Any]
-) -> tuple[ScoreBound, ...]:  # fmt: skip
-    return tuple(
-        ScoreBound(name, side, allowed, figure_in(values, name)) for name, side, allowed in bounds
-    )
+) -> tuple[ScoreBound, ...]:
+    return tuple(ScoreBound(*bound, figure_in(values, bound[0])) for bound in bounds)
 
 
 def why_missing(name: str) -> str:
-    """Return a short reason why a figure is missing.
-
-    Examples
-    --------
-    >>> why_missing("coverage"), why_missing("dist_est_to_truth_m.mean")
-    ('the truth has no such cells', 'one of the maps has no walls to measure')
-    """
     if name.startswith("dist_"):
         return "one of the maps has no walls to measure"
     if name.startswith("ssim_"):

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.resample import sampled
 from mapdeal.grid.values import OCCUPIED
-from mapdeal.kernels.dilation import within_distance
+from mapdeal.kernels.distance import within_distance
 
 STATES = ("occupied", "free", "unknown", "between")
 """States of a cell; ``between`` stands for the values 1..99."""
@@ -49,8 +49,7 @@ class WallShift:
     mean: float
 
 
-_ROUNDING = 1e-9
-"""Of distances: six cells of 0.05 m are 0.30000000000000004 m."""
+_ROUNDING = 1e-9  # of distances: six cells of 0.05 m are 0.30000000000000004 m
 
 
 @dataclass(frozen=True)
@@ -141,15 +140,20 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
     both = in_a & in_b
     state_a, state_b = states_of(a), states_of(b)
     counts = confusion_of(state_a[both], state_b[both]).tolist()
-    differs = both & (a != b)
-    beyond = differs.copy()
+    differs = beyond = both & (a != b)
     if tolerance > 0:
-        beyond &= _is_beyond(state_a, state_b, both, math.floor(tolerance**2))
+        beyond = differs & _is_beyond(state_a, state_b, both, math.floor(tolerance**2))
     known = np.count_nonzero(first.occupancy >= 0) - np.count_nonzero(both & (a >= 0))
     walls = [grid.frame.xy_from_rowcol(np.argwhere(grid.occupied())) for grid in (first, second)]
     in_common = [frame.xy_from_rowcol(np.argwhere((cells == OCCUPIED) & both)) for cells in (a, b)]
+    pairs: dict[str, tuple[Any, Any]] = {
+        "width": (first.shape[1], second.shape[1]),
+        "height": (first.shape[0], second.shape[0]),
+        "resolution": (first.resolution, second.resolution),
+        "origin": (list(first.origin), list(second.origin)),
+    }
     return Difference(
-        geometry=_geometry(first, second),
+        geometry={name: pair for name, pair in pairs.items() if pair[0] != pair[1]},
         common_cells=int(np.count_nonzero(both)),
         differing=int(np.count_nonzero(differs)),
         beyond_tolerance=int(np.count_nonzero(beyond)),
@@ -168,7 +172,6 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
 
 
 def states_of(values: NDArray[np.int8]) -> NDArray[np.uint8]:
-    """Return the states of cells, as indices into `STATES`."""
     table = np.full(256, STATES.index("between"), dtype=np.uint8)
     table[OCCUPIED] = STATES.index("occupied")
     table[0] = STATES.index("free")
@@ -207,16 +210,6 @@ def _is_beyond(
     return beyond
 
 
-def _geometry(first: OccupancyGrid, second: OccupancyGrid) -> dict[str, tuple[Any, Any]]:
-    pairs = {
-        "width": (first.shape[1], second.shape[1]),
-        "height": (first.shape[0], second.shape[0]),
-        "resolution": (first.resolution, second.resolution),
-        "origin": (list(first.origin), list(second.origin)),
-    }
-    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
-
-
 def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str | None:
     """Return the symmetry that makes at least half of the differing cells agree, if any."""
     if first.shape not in (second.shape, second.shape[::-1]):
@@ -225,10 +218,9 @@ def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str |
     best, most = None, as_it_is + (first.size - as_it_is) // 2
     for name, turn in SYMMETRIES.items():
         turned = turn(second)
-        if turned.shape == first.shape:
-            agreeing = int((first == turned).sum())
-            if agreeing > most:
-                best, most = name, agreeing
+        agreeing = int((first == turned).sum()) if turned.shape == first.shape else 0
+        if agreeing > most:
+            best, most = name, agreeing
     return best
 
 

@@ -4,94 +4,64 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.grid import values as map_values
+from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.resample import sampled
-from mapdeal.grid.values import FREE as FREE_VALUE
-from mapdeal.grid.values import OCCUPIED as OCCUPIED_VALUE
-from mapdeal.grid.values import UNKNOWN as UNKNOWN_VALUE
 from mapdeal.kernels.components import thickness_of, touching_groups
 from mapdeal.kernels.distance import squared_distance, unreachable
 from mapdeal.kernels.lookup import histogram, look_up
 from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, for_rows, in_parallel, thread_count
 
-States = NDArray[np.uint8]
-"""`UNKNOWN`, `FREE` or `OCCUPIED`, shape (H, W)."""
-
+States = NDArray[np.uint8]  # `UNKNOWN`, `FREE` or `OCCUPIED`, shape (H, W)
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
+
+Values = dict[str, Any]
+"""Figures by name: numbers, None where there is nothing to measure, or more of such."""
 
 
 def states_of(values: NDArray[np.int8]) -> States:
-    """Return what cells are.
-
-    Examples
-    --------
-    >>> states_of(np.array([[-1, 0, 1, 99, 100]], np.int8)).tolist()
-    [[0, 1, 0, 0, 2]]
-    """
+    """Return what cells are: of the values only 0 and 100 are known."""
     table = np.full(256, UNKNOWN, dtype=np.uint8)
-    table[[FREE_VALUE, OCCUPIED_VALUE]] = FREE, OCCUPIED
-    states: States = look_up(values, table)
-    return states
+    table[[map_values.FREE, map_values.OCCUPIED]] = FREE, OCCUPIED
+    return look_up(values, table)
 
 
 _Mask = NDArray[np.bool_]
 
-_NEAR = 0.1
-"""Metres within which a wall counts as found."""
+_NEAR = 0.1  # metres within which a wall counts as found
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True)
-class WallDistances:
-    """Distances of the wall cells of one map to the nearest wall cell of another, metres."""
-
-    n: int
-    mean: float | None = None
-    median: float | None = None
-    p95: float | None = None
-    max: float | None = None
-    share_lt_0p1: float | None = None
-    share_le_0p1: float | None = None
-
-
-def wall_distances(squares: NDArray[np.signedinteger], resolution: float) -> WallDistances:
-    """Return what there is to say of distances.
-
-    Notes
-    -----
-    Distances are those between cell centres: the root of a whole number of cells, times the
-    resolution. The median and the percentile are numpy's (linear). Squares are compared with
-    (0.1 / resolution) squared, so that two cells of 0.05 m are exactly 0.1 m.
-
-    Examples
-    --------
-    >>> found = wall_distances(np.array([0, 1, 4, 9], dtype=np.int32), 0.05)
-    >>> found.n, round(found.mean, 3), found.share_lt_0p1, found.share_le_0p1
-    (4, 0.075, 0.5, 0.75)
-    """
-    if not len(squares) or int(squares[0]) == unreachable(squares):
-        return WallDistances(len(squares))
+def _wall_distances(squares: NDArray[np.signedinteger], resolution: float) -> Values:
+    """Return figures of the distances from some wall cells to the nearest ones of another map."""
+    # The median and the percentile are numpy's (linear). Squares are compared with
+    # (0.1 / resolution) squared, so that two cells of 0.05 m are exactly 0.1 m.
+    count = len(squares)
+    if not count or int(squares[0]) == unreachable(squares):
+        names = ("mean", "median", "p95", "max", "share_lt_0p1", "share_le_0p1")
+        return {"n": count, **dict.fromkeys(names)}
     metres = metres_of(squares, resolution)
     limit = (_NEAR / resolution) ** 2
     if math.isclose(limit, round(limit), rel_tol=_ROUNDING):
         limit = round(limit)
     median, p95 = np.percentile(metres, [50, 95])
-    return WallDistances(
-        len(squares),
-        float(metres.mean()),
-        float(median),
-        float(p95),
-        float(metres.max()),
-        float(np.count_nonzero(squares < limit) / len(squares)),
-        float(np.count_nonzero(squares <= limit) / len(squares)),
-    )
+    return {
+        "n": count,
+        "mean": float(metres.mean()),
+        "median": float(median),
+        "p95": float(p95),
+        "max": float(metres.max()),
+        "share_lt_0p1": float(np.count_nonzero(squares < limit) / count),
+        "share_le_0p1": float(np.count_nonzero(squares <= limit) / count),
+    }
 
 
 def metres_of(squares: NDArray[np.signedinteger], resolution: float) -> NDArray[np.float64]:
@@ -102,127 +72,52 @@ def metres_of(squares: NDArray[np.signedinteger], resolution: float) -> NDArray[
     return metres
 
 
-@dataclass(frozen=True)
-class Confusion:
-    """Cells by whether the estimate has them occupied, and whether the truth has."""
-
-    tp: int
-    tn: int
-    fp: int
-    fn: int
-
-    @property
-    def precision(self) -> float | None:
-        """The share of the estimate's occupied cells that are occupied in the truth."""
-        return share(self.tp, self.tp + self.fp)
-
-    @property
-    def recall(self) -> float | None:
-        """The share of the truth's occupied cells that are occupied in the estimate."""
-        return share(self.tp, self.tp + self.fn)
-
-    @property
-    def mcc(self) -> float | None:
-        """Matthews' correlation coefficient, -1..1; None where one map has cells of one kind alone.
-
-        Examples
-        --------
-        >>> Confusion(6, 3, 1, 2).mcc
-        0.47809144373375745
-        """
-        tp, tn, fp, fn = self.tp, self.tn, self.fp, self.fn
-        product = (tp + fp) * (tp + fn) * (tn + fp) * (tn + fn)
-        return (tp * tn - fp * fn) / math.sqrt(product) if product else None
+def _agreement(estimate: States, truth: States) -> Values:
+    """Return figures of cells of two maps on one lattice, by what they are in each."""
+    pairs = truth * np.uint8(3)
+    pairs += estimate
+    counts = histogram(pairs)[:9].reshape(3, 3).tolist()  # whole numbers that do not overflow
+    in_truth = [sum(row) for row in counts]
+    in_estimate = [sum(column) for column in zip(*counts, strict=True)]
+    tp, free = counts[OCCUPIED][OCCUPIED], counts[FREE]
+    known = {"tp": tp, "tn": free[FREE], "fp": free[OCCUPIED], "fn": counts[OCCUPIED][FREE]}
+    fp, fn = in_estimate[OCCUPIED] - tp, in_truth[OCCUPIED] - tp
+    whole = {"tp": tp, "tn": truth.size - tp - fp - fn, "fp": fp, "fn": fn}  # unknown: not occupied
+    known_in_both = sum(known.values())
+    return {
+        "iou_occupied": share(tp, in_truth[OCCUPIED] + in_estimate[OCCUPIED] - tp),
+        "iou_free": share(free[FREE], in_truth[FREE] + in_estimate[FREE] - free[FREE]),
+        "precision_occupied_known_in_both": share(tp, tp + known["fp"]),
+        "recall_occupied_known_in_both": share(tp, tp + known["fn"]),
+        "coverage": share(known_in_both, in_truth[FREE] + in_truth[OCCUPIED]),
+        "coverage_free": share(free[FREE] + free[OCCUPIED], in_truth[FREE]),
+        "known_in_both": known_in_both,
+        "mcc_known_in_both": _mcc(**known),
+        "confusion_known_in_both": known,
+        "mcc_whole_lattice": _mcc(**whole),
+        "confusion_whole_lattice": whole,
+    }
 
 
-@dataclass(frozen=True)
-class Overlap:
-    """Cells of two maps on one lattice, by what they are in each."""
-
-    counts: tuple[tuple[int, ...], ...]
-
-    @classmethod
-    def of(cls, estimate: States, truth: States) -> Overlap:
-        """Return the counts of two maps on one lattice.
-
-        Examples
-        --------
-        >>> estimate, truth = np.array([[2, 1, 0]], np.uint8), np.array([[2, 2, 1]], np.uint8)
-        >>> Overlap.of(estimate, truth).counts
-        ((0, 0, 0), (1, 0, 0), (0, 1, 1))
-        """
-        pairs = truth * np.uint8(3)
-        pairs += estimate
-        table = histogram(pairs)[:9].reshape(3, 3).tolist()
-        return cls(tuple(tuple(row) for row in table))
-
-    def _in_truth(self, state: int) -> int:
-        return sum(self.counts[state])
-
-    def _in_estimate(self, state: int) -> int:
-        return sum(row[state] for row in self.counts)
-
-    def iou(self, state: int) -> float | None:
-        """Return cells that are of a kind in both maps, per cell that is of it in one or both."""
-        both = self.counts[state][state]
-        return share(both, self._in_truth(state) + self._in_estimate(state) - both)
-
-    @property
-    def known_in_both(self) -> int:
-        """Cells that neither map has unknown."""
-        known = (FREE, OCCUPIED)
-        return sum(self.counts[one][other] for one in known for other in known)
-
-    @property
-    def coverage(self) -> float | None:
-        """The share of the truth's known cells that the estimate knows."""
-        return share(self.known_in_both, self._in_truth(FREE) + self._in_truth(OCCUPIED))
-
-    @property
-    def coverage_free(self) -> float | None:
-        """The share of the truth's free cells that the estimate knows."""
-        free = self.counts[FREE]
-        return share(free[FREE] + free[OCCUPIED], sum(free))
-
-    @property
-    def known_confusion(self) -> Confusion:
-        """Of cells that neither map has unknown."""
-        table = self.counts
-        return Confusion(
-            table[OCCUPIED][OCCUPIED],
-            table[FREE][FREE],
-            table[FREE][OCCUPIED],
-            table[OCCUPIED][FREE],
-        )
-
-    @property
-    def whole_confusion(self) -> Confusion:
-        """Of all cells of the lattice: unknown ones are not occupied."""
-        tp = self.counts[OCCUPIED][OCCUPIED]
-        fp, fn = self._in_estimate(OCCUPIED) - tp, self._in_truth(OCCUPIED) - tp
-        cells = sum(self._in_truth(state) for state in (UNKNOWN, FREE, OCCUPIED))
-        return Confusion(tp, cells - tp - fp - fn, fp, fn)
+def _mcc(tp: int, tn: int, fp: int, fn: int) -> float | None:
+    """Matthews' correlation coefficient, -1..1; None where one map has cells of one kind alone."""
+    product = (tp + fp) * (tp + fn) * (tn + fp) * (tn + fn)
+    return (tp * tn - fp * fn) / math.sqrt(product) if product else None
 
 
 def share(part: int, whole: int) -> float | None:
     return part / whole if whole else None
 
 
-TOGETHER = 1 << 16
-"""Cells of a band of rows on which a thread works."""
-
-_LIBRARIES = 28_000_000
-"""scipy.ndimage, and what it loads."""
-
+TOGETHER = 1 << 16  # cells of a band of rows on which a thread works
+_LIBRARIES = 28_000_000  # scipy.ndimage, and what it loads
 _PER_CELL, _PER_WALL = 9.2, 12
 _OF_BAND, _AROUND = 90, 10
 """Of a comparison: bytes for each cell, each wall cell of both maps, and each cell of a band, with
 the rows around it."""
 
 _PER_CELL_ALONE, _PER_WALL_ALONE = 7.2, 52
-_OF_BAND_ALONE, _AROUND_ALONE = 60, 40
-"""The same of a map on its own."""
-
+_OF_BAND_ALONE, _AROUND_ALONE = 60, 40  # the same of a map on its own
 LEAST_ROWS_ALONE = 64
 """Rows of a band there: with fewer most of the work would be what lies around them."""
 
@@ -243,7 +138,7 @@ def bytes_alone(shape: tuple[int, int], walls: int) -> int:
 
 def _bytes(
     shape: tuple[int, int], per_cell: float, of_walls: int, of_band: int, around: int, least: int
-) -> int:  # fmt: skip
+) -> int:
     height, width = shape
     rows = max(least, TOGETHER // width)
     workers = min(thread_count(), -(-height // rows))
@@ -291,7 +186,9 @@ def _mean_similarity(
     rows, cols = height - window + 1, width - window + 1
     if rows < 1 or cols < 1:
         return None
-    a, b = _half_pixels(first), _half_pixels(second)
+    halves = np.zeros(3, dtype=np.uint8)  # of a pixel's value
+    halves[[OCCUPIED, UNKNOWN, FREE]] = 0, 1, 2
+    a, b = halves[first], halves[second]
     sums = np.empty(rows)
     step = max(1, TOGETHER // width)
 
@@ -304,14 +201,6 @@ def _mean_similarity(
 
     for_rows(band, (rows, cols))
     return float(sums.sum() / (rows * cols))
-
-
-def _half_pixels(states: States) -> States:
-    """Return pixels in halves: 0 occupied, 1 unknown, 2 free."""
-    table = np.zeros(3, dtype=np.uint8)
-    table[[OCCUPIED, UNKNOWN, FREE]] = 0, 1, 2
-    halves: States = table[states]
-    return halves
 
 
 def _similarity(moments: _Moments, correction: float) -> _Floats:
@@ -327,21 +216,19 @@ def _similarity(moments: _Moments, correction: float) -> _Floats:
 
 
 def _uniform_moments(a: States, b: States) -> _Moments:
-    def mean(values: States, part: float) -> _Floats:
-        return _window_sums(values) * (part / _UNIFORM**2)
+    def mean(sums: NDArray[Any], part: float) -> _Floats:
+        return sums * (part / _UNIFORM**2)
 
-    return mean(a, 0.5), mean(b, 0.5), mean(a * b, 0.25), _squares_mean(a, b)
-
-
-def _squares_mean(a: States, b: States) -> _Floats:
-    sums = _window_sums(a * a).astype(np.float64)
-    sums += _window_sums(b * b)
-    sums *= 0.25 / _UNIFORM**2
-    return sums
+    squares = _window_sums(a * a).astype(np.float64)
+    squares += _window_sums(b * b)
+    products = _window_sums(a * b)
+    return (
+        mean(_window_sums(a), 0.5), mean(_window_sums(b), 0.5), mean(products, 0.25),
+        mean(squares, 0.25),
+    )  # fmt: skip
 
 
 def _window_sums(values: States) -> States:
-    """Return the sums of all windows; 49 values of at most 4 make a byte."""
     height, width = values.shape
     across = values[:, : width - _UNIFORM + 1].copy()
     for k in range(1, _UNIFORM):
@@ -365,10 +252,6 @@ def _gaussian_moments(a: States, b: States) -> _Moments:
     return mean(x), mean(y), mean(x * y), mean(x * x + y * y)
 
 
-Values = dict[str, Any]
-"""Figures by name: numbers, None where there is nothing to measure, or more of such."""
-
-
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """A map beside the true one, on the lattice of that, and its score."""
@@ -384,19 +267,11 @@ class Comparison:
 def compare_to_truth(
     estimate: OccupancyGrid, truth: OccupancyGrid, transform: Transform | None = None
 ) -> Comparison:
-    """Return the score of a map against the true one."""
     frame = truth.frame
-    values = on_lattice(frame, estimate, transform or Transform())
+    lies_in = (transform or Transform()).frame(estimate.frame)
+    values, inside = sampled(frame, estimate.occupancy, lies_in)  # at the centres of its cells
+    values[~inside] = map_values.UNKNOWN
     return compare_states(states_of(values), states_of(truth.occupancy), frame)
-
-
-def on_lattice(
-    frame: Frame, estimate: OccupancyGrid, transform: Transform
-) -> NDArray[np.int8]:  # fmt: skip
-    """Return the values of a map at the centres of another one's cells; -1 where it has none."""
-    values, inside = sampled(frame, estimate.occupancy, transform.frame(estimate.frame))
-    values[~inside] = UNKNOWN_VALUE
-    return values
 
 
 def compare_states(estimate: States, truth: States, frame: Frame) -> Comparison:
@@ -405,31 +280,19 @@ def compare_states(estimate: States, truth: States, frame: Frame) -> Comparison:
     to_truth = squared_distance(true_walls)[walls]
     to_estimate = squared_distance(walls)[true_walls]
     cell = frame.resolution
-    overlap = Overlap.of(estimate, truth)
-    known, whole = overlap.known_confusion, overlap.whole_confusion
     values = {
         "cells": list(frame.shape),
         "ssim_uniform7": uniform_similarity(truth, estimate),
         "ssim_gauss": gaussian_similarity(truth, estimate),
-        "dist_est_to_truth_m": asdict(wall_distances(to_truth, cell)),
-        "dist_truth_to_est_m": asdict(wall_distances(to_estimate, cell)),
-        "dist_est_to_truth_where_truth_known_m": asdict(
-            wall_distances(to_truth[truth[walls] != UNKNOWN], cell)
+        "dist_est_to_truth_m": _wall_distances(to_truth, cell),
+        "dist_truth_to_est_m": _wall_distances(to_estimate, cell),
+        "dist_est_to_truth_where_truth_known_m": _wall_distances(
+            to_truth[truth[walls] != UNKNOWN], cell
         ),
-        "dist_truth_to_est_where_est_known_m": asdict(
-            wall_distances(to_estimate[estimate[true_walls] != UNKNOWN], cell)
+        "dist_truth_to_est_where_est_known_m": _wall_distances(
+            to_estimate[estimate[true_walls] != UNKNOWN], cell
         ),
-        "iou_occupied": overlap.iou(OCCUPIED),
-        "iou_free": overlap.iou(FREE),
-        "precision_occupied_known_in_both": known.precision,
-        "recall_occupied_known_in_both": known.recall,
-        "coverage": overlap.coverage,
-        "coverage_free": overlap.coverage_free,
-        "known_in_both": overlap.known_in_both,
-        "mcc_known_in_both": known.mcc,
-        "confusion_known_in_both": asdict(known),
-        "mcc_whole_lattice": whole.mcc,
-        "confusion_whole_lattice": asdict(whole),
+        **_agreement(estimate, truth),
     }
     return Comparison(frame, estimate, truth, values, to_truth, to_estimate)
 
@@ -440,16 +303,8 @@ LEAST_AREA = 0.25
 _TOGETHER = 1 << 20
 
 
-class Enclosed(NamedTuple):
-    """Areas enclosed by walls."""
-
-    areas: int
-    pockets: int
-    square_metres: float
-
-
-def enclosed_areas(states: States, resolution: float) -> Enclosed:
-    """Return the areas that the walls of a map enclose."""
+def enclosed_areas(states: States, resolution: float) -> tuple[int, int, float]:
+    """Return how many areas, and smaller pockets, walls enclose, and the areas' square metres."""
     # Cells that are not occupied and touch over an edge belong together: a wall whose cells touch
     # over corners is closed. What reaches the border of the map is outside. Everything else is
     # enclosed; it counts if it has free cells, so that the inside of a thick wall, unknown
@@ -468,9 +323,8 @@ def enclosed_areas(states: States, resolution: float) -> Enclosed:
     free[0] = 0
     sizes = free[free > 0] * resolution**2
     is_area = sizes >= LEAST_AREA * (1 - _ROUNDING)
-    return Enclosed(
-        int(np.count_nonzero(is_area)), int(np.count_nonzero(~is_area)), float(sizes[is_area].sum())
-    )
+    areas = int(np.count_nonzero(is_area))
+    return areas, len(sizes) - areas, float(sizes[is_area].sum())
 
 
 def label_sizes(labels: NDArray[np.integer[Any]], count: int) -> NDArray[np.int64]:
@@ -486,23 +340,15 @@ def label_sizes(labels: NDArray[np.integer[Any]], count: int) -> NDArray[np.int6
 _SMOOTHING, _ALONE_AROUND = 1.5, 2.5
 """Standard deviations, in cells: of the walls, and of what is near a cell."""
 
-_SENSITIVITY = 0.1
-"""Harris's k."""
-
-_APART = 3
-"""Cells up to which of two corners the weaker one is none."""
-
-_LEAST_TRACE = 1e-4
-"""A fifteenth of what the end of a slanted line of single cells has."""
-
-_SAME = 1e-5
-"""Of responses in 32 bits."""
-
+_SENSITIVITY = 0.1  # Harris's k
+_APART = 3  # cells up to which of two corners the weaker one is none
+_LEAST_TRACE = 1e-4  # a fifteenth of what the end of a slanted line of single cells has
+_SAME = 1e-5  # of responses in 32 bits
 _HALO = 20
 """Cells from which a cell's response is made, 6 + 1 + 10, and those of cells up to 3 away."""
 
 
-def corners_of(walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def corners_of(walls: _Mask) -> _Mask:
     """Return where walls have corners: bends, ends and crossings."""
     # Harris's detector. Walls are 1 and all else is 0, the map's surroundings, too, smoothed by a
     # Gaussian of 1.5 cells; g is the gradient by central differences, and M the mean of g g^T
@@ -522,23 +368,17 @@ def corners_of(walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
     def some(first: int, end: int) -> None:
         for start in range(first * step, min(end * step, len(walls)), step):
             stop = min(start + step, len(walls))
-            found[start:stop] = _corners_in(_with_halo(walls, start, stop))
+            first_row, last_row = max(start - _HALO, 0), min(stop + _HALO, len(walls))
+            at = first_row - start + _HALO
+            around = np.zeros((stop - start + 2 * _HALO, walls.shape[1] + 2 * _HALO), np.bool_)
+            around[at : at + last_row - first_row, _HALO:-_HALO] = walls[first_row:last_row]
+            found[start:stop] = _corners_in(around)
 
     if walls.size < CELLS_WORTH_A_THREAD:
         some(0, bands)
     else:
         in_parallel(some, bands)
     return found
-
-
-def _with_halo(walls: _Mask, start: int, stop: int) -> _Mask:
-    """Return rows with what is around them; nothing is beyond the map."""
-    height, width = walls.shape
-    around = np.zeros((stop - start + 2 * _HALO, width + 2 * _HALO), dtype=np.bool_)
-    first, last = max(start - _HALO, 0), min(stop + _HALO, height)
-    at = first - start + _HALO
-    around[at : at + last - first, _HALO:-_HALO] = walls[first:last]
-    return around
 
 
 def _corners_in(walls: _Mask) -> _Mask:
@@ -552,10 +392,9 @@ def _corners_in(walls: _Mask) -> _Mask:
     flat = response.ravel()
     strongest = flat[at]
     reach = range(-_APART, _APART + 1)
-    for row in reach:
-        for col in reach:
-            if row * row + col * col <= _APART * _APART:
-                np.maximum(strongest, flat[at + (row * walls.shape[1] + col)], out=strongest)
+    for row, col in product(reach, reach):
+        if row * row + col * col <= _APART * _APART:
+            np.maximum(strongest, flat[at + (row * walls.shape[1] + col)], out=strongest)
     inner.ravel()[at] = flat[at] >= strongest * (1 - _SAME)
     return inner[core]
 
@@ -577,30 +416,18 @@ def _response(walls: _Mask) -> tuple[_Floats, _Floats]:
     return rows * cols - both * both - _SENSITIVITY * trace * trace, trace
 
 
-LEAST_PIECE = 5
-"""Cells below which a piece of wall is a speck."""
-
-
-@dataclass(frozen=True)
-class Thickness:
-    """Thickness of the walls at each of their cells, metres; None if there are no walls."""
-
-    mean: float | None = None
-    median: float | None = None
-    p95: float | None = None
-    max: float | None = None
+LEAST_PIECE = 5  # cells below which a piece of wall is a speck
 
 
 def score_alone(states: States, frame: Frame) -> Values:
-    """Return what a map says of its own quality."""
     # Filatov, Filatov, Krinkin, Chen and Molodan, "2D SLAM quality evaluation methods", 2017
     # (arXiv:1708.02354): shares of cells, corners and enclosed areas.
     unknown, free, occupied = histogram(states)[: OCCUPIED + 1].tolist()
     walls = states == OCCUPIED
     sizes = _pieces(walls)
-    thick = thickness_of(states == OCCUPIED)
+    thick = thickness_of(states == OCCUPIED)  # with the specks, which `walls` now lacks
     corners = touching_groups(corners_of(walls))[1]
-    enclosed = enclosed_areas(states, frame.resolution)
+    areas, pockets, square_metres = enclosed_areas(states, frame.resolution)
     return {
         "cells": list(frame.shape),
         "resolution_m": frame.resolution,
@@ -611,16 +438,16 @@ def score_alone(states: States, frame: Frame) -> Values:
         "wall_cells": occupied,
         "wall_pieces": int(np.count_nonzero(sizes >= LEAST_PIECE)),
         "specks": int(np.count_nonzero(sizes < LEAST_PIECE)),
-        "wall_thickness_m": vars(_thickness(thick, frame.resolution)),
+        "wall_thickness_m": _thickness(thick, frame.resolution),
         "share_one_cell_thick": share(int(np.count_nonzero(thick == 1)), len(thick)),
         "corners": int(corners.max() + 1) if len(corners) else 0,
-        "enclosed_areas": enclosed.areas,
-        "enclosed_pockets": enclosed.pockets,
-        "enclosed_m2": enclosed.square_metres,
+        "enclosed_areas": areas,
+        "enclosed_pockets": pockets,
+        "enclosed_m2": square_metres,
     }
 
 
-def _pieces(walls: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _pieces(walls: _Mask) -> NDArray[np.int64]:
     """Return the sizes of pieces of wall, and take the specks out of `walls`."""
     from scipy.ndimage import label
 
@@ -631,9 +458,10 @@ def _pieces(walls: NDArray[np.bool_]) -> NDArray[np.int64]:
     return sizes[sizes > 0]
 
 
-def _thickness(cells: NDArray[np.int64], resolution: float) -> Thickness:
+def _thickness(cells: NDArray[np.int64], resolution: float) -> Values:
+    names = ("mean", "median", "p95", "max")
     if not len(cells):
-        return Thickness()
+        return dict.fromkeys(names)
     median, p95 = np.percentile(cells, [50, 95])
     figures = (cells.mean(), median, p95, cells.max())  # of whole numbers, in whatever order
-    return Thickness(*(float(figure * resolution) for figure in figures))
+    return {name: float(figure * resolution) for name, figure in zip(names, figures, strict=True)}

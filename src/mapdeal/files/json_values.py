@@ -1,4 +1,4 @@
-"""JSON documents of mapdeal: their text, their kind, their values."""
+"""JSON documents of mapdeal: their text, their values, their kinds."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.files.budget import OF_JSON, claim
-from mapdeal.files.source import read_file
+from mapdeal.files.source import OF_JSON, claim, read_file
 from mapdeal.grid.frame import FARTHEST, Point
 
 T = TypeVar("T")
@@ -29,7 +28,7 @@ def json_of(value: Any) -> bytes:
     try:
         return f"{text}\n".encode()
     except UnicodeEncodeError:  # a file name that is not UTF-8
-        return (json.dumps(value, indent=2, allow_nan=False) + "\n").encode()
+        return f"{json.dumps(value, indent=2, allow_nan=False)}\n".encode()
 
 
 def read_json(path: Path) -> Any:
@@ -51,16 +50,14 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def _finite(text: str) -> float:
-    """Return a number; one too large for a float is refused, since it could not be written."""
     value = float(text)
-    if not math.isfinite(value):
+    if not math.isfinite(value):  # it could not be written
         raise ValueError(f"{text} is too large")
     return value
 
 
 LARGEST_DOCUMENT = 1 << 26
-_LARGEST_WHOLE = 1 << 53
-"""Up to here floats, and so all readers of JSON, have every whole number."""
+_LARGEST_WHOLE = 1 << 53  # up to here floats, and so all readers of JSON, have every whole number
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +78,6 @@ class JsonValue:
         return found
 
     def get(self, key: str) -> JsonValue | None:
-        """Return the value of a key; None if there is no such key."""
         fields = self._fields()
         if key not in fields:
             return None
@@ -103,7 +99,6 @@ class JsonValue:
         return self.value is None
 
     def or_none(self, read: Callable[[JsonValue], T]) -> T | None:
-        """Return what a function reads of it; None of null."""
         return None if self.is_null else read(self)
 
     def number(self, *, least: float = -FARTHEST, most: float = FARTHEST) -> float:
@@ -140,7 +135,6 @@ class JsonValue:
         return text
 
     def sha256(self) -> str:
-        """Return the 64 hexadecimal digits of a checksum."""
         text = self.text()
         if len(text) != 64 or not set(text) <= set("0123456789abcdef"):
             raise self.error("must be the 64 hexadecimal digits of a sha256")
@@ -172,12 +166,7 @@ class JsonValue:
 
 
 def _is_pair(value: object) -> bool:
-    return (
-        type(value) is list
-        and len(value) == 2
-        and type(value[0]) in (float, int)
-        and type(value[1]) in (float, int)
-    )
+    return type(value) is list and len(value) == 2 and set(map(type, value)) <= {float, int}
 
 
 def read_document(path: Path) -> JsonValue:
@@ -237,13 +226,7 @@ _GEOMETRIES = (
 
 
 def document_kind(value: Any) -> str | None:
-    """Return what a JSON value is; None if it is nothing that is known.
-
-    Examples
-    --------
-    >>> document_kind({"maps": [], "errors": 0, "suppressed": 0})
-    'lint'
-    """
+    """Return what a JSON value is; None if it is nothing that is known."""
     if not isinstance(value, dict):
         return None
     if value.get("type") in _GEOMETRIES:
@@ -271,7 +254,6 @@ class NamedMap:
 
 
 def named_map(one: JsonValue) -> NamedMap | None:
-    """Return a map and its files; None of one that was no file."""
     if one.is_null:
         return None
     sums = {name: digest.sha256() for name, digest in one["sha256"].fields().items()}

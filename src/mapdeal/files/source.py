@@ -1,8 +1,11 @@
-"""Names of files, and reading a whole input file.
+"""Input files: their names, their contents, and the memory that these may take.
 
 What the system raises on a name that is too long, in a private folder, in a circle of links, or
 relative to a working folder that is gone, becomes one `FileAccessError` that names it. All other
 modules ask here, and not `pathlib`, whose answers to such names differ between versions of Python.
+
+A small file can ask for any amount of memory, by the numbers in its header or because it is
+compressed. So every reader says what it is about to take, and the answer may be an error.
 """
 
 from __future__ import annotations
@@ -14,42 +17,26 @@ import stat
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.files.budget import claim
+from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
 
 YAML, BIT_MAP = (".yaml", ".yml"), ".pbm"
-MAPS = (*YAML, ".npz")
-"""The likeliest first; a bit map is an image that stands for its YAML."""
-
+MAPS = (*YAML, ".npz")  # the likeliest first; a bit map is an image that stands for its YAML
 NAMED_MAPS = (*MAPS, BIT_MAP)
 LFS_POINTER = b"version https://git-lfs"
 
 # Most maps need no parser: keys at the top of a mapping stand at the beginning of a line.
 IMAGE_KEY = re.compile(rb"""(?m)^(\xef\xbb\xbf)?["']?image["']?[ \t]*:""")
 
-
 LARGEST_FILE = 1 << 34
 _HEAD = 1 << 20
 _CHUNK = 1 << 18
-LONGEST_STREAM = 1 << 28
-"""Bytes that are taken from a pipe or a device: it may never end."""
+LONGEST_STREAM = 1 << 28  # bytes that are taken from a pipe or a device: it may never end
 CHANGED = "changed while it was read"
 """Error text for a file that was replaced or modified while it was read."""
-
-
-class FileState(NamedTuple):
-    """Properties that change when a file is replaced or written to."""
-
-    inode: int
-    size: int
-    modified_ns: int
-
-    @classmethod
-    def of_status(cls, status: os.stat_result) -> FileState:
-        return cls(status.st_ino, status.st_size, status.st_mtime_ns)
 
 
 @contextmanager
@@ -69,7 +56,6 @@ def access_to(path: Path, action: str = "read") -> Iterator[None]:
 
 
 def _can_be_name(path: Path) -> bool:
-    """Return whether bytes stand for the name, none of them zero."""
     try:
         return b"\0" not in os.fsencode(path)
     except UnicodeEncodeError:  # half of a pair of surrogates
@@ -89,10 +75,7 @@ def _status_or_none(path: Path) -> os.stat_result | None:
 
 
 def exists(path: Path) -> bool:
-    """Return whether there is something at `path` that can be seen; whoever reads it says why not.
-
-    A name that no file can have is not there, nor is a link to nothing.
-    """
+    """Return whether there is anything at `path`; a link to nothing is nothing."""
     return _status_or_none(path) is not None
 
 
@@ -160,20 +143,55 @@ def contents_of(folder: Path) -> tuple[list[str], list[str]]:
     return sorted(folders), sorted(files)
 
 
-_sums: ContextVar[dict[Path, str] | None] = ContextVar("sums", default=None)
+def ignores_case(folder: Path) -> bool:
+    """Return whether names that differ in case alone are one to the disk of a folder."""
+    # The nearest existing folder stands for one that is yet to be made.
+    whole = absolute_path(folder)
+    for known in (whole, *whole.parents):
+        other = known.name.swapcase()
+        if other != known.name and exists(known):
+            return is_same_file(known, known.with_name(other))
+    return False
 
 
-@contextmanager
-def sums_of_reads(*, is_wanted: bool = True) -> Iterator[dict[Path, str]]:
-    """Yield a mapping that collects the SHA-256 of each file that `read_file` reads."""
-    # It is that of the bytes that were read, even if the file changes later. The mapping stays
-    # empty if it is not wanted, because it takes time.
-    sums: dict[Path, str] = {}
-    token = _sums.set(sums if is_wanted else None)
+_ALIKE = 0.8  # names are alike from this ratio on: office1.yaml and office.yaml
+
+
+def file_meant(name: str) -> str | None:
+    """Return a hint that asks for the file most like a name in its folder; None without any."""
+    # A name without an ending means the map of that name.
+    import difflib  # of use to mistakes alone
+
+    path = Path(name)
     try:
-        yield sums
-    finally:
-        _sums.reset(token)
+        names = [one for one in contents_of(path.parent)[1] if one != path.name]
+    except FileAccessError:
+        return None
+    near = [path.name + ending for ending in MAPS if path.name + ending in names]
+    plain = {one.lower(): one for one in reversed(names)}
+    near += [plain[one] for one in difflib.get_close_matches(path.name.lower(), plain, 1, _ALIKE)]
+    return f"did you mean {path.with_name(near[0])}?" if near else None
+
+
+class FileState(NamedTuple):
+    """Properties that change when a file is replaced or written to."""
+
+    inode: int
+    size: int
+    modified_ns: int
+
+    @classmethod
+    def of_status(cls, status: os.stat_result) -> FileState:
+        return cls(status.st_ino, status.st_size, status.st_mtime_ns)
+
+
+def state_of(path: Path) -> FileState:
+    return FileState.of_status(status_of(path))
+
+
+def check_state(path: Path, state: FileState) -> None:
+    if state_of(path) != state:
+        raise FileAccessError(CHANGED, source=path)
 
 
 def read_file(
@@ -212,11 +230,10 @@ def check_readable(path: Path) -> os.stat_result:
     return status
 
 
-def note_sum(path: Path, sum_of: Callable[[], str]) -> None:
-    """Keep the sha256 of a file that was read piece by piece, if `sums_of_reads` wants it."""
-    sums = _sums.get()
-    if sums is not None:
-        sums[path] = sum_of()
+def head_of(path: Path, length: int) -> bytes:
+    size = check_readable(path).st_size
+    with access_to(path), path.open("rb") as file:
+        return file.read(min(length, size))  # room for more takes longer to be had than the bytes
 
 
 def chunks_of(path: Path) -> Iterator[bytes]:
@@ -225,16 +242,6 @@ def chunks_of(path: Path) -> Iterator[bytes]:
     with access_to(path), path.open("rb", buffering=0) as file:
         while chunk := file.read(_CHUNK):
             yield chunk
-
-
-def state_of(path: Path) -> FileState:
-    """Return what becomes another if the file of a name is replaced or written to."""
-    return FileState.of_status(status_of(path))
-
-
-def check_state(path: Path, state: FileState) -> None:
-    if state_of(path) != state:
-        raise FileAccessError(CHANGED, source=path)
 
 
 def joined(chunks: Iterable[bytes], *, limit: int, source: Path | str) -> bytes:
@@ -247,51 +254,222 @@ def joined(chunks: Iterable[bytes], *, limit: int, source: Path | str) -> bytes:
     return b"".join(parts)
 
 
-def head_of(path: Path, length: int) -> bytes:
-    """Return the first bytes of a regular file."""
-    size = check_readable(path).st_size
-    with access_to(path), path.open("rb") as file:
-        return file.read(min(length, size))  # room for more takes longer to be had than the bytes
-
-
-def ignores_case(folder: Path) -> bool:
-    """Return whether names that differ in case alone are one to the disk of a folder."""
-    # The nearest existing folder stands for one that is yet to be made.
-    whole = absolute_path(folder)
-    for known in (whole, *whole.parents):
-        other = known.name.swapcase()
-        if other != known.name and exists(known):
-            return is_same_file(known, known.with_name(other))
-    return False
-
-
-def holds(path: Path, sha256: str) -> bool:
-    """Return whether `path` is a file with exactly the contents of that checksum."""
-    return is_regular(path) and sha256_of(path) == sha256
-
-
 def sha256_of(path: Path) -> str:
-    """Return the sha256 of a file's contents, as hexadecimal digits."""
     check_readable(path)
     with access_to(path), path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-_ALIKE = 0.8
-"""Names are alike from this ratio on: office1.yaml and office.yaml."""
+def holds(path: Path, sha256: str) -> bool:
+    return is_regular(path) and sha256_of(path) == sha256
 
 
-def file_meant(name: str) -> str | None:
-    """Return a hint that asks for the file most like a name in its folder; None without any."""
-    # A name without an ending means the map of that name.
-    import difflib  # of use to mistakes alone
+_sums: ContextVar[dict[Path, str] | None] = ContextVar("sums", default=None)
 
-    path = Path(name)
+
+@contextmanager
+def sums_of_reads(*, is_wanted: bool = True) -> Iterator[dict[Path, str]]:
+    """Yield a mapping that collects the SHA-256 of each file that `read_file` reads."""
+    # It is that of the bytes that were read, even if the file changes later. The mapping stays
+    # empty if it is not wanted, because it takes time.
+    sums: dict[Path, str] = {}
+    token = _sums.set(sums if is_wanted else None)
     try:
-        names = [one for one in contents_of(path.parent)[1] if one != path.name]
-    except FileAccessError:
+        yield sums
+    finally:
+        _sums.reset(token)
+
+
+def note_sum(path: Path, sum_of: Callable[[], str]) -> None:
+    """Keep the sha256 of a file that was read piece by piece, if `sums_of_reads` wants it."""
+    sums = _sums.get()
+    if sums is not None:
+        sums[path] = sum_of()
+
+
+_MEMINFO = Path("/proc/meminfo")
+_OWN_GROUP = Path("/proc/self/cgroup")
+_GROUPS = Path("/sys/fs/cgroup")
+
+
+def free_memory(
+    meminfo: Path = _MEMINFO, own_group: Path = _OWN_GROUP, groups: Path = _GROUPS
+) -> int | None:
+    """Return the bytes that are available before anything is swapped out or killed."""
+    # The smaller of what the machine has and what is left of the limits of the control groups
+    # (version 2) that the process is in, as containers set them.
+    match = re.search(r"^MemAvailable:\s+(\d+) kB", _text(meminfo), re.MULTILINE)
+    if match is None:
         return None
-    near = [path.name + ending for ending in MAPS if path.name + ending in names]
-    plain = {one.lower(): one for one in reversed(names)}
-    near += [plain[one] for one in difflib.get_close_matches(path.name.lower(), plain, 1, _ALIKE)]
-    return f"did you mean {path.with_name(near[0])}?" if near else None
+    free = int(match[1]) * 1024
+    group = re.search(r"^0::/(.*)$", _text(own_group), re.MULTILINE)
+    folder = groups / (group[1] if group else "")
+    while True:
+        limit, used = _text(folder / "memory.max").strip(), _text(folder / "memory.current").strip()
+        if limit.isdecimal() and used.isdecimal():
+            # files that were read stay in memory as long as nobody else needs it
+            cached = re.search(r"^inactive_file (\d+)", _text(folder / "memory.stat"), re.MULTILINE)
+            free = min(free, int(limit) - int(used) + (int(cached[1]) if cached else 0))
+        if folder in (groups, folder.parent):
+            return max(free, 0)
+        folder = folder.parent
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text()
+    except (OSError, UnicodeDecodeError):  # it may not be there
+        return ""
+
+
+MOST_EXPANSION = 1000  # times their size that compressed data may expand to
+BLANK_EXPANSION = 1400
+"""The same, of images: an empty map comes to 1032 at most by deflate, to 1366 by LZW."""
+
+_HARMLESS = 1 << 25
+"""Bytes that compressed data may expand to in any case: an empty fax is next to nothing."""
+
+PIECES = 1 << 24
+"""Bytes that readers take for pieces of a file, where they never hold all of it."""
+
+OF_JSON = 30  # times the length of a JSON text that what it says takes, at most
+_INTERPRETER = 50_000_000  # bytes that are taken before anything is read
+_LITTLE = 1 << 22  # bytes that are nothing beside those: they are never refused
+_LEAST = 128_000_000
+_SMALL = 256_000_000
+"""All of little memory is taken, and the least in any case, also by each of many jobs."""
+
+
+@dataclass(frozen=True)
+class _Budget:
+    limit: int | None
+    origin: str = ""
+    held: int = 0
+
+
+SHARE_OF_JOB = " (by default this job's share of the memory)"
+"""Note in the refusal of a job that could have more memory if it ran alone."""
+
+_current: ContextVar[_Budget | None] = ContextVar("budget", default=None)
+
+
+def default_limit(jobs: int = 1) -> int | None:
+    """Return the bytes that each of some jobs may take: its part of half of what is free."""
+    free = free_memory()
+    if free is None:
+        return None
+    if jobs > 1:
+        return max(free // 2 // jobs, _LEAST)
+    return max(free // 2, min(free, _SMALL), _LEAST)
+
+
+@contextmanager
+def use_memory(
+    limit: int | None, *, is_chosen: bool = True, anew: bool = False
+) -> Iterator[None]:  # fmt: skip
+    """Limit the memory of readers within a ``with`` block; None keeps the limit that there is."""
+    if limit is not None:
+        budget = _Budget(limit, "" if is_chosen else SHARE_OF_JOB)
+    else:
+        budget = _by_default() if anew else _budget()
+    token = _current.set(budget)
+    try:
+        yield
+    finally:
+        _current.reset(token)
+
+
+def _budget() -> _Budget:
+    return _current.get() or _by_default()
+
+
+def _by_default() -> _Budget:
+    return _Budget(default_limit(), " (by default half of what is free now)")
+
+
+@contextmanager
+def holding(count: int) -> Iterator[None]:
+    """Count bytes that were read as taken within a ``with`` block."""
+    # Below 0 they are bytes that readers claim, and that are not taken, since nobody keeps what is
+    # made of them.
+    budget = _budget()
+    token = _current.set(replace(budget, held=budget.held + count))
+    try:
+        yield
+    finally:
+        _current.reset(token)
+
+
+def memory_limit() -> tuple[int | None, str]:
+    """Return the bytes that may be used, None if there is no limit, and how a message says why."""
+    budget = _budget()
+    return budget.limit, budget.origin
+
+
+def room() -> int | None:
+    """Return the bytes that `claim` would grant; None if there is no limit."""
+    budget = _budget()
+    if budget.limit is None:
+        return None
+    return max(budget.limit - _INTERPRETER - budget.held, _LITTLE)
+
+
+def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> None:
+    """Refuse what would take more memory than may be used."""
+    most, budget = room(), _budget()
+    if most is None or budget.limit is None or count <= most:
+        return
+    needed = _INTERPRETER + budget.held + count
+    amounts = f"{size_text(needed)} of memory, {size_text(budget.limit)} may be used"
+    rule = f"{what} need {amounts}" if what else f"needs {amounts}"
+    size = size_text(needed).replace(" ", "")
+    more = f"--max-memory {size} allows more, if that much is available"
+    hint = f"{more}; {hint}" if hint else more
+    raise MalformedInputError(rule + budget.origin, source=path, hint=hint)
+
+
+def most_expanded(stored: int) -> int:
+    """Return the bytes that compressed data may expand to where they do not say to how many."""
+    most, budget = room(), _budget()
+    by_rule = max(_HARMLESS, MOST_EXPANSION * stored)
+    if most is None:
+        return by_rule
+    return most // 2 if not budget.origin else min(by_rule, most // 2)
+
+
+def check_expansion(
+    path: Path | str, stored: int, expanded: int, *, most: int = MOST_EXPANSION, place: str = "",
+    on_disk: bool = False,
+) -> None:  # fmt: skip
+    """Refuse compressed data that expand as those of no honest file do."""
+    budget = _budget()
+    is_chosen = budget.limit is not None and not budget.origin and not on_disk
+    if expanded <= max(_HARMLESS, most * stored) or is_chosen:
+        return
+    rule = f"{stored} bytes would expand to {expanded}, more than {most} times as many"
+    hint = "--max-memory SIZE reads it within that size, if you trust the file"
+    if on_disk:
+        hint = "if you trust the file, expand it first: zstd -d"
+    raise MalformedInputError(rule, source=path, place=place or None, hint=hint)
+
+
+def size_text(count: int) -> str:
+    """Return a number of bytes for messages, rounded up, so that it is enough."""
+    step = 10 ** max(len(str(count)) - 3, 0)
+    rounded = -(-count // step) * step
+    unit, name = (10**9, "GB") if rounded >= 10**9 else (10**6, "MB")
+    return f"{rounded / unit:.6f}".rstrip("0").rstrip(".") + f" {name}"
+
+
+def size_of(text: str, name: str | None = None) -> int:
+    """Return a number of bytes: ``500M`` and ``4GiB`` are of 1024, ``4GB`` of 1000."""
+    match = re.fullmatch(
+        r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?", text.strip(), re.IGNORECASE
+    )
+    if match is None:
+        raise ParameterError("must be a size such as 4G or 500M", place=name, got=text)
+    number, unit, ending = float(match[1]), match[2].lower(), (match[3] or "").lower()
+    size = int(number * (1000 if ending == "b" else 1024) ** " kmgt".index(unit or " "))
+    if size < 1:
+        raise ParameterError("must be above 0", place=name, got=text)
+    return size

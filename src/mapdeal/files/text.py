@@ -22,8 +22,6 @@ _LINE_FEED = ord("\n")
 
 
 class _Table(NamedTuple):
-    """What the lines of a file must be."""
-
     path: Path
     columns: Sequence[int]
     delimiter: str | None
@@ -41,13 +39,18 @@ def read_rows(
     """Yield columns of a table, some rows at a time; leave the file behind the last of `most`."""
     table = _Table(path, columns, delimiter, width)
     left = most
-    while (left is None or left > 0) and (text := _some_lines(file)):
+    while left is None or left > 0:
+        text = file.read(_BYTES_TOGETHER) + file.readline(LONGEST_LINE + 1)
+        if not text:
+            return
         ends = _ends_of_lines(text, first_line, path)
         count = len(ends) if left is None else min(left, len(ends))
         plain = text[: ends[count - 1]]
         rows = None if b"#" in plain else _rows_at_once(plain, count, table)
         if rows is None:
-            numbered = list(islice(_lines_with_numbers(text, first_line), left))
+            lines = enumerate(map(bytes.strip, io.BytesIO(text)), first_line)
+            told = ((number, line) for number, line in lines if line and line[:1] != b"#")
+            numbered = list(islice(told, left))
             count = numbered[-1][0] + 1 - first_line if len(numbered) == left else len(ends)
             rows = _rows_of(numbered, table)
         first_line += count
@@ -93,12 +96,6 @@ def is_number(word: str | bytes) -> bool:
     return True
 
 
-def _some_lines(file: BinaryIO) -> bytes:
-    """Return the next lines, the last of them whole unless it is too long."""
-    text = file.read(_BYTES_TOGETHER)
-    return text + file.readline(LONGEST_LINE + 1)
-
-
 def _ends_of_lines(text: bytes, first: int, path: Path) -> NDArray[np.intp]:
     ends = np.flatnonzero(np.frombuffer(text, dtype=np.uint8) == _LINE_FEED) + 1
     if not text.endswith(b"\n"):
@@ -109,14 +106,6 @@ def _ends_of_lines(text: bytes, first: int, path: Path) -> NDArray[np.intp]:
         place = f"line {first + int(np.argmax(is_long))}"
         raise MalformedInputError(rule, source=path, place=place)
     return ends
-
-
-def _lines_with_numbers(text: bytes, first: int) -> Iterator[tuple[int, bytes]]:
-    """Yield number and text of the lines that are neither empty nor comments."""
-    for number, line in enumerate(io.BytesIO(text), first):
-        words = line.strip()
-        if words and not words.startswith(b"#"):
-            yield number, words
 
 
 def _rows_at_once(text: bytes, count: int, table: _Table) -> NDArray[np.float64] | None:
@@ -144,7 +133,6 @@ def _loaded(text: bytes, table: _Table, columns: list[int] | None) -> NDArray[np
 
 
 def _rows_of(numbered: list[tuple[int, bytes]], table: _Table) -> NDArray[np.float64]:
-    """Return the rows of lines, or report which of them is none."""
     if not numbered:
         return np.empty((0, len(table.columns)))
     rows = _rows_at_once(b"\n".join(line for _, line in numbered), len(numbered), table)
@@ -188,8 +176,6 @@ class Kind(Enum):
 
 
 class Form(NamedTuple):
-    """How the text of a row is made."""
-
     texts: tuple[str, ...]
     columns: tuple[int, ...]
 
@@ -198,7 +184,6 @@ def row_texts(
     values: NDArray[np.float64], kinds: Sequence[Kind], forms: Sequence[Form],
     chosen: NDArray[np.uint8],
 ) -> str:  # fmt: skip
-    """Return rows of numbers as text, each in the form that is chosen for it."""
     rows = np.empty(len(values), dtype=object)
     for number, form in enumerate(forms):
         own = chosen == number

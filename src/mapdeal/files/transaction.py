@@ -34,25 +34,23 @@ try:
 except ImportError:  # not POSIX: temporary files of killed runs are then not cleaned up
     fcntl = None  # type: ignore[assignment]
 
-PREFIX = ".mapdeal-"
-"""Of the names of all files that are not there to stay."""
-
+PREFIX = ".mapdeal-"  # of the names of all files that are not there to stay
 _SUFFIX, _KEPT = ".tmp", ".old"
 _AT_ONCE = 1 << 18
 
 # SIGINT comes first: once it is put off, nothing is raised in the middle of putting off the others.
 _ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
 
-Writer = Callable[[BinaryIO], None]
+Writer = Callable[[BinaryIO], object]
 
 
 @contextmanager
-def refused(path: Path, doing: str = "written") -> Iterator[None]:
+def refused(path: Path, problem: str = "cannot be written") -> Iterator[None]:
     """Turn what the system raises within the block into one error about an output."""
     try:
         yield
     except OSError as error:
-        rule = f"cannot be {doing}: {error.strerror or error}"
+        rule = f"{problem}: {error.strerror or error}"
         raise FileAccessError(rule, source=path) from None
 
 
@@ -78,13 +76,6 @@ class Temporary:
 
     @property
     def file(self) -> io.BufferedRandom:
-        """File object to write to.
-
-        Raises
-        ------
-        FileAccessError
-            If the file was discarded.
-        """
         if self._file is None:
             raise FileAccessError("was discarded", source=self.destination)
         return self._file
@@ -115,24 +106,17 @@ class Temporary:
             return hashlib.sha256(file.read()).hexdigest()
         return hashlib.file_digest(file, "sha256").hexdigest()
 
-    def append(self, data: bytes) -> None:
-        file = self.file
-        with refused(self.destination):
-            file.write(data)
-
     def sync(self) -> None:
         if self._file is not None:
             os.fsync(self._file.fileno())
 
     def rename(self) -> None:
-        """Rename the file to its own name, replacing an old one."""
         self._close_to_move()
         self.path.replace(self.destination)
         self._is_ours = False
         self._close()
 
     def discard(self) -> None:
-        """Stop whoever writes the file."""
         if self._file is not None:
             self._file.is_discarded = True
 
@@ -159,7 +143,6 @@ class Temporary:
 
 
 def _locked_new_file(path: Path, destination: Path) -> int:
-    """Make a file and lock it; return its descriptor."""
     with refused(destination):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
     if fcntl is not None:
@@ -258,7 +241,6 @@ def sync_folder(folder: Path) -> None:
 
 
 def folder_for_sockets() -> Path:
-    """Return the system's folder for temporary files."""
     import tempfile  # of use to few
 
     return Path(tempfile.gettempdir())
@@ -375,7 +357,8 @@ class Transaction:
         """Write the file that becomes `path` in this thread, each part as soon as it is there."""
         temporary = self._opened(path)
         for part in parts:
-            temporary.append(part)
+            with refused(path):
+                temporary.file.write(part)
         self._finish(temporary, lambda _: None)
 
     def _opened(self, path: Path) -> Temporary:
@@ -387,27 +370,25 @@ class Transaction:
         return temporary
 
     def _finish(self, temporary: Temporary, writer: Writer) -> None:
-        future = self._pool.submit(
-            copy_context().run, temporary.fill, writer, self._with_checksums
-        )  # fmt: skip
+        fill, context = temporary.fill, copy_context()
+        future = self._pool.submit(context.run, fill, writer, self._with_checksums)
         self._pending.append((temporary, future))
 
     def write_bytes(self, path: Path, data: bytes) -> None:
-        """Write these bytes to the file that becomes `path`."""
-
-        def write(file: BinaryIO) -> None:
-            file.write(data)
-
-        self.write(path, write)
+        self.write(path, lambda file: file.write(data))
 
     def write_json(self, path: Path, document: Any) -> None:
         from mapdeal.files.json_values import json_of  # few outputs are JSON
 
         self.write_bytes(path, json_of(document))
 
-    def wait(self) -> None:
+    def wait(self) -> dict[Path, str]:
         """Wait for the files whose writing has begun, so that what they are made of can go."""
-        self._finished()
+        sums = {}
+        for one, future in self._pending:
+            with refused(one.destination):
+                sums[one.destination] = future.result()
+        return sums
 
     def remove_if_unchanged(self, path: Path, sha256: str) -> None:
         """Remove a file with the old ones, if it has exactly these contents and is not an input."""
@@ -418,21 +399,7 @@ class Transaction:
         """Return the sha256 of each file so far, waiting for those that are being written."""
         if not self._with_checksums:
             raise ValueError("the transaction was begun without checksums")
-        return self._finished()
-
-    def _sync(self) -> None:
-        """Wait for the disk, once all files are written: the first wait is for most of all."""
-        syncs = [(one.destination, self._pool.submit(one.sync)) for one, _ in self._pending]
-        for path, future in syncs:
-            with refused(path):
-                future.result()
-
-    def _finished(self) -> dict[Path, str]:
-        sums = {}
-        for one, future in self._pending:
-            with refused(one.destination):
-                sums[one.destination] = future.result()
-        return sums
+        return self.wait()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None,
@@ -440,10 +407,14 @@ class Transaction:
     ) -> None:  # fmt: skip
         try:
             if error is None:
-                self._finished()
+                self.wait()
                 refuse_warnings()
-                self._sync()
                 temporaries = [temporary for temporary, _ in self._pending]
+                # for the disk once all files are written: the first wait is for most of all
+                syncs = [self._pool.submit(one.sync) for one in temporaries]
+                for one, future in zip(temporaries, syncs, strict=True):
+                    with refused(one.destination):
+                        future.result()
                 _put_in_place(temporaries, self._removed, replaces=self._replaces)
                 self._made_folders.clear()
         finally:
@@ -474,8 +445,8 @@ class Transaction:
                 if isinstance(error, FileExistsError) and not os.path.lexists(new):
                     # it was there, and was gone when mkdir looked whether it is a folder
                     raise FileNotFoundError(new) from None
-                rule = f"the folder cannot be made: {error.strerror}"
-                raise FileAccessError(rule, source=new) from None
+                with refused(new, "the folder cannot be made"):
+                    raise
 
     def _discard(self) -> None:
         """Remove what was not renamed; after a success that is nothing."""
@@ -510,14 +481,14 @@ def _put_in_place(
             raise FileAccessError("the output exists", source=existing[0], hint=hint)
         try:
             for path in existing if len(paths) > 1 else ():
-                with refused(path, "replaced"):
+                with refused(path, "cannot be replaced"):
                     kept[path] = keep_beside(path)
             for one in temporaries:
-                with refused(one.destination, "replaced"):
+                with refused(one.destination, "cannot be replaced"):
                     one.rename()
                 done.append(one.destination)
             for path in removed:
-                with refused(path, "removed"):
+                with refused(path, "cannot be removed"):
                     path.unlink()
                 done.append(path)
         except BaseException:
@@ -553,12 +524,8 @@ def _put_back(done: Sequence[Path], kept: dict[Path, Path]) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it, unless it is there."""
-    try:
+    with refused(folder, "the folder cannot be made"):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        rule = f"the folder cannot be made: {error.strerror}"
-        raise FileAccessError(rule, source=folder) from None
 
 
 def _check_output(output: Path, inputs: Sequence[Path], hint: str | None) -> None:

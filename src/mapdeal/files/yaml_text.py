@@ -93,7 +93,6 @@ class Entry:
         return self.key_line or int(self.node.start_mark.line) + 1
 
     def is_nothing(self) -> bool:
-        """Return whether nothing stands there, or YAML's word for that."""
         return bool(self.node.tag == _NULL)
 
     def merged_fields(self) -> dict[str, Entry]:
@@ -116,7 +115,6 @@ class Entry:
         return self.fields()
 
     def plain_value(self) -> Any:
-        """Return the value, in which all numbers are decimal ones."""
         # YAML 1.1 reads ``010`` as 8, ``1:30`` as 90 and ``1_0`` as 10; other readers do not. A key
         # that appears twice is refused.
         for node in list(_scalars_of(self.source, self.node)):
@@ -125,13 +123,11 @@ class Entry:
                 continue
             if not _NUMBER.fullmatch(text) or re.match(r"[-+]?0\d", text):
                 hint = "YAML readers disagree on it; write digits, a point and an e alone"
-                raise Entry(self.source, self.key, node).error(
-                    "must be a decimal number", hint=hint
-                )
+                number = Entry(self.source, self.key, node)
+                raise number.error("must be a decimal number", hint=hint)
         return self.value()
 
     def value(self) -> Any:
-        """Return the value that PyYAML's safe loader makes of the node."""
         try:
             return yaml.SafeLoader("").construct_document(self.node)
         # PyYAML's constructors fail on tags that do not fit in whatever way they fail.
@@ -150,9 +146,8 @@ class Entry:
     @property
     def is_yaml_1_1_text(self) -> bool:
         """Whether PyYAML would take the scalar for text although ROS reads a number."""
-        return bool(self.node.tag == "tag:yaml.org,2002:str") and not getattr(
-            self.node, "style", None
-        )
+        is_quoted = getattr(self.node, "style", None)
+        return bool(self.node.tag == "tag:yaml.org,2002:str" and not is_quoted)
 
 
 def read_mapping(path: Path, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
@@ -161,7 +156,6 @@ def read_mapping(path: Path, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
 
 
 def parse_mapping(path: Path, data: bytes, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
-    """Return the entries of the mapping that the contents of a YAML file hold, by key."""
     text = decoded_text(path, data)
     node = _compose(path, text, limits)
     if node is None:
@@ -179,7 +173,6 @@ def parse_value(text: str, name: str, limits: YamlLimits = OF_MAPS) -> Any:
 
 
 def _entries_of(path: Path, node: yaml.MappingNode) -> dict[str, Entry]:
-    """Return the entries of a mapping by key; a key that appears twice is refused."""
     entries: dict[str, Entry] = {}
     for key_node, value_node in node.value:
         if not isinstance(key_node, yaml.ScalarNode):
@@ -195,7 +188,6 @@ def _entries_of(path: Path, node: yaml.MappingNode) -> dict[str, Entry]:
 
 
 def _scalars_of(path: Path, node: yaml.Node) -> Iterator[yaml.ScalarNode]:
-    """Yield the single values in a node, which is no deeper than the limits allow."""
     if isinstance(node, yaml.ScalarNode):
         yield node
         return
@@ -213,7 +205,6 @@ def written(first: Any, last: Any = None, most: int = 1 << 62) -> str:
 
 
 def one_line_of(error: Exception) -> str:
-    """Return the message of a YAML error without its several lines of context."""
     problem = getattr(error, "problem", None) or str(error)
     return str(problem).splitlines()[0]
 
@@ -385,7 +376,9 @@ def edited(entries: Mapping[str, Entry], changes: Mapping[str, Any]) -> bytes:
             parts, values = entry.items(), list(value)
             if len(parts) != len(values):
                 raise entry.error(f"must be a list of {len(values)}")
-        spans += [_span(part, one) for part, one in zip(parts, values, strict=True)]
+        for part, one in zip(parts, values, strict=True):
+            start = part.node.start_mark.index
+            spans.append((start, start + len(written(part.node)), _flow_text(one)))
     for start, end, new in sorted(spans, reverse=True):
         text = f"{text[:start]}{new}{text[end:]}"
     newline = "\r\n" if "\r\n" in text else "\n"
@@ -393,12 +386,6 @@ def edited(entries: Mapping[str, Entry], changes: Mapping[str, Any]) -> bytes:
     if missing and not text.endswith("\n"):
         text += newline
     return (text + "".join(f"{line}{newline}" for line in missing)).encode()
-
-
-def _span(entry: Entry, value: Any) -> tuple[int, int, str]:
-    """Return where the text of a value stands, and what takes its place."""
-    start = entry.node.start_mark.index
-    return start, start + len(written(entry.node)), _flow_text(value)
 
 
 def _flow_text(value: Any) -> str:

@@ -1,20 +1,20 @@
-"""The bit map: an obstacle mask with eight cells per byte."""
+"""The bit map, an obstacle mask with eight cells per byte, and drawing into grids of any kind."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Origin, Point
-from mapdeal.grid.framed import Figures, Framed, as_layer
+from mapdeal.errors import FindingError, ParameterError, emit_warning
+from mapdeal.grid.frame import Figures, Framed, Origin, Point, ValueGrid, as_layer, region_of
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.shapes import Circle, Line
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, OverlayType
+from mapdeal.grid.shapes import Circle, Line, Shape
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, OverlayType, check_choice
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.polygons import Spans, paint
 
@@ -31,10 +31,8 @@ class BitMap(Framed):
         cell of a row are set to 0.
     width : int
         Number of cells in a row, W; it need not be a multiple of 8.
-    resolution : float
-        Side of a cell, metres.
-    origin : sequence of float
-        x, y (metres) and yaw (radians) of the outer corner of cell (0, 0).
+    resolution, origin
+        As for `OccupancyGrid`.
 
     Raises
     ------
@@ -49,9 +47,11 @@ class BitMap(Framed):
 
     Examples
     --------
-    >>> bits = BitMap.from_mask([[0, 1, 0], [0, 0, 7]], 0.5, (1.0, 2.0, 0.0))
+    >>> bits = BitMap.from_mask([[0, 1, 0], [0, 0, 7]], 0.5)
     >>> bits.packed.tolist(), bits.get([[0, 1], [1, 1]]).tolist()
     ([[64], [32]], [True, False])
+    >>> bits.set([[0, 2]]).line([(0.25, 0.75), (0.75, 0.75)]).to_mask().astype(int).tolist()
+    [[0, 1, 1], [1, 1, 1]]
     """
 
     kind = "bit map"
@@ -82,20 +82,13 @@ class BitMap(Framed):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of rows and columns."""
         return self.packed.shape[0], self.width
 
     @classmethod
     def from_mask(
         cls, mask: ArrayLike, resolution: float, origin: Origin = (0.0, 0.0, 0.0)
     ) -> BitMap:
-        """Create a bit map from an array, shape (H, W); every value above 0 is a 1.
-
-        Examples
-        --------
-        >>> BitMap.from_mask([[-1, 0, 1, 200]], 0.5).packed.tolist()
-        [[48]]
-        """
+        """Create a bit map from an array, shape (H, W); every value above 0 is a 1."""
         values = np.asarray(mask)
         if values.ndim != 2 or 0 in values.shape:
             rule = "a mask must be two-dimensional and not empty"
@@ -107,10 +100,7 @@ class BitMap(Framed):
     def from_occupancy(
         cls, grid: OccupancyGrid, lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD
     ) -> BitMap:
-        """Create the obstacle mask of a map: the cells at or above `lethal_threshold`.
-
-        Unknown cells become 0.
-        """
+        """Create the obstacle mask of a map: 1 in cells at or above `lethal_threshold`."""
         return cls.from_mask(grid.occupied(lethal_threshold), grid.resolution, grid.origin)
 
     def to_mask(self) -> NDArray[np.bool_]:
@@ -118,13 +108,7 @@ class BitMap(Framed):
         return np.unpackbits(self.packed, axis=1, count=self.width).view(np.bool_)
 
     def to_occupancy(self) -> OccupancyGrid:
-        """Return a map whose obstacles are the ones and whose free cells are the zeros.
-
-        Examples
-        --------
-        >>> BitMap.from_mask([[0, 1]], 0.5).to_occupancy().occupancy.tolist()
-        [[0, 100]]
-        """
+        """Return a map whose obstacles are the ones and whose free cells are the zeros."""
         values = np.unpackbits(self.packed, axis=1, count=self.width).view(np.int8)
         values *= OCCUPIED
         return OccupancyGrid(values, self.resolution, self.origin)
@@ -137,16 +121,7 @@ class BitMap(Framed):
         return inside
 
     def get(self, cells_rowcol: ArrayLike) -> NDArray[np.bool_]:
-        """Return the bits of cells.
-
-        Parameters
-        ----------
-        cells_rowcol : array_like of int, shape (N, 2)
-            Rows and columns.
-
-        Returns
-        -------
-        numpy.ndarray of bool, shape (N,)
+        """Return the bits of cells (row, column), shape (N, 2), as bool, shape (N,).
 
         Raises
         ------
@@ -158,24 +133,12 @@ class BitMap(Framed):
         return bits
 
     def set(self, cells_rowcol: ArrayLike, value: bool = True) -> BitMap:
-        """Return a bit map with the given cells set to a value.
-
-        Parameters
-        ----------
-        cells_rowcol : array_like of int, shape (N, 2)
-            Rows and columns.
-        value : bool
-            New value of the cells.
+        """Return a bit map with cells (row, column), shape (N, 2), set to a value.
 
         Raises
         ------
         ParameterError
             If a cell lies outside the grid.
-
-        Examples
-        --------
-        >>> BitMap.from_mask([[0, 0, 0]], 0.5).set([[0, 2]]).to_mask().tolist()
-        [[False, False, True]]
         """
         rows, cols = self._checked(cells_rowcol)
         mask = self.to_mask()
@@ -189,44 +152,12 @@ class BitMap(Framed):
     def line(
         self, points_xy: Sequence[Point], *, thickness: float = 0.0, value: bool = True
     ) -> BitMap:  # fmt: skip
-        """Return a bit map with a line drawn, clipped to the grid; see `mapdeal.Line`.
-
-        Parameters
-        ----------
-        points_xy : sequence of (x, y)
-            Points in the map frame, metres; each is joined to the next, ends included.
-        thickness : float
-            Thickness, metres; up to the side of a cell, the line is one cell wide.
-        value : bool
-            New value of the covered cells.
-
-        Examples
-        --------
-        >>> bits = BitMap.from_mask([[0, 0, 0, 0]], 1.0).line([(1.5, 0.5), (2.5, 0.5)])
-        >>> bits.to_mask().tolist()
-        [[False, True, True, False]]
-        """
+        """Return a bit map with a `mapdeal.Line` drawn, clipped to the grid."""
         spans = Line(points_xy, thickness).spans(self.frame)
         return self.painted((part, value) for part in spans)
 
     def circle(self, center_xy: Point, radius: float, *, value: bool = True) -> BitMap:
-        """Return a bit map with a filled circle drawn, clipped to the grid; see `mapdeal.Circle`.
-
-        Parameters
-        ----------
-        center_xy : tuple of float
-            Center in the map frame, metres.
-        radius : float
-            Radius, metres; 0 for the center's cell only.
-        value : bool
-            New value of the covered cells.
-
-        Examples
-        --------
-        >>> bits = BitMap.from_mask([[0, 0, 0, 0], [0, 0, 0, 0]], 1.0).circle((2.5, 0.5), 1.0)
-        >>> bits.to_mask().astype(int).tolist()
-        [[0, 1, 1, 1], [0, 0, 1, 0]]
-        """
+        """Return a bit map with a `mapdeal.Circle` drawn, clipped to the grid."""
         spans = Circle(center_xy, radius).spans(self.frame)
         return self.painted((part, value) for part in spans)
 
@@ -274,3 +205,198 @@ class BitMap(Framed):
             rule = f"lies outside of the {self.shape[0]} x {self.shape[1]} cells"
             raise ParameterError(rule, place="cell", got=first)
         return cells[:, 0], cells[:, 1]
+
+
+G = TypeVar("G", bound=ValueGrid | BitMap)
+
+
+def draw(
+    grid: G,
+    shapes: Iterable[Shape] | Shape,
+    *,
+    value: int | None = None,
+    overlay: OverlayType = "seq",
+    strict: bool = False,
+) -> G:
+    """Return a grid with shapes drawn into it, in order.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid, Costmap or BitMap
+        Grid to draw on; its yaw is taken into account.
+    shapes : Polygon, Line or Circle, or a sequence of them
+        Shapes to draw, in the map frame, metres.
+    value : int, optional
+        Value of shapes that have none of their own, on the grid's scale: -1..100 for a map,
+        0..255 for costs on scale ``costmap2d``, 0 or 1 for a bit map.
+    overlay : {'seq', 'max', 'min'}
+        Which value wins where a cell already has one, from the grid or from another shape: the
+        later, the larger or the smaller one, as in Nav2's vector object server. Any value
+        replaces unknown, but unknown replaces other values only with ``seq``.
+    strict : bool
+        Whether a shape that is not entirely inside the grid, or a polygon without area, is an
+        error; nothing is drawn then, as by ``setConvexPolygonCost`` of costmap_2d.
+
+    Returns
+    -------
+    OccupancyGrid, Costmap or BitMap
+        Grid of the same kind and geometry.
+
+    Raises
+    ------
+    ParameterError
+        If a shape has no value, or one that is not on the grid's scale; MalformedInputError if
+        the shape was read from a file.
+    FindingError
+        If `strict` is set and a shape is not entirely inside the grid or has no area.
+
+    Warns
+    -----
+    MapdealWarning
+        For each such shape if `strict` is not set: it is clipped to the grid, or drawn as a line.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid, Polygon
+    >>> import numpy as np
+    >>> grid = OccupancyGrid(np.zeros((3, 5), np.int8), 0.5, (1.0, 2.0, 0.0))
+    >>> drawn = draw(grid, Polygon([(1.2, 2.2), (2.2, 2.2), (2.2, 2.8), (1.2, 2.8)]), value=100)
+    >>> drawn.occupancy
+    array([[100, 100, 100,   0,   0],
+           [100, 100, 100,   0,   0],
+           [  0,   0,   0,   0,   0]], dtype=int8)
+    """
+    check_choice(overlay, OverlayType, "overlay")
+    each = list(shapes) if isinstance(shapes, Iterable) else [shapes]
+    for one in each:
+        if not hasattr(one, "spans"):
+            rule = "must be Polygon, Line or Circle, or a sequence of them"
+            raise ParameterError(rule, place="shapes", got=one)
+    strokes = []
+    for shape, name in _named(each):
+        with _about(shape, name):  # cells are made when they are painted, but refused here
+            strokes.append((shape.spans(grid.frame), _value_of(grid, shape, value)))
+    for shape, name in _named(each):
+        for text, consequence in _findings(grid, shape):
+            if strict:
+                source = shape.source or None
+                raise FindingError(f"{text}; nothing was drawn", source=source, place=name)
+            where = ": ".join(part for part in (shape.source, name) if part)
+            emit_warning(f"{where}: {text}; {consequence}", stacklevel=2)
+    painted = grid.painted(((spans, n) for parts, n in strokes for spans in parts), overlay)
+    return cast("G", painted)
+
+
+def _named(shapes: Sequence[Shape]) -> Iterator[tuple[Shape, str]]:
+    for index, shape in enumerate(shapes):
+        alone = shape.source or len(shapes) == 1
+        yield shape, shape.kind if alone else f"shape {index + 1}, {shape.kind}"
+
+
+def _value_of(grid: ValueGrid | BitMap, shape: Shape, value: int | None) -> int:
+    number = shape.value if shape.value is not None else value
+    if number is None:
+        raise ParameterError("needs a value to be drawn with")
+    return grid.accept_value(number)
+
+
+@contextmanager
+def _about(shape: Shape, name: str) -> Iterator[None]:
+    """Add the shape's name to errors; for a shape from a file, blame the file."""
+    try:
+        yield
+    except ParameterError as error:
+        if shape.source:
+            raise error.in_file(shape.source, name) from None
+        error.place = ": ".join(part for part in (name, error.place) if part)
+        raise
+
+
+def _findings(grid: ValueGrid | BitMap, shape: Shape) -> Iterator[tuple[str, str]]:
+    """Return what of a shape cannot be drawn as it is meant, and what is drawn instead."""
+    if not shape.has_extent():
+        yield "has no area, its corners lie on a line", "only the line is drawn"
+    if part := shape.outside_part(grid.frame):
+        some = any(spans.rows.size for spans in shape.spans(grid.frame))
+        drawn = "the shape is clipped" if some else "nothing of the shape is drawn"
+        yield f"{part} lies outside of the map", drawn
+
+
+def reset_region(
+    grid: G,
+    *,
+    size_xy: Point,
+    corner_xy: Point | None = None,
+    center_xy: Point | None = None,
+    value: int | None = None,
+    strict: bool = False,
+) -> G:
+    """Return a grid in which one region is set to a single value.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid, Costmap or BitMap
+        Grid to change.
+    size_xy, corner_xy, center_xy : tuple of float
+        Region, as in `window`.
+    value : int, optional
+        Value on the grid's scale; unknown if not given. A bit map, which has none, needs it.
+    strict : bool
+        Whether a region that extends beyond the grid is an error; nothing is changed then.
+
+    Raises
+    ------
+    ParameterError
+        As in `window`, or if `value` is not on the grid's scale or is missing for a bit map.
+    FindingError
+        If `strict` is set and the region extends beyond the grid.
+
+    Warns
+    -----
+    MapdealWarning
+        If `strict` is not set and the region extends beyond the grid.
+
+    References
+    ----------
+    ``resetMap`` of costmap_2d and ``resetMapToValue`` of Nav2.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> grid = OccupancyGrid([[0, 0, 0], [0, 0, 0]], 0.5, (1.0, 2.0, 0.0))
+    >>> region = {"corner_xy": (1.5, 2.0), "size_xy": (0.5, 1.0)}
+    >>> reset_region(grid, value=100, **region).occupancy.tolist()
+    [[0, 100, 0], [0, 100, 0]]
+    """
+    if value is not None:
+        number = grid.accept_value(value)
+    elif isinstance(grid, BitMap):
+        raise ParameterError("is needed, 0 or 100: a bit map has no unknown cells", place="value")
+    else:
+        number = grid.unknown_value
+    region = region_of(grid.frame, size_xy, corner_xy=corner_xy, center_xy=center_xy)
+    rows, cols = region.shared_with(grid.shape)
+    if (rows.stop - rows.start, cols.stop - cols.start) != region[2:]:
+        if strict:
+            rule = "reaches beyond the map; nothing was changed"
+            raise FindingError(rule, place="region")
+        outside = rows.start == rows.stop or cols.start == cols.stop
+        text = "lies outside of the map" if outside else "reaches beyond the map, it is clipped"
+        emit_warning(f"region: {text}", stacklevel=2)
+    if isinstance(grid, BitMap):
+        mask = grid.to_mask()
+        mask[rows, cols] = number
+        return grid.with_packed(np.packbits(mask, axis=1))
+    values = grid.values.copy()
+    values[rows, cols] = number
+    return grid.with_values(values)
+
+
+def blank(grid: G, value: int = 0) -> G:
+    """Return a grid of the same kind and geometry with the same value in every cell.
+
+    A mask that is unknown outside of the shapes drawn into it changes nothing there.
+    """
+    if isinstance(grid, BitMap):
+        return grid.fill(bool(grid.accept_value(value, "background")))
+    return grid.with_values(np.full_like(grid.values, grid.accept_value(value, "background")))

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.display import Drawn, OneLine
-from mapdeal.grid.frame import Origin
-from mapdeal.grid.framed import Figures, ValueGrid, as_layer
+from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
@@ -24,6 +22,8 @@ from mapdeal.grid.values import (
     OCCUPIED,
     UNKNOWN,
     CostScale,
+    Drawn,
+    OneLine,
     cost_from_occupancy,
     occupancy_from_cost,
     static_layer_cost_from_occupancy,
@@ -46,10 +46,8 @@ class Costmap(ValueGrid):
         uint8 on scale ``costmap2d`` (0 free .. 252, 253 inscribed, 254 lethal, 255 unknown);
         int8 on scale ``occupancy`` (-1 unknown, 0 free .. 100 lethal). Row 0 is the south.
         Kept as a read-only view.
-    resolution : float
-        Side of a cell, metres.
-    origin : sequence of float
-        x, y (metres) and yaw (radians) of the outer corner of cell (0, 0).
+    resolution, origin
+        As for `OccupancyGrid`.
     scale : {'costmap2d', 'occupancy'}
         Scale of the costs.
     circumscribed_cost : int, optional
@@ -101,7 +99,6 @@ class Costmap(ValueGrid):
         yield from (f"{figures[name]} {shown.get(name, name)}" for name in names if name in figures)
 
     def entries(self) -> dict[str, Any]:
-        """Return the costs, their scale and, if known, the circumscribed cost."""
         entries: dict[str, Any] = {"cost": self.cost, "cost_scale": self.scale}
         if self.circumscribed_cost is not None:
             entries["circumscribed_cost"] = np.int64(self.circumscribed_cost)
@@ -109,7 +106,6 @@ class Costmap(ValueGrid):
 
     @property
     def value_range(self) -> tuple[int, int]:
-        """Smallest and largest value of the scale: 0 and 255, or -1 and 100."""
         return (0, NO_INFORMATION) if self.scale == "costmap2d" else (UNKNOWN, OCCUPIED)
 
     @property
@@ -118,7 +114,6 @@ class Costmap(ValueGrid):
         return NO_INFORMATION if self.scale == "costmap2d" else UNKNOWN
 
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Costmap:
-        """Return a costmap with other costs and, if given, another origin."""
         return replace(self, cost=values, origin=origin or self.origin)
 
     def to_occupancy(self) -> OccupancyGrid:
@@ -139,8 +134,7 @@ class Costmap(ValueGrid):
     def from_occupancy(cls, grid: OccupancyGrid) -> Costmap:
         """Create the costmap that Nav2's ``Costmap2D(OccupancyGrid)`` makes of a map.
 
-        A value v becomes round(2.54 v), and -1 becomes 255. Nav2 reads the masks of its costmap
-        filters in this way.
+        A value v becomes round(2.54 v), and -1 becomes 255. So Nav2 reads costmap filter masks.
 
         Examples
         --------
@@ -200,7 +194,6 @@ class Costmap(ValueGrid):
 
 
 def figures_of_costs(counts: NDArray[np.int64], scale: CostScale) -> Figures:
-    """Return how many costs are of each kind, and which is the most common."""
     figures: Figures = {"cost_scale": scale, "free": int(counts[0])}
     if scale == "costmap2d":
         figures["lethal"] = int(counts[LETHAL_OBSTACLE])
@@ -324,7 +317,6 @@ class CostmapLayers:
 
     @property
     def that_count(self) -> tuple[CostmapLayer, ...]:
-        """Layers that have an effect."""
         # Layers below a static layer that replaces all costs have none, nor does an inflation layer
         # whose range is less than one cell.
         replacing = [
@@ -337,7 +329,6 @@ class CostmapLayers:
 
     @property
     def static_and_inflation(self) -> tuple[StaticLayer, InflationLayer | None] | None:
-        """The only static layer and the only inflation layer above it, None if there are others."""
         # A static layer that only raises costs counts as well: there is nothing below it.
         match self.that_count:
             case (StaticLayer() as static,):
@@ -353,12 +344,8 @@ Metric = Literal["euclidean", "chebyshev"]
 Formula = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Returns costs, not truncated, of distances in metres."""
 
-FARTHEST_CELLS = 2048
-"""Cells up to which a curve has every distance that occurs."""
-
-MOST_LISTED = 1000
-"""Distances up to which a document lists every one."""
-
+FARTHEST_CELLS = 2048  # cells up to which a curve has every distance that occurs
+MOST_LISTED = 1000  # distances up to which a document lists every one
 _MOST_FAR = 1001
 
 
@@ -441,7 +428,7 @@ class CostCurve(Drawn):
     def cost_near(self, cells: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the cost at the nearest distance that occurs, given distances in cells.
 
-        The next distance beyond the range is the hypotenuse of the range and one cell, or for the
+        Beyond the range, the next one is the hypotenuse of the range and one cell, or for the
         chebyshev metric one cell more.
         """
         reach = self.reach_cells
@@ -454,8 +441,7 @@ class CostCurve(Drawn):
     def listed(self) -> NDArray[np.intp]:
         """Return the indices into `cells` that `document` lists.
 
-        These are all of them or, if there are more than `MOST_LISTED`, the first and the last
-        distance of each cost: all distances in between have the same cost.
+        Of more than `MOST_LISTED`, only the first and the last distance of each cost.
         """
         if len(self.cells) <= MOST_LISTED:
             return np.arange(len(self.cells))
@@ -497,13 +483,7 @@ class CostCurve(Drawn):
 
 
 def squares_up_to(reach: float) -> NDArray[np.float64]:
-    """Return the squared distances of a curve, in cells; see `CostCurve.cells`.
-
-    Examples
-    --------
-    >>> squares_up_to(2).tolist()
-    [0.0, 1.0, 2.0, 4.0]
-    """
+    """Return the squared distances of a curve, in cells; see `CostCurve.cells`."""
     near = squares_between_cells(int(min(reach, FARTHEST_CELLS))).astype(np.float64)
     if reach <= FARTHEST_CELLS:
         return near

@@ -11,18 +11,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError, as_known
-from mapdeal.grid.canvas import FieldGrid, padded
-from mapdeal.grid.display import count_text, numbers_text
-from mapdeal.grid.frame import Origin, Region
-from mapdeal.grid.framed import Figures, as_layer
+from mapdeal.grid.canvas import FieldGrid, layer_of_box, padded, put_around
+from mapdeal.grid.frame import Figures, Origin, Point, Region, as_layer, check_point
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN, Convention, UnknownPolicy
+from mapdeal.grid.values import (
+    DEFAULT_LETHAL_THRESHOLD,
+    OCCUPIED,
+    UNKNOWN,
+    Convention,
+    UnknownPolicy,
+    count_text,
+    numbers_text,
+)
 from mapdeal.kernels.blocks import mapped, swept
 from mapdeal.kernels.lookup import interpolate
 from mapdeal.kernels.threads import in_parallel
 
-_POINTS_TOGETHER = 1 << 13
-"""Whose arrays stay in the cache on their way through the steps."""
+_POINTS_TOGETHER = 1 << 13  # whose arrays stay in the cache on their way through the steps
 
 
 class FieldSamples(NamedTuple):
@@ -69,10 +74,8 @@ class DistanceField(FieldGrid):
         unknown cells outside one box of cells, if the field was computed for the box only.
     occupancy : array_like of int8, shape (H, W)
         Map that the distances belong to.
-    resolution : float
-        Side of a cell, metres.
-    origin : sequence of float
-        x, y (metres) and yaw (radians) of the outer corner of cell (0, 0).
+    resolution, origin
+        As for `OccupancyGrid`.
     convention : {'fast-planner', 'center', 'border'}
         Points that the distances are measured between; see `mapdeal.esdf`.
     strength : float
@@ -155,7 +158,6 @@ class DistanceField(FieldGrid):
         yield count_text(figures["obstacles"], "obstacle cell")
 
     def entries(self) -> dict[str, Any]:
-        """Return the distances, the map they were computed from, and the parameters."""
         limit = np.inf if self.max_distance is None else self.max_distance
         return {
             "distance": self.distance,
@@ -166,11 +168,6 @@ class DistanceField(FieldGrid):
             "lethal_threshold": np.int64(self.lethal_threshold),
             "unknown": self.unknown,
         }
-
-    @property
-    def grid(self) -> OccupancyGrid:
-        """Map that the field was computed from."""
-        return OccupancyGrid(self.occupancy, self.resolution, self.origin)
 
     def obstacles(self) -> NDArray[np.bool_]:
         """Return the mask of cells that the field counts as obstacles."""
@@ -187,11 +184,6 @@ class DistanceField(FieldGrid):
         points_xy : array_like of float, shape (N, 2)
             Points in the map frame, or a single point, metres.
 
-        Returns
-        -------
-        FieldSamples
-            The arrays `distance` (N,), `gradient` (N, 2) and `inside` (N,).
-
         Raises
         ------
         ParameterError
@@ -199,11 +191,10 @@ class DistanceField(FieldGrid):
 
         Notes
         -----
-        Interpolation is bilinear between the four nearest cells. The gradient is that of the
-        interpolant, per metre along both axes and rotated into the map frame; it is discontinuous
-        across lines of cell centres. Between the outermost centres and the border, values are
-        those at the centres. Distances are those of the field: clipped to its `max_distance` and
-        scaled by its `strength`. Points outside have distance nan and are marked in `inside`.
+        Interpolation is bilinear between the four nearest cells, and constant from the outermost
+        centres to the border. The gradient is that of the interpolant; it is discontinuous across
+        lines of cell centres. Distances are those of the field: clipped to its `max_distance` and
+        scaled by its `strength`.
 
         References
         ----------
@@ -261,7 +252,6 @@ class DistanceField(FieldGrid):
 def obstacles_in(
     occupancy: NDArray[np.int8], lethal_threshold: int, unknown: UnknownPolicy
 ) -> NDArray[np.bool_]:
-    """Return the mask of cells that count as obstacles for a distance field."""
 
     def are_obstacles(values: NDArray[np.int8]) -> NDArray[np.bool_]:
         occupied: NDArray[np.bool_] = values >= lethal_threshold
@@ -274,20 +264,11 @@ def obstacles_in(
 
 View = Literal["metric", "per-map"]
 
-ESDF_VIEW = "esdf_view"
-"""What files call the layer."""
+ESDF_VIEW = "esdf_view"  # what files call the layer
 
 
 def whole_parts(products: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return products without their fractions; what is whole on paper is rounded to it first.
-
-    Examples
-    --------
-    >>> 0.58 * 50
-    28.999999999999996
-    >>> whole_parts(np.array([64.99999999999999, 28.999999999999996, 64.99])).tolist()
-    [65.0, 29.0, 64.0]
-    """
+    """Return products without fractions; 28.999999999999996, 0.58 * 50, is 29 as on paper."""
     whole: NDArray[np.float64] = np.trunc(np.round(products, 9))
     return whole
 
@@ -335,20 +316,7 @@ class ViewScale:
         return self.view_range if self.view == "metric" else self.farthest
 
     def values_of(self, metres: NDArray[np.float64], resolution: float) -> NDArray[np.float64]:
-        """Return the view values of distances between cell centres.
-
-        Parameters
-        ----------
-        metres : numpy.ndarray of float64
-            Distances times the field's strength, possibly +inf, metres.
-        resolution : float
-            Side of a cell, metres.
-
-        Examples
-        --------
-        >>> ViewScale("metric", 2.0).values_of(np.array([0.7, 3.0]), 0.05).tolist()
-        [65.0, 0.0]
-        """
+        """Return the view values of distances times the field's strength, metres, possibly +inf."""
         if self.view == "metric":
             return whole_parts(100 * (1 - np.minimum(metres, self.view_range) / self.view_range))
         # no obstacle cell is less than a cell deep, though a clip may hide that
@@ -372,7 +340,6 @@ class ViewScale:
         return {"view": self.view, **lengths}
 
     def described(self) -> str:
-        """Return a description of the scale."""
         return f"{self.view}, 0 at {self.end:.4g} m"
 
 
@@ -395,19 +362,15 @@ class FieldView(OccupancyGrid):
     scale: ViewScale = ViewScale()
 
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> FieldView:
-        """Return a view with the same scale and other values."""
         return replace(self, occupancy=values, origin=origin or self.origin)
 
     def as_map(self) -> OccupancyGrid:
-        """Return the view values as a map."""
         return OccupancyGrid(self.occupancy, self.resolution, self.origin)
 
     def as_amcl_sees_it(self) -> OccupancyGrid:
-        """Return the view as amcl interprets it: free, occupied or unknown."""
         return self.as_map().as_amcl_sees_it()
 
     def entries(self) -> dict[str, Any]:
-        """Return the values and their scale."""
         return {**super().entries(), "layer": ESDF_VIEW, **self.scale.entries()}
 
     def _told_of_parameters(self) -> Iterator[str]:
@@ -415,3 +378,192 @@ class FieldView(OccupancyGrid):
 
     def _own_figures(self) -> Figures:
         return {**super()._own_figures(), **self.scale.entries()}
+
+
+_TOP_OF_NORMALISED = 10.0
+
+LARGEST_GAIN = 1e9
+LARGEST_REPULSION = 1e15  # beyond what any map has; within, no layer overflows
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PotentialField(FieldGrid):
+    """A potential on a map, high at obstacles and low at the goal.
+
+    Parameters
+    ----------
+    repulsive : array_like of float64, shape (H, W)
+        Sum of 1 / distance over all obstacle cells, at least 0, per metre. It may be nan in unknown
+        cells outside one box of cells; all other layers are then nan there, as well.
+    occupancy : array_like of int8, shape (H, W)
+        The map; its cells of value 100 are the obstacles.
+    resolution, origin
+        As for `OccupancyGrid`.
+    goal : tuple of float, optional
+        x and y of the goal in the map frame, metres.
+    attractive_gain, repulsive_gain : float
+        Weights of the two parts of `potential`.
+    repulsive_cap : float
+        Upper bound of `repulsive`, per metre.
+    region : Region, optional
+        Box of the cells that have a potential, None if all have one. It is detected for arrays.
+
+    Raises
+    ------
+    ParameterError
+        If a value is negative or too large, or an occupancy is outside -1..100.
+    """
+
+    kind = "potential field"
+    layer_names = ("repulsive", "occupancy")
+    parameter_names = ("attractive_gain", "repulsive_gain", "repulsive_cap")
+
+    repulsive: NDArray[np.float64]
+    occupancy: NDArray[np.int8]
+    resolution: float
+    origin: Origin = (0.0, 0.0, 0.0)
+    goal: Point | None = None
+    attractive_gain: float = 1.0
+    repulsive_gain: float = 1.0
+    repulsive_cap: float = 1e5
+    region: Region | None = None
+
+    def __post_init__(self) -> None:
+        repulsive = as_layer(self.repulsive, np.float64, "repulsive")
+        if repulsive.size and (  # nan has a rule of its own
+            np.fmin.reduce(repulsive, axis=None) < 0
+            or np.fmax.reduce(repulsive, axis=None) > LARGEST_REPULSION
+        ):
+            rule = f"repulsive must lie between 0 and {LARGEST_REPULSION:g}"
+            raise ParameterError(rule)
+        for name in ("attractive_gain", "repulsive_gain"):
+            value = getattr(self, name)
+            if not 0 <= value <= LARGEST_GAIN:
+                rule = f"must lie between 0 and {LARGEST_GAIN:g}"
+                raise ParameterError(rule, place=name, got=value)
+        if not 0 < self.repulsive_cap <= LARGEST_REPULSION:
+            rule = f"must be above 0, at most {LARGEST_REPULSION:g}"
+            raise ParameterError(rule, place="repulsive_cap", got=self.repulsive_cap)
+        if self.goal is not None:
+            object.__setattr__(self, "goal", check_point(self.goal, "goal"))
+        self._freeze(repulsive=repulsive, occupancy=as_occupancy_layer(self.occupancy))
+        self._find_region()
+
+    def _own_figures(self) -> Figures:
+        return {
+            "goal": None if self.goal is None else list(self.goal),
+            "obstacles": int(np.count_nonzero(self.obstacles())),
+            "lowest_potential": float(self.potential.min()),
+            "highest_potential": float(self.potential.max()),
+            "steepest_gradient": float(self.gradient_magnitude.max()),
+        }
+
+    def _told_of_parameters(self) -> Iterator[str]:
+        yield "no goal" if self.goal is None else f"goal {numbers_text(self.goal)}"
+
+    def _told_of_values(self) -> Iterator[str]:
+        # Of its own layer alone: the others are arrays that are made when they are asked for.
+        yield f"repulsion up to {np.fmax.reduce(self.repulsive, axis=None):.6g} per metre"
+        yield count_text(int(np.count_nonzero(self.obstacles())), "obstacle cell")
+
+    def entries(self) -> dict[str, Any]:
+        """Return all layers, the map, and the parameters they were computed with."""
+        entries: dict[str, Any] = {"repulsive": self.repulsive, "normalised": self.normalised}
+        if self.goal is not None:
+            entries |= {"attractive": self.attractive, "potential": self.potential}
+        entries |= {"gradient": self.gradient, "gradient_magnitude": self.gradient_magnitude}
+        if self.goal is not None:
+            entries["goal"] = np.array(self.goal)
+        return entries | {
+            "occupancy": self.occupancy,
+            "attractive_gain": np.float64(self.attractive_gain),
+            "repulsive_gain": np.float64(self.repulsive_gain),
+            "repulsive_cap": np.float64(self.repulsive_cap),
+        }
+
+    def obstacles(self) -> NDArray[np.bool_]:
+        """Return the mask of obstacle cells."""
+        obstacles: NDArray[np.bool_] = self.occupancy == OCCUPIED
+        return obstacles
+
+    @layer_of_box
+    def attractive(self) -> NDArray[np.float64] | None:
+        """Distance from each cell centre to the goal, metres, shape (H, W); None without a goal."""
+        if self.goal is None:
+            return None
+        row, col = self.frame.continuous_rowcol_from_xy([self.goal])[0]
+        rows = np.arange(self.shape[0])[:, np.newaxis] + 0.5 - row
+        distance: NDArray[np.float64] = np.hypot(rows, np.arange(self.shape[1]) + 0.5 - col)
+        distance *= self.resolution
+        return distance
+
+    @layer_of_box
+    def potential(self) -> NDArray[np.float64]:
+        """Sum of both parts times their gains, shape (H, W); `repulsive` if there is no goal."""
+        if self.attractive is None:
+            return self.repulsive
+        total = self.attractive_gain * self.attractive + self.repulsive_gain * self.repulsive
+        return total
+
+    @layer_of_box
+    def normalised(self) -> NDArray[np.float64]:
+        """Potential scaled to 0..10, shape (H, W); all 0 if it is constant."""
+        low, high = float(self.potential.min()), float(self.potential.max())
+        if high == low:
+            return np.zeros(self.shape)
+        return _TOP_OF_NORMALISED * (self.potential - low) / (high - low)
+
+    @layer_of_box
+    def gradient(self) -> NDArray[np.float64]:
+        """Gradient of the potential along x and y of the map frame, per metre, shape (2, H, W).
+
+        It points uphill. It is computed by central differences, one-sided at the border, and is 0
+        along an axis of a single cell. Next to an obstacle, the differences include the obstacle
+        cell, whose own term is missing from the sum; `downhill_surface` adds it.
+        """
+        return self._slopes(self.potential)
+
+    @layer_of_box
+    def gradient_magnitude(self) -> NDArray[np.float64]:
+        """Magnitude of the gradient, per metre, shape (H, W)."""
+        magnitude: NDArray[np.float64] = np.hypot(*self.gradient)
+        return magnitude
+
+    def downhill_surface(self) -> NDArray[np.float64]:
+        """Return the potential with obstacle cells raised, shape (H, W), for descending it.
+
+        The sum in an obstacle cell has no term for the cell itself, which is at distance 0, so that
+        a lone obstacle cell would be a pit. Here the term of its edge is added, 2 / resolution.
+        """
+        if self.region is not None:
+            return put_around(self.cropped.downhill_surface(), self.shape, self.region)
+        gain = 1.0 if self.goal is None else self.repulsive_gain
+        surface = self.potential.copy()
+        surface[self.obstacles()] += 2.0 * gain / self.resolution
+        return surface
+
+    def downhill(self) -> NDArray[np.float64]:
+        """Return the direction of steepest descent on the `downhill_surface`, shape (2, H, W).
+
+        Unit vectors along x and y of the map frame; 0 where it is level or there is no potential.
+        """
+        if self.region is not None:
+            return put_around(self.cropped.downhill(), self.shape, self.region, fill=0.0)
+        slopes = self._slopes(self.downhill_surface())
+        length = np.hypot(*slopes)
+        directions = np.zeros_like(slopes)
+        np.divide(-slopes, length, out=directions, where=length > 0)
+        return directions
+
+    def _slopes(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return derivatives along x and y of the map frame, per metre, shape (2, H, W)."""
+        height, width = self.shape
+        along_rows = np.gradient(values, axis=0) if height > 1 else np.zeros(self.shape)
+        along_cols = np.gradient(values, axis=1) if width > 1 else np.zeros(self.shape)
+        yaw = self.origin[2]
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        slopes = np.empty((2, height, width))
+        np.subtract(along_cols * cos, along_rows * sin, out=slopes[0])
+        np.add(along_cols * sin, along_rows * cos, out=slopes[1])
+        slopes /= self.resolution
+        return slopes

@@ -7,24 +7,21 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, starmap
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.display import OneLine, points_text
-from mapdeal.grid.frame import Frame, Point, as_float32
-from mapdeal.grid.values import check_choice
-from mapdeal.kernels.footprints import Lattice, costs_at_poses
-from mapdeal.kernels.polygons import Spans, stacked_spans
+from mapdeal.grid.frame import Frame, Point, as_float32, turned
+from mapdeal.grid.values import OneLine, check_choice, points_text
+from mapdeal.kernels.polygons import Lattice, Spans, costs_at_poses, stacked_spans
 
 
 def checked_corners(
     points: Sequence[Sequence[float]], what: str, *, within: float, least: int, most: int
 ) -> tuple[Point, ...]:
-    """Return `points` as pairs of finite floats."""
     if not isinstance(points, Iterable) or isinstance(points, (str, bytes)):
         raise ParameterError(f"a {what} takes a list of vertices [x, y]", place=what, got=points)
     points = list(points)
@@ -73,19 +70,12 @@ def check_simple(points: Sequence[Point], what: str) -> None:
 
 
 def area_of(points: Sequence[Point]) -> float:
-    """Return the area of a polygon, square metres, whichever way it goes round.
-
-    Examples
-    --------
-    >>> area_of([(1, 1), (1, 3), (4, 3), (4, 1)])
-    6.0
-    """
+    """Return the area of a polygon, square metres, whichever way it goes round."""
     corners = np.array(points, dtype=np.float64) - np.array(points[0])
     return abs(float(_cross(corners, np.roll(corners, -1, axis=0)).sum())) / 2
 
 
 def distance_to_edge(a: Point, b: Point) -> float:
-    """Return the distance from (0, 0) to the segment from `a` to `b`."""
     (ax, ay), (bx, by) = a, b
     length_squared = (bx - ax) ** 2 + (by - ay) ** 2
     if length_squared == 0.0:  # a repeated corner; costmap_2d divides by zero here
@@ -177,15 +167,9 @@ class Footprint(OneLine):
 
     @classmethod
     def sixteen_gon(cls, radius: float) -> Footprint:
-        """Create the footprint of a round robot as in costmap_2d: 16 corners on the circle.
+        """Create the footprint of a round robot of costmap_2d's ``makeFootprintFromRadius``.
 
-        This is costmap_2d's ``makeFootprintFromRadius``. The inscribed radius is that of the
-        polygon, cos(pi / 16) = 0.981 of `radius`.
-
-        Examples
-        --------
-        >>> round(Footprint.sixteen_gon(0.5).inscribed_radius, 5)
-        0.49039
+        It has 16 corners on the circle; its inscribed radius is cos(pi / 16) = 0.981 of `radius`.
         """
         circle = cls.circle(radius)
         angles = [index * 2 * math.pi / 16 for index in range(16)]
@@ -275,8 +259,7 @@ _ROUNDING = 1e-9
 """Cells within which a corner on the edge between two cells counts as in the upper one, whatever
 the cosine and the division did to its last bits."""
 
-_FARTHEST = float(1 << 40)
-"""Cells; more than any grid has, and whole numbers still convert."""
+_FARTHEST = float(1 << 40)  # cells; more than any grid has, and whole numbers still convert
 
 
 def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> tuple[Spans, ...]:
@@ -289,7 +272,8 @@ def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> t
     yaw = frame.origin[2]
     turns = [2 * math.pi * k / heading_count - yaw for k in range(heading_count)]
     corners = [_corner_cells(vertices, turn, frame.resolution) for turn in turns]
-    fitting = [k for k, cells in enumerate(corners) if _fits(cells, frame)]
+    # a footprint that is larger than the grid stands nowhere
+    fitting = [k for k, cells in enumerate(corners) if (np.ptp(cells, axis=0) < frame.shape).all()]
     spans = [Spans(cells[:, 0], cells[:, 1], cells[:, 1] + 1) for cells in corners]
     drawn = _drawn([corners[k] for k in fitting]) if fitting else []
     for k, found in zip(fitting, drawn, strict=True):
@@ -300,19 +284,9 @@ def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> t
 def _corner_cells(
     corners: NDArray[np.float64], turn: float, resolution: float
 ) -> NDArray[np.int64]:
-    """Return row and column of each corner's cell, shape (N, 2)."""
-    cos, sin = math.cos(turn), math.sin(turn)
-    x, y = corners.T
-    turned = np.stack([x * sin + y * cos, x * cos - y * sin], axis=1)
     with np.errstate(over="ignore"):
-        cells = np.floor(0.5 + turned / resolution + _ROUNDING)
+        cells = np.floor(0.5 + turned(corners, turn)[:, ::-1] / resolution + _ROUNDING)
     return np.clip(cells, -_FARTHEST, _FARTHEST).astype(np.int64)
-
-
-def _fits(corners: NDArray[np.int64], frame: Frame) -> bool:
-    """Return whether a polygon between these cells is no larger than the grid."""
-    height, width = (np.ptp(corners, axis=0) + 1).tolist()
-    return bool(height <= frame.height and width <= frame.width)
 
 
 def _drawn(polygons: list[NDArray[np.int64]]) -> list[Spans]:
@@ -334,13 +308,6 @@ def _drawn(polygons: list[NDArray[np.int64]]) -> list[Spans]:
 
 FootprintRule = Literal["outline", "full"]
 """Which cells count: those of the outline, as in Nav2, or those inside of it, too."""
-
-
-class PoseSamples(NamedTuple):
-    """Costs of a footprint at poses."""
-
-    cost: NDArray[np.uint8]
-    inside: NDArray[np.bool_]
 
 
 def footprint_costs(
@@ -373,17 +340,13 @@ def footprint_costs(
 
     Notes
     -----
-    With ``outline``, 255 may hide 254, as in Nav2: the edges are traced from corner to corner, and
-    the first one that meets 254 ends the search, unless an earlier one has met 255. With ``full``,
-    254 in any cell gives 254.
+    This is ``FootprintCollisionChecker::footprintCostAtPose``. With ``outline``, 255 may hide 254,
+    as in Nav2: the edges are traced from corner to corner, and the first one that meets 254 ends
+    the search, unless an earlier one has met 255. With ``full``, 254 in any cell gives 254.
 
-    The resolution is rounded to float32, as in a map message and every ROS costmap: 0.05 becomes
-    0.0500000007. This matters if a corner lies nominally on the edge between two cells. ROS
-    costmaps have no yaw; the yaw of this one is taken into account.
-
-    References
-    ----------
-    ``FootprintCollisionChecker::footprintCostAtPose`` in Nav2.
+    The resolution is rounded to float32, as in every ROS costmap: 0.05 becomes 0.0500000007. This
+    matters if a corner lies nominally on the edge between two cells. ROS costmaps have no yaw; the
+    yaw of this one is taken into account.
 
     Examples
     --------
@@ -392,12 +355,13 @@ def footprint_costs(
     >>> footprint_costs(costmap, robot, [[0.75, 0.75, 0], [1.25, 0.75, 0], [1.25, 0.75, 1.5708]])
     array([0, 7, 0], dtype=uint8)
     """
-    return sample_poses(costmap, footprint, poses, rule=rule).cost
+    costs, _ = sample_poses(costmap, footprint, poses, rule=rule)
+    return costs
 
 
 def sample_poses(
     costmap: Costmap, footprint: Footprint, poses: ArrayLike, *, rule: FootprintRule = "outline"
-) -> PoseSamples:
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """Return the result of `footprint_costs`, and whether all corners lie on the map."""
     check_choice(rule, FootprintRule, "rule")
     if costmap.scale != "costmap2d":
@@ -415,11 +379,10 @@ def sample_poses(
     shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
     resolution = as_float32(costmap.resolution)
     costs = np.asarray(costmap.cost).view(np.uint8)
-    results, inside = costs_at_poses(
+    return costs_at_poses(
         costs,
         Lattice(resolution, *costmap.origin),
         np.array(shape.vertices),
         places,
         filled=rule == "full",
     )
-    return PoseSamples(results, inside)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.display import OneLine
-from mapdeal.kernels.clouds import Precision, cells_of_points
+from mapdeal.grid.values import MOST_COUNTED, Drawn, OneLine, OverlayType, numbers_text
+from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
+from mapdeal.kernels.polygons import Spans, paint
+from mapdeal.kernels.sensing import cells_of_points
 
 CELL_TOLERANCE = 1e-9
 """In cells. Lengths that are exact multiples of the resolution on paper may come out of a
@@ -27,18 +31,11 @@ Point = tuple[float, float]
 
 # Far beyond any robot; inside of them no product of lengths and cells overflows.
 _SMALLEST_CELL, _LARGEST_CELL = 1e-6, 1e6
-FARTHEST = 1e12
-"""Largest coordinate and length, metres."""
+FARTHEST = 1e12  # largest coordinate and length, metres
 
 
 def as_float32(value: float) -> float:
-    """Return a number as messages of ROS carry it, in 32 bits; infinity if it is too large.
-
-    Examples
-    --------
-    >>> as_float32(0.05), as_float32(1e300)
-    (0.05000000074505806, inf)
-    """
+    """Return a number as messages of ROS carry it, in 32 bits; infinity if it is too large."""
     with np.errstate(over="ignore"):
         return float(np.float32(value))
 
@@ -49,13 +46,7 @@ def cells_to_cover(length: float, resolution: float) -> int:
 
 
 def largest_square_within(radius: float, resolution: float) -> int:
-    """Return the largest whole number s with sqrt(s) * resolution <= radius, exact ones exactly.
-
-    Examples
-    --------
-    >>> largest_square_within(0.3, 0.1), largest_square_within(0.25, 0.1)
-    (9, 6)
-    """
+    """Return the largest whole number s with sqrt(s) * resolution <= radius, exact ones exactly."""
     bound = radius + RADIUS_TOLERANCE
     square = math.floor((bound / resolution) ** 2)
     while math.sqrt(square + 1) * resolution <= bound:
@@ -66,7 +57,6 @@ def largest_square_within(radius: float, resolution: float) -> int:
 
 
 def check_resolution(resolution: float) -> float:
-    """Return `resolution` as a float; it must be a length that a cell can have."""
     value = float(resolution)
     if not _SMALLEST_CELL <= value <= _LARGEST_CELL:  # refuses nan too
         rule = f"resolution must lie between {_SMALLEST_CELL:g} and {_LARGEST_CELL:g} m"
@@ -116,7 +106,7 @@ def cells_at(
 ROUNDING = 4 * float(np.finfo(np.float64).eps)
 """Of a coordinate: what storing it, subtracting the origin and turning leave uncertain."""
 
-_PRECISION = Precision(ROUNDING, CELL_TOLERANCE, FARTHEST)
+_PRECISION = (ROUNDING, CELL_TOLERANCE, FARTHEST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +126,11 @@ class Frame:
     -----
     The grid is half-open: its upper edges belong to no cell. The centre of a cell lies half a
     cell from its corner along both axes.
+
+    All methods take array_like arguments of shape (N, 2): points are x and y in the map frame,
+    metres; cells are row and column, int64 where they are returned; places are fractional cells,
+    float64, whole at the edges between cells and at +0.5 in their centres. A point that is not
+    finite, or beyond 1e12 m, raises ParameterError, unless the method returns what is inside.
     """
 
     height: int
@@ -173,24 +168,7 @@ class Frame:
         return unturned.window(-(height // 2), -(width // 2), height, width)
 
     def continuous_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.float64]:
-        """Convert points to fractional cell coordinates.
-
-        Parameters
-        ----------
-        points_xy : array_like of float, shape (N, 2)
-            Points in the map frame, metres.
-
-        Returns
-        -------
-        numpy.ndarray of float64, shape (N, 2)
-            Row and column coordinates, as in Nav2's ``worldToMapContinuous``: whole numbers are
-            edges between cells, cell centres are at +0.5.
-
-        Raises
-        ------
-        ParameterError
-            If a coordinate is not finite, or beyond 1e12 m.
-        """
+        """Convert points to places, as Nav2's ``worldToMapContinuous`` does."""
         points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)
         near = np.abs(points) <= FARTHEST  # refuses nan too
         if not near.all():
@@ -202,7 +180,7 @@ class Frame:
         return cells_xy[:, ::-1]
 
     def tolerance_at(self, points_xy: ArrayLike) -> NDArray[np.float64]:
-        """Return the rounding error of the coordinates of points, shape (N, 2), in cells.
+        """Return the rounding error of the coordinates of points in cells, shape (N, 1).
 
         It is at least `CELL_TOLERANCE`, and more far from the map frame's origin, where the
         coordinates themselves are coarser.
@@ -216,21 +194,6 @@ class Frame:
 
     def unbounded_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
         """Convert points to cells, as if the grid were unbounded.
-
-        Parameters
-        ----------
-        points_xy : array_like of float, shape (N, 2)
-            Points in the map frame, metres.
-
-        Returns
-        -------
-        numpy.ndarray of int64, shape (N, 2)
-            Row and column of each; negative or beyond the size for points outside.
-
-        Raises
-        ------
-        ParameterError
-            If a coordinate is not finite, or beyond 1e12 m.
 
         References
         ----------
@@ -252,31 +215,10 @@ class Frame:
     def clamped_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
         """Convert points to cells; points outside the grid go to the nearest border cell.
 
-        Parameters
-        ----------
-        points_xy : array_like of float, shape (N, 2)
-            Points in the map frame, metres.
-
-        Returns
-        -------
-        numpy.ndarray of int64, shape (N, 2)
-            Row and column of each, always inside the grid.
-
-        Raises
-        ------
-        ParameterError
-            If a coordinate is not finite, or beyond 1e12 m.
-
         References
         ----------
         costmap_2d's ``worldToMapEnforceBounds``. Nav2's version returns a cell beyond the last
         one for a point exactly on an upper edge; this method does not.
-
-        Examples
-        --------
-        >>> frame = Frame(2, 3, 0.1, (-0.2, 0.2, 0.0))
-        >>> frame.clamped_rowcol_from_xy([[0.05, 0.35], [-9.0, 0.4]]).tolist()
-        [[1, 2], [1, 0]]
         """
         last = np.array([self.height - 1, self.width - 1])
         return np.clip(self.unbounded_rowcol_from_xy(points_xy), 0, last)
@@ -284,30 +226,11 @@ class Frame:
     def bounded_rowcol_from_xy(
         self, points_xy: ArrayLike
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Convert points to cells, and return which points lie inside the grid.
-
-        Parameters
-        ----------
-        points_xy : array_like of float, shape (N, 2)
-            Points in the map frame, metres; non-finite points are outside.
-
-        Returns
-        -------
-        cells : numpy.ndarray of int64, shape (N, 2)
-            Row and column of each; (-1, -1) for points outside.
-        inside : numpy.ndarray of bool, shape (N,)
-            Whether each point lies in a cell of the grid.
+        """Convert points to cells, (-1, -1) outside, and return which are inside, bool (N,).
 
         References
         ----------
-        costmap_2d's ``worldToMap``, whose return value is `inside`.
-
-        Examples
-        --------
-        >>> frame = Frame(2, 3, 0.1, (-0.2, 0.2, 0.0))
-        >>> cells, inside = frame.bounded_rowcol_from_xy([[0.05, 0.35], [0.1, 0.2]])
-        >>> cells.tolist(), inside.tolist()
-        ([[1, 2], [-1, -1]], [True, False])
+        costmap_2d's ``worldToMap``, whose return value is the second array.
         """
         places, inside, tolerance = self._bounded(points_xy)
         cells = cells_at(places, tolerance)
@@ -316,20 +239,10 @@ class Frame:
     def bounded_continuous_rowcol_from_xy(
         self, points_xy: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Convert points to fractional cell coordinates, and return which lie inside the grid.
+        """Convert points to places, and return which are inside the grid, bool (N,).
 
-        Parameters
-        ----------
-        points_xy : array_like of float, shape (N, 2)
-            Points in the map frame, metres; non-finite points are outside.
-
-        Returns
-        -------
-        places : numpy.ndarray of float64, shape (N, 2)
-            As for `continuous_rowcol_from_xy`, but points that are off a centre line of cells only
-            by rounding are moved onto it; meaningless for non-finite points.
-        inside : numpy.ndarray of bool, shape (N,)
-            Whether each point lies in a cell of the grid.
+        Points that are off a centre line of cells only by rounding are moved onto it. The places
+        of points that are not finite are meaningless.
         """
         places, inside, tolerance = self._bounded(points_xy)
         nearest = np.rint(places - 0.5) + 0.5
@@ -352,14 +265,10 @@ class Frame:
         return places, inside, tolerance
 
     def rowcol_ahead(self, pose: Sequence[float], distance: float) -> tuple[int, int]:
-        """Return the cell of a point ahead of a robot, inside the grid or not.
+        """Return the cell of a point `distance` metres ahead of a pose, inside the grid or not.
 
-        Parameters
-        ----------
-        pose : sequence of float
-            x, y (metres) and yaw (radians, 0 along x, anticlockwise) of the robot.
-        distance : float
-            Distance of the point, metres; negative for a point behind the robot.
+        The pose is x, y (metres) and yaw (radians, 0 along x, anticlockwise). Behind it, the
+        distance is negative.
 
         Examples
         --------
@@ -371,53 +280,17 @@ class Frame:
         return row, col
 
     def xy_from_rowcol(self, cells_rowcol: ArrayLike) -> NDArray[np.float64]:
-        """Return the centres of cells in the map frame.
-
-        Parameters
-        ----------
-        cells_rowcol : array_like, shape (N, 2)
-            Rows and columns, inside the grid or not.
-
-        Returns
-        -------
-        numpy.ndarray of float64, shape (N, 2)
-            x and y of each centre, metres.
-
-        Examples
-        --------
-        >>> Frame(2, 3, 0.5, (1.0, 2.0, 0.0)).xy_from_rowcol([[0, 0], [1, 2]])
-        array([[1.25, 2.25],
-               [2.25, 2.75]])
-        """
+        """Return the centres of cells, inside the grid or not, as points, float64."""
         cells = np.asarray(cells_rowcol, dtype=np.float64).reshape(-1, 2)
         return self._xy_from_cells(cells[:, ::-1] + 0.5)
 
     def xy_from_continuous_rowcol(self, places_rowcol: ArrayLike) -> NDArray[np.float64]:
-        """Convert fractional cell coordinates, shape (N, 2), to points.
-
-        This is the inverse of `continuous_rowcol_from_xy`.
-        """
+        """Convert places to points, float64: the inverse of `continuous_rowcol_from_xy`."""
         places = np.asarray(places_rowcol, dtype=np.float64).reshape(-1, 2)
         return self._xy_from_cells(places[:, ::-1])
 
     def xy_vectors_from_rowcol(self, vectors_rowcol: ArrayLike) -> NDArray[np.float64]:
-        """Rotate vectors along rows and columns into the map frame, keeping their length.
-
-        Parameters
-        ----------
-        vectors_rowcol : array_like of float, shape (N, 2)
-            Components in the directions of increasing row and increasing column.
-
-        Returns
-        -------
-        numpy.ndarray of float64, shape (N, 2)
-            Components along x and y of the map frame, in the same unit.
-
-        Examples
-        --------
-        >>> Frame(2, 3, 0.5, (1.0, 2.0, math.pi / 2)).xy_vectors_from_rowcol([[0, 3]]).round(9)
-        array([[0., 3.]])
-        """
+        """Rotate vectors along rows and columns into the map frame, float64, same length."""
         vectors = np.asarray(vectors_rowcol, dtype=np.float64).reshape(-1, 2)
         return turned(vectors[:, ::-1], self.origin[2])
 
@@ -431,7 +304,7 @@ class Frame:
         return 0 <= cell[0] < self.height and 0 <= cell[1] < self.width
 
     def contains(self, points_xy: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether each point, shape (N, 2), lies in a cell of the grid."""
+        """Return whether each point lies in a cell of the grid, bool (N,)."""
         return self.bounded_rowcol_from_xy(points_xy)[1]
 
     def window(self, row: int, col: int, height: int, width: int) -> Frame:
@@ -536,22 +409,12 @@ class Transform(OneLine):
         return Transform(x, y, -self.yaw)
 
     def after(self, first: Transform) -> Transform:
-        """Return the transform that applies `first` and then this one.
-
-        Examples
-        --------
-        >>> shift, turn = Transform(1.0, 0.0), Transform(yaw=math.pi / 2)
-        >>> turn.after(shift).points([[0.0, 0.0]]).round(9).tolist()
-        [[0.0, 1.0]]
-        """
+        """Return the transform that applies `first` and then this one."""
         x, y = self.points([[first.x, first.y]])[0]
         return Transform(x, y, first.yaw + self.yaw)
 
     def frame(self, frame: Frame) -> Frame:
-        """Transform the frame of a grid.
-
-        The cells stay the same; their corner is moved and their axes are rotated.
-        """
+        """Transform the frame of a grid: its corner is moved and its axes are turned."""
         if self.pose == (0.0, 0.0, 0.0):
             return frame
         x, y = self.points([frame.origin[:2]])[0]
@@ -559,12 +422,10 @@ class Transform(OneLine):
         return Frame(*frame.shape, frame.resolution, (float(x), float(y), yaw))
 
 
-MOST_CELLS = 1_000_000_000
-"""Of a window that is made."""
+MOST_CELLS = 1_000_000_000  # of a window that is made
 
 
-_TOUCHING = 1e-6
-"""In cells: borders that differ by less are the same on paper."""
+_TOUCHING = 1e-6  # in cells: borders that differ by less are the same on paper
 
 
 class Region(NamedTuple):
@@ -607,7 +468,6 @@ class Region(NamedTuple):
 def region_of(
     frame: Frame, size_xy: Point, *, corner_xy: Point | None = None, center_xy: Point | None = None
 ) -> Region:
-    """Return the cells of a region in metres."""
     size_x, size_y = check_point(size_xy, "size")
     corner_xy, center_xy = (
         None if point is None else check_point(point, name)
@@ -638,6 +498,183 @@ def region_around(frame: Frame, other: Frame) -> Region:
 
 
 def _overlap(first: int, count: int, size: int) -> slice:
-    """Return the part of `first` .. `first` + `count` that lies in 0 .. `size`, perhaps empty."""
     start = min(max(first, 0), size)
     return slice(start, max(start, min(first + count, size)))
+
+
+Figures = dict[str, Any]  # the figures of a grid, as JSON can hold them
+
+
+class Framed(Drawn, ABC):
+    """Base class of all grids, with layers, a resolution, an origin, and a frame.
+
+    Layers are arrays, or lazy layers (`mapdeal.kernels.blocks`) of a map that is processed block
+    by block; `layer[rows]` works for both.
+    """
+
+    kind: ClassVar[str]  # what a person calls such a grid
+    layer_names: ClassVar[tuple[str, ...]]  # the attributes that hold layers, the grid's own first
+    parameter_names: ClassVar[tuple[str, ...]] = ()  # the attributes that the grid was made with
+    resolution: float
+    origin: Origin
+
+    @property
+    def layer(self) -> Layer:
+        """Main layer, whose shape all other layers share."""
+        own: Layer = getattr(self, self.layer_names[0])
+        return own
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of rows and columns."""
+        height, width = self.layer.shape
+        return height, width
+
+    @property
+    def is_lazy(self) -> bool:
+        """Whether the layers are computed block by block, on demand."""
+        return is_lazy(self.layer)
+
+    def part(self, rows: slice) -> Self:
+        """Return some rows, loaded into memory, at their place in the map frame."""
+        first, end, _ = rows.indices(self.shape[0])
+        if not self.is_lazy and (first, end) == (0, self.shape[0]):
+            return self
+        part = copy(self)
+        frame = self.frame.window(first, 0, end - first, self.shape[1])
+        object.__setattr__(part, "origin", frame.origin)
+        for name in self.layer_names:
+            object.__setattr__(part, name, getattr(self, name)[rows])
+        return part
+
+    def with_layer(self, layer: Layer) -> Self:
+        """Return the grid with its layer replaced by another one with the same values."""
+        other = copy(self)
+        object.__setattr__(other, self.layer_names[0], layer)
+        return other
+
+    def figures(self) -> Figures:
+        """Return the grid's size, place and counts as a JSON-serialisable dict."""
+        return {**self.frame_figures(), **self._own_figures()}
+
+    def frame_figures(self) -> Figures:
+        """Return the grid's size and place as a JSON-serialisable dict."""
+        return {
+            "width": self.shape[1],
+            "height": self.shape[0],
+            "resolution": self.resolution,
+            "origin": list(self.origin),
+        }
+
+    @abstractmethod
+    def _own_figures(self) -> Figures:
+        """Return the figures that only this type of grid has."""
+
+    def _told(self) -> Iterator[str]:
+        height, width = self.shape
+        yield f"{width} x {height} cells"
+        yield f"{self.resolution:.10g} m"
+        yield f"origin {numbers_text(self.origin)}"
+        yield from self._told_of_parameters()
+        if not self.is_lazy and height * width <= MOST_COUNTED:
+            yield from self._told_of_values()
+
+    def _told_of_parameters(self) -> Iterator[str]:
+        yield from ()
+
+    @abstractmethod
+    def _told_of_values(self) -> Iterator[str]:
+        """Yield what there is to say of the values."""
+
+    def entries(self) -> dict[str, Any]:
+        """Return the entries of an npz besides the geometry: layers and parameters by key."""
+        return {name: getattr(self, name) for name in self.layer_names}
+
+    @property
+    def frame(self) -> Frame:
+        """Geometry of the grid."""
+        return Frame(*self.shape, self.resolution, self.origin)
+
+    def _freeze(self, **layers: Layer) -> None:
+        object.__setattr__(self, "resolution", check_resolution(self.resolution))
+        object.__setattr__(self, "origin", check_origin(self.origin))
+        shapes = {array.shape for array in layers.values()}
+        if len(shapes) != 1 or len(next(iter(shapes))) != 2 or 0 in next(iter(shapes)):
+            rule = "layers must be two-dimensional, of one shape and not empty"
+            raise ParameterError(rule, got=sorted(shapes))
+        for name, layer in layers.items():
+            if is_lazy(layer):
+                object.__setattr__(self, name, layer)
+                continue
+            view = np.ascontiguousarray(layer).view()
+            view.flags.writeable = False
+            object.__setattr__(self, name, view)
+
+
+class ValueGrid(Framed):
+    """A grid with one value per cell: a map or a costmap, on any scale."""
+
+    @property
+    @abstractmethod
+    def value_range(self) -> tuple[int, int]:
+        """Smallest and largest value of the scale."""
+
+    @property
+    @abstractmethod
+    def unknown_value(self) -> int:
+        """Value of an unknown cell."""
+
+    @property
+    def outside_values(self) -> dict[str, float]:
+        """Value of each layer in cells added around the grid: unknown."""
+        return {self.layer_names[0]: self.unknown_value}
+
+    @property
+    def values(self) -> NDArray[Any]:
+        """Values of the cells, shape (H, W), read-only."""
+        return self.layer
+
+    @abstractmethod
+    def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Self:
+        """Return a grid of the same kind with other values and, if given, another origin."""
+
+    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: OverlayType = "seq") -> Self:
+        """Return a grid with the cells of spans set to their values, one span after the other.
+
+        A cell's value is replaced by any value (``seq``), only by a larger one (``max``) or only
+        by a smaller one (``min``). Unknown is replaced by any value, and replaces others only
+        with ``seq``.
+        """
+        values = self.values.copy()
+        old = np.arange(256, dtype=np.uint8).view(values.dtype)
+        unknown = old == self.unknown_value
+        for spans, value in strokes:
+            if overlay == "seq":
+                paint(values, spans, value)
+            elif value != self.unknown_value:
+                wins = old < value if overlay == "max" else old > value
+                paint(values, spans, value, over=wins | unknown)
+        return self.with_values(values)
+
+    def accept_value(self, value: float, name: str = "value") -> int:
+        """Return `value`, a whole number on the grid's scale."""
+        lowest, highest = self.value_range
+        if isinstance(value, bool) or not lowest <= value <= highest or value % 1:
+            rule = f"must be a whole number from {lowest} to {highest}, the scale of this grid"
+            raise ParameterError(rule, place=name, got=value)
+        return int(value)
+
+
+def as_layer(values: ArrayLike, dtype: type[np.generic], name: str) -> Layer:
+    """Return `values` as a layer of `dtype`, refusing conversions that change a value."""
+    # The values of a lazy layer are the business of who makes them.
+    if isinstance(values, LazyLayer) and values.dtype == dtype:
+        return cast("Layer", values)
+    array = np.asarray(values)
+    if array.dtype != dtype:
+        converted = array.astype(dtype)
+        if not np.array_equal(converted, array, equal_nan=array.dtype.kind == "f"):
+            rule = f"{name} must hold values of {np.dtype(dtype).name}"
+            raise ParameterError(rule, got=array.dtype.name)
+        array = converted
+    return array

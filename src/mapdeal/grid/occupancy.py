@@ -10,15 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Origin
-from mapdeal.grid.framed import Figures, ValueGrid, as_layer
-from mapdeal.grid.values import (
-    DEFAULT_LETHAL_THRESHOLD,
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    amcl_from_occupancy,
-)
+from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import counts_of, is_lazy, mapped
 from mapdeal.kernels.lookup import look_up
 
@@ -70,33 +63,28 @@ class OccupancyGrid(ValueGrid):
 
     @property
     def value_range(self) -> tuple[int, int]:
-        """Smallest and largest value: -1 and 100."""
         return UNKNOWN, OCCUPIED
 
     @property
     def unknown_value(self) -> int:
-        """Value of an unknown cell: -1."""
         return UNKNOWN
 
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> OccupancyGrid:
-        """Return a map with other values and, if given, another origin."""
         return OccupancyGrid(values, self.resolution, origin or self.origin)
 
     def amcl_states(self) -> NDArray[np.int8]:
-        """Return amcl's interpretation of the map: -1 free, +1 occupied, 0 unknown; shape (H, W).
+        """Return amcl's view of the map: -1 free, +1 occupied, 0 unknown; int8, shape (H, W).
 
-        Like -1, values 1..99 are unknown to amcl.
-
-        References
-        ----------
-        ``convertMap`` in ``amcl_node.cpp`` of both ROS navigation stacks.
+        Like -1, values 1..99 are unknown to amcl: ``convertMap`` in ``amcl_node.cpp``.
 
         Examples
         --------
         >>> OccupancyGrid([[0, 1, 99, 100, -1]], 0.05).amcl_states()
         array([[-1,  0,  0,  1,  0]], dtype=int8)
         """
-        states: NDArray[np.int8] = look_up(self.occupancy, amcl_from_occupancy())
+        table = np.zeros(256, dtype=np.int8)
+        table[[FREE, OCCUPIED]] = -1, 1
+        states: NDArray[np.int8] = look_up(self.occupancy, table)
         return states
 
     def as_amcl_sees_it(self) -> OccupancyGrid:
@@ -115,14 +103,12 @@ class OccupancyGrid(ValueGrid):
 
 
 def occupancy_figures(counts: NDArray[np.int64]) -> Figures:
-    """Return the figures of a map, given how often each byte occurs in it."""
     occupied, free, unknown = (int(counts[value]) for value in (OCCUPIED, FREE, UNKNOWN))
     between = int(counts.sum()) - occupied - free - unknown
     return {"occupied": occupied, "free": free, "unknown": unknown, "between": between}
 
 
 def as_occupancy_layer(values: ArrayLike) -> NDArray[np.int8]:
-    """Return `values` as int8, refusing what is not in -1..100."""
     occupancy = as_layer(values, np.int8, "occupancy")
     if is_lazy(occupancy):
         return occupancy

@@ -1,4 +1,4 @@
-"""Where a robot can go from a start, and the passages that stop it."""
+"""Where a robot can go from a start, the passages that stop it, and a route to a goal."""
 
 from __future__ import annotations
 
@@ -11,23 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.display import OneLine, count_text, numbers_text
 from mapdeal.grid.footprint import Footprint, contains_centre
-from mapdeal.grid.frame import Origin, Point
-from mapdeal.grid.framed import Figures, Framed, as_layer
+from mapdeal.grid.frame import Figures, Framed, Origin, Point, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
-from mapdeal.grid.values import UNKNOWN
+from mapdeal.grid.values import UNKNOWN, OneLine, count_text, numbers_text
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
+Method = Literal["astar", "descent"]
 
 _ROUNDING = 12
 """Decimals of widths, so that twice six cells of 0.05 m are 0.6 m and not wider by a last bit."""
 
-_DECIMALS = 9
-"""Of figures: what is beyond is the rounding of binary fractions."""
-
-MOST_HEADINGS = 255
-"""As many as a byte of the layer `Reach.headings` can count."""
+_DECIMALS = 9  # of figures: what is beyond is the rounding of binary fractions
+MOST_HEADINGS = 255  # as many as a byte of the layer `Reach.headings` can count
 
 
 @dataclass(frozen=True, repr=False)
@@ -191,10 +187,8 @@ class Reach(Framed):
         metres; 0 where no robot can.
     occupancy : array_like of int8, shape (H, W)
         The map: 100 is an obstacle, -1 unknown, everything else free.
-    resolution : float
-        Side of a cell, metres.
-    origin : sequence of float
-        x, y (metres) and yaw (radians) of the outer corner of cell (0, 0).
+    resolution, origin
+        As for `OccupancyGrid`.
     start : tuple of float
         x and y in the map frame (metres), and the yaw (radians) if one was given.
     robot : Footprint, optional
@@ -241,7 +235,6 @@ class Reach(Framed):
 
     @property
     def grid(self) -> OccupancyGrid:
-        """Map that was analysed."""
         return OccupancyGrid(self.occupancy, self.resolution, self.origin)
 
     @property
@@ -318,6 +311,71 @@ class Reach(Framed):
         return entries
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Route(OneLine):
+    """A route from a start to a goal.
+
+    Parameters
+    ----------
+    method : {'astar', 'descent'}
+        Search method.
+    reached : bool
+        Whether the last point is the goal.
+    start, goal : tuple of float
+        x and y in the map frame, metres.
+    points_xy : numpy.ndarray of float64, shape (N, 2)
+        Points of the route in the map frame, beginning at the start, metres; empty if there is no
+        route.
+    length : float
+        Length of the route, metres.
+    cost : float
+        Sum over the segments of their length in metres times the weight of the cell in which they
+        end.
+    min_clearance : float
+        Smallest distance from a point of the route to the centre of an obstacle cell, metres;
+        +inf without obstacles, nan without points.
+    local_minimum : tuple of float, optional
+        Local minimum of the potential, other than the goal, in which a descent ended.
+    mean_clearance : float
+        Mean distance to obstacles along the route, metres: each segment counts with its length
+        and the mean clearance of its two ends; +inf without obstacles, nan without points.
+    expanded : int, optional
+        Number of cells that the search expanded; None for a descent.
+    optimal : bool
+        Whether the search guarantees the lowest cost.
+    """
+
+    method: Method
+    reached: bool
+    start: tuple[float, float]
+    goal: tuple[float, float]
+    points_xy: NDArray[np.float64]
+    length: float
+    cost: float
+    min_clearance: float
+    local_minimum: tuple[float, float] | None = None
+    mean_clearance: float = math.nan
+    expanded: int | None = None
+    optimal: bool = False
+
+    def __post_init__(self) -> None:
+        points = np.asarray(self.points_xy, dtype=np.float64).reshape(-1, 2).view()
+        points.flags.writeable = False
+        object.__setattr__(self, "points_xy", points)
+
+    def _told(self) -> Iterator[str]:
+        yield self.method
+        yield "reached" if self.reached else "not reached"
+        yield f"{numbers_text(self.start)} to {numbers_text(self.goal)}"
+        if len(self.points_xy):
+            yield count_text(len(self.points_xy), "point")
+            yield f"{self.length:.6g} m"
+            yield f"cost {self.cost:.6g}"
+            yield f"clearance {self.min_clearance:.4g} m"
+        if self.local_minimum is not None:
+            yield f"local minimum at {numbers_text(self.local_minimum)}"
+
+
 def reach_radius(robot: Footprint | None) -> float:
     """Return the radius of the largest round robot that fits wherever a robot does, metres."""
     # For a robot with corners it is the inscribed radius, or 0 if the centre lies outside of it.
@@ -327,13 +385,6 @@ def reach_radius(robot: Footprint | None) -> float:
 
 
 def robot_text(robot: Footprint | None) -> str:
-    """Return a short description of a robot.
-
-    Examples
-    --------
-    >>> robot_text(Footprint.circle(0.25)), robot_text(None)
-    ('a robot of radius 0.25 m', 'a point')
-    """
     if robot is None:
         return "a point"
     if not robot.vertices:

@@ -25,8 +25,13 @@ from mapdeal.grid.reach import (
     width_of,
 )
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.kernels.clearance_tree import (
+from mapdeal.kernels.components import gap_at, joined, saddles_between, sums_behind
+from mapdeal.kernels.distance import SquaredDistances, squared_distance
+from mapdeal.kernels.paths import (
     ClearanceTree,
+    ConfigurationSpace,
+    Pose,
+    Reached,
     RootedTree,
     basin_areas,
     clearance_metres,
@@ -34,9 +39,6 @@ from mapdeal.kernels.clearance_tree import (
     rooted,
     widest_metres,
 )
-from mapdeal.kernels.configuration_space import ConfigurationSpace, Pose, Reached
-from mapdeal.kernels.distance import SquaredDistances, squared_distance
-from mapdeal.kernels.meetings import gap_at, joined, saddles_between, sums_behind
 from mapdeal.kernels.threads import for_rows
 
 Cell = tuple[int, int]
@@ -61,7 +63,6 @@ def extent_text(frame: Frame) -> str:
 
 
 def nearest_open_text(frame: Frame, is_open: NDArray[np.bool_], cell: Cell) -> str:
-    """Return where the open cell is that is nearest to a cell, as a hint."""
     nearest = nearest_marked(is_open, cell)
     if nearest is None:
         return "no cell of the map is open"
@@ -98,12 +99,24 @@ class Ways:
 
     @property
     def cell_area(self) -> float:
-        """Area of a cell, square metres."""
         return self.frame.resolution * self.frame.resolution
 
     def counts(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return how many cells of a mask lie in each basin."""
-        return _counts(self.tree.basins, mask, len(self.tree.peaks)).astype(np.float64)
+        counts, lock = np.zeros(len(self.tree.peaks)), Lock()
+
+        def add(rows: slice) -> None:
+            inside = self.tree.basins[rows][mask[rows]]
+            inside = inside[inside >= 0]  # a robot may stand beside its centre, in an obstacle
+            if not len(inside):
+                return
+            first = int(inside.min())  # basins are numbered by rows: a few are near together
+            found = np.bincount(inside - first)
+            with lock:
+                counts[first : first + len(found)] += found
+
+        for_rows(add, mask.shape)
+        return counts
 
     def least_count(self, area: float) -> float:
         """Return how many cells make an area in square metres, exact multiples exactly."""
@@ -263,30 +276,8 @@ def largest_closed_square(radius: float, frame: Frame) -> int:
     return largest_square_within(min(radius, max(frame.size_xy)), frame.resolution)
 
 
-def _counts(basins: NDArray[np.int32], mask: NDArray[np.bool_], count: int) -> NDArray[np.int64]:
-    """Return how many cells of a mask lie in each basin."""
-    counts = np.zeros(count, dtype=np.int64)
-    lock = Lock()
-
-    def add(rows: slice) -> None:
-        inside = basins[rows][mask[rows]]
-        inside = inside[inside >= 0]  # a robot may stand beside its centre, which is in an obstacle
-        if not len(inside):
-            return
-        first = int(inside.min())  # basins are numbered by rows: those of a few are near together
-        found = np.bincount(inside - first)
-        with lock:
-            counts[first : first + len(found)] += found
-
-    for_rows(add, basins.shape)
-    return counts
-
-
-DEFAULT_MARGIN = 0.1
-"""Of radius, metres: a robot that is larger by as much would be stopped."""
-
-DEFAULT_MIN_AREA = 1.0
-"""Square metres on each side of a passage."""
+DEFAULT_MARGIN = 0.1  # of radius, metres: a robot that is larger by as much would be stopped
+DEFAULT_MIN_AREA = 1.0  # square metres on each side of a passage
 
 
 def passages(
@@ -353,7 +344,8 @@ def disconnected(
 ) -> list[Passage]:
     """Return the passages that stop a round robot between areas of a map."""
     # If no way at all connects some parts of the map, each part is seen from its own largest area.
-    ways, is_open = _ways_of(grid, radius)
+    ways = Ground(grid.occupancy, grid.frame, through_unknown=False).ways()
+    is_open = ways.is_open(largest_closed_square(radius, grid.frame))
     counts, basins = _regions(ways, is_open, radius)
     parts, _ = joined(len(counts), ways.tree.one, ways.tree.other)
     _, first, which = np.unique(parts[basins], return_index=True, return_inverse=True)
@@ -486,12 +478,6 @@ def _first_not_above(falling: NDArray[np.int64], limit: int) -> int:
     return int(np.searchsorted(-falling, -limit, side="left"))
 
 
-def _ways_of(grid: OccupancyGrid, radius: float) -> tuple[Ways, NDArray[np.bool_]]:
-    """Return how wide the ways over the free cells of a map are, and where a robot fits."""
-    ways = Ground(grid.occupancy, grid.frame, through_unknown=False).ways()
-    return ways, ways.is_open(largest_closed_square(radius, grid.frame))
-
-
 def _regions(
     ways: Ways, is_open: NDArray[np.bool_], radius: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
@@ -523,7 +509,9 @@ def reach_on(
     min_area: float,
 ) -> Reach:
     """Compute where a robot can go; see the stage ``reach``."""
-    asked = None if start is None else _checked_pose(start)
+    if start is not None and len(start) not in (2, 3):
+        raise ParameterError("must be x,y or x,y,yaw", place="start", got=tuple(start))
+    asked = None if start is None else tuple(start)
     first = None if asked is None else cell_of_point(ground.frame, (asked[0], asked[1]), "start")
     points = [check_point((goal.x, goal.y), _name_of(goal)) for goal in goals]
     cells = [(row, col) for row, col in ground.frame.unbounded_rowcol_from_xy(points).tolist()]
@@ -610,7 +598,6 @@ def _stood(
     start: tuple[float, ...] | None,
     cells: Sequence[Cell],
 ) -> _Stood:
-    """Return where a robot can stand, and what it reaches from its start, or a chosen one."""
     ways = None
     closed_up_to = largest_closed_square(reach_radius(robot), ground.frame)
     poses: _RoundPoses | ConfigurationSpace
@@ -646,13 +633,6 @@ def _widest_place(ground: Ground, ways: Ways, closed_up_to: int) -> Cell | None:
     best = places[np.argmax(ways.squared.reshape(-1)[places])]  # of equal ones away from walls
     row, col = divmod(int(best), room.shape[1])
     return row, col
-
-
-def _checked_pose(start: Sequence[float]) -> tuple[float, ...]:
-    """Return a start as x, y or x, y, yaw."""
-    if len(start) not in (2, 3):
-        raise ParameterError("must be x,y or x,y,yaw", place="start", got=tuple(start))
-    return tuple(start)
 
 
 def _headings_at(

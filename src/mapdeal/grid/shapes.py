@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.display import OneLine, count_text, points_text
 from mapdeal.grid.footprint import area_of, check_simple, checked_corners, is_number
 from mapdeal.grid.frame import CELL_TOLERANCE, FARTHEST, Frame, Point
+from mapdeal.grid.values import OneLine, count_text, points_text
 from mapdeal.kernels.polygons import (
     FARTHEST_CELL,
     Cell,
@@ -27,34 +27,6 @@ from mapdeal.kernels.polygons import (
 _MOST_VERTICES = 10_000
 _FLAT = 1e-12
 """Area, as a share of the square over a polygon's extent, up to which it has none."""
-
-
-class Shape(Protocol):
-    """A shape that can be drawn: its kind, optional value and covered cells."""
-
-    kind: ClassVar[str]
-
-    @property
-    def value(self) -> int | None:
-        """Value to draw with, None if the shape has none."""
-        ...
-
-    @property
-    def source(self) -> str:
-        """File and place that the shape was read from, for messages; empty if not from a file."""
-        ...
-
-    def spans(self, frame: Frame) -> Iterator[Spans]:
-        """Return the cells of a grid that the shape covers, in parts."""
-        ...
-
-    def outside_part(self, frame: Frame) -> str | None:
-        """Return a description of the part of the shape outside a grid; None if nothing is."""
-        ...
-
-    def has_extent(self) -> bool:
-        """Return whether the shape is more than its outline."""
-        ...
 
 
 @dataclass(frozen=True, repr=False)
@@ -191,7 +163,6 @@ class Line(OneLine):
             yield f"value {self.value}"
 
     def spans(self, frame: Frame) -> Iterator[Spans]:
-        """Return the cells of a grid that the line covers, in parts."""
         thin = line_spans(edges_through(_cells(frame, self.points_xy, self.kind)), frame.shape)
         if self._reach(frame) == 0:
             return thin
@@ -207,7 +178,6 @@ class Line(OneLine):
         return "its thickness" if beyond else None
 
     def _reach(self, frame: Frame) -> float:
-        """Return how far cells may lie from the line, metres; 0 for a line of single cells."""
         is_thin = self.thickness <= frame.resolution * (1 + CELL_TOLERANCE)
         return 0.0 if is_thin else self.thickness / 2
 
@@ -264,7 +234,6 @@ class Circle:
             raise ParameterError(rule, place="circle radius", got=self.radius)
 
     def spans(self, frame: Frame) -> Iterator[Spans]:
-        """Return the cells of a grid that the circle covers, in parts."""
         (cell,) = _cells(frame, [self.center_xy], self.kind)
         (place,) = _positions(frame, [self.center_xy])
         radius = _near(frame, self.radius, "circle radius")
@@ -286,6 +255,9 @@ class Circle:
     def has_extent(self) -> bool:
         """Return True: a circle covers at least its own cell."""
         return True
+
+
+Shape = Polygon | Line | Circle
 
 
 def _ring(points: Sequence[Point], what: str, most: int = _MOST_VERTICES) -> tuple[Point, ...]:
@@ -310,9 +282,8 @@ def _positions(frame: Frame, points: Sequence[Point]) -> list[tuple[float, float
 
 
 def _near(frame: Frame, length: float, place: str) -> float:
-    """Return a length in cells; one that no arithmetic here is made for is refused."""
     cells = length / frame.resolution
-    if cells > FARTHEST_CELL:
+    if cells > FARTHEST_CELL:  # no arithmetic here is made for more
         rule = f"must not be more than {FARTHEST_CELL} cells"
         raise ParameterError(rule, place=place, got=length)
     return cells

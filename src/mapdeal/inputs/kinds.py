@@ -9,9 +9,9 @@ import re
 import shlex
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +22,21 @@ from mapdeal.files.json_values import document_kind, read_json
 from mapdeal.files.source import (
     IMAGE_KEY,
     LFS_POINTER,
+    LONGEST_STREAM,
     NAMED_MAPS,
     YAML,
+    access_to,
     chunks_of,
+    claim,
     contents_of,
     exists,
     head_of,
     is_folder,
+    memory_limit,
     status_of,
 )
 from mapdeal.files.text import delimiter_of, is_number
-from mapdeal.files.yaml_text import OF_RECIPES, Entry, read_mapping
+from mapdeal.files.yaml_text import OF_RECIPES, read_mapping
 from mapdeal.maps.images import read_image_size, recognised_format
 
 MAP, CLOUD, SCANS, POSES, NUMBERS = "map", "point cloud", "laser scans", "poses", "numbers"
@@ -40,9 +44,7 @@ IMAGE, RECIPE, SHAPES, BAG, POINTER = "image", "recipe", "shapes", "bag", "Git L
 PARAMETERS = "ROS parameters"
 
 _HEAD = 1 << 16
-_COUNTED = 1 << 28
-"""Bytes of a text of which the lines are counted."""
-
+_COUNTED = 1 << 28  # bytes of a text of which the lines are counted
 _SCAN_WORDS = re.compile(rb"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]")
 _ROS_PARAMETERS = re.compile(rb"(?m)^[ \t]*[\"']?ros__parameters[\"']?[ \t]*:")
 _OF_COSTMAPS = ("local_costmap", "global_costmap", "obstacle_layer", "inflation_layer")
@@ -79,17 +81,14 @@ class FileKind:
 
 
 def kind_of(path: Path) -> FileKind | None:
-    """Return what a file or folder is; None if it is nothing that is known."""
-    # The first bytes are read, of YAML and JSON the whole if it is short.
+    """Return what a file or folder is, by its first bytes; None if it is nothing that is known."""
     if is_folder(path):
         kind = _kind_of_folder(path)
     else:
         head = head_of(path, _HEAD)
         kind = next(filter(None, (look(path, head) for look in _LOOKS)), None)
-    if kind is None:
-        return None
-    use = kind.use.format(path=shlex.quote(str(path)))  # to be typed
-    return FileKind(kind.name, kind.what, use, kind.figures)
+    as_typed = shlex.quote(str(path))
+    return None if kind is None else replace(kind, use=kind.use.format(path=as_typed))
 
 
 def is_bag(path: Path) -> bool:
@@ -127,7 +126,8 @@ def other_kind(path: Path, kind: FileKind, wanted: str) -> MalformedInputError:
 
 
 def _kind_of_folder(path: Path) -> FileKind | None:
-    if exists(path / _METADATA) and _is_bag_metadata(path / _METADATA):
+    metadata = path / _METADATA
+    if exists(metadata) and b"rosbag2_bagfile_information" in head_of(metadata, _HEAD):
         return FileKind(BAG, "a folder with a ROS 2 bag", _BAG_USE)
     if exists(path / "summary.json"):
         return _kind_of_json(path / "summary.json", b"{")
@@ -136,10 +136,6 @@ def _kind_of_folder(path: Path) -> FileKind | None:
         if suffixes & set(_OF_BAGS) and suffixes <= {*_OF_BAGS, *_BESIDE_BAGS}:
             return FileKind(BAG, "a folder with a ROS 2 bag, without its metadata", _BAG_USE)
     return None
-
-
-def _is_bag_metadata(path: Path) -> bool:
-    return b"rosbag2_bagfile_information" in head_of(path, _HEAD)
 
 
 _MAGIC: tuple[tuple[bytes, tuple[str, ...], str], ...] = (
@@ -170,8 +166,7 @@ def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
 
         return FileKind(CLOUD, "a point cloud (PLY)", _CLOUD_USE, lambda: ply_figures(path))
     lines = [line for line in head.splitlines() if line.strip() and not line.startswith(b"#")]
-    words = [line.split(maxsplit=1)[0] for line in lines[:2]]
-    if words and (words[0] == b"VERSION" or words[0] in (b"FIELDS", b"COLUMNS")):
+    if lines and lines[0].split(maxsplit=1)[0] in (b"VERSION", b"FIELDS", b"COLUMNS"):
         from mapdeal.sensors.clouds import pcd_figures
 
         return FileKind(CLOUD, "a point cloud (PCD)", _CLOUD_USE, lambda: pcd_figures(path))
@@ -307,8 +302,15 @@ def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
         return FileKind(MAP, "a map", _MAP_USE)
     if "stages" in entries:
         use = "mapdeal run MAP -o DIR --recipe {path} takes it"
-        names = _stages_in(entries["stages"])
-        return FileKind(RECIPE, "a recipe", use, lambda: {"stages": ", ".join(names)})
+        stages: list[str] = []
+        with suppress(MalformedInputError):
+            stages = [
+                one.text()
+                if isinstance(one.node, yaml.ScalarNode)
+                else next(iter(one.fields()), "")
+                for one in entries["stages"].items()
+            ]
+        return FileKind(RECIPE, "a recipe", use, lambda: {"stages": ", ".join(stages)})
     if "shapes" in entries:
         with suppress(MalformedInputError):
             return _shapes("YAML", {"shapes": len(entries["shapes"].items())})
@@ -317,18 +319,8 @@ def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
     found = [key for key in _OF_COSTMAPS if key in entries]
     if _ROS_PARAMETERS.search(head) or found or sum(key in entries for key in _OF_ROBOTS) > 1:
         what = "a file of ROS parameters"
-        figures = {"nodes": ", ".join(entries)}
-        return FileKind(PARAMETERS, what, _PARAMETERS_USE, lambda: figures)
+        return FileKind(PARAMETERS, what, _PARAMETERS_USE, lambda: {"nodes": ", ".join(entries)})
     return None
-
-
-def _stages_in(entry: Entry) -> list[str]:
-    with suppress(MalformedInputError):
-        return [
-            one.text() if isinstance(one.node, yaml.ScalarNode) else next(iter(one.fields()), "")
-            for one in entry.items()
-        ]
-    return []
 
 
 def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
@@ -350,7 +342,14 @@ def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
         if len(words) != width or not all(map(is_number, words)):
             return None
 
-    figures = _lines_of(path)
+    def figures() -> dict[str, Any]:
+        if status_of(path).st_size > _COUNTED:
+            return {"bytes": status_of(path).st_size}
+        count, last = 0, b"\n"
+        for chunk in chunks_of(path):
+            count, last = count + chunk.count(b"\n"), chunk[-1:]
+        return {"lines": count + (last != b"\n")}
+
     if names or (2 <= width <= _MOST_OF_A_POINT and width not in (_PLANAR, _TUM)):
         what = f"a point cloud (text with {width} numbers a line)"
         return FileKind(NUMBERS, what, _CLOUD_USE, figures)
@@ -364,22 +363,46 @@ def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
     return FileKind(NUMBERS, what, use, figures)
 
 
-def _lines_of(path: Path) -> Callable[[], dict[str, Any]]:
-    """Return what counts the lines of a text, unless it is very long."""
-
-    def figures() -> dict[str, Any]:
-        if status_of(path).st_size > _COUNTED:
-            return {"bytes": status_of(path).st_size}
-        count, last = 0, b"\n"
-        for chunk in chunks_of(path):
-            count, last = count + chunk.count(b"\n"), chunk[-1:]
-        return {"lines": count + (last != b"\n")}
-
-    return figures
-
-
 _LOOKS: tuple[Callable[[Path, bytes], FileKind | None], ...] = (
     _kind_by_magic, _kind_of_cloud, _kind_of_npz, _kind_of_image, _kind_of_log, _kind_of_json,
     _kind_of_numbers, _kind_of_yaml,
 )  # fmt: skip
 """The first that knows a file counts; those that look at a few bytes come first."""
+
+
+STDIN, STDOUT = "standard input", "standard output"
+
+_ZIP = b"PK\3\4"
+_LOOKED_AT = 1 << 16
+_HINT = "a map comes by a pipe as an npz: mapdeal convert MAP -o - makes one of any map"
+
+
+def keep_npz(chunks: Iterable[bytes], folder: Path) -> Path:
+    """Write what comes in on standard input to a file, and return its name."""
+    # Readers seek, look at sizes and compare states, so they need a file.
+    path = folder / f"{STDIN}.npz"
+    length = 0
+    head = b""
+    with access_to(path, "written"), path.open("wb") as file:
+        for chunk in chunks:
+            length += len(chunk)
+            file.write(chunk)
+            if len(head) < _LOOKED_AT:
+                head += chunk[:_LOOKED_AT]
+                if not head.startswith(_ZIP[: len(head)]) and len(head) >= _LOOKED_AT:
+                    break
+            if memory_limit()[0] is not None:
+                claim(STDIN, length)
+            elif length > LONGEST_STREAM:
+                rule = f"must not be larger than {LONGEST_STREAM} bytes"
+                raise MalformedInputError(rule, source=STDIN)
+    if not head:
+        hint = "the command before it in the pipe has written nothing"
+        raise MalformedInputError("is empty", source=STDIN, hint=hint)
+    if not head.startswith(_ZIP):
+        kind = None
+        with suppress(MapdealError):
+            kind = kind_of(path)
+        what = "is not an npz" if kind is None else f"is {kind.what}, not an npz"
+        raise MalformedInputError(what, source=STDIN, hint=_HINT)
+    return path

@@ -9,22 +9,17 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from glob import has_magic
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import (
-    FileAccessError,
-    MapdealError,
-    MapdealWarning,
-    ParameterError,
-    emit_warning,
-)
-from mapdeal.files.budget import claim
+from mapdeal.errors import FileAccessError, MapdealError, ParameterError, emit_warning
 from mapdeal.files.source import (
     BIT_MAP,
     IMAGE_KEY,
     NAMED_MAPS,
     YAML,
+    claim,
     contents_of,
     exists,
     head_of,
@@ -42,8 +37,7 @@ from mapdeal.inputs.kinds import kind_of, other_kind
 
 _ANY_FOLDERS = "**"
 
-Contents = tuple[list[str], list[str]]
-"""The names of the folders in a folder, and of its files."""
+Contents = tuple[list[str], list[str]]  # the names of the folders in a folder, and of its files
 
 
 def list_files(
@@ -68,8 +62,7 @@ def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str])
     if not files:
         endings = ", ".join(suffixes)
         if exists(path):
-            rule = f"the folder holds no file that ends in {endings}"
-            raise FileAccessError(rule, source=name)
+            raise FileAccessError(f"the folder holds no file that ends in {endings}", source=name)
         # a pattern is a word of the user's
         raise ParameterError(f"matches no file that ends in {endings}", source=name)
     return sorted_naturally(files)
@@ -87,7 +80,10 @@ def files_matching(pattern: str) -> list[Path]:
     *parts, last = path.parts[1:] if path.anchor else path.parts
     folders = [Path(path.anchor)]
     for part in parts:
-        folders = _shortest_ways(_one_part_on(folders, part))
+        nearest: dict[tuple[int, int] | None, Path] = {}
+        for one in sorted(_one_part_on(folders, part), key=lambda one: len(one.parts)):
+            nearest.setdefault(identity_of(one), one)
+        folders = list(nearest.values())
     if last == _ANY_FOLDERS:
         return [one / name for one, files in folders_below(folders, _seen_in) for name in files]
     if has_magic(last):
@@ -117,15 +113,8 @@ def _seen_in(folder: Path) -> Contents:
     try:
         return contents_of(folder)
     except FileAccessError as error:
-        emit_warning(MapdealWarning(f"{error}; left out"), stacklevel=2)
+        emit_warning(f"{error}; left out", stacklevel=2)
         return [], []
-
-
-def _shortest_ways(folders: Iterable[Path]) -> list[Path]:
-    nearest: dict[tuple[int, int] | None, Path] = {}
-    for one in sorted(folders, key=lambda one: len(one.parts)):
-        nearest.setdefault(identity_of(one), one)
-    return list(nearest.values())
 
 
 def folders_below(
@@ -159,26 +148,18 @@ def numbered_folders(folder: Path) -> list[Path]:
 
 
 def sorted_naturally(files: Iterable[Path]) -> list[Path]:
-    """Return files in the order of their names, numbers by their value."""
     return sorted(files, key=lambda one: (natural_key(str(one.with_suffix(""))), one.suffix))
 
 
 def natural_key(text: str) -> tuple[list[str | int], str]:
-    """Return what to sort names by, so that their numbers are in order.
-
-    Examples
-    --------
-    >>> sorted(["scan10.pcd", "scan9.pcd", "map.pcd"], key=natural_key)
-    ['map.pcd', 'scan9.pcd', 'scan10.pcd']
-    """
+    """Return what to sort names by, so that their numbers are in order."""
     parts = re.split(r"([0-9]+)", text)  # words and numbers take turns
     return [int(part) if k % 2 else part for k, part in enumerate(parts)], text
 
 
 _HEAD = 1 << 20
 _LARGEST_LIST = 1 << 26
-_PER_NAME = 400
-"""Bytes that the name of a map takes in memory, and what is made of it."""
+_PER_NAME = 400  # bytes that the name of a map takes in memory, and what is made of it
 
 
 @dataclass(frozen=True)
@@ -206,8 +187,6 @@ class WholeFolders:
 
 @dataclass(frozen=True)
 class MapListing:
-    """The maps that names stand for."""
-
     maps: tuple[ListedMap, ...]
     is_set: bool
     left_out: tuple[Path, ...]
@@ -236,26 +215,17 @@ class _Found:
     left_out: list[Path]
 
 
-@dataclass(frozen=True)
-class _Rules:
-    """Files to leave out of folders, and folders not to look into; see `list_maps`."""
-
-    output: Path | None
-    whole: WholeFolders | None
-
-
 def list_maps(
     names: Iterable[str], output: Path | None, standard_input: Callable[[], Iterable[bytes]], *,
     whole_folders: WholeFolders | None = None,
 ) -> MapListing:  # fmt: skip
-    rules = _Rules(None if output is None else real_path(output), whole_folders)
+    """Return the maps of names: folders but for what lies in the output, patterns, and lists."""
+    output = None if output is None else real_path(output)
     found: list[_Found] = []
     for name in names:
-        if name.startswith("@"):
-            lines = _lines_of(name[1:], standard_input)
-            found += [_found_by(line, rules, is_listed=True) for line in lines]
-        else:
-            found.append(_found_by(name, rules, is_listed=False))
+        is_list = name.startswith("@")
+        lines = _lines_of(name[1:], standard_input) if is_list else [name]
+        found += [_found_by(line, output, whole_folders, is_listed=is_list) for line in lines]
     root = _common_root(found)
     maps: dict[tuple[Path, str], ListedMap] = {}
     repeated: dict[tuple[Path, str], Path] = {}
@@ -263,7 +233,9 @@ def list_maps(
         for path in one.files:
             file = (yaml_at(path) if path.suffix.lower() == BIT_MAP else None) or path
             key = (real_path(file.parent), file.name)
-            name = path.name if one.root is None else _below(path, root)
+            name = path.name
+            if one.root is not None:
+                name = normal_path(path).relative_to(root).as_posix()
             if key in maps:
                 repeated[key] = path
             else:
@@ -288,7 +260,7 @@ def _lines_of(name: str, standard_input: Callable[[], Iterable[bytes]]) -> list[
         line = error.object[: error.start].count(b"\n") + 1
         rule = "a list of maps must be UTF-8 text"
         raise ParameterError(rule, source=what, place=f"line {line}") from None
-    stripped = (line.strip() for line in text.split("\n"))
+    stripped = map(str.strip, text.split("\n"))
     lines = [line for line in stripped if line and not line.startswith("#")]
     if not lines:
         raise ParameterError("the list names no map", source=what)
@@ -297,14 +269,16 @@ def _lines_of(name: str, standard_input: Callable[[], Iterable[bytes]]) -> list[
     return lines
 
 
-def _found_by(name: str, rules: _Rules, *, is_listed: bool) -> _Found:
+def _found_by(
+    name: str, output: Path | None, whole: WholeFolders | None, *, is_listed: bool
+) -> _Found:
     if not name:
         raise ParameterError("the name of a map must not be empty")
-    path, output, whole = Path(name), rules.output, rules.whole
+    path = Path(name)
     if whole is not None and path.name in (whole.mark, whole.summary):
         path = path.parent
     if is_folder(path):
-        candidates, folders = _below_folder(path, rules)
+        candidates, folders = _below_folder(path, output, whole)
         maps = [one for one in candidates if _is_map(one)]
         kind = None if maps or whole is not None else kind_of(path)
         if kind is not None:
@@ -320,11 +294,10 @@ def _found_by(name: str, rules: _Rules, *, is_listed: bool) -> _Found:
         candidates = _without_images(candidates, keep_all=path.suffix.lower() == BIT_MAP)
         maps = [one for one in candidates if one.suffix.lower() not in YAML or _is_map(one)]
         if not maps:
-            rule = (
-                f"matches no map: no .npz or .pbm, no .yaml with the key image{_outside_of(output)}"
-            )
-            raise ParameterError(rule, source=name)
-        root = _fixed_part(path)
+            rule = "matches no map: no .npz or .pbm, no .yaml with the key image"
+            raise ParameterError(rule + _outside_of(output), source=name)
+        # the folder that the pattern names before its first sign
+        root = Path(*takewhile(lambda part: not has_magic(part), path.parts))
     else:
         return _Found(path.parent if is_listed else None, [path], [])
     known = set(maps)
@@ -357,21 +330,12 @@ def _lies_in(folder: Path, output: Path | None) -> bool:
     return real == output or output in real.parents
 
 
-def _fixed_part(pattern: Path) -> Path:
-    """Return the folder that a pattern names before its first sign."""
-    fixed: list[str] = []
-    for part in pattern.parts:
-        if has_magic(part):
-            break
-        fixed.append(part)
-    return Path(*fixed)
-
-
-def _below_folder(folder: Path, rules: _Rules) -> tuple[list[Path], list[Path]]:
+def _below_folder(
+    folder: Path, output: Path | None, whole: WholeFolders | None
+) -> tuple[list[Path], list[Path]]:
     """Return what may be maps in a folder and below, and the folders that are listed themselves."""
     # Hidden ones and outputs are left aside.
     listed: list[Path] = []
-    whole = rules.whole
 
     def look_into(one: Path) -> Contents:
         try:
@@ -386,7 +350,7 @@ def _below_folder(folder: Path, rules: _Rules) -> tuple[list[Path], list[Path]]:
             return [name for name in folders if name not in whole.parts], []
         return folders, files
 
-    walk = folders_below([folder], look_into, leave_out=lambda one: _lies_in(one, rules.output))
+    walk = folders_below([folder], look_into, leave_out=lambda one: _lies_in(one, output))
     files = [one / name for one, names in walk for name in names]
     # a link to nothing may have been a folder
     yamls = (one for one in files if one.suffix.lower() in YAML or not (one.suffix or exists(one)))
@@ -404,7 +368,6 @@ def _is_map(path: Path) -> bool:
 
 
 def _common_root(found: Iterable[_Found]) -> Path:
-    """Return the deepest folder that holds all sets."""
     sets = [one for one in found if one.root is not None]
     # a pattern can lead upwards behind its fixed part, so the files count, too
     folders = {one.root for one in sets} | {path.parent for one in sets for path in one.files}
@@ -414,7 +377,3 @@ def _common_root(found: Iterable[_Found]) -> Path:
         return Path(os.path.commonpath([normal_path(folder) for folder in folders if folder]))
     except ValueError:  # Windows
         raise ParameterError("folders on several drives have no common root") from None
-
-
-def _below(path: Path, root: Path) -> str:
-    return normal_path(path).relative_to(root).as_posix()

@@ -2,7 +2,7 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Compiled clearance trees, without the GIL, in bands of rows.
 
-The module compiled_clearance.py is their face to the rest; the algorithms are in clearance_tree.h.
+The module compiled.py is their face to the rest; the algorithms are in clearance_tree.h.
 """
 
 from cpython.exc cimport PyErr_CheckSignals

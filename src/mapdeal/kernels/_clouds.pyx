@@ -2,7 +2,7 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Compiled marking of the cells in which the points of a cloud lie, without the GIL.
 
-The module clouds.py is its face to the rest; the algorithm is in clouds.h.
+The module sensing.py is its face to the rest; the algorithm is in clouds.h.
 """
 
 from libc.stdint cimport int64_t, uint8_t

@@ -3,7 +3,7 @@
 """Compiled kernels, without the GIL: distance transforms in bands of rows, table look-ups,
 interpolation, footprints, the search for paths, and LZF.
 
-The modules distance.py, lookup.py, bilinear.py, footprints.py, shortest_paths.py and lzf.py are
+The modules compiled.py, lookup.py, polygons.py, paths.py and sensing.py are
 their face to the rest; the algorithms are in the headers.
 """
 

@@ -2,7 +2,7 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Compiled poses, without the GIL: which are open, and which can be reached.
 
-The module compiled_configuration.py is their face to the rest; the algorithms are in
+The module compiled.py is their face to the rest; the algorithms are in
 configuration_space.h.
 """
 

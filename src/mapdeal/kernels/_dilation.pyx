@@ -2,7 +2,7 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Compiled shapes of small reach around marked cells, without the GIL, rows by rows.
 
-The module dilation.py is their face to the rest; the algorithms are in dilation.h.
+The module distance.py is their face to the rest; the algorithms are in dilation.h.
 """
 
 from libc.stdint cimport int8_t, int16_t, int64_t, uint8_t

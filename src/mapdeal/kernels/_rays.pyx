@@ -2,7 +2,7 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Compiled rays, without the GIL: what beams leave in the rows `bottom` .. `top` - 1 of a grid.
 
-The module rays.py is their face to the rest; the algorithms are in rays.h.
+The module sensing.py is their face to the rest; the algorithms are in rays.h.
 """
 
 from libc.stdint cimport int32_t, int64_t, uint8_t

@@ -18,11 +18,11 @@ from typing import Any, NoReturn, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.arrays import Integers, Mask
 from mapdeal.kernels.lookup import histogram, look_up
 from mapdeal.kernels.threads import thread_count
 
-Layer = NDArray[Any]
-"""An array of shape (H, W), or a `LazyLayer`, which stands for one."""
+Layer = NDArray[Any]  # an array of shape (H, W), or a `LazyLayer`, which stands for one
 
 MakeRows = Callable[[slice], NDArray[Any]]
 
@@ -59,15 +59,9 @@ class LazyLayer:
     __array_ufunc__ = None  # arithmetic with arrays fails, rather than to work on the whole
 
     def __init__(
-        self,
-        shape: tuple[int, int],
-        dtype: Any,
-        make: MakeRows,
-        *,
-        block_height: int,
-        keep: int = 0,
-        budget: CacheBudget | None = None,
-    ) -> None:
+        self, shape: tuple[int, int], dtype: Any, make: MakeRows,
+        *, block_height: int, keep: int = 0, budget: CacheBudget | None = None,
+    ) -> None:  # fmt: skip
         self.shape = shape
         self.dtype = np.dtype(dtype)
         self.block_height = block_height
@@ -81,9 +75,7 @@ class LazyLayer:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that all the values would take."""
-        height, width = self.shape
-        return height * width * int(self.dtype.itemsize)
+        return self.size * int(self.dtype.itemsize)
 
     @property
     def size(self) -> int:
@@ -98,7 +90,6 @@ class LazyLayer:
     __hash__ = object.__hash__
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        """Return all rows, for what needs the whole."""
         return self[:].astype(dtype or self.dtype, copy=bool(copy))
 
     def __getitem__(self, rows: slice) -> NDArray[Any]:
@@ -115,27 +106,6 @@ class LazyLayer:
         if not parts:
             return np.empty((0, self.shape[1]), dtype=self.dtype)
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-    def blocks(self) -> Iterator[slice]:
-        """Yield the rows of each block, from the first to the last."""
-        for first in range(0, self.shape[0], self.block_height):
-            yield slice(first, min(first + self.block_height, self.shape[0]))
-
-    def made_into(
-        self, dtype: Any, make: MakeRows, *, shape: tuple[int, int] | None, is_kept: bool
-    ) -> LazyLayer:
-        """Return another layer of the same map."""
-        # If its blocks are to be kept, they are all kept as long as the budget has room, and
-        # otherwise one for each thread and one more.
-        shape = shape or self.shape
-        keep = 0
-        if is_kept:
-            keep = thread_count() + 1
-            if self.budget.take(shape[0] * shape[1] * np.dtype(dtype).itemsize):
-                keep = max(keep, -(-shape[0] // self.block_height))
-        return LazyLayer(
-            shape, dtype, make, block_height=self.block_height, keep=keep, budget=self.budget
-        )
 
     def _block(self, number: int) -> NDArray[Any]:
         """Return a block, made here unless another thread has made it, or does so just now."""
@@ -167,24 +137,18 @@ def is_lazy(layer: Layer) -> bool:
 
 
 def lazy_layer(
-    shape: tuple[int, int],
-    dtype: Any,
-    make: MakeRows,
-    *,
-    block_height: int,
-    budget: CacheBudget | None = None,
-) -> Layer:
+    shape: tuple[int, int], dtype: Any, make: MakeRows,
+    *, block_height: int, budget: CacheBudget | None = None,
+) -> Layer:  # fmt: skip
     """Return the first lazy layer of a map, whose rows are read when they are asked for."""
     layer = LazyLayer(shape, dtype, make, block_height=block_height, budget=budget)
     return cast("Layer", layer)
 
 
 def blocks_of(layer: Layer) -> Iterator[slice]:
-    """Yield the rows of each block of a layer; an array is one block."""
-    if isinstance(layer, LazyLayer):
-        yield from layer.blocks()
-    else:
-        yield slice(0, len(layer))
+    step = layer.block_height if isinstance(layer, LazyLayer) else max(len(layer), 1)
+    for first in range(0, len(layer), step):
+        yield slice(first, min(first + step, len(layer)))
 
 
 @contextmanager
@@ -227,18 +191,23 @@ def gathered(layer: Layer, *looks: Callable[[NDArray[Any]], Any]) -> list[list[A
 
 
 def made_by_rows(
-    source: Layer,
-    dtype: Any,
-    make: MakeRows,
-    *,
-    shape: tuple[int, int] | None = None,
-    is_kept: bool = False,
-) -> Layer:
+    source: Layer, dtype: Any, make: MakeRows,
+    *, shape: tuple[int, int] | None = None, is_kept: bool = False,
+) -> Layer:  # fmt: skip
     """Return a layer of the kind of `source`: made at once, or block by block when asked for."""
-    if isinstance(source, LazyLayer):
-        made = source.made_into(dtype, make, shape=shape, is_kept=is_kept)
-        return cast("Layer", made)
-    return make(slice(0, (shape or source.shape)[0]))
+    shape = shape or source.shape
+    if not isinstance(source, LazyLayer):
+        return make(slice(0, shape[0]))
+    # If its blocks are to be kept, they are all kept as long as the budget has room, and otherwise
+    # one for each thread and one more.
+    keep = 0
+    if is_kept:
+        keep = thread_count() + 1
+        if source.budget.take(shape[0] * shape[1] * np.dtype(dtype).itemsize):
+            keep = max(keep, -(-shape[0] // source.block_height))
+    height, budget = source.block_height, source.budget
+    made = LazyLayer(shape, dtype, make, block_height=height, keep=keep, budget=budget)
+    return cast("Layer", made)
 
 
 def made_by_windows(
@@ -260,19 +229,16 @@ def mapped(layer: Layer, dtype: Any, change: Callable[[NDArray[Any]], NDArray[An
 
 
 def looked_up(layer: Layer, table: NDArray[Any]) -> Layer:
-    """Return the table's entry for each value, as `mapdeal.kernels.lookup.look_up` does."""
     return mapped(layer, table.dtype, lambda values: look_up(values, table))
 
 
-def counts_of(layer: Layer) -> NDArray[np.int64]:
-    """Return how often each byte occurs, as `mapdeal.kernels.lookup.histogram` does."""
+def counts_of(layer: Layer) -> Integers:
+    """Return how often each byte occurs, shape (256,)."""
     (parts,) = gathered(layer, histogram)
     return sum(parts, start=np.zeros(256, dtype=np.int64))
 
 
-def holds_everywhere(
-    layer: Layer, test: Callable[[NDArray[Any]], NDArray[np.bool_]]
-) -> bool:  # fmt: skip
+def holds_everywhere(layer: Layer, test: Callable[[NDArray[Any]], Mask]) -> bool:
     """Return whether a test holds for all cells; looks no further than it must."""
     step = max(1, _LOOKED_AT_TOGETHER // layer.shape[1])
     for block in blocks_of(layer):

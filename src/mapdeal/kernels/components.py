@@ -7,39 +7,34 @@ remembered by a cell of theirs: the middle of the longest run, which is well ins
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-
-def drop_small_groups(marked: NDArray[np.bool_], min_cells: int) -> NDArray[np.bool_]:
-    """Return `marked` without its 8-connected groups of fewer than `min_cells` cells."""
-    if min_cells <= 1:
-        return marked
-    from scipy import ndimage
-
-    groups, _ = ndimage.label(marked, structure=np.ones((3, 3), dtype=bool))
-    sizes = np.bincount(groups.ravel())
-    keep = sizes >= min_cells
-    keep[0] = False
-    kept: NDArray[np.bool_] = keep[groups]
-    return kept
-
-
-Mask = NDArray[np.bool_]
+from mapdeal.kernels.arrays import Floats, Integers, Mask
+from mapdeal.kernels.distance import SquaredDistances
+from mapdeal.kernels.polygons import enumerated
+from mapdeal.kernels.threads import for_rows
 
 _LABELS_TOGETHER = 1 << 20
 
 
+def drop_small_groups(marked: Mask, min_cells: int) -> Mask:
+    """Return `marked` without its 8-connected groups of fewer than `min_cells` cells."""
+    if min_cells <= 1:
+        return marked
+    groups = labelled(marked, corners=True)
+    return groups.cells_of(groups.sizes >= min_cells)  # of no group there are 0
+
+
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """The connected components of marked cells."""
-
     cells: NDArray[np.int32]
-    sizes: NDArray[np.int64]
+    sizes: Integers
 
     def touched_by(self, marked: Mask) -> Mask:
         """Return which components have a cell that is marked, shape (N + 1,)."""
@@ -49,7 +44,6 @@ class Labels:
         return touched
 
     def cells_of(self, chosen: Mask) -> Mask:
-        """Return the cells of chosen components, shape (H, W)."""
         found = np.empty(self.cells.shape, dtype=np.bool_)
         for rows in _bands(self.cells.shape):
             np.take(chosen, self.cells[rows], out=found[rows])
@@ -77,10 +71,7 @@ def _bands(shape: tuple[int, int]) -> list[slice]:
     return [slice(row, row + step) for row in range(0, height, step)]
 
 
-Cells = NDArray[np.int64]
-
-
-def touching_groups(marked: NDArray[np.bool_]) -> tuple[Cells, Cells]:
+def touching_groups(marked: Mask) -> tuple[Integers, Integers]:
     width = marked.shape[1]
     at = np.flatnonzero(marked)
     cells = np.stack([at // width, at % width], axis=1)
@@ -89,14 +80,8 @@ def touching_groups(marked: NDArray[np.bool_]) -> tuple[Cells, Cells]:
     return cells, np.unique(least_joined(first, second, len(at)), return_inverse=True)[1]
 
 
-def least_joined(first: Cells, second: Cells, count: int) -> Cells:
-    """Return for each of some things the least of all that it is joined to, by whatever way.
-
-    Examples
-    --------
-    >>> least_joined(np.array([1, 4]), np.array([4, 3]), 5).tolist()
-    [0, 1, 2, 1, 1]
-    """
+def least_joined(first: Integers, second: Integers, count: int) -> Integers:
+    """Return for each of some things the least of all that it is joined to, by whatever way."""
     least = np.arange(count)  # of those known to be joined
     while True:
         one, other = least[first], least[second]
@@ -109,7 +94,7 @@ def least_joined(first: Cells, second: Cells, count: int) -> Cells:
             least = nearer
 
 
-def _beside(at: Cells, cells: Cells, step: tuple[int, int], width: int) -> Cells:
+def _beside(at: Integers, cells: Integers, step: tuple[int, int], width: int) -> Integers:
     """Return pairs of marked cells a step apart, shape (2, M), as positions in the list."""
     col = cells[:, 1] + step[1]
     inside = np.flatnonzero((col >= 0) & (col < width))
@@ -119,36 +104,21 @@ def _beside(at: Cells, cells: Cells, step: tuple[int, int], width: int) -> Cells
     return np.stack([inside[is_marked], found[is_marked]])
 
 
-Lengths = NDArray[np.int64]
-
-
-def thickness_of(marked: NDArray[np.bool_]) -> Lengths:
-    """Return how thick a structure is at each of its cells."""
+def thickness_of(marked: Mask) -> Integers:
     # A straight wall has its thickness along its shorter axis, a slanted one of one cell is one
     # cell thick. Where two walls cross, both runs may be long: the cells there count as thick.
     height, width = marked.shape
-    _, along = _runs_along(marked)
-    cols, across = _runs_along(marked.T)
-    # the second list goes through the cells column by column
-    order = np.argsort(cols % height * width + cols // height, kind="stable")
-    return np.minimum(along, across[order])
+    by_columns = np.flatnonzero(marked.T)
+    order = np.argsort(by_columns % height * width + by_columns // height, kind="stable")
+    return np.minimum(_lengths_along(marked), _lengths_along(marked.T)[order])
 
 
-def _runs_along(marked: NDArray[np.bool_]) -> tuple[Lengths, Lengths]:
-    """Return the marked cells as indices, row by row, and the length of each one's run."""
-    width = marked.shape[1]
-    at = np.flatnonzero(marked)
-    if not len(at):
-        return at, at
-    begins = (np.diff(at, prepend=-2) > 1) | (at % width == 0)
-    first = np.flatnonzero(begins)
-    lengths = np.diff(first, append=len(at))
-    return at, np.repeat(lengths, lengths)
+def _lengths_along(marked: Mask) -> Integers:
+    starts, stops = _runs(marked)
+    return np.repeat(stops - starts, stops - starts)
 
 
-MOST_PLACES = 20
-"""Components of a size of which a cell is kept."""
-
+MOST_PLACES = 20  # components of a size of which a cell is kept
 _CELLS_TOGETHER = 1 << 18
 _NOWHERE = np.iinfo(np.int64).max
 
@@ -156,16 +126,12 @@ _NOWHERE = np.iinfo(np.int64).max
 class _Front(NamedTuple):
     """The runs of the last row, shape (N,), and the components that they belong to."""
 
-    starts: Cells
-    stops: Cells
-    components: Cells
-    """Of each run, 0 .. K - 1."""
-    sizes: Cells
-    """Cells so far of each component, shape (K,)."""
-    longest: Cells
-    """The longest run so far of each component, cells."""
-    middles: Cells
-    """The cell in the middle of that."""
+    starts: Integers
+    stops: Integers
+    components: Integers  # of each run, 0 .. K - 1
+    sizes: Integers  # cells so far of each component, shape (K,)
+    longest: Integers  # the longest run so far of each component, cells
+    middles: Integers  # the cell in the middle of that
 
 
 class Components:
@@ -178,14 +144,13 @@ class Components:
         self._places: dict[int, list[int]] = {}
         self._row, self._step = (0, 1) if last_row is None else (last_row, -1)
 
-    def add(self, marked: NDArray[np.bool_]) -> None:
-        """Take the next rows."""
+    def add(self, marked: Mask) -> None:
         height, width = marked.shape
         step = max(1, _CELLS_TOGETHER // width)
         for first in range(0, height, step):
             self._add_band(marked[first : first + step])
 
-    def sizes(self) -> tuple[Cells, Cells]:
+    def sizes(self) -> tuple[Integers, Integers]:
         found = self._closed + Counter(self._front.sizes.tolist())
         listed = sorted(found.items())
         sizes, counts = np.array(listed, dtype=np.int64).reshape(-1, 2).T
@@ -194,13 +159,12 @@ class Components:
     def places(self) -> dict[int, list[int]]:
         """Return a cell of some components of each size, those with the lowest of such cells."""
         found = {size: list(listed) for size, listed in self._places.items()}
-        for size, middle in zip(
-            self._front.sizes.tolist(), self._front.middles.tolist(), strict=True
-        ):
+        growing = zip(self._front.sizes.tolist(), self._front.middles.tolist(), strict=True)
+        for size, middle in growing:
             found.setdefault(size, []).append(middle)
         return {size: sorted(found[size])[:MOST_PLACES] for size in sorted(found)}
 
-    def _add_band(self, marked: NDArray[np.bool_]) -> None:
+    def _add_band(self, marked: Mask) -> None:
         height, width = marked.shape
         front, stride = self._front, width + 1
         starts, stops = _runs(marked)
@@ -209,17 +173,23 @@ class Components:
         all_starts = np.concatenate([front.starts, starts + stride])
         all_stops = np.concatenate([front.stops, stops + stride])
         nodes = np.concatenate([front.components, live + np.arange(len(starts))])
-        one, other = _touching(all_starts, all_stops, stride)
+        # pairs that touch over an edge or a corner
+        first = np.searchsorted(all_stops, all_starts + stride)
+        behind = np.searchsorted(all_starts, all_stops + stride, side="right")
+        one, other = enumerated(first, behind)
         least = least_joined(nodes[one], nodes[other], live + len(starts))
         lengths = stops - starts
         cells = np.concatenate([front.sizes, lengths])
         sizes = np.zeros(len(cells), dtype=np.int64)
         np.add.at(sizes, least, cells)
-        longest, middles = _middles(
-            least,
-            np.concatenate([front.longest, lengths]),
-            np.concatenate([front.middles, self._middles_of(starts, lengths, marked.shape)]),
-        )
+        own_middles = self._middles_of(starts, lengths, marked.shape)
+        middles_of_runs = np.append(front.middles, own_middles)
+        runs = np.append(front.longest, lengths)
+        longest = np.zeros(len(cells), dtype=np.int64)
+        np.maximum.at(longest, least, runs)
+        is_longest = runs == longest[least]
+        middles = np.full(len(cells), _NOWHERE)
+        np.minimum.at(middles, least[is_longest], middles_of_runs[is_longest])
         self._row += self._step * height
         in_last_row = before + int(np.searchsorted(starts, (height - 1) * stride))
         reached, components = np.unique(least[nodes[in_last_row:]], return_inverse=True)
@@ -232,8 +202,7 @@ class Components:
         closed = np.flatnonzero(sizes)
         self._close(sizes[closed], middles[closed])
 
-    def _middles_of(self, starts: Cells, lengths: Cells, shape: tuple[int, int]) -> Cells:
-        """Return the cell in the middle of each run of a band, as the whole grid counts cells."""
+    def _middles_of(self, starts: Integers, lengths: Integers, shape: tuple[int, int]) -> Integers:
         height, width = shape
         rows = np.arange(height)
         bounds = np.searchsorted(starts, np.append(rows, height) * (width + 1))
@@ -241,8 +210,7 @@ class Components:
         shifts = np.repeat(in_whole - rows * (width + 1), np.diff(bounds))
         return starts + shifts + ((lengths - 1) >> 1)
 
-    def _close(self, sizes: Cells, middles: Cells) -> None:
-        """Count components that grow no more."""
+    def _close(self, sizes: Integers, middles: Integers) -> None:
         if not len(sizes):
             return
         short = sizes.astype(np.uint16) if sizes.max() < 1 << 16 else sizes  # sorted in one go
@@ -250,9 +218,8 @@ class Components:
         sizes, middles = sizes[order], middles[order]
         firsts = np.flatnonzero(np.diff(sizes, prepend=0))
         stops = np.append(firsts[1:], len(sizes))
-        for size, first, stop in zip(
-            sizes[firsts].tolist(), firsts.tolist(), stops.tolist(), strict=True
-        ):
+        ranges = zip(sizes[firsts].tolist(), firsts.tolist(), stops.tolist(), strict=True)
+        for size, first, stop in ranges:
             self._closed[size] += stop - first
             some = middles[first:stop]
             if len(some) > MOST_PLACES:
@@ -261,17 +228,7 @@ class Components:
             self._places[size] = sorted(kept + some.tolist())[:MOST_PLACES]
 
 
-def _middles(least: Cells, lengths: Cells, middles: Cells) -> tuple[Cells, Cells]:
-    longest = np.zeros(len(least), dtype=np.int64)
-    np.maximum.at(longest, least, lengths)
-    is_longest = lengths == longest[least]
-    found = np.full(len(least), _NOWHERE)
-    np.minimum.at(found, least[is_longest], middles[is_longest])
-    return longest, found
-
-
-def _runs(marked: NDArray[np.bool_]) -> tuple[Cells, Cells]:
-    """Return where runs of marked cells begin and end, as numbers of cells."""
+def _runs(marked: Mask) -> tuple[Integers, Integers]:
     # Rows are counted as one cell wider than they are, so that no run touches one of the next row.
     height, width = marked.shape
     edges = np.empty((height, width + 1), dtype=np.bool_)
@@ -281,12 +238,228 @@ def _runs(marked: NDArray[np.bool_]) -> tuple[Cells, Cells]:
     return at[::2], at[1::2]
 
 
-def _touching(starts: Cells, stops: Cells, stride: int) -> tuple[Cells, Cells]:
-    """Return pairs of runs, as positions in the list, that touch over an edge or a corner."""
-    first = np.searchsorted(stops, starts + stride)
-    behind = np.searchsorted(starts, stops + stride, side="right")
-    counts = np.maximum(behind - first, 0)
-    one = np.repeat(np.arange(len(starts)), counts)
-    ends = np.cumsum(counts)
-    other = np.arange(len(one)) + np.repeat(first - ends + counts, counts)
-    return one, other
+_STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
+_MOST_CELLS = 20_000  # of a ridge: more are not followed
+_MOST_ENDS = 400
+_OPPOSITE, _ROUGHLY_OPPOSITE = -0.7, -0.3
+"""Cosines of the angle at which two obstacles are seen from between them."""
+
+RowCol = tuple[float, float]
+
+
+def gap_at(
+    squared: SquaredDistances, basins: NDArray[np.int32], cell: tuple[int, int]
+) -> tuple[RowCol, RowCol]:
+    """Return the two ends of the gap that a saddle lies in."""
+    # In a wall of some thickness all cells in the middle of the door are equally narrow, and any of
+    # them may be the saddle. From it the ridge is followed over cells that are as wide, as long as
+    # none beside them is wider: so it ends where rooms begin, and does not run along their walls.
+    square = int(squared[cell])
+    middle = _middle_of(_ridge(squared, basins, cell))
+    reach = 1.5 * math.sqrt(square) + 2
+    obstacles = _nearest(_around(squared, middle, reach, beyond=0) == 0, reach)
+    pair = _opposite_pair(obstacles, obstacles, square)
+    if pair is None and len(obstacles):
+        closed = _nearest(_around(basins, middle, reach, beyond=-1) < 0, reach)
+        pair = _opposite_pair(obstacles, closed, square) or (obstacles[0], -obstacles[0])
+    if pair is None:
+        return middle, middle
+    first, second = sorted((end + middle).tolist() for end in pair)
+    return (first[0], first[1]), (second[0], second[1])
+
+
+def _ridge(squared: SquaredDistances, basins: NDArray[np.int32], cell: tuple[int, int]) -> Integers:
+    height, width = squared.shape
+    square = squared[cell]
+    ridge = {cell}
+    waiting = [cell]
+    while waiting and len(ridge) < _MOST_CELLS:
+        row, col = waiting.pop()
+        beside = [(row + down, col + along) for down, along in _STEPS]
+        beside = [
+            (r, c) for r, c in beside if 0 <= r < height and 0 <= c < width and basins[r, c] >= 0
+        ]
+        is_end = any(squared[place] > square for place in beside)
+        if is_end and (row, col) != cell:
+            continue
+        for place in beside:
+            if squared[place] == square and place not in ridge:
+                ridge.add(place)
+                waiting.append(place)
+    return np.array(sorted(ridge))
+
+
+def _middle_of(cells: Integers) -> tuple[int, int]:
+    away = ((cells - cells.mean(axis=0)) ** 2).sum(axis=1)
+    row, col = cells[np.argmin(np.round(away, 6))].tolist()
+    return row, col
+
+
+def _around(
+    layer: NDArray[Any], middle: tuple[int, int], reach: float, *, beyond: int
+) -> NDArray[Any]:
+    half = math.ceil(reach)
+    around = np.full((2 * half + 1, 2 * half + 1), beyond, dtype=layer.dtype)
+    top, left = middle[0] - half, middle[1] - half
+    inside = layer[max(top, 0) : top + len(around), max(left, 0) : left + len(around)]
+    row, col = max(-top, 0), max(-left, 0)
+    around[row : row + inside.shape[0], col : col + inside.shape[1]] = inside
+    return around
+
+
+def _nearest(around: Mask, reach: float) -> Integers:
+    offsets = np.argwhere(around) - len(around) // 2
+    away = (offsets**2).sum(axis=1)
+    order = np.lexsort((offsets[:, 1], offsets[:, 0], away))
+    nearest: Integers = offsets[order[away[order] <= reach * reach]]
+    return nearest[:_MOST_ENDS]
+
+
+def _opposite_pair(
+    sides: Integers, across: Integers, square: int
+) -> tuple[Integers, Integers] | None:
+    """Return the closest pair of cells, given from the middle, that lie on opposite sides."""
+    if not len(sides) or not len(across):
+        return None
+    away, away_across = (sides**2).sum(axis=1), (across**2).sum(axis=1)
+    near = away <= (math.sqrt(square) + 1) ** 2
+    sides, away = sides[near], away[near]
+    lengths = np.sqrt(away[:, np.newaxis] * away_across)
+    cosine = (sides @ across.T) / np.maximum(lengths, 1)
+    apart = ((sides[:, np.newaxis] - across) ** 2).sum(axis=2)
+    for limit in (_OPPOSITE, _ROUGHLY_OPPOSITE):
+        is_opposite = cosine <= limit
+        if is_opposite.any():
+            score = np.where(is_opposite, apart, np.inf)
+            best = score == score.min()
+            nearer = np.where(best, away[:, np.newaxis] + away_across, np.inf)
+            i, j = np.unravel_index(np.argmin(nearer), nearer.shape)
+            return sides[i], across[j]
+    return None
+
+
+def joined(
+    count: int, one: NDArray[np.integer], other: NDArray[np.integer], is_large: Mask | None = None
+) -> tuple[Integers, Integers]:
+    """Join nodes over edges, but never two large ones."""
+    # The edges are taken one after the other, as Kruskal does: each joins what it links, unless a
+    # large node is part of both already.
+    # A node that is not large is alone until its first edge comes. That edge joins it whatever else
+    # has been joined by then, so all such nodes can be joined over their first edge at once; as in
+    # Boruvka's algorithm, a few such rounds are enough.
+    into = np.arange(count)
+    edges = np.arange(len(one))
+    ends = np.stack([one, other], axis=1).astype(np.intp, copy=False)
+    may_move = np.ones(count, dtype=np.bool_) if is_large is None else ~is_large
+    while len(edges):
+        moving = ends[may_move[ends]]
+        if not len(moving):
+            break
+        _join_over_first_edge(into, ends, moving, may_move)
+        ends = into[ends]
+        is_left = ends[:, 0] != ends[:, 1]
+        edges, ends = edges[is_left], ends[is_left]
+    _follow(into, np.arange(count))
+    return into, edges
+
+
+def _join_over_first_edge(into: Integers, ends: Integers, moving: Integers, may_move: Mask) -> None:
+    # Of all nodes in `ends` those in `moving` may; both may name a node more than once.
+    backwards = ends[::-1]
+    first, second = backwards[:, 1], backwards[:, 0]
+    # Of several values for one place the last one stays: that of the first edge.
+    into[backwards.ravel()] = np.stack([first, second], axis=1).ravel()
+    staying = ends[~may_move[ends]]
+    into[staying] = staying
+    is_mutual = (into[into[moving]] == moving) & (moving < into[moving])
+    into[moving[is_mutual]] = moving[is_mutual]
+    _follow(into, moving)
+
+
+def _follow(into: Integers, nodes: Integers) -> None:
+    """Let nodes point to where the ways from them end, in place."""
+    nearer = into[nodes]
+    while True:
+        farther = into[nearer]
+        if np.array_equal(farther, nearer):
+            return
+        into[nodes] = nearer = farther
+
+
+def sums_behind(
+    one: Integers, other: Integers, root: int, values: Floats
+) -> tuple[Floats, Integers, Integers]:
+    """Return what lies behind each edge of a forest, seen from a node."""
+    edges_at: dict[int, list[int]] = {}
+    for edge, pair in enumerate(zip(one.tolist(), other.tolist(), strict=True)):
+        for node in pair:
+            edges_at.setdefault(node, []).append(edge)
+    near, far = np.full(len(one), -1), np.full(len(one), -1)
+    order: list[int] = []
+    waiting = [root]
+    while waiting:
+        node = waiting.pop()
+        for edge in edges_at.get(node, ()):
+            if near[edge] < 0:
+                near[edge], far[edge] = node, one[edge] + other[edge] - node
+                order.append(edge)
+                waiting.append(int(far[edge]))
+    sums = values.astype(np.float64, copy=True)
+    for edge in reversed(order):
+        sums[near[edge]] += sums[far[edge]]
+    behind = sums[far]
+    behind[far < 0] = np.nan
+    return behind, near, far
+
+
+def saddles_between(
+    squared: SquaredDistances, basins: NDArray[np.int32], labels: Integers
+) -> Integers:
+    """Return the doors between regions of a grid: the widest places of the borders between them."""
+    first, second = _borders(basins, np.append(labels, -1).astype(np.int32))
+    square, beyond = squared.reshape(-1)[first], squared.reshape(-1)[second]
+    is_narrower = square <= beyond
+    narrower, wider = np.where(is_narrower, first, second), np.where(is_narrower, second, first)
+    least = np.minimum(square, beyond).astype(np.int64)
+    # the corners of cells that a border runs along: those of one door are linked
+    width = squared.shape[1]
+    corner = second + second // width
+    is_beside = first // width == second // width
+    ends = np.stack([corner, corner + np.where(is_beside, width + 1, 1)])
+    corners, ends = np.unique(ends, return_inverse=True)
+    ends = ends.reshape(2, -1)
+    doors = least_joined(ends[0], ends[1], len(corners))[ends[0]]
+    order = np.lexsort((-wider, -narrower, -least))  # as `ClearanceTree` orders its edges
+    by_basin = labels[basins.reshape(-1)[np.stack([first, second])]]
+    keys = np.stack([doors, by_basin.min(axis=0), by_basin.max(axis=0)])[:, order]
+    best = np.sort(np.unique(keys, axis=1, return_index=True)[1])
+    joined_to: dict[tuple[int, int], tuple[int, int]] = {}  # regions at a door
+    found = []
+    for door, *pair, cell in zip(*keys[:, best].tolist(), narrower[order][best], strict=True):
+        sides = [(door, label) for label in pair]
+        for index in (0, 1):
+            while sides[index] in joined_to:
+                sides[index] = joined_to[sides[index]]
+        if sides[0] != sides[1]:
+            joined_to[sides[0]] = sides[1]
+            found.append((cell, *pair))
+    return np.array(found, dtype=np.int64).reshape(-1, 3)
+
+
+def _borders(basins: NDArray[np.int32], labels: NDArray[np.int32]) -> tuple[Integers, Integers]:
+    """Return the pairs of neighbouring cells of different regions; the last label is of -1."""
+    width = basins.shape[1]
+    found: dict[int, list[Integers]] = {}
+
+    def some(rows: slice) -> None:
+        part = labels[basins[rows.start : rows.stop + 1]]
+        own = part[: rows.stop - rows.start]
+        for step, one, other in ((1, own[:, :-1], own[:, 1:]), (width, part[:-1], part[1:])):
+            row, col = np.divmod(np.flatnonzero(one != other), max(one.shape[1], 1))
+            are_regions = np.minimum(one[row, col], other[row, col]) >= 0
+            first = (row[are_regions] + rows.start) * width + col[are_regions]
+            found.setdefault(rows.start, []).append(np.stack([first, first + step]))
+
+    for_rows(some, basins.shape)
+    pairs = np.concatenate([one for start in sorted(found) for one in found[start]], axis=1)
+    return pairs[0], pairs[1]

@@ -1,4 +1,4 @@
-/* Open poses of a footprint, and a flood through them. configuration_space.py has the rules.
+/* Open poses of a footprint, and a flood through them. paths.py has the rules.
 
    Poses are bits: words of 64 cells of a row, of which those of all headings stand together, so that
    one instruction serves many headings, and a cell's neighbours in heading are next to it. */

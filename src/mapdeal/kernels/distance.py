@@ -1,24 +1,13 @@
-"""Exact squared distances, by either engine, whole or block by block.
+"""Exact distances to marked cells, and the cells near them, by either engine.
 
-Squares of distances are whole numbers of cells, and are kept so until the last step. The engine
-(see `mapdeal.kernels.engine`) makes no difference to any result.
-
-The first pass of a distance transform counts along the columns to the nearest cell of the other
-kind. A block, some rows of a grid, needs of all the others only how the runs of equal cells that
-touch its borders go on there: two numbers a column, its halo. So a grid can be looked at block by
-block, in any order or at the same time (`runs_of`), what was found makes the halos (`halos_of`),
-and then every block is solved alone (`signed_distance`).
-
-scipy's transform knows nothing of a halo. For it heights, the distances within the columns, are
-counted here, and each cell's square is the smallest of (x - i)^2 + height(i)^2 over all columns i.
-The best i never decreases with x. So the middle cells are solved first, and those between them
-among the columns that are left, all rows at the same time.
+Squares of distances are whole numbers of cells, and are kept so until the last step. A grid is
+taken whole, or block by block (`runs_of`, `halos_of`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -26,12 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.arrays import Bytes, Integers, Mask, Metres
 from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.lookup import set_where
+from mapdeal.kernels.threads import for_rows
 
 SquaredDistances = NDArray[np.signedinteger[Any]]
 
-_LONGEST_SIDE_IN_32_BITS = 32767
-"""Twice its square stays below the largest int32, which is taken."""
+_LONGEST_SIDE_IN_32_BITS = 32767  # twice its square stays below the largest int32, which is taken
 
 
 def unreachable(squared: SquaredDistances) -> int:
@@ -44,14 +35,8 @@ def dtype_of_squares(shape: tuple[int, ...]) -> type[np.int32] | type[np.int64]:
     return np.int32 if max(shape) <= _LONGEST_SIDE_IN_32_BITS else np.int64
 
 
-def squares_between_cells(reach: int) -> NDArray[np.int64]:
-    """Return the squared distances that occur between cell centres, up to `reach` cells.
-
-    Examples
-    --------
-    >>> squares_between_cells(3).tolist()
-    [0, 1, 2, 4, 5, 8, 9]
-    """
+def squares_between_cells(reach: int) -> Integers:
+    """Return the squared distances that occur between cell centres, up to `reach` cells."""
     occurs = np.zeros(reach * reach + 1, dtype=np.bool_)
     squares = np.arange(reach + 1, dtype=np.int64) ** 2
     for row, square in enumerate(squares):
@@ -60,8 +45,12 @@ def squares_between_cells(reach: int) -> NDArray[np.int64]:
     return np.flatnonzero(occurs)
 
 
-Mask = NDArray[np.bool_]
 Runs = NDArray[np.uint32]
+
+# The first pass of a distance transform counts along the columns to the nearest cell of the other
+# kind. A block, some rows of a grid, needs of all the others only how the runs of equal cells that
+# touch its borders go on there: two numbers a column, its halo. So blocks are looked at in any
+# order or at the same time, what was found makes the halos, and then each is solved alone.
 
 _MOST_ROWS = 1 << 16  # runs within a block are counted in 16 bits
 
@@ -110,40 +99,33 @@ def halos_of(blocks: Sequence[BlockRuns]) -> list[Halo]:
     height = sum(block.rows for block in blocks)
     width = len(blocks[0].first)
     endless = np.full(width, np.iinfo(np.uint32).max - height - 1, dtype=np.uint32)
-    before: list[tuple[Mask, Runs] | None] = [None]
-    reaching = endless
-    for block in blocks[:-1]:
-        last = before[-1]
-        is_equal = None if last is None else block.first == last[0]
-        reaching = _going_on(block.down, block.rows, is_equal, reaching)
-        before.append((block.last, reaching))
-    after: list[tuple[Mask, Runs] | None] = [None]
-    reaching = endless
-    for block in reversed(blocks[1:]):
-        last = after[-1]
-        is_equal = None if last is None else block.last == last[0]
-        reaching = _going_on(block.up, block.rows, is_equal, reaching)
-        after.append((block.first, reaching))
+    before = _reaching([(b.rows, b.first, b.last, b.down) for b in blocks], endless)
+    after = _reaching([(b.rows, b.last, b.first, b.up) for b in reversed(blocks)], endless)
     return [Halo(height, *pair) for pair in zip(before, reversed(after), strict=True)]
 
 
-def _going_on(within: Runs, rows: int, is_equal: Mask | None, reaching: Runs) -> Runs:
-    """Return the lengths of runs, those through the whole block with what reaches it added."""
-    # `is_equal`: whether the block's border is as the row beside it; None where there is none.
-    through = within == rows
-    if is_equal is not None:
-        through &= is_equal
-    return np.where(through, within + reaching, within)
+def _reaching(
+    blocks: Sequence[tuple[int, Mask, Mask, Runs]], reaching: Runs
+) -> list[tuple[Mask, Runs] | None]:
+    """Return what reaches each block, given the heights, both borders and runs of those before."""
+    found: list[tuple[Mask, Runs] | None] = [None]
+    for rows, first, last, within in blocks[:-1]:
+        through = within == rows
+        if found[-1] is not None:
+            through &= first == found[-1][0]
+        reaching = np.where(through, within + reaching, within)
+        found.append((last, reaching))
+    return found
 
-
-Squares = NDArray[np.int64]
 
 _CELLS_TOGETHER = 1 << 18
 _NONE = np.iinfo(np.int64).max
 
 
-def squares_of_block(marked: Mask, halo: Halo) -> Squares:
+def squares_of_block(marked: Mask, halo: Halo) -> Integers:
     """Return each cell's squared distance to the nearest cell of the other kind in the grid."""
+    # scipy's transform knows nothing of a halo. So heights, the distances within the columns, are
+    # counted here, and each square is the smallest of (x - i)^2 + height(i)^2 over all columns i.
     heights = np.minimum(_counts(marked, halo.before), _counts(marked[::-1], halo.after)[::-1])
     has_none = heights > halo.height
     own = np.where(has_none, 0, heights) ** 2
@@ -158,21 +140,22 @@ def squares_of_block(marked: Mask, halo: Halo) -> Squares:
     return squares
 
 
-def _counts(marked: Mask, before: tuple[Mask, Runs] | None) -> Squares:
+def _counts(marked: Mask, before: tuple[Mask, Runs] | None) -> Integers:
     """Return how many cells it is, up the columns, to the nearest cell of the other kind."""
     counts = np.empty(marked.shape, dtype=np.int64)
-    last_row, last = (None, None) if before is None else (before[0], before[1].astype(np.int64))
+    above_any_height = np.iinfo(np.uint32).max // 2
+    last_row, last = before or (marked[0], np.full(marked.shape[1], above_any_height))
+    last = last.astype(np.int64)
     for k, row in enumerate(marked):
-        if last_row is None or last is None:
-            counts[k] = np.iinfo(np.uint32).max // 2  # above any height
-        else:
-            counts[k] = np.where(row == last_row, last + 1, 1)
-        last_row, last = row, counts[k]
+        counts[k] = last = np.where(row == last_row, last + 1, 1)
+        last_row = row
     return counts
 
 
-def row_minima(values: Squares, exists: Mask) -> Squares:
+def row_minima(values: Integers, exists: Mask) -> Integers:
     """Return the smallest (x - i)^2 + values[row, i] over all i that exist, for each row and x."""
+    # The best i never decreases with x. So the middle cells are solved first, and those between
+    # them among the columns that are left, all rows at the same time.
     height, width = values.shape
     minima = np.full(values.shape, _NONE)
     has_sites = exists.any(axis=1)
@@ -204,8 +187,8 @@ def row_minima(values: Squares, exists: Mask) -> Squares:
 
 
 def _lowest_in(
-    cells: Squares, low: Squares, high: Squares, sites: Squares, added: Squares
-) -> tuple[Squares, Squares]:  # fmt: skip
+    cells: Integers, low: Integers, high: Integers, sites: Integers, added: Integers
+) -> tuple[Integers, Integers]:  # fmt: skip
     lengths = high - low + 1
     starts = np.cumsum(lengths) - lengths
     candidates = np.arange(lengths.sum()) + np.repeat(low - starts, lengths)
@@ -215,43 +198,34 @@ def _lowest_in(
     return candidates[hits[np.searchsorted(hits, starts)]], lowest
 
 
-def squared_distance(
-    marked: NDArray[np.bool_], *, limit: int | None = None
-) -> SquaredDistances:  # fmt: skip
+def squared_distance(marked: Mask, *, limit: int | None = None) -> SquaredDistances:
     """Return each cell's squared distance to the nearest marked cell."""
-    _check_limit(limit)
-    return _engine(marked).squares(marked, both_kinds=False, limit=limit)  # type: ignore[no-any-return]
+    return _squares(marked, limit, both_kinds=False)
 
 
-def signed_squared_distance(
-    occupied: NDArray[np.bool_], *, limit: int | None = None
-) -> SquaredDistances:  # fmt: skip
+def signed_squared_distance(occupied: Mask, *, limit: int | None = None) -> SquaredDistances:
     """Return each cell's squared distance to the nearest cell of the other kind."""
-    _check_limit(limit)
-    return _engine(occupied).squares(occupied, both_kinds=True, limit=limit)  # type: ignore[no-any-return]
+    return _squares(occupied, limit, both_kinds=True)
+
+
+def _squares(marked: Mask, limit: int | None, *, both_kinds: bool) -> SquaredDistances:
+    if limit is not None and limit < 0:
+        raise ValueError(f"limit must be at least 0, not {limit}")
+    return _engine(marked).squares(marked, both_kinds, limit)  # type: ignore[no-any-return]
 
 
 def signed_distance(
-    occupied: NDArray[np.bool_],
-    *,
-    scale: float = 1.0,
-    outside_shift: float = 0.0,
-    inside_shift: float = 0.0,
-    clip: float = math.inf,
-    gain: float = 1.0,
-    halo: Halo | None = None,
-) -> NDArray[np.float32]:
+    occupied: Mask, *, scale: float = 1.0, outside_shift: float = 0.0, inside_shift: float = 0.0,
+    clip: float = math.inf, gain: float = 1.0, halo: Halo | None = None,
+) -> Metres:  # fmt: skip
     """Return each cell's signed distance to the nearest cell of the other kind."""
     height = len(occupied) if halo is None else halo.height
     return _engine(occupied, height).metres(  # type: ignore[no-any-return]
-        occupied, scale=scale, outside_shift=outside_shift, inside_shift=inside_shift, clip=clip,
-        gain=gain, halo=halo,
-    )  # fmt: skip
+        occupied, scale, outside_shift, inside_shift, clip, gain, halo
+    )
 
 
-def bytes_by_distance(
-    marked: NDArray[np.bool_], table: NDArray[np.uint8]
-) -> NDArray[np.uint8]:  # fmt: skip
+def bytes_by_distance(marked: Mask, table: Bytes) -> Bytes:
     """Return for each cell what a table says of its squared distance to the nearest marked cell."""
     if len(table) < 2:
         raise ValueError("the table needs at least two entries")
@@ -259,21 +233,147 @@ def bytes_by_distance(
     return _engine(marked).bytes_of_squares(marked, table)  # type: ignore[no-any-return]
 
 
-def _check_limit(limit: int | None) -> None:
-    if limit is not None and limit < 0:
-        raise ValueError(f"limit must be at least 0, not {limit}")
-
-
-def _engine(marked: NDArray[np.bool_], height: int = 0) -> ModuleType:
-    """Return the module that serves for a grid, or a part of a grid of some height."""
+def _check_mask(marked: Mask) -> None:
     if marked.dtype != np.bool_ or marked.ndim != 2:
         rule = f"a mask must be a bool array with two axes, not {marked.ndim} of {marked.dtype}"
         raise ValueError(rule)
+
+
+def _engine(marked: Mask, height: int = 0) -> ModuleType:
+    _check_mask(marked)
     if engine_name() == "compiled" and marked.size > 0:
-        from mapdeal.kernels import distance_compiled as compiled_distance
+        from mapdeal.kernels import compiled
 
-        if max(*marked.shape, height) <= compiled_distance.longest_side():
-            return compiled_distance
-    from mapdeal.kernels import distance_numpy as scipy_distance
+        if max(*marked.shape, height) <= compiled.LONGEST_SIDE:
+            return compiled
+    from mapdeal.kernels import scipy_twins
 
-    return scipy_distance
+    return scipy_twins
+
+
+# The compiled engine draws squares, discs and rings of up to 62 cells around all marked cells at
+# once, at a few bytes' work for each cell and row of the shape; larger discs are a matter of
+# distances, larger squares of moved copies.
+
+_LARGEST_TABLE = 1 << 20
+_BAND_ROWS = 64
+_HALOS_OF_A_BAND = 2
+"""Rows of a band, in reaches: those around it are looked at again for the next."""
+
+
+def dilate_square(marked: Mask, reach: int) -> Mask:
+    """Return the cells within `reach` cells of a marked one along both axes."""
+    _check_mask(marked)
+    if _is_drawn(marked, reach):
+        return _covered(marked, reach, None)
+    by_columns = _widened(marked, reach)
+    return _widened(by_columns.T, reach).T
+
+
+def within_distance(marked: Mask, square: int) -> Mask:
+    _check_mask(marked)
+    reach = math.isqrt(square)
+    if _is_drawn(marked, reach):
+        return _covered(marked, reach, square)
+    if square > _LARGEST_TABLE:
+        squared = squared_distance(marked, limit=square)
+        return squared != unreachable(squared)  # type: ignore[no-any-return]
+    table = np.ones(square + 2, dtype=np.uint8)
+    table[-1] = 0
+    return bytes_by_distance(marked, table).view(np.bool_)
+
+
+def inflated(
+    values: NDArray[np.int8], threshold: int,
+    *, reach: int = 0, square: int | None = None, value: int, kept: int | None = None,
+) -> NDArray[np.int8]:  # fmt: skip
+    kept = value if kept is None else kept  # which then makes no difference
+    reach = math.isqrt(square) if square is not None else reach
+    if _is_drawn(values, reach):
+        from mapdeal.kernels import _dilation
+
+        given, found = np.ascontiguousarray(values), np.empty(values.shape, np.int8)
+        _draw(
+            _dilation.put, values.shape, reach, given, threshold, _half_widths(reach, square),
+            square is None, value, kept, found,
+        )  # fmt: skip
+        return found
+    occupied = values >= threshold
+    if square is None:
+        covered = dilate_square(occupied, reach)
+    else:
+        covered = within_distance(occupied, square)
+    covered &= (values != kept) | occupied
+    found = values.copy()
+    set_where(found, covered, value)
+    return found
+
+
+def ringed(values: NDArray[np.int8], marked: Mask, costs: Sequence[int]) -> NDArray[np.int8]:
+    """Return values with those of cells near marked ones replaced by the cost of their ring."""
+    reach = len(costs) - 1
+    found = np.empty(values.shape, np.int8)
+    if _is_drawn(marked, reach):
+        from mapdeal.kernels import _dilation
+
+        given, table = np.ascontiguousarray(values), np.array(costs, np.int8)
+        bytes_, halves = _bytes_of(marked), _half_widths(reach, None)
+        _draw(_dilation.ring, marked.shape, reach, bytes_, halves, table, given, found)
+        return found
+    found[...] = values
+    inner = marked
+    found[inner] = costs[0]
+    for cost in costs[1:]:
+        outer = dilate_square(inner, 1)
+        found[outer & ~inner] = cost
+        inner = outer
+    return found
+
+
+def _is_drawn(cells: NDArray[np.generic], reach: int) -> bool:
+    """Return whether the compiled engine draws shapes of a reach around cells."""
+    if engine_name() != "compiled" or cells.size == 0 or reach < 0:
+        return False
+    from mapdeal.kernels import _dilation
+
+    return reach <= _dilation.most_reach
+
+
+def _half_widths(reach: int, square: int | None) -> Bytes:
+    """Return the half widths of a shape's rows, by their distance from the middle."""
+    if square is None:
+        return np.full(reach + 1, reach, np.uint8)
+    return np.array([math.isqrt(square - row * row) for row in range(reach + 1)], np.uint8)
+
+
+def _covered(marked: Mask, reach: int, square: int | None) -> Mask:
+    from mapdeal.kernels import _dilation
+
+    bytes_, covered = _bytes_of(marked), np.empty(marked.shape, np.uint8)
+    halves = _half_widths(reach, square)
+    _draw(_dilation.cover, marked.shape, reach, bytes_, halves, square is None, covered)
+    return covered.view(np.bool_)
+
+
+def _bytes_of(marked: Mask) -> Bytes:
+    return np.ascontiguousarray(marked).view(np.uint8)
+
+
+def _draw(
+    work: Callable[..., None], shape: tuple[int, ...], reach: int, *arguments: object
+) -> None:
+    step = max(_BAND_ROWS, _HALOS_OF_A_BAND * reach)
+    for_rows(lambda rows: work(*arguments, rows.start, rows.stop), shape, step)
+
+
+def _widened(marked: Mask, reach: int) -> Mask:
+    reach = min(reach, len(marked))
+    grown, covered = marked.copy(), 0
+    while covered < reach:
+        # at a border, where one side is cut off, c cells leave no gap when moved by c + 1
+        step = min(covered + 1, reach - covered)
+        before = grown.copy()
+        grown[step:] |= before[:-step]
+        grown[:-step] |= before[step:]
+        covered += step
+    return grown

@@ -11,19 +11,18 @@ import sys
 from functools import cache
 from importlib.util import find_spec
 from types import ModuleType
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from mapdeal.errors import ParameterError
 
-Engine = Literal["compiled", "scipy"]
+if TYPE_CHECKING:
+    from importlib.machinery import ModuleSpec
 
-VARIABLE = "MAPDEAL_KERNELS"
-"""Name of the environment variable that chooses the engine."""
-
+VARIABLE = "MAPDEAL_KERNELS"  # name of the environment variable that chooses the engine
 _BESIDE = ("_clearance_tree", "_clouds", "_configuration_space", "_dilation", "_rays")
 
 
-def engine_name() -> Engine:
+def engine_name() -> Literal["compiled", "scipy"]:
     """Return the engine's name, without importing scipy."""
     asked = os.environ.get(VARIABLE) or None
     if asked not in (None, "compiled", "scipy"):
@@ -55,22 +54,15 @@ def compiled_module() -> ModuleType | None:
 
 
 def version_text() -> str:
-    """Return what ``mapdeal --version`` prints."""
     from mapdeal.version import __version__
 
     return f"mapdeal {__version__} (kernels: {engine_name()})"
 
 
-TYPE_CHECKING = False  # the module typing takes longer than the rest of this one
-if TYPE_CHECKING:
-    from importlib.machinery import ModuleSpec
-
 _OPENBLAS = 80 << 20
 """Bytes that numpy and scipy each map until OpenBLAS is loaded, with its buffer of 32 MB."""
 
-_LOADED = {"scipy.linalg._fblas", "scipy.special._ufuncs"}
-"""Modules of scipy that load it first."""
-
+_LOADED = {"scipy.linalg._fblas", "scipy.special._ufuncs"}  # modules of scipy that load it first
 _EPOCH_DIGITS = 11  # up to the year 5138
 
 

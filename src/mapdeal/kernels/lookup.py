@@ -1,46 +1,50 @@
-"""Whole arrays through small tables, in threads: one pass, no temporary arrays of that size."""
+"""Values of cells: through small tables, between centres, and under the cells of another lattice.
+
+All work in threads, in one pass, without temporary arrays of the size of the whole.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask, Metres
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import for_rows, thread_count
 
-Bytes = NDArray[np.uint8] | NDArray[np.int8]
+EitherBytes = Bytes | NDArray[np.int8]
 
 
-def look_up(values: Bytes, table: NDArray[Any]) -> NDArray[Any]:
+def look_up(values: EitherBytes, table: NDArray[Any]) -> NDArray[Any]:
     source, entries = values.view(np.uint8), np.ascontiguousarray(table).view(np.uint8)
     if entries.shape != (256,):
         raise ValueError("the table must have 256 entries of one byte")
     result = np.empty(values.shape, dtype=np.uint8)
     # a view with gaps within its rows is left to numpy
-    if engine_name() == "compiled" and source.strides[1] == 1:
-        from mapdeal.kernels import _compiled
+    compiled = engine_name() == "compiled" and source.strides[1] == 1
 
-        def part(rows: slice) -> None:
+    def part(rows: slice) -> None:
+        if compiled:
+            from mapdeal.kernels import _compiled
+
             _compiled.look_up(source[rows], entries, result[rows])
-    else:
-
-        def part(rows: slice) -> None:
+        else:
             result[rows] = entries[source[rows]]
 
     for_rows(part, values.shape)
     return result.view(table.dtype)
 
 
-def set_where(values: Bytes, mask: NDArray[np.bool_], value: int) -> None:
+def set_where(values: EitherBytes, mask: Mask, value: int) -> None:
     for_rows(lambda rows: np.copyto(values[rows], value, where=mask[rows]), values.shape)
 
 
-def raise_bytes(
-    costs: NDArray[np.uint8], asked: NDArray[np.uint8], *, least: int, unknown: int
-) -> None:
+def raise_bytes(costs: Bytes, asked: Bytes, *, least: int, unknown: int) -> None:
     is_compiled = engine_name() == "compiled" and unknown == np.iinfo(np.uint8).max
     is_compiled = is_compiled and costs.flags.c_contiguous and asked.flags.c_contiguous
 
@@ -60,17 +64,9 @@ def raise_bytes(
 
 
 def level_rows(
-    distance: NDArray[np.float32],
-    obstacles: NDArray[np.bool_],
-    unknown: NDArray[np.bool_],
-    *,
-    low: float,
-    factor: float,
-    levels: int,
-    first: int,
-    below: int,
-    faded_by: int,
-) -> NDArray[np.uint8]:
+    distance: Metres, obstacles: Mask, unknown: Mask,
+    *, low: float, factor: float, levels: int, first: int, below: int, faded_by: int,
+) -> Bytes:  # fmt: skip
     """Return the levels of distances on an even scale, on the side of zero where the cell is."""
     result = np.empty(distance.shape, dtype=np.uint8)
     compiled = engine_name() == "compiled"
@@ -98,10 +94,10 @@ def level_rows(
     return result
 
 
-def histogram(values: Bytes) -> NDArray[np.int64]:
+def histogram(values: EitherBytes) -> Integers:
     """Return how often each value occurs, shape (256,); negative ones count from the end."""
     source = np.ascontiguousarray(values).view(np.uint8)
-    parts: list[NDArray[np.int64]] = []
+    parts: list[Integers] = []
     compiled = engine_name() == "compiled"
 
     def part(rows: slice) -> None:
@@ -119,14 +115,9 @@ def histogram(values: Bytes) -> NDArray[np.int64]:
 
 
 def squares_of_distances(
-    distance: NDArray[np.float32],
-    obstacles: NDArray[np.bool_],
-    *,
-    scale: float,
-    shift: float,
-    gain: float,
-    clip: float,
-) -> NDArray[np.float64]:
+    distance: Metres, obstacles: Mask,
+    *, scale: float, shift: float, gain: float, clip: float,
+) -> Floats:  # fmt: skip
     """Return the squared distances in cells that a field's distances stand for."""
     metres = distance.astype(np.float64)
     metres /= gain
@@ -141,45 +132,35 @@ def squares_of_distances(
 
 
 def bytes_of_distances(
-    distance: NDArray[np.float32],
-    obstacles: NDArray[np.bool_],
-    table: NDArray[np.uint8],
-    *,
-    scale: float,
-    shift: float,
-    gain: float,
-    clip: float,
-) -> NDArray[np.uint8]:
+    distance: Metres, obstacles: Mask, table: Bytes,
+    *, scale: float, shift: float, gain: float, clip: float,
+) -> Bytes:  # fmt: skip
     """Return what a table says of the squares that `squares_of_distances` gives."""
     result = np.empty(distance.shape, dtype=np.uint8)
-    if engine_name() == "compiled":
-        from mapdeal.kernels import _compiled
+    compiled = engine_name() == "compiled"
+    distance, obstacles = np.ascontiguousarray(distance), np.ascontiguousarray(obstacles)
+    table = np.ascontiguousarray(table)
 
-        source, mask = np.ascontiguousarray(distance), np.ascontiguousarray(obstacles)
-        table = np.ascontiguousarray(table)
+    def part(rows: slice) -> None:
+        if compiled:
+            from mapdeal.kernels import _compiled
 
-        def part(rows: slice) -> None:
             _compiled.bytes_of_distances(
-                source[rows], mask[rows].view(np.uint8), table, result[rows],
+                distance[rows], obstacles[rows].view(np.uint8), table, result[rows],
                 scale, shift, gain, clip,
             )  # fmt: skip
-    else:
-
-        def part(rows: slice) -> None:
-            squares = squares_of_distances(
-                distance[rows], obstacles[rows], scale=scale, shift=shift, gain=gain, clip=clip
-            )
-            np.minimum(squares, len(table) - 1, out=squares)
-            result[rows] = table[squares.astype(np.intp)]
+            return
+        squares = squares_of_distances(
+            distance[rows], obstacles[rows], scale=scale, shift=shift, gain=gain, clip=clip
+        )
+        np.minimum(squares, len(table) - 1, out=squares)
+        result[rows] = table[squares.astype(np.intp)]
 
     for_rows(part, distance.shape)
     return result
 
 
-Floats = NDArray[np.float64]
-
-
-def interpolate(values: NDArray[np.float32], places_rowcol: Floats) -> tuple[Floats, Floats]:
+def interpolate(values: Metres, places_rowcol: Floats) -> tuple[Floats, Floats]:
     """Return the bilinear interpolant of a grid, and its slopes, at places between cells."""
     # Beyond the outermost centres the nearest cells go on, so that the slope across the border is
     # 0. The slopes are those of the interpolant itself: they jump where a line of centres is
@@ -199,24 +180,22 @@ def interpolate(values: NDArray[np.float32], places_rowcol: Floats) -> tuple[Flo
     places = np.where(near[:, np.newaxis], places_rowcol, 0.5)
     south, north, v = _corners(places[:, 0], height - 1)
     west, east, u = _corners(places[:, 1], width - 1)
-    a, b = (values[south, col].astype(np.float64) for col in (west, east))
-    c, d = (values[north, col].astype(np.float64) for col in (west, east))
-    finite = np.isfinite(a) & np.isfinite(b) & np.isfinite(c) & np.isfinite(d)
+    a, b, c, d = corners = np.stack(
+        [values[row, col].astype(np.float64) for row in (south, north) for col in (west, east)]
+    )
+    finite = np.isfinite(corners).all(axis=0)
     with np.errstate(invalid="ignore"):
         between[:] = (1.0 - v) * ((1.0 - u) * a + u * b) + v * ((1.0 - u) * c + u * d)
         slopes[:, 0] = (1.0 - u) * (c - a) + u * (d - b)
         slopes[:, 1] = (1.0 - v) * (b - a) + v * (d - c)
     nearest = values[np.where(v < 0.5, south, north), np.where(u < 0.5, west, east)]
     between[~finite] = nearest[~finite]
-    slopes[~finite] = np.nan
     between[~near] = np.nan
-    slopes[~near] = np.nan
+    slopes[~(finite & near)] = np.nan
     return between, slopes
 
 
-def _corners(
-    places: Floats, last: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:  # fmt: skip
+def _corners(places: Floats, last: int) -> tuple[Integers, Integers, Floats]:
     """Return the indices that places lie between, within the grid, and the share of the way."""
     from_centre = places - 0.5
     below = np.floor(from_centre)
@@ -224,9 +203,7 @@ def _corners(
     return np.clip(index, 0, last), np.clip(index + 1, 0, last), from_centre - below
 
 
-def sum_of_inverse_distances(
-    marked: NDArray[np.bool_], *, scale: float = 1.0, least: float = 0.0
-) -> NDArray[np.float64]:
+def sum_of_inverse_distances(marked: Mask, *, scale: float = 1.0, least: float = 0.0) -> Floats:
     """Return for each cell the sum of 1 / distance over all marked cells."""
     # The sum is the convolution of the mask with 1 / distance, taken as a product of Fourier
     # transforms: H W log(H W) steps rather than H W times the number of marked cells. 1 / distance
@@ -259,8 +236,230 @@ def sum_of_inverse_distances(
     spectrum[: half_height + 1] *= response
     spectrum[half_height + 1 :] *= response[half_height - 1 : 0 : -1]
     del response  # the peak of memory is that of what follows
-    total: NDArray[np.float64] = fft.irfft2(
+    total: Floats = fft.irfft2(
         spectrum, s=(2 * half_height, 2 * half_width), overwrite_x=True, workers=workers
     )
     # no sum is negative; rounding may make it so, far from everything
     return np.maximum(total[:height, :width], 0.0)
+
+
+TOUCHING = 1e-6
+"""In sides of the larger cell. Cells that overlap by less only touch: their borders are the same
+on paper."""
+
+_GATHERED = 2.0
+"""Up to this side, neighbours are few: each cell looks at all that it may overlap."""
+
+_TOGETHER = 1 << 16
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Where the cells that are asked for, which may be turned, lie among the cells of an array."""
+
+    # The array's own cells have side 1; its coordinates are rows and columns with fractions.
+
+    row: float
+    col: float
+    side: float
+    turn: float = 0.0
+    slack: float = 1e-9
+
+    @property
+    def wide(self) -> float:
+        """Extent of a turned square along the axes, in its sides."""
+        return abs(math.cos(self.turn)) + abs(math.sin(self.turn))
+
+    @property
+    def touching(self) -> float:
+        """How far cells may overlap that only touch, in cells of the array."""
+        return min(TOUCHING * max(1.0, self.side), self.side / 4)
+
+    def centres(self, rows: slice, width: int) -> tuple[Floats, Floats]:
+        """Return rows and columns, with fractions, of the centres of some rows of cells."""
+        i = (np.arange(rows.start, rows.stop)[:, np.newaxis] + 0.5) * self.side
+        j = (np.arange(width) + 0.5) * self.side
+        cos, sin = math.cos(self.turn), math.sin(self.turn)
+        return (i * cos + self.row) + j * sin, (self.col - i * sin) + j * cos
+
+    def edges(self, first: float, count: int, size: int) -> tuple[Integers, Integers]:
+        """Return the array's cells along one axis, first and end, under each untilted cell."""
+        steps = first + self.side * np.arange(count + 1)
+        low = np.clip(np.floor(steps[:-1] + self.touching), 0, size).astype(np.int64)
+        high = np.clip(np.ceil(steps[1:] - self.touching), 0, size).astype(np.int64)
+        return low, high
+
+
+def largest_under(values: Bytes, shape: tuple[int, int], lattice: Lattice) -> Bytes:
+    found = np.zeros(shape, dtype=np.uint8)
+    if 0 in values.shape or 0 in shape or not values.any():
+        return found
+    if lattice.turn == 0.0:
+        _reduce_ranges(found, values, lattice)
+    elif lattice.side <= _GATHERED:
+        _gather(found, values, lattice)
+    else:
+        _scatter(found, values, lattice)
+    return found
+
+
+def nearest_under(values: Bytes, shape: tuple[int, int], lattice: Lattice) -> tuple[Bytes, Mask]:
+    found = np.zeros(shape, dtype=np.uint8)
+    inside = np.zeros(shape, dtype=np.bool_)
+    if 0 not in values.shape and 0 not in shape:
+        (_copy_ranges if lattice.turn == 0.0 else _look_up)(found, inside, values, lattice)
+    return found, inside
+
+
+def _copy_ranges(found: Bytes, inside: Mask, values: Bytes, lattice: Lattice) -> None:
+    height, width = values.shape
+
+    def look(part: slice) -> None:
+        y, _ = lattice.centres(part, 1)
+        _, x = lattice.centres(slice(0, 1), found.shape[1])
+        row, col = _cells_of(y[:, 0], height, lattice.slack), _cells_of(x[0], width, lattice.slack)
+        rows, cols = _span(row, height), _span(col, width)
+        inside[part][rows, cols] = True
+        found[part][rows, cols] = values[row[rows]][:, col[cols]]
+
+    for_rows(look, found.shape)
+
+
+def _look_up(found: Bytes, inside: Mask, values: Bytes, lattice: Lattice) -> None:
+    """Set the values at centres, wherever they lie."""
+    height, width = values.shape
+    flat = np.ascontiguousarray(values).reshape(-1)
+
+    def look(part: slice) -> None:
+        y, x = lattice.centres(part, found.shape[1])
+        for places in (y, x):
+            places += lattice.slack
+            np.floor(places, out=places)
+        within = inside[part]
+        np.logical_and(y >= 0, y < height, out=within)
+        within &= (x >= 0) & (x < width)
+        y *= width
+        y += x
+        found[part][within] = flat[y[within].astype(np.intp)]
+
+    for_rows(look, found.shape)
+
+
+def _cells_of(places: Floats, size: int, slack: float) -> Integers:
+    """Return the cells that coordinates lie in; those beyond the array stay just beyond it."""
+    return np.floor(np.clip(places + slack, -1, size)).astype(np.intp)
+
+
+def _span(cells: Integers, size: int) -> slice:
+    first, end = np.searchsorted(cells, [0, size])
+    return slice(int(first), int(end))
+
+
+def _reduce_ranges(found: Bytes, values: Bytes, lattice: Lattice) -> None:
+    """Set the largest values in ranges of rows and of columns: the lattice lies along the axes."""
+    low, high = lattice.edges(lattice.row, found.shape[0], values.shape[0])
+    left, right = lattice.edges(lattice.col, found.shape[1], values.shape[1])
+    cols = np.flatnonzero(left < right)
+    if not len(cols):
+        return
+
+    def look(part: slice) -> None:
+        rows = part.start + np.flatnonzero(low[part] < high[part])
+        if len(rows):
+            lines = _largest_of_ranges(values, low[rows], high[rows])
+            across = _largest_of_ranges(lines.T, left[cols], right[cols])
+            found[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] = across.T
+
+    for_rows(look, found.shape)
+
+
+def _largest_of_ranges(lines: Bytes, first: Integers, end: Integers) -> Bytes:
+    found = lines[first]
+    for step in range(1, int((end - first).max())):
+        np.maximum(found, lines[np.minimum(first + step, end - 1)], out=found)
+    return found
+
+
+def _gather(found: Bytes, values: Bytes, lattice: Lattice) -> None:
+    """Set the largest values by a look at all cells that a cell of the lattice may overlap."""
+    # Most cells are done at once: where the largest value around a centre is that of the cell below
+    # it, no other can count.
+    height, width = values.shape
+    reach = math.ceil(1 + lattice.side / 2 * lattice.wide) - 1
+    rim = 2 * reach + 1
+    around = np.zeros((height + 2 * rim, width + 2 * rim), dtype=np.uint8)
+    around[rim:-rim, rim:-rim] = values
+    peaks = _largest_around(around, reach)
+    stride = around.shape[1]
+    flat, flat_peaks = around.ravel(), peaks.ravel()
+    steps = [step for step in product(range(-reach, reach + 1), repeat=2) if step != (0, 0)]
+
+    def look(part: slice) -> None:
+        y, x = lattice.centres(part, found.shape[1])
+        row = np.floor(np.clip(y, -reach - 1, height + reach))
+        col = np.floor(np.clip(x, -reach - 1, width + reach))
+        place = ((row + rim) * stride + (col + rim)).astype(np.intp).ravel()
+        own = flat[place]
+        which = np.flatnonzero(flat_peaks[place] > own)
+        if len(which):
+            place = place[which]
+            x_off, y_off = ((at - cell).ravel()[which] - 0.5 for at, cell in ((x, col), (y, row)))
+            best = own[which]
+            for down, right in steps:
+                value = flat[place + (down * stride + right)]
+                more = np.flatnonzero(value > best)
+                overlap = _overlap(right - x_off[more], down - y_off[more], lattice)
+                more = more[overlap]
+                best[more] = value[more]
+            own[which] = best
+        found[part] = own.reshape(-1, found.shape[1])
+
+    for_rows(look, found.shape)
+
+
+def _largest_around(values: Bytes, reach: int) -> Bytes:
+    """Return the largest value in the square of cells around each, `reach` cells far."""
+    for _ in range(2):  # across the columns, then across the rows
+        values, before = values.T.copy(), values.T
+        for step in range(1, reach + 1):
+            np.maximum(values[step:], before[:-step], out=values[step:])
+            np.maximum(values[:-step], before[step:], out=values[:-step])
+    return values
+
+
+def _overlap(right: Floats, up: Floats, lattice: Lattice) -> Mask:
+    """Return which cells of the array overlap a cell of the lattice, given their distance."""
+    # Two squares overlap unless a line along a side of one of them parts them.
+    cos, sin = math.cos(lattice.turn), math.sin(lattice.turn)
+    along = 0.5 + lattice.side / 2 * lattice.wide - lattice.touching
+    across = lattice.side / 2 + 0.5 * lattice.wide - lattice.touching
+    overlap: Mask = (np.abs(right) < along) & (np.abs(up) < along)
+    overlap &= np.abs(right * cos + up * sin) < across
+    overlap &= np.abs(up * cos - right * sin) < across
+    return overlap
+
+
+def _scatter(found: Bytes, values: Bytes, lattice: Lattice) -> None:
+    """Set the largest values, those of small cells in the large ones that they overlap."""
+    height, width = found.shape
+    cos, sin = math.cos(lattice.turn), math.sin(lattice.turn)
+    flat = found.reshape(-1)
+    together = max(1, _TOGETHER // values.shape[1])
+    for first in range(0, values.shape[0], together):
+        band = values[first : first + together]
+        row, col = np.nonzero(band)
+        value = band[row, col]
+        up, right = row + (first + 0.5 - lattice.row), col + (0.5 - lattice.col)
+        y = (up * cos - right * sin) / lattice.side
+        x = (up * sin + right * cos) / lattice.side
+        near = (y > -1) & (y < height + 1) & (x > -1) & (x < width + 1)
+        y, x, value = y[near], x[near], value[near]
+        row, col = np.floor(y).astype(np.intp), np.floor(x).astype(np.intp)
+        y_off, x_off = y - row - 0.5, x - col - 0.5
+        for down, aside in product((-1, 0, 1), repeat=2):
+            at_row, at_col = row + down, col + aside
+            held = (at_row >= 0) & (at_row < height) & (at_col >= 0) & (at_col < width)
+            # the same distance in the array's cells and along its axes
+            off_x, off_y = (x_off - aside) * lattice.side, (y_off - down) * lattice.side
+            held &= _overlap(off_x * cos - off_y * sin, off_y * cos + off_x * sin, lattice)
+            np.maximum.at(flat, at_row[held] * width + at_col[held], value[held])

@@ -1,10 +1,8 @@
-"""Cells of polygons, discs and lines, as spans of rows.
+"""Cells of polygons, discs and lines, as spans of rows, and costs of footprints.
 
-References
-----------
-``raytraceLine`` and ``bresenham2D`` in ``costmap_2d.hpp`` of both ROS navigation stacks: n is
-the larger difference, the error starts at n // 2 and grows by the smaller difference with each
-step; where it reaches n, the minor axis moves. So after i steps the minor axis has moved
+Lines are those of ``raytraceLine`` and ``bresenham2D`` in ``costmap_2d.hpp`` of both ROS navigation
+stacks: n is the larger difference, the error starts at n // 2 and grows by the smaller one with
+each step; where it reaches n, the minor axis moves. So after i steps that has moved
 (n // 2 + i * minor) // n times. The line from b to a is not always that from a to b.
 """
 
@@ -17,7 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Indices = NDArray[np.int64]
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask
+from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.threads import for_rows
 
 _SHORT = 8
 """Cells up to which runs are painted all together, cell by cell, rather than one by one."""
@@ -29,9 +29,18 @@ MOST_TOGETHER = 1 << 20
 class Spans(NamedTuple):
     """Cells as runs along rows; runs may overlap."""
 
-    rows: Indices
-    starts: Indices
-    stops: Indices
+    rows: Integers
+    starts: Integers
+    stops: Integers
+
+    def places(self, shape: tuple[int, int]) -> list[slice]:
+        """Return the rows, and the columns, of the cells from which all runs lie in a grid."""
+        found = []
+        sides = (self.rows, self.rows + 1, shape[0]), (self.starts, self.stops, shape[1])
+        for starts, stops, size in sides:
+            first, end = max(0, -int(starts.min())), min(size, size + 1 - int(stops.max()))
+            found.append(slice(first, max(first, end)))
+        return found
 
     def clipped(self, width: int) -> Spans:
         """Return what lies in columns 0 .. `width` - 1, without empty runs."""
@@ -40,47 +49,36 @@ class Spans(NamedTuple):
         return Spans(self.rows[kept], starts[kept], stops[kept])
 
 
-def paint(
-    values: NDArray[Any], spans: Spans, value: int, *, over: NDArray[np.bool_] | None = None
-) -> None:
-    """Give the cells of `spans` a value, in place."""
-    long, short = _by_length(spans)
-    for row, start, stop in zip(*(column.tolist() for column in long), strict=True):
+def paint(values: NDArray[Any], spans: Spans, value: int, *, over: Mask | None = None) -> None:
+    is_long = spans.stops - spans.starts > _SHORT
+    for row, start, stop in zip(*(column[is_long].tolist() for column in spans), strict=True):
         cells = values[row, start:stop]
         if over is None:
             cells[:] = value
         else:
             cells[over[cells.view(np.uint8)]] = value
-    for rows, cols in short:
+    rows, starts, stops = (column[~is_long] for column in spans)
+    for k in range(_SHORT):
+        has_more = starts + k < stops
+        at = rows[has_more], starts[has_more] + k
         if over is not None:
-            kept = over[values[rows, cols].view(np.uint8)]
-            rows, cols = rows[kept], cols[kept]
-        values[rows, cols] = value
+            kept = over[values[at].view(np.uint8)]
+            at = at[0][kept], at[1][kept]
+        values[at] = value
 
 
-def enumerated(starts: Indices, stops: Indices) -> tuple[Indices, Indices]:
-    """Return the numbers of all half open ranges one after the other, and whose each is.
-
-    Examples
-    --------
-    >>> whose, numbers = enumerated(np.array([5, 0, 2]), np.array([7, 0, 5]))
-    >>> whose.tolist(), numbers.tolist()
-    ([0, 0, 2, 2, 2], [5, 6, 2, 3, 4])
-    """
+def enumerated(starts: Integers, stops: Integers) -> tuple[Integers, Integers]:
+    """Return the numbers of all half open ranges one after the other, and before, whose each is."""
     counts = np.maximum(stops - starts, 0)
     whose = np.repeat(np.arange(len(counts)), counts)
     before = np.cumsum(counts) - counts
     return whose, np.arange(len(whose)) - before[whose] + starts[whose]
 
 
-def halves(spans: Spans) -> tuple[Indices, Indices, Indices]:
-    """Return two runs for each, as long as a power of two, that overlap and together are it.
+def halves(spans: Spans) -> tuple[Integers, Integers, Integers]:
+    """Return the rows, starts and exponents of runs of 2^exponent cells that together are `spans`.
 
-    Examples
-    --------
-    >>> spans = Spans(np.array([4, 5]), np.array([0, -1]), np.array([4, 4]))
-    >>> [column.tolist() for column in halves(spans)]
-    [[4, 5, 5], [0, -1, 0], [2, 2, 2]]
+    Of each run there are one or two, which overlap.
     """
     lengths = spans.stops - spans.starts
     exponents = np.frexp(lengths.astype(np.float64))[1].astype(np.int64) - 1
@@ -93,7 +91,7 @@ def halves(spans: Spans) -> tuple[Indices, Indices, Indices]:
     )
 
 
-def bands(starts: Indices, stops: Indices, height: int) -> Iterator[tuple[int, int]]:
+def bands(starts: Integers, stops: Integers, height: int) -> Iterator[tuple[int, int]]:
     """Return ranges of rows that hold about `MOST_TOGETHER` rows of all given ranges each."""
     change = np.zeros(height + 1, dtype=np.int64)
     np.add.at(change, np.clip(starts, 0, height), 1)
@@ -108,23 +106,6 @@ def bands(starts: Indices, stops: Indices, height: int) -> Iterator[tuple[int, i
     yield from zip(edges.tolist(), [*edges[1:].tolist(), top], strict=True)
 
 
-def _by_length(spans: Spans) -> tuple[Spans, Iterator[tuple[Indices, Indices]]]:
-    """Return the long runs, and the cells of the short ones, each once per run."""
-    lengths = spans.stops - spans.starts
-    is_long = lengths > _SHORT
-    long = Spans(*(column[is_long] for column in spans))
-    rows, starts, lengths = spans.rows[~is_long], spans.starts[~is_long], lengths[~is_long]
-
-    def cells() -> Iterator[tuple[Indices, Indices]]:
-        for k in range(_SHORT):
-            reach = lengths > k
-            if not reach.any():
-                return
-            yield rows[reach], starts[reach] + k
-
-    return long, cells()
-
-
 _TOLERANCE = 1e-9
 """In cells: centres exactly on the rim belong to the shape, whatever rounding says."""
 
@@ -134,9 +115,7 @@ _LEVEL = 1e-12
 Position = tuple[float, float]
 
 
-def capsule_spans(
-    start: Position, stop: Position, radius: float, shape: tuple[int, int]
-) -> Spans:  # fmt: skip
+def capsule_spans(start: Position, stop: Position, radius: float, shape: tuple[int, int]) -> Spans:
     """Return the cells whose centre lies within a distance of the segment between two points."""
     reach = radius + _TOLERANCE
     bottom = math.ceil(max(min(start[0], stop[0]) - reach - 0.5, 0))
@@ -144,7 +123,7 @@ def capsule_spans(
     rows = np.arange(bottom, top + 1, dtype=np.int64)
     if rows.size == 0:
         return Spans(rows, rows, rows)
-    y: NDArray[np.float64] = rows.astype(np.float64) + 0.5
+    y: Floats = rows.astype(np.float64) + 0.5
     # The shape is convex, so that it meets each row in one run: from the leftmost to the
     # rightmost of its parts.
     ends = [_disc(start, reach, y), _disc(stop, reach, y), *_rim(start, stop, reach, y)]
@@ -155,18 +134,17 @@ def capsule_spans(
     return Spans(rows, first.astype(np.int64), last.astype(np.int64) + 1).clipped(shape[1])
 
 
-_Ends = tuple[NDArray[np.float64], NDArray[np.float64]]
+_Ends = tuple[Floats, Floats]
 
 
-def _disc(centre: Position, radius: float, y: NDArray[np.float64]) -> _Ends:
-    """Return where a disc begins and ends in each row; inf, -inf where it has no part."""
+def _disc(centre: Position, radius: float, y: Floats) -> _Ends:
     squared = radius**2 - (y - centre[0]) ** 2
     half = np.sqrt(np.maximum(squared, 0.0))
     within = squared >= 0
     return (np.where(within, centre[1] - half, np.inf), np.where(within, centre[1] + half, -np.inf))
 
 
-def _rim(start: Position, stop: Position, radius: float, y: NDArray[np.float64]) -> list[_Ends]:
+def _rim(start: Position, stop: Position, radius: float, y: Floats) -> list[_Ends]:
     """Return the same of the two long sides of the rectangle around the segment."""
     (y0, x0), (y1, x1) = start, stop
     length = math.hypot(y1 - y0, x1 - x0)
@@ -188,29 +166,26 @@ def _rim(start: Position, stop: Position, radius: float, y: NDArray[np.float64])
 
 Cell = tuple[int, int]
 
-FARTHEST_CELL = 1 << 30
-"""Cell indices up to which no product in here or in `polygons` exceeds 64 bits."""
+FARTHEST_CELL = 1 << 30  # cell indices up to which no product in here exceeds 64 bits
 
 
 class Edges(NamedTuple):
     """Lines between cells, each from its first to its second end: arrays of int64, shape (N,)."""
 
-    row: Indices
-    col: Indices
-    next_row: Indices
-    next_col: Indices
+    row: Integers
+    col: Integers
+    next_row: Integers
+    next_col: Integers
 
     @property
-    def bottom(self) -> Indices:
-        """The lowest row of each."""
+    def bottom(self) -> Integers:
         return np.minimum(self.row, self.next_row)
 
     @property
-    def top(self) -> Indices:
-        """The highest row of each."""
+    def top(self) -> Integers:
         return np.maximum(self.row, self.next_row)
 
-    def chosen(self, which: Indices) -> Edges:
+    def chosen(self, which: Integers) -> Edges:
         return Edges(*(column[which] for column in self))
 
 
@@ -229,7 +204,7 @@ def line_spans(edges: Edges, shape: tuple[int, int]) -> Iterator[Spans]:
         yield spans.clipped(shape[1])
 
 
-def runs(edges: Edges, bottom: int, top: int) -> tuple[Indices, Spans]:
+def runs(edges: Edges, bottom: int, top: int) -> tuple[Integers, Spans]:
     """Return how far each line reaches within each of the rows `bottom` .. `top` - 1."""
     which, rows = enumerated(np.maximum(edges.bottom, bottom), np.minimum(edges.top + 1, top))
     row, col, next_row, next_col = edges.chosen(which)
@@ -270,14 +245,7 @@ def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> It
 
 
 def stacked_spans(outlines: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Iterator[Spans]:
-    """Return the cells of many polygons that share no rows: as `polygon_spans` does of each.
-
-    Examples
-    --------
-    >>> (spans,) = stacked_spans([[(0, 0), (0, 4), (1, 0)], [(2, 1), (3, 1), (3, 2)]], (4, 9))
-    >>> [column.tolist() for column in spans]
-    [[0, 1, 2, 3], [0, 0, 1, 1], [5, 3, 2, 3]]
-    """
+    """Return the cells of many polygons that share no rows: as `polygon_spans` does of each."""
     edges = _edges_of(outlines)
     yield from _drawn(edges, np.zeros(len(edges.row), dtype=np.int64), shape)
 
@@ -287,7 +255,7 @@ def _edges_of(rings: Sequence[Sequence[Cell]]) -> Edges:
     return Edges(*(np.concatenate(columns) for columns in zip(*of_rings, strict=True)))
 
 
-def _drawn(edges: Edges, ring_of: Indices, shape: tuple[int, int]) -> Iterator[Spans]:
+def _drawn(edges: Edges, ring_of: Integers, shape: tuple[int, int]) -> Iterator[Spans]:
     """Return the cells of rings, of which the first may have any number of parts."""
     for bottom, top in bands(edges.bottom, edges.top + 1, shape[0]):
         which, outline = runs(edges, bottom, top)
@@ -303,8 +271,8 @@ def _drawn(edges: Edges, ring_of: Indices, shape: tuple[int, int]) -> Iterator[S
 
 
 def _inside(
-    edges: Edges, ring_of: Indices, bottom: int, top: int, width: int
-) -> tuple[Indices, Spans]:
+    edges: Edges, ring_of: Integers, bottom: int, top: int, width: int
+) -> tuple[Integers, Spans]:
     """Return whose inside it is, and the cells inside of each ring by the even-odd rule."""
     # Cells on an edge belong to the outline, and may be missing here.
     which, rows = enumerated(np.maximum(edges.bottom, bottom), np.minimum(edges.top, top))
@@ -323,7 +291,7 @@ def _inside(
     return rings, Spans(rows + bottom, cols[::2], cols[1::2])
 
 
-def _covered(spans: Spans, kinds: Indices, width: int) -> Spans:
+def _covered(spans: Spans, kinds: Integers, width: int) -> Spans:
     """Return the runs of cells that are solid, and in no hollow or on its rim; none overlap."""
     starts, stops = (np.clip(ends, 0, width) for ends in (spans.starts, spans.stops))
     keys = np.concatenate([spans.rows * (width + 1) + ends for ends in (starts, stops)])
@@ -338,3 +306,125 @@ def _covered(spans: Spans, kinds: Indices, width: int) -> Spans:
     change = np.diff(covered.astype(np.int8), prepend=0)
     rows, begins = np.divmod(keys[change == 1], width + 1)
     return Spans(rows, begins, keys[change == -1] % (width + 1))
+
+
+LETHAL, UNKNOWN = 254, 255
+_CELLS_TOGETHER = 1 << 18
+"""Cells of outlines that are looked up together: worth a thread, and small in memory."""
+
+_POSES_TOGETHER = 1 << 14
+
+# A look-up both ways: of the costs of a line, 254 is the worst, before 255.
+_SEVERITY = np.arange(256, dtype=np.uint8)
+_SEVERITY[[LETHAL, UNKNOWN]] = UNKNOWN, LETHAL
+
+
+class Lattice(NamedTuple):
+    resolution: float
+    x: float
+    y: float
+    yaw: float
+
+
+def costs_at_poses(
+    costs: Bytes, lattice: Lattice, corners: Floats, poses: Floats, *, filled: bool
+) -> tuple[Bytes, Mask]:
+    """Return what a footprint costs at each pose, and whether the grid holds all its corners."""
+    # As Nav2's ``FootprintCollisionChecker``: corners are turned, moved, and cut off to cells.
+    # Lines lead from each to the next, and one from the first to the last. A line costs 254 if it
+    # meets that, else the largest of its costs. The footprint costs the largest of its lines, but
+    # the first that costs 254 ends the search, so that a line of 255 before it hides it.
+    # The cells of a footprint that is filled are those of its outline and all that costmap_2d fills
+    # when it draws it (`mapdeal.kernels.polygons`). That draws the last line in the other
+    # direction, which may lead through other cells: both count.
+    results = np.empty(len(poses), dtype=np.uint8)
+    inside = np.empty(len(poses), dtype=np.bool_)
+    costs, corners, poses = map(np.ascontiguousarray, (costs, corners, poses))
+    compiled = engine_name() == "compiled"
+
+    def part(some: slice) -> None:
+        if compiled:
+            from mapdeal.kernels import _compiled
+
+            _compiled.costs_of_footprints(
+                costs, *lattice[:3], math.cos(lattice.yaw), math.sin(lattice.yaw), corners,
+                poses[some], filled, results[some], inside[some].view(np.uint8),
+            )  # fmt: skip
+        else:
+            results[some], inside[some] = _costs_at(costs, lattice, corners, poses[some], filled)
+
+    sides = np.abs(np.roll(corners, -1, axis=0) - corners).sum(axis=1)
+    cells = int(min((sides / lattice.resolution).sum(), _CELLS_TOGETHER)) + 2 * len(corners)
+    together = min(max(_CELLS_TOGETHER // cells, 1), _POSES_TOGETHER)
+    for_rows(part, (len(poses), cells), together)
+    return results, inside
+
+
+def _costs_at(
+    costs: Bytes, lattice: Lattice, corners: Floats, poses: Floats, filled: bool
+) -> tuple[Bytes, Mask]:
+    rows, cols, inside = _corner_cells(costs.shape, lattice, corners, poses)
+    results = np.full(len(poses), LETHAL, dtype=np.uint8)
+    if len(rows):
+        worst = _of_outline(costs, rows, cols, filled=filled)
+        if filled:
+            _add_inside(worst, costs, rows, cols)
+        results[inside] = _SEVERITY[worst]
+    return results, inside
+
+
+def _corner_cells(
+    shape: tuple[int, ...], lattice: Lattice, corners: Floats, poses: Floats
+) -> tuple[Integers, Integers, Mask]:
+    """Return rows and columns of the corners at the poses that are inside, and which these are."""
+    x, y = poses[:, :1], poses[:, 1:2]
+    # the C library's, which Nav2 and the compiled kernel call: numpy's own differ in last bits
+    angles = np.where(np.isfinite(poses[:, 2]), poses[:, 2], np.nan).tolist()
+    cos, sin = (np.array([[of(angle)] for angle in angles]) for of in (math.cos, math.sin))
+    grid_cos, grid_sin = math.cos(lattice.yaw), math.sin(lattice.yaw)
+    height, width = shape
+    with np.errstate(invalid="ignore", over="ignore"):
+        dx = x + (corners[:, 0] * cos - corners[:, 1] * sin) - lattice.x
+        dy = y + (corners[:, 0] * sin + corners[:, 1] * cos) - lattice.y
+        along, across = dx * grid_cos + dy * grid_sin, dy * grid_cos - dx * grid_sin
+        cols, rows = along / lattice.resolution, across / lattice.resolution
+    held = (along >= 0) & (across >= 0) & (cols < width) & (rows < height)
+    inside: Mask = held.all(axis=1)
+    return rows[inside].astype(np.int64), cols[inside].astype(np.int64), inside
+
+
+def _of_outline(costs: Bytes, rows: Integers, cols: Integers, *, filled: bool) -> Bytes:
+    """Return the severity of the outline at each pose; of cells (N, K) of its corners."""
+    last = rows.shape[1] - 1
+    starts, ends = [*range(last), 0], [*range(1, last + 1), last]
+    if filled:
+        starts, ends = [*starts, last], [*ends, 0]
+    edges = Edges(*(cells[:, which].ravel() for which in (starts, ends) for cells in (rows, cols)))
+    line_of_run, spans = runs(edges, 0, len(costs))
+    run, at_col = enumerated(spans.starts, spans.stops)
+    severity = _SEVERITY[costs[spans.rows[run], at_col]]
+    begins = np.flatnonzero(np.diff(line_of_run[run], prepend=-1))
+    lines = np.maximum.reduceat(severity, begins).reshape(len(rows), len(starts))
+    worst: Bytes = lines.max(axis=1)
+    if filled:
+        return worst
+    decides = lines >= LETHAL
+    deciding = lines[np.arange(len(rows)), decides.argmax(axis=1)]
+    return np.where(decides.any(axis=1), deciding, worst)
+
+
+def _add_inside(worst: Bytes, costs: Bytes, rows: Integers, cols: Integers) -> None:
+    """Let the severity of the cells inside of outlines by the even-odd rule count, in place."""
+    ends = np.roll(rows, -1, axis=1), np.roll(cols, -1, axis=1)
+    edges = Edges(*(corners.ravel() for corners in (rows, cols, *ends)))
+    pose_of_edge = np.repeat(np.arange(len(rows)), rows.shape[1])
+    poses, spans = _inside(edges, pose_of_edge, 0, *costs.shape)
+    counts = np.cumsum(spans.stops - spans.starts)
+    cuts = np.searchsorted(counts, np.arange(0, counts[-1] if len(counts) else 0, _CELLS_TOGETHER))
+    for some in map(slice, cuts, [*cuts[1:], len(counts)]):
+        run, at_col = enumerated(spans.starts[some], spans.stops[some])
+        if len(run):
+            severity = _SEVERITY[costs[spans.rows[some][run], at_col]]
+            begins = np.flatnonzero(np.diff(run, prepend=-1))
+            of_runs = np.maximum.reduceat(severity, begins)
+            np.maximum.at(worst, poses[some][run[begins]], of_runs)

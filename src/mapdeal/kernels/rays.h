@@ -1,4 +1,4 @@
-/* Rays from cell to cell, and what they leave in the cells that they pass. rays.py has the rules.
+/* Rays from cell to cell, and what they leave in the cells that they pass. sensing.py has the rules.
 
    A line has n + 1 cells, n the larger difference of its ends. After i steps the other coordinate
    has moved (n / 2 + i * minor) / n times: costmap_2d's line. */

@@ -8,21 +8,18 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.threads import in_parallel
-
-Floats = NDArray[np.float64]
 
 _NEARLY_EQUAL = 1.0 - 1e-9
 """The cosine of half an angle from which on a straight line serves as well as an arc."""
 
 
 def normalised(quaternions: ArrayLike) -> Floats:
-    """Return quaternions of length 1."""
     found = np.asarray(quaternions, dtype=np.float64)
     return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
 
@@ -35,22 +32,13 @@ def from_yaw(yaw: ArrayLike) -> Floats:
 
 
 def multiplied(first: Floats, second: Floats) -> Floats:
-    """Return the rotations that turn by `second`, and then by `first`."""
     ax, ay, az, aw = np.moveaxis(first, -1, 0)
     bx, by, bz, bw = np.moveaxis(second, -1, 0)
-    return np.stack(
-        [
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-            aw * bw - ax * bx - ay * by - az * bz,
-        ],
-        axis=-1,
-    )
-
-
-def inverted(quaternions: Floats) -> Floats:
-    return np.asarray(quaternions * np.array([-1.0, -1.0, -1.0, 1.0]))
+    x = aw * bx + ax * bw + ay * bz - az * by
+    y = aw * by - ax * bz + ay * bw + az * bx
+    z = aw * bz + ax * by - ay * bx + az * bw
+    w = aw * bw - ax * bx - ay * by - az * bz
+    return np.stack([x, y, z, w], axis=-1)
 
 
 def rotated(quaternions: Floats, vectors: Floats) -> Floats:
@@ -61,7 +49,6 @@ def rotated(quaternions: Floats, vectors: Floats) -> Floats:
 
 
 def inverse_matrices(matrices: Floats) -> Floats:
-    """Return the inverses of matrices, shape (..., 3, 3)."""
     # Computed from cross products. LAPACK and BLAS reserve 32 MB per thread; if the system refuses,
     # OpenBLAS exits the process or tries again for ever.
     a, b, c = np.moveaxis(matrices, -2, 0)
@@ -94,7 +81,7 @@ def composed(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> tup
 
 def undone(transforms: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
     move, turn = transforms
-    back = inverted(turn)
+    back: Floats = turn * np.array([-1.0, -1.0, -1.0, 1.0])
     return -rotated(back, move), back
 
 
@@ -105,16 +92,13 @@ _MOST_POINTS = 20_000
 _SPREAD = (0.7548776662466927, 0.5698402909980532)
 """Multiples of these, less their whole part, fill a square evenly: Roberts' R2 sequence."""
 
-_WIDTH = 2.0
-"""Of the strips that are counted for the main direction, cells."""
+_WIDTH = 2.0  # of the strips that are counted for the main direction, cells
 _DISTINCT = 1.1
 """How much more than in the median direction must be found in the main one. In noise, and in
 circles, it is 1.08 times as much."""
 
-Turns = NDArray[np.floating[Any]]
 
-
-def hough_spectrum(points_xy: Turns, angles: Turns, width: float) -> Turns:
+def hough_spectrum(points_xy: Floats, angles: Floats, width: float) -> Floats:
     """Return how much of a map's walls runs in each of some directions."""
     # From S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25,
     # 2008: the Hough spectrum, there from the Hough transform of all pixels.
@@ -136,7 +120,7 @@ def hough_spectrum(points_xy: Turns, angles: Turns, width: float) -> Turns:
     return found
 
 
-def main_direction(occupied: NDArray[np.bool_]) -> float | None:
+def main_direction(occupied: Mask) -> float | None:
     """Return the direction that most walls run along, or across."""
     points = _spread_out(edge_points(occupied))
     if len(points) < 2:
@@ -147,32 +131,32 @@ def main_direction(occupied: NDArray[np.bool_]) -> float | None:
     if energies.max() < _DISTINCT * np.median(energies):
         return None
     for before, step in pairwise(_STEPS):
-        around: Turns = best + np.arange(-round(before / step), round(before / step) + 1) * step
+        reach = round(before / step)
+        around = best + np.arange(-reach, reach + 1, dtype=np.float64) * step
         best = float(around[_along_or_across(points, around).argmax()])
     best = math.remainder(best, math.pi / 2)
     return 0.0 if abs(best) * math.hypot(*occupied.shape) / 2 <= 1 else best
 
 
-def edge_points(occupied: NDArray[np.bool_]) -> Turns:
+def edge_points(occupied: Mask) -> Floats:
     """Return the centres, x and y in cells, of obstacle cells with a side to one that is none."""
     # Beyond the grid everything is as at its border.
     padded = np.pad(occupied, 1, mode="edge")
     inside = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
-    return np.argwhere(occupied & ~inside)[:, ::-1] + 0.5
+    return np.argwhere(occupied & ~inside)[:, ::-1].astype(np.float64) + 0.5
 
 
-def _spread_out(points: Turns) -> Turns:
+def _spread_out(points: Floats) -> Floats:
     """Return some of the points, each at another place of its cell."""
     # Centres of cells fall onto the middles of strips in the directions of the lattice, and only
     # there: these would seem to have more walls.
     if len(points) > _MOST_POINTS:
         points = points[np.arange(_MOST_POINTS) * len(points) // _MOST_POINTS]
-    spread: Turns = points + (np.arange(len(points))[:, None] * np.array(_SPREAD)) % 1.0 - 0.5
+    spread: Floats = points + (np.arange(len(points))[:, None] * np.array(_SPREAD)) % 1.0 - 0.5
     return spread
 
 
-def _along_or_across(points: Turns, angles: Turns) -> Turns:
-    along, across = hough_spectrum(points, np.append(angles, angles + math.pi / 2), _WIDTH).reshape(
-        2, -1
-    )
+def _along_or_across(points: Floats, angles: Floats) -> Floats:
+    both = np.append(angles, angles + math.pi / 2)
+    along, across = hough_spectrum(points, both, _WIDTH).reshape(2, -1)
     return along + across

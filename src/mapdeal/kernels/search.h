@@ -1,4 +1,4 @@
-/* The cheapest path over the eight neighbours of cells: A*. shortest_paths.py has the rules. */
+/* The cheapest path over the eight neighbours of cells: A*. paths.py has the rules. */
 
 #include <stdint.h>
 #include <stdlib.h>

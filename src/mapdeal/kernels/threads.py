@@ -16,12 +16,8 @@ from typing import Any, TypeVar
 
 from mapdeal.kernels.engine import check_room
 
-_PARTS_PER_THREAD = 8
-"""So that parts of uneven cost even out."""
-
-CELLS_WORTH_A_THREAD = 1 << 18
-"""Below, starting a thread takes longer than it saves."""
-
+_PARTS_PER_THREAD = 8  # so that parts of uneven cost even out
+CELLS_WORTH_A_THREAD = 1 << 18  # below, starting a thread takes longer than it saves
 _ROWS_CELLS = 1 << 16
 """Cells that are worked on together: temporary arrays of so many stay in the cache."""
 
@@ -98,20 +94,27 @@ def in_parallel(work: Callable[[int, int], object], count: int) -> None:
         raise errors[0]
 
 
-def for_rows(work: Callable[[slice], object], shape: tuple[int, ...]) -> None:
+def for_rows(
+    work: Callable[[slice], object], shape: tuple[int, ...], step: int | None = None
+) -> None:
     """Call `work` on slices of rows that together are all of an array, in threads."""
     height, width = shape
-    step = max(1, _ROWS_CELLS // max(width, 1))
+    step = step or max(1, _ROWS_CELLS // max(width, 1))
     bands = -(-height // step)
 
-    def band(first: int, end: int) -> None:
+    def some(first: int, end: int) -> None:
         for k in range(first, end):
             work(slice(k * step, min((k + 1) * step, height)))
 
-    if height * width < CELLS_WORTH_A_THREAD:
-        band(0, bands)
-    else:
-        in_parallel(band, bands)
+    in_bands(some, bands, height * width)
+
+
+def in_bands(work: Callable[[int, int], object], bands: int, cells: int) -> None:
+    """Call `work` on parts of ``range(bands)``, in threads if so many cells are worth them."""
+    if cells >= CELLS_WORTH_A_THREAD:
+        in_parallel(work, bands)
+    elif bands:
+        work(0, bands)
 
 
 _T = TypeVar("_T")
@@ -129,7 +132,6 @@ class ThreadPool(Executor):
         self._idle = Semaphore(0)
 
     def submit(self, function: Callable[..., _T], /, *args: Any, **kwargs: Any) -> Future[_T]:
-        """Have a thread call a function; return the future of its result."""
         future: Future[_T] = Future()
         work = partial(function, *args, **kwargs)
         if not self._idle.acquire(blocking=False) and len(self._threads) < self._size:
@@ -166,9 +168,7 @@ class ThreadPool(Executor):
         self._waiting.put(None)  # for the other threads
 
 
-def _do(
-    future: Future[Any], work: Callable[[], Any], told: type[BaseException]
-) -> None:  # fmt: skip
+def _do(future: Future[Any], work: Callable[[], Any], told: type[BaseException]) -> None:
     if not future.set_running_or_notify_cancel():
         return
     try:

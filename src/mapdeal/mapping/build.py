@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from mapdeal.command import parameters_of
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.grid.display import Drawn, count_text
 from mapdeal.grid.frame import (
     MOST_CELLS,
     Frame,
@@ -22,9 +21,22 @@ from mapdeal.grid.frame import (
     check_resolution,
 )
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.mapping.beams import BeamCounts, BeamLimits, Beams, Scans, beams_of
-from mapdeal.mapping.evidence import Counting, Evidence, HitGroups, Layers, LogOdds, hit_groups
-from mapdeal.mapping.tsdf import Tsdf, TsdfAsWritten
+from mapdeal.grid.values import Drawn, count_text
+from mapdeal.mapping.evidence import (
+    BeamCounts,
+    BeamLimits,
+    Beams,
+    Counting,
+    Evidence,
+    HitGroups,
+    Layers,
+    LogOdds,
+    Scans,
+    Tsdf,
+    TsdfAsWritten,
+    beams_of,
+    hit_groups,
+)
 
 Method = Literal["log-odds", "counting", "tsdf"]
 
@@ -48,12 +60,10 @@ class Extent:
         self._counts = BeamCounts()
 
     def add(self, scans: Scans) -> None:
-        """Grow the box around the beams of scans that say something."""
         for part in scans.parts():
             self.add_beams(beams_of(part, self._limits))
 
     def add_beams(self, beams: Beams) -> None:
-        """Grow the box around beams, which were made with the same limits."""
         self._counts += beams.counts
         if not len(beams.ranges):
             return
@@ -63,13 +73,7 @@ class Extent:
                 self._most[axis] = max(self._most[axis], values.max())
 
     def frame(self, resolution: float) -> Frame:
-        """Return a grid around the box, on the lattice of the resolution, with a margin.
-
-        Raises
-        ------
-        MalformedInputError
-            If no beam says anything, or the box has too many cells.
-        """
+        """Return a grid around the box, on the lattice of the resolution, with a margin."""
         checked = check_resolution(resolution)
         if not np.isfinite(self._least).all():
             counts = self._counts

@@ -1,34 +1,240 @@
-"""Occupancy from the evidence of beams: log-odds, and counts of hits and misses."""
+"""Occupancy from the evidence of beams: log-odds, counts, and truncated signed distances."""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Annotated, Any
+from dataclasses import astuple, dataclass
+from itertools import product
+from operator import add
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import Bound, Words
-from mapdeal.grid.display import OneLine, count_text
-from mapdeal.grid.frame import Frame, Region
+from mapdeal.command import CELLS, Bound, Words
+from mapdeal.errors import ParameterError
+from mapdeal.grid.frame import FARTHEST, Frame, Region
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLine, count_text
+from mapdeal.kernels import sensing
+from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.components import touching_groups
+from mapdeal.kernels.distance import dilate_square
 from mapdeal.kernels.polygons import FARTHEST_CELL
-from mapdeal.kernels.rays import A_HIT, MOST_HITS, SEEN, Odds, count_rays, weigh_rays
-from mapdeal.mapping.beams import Beams
+from mapdeal.kernels.rotations import rotated
 
-Cells = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+_LEVEL = 1e-6  # radians: of 30 m, 30 micrometres
+MOST_LEANING = math.radians(10)
+"""From here on what a beam hits says too little of what stands at the height of a robot."""
 
-OFTEN = MOST_HITS
-"""Hits from which on a cell counts: fewer may be noise."""
 
-LEAST_CELLS = 3
-"""Cells of a group: fewer may be people who walk by."""
+@dataclass(frozen=True, eq=False)
+class Stances:
+    poses: Floats
+    is_flipped: Mask
+    is_level: Mask
+    leans: Mask
 
+
+def stances(translations: Floats, quaternions: Floats) -> Stances:
+    ahead = rotated(quaternions, np.array([1.0, 0.0, 0.0]))
+    up = rotated(quaternions, np.array([0.0, 0.0, 1.0]))
+    aside = np.hypot(up[:, 0], up[:, 1])
+    yaws = np.arctan2(ahead[:, 1], ahead[:, 0])
+    poses = np.column_stack([translations[:, :2], yaws])
+    return Stances(poses, up[:, 2] < 0, aside < _LEVEL, aside > math.sin(MOST_LEANING))
+
+
+def beams_in_plane(quaternions: Floats, angles: Floats) -> tuple[Floats, Floats]:
+    """Return where beams go in the plane, and which part of their length lies in it."""
+    beams = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=-1)
+    turned = rotated(quaternions, beams)
+    shares = np.minimum(np.hypot(turned[:, 0], turned[:, 1]), 1.0)
+    return np.arctan2(turned[:, 1], turned[:, 0]), shares
+
+
+FARTHEST_POSE = FARTHEST / 10  # metres; beams may reach farther
+_BEAMS_TOGETHER = 1 << 18
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scans(OneLine):
+    """Laser scans that share the same beam angles.
+
+    Parameters
+    ----------
+    poses : array_like of float, shape (N, 3)
+        x, y (metres) and yaw (radians) of the sensor in the map frame, one pose per scan.
+    angles : array_like of float, shape (M,)
+        Angles of the beams from the sensor's heading, in any order, anticlockwise, radians.
+    ranges : array_like of float, shape (N, M)
+        Measured ranges, metres; inf for a beam without return, nan for an invalid beam.
+    sweeps : int, optional
+        Number of scans to count if every beam has its own pose; one per pose by default.
+
+    Raises
+    ------
+    ParameterError
+        If the shapes do not match, or poses or angles are not finite.
+    """
+
+    poses: Floats
+    angles: Floats
+    ranges: Floats
+    sweeps: int | None = None
+
+    def __post_init__(self) -> None:
+        poses, angles, ranges = (
+            _floats(getattr(self, name), name) for name in ("poses", "angles", "ranges")
+        )
+        if poses.ndim != 2 or poses.shape[1] != 3:
+            rule = "must be an array of shape (N, 3)"
+            raise ParameterError(rule, place="poses", got=poses.shape)
+        if angles.ndim != 1:
+            raise ParameterError("must be an array of shape (M,)", place="angles", got=angles.shape)
+        if ranges.shape != (len(poses), len(angles)):
+            rule = f"must be an array of shape {(len(poses), len(angles))}"
+            raise ParameterError(rule, place="ranges", got=ranges.shape)
+        for name, array in (("poses", poses), ("angles", angles), ("ranges", ranges)):
+            if name != "ranges" and not (np.abs(array) <= FARTHEST_POSE).all():  # refuses nan too
+                raise ParameterError(f"must be finite and within {FARTHEST_POSE:g}", place=name)
+            object.__setattr__(self, name, array)
+
+    def _told(self) -> Iterator[str]:
+        yield count_text(len(self.poses), "scan")
+        yield count_text(len(self.angles), "beam") + " each"
+
+    @property
+    def count(self) -> int:
+        """Number of scans."""
+        return len(self.poses) if self.sweeps is None else self.sweeps
+
+    def parts(self) -> Iterator[Scans]:
+        """Yield the scans in parts, so that arrays made from them stay small."""
+        together = max(1, _BEAMS_TOGETHER // max(1, len(self.angles)))
+        for first in range(0, len(self.poses), together):
+            some = slice(first, first + together)
+            sweeps = self.sweeps if first == 0 or self.sweeps is None else 0
+            yield Scans(self.poses[some], self.angles, self.ranges[some], sweeps)
+
+
+@dataclass(frozen=True)
+class BeamLimits:
+    """Limits that decide which ranges are hits.
+
+    Parameters
+    ----------
+    range_min, range_max : float
+        A beam is a hit if its range is positive and range_min <= range < range_max, metres. A
+        beam of range_max or more, or inf, has no return; all others are invalid.
+    clear_max : float
+        Distance up to which a beam without return clears cells, at most range_max, metres; 0 to
+        ignore such beams.
+
+    Raises
+    ------
+    ParameterError
+        If a number is negative or not finite, or range_max is not above range_min.
+
+    References
+    ----------
+    gmapping's ``maxRange`` (range_max) and ``maxUrange`` (clear_max); there, too, readings at the
+    sensor's limit are not obstacles.
+    """
+
+    range_min: float = 0.0
+    range_max: float = 30.0
+    clear_max: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("range_min", "range_max", "clear_max"):
+            value = getattr(self, name)
+            try:
+                value = float(value)
+            except (TypeError, ValueError, OverflowError):
+                raise ParameterError("must be a number", place=name, got=value) from None
+            if not 0 <= value <= FARTHEST_POSE:  # refuses nan too
+                rule = "must be a finite number, at least 0"
+                raise ParameterError(rule, place=name, got=value)
+        if self.range_max <= self.range_min:
+            rule = f"must be above range_min, {self.range_min:g}"
+            raise ParameterError(rule, place="range_max", got=self.range_max)
+
+
+@dataclass(frozen=True)
+class BeamCounts:
+    """Number of beams of each kind."""
+
+    scans: int = 0
+    beams: int = 0
+    hits: int = 0
+    no_return: int = 0
+    bad: int = 0
+
+    def __add__(self, other: BeamCounts) -> BeamCounts:
+        return BeamCounts(*map(add, astuple(self), astuple(other)))
+
+
+@dataclass(frozen=True, eq=False)
+class Beams:
+    """Beams that hit something or clear cells, in the order of their scans."""
+
+    sensors_xy: Floats
+    directions_xy: Floats
+    ranges: Floats
+    is_hit: Mask
+    counts: BeamCounts
+
+    @property
+    def nbytes(self) -> int:
+        arrays = self.sensors_xy, self.directions_xy, self.ranges, self.is_hit
+        return sum(array.nbytes for array in arrays)
+
+    def chosen(self, which: Mask) -> Beams:
+        return Beams(
+            self.sensors_xy[which], self.directions_xy[which], self.ranges[which],
+            self.is_hit[which], self.counts,
+        )  # fmt: skip
+
+    def ends_xy(self, beyond: float = 0.0) -> Floats:
+        """Return the ends of the beams, shape (K, 2); hits end `beyond` metres farther."""
+        reach = self.ranges + np.where(self.is_hit, beyond, 0.0)
+        return self.sensors_xy + self.directions_xy * reach[:, np.newaxis]
+
+
+def _floats(array: object, name: str) -> Floats:
+    try:
+        return np.asarray(array, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ParameterError("must be an array of numbers", place=name) from None
+
+
+def beams_of(scans: Scans, limits: BeamLimits) -> Beams:
+    """Return the beams of scans that hit something or clear cells."""
+    ranges = scans.ranges
+    with np.errstate(invalid="ignore"):
+        is_hit = (ranges > 0) & (ranges >= limits.range_min) & (ranges < limits.range_max)
+        is_open = ranges >= limits.range_max
+    used = is_hit | is_open if limits.clear_max > 0 else is_hit
+    angle = (scans.poses[:, 2:] + scans.angles)[used]
+    hits, no_return = int(np.count_nonzero(is_hit)), int(np.count_nonzero(is_open))
+    counts = BeamCounts(scans.count, ranges.size, hits, no_return, ranges.size - hits - no_return)
+    hit = is_hit[used]
+    directions = np.empty((len(hit), 2))
+    directions[:, 0], directions[:, 1] = np.cos(angle), np.sin(angle)
+    return Beams(
+        np.repeat(scans.poses[:, :2], np.count_nonzero(used, axis=1), axis=0),
+        directions,
+        np.where(hit, ranges[used], min(limits.clear_max, limits.range_max)),
+        hit,
+        counts,
+    )
+
+
+OFTEN = sensing.MOST_HITS  # hits from which on a cell counts: fewer may be noise
+LEAST_CELLS = 3  # cells of a group: fewer may be people who walk by
 NEAR = 2
 """Cells, along both axes, within which an occupied one stands for what was hit."""
 
@@ -37,12 +243,8 @@ NEAR = 2
 class HitGroups(OneLine):
     """Groups of touching cells, the largest first."""
 
-    cells: Cells
-    sizes: Cells
-
-    @classmethod
-    def none(cls) -> HitGroups:
-        return cls(np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64))
+    cells: Integers
+    sizes: Integers
 
     def _told(self) -> Iterator[str]:
         yield count_text(len(self), "group")
@@ -52,7 +254,7 @@ class HitGroups(OneLine):
         return len(self.sizes)
 
     @property
-    def starts(self) -> Cells:
+    def starts(self) -> Integers:
         """Index in `cells` at which each group begins, shape (M,)."""
         return np.cumsum(self.sizes) - self.sizes
 
@@ -65,7 +267,6 @@ class HitGroups(OneLine):
 
 
 def hit_groups(often_hit: Mask) -> HitGroups:
-    """Return the groups of `LEAST_CELLS` cells and more that were hit often."""
     return _chosen(*touching_groups(often_hit))
 
 
@@ -82,20 +283,15 @@ def vanished_groups(often_hit: Mask, occupied: Mask) -> HitGroups:
     return _chosen(cells[left], groups[left])
 
 
-def _has_within(marked: Mask, cells: Cells, reach: int) -> Mask:
+def _has_within(marked: Mask, cells: Integers, reach: int) -> Mask:
     """Return for each cell whether a marked one lies within a reach along both axes."""
     found = np.zeros(len(cells), dtype=np.bool_)
-    steps = range(-reach, reach + 1)
-    rows = [np.clip(cells[:, 0] + step, 0, marked.shape[0] - 1) for step in steps]
-    cols = [np.clip(cells[:, 1] + step, 0, marked.shape[1] - 1) for step in steps]
-    for row in rows:
-        for col in cols:
-            found |= marked[row, col]
+    for step in product(range(-reach, reach + 1), repeat=2):
+        found |= marked[tuple(np.clip(cells + step, 0, np.array(marked.shape) - 1).T)]
     return found
 
 
-def _chosen(cells: Cells, groups: Cells) -> HitGroups:
-    """Return the groups that are large enough, of cells row by row."""
+def _chosen(cells: Integers, groups: Integers) -> HitGroups:
     sizes = np.bincount(groups)
     numbers = np.flatnonzero(sizes >= LEAST_CELLS)
     numbers = numbers[np.argsort(-sizes[numbers], kind="stable")]
@@ -111,15 +307,13 @@ Layers = dict[str, NDArray[Any]]
 class Evidence(ABC):
     """Evidence for and against obstacles, gathered cell by cell."""
 
-    reach_behind = 0.0
-    """Distance behind hits up to which beams have an effect, cells."""
+    reach_behind = 0.0  # distance behind hits up to which beams have an effect, cells
 
     def __init__(self, frame: Frame) -> None:
         self.frame = frame
 
     @property
     def bytes_per_cell(self) -> int:
-        """Memory that the evidence takes per cell, bytes."""
         return sum(v.itemsize for v in vars(self).values() if isinstance(v, np.ndarray))
 
     @abstractmethod
@@ -131,7 +325,7 @@ class Evidence(ABC):
         """Return the map of the evidence so far, shape (H, W): -1, 0..100."""
 
     @abstractmethod
-    def often_hit(self) -> NDArray[np.bool_]:
+    def often_hit(self) -> Mask:
         """Return which cells `OFTEN` or more beams have hit, shape (H, W); see `hit_groups`."""
 
     @abstractmethod
@@ -146,15 +340,12 @@ class Evidence(ABC):
         return vanished_groups(self.often_hit(), grid.occupancy == OCCUPIED)
 
     def grid(self) -> OccupancyGrid:
-        """Return the map of the evidence so far."""
         return OccupancyGrid(self.occupancy(), self.frame.resolution, self.frame.origin)
 
-    def cells_of(self, beams: Beams, beyond: float = 0.0) -> tuple[Beams, Cells, Cells]:
-        """Return beams with the cells, shape (K, 2), that they begin and end in.
-
-        Cells may lie outside of the grid; beams more than 2^30 cells away, which cannot be
-        followed in whole numbers of 64 bits and come nowhere near it, are left out.
-        """
+    def cells_of(self, beams: Beams, beyond: float = 0.0) -> tuple[Beams, Integers, Integers]:
+        """Return beams with the cells, shape (K, 2), that they begin and end in."""
+        # These may lie outside of the grid. Beams more than 2^30 cells away, which cannot be
+        # followed in whole numbers of 64 bits and come nowhere near it, are left out.
         starts = self.frame.unbounded_rowcol_from_xy(beams.sensors_xy)
         ends = self.frame.unbounded_rowcol_from_xy(beams.ends_xy(beyond))
         near = (np.abs(starts) <= FARTHEST_CELL) & (np.abs(ends) <= FARTHEST_CELL)
@@ -185,8 +376,6 @@ class LogOdds(Evidence):
 
     Parameters
     ----------
-    frame : Frame
-        Geometry of the map.
     log_free : float
         Added where a beam passes.
     log_occ : float
@@ -202,14 +391,6 @@ class LogOdds(Evidence):
     ----------
     H. Moravec and A. Elfes, "High Resolution Maps from Wide Angle Sonar", 1985, which sums
     logarithms of odds. Here, a beam does not pass the cell that it hits.
-
-    Examples
-    --------
-    >>> from mapdeal.mapping.beams import BeamLimits, Scans, beams_of
-    >>> evidence = LogOdds(Frame(1, 5, 1.0))
-    >>> evidence.add(beams_of(Scans([[0.5, 0.5, 0.0]], [0.0], [[3.0]]), BeamLimits()))
-    >>> evidence.occupancy().tolist()
-    [[0, 0, 0, 100, -1]]
     """
 
     def __init__(
@@ -223,14 +404,14 @@ class LogOdds(Evidence):
         values: bool = False,
     ) -> None:
         super().__init__(frame)
-        self._odds = Odds(*map(_whole, (log_free, log_occ, log_min, log_max)))
+        self._odds = sensing.Odds(*map(_whole, (log_free, log_occ, log_min, log_max)))
         self._publish_values = values
         self._values = np.full(frame.shape, _EVEN * _UNIT, dtype=np.int32)
         self._seen = np.zeros(frame.shape, dtype=np.uint8)
 
     def add(self, beams: Beams) -> None:
         beams, starts, ends = self.cells_of(beams)
-        weigh_rays(starts, ends, beams.is_hit, self._odds, self._values, self._seen)
+        sensing.weigh_rays(starts, ends, beams.is_hit, self._odds, self._values, self._seen)
 
     def occupancy(self) -> NDArray[np.int8]:
         if self._publish_values:
@@ -242,12 +423,13 @@ class LogOdds(Evidence):
         rounded[self._seen == 0] = UNKNOWN
         return rounded
 
-    def often_hit(self) -> NDArray[np.bool_]:
-        return self._seen >= SEEN + OFTEN * A_HIT
+    def often_hit(self) -> Mask:
+        return self._seen >= sensing.SEEN + OFTEN * sensing.A_HIT
 
     def vanished_from(self, grid: OccupancyGrid) -> HitGroups:
-        """Return the groups that have vanished; none if the map contains values."""
-        return HitGroups.none() if self._publish_values else super().vanished_from(grid)
+        if self._publish_values:
+            return HitGroups(np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64))
+        return super().vanished_from(grid)
 
     def advice(self, vanished: HitGroups) -> str:
         now = self._odds.on_hit / _UNIT
@@ -255,7 +437,6 @@ class LogOdds(Evidence):
         return f"--log-occ above {now:g} {more}, --values keeps {all_} evidence"
 
     def layers(self) -> Layers:
-        """Return ``log_odds``: the numbers, float64, nan where no beam has passed or hit."""
         return {"log_odds": np.where(self._seen > 0, self._values / _UNIT, np.nan)}
 
 
@@ -268,8 +449,6 @@ class Counting(Evidence):
 
     Parameters
     ----------
-    frame : Frame
-        Geometry of the map.
     ratio : float
         Share of hits above which a cell is occupied.
 
@@ -286,17 +465,19 @@ class Counting(Evidence):
 
     def add(self, beams: Beams) -> None:
         beams, starts, ends = self.cells_of(beams)
-        count_rays(starts, ends, beams.is_hit, self._hits, self._misses)
+        sensing.count_rays(starts, ends, beams.is_hit, self._hits, self._misses)
 
     def occupancy(self) -> NDArray[np.int8]:
-        visits = self._hits + self._misses
-        # in whole numbers, so that no rounding lifts a share above itself
-        occupied = self._hits.astype(np.int64) * _COUNT_UNIT > visits.astype(np.int64) * self._ratio
-        values = np.where(occupied, np.int8(OCCUPIED), np.int8(FREE))
-        values[visits == 0] = UNKNOWN
+        values = np.where(self._is_mostly_hit(), np.int8(OCCUPIED), np.int8(FREE))
+        values[self._hits + self._misses == 0] = UNKNOWN
         return values
 
-    def often_hit(self) -> NDArray[np.bool_]:
+    def _is_mostly_hit(self) -> Mask:
+        # in whole numbers, so that no rounding lifts a share above itself
+        hits = self._hits.astype(np.int64)
+        return hits * _COUNT_UNIT > (hits + self._misses) * self._ratio
+
+    def often_hit(self) -> Mask:
         return self._hits >= OFTEN
 
     def advice(self, vanished: HitGroups) -> str:
@@ -309,113 +490,259 @@ class Counting(Evidence):
         return f"--ratio {most / 100:g} keeps {which}"
 
     def layers(self) -> Layers:
-        """Return ``hits`` and ``misses``, int32."""
         return {"hits": self._hits, "misses": self._misses}
 
 
-class Sightings:
-    """Cells of a lattice in which clouds leave obstacles, and through which beams clear.
+_Slices = tuple[slice, slice]
+
+
+class Crossings(NamedTuple):
+    """Pairs of neighbours of different sign, and cells that are exactly zero."""
+
+    along_rows: Mask
+    along_cols: Mask
+    at_zero: Mask
+    field: Floats
+
+    def sides(self) -> list[tuple[Mask, _Slices, _Slices]]:
+        """Return for both directions the changes, and where their first and second cells are."""
+        return [
+            (self.along_rows, np.s_[:, :-1], np.s_[:, 1:]),
+            (self.along_cols, np.s_[:-1, :], np.s_[1:, :]),
+        ]
+
+    def places(self) -> Floats:
+        """Return where the field, linear between centres, is zero, in rows and columns, (N, 2)."""
+        parts = [np.argwhere(self.at_zero) + 0.5]
+        for axis, changes in ((1, self.along_rows), (0, self.along_cols)):
+            cells = np.argwhere(changes)
+            near = self.field[tuple(cells.T)]
+            cells[:, axis] += 1
+            far = self.field[tuple(cells.T)]
+            places = cells + 0.5
+            places[:, axis] += near / (near - far) - 1.0  # from the second cell's centre back
+            parts.append(places)
+        return np.concatenate(parts)
+
+
+def crossings_of(field: Floats) -> Crossings:
+    """Return where a field, nan where there are no values, changes its sign."""
+    with np.errstate(invalid="ignore"):
+        positive, negative = field > 0, field < 0
+    along_rows = positive[:, :-1] & negative[:, 1:] | negative[:, :-1] & positive[:, 1:]
+    along_cols = positive[:-1] & negative[1:] | negative[:-1] & positive[1:]
+    return Crossings(along_rows, along_cols, field == 0, field)
+
+
+def thin_surface(field: Floats, crossings: Crossings) -> Mask:
+    """Return cells that part positive from negative ones, as few as leave no gap."""
+    # Of each pair that the sign changes between at least one cell is chosen: the one nearer to
+    # zero. Where a cell's partners are all chosen themselves it is not needed, and is left out,
+    # those farthest from zero first.
+    size = np.abs(field)
+    chosen = crossings.at_zero.copy()
+    for changes, first, second in crossings.sides():
+        # of equal ones that behind the surface, so that free space stays
+        nearer = (size[first] < size[second]) | (size[first] == size[second]) & (field[first] < 0)
+        chosen[first] |= changes & nearer
+        chosen[second] |= changes & ~nearer
+    needed = np.zeros(field.shape, dtype=np.int64)  # partners that are not chosen
+    partners = np.zeros(field.shape, dtype=np.int64)
+    for changes, first, second in crossings.sides():
+        needed[first] += changes & ~chosen[second]
+        needed[second] += changes & ~chosen[first]
+        partners[first] += changes
+        partners[second] += changes
+    spare = np.argwhere(chosen & (needed == 0) & (partners > 0) & ~crossings.at_zero)
+    for index in np.argsort(-size[tuple(spare.T)], kind="stable").tolist():
+        row, col = spare[index].tolist()
+        if needed[row, col] == 0:
+            chosen[row, col] = False
+            for other in _partners_of(crossings, row, col):
+                needed[other] += 1
+    thin_blocks(chosen, size)
+    return chosen
+
+
+def thin_blocks(chosen: Mask, size: Floats) -> None:
+    """Take cells out of blocks of 2 x 2, in place, that the wall is as connected without."""
+    # Noise leaves such blocks where the sign changes to and fro. Those farthest from zero go first.
+    padded = np.pad(chosen, 1)
+    blocks = padded[1:, 1:] & padded[1:, :-1] & padded[:-1, 1:] & padded[:-1, :-1]
+    in_block = blocks[1:, 1:] | blocks[1:, :-1] | blocks[:-1, 1:] | blocks[:-1, :-1]
+    cells = np.argwhere(in_block)
+    for index in np.argsort(-size[tuple(cells.T)], kind="stable").tolist():
+        row, col = cells[index].tolist()
+        ring = [bool(padded[row + 1 + y, col + 1 + x]) for y, x in _RING]
+        if _is_spare(ring):
+            padded[row + 1, col + 1] = chosen[row, col] = False
+
+
+_RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
+"""The neighbours of a cell, one after the other."""
+
+
+def _is_spare(ring: list[bool]) -> bool:
+    """Return whether a cell of a block is not needed, given its neighbours."""
+    # What it connects is connected without it, diagonal steps included, if Yokoi's connectivity
+    # number is 1; in a block are three neighbours in a row with a diagonal one in the middle.
+    corners = [(ring[k], ring[k + 1], ring[(k + 2) % 8]) for k in (0, 2, 4, 6)]
+    number = sum(not first and (middle or last) for first, middle, last in corners)
+    return number == 1 and any(map(all, corners))
+
+
+def _partners_of(crossings: Crossings, row: int, col: int) -> list[tuple[int, int]]:
+    found = []
+    for changes, down, right in ((crossings.along_rows, 0, 1), (crossings.along_cols, 1, 0)):
+        height, width = changes.shape
+        if row < height and col < width and changes[row, col]:
+            found.append((row + down, col + right))
+        if row >= down and col >= right and changes[row - down, col - right]:
+            found.append((row - down, col - right))
+    return found
+
+
+_FARTHEST = 1000.0  # cells that distances, and beams behind what they hit, reach at most
+_TRUNCATION = Bound(f"1 to {_FARTHEST:g}", lambda value: 1 <= value <= _FARTHEST)
+
+_Truncation = Annotated[float, _TRUNCATION, CELLS]
+
+
+class Tsdf(Counting):
+    """The mean of each cell's signed distances along the beams to what they hit.
+
+    Parameters
+    ----------
+    truncation : float
+        Truncation distance, cells.
+    truncation_behind : float
+        How far beams continue behind a hit, in truncation distances.
 
     Notes
     -----
-    A cell is what the last cloud says that has an end of a beam in it, an obstacle, or a beam
-    through it, free; where a cloud has both it is an obstacle, as in costmap_2d, which clears
-    first and marks then. So one number a cell is enough: which cloud it was, and what it said.
+    The distance is the range of the beam minus the distance from the sensor to the cell's centre:
+    positive in front of a hit. All beams weigh the same. Cells more than a truncation behind a hit
+    count as -1: the space behind a thinner wall becomes solid, unless beams from there outweigh it.
+    A cell is occupied if the field changes sign between it and a neighbour in its row or column,
+    beams have reached both, and it is the one nearer to zero; such walls are thinned to one cell.
+    Other cells are free where the field is positive, and unknown elsewhere.
 
-    Examples
-    --------
-    >>> seen = Sightings(Region(0, 0, 1, 4), keep=2)
-    >>> sensor, wall, beyond = np.array([0, 0]), np.array([[0, 2]]), np.array([[0, 3]])
-    >>> seen.add(sensor, wall, wall)
-    >>> seen.evidence(Region(0, 0, 1, 4)).tolist()
-    [[0, 0, 100, -1]]
-    >>> seen.add(sensor, beyond, beyond)
-    >>> seen.evidence(Region(0, 1, 1, 4)).tolist()
-    [[0, 0, 100, -1]]
+    Around an obstacle thinner than about a cell that is seen from several sides, each side pushes
+    its free space through it, and the field is positive. So free cells that more than three in ten
+    of their beams hit are occupied as well, unless a neighbouring cell belongs to the surface.
+
+    References
+    ----------
+    B. Curless and M. Levoy, "A Volumetric Method for Building Complex Models from Range Images",
+    1996.
     """
 
-    def __init__(self, region: Region, keep: int | None = None) -> None:
-        self._region = region
-        self._keep = keep
-        self._count = 0
-        # 2 k where the k-th cloud was the last to say something, one more if that was an obstacle
-        self._words = np.zeros((region.height, region.width), dtype=np.int32)
+    def __init__(
+        self,
+        frame: Frame,
+        *,
+        truncation: _Truncation = 2.0,
+        truncation_behind: Annotated[float, Words("N")] = 1.0,
+    ) -> None:
+        super().__init__(frame)
+        self._truncation, self._behind = truncation, truncation_behind
+        self.reach_behind = truncation * truncation_behind
+        if not 1 <= self.reach_behind <= _FARTHEST:
+            least, most = 1 / truncation, _FARTHEST / truncation
+            rule = f"must be {least:.6g} to {most:.6g} truncations: 1 to {_FARTHEST:g} cells"
+            raise ParameterError(rule, place="truncation_behind", got=truncation_behind)
+        self._sums: NDArray[Any] = np.zeros(frame.shape, dtype=np.int64)
+        self._weights = np.zeros(frame.shape, dtype=np.int32)
 
-    def move(self, region: Region) -> None:
-        """Remember the cells of another region from now on; those of both are kept.
+    def add(self, beams: Beams) -> None:
+        near, starts, ends = self.cells_of(beams)
+        sensing.count_rays(starts, ends, near.is_hit, self._hits, self._misses)
+        near, starts, ends = self.cells_of(beams, self.reach_behind * self.frame.resolution)
+        sensors = self.frame.continuous_rowcol_from_xy(near.sensors_xy)
+        ranges = np.where(near.is_hit, near.ranges / self.frame.resolution, np.inf)
+        sensing.measure_rays(
+            starts, ends, sensors, ranges, self._truncation, self._behind,
+            self._sums, self._weights,
+        )  # fmt: skip
 
-        Nothing moves if they are among those that are remembered.
-
-        References
-        ----------
-        costmap_2d's ``updateOrigin``: the origin moves by whole cells, so that none blurs.
-        """
-        rows, cols = _place_in(self._region, region).shared_with(self._words.shape)
-        if rows.stop - rows.start == region.height and cols.stop - cols.start == region.width:
-            return
-        words = np.zeros((region.height, region.width), dtype=np.int32)
-        _copy(self._words, self._region, words, region)
-        self._region, self._words = region, words
-
-    def skip(self) -> None:
-        """Take the turn of a cloud that says nothing."""
-        self._count += 1
-
-    def add(self, sensor: Cells, ends: Cells, marks: Cells) -> None:
-        """Clear along beams, then mark obstacles."""
-        self._count += 1
-        corner = np.array(self._region[:2])
-        start = sensor - corner
-        ends = ends - corner
-        if (np.abs(start) <= FARTHEST_CELL).all():
-            ends = ends[(np.abs(ends) <= FARTHEST_CELL).all(axis=1)]
-            starts = np.broadcast_to(start, ends.shape)
-            # what is added reaches the upper bound from anywhere: each cell becomes just that
-            word = Odds(2 * self._count, 1, 0, 2 * self._count)
-            is_hit, seen = np.zeros(len(ends), np.bool_), np.zeros(self._words.shape, np.uint8)
-            weigh_rays(starts, ends, is_hit, word, self._words, seen)
-        marks = marks - corner
-        marks = marks[((marks >= 0) & (marks < self._words.shape)).all(axis=1)]
-        self._words[marks[:, 0], marks[:, 1]] = 2 * self._count + 1
-
-    def evidence(self, region: Region) -> NDArray[np.int8]:
-        """Return what the clouds that count say of the cells of a region: -1, 0 or 100.
-
-        Cells that are not remembered are unknown.
-        """
-        words = self._words_in(region)
-        values = np.full(words.shape, UNKNOWN, dtype=np.int8)
-        counts = words >= 2 * self._oldest
-        values[counts & (words % 2 == 0)] = FREE
-        values[counts & (words % 2 == 1)] = OCCUPIED
+    def occupancy(self) -> NDArray[np.int8]:
+        values = np.full(self.frame.shape, UNKNOWN, dtype=np.int8)
+        values[self._sums > 0] = FREE
+        field = self._field()
+        surface = thin_surface(field, crossings_of(field))
+        values[surface] = OCCUPIED
+        thin = (values == FREE) & self._is_mostly_hit() & ~dilate_square(surface, 1)
+        thin_blocks(thin, field)
+        values[thin] = OCCUPIED
         return values
 
-    def count_earlier(self, region: Region) -> int:
-        """Return how many cells of a region are obstacles by a cloud before the newest."""
-        words = self._words_in(region)
-        earlier = (words >= 2 * self._oldest) & (words < 2 * self._count) & (words % 2 == 1)
-        return int(np.count_nonzero(earlier))
+    def advice(self, vanished: HitGroups) -> str:
+        which = "it" if len(vanished) == 1 else "them"
+        return f"--method counting with a small --ratio keeps {which}"
 
-    @property
-    def _oldest(self) -> int:
-        return 1 if self._keep is None else max(1, self._count - self._keep + 1)
+    def layers(self) -> Layers:
+        # ``tsdf``: shares of the truncation, -1..1, nan where no beam has been; ``surface``: x and
+        # y in the map frame where the field, interpolated between two neighbours, is zero
+        field = self._field()
+        surface = self.frame.xy_from_continuous_rowcol(crossings_of(field).places())
+        return {"tsdf": field.astype(np.float32), "weight": self._weights, "surface": surface}
 
-    def _words_in(self, region: Region) -> NDArray[np.int32]:
-        words = np.zeros((region.height, region.width), dtype=np.int32)
-        _copy(self._words, self._region, words, region)
-        return words
-
-
-def _copy(
-    source: NDArray[np.int32], place: Region, target: NDArray[np.int32], other: Region
-) -> None:
-    """Copy the cells that two regions share from an array of the first into one of the second."""
-    region = _place_in(place, other)
-    rows, cols = region.shared_with(source.shape)
-    if rows.start < rows.stop and cols.start < cols.stop:
-        target[region.place_of(rows, cols)] = source[rows, cols]
+    def _field(self) -> Floats:
+        with np.errstate(invalid="ignore"):
+            field: Floats = self._sums / (self._weights * float(sensing.DISTANCE_UNIT))
+        return field
 
 
-def _place_in(place: Region, other: Region) -> Region:
-    """Return the second region, its corner counted from that of the first."""
-    return Region(other.row - place.row, other.col - place.col, other.height, other.width)
+class TsdfAsWritten(Tsdf):
+    """`Tsdf` with the rules of design document 004, to compare maps with its author's.
+
+    Notes
+    -----
+    The distance is the range of the beam minus the distance from the centre of the sensor's cell to
+    that of the cell, and counts all along the beam; the last cell of the line does not count. Hits
+    outside the grid are left out, and beams that would end outside end at their hit. Of two
+    neighbours of different sign the one nearer to zero is occupied, and everything else is unknown.
+    The document's search from cell (0, 0) compares each cell with the one it was reached from: the
+    one below it, or in row 0 that to its left. Where the sign changes along another row, there is
+    no wall.
+    """
+
+    def __init__(
+        self, frame: Frame, *, truncation: _Truncation = 2.0, truncation_behind: float = 3.0
+    ) -> None:
+        super().__init__(frame, truncation=truncation, truncation_behind=truncation_behind)
+        self._sums = np.zeros(frame.shape)  # means
+
+    def add(self, beams: Beams) -> None:
+        resolution = self.frame.resolution
+        near, starts, ends = self.cells_of(beams)
+        region = Region(0, 0, *self.frame.shape)
+        kept = region.holds(ends) | ~near.is_hit
+        near, starts, ends = near.chosen(kept), starts[kept], ends[kept]
+        sensing.count_rays(starts, ends, near.is_hit, self._hits, self._misses)
+        far = self.frame.unbounded_rowcol_from_xy(near.ends_xy(self.reach_behind * resolution))
+        ends = np.where(region.holds(far)[:, np.newaxis], far, ends)
+        ranges = np.where(near.is_hit, near.ranges, np.inf)
+        sensors = starts.astype(np.float64) + 0.5
+        sensing.measure_rays(
+            starts, ends, sensors, ranges, self._truncation * resolution, np.inf,
+            self._sums, self._weights, resolution,
+        )  # fmt: skip
+
+    def occupancy(self) -> NDArray[np.int8]:
+        field, walls = self._sums, np.full(self.frame.shape, UNKNOWN, dtype=np.int8)
+        pairs = [np.s_[1:, :], np.s_[:-1, :]], [np.s_[:1, 1:], np.s_[:1, :-1]]
+        # the search comes back to the first cell, which it has not marked: from the next in its row
+        width = self.frame.width
+        back = [np.s_[:1, :1], np.s_[:1, 1:2] if width > 1 else np.s_[1:2, :1]]
+        for reached, source in (*pairs, back):
+            if not field[source].size:  # a map of one cell
+                continue
+            changes = field[reached] * field[source] < 0  # 0 where no beam has been
+            is_nearer = np.abs(field[reached]) < np.abs(field[source])
+            walls[reached][changes & is_nearer] = OCCUPIED
+            walls[source][changes & ~is_nearer] = OCCUPIED
+        return walls
+
+    def _field(self) -> Floats:
+        return np.where(self._weights > 0, self._sums, np.nan)

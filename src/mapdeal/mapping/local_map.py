@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.command import AT_LEAST_0, METRES, Words, parameters_of
 from mapdeal.errors import ParameterError
-from mapdeal.grid.display import Drawn, count_text, numbers_text
+from mapdeal.grid.canvas import is_turned, obstacles_in, rows_and_cols_under, wholly_in
 from mapdeal.grid.frame import (
     CELL_TOLERANCE,
     FARTHEST,
@@ -26,10 +26,19 @@ from mapdeal.grid.frame import (
     turned,
 )
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.resample import is_turned, obstacles_in, rows_and_cols_under, wholly_in
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOWN
-from mapdeal.kernels.clouds import CloudRule, mark_cloud, marks_clouds
-from mapdeal.mapping.evidence import Sightings
+from mapdeal.grid.values import (
+    DEFAULT_LETHAL_THRESHOLD,
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    Drawn,
+    count_text,
+    numbers_text,
+)
+from mapdeal.kernels.arrays import Floats, Integers, Mask
+from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.polygons import FARTHEST_CELL
+from mapdeal.kernels.sensing import Odds, mark_cloud, weigh_rays
 from mapdeal.mapping.transforms import CoveredAngles, Pose, check_pose, wrapped
 
 CloudFrame = Literal["robot", "map"]
@@ -89,13 +98,10 @@ class LocalOptions:
         object.__setattr__(self, "offset", check_point(self.offset, "offset"))
         object.__setattr__(self, "size", check_point(self.size, "size"))
         object.__setattr__(self, "resolution", check_resolution(self.resolution))
-        for what in ("height", "range"):
-            self._check_order(f"min_{what}", f"max_{what}")
-
-    def _check_order(self, least: str, most: str) -> None:
-        low, high = getattr(self, least), getattr(self, most)
-        if low is not None and high is not None and low > high:
-            raise ParameterError(f"must not be above {most}, {high:g}", place=least, got=low)
+        for least, most in (("min_height", "max_height"), ("min_range", "max_range")):
+            low, high = getattr(self, least), getattr(self, most)
+            if low is not None and high is not None and low > high:
+                raise ParameterError(f"must not be above {most}, {high:g}", place=least, got=low)
 
     @property
     def asks_for_heights(self) -> bool:
@@ -107,9 +113,6 @@ class LocalOptions:
         """Distance from the robot up to which beams clear cells, metres; None if unlimited."""
         return self.max_range if self.raytrace_range is None else self.raytrace_range
 
-
-Floats = NDArray[np.float64]
-Cells = NDArray[np.int64]
 
 _FARTHEST_KEY = 1 << 31
 """In cells: of cells that are nearer, row and column together are one number of 64 bits."""
@@ -133,10 +136,7 @@ class SeenCloud:
     def __init__(
         self, pose: Pose, options: LocalOptions, lattice: Frame, window: Region, *, with_beams: bool
     ) -> None:
-        self._pose = pose
-        self._options = options
-        self._lattice = lattice
-        self._window = window
+        self._pose, self._options, self._lattice = pose, options, lattice
         self._frame = window.frame_in(lattice)
         self._with_beams = with_beams
         self._counts = np.zeros(6, dtype=np.int64)
@@ -146,7 +146,6 @@ class SeenCloud:
         """Cells of the window with a point."""
 
     def add(self, points: ArrayLike) -> None:
-        """Take points, shape (N, 2) or (N, 3 or more)."""
         points = np.asarray(points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] < 2:
             rule = "must be an array of shape (N, 2) or wider"
@@ -154,7 +153,7 @@ class SeenCloud:
         if self._options.asks_for_heights and points.shape[1] < 3:
             rule = "the cloud has no heights"
             raise ParameterError(rule, place="min_height, max_height")
-        if marks_clouds() and not self._with_beams:
+        if engine_name() == "compiled" and not self._with_beams:
             counts, seen = mark_cloud(
                 points, self._rule(), self.is_hit, is_placed=self._options.frame == "map"
             )
@@ -164,7 +163,11 @@ class SeenCloud:
         count = len(points)
         finite = np.isfinite(points[:, :3]).all(axis=1)
         points = points[finite] if not finite.all() else points
-        not_finite, (points, beyond_height) = count - len(points), self._within_heights(points)
+        not_finite = count - len(points)
+        if self._options.asks_for_heights:
+            least, most = self._options.min_height, self._options.max_height
+            points = points[_between(points[:, 2], least, most)]
+        beyond_height = count - not_finite - len(points)
         with np.errstate(over="ignore", invalid="ignore"):  # of points at 1e300
             seen, placed = self._from_robot(points[:, :2])
             distance = np.hypot(seen[:, 0], seen[:, 1])
@@ -187,47 +190,40 @@ class SeenCloud:
 
     @property
     def angles(self) -> tuple[float, float] | None:
-        """First and last direction with points; see `LocalMap`."""
         return self._angles.arc()
 
     @property
-    def sensor(self) -> Cells:
+    def sensor(self) -> Integers:
         """Row and column of the cell in which beams begin, shape (2,)."""
-        cell: Cells = self._lattice.unbounded_rowcol_from_xy(self._sensor_xy())[0]
+        cell: Integers = self._lattice.unbounded_rowcol_from_xy(self._sensor_xy())[0]
         return cell
 
     @property
-    def marks(self) -> Cells:
+    def marks(self) -> Integers:
         """The cells with a point, shape (M, 2), each once."""
         return _cells_from(self._marks)
 
     @property
-    def ends(self) -> Cells:
+    def ends(self) -> Integers:
         """The cells in which beams end, shape (K, 2), each once."""
         return _cells_from(self._ends)
 
-    def _rule(self) -> CloudRule:
+    def _rule(self) -> tuple[float, ...]:
+        """Return how points become cells, in the order of `_clouds.mark`."""
         options, frame = self._options, self._frame
         x, y, yaw = self._pose
         turn = -yaw if options.frame == "map" else yaw
         corner_x, corner_y, frame_yaw = frame.origin
-        least, most = -math.inf, math.inf
-        return CloudRule(
-            x, y, math.cos(turn), math.sin(turn), options.offset[0], options.offset[1],
-            least if options.min_height is None else options.min_height,
-            most if options.max_height is None else options.max_height,
-            least if options.min_range is None else options.min_range,
-            most if options.max_range is None else options.max_range,
+        lows = options.min_height, options.min_range
+        highs = options.max_height, options.max_range
+        min_height, min_range = (-math.inf if low is None else low for low in lows)
+        max_height, max_range = (math.inf if high is None else high for high in highs)
+        return (
+            x, y, math.cos(turn), math.sin(turn), *options.offset,
+            min_height, max_height, min_range, max_range,
             corner_x, corner_y, math.cos(-frame_yaw), math.sin(-frame_yaw), frame.resolution,
             FARTHEST, ROUNDING, CELL_TOLERANCE,
         )  # fmt: skip
-
-    def _within_heights(self, points: Floats) -> tuple[Floats, int]:
-        least, most = self._options.min_height, self._options.max_height
-        if least is None and most is None:
-            return points, 0
-        kept = points[_between(points[:, 2], least, most)]
-        return kept, len(points) - len(kept)
 
     def _from_robot(self, points_xy: Floats) -> tuple[Floats, Floats]:
         x, y, yaw = self._pose
@@ -241,7 +237,7 @@ class SeenCloud:
         here = np.array([self._pose[:2]])
         return here if self._options.frame == "map" else here - np.array(self._options.offset)
 
-    def _add_beams(self, placed: Floats, distance: Floats, near: NDArray[np.bool_]) -> None:
+    def _add_beams(self, placed: Floats, distance: Floats, near: Mask) -> None:
         """Keep cells with a point, and those in which beams end: there, or where they clear to."""
         useful = _between(distance, self._options.min_range, None) & np.isfinite(distance)
         useful &= _both(np.abs(placed) <= FARTHEST)
@@ -259,28 +255,26 @@ class SeenCloud:
             ends = _union(ends, np.unique(keys[is_kept]))
         self._marks, self._ends = _union(self._marks, marks), _union(self._ends, ends)
 
-    def _keys_of(self, placed: Floats) -> tuple[Cells, NDArray[np.bool_]]:
-        """Return row and column of points as one number, and for which points there is one."""
+    def _keys_of(self, placed: Floats) -> tuple[Integers, Mask]:
         cells = self._lattice.unbounded_rowcol_from_xy(placed)
         return cells[:, 0] * (2 * _FARTHEST_KEY) + cells[:, 1], _both(np.abs(cells) < _FARTHEST_KEY)
 
 
-def _both(pairs: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _both(pairs: Mask) -> Mask:
     """Return where both of a pair are set: faster than `all` along short rows."""
     return pairs[:, 0] & pairs[:, 1]
 
 
-def _union(one: Cells, other: Cells) -> Cells:
+def _union(one: Integers, other: Integers) -> Integers:
     return np.union1d(one, other) if len(one) else other
 
 
-def _cells_from(keys: Cells) -> Cells:
-    """Return the pairs of row and column that stand for each number."""
+def _cells_from(keys: Integers) -> Integers:
     rows = (keys + _FARTHEST_KEY) // (2 * _FARTHEST_KEY)
     return np.stack([rows, keys - rows * (2 * _FARTHEST_KEY)], axis=1)
 
 
-def _between(values: Floats, least: float | None, most: float | None) -> NDArray[np.bool_]:
+def _between(values: Floats, least: float | None, most: float | None) -> Mask:
     within = np.ones(len(values), dtype=np.bool_)
     if least is not None:
         within &= values >= least
@@ -335,24 +329,78 @@ class LocalMap(Drawn):
         return wrapped(self.pose[2] - math.pi)
 
 
-@dataclass(frozen=True, eq=False)
-class KnownMap:
-    """Obstacles and free space of a global map."""
+class Sightings:
+    """Cells of a lattice in which clouds leave obstacles, and through which beams clear."""
 
-    grid: OccupancyGrid
-    lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD
+    # A cell is what the last cloud says that has an end of a beam in it, an obstacle, or a beam
+    # through it, free; where a cloud has both it is an obstacle, as in costmap_2d, which clears
+    # first and marks then. So one number a cell is enough: which cloud it was, and what it said.
 
-    def seen_in(self, frame: Frame) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which cells of a frame overlap an obstacle, and which are known entirely."""
-        source = self.grid.frame
-        rows, cols = rows_and_cols_under(frame, source)
-        if rows.start >= rows.stop or cols.start >= cols.stop:
-            nothing = np.zeros(frame.shape, dtype=np.bool_)
-            return nothing, nothing
-        values = np.asarray(self.grid.occupancy[rows])[:, cols]
-        part = source.window(rows.start, cols.start, *values.shape)
-        obstacles = obstacles_in(frame, values >= self.lethal_threshold, part)
-        return obstacles, wholly_in(frame, values != UNKNOWN, part)
+    def __init__(self, region: Region, keep: int | None = None) -> None:
+        self._region = region
+        self._keep = keep
+        self._count = 0
+        # 2 k where the k-th cloud was the last to say something, one more if that was an obstacle
+        self._words = np.zeros((region.height, region.width), dtype=np.int32)
+
+    def move(self, region: Region) -> None:
+        """Remember the cells of another region from now on; those of both are kept."""
+        # As costmap_2d's ``updateOrigin``: the origin moves by whole cells, so that none blurs.
+        rows, cols = self._place_of(region).shared_with(self._words.shape)
+        if rows.stop - rows.start < region.height or cols.stop - cols.start < region.width:
+            self._region, self._words = region, self._words_in(region)
+
+    def skip(self) -> None:
+        """Take the turn of a cloud that says nothing."""
+        self._count += 1
+
+    def add(self, sensor: Integers, ends: Integers, marks: Integers) -> None:
+        """Clear along beams, then mark obstacles."""
+        self._count += 1
+        corner = np.array(self._region[:2])
+        start = sensor - corner
+        ends = ends - corner
+        if (np.abs(start) <= FARTHEST_CELL).all():
+            ends = ends[(np.abs(ends) <= FARTHEST_CELL).all(axis=1)]
+            starts = np.broadcast_to(start, ends.shape)
+            # what is added reaches the upper bound from anywhere: each cell becomes just that
+            word = Odds(2 * self._count, 1, 0, 2 * self._count)
+            is_hit, seen = np.zeros(len(ends), np.bool_), np.zeros(self._words.shape, np.uint8)
+            weigh_rays(starts, ends, is_hit, word, self._words, seen)
+        marks = marks[self._region.holds(marks)] - corner
+        self._words[marks[:, 0], marks[:, 1]] = 2 * self._count + 1
+
+    def evidence(self, region: Region) -> NDArray[np.int8]:
+        """Return what the clouds that count say of the cells of a region: -1, 0 or 100."""
+        words = self._words_in(region)
+        values = np.full(words.shape, UNKNOWN, dtype=np.int8)
+        counts = words >= 2 * self._oldest
+        values[counts & (words % 2 == 0)] = FREE
+        values[counts & (words % 2 == 1)] = OCCUPIED
+        return values
+
+    def count_earlier(self, region: Region) -> int:
+        """Return how many cells of a region are obstacles by a cloud before the newest."""
+        words = self._words_in(region)
+        earlier = (words >= 2 * self._oldest) & (words < 2 * self._count) & (words % 2 == 1)
+        return int(np.count_nonzero(earlier))
+
+    @property
+    def _oldest(self) -> int:
+        return 1 if self._keep is None else max(1, self._count - self._keep + 1)
+
+    def _words_in(self, region: Region) -> NDArray[np.int32]:
+        words = np.zeros((region.height, region.width), dtype=np.int32)
+        place = self._place_of(region)
+        rows, cols = place.shared_with(self._words.shape)
+        if rows.start < rows.stop and cols.start < cols.stop:
+            words[place.place_of(rows, cols)] = self._words[rows, cols]
+        return words
+
+    def _place_of(self, region: Region) -> Region:
+        """Return a region, its corner counted from that of the cells that are remembered."""
+        row, col = region.row - self._region.row, region.col - self._region.col
+        return Region(row, col, region.height, region.width)
 
 
 def lattice_of(options: LocalOptions, global_map: OccupancyGrid | None) -> Frame:
@@ -369,23 +417,33 @@ def window_around(pose: Pose, options: LocalOptions, lattice: Frame) -> Region:
     return region
 
 
-def joined(
-    evidence: NDArray[np.int8], frame: Frame, known: KnownMap | None, *, keeps_unknown: bool
-) -> tuple[OccupancyGrid, int]:
-    """Combine the evidence of clouds with a known map; also return its number of obstacle cells.
+@dataclass(frozen=True, eq=False)
+class _KnownMap:
+    """The global map, if there is one, whose obstacles and free space count."""
 
-    The larger value wins, as when costmap_2d combines its layers: obstacles win over free space,
-    and free space over unknown.
-    """
-    values, from_map = evidence.copy(), 0
-    if known is not None:
-        obstacles, is_known = known.seen_in(frame)
-        values[is_known & (values == UNKNOWN)] = FREE
-        values[obstacles] = OCCUPIED
-        from_map = int(np.count_nonzero(obstacles))
-    if not keeps_unknown:
-        values[values == UNKNOWN] = FREE
-    return OccupancyGrid(values, frame.resolution, frame.origin), from_map
+    grid: OccupancyGrid | None
+    lethal_threshold: int
+
+    def joined_with(
+        self, values: NDArray[np.int8], frame: Frame, *, keeps_unknown: bool
+    ) -> tuple[OccupancyGrid, int]:
+        """Add it to the evidence of clouds; also return its number of obstacle cells."""
+        # The larger value wins, as when costmap_2d combines its layers: obstacles win over free
+        # space, and free space over unknown.
+        from_map = 0
+        if self.grid is not None:
+            source = self.grid.frame
+            rows, cols = rows_and_cols_under(frame, source)
+            if rows.start < rows.stop and cols.start < cols.stop:
+                known = np.asarray(self.grid.occupancy[rows])[:, cols]
+                part = source.window(rows.start, cols.start, *known.shape)
+                obstacles = obstacles_in(frame, known >= self.lethal_threshold, part)
+                values[wholly_in(frame, known != UNKNOWN, part) & (values == UNKNOWN)] = FREE
+                values[obstacles] = OCCUPIED
+                from_map = int(np.count_nonzero(obstacles))
+        if not keeps_unknown:
+            values[values == UNKNOWN] = FREE
+        return OccupancyGrid(values, frame.resolution, frame.origin), from_map
 
 
 def local_map(
@@ -473,7 +531,7 @@ class LocalMapper:
         lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
     ) -> None:
         self._pose = check_pose(pose)
-        self._known = None if global_map is None else KnownMap(global_map, lethal_threshold)
+        self._known = _KnownMap(global_map, lethal_threshold)
         lattice = lattice_of(options, global_map)
         self._window = window_around(self._pose, options, lattice)
         self._keeps_unknown = global_map is not None and options.unknown == "keep"
@@ -505,8 +563,8 @@ class LocalMapper:
             sightings.add(self._cloud.sensor, self._cloud.ends, np.empty((0, 2), np.int64))
             evidence = sightings.evidence(self._window)
         evidence[self._cloud.is_hit] = OCCUPIED
-        grid, from_map = joined(
-            evidence, self._frame, self._known, keeps_unknown=self._keeps_unknown
+        grid, from_map = self._known.joined_with(
+            evidence, self._frame, keeps_unknown=self._keeps_unknown
         )
         return LocalMap(grid, self._pose, self._cloud.counts, from_map, self._cloud.angles)
 
@@ -569,7 +627,7 @@ class RollingMapper:
         """x, y (metres) and yaw (radians) of the robot for each cloud, -pi < yaw <= pi."""
         self._options = options
         self._keep = keep
-        self._known = None if global_map is None else KnownMap(global_map, lethal_threshold)
+        self._known = _KnownMap(global_map, lethal_threshold)
         self._lattice = lattice_of(options, global_map)
         self._windows = [window_around(pose, options, self._lattice) for pose in self.poses]
         self._corners = np.array([window[:2] for window in self._windows]).reshape(-1, 2)
@@ -586,10 +644,7 @@ class RollingMapper:
         return max(all_of_them, key=lambda region: region.cells, default=Region(0, 0, 0, 0))
 
     def _canvas(self, turn: int) -> Region:
-        """Return the cells to remember at a cloud's turn: all that maps may still show.
-
-        These are the cells of, and between, all windows to which the cloud can contribute.
-        """
+        """Return the cells of, and between, all windows to which the cloud of a turn may add."""
         last = None if self._keep is None else turn + self._keep
         corners = self._corners[turn:last]
         row, col = corners.min(axis=0).tolist()
@@ -638,21 +693,15 @@ class RollingMapper:
             raise ParameterError("no cloud has been added", place="result")
         turn = self.turn - 1
         window = self._windows[turn]
-        grid, from_map = joined(
-            self._sightings.evidence(window),
-            window.frame_in(self._lattice),
-            self._known,
-            keeps_unknown=self._options.unknown == "keep",
-        )
+        evidence, keeps = self._sightings.evidence(window), self._options.unknown == "keep"
+        frame = window.frame_in(self._lattice)
+        grid, from_map = self._known.joined_with(evidence, frame, keeps_unknown=keeps)
         first = 0 if self._keep is None else max(0, self.turn - self._keep)
+        clouds = int(np.count_nonzero(self._said[first : self.turn]))
+        earlier = self._sightings.count_earlier(window)
+        newest = self._newest
         return LocalMap(
-            grid,
-            self.poses[turn],
-            self._newest.counts,
-            from_map,
-            self._newest.angles,
-            int(np.count_nonzero(self._said[first : self.turn])),
-            self._sightings.count_earlier(window),
+            grid, self.poses[turn], newest.counts, from_map, newest.angles, clouds, earlier
         )
 
     def _next(self) -> int:

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.command import Words
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.grid.frame import FARTHEST
-from mapdeal.kernels.clouds import cover_angles
+from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.rotations import composed, normalised, slerp, undone
+from mapdeal.kernels.sensing import cover_angles
 
 Pose = tuple[float, float, float]
 
@@ -75,25 +75,20 @@ class FrameOptions:
 
 
 class CoveredAngles:
-    """The smallest arc that holds all of many angles: it leaves out the largest gap.
+    """The smallest arc that holds all of many angles: it leaves out the largest gap."""
 
-    Kept are the first and the last angle of each of 16,384 bins, so that memory is bounded
-    whatever is added. The arc is exact as soon as the gap is longer than a bin, 0.0004 rad.
-    """
+    # Kept are the first and the last angle of each of 16,384 bins, so that memory is bounded
+    # whatever is added. The arc is exact as soon as the gap is longer than a bin, 0.0004 rad.
 
     def __init__(self) -> None:
         self._first = np.full(_BINS, np.inf)
         self._last = np.full(_BINS, -np.inf)
 
-    def add(self, angles: NDArray[np.float64]) -> None:
-        """Add angles, radians, each at most some turns from 0."""
+    def add(self, angles: Floats) -> None:
         cover_angles(angles, self._first, self._last)
 
     def arc(self) -> tuple[float, float] | None:
-        """Return the arc's ends, -pi < first <= pi and first <= last < first + 2 pi.
-
-        None if nothing was added.
-        """
+        """Return the arc's ends, -pi < first <= pi, first <= last < first + 2 pi; None if empty."""
         used = self._last >= self._first
         first, last = self._first[used], self._last[used]
         if not len(first):
@@ -106,9 +101,7 @@ class CoveredAngles:
         return float(first[start]), end
 
 
-Floats = NDArray[np.float64]
-Times = NDArray[np.int64]
-
+_Link = tuple[str, str]  # parent and child
 _NAMED = 12
 _SLACK = 1000
 """Nanoseconds: times that came through a float64 of seconds are off by a quarter of that."""
@@ -116,17 +109,13 @@ _SLACK = 1000
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """Where a frame was at some times."""
-
     translations: Floats
     quaternions: Floats
-    known: NDArray[np.bool_]
+    known: Mask
 
 
 @dataclass(frozen=True)
 class Edge:
-    """A transform between two frames, as often as it was recorded."""
-
     parent: str
     child: str
     count: int
@@ -155,16 +144,14 @@ class _Samples:
         self._times.append(time)
         self._numbers.extend(numbers)
 
-    def in_time(self) -> tuple[Times, Floats]:
-        """Return times that increase, and the numbers of each; of equal times the last counts.
-
-        They are views: `add` fails while one is kept.
-        """
+    def in_time(self) -> tuple[Integers, Floats]:
+        """Return times that increase, and the numbers of each; of equal times the last counts."""
+        # They are views: `add` fails while one is kept.
         if not self._is_in_time:
             self._sort()
         return self._views()
 
-    def _views(self) -> tuple[Times, Floats]:
+    def _views(self) -> tuple[Integers, Floats]:
         times = np.frombuffer(self._times, dtype=np.int64)
         return times, np.frombuffer(self._numbers, dtype=np.float64).reshape(-1, 7)
 
@@ -182,7 +169,7 @@ class _Samples:
         del self._times[count:], self._numbers[7 * count :]
         self._is_in_time = True
 
-    def at(self, times: Times) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    def at(self, times: Integers) -> tuple[Floats, Floats, Mask]:
         if self.is_static:
             numbers = np.broadcast_to(np.array(self._numbers[-7:]), (len(times), 7))
             return numbers[:, :3], numbers[:, 3:], np.ones(len(times), dtype=np.bool_)
@@ -201,38 +188,25 @@ class _Samples:
 
 
 class TransformTree:
-    """The transforms of a recording, to be asked where one frame was in another.
+    """The transforms of a recording, to be asked where one frame was in another."""
 
-    Notes
-    -----
-    As in tf2, a transform between two frames is interpolated along a line and an arc between the
-    samples before and after a time, each transform of a chain on its own, and never continued
-    beyond its samples. A frame has one parent: where several come, the one that comes most often.
-    A transform that comes both as static and as moving is what it comes as most often; a static
-    one counts once, since it replaces what came before. (tf2 would keep to what came first, which
-    in a recording may be either.)
-
-    References
-    ----------
-    tf2's ``BufferCore`` and ``TimeCache``.
-    """
+    # As in tf2 (``BufferCore``, ``TimeCache``), a transform between two frames is interpolated
+    # along a line and an arc between the samples before and after a time, each transform of a chain
+    # on its own, and never continued beyond its samples. A frame has one parent: where several
+    # come, the one that comes most often. A transform that comes both as static and as moving is
+    # what it comes as most often; a static one counts once, since it replaces what came before.
+    # (tf2 would keep to what came first, which in a recording may be either.)
 
     def __init__(self) -> None:
-        self._samples: dict[tuple[str, str], _Samples] = {}
-        self._others: dict[tuple[str, str], _Samples] = {}
+        self._samples: dict[_Link, _Samples] = {}
+        self._others: dict[_Link, _Samples] = {}
         self.bad = 0
         """Transforms that were left out: not finite, or without a rotation."""
 
     def add(
-        self,
-        parent: str,
-        child: str,
-        time: int,
-        translation: Sequence[float],
-        quaternion: Sequence[float],
-        *,
-        is_static: bool,
-    ) -> None:
+        self, parent: str, child: str, time: int, translation: Sequence[float],
+        quaternion: Sequence[float], *, is_static: bool,
+    ) -> None:  # fmt: skip
         parent, child = parent.lstrip("/"), child.lstrip("/")
         length = math.hypot(*quaternion)
         is_near = all(abs(value) <= FARTHEST for value in translation)  # refuses nan, too
@@ -245,13 +219,10 @@ class TransformTree:
             chosen = self._samples[edge] = _Samples(is_static=is_static)
         if chosen.is_static == is_static:
             chosen.add(time, numbers)
-        else:
-            self._add_to_other(edge, time, numbers)
-
-    def _add_to_other(self, edge: tuple[str, str], time: int, numbers: Sequence[float]) -> None:
-        """Take in a transform of the kind that did not count so far."""
-        chosen = self._samples[edge]
-        other = self._others.setdefault(edge, _Samples(is_static=not chosen.is_static))
+            return
+        other = self._others.get(edge)  # of the kind that did not count so far
+        if other is None:
+            other = self._others[edge] = _Samples(is_static=is_static)
         other.add(time, numbers)
         if (other.count, other.is_static) > (chosen.count, chosen.is_static):
             self._samples[edge], self._others[edge] = other, chosen
@@ -279,8 +250,7 @@ class TransformTree:
         return found
 
     @property
-    def of_both_kinds(self) -> list[tuple[str, str]]:
-        """Parents and children of transforms that come both as static and as moving, sorted."""
+    def of_both_kinds(self) -> list[_Link]:
         return sorted(self._others)
 
     def leads(self, fixed: str, frame: str) -> bool:
@@ -290,26 +260,29 @@ class TransformTree:
         return self._above(frame.lstrip("/"))[-1]
 
     def is_moving(self, fixed: str, frame: str) -> bool:
-        way = self._way(fixed.lstrip("/"), frame.lstrip("/")) or ([], [])
-        return any(not self._samples[edge].is_static for part in way for edge in part)
+        return bool(self._moving(fixed, frame))
 
-    def lookup(self, fixed: str, frame: str, times: Times) -> Posed:
+    def _moving(self, fixed: str, frame: str) -> list[_Samples]:
+        way = self._way(fixed.lstrip("/"), frame.lstrip("/")) or ([], [])
+        samples = [self._samples[edge] for part in way for edge in part]
+        return [one for one in samples if not one.is_static]
+
+    def lookup(self, fixed: str, frame: str, times: Integers) -> Posed:
         fixed, frame = fixed.lstrip("/"), frame.lstrip("/")
         way = self._way(fixed, frame)
         if way is None:
             raise self.no_way(fixed, frame)
         times = np.asarray(times, dtype=np.int64)
         known = np.ones(len(times), dtype=np.bool_)
-        unit = np.zeros((len(times), 3)), np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
-        down, up = unit, unit
-        for edge in way[1]:
-            moves, turns, is_known = self._samples[edge].at(times)
-            up = composed((moves, turns), up)
-            known &= is_known
-        for edge in way[0]:
-            moves, turns, is_known = self._samples[edge].at(times)
-            down = composed((moves, turns), down)
-            known &= is_known
+        chains = []
+        for part in way:
+            chain = np.zeros((len(times), 3)), np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
+            for edge in part:
+                moves, turns, is_known = self._samples[edge].at(times)
+                chain = composed((moves, turns), chain)
+                known &= is_known
+            chains.append(chain)
+        down, up = chains
         moves, turns = composed(undone(down), up) if way[0] else up
         moves, turns = np.array(moves), normalised(turns)
         moves[~known] = np.nan
@@ -323,14 +296,8 @@ class TransformTree:
         return MalformedInputError(f"no transforms lead from {fixed!r} to {frame!r}: {there}")
 
     def span(self, fixed: str, frame: str) -> tuple[int, int] | None:
-        """Return the first and last time at which all transforms of a chain are known.
-
-        None if there is no such time, or they all are static.
-        """
-        way = self._way(fixed.lstrip("/"), frame.lstrip("/"))
-        edges = [edge for part in way or () for edge in part]
-        moving = [self._samples[edge].in_time()[0] for edge in edges
-                  if not self._samples[edge].is_static]  # fmt: skip
+        """Return the first and last time at which all transforms of a chain are known, if any."""
+        moving = [samples.in_time()[0] for samples in self._moving(fixed, frame)]
         if not moving:
             return None
         first, last = max(int(one[0]) for one in moving), min(int(one[-1]) for one in moving)
@@ -345,20 +312,15 @@ class TransformTree:
         return found
 
     def _above(self, frame: str) -> list[str]:
-        """Return a frame and those above it, up to the root; a circle ends where it closes."""
         parents, found = self._chosen_parents(), [frame]
         while (parent := parents.get(found[-1])) is not None and parent not in found:
             found.append(parent)
         return found
 
-    def _way(
-        self, fixed: str, frame: str
-    ) -> tuple[list[tuple[str, str]], list[tuple[str, str]]] | None:
-        """Return the transforms above two frames up to where they meet, from below."""
+    def _way(self, fixed: str, frame: str) -> tuple[list[_Link], list[_Link]] | None:
         first, second = self._above(fixed), self._above(frame)
-        known = set(self.frames)
         meeting = next((name for name in second if name in first), None)
-        if meeting is None or (fixed != frame and not {fixed, frame} <= known):
+        if meeting is None or (fixed != frame and not {fixed, frame} <= set(self.frames)):
             return None
         ways = (chain[: chain.index(meeting) + 1] for chain in (first, second))
         down, up = ([(p, c) for c, p in pairwise(way)] for way in ways)

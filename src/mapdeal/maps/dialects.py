@@ -1,4 +1,4 @@
-"""Conversion of pixels to occupancy by the three map_server readers in use.
+"""What a map's YAML file says, and the occupancy that map_server's readers make of its pixels.
 
 Every rule depends on a small integer only, a grey level or a sum of samples, and is worked out
 in exactly the precision of its reader: in a table where there are few of them.
@@ -11,15 +11,223 @@ humble and of Nav2 jazzy and later (``nav2_map_server/map_io.cpp`` with Graphics
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
-from mapdeal.maps.map_yaml import Dialect, MapMetadata
+from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError, emit_warning
+from mapdeal.files.yaml_text import Entry, read_mapping, yaml_document
+from mapdeal.grid.field import ESDF_VIEW, View, ViewScale
+from mapdeal.grid.frame import Origin, check_origin, check_resolution
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
 from mapdeal.maps.picture import Picture, Samples, by_sample, opaque_greys, to_16_bit
+
+Mode = Literal["trinary", "scale", "raw"]
+Dialect = Literal["nav2", "humble", "ros1"]
+
+_REQUIRED = ("image", "resolution", "origin")
+_KNOWN = (*_REQUIRED, "mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
+_LEGACY_MODES = ("trinary", "scale", "raw")
+_NO, _YES = ("0", "false", "no", "off"), ("1", "true", "yes", "on")
+_VIEW_KEYS = ("layer", "view", "view_range", "farthest", "deepest")
+
+
+@dataclass(frozen=True)
+class MapMetadata:
+    image: str
+    resolution: float
+    origin: Origin
+    mode: Mode = "trinary"
+    negate: bool = False
+    occupied_thresh: float = 0.65
+    free_thresh: float = 0.196
+    cost_scale: CostScale | None = None
+    view: ViewScale | None = None
+    extra: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+
+def read_metadata(path: Path, *, dialect: Dialect = "nav2", mend: bool = False) -> MapMetadata:
+    return metadata_of(read_mapping(path), path, dialect=dialect, mend=mend)
+
+
+def metadata_of(
+    entries: dict[str, Entry], path: Path, *, dialect: Dialect = "nav2", mend: bool = False
+) -> MapMetadata:
+    missing = [key for key in _REQUIRED if key not in entries]
+    if missing:
+        rule = f"missing key{'s' if len(missing) > 1 else ''} {', '.join(missing)}"
+        raise MalformedInputError(rule, source=path, hint=_typo_hint(missing, entries))
+    defaults = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196"}
+    absent = {key: value for key, value in defaults.items() if key not in entries}
+    if absent:
+        them = "them" if len(absent) > 1 else "it"
+        text = f"{', '.join(absent)} (ROS requires {them}); assuming {', '.join(absent.values())}"
+        _warn(path, "missing", text, "yaml.defaults")
+    occupied_thresh = _threshold(entries, "occupied_thresh", 0.65)
+    free_thresh = _threshold(entries, "free_thresh", 0.196)
+    if free_thresh > occupied_thresh:
+        rule = f"must not be larger than occupied_thresh ({occupied_thresh:g})"
+        raise MalformedInputError(rule, source=path, place="free_thresh", got=free_thresh)
+    if free_thresh == occupied_thresh:
+        text = f"equals occupied_thresh; read as dialect {dialect} does"
+        _warn(path, "free_thresh", text, "thresholds.equal")
+    mode = _mode(path, entries, dialect)
+    view = _view(entries, mode)
+    known = (*_KNOWN, *_LEGACY_MODES, *(_VIEW_KEYS if view is not None else ()))
+    return MapMetadata(
+        image=_image(entries["image"]), resolution=_resolution(entries["resolution"]),
+        origin=_origin(entries["origin"], mend), mode=mode, negate=_negate(entries),
+        occupied_thresh=occupied_thresh, free_thresh=free_thresh, cost_scale=_cost_scale(entries),
+        view=view, extra={k: e.printable_value() for k, e in entries.items() if k not in known},
+    )  # fmt: skip
+
+
+def yaml_of(metadata: MapMetadata) -> bytes:
+    """Return the YAML file of `metadata`: keys in ROS's order, floats in shortest form."""
+    document: dict[str, Any] = {
+        "image": metadata.image,
+        "mode": metadata.mode,
+        "resolution": metadata.resolution,
+        "origin": [float(v) for v in metadata.origin],
+        "negate": int(metadata.negate),
+        "occupied_thresh": metadata.occupied_thresh,
+        "free_thresh": metadata.free_thresh,
+    }
+    if metadata.cost_scale is not None:
+        document["cost_scale"] = metadata.cost_scale
+    if metadata.view is not None:
+        document |= {"layer": ESDF_VIEW, **metadata.view.entries()}
+    document.update(metadata.extra)
+    return yaml_document(document)
+
+
+def _warn(path: Path, place: str, text: str, check: str) -> None:
+    emit_warning(MapdealWarning(f"{path}: {place}: {text}", check), stacklevel=3)
+
+
+def _typo_hint(missing: list[str], entries: dict[str, Entry]) -> str | None:
+    import difflib  # of use to mistakes alone
+
+    for key in missing:
+        near = difflib.get_close_matches(key, [k for k in entries if k not in _KNOWN], n=1)
+        if near:
+            return f"is {near[0]} meant to be {key}?"
+    return None
+
+
+def _number(entry: Entry) -> float:
+    value = entry.number()
+    if entry.is_yaml_1_1_text:
+        text = f"{entry.text()!r} is text to YAML 1.1 readers; read as {value:g}"
+        _warn(entry.source, entry.place, text, "yaml.number-as-text")
+    return value
+
+
+def _resolution(entry: Entry) -> float:
+    try:
+        return check_resolution(_number(entry))
+    except ParameterError as error:
+        raise entry.error(error.rule) from None
+
+
+def _origin(entry: Entry, mend: bool) -> Origin:
+    items = entry.items()
+    if len(items) != 3:
+        raise entry.error(f"must be three numbers [x, y, yaw], has {len(items)}")
+    try:
+        if mend and items[2].text().lower().lstrip("+-.") == "nan":
+            text = f"yaw {items[2].text()}, a fault of some map savers: must be 0"
+            _warn(entry.source, entry.place, text, "yaml.nan-yaw")
+            return check_origin([*(_number(item) for item in items[:2]), 0.0])
+        return check_origin([_number(item) for item in items])
+    except ParameterError as error:
+        raise entry.error(error.rule) from None
+
+
+def _threshold(entries: dict[str, Entry], key: str, default: float) -> float:
+    if key not in entries:
+        return default
+    value = _number(entries[key])
+    if not 0 <= value <= 1:
+        raise entries[key].error("must lie between 0 and 1")
+    return value
+
+
+def _negate(entries: dict[str, Entry]) -> bool:
+    if "negate" not in entries:
+        return False
+    entry = entries["negate"]
+    word = entry.text().lower()
+    quoted_word = getattr(entry.node, "style", None) and not word.isdigit()
+    if word not in (*_NO, *_YES) or quoted_word:
+        raise entry.error("must be 0 or 1")
+    return word in _YES
+
+
+def _mode(path: Path, entries: dict[str, Entry], dialect: Dialect) -> Mode:
+    if "mode" not in entries:
+        legacy = [key for key in _LEGACY_MODES if key in entries]
+        if not legacy:
+            return "trinary"
+        text = "old key; its meaning is written mode: trinary, scale or raw"
+        _warn(path, legacy[0], text, "yaml.legacy-mode")
+        chosen = [key for key in legacy if entries[key].text().lower() in ("true", "1")]
+        return chosen[0] if chosen else "trinary"  # type: ignore[return-value]
+    entry = entries["mode"]
+    text = entry.text()
+    if text.lower() not in get_args(Mode):
+        raise entry.error("must be trinary, scale or raw")
+    if dialect == "ros1" and text != text.lower():
+        told = f"{text} is refused by ROS 1; read as {text.lower()}"
+        _warn(path, entry.place, told, "yaml.mode-case")
+    return text.lower()  # type: ignore[return-value]
+
+
+def _cost_scale(entries: dict[str, Entry]) -> CostScale | None:
+    if "cost_scale" not in entries:
+        return None
+    if entries["cost_scale"].text() != "costmap2d":
+        raise entries["cost_scale"].error("must be costmap2d")
+    return "costmap2d"
+
+
+def _view(entries: dict[str, Entry], mode: Mode) -> ViewScale | None:
+    if "layer" not in entries or entries["layer"].text() != ESDF_VIEW:
+        return None
+    layer = entries["layer"]
+    if mode != "raw" or "cost_scale" in entries:
+        raise layer.error("needs mode raw, and no cost_scale")
+    if "view" not in entries:
+        raise layer.error("needs key view")
+    view: View = entries["view"].text()  # type: ignore[assignment]
+    if view not in get_args(View):
+        raise entries["view"].error("must be metric or per-map")
+    keys = ViewScale.keys_of(view)
+    missing = [key for key in keys if key not in entries]
+    if missing:
+        rule = f"needs key{'s' if len(missing) > 1 else ''} {', '.join(missing)}"
+        raise layer.error(rule, hint=f"a view {view} is described by {', '.join(keys)}")
+    numbers = {key: _number(entries[key]) for key in keys}
+    try:
+        return ViewScale(view, **numbers)
+    except ParameterError as error:
+        raise entries[str(error.place)].error(error.rule) from None
+
+
+def _image(entry: Entry) -> str:
+    text = entry.text()
+    if not text.strip():
+        raise entry.error("must name an image file")
+    if "$(" in text:
+        hint = "roslaunch expands it; write the path that it stands for"
+        raise entry.error("must be a path", hint=hint)
+    return text
+
 
 Reader = Callable[[Picture, MapMetadata], NDArray[np.int8]]
 """From a picture to occupancy, shape (H, W), int8, row 0 in the north."""
@@ -64,10 +272,9 @@ def _grey_of_rgb(
 
 
 def _by_grey_level(metadata: MapMetadata) -> NDArray[np.int8]:
-    """Return the occupancy of each of the 256 grey levels, opaque."""
     grey = np.arange(256)
     if metadata.mode == "raw":
-        return np.where(grey <= 100, grey, UNKNOWN).astype(np.int8)
+        return _raw(grey)
     brightness = grey.astype(np.float32) / np.float32(255)
     darkness = brightness if metadata.negate else np.float32(1) - brightness
     occupied_thresh = np.float32(metadata.occupied_thresh)
@@ -127,23 +334,36 @@ def _humble_occupancy(
 def _of_sum(
     sums: NDArray[np.int32], channels: int, metadata: MapMetadata
 ) -> NDArray[np.int8]:  # fmt: skip
-    """Return the occupancy for sums of `channels` 16-bit samples."""
     shade = sums / channels / 65535
     if metadata.mode == "raw":
-        grey = np.floor(shade * 255 + 0.5)
-        return np.where(grey <= 100, grey, UNKNOWN).astype(np.int8)
+        return _raw(np.floor(shade * 255 + 0.5))
     darkness = shade if metadata.negate else 1 - shade
+    if metadata.mode == "trinary":
+        return _by_darkness(darkness, metadata)
+    return _by_darkness(darkness, metadata, lambda share: np.rint(share * 100))
+
+
+def _raw(grey: NDArray[Any]) -> NDArray[np.int8]:
+    return np.where(grey <= 100, grey, UNKNOWN).astype(np.int8)
+
+
+def _by_darkness(
+    darkness: NDArray[np.float64], metadata: MapMetadata,
+    scaled: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
+) -> NDArray[np.int8]:  # fmt: skip
+    """Return the occupancy as the older readers have it, strictly beyond the thresholds."""
+    # `scaled` gives the values between them, from their share of the way; None leaves them unknown.
     occupied_thresh, free_thresh = metadata.occupied_thresh, metadata.free_thresh
-    values = np.full(sums.shape, UNKNOWN, dtype=np.int8)
-    if metadata.mode == "scale":
+    values = np.full(darkness.shape, UNKNOWN, dtype=np.int8)
+    if scaled is not None:
         between = (darkness >= free_thresh) & (darkness <= occupied_thresh)
         if free_thresh == occupied_thresh:
-            values[between] = FREE  # 0 / 0 in this reader
+            values[between] = FREE  # 0 / 0 in these readers
         else:
             span = occupied_thresh - free_thresh
-            values[between] = np.rint((darkness[between] - free_thresh) / span * 100)
+            values[between] = scaled((darkness[between] - free_thresh) / span)
     values[darkness < free_thresh] = FREE
-    values[occupied_thresh < darkness] = OCCUPIED
+    values[darkness > occupied_thresh] = OCCUPIED
     return values
 
 
@@ -154,7 +374,6 @@ def _as_ros1(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
     # unknown if the last byte of its memory is 0, be that opacity, blue, or red in a BMP. One is
     # not: raw values above 100 are unknown here, the reader lets them wrap.
     samples, alpha = _as_stored(picture)
-    trinary = metadata.mode == "trinary"
     if samples.ndim == 2 and alpha is None:
         # One byte: no test of a last byte, whatever the mode.
         return by_sample(_by_sum(1, metadata), samples)
@@ -162,7 +381,7 @@ def _as_ros1(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
         return _ros1_occupancy([samples, alpha], 2, alpha, metadata)
     channels = [samples[..., c] for c in range(3)]
     last = samples[..., 0 if picture.file_format == "BMP" else 2] if alpha is None else alpha
-    if alpha is not None and trinary:
+    if alpha is not None and metadata.mode == "trinary":
         return _ros1_occupancy([*channels, alpha], 4, last, metadata)
     return _ros1_occupancy(channels, 3, last, metadata)
 
@@ -232,28 +451,14 @@ def _by_sum(
     if metadata.negate:
         average = 255 - average
     if metadata.mode == "raw":
-        grey = np.trunc(average)
-        return np.where(grey <= 100, grey, UNKNOWN).astype(np.int8)
+        return _raw(np.trunc(average))
     darkness = (255 - average) / 255.0
-    occupied_thresh, free_thresh = metadata.occupied_thresh, metadata.free_thresh
-    values = np.full(average.shape, UNKNOWN, dtype=np.int8)
-    if metadata.mode == "scale" and not decided_only:
-        between = (darkness >= free_thresh) & (darkness <= occupied_thresh)
-        if free_thresh == occupied_thresh:
-            values[between] = FREE  # 0 / 0 in this reader
-        else:
-            span = occupied_thresh - free_thresh
-            values[between] = np.trunc(1 + 98 * ((darkness[between] - free_thresh) / span))
-    values[darkness < free_thresh] = FREE
-    values[darkness > occupied_thresh] = OCCUPIED
-    return values
+    if metadata.mode == "trinary" or decided_only:
+        return _by_darkness(darkness, metadata)
+    return _by_darkness(darkness, metadata, lambda share: np.trunc(1 + 98 * share))
 
 
-DIALECTS: dict[Dialect, Reader] = {
-    "nav2": _as_nav2,
-    "humble": _as_humble,
-    "ros1": _as_ros1,
-}
+DIALECTS: dict[Dialect, Reader] = {"nav2": _as_nav2, "humble": _as_humble, "ros1": _as_ros1}
 
 
 def cells_of(
@@ -303,7 +508,4 @@ def reader_of(
 def _is_plain(picture: Picture) -> bool:
     """Return whether pixels are bytes that all readers look up in a table."""
     is_byte = picture.samples.dtype == np.uint8 and picture.samples.ndim == 2
-    is_opaque = picture.alpha is None and (
-        picture.palette is None or bool((picture.palette[:, 3] == 255).all())
-    )
-    return is_byte and is_opaque and picture.file_format == "PNM"
+    return is_byte and picture.file_format == "PNM"

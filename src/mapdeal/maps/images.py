@@ -1,89 +1,739 @@
 """Images of every format that maps may have, decoded to integer samples.
 
-The contents decide the format, not the file's name. `pnm` parses the format of nearly all maps, and
-`pillow_images` has the others decoded by Pillow.
+The contents decide the format, not the file's name. Netpbm images, P1 to P6, are read without a
+library: these disagree on maxval, on comments and on damaged files, and ROS maps have them all.
+PNG, BMP, TIFF and JPEG are decoded by Pillow, which is imported by the functions that need it.
+
+References
+----------
+The netpbm pages of the formats pbm, pgm and ppm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import io
+import os
+import re
+import struct
+import threading
+import warnings
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any, BinaryIO
 
-from mapdeal.errors import MalformedInputError
-from mapdeal.files.budget import holding
-from mapdeal.files.source import LFS_POINTER, head_of, note_sum
-from mapdeal.maps.picture import HEAD, NOT_AN_IMAGE, ImageFormat, OpenFile, Picture, Strips, opened
-from mapdeal.maps.pillow_images import PILLOW_FORMATS
-from mapdeal.maps.pnm import PNM, BinaryRows, binary_rows
+import numpy as np
+from numpy.typing import NDArray
 
-IMAGE_FORMATS = {entry.name: entry for entry in (PNM, *PILLOW_FORMATS)}
-"""The formats that maps may have, by name."""
+from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.files.source import (
+    BLANK_EXPANSION,
+    CHANGED,
+    LFS_POINTER,
+    PIECES,
+    check_expansion,
+    claim,
+    holding,
+    note_sum,
+)
+from mapdeal.kernels.blocks import Layer
+from mapdeal.maps.picture import (
+    HEAD,
+    LARGEST_CELLS,
+    ImageFormat,
+    OpenFile,
+    OpenImage,
+    Picture,
+    Samples,
+    Strips,
+    check_size,
+    opened,
+    strips_at_places,
+    strips_of,
+    warn_of,
+)
 
-IMAGE_SUFFIXES = tuple(suffix for entry in IMAGE_FORMATS.values() for suffix in entry.suffixes)
+_NOT_AN_IMAGE = "is not an image in a supported format: pgm, pbm, ppm, png, bmp, tiff"
+_COMMENT_OR_WORD = re.compile(rb"#[^\n\r]*|[^ \t\n\v\f\r#]+")
+_COMMENT = re.compile(rb"#[^\n\r]*")
+_BLANK = re.compile(rb"[ \t\n\v\f\r]")
+_WHOLE_NUMBERS = b"0123456789 \t\n\v\f\r"
+_IN_A_LINE = bytes.maketrans(b"\n\r", b"  ")
+_MOST_DIGITS = 9
+_TEXT_TOGETHER = 1 << 18
+_LONGEST_HEADER = 1 << 16
+_WRITTEN_TOGETHER = 1 << 20
+_TRAILING = 64
+
+
+@dataclass(frozen=True)
+class _Header:
+    magic: int
+    width: int
+    height: int
+    maxval: int
+    end: int  # offset of the byte behind the last number
+    raw: bytes
+
+    @property
+    def is_text(self) -> bool:
+        return self.magic <= 3
+
+    @property
+    def is_bits(self) -> bool:
+        return self.magic in (1, 4)
+
+    @property
+    def channels(self) -> int:
+        return 3 if self.magic in (3, 6) else 1
+
+    @property
+    def row_bytes(self) -> int:
+        if self.is_bits:
+            return (self.width + 7) // 8
+        return self.width * self.channels * (2 if self.maxval > 255 else 1)
+
+    def picture(self, samples: Samples) -> Picture:
+        """Return the picture of some rows; of bits `samples` are their brightness."""
+        maxval = 255 if self.is_bits else self.maxval
+        if self.channels == 3:
+            return Picture("PNM", "rgb", samples.reshape(-1, self.width, 3), maxval=maxval)
+        return Picture("PNM", "grey", samples.reshape(-1, self.width), maxval=maxval)
+
+
+def is_pnm(data: bytes) -> bool:
+    """Return whether `data` starts like a netpbm file, PFM and PAM included."""
+    return re.match(rb"P[1-7fF](\s|#)", data) is not None
+
+
+class PnmImage(OpenImage):
+    # 1 is black in P1 and P4, as netpbm says; the ROS 1 reader takes bits for grey levels.
+    def __init__(self, file: OpenFile, limit: int = LARGEST_CELLS) -> None:
+        self._header = _read_header(file.read(0, HEAD), file.path)
+        super().__init__(file, self._header.height, self._header.width, limit)
+
+    def memory(self) -> int:
+        header = self._header
+        if header.is_text:
+            return self._memory_of_whole()
+        per_row = max(header.width, header.row_bytes)
+        return header.width * header.height + min(PIECES, 8 * per_row * header.height)
+
+    def _memory_of_whole(self) -> int:
+        header = self._header
+        copies, per_cell = 2, 0
+        if header.magic == 1:  # copies of the text, and the samples with a mark of each
+            copies, per_cell = 5, 3
+        elif header.is_text:
+            per_cell = 1 + header.channels * (1 + (header.maxval > 255))
+        return (1 + copies) * self.file.size + per_cell * header.width * header.height
+
+    def _decoded(self) -> Strips:
+        rows = self.rows()
+        if rows is not None:
+            self._claim(self.memory())
+            return rows.strips()
+        data = self.file.read_whole()
+        self._claim(self.memory())
+        samples = _plain(data, self._header, self.file.path)
+        if self._header.is_bits:
+            samples = np.where(samples, np.uint8(0), np.uint8(255))
+        return strips_of(self._header.picture(samples))
+
+    def bits(self) -> NDArray[np.uint8]:
+        """Return the bits of a P1 or P4 file, packed, row 0 in the north."""
+        header, path = self._header, self.file.path
+        data = self.file.read_whole()
+        note_sum(path, self.file.sha256)
+        if not header.is_bits:
+            rule = "must be a bit map, P1 or P4"
+            raise MalformedInputError(rule, source=path, place="header", got=f"P{header.magic}")
+        self.check_limit()
+        self._claim(self._memory_of_whole())
+        if header.is_text:
+            return np.packbits(_plain(data, header, path), axis=1)
+        count = header.row_bytes * self.height
+        packed = np.frombuffer(data, dtype=np.uint8, count=count, offset=self._start())
+        return packed.reshape(self.height, -1)
+
+    def _claim(self, count: int) -> None:
+        claim(self.file.path, count, what=f"{self.width} x {self.height} cells")
+
+    def rows(self) -> BinaryRows | None:
+        """Return the rows of a P4, P5 or P6 file; None of a text, where they may be anywhere."""
+        header = self._header
+        return None if header.is_text else BinaryRows(self.file, header, self._start())
+
+    def _start(self) -> int:
+        """Return the offset of the first pixel of a binary file, whose length is checked."""
+        file, path = self.file, self.file.path
+        expected = self._header.row_bytes * self.height
+        start = _start_of_data(file.read(0, HEAD), file.size, self._header, expected, path)
+        actual = file.size - start
+        if actual < expected:
+            rule = f"the pixels end early: expected {expected} bytes"
+            raise MalformedInputError(rule, source=path, place="pixels", got=actual)
+        if actual > expected:
+            if is_pnm(file.read(start + expected, _TRAILING).lstrip()):
+                raise MalformedInputError("holds more than one picture", source=path)
+            text = f"{actual - expected} bytes after the picture were ignored"
+            warn_of(path, text, "image.trailing-bytes")
+        return start
+
+
+@dataclass(frozen=True)
+class BinaryRows:
+    """The pixels of an open P4, P5 or P6 file, whose rows can be read in any order."""
+
+    file: OpenFile
+    header: _Header
+    start: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.header.height, self.header.width
+
+    def strips(self) -> Strips:
+        return self.part(slice(0, self.header.height))
+
+    def part(self, rows: slice) -> Strips:
+        """Return the strips of some rows, which are counted from the south."""
+        north = self.header.height - rows.stop
+        shape = (rows.stop - rows.start, self.header.width)
+        return strips_at_places(
+            shape, self.header.row_bytes,
+            lambda first, end: self._picture(north + first, north + end),
+        )  # fmt: skip
+
+    def _picture(self, first: int, end: int) -> Picture:
+        header = self.header
+        count = (end - first) * header.row_bytes
+        data = self.file.read(self.start + first * header.row_bytes, count)
+        if len(data) < count:
+            raise FileAccessError(CHANGED, source=self.file.path)
+        samples: Samples = np.frombuffer(data, dtype=np.uint8)
+        if header.is_bits:
+            bits = np.unpackbits(samples.reshape(-1, header.row_bytes), axis=1, count=header.width)
+            np.subtract(bits, 1, out=bits)  # 0 becomes 255, and 1 becomes 0
+            return header.picture(bits)
+        if header.maxval > 255:
+            samples = np.frombuffer(data, dtype=">u2").astype(np.uint16)
+        before = first * header.width * header.channels
+        check_pixels(samples, header.maxval, before, self.file.path)
+        return header.picture(samples)
+
+
+def check_pixels(samples: Samples, maxval: int, first: int, source: Path) -> None:
+    """Refuse samples above `maxval`; `first` is the number of the first of them."""
+    if maxval not in (255, 65535) and samples.max() > maxval:
+        flat = samples.reshape(-1)
+        index = int(np.argmax(flat > maxval))
+        raise _above_maxval(int(flat[index]), first + index, maxval, source)
+
+
+def _read_header(data: bytes, source: Path) -> _Header:
+    kind = data[1:2].decode("latin-1")
+    if not data.startswith(b"P") or kind not in list("1234567fF"):
+        raise MalformedInputError("is not a netpbm image", source=source)
+    if kind not in "123456":
+        name = "PAM" if kind == "7" else "PFM"
+        raise MalformedInputError(f"{name} images are not supported", source=source)
+    magic = int(kind)
+    names = ["width", "height"] if magic in (1, 4) else ["width", "height", "maxval"]
+    numbers: list[int] = []
+    end = 2
+    for name in names:
+        parts = _COMMENT_OR_WORD.finditer(data, end, end + _LONGEST_HEADER)
+        word = next((part for part in parts if not part[0].startswith(b"#")), None)
+        if word is None:
+            raise MalformedInputError("the file ends early", source=source, place=f"header {name}")
+        text, end = word[0].decode("latin-1"), word.end()
+        # A width of a million digits is no width, and converting one takes time.
+        if not re.fullmatch(r"-?\d{1,12}", text):
+            rule = "must be a whole number"
+            raise MalformedInputError(rule, source=source, place=f"header {name}", got=text)
+        numbers.append(int(text))
+    width, height = numbers[:2]
+    maxval = numbers[2] if len(numbers) == 3 else 1
+    if not 1 <= maxval <= 65535:
+        rule = "must lie between 1 and 65535"
+        raise MalformedInputError(rule, source=source, place="header maxval", got=maxval)
+    return _Header(magic, width, height, maxval, end, data[:end])
+
+
+def pnm_comments(head: bytes) -> list[str]:
+    r"""Return the comments of a picture's header, given its first bytes."""
+    found: list[str] = []
+    words = 0  # type, width, height, maxval: behind them there are pixels
+    for line in head.split(b"\n"):
+        plain, mark, comment = line.partition(b"#")
+        words += len(plain.split())
+        if mark:
+            found.append(comment.decode("latin-1").strip())
+        if words >= 4:
+            break
+    return found
+
+
+def _start_of_data(data: bytes, size: int, header: _Header, expected: int, source: Path) -> int:
+    """Return the offset of the first pixel: one byte behind the header, or two after CR LF."""
+    # `data` are the first bytes of the file, `size` is the number of all. A file that went through
+    # a DOS text conversion has CR LF ends in its header. If no pixel had the value of a line feed,
+    # the pixels came through whole, one byte late.
+    if data[header.end : header.end + 1] == b"#":
+        # A comment right behind maxval: its line end is the one byte before the pixels.
+        line_end = data.find(b"\n", header.end)
+        return line_end + 1 if line_end >= 0 else size
+    separator = data[header.end : header.end + 2]
+    if not separator[:1].isspace():
+        if not separator:
+            raise MalformedInputError("the file ends after its header", source=source)
+        rule = "white space must separate the header from the pixels"
+        raise MalformedInputError(rule, source=source, place=f"byte {header.end}")
+    start = header.end + 1
+    if separator != b"\r\n":
+        return start
+    length = size - start
+    if length == expected + 1:
+        text = "header: DOS line ends; the pixels are intact and were read"
+        warn_of(source, text, "image.dos-header")
+        return start + 1
+    if length == expected and b"\r\n" not in header.raw:
+        return start  # a lone CR, then a first pixel of value 10
+    rule = f"CRLF-damaged: a text conversion has changed the pixels, expected {expected} bytes"
+    raise MalformedInputError(rule, source=source, place="pixels", got=length)
+
+
+def _plain(data: bytes, header: _Header, source: Path) -> Samples:
+    """Return the samples of a P1, P2 or P3 file, written as text."""
+    count = header.width * header.height * header.channels
+    body = data[header.end :]
+    if b"#" in body:
+        body = _COMMENT.sub(b"", body)
+    if header.magic == 1:
+        digits = np.frombuffer(body.translate(None, b" \t\n\v\f\r"), dtype=np.uint8)
+        is_digit = (digits | 1) == 49
+        if not is_digit.all():
+            place = f"pixel {int(np.argmin(is_digit))}"
+            raise MalformedInputError("a P1 pixel must be 0 or 1", source=source, place=place)
+        _check_count(len(digits), count, source)
+        return (digits - 48).reshape(header.height, header.width)
+    if not body[:1].isspace():
+        rule = "white space must separate the header from the pixels"
+        raise MalformedInputError(rule, source=source, place=f"byte {header.end}")
+    return _numbers(body, count, header.maxval, source)
+
+
+def _numbers(body: bytes, count: int, maxval: int, source: Path) -> Samples:
+    """Return the numbers of a text, some words at a time: they take much more memory."""
+    samples: Samples = np.empty(count, dtype=np.uint8 if maxval <= 255 else np.uint16)
+    found = start = 0
+    too_large: tuple[int, int] | None = None
+    while start < len(body):
+        blank = _BLANK.search(body, start + _TEXT_TOGETHER)
+        end = blank.start() if blank else len(body)
+        some, start = body[start:end], end
+        values = _whole_numbers(some, found, maxval, source)
+        if too_large is None and values.max(initial=0) > maxval:
+            index = int(np.argmax(values > maxval))
+            too_large = int(values[index]), found + index
+        samples[found : found + len(values)] = values[: max(count - found, 0)]
+        found += len(values)
+    _check_count(found, count, source)
+    if too_large is not None:
+        raise _above_maxval(*too_large, maxval, source)
+    return samples
+
+
+def _whole_numbers(text: bytes, first: int, maxval: int, source: Path) -> NDArray[np.int64]:
+    if not text.strip():
+        return np.empty(0, dtype=np.int64)
+    with suppress(ValueError):  # of others than digits, and of too many of them
+        if not text.translate(None, _WHOLE_NUMBERS):
+            values = np.loadtxt([text.translate(_IN_A_LINE)], dtype=np.int64, ndmin=1)
+            if values.max() < 10**_MOST_DIGITS:
+                return values
+    words = text.split()
+    odd = next(i for i, word in enumerate(words) if not word.isdigit() or len(word) > _MOST_DIGITS)
+    rule = f"pixels must be whole numbers from 0 to {maxval}"
+    got, place = words[odd].decode("latin-1"), f"pixel {first + odd}"
+    raise MalformedInputError(rule, source=source, place=place, got=got)
+
+
+def _check_count(actual: int, expected: int, source: Path) -> None:
+    if actual != expected:
+        rule = f"must hold {expected} pixel values"
+        raise MalformedInputError(rule, source=source, place=f"pixel {min(actual, expected)}",
+                                  got=actual)  # fmt: skip
+
+
+def _above_maxval(value: int, index: int, maxval: int, source: Path) -> MalformedInputError:
+    rule = f"pixels must not exceed maxval {maxval}"
+    return MalformedInputError(rule, source=source, place=f"pixel {index}", got=value)
+
+
+PNM = ImageFormat(
+    name="PNM", suffixes=(".pgm", ".pbm", ".ppm", ".pnm"), recognises=is_pnm, open=PnmImage,
+    max_cells=LARGEST_CELLS, comments=pnm_comments,
+)  # fmt: skip
+
+
+def write_pbm(file: BinaryIO, packed: NDArray[np.uint8], width: int) -> None:
+    """Write a P4 file of packed bits, shape (H, ceil(W / 8)), row 0 in the north, 1 black."""
+    file.write(f"P4\n{width} {len(packed)}\n".encode())
+    _write_rows(file, packed)
+
+
+def begin_pgm(file: BinaryIO, pixels: Layer, *, comment: str = "") -> Callable[[slice], None]:
+    """Begin a P5 file of 8-bit pixels, and return what writes rows of them, row 0 in the south."""
+    height, width = pixels.shape
+    note = f"# {comment}\n" if comment else ""
+    file.write(f"P5\n{note}{width} {height}\n255\n".encode())
+    start = file.tell()
+
+    def put(rows: slice) -> None:
+        file.seek(start + (height - rows.stop) * width)
+        _write_rows(file, pixels[rows][::-1])
+
+    return put
+
+
+def _write_rows(file: BinaryIO, rows: NDArray[np.uint8]) -> None:
+    step = max(1, _WRITTEN_TOGETHER // rows.shape[1])
+    bands = (rows[first : first + step] for first in range(0, len(rows), step))
+    file.writelines(np.ascontiguousarray(band).data for band in bands)
+
+
+_EXIF_ORIENTATION = 0x0112
+
+_DEPTHS = {"1": 1, "L;2": 2, "L;4": 4, "P;1": 1, "P;2": 2, "P;4": 4}
+"""Bits of a sample in PNG files, by Pillow's raw modes, where they are fewer than 8."""
+
+_BITS = {"1": 1, "L": 8, "P": 8, "I;16": 16, "I;16B": 16, "LA": 16, "RGB": 24}
+_WIDE = 32
+"""Bits of a pixel in files, by Pillow's modes, and those of all others at most."""
+
+_KEPT = {"1": 1, "L": 1, "P": 1, "I;16": 2, "I;16B": 2}
+_KEPT_OF_OTHERS = 4  # bytes of a pixel in Pillow's memory, by its modes
+_RAW_BMP, _RAW_TIFF = 0, "raw"
+_BITS_PER_SAMPLE, _SAMPLES, _ROWS_PER_STRIP, _PLANAR = 258, 277, 278, 284
+_STRIPS, _TILES, _TILE = (273, 279), (324, 325), (322, 323)
+"""Tags of a TIFF file: of offsets and sizes, and of a tile's width and height."""
+
+# Pillow's limit, the filters of warnings and the terminal that libtiff writes to belong to the
+# whole process: two threads that put them aside and back at once would leave them aside.
+_LOCK = threading.RLock()
+
+_DAMAGE = (
+    OSError,  # Pillow's own word for data that end early or cannot be decoded
+    SyntaxError,  # and for headers that break their format's rules
+    EOFError,  # a header without the frame that it announces
+    LookupError,  # tables that are shorter than others say, tags that are not there
+    TypeError,  # tags of another type than theirs, None for what is missing
+    AttributeError,  # the same, where the missing is asked for more
+    ValueError,  # numbers out of range; text that is no text (UnicodeDecodeError)
+    ArithmeticError,  # numbers too large for C; rationals over 0; images 0 bytes wide
+    AssertionError,  # what Pillow takes for granted of files
+    RuntimeError,  # decoders that cannot be set up; directories nested without end
+    MemoryError,  # lengths that a file claims and nobody has
+    struct.error,  # records that end early
+    zlib.error,  # compressed text and profiles
+)
+"""All that Pillow's readers raise on bytes that are no image."""
+
+
+class PillowImage(OpenImage):
+    """An image that Pillow decodes as a whole."""
+
+    def __init__(self, name: str, file: OpenFile, limit: int) -> None:
+        self._name = name
+        self._image = image = _opened(name, file)
+        super().__init__(file, image.height, image.width, limit)
+
+    def memory(self) -> int:
+        image, size = self._image, self.file.size
+        with damage_refused(self.file.path):
+            cells, bits = self.width * self.height, self._bits()
+            held = size if self._name == "TIFF" else 0
+            work = 0
+            if self._name == "JPEG" and "progressive" in image.info:
+                work = cells * bits // 4  # the scans, which are collected before there are pixels
+            elif self._name == "TIFF" and image.info.get("compression") != _RAW_TIFF:
+                across, down = self._part()
+                work = max(4, bits // 8) * across * down
+            elif self._name == "BMP" and (
+                image.info["compression"] != _RAW_BMP or self._has_opacity()
+            ):
+                work = 4 * cells
+            taken = held + _KEPT.get(image.mode, _KEPT_OF_OTHERS) * cells + max(work, cells)
+            return max(taken + min(PIECES, 16 * cells), 2 * size if self._name == "PNG" else 0)
+
+    def _decoded(self) -> Strips:
+        name, file, path = self._name, self.file, self.file.path
+        self._check_room()
+        if name == "TIFF":
+            self._check_parts()
+        with damage_refused(path):
+            _opened(name, file).verify()  # checksums and the end of a PNG, which `load` leaves out
+        # libtiff wants all bytes, and where there is no standard error the file may be in its place
+        data = io.BytesIO(file.read_whole()) if name == "TIFF" else file.stream()
+        image = _opened(name, file, data)
+        (codec, _, offset, args), info = image.tile[0], dict(image.info)
+        raw_mode = args if isinstance(args, str) else args[0]
+        if name == "PNG" and image.mode == "P" and image.palette is None:
+            raise MalformedInputError("has no palette", source=path, place="chunk PLTE")
+        with damage_refused(path), _silent_stderr() if name == "TIFF" else nullcontext():
+            if self._has_opacity():
+                from PIL import Image
+
+                pixels = file.read(offset, 4 * image.width * image.height)
+                image = Image.frombytes("RGBA", image.size, pixels, codec, "BGRA", *args[1:])
+            image.load()
+            orientation = image.getexif().get(_EXIF_ORIENTATION, 1)
+        if orientation != 1:
+            warn_of(path, "the EXIF orientation was not applied, as in ROS", "image.orientation")
+        _warn_of_loss(name, image, raw_mode, info, path)
+        width = self.width
+
+        def rows_at(first: int, end: int) -> Picture:  # copied out of Pillow's memory
+            rows = image.crop((0, first, width, end))
+            return _picture_of(rows, name=name, raw_mode=raw_mode, info=info, path=path)
+
+        return strips_at_places((self.height, width), 4 * width, rows_at)
+
+    def _check_room(self) -> None:
+        """Refuse more pixels than so few bytes can hold, or than fit the memory."""
+        path, cells = self.file.path, self.width * self.height
+        with damage_refused(path):
+            across, down = self._part() if self._name == "TIFF" else (0, 0)
+            tile = across * down
+            expanded = -(-max(tile, cells) * self._bits() // 8)
+        needed = self.memory()
+        check_expansion(path, self.file.size, expanded, most=BLANK_EXPANSION, place="image size")
+        what = f"{self.width} x {self.height} cells"
+        claim(path, needed, what=f"{what}, in tiles of {tile}," if tile > cells else what)
+
+    def _check_parts(self) -> None:
+        """Refuse a TIFF that lacks strips or tiles, whose cells decoders leave black."""
+        tags, path = self._image.tag_v2, self.file.path
+        with damage_refused(path):  # tags may be of any type
+            is_tiled = _TILES[0] in tags
+            offsets, sizes = (tags.get(tag, ()) for tag in (_TILES if is_tiled else _STRIPS))
+            across, down = self._part()
+            planes = tags.get(_SAMPLES, 1) if tags.get(_PLANAR) == 2 else 1
+            expected = -(-self.width // across) * -(-self.height // down) * planes
+            rows = expected * down if is_tiled else self.height * planes
+            is_raw = self._image.info.get("compression") == _RAW_TIFF
+            least = -(-across * (self._bits() // planes) // 8) * rows if is_raw else 1
+            end = max(map(sum, zip(offsets, sizes, strict=False)), default=0)
+        if {len(offsets), len(sizes)} != {expected}:
+            rule = f"must list {expected} strips or tiles, as many as cover the picture"
+            got = min(len(offsets), len(sizes))
+            raise MalformedInputError(rule, source=path, place="strips", got=got)
+        if sum(sizes) < least:
+            rule = f"the pixels end early: expected {least} bytes"
+            raise MalformedInputError(rule, source=path, got=sum(sizes))
+        if end > self.file.size:
+            rule = f"the pixels end early: expected a file of {end} bytes"
+            raise MalformedInputError(rule, source=path, got=self.file.size)
+
+    def _part(self) -> tuple[int, int]:
+        tags = self._image.tag_v2
+        if _TILES[0] in tags:
+            return int(tags[_TILE[0]]), int(tags[_TILE[1]])
+        return self.width, min(int(tags.get(_ROWS_PER_STRIP, self.height)), self.height)
+
+    def _bits(self) -> int:
+        if self._name == "TIFF":
+            return max(1, int(sum(self._image.tag_v2.get(_BITS_PER_SAMPLE, (1,)))))
+        raw_mode = self._image.tile[0][3] if self._name == "PNG" else ""
+        return int(_DEPTHS.get(raw_mode, _BITS.get(self._image.mode, _WIDE)))
+
+    def _has_opacity(self) -> bool:
+        """Return whether a BMP has a fourth byte that Pillow drops and ROS reads as opacity."""
+        image = self._image
+        return (self._name == "BMP" and image.tile[0][3][0] == "BGRX"
+                and image.info["compression"] == _RAW_BMP)  # fmt: skip
+
+
+def _opened(name: str, file: OpenFile, data: BinaryIO | None = None) -> Any:
+    """Return Pillow's image of a file, its header read and checked, its pixels not yet decoded."""
+    from PIL import Image, UnidentifiedImageError
+
+    path = file.path
+    if name == "PNG":
+        claim(path, file.size)  # a chunk before the pixels, which is read at once, may be as long
+    with damage_refused(path):
+        try:
+            image = Image.open(data or file.stream(), formats=(name,))
+        except UnidentifiedImageError:
+            raise MalformedInputError(_NOT_AN_IMAGE, source=path) from None
+        frames = getattr(image, "n_frames", 1)
+    check_size(path, image.width, image.height)
+    if frames > 1:
+        raise MalformedInputError("holds more than one picture", source=path)
+    if not image.tile:
+        raise MalformedInputError("holds no pixels", source=path)
+    return image
+
+
+def _warn_of_loss(
+    name: str, image: Any, raw_mode: str, info: Mapping[str, Any], path: Path
+) -> None:
+    if name == "JPEG":
+        text = "JPEG is lossy: greys may have moved across the thresholds"
+        warn_of(path, text, "image.lossy")
+    if name == "PNG" and raw_mode.endswith(";16B") and not raw_mode.startswith("I"):
+        text = "16-bit colour was reduced to 8 bits; ROS 2 reads all 16"
+        warn_of(path, text, "image.depth")
+    if name == "PNG" and image.mode == "RGB" and isinstance(info.get("transparency"), tuple):
+        text = "one colour is transparent; read as ROS 2 does, where only black matches"
+        warn_of(path, text, "image.transparent-colour")
+
+
+def _picture_of(
+    image: Any, *, name: str, raw_mode: str, info: Mapping[str, Any], path: Path
+) -> Picture:
+    """Return the samples of a decoded image, with what a PNG says of them besides."""
+    mode, pixels = image.mode, np.asarray(image)
+    if mode == "1" and name == "BMP":  # Pillow's name for a palette of black and white
+        palette = np.array([[0, 0, 0, 255], [255, 255, 255, 255]], dtype=np.uint8)
+        picture = Picture(name, "palette", pixels.astype(np.uint8), palette=palette)
+    elif mode == "1":
+        picture = Picture(name, "grey", pixels.astype(np.uint8) * np.uint8(255))
+    elif mode == "L":
+        picture = Picture(name, "grey", pixels)
+    elif mode.startswith("I;16") or raw_mode == "I;16B":  # of older Pillow "I"
+        picture = Picture(name, "grey", pixels.astype(np.uint16), maxval=65535)
+    elif mode == "P":
+        picture = Picture(name, "palette", pixels, palette=_palette(image, info))
+    elif mode == "RGB":
+        picture = Picture(name, "rgb", pixels)
+    elif mode == "LA" or raw_mode.startswith("LA"):  # of 16 bits in older Pillow "RGBA"
+        picture = Picture(name, "grey", pixels[..., 0], alpha=pixels[..., -1])
+    elif mode == "RGBA":
+        picture = Picture(name, "rgb", pixels[..., :3], alpha=pixels[..., 3])
+    else:
+        raise MalformedInputError("pixels of this kind make no map", source=path, got=mode)
+    return _with_facts_of_png(picture, raw_mode, info) if name == "PNG" else picture
+
+
+def _palette(image: Any, info: Mapping[str, Any]) -> NDArray[np.uint8]:
+    """Return red, green, blue, opacity of all 256 indices; those not defined are black."""
+    colours = np.array(image.getpalette("RGB"), dtype=np.uint8).reshape(-1, 3)
+    table = np.zeros((256, 4), dtype=np.uint8)
+    table[:, 3] = 255
+    table[: len(colours), :3] = colours
+    clear = info.get("transparency")
+    if isinstance(clear, int):  # the one index that is not opaque
+        table[clear, 3] = 0
+    elif isinstance(clear, bytes):
+        opacities = np.frombuffer(clear, dtype=np.uint8)[:256]
+        table[: len(opacities), 3] = opacities
+    return table
+
+
+def _with_facts_of_png(picture: Picture, raw_mode: str, info: Mapping[str, Any]) -> Picture:
+    """Return a picture with its gamma and profile, and the opacity of a transparent colour."""
+    # texts are there by names that the file chooses
+    said = [(key, value) for key, value in info.items() if not isinstance(value, str)]
+    display = [f"a gamma of {value:g}" if key == "gamma" else "a colour profile"
+               for key, value in said if key in ("gamma", "icc_profile")]  # fmt: skip
+    picture = replace(picture, display=tuple(display))
+    key = info.get("transparency")
+    if picture.palette is not None or picture.alpha is not None or not isinstance(key, int | tuple):
+        return picture
+    if picture.colour == "rgb":
+        # The ROS 2 readers compare an 8-bit key with 16-bit samples: only black ever matches.
+        transparent = np.all(picture.samples == 0, axis=2) & (key == (0, 0, 0))
+    elif raw_mode == "1":  # of which newer Pillow makes 0 or 255
+        transparent = picture.samples == (255 if key else 0)
+    else:
+        transparent = picture.samples == key * (255 // ((1 << _DEPTHS.get(raw_mode, 8)) - 1))
+    full = np.array(picture.maxval, dtype=picture.samples.dtype)
+    alpha = np.where(transparent, np.zeros_like(full), full)
+    return replace(picture, alpha=alpha, alpha_from="key")
+
+
+def one_at_a_time() -> AbstractContextManager[Any]:
+    return _LOCK
+
+
+@contextmanager
+def damage_refused(path: Path) -> Iterator[None]:
+    """Turn whatever damage leads Pillow's readers to into one clear error."""
+    # Around calls of Pillow, and what it says of a file: in other code the same exceptions are
+    # bugs.
+    import logging
+
+    from PIL import Image, UnidentifiedImageError
+
+    # Pillow warns of odd tags and logs what it cannot decode; neither decides anything here.
+    log = logging.getLogger("PIL")
+    if not log.handlers:
+        log.addHandler(logging.NullHandler())
+    try:
+        with one_at_a_time(), warnings.catch_warnings():
+            # by module: warnings of other threads must pass
+            warnings.filterwarnings("ignore", module=r"PIL\.")
+            limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # ours is checked before
+            try:
+                yield
+            finally:
+                Image.MAX_IMAGE_PIXELS = limit
+    except (*_DAMAGE, Image.DecompressionBombError) as error:  # if others set the limit meanwhile
+        if isinstance(error, OSError) and error.errno is not None:
+            rule = f"cannot be read: {error.strerror}"
+            raise FileAccessError(rule, source=path) from None
+        told = str(error) or type(error).__name__
+        if isinstance(error, UnidentifiedImageError):  # it names an address in memory
+            told = "a part of it is not an image"
+        raise MalformedInputError(f"the image is damaged: {told}", source=path) from None
+
+
+@contextmanager
+def _silent_stderr() -> Iterator[None]:
+    """Keep libtiff from writing to the terminal by itself."""
+    with one_at_a_time():
+        try:
+            saved = os.dup(2)
+        except OSError:  # there is none: whoever called has closed it
+            saved = None
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        try:
+            os.dup2(nowhere, 2)
+            yield
+        finally:
+            if saved is not None:
+                os.dup2(saved, 2)
+                os.close(saved)
+            else:
+                os.close(2)
+            if nowhere != 2:
+                os.close(nowhere)
+
+
+def _format(name: str, suffixes: tuple[str, ...], *signatures: bytes) -> ImageFormat:
+    return ImageFormat(
+        name=name, suffixes=suffixes, recognises=lambda head: head.startswith(signatures),
+        open=partial(PillowImage, name),
+    )  # fmt: skip
+
+
+_FORMATS = (
+    PNM,
+    _format("PNG", (".png",), b"\x89PNG\r\n\x1a\n"),
+    _format("BMP", (".bmp",), b"BM"),
+    # Either byte order, the mark of either in the wrong one, and BigTIFF: what Pillow opens.
+    _format("TIFF", (".tif", ".tiff"), b"MM\0*", b"II*\0", b"MM*\0", b"II\0*", b"MM\0+", b"II+\0"),
+    _format("JPEG", (".jpg", ".jpeg"), b"\xff\xd8\xff"),
+)  # fmt: skip
+IMAGE_FORMATS = {entry.name: entry for entry in _FORMATS}  # the formats that maps may have, by name
+IMAGE_SUFFIXES = tuple(suffix for entry in _FORMATS for suffix in entry.suffixes)
 """The endings of their file names."""
-
-
-@contextmanager
-def open_strips(path: Path, *, max_cells: int | None = None) -> Iterator[Strips]:
-    """Open an image file to go through its picture some rows at a time."""
-    with opened(path) as file:
-        image_format, _ = _format_of(file)
-        with _strips_in(file, image_format, max_cells) as strips:
-            yield strips
-
-
-@contextmanager
-def open_passing(
-    path: Path, *, max_cells: int | None = None
-) -> Iterator[tuple[Strips, bytes]]:  # fmt: skip
-    """Open an image file to go through its picture once, without keeping any cells."""
-    # Takes and raises what `open_strips` does.
-    with opened(path) as file:
-        image_format, head = _format_of(file)
-        height, width = image_format.size(head, path, _limit(image_format, max_cells))
-        with (
-            holding(-height * width),
-            _strips_in(file, image_format, max_cells) as strips,
-        ):  # fmt: skip
-            yield strips, head
-
-
-@contextmanager
-def _strips_in(
-    file: OpenFile, image_format: ImageFormat, max_cells: int | None
-) -> Iterator[Strips]:  # fmt: skip
-    file.check_length()  # its checksum is of all of it
-    yield image_format.read(file, _limit(image_format, max_cells))
-    note_sum(file.path, file.sha256)
-
-
-def read_image(path: Path, *, max_cells: int | None = None) -> Picture:
-    """Return the decoded picture of an image file; takes and raises what `open_strips` does."""
-    with open_strips(path, max_cells=max_cells) as strips:
-        return strips.whole()
-
-
-@contextmanager
-def open_pixel_rows(path: Path) -> Iterator[BinaryRows | None]:
-    """Open an image file whose rows can be read in any order; return None for every other."""
-    with opened(path) as file:
-        head = file.read(0, HEAD)
-        yield binary_rows(file, head) if PNM.recognises(head) else None
-
-
-def memory_to_read(path: Path) -> int:
-    """Return the bytes that reading an image and making cells of it takes, from its header."""
-    with opened(path) as file:
-        image_format, head = _format_of(file)
-        return image_format.memory(file, head)
-
-
-def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, int]:
-    """Return height and width of the picture in an image file, of which the header is read."""
-    head = head_of(path, HEAD)
-    image_format = _recognised(head, path)
-    return image_format.size(head, path, _limit(image_format, max_cells))
 
 
 def recognised_format(head: bytes) -> ImageFormat | None:
@@ -91,26 +741,48 @@ def recognised_format(head: bytes) -> ImageFormat | None:
     return next((entry for entry in IMAGE_FORMATS.values() if entry.recognises(head)), None)
 
 
-def _format_of(file: OpenFile) -> tuple[ImageFormat, bytes]:
-    head = file.read(0, HEAD)
-    return _recognised(head, file.path), head
-
-
-def _recognised(head: bytes, path: Path) -> ImageFormat:
-    image_format = recognised_format(head)
-    if image_format is None:
-        _refuse_other_contents(head, path)
-        raise MalformedInputError(NOT_AN_IMAGE, source=path)
-    return image_format
-
-
-def _limit(image_format: ImageFormat, max_cells: int | None) -> int:
-    return image_format.max_cells if max_cells is None else max_cells
-
-
-def _refuse_other_contents(head: bytes, path: Path) -> None:
+@contextmanager
+def open_image(path: Path, *, max_cells: int | None = None) -> Iterator[OpenImage]:
+    """Open an image file, whose contents decide the format; its pixels are read when asked for."""
+    with opened(path) as file:
+        head = file.read(0, HEAD)
+        image_format = recognised_format(head)
+        if image_format is not None:
+            limit = image_format.max_cells if max_cells is None else max_cells
+            yield image_format.open(file, limit)
+            return
     if not head:
         raise MalformedInputError("the image file is empty", source=path)
     if head.startswith(LFS_POINTER):
         hint = "fetch it with: git lfs pull"
         raise MalformedInputError("is a Git LFS pointer, not the image", source=path, hint=hint)
+    raise MalformedInputError(_NOT_AN_IMAGE, source=path)
+
+
+@contextmanager
+def open_strips(path: Path, *, max_cells: int | None = None) -> Iterator[Strips]:
+    """Open an image file to go through its picture some rows at a time."""
+    with open_image(path, max_cells=max_cells) as image, image.strips() as strips:
+        yield strips
+
+
+@contextmanager
+def open_passing(
+    path: Path, *, max_cells: int | None = None
+) -> Iterator[tuple[Strips, bytes]]:  # fmt: skip
+    """Open an image file to go through its picture once, without keeping any cells."""
+    with open_image(path, max_cells=max_cells) as image:
+        height, width = image.shape
+        with holding(-height * width), image.strips() as strips:
+            yield strips, image.file.read(0, HEAD)
+
+
+def read_image(path: Path, *, max_cells: int | None = None) -> Picture:
+    with open_strips(path, max_cells=max_cells) as strips:
+        return strips.whole()
+
+
+def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, int]:
+    """Return height and width of the picture in an image file, of which the header is read."""
+    with open_image(path, max_cells=max_cells) as image:
+        return image.shape

@@ -1,9 +1,14 @@
-"""A map_server pair, yaml and image: the place where rows are flipped."""
+"""A map_server pair, yaml and image: the place where rows are flipped.
+
+Reading comes first, with remarks on pixels that are not read as they were meant; then writing, and
+bit maps, which are pairs of a ``.pbm`` that stay packed.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path, PureWindowsPath
 from typing import Any, Literal
 
@@ -13,69 +18,245 @@ from numpy.typing import NDArray
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
-    MapdealWarning,
     ParameterError,
     emit_warning,
 )
-from mapdeal.files.budget import use_memory
 from mapdeal.files.source import (
     BIT_MAP,
     YAML,
     contents_of,
     exists,
     is_same_file,
-    read_file,
     status_of,
+    use_memory,
     yaml_at,
 )
 from mapdeal.files.transaction import RowsWriter, Transaction, Writer
 from mapdeal.grid.bit_map import BitMap
-from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.costmap import UNIFORM_SHARE, Costmap
 from mapdeal.grid.field import FieldView
-from mapdeal.grid.framed import Framed
+from mapdeal.grid.frame import Figures, Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale, occupancy_from_cost
-from mapdeal.kernels.blocks import (
-    CacheBudget,
-    Layer,
-    counts_of,
-    is_lazy,
-    lazy_layer,
-    looked_up,
-    mapped,
-)
+from mapdeal.kernels import blocks
 from mapdeal.kernels.lookup import look_up
-from mapdeal.maps.dialects import cells_of
-from mapdeal.maps.images import open_strips
-from mapdeal.maps.map_yaml import Dialect, MapMetadata, Mode, read_metadata, yaml_of
-from mapdeal.maps.picture import LARGEST_CELLS, Picture
+from mapdeal.maps.dialects import Dialect, MapMetadata, Mode, cells_of, read_metadata, yaml_of
+from mapdeal.maps.images import BinaryRows, PnmImage, begin_pgm, write_pbm
+from mapdeal.maps.picture import LARGEST_CELLS, OpenImage, Picture, by_sample, opened, warn_of
 from mapdeal.maps.png import write_grey_png, write_rgba_png
-from mapdeal.maps.pnm import BinaryRows, begin_pgm, decode_pbm, write_pbm
-from mapdeal.maps.remarks import PixelRemarks
+
+MAP_SAVER_UNKNOWN = 205  # the grey that map_saver writes for unknown cells
+USUAL_FREE_THRESH = 0.196  # default of free_thresh in ROS: just below the shade of that grey
+FREED_SHARE = 0.001
+"""Share of the cells from which on this grey is map_saver's, and not that of blurred edges.
+
+Anti-aliasing spreads a few percent of the cells over all greys.
+"""
+
+_HALF_WAY = 50  # A cost that is low on either scale
+NOTHING_KNOWN = "every cell is unknown; are the thresholds, mode and negate right?"
+
+
+class FreedCells:
+    """Counts the cells of map_saver's grey for unknown that a reader takes for free."""
+
+    def __init__(self, metadata: MapMetadata, dialect: Dialect) -> None:
+        self.count = 0
+        self.stay_free = False
+        """Whether some are free with the usual free_thresh, too."""
+        self._metadata = metadata
+        usual = min(USUAL_FREE_THRESH, metadata.free_thresh)
+        self._usual = replace(metadata, free_thresh=usual)
+        self._dialect: Dialect = dialect
+        self._byte_is_free: bool | None = None
+
+    def add(
+        self, picture: Picture, occupancy: NDArray[np.int8], times: NDArray[np.int64] | None = None
+    ) -> None:
+        if not self.are_possible(picture):
+            return
+        mask = of_map_saver_unknown(picture) & (occupancy[::-1] == FREE)
+        count = _count(mask, times)
+        if count and not self.stay_free:
+            cells = cells_of(picture.only(mask), self._usual, self._dialect)
+            self.stay_free = bool((cells == FREE).any())
+        self.count += count
+
+    def are_possible(self, picture: Picture) -> bool:
+        """Return whether there can be any; of opaque bytes, one pixel stands for all."""
+        if picture.maxval != 255 or picture.alpha is not None or picture.palette is not None:
+            return True
+        if self._byte_is_free is None:
+            grey = np.full((1, 1, *picture.samples.shape[2:]), MAP_SAVER_UNKNOWN, dtype=np.uint8)
+            cells = cells_of(replace(picture, samples=grey), self._metadata, self._dialect)
+            self._byte_is_free = bool(cells[0, 0] == FREE)
+        return self._byte_is_free
+
+
+def of_map_saver_unknown(picture: Picture) -> NDArray[np.bool_]:
+    """Return which pixels have the grey that map_saver writes for unknown, shape (H, W)."""
+    # They have its very brightness, 205 / 255, whatever their maxval: greys beside it may be free
+    # with the usual thresholds, which is nobody's mistake.
+    if picture.palette is not None:
+        of_index = (picture.palette[:, :3] == MAP_SAVER_UNKNOWN).all(axis=1)
+        mask: NDArray[np.bool_] = by_sample(of_index, picture.samples)
+        return mask
+    if picture.maxval == 255:
+        mask = picture.samples == MAP_SAVER_UNKNOWN
+    else:
+        of_sample = np.arange(picture.maxval + 1) * 255 == MAP_SAVER_UNKNOWN * picture.maxval
+        mask = by_sample(of_sample, picture.samples)
+    if picture.colour == "rgb":
+        mask = mask[..., 0] & mask[..., 1] & mask[..., 2]
+    return mask
+
+
+def remark_on_freed(
+    freed: Mapping[Dialect, FreedCells], cells: int, metadata: MapMetadata
+) -> str | None:
+    """Return what to say of map_saver's unknown cells that are read as free, None if few are."""
+    counts = {dialect: one.count for dialect, one in freed.items() if one.count}
+    most = max(counts.values(), default=0)
+    if most == 0 or most < FREED_SHARE * cells:
+        return None
+    told = f"{most} cells ({percent(most, cells)}) of grey {MAP_SAVER_UNKNOWN}"
+    text = f"{told}, which map_saver writes for unknown, are read as free"
+    if len(freed) > 1:
+        text += f" by {_listed([name for name, count in counts.items() if count == most])}"
+    for other in sorted(set(counts.values()) - {most}, reverse=True):
+        names = _listed([name for name, count in counts.items() if count == other])
+        text += f", {other} ({percent(other, cells)}) by {names}"
+    return f"{text}; {_advice(freed, metadata)}"
+
+
+def _advice(freed: Mapping[Dialect, FreedCells], metadata: MapMetadata) -> str:
+    """Return how such cells become unknown again."""
+    # To readers that average the opacity into the grey it is lighter, and free with the usual
+    # free_thresh, too. Digits are not rounded: 0.1960785 must not look like 0.196.
+    by_opacity = [dialect for dialect, one in freed.items() if one.stay_free]
+    parts = []
+    if metadata.free_thresh > USUAL_FREE_THRESH:
+        parts.append(f"lower free_thresh from {metadata.free_thresh!r} to {USUAL_FREE_THRESH}")
+    if by_opacity:
+        verb = "averages" if len(by_opacity) == 1 else "average"
+        who = f"{_listed(by_opacity)} {verb} the opacity into the grey"
+        parts.append(f"save the image as a PGM, since {who}")
+    return ", and ".join(parts)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+def percent(count: int, whole: int) -> str:
+    """Return a share for messages, which is neither none nor all unless it is exactly that."""
+    share = 100 * count / whole
+    if 0 < share < 0.001:
+        return "below 0.001 %"
+    if 99.9 < share < 100:
+        return "above 99.9 %"
+    return f"{share:.3g} %"
+
+
+class PixelRemarks:
+    """Warnings about the pixels of a map, found strip by strip."""
+
+    def __init__(self, metadata: MapMetadata, dialect: Dialect) -> None:
+        self._metadata = metadata
+        self._dialect: Dialect = dialect
+        self._freed = FreedCells(metadata, dialect)
+        self._cells = self._lost = 0
+        self._reads_indices = False
+
+    def are_possible(self, picture: Picture) -> bool:
+        return self._metadata.mode == "raw" or self._freed.are_possible(picture)
+
+    def add(self, picture: Picture, occupancy: NDArray[np.int8]) -> None:
+        self._cells += occupancy.size
+        self._reads_indices = self._dialect == "ros1" and picture.colour == "palette"
+        if self._metadata.mode == "raw":
+            self._lost += count_of_lost(picture)
+        else:
+            self._freed.add(picture, occupancy)
+
+    def warn(self, yaml_path: Path, image: Path) -> None:
+        if self._reads_indices:
+            text = "ROS 1 reads indices of the palette, not colours"
+            warn_of(image, text, "image.palette")
+        if self._lost:
+            warn_of(image, remark_on_lost(self._lost), "image.raw-values")
+        remark = remark_on_freed({self._dialect: self._freed}, self._cells, self._metadata)
+        if remark is not None:
+            warn_of(yaml_path, remark, "thresholds.unknown-becomes-free")
+
+
+def count_of_lost(picture: Picture, times: NDArray[np.int64] | None = None) -> int:
+    """Return how many pixels of mode raw hold no value of a map; of 8-bit grey alone."""
+    # `times` says how often each of them occurs, see `FreedCells.add`.
+    if picture.colour != "grey" or picture.maxval != 255:
+        return 0
+    return _count((picture.samples > OCCUPIED) & (picture.samples < 255), times)
+
+
+def _count(mask: NDArray[np.bool_], times: NDArray[np.int64] | None) -> int:
+    return int(np.count_nonzero(mask) if times is None else times[mask].sum())
+
+
+def remark_on_lost(count: int) -> str:
+    return f"{count} pixels of mode raw hold 101..254, read as unknown"
+
+
+def warn_of_nothing_known(path: Path, occupancy: blocks.Layer, *, has_pixels: bool = True) -> None:
+    """Warn of a map without any known cell; of a lazy one, rows are looked at up to the first."""
+    if blocks.holds_everywhere(occupancy, lambda values: values < 0):
+        warn_of(path, NOTHING_KNOWN if has_pixels else "every cell is unknown", "map.all-unknown")
+
+
+def warn_of_one_cost(path: Path, costmap: Costmap) -> None:
+    warn_of_cost_figures(path, costmap.figures())
+
+
+def warn_of_cost_figures(path: Path, figures: Figures) -> None:
+    """Warn of costs that say nothing: one for nearly all cells that are open, or none open."""
+    common = figures["most_common"]
+    if common is None:
+        is_blocked = figures["lethal"] + figures.get("inscribed", 0) > 0
+        told = "known cell is lethal or inscribed" if is_blocked else "cell is unknown"
+        warn_of(path, f"every {told}", "run.uniform-cost")
+    elif common["share"] > UNIFORM_SHARE:
+        told = f"{100 * common['share']:.4g} % of the open cells cost {common['cost']}"
+        warn_of(path, f"{told}: {_advice_on_costs(figures)}", "run.uniform-cost")
+
+
+def _advice_on_costs(figures: Figures) -> str:
+    if not figures["lethal"]:
+        return "there is no obstacle"
+    if figures["most_common"]["cost"] < _HALF_WAY:
+        return "a larger inflation_radius, or lower up and down, grade more of them"
+    return "a higher cost_scaling_factor, or the metric view, grades more of them"
 
 
 def read_cells(
-    yaml_path: Path, metadata: MapMetadata, image_path: Path, *, dialect: Dialect = "nav2",
-    max_cells: int | None = None,
+    yaml_path: Path, metadata: MapMetadata, image: OpenImage, dialect: Dialect
 ) -> OccupancyGrid | Costmap:  # fmt: skip
-    with open_strips(image_path, max_cells=max_cells) as strips:
+    with image.strips() as strips:
         if metadata.cost_scale is not None:
             cost = np.empty(strips.shape, dtype=np.uint8)
             for rows, picture in strips.placed():
-                cost[rows] = costs_of(picture, image_path)[::-1]
+                cost[rows] = costs_of(picture, image.file.path)[::-1]
             return Costmap(cost, metadata.resolution, metadata.origin)
         occupancy = np.empty(strips.shape, dtype=np.int8)
         remarks = PixelRemarks(metadata, dialect)
         for rows, picture in strips.placed():
             cells_of(picture, metadata, dialect, out=occupancy[rows])
             remarks.add(picture, occupancy[rows])
-    remarks.warn(yaml_path, image_path)
+    remarks.warn(yaml_path, image.file.path)
     return _grid_of(occupancy, metadata)
 
 
 def lazy_cells(
     metadata: MapMetadata, pixels: BinaryRows, *, block_height: int,
-    budget: CacheBudget | None = None, dialect: Dialect = "nav2",
+    budget: blocks.CacheBudget | None = None, dialect: Dialect = "nav2",
 ) -> OccupancyGrid:  # fmt: skip
     """Return the map in an image whose rows are read when they are asked for."""
     # It gives, cell by cell, what `read_cells` gives.
@@ -87,14 +268,14 @@ def lazy_cells(
             cells_of(picture, metadata, dialect, out=cells[where])
         return cells
 
-    layer = lazy_layer(
+    layer = blocks.lazy_layer(
         pixels.shape, np.int8, occupancy, block_height=block_height, budget=budget
-    )  # fmt: skip
+    )
     return _grid_of(layer, metadata)
 
 
 def check_rows(
-    yaml_path: Path, metadata: MapMetadata, pixels: BinaryRows, dialect: Dialect = "nav2"
+    yaml_path: Path, metadata: MapMetadata, pixels: BinaryRows, dialect: Dialect
 ) -> None:
     """Go through an image that is read by rows for pixels that `read_cells` warns of."""
     remarks = PixelRemarks(metadata, dialect)
@@ -102,45 +283,41 @@ def check_rows(
         if not remarks.are_possible(picture):
             break
         remarks.add(picture, cells_of(picture, metadata, dialect))
-    remarks.warn(yaml_path, pixels.image)
+    remarks.warn(yaml_path, pixels.file.path)
 
 
-def _grid_of(occupancy: Layer, metadata: MapMetadata) -> OccupancyGrid:
-    """Return the map of some values, or the view of a field if the YAML file calls them one."""
+def _grid_of(occupancy: blocks.Layer, metadata: MapMetadata) -> OccupancyGrid:
     if metadata.view is not None:
         return FieldView(occupancy, metadata.resolution, metadata.origin, metadata.view)
     return OccupancyGrid(occupancy, metadata.resolution, metadata.origin)
 
 
 def find_image(yaml_path: Path, image: str) -> Path:
-    """Return the image file that a map's YAML names."""
     # Relative names are relative to the YAML file. A name that only makes sense elsewhere, an
     # absolute path of another machine or one with backslashes, falls back to what it must mean
     # here, with a warning.
     if _expanded(image) != image:
-        _warn_path(yaml_path, f"{image} was expanded; map_server does not")
+        text = f"image: {image} was expanded; map_server does not"
+        warn_of(yaml_path, text, "image.foreign-path")
     path, *others = image_places(yaml_path.parent, image)
     if exists(path):
         return path
     for other in others:
         if exists(other):
-            _warn_path(yaml_path, f"{image} does not exist here; using {other}")
+            text = f"image: {image} does not exist here; using {other}"
+            warn_of(yaml_path, text, "image.foreign-path")
             return other
-    hint = _nearest_name(path)
-    raise FileAccessError(
-        "the image does not exist", source=yaml_path, place="image", got=image, hint=hint
-    )
+    rule, hint = "the image does not exist", _nearest_name(path)
+    raise FileAccessError(rule, source=yaml_path, place="image", got=image, hint=hint)
 
 
 def yaml_beside(path: Path) -> Path:
-    """Return the YAML file beside a ``.pbm``."""
-    found = yaml_at(path)
-    if found is None:
-        status_of(path)
-        rule = f"has no {path.with_suffix('.yaml').name} beside it, which gives its place"
-        hint = "a bit map is two files, as mapdeal pack writes them"
-        raise FileAccessError(rule, source=path, hint=hint)
-    return found
+    if found := yaml_at(path):
+        return found
+    status_of(path)
+    rule = f"has no {path.with_suffix('.yaml').name} beside it, which gives its place"
+    hint = "a bit map is two files, as mapdeal pack writes them"
+    raise FileAccessError(rule, source=path, hint=hint)
 
 
 def find_bits(path: Path, yaml_path: Path, metadata: MapMetadata) -> Path:
@@ -176,11 +353,6 @@ def _expanded(image: str) -> str:
         return image
 
 
-def _warn_path(yaml_path: Path, text: str) -> None:
-    warning = MapdealWarning(f"{yaml_path}: image: {text}", "image.foreign-path")
-    emit_warning(warning, stacklevel=3)
-
-
 def _nearest_name(path: Path) -> str | None:
     """Return a hint that names the files most like `path`, other case or ending included."""
     try:
@@ -192,15 +364,12 @@ def _nearest_name(path: Path) -> str | None:
     images = [n for n in names if n != path.name and not n.endswith(YAML)]
     lower = {n.lower(): n for n in images}
     near = [n for n in images if Path(n).stem.lower() == path.stem.lower()]
-    near += [
-        lower[n] for n in difflib.get_close_matches(path.name.lower(), lower, n=3, cutoff=0.75)
-    ]
-    unique = list(dict.fromkeys(near))
-    return f"the folder has {', '.join(unique)}" if unique else None
+    alike = difflib.get_close_matches(path.name.lower(), lower, n=3, cutoff=0.75)
+    near += [lower[n] for n in alike]
+    return f"the folder has {', '.join(dict.fromkeys(near))}" if near else None
 
 
 def costs_of(picture: Picture, path: Path) -> NDArray[np.uint8]:
-    """Return the costs in a picture, row 0 in the north."""
     if picture.colour != "grey" or picture.maxval != 255 or picture.alpha is not None:
         rule = "an image of costs must have one 8-bit grey channel"
         raise MalformedInputError(rule, source=path, got=picture.colour)
@@ -241,9 +410,12 @@ def write_pair(
             cost_scale = "costmap2d"
             text = f"{yaml_path}: holds costmap_2d's bytes, which map_server would misread"
             emit_warning(text, stacklevel=2)
-            write_image = _pixel_writer(image, grid.cost, grid)
+            pixels = grid.cost
+        elif grid.scale == "occupancy":  # the values that ROS would publish, as mode raw has them
+            pixels = _raw_pixels(grid.cost)
         else:
-            write_image = _pixel_writer(image, _published_pixels(grid), grid)
+            pixels = _pixels_of(grid.cost, occupancy_from_cost().view(np.uint8))
+        write_image = _pixel_writer(image, pixels, grid)
     else:
         is_raw = isinstance(grid, FieldView) or _has_between(grid.occupancy)
         mode = mode or ("raw" if is_raw else "trinary")
@@ -271,7 +443,7 @@ def write_map_image(transaction: Transaction, image: Path, grid: OccupancyGrid) 
 def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
     """Return the map that is left of `grid` in mode trinary, with a warning if that is less."""
     # As map_saver does by default: 0..25 free, 65..100 occupied, all else unknown.
-    lost = int(counts_of(grid.occupancy)[FREE + 1 : OCCUPIED].sum())
+    lost = int(blocks.counts_of(grid.occupancy)[FREE + 1 : OCCUPIED].sum())
     if not lost:
         return grid
     text = f"{lost} values between 1 and 99 are lost in mode trinary"
@@ -279,11 +451,11 @@ def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
     table = np.full(256, UNKNOWN, dtype=np.int8)
     table[FREE : _TRINARY_FREE + 1] = FREE
     table[_TRINARY_OCCUPIED : OCCUPIED + 1] = OCCUPIED
-    return grid.with_values(looked_up(grid.occupancy, table))
+    return grid.with_values(blocks.looked_up(grid.occupancy, table))
 
 
-def _has_between(values: Layer) -> bool:
-    return bool(counts_of(values)[FREE + 1 : OCCUPIED].any())
+def _has_between(values: blocks.Layer) -> bool:
+    return bool(blocks.counts_of(values)[FREE + 1 : OCCUPIED].any())
 
 
 def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
@@ -291,9 +463,14 @@ def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
     if mode == "raw":
         return _pixel_writer(image, _raw_pixels(values), grid)
     if mode == "trinary":
-        return _pixel_writer(image, _pixels_of(values, _trinary_table()), grid)
+        table = np.full(256, _UNKNOWN_PIXEL, dtype=np.uint8)
+        table[FREE] = _FREE_PIXEL
+        table[OCCUPIED] = _OCCUPIED_PIXEL
+        return _pixel_writer(image, _pixels_of(values, table), grid)
     values = np.asarray(values)  # the opacity of unknown cells is a second layer
-    scaled = look_up(values, _scale_table())
+    shades = (100 - np.clip(np.arange(256), 0, 100)) / 100 * 255
+    shades[255] = 128  # unknown, -1
+    scaled = look_up(values, np.rint(shades).astype(np.uint8))
     unknown = values == UNKNOWN
     if not unknown.any():
         return _pixel_writer(image, scaled, grid)
@@ -305,7 +482,7 @@ def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
     return lambda file: write_rgba_png(file, np.ascontiguousarray(rgba[::-1]))
 
 
-def _pixel_writer(image: Path, pixels: Layer, grid: Framed) -> Writer:
+def _pixel_writer(image: Path, pixels: blocks.Layer, grid: Framed) -> Writer:
     """Return what writes grey pixels given south first, as cells are."""
     comment = f"CREATOR: mapdeal {grid.resolution!r} m/pix"
     if image.suffix == ".png":
@@ -314,42 +491,18 @@ def _pixel_writer(image: Path, pixels: Layer, grid: Framed) -> Writer:
     return RowsWriter(pixels, lambda file: (begin_pgm(file, pixels, comment=comment), lambda: None))
 
 
-def _published_pixels(costmap: Costmap) -> Layer:
-    """Return the values that ROS would publish, as mode raw has them."""
-    if costmap.scale == "occupancy":
-        return _raw_pixels(costmap.cost)
-    return _pixels_of(costmap.cost, occupancy_from_cost().view(np.uint8))
-
-
-def _pixels_of(values: Layer, table: NDArray[np.uint8]) -> Layer:
-    """Return the pixels of values, which are made band by band when they are written."""
-    # An array of them would take its memory until its turn has come.
-    if is_lazy(values):
-        return looked_up(values, table)
+def _pixels_of(values: blocks.Layer, table: NDArray[np.uint8]) -> blocks.Layer:
+    # Made band by band when they are written: an array of them would take its memory until then.
+    if blocks.is_lazy(values):
+        return blocks.looked_up(values, table)
     height = max(1, _MADE_TOGETHER // values.shape[1])
-    return lazy_layer(
+    return blocks.lazy_layer(
         values.shape, np.uint8, lambda rows: look_up(values[rows], table), block_height=height
     )
 
 
-def _raw_pixels(values: Layer) -> Layer:
-    return mapped(values, np.uint8, lambda part: part.view(np.uint8))  # -1 is 255 already
-
-
-def _trinary_table() -> NDArray[np.uint8]:
-    """Return the pixel of each value, indexed by its byte (-1 is the last)."""
-    table = np.full(256, _UNKNOWN_PIXEL, dtype=np.uint8)
-    table[FREE] = _FREE_PIXEL
-    table[OCCUPIED] = _OCCUPIED_PIXEL
-    return table
-
-
-def _scale_table() -> NDArray[np.uint8]:
-    """Return the pixel of each value in mode scale, unknown mid grey."""
-    value = np.clip(np.arange(256), 0, 100)
-    table = np.rint((100 - value) / 100 * 255).astype(np.uint8)
-    table[255] = 128
-    return table
+def _raw_pixels(values: blocks.Layer) -> blocks.Layer:
+    return blocks.mapped(values, np.uint8, lambda part: part.view(np.uint8))  # -1 is 255 already
 
 
 def read_bit_map(
@@ -385,7 +538,6 @@ def read_bit_map(
 def read_bit_map_pair(
     path: Path, *, max_cells: int | None = None
 ) -> tuple[BitMap, MapMetadata, tuple[Path, Path]]:
-    """Return a bit map, what its YAML says, and the files it came from, see `read_bit_map`."""
     if path.suffix.lower() != BIT_MAP:
         rule = "a bit map must be a .pbm"
         hint = "pass the .pbm that the YAML names" if path.suffix in YAML else None
@@ -399,16 +551,15 @@ def read_bit_map_pair(
     if metadata.mode == "raw":
         rule = "must be trinary for a bit map"
         raise MalformedInputError(rule, source=yaml_path, place="mode", got=metadata.mode)
-    limit = LARGEST_CELLS if max_cells is None else max_cells
-    packed, width = decode_pbm(read_file(path), path, max_cells=limit)
-    packed = packed[::-1]  # image rows run from the north, grid rows from the south
+    with opened(path) as file:
+        image = PnmImage(file, LARGEST_CELLS if max_cells is None else max_cells)
+        packed = image.bits()[::-1]  # image rows run from the north, grid rows from the south
     packed = ~packed if metadata.negate else packed
-    bits = BitMap(packed, width, metadata.resolution, metadata.origin)
+    bits = BitMap(packed, image.width, metadata.resolution, metadata.origin)
     return bits, metadata, (path, yaml_path)
 
 
 def bit_map_paths(output: Path) -> tuple[Path, Path]:
-    """Return the files that writing a bit map to `output` makes, the picture first."""
     if output.suffix != BIT_MAP:
         raise ParameterError("a bit map must end in .pbm", source=output, got=output.suffix)
     return output, output.with_suffix(".yaml")
@@ -418,7 +569,6 @@ def write_bit_map_pair(
     transaction: Transaction, output: Path, bits: BitMap, *, extra: Mapping[str, Any] | None = None
 ) -> None:
     """Write a bit map as PBM P4 and its YAML, which any map_server reads as a trinary map."""
-    # `extra` are further keys for the YAML.
     picture, yaml_path = bit_map_paths(output)
     metadata = MapMetadata(
         image=picture.name, resolution=bits.resolution, origin=bits.origin, extra=extra or {}

@@ -24,20 +24,18 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
-from mapdeal.files.budget import PIECES, check_expansion, claim
-from mapdeal.files.source import check_readable
+from mapdeal.files.source import PIECES, check_expansion, check_readable, claim
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import ESDF_VIEW, DistanceField, FieldView, View, ViewScale
+from mapdeal.grid.field import ESDF_VIEW, DistanceField, FieldView, PotentialField, View, ViewScale
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame, Origin, check_origin, check_resolution
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, Convention
 from mapdeal.inputs.kinds import MAP, recognised
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
+from mapdeal.maps.images import one_at_a_time
 from mapdeal.maps.picture import LARGEST_CELLS
-from mapdeal.maps.pillow_images import one_at_a_time
 from mapdeal.maps.png import Buffer, deflated, pieces
 
 _LONGEST_HEADER = 1 << 16
@@ -50,8 +48,6 @@ _READERS = {
 
 
 class NpyHeader(NamedTuple):
-    """What an array is, and where in its file the values begin."""
-
     shape: tuple[int, ...]
     is_fortran: bool
     dtype: np.dtype[Any]
@@ -92,7 +88,6 @@ def write_npy(file: BinaryIO, array: Layer) -> None:
 
 
 def npy_header(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bytes:
-    """Return the bytes before the values of an array."""
     header = io.BytesIO()
     facts = {"descr": npy_format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
     npy_format.write_array_header_1_0(header, facts)
@@ -115,9 +110,11 @@ class NpzReader:
     # column. Rows before those that were read last are read from the start again. Memory is taken
     # for the rows that are asked for, so data that expand a thousand times do no harm. What is
     # damaged is found when its rows are read, a wrong checksum with the last row.
-    def __init__(self, path: Path, max_cells: int, block_height: int | None = None) -> None:
+    def __init__(
+        self, path: Path, max_cells: int | None = None, block_height: int | None = None
+    ) -> None:
         self.path = path
-        self._max_cells = max_cells
+        self._max_cells = LARGEST_CELLS if max_cells is None else max_cells
         self._block_height = block_height
         self._taken = 0
         self._files = ExitStack()
@@ -163,16 +160,19 @@ class NpzReader:
             with lock, self._damage_told(name):
                 file.seek(header.start + rows.start * row_size)
                 _fill(values, file)
-            self._check_values(name, values)
+            if dtype is np.int8 and values.size:  # as a map or costs in memory would refuse them
+                lowest, highest = int(values.min()), int(values.max())
+                if lowest < UNKNOWN or highest > OCCUPIED:
+                    rule = f"{name} must lie in -1..100"
+                    raise ParameterError(rule, got=(lowest, highest)).in_file(self.path)
             return values
 
         layer = LazyLayer((height, width), dtype, read, block_height=self._block_height)
         return cast("Layer", layer)
 
     def small(self, name: str, dtype: type[np.generic], shape: tuple[int, ...]) -> NDArray[Any]:
-        return self._values(
-            name, self._checked(name, _LARGEST_SMALL_ARRAY, np.dtype(dtype), shape).nbytes
-        )
+        header = self._checked(name, _LARGEST_SMALL_ARRAY, np.dtype(dtype), shape)
+        return self._values(name, header.nbytes)
 
     def number(self, name: str) -> float:
         return float(self._single(name, "iuf", "a number"))
@@ -222,14 +222,11 @@ class NpzReader:
             together = max(1, _CHUNK // (max(1, width) * max(8, header.dtype.itemsize)))
             table = self._values(name, header.nbytes) if header.is_fortran else None
             for first in range(0, height, together):
-                count = min(together, height - first)
-                part = (
-                    np.empty((count, width), header.dtype)
-                    if table is None
-                    else table[first:][:count]
-                )
                 if table is None:
+                    part = np.empty((min(together, height - first), width), header.dtype)
                     _fill(part, file)
+                else:
+                    part = table[first : first + together]
                 yield part[:, :columns].astype(np.float64)
 
     def _single(self, name: str, kinds: str, what: str) -> NDArray[Any]:
@@ -250,19 +247,10 @@ class NpzReader:
             raise self._error(name, f"{header.elements} elements, above the limit of {most}")
         return header
 
-    def _check_values(self, name: str, values: NDArray[Any]) -> None:
-        """Refuse rows that a map or costs in memory would be refused for."""
-        if values.dtype == np.int8 and values.size:
-            lowest, highest = int(values.min()), int(values.max())
-            if lowest < UNKNOWN or highest > OCCUPIED:
-                rule = f"{name} must lie in -1..100"
-                raise ParameterError(rule, got=(lowest, highest)).in_file(self.path)
-
     def _error(self, name: str, rule: str) -> MalformedInputError:
         return MalformedInputError(rule, source=self.path, place=name)
 
     def _values(self, name: str, taken: int) -> NDArray[Any]:
-        """Return an array, for which so much memory is taken besides that of those before."""
         with self._opened(name) as (file, header):
             check_expansion(
                 self.path, self._zip.getinfo(f"{name}.npy").compress_size, header.nbytes, place=name
@@ -302,7 +290,7 @@ class NpzReader:
 
 
 def _directory_size(path: Path) -> int:
-    """Return the bytes of the list of a zip file's entries: read, it takes ten times as many."""
+    """Return the bytes of a zip file's list of entries, which takes ten times as many."""
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(size - _END_OF_ZIP, 0))
@@ -354,7 +342,6 @@ def write_npz(
 
 
 def _write_entry(file: BinaryIO, archive: zipfile.ZipFile, name: str, array: Layer) -> None:
-    """Add an array, compressed in threads."""
     # zipfile would compress in one. So it stores what is compressed already, and the entry's header
     # is then corrected to say so. Layers of float64 are left as they are: their last digits are
     # noise, and a tenth less to store costs ten times the time.
@@ -382,12 +369,11 @@ def _write_entry(file: BinaryIO, archive: zipfile.ZipFile, name: str, array: Lay
 
 
 def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
-    """Return the grid in an ``.npz`` file that mapdeal wrote."""
     # A file with costs gives a `Costmap`, one with distances a `DistanceField`, one with a
     # repulsive layer a `PotentialField`, else an `OccupancyGrid`: so does what was reached, whose
     # other layers `read_reach` returns.
-    with NpzReader(path, LARGEST_CELLS if max_cells is None else max_cells) as reader:
-        return _grid_in(reader, path)
+    with NpzReader(path, max_cells) as reader:
+        return _grid_in(reader)
 
 
 @contextmanager
@@ -398,29 +384,26 @@ def open_npz(
     # Rows are best requested in their order: those before others are read from the start again. A
     # potential field is read as a whole. The region of a distance field, the box of cells that have
     # a distance, is not known.
-    most = LARGEST_CELLS if max_cells is None else max_cells
-    with NpzReader(path, most, block_height) as reader:
+    with NpzReader(path, max_cells, block_height) as reader:
         if _own_layer(reader.names()) != "repulsive":
-            yield _grid_in(reader, path)
+            yield _grid_in(reader)
             return
     yield read_npz(path, max_cells=max_cells)
 
 
-def _grid_in(reader: NpzReader, path: Path) -> Grid:
-    with _geometry_in(reader, path) as (resolution, origin):
+def _grid_in(reader: NpzReader) -> Grid:
+    with _geometry_in(reader) as (resolution, origin):
         return _NPZ_READERS[_own_layer(reader.names())](reader, resolution, origin)
 
 
 def holds_reach(path: Path) -> bool:
-    """Return whether an ``.npz`` file holds a `Reach`."""
-    with NpzReader(path, LARGEST_CELLS) as reader:
+    with NpzReader(path) as reader:
         return _own_layer(reader.names()) == _OF_REACH
 
 
 def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
     """Return what an ``.npz`` file holds of a `Reach`: all but its goals and passages."""
-    most = LARGEST_CELLS if max_cells is None else max_cells
-    with NpzReader(path, most) as reader, _geometry_in(reader, path) as (resolution, origin):
+    with NpzReader(path, max_cells) as reader, _geometry_in(reader) as (resolution, origin):
         start = reader.small(
             "start", np.float64, (3,) if reader.header("start").shape == (3,) else (2,)
         )
@@ -445,7 +428,7 @@ def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
 
 def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, NDArray[Any]]:
     """Return the layers of an ``.npz`` that say what beams have hit; none if it has none."""
-    with NpzReader(path, LARGEST_CELLS if max_cells is None else max_cells) as reader:
+    with NpzReader(path, max_cells) as reader:
         there = reader.names()
         return {
             name: reader.layer(name, kind) for name, kind in _OF_EVIDENCE.items() if name in there
@@ -454,9 +437,8 @@ def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, NDAr
 
 def npz_frame(path: Path) -> Frame:
     """Return where the grid in an ``.npz`` file lies; of its layers headers are read."""
-    with NpzReader(path, LARGEST_CELLS) as reader, _geometry_in(reader, path) as geometry:
-        own = _own_layer(reader.names())
-        layer = _LAYER_READ.get(own, own)
+    with NpzReader(path) as reader, _geometry_in(reader) as geometry:
+        layer = _layer_read(reader.names())
         shape = reader.header(layer).shape
         if len(shape) != 2:
             rule = f"must have two axes, has {len(shape)}"
@@ -466,18 +448,18 @@ def npz_frame(path: Path) -> Frame:
 
 def npz_memory(path: Path) -> int:
     """Return the bytes that reading an ``.npz`` file takes; of its layers headers are read."""
-    with NpzReader(path, LARGEST_CELLS) as reader:
-        own = _own_layer(reader.names())
-        layers = {_LAYER_READ.get(own, own)}
-        if own in _WITH_OCCUPANCY:
+    with NpzReader(path) as reader:
+        layers = {_layer_read(reader.names())}
+        if layers & {"distance", "repulsive"}:  # fields hold the occupancy that they are of, too
             layers |= {"occupancy"} & reader.names()
         taken = sum(reader.header(layer).nbytes for layer in layers)
     return taken + min(PIECES, taken)
 
 
 @contextmanager
-def _geometry_in(reader: NpzReader, path: Path) -> Iterator[tuple[float, Origin]]:
+def _geometry_in(reader: NpzReader) -> Iterator[tuple[float, Origin]]:
     """Yield resolution and origin of mapdeal's own file, which errors of its values name."""
+    path = reader.path
     if "format" not in reader.names():
         hint = "only npz files that mapdeal wrote can be read"
         with recognised(path, "a map", MAP):
@@ -503,20 +485,17 @@ def _read_costmap(reader: NpzReader, resolution: float, origin: Any) -> Costmap:
 def _read_field(reader: NpzReader, resolution: float, origin: Any) -> DistanceField:
     limit = reader.number("max_distance")
     return DistanceField(
-        reader.layer("distance", np.float32),
-        reader.layer("occupancy", np.int8),
-        resolution,
+        reader.layer("distance", np.float32), reader.layer("occupancy", np.int8), resolution,
         origin,
         convention=reader.text("convention", get_args(Convention)),  # type: ignore[arg-type]
-        strength=reader.number("strength"),
-        max_distance=None if np.isinf(limit) else limit,
+        strength=reader.number("strength"), max_distance=None if np.isinf(limit) else limit,
         lethal_threshold=reader.whole_number("lethal_threshold"),
         unknown=reader.text("unknown", ("free", "occupied")),  # type: ignore[arg-type]
-    )
+    )  # fmt: skip
 
 
 def _read_potential(reader: NpzReader, resolution: float, origin: Any) -> PotentialField:
-    """Return the field of a file; what follows from others of its layers is not read."""
+    # What follows from others of its layers is not read.
     goal = None
     if "goal" in reader.names():
         x, y = reader.small("goal", np.float64, (2,)).tolist()
@@ -546,10 +525,12 @@ _NPZ_READERS: dict[str, Callable[[NpzReader, float, Any], Grid]] = {
     _OF_REACH: lambda reader, *lies: OccupancyGrid(reader.layer("occupancy", np.int8), *lies),
     "occupancy": _read_occupancy,
 }
-_LAYER_READ = {_OF_REACH: "occupancy"}
-"""By the layer that a file is about, what is read of it where that is another one."""
-_WITH_OCCUPANCY = ("distance", "repulsive")
-"""By the layer that a grid is about; fields hold the occupancy that they are of, too."""
+"""By the layer that a file is about."""
+
+
+def _layer_read(names: Collection[str]) -> str:
+    own = _own_layer(names)
+    return "occupancy" if own == _OF_REACH else own
 
 
 def _own_layer(names: Collection[str]) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+import sys
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -14,9 +16,16 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.files.budget import claim
-from mapdeal.files.source import CHANGED, LARGEST_FILE, FileState, access_to, check_readable
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, emit_warning
+from mapdeal.files.source import (
+    CHANGED,
+    LARGEST_FILE,
+    FileState,
+    access_to,
+    check_readable,
+    claim,
+    note_sum,
+)
 from mapdeal.kernels.lookup import look_up
 
 Samples = NDArray[np.unsignedinteger[Any]]
@@ -27,37 +36,16 @@ LARGEST_COMPRESSED_CELLS = 200_000_000
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Integer samples of a picture, row 0 in the north.
+    """Integer samples of a picture, row 0 in the north."""
 
-    Parameters
-    ----------
-    file_format : str
-        The name of the image format that the samples come from; the readers of ROS treat some
-        formats differently.
-    colour : {'grey', 'rgb', 'palette'}
-        What a sample is: brightness, a red, green, blue triple, or an index into `palette`.
-    samples : numpy.ndarray of uint8 or uint16, shape (H, W) or (H, W, 3)
-        Values 0 .. `maxval`, or indices.
-    maxval : int
-        The sample that means full brightness.
-    alpha : numpy.ndarray, shape (H, W), optional
-        Opacity of each pixel, 0 .. `maxval` (0 .. 255 for palettes).
-    alpha_from : {'channel', 'key'}
-        Whether the opacity is a channel of its own or comes from one transparent colour.
-    palette : numpy.ndarray of uint8, shape (N, 4), optional
-        Red, green, blue, opacity of each index.
-    display : tuple of str
-        What the file says about showing the picture, such as a gamma. No reader applies it.
-    """
-
-    file_format: str
+    file_format: str  # which some readers of ROS treat differently
     colour: Literal["grey", "rgb", "palette"]
-    samples: Samples
+    samples: Samples  # (H, W), or (H, W, 3) of rgb: 0 .. maxval, or indices into the palette
     maxval: int = 255
-    alpha: Samples | None = None
-    alpha_from: Literal["channel", "key"] = "channel"
-    palette: NDArray[np.uint8] | None = None
-    display: tuple[str, ...] = ()
+    alpha: Samples | None = None  # opacity, (H, W): 0 .. maxval, of palettes 0 .. 255
+    alpha_from: Literal["channel", "key"] = "channel"  # key: of one transparent colour
+    palette: NDArray[np.uint8] | None = None  # red, green, blue, opacity of each index, (N, 4)
+    display: tuple[str, ...] = ()  # such as a gamma, which no reader applies
 
     def from_the_south(self) -> Picture:
         """Return the picture with row 0 in the south, as grids have it."""
@@ -74,14 +62,7 @@ class Picture:
             yield replace(self, samples=self.samples[rows], alpha=alpha)
 
     def greys_and_others(self) -> tuple[Samples, NDArray[np.bool_]]:
-        """Return the grey of each pixel, and which pixels are coloured or not opaque.
-
-        Returns
-        -------
-        grey : numpy.ndarray, shape (H, W)
-            A view of the samples; of a palette, indices. It holds for those that are not `others`.
-        others : numpy.ndarray of bool, shape (H, W)
-        """
+        """Return the grey of each pixel, or its index, and which are coloured or not opaque."""
         others = np.zeros(self.shape, dtype=np.bool_)
         grey = self.samples
         if grey.ndim == 3:
@@ -93,19 +74,21 @@ class Picture:
         return grey, others
 
     def only(self, mask: NDArray[np.bool_]) -> Picture:
-        """Return the pixels that a mask marks, in a row."""
         alpha = None if self.alpha is None else self.alpha[mask][np.newaxis]
         return replace(self, samples=self.samples[mask][np.newaxis], alpha=alpha)
 
     @property
     def opaque(self) -> int:
-        """The opacity of a pixel that hides what is behind it."""
         return 255 if self.palette is not None else self.maxval
 
     @property
     def shape(self) -> tuple[int, int]:
         height, width = self.samples.shape[:2]
         return height, width
+
+
+def warn_of(path: Path, text: str, check: str) -> None:
+    emit_warning(MapdealWarning(f"{path}: {text}", check), stacklevel=4)
 
 
 def by_sample(table: NDArray[Any], samples: Samples) -> NDArray[Any]:
@@ -130,7 +113,7 @@ def opaque_greys(kind: Picture) -> Picture:
     return replace(kind, samples=samples, alpha=alpha)
 
 
-def check_size(source: object, width: int, height: int, limit: int) -> None:
+def check_size(source: object, width: int, height: int, limit: int = sys.maxsize) -> None:
     """Refuse pictures without cells, or with more cells than `limit`, before memory is taken."""
     place = "image size"
     if width <= 0 or height <= 0:
@@ -143,13 +126,7 @@ def check_size(source: object, width: int, height: int, limit: int) -> None:
 
 
 def to_16_bit(maxval: int) -> NDArray[np.uint16]:
-    """Return the 16-bit sample of each sample 0 .. `maxval`: floor(65535 v / maxval + 0.5).
-
-    Examples
-    --------
-    >>> to_16_bit(255)[[0, 1, 255]].tolist()  # times 257
-    [0, 257, 65535]
-    """
+    """Return the 16-bit sample of each sample 0 .. `maxval`: floor(65535 v / maxval + 0.5)."""
     values = np.arange(maxval + 1, dtype=np.int64)
     return ((2 * 65535 * values + maxval) // (2 * maxval)).astype(np.uint16)
 
@@ -217,7 +194,6 @@ class OpenFile:
             raise FileAccessError(rule, source=self.path, got=self.size) from None
 
     def sha256(self) -> str:
-        """Return the checksum of the whole file, as hexadecimal digits."""
         checksum, offset = hashlib.sha256(), 0
         while chunk := self.read(offset, _CHUNK):
             checksum.update(chunk)
@@ -225,13 +201,10 @@ class OpenFile:
         return checksum.hexdigest()
 
     def stream(self) -> BinaryIO:
-        """Return what reads the file from its start on, as libraries want it."""
         return io.BufferedReader(_Stream(self))
 
 
 class _Stream(io.RawIOBase):
-    """The bytes of an open file, one after the other."""
-
     def __init__(self, file: OpenFile) -> None:
         self._file = file
         self._offset = 0
@@ -258,7 +231,6 @@ class _Stream(io.RawIOBase):
 
 @contextmanager
 def opened(path: Path) -> Iterator[OpenFile]:
-    """Open a regular file to read it piece by piece."""
     check_readable(path)
     with access_to(path):
         descriptor = os.open(path, os.O_RDONLY)
@@ -278,7 +250,7 @@ _PIXELS_TOGETHER = 1 << 22
 
 @dataclass(frozen=True, eq=False)
 class Strips:
-    """A picture whose rows are decoded some at a time, from the north to the south."""
+    """A picture whose rows are decoded some at a time, from the north on."""
 
     shape: tuple[int, int]
     pictures: Callable[[], Iterator[Picture]]
@@ -312,48 +284,64 @@ class Strips:
         return replace(part, samples=samples, alpha=alpha)
 
 
-NOT_AN_IMAGE = "is not an image in a supported format: pgm, pbm, ppm, png, bmp, tiff"
+class OpenImage(ABC):
+    """An image file that is open: its header is read, its pixels are not."""
+
+    def __init__(self, file: OpenFile, height: int, width: int, limit: int) -> None:
+        self.file = file
+        self.height = height
+        self.width = width
+        self._limit = limit
+        check_size(file.path, width, height)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns, if they are not more cells than are to be read."""
+        self.check_limit()
+        return self.height, self.width
+
+    def check_limit(self) -> None:
+        check_size(self.file.path, self.width, self.height, self._limit)
+
+    @abstractmethod
+    def memory(self) -> int:
+        """Return the bytes that reading the image and making cells of it takes at its peak."""
+
+    @abstractmethod
+    def _decoded(self) -> Strips: ...
+
+    @contextmanager
+    def strips(self) -> Iterator[Strips]:
+        """Go through the picture some rows at a time."""
+        self.file.check_length()  # its checksum is of all of it
+        self.check_limit()
+        yield self._decoded()
+        note_sum(self.file.path, self.file.sha256)
 
 
 @dataclass(frozen=True)
 class ImageFormat:
-    # The readers of ROS treat some formats differently, because their image libraries do: the
-    # modules in `mapdeal.maps.dialects` know these by name. In a format that they do not name,
-    # samples mean what `Picture` says.
+    # The readers of ROS treat some formats differently, because their image libraries do:
+    # `mapdeal.maps.dialects` knows these by name. In a format that it does not name, samples mean
+    # what `Picture` says.
     name: str
     suffixes: tuple[str, ...]
     recognises: Callable[[bytes], bool]
-    read: Callable[[OpenFile, int], Strips]
-    memory: Callable[[OpenFile, bytes], int]
-    size: Callable[[bytes, Path, int], tuple[int, int]]
+    open: Callable[[OpenFile, int], OpenImage]
     max_cells: int = LARGEST_COMPRESSED_CELLS
     comments: Callable[[bytes], list[str]] = lambda _: []
 
 
-def rows_of_strip(width: int, row_bytes: int) -> int:
-    """Return the rows of a strip, given the pixels of a row and its bytes, which may be fewer."""
-    return max(1, STRIP // max(width, row_bytes))
-
-
 def strips_of(picture: Picture) -> Strips:
     """Return the strips of a picture that is in memory; they are views of it."""
-    height, width = picture.shape
-    step = max(1, _PIXELS_TOGETHER // width)
-
-    def parts() -> Iterator[Picture]:
-        for first in range(0, height, step):
-            rows = slice(first, first + step)
-            alpha = None if picture.alpha is None else picture.alpha[rows]
-            yield replace(picture, samples=picture.samples[rows], alpha=alpha)
-
-    return Strips(picture.shape, parts)
+    return Strips(picture.shape, lambda: picture.bands(_PIXELS_TOGETHER))
 
 
 def strips_at_places(
     shape: tuple[int, int], row_bytes: int, rows_at: Callable[[int, int], Picture]
 ) -> Strips:
     """Return the strips of a picture, given what reads the rows from one to another."""
-    step = rows_of_strip(shape[1], row_bytes)
+    step = max(1, STRIP // max(shape[1], row_bytes))  # of bits there are more pixels than bytes
 
     def parts() -> Iterator[Picture]:
         for first in range(0, shape[0], step):

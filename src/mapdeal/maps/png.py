@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import ExitStack
+from functools import partial
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -43,15 +44,18 @@ def deflated(parts: Iterable[Buffer]) -> Iterator[bytes]:
     with ExitStack() as stack:
         pool = None
         waiting: deque[Future[bytes]] = deque()
-        for part, dictionary in _with_dictionaries(parts):
+        dictionary = b""
+        for part in parts:
+            compress = partial(_compressed, part, dictionary)
+            dictionary = bytes(part[-_WINDOW:])
             if len(part) < PART // 2 or threads == 1:
                 while waiting:
                     yield waiting.popleft().result()
-                yield _compressed(part, dictionary)
+                yield compress()
                 continue
             if pool is None:
                 pool = stack.enter_context(ThreadPool(threads))
-            waiting.append(pool.submit(_compressed, part, dictionary))
+            waiting.append(pool.submit(compress))
             if len(waiting) > threads:
                 yield waiting.popleft().result()
         while waiting:
@@ -70,7 +74,7 @@ def pieces(array: Layer) -> Iterator[Buffer]:
 
 
 def _recut(arrays: Iterable[NDArray[Any]]) -> Iterator[Buffer]:
-    """Cut the bytes of arrays, one after the other, into parts that know nothing of borders."""
+    """Cut the bytes of arrays, one after the other, into parts across their borders."""
     rest = b""
     for array in arrays:
         whole = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
@@ -87,13 +91,6 @@ def _recut(arrays: Iterable[NDArray[Any]]) -> Iterator[Buffer]:
         rest = bytes(whole[full:])
     if rest:
         yield rest
-
-
-def _with_dictionaries(parts: Iterable[Buffer]) -> Iterator[tuple[Buffer, bytes]]:
-    dictionary = b""
-    for part in parts:
-        yield part, dictionary
-        dictionary = bytes(part[-_WINDOW:])
 
 
 def _compressed(part: Buffer, dictionary: bytes) -> bytes:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,10 @@ from numpy.typing import NDArray
 from mapdeal.errors import (
     MalformedInputError,
     MapdealError,
-    MapdealWarning,
     ParameterError,
     emit_warning,
     kept_warnings,
 )
-from mapdeal.files.budget import use_memory
 from mapdeal.files.source import (
     BIT_MAP,
     YAML,
@@ -28,34 +27,23 @@ from mapdeal.files.source import (
     sha256_of,
     state_of,
     status_of,
+    use_memory,
 )
 from mapdeal.files.transaction import Transaction, locked
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import DistanceField, FieldView
+from mapdeal.grid.field import DistanceField, FieldView, PotentialField
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import check_choice
 from mapdeal.inputs.kinds import MAP, recognised
 from mapdeal.kernels.blocks import CacheBudget
-from mapdeal.maps.images import IMAGE_SUFFIXES, memory_to_read, open_pixel_rows, read_image_size
-from mapdeal.maps.map_server import (
-    Encoding,
-    check_rows,
-    find_bits,
-    find_image,
-    lazy_cells,
-    pair_paths,
-    read_cells,
-    write_pair,
-    yaml_beside,
-)
-from mapdeal.maps.map_yaml import Dialect, MapMetadata, Mode, read_metadata
+from mapdeal.maps import map_server
+from mapdeal.maps.dialects import Dialect, MapMetadata, Mode, read_metadata
+from mapdeal.maps.images import IMAGE_SUFFIXES, BinaryRows, PnmImage, open_image
+from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import Grid, holds_reach, npz_frame, npz_memory, read_npz, write_npz
-from mapdeal.maps.picture import LARGEST_CELLS, check_size
-from mapdeal.maps.pnm import BinaryRows
-from mapdeal.maps.remarks import warn_of_nothing_known, warn_of_one_cost
+from mapdeal.maps.picture import OpenImage
 
 
 @dataclass(frozen=True)
@@ -69,96 +57,83 @@ class Source:
 
 
 class MapFile:
-    """A map whose header is known and whose cells have yet to be read: all at once, or by rows."""
+    """A map that is open, whose cells have yet to be read: all at once, or by rows."""
 
     def __init__(
-        self, path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None,
-        metadata: MapMetadata | None = None, image: Path | None = None,
-        pixels: BinaryRows | None = None, remarks: Sequence[MapdealWarning] = (),
-        states: Mapping[Path, FileState] | None = None,
+        self, files: Mapping[Path, FileState], opened: ExitStack, *, dialect: Dialect = "nav2",
+        max_cells: int | None = None, metadata: MapMetadata | None = None,
     ) -> None:  # fmt: skip
-        self.path = path
-        self._states = dict(states or {})
+        self.files = tuple(files)
+        self.path = self.files[0]
         self.metadata = metadata
+        self._states = files
+        self._opened = opened
         self._dialect: Dialect = dialect
         self._max_cells = max_cells
-        self._image = image
-        self._pixels = pixels
-        self._remarks = remarks
 
-    @property
-    def files(self) -> tuple[Path, ...]:
-        return (self.path,) if self._image is None else (self.path, self._image)
+    @cached_property
+    def _image(self) -> OpenImage:
+        return self._opened.enter_context(open_image(self.files[1], max_cells=self._max_cells))
+
+    @cached_property
+    def _rows(self) -> BinaryRows | None:
+        if self.metadata is None or self.metadata.cost_scale is not None:
+            return None
+        # What is wrong with the image is the business of who reads the map.
+        with kept_warnings() as self._remarks, suppress(MapdealError):
+            if isinstance(self._image, PnmImage):
+                return self._image.rows()
+        return None
 
     @property
     def shape_by_rows(self) -> tuple[int, int] | None:
         """Rows and columns, if the map can be read by rows."""
-        return None if self._pixels is None else self._pixels.shape
+        return None if self._rows is None else self._rows.shape
 
     def memory_to_read(self) -> int:
         """Return the bytes that `read` takes of memory at its peak, as far as headers show it."""
-        if self._image is None:
-            return npz_memory(self.path)
-        return memory_to_read(self._image)
+        return npz_memory(self.path) if self.metadata is None else self._image.memory()
 
     def shape(self) -> tuple[int, int]:
-        """Return rows and columns from headers."""
-        if self._image is None:
-            return npz_frame(self.path).shape
-        return read_image_size(self._image, max_cells=self._max_cells)
+        return npz_frame(self.path).shape if self.metadata is None else self._image.shape
 
     def frame(self) -> Frame:
-        """Return where the grid lies, from headers.
-
-        Raises
-        ------
-        FileAccessError, MalformedInputError
-            As `read`, as far as headers show it.
-        """
         if self.metadata is None:
             return npz_frame(self.path)
         return Frame(*self.shape(), self.metadata.resolution, self.metadata.origin)
 
     def read(self) -> Source:
-        if self.metadata is None or self._image is None:
+        if self.metadata is None:
             grid: Grid = read_npz(self.path, max_cells=self._max_cells)
             if type(grid) is OccupancyGrid and holds_reach(self.path):
-                text = (
-                    f"{self.path}: is what a robot can reach; its map is used, its layers are not"
-                )
-                emit_warning(text, stacklevel=2)
+                text = "is what a robot can reach; its map is used, its layers are not"
+                emit_warning(f"{self.path}: {text}", stacklevel=2)
         else:
-            grid = read_cells(
-                self.path, self.metadata, self._image, dialect=self._dialect,
-                max_cells=self._max_cells,
-            )  # fmt: skip
+            grid = map_server.read_cells(self.path, self.metadata, self._image, self._dialect)
         self.check_unchanged()
-        self._warn_of_cells(grid)
-        return Source(grid, self.files, self.metadata)
+        return self._source_of(grid)
 
     def by_rows(self, *, block_height: int, budget: CacheBudget | None = None) -> Source:
         """Return the map, its rows read when they are asked for; `shape_by_rows` must be known."""
         self.check_unchanged()
-        pixels, metadata = self._pixels, self.metadata
-        if pixels is None or metadata is None:
+        rows, metadata = self._rows, self.metadata
+        if rows is None or metadata is None:
             raise ValueError(f"{self.path} cannot be read by rows")
-        height, width = pixels.shape
-        limit = LARGEST_CELLS if self._max_cells is None else self._max_cells
-        check_size(pixels.image, width, height, limit)
+        self._image.check_limit()
         for remark in self._remarks:
             emit_warning(remark, stacklevel=2)
-        grid = lazy_cells(
-            metadata, pixels, block_height=block_height, budget=budget, dialect=self._dialect
+        grid = map_server.lazy_cells(
+            metadata, rows, block_height=block_height, budget=budget, dialect=self._dialect
         )
-        check_rows(self.path, metadata, pixels, self._dialect)
-        self._warn_of_cells(grid)
-        return Source(grid, self.files, metadata)
+        map_server.check_rows(self.path, metadata, rows, self._dialect)
+        return self._source_of(grid)
 
-    def _warn_of_cells(self, grid: Grid) -> None:
+    def _source_of(self, grid: Grid) -> Source:
         if isinstance(grid, Costmap):
-            warn_of_one_cost(self.path, grid)
+            map_server.warn_of_one_cost(self.path, grid)
         elif isinstance(grid, OccupancyGrid):
-            warn_of_nothing_known(self.path, grid.occupancy)
+            map_server.warn_of_nothing_known(self.path, grid.occupancy)
+        return Source(grid, self.files, self.metadata)
 
     def sums_by_name(self, read: Mapping[Path, str]) -> dict[str, str]:
         """Return the sha256 of each file, by its name, of what was or will be read of it."""
@@ -167,14 +142,12 @@ class MapFile:
         return sums
 
     def _sum_of(self, path: Path) -> str:
-        if self._pixels is not None and path == self._image:
-            return self._pixels.sha256()  # by way of the open file
-        return sha256_of(path)
+        return sha256_of(path) if path == self.path else self._image.file.sha256()
 
     def check_unchanged(self) -> None:
         """Raise FileAccessError if a file is not the one any more whose header was read."""
         # Between two files of a map somebody may have replaced both.
-        with locked({path.parent for path in self._states}):
+        with locked({path.parent for path in self.files}):
             pass  # whoever was between two renames is through with them
         for path, state in self._states.items():
             check_state(path, state)
@@ -186,30 +159,24 @@ def open_map(
 ) -> Iterator[MapFile]:
     """Open the map in a ``.yaml`` pair or an ``.npz``: its header is read, its cells are not."""
     # A ``.pbm`` stands for the ``.yaml`` beside it.
-    if path.suffix.lower() == ".npz":
-        yield MapFile(path, max_cells=max_cells, states={path: state_of(path)})
-        return
-    bits = path if path.suffix.lower() == BIT_MAP else None
-    if bits is None:
-        _refuse_image(path)
-    else:
-        path = yaml_beside(bits)
-    states = {path: state_of(path)}
-    with recognised(path, "a map", MAP):
-        metadata = read_metadata(path, dialect=dialect)
-    image = find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
-    states[image] = state_of(image)
-    with ExitStack() as stack:
-        pixels: BinaryRows | None = None
-        with kept_warnings() as remarks:
-            # What is wrong with the header is the business of who reads the map.
-            if metadata.cost_scale is None:
-                with suppress(MapdealError):
-                    pixels = stack.enter_context(open_pixel_rows(image))
-        yield MapFile(
-            path, dialect=dialect, max_cells=max_cells, metadata=metadata, image=image,
-            pixels=pixels, remarks=remarks, states=states,
-        )  # fmt: skip
+    with ExitStack() as opened:
+        if path.suffix.lower() == ".npz":
+            yield MapFile({path: state_of(path)}, opened, max_cells=max_cells)
+            return
+        bits = path if path.suffix.lower() == BIT_MAP else None
+        if bits is None:
+            _refuse_image(path)
+        else:
+            path = map_server.yaml_beside(bits)
+        states = {path: state_of(path)}
+        with recognised(path, "a map", MAP):
+            metadata = read_metadata(path, dialect=dialect)
+        if bits is None:
+            image = map_server.find_image(path, metadata.image)
+        else:
+            image = map_server.find_bits(bits, path, metadata)
+        states[image] = state_of(image)
+        yield MapFile(states, opened, dialect=dialect, max_cells=max_cells, metadata=metadata)
 
 
 def read_source(
@@ -288,11 +255,10 @@ def read_map(
 
 
 def output_paths(output: Path) -> tuple[Path, ...]:
-    """Return the files that writing a grid to `output` makes."""
     if output.suffix == ".npz":
         return (output,)
     if output.suffix in (*YAML, ".pgm", ".png"):
-        return pair_paths(output)
+        return map_server.pair_paths(output)
     rule = "an output must end in .yaml, .npz, .pgm or .png"
     hint = "mapdeal pack makes a bit map of a map" if output.suffix == BIT_MAP else None
     raise ParameterError(rule, source=output, got=output.suffix, hint=hint)
@@ -311,7 +277,7 @@ def write_grid(
         return
     if not isinstance(grid, (OccupancyGrid, Costmap)):
         raise ParameterError(f"a {grid.kind} is written as npz", source=output)
-    write_pair(transaction, output, grid, mode=mode, encoding=encoding, extra=extra)
+    map_server.write_pair(transaction, output, grid, mode=mode, encoding=encoding, extra=extra)
 
 
 def write_map(

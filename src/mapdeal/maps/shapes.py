@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +16,10 @@ from mapdeal.inputs.kinds import SHAPES, recognised
 _PARTS = {"MultiPolygon": "Polygon", "MultiLineString": "LineString", "MultiPoint": "Point"}
 
 
-def read_geojson(path: Path) -> list[Shape]:
+def geojson_shapes(document: JsonValue) -> list[Shape]:
     # A Polygon is one, its inner rings are holes; a LineString is a line with the thickness that
     # property ``thickness`` says; a Point is a circle with the radius that property ``radius``
     # says. Property ``value`` is what they are drawn with. Other properties mean nothing.
-    return geojson_shapes(read_document(path))
-
-
-def geojson_shapes(document: JsonValue) -> list[Shape]:
     try:
         return _Reader(document.source).shapes(document.value)
     except RecursionError:
@@ -41,17 +36,15 @@ class _Reader:
         return MalformedInputError(rule, source=self._path, place=place, **more)  # type: ignore[arg-type]
 
     def shapes(self, document: Any) -> list[Shape]:
-        """Return all shapes of the file."""
         if not isinstance(document, dict):
             raise self.error("must be an object with a type", "the file")
         if document.get("type") != "FeatureCollection":
             return list(self.feature(document, "feature 1"))
         features = self._list(document.get("features"), "features")
-        return [
-            shape
-            for index, feature in enumerate(features)
-            for shape in self.feature(feature, f"feature {index + 1}")
-        ]
+        found: list[Shape] = []
+        for number, feature in enumerate(features, 1):
+            found += self.feature(feature, f"feature {number}")
+        return found
 
     def feature(self, feature: Any, place: str) -> Iterator[Shape]:
         if not isinstance(feature, dict):
@@ -63,8 +56,7 @@ class _Reader:
         if not isinstance(properties, dict):
             raise self.error("properties must be an object", place)
         if feature.get("geometry") is None:
-            text = f"{self._path}: {place}: has no geometry, it was left out"
-            emit_warning(text, stacklevel=2)
+            emit_warning(f"{self._path}: {place}: has no geometry, it was left out", stacklevel=2)
             return
         yield from self._geometry(feature["geometry"], properties, place)
 
@@ -78,8 +70,7 @@ class _Reader:
             return
         if not isinstance(kind, str) or kind not in (*_PARTS, *_PARTS.values()):
             kinds = ("Feature", *_PARTS.values(), *_PARTS, "GeometryCollection")
-            rule = f"type must be one of {', '.join(kinds)}"
-            raise self.error(rule, place, got=kind)
+            raise self.error(f"type must be one of {', '.join(kinds)}", place, got=kind)
         coordinates = self._list(geometry.get("coordinates"), f"{place}: coordinates")
         for part in coordinates if kind in _PARTS else [coordinates]:
             yield self._shape(_PARTS.get(kind, kind), part, properties, place)
@@ -92,10 +83,8 @@ class _Reader:
         source = f"{self._path}: {place}"
         try:
             if kind == "Polygon":
-                rings = [
-                    self._ring(ring, f"{place}: ring {index + 1}")
-                    for index, ring in enumerate(self._list(part, place))
-                ]
+                numbered = enumerate(self._list(part, place), 1)
+                rings = [self._ring(ring, f"{place}: ring {number}") for number, ring in numbered]
                 if not rings:
                     raise self.error("a Polygon needs a ring of coordinates", place)
                 return Polygon(rings[0], rings[1:], whole, source)
@@ -116,7 +105,6 @@ class _Reader:
         return points[:-1] if closed else points
 
     def _points(self, points: Any, place: str) -> list[Any]:
-        """Return pairs of numbers; a height behind them is left out."""
         found = []
         for index, point in enumerate(self._list(points, place)):
             numbers = point if isinstance(point, list) else []
@@ -176,7 +164,7 @@ def read_shapes(path: Path | str) -> list[Shape]:
     path = Path(path)
     with recognised(path, "a file of shapes", SHAPES):
         is_json = path.suffix.lower() in (".json", ".geojson")
-        shapes = read_geojson(path) if is_json else list(_shapes_of(path))
+        shapes = geojson_shapes(read_document(path)) if is_json else list(_shapes_of(path))
     if not shapes:
         raise MalformedInputError("holds no shape", source=path)
     return shapes
@@ -212,7 +200,7 @@ def _shape_of(entry: Entry) -> Shape:
 
     value = _whole(fields["value"]) if "value" in fields else None
     source = f"{entry.source}: {entry.place}"
-    with _found_at(entry):
+    try:
         if kind == "circle":
             center, radius = _point(required("center")), required("radius").number()
             return Circle(center, radius, value, source)
@@ -222,6 +210,8 @@ def _shape_of(entry: Entry) -> Shape:
             return Line(points, thickness, value, source)
         holes = fields["holes"].items() if "holes" in fields else []
         return Polygon(points, [_points(hole) for hole in holes], value, source)
+    except ParameterError as error:
+        raise error.in_file(entry.source, entry.place) from None
 
 
 def _as_known(fields: dict[str, Entry], kind: str) -> dict[str, Entry]:
@@ -231,9 +221,10 @@ def _as_known(fields: dict[str, Entry], kind: str) -> dict[str, Entry]:
     for key, field in fields.items():
         name = as_known(key, known)
         if name not in known:
-            rule, hint = f"unknown key of a {kind}", meant(key, known)
+            rule = f"unknown key of a {kind}"
+            hint = meant(key, known) or f"known: {', '.join(known)}"
             raise MalformedInputError(rule, source=field.source, place=field.place, got=key,
-                                      hint=hint or f"known: {', '.join(known)}")  # fmt: skip
+                                      hint=hint)  # fmt: skip
         if name in named:
             raise field.error(f"is given twice, as {name} and as {key}")
         named[name] = field
@@ -256,12 +247,3 @@ def _whole(entry: Entry) -> int:
     if number % 1:
         raise entry.error("must be a whole number")
     return int(number)
-
-
-@contextmanager
-def _found_at(entry: Entry) -> Iterator[None]:
-    """Turn what is wrong with a shape into an error about its place in the file."""
-    try:
-        yield
-    except ParameterError as error:
-        raise error.in_file(entry.source, entry.place) from None

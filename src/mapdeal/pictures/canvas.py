@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from mapdeal.grid.frame import Frame, Region
 from mapdeal.kernels.engine import check_room
 from mapdeal.kernels.lookup import histogram
-from mapdeal.pictures.colours import ColourBar, Colours, Swatch
-from mapdeal.pictures.overlay import Overlay
-from mapdeal.pictures.raster import Raster
+from mapdeal.pictures.colours import ColourBar, Colours, LayerStyle, Swatch
+from mapdeal.pictures.overlay import Overlay, Raster, Surface
 
 _SHADES = 16
 
@@ -30,8 +29,7 @@ GREY = MOST_COLOURS + _SHADES // 3
 _INK = [WHITE - round(covered * (_SHADES - 1) / 255) for covered in range(256)]
 """Indices by how much of a pixel is covered."""
 
-_FREETYPE = 16 << 20
-"""Bytes, more than FreeType takes for letters: it dies where it finds none."""
+_FREETYPE = 16 << 20  # bytes, more than FreeType takes for letters: it dies where it finds none
 
 _ALIKE = str.maketrans({
     "\u00d7": "x", "\u2010": "-", "\u2011": "-", "\u2012": "-", "\u2013": "-", "\u2014": "-",
@@ -39,8 +37,7 @@ _ALIKE = str.maketrans({
 })  # fmt: skip
 """Characters that the font of Pillow does not have and accents do not make of others."""
 
-_NO_CHARACTER = "\ufffd"
-"""Drawn as a box."""
+_NO_CHARACTER = "\ufffd"  # drawn as a box
 
 
 def printable(text: str) -> str:
@@ -101,24 +98,16 @@ class Pen:
     def __init__(self, size: int) -> None:
         check_room(_FREETYPE)
         self.size = size
-        self._title_size = round(1.25 * size)
+        self.title_size = round(1.25 * size)
         self.sheet = np.empty((0, 0), dtype=np.uint8)
 
     def open(self, width: int, height: int) -> None:
         self.sheet = np.full((height, width), WHITE, dtype=np.uint8)
 
-    def text_width(self, title: str, subtitle: str) -> int:
-        """Return the pixels that the two lines above the map take."""
-        return 1 + max(text_width(title, self._title_size), text_width(subtitle, self.size))
-
     def text(self, x: int, y: int, text: str, *, limit: int, large: bool = False) -> None:
         """Write a line whose upper left corner is given; what does not fit `limit` is cut."""
-        size = self._title_size if large else self.size
-        self.write(x, y + ascent(size), _cut(printable(text), limit, size), size)
-
-    def fitting(self, text: str, limit: int) -> str:
-        """Return a line, cut if it does not fit `limit` pixels."""
-        return _cut(printable(text), limit, self.size)
+        size = self.title_size if large else self.size
+        self.write(x, y + ascent(size), fitting(text, limit, size), size)
 
     def label(self, x: float, y: float, text: str) -> None:
         """Write a line that begins at x, its middle at y."""
@@ -150,197 +139,10 @@ class Pen:
         self.sheet[y - 1 : y + height + 1, x - 1] = GREY
         self.sheet[y - 1 : y + height + 1, x + width] = GREY
 
-    def image(self, colours: ArrayLike) -> Image:
-        """Return the sheet as a picture, given what the indices below `MOST_COLOURS` mean."""
-        own = np.asarray(colours, dtype=np.uint8)
-        palette = np.zeros((256, 3), dtype=np.uint8)
-        palette[: len(own)] = own
-        palette[MOST_COLOURS:] = np.linspace(0, 255, _SHADES).astype(np.uint8)[:, np.newaxis]
-        return Image(self.sheet, palette)
-
-
-def _cut(text: str, limit: int, size: int) -> str:
-    if text_width(text, size) <= limit:
-        return text
-    limit -= text_width("...", size)
-    while text and text_width(text, size) > limit:
-        text = text[:-1]
-    return f"{text}..."
-
-
-_X_AXIS, _Y_AXIS = "x [m]", "y [m]"
-
-
-def sheet(
-    pixels: NDArray[np.uint8],
-    colours: Colours,
-    *,
-    title: str,
-    subtitle: str,
-    metres_per_pixel: float,
-    corner_xy: tuple[float, float] | None = None,
-    bar: ColourBar | None = None,
-    swatches: Sequence[Swatch] = (),
-) -> Image:
-    """Return the picture of a map on a sheet with everything that explains it."""
-    height, width = pixels.shape
-    text_size = text_size_of(pixels.shape)
-    pen = _Pen(text_size)
-    pad = text_size
-    column = pen.legend_width(bar, swatches)
-    map_width = max(width, pen.minimum_width())
-    legend_height = max(height, pen.legend_height(bar, swatches))
-    across = ticks_between(corner_xy[0], width, metres_per_pixel, text_size) if corner_xy else []
-    along = ticks_between(corner_xy[1], height, metres_per_pixel, text_size) if corner_xy else []
-    left, top = pad + pen.labels_width(along), pad + int((4.2 if along else 3.4) * text_size)
-    below = int(1.6 * text_size) if across else 0
-    needed = left + map_width + (pad + column if column else 0) + pad
-    # Thin maps get a sheet that their title fits on, very long titles are cut.
-    sheet_width = max(needed, min(pen.text_width(title, subtitle), 60 * text_size) + 2 * pad)
-    sheet_height = max(top + height + below + int(3.2 * text_size), top + legend_height + pad)
-
-    pen.open(sheet_width, sheet_height)
-    pen.text(pad, pad, title, limit=sheet_width - 2 * pad, large=True)
-    pen.text(pad, pad + int(1.55 * text_size), subtitle, limit=sheet_width - 2 * pad)
-    pen.coordinates(left, top + height, across, along)
-    scale_top = top + height + below + int(0.9 * text_size)
-    end = pen.scale_bar(left, scale_top, map_width, metres_per_pixel)
-    if along:
-        pen.above(pad, left, top, _Y_AXIS)
-    if across:
-        pen.label(max(end, left + width - text_width(_X_AXIS, text_size)), scale_top, _X_AXIS)
-    boxes = pen.legend(left + map_width + pad, top, legend_height, bar, swatches)
-    indices = pen.sheet
-    indices[top : top + height, left : left + width] = pixels[::-1]
-    pen.frame(left, top, width, height)
-    for (x, y, w, h), content in boxes:
-        indices[y : y + h, x : x + w] = content
-        pen.frame(x, y, w, h)
-
-    return pen.image(colours)
-
-
-def on_sheet(
-    pixels: NDArray[np.uint8],
-    palette: NDArray[np.integer],
-    frame: Frame,
-    raster: Raster,
-    *,
-    title: str,
-    swatches: list[Swatch],
-    before: str = "",
-    more: str = "",
-    bar: ColourBar | None = None,
-    overlay: Overlay | None = None,
-) -> Image:
-    """Return the picture of a layer of a frame, with an overlay over it, on a sheet."""
-    texts = [before, frame_text(frame, raster.part), more]
-    shown = raster.frame_of(frame)
-    if overlay is not None:
-        if not pixels.flags.writeable:  # they are the layer itself
-            pixels = np.array(pixels)
-        swatches = swatches + overlay.draw(pixels, shown, raster, len(palette))
-        palette = np.vstack([palette, overlay.colours])
-        texts.append(overlay.text)
-    return sheet(
-        pixels,
-        palette.astype(np.uint8),
-        title=title,
-        subtitle="; ".join(filter(None, texts)),
-        metres_per_pixel=raster.metres_per_pixel(frame.resolution),
-        corner_xy=corner_of(shown),
-        bar=bar,
-        swatches=swatches,
-    )
-
-
-def text_size_of(shape: tuple[int, ...]) -> int:
-    """Return the pixels per em of the text around a map of so many pixels."""
-    return int(min(40, max(14, max(shape) / 55)))
-
-
-def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[Swatch]:
-    """Return the legend entries whose colour a map shows."""
-    shown = histogram(pixels) > 0
-    return [swatch for swatch in swatches if shown[swatch.index]]
-
-
-def frame_text(frame: Frame, part: Region | None = None) -> str:
-    """Return a map's size in cells and metres, for a subtitle; of a turned one corner and yaw."""
-    # If a picture shows a part of it alone, its size in cells is shown as well.
-    width, height = frame.width * frame.resolution, frame.height * frame.resolution
-    text = (
-        f"{frame.width} x {frame.height} cells, {frame.resolution:.6g} m each, "
-        f"{width:.6g} x {height:.6g} m"
-    )
-    x, y, yaw = frame.origin
-    if yaw:
-        text += f", from {x:.10g}, {y:.10g} at yaw {yaw:.4g} (not turned here)"
-    return text if part is None else f"{text}; shown: {part.width} x {part.height} cells"
-
-
-def corner_of(frame: Frame) -> tuple[float, float] | None:
-    """Return the lower left corner of a map that is not turned, for `sheet`."""
-    x, y, yaw = frame.origin
-    return None if yaw else (x, y)
-
-
-def ticks_between(
-    start: float, pixels: int, metres_per_pixel: float, text_size: int
-) -> list[tuple[int, str]]:  # fmt: skip
-    """Return the round coordinates along an edge, each with its pixel, as many as find room."""
-    widest = max(len(f"{value:.0f}") for value in (start, start + pixels * metres_per_pixel))
-    room = text_size * max(4.0, 0.7 * widest + 2)  # pixels
-    step = next(
-        factor * 10.0**power
-        for power in range(-7, 13)
-        for factor in (1, 2, 5)
-        if factor * 10.0**power >= room * metres_per_pixel
-    )
-    decimals = max(0, -math.floor(math.log10(step) + 1e-9))
-    first = math.ceil(start / step - 1e-6)
-    last = math.floor((start + pixels * metres_per_pixel) / step + 1e-6)
-    return [
-        (round((k * step - start) / metres_per_pixel), f"{k * step + 0.0:.{decimals}f}")
-        for k in range(first, last + 1)
-    ]
-
-
-def round_length(length: float) -> float:
-    """Return the largest of 1, 2, 5 times a power of ten that is at most `length`.
-
-    Examples
-    --------
-    >>> round_length(7.3), round_length(0.25)
-    (5.0, 0.2)
-    """
-    power = 10.0 ** math.floor(math.log10(length))
-    step = max(s for s in (1, 2, 5) if s * power <= length * (1 + 1e-9))
-    return float(step * power)
-
-
-class _Pen(Pen):
-    """A pen that writes what goes with a map."""
-
-    def minimum_width(self) -> int:
-        """Return the width below which a scale bar makes no sense."""
-        return 8 * self.size
-
-    def legend_width(self, bar: ColourBar | None, swatches: Sequence[Swatch]) -> int:
-        labels = [s.label for s in swatches]
-        if bar is not None:
-            labels += [label for _, label in bar.ticks] + [bar.unit]
-        if not labels:
-            return 0
-        return int(1.9 * self.size + max(text_width(label, self.size) for label in labels))
-
-    def legend_height(self, bar: ColourBar | None, swatches: Sequence[Swatch]) -> int:
-        return int(self.size * (1.6 * len(swatches) + (14 if bar is not None else 0)))
-
     def legend(
         self, x: int, y: int, height: int, bar: ColourBar | None, swatches: Sequence[Swatch]
-    ) -> list[tuple[tuple[int, int, int, int], NDArray[np.uint8]]]:
-        """Draw the labels; return the boxes of colour with their palette indices."""
+    ) -> list[tuple[tuple[int, int], NDArray[np.uint8]]]:
+        """Draw the labels; return the corners of the boxes of colour, and their palette indices."""
         boxes = []
         size = self.size
         if bar is not None:
@@ -350,7 +152,7 @@ class _Pen(Pen):
             column = np.asarray(bar.indices, dtype=np.uint8)[::-1]
             rows = np.arange(bar_height) * len(column) // bar_height
             content = np.repeat(column[rows][:, np.newaxis], int(1.2 * size), axis=1)
-            boxes.append(((x, top, int(1.2 * size), bar_height), content))
+            boxes.append(((x, top), content))
             for position, label in bar.ticks:
                 tick_y = top + round((1 - position) * (bar_height - 1))
                 self.fill(x + 1.2 * size, tick_y, x + 1.5 * size, tick_y)
@@ -358,16 +160,10 @@ class _Pen(Pen):
             y = top + bar_height + size
         for swatch in swatches:
             content = np.full((int(1.1 * size), int(1.2 * size)), swatch.index, dtype=np.uint8)
-            boxes.append(((x, y, content.shape[1], content.shape[0]), content))
+            boxes.append(((x, y), content))
             self.label(x + 1.8 * size, y + content.shape[0] / 2, swatch.label)
             y += int(1.6 * size)
         return boxes
-
-    def labels_width(self, ticks: Sequence[tuple[int, str]]) -> int:
-        """Return the room that labels left of the map take."""
-        if not ticks:
-            return 0
-        return int(max(text_width(label, self.size) for _, label in ticks) + 0.6 * self.size)
 
     def coordinates(
         self, left: int, bottom: int, across: Sequence[tuple[int, str]],
@@ -401,3 +197,157 @@ class _Pen(Pen):
         label = f"{length:g} m"
         self.label(x + pixels + self.size, y, label)
         return x + pixels + 2 * self.size + text_width(label, self.size)
+
+    def image(self, colours: ArrayLike) -> Image:
+        """Return the sheet as a picture, given what the indices below `MOST_COLOURS` mean."""
+        own = np.asarray(colours, dtype=np.uint8)
+        palette = np.zeros((256, 3), dtype=np.uint8)
+        palette[: len(own)] = own
+        palette[MOST_COLOURS:] = np.linspace(0, 255, _SHADES).astype(np.uint8)[:, np.newaxis]
+        return Image(self.sheet, palette)
+
+
+def fitting(text: str, limit: int, size: int) -> str:
+    """Return `printable` text, cut if it does not fit `limit` pixels."""
+    text = printable(text)
+    if text_width(text, size) <= limit:
+        return text
+    limit -= text_width("...", size)
+    while text and text_width(text, size) > limit:
+        text = text[:-1]
+    return f"{text}..."
+
+
+_X_AXIS, _Y_AXIS = "x [m]", "y [m]"
+
+
+def sheet(
+    pixels: NDArray[np.uint8], colours: Colours, *, title: str, subtitle: str,
+    metres_per_pixel: float, corner_xy: tuple[float, float] | None = None,
+    bar: ColourBar | None = None, swatches: Sequence[Swatch] = (),
+) -> Image:  # fmt: skip
+    """Return the picture of a map on a sheet with everything that explains it."""
+    height, width = pixels.shape
+    text_size = text_size_of(pixels.shape)
+    pen = Pen(text_size)
+    pad = text_size
+    labels = [swatch.label for swatch in swatches]
+    if bar is not None:
+        labels += [label for _, label in bar.ticks] + [bar.unit]
+    widest = max((text_width(label, text_size) for label in labels), default=0)
+    column = int(1.9 * text_size + widest) if labels else 0
+    map_width = max(width, 8 * text_size)  # on less a scale bar makes no sense
+    of_legend = 1.6 * len(swatches) + (14 if bar is not None else 0)
+    legend_height = max(height, int(text_size * of_legend))
+    across = ticks_between(corner_xy[0], width, metres_per_pixel, text_size) if corner_xy else []
+    along = ticks_between(corner_xy[1], height, metres_per_pixel, text_size) if corner_xy else []
+    left, top = pad, pad + int((4.2 if along else 3.4) * text_size)
+    if along:  # their labels are left of the map
+        left += int(max(text_width(label, text_size) for _, label in along) + 0.6 * text_size)
+    below = int(1.6 * text_size) if across else 0
+    needed = left + map_width + (pad + column if column else 0) + pad
+    of_title = 1 + max(text_width(title, pen.title_size), text_width(subtitle, text_size))
+    # Thin maps get a sheet that their title fits on, very long titles are cut.
+    sheet_width = max(needed, min(of_title, 60 * text_size) + 2 * pad)
+    sheet_height = max(top + height + below + int(3.2 * text_size), top + legend_height + pad)
+
+    pen.open(sheet_width, sheet_height)
+    pen.text(pad, pad, title, limit=sheet_width - 2 * pad, large=True)
+    pen.text(pad, pad + int(1.55 * text_size), subtitle, limit=sheet_width - 2 * pad)
+    pen.coordinates(left, top + height, across, along)
+    scale_top = top + height + below + int(0.9 * text_size)
+    end = pen.scale_bar(left, scale_top, map_width, metres_per_pixel)
+    if along:
+        pen.above(pad, left, top, _Y_AXIS)
+    if across:
+        pen.label(max(end, left + width - text_width(_X_AXIS, text_size)), scale_top, _X_AXIS)
+    boxes = pen.legend(left + map_width + pad, top, legend_height, bar, swatches)
+    for (x, y), content in [((left, top), pixels[::-1]), *boxes]:
+        h, w = content.shape
+        pen.sheet[y : y + h, x : x + w] = content
+        pen.frame(x, y, w, h)
+    return pen.image(colours)
+
+
+def on_sheet(
+    pixels: NDArray[np.uint8], style: LayerStyle, frame: Frame, raster: Raster, *, title: str,
+    swatches: Sequence[Swatch] | None = None, before: str = "", more: str = "",
+    overlay: Overlay | None = None,
+) -> Image:  # fmt: skip
+    """Return the picture of a layer of a frame, with an overlay over it, on a sheet.
+
+    Without `swatches` the legend has those of the style whose colour there is.
+    """
+    texts = [before, frame_text(frame, raster.part), more]
+    shown, palette = raster.frame_of(frame), style.colours
+    legend = list(swatches_in(pixels, style.swatches) if swatches is None else swatches)
+    if overlay is not None:
+        if not pixels.flags.writeable:  # they are the layer itself
+            pixels = np.array(pixels)
+        legend += overlay.draw(Surface(pixels, shown, raster), len(palette))
+        palette = np.vstack([palette, overlay.colours])
+        texts.append(overlay.text)
+    return sheet(
+        pixels, palette.astype(np.uint8), title=title, subtitle="; ".join(filter(None, texts)),
+        metres_per_pixel=raster.metres_per_pixel(frame.resolution), corner_xy=corner_of(shown),
+        bar=style.bar, swatches=legend,
+    )  # fmt: skip
+
+
+def text_size_of(shape: tuple[int, ...]) -> int:
+    """Return the pixels per em of the text around a map of so many pixels."""
+    return int(min(40, max(14, max(shape) / 55)))
+
+
+def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[Swatch]:
+    shown = histogram(pixels) > 0
+    return [swatch for swatch in swatches if shown[swatch.index]]
+
+
+def frame_text(frame: Frame, part: Region | None = None) -> str:
+    """Return a map's size in cells and metres, for a subtitle; of a turned one corner and yaw."""
+    # If a picture shows a part of it alone, its size in cells is shown as well.
+    width, height = frame.width * frame.resolution, frame.height * frame.resolution
+    text = (
+        f"{frame.width} x {frame.height} cells, {frame.resolution:.6g} m each, "
+        f"{width:.6g} x {height:.6g} m"
+    )
+    x, y, yaw = frame.origin
+    if yaw:
+        text += f", from {x:.10g}, {y:.10g} at yaw {yaw:.4g} (not turned here)"
+    return text if part is None else f"{text}; shown: {part.width} x {part.height} cells"
+
+
+def corner_of(frame: Frame) -> tuple[float, float] | None:
+    """Return the lower left corner of a map that is not turned, for `sheet`."""
+    x, y, yaw = frame.origin
+    return None if yaw else (x, y)
+
+
+def ticks_between(
+    start: float, pixels: int, metres_per_pixel: float, text_size: int
+) -> list[tuple[int, str]]:  # fmt: skip
+    """Return the round coordinates along an edge, each with its pixel, as many as find room."""
+    widest = max(len(f"{value:.0f}") for value in (start, start + pixels * metres_per_pixel))
+    room = text_size * max(4.0, 0.7 * widest + 2)  # pixels
+    step = round_step(room * metres_per_pixel)
+    decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+    first = math.ceil(start / step - 1e-6)
+    last = math.floor((start + pixels * metres_per_pixel) / step + 1e-6)
+    return [
+        (round((k * step - start) / metres_per_pixel), f"{k * step + 0.0:.{decimals}f}")
+        for k in range(first, last + 1)
+    ]
+
+
+def round_step(least: float) -> float:
+    """Return the smallest of 1, 2, 5 times a power of ten that is at least so large."""
+    steps = (factor * 10.0**power for power in range(-12, 20) for factor in (1, 2, 5))
+    return next(step for step in steps if step >= least)
+
+
+def round_length(length: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that is at most `length`."""
+    power = 10.0 ** math.floor(math.log10(length))
+    step = max(s for s in (1, 2, 5) if s * power <= length * (1 + 1e-9))
+    return float(step * power)

@@ -47,13 +47,9 @@ REACHABLE_UNKNOWN = (80, 178, 150)
 TOO_NARROW = (246, 246, 242)
 CUT_OFF = (166, 162, 156)
 CUT_OFF_AREAS = [
-    (255, 224, 96),
-    (146, 168, 250),
-    (206, 118, 190),
-    (255, 176, 124),
-    (140, 92, 200),
+    (255, 224, 96), (146, 168, 250), (206, 118, 190), (255, 176, 124), (140, 92, 200),
     (158, 98, 84),
-]
+]  # fmt: skip
 CLOSED_PASSAGE = (200, 0, 30)
 TIGHT_PASSAGE = (235, 125, 0)
 REACH_START = (0, 60, 200)
@@ -70,30 +66,24 @@ POTENTIAL_ANCHORS = [
 FREE_ANCHORS = [(247, 247, 245), (171, 210, 232), (72, 147, 198), (24, 79, 140), (8, 36, 84)]
 OBSTACLE_ANCHORS = [(252, 219, 199), (228, 130, 104), (178, 34, 48), (96, 6, 30)]
 
-_LMS_FROM_RGB = np.array(
-    [
-        [0.4122214708, 0.5363325363, 0.0514459929],
-        [0.2119034982, 0.6806995451, 0.1073969566],
-        [0.0883024619, 0.2817188376, 0.6299787005],
-    ]
-)
-_LAB_FROM_LMS = np.array(
-    [
-        [0.2104542553, 0.7936177850, -0.0040720468],
-        [1.9779984951, -2.4285922050, 0.4505937099],
-        [0.0259040371, 0.7827717662, -0.8086757660],
-    ]
-)
+_LMS_FROM_RGB = np.array([
+    [0.4122214708, 0.5363325363, 0.0514459929],
+    [0.2119034982, 0.6806995451, 0.1073969566],
+    [0.0883024619, 0.2817188376, 0.6299787005],
+])  # fmt: skip
+_LAB_FROM_LMS = np.array([
+    [0.2104542553, 0.7936177850, -0.0040720468],
+    [1.9779984951, -2.4285922050, 0.4505937099],
+    [0.0259040371, 0.7827717662, -0.8086757660],
+])  # fmt: skip
 
 
 def mixed(colours: ArrayLike, other: tuple[int, int, int], share: float) -> Colours:
-    """Return `colours` with the given share of another one mixed in."""
     base = np.asarray(colours, dtype=np.float64)
     return np.rint(base * (1 - share) + np.array(other) * share).astype(np.uint8)
 
 
 def palette_of(*parts: ArrayLike) -> Colours:
-    """Return rows of colours, shape (N, 3) each, as one palette."""
     return np.vstack([np.asarray(part) for part in parts]).astype(np.uint8)
 
 
@@ -118,7 +108,6 @@ def _rgb_from_oklab(lab: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _product(matrix: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the products of a matrix and vectors, shape (N, 3), without BLAS."""
     product: NDArray[np.float64] = (vectors[:, np.newaxis] * matrix).sum(axis=-1)
     return product
 

@@ -1,4 +1,4 @@
-"""The picture of a score: how far the walls of a map are from the true ones."""
+"""Pictures of two maps or more: what differs, conflicts of a merge, and walls of a score."""
 
 from __future__ import annotations
 
@@ -20,69 +20,43 @@ from mapdeal.pictures.canvas import (
     Image,
     Pen,
     on_sheet,
-    swatches_in,
     text_size_of,
     text_width,
 )
 from mapdeal.pictures.colours import ColourBar, LayerStyle, Swatch, interpolated, palette_of
-from mapdeal.pictures.overlay import ImageExtent, shown_part
-from mapdeal.pictures.raster import DEFAULT_IMAGE_MAX, Raster
+from mapdeal.pictures.overlay import DEFAULT_IMAGE_MAX, ImageExtent, Raster, shown_part
 from mapdeal.pictures.styles import difference_style, occupancy_style
 
-_UNKNOWN = 1
-"""What cells are up to which neither map knows anything."""
-
-_SMALL_SIDE = 1200
-"""Pixels to which maps that differ by single cells are enlarged."""
+_UNKNOWN = 1  # what cells are up to which neither map knows anything
+_SMALL_SIDE = 1200  # pixels to which maps that differ by single cells are enlarged
 
 
 def difference_image(
-    changes: NDArray[np.uint8],
-    frame: Frame,
-    *,
-    title: str,
-    image_max: int = DEFAULT_IMAGE_MAX,
-    image_extent: ImageExtent = "all",
-    only_in: tuple[str, str] | None = None,
+    changes: NDArray[np.uint8], frame: Frame, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = "all", only_in: tuple[str, str] | None = None,
     style: LayerStyle | None = None,
-) -> Image:
+) -> Image:  # fmt: skip
     is_fine = only_in is not None or style is not None
     more = {"small_side": _SMALL_SIDE} if is_fine else {}
     part = shown_part(changes, frame, image_extent, is_known=lambda kinds: kinds > _UNKNOWN)
     raster = Raster.fitting(frame.shape, image_max, part=part, **more)
-    pixels = raster.largest(changes)
-    style = style or difference_style(only_in)
-    return on_sheet(
-        raster.enlarged(pixels),
-        style.colours,
-        frame,
-        raster,
-        title=title,
-        swatches=swatches_in(pixels, style.swatches),
-    )
+    pixels = raster.enlarged(raster.largest(changes))
+    return on_sheet(pixels, style or difference_style(only_in), frame, raster, title=title)
 
 
 _NOT_KNOWN, _FREE, _OCCUPIED, _NO_CONFLICT = 0, 1, 101, 101
 """Each value of the map has the index above it, so that the largest shows; conflicts follow."""
 
-_PAIR = 2
-
-
-_ALIKE = 3
-"""Of conflicts: the kind that has a colour of its own where there are more maps than two."""
+_ALIKE = 3  # of conflicts: the kind that has a colour of its own where there are more maps than two
 
 
 def merge_image(
-    grid: OccupancyGrid,
-    conflicts: NDArray[np.uint8],
-    *,
-    names: Sequence[str],
-    title: str | None = None,
-    image_max: int = DEFAULT_IMAGE_MAX,
+    grid: OccupancyGrid, conflicts: NDArray[np.uint8], *, names: Sequence[str],
+    title: str | None = None, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "known",
-) -> Image:
+) -> Image:  # fmt: skip
     kinds = grid.occupancy.view(np.uint8) + np.uint8(1)  # of unknown, which is 255, it is 0
-    if len(names) > _PAIR:
+    if len(names) > 2:
         legend = {_NO_CONFLICT + _ALIKE: "occupied in one map, free in another"}
         kinds[conflicts > 0] = _NO_CONFLICT + _ALIKE
     else:
@@ -96,22 +70,14 @@ def merge_image(
     frame = grid.frame
     part = shown_part(kinds, frame, image_extent, is_known=lambda values: values > _NOT_KNOWN)
     raster = Raster.fitting(frame.shape, image_max, part=part, small_side=_SMALL_SIDE)
-    pixels = raster.largest(kinds)
-    return on_sheet(
-        raster.enlarged(pixels),
-        _palette(),
-        frame,
-        raster,
-        title=title or f"{', '.join(names[:-1])} and {names[-1]}, merged",
-        swatches=swatches_in(pixels, [Swatch(kind, text) for kind, text in legend.items()]),
-    )
-
-
-def _palette() -> colours.Colours:
-    """Return the colours of a map, unknown first, and those of its conflicts."""
     of_values = occupancy_style().colours
     of_conflicts = [colours.REMOVED, colours.ADDED, colours.REMOVED]
-    return palette_of(of_values[OCCUPIED + 1 :], of_values[: OCCUPIED + 1], of_conflicts)
+    style = LayerStyle(
+        palette_of(of_values[OCCUPIED + 1 :], of_values[: OCCUPIED + 1], of_conflicts),
+        swatches=tuple(Swatch(kind, text) for kind, text in legend.items()),
+    )
+    title = title or f"{', '.join(names[:-1])} and {names[-1]}, merged"
+    return on_sheet(raster.enlarged(raster.largest(kinds)), style, frame, raster, title=title)
 
 
 # What a cell shows; where cells share a pixel the largest does.
@@ -142,8 +108,6 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ScoredWalls:
-    """What there is to draw of a score."""
-
     frame: Frame
     estimate: NDArray[np.uint8]
     truth: NDArray[np.uint8]
@@ -157,37 +121,26 @@ class ScoredWalls:
 
 
 def score_image(
-    walls: ScoredWalls,
-    *,
-    title: str,
-    image_max: int = DEFAULT_IMAGE_MAX,
+    walls: ScoredWalls, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all",
-) -> Image:
+) -> Image:  # fmt: skip
     """Return the walls of a map over the truth, coloured by their distance, and a histogram."""
     # Walls of the truth from which none of the map's is within 0.1 m are marked. Where cells share
     # a pixel the wall shows that is farthest off.
     codes = codes_of(walls)
     part = shown_part(codes, walls.frame, image_extent, is_known=lambda some: some != UNKNOWN)
     raster = Raster.fitting(walls.frame.shape, image_max, part=part)
-    pixels = raster.largest(codes)
-    palette = palette_of(_COLOURS, interpolated(_ANCHORS, _LEVELS))
+    pixels = raster.enlarged(raster.largest(codes))
     ticks = [(k / _TICKS, f"{walls.top * k / _TICKS:g}") for k in range(_TICKS)]
-    swatches = [Swatch(index, label) for index, label in _LABELS.items()]
-    shown = raster.enlarged(pixels)
-    map_sheet = on_sheet(
-        shown,
-        palette,
-        walls.frame,
-        raster,
-        title=title,
-        bar=ColourBar(
-            range(_FIRST, _FIRST + _LEVELS),
-            [*ticks, (1.0, f"{walls.top:g} and more")],
-            "walls of the map: to the nearest true one [m]",
-        ),
-        swatches=swatches_in(pixels, swatches),
+    ticks.append((1.0, f"{walls.top:g} and more"))
+    unit = "walls of the map: to the nearest true one [m]"
+    style = LayerStyle(
+        palette_of(_COLOURS, interpolated(_ANCHORS, _LEVELS)),
+        swatches=tuple(Swatch(index, label) for index, label in _LABELS.items()),
+        bar=ColourBar(range(_FIRST, _FIRST + _LEVELS), ticks, unit),
     )
-    return _with_histogram(map_sheet, walls, text_size_of(shown.shape))
+    map_sheet = on_sheet(pixels, style, walls.frame, raster, title=title)
+    return _with_histogram(map_sheet, walls, text_size_of(pixels.shape))
 
 
 def codes_of(walls: ScoredWalls) -> NDArray[np.uint8]:

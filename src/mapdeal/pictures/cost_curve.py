@@ -14,15 +14,22 @@ from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE
 from mapdeal.pictures import colours
-from mapdeal.pictures.canvas import BLACK, GREY, WHITE, Image, Pen, text_width, ticks_between
+from mapdeal.pictures.canvas import (
+    BLACK,
+    GREY,
+    WHITE,
+    Image,
+    Pen,
+    fitting,
+    round_step,
+    text_width,
+    ticks_between,
+)
 from mapdeal.pictures.overlay import Brush
 from mapdeal.pictures.styles import CostPalette
 
-_FAR = 2.5
-"""Times everything else that a reach may be before it is left out of the picture."""
-
-_FARTHEST = 1e9
-"""Metres that a picture shows at most."""
+_FAR = 2.5  # times everything else that a reach may be before it is left out of the picture
+_FARTHEST = 1e9  # metres that a picture shows at most
 
 
 class ZoneKind(Enum):
@@ -110,12 +117,9 @@ def described(zone: Zone, end: float) -> str:
 def end_of(curve: CostCurve) -> float:
     """Return the metres at which the picture ends: beyond all that is of note, unless it is far."""
     near = max(
-        curve.end,
-        curve.inscribed_radius or 0.0,
-        curve.circumscribed_radius or 0.0,
-        2 * curve.resolution,
-        *(metres for _, metres in curve.marks),
-    )
+        curve.end, curve.inscribed_radius or 0.0, curve.circumscribed_radius or 0.0,
+        2 * curve.resolution, *(metres for _, metres in curve.marks),
+    )  # fmt: skip
     far = max(near, curve.reach, curve.inflation_radius or 0.0)
     shown = min(far if far <= _FAR * near else near, _FARTHEST)
     return 1.18 * shown + curve.resolution / 2
@@ -123,23 +127,20 @@ def end_of(curve: CostCurve) -> float:
 
 def marks_of(curve: CostCurve) -> list[Mark]:
     """Return the distances of note, near to far; radii that are the same share a mark."""
-    marks = [Mark(metres, f"{name}: {metres:.4g} m") for name, metres in curve.marks]
     inscribed, circumscribed = curve.inscribed_radius, curve.circumscribed_radius
+    named = list(curve.marks)
     if inscribed and circumscribed is not None and math.isclose(inscribed, circumscribed):
-        marks.append(Mark(inscribed, f"inscribed and circumscribed radius: {inscribed:.4g} m"))
+        named.append(("inscribed and circumscribed radius", inscribed))
     else:
-        if inscribed:
-            marks.append(Mark(inscribed, f"inscribed radius: {inscribed:.4g} m"))
-        if circumscribed is not None:
-            text = f"circumscribed radius: {circumscribed:.4g} m"
-            marks.append(Mark(circumscribed, text))
-    inflation = curve.inflation_radius
-    if inflation is None or math.isclose(inflation, curve.reach):
-        name = "reach" if inflation is None else "inflation radius"
-        marks.append(Mark(curve.reach, f"{name}: {_reach(curve)}"))
-    else:
-        marks.append(Mark(inflation, f"inflation radius: {inflation:.4g} m"))
-        marks.append(Mark(curve.reach, f"reach: {_reach(curve)}"))
+        named += [("inscribed radius", inscribed)] if inscribed else []
+        named += [] if circumscribed is None else [("circumscribed radius", circumscribed)]
+    inflation, name = curve.inflation_radius, "reach"
+    if inflation is not None and math.isclose(inflation, curve.reach):
+        name = "inflation radius"
+    elif inflation is not None:
+        named.append(("inflation radius", inflation))
+    marks = [Mark(metres, f"{name}: {metres:.4g} m") for name, metres in named]
+    marks.append(Mark(curve.reach, f"{name}: {_reach(curve)}"))
     return sorted(marks, key=lambda mark: mark.distance)
 
 
@@ -154,10 +155,9 @@ def _reach(curve: CostCurve) -> str:
 _SIZE = 16  # pixels per em of the text
 _WIDTH = 960  # pixels of the plot
 _PER_COST = {"costmap2d": 2, "occupancy": 5}  # pixels of its height
-_TICKS = {"costmap2d": (0, 50, 100, 150, 200, 254), "occupancy": (0, 20, 40, 60, 80, 100)}
 _LINE, _ROW = int(1.45 * _SIZE), int(1.6 * _SIZE)
 _BAND = 10
-_BAND_COLOURS = {
+ZONE_COLOURS = {
     ZoneKind.OBSTACLE: colours.LETHAL,
     ZoneKind.COLLISION: colours.INSCRIBED,
     ZoneKind.HEADING: (249, 190, 110),
@@ -168,14 +168,7 @@ _BAND_COLOURS = {
     ZoneKind.UNSEEN_COLLISION: colours.REMOVED,
     ZoneKind.UNSEEN_HEADING: (255, 130, 150),
 }
-
-
 _TINT = (255, 228, 232)
-
-
-def cost_curve_image(curve: CostCurve, *, title: str) -> Image:
-    """Return the picture of a cost curve."""
-    return _Drawing(curve).drawn(title)
 
 
 @dataclass(frozen=True)
@@ -191,15 +184,36 @@ _ALONG_ROW = _Dot("distances along a row", 4.0, 7.0)
 _OTHER = _Dot("other distances between cells", 2.5, 24.0)
 
 
-class _Drawing:
+_TICKS = {"costmap2d": (0, 50, 100, 150, 200, 254), "occupancy": (0, 20, 40, 60, 80, 100)}
+_AXES = {
+    "euclidean": "distance from the nearest obstacle, centre to centre",
+    "chebyshev": "distance from the nearest obstacle, the longer of row and column",
+}
+
+
+class Plot:
     def __init__(self, curve: CostCurve) -> None:
-        self.curve = curve
+        self.curve, self.half = curve, curve.resolution / 2
         self.palette = CostPalette.of(curve.scale)
-        self.half = curve.resolution / 2
         self.end = end_of(curve)
-        self.per_cost = _PER_COST[curve.scale]
         self.marks = marks_of(curve)
         self.zones = zones_of(curve, self.end)
+        self.ticks = _TICKS[curve.scale]
+        self.axis = _AXES[curve.metric]
+        self.is_along_row = curve.cells == np.floor(curve.cells)
+
+    def formula(self, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Return so many distances, and their costs by the formula; None if it has no line."""
+        if self.curve.formula is None or self.curve.reach <= self.half:
+            return None
+        metres = np.linspace(self.half, min(self.curve.reach, self.end), count)
+        return metres, np.minimum(self.curve.formula(metres), self.palette.lethal_cost - 1.0)
+
+
+class _Drawing(Plot):
+    def __init__(self, curve: CostCurve) -> None:
+        super().__init__(curve)
+        self.per_cost = _PER_COST[curve.scale]
         self.pen = Pen(_SIZE)
         top_cost = self.palette.lethal_cost
         self.left = _SIZE + text_width("254", _SIZE) + int(1.6 * _SIZE)
@@ -228,7 +242,7 @@ class _Drawing:
         self._draw_band()
         self._ribbon(ribbon_top)
         self._legend(self.right + 2 * _SIZE, legend)
-        return pen.image(np.vstack([self.palette.colours, list(_BAND_COLOURS.values()), [_TINT]]))
+        return pen.image(np.vstack([self.palette.colours, list(ZONE_COLOURS.values()), [_TINT]]))
 
     @property
     def _metres(self) -> NDArray[np.float64]:
@@ -240,13 +254,11 @@ class _Drawing:
         return _WIDTH * self.curve.resolution / (self.end + self.half)
 
     def _places(self, metres: ArrayLike, costs: ArrayLike) -> NDArray[np.float64]:
-        """Return where costs at distances lie on the sheet, column and row, shape (..., 2)."""
         share = (np.asarray(metres) + self.half) / (self.end + self.half)
         rows = self.bottom - np.asarray(costs, dtype=np.float64) * self.per_cost
         return np.stack([self.left + _WIDTH * share, rows], axis=-1)
 
     def _column(self, metres: float) -> int:
-        """Return the column of the sheet in which a distance lies."""
         return round(float(self._places(metres, 0)[0]))
 
     def _costs_of_columns(self) -> NDArray[np.int64]:
@@ -263,13 +275,9 @@ class _Drawing:
             self.pen.sheet[top : self.bottom, self.left + column] = self.palette.by_value[cost]
 
     def _grid_lines(self) -> None:
-        for cost in _TICKS[self.curve.scale][1:]:
+        for cost in self.ticks[1:]:
             row = self.pen.sheet[self.bottom - cost * self.per_cost, self.left : self.right]
             row[row == WHITE] = WHITE - 2
-
-    @property
-    def _has_line(self) -> bool:
-        return self.curve.formula is not None and self.curve.reach > self.half
 
     def _unseen(self) -> None:
         """Tint the distances at which the robot may collide though there is no cost."""
@@ -277,14 +285,12 @@ class _Drawing:
             if zone.kind in (ZoneKind.UNSEEN_COLLISION, ZoneKind.UNSEEN_HEADING):
                 a, b = (self._column(x) for x in (zone.start, zone.end))
                 under = self.pen.sheet[self.top : self.bottom, a:b]
-                under[under == WHITE] = len(self.palette.colours) + len(_BAND_COLOURS)
+                under[under == WHITE] = len(self.palette.colours) + len(ZONE_COLOURS)
 
     def _formula(self) -> None:
-        if self.curve.formula is None or not self._has_line:
-            return
-        metres = np.linspace(self.half, min(self.curve.reach, self.end), 2 * _WIDTH)
-        costs = np.minimum(self.curve.formula(metres), self.palette.lethal_cost - 1.0)
-        Brush(self.pen.sheet).polyline(self._places(metres, costs), BLACK, thickness=2)
+        line = self.formula(2 * _WIDTH)
+        if line is not None:
+            Brush(self.pen.sheet).polyline(self._places(*line), BLACK, thickness=2)
 
     def _dots_shown(self) -> list[_Dot]:
         kinds = [_ALONG_ROW, _OTHER] if self.curve.metric == "euclidean" else [_ALONG_ROW]
@@ -297,9 +303,8 @@ class _Drawing:
             place = self._places(curve.circumscribed_radius, curve.circumscribed_cost)
             self._draw_contour_dot(place)
         shown = curve.distance <= self.end
-        whole = curve.cells == np.floor(curve.cells)
         for dot in reversed(self._dots_shown()):
-            mask = shown & (whole if dot is _ALONG_ROW else ~whole)
+            mask = shown & (self.is_along_row if dot is _ALONG_ROW else ~self.is_along_row)
             for place in self._places(curve.distance[mask], curve.cost[mask]):
                 brush.dot(place, WHITE, radius=dot.radius + 1.2)
                 brush.dot(place, BLACK, radius=dot.radius)
@@ -314,7 +319,7 @@ class _Drawing:
         for row, mark in enumerate(self.marks):
             middle = self.band_top + _BAND + 1 + int(0.9 * _SIZE) + row * _ROW
             is_beyond = mark.distance > self.end
-            label = self.pen.fitting(mark.label, _WIDTH - 2 * _SIZE) + " >" * is_beyond
+            label = fitting(mark.label, _WIDTH - 2 * _SIZE, _SIZE) + " >" * is_beyond
             last = self.right - text_width(label, _SIZE) - 4
             if is_beyond:
                 self._boxed(last, middle, label)
@@ -335,10 +340,9 @@ class _Drawing:
 
     def _axes(self) -> None:
         pen = self.pen
-        pen.frame(
-            self.left, self.band_top + _BAND + 1, _WIDTH, self.bottom - self.band_top - _BAND - 1
-        )
-        for cost in _TICKS[self.curve.scale]:
+        under_band = self.band_top + _BAND + 1
+        pen.frame(self.left, under_band, _WIDTH, self.bottom - under_band)
+        for cost in self.ticks:
             y = self.bottom - cost * self.per_cost
             pen.fill(self.left - 6, y, self.left - 2, y)
             pen.label(self.left - 10 - text_width(str(cost), _SIZE), y, str(cost))
@@ -346,7 +350,7 @@ class _Drawing:
         scale = (self.end + self.half) / _WIDTH
         ticks = ticks_between(-self.half, _WIDTH, scale, _SIZE)
         self._ticks(self.bottom, [one for one in ticks if not one[1].startswith("-")])
-        self._centred(self.bottom + int(2.8 * _SIZE), _AXIS[self.curve.metric])
+        self._centred(self.bottom + int(2.8 * _SIZE), f"{self.axis}, metres")
 
     def _ticks(self, bottom: int, ticks: Sequence[tuple[int, str]]) -> None:
         for pixel, label in ticks:
@@ -360,7 +364,7 @@ class _Drawing:
 
     def _draw_band(self) -> None:
         first = len(self.palette.colours)
-        indices = {kind: first + k for k, kind in enumerate(_BAND_COLOURS)}
+        indices = {kind: first + k for k, kind in enumerate(ZONE_COLOURS)}
         for zone in self.zones:
             a, b = (self._column(x) for x in (zone.start, zone.end))
             self.pen.sheet[self.band_top : self.band_top + _BAND, a:b] = indices[zone.kind]
@@ -374,7 +378,6 @@ class _Drawing:
         self.pen.frame(self.left, self.band_top, _WIDTH, _BAND)
 
     def _ribbon(self, top: int) -> None:
-        """Draw a row of cells as the picture of the costmap shows them."""
         sheet, resolution = self.pen.sheet, self.curve.resolution
         cells = np.rint(self._metres / resolution)
         costs = self.curve.cost_near(np.maximum(cells, 0.0))
@@ -391,14 +394,14 @@ class _Drawing:
 
     def _legend_lines(self) -> list[tuple[int | str | _Dot | None, str]]:
         first = len(self.palette.colours)
-        kinds = list(_BAND_COLOURS)
+        kinds = list(ZONE_COLOURS)
         lines: list[tuple[int | str | _Dot | None, str]] = []
         for zone in self.zones:
             lines.append((first + kinds.index(zone.kind), zone.kind.value))
             lines.append((None, described(zone, self.end)))
         lines.append((None, ""))
         lines += [(dot, dot.label) for dot in self._dots_shown()]
-        if self._has_line:
+        if self.formula(2) is not None:
             lines.append(("line", "the formula"))
         if self.curve.circumscribed_cost:
             lines.append(("contour", f"circumscribed cost {self.curve.circumscribed_cost}"))
@@ -426,28 +429,15 @@ class _Drawing:
 
 
 def _whole_ticks(per_cell: float) -> list[tuple[int, str]]:
-    """Return whole numbers of cells, as many as find room, each with its pixel.
-
-    Examples
-    --------
-    >>> _whole_ticks(400.0)
-    [(200, '0'), (600, '1')]
-    """
+    """Return whole numbers of cells, as many as find room, each with its pixel."""
     last = int(_WIDTH / per_cell - 0.5)
     room = text_width(str(last), _SIZE) + 1.2 * _SIZE
-    step = next(
-        factor * 10**power
-        for power in range(20)
-        for factor in (1, 2, 5)
-        if factor * 10**power * per_cell >= room
-    )
+    step = int(max(round_step(room / per_cell), 1.0))
     return [(round((k + 0.5) * per_cell), str(k)) for k in range(0, last + 1, step)]
 
 
-_AXIS = {
-    "euclidean": "distance from the nearest obstacle, centre to centre, metres",
-    "chebyshev": "distance from the nearest obstacle, the longer of row and column, metres",
-}
+def cost_curve_image(curve: CostCurve, *, title: str) -> Image:
+    return _Drawing(curve).drawn(title)
 
 
 def _subtitle(curve: CostCurve) -> str:

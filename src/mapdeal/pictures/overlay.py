@@ -1,4 +1,7 @@
-"""What is drawn over a map: routes, robots, poses, zones."""
+"""From cells to pixels, and what is drawn over them: routes, robots, poses, zones.
+
+Cells become pixels by whole factors only, so that they stay sharp and obstacles stay.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,15 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mapdeal.grid.canvas import cut_out
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame, Region, turned, xy_ahead
-from mapdeal.grid.route import Route
+from mapdeal.grid.reach import Route
 from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
-from mapdeal.kernels.blocks import Layer, gathered, made_by_rows
+from mapdeal.kernels.blocks import Layer, blocks_of, gathered, made_by_rows
 from mapdeal.kernels.lookup import histogram
+from mapdeal.kernels.threads import for_rows
 from mapdeal.pictures.colours import (
     GOAL,
     KEEPOUT,
@@ -30,11 +35,152 @@ from mapdeal.pictures.colours import (
     Colour,
     Swatch,
 )
-from mapdeal.pictures.raster import Raster
+
+_SMALL_SIDE = 600  # pixels that the long side of a small map is enlarged to, about
+DEFAULT_IMAGE_MAX = 2048
+
+
+@dataclass(frozen=True)
+class Raster:
+    """How cells become pixels: `enlarge` pixels per cell, or `reduce` cells per pixel."""
+
+    enlarge: int = 1
+    reduce: int = 1
+    part: Region | None = None  # the cells that become pixels, inside of the map; None for all
+
+    @classmethod
+    def fitting(
+        cls, shape: tuple[int, int], image_max: int, *, small_side: int = _SMALL_SIDE,
+        part: Region | None = None,
+    ) -> Raster:  # fmt: skip
+        """Return the factors for a map or a part of it, of at most `image_max` pixels a side."""
+        # 0 means one pixel per cell, whatever the size. The long side of a small map is enlarged
+        # to `small_side` pixels or a little more.
+        side = max(shape if part is None else (part.height, part.width))
+        if image_max == 0:
+            return cls(part=part)
+        if side > image_max:
+            return cls(reduce=math.ceil(side / image_max), part=part)
+        enlarge = max(1, min(math.ceil(small_side / side), image_max // side))
+        return cls(enlarge=enlarge, part=part)
+
+    def frame_of(self, frame: Frame) -> Frame:
+        return frame if self.part is None else self.part.frame_in(frame)
+
+    def metres_per_pixel(self, resolution: float) -> float:
+        return resolution * self.reduce / self.enlarge
+
+    def largest(self, layer: Layer) -> NDArray[Any]:
+        """Return the largest value of the cells under each pixel, before enlarging."""
+        # Of numbers it is nan only where all cells are.
+        return Pooling(self, layer, np.fmax).all()
+
+    def smallest(self, layer: Layer) -> NDArray[Any]:
+        """Return the smallest value of the cells under each pixel, before enlarging."""
+        return Pooling(self, layer, np.fmin).all()
+
+    def enlarged(self, pixels: NDArray[Any]) -> NDArray[Any]:
+        if self.enlarge == 1:
+            return pixels
+        return np.repeat(np.repeat(pixels, self.enlarge, axis=0), self.enlarge, axis=1)
+
+
+class Pooling:
+    """Cells that become pixels, some rows at a time."""
+
+    def __init__(self, raster: Raster, layer: Layer, choose: np.ufunc) -> None:
+        self._step = raster.reduce
+        self._first = 0 if raster.part is None else raster.part.row
+        self._layer = layer if raster.part is None else cut_out(layer, raster.part)
+        self._choose = choose
+        self._pixels: NDArray[Any] | None = None
+
+    def all(self) -> NDArray[Any]:
+        """Return the pixels of a layer that nothing else goes through."""
+        for rows in blocks_of(self._layer):
+            self.take(slice(rows.start + self._first, rows.stop + self._first))
+        return self.pixels
+
+    @property
+    def pixels(self) -> NDArray[Any]:
+        """The chosen value under each pixel, before enlarging, once all rows were taken."""
+        if self._pixels is None:
+            raise ValueError("no rows were taken")
+        return self._pixels
+
+    def take(self, rows: slice) -> None:
+        """Take rows of the map: those after the ones that were taken before."""
+        height = self._layer.shape[0]
+        first, end = (min(max(row - self._first, 0), height) for row in (rows.start, rows.stop))
+        if first == end:
+            return
+        cells = self._layer[first:end]
+        if self._step == 1 and len(cells) == height:
+            self._pixels = cells
+            return
+        if self._pixels is None:
+            size = (math.ceil(length / self._step) for length in self._layer.shape)
+            self._pixels = np.empty(tuple(size), dtype=self._layer.dtype)
+        under_last = min(-first % self._step, len(cells))
+        if under_last:  # the rest of what is under the last row of pixels
+            row = self._pixels[first // self._step]
+            self._choose(row, pooled(cells[:under_last], self._step, self._choose)[0], out=row)
+        whole, pixels = cells[under_last:], self._pixels[-(-first // self._step) :]
+
+        def pool(rows: slice) -> None:
+            under = whole[rows.start * self._step : rows.stop * self._step]
+            pixels[rows] = pooled(under, self._step, self._choose)
+
+        # by the cells, not the pixels, are there enough for threads
+        for_rows(pool, (math.ceil(len(whole) / self._step), whole.shape[1]))
+
+
+def pooled(cells: NDArray[Any], step: int, choose: np.ufunc) -> NDArray[Any]:
+    """Return one value for each square of `step` cells a side; the last ones may have fewer."""
+    return _pooled_rows(_pooled_rows(cells, step, choose).T, step, choose).T
+
+
+def _pooled_rows(cells: NDArray[Any], step: int, choose: np.ufunc) -> NDArray[Any]:
+    merged = cells[::step].copy(order="K")  # of a transposed array, too
+    for k in range(1, step):
+        more = cells[k::step]
+        choose(merged[: len(more)], more, out=merged[: len(more)])
+    return merged
+
+
+def inner_outline(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the pixels of `mask` that touch one outside of it, over an edge."""
+    inner = mask.copy()
+    inner[1:] &= mask[:-1]
+    inner[:-1] &= mask[1:]
+    inner[:, 1:] &= mask[:, :-1]
+    inner[:, :-1] &= mask[:, 1:]
+    np.logical_not(inner, out=inner)
+    inner &= mask
+    return inner
+
 
 _FARTHEST = 2.0**20  # pixels; beyond, Pillow's coordinates overflow
 _MOST_PIXELS = 1 << 24
 """Of a picture, that are copied to be drawn on, unless a single shape takes more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The palette indices of a map to be drawn on, row 0 in the south, and where they lie."""
+
+    pixels: NDArray[np.uint8]
+    frame: Frame
+    raster: Raster
+
+    @property
+    def side(self) -> int:
+        return int(max(self.pixels.shape))
+
+    def places(self, points_xy: ArrayLike) -> NDArray[np.float64]:
+        """Return the pixel coordinates (column, row) of points in the map frame."""
+        places = self.frame.continuous_rowcol_from_xy(points_xy)[:, ::-1]
+        return places * (self.raster.enlarge / self.raster.reduce)
 
 
 class Overlay(Protocol):
@@ -53,19 +199,12 @@ class Overlay(Protocol):
         """What a picture has to show of it, shape (N, 2), metres in the map frame."""
         return np.empty((0, 2))
 
-    def draw(
-        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
-    ) -> list[Swatch]:
-        """Draw on the palette indices of a map, row 0 in the south, in place; return the legend.
-
-        `colours` begin at `first_index` of the palette.
-        """
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
+        """Draw in `colours`, which begin at `first_index` of the palette; return the legend."""
 
 
 @dataclass(frozen=True)
 class Overlays(Overlay):
-    """Several things that are drawn over the same picture, one over the other."""
-
     overlays: tuple[Overlay, ...]
 
     @property
@@ -80,20 +219,12 @@ class Overlays(Overlay):
     def places_xy(self) -> NDArray[np.float64]:
         return np.concatenate([np.reshape(one.places_xy, (-1, 2)) for one in self.overlays])
 
-    def draw(
-        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
-    ) -> list[Swatch]:
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         swatches = []
         for overlay in self.overlays:
-            swatches += overlay.draw(pixels, frame, raster, first_index)
+            swatches += overlay.draw(on, first_index)
             first_index += len(overlay.colours)
         return swatches
-
-
-def place_of(points_xy: ArrayLike, frame: Frame, raster: Raster) -> NDArray[np.float64]:
-    """Return the pixel coordinates (column, row) of points in the map frame."""
-    places = frame.continuous_rowcol_from_xy(points_xy)[:, ::-1]
-    return places * (raster.enlarge / raster.reduce)
 
 
 class Brush:
@@ -182,31 +313,26 @@ def _left_of(direction: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([-direction[..., 1], direction[..., 0]], axis=-1)
 
 
-_CORNERS = 32
+def circle(radius: float, corners: int) -> NDArray[np.float64]:
+    """Return a closed circle around (0, 0), shape (corners + 1, 2)."""
+    turns = np.linspace(0, 2 * math.pi, corners + 1)
+    return radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class RingOverlay:
-    """Rings around places."""
-
     places_xy: NDArray[np.float64]
     label: str
     text: str
 
     colours = (REMOVED,)
 
-    def draw(
-        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
-    ) -> list[Swatch]:
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         if not len(self.places_xy):
             return []
-        side = max(pixels.shape)
-        radius, thickness = max(6.0, side / 80), max(2, round(side / 400))
-        turns = np.linspace(0, 2 * math.pi, _CORNERS + 1)
-        circle = radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-        brush = Brush(pixels)
-        for place in place_of(self.places_xy, frame, raster):
-            brush.polyline(place + circle, first_index, thickness=thickness)
+        ring, thickness = circle(max(6.0, on.side / 80), 32), max(2, round(on.side / 400))
+        for place in on.places(self.places_xy):
+            Brush(on.pixels).polyline(place + ring, first_index, thickness=thickness)
         return [Swatch(first_index, self.label)]
 
 
@@ -227,14 +353,12 @@ class PoseOverlay(Overlay):
     def places_xy(self) -> NDArray[np.float64]:
         return np.array([self.pose[:2]])
 
-    def draw(
-        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
-    ) -> list[Swatch]:
-        ahead = xy_ahead(self.pose, frame.resolution)
-        centre, tip = place_of([self.pose[:2], ahead], frame, raster)
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
+        ahead = xy_ahead(self.pose, on.frame.resolution)
+        centre, tip = on.places([self.pose[:2], ahead])
         direction = (tip - centre) / np.hypot(*(tip - centre))
-        length = max(10.0, max(pixels.shape) / 25)
-        Brush(pixels).dart(centre, direction, first_index, length=length)
+        length = max(10.0, on.side / 25)
+        Brush(on.pixels).dart(centre, direction, first_index, length=length)
         return [Swatch(first_index, "robot")]
 
 
@@ -260,32 +384,24 @@ class RouteOverlay(Overlay):
     def places_xy(self) -> NDArray[np.float64]:
         return np.concatenate([self.route.points_xy, [self.route.start, self.route.goal]])
 
-    def draw(
-        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
-    ) -> list[Swatch]:
-        route = self.route
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
+        route, brush = self.route, Brush(on.pixels)
         line, start, goal, minimum = (first_index + k for k in range(4))
-        side = max(pixels.shape)
-        radius = max(4.0, side / 110)
-        swatches = []
-        brush = Brush(pixels)
+        swatches = [Swatch(start, "start"), Swatch(goal, "goal")]
         if len(route.points_xy):
-            path = place_of(route.points_xy, frame, raster)
-            brush.polyline(path, line, thickness=max(3, round(side / 250)))
-            swatches.append(Swatch(line, "route"))
+            thickness = max(3, round(on.side / 250))
+            brush.polyline(on.places(route.points_xy), line, thickness=thickness)
+            swatches.insert(0, Swatch(line, "route"))
         ends = [(route.goal, goal), (route.start, start)]
-        swatches += [Swatch(start, "start"), Swatch(goal, "goal")]
         if route.local_minimum is not None:
             ends.append((route.local_minimum, minimum))
             swatches.append(Swatch(minimum, "local minimum"))
         for point, index in ends:
-            brush.dot(place_of([point], frame, raster)[0], index, radius=radius)
+            brush.dot(on.places([point])[0], index, radius=max(4.0, on.side / 110))
         return swatches
 
 
-_CORNERS_OF_CIRCLE = 48
-_AWAY = 10
-"""Pixels between the shape and the edges."""
+_AWAY = 10  # pixels between the shape and the edges
 _LEAST, _LARGEST_SHARE = 4, 0.4
 """Of a shape that is drawn: pixels, and its part of the picture's sides."""
 
@@ -297,8 +413,7 @@ def outline_of(
     if robot.vertices:
         corners = np.array([*robot.vertices, robot.vertices[0]])
     else:
-        turns = np.linspace(0, 2 * math.pi, _CORNERS_OF_CIRCLE + 1)
-        corners = robot.radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+        corners = circle(robot.radius, 48)
     x, y, yaw = pose
     outline: NDArray[np.float64] = turned(corners, yaw) + np.array([x, y])
     return outline
@@ -313,22 +428,19 @@ class RobotOverlay(Overlay):
 
     colours = (ROBOT_OUTLINE, RVIZ_FREE)
 
-    def draw(
-        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
-    ) -> list[Swatch]:
-        outline = outline_of(self.robot) / raster.metres_per_pixel(frame.resolution)
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
+        outline = outline_of(self.robot) / on.raster.metres_per_pixel(on.frame.resolution)
         outline -= outline.min(axis=0)
         size = np.ceil(outline.max(axis=0)) + 2 * _AWAY  # columns and rows
-        height, width = pixels.shape
+        height, width = on.pixels.shape
         if outline.max() < _LEAST or (size > _LARGEST_SHARE * np.array([width, height])).any():
             return []
         cols, rows = size.astype(int).tolist()
         corners = [(left, low) for low in (0, height - rows) for left in (width - cols, 0)]
-        left, low = max(corners, key=lambda at: _evenness(pixels, at, (cols, rows)))
+        left, low = max(corners, key=lambda at: _evenness(on.pixels, at, (cols, rows)))
         outline += np.array([left, low]) + _AWAY
-        brush = Brush(pixels)
         for index, thickness in ((first_index + 1, 4), (first_index, 2)):
-            brush.polyline(outline, index, thickness=thickness)
+            Brush(on.pixels).polyline(outline, index, thickness=thickness)
         return [Swatch(first_index, self.label)]
 
 
@@ -359,12 +471,9 @@ class KeepoutOverlay(Overlay):
 
     colours = (KEEPOUT,)
 
-    def draw(
-        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
-    ) -> list[Swatch]:
-        del frame
-        closed = raster.enlarged(raster.largest(self.closed))
-        pixels[closed] = first_index
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
+        closed = on.raster.enlarged(on.raster.largest(self.closed))
+        on.pixels[closed] = first_index
         return [Swatch(first_index, "keepout")] if closed.any() else []
 
 
@@ -372,9 +481,7 @@ ImageExtent = Literal["known", "all"]
 
 DEFAULT_EXTENT: ImageExtent = "known"
 
-_MARGIN, _LEAST_MARGIN = 0.05, 10
-"""Around the known cells: of their longer side, and cells."""
-
+_MARGIN, _LEAST_MARGIN = 0.05, 10  # around the known cells: of their longer side, and cells
 _WORTH = 0.95
 """Of both sides of the map: what a part must be below, on one, for a picture to be of it alone."""
 
@@ -392,8 +499,7 @@ class OtherThan:
         return known
 
 
-_IS_KNOWN = OtherThan(UNKNOWN)
-"""Of occupancy."""
+_IS_KNOWN = OtherThan(UNKNOWN)  # of occupancy
 
 
 @dataclass(frozen=True)
@@ -403,13 +509,11 @@ class KnownLines:
     is_known: IsKnown
 
     def __call__(self, values: NDArray[Any]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return a mask of rows and a mask of columns."""
         known = self.is_known(values)
         return np.asarray(known.any(axis=1)), np.asarray(known.any(axis=0))
 
 
 def known_box(layer: Layer, is_known: IsKnown) -> Region | None:
-    """Return the box of the known cells of a layer; None if there are none."""
     # Rows are looked at once, from the first to the last, and those of a lazy layer not again.
     (parts,) = gathered(layer, KnownLines(is_known))
     with_known = np.flatnonzero(np.concatenate([rows for rows, _ in parts]))
@@ -421,17 +525,11 @@ def known_box(layer: Layer, is_known: IsKnown) -> Region | None:
 
 
 def shown_part(
-    layer: Layer,
-    frame: Frame,
-    extent: ImageExtent,
-    *,
-    is_known: IsKnown = _IS_KNOWN,
-    overlay: Overlay | None = None,
-    places_xy: ArrayLike = (),
-) -> Region | None:
-    if extent == "all":
-        return None
-    box = known_box(layer, is_known)
+    layer: Layer, frame: Frame, extent: ImageExtent, *, is_known: IsKnown = _IS_KNOWN,
+    overlay: Overlay | None = None, places_xy: ArrayLike = (),
+) -> Region | None:  # fmt: skip
+    """Return what a picture shows of a map if that is less: what is known, and some places."""
+    box = None if extent == "all" else known_box(layer, is_known)
     if box is None:
         return None
     low, high = np.array(box[:2]), np.array(box[:2]) + box[2:]

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.display import count_text
-from mapdeal.grid.frame import Frame
 from mapdeal.grid.reach import GoalReach, Passage, Reach
+from mapdeal.grid.values import count_text
+from mapdeal.pictures import styles
 from mapdeal.pictures.canvas import (
     WHITE,
     Image,
@@ -22,27 +22,22 @@ from mapdeal.pictures.canvas import (
     text_width,
 )
 from mapdeal.pictures.colours import Swatch
-from mapdeal.pictures.overlay import Brush, ImageExtent, Overlay, outline_of, place_of, shown_part
-from mapdeal.pictures.raster import DEFAULT_IMAGE_MAX, Raster
-from mapdeal.pictures.styles import (
-    CLOSED,
-    GOAL,
-    MISSED,
-    ROBOT,
-    START,
-    TIGHT,
-    UNKNOWN_CODE,
-    area_text,
-    reach_codes,
+from mapdeal.pictures.overlay import (
+    DEFAULT_IMAGE_MAX,
+    Brush,
+    ImageExtent,
+    OtherThan,
+    Overlay,
+    Raster,
+    Surface,
+    outline_of,
+    shown_part,
 )
 
 _DIRECTIONS = 16
 _DISTANCES = (1.0, 1.7, 2.8, 4.5)
-_FIRST_WITH_A_LINE = 1
-"""From this distance on a line leads from the text to its place."""
-
-Box = tuple[int, int, int, int]
-"""First column and row, and those after the last."""
+_FIRST_WITH_A_LINE = 1  # from this distance on a line leads from the text to its place
+Box = tuple[int, int, int, int]  # first column and row, and those after the last
 
 
 class Captions:
@@ -52,8 +47,7 @@ class Captions:
         self._pixels = pixels
         self._size = size
         self._taken = np.zeros_like(pixels)
-        self.kept_free = Brush(self._taken)
-        """Draws, with any index but 0, where no text may be."""
+        self.kept_free = Brush(self._taken)  # draws, with any index but 0, where no text may be
 
     def write(
         self, text: str, place: NDArray[np.float64], index: int, *, away: float,
@@ -75,14 +69,12 @@ class Captions:
         return True
 
     def _letters(self, text: str) -> NDArray[np.uint8]:
-        """Return a text on white, row 0 at the top."""
         pad = max(2, self._size // 5)
         capitals = capital_height(self._size)
         pen = Pen(self._size)
         line = printable(text)
-        below = (
-            max(pad, ascent(self._size) // 4) if any(c in "gjpqy,;()[]|/" for c in line) else pad
-        )
+        descends = not set("gjpqy,;()[]|/").isdisjoint(line)
+        below = max(pad, ascent(self._size) // 4) if descends else pad
         pen.open(text_width(line, self._size) + 2 * pad + 1, capitals + pad + below + 2)
         pen.write(pad + 1, capitals + pad + 1, line, self._size)
         return pen.sheet
@@ -114,52 +106,35 @@ class Captions:
         return not self._taken[bottom:top, left:right].any()
 
 
-_MOST_WIDTHS = 300
-"""Passages whose width is written: those that cut off most."""
-
-_CORNERS_OF_CIRCLE = 48
+_MOST_WIDTHS = 300  # passages whose width is written: those that cut off most
 
 
 def reach_image(
-    reach: Reach,
-    *,
-    title: str,
-    image_max: int = DEFAULT_IMAGE_MAX,
-    image_extent: ImageExtent = "all",
-    overlay: Overlay | None = None,
-) -> Image:
+    reach: Reach, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = "all", overlay: Overlay | None = None,
+) -> Image:  # fmt: skip
     """Return a map with the area that a robot reaches, and what cuts off the rest."""
     # The largest areas that are open to the robot, but out of its reach, have a colour each.
     # Passages are bars across the door with their width beside them, red where the robot is
     # stopped; the robot's outline at the start is true to scale. Where cells share a pixel an
     # obstacle shows before a cut-off area, and that before the reachable one.
-    codes, style = reach_codes(reach)
+    codes, style = styles.reach_codes(reach)
+    places = [reach.start[:2], *((one.goal.x, one.goal.y) for one in _goals_on(reach))]
     part = shown_part(
-        codes,
-        reach.frame,
-        image_extent,
-        is_known=lambda some: some != UNKNOWN_CODE,
-        overlay=overlay,
-        places_xy=[reach.start[:2], *((one.goal.x, one.goal.y) for one in _goals_on(reach))],
-    )
+        codes, reach.frame, image_extent, is_known=OtherThan(styles.UNKNOWN_CODE), overlay=overlay,
+        places_xy=places,
+    )  # fmt: skip
     raster = Raster.fitting(reach.shape, image_max, part=part)
     pixels = np.array(raster.enlarged(raster.largest(codes)))
-    marks = _Marks(pixels, raster.frame_of(reach.frame), raster)
-    swatches = [*style.swatches, *marks.draw(reach)]
+    marks = _Marks(Surface(pixels, raster.frame_of(reach.frame), raster))
     return on_sheet(
-        pixels,
-        style.colours,
-        reach.frame,
-        raster,
-        title=title,
-        before=_summary(reach),
-        swatches=swatches,
-        overlay=overlay,
-    )
+        pixels, style, reach.frame, raster, title=title, before=_summary(reach),
+        swatches=[*style.swatches, *marks.draw(reach)], overlay=overlay,
+    )  # fmt: skip
 
 
 def _summary(reach: Reach) -> str:
-    reached, whole = area_text(reach.reachable_area), area_text(reach.open_area)
+    reached, whole = styles.area_text(reach.reachable_area), styles.area_text(reach.open_area)
     text = f"reaches {reached.removesuffix(' m2')} of {whole}"
     closed = sum(not passage.is_open for passage in reach.passages)
     if closed:
@@ -176,16 +151,13 @@ def _goals_on(reach: Reach) -> list[GoalReach]:
 class _Marks:
     """Draws what there is to see besides areas, on the pixels of a map."""
 
-    def __init__(self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster) -> None:
-        self._pixels, self._frame, self._raster = pixels, frame, raster
-        self._brush = Brush(pixels)
-        side = max(pixels.shape)
-        self._thickness = max(3, round(side / 350))
-        self._dot = max(5.0, side / 130)
-        self._captions = Captions(pixels, int(min(32, max(12, side / 62))))
+    def __init__(self, on: Surface) -> None:
+        self._on, self._brush = on, Brush(on.pixels)
+        self._thickness = max(3, round(on.side / 350))
+        self._dot = max(5.0, on.side / 130)
+        self._captions = Captions(on.pixels, int(min(32, max(12, on.side / 62))))
 
     def draw(self, reach: Reach) -> list[Swatch]:
-        """Draw passages, goals, the start and the robot; return the legend."""
         self._bars(reach.passages)
         swatches = self._robot(reach)
         goals = _goals_on(reach)
@@ -193,7 +165,7 @@ class _Marks:
             self._goal(goal)
         for goal in goals:
             if goal.goal.name is not None:
-                index = GOAL if goal.reachable else MISSED
+                index = styles.GOAL if goal.reachable else styles.MISSED
                 place = self._place((goal.goal.x, goal.goal.y))
                 self._captions.write(goal.goal.name, place, index, away=1.4 * self._dot)
         most = sorted(reach.passages, key=lambda one: (one.is_open, -one.cut_off))
@@ -201,23 +173,22 @@ class _Marks:
             self._width(passage)
         closed = [passage for passage in reach.passages if not passage.is_open]
         shown = [
-            (closed, CLOSED, "closed passage"),
-            (len(reach.passages) > len(closed), TIGHT, "open, but tight"),
-            (any(goal.reachable for goal in goals), GOAL, "goal, reached"),
-            (any(not goal.reachable for goal in goals), MISSED, "goal, not reached"),
+            (closed, styles.CLOSED, "closed passage"),
+            (len(reach.passages) > len(closed), styles.TIGHT, "open, but tight"),
+            (any(goal.reachable for goal in goals), styles.GOAL, "goal, reached"),
+            (any(not goal.reachable for goal in goals), styles.MISSED, "goal, not reached"),
         ]
         return swatches + [Swatch(index, label) for is_there, index, label in shown if is_there]
 
     def _place(self, point: Sequence[float]) -> NDArray[np.float64]:
-        place: NDArray[np.float64] = place_of([point], self._frame, self._raster)[0]
+        place: NDArray[np.float64] = self._on.places([point])[0]
         return place
 
     def _bars(self, passages: Sequence[Passage]) -> None:
-        """Draw a bar between the ends of each passage, visible at any scale."""
         if not passages:
             return
         ends = np.array([passage.ends for passage in passages]).reshape(-1, 2)
-        starts, stops = place_of(ends, self._frame, self._raster).reshape(-1, 2, 2).swapaxes(0, 1)
+        starts, stops = self._on.places(ends).reshape(-1, 2, 2).swapaxes(0, 1)
         middles, halves = (starts + stops) / 2, (stops - starts) / 2
         lengths = np.maximum(np.hypot(halves[:, 0], halves[:, 1]), 1e-9)
         halves *= np.maximum(1.5 * self._thickness / lengths, 1)[:, np.newaxis]
@@ -226,52 +197,46 @@ class _Marks:
         for brush, which, index, more in (
             (self._captions.kept_free, slice(None), 1, 6),
             (self._brush, slice(None), WHITE, 4),
-            (self._brush, is_open, TIGHT, 0),
-            (self._brush, ~is_open, CLOSED, 0),
+            (self._brush, is_open, styles.TIGHT, 0),
+            (self._brush, ~is_open, styles.CLOSED, 0),
         ):
             thickness = self._thickness + more
             brush.segments(starts[which], stops[which], index, thickness=thickness)
 
     def _width(self, passage: Passage) -> None:
-        ends = place_of(passage.ends, self._frame, self._raster)
+        ends = self._on.places(passage.ends)
         along = ends[1] - ends[0]
         towards = (abs(float(along[1])), -float(along[0]) * math.copysign(1, along[1]))
-        self._captions.write(
-            f"{100 * passage.width:.0f} cm",
-            ends.mean(axis=0),
-            TIGHT if passage.is_open else CLOSED,
-            away=2 * self._thickness + 2,
-            towards=towards,
-        )
+        index = styles.TIGHT if passage.is_open else styles.CLOSED
+        text, away = f"{100 * passage.width:.0f} cm", 2 * self._thickness + 2
+        self._captions.write(text, ends.mean(axis=0), index, away=away, towards=towards)
+
+    def _ringed_dot(self, place: NDArray[np.float64], index: int) -> None:
+        self._brush.dot(place, WHITE, radius=self._dot + 2)
+        self._brush.dot(place, index, radius=self._dot)
+        self._captions.kept_free.dot(place, 1, radius=self._dot + 3)
 
     def _goal(self, goal: GoalReach) -> None:
         place = self._place((goal.goal.x, goal.goal.y))
-        index = GOAL if goal.reachable else MISSED
-        self._brush.dot(place, WHITE, radius=self._dot + 2)
-        self._brush.dot(place, index, radius=self._dot)
+        self._ringed_dot(place, styles.GOAL if goal.reachable else styles.MISSED)
         if not goal.reachable:
             arm = 0.5 * self._dot
             for across in ((arm, arm), (arm, -arm)):
                 cross = np.array([place - across, place + across])
                 self._brush.polyline(cross, WHITE, thickness=max(2, round(self._dot / 3)))
-        self._captions.kept_free.dot(place, 1, radius=self._dot + 3)
 
     def _robot(self, reach: Reach) -> list[Swatch]:
         x, y = reach.start[:2]
         yaw = reach.start[2] if len(reach.start) > 2 else None
         place = self._place((x, y))
-        self._brush.dot(place, WHITE, radius=self._dot + 2)
-        self._brush.dot(place, START, radius=self._dot)
-        self._captions.kept_free.dot(place, 1, radius=self._dot + 3)
-        swatches = [Swatch(START, "start")]
+        self._ringed_dot(place, styles.START)
+        swatches = [Swatch(styles.START, "start")]
         if reach.robot is not None:
-            outline = place_of(
-                outline_of(reach.robot, (x, y, yaw or 0.0)), self._frame, self._raster
-            )
-            for index, thickness in ((WHITE, 4), (ROBOT, 2)):
+            outline = self._on.places(outline_of(reach.robot, (x, y, yaw or 0.0)))
+            for index, thickness in ((WHITE, 4), (styles.ROBOT, 2)):
                 self._brush.polyline(outline, index, thickness=thickness)
             self._captions.kept_free.polyline(outline, 1, thickness=4)
-            swatches.append(Swatch(ROBOT, "robot, to scale"))
+            swatches.append(Swatch(styles.ROBOT, "robot, to scale"))
         if yaw is not None:
             ahead = self._place((x + math.cos(yaw), y + math.sin(yaw))) - place
             direction = ahead / math.hypot(*ahead)

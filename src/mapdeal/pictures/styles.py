@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import DistanceField
-from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import (
     INSCRIBED_INFLATED_OBSTACLE,
@@ -40,8 +39,7 @@ from mapdeal.pictures.colours import (
     palette_of,
 )
 
-COST_LEVELS = 200
-"""Colours of graded costs, the first of a palette."""
+COST_LEVELS = 200  # colours of graded costs, the first of a palette
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +58,6 @@ class CostPalette:
 
     @classmethod
     def of(cls, scale: CostScale) -> CostPalette:
-        """Return the palette of a scale of costs."""
         on_byte_scale = scale == "costmap2d"
         top = INSCRIBED_INFLATED_OBSTACLE - 1 if on_byte_scale else OCCUPIED - 1
         by_value = np.full(256, cls.lethal, dtype=np.uint8)
@@ -88,14 +85,11 @@ POTENTIAL_OBSTACLE, POTENTIAL_ARROW, POTENTIAL_GOAL, POTENTIAL_NOWHERE = range(
 """Of a potential: indices beside those of its scale and of the same, faded."""
 
 _KINDS_OF_DIFFERENCE = (
-    ("only in one map", colours.OUTSIDE),
-    ("unknown", colours.RVIZ_UNKNOWN),
-    ("free", colours.RVIZ_FREE),
-    ("free in one, unknown in the other", colours.CHANGED),
-    ("wall", colours.RVIZ_OCCUPIED),
-    ("wall removed", colours.REMOVED),
+    ("only in one map", colours.OUTSIDE), ("unknown", colours.RVIZ_UNKNOWN),
+    ("free", colours.RVIZ_FREE), ("free in one, unknown in the other", colours.CHANGED),
+    ("wall", colours.RVIZ_OCCUPIED), ("wall removed", colours.REMOVED),
     ("wall added", colours.ADDED),
-)
+)  # fmt: skip
 
 
 def occupancy_style() -> LayerStyle:
@@ -128,13 +122,8 @@ def cost_style(costmap: Costmap) -> LayerStyle:
         swatches.append(Swatch(own.contour, f"circumscribed {costmap.circumscribed_cost}"))
     top = own.highest_graded
     ticks = [(value / top, f"{value:g}") for value in (1, *round_values(top, 5), top)]
-    return LayerStyle(
-        own.colours,
-        by_value=own.by_value,
-        swatches=tuple(swatches),
-        bar=ColourBar(range(COST_LEVELS), ticks, "cost"),
-        labels=labels,
-    )
+    bar = ColourBar(range(COST_LEVELS), ticks, "cost")
+    return LayerStyle(own.colours, own.by_value, swatches=tuple(swatches), bar=bar, labels=labels)
 
 
 def bounds_circumscribed(costmap: Costmap) -> bool:
@@ -161,11 +150,9 @@ def potential_style(field: PotentialField) -> LayerStyle:
     return LayerStyle(
         palette_of(scale, colours.mixed(scale, colours.RVIZ_UNKNOWN, 0.6), special),
         scale=Scale(0.0, _HIGHEST_NORMALISED, 0, POTENTIAL_LEVELS),
-        swatches=tuple(swatches),
-        bar=ColourBar(range(POTENTIAL_LEVELS), ticks, "normalised"),
-        nowhere=POTENTIAL_NOWHERE,
-        faded_by=POTENTIAL_LEVELS,
-    )
+        swatches=tuple(swatches), bar=ColourBar(range(POTENTIAL_LEVELS), ticks, "normalised"),
+        nowhere=POTENTIAL_NOWHERE, faded_by=POTENTIAL_LEVELS,
+    )  # fmt: skip
 
 
 def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
@@ -214,15 +201,12 @@ def number_style(low: float, high: float, unit: str, *, nowhere: str = "no value
     if high <= low:
         high = low + 1.0
     ticks = [((value - low) / (high - low), f"{value:g}") for value in ticks_of(low, high, 6)]
+    blues = colours.interpolated(colours.FREE_ANCHORS, _NUMBER_LEVELS)
     return LayerStyle(
-        palette_of(
-            colours.interpolated(colours.FREE_ANCHORS, _NUMBER_LEVELS), [colours.RVIZ_UNKNOWN]
-        ),
-        scale=Scale(low, high, 0, _NUMBER_LEVELS),
-        swatches=(Swatch(_NUMBER_LEVELS, nowhere),),
+        palette_of(blues, [colours.RVIZ_UNKNOWN]), scale=Scale(low, high, 0, _NUMBER_LEVELS),
+        swatches=(Swatch(_NUMBER_LEVELS, nowhere),), nowhere=_NUMBER_LEVELS,
         bar=ColourBar(range(_NUMBER_LEVELS), ticks, unit),
-        nowhere=_NUMBER_LEVELS,
-    )
+    )  # fmt: skip
 
 
 def ticks_of(low: float, high: float, about: int) -> list[float]:
@@ -239,14 +223,10 @@ def round_values(end: float, about: int) -> list[float]:
     return [step * k for k in range(1, math.ceil(end / step)) if end - step * k > 0.35 * step]
 
 
-FIELD_LEVELS = 119
-"""Of known cells; the palette has them again, faded, for unknown ones."""
+FIELD_LEVELS = 119  # of known cells; the palette has them again, faded, for unknown ones
 LINE = 2 * FIELD_LEVELS
-NOWHERE = LINE + 1
-"""The outline of obstacles, and cells without a distance."""
-
-_LEAST_GAP = 0.08
-"""Between two labels of a bar, of its height."""
+NOWHERE = LINE + 1  # the outline of obstacles, and cells without a distance
+_LEAST_GAP = 0.08  # between two labels of a bar, of its height
 
 
 @dataclass(frozen=True)
@@ -280,7 +260,6 @@ class EndsByRows:
         self._every: list[tuple[float, float]] = []
 
     def take(self, rows: slice) -> None:
-        """Look at some rows."""
         distances, occupancies = self._field.distance[rows], self._field.occupancy[rows]
 
         def look(rows: slice) -> None:
@@ -294,7 +273,6 @@ class EndsByRows:
         for_rows(look, distances.shape)
 
     def found(self) -> FieldEnds:
-        """Return the ends, once all rows were looked at."""
         known, every = self._known, self._every
         highest, lowest = max(end[0] for end in every), min(end[1] for end in every)
         if known:
@@ -327,13 +305,9 @@ def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
         swatches.append(Swatch(NOWHERE, "no distance"))
     return LayerStyle(
         palette_of(known, colours.mixed(known, colours.RVIZ_UNKNOWN, 0.6), special),
-        scale=scale,
-        swatches=tuple(swatches),
-        bar=bar,
-        nowhere=NOWHERE,
-        line=LINE,
+        scale=scale, swatches=tuple(swatches), bar=bar, nowhere=NOWHERE, line=LINE,
         faded_by=FIELD_LEVELS,
-    )
+    )  # fmt: skip
 
 
 def steps_below_zero(scale: Scale) -> int:
@@ -348,7 +322,6 @@ def faded_index(below: int, *, outside: bool) -> int:
 
 
 def _scale(ends: FieldEnds) -> tuple[Scale, int]:
-    """Return the scale, and how many of its steps are below zero: at least one on each side."""
     step = (ends.far + ends.deep) / (FIELD_LEVELS - 1) or 1.0
     below = min(max(1, math.ceil(ends.deep / step - 1e-9)), FIELD_LEVELS - 1)
     return Scale(-below * step, (FIELD_LEVELS - below) * step, 0, FIELD_LEVELS), below
@@ -376,10 +349,8 @@ def _bar(scale: Scale, ends: FieldEnds) -> tuple[ColourBar, list[Swatch]]:
     return ColourBar(range(FIELD_LEVELS), sorted(ticks), "distance, m"), swatches
 
 
-_MOST_AREAS = 6
-"""Cut-off areas that have a colour of their own."""
-_LEAST_SHARE = 0.001
-"""Of the open cells: what such an area must have."""
+_MOST_AREAS = 6  # cut-off areas that have a colour of their own
+_LEAST_SHARE = 0.001  # of the open cells: what such an area must have
 
 # In the order in which the cells that share a pixel take precedence.
 _UNKNOWN, _NARROW, _REACHED, _NO_TURN, _REACHED_UNKNOWN, _CUT_OFF = range(6)
@@ -390,21 +361,11 @@ CLOSED, TIGHT, START, ROBOT, GOAL, MISSED = range(_OBSTACLE + 1, _OBSTACLE + 7)
 """Palette indices of what is drawn over the cells."""
 
 _COLOURS = [
-    colours.RVIZ_UNKNOWN,
-    colours.TOO_NARROW,
-    colours.REACHABLE,
-    colours.NO_TURN,
-    colours.REACHABLE_UNKNOWN,
-    colours.CUT_OFF,
-    *colours.CUT_OFF_AREAS,
-    colours.RVIZ_OCCUPIED,
-    colours.CLOSED_PASSAGE,
-    colours.TIGHT_PASSAGE,
-    colours.REACH_START,
-    colours.ROBOT_OUTLINE,
-    colours.GOAL_REACHED,
-    colours.GOAL_MISSED,
-]
+    colours.RVIZ_UNKNOWN, colours.TOO_NARROW, colours.REACHABLE, colours.NO_TURN,
+    colours.REACHABLE_UNKNOWN, colours.CUT_OFF, *colours.CUT_OFF_AREAS, colours.RVIZ_OCCUPIED,
+    colours.CLOSED_PASSAGE, colours.TIGHT_PASSAGE, colours.REACH_START, colours.ROBOT_OUTLINE,
+    colours.GOAL_REACHED, colours.GOAL_MISSED,
+]  # fmt: skip
 
 
 def reach_codes(reach: Reach) -> tuple[NDArray[np.uint8], LayerStyle]:
@@ -413,14 +374,14 @@ def reach_codes(reach: Reach) -> tuple[NDArray[np.uint8], LayerStyle]:
     counts = histogram(codes)
     by_value = np.zeros(256, dtype=np.uint8)
     by_value[: len(_COLOURS)] = np.arange(len(_COLOURS))
-    turns = bool(counts[_NO_TURN])
-    style = LayerStyle(
-        np.array(_COLOURS, dtype=np.uint8),
-        by_value=by_value,
-        swatches=tuple(_swatches(counts, areas, reach.cell_area)),
-        labels={code: name for code, name, _ in _names(areas, turns) if counts[code]},
-    )
-    return codes, style
+    swatches, labels = [], {}
+    for code, name, is_area in _names(areas, turns=bool(counts[_NO_TURN])):
+        if counts[code]:
+            labels[code] = name
+            area = f" {area_text(int(counts[code]) * reach.cell_area)}" if is_area else ""
+            swatches.append(Swatch(code, f"{name}{area}"))
+    palette = np.array(_COLOURS, dtype=np.uint8)
+    return codes, LayerStyle(palette, by_value, swatches=tuple(swatches), labels=labels)
 
 
 def area_text(area: float) -> str:
@@ -476,24 +437,14 @@ def _colour_areas(codes: NDArray[np.uint8]) -> int:
     return len(largest)
 
 
-def _names(areas: int, turns: bool) -> list[tuple[int, str, bool]]:
-    room = ", room to turn" if turns else ""
-    smaller = "smaller" if areas else "small"
+def _names(areas: int, *, turns: bool) -> list[tuple[int, str, bool]]:
+    """Return codes, their names, and whether the legend has their areas, in its order."""
     return [
-        (_REACHED, f"reachable{room}", True),
+        (_REACHED, f"reachable{', room to turn' if turns else ''}", True),
         (_NO_TURN, "reachable, no room to turn", True),
         (_REACHED_UNKNOWN, "reachable, unknown", True),
         *((code, "cut off", True) for code in _AREAS[:areas]),
-        (_CUT_OFF, f"{smaller} cut-off areas", True),
-        (_NARROW, "no room for the robot", True),
-        (_OBSTACLE, "obstacle", False),
+        (_CUT_OFF, f"{'smaller' if areas else 'small'} cut-off areas", True),
+        (_NARROW, "no room for the robot", True), (_OBSTACLE, "obstacle", False),
         (_UNKNOWN, "unknown", False),
-    ]
-
-
-def _swatches(counts: NDArray[np.integer], areas: int, cell_area: float) -> list[Swatch]:
-    return [
-        Swatch(code, f"{name} {area_text(int(counts[code]) * cell_area)}" if is_area else name)
-        for code, name, is_area in _names(areas, bool(counts[_NO_TURN]))
-        if counts[code]
-    ]
+    ]  # fmt: skip

@@ -4,44 +4,57 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cached_property, reduce
+from itertools import groupby
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.bags import messages
 from mapdeal.bags.bag import CAN_BE_READ, Bag, Connection, MessageIndex, Recorded, normalised_type
-from mapdeal.bags.messages import (
-    GRID_TYPES,
-    LASER_SCAN,
-    ODOMETRY,
-    POINT_CLOUD,
-    TF_TYPES,
-    Decoder,
-    Stamped,
-    frame_of,
-    grid_of,
-    odometry_of,
-    time_of,
-    transforms_of,
-)
+from mapdeal.bags.messages import Decoder, LaserScan
 from mapdeal.bags.reader import chosen_connections, open_bag
-from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
+from mapdeal.files.source import FileState, claim, sha256_of, state_of
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.rotations import from_yaw, rotated
+from mapdeal.mapping.evidence import FARTHEST_POSE, Stances, beams_in_plane, stances
+from mapdeal.mapping.transforms import FrameOptions, Pose, Posed, TransformTree
+from mapdeal.pipeline.inputs import errors_named
+from mapdeal.pipeline.local import Cloud, Points, SummedCloud
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
+from mapdeal.sensors.points import read_trajectory
+from mapdeal.sensors.scans import ScanArrays, ScanSource
 
 ReadAs = Literal["map", "costs"]
 
-_OF_COSTS = "costmap"
-"""Word in the names of topics on which Nav2 and move_base publish costs."""
+_OF_COSTS = "costmap"  # word in the names of topics on which Nav2 and move_base publish costs
+
+
+def _index_of(bag: Bag, connections: Sequence[Connection]) -> MessageIndex:
+    index = bag.index([one.id for one in connections])
+    if not len(index):
+        raise bag.malformed("holds no messages", ", ".join({one.topic for one in connections}))
+    return index
+
+
+def _number_in(index: MessageIndex, number: int, topic: str, **where: str) -> int:
+    count = len(index)
+    if not -count <= number < count:
+        rule = f"{topic} has {count} messages: 0 to {count - 1}, or -1 to {-count}"
+        raise ParameterError(rule, got=number, **where)
+    return number % count
 
 
 @dataclass(frozen=True)
 class RecordedGrid:
-    """A map or costmap of a bag."""
-
     grid: OccupancyGrid | Costmap
     number: int
     time: int
@@ -49,36 +62,29 @@ class RecordedGrid:
 
 
 class GridTopic:
-    """The maps and costmaps of one topic."""
-
     def __init__(self, bag: Bag, topic: str | None, read_as: ReadAs | None = None) -> None:
         named = [] if topic is None else [topic]
-        connections = chosen_connections(bag, named, GRID_TYPES, "maps and costmaps")
+        connections = chosen_connections(bag, named, messages.GRID_TYPES, "maps and costmaps")
         self._types = {one.id: one.type for one in connections}
-        self._index: MessageIndex = bag.index(self._types)
+        self._index = _index_of(bag, connections)
         self._decoder = Decoder(bag)
         self.files = bag.files
         self.topic = connections[0].topic
-        self.is_costs = _is_of_costs(connections[0]) if read_as is None else read_as == "costs"
-        if not len(self._index):
-            raise bag.malformed("holds no messages", self.topic)
+        is_of_costs = _OF_COSTS in self.topic.lower()
+        self.is_costs = is_of_costs if read_as is None else read_as == "costs"
 
     def __len__(self) -> int:
         return len(self._index)
 
     def read(self, number: int) -> RecordedGrid:
-        """Return one of them, counted from 0 on, or from the last, -1, back."""
-        count = len(self)
-        if not -count <= number < count:
-            rule = f"{self.topic} has {count} messages: 0 to {count - 1}, or -1 to {-count}"
-            raise ParameterError(rule, place="index", got=number)
-        place = self._index[number % count]
+        number = _number_in(self._index, number, self.topic, place="index")
+        place = self._index[number]
         name = self._types[place.connection]
 
         def recorded(message: Any) -> RecordedGrid:
-            grid = grid_of(message, name, is_costs=self.is_costs)
-            stamp = time_of(message.header.stamp)
-            return RecordedGrid(grid, number % count, stamp, frame_of(message.header))
+            grid = messages.grid_of(message, name, is_costs=self.is_costs)
+            stamp = messages.time_of(message.header.stamp)
+            return RecordedGrid(grid, number, stamp, messages.frame_of(message.header))
 
         return self._decoder.read(place, recorded)
 
@@ -87,19 +93,14 @@ class GridTopic:
 def grid_topic(
     path: Path, topic: str | None = None, *, read_as: ReadAs | None = None
 ) -> Iterator[GridTopic]:
-    """Open a bag at a topic of maps or costmaps within a ``with`` block; see `GridTopic`."""
     with open_bag(path) as bag:
         yield GridTopic(bag, topic, read_as)
 
 
 def read_map_from_bag(
-    path: str | PathLike[str],
-    topic: str | None = None,
-    *,
-    index: int = -1,
-    read_as: ReadAs | None = None,
-    max_memory: int | None = None,
-) -> OccupancyGrid | Costmap:
+    path: str | PathLike[str], topic: str | None = None, *, index: int = -1,
+    read_as: ReadAs | None = None, max_memory: int | None = None,
+) -> OccupancyGrid | Costmap:  # fmt: skip
     """Read a map or costmap from a bag, like ``mapdeal convert BAG``.
 
     Parameters
@@ -139,35 +140,25 @@ def read_map_from_bag(
         return found.read(index).grid
 
 
-def _is_of_costs(connection: Connection) -> bool:
-    return _OF_COSTS in connection.topic.lower()
-
-
 _SECONDS = 1e-9
 _COMMANDS: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(GRID_TYPES, ("convert",)),
-    LASER_SCAN: ("build", "local"),
-    POINT_CLOUD: ("local",),
-    ODOMETRY: ("build",),
-    **dict.fromkeys(TF_TYPES, ("build", "local")),
+    **dict.fromkeys(messages.GRID_TYPES, ("convert",)),
+    messages.LASER_SCAN: ("build", "local"),
+    messages.POINT_CLOUD: ("local",),
+    messages.ODOMETRY: ("build",),
+    **dict.fromkeys(messages.TF_TYPES, ("build", "local")),
 }
 """Commands that accept the messages of a type."""
 
 
 def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dict[str, Any]:
     """Return what there is to know of a bag, as JSON can hold it."""
-    # ``topics`` has a mapping for each topic: its type, the number of its messages, the times of
-    # the first and the last (when they were recorded, nanoseconds), the frame of the first, and the
-    # commands that take it. ``transforms`` has those between frames in /tf, with counts; ``use``
-    # the command lines for what can be used.
     with open_bag(path) as bag:
         told = bag.summary()
         decoder = Decoder(bag)
         topics = list(_topics(bag, told, decoder))
         edges = _edges(bag, decoder, progress or report_nothing)
-        whole = Recorded()
-        for one in told.values():
-            whole = whole.joined(one)
+        whole = reduce(Recorded.joined, told.values(), Recorded())
         if not whole.count:
             bag.remark("holds no messages")
         return {
@@ -189,24 +180,22 @@ def _topics(bag: Bag, told: dict[int, Recorded], decoder: Decoder) -> Iterator[d
     for one in bag.connections:
         groups.setdefault((one.topic, one.type), []).append(one)
     for (topic, name), ours in sorted(groups.items()):
-        recorded = Recorded()
-        for one in ours:
-            recorded = recorded.joined(told[one.id])
+        recorded = reduce(Recorded.joined, (told[one.id] for one in ours), Recorded())
         can_be_read = ours[0].encoding in CAN_BE_READ
         commands = list(_COMMANDS.get(name, ())) if can_be_read and recorded.count else []
+        has_frame = commands and name not in messages.TF_TYPES
         yield {
             "topic": topic,
             "type": ours[0].spelled,
             "count": recorded.count,
             "first_ns": recorded.first if recorded.count else None,
             "last_ns": recorded.last if recorded.count else None,
-            "frame": _frame(bag, ours, decoder) if commands and name not in TF_TYPES else None,
+            "frame": _frame(bag, ours, decoder) if has_frame else None,
             "commands": commands,
         }
 
 
 def _frame(bag: Bag, connections: list[Connection], decoder: Decoder) -> str | None:
-    """Return the frame of a topic's first message."""
     for one in connections:
         for piece in bag.pieces([one.id]):
             if len(piece):
@@ -217,15 +206,17 @@ def _frame(bag: Bag, connections: list[Connection], decoder: Decoder) -> str | N
 
 def _edges(bag: Bag, decoder: Decoder, progress: ProgressCallback) -> list[dict[str, Any]]:
     """Return how often each transform comes, those of odometry included."""
-    ours = [one for one in bag.of_types(*TF_TYPES, ODOMETRY) if one.encoding in CAN_BE_READ]
-    by_id = {one.id: one for one in ours}
-    index = bag.index(by_id) if ours else ()
+    types = (*messages.TF_TYPES, messages.ODOMETRY)
+    by_id = {one.id: one for one in bag.of_types(*types) if one.encoding in CAN_BE_READ}
+    index = bag.index(by_id) if by_id else ()
     found: Counter[tuple[str, str, str]] = Counter()
     with progress(len(index)) as advance:
         for place in index:
             one = by_id[place.connection]
-            make = _odometry if one.type == ODOMETRY else transforms_of
-            stamped = decoder.read(place, make)
+            if one.type == messages.ODOMETRY:
+                stamped = [decoder.read(place, messages.odometry_of)]
+            else:
+                stamped = decoder.read(place, messages.transforms_of)
             found.update((one.topic, of.parent, of.child) for of in stamped)
             advance(1)
     return [
@@ -234,23 +225,502 @@ def _edges(bag: Bag, decoder: Decoder, progress: ProgressCallback) -> list[dict[
     ]
 
 
-def _odometry(message: Any) -> list[Stamped]:
-    return [odometry_of(message)]
-
-
 def _uses(path: Path, topics: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield a command line for each kind of topic that there is."""
     name = shlex.quote(str(path))
-    lines = {
-        "convert": f"mapdeal convert {name} --topic {{}} -o OUT.yaml",
-        "build": f"mapdeal build {name} --topic {{}} -o OUT.yaml",
-        "local": f"mapdeal local --cloud {name} --topic {{}} -o DIR",
-    }
-    types = {"convert": GRID_TYPES, "build": (LASER_SCAN,), "local": (POINT_CLOUD,)}
-    for command, line in lines.items():
-        names = types[command]
+    lines = (
+        (messages.GRID_TYPES, f"mapdeal convert {name} --topic {{}} -o OUT.yaml"),
+        ((messages.LASER_SCAN,), f"mapdeal build {name} --topic {{}} -o OUT.yaml"),
+        ((messages.POINT_CLOUD,), f"mapdeal local --cloud {name} --topic {{}} -o DIR"),
+    )
+    for names, line in lines:
         fitting = [
             one["topic"] for one in topics if one["count"] and normalised_type(one["type"]) in names
         ]
         if fitting:
             yield line.format(shlex.quote(fitting[0]))
+
+
+FIXED_FRAMES = ("map", "odom")  # frames that maps are made in, the best first
+BASE_FRAMES = ("base_link", "base_footprint")
+"""Usual names of the robot's frame, the most common first."""
+
+_TF, _STATIC = "/tf", "/tf_static"
+_SEVERAL = 3
+
+
+class SensorFrames:
+    def __init__(self, bag: Bag, options: FrameOptions) -> None:
+        self._bag = bag
+        self._options = options
+        self._decoder = Decoder(bag)
+        self.tree = TransformTree()
+        self._fixed = FIXED_FRAMES[0]
+        # those of /tf and /tf_static; of a robot with a namespace, if there are no others, its own
+        ours = [one for one in bag.of_types(*messages.TF_TYPES) if one.encoding in CAN_BE_READ]
+        ours = [one for one in ours if one.topic in (_TF, _STATIC)] or ours
+        self._static = [one.id for one in ours if one.topic.endswith(_STATIC)]
+        moving = [one.id for one in ours if one.id not in self._static]
+        wanted = self._static if options.poses is not None else [*moving, *self._static]
+        self._index = bag.index(wanted)
+        self.count = len(self._index)
+        self.files = () if options.poses is None else (options.poses,)
+
+    def read(self, of_sensors: set[str], advance: Callable[[int], object]) -> None:
+        """Read all transforms, and find the way to some sensors."""
+        sensors = sorted(of_sensors)
+        self._read_all(advance)
+        if self._options.poses is not None:
+            self._take_poses(self._options.poses, sensors)
+        else:
+            self._take_mount(sensors)
+            self._fixed = self._fixed_for(sensors)
+        if self.tree.bad:
+            self._bag.remark(f"{self.tree.bad} invalid transforms are ignored")
+        for parent, child in self.tree.of_both_kinds[:_SEVERAL]:
+            text = f"{parent} -> {child} is both static and dynamic"
+            self._bag.remark(f"{text}: the more frequent kind is used")
+        for child, (chosen, *others) in sorted(self.tree.several_parents.items())[:_SEVERAL]:
+            text = f"frame {child} has several parents: {chosen}, the most frequent, is used"
+            self._bag.remark(f"{text}, and not {', '.join(others)}")
+
+    def read_alone(self, sensor: str, advance: Callable[[int], object]) -> None:
+        """Read all transforms, where only the place of a sensor on the robot is asked for."""
+        self._read_all(advance)
+        self._take_mount([sensor])
+
+    def at(self, frame: str, times: NDArray[np.int64]) -> Posed:
+        found = self.tree.lookup(self._fixed, frame, times)
+        if (np.abs(found.translations[found.known]) > FARTHEST_POSE).any():
+            rule = f"{frame} is farther than {FARTHEST_POSE:g} m from {self._fixed}"
+            raise MalformedInputError(rule, source=self._bag.path)
+        return found
+
+    def told_span(self, frame: str) -> str:
+        span = self.tree.span(self._fixed, frame)
+        if span is None:
+            return "at no time"
+        return f"from {span[0] / 1e9:.3f} to {span[1] / 1e9:.3f} s"
+
+    def base_frame(self) -> str | None:
+        named = self._options.base_frame
+        names = BASE_FRAMES if named is None else (named.lstrip("/"),)
+        return next((name for name in names if name in self.tree.frames), None)
+
+    def _read_all(self, advance: Callable[[int], object]) -> None:
+        static = set(self._static)
+        for place in self._index:
+            for one in self._decoder.read(place, messages.transforms_of):
+                self._add(one, is_static=place.connection in static)
+            advance(1)
+
+    def _add(self, one: messages.Stamped, *, is_static: bool) -> None:
+        self.tree.add(
+            one.parent, one.child, one.time, one.translation, one.quaternion, is_static=is_static
+        )
+
+    def _take_mount(self, sensors: list[str]) -> None:
+        """Place sensors where the user says, on a robot whose frame is known or not yet."""
+        if self._options.mount is None:
+            return
+        if len(sensors) > 1:
+            rule = f"applies to one sensor, and there are {', '.join(sensors)}"
+            raise ParameterError(rule, source="--mount", hint="--topic names one")
+        x, y, yaw = self._options.mount
+        base = self.base_frame() or self._options.base_frame or BASE_FRAMES[0]
+        for sensor in sensors:
+            if self.tree.leads(base, sensor):
+                rule = f"transforms already give the pose of {sensor} on {base}"
+                raise MalformedInputError(rule, source=self._bag.path, place="--mount")
+            self.tree.add(base, sensor, 0, (x, y, 0.0), from_yaw(yaw).tolist(), is_static=True)
+
+    def _take_poses(self, path: Path, sensors: list[str]) -> None:
+        self._fixed = fixed = (self._options.fixed_frame or FIXED_FRAMES[0]).lstrip("/")
+        self._take_mount(sensors)
+        base = self.base_frame()
+        frames = [base] if base is not None else sensors
+        wanted = self._options.base_frame or BASE_FRAMES[0]
+        if base is None and len(sensors) > 1:
+            rule = (
+                f"no transforms lead from {wanted} to {', '.join(sensors)}: whose poses are they?"
+            )
+            hint = "--topic names one; --mount gives its pose on the robot"
+            raise MalformedInputError(rule, source=path, hint=hint)
+        if base is None:
+            text = f"{path} is taken for the poses of {sensors[0]}: no transform leads there from"
+            self._bag.remark(f"{text} {wanted}; --mount gives the pose of a sensor on the robot")
+        rows = zip(*(part.tolist() for part in read_trajectory(path)), strict=True)
+        for time, translation, quaternion in rows:
+            for frame in frames:
+                self.tree.add(fixed, frame, time, translation, quaternion, is_static=False)
+        if not self._leads(fixed, sensors):
+            raise self._no_way(fixed, sensors)
+
+    def _fixed_for(self, sensors: list[str]) -> str:
+        named = self._options.fixed_frame
+        wanted = FIXED_FRAMES if named is None else (named.lstrip("/"),)
+        found = next((name for name in wanted if self._leads(name, sensors)), None)
+        if found is None:
+            self._take_odometry(sensors)
+            found = next((name for name in wanted if self._leads(name, sensors)), None)
+        if found is None and named is None:
+            root = self.tree.root_of(sensors[0])
+            if self._leads(root, sensors) and self.tree.is_moving(root, sensors[0]):
+                found = root
+        if found is None:
+            raise self._no_way(wanted[0], sensors)
+        if named is None and found != FIXED_FRAMES[0]:
+            text = f"no transforms lead to {FIXED_FRAMES[0]}: the map is made in {found}"
+            drift = ", with whatever its odometry drifts" if found == FIXED_FRAMES[1] else ""
+            self._bag.remark(text + drift)
+        return found
+
+    def _leads(self, fixed: str, sensors: list[str]) -> bool:
+        return all(self.tree.leads(fixed, sensor) for sensor in sensors)
+
+    def _no_way(self, fixed: str, sensors: list[str]) -> MalformedInputError:
+        sensor = next((one for one in sensors if not self.tree.leads(fixed, one)), sensors[0])
+        error = self.tree.no_way(fixed, sensor).found_in(self._bag.path)
+        error.hint = "--poses FILE gives the robot's poses, t x y z qx qy qz qw a line"
+        if len(self.tree.frames) > 1:
+            error.hint = (
+                "--fixed-frame names another frame, --mount gives the pose of a sensor on the "
+                "robot, --poses FILE gives its poses"
+            )
+        return error
+
+    def _take_odometry(self, sensors: list[str]) -> None:
+        named = [] if self._options.odometry is None else [self._options.odometry]
+        if not named and not self._bag.of_types(messages.ODOMETRY):
+            return
+        connections = chosen_connections(self._bag, named, (messages.ODOMETRY,), "odometry")
+        for place in self._bag.index([one.id for one in connections]):
+            self._add(self._decoder.read(place, messages.odometry_of), is_static=False)
+        self._take_mount([one for one in sensors if one not in self.tree.frames])
+
+
+_POINTS_TOGETHER = 1 << 18
+_BYTES = 80  # bytes for each point that are there at the same time, at most
+_TYPES = (messages.POINT_CLOUD, messages.LASER_SCAN)
+
+
+class BagClouds:
+    """The clouds of one topic of a bag that is open: point clouds, or laser scans."""
+
+    def __init__(
+        self, bag: Bag, topics: Sequence[str], options: FrameOptions, *,
+        has_poses: bool, is_raw: bool = False,
+    ) -> None:  # fmt: skip
+        connections = chosen_connections(bag, topics, _TYPES, "points and laser scans")
+        if len({one.topic for one in connections}) > 1:
+            raise ParameterError("one topic of clouds is taken", source="--topic")
+        self.bag = bag
+        self.topic = connections[0].topic
+        self._types = {one.id: one.type for one in connections}
+        self._index = _index_of(bag, connections)
+        self._decoder = Decoder(bag)
+        self._options = options
+        self._has_poses = has_poses
+        self._is_raw = is_raw
+        self._frames = SensorFrames(bag, options)
+        self._base: str | None = None
+        self.preparation = self._frames.count
+        self.files = (*bag.files, *self._frames.files)
+
+    def __len__(self) -> int:
+        return len(self._index)
+
+    def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:
+        """Read transforms; find those from the sensor to the robot and the fixed frame."""
+        _, sensor = self._decoder.header(self._index[0])
+        if self._has_poses:
+            self._frames.read_alone(sensor, advance)
+        else:
+            self._frames.read({sensor}, advance)
+        self._base = self._frames.base_frame()
+        if not self._has_poses:
+            if self._base is None or not self._frames.tree.leads(self._base, sensor):
+                self._base = None
+                text = f"no transforms lead from {BASE_FRAMES[0]} to {sensor}: the robot's pose is "
+                self.bag.remark(f"{text}that of {sensor}")
+            return
+        if self._is_raw or (self._base is not None and self._frames.tree.leads(self._base, sensor)):
+            return
+        self._base = None
+        if sensor in FIXED_FRAMES:
+            rule = f"the points of {self.topic} are in frame {sensor}"
+            raise ParameterError(rule, source="--frame", hint="--frame map takes them so")
+        if sensor not in BASE_FRAMES:
+            text = f"no transforms lead from {BASE_FRAMES[0]} to {sensor}: its points are taken for"
+            self.bag.remark(f"{text} the robot's own; --mount gives the pose of the sensor")
+
+    def number(self, index: int | None) -> int:
+        return _number_in(self._index, -1 if index is None else index, self.topic, source="--index")
+
+    def poses(self, numbers: Sequence[int]) -> list[Pose | None]:
+        """Return where the robot was at each of some clouds; None where it is not known."""
+        headers = [self._header(number) for number in numbers]
+        found: list[Pose | None] = [None] * len(numbers)
+        for frame in {self._base or frame for _, frame in headers}:
+            ours = [k for k, (_, one) in enumerate(headers) if (self._base or one) == frame]
+            times = np.array([headers[k][0] for k in ours], np.int64)
+            with errors_named(self.bag.path):
+                posed = self._frames.at(frame, times)
+            stance = stances(posed.translations, posed.quaternions)
+            for k, pose, known in zip(ours, stance.poses.tolist(), posed.known, strict=True):
+                found[k] = (pose[0], pose[1], pose[2]) if known else None
+            missing = int(np.count_nonzero(~posed.known))
+            if missing:
+                text = f"{self.bag.path}: {missing} of {len(numbers)} clouds are left out: where "
+                text += f"{frame} was is known {self._frames.told_span(frame)}"
+                emit_warning(text, stacklevel=2)
+        return found
+
+    def pose(self, number: int) -> Pose:
+        (pose,) = self.poses([number])
+        if pose is None:
+            rule = f"where the robot was at message {number} is not known"
+            hint = "--pose X,Y,YAW gives its pose"
+            raise MalformedInputError(rule, source=self.bag.path, place=self.topic, hint=hint)
+        return pose
+
+    def cloud(self, number: int) -> BagCloud:
+        path = Path(f"{self.bag.path}, message {number}")
+        return BagCloud(path, f"{path.name} of {self.topic}", self.files, self, number)
+
+    def points(self, number: int) -> Points:
+        """Return the points of a cloud, shape (N, 3), as the robot sees them."""
+        place = self._index[number]
+        is_cloud = self._types[place.connection] == messages.POINT_CLOUD
+        points = self._decoder.read(place, self._points_of if is_cloud else _points_of_scan)
+        if self._is_raw or self._base is None:
+            return points
+        time, sensor = self._header(number)
+        moves, turns = self._mount(sensor, time)
+        if points.shape[1] == 2:
+            points = np.column_stack([points, np.zeros(len(points))])
+        with np.errstate(invalid="ignore"):
+            return np.asarray(rotated(turns, points) + moves)
+
+    def _points_of(self, message: Any) -> Points:
+        count = int(message.width) * int(message.height)
+        claim(self.bag.path, _BYTES * count, what="the points of a cloud")
+        return messages.points_of(message)
+
+    @cached_property
+    def sums(self) -> dict[str, str]:
+        """The sha256 of all files: each is read once for all clouds."""
+        return {path.name: sha256_of(path) for path in self.files}
+
+    @cached_property
+    def states(self) -> dict[Path, FileState]:
+        return {path: state_of(path) for path in self.files}
+
+    @property
+    def topic_and_mount(self) -> dict[str, str]:
+        mount = self._options.mount
+        told = {"topic": self.topic, "base_frame": self._base or "none"}
+        return told if mount is None else told | {"mount": ",".join(map(repr, mount))}
+
+    def _header(self, number: int) -> tuple[int, str]:
+        place = self._index[number]
+        time, frame = self._decoder.header(place)
+        return time or place.time, frame
+
+    def _mount(self, sensor: str, time: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        times = np.array([time], np.int64)
+        base = self._base or sensor
+        with errors_named(self.bag.path):
+            posed = self._frames.tree.lookup(base, sensor, times)
+        if not posed.known.all():
+            rule = f"where {sensor} stands on {base} is not known at {time} ns"
+            raise MalformedInputError(rule, source=self.bag.path, place=self.topic)
+        return posed.translations[0], posed.quaternions[0]
+
+
+def _points_of_scan(message: Any) -> Points:
+    return messages.points_of_scan(messages.laser_scan_of(message))
+
+
+@dataclass(frozen=True, eq=False)
+class BagCloud(Cloud):
+    source: BagClouds
+    number: int
+
+    def summed(self) -> SummedCloud:
+        options = {**self.source.topic_and_mount, "message": str(self.number)}
+        return SummedCloud(self, self.source.sums, options, self.source.states)
+
+    def chunks(self) -> Iterator[Points]:
+        points = self.source.points(self.number)
+        for first in range(0, len(points), _POINTS_TOGETHER):
+            yield points[first : first + _POINTS_TOGETHER]
+
+
+@contextmanager
+def clouds_of_bag(
+    path: Path, topics: Sequence[str], options: FrameOptions, *,
+    has_poses: bool, is_raw: bool = False,
+) -> Iterator[BagClouds]:  # fmt: skip
+    with open_bag(path) as bag:
+        yield BagClouds(bag, topics, options, has_poses=has_poses, is_raw=is_raw)
+
+
+_SCANS_TOGETHER = 512
+_READINGS_TOGETHER = 1 << 18
+_OF_READING = 140  # bytes of a reading, in all that is made of it
+
+
+class BagScans(ScanSource):
+    # Scans come in the order of their recording times. Those outside of the times of the transforms
+    # are left out and counted, as are those of a sensor that leans by more than 10 degrees.
+
+    def __init__(
+        self, bag: Bag, topics: Sequence[str], options: FrameOptions, *, deskew: bool = False
+    ) -> None:
+        connections = chosen_connections(bag, topics, (messages.LASER_SCAN,), "laser scans")
+        self._index = _index_of(bag, connections)
+        self._bag = bag
+        self._decoder = Decoder(bag)
+        self._deskew = deskew
+        self._frames = SensorFrames(bag, options)
+        self._is_prepared = False
+        self._outside: dict[str, int] = {}
+        self._leaning = self._unstamped = 0
+        self._has_steps = False
+        self.files = (*bag.files, *self._frames.files)
+
+    @property
+    def named(self) -> Path:
+        return self._bag.path
+
+    @property
+    def count(self) -> int:
+        return len(self._index)
+
+    @property
+    def preparation(self) -> int:
+        return self._frames.count
+
+    def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:
+        if not self._is_prepared:
+            # of all topics, by the first message of each connection
+            _, firsts = np.unique(self._index.connections, return_index=True)
+            sensors = {self._decoder.header(self._index[int(first)])[1] for first in firsts}
+            self._frames.read(sensors, advance)
+            self._is_prepared = True
+
+    def scans(self) -> Iterator[ScanArrays]:
+        self.prepare()
+        self._outside = {}
+        self._leaning = self._unstamped = 0
+        together: list[LaserScan] = []
+        readings = 0
+        for place in self._index:
+            scan = self._decoder.read(place, messages.laser_scan_of)
+            if scan.time == 0:
+                self._unstamped += 1
+                scan = scan.at(place.time)
+            together.append(scan)
+            count = len(scan.ranges)
+            claim(self._bag.path, _OF_READING * count, what=f"the {count} readings of a scan")
+            readings += count
+            if len(together) == _SCANS_TOGETHER or readings > _READINGS_TOGETHER:
+                yield from self._placed(together)
+                together, readings = [], 0
+        if together:
+            yield from self._placed(together)
+
+    def warn(self) -> None:
+        texts = [
+            f"{count} of {self.count} scans are left out: where {frame} was is known "
+            f"{self._frames.told_span(frame)}"
+            for frame, count in sorted(self._outside.items())
+        ]
+        if self._leaning:
+            what = "scans are left out: their sensor leans by more than 10 degrees"
+            texts.append(f"{self._leaning} of {self.count} {what}")
+        if self._unstamped:
+            texts.append(f"{self._unstamped} scans have no time: that of their recording is taken")
+        if self._deskew and not self._has_steps:
+            texts.append("no scan has a time between beams: --deskew has no effect")
+        for text in texts:
+            emit_warning(f"{self._bag.path}: {text}", stacklevel=2)
+
+    def _placed(self, scans: list[LaserScan]) -> Iterator[ScanArrays]:
+        if self._deskew and any(scan.between for scan in scans):
+            self._has_steps = True
+            yield from self._deskewed(scans)
+            return
+        for run in self._runs(scans, [np.array([scan.time], np.int64) for scan in scans]):
+            yield from _as_arrays(*run)
+
+    def _runs(
+        self, scans: list[LaserScan], times: list[NDArray[np.int64]]
+    ) -> Iterator[tuple[list[LaserScan], Posed, Stances]]:
+        """Yield scans of the same geometry that follow each other, without those left out."""
+        # The poses are those of all times of a scan, one scan behind the other.
+        counts = [len(one) for one in times]
+        every = np.concatenate(times)
+        translations, quaternions = np.empty((len(every), 3)), np.empty((len(every), 4))
+        known = np.empty(len(every), np.bool_)
+        for frame in {scan.frame for scan in scans}:  # each asked for its poses once
+            ours = np.repeat([scan.frame == frame for scan in scans], counts)
+            with errors_named(self._bag.path):
+                posed = self._frames.at(frame, every[ours])
+            translations[ours], quaternions[ours] = posed.translations, posed.quaternions
+            known[ours] = posed.known
+        stance = stances(translations, quaternions)
+        kept: list[tuple[LaserScan, NDArray[np.intp]]] = []
+        rows_of_scans = np.split(np.arange(len(every)), np.cumsum(counts)[:-1])
+        for scan, rows in zip(scans, rows_of_scans, strict=True):
+            if not known[rows].all():
+                self._outside[scan.frame] = self._outside.get(scan.frame, 0) + 1
+            elif stance.leans[rows].any():
+                self._leaning += 1
+            else:
+                kept.append((scan, rows))
+
+        def kind(one: tuple[LaserScan, NDArray[np.intp]]) -> tuple[object, ...]:
+            scan, rows = one
+            return (*scan.geometry, stance.is_level[rows].all(), stance.is_flipped[rows[0]])
+
+        for _, some in groupby(kept, kind):
+            run, parts = zip(*some, strict=True)
+            rows = np.concatenate(parts)
+            yield (
+                list(run),
+                Posed(translations[rows], quaternions[rows], known[rows]),
+                Stances(*(getattr(stance, name)[rows] for name in Stances.__annotations__)),
+            )
+
+    def _deskewed(self, scans: list[LaserScan]) -> Iterator[ScanArrays]:
+        times = [scan.beam_times() for scan in scans]
+        for run, posed, stance in self._runs(scans, times):
+            angles = np.concatenate([scan.angles for scan in run])
+            headings, shares = beams_in_plane(posed.quaternions, angles)
+            ranges = np.concatenate([scan.ranges for scan in run])
+            ranges = np.where(stance.is_level, ranges, ranges * shares)
+            poses = np.column_stack([posed.translations[:, :2], headings])
+            yield ScanArrays(poses, np.zeros(1), ranges[:, np.newaxis], len(run))
+
+
+def _as_arrays(scans: list[LaserScan], posed: Posed, stance: Stances) -> Iterator[ScanArrays]:
+    angles = scans[0].angles
+    if stance.is_level.all():
+        if stance.is_flipped[0]:
+            angles = -angles
+        yield ScanArrays(stance.poses, angles, np.stack([scan.ranges for scan in scans]))
+        return
+    for k, scan in enumerate(scans):
+        quaternions = np.broadcast_to(posed.quaternions[k], (len(angles), 4))
+        headings, shares = beams_in_plane(quaternions, angles)
+        pose = np.array([[*posed.translations[k, :2], 0.0]])
+        yield ScanArrays(pose, headings, (scan.ranges * shares)[np.newaxis])
+
+
+@contextmanager
+def scans_of_bag(
+    path: Path, topics: Sequence[str], options: FrameOptions, *, deskew: bool = False
+) -> Iterator[BagScans]:
+    with open_bag(path) as bag:
+        yield BagScans(bag, topics, options, deskew=deskew)

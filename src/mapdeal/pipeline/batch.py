@@ -7,7 +7,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,16 +25,15 @@ from mapdeal.errors import (
     refuse_warnings,
     strict_warnings,
 )
-from mapdeal.files.budget import size_text as bytes_text
-from mapdeal.files.source import exists, ignores_case, is_same_file, sums_of_reads
+from mapdeal.files.source import exists, ignores_case, is_same_file, size_text, sums_of_reads
 from mapdeal.files.transaction import Transaction, make_folder
-from mapdeal.grid.display import count_text
+from mapdeal.grid.values import count_text
 from mapdeal.inputs.listing import ListedMap
 from mapdeal.kernels.threads import available_threads
 from mapdeal.maps.reading import open_map
 from mapdeal.pipeline.inputs import Need, Terminal, memory_budget, need_of
 from mapdeal.pipeline.recipe import Recipe
-from mapdeal.pipeline.run import RunReport, output_folder, run_map, size_text
+from mapdeal.pipeline.run import RunReport, cells_text, output_folder, run_map
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
 
 if TYPE_CHECKING:
@@ -58,14 +57,11 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a job."""
-
     result: Any
     warnings: tuple[str, ...] = ()
 
     @property
     def status(self) -> str:
-        """One of ``done``, ``unchanged``, ``failed``, ``interrupted``."""
         if self.result is None:
             return "interrupted"
         if isinstance(self.result, MapdealError):
@@ -74,7 +70,6 @@ class Outcome:
         return "done" if local is not None and local.status == "done" else str(self.result.status)
 
     def document(self, job: Job) -> dict[str, Any]:
-        """Return the job's entry in the summary, without its names."""
         document: dict[str, Any] = {"status": self.status}
         if isinstance(self.result, MapdealError):
             error = text_of(str(self.result), job)
@@ -98,9 +93,8 @@ class MapRun:
         if jobs == 1:
             return self
         threads = self.settings.threads or max(1, available_threads() // jobs)
-        return replace(self, settings=replace(self.settings, threads=threads)).within(
-            memory_budget(self.settings.max_memory, jobs)
-        )
+        shared = replace(self, settings=replace(self.settings, threads=threads))
+        return shared.within(memory_budget(self.settings.max_memory, jobs))
 
     def within(self, memory: int | None) -> MapRun:
         """Return it with the memory that a job may take, unless somebody chose that."""
@@ -126,30 +120,19 @@ def jobs_at_once(wanted: int | None, maps: int, terminal: Terminal) -> int:
 
 def attempt(run_one: Callable[[Any], Any], job: Job) -> Outcome:
     """Do a job; whatever it raises or warns of is part of the outcome."""
-    with _recorded_warnings() as texts:
+    with kept_warnings() as kept:
         try:
             result = run_one(job)
         except MapdealError as error:
             result = error
         except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
             result = refusal_of_the_system(problem, job.path) or internal_error(job, problem)
-    return Outcome(result, tuple(texts))
+    return Outcome(result, tuple(one_line(str(one)) for one in kept))
 
 
 def internal_error(job: Job, problem: BaseException) -> MapdealError:
     text = f"internal error: {type(problem).__name__}: {problem}"
     return MapdealError(text, source=job.path, hint="this is a bug in mapdeal")
-
-
-@contextmanager
-def _recorded_warnings() -> Iterator[list[str]]:
-    """Fill a list with the texts of mapdeal's warnings in the block, when it ends."""
-    texts: list[str] = []
-    with kept_warnings() as kept:
-        try:
-            yield texts
-        finally:
-            texts += [one_line(str(one)) for one in kept]
 
 
 def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
@@ -175,24 +158,17 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
             if above in jobs and place.relative_to(above).parts[0] in outputs:
                 rule = f"would write into the place of a file of {jobs[above].path}"
                 raise ParameterError(rule, source=job.path)
-    _check_case(jobs, output)
-    return list(jobs.values())
-
-
-def _check_case(jobs: dict[Path, Job], output: Path) -> None:
-    """Refuse folders that are one to a disk that ignores case."""
     alike: dict[str, Job] = {}
     for place, job in jobs.items():
         other = alike.setdefault(place.as_posix().casefold(), job)
         if other is not job and ignores_case(output):
             rule = f"would write into {job.folder}, as {other.path} does: the disk ignores case"
             raise ParameterError(rule, source=job.path)
+    return list(jobs.values())
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run would do with a map."""
-
     job: Job
     what: Literal["new", "replace", "unchanged", "refused", "failed"]
     height: int = 0
@@ -204,14 +180,13 @@ class Plan:
 
     @property
     def row(self) -> tuple[str, ...]:
-        """Its line of a table."""
         size = f"{self.width} x {self.height}"
         if self.error is not None:
             what = f"{self.what} ({self.error.exit_code})"
             return what, "-", size if self.height else "-", "-", _failure(self.error, self.job)
-        memory = "-" if self.need is None else bytes_text(self.need.memory)
-        if self.need is not None and self.need.by_blocks:
-            memory += " in blocks"
+        memory = "-"
+        if self.need is not None:
+            memory = size_text(self.need.memory) + " in blocks" * self.need.by_blocks
         where = f"{self.job.name} -> {self.job.folder}"
         return self.what, str(len(self.writes)) if self.writes else "-", size, memory, where
 
@@ -245,11 +220,16 @@ def plan_of(job: Job, run: MapRun) -> Plan:
         return Plan(job, "unchanged", *size, reads=files)
     existing = [path for target in new for path in target.existing()]
     outputs = tuple(path for target in new for path in target.outputs())
-    refusal = _refusal(existing, files, force=settings.force)
+    inputs = [path for path in existing if any(is_same_file(path, file) for file in files)]
+    refusal = None
+    if inputs:
+        refusal = FileAccessError("the output is the input", source=inputs[0])
+    elif existing and not settings.force:
+        hint = "--force replaces it"
+        refusal = FileAccessError("the output exists", source=existing[0], hint=hint)
     if refusal is not None:
         return Plan(job, "refused", *size, reads=files, error=refusal)
-    what: Literal["new", "replace"] = "replace" if existing else "new"
-    return Plan(job, what, *size, need, files, outputs)
+    return Plan(job, "replace" if existing else "new", *size, need, files, outputs)
 
 
 @dataclass(frozen=True)
@@ -257,9 +237,7 @@ class Plans:
     """What a run would do with all of its maps, so many at the same time."""
 
     plans: Sequence[Plan]
-    at_once: int | None
-    """Number of jobs, None on a cluster."""
-
+    at_once: int | None  # number of jobs, None on a cluster
     others: Sequence[Path]
 
     def lines(self) -> Iterator[str]:
@@ -278,53 +256,39 @@ class Plans:
         needed = sorted((plan.need.memory for plan in self.plans if plan.need), reverse=True)
         if needed:
             at_once = min(self.at_once or 1, len(needed))
-            text = f"memory: about {bytes_text(needed[0])} for the map that needs most"
+            text = f"memory: about {size_text(needed[0])} for the map that needs most"
             if at_once > 1:
-                text += f", {bytes_text(sum(needed[:at_once]))} at most with {at_once} jobs"
+                text += f", {size_text(sum(needed[:at_once]))} at most with {at_once} jobs"
             yield text if self.at_once else f"{text}, on a worker"
         yield "nothing was written: this was --dry-run"
 
     def details(self) -> Iterator[str]:
-        """Yield the files that would be read and written."""
         for plan in self.plans:
             yield from (f"{plan.job.name}: read {path}" for path in plan.reads)
             yield from (f"{plan.job.name}: write {path}" for path in plan.writes)
 
     def check(self) -> None:
-        """Raise BatchError if a map would fail."""
         failing = sum(plan.error is not None for plan in self.plans)
         if failing:
             rule = f"{failing} of {count_text(len(self.plans), 'map')} would fail"
             raise BatchError(rule, source="--dry-run")
 
 
-def _refusal(
-    existing: list[Path], files: tuple[Path, ...], *, force: bool
-) -> MapdealError | None:  # fmt: skip
-    """Return why the outputs that are there cannot be replaced, if they cannot."""
-    for path in existing:
-        if any(is_same_file(path, file) for file in files):
-            return FileAccessError("the output is the input", source=path)
-    if existing and not force:
-        return FileAccessError("the output exists", source=existing[0], hint="--force replaces it")
-    return None
-
-
 Work = Callable[[Job], Outcome]
 Submit = Callable[[Job], Future[Outcome]]
 
 
-class WorkerDiedError(MapdealError):
-    """A job was lost with the workers that had it."""
+TOO_LARGE = "it may have run out of memory: mapdeal run --dry-run shows what a map needs"
 
+
+class WorkerDiedError(MapdealError):
     exit_code = BatchError.exit_code
 
 
 class Workers(Protocol):
     """Where jobs are done: processes of this machine, or a cluster."""
 
-    size: int
-    """Jobs that are done at the same time."""
+    size: int  # jobs that are done at the same time
 
     def started(self, size: int, work: Work) -> AbstractContextManager[Submit]:
         """Run `size` workers within a ``with`` block; yield a function that sends them a job."""
@@ -336,56 +300,47 @@ def dispatch(
     count: int, job_of: Callable[[int], Job], work: Work, workers: Workers,
     done: Callable[[int, Outcome], None],
 ) -> None:  # fmt: skip
-    """Distribute jobs among workers."""
     # When a process dies, its pool is lost, and any of the jobs that were under way may be why.
     # Each of them is tried again, alone. If that kills its process, too, it has failed; all others
     # go on.
+    def until_broken(waiting: deque[int], size: int) -> list[int]:
+        """Do jobs until none waits or the pool is lost; return those that were under way then."""
+        under_way: dict[Future[Outcome], int] = {}
+        suspects: list[int] = []
+        try:
+            with workers.started(min(size, len(waiting)), work) as submit:
+                while under_way or (waiting and not suspects):
+                    while waiting and not suspects and len(under_way) < size:
+                        index = waiting.popleft()
+                        try:
+                            under_way[submit(job_of(index))] = index
+                        except BrokenExecutor:
+                            suspects.append(index)
+                        except MapdealError as error:
+                            done(index, Outcome(error))
+                    finished, _ = wait(under_way, return_when=FIRST_COMPLETED)
+                    for future in sorted(finished, key=under_way.__getitem__):
+                        index = under_way[future]
+                        outcome = _outcome_of(future, job_of(index))
+                        if outcome is None:
+                            suspects.append(index)
+                        else:
+                            done(index, outcome)
+                        del under_way[future]
+        except KeyboardInterrupt:  # what was finished all the same is told
+            for future, index in under_way.items():
+                if future.done() and not future.cancelled() and future.exception() is None:
+                    done(index, future.result())
+            raise
+        return sorted(suspects)
+
     waiting = deque(range(count))
     while waiting:
-        for suspect in _until_broken(waiting, workers.size, job_of, work, workers, done):
-            if _until_broken(deque([suspect]), 1, job_of, work, workers, done):
-                done(suspect, Outcome(died(job_of(suspect))))
-
-
-def died(job: Job) -> WorkerDiedError:
-    rule = "the worker process died, and again with this map alone"
-    hint = "it may have run out of memory: mapdeal run --dry-run shows what a map needs"
-    return WorkerDiedError(rule, source=job.path, hint=hint)
-
-
-def _until_broken(
-    waiting: deque[int], size: int, job_of: Callable[[int], Job], work: Work, workers: Workers,
-    done: Callable[[int, Outcome], None],
-) -> list[int]:  # fmt: skip
-    """Do jobs until none waits or the pool is lost; return those that were under way then."""
-    under_way: dict[Future[Outcome], int] = {}
-    suspects: list[int] = []
-    try:
-        with workers.started(min(size, len(waiting)), work) as submit:
-            while under_way or (waiting and not suspects):
-                while waiting and not suspects and len(under_way) < size:
-                    index = waiting.popleft()
-                    try:
-                        under_way[submit(job_of(index))] = index
-                    except BrokenExecutor:
-                        suspects.append(index)
-                    except MapdealError as error:
-                        done(index, Outcome(error))
-                finished, _ = wait(under_way, return_when=FIRST_COMPLETED)
-                for future in sorted(finished, key=under_way.__getitem__):
-                    index = under_way[future]
-                    outcome = _outcome_of(future, job_of(index))
-                    if outcome is None:
-                        suspects.append(index)
-                    else:
-                        done(index, outcome)
-                    del under_way[future]
-    except KeyboardInterrupt:  # what was finished all the same is told
-        for future, index in under_way.items():
-            if future.done() and not future.cancelled() and future.exception() is None:
-                done(index, future.result())
-        raise
-    return sorted(suspects)
+        for suspect in until_broken(waiting, workers.size):
+            if until_broken(deque([suspect]), 1):
+                rule = "the worker process died, and again with this map alone"
+                error = WorkerDiedError(rule, source=job_of(suspect).path, hint=TOO_LARGE)
+                done(suspect, Outcome(error))
 
 
 def _outcome_of(future: Future[Outcome], job: Job) -> Outcome | None:
@@ -401,8 +356,6 @@ def _outcome_of(future: Future[Outcome], job: Job) -> Outcome | None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Batch(Result):
-    """Outcomes of the jobs of a batch."""
-
     what: ClassVar[str] = "map"
     is_brief: ClassVar[bool] = False
     """Whether only the first line of each job is printed, and warnings as they are."""
@@ -413,14 +366,11 @@ class Batch(Result):
     seconds: float
 
     def document(self) -> dict[str, Any]:
-        """Return the summary."""
-        pairs = zip(self.jobs, self.outcomes, strict=True)
-        return {
-            "maps": [
-                {self.what: job.name, "folder": job.place, **outcome.document(job)}
-                for job, outcome in pairs
-            ]
-        }
+        maps = [
+            {self.what: job.name, "folder": job.place, **outcome.document(job)}
+            for job, outcome in zip(self.jobs, self.outcomes, strict=True)
+        ]
+        return {"maps": maps}
 
     def count(self, status: str) -> int:
         return sum(outcome.status == status for outcome in self.outcomes)
@@ -433,14 +383,13 @@ class Batch(Result):
             if isinstance(result, MapdealError):
                 failed.append((f"failed ({result.exit_code})", "-", _failure(result, job)))
             elif result is not None:
-                size = size_text(next(iter(result.figures.values())))
+                size = cells_text(next(iter(result.figures.values())))
                 rows.append((result.status, size, job.name))
         yield from _aligned([*rows, *failed])
         counts = [f"{self.count(status)} {status}" for status in ("done", "unchanged", "failed")]
         yield f"{count_text(len(self.jobs), self.what)}: {', '.join(counts)}"
 
     def check(self) -> None:
-        """Raise BatchError if a map has failed."""
         failed = self.count("failed")
         if failed:
             rule = f"{failed} of {len(self.jobs)} maps failed"
@@ -448,7 +397,6 @@ class Batch(Result):
 
     @classmethod
     def printed(cls, job: Job, warning: str) -> str:
-        """Return a warning as it is printed."""
         is_named = cls.is_brief or warning.startswith(str(job.path.with_suffix("")))
         return warning if is_named else f"{job.path}: {warning}"
 
@@ -457,24 +405,17 @@ B = TypeVar("B", bound=Batch)
 
 
 def run_all(
-    jobs: Sequence[Job],
-    output: Path,
-    run_one: Callable[[Job], RunReport],
-    on_done: Callable[[Job, Outcome], None],
-    kind: type[B],
-    *,
-    workers: Workers | None = None,
-) -> B:
+    jobs: Sequence[Job], output: Path, run_one: Callable[[Job], RunReport],
+    on_done: Callable[[Job, Outcome], None], kind: type[B], *, workers: Workers | None = None,
+) -> B:  # fmt: skip
     """Run every job, none stopped by another's failure, and write ``summary.json``."""
     marked: dict[int, Job] = {}
     outcomes: dict[int, Outcome] = {}
     started = time.perf_counter()
 
     def job_of(index: int) -> Job:
-        """Return the job, as it was when its turn came first."""
-        if index not in marked:
-            job = jobs[index]
-            marked[index] = replace(job, is_new=not exists(job.folder))
+        if index not in marked:  # as it was when its turn came first
+            marked[index] = replace(jobs[index], is_new=not exists(jobs[index].folder))
         return marked[index]
 
     def done(index: int, outcome: Outcome) -> None:
@@ -508,14 +449,9 @@ def run_all(
 
 
 def run_and_report(
-    jobs: Sequence[Job],
-    output: Path,
-    run_one: Callable[[Job], RunReport],
-    kind: type[B],
-    terminal: Terminal,
-    *,
-    workers: Workers | None = None,
-) -> B:
+    jobs: Sequence[Job], output: Path, run_one: Callable[[Job], RunReport], kind: type[B],
+    terminal: Terminal, *, workers: Workers | None = None,
+) -> B:  # fmt: skip
     """Run every job as `run_all` does; report failures and warnings when they happen."""
     with (
         terminal.counted(len(jobs), kind.what) as advance,
@@ -537,16 +473,14 @@ def run_and_report(
 
 
 def _failure(error: MapdealError, job: Job) -> str:
-    """Return the name of a map and why it has failed."""
     text = text_of(str(error), job)
     for source in (job.name, str(job.path)):
         text = text.removeprefix(f"{one_line(source)}: ")
-    is_short = len(text) <= _LONGEST_REASON
-    return f"{job.name}: {text if is_short else f'{text[: _LONGEST_REASON - 3]}...'}"
+    shown = text if len(text) <= _LONGEST_REASON else f"{text[: _LONGEST_REASON - 3]}..."
+    return f"{job.name}: {shown}"
 
 
 def _aligned(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
-    """Yield rows as lines, each column but the last as wide as its widest entry."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         yield "  ".join(f"{text:<{w}}" for text, w in zip(row, [*widths[:-1], 0], strict=True))

@@ -1,10 +1,12 @@
-"""The files of a run: products, checksums, the manifest last.
+"""The files of a run: products, documents, pictures, and the manifest last, with checksums.
 
 What draws pictures that few runs have is imported when one is drawn.
 """
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -14,6 +16,7 @@ from typing import Any, BinaryIO, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import Result
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
@@ -25,54 +28,29 @@ from mapdeal.files.json_values import json_of, read_json
 from mapdeal.files.source import MAPS, YAML, exists, holds, is_same_file, real_path, status_of
 from mapdeal.files.transaction import Begun, PutRows, RowsWriter, Transaction
 from mapdeal.files.yaml_text import yaml_document
-from mapdeal.grid.costmap import CostCurve, Costmap
-from mapdeal.grid.display import count_text
-from mapdeal.grid.field import DistanceField, FieldView
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField, FieldView, PotentialField
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.framed import Figures, Framed
+from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.potential import PotentialField
-from mapdeal.grid.reach import Reach
+from mapdeal.grid.reach import GoalReach, Passage, Reach
+from mapdeal.grid.values import count_text
 from mapdeal.kernels.blocks import blocks_of, gathered, made_by_rows, report_rows
 from mapdeal.kernels.lookup import histogram
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import Grid, write_npy
 from mapdeal.maps.png import write_indexed_png
 from mapdeal.maps.reading import output_paths, write_grid
+from mapdeal.pictures import layers
 from mapdeal.pictures.canvas import Image
-from mapdeal.pictures.layers import (
-    CostDrawing,
-    Drawing,
-    FieldDrawing,
-    OccupancyDrawing,
-    cost_image,
-    field_image,
-    occupancy_image,
-)
-from mapdeal.pictures.overlay import (
-    DEFAULT_EXTENT,
-    ImageExtent,
-    KnownLines,
-    OtherThan,
-    Overlay,
-    Overlays,
-)
-from mapdeal.pictures.raster import DEFAULT_IMAGE_MAX
-from mapdeal.pipeline.settings import (
-    ProgressCallback,
-    Settings,
-    heard_from,
-    located,
-    passes_reported,
-    portable,
-)
+from mapdeal.pictures.overlay import KnownLines, OtherThan, Overlay, Overlays, RobotOverlay
+from mapdeal.pipeline.settings import Settings, heard_from, located, passes_reported, portable
 from mapdeal.pipeline.step import Step
 from mapdeal.stages.catalogue import models_of
 from mapdeal.version import __version__
 
 _SHOWN_GOALS = 3
-_DEEPEST = 3
-"""Mappings in mappings whose entries are listed one by one."""
+_DEEPEST = 3  # mappings in mappings whose entries are listed one by one
 _COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
 _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
 _SHOWN_AS = {"between": "values 1..99", "graded": "intermediate"}
@@ -114,7 +92,6 @@ def summary_of(figures: Figures) -> str:
 
 
 def written_line(output: Path, figures: Figures, *, with_origin: bool = False) -> str:
-    """Return what commands print of a grid that they have written."""
     text = f"{output}: {figures['width']} x {figures['height']} cells"
     if with_origin:
         x, y, yaw = figures["origin"]
@@ -144,17 +121,15 @@ def _named(names: Sequence[str]) -> str:
 
 
 def changes_between(old: Figures, new: Figures) -> list[str]:
-    """Return what differs between the figures of two runs, a text each."""
-    # Goals that are not reached any more come first. Of what differs within a mapping each entry is
-    # listed by its own name.
+    """Return what differs between the figures of two runs, goals not reached any more first."""
     texts = []
-    before, after = (figures.get("goals") for figures in (old, new))
+    before, after = old.get("goals"), new.get("goals")
     if are_goals(before) and are_goals(after) and set(before) == set(after):
         for is_reached, words in ((False, "no longer reachable"), (True, "reachable now")):
             turned = [name for name in after if after[name] is is_reached is not before[name]]
             if turned:
                 texts.append(f"{_named(turned)} {words}")
-        old, new = ({**figures, "goals": None} for figures in (old, new))
+        old, new = {**old, "goals": None}, {**new, "goals": None}
     return [*texts, *_changed_entries(old, new, "", _DEEPEST)]
 
 
@@ -177,18 +152,13 @@ def are_figures_of(stored: object, stages: Sequence[str]) -> TypeGuard[dict[str,
     """Return whether what a manifest says are figures of exactly these stages, with sizes."""
     if not isinstance(stored, dict) or set(stored) != set(stages):
         return False
-    return all(
-        isinstance(figures, dict) and all(_is_size(figures.get(k)) for k in ("width", "height"))
-        for figures in stored.values()
-    )
-
-
-def _is_size(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value > 0
+    if not all(isinstance(figures, dict) for figures in stored.values()):
+        return False
+    sizes = [figures.get(name) for figures in stored.values() for name in ("width", "height")]
+    return all(type(size) is int and size > 0 for size in sizes)
 
 
 def said(value: object) -> str:
-    """Return a value of a parameter, option or figure as a recipe would have it."""
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value]
     if isinstance(value, Mapping):
@@ -199,7 +169,6 @@ def said(value: object) -> str:
 
 
 def step_line(step: Step) -> str:
-    """Return a stage with its parameters as a verbose command says them."""
     values = step.described()[step.name].items()
     return f"{step.name}: {', '.join(f'{name}={said(value)}' for name, value in values)}"
 
@@ -218,8 +187,6 @@ def one_pass(transaction: Transaction, grid: Grid) -> Iterator[Grid]:
 
 
 class _Pass:
-    """A pass through the rows of a grid, from the first to the last."""
-
     def __init__(self, grid: Grid) -> None:
         layer = grid.layer
 
@@ -235,15 +202,13 @@ class _Pass:
 
     def write_all(self, files: Sequence[Begun]) -> None:
         finishes = []
-        for path, file, writer in files:
-            if isinstance(writer, RowsWriter):
-                with _failing_at(path):
+        for path, file, writer in sorted(files, key=lambda one: not isinstance(one[2], RowsWriter)):
+            with _failing_at(path):
+                if isinstance(writer, RowsWriter):
                     put, finish = writer.begin(file)
-                self._puts.append((path, put))
-                finishes.append((path, finish))
-        for path, file, writer in files:
-            if not isinstance(writer, RowsWriter):
-                with _failing_at(path):
+                    self._puts.append((path, put))
+                    finishes.append((path, finish))
+                else:
                     writer(file)
         for block in blocks_of(self._layer):
             if block.stop > self._next:
@@ -272,28 +237,107 @@ def _failing_at(path: Path) -> Iterator[None]:
         raise FileAccessError(rule, source=path) from None
 
 
+_DECIMALS = 9  # of metres: what is beyond is the rounding of binary fractions
+
+
+def rounded(value: float) -> float | None:
+    return round(float(value), _DECIMALS) + 0.0 if math.isfinite(value) else None
+
+
+def spread_json(document: Mapping[str, Any], *spread: str) -> str:
+    """Return a document as JSON text, an entry on a line, of some of them each item."""
+    lines = []
+    for key, value in document.items():
+        text = json.dumps(value)
+        if key in spread and value:
+            items = ",\n".join(f"    {json.dumps(item)}" for item in value)
+            text = f"[\n{items}\n  ]"
+        lines.append(f'  "{key}": {text}')
+    return "{\n" + ",\n".join(lines) + "\n}"
+
+
+class Spread(Result):
+    """A result whose document is written as it is printed, each part as soon as it is found."""
+
+    def summary(self, output: Path) -> Iterator[str]:
+        yield f"{output}: {'; '.join(self.lines())}"
+
+    def write(self, transaction: Any, output: Path) -> None:
+        transaction.write_parts(output, (f"{part}\n".encode() for part in self.parts()))
+
+
+def reach_json(reach: Reach) -> str:
+    return spread_json(reach_document(reach), "goals", "passages")
+
+
+def reach_document(reach: Reach) -> dict[str, Any]:
+    robot = reach.robot
+    shape: dict[str, Any] = {"radius": 0.0 if robot is None else robot.radius}
+    if isinstance(robot, Footprint) and robot.vertices:
+        shape = {
+            "footprint": [list(corner) for corner in robot.vertices],
+            "inscribed_radius": rounded(robot.inscribed_radius),
+            "circumscribed_radius": rounded(robot.circumscribed_radius),
+        }
+    x, y, *yaw = reach.start
+    return {
+        "robot": {**shape, "headings": reach.heading_count},
+        "start": {**_place(x, y), "yaw": rounded(yaw[0]) if yaw else None},
+        "through_unknown": reach.through_unknown,
+        "reachable_m2": rounded(reach.reachable_area),
+        "open_m2": rounded(reach.open_area),
+        "free_m2": rounded(reach.free_area),
+        "share": rounded(reach.share),
+        "goals": [_goal(one) for one in reach.goals],
+        "passages": [_passage(one) for one in reach.passages],
+    }
+
+
+def _goal(one: GoalReach) -> dict[str, Any]:
+    narrowest = one.limited_by
+    return {
+        **({} if one.goal.name is None else {"name": one.goal.name}),
+        **_place(one.goal.x, one.goal.y),
+        "reachable": one.reachable,
+        "heading_count": one.heading_count,
+        "widest_radius_m": rounded(one.widest_radius),
+        "limited_by": None if narrowest is None else {
+            **_place(narrowest.x, narrowest.y),
+            "width_m": rounded(narrowest.width),
+            "at": narrowest.at,
+        },
+        "reason": one.reason,
+        "nearest_open": None if one.nearest_open is None else _place(*one.nearest_open),
+    }  # fmt: skip
+
+
+def _passage(one: Passage) -> dict[str, Any]:
+    return {
+        **_place(one.x, one.y),
+        "width_m": rounded(one.width),
+        "cuts_off_m2": rounded(one.cut_off),
+        "open": one.is_open,
+        "ends": [[rounded(x), rounded(y)] for x, y in one.ends],
+    }
+
+
+def _place(x: float, y: float) -> dict[str, Any]:
+    return {"x": rounded(x), "y": rounded(y)}
+
+
 PICTURE = ".png"
 
-_FARTHEST = 100.0
-"""Metres: a radius beyond that is of no robot, and would fit no picture."""
+_FARTHEST = 100.0  # metres: a radius beyond that is of no robot, and would fit no picture
 
 
 @dataclass(frozen=True)
 class GridFiles:
-    """Output files for one type of grid."""
-
     metavar: str
     about: str
     endings: tuple[str, ...]
     in_folder: tuple[str, ...]
     draw: Callable[..., Image]
-    drawing: type[Drawing] | None = None
-
-
-def _potential_image(grid: PotentialField, **how: Any) -> Image:
-    from mapdeal.pictures.layers import potential_image
-
-    return potential_image(grid, **how)
+    drawing: type[layers.Drawing] | None = None
 
 
 def _reach_image(grid: Reach, **how: Any) -> Image:
@@ -305,23 +349,23 @@ def _reach_image(grid: Reach, **how: Any) -> Image:
 _FILES: dict[type[Any], GridFiles] = {
     OccupancyGrid: GridFiles(
         "OUT", "The result: .yaml (with .pgm) or .npz.",
-        MAPS, (".pgm", ".yaml"), occupancy_image, OccupancyDrawing,
+        MAPS, (".pgm", ".yaml"), layers.occupancy_image, layers.OccupancyDrawing,
     ),
     FieldView: GridFiles(
         "OUT", "The view: .yaml (with .pgm) or .npz.",
-        MAPS, (".pgm", ".yaml"), occupancy_image, OccupancyDrawing,
+        MAPS, (".pgm", ".yaml"), layers.occupancy_image, layers.OccupancyDrawing,
     ),
     Costmap: GridFiles(
         "OUT", "The costs: .yaml (with .pgm) or .npz.",
-        MAPS, (".npz", ".pgm", ".yaml"), cost_image, CostDrawing,
+        MAPS, (".npz", ".pgm", ".yaml"), layers.cost_image, layers.CostDrawing,
     ),
     DistanceField: GridFiles(
         "OUT", "The field as .npz, as a bare .npy, or its 0..100 view as .yaml (with .pgm).",
-        (*MAPS, ".npy"), (".npz", ".pgm", ".yaml"), field_image, FieldDrawing,
+        (*MAPS, ".npy"), (".npz", ".pgm", ".yaml"), layers.field_image, layers.FieldDrawing,
     ),
     PotentialField: GridFiles(
         "OUT.npz", "The field, with all its layers.",
-        (".npz",), (".npz",), _potential_image,
+        (".npz",), (".npz",), layers.potential_image,
     ),
     Reach: GridFiles(
         "OUT", "The answer as .json, or its layers as .npz.",
@@ -343,18 +387,10 @@ def paths_of(step: Step, folder: Path, *, images: bool) -> list[Path]:
 
 
 def passes_of(step: Step, endings: Iterable[str]) -> int:
-    """Return how often lazy layers are gone through for a step and some files of its product.
-
-    Once for its figures and once for the files; besides that by the stage, and by its view.
-    """
+    """Return how often lazy layers are gone through for a step and some files of its product."""
+    # once for its figures and once for the files; besides that by the stage, and by its view
     has_view = step.stage.view is not None and not {".pgm", *YAML}.isdisjoint(endings)
     return 2 + step.stage.passes + (step.stage.view_passes(step.view) if has_view else 0)
-
-
-def figures_of(grid: Grid, *, box_of_known: bool) -> Figures:
-    if box_of_known and isinstance(grid, (OccupancyGrid, Costmap)) and grid.is_lazy:
-        gathered(grid.layer, histogram, KnownLines(OtherThan(grid.unknown_value)))
-    return grid.figures()
 
 
 def output_of(step: Step, output: Path) -> list[Path]:
@@ -370,23 +406,22 @@ def output_of(step: Step, output: Path) -> list[Path]:
 
 
 def write_product(
-    transaction: Transaction,
-    output: Path,
-    grid: Grid,
-    step: Step,
-    *,
-    asked: Grid,
+    transaction: Transaction, output: Path, grid: Grid, step: Step, *, asked: Grid,
     encoding: Encoding = "occupancy",
-) -> None:
+) -> None:  # fmt: skip
     """Write a step's product to a file, and the other one of a pair."""
     # Within a pass; `asked` is the grid that `one_pass` gives.
     if isinstance(asked, DistanceField) and output.suffix == ".npy":
         transaction.write(output, lambda file: write_npy(file, asked.distance))
-        document = yaml_document(_geometry_of_npy(grid, output))
-        transaction.write_bytes(output.with_suffix(".yaml"), document)
+        names = ("convention", "strength", "max_distance", "lethal_threshold", "unknown")
+        document = {
+            "distance": output.name,
+            "resolution": grid.resolution,
+            "origin": list(grid.origin),
+            **{name: getattr(grid, name) for name in names},
+        }
+        transaction.write_bytes(output.with_suffix(".yaml"), yaml_document(document))
     elif isinstance(grid, Reach) and output.suffix == ".json":
-        from mapdeal.pipeline.documents import reach_json
-
         transaction.write_bytes(output, f"{reach_json(grid)}\n".encode())
     elif isinstance(grid, DistanceField) and output.suffix != ".npz":
         write_grid(transaction, output, step.view_of(grid), mode="raw")
@@ -395,55 +430,33 @@ def write_product(
         write_grid(transaction, output, made, encoding=encoding)
 
 
-def write_products(
-    transaction: Transaction,
-    step: Step,
-    grid: Grid,
-    folder: Path,
-    *,
-    stem: str,
-    images: bool,
-    **how: Any,
-) -> None:
-    """Write all files of a step's product, those of `paths_of`."""
-    with one_pass(transaction, grid) as asked:
-        for path in paths_of(step, folder, images=images):
-            if path.suffix == PICTURE:
-                title = one_line(f"{stem}: {step.title}")
-                write_picture(transaction, path, grid, title, **how)
-            elif path.suffix != ".pgm":  # it is written with its YAML
-                write_product(transaction, path, grid, step, asked=asked)
-
-
 def write_picture(
-    transaction: Transaction,
-    path: Path,
-    grid: Grid,
-    title: str,
-    *,
-    image_max: int = DEFAULT_IMAGE_MAX,
-    image_extent: ImageExtent = DEFAULT_EXTENT,
+    transaction: Transaction, path: Path, grid: Grid, title: str, settings: Settings,
     overlay: Overlay | None = None,
-) -> None:
-    """Write the picture of a grid; it is drawn in the thread that writes it."""
+) -> None:  # fmt: skip
     files = files_of(type(grid))
     how: dict[str, Any] = {
-        "image_max": image_max, "image_extent": image_extent, "overlay": overlay
+        "image_max": settings.image_max, "image_extent": settings.image_extent, "overlay": overlay
     }  # fmt: skip
-
-    def write(file: BinaryIO, image: Image) -> None:
-        write_indexed_png(file, image.indices, image.palette)
-
-    if files.drawing is None:
-        transaction.write(path, lambda file: write(file, files.draw(grid, title=title, **how)))
-        return
     make_drawing = files.drawing
+    if make_drawing is None:
+        write_image(transaction, path, lambda: files.draw(grid, title=one_line(title), **how))
+        return
 
     def begin(file: BinaryIO) -> tuple[PutRows, Callable[[], object]]:
         drawing = make_drawing(grid, **how)
-        return drawing.take, lambda: write(file, drawing.image(title))
+        return drawing.take, lambda: _encode(file, drawing.image(one_line(title)))
 
     transaction.write(path, RowsWriter(grid.layer, begin))
+
+
+def write_image(transaction: Transaction, path: Path, draw: Callable[[], Image]) -> None:
+    """Write a picture; it is drawn in the thread that writes it."""
+    transaction.write(path, lambda file: _encode(file, draw()))
+
+
+def _encode(file: BinaryIO, image: Image) -> None:
+    write_indexed_png(file, image.indices, image.palette)
 
 
 def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
@@ -451,8 +464,6 @@ def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
     shape = step.stage.robot
     if shape is None or step.stage.makes is Reach:  # whose picture has it at its start
         return []
-    from mapdeal.pictures.overlay import RobotOverlay
-
     given = [step.parameters.get(name) for name in (*shape.sets, shape.replaces)]
     known = next((one for one in given if isinstance(one, Footprint)), robot)
     radius = step.parameters[shape.replaces]
@@ -464,28 +475,6 @@ def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
     return [] if known is None or not radius else [RobotOverlay(known)]
 
 
-def write_curve(transaction: Transaction, path: Path, curve: CostCurve, title: str) -> None:
-    """Write the picture of a cost curve; it is drawn in the thread that writes it."""
-    from mapdeal.pictures.cost_curve import cost_curve_image
-
-    def write(file: object) -> None:
-        image = cost_curve_image(curve, title=one_line(title))
-        write_indexed_png(file, image.indices, image.palette)  # type: ignore[arg-type]
-
-    transaction.write(path, write)
-
-
-def _geometry_of_npy(grid: Framed, output: Path) -> dict[str, Any]:
-    """Return what the YAML beside a bare ``.npy`` says of the field: geometry and parameters."""
-    names = ("convention", "strength", "max_distance", "lethal_threshold", "unknown")
-    return {
-        "distance": output.name,
-        "resolution": grid.resolution,
-        "origin": list(grid.origin),
-        **{name: getattr(grid, name) for name in names},
-    }
-
-
 MANIFEST = "manifest.json"
 INPUT_PICTURE = "input.png"
 _FORMAT = "mapdeal-run/1"
@@ -495,8 +484,6 @@ _PASSES_OF_INPUT = 2
 
 @dataclass(frozen=True)
 class Product:
-    """What a step has made."""
-
     step: Step
     grid: Grid
     figures: Figures = field(default_factory=dict)
@@ -504,8 +491,6 @@ class Product:
 
 @dataclass(frozen=True)
 class OutputFolder:
-    """A folder, and what is to be in it."""
-
     path: Path
     steps: tuple[Step, ...]
     inputs: Mapping[str, str]
@@ -515,12 +500,10 @@ class OutputFolder:
     shows_input: bool = False
 
     def existing(self) -> list[Path]:
-        """Return the files that would be written and that are there already."""
         return [path for path in self.outputs() if exists(path)]
 
     def check_inputs(self, files: Iterable[Path]) -> None:
-        """Refuse inputs that lie in the folder."""
-        # They would be taken for its products one day, replaced by others or removed with them.
+        """Refuse inputs in the folder: one day they would be replaced or removed as products."""
         for file in files:
             if any(is_same_file(one.parent, self.path) for one in (file, real_path(file))):
                 rule = f"lies in {self.path}, where the outputs go"
@@ -528,28 +511,23 @@ class OutputFolder:
                 raise FileAccessError(rule, source=file, hint=hint)
 
     def unchanged_figures(self) -> dict[str, Figures] | None:
-        old = read_json(self.path / MANIFEST)
-        if not isinstance(old, dict):
-            return None
+        old = self._stored()
         if any(old.get(key) != value for key, value in self._manifest().items()):
             return None
         if self.robot is None and "robot" in old:
             return None
-        outputs, stored = old.get("outputs"), old.get("figures")
+        outputs, figures = old.get("outputs"), old.get("figures")
         wanted = {path.name for path in self.outputs()} - {MANIFEST}
         if not isinstance(outputs, dict) or set(outputs) != wanted:
             return None
-        if not are_figures_of(stored, [step.name for step in self.steps]):
+        if not are_figures_of(figures, [step.name for step in self.steps]):
             return None
         same = all(holds(self.path / Path(name).name, str(sum_)) for name, sum_ in outputs.items())
-        figures: dict[str, Figures] = stored
         return figures if same else None
 
     def repeat_warnings(self, filling: Filling) -> None:
-        """Warn of what the run that has written the folder has warned of."""
-        # What reading has warned of, this time, too, is not said twice.
-        old = read_json(self.path / MANIFEST)
-        remarks = old.get("warnings") if isinstance(old, dict) else None
+        """Warn of what the run that has written the folder has warned of, but reading has not."""
+        remarks = self._stored().get("warnings")
         texts = [str(remark) for remark in remarks] if isinstance(remarks, list) else []
         for text in located(texts, filling.named):
             if text not in filling.heard:
@@ -557,15 +535,14 @@ class OutputFolder:
 
     def passes(self) -> int:
         """Return how often the rows of lazy products are gone through to write them."""
-        of_input = _PASSES_OF_INPUT * len(self._input_picture())
-        return of_input + sum(
-            passes_of(step, [path.suffix for path in self._outputs_of(step)]) for step in self.steps
-        )
+        passes = _PASSES_OF_INPUT * len(self._input_picture())
+        for step in self.steps:
+            passes += passes_of(step, [path.suffix for path in self._outputs_of(step)])
+        return passes
 
     def hint(self) -> str:
         hint = "--force replaces it"
-        old = read_json(self.path / MANIFEST)
-        if not isinstance(old, dict):
+        if not self._stored():
             return hint
         if self.unchanged_figures() is not None:
             return f"{hint}; this folder holds the same already"
@@ -574,50 +551,52 @@ class OutputFolder:
 
     def write(self, transaction: Transaction, filling: Filling) -> dict[str, Figures]:
         """Write all files within a transaction, the manifest last; return each step's figures."""
-        old = read_json(self.path / MANIFEST)
+        before = self._stored().get("outputs")
         figures: dict[str, Figures] = {}
         texts = list(filling.heard)
-        shows_known = self.settings.images and self.settings.image_extent == "known"
+        settings = self.settings
+        shows_known = settings.images and settings.image_extent == "known"
         if filling.read is not None:
             for path in self._input_picture():
-                write_picture(
-                    transaction,
-                    path,
-                    filling.read,
-                    one_line(f"{filling.stem}: map as read"),
-                    image_max=self.settings.image_max,
-                    image_extent=self.settings.image_extent,
-                )
+                title = f"{filling.stem}: map as read"
+                write_picture(transaction, path, filling.read, title, settings)
         for product in heard_from(filling.products, texts):
             step, grid = product.step, product.grid
-            figures[step.name] = {
-                **figures_of(grid, box_of_known=shows_known), **product.figures
-            }  # fmt: skip
+            if shows_known and isinstance(grid, (OccupancyGrid, Costmap)) and grid.is_lazy:
+                # one pass finds the box of known cells and what the figures count
+                gathered(grid.layer, histogram, KnownLines(OtherThan(grid.unknown_value)))
+            figures[step.name] = {**grid.figures(), **product.figures}
             remark = step.remark_on(figures[step.name])
             if remark is not None:
                 texts.append(f"{filling.subject}: {remark}")
                 emit_warning(texts[-1], stacklevel=2)
-            write_products(
-                transaction,
-                step,
-                grid,
-                self.path,
-                stem=filling.stem,
-                images=self.settings.images,
-                image_max=self.settings.image_max,
-                image_extent=self.settings.image_extent,
-                overlay=_together(filling.overlay, robot_overlays(step, filling.robot)),
-            )
+            overlays = robot_overlays(step, filling.robot)
+            if filling.overlay is not None:
+                overlays.insert(0, filling.overlay)
+            overlay = together(overlays)
+            title = f"{filling.stem}: {step.title}"
+            with one_pass(transaction, grid) as asked:
+                for path in self._outputs_of(step):
+                    if path.suffix == PICTURE:
+                        write_picture(transaction, path, grid, title, settings, overlay)
+                    elif path.suffix != ".pgm":  # it is written with its YAML
+                        write_product(transaction, path, grid, step, asked=asked)
         remarks = portable(texts, filling.named)
         made = transaction.checksums()
         sums = {path.name: digest for path, digest in made.items() if path.parent == self.path}
-        document = json_of(
-            {**self._manifest(), "figures": figures, "warnings": remarks, "outputs": sums}
-        )
-        transaction.write_bytes(self.path / MANIFEST, document)
-        if isinstance(old, dict):
-            self._remove_left_over(transaction, old)
+        found = {"figures": figures, "warnings": remarks, "outputs": sums}
+        transaction.write_bytes(self.path / MANIFEST, json_of({**self._manifest(), **found}))
+        # outputs of the run before that are not made any more go, if nobody changed them
+        current = {path.name for path in self.outputs()}
+        for name, digest in before.items() if isinstance(before, dict) else ():
+            path = self.path / Path(str(name)).name
+            if path.name not in current:
+                transaction.remove_if_unchanged(path, str(digest))
         return figures
+
+    def _stored(self) -> dict[str, Any]:
+        stored = read_json(self.path / MANIFEST)
+        return stored if isinstance(stored, dict) else {}
 
     def _manifest(self) -> dict[str, Any]:
         return {
@@ -630,7 +609,6 @@ class OutputFolder:
         }
 
     def outputs(self) -> list[Path]:
-        """Return the files that are written, the manifest last."""
         paths = [path for step in self.steps for path in self._outputs_of(step)]
         return [*self._input_picture(), *paths, self.path / MANIFEST]
 
@@ -640,20 +618,9 @@ class OutputFolder:
     def _outputs_of(self, step: Step) -> list[Path]:
         return paths_of(step, self.path, images=self.settings.images)
 
-    def _remove_left_over(self, transaction: Transaction, old: dict[str, Any]) -> None:
-        """Remove outputs of the replaced run that are not made any more, if nobody changed them."""
-        current = {path.name for path in self.outputs()}
-        outputs = old.get("outputs")
-        for name, digest in outputs.items() if isinstance(outputs, dict) else ():
-            path = self.path / Path(str(name)).name
-            if path.name not in current:
-                transaction.remove_if_unchanged(path, str(digest))
-
 
 @dataclass(frozen=True)
 class Filling:
-    """What goes into a folder."""
-
     folder: OutputFolder
     products: Iterable[Product]
     stem: str
@@ -670,14 +637,11 @@ class Filling:
         return (*self.files, self.subject)
 
 
-def _together(first: Overlay | None, others: Sequence[Overlay]) -> Overlay | None:
-    overlays = (*([] if first is None else [first]), *others)
-    return Overlays(overlays) if overlays else None
+def together(overlays: Sequence[Overlay]) -> Overlay | None:
+    return Overlays(tuple(overlays)) if overlays else None
 
 
-def fill_together(
-    fillings: Sequence[Filling], *, progress: ProgressCallback | None = None
-) -> list[dict[str, Figures]]:
+def fill_together(fillings: Sequence[Filling]) -> list[dict[str, Figures]]:
     """Write the files of some folders: all appear, or none; return the figures of each."""
     read = tuple(dict.fromkeys(file for filling in fillings for file in filling.files))
     for filling in fillings:
@@ -686,29 +650,25 @@ def fill_together(
     force = all(folder.settings.force for folder in folders)
     taken = next((folder for folder in folders if folder.existing()), folders[0])
     passes = sum(filling.folder.passes() for filling in fillings if filling.by_blocks)
+    outputs = [path for folder in folders for path in folder.outputs()]
+    hint = "" if force else taken.hint()
     with (
-        passes_reported(progress if passes else None, passes),
-        Transaction(
-            [path for folder in folders for path in folder.outputs()],
-            inputs=read,
-            force=force,
-            hint="" if force else taken.hint(),
-            checksums=True,
-        ) as transaction,
+        passes_reported(folders[0].settings.progress if passes else None, passes),
+        Transaction(outputs, inputs=read, force=force, hint=hint, checksums=True) as transaction,
     ):
         return [filling.folder.write(transaction, filling) for filling in fillings]
 
 
 def manifest_in(folder: Path) -> dict[str, Any]:
-    manifest = _manifest_or_none(folder)
-    if manifest is None:
+    manifest = read_json(folder / MANIFEST)
+    if not _is_manifest(manifest):
         raise MalformedInputError("is not the manifest of a run", source=folder / MANIFEST)
     return manifest
 
 
 def stages_behind(name: str, folder: Path, sums: Mapping[str, str]) -> list[dict[str, Any]] | None:
-    manifest = _manifest_or_none(folder)
-    if manifest is None or any(manifest["outputs"].get(key) != sums[key] for key in sums):
+    manifest = read_json(folder / MANIFEST)
+    if not _is_manifest(manifest) or not sums.items() <= manifest["outputs"].items():
         return None
     stages: list[dict[str, Any]] = manifest["stages"]
     products = [product_of(next(iter(one))) for one in stages]
@@ -721,12 +681,7 @@ def product_of(stage: str) -> str:
     return next((one.product for one in models_of(stage).values()), stage)
 
 
-def _manifest_or_none(folder: Path) -> dict[str, Any] | None:
-    value = read_json(folder / MANIFEST)
-    return value if _is_manifest(value) else None
-
-
-def _is_manifest(value: object) -> bool:
+def _is_manifest(value: object) -> TypeGuard[dict[str, Any]]:
     """Return whether figures, outputs and stages are there in the shape that a run gives them."""
     # No stage runs twice, see `Recipe`.
     if not isinstance(value, dict):
@@ -748,7 +703,6 @@ _SHOWN = 3
 
 
 def store_golden(folder: Path, golden: Path, place: str | None = None) -> Path:
-    """Copy the manifest of a run into a folder of golden runs."""
     manifest = manifest_in(folder)
     target = golden / (place or folder.name) / MANIFEST
     with Transaction([target], force=True) as transaction:
@@ -757,7 +711,7 @@ def store_golden(folder: Path, golden: Path, place: str | None = None) -> Path:
 
 
 def differences_from_golden(folder: Path, golden: Path, place: str | None = None) -> list[str]:
-    """Return what differs between a run and its golden run, a line each stage."""
+    """Return a line for each stage in which a run differs from its golden run."""
     stored = golden / (place or folder.name) / MANIFEST
     try:
         status_of(stored)
@@ -777,32 +731,23 @@ def _difference(stage: str, old: dict[str, Any], new: dict[str, Any]) -> str | N
     for one, other in ((old, "is new"), (new, "is missing")):
         if stage not in one["figures"]:
             return other
-    parameters = [_parameters(manifest, stage) for manifest in (old, new)]
+    parameters: list[dict[str, Any]] = [
+        next((one[stage] for one in manifest["stages"] if stage in one), {})
+        for manifest in (old, new)
+    ]
     changed = _changes(*parameters)
     if changed:
         return f"other parameters: {changed}"
-    files = [_files(manifest, stage) for manifest in (old, new)]
+    changed_files = {name for name, _ in old["outputs"].items() ^ new["outputs"].items()}
+    stem = product_of(stage)
     differing = [
-        name for name in sorted({*files[0], *files[1]}) if files[0].get(name) != files[1].get(name)
-    ]
+        name for name in sorted(changed_files)
+        if Path(name).stem == stem and Path(name).suffix != PICTURE
+    ]  # fmt: skip
     if not differing:
         return None
     told = _changes(old["figures"][stage], new["figures"][stage])
     return f"{', '.join(differing)} differ" + (f": {told}" if told else "")
-
-
-def _parameters(manifest: dict[str, Any], stage: str) -> dict[str, Any]:
-    found: dict[str, Any] = next((s[stage] for s in manifest["stages"] if stage in s), {})
-    return found
-
-
-def _files(manifest: dict[str, Any], stage: str) -> dict[str, str]:
-    stem = product_of(stage)
-    return {
-        name: str(digest)
-        for name, digest in manifest["outputs"].items()
-        if Path(name).stem == stem and Path(name).suffix != PICTURE
-    }
 
 
 def _changes(old: Figures, new: Figures) -> str:

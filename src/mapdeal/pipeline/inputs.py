@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -15,31 +15,32 @@ import numpy as np
 
 from mapdeal.command import is_plain
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning, one_line
-from mapdeal.files.budget import claim, default_limit, holding, memory_limit, size_text
-from mapdeal.files.source import chunks_of, sums_of_reads
+from mapdeal.files.source import (
+    chunks_of,
+    claim,
+    default_limit,
+    holding,
+    memory_limit,
+    size_text,
+    sums_of_reads,
+)
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import FieldGrid
-from mapdeal.grid.field import FieldView
-from mapdeal.grid.frame import Frame, Transform
-from mapdeal.grid.framed import Framed
+from mapdeal.grid.field import FieldView, PotentialField
+from mapdeal.grid.frame import Frame, Framed, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.blocks import CacheBudget, lazy_layer
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import thread_count, use_threads
-from mapdeal.maps.map_yaml import Dialect, MapMetadata
+from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.npz import Grid
-from mapdeal.maps.reading import MapFile, Source, as_occupancy, open_map, read_source
-from mapdeal.pictures.overlay import Overlay
-from mapdeal.pipeline.folder import write_picture
+from mapdeal.maps.reading import MapFile, Source, as_occupancy, open_map
 from mapdeal.pipeline.settings import Canvas, ProgressCallback, Settings
 from mapdeal.pipeline.step import Step
 
-_PER_PIXEL = 10
-"""Bytes that pictures take while they are drawn, two at the same time."""
-
+_PER_PIXEL = 10  # bytes that pictures take while they are drawn, two at the same time
 _ON_CANVAS = 0.75
 """Of what a stage takes, what it takes again where its product is put onto a larger canvas."""
 
@@ -49,8 +50,6 @@ _READ = 1.0
 
 @dataclass(frozen=True)
 class _Demand:
-    """What an engine takes of memory."""
-
     base: int
     more: float
     block: int
@@ -68,19 +67,15 @@ _NO_LIMIT = 1 << 62
 
 
 def bytes_in_memory(
-    shape: tuple[int, int],
-    steps: Sequence[Step],
-    image_max: int | None,
-    *,
-    canvas: Canvas = "crop",
-    reading: int = 0,
-) -> int:
+    shape: tuple[int, int], steps: Sequence[Step], image_max: int | None, *,
+    canvas: Canvas = "crop", reading: int = 0,
+) -> int:  # fmt: skip
     """Return about how many bytes of memory it takes to apply stages to a map in memory."""
     products = sum(step.memory for step in steps)
     if canvas == "full":
         products *= 1 + _ON_CANVAS
     per_cell = _DEMANDS[engine_name()].more + _READ + products
-    libraries = max((step.of_library for step in steps), default=0)
+    libraries = max((step.stage.of_library for step in steps), default=0)
     working = _base(shape, image_max) + libraries + int(per_cell * shape[0] * shape[1])
     return max(working, bytes_to_read(reading))
 
@@ -91,7 +86,6 @@ def bytes_to_read(reading: int) -> int:
 
 
 def _base(shape: tuple[int, int], image_max: int | None) -> int:
-    """Return the bytes that are taken in either way."""
     base = _DEMANDS[engine_name()].base
     if image_max is None:
         return base
@@ -102,13 +96,9 @@ def _base(shape: tuple[int, int], image_max: int | None) -> int:
 
 @contextmanager
 def opened_map(
-    path: Path,
-    steps: Sequence[Step],
-    settings: Settings,
-    *,
-    image_max: int | None,
+    path: Path, steps: Sequence[Step], settings: Settings, *, image_max: int | None,
     with_sums: bool = False,
-) -> Iterator[Source]:
+) -> Iterator[Source]:  # fmt: skip
     """Open a map to which stages are to be applied: in memory if it fits, else block by block."""
     with ExitStack() as stack:
         stack.enter_context(settings.memory())
@@ -157,13 +147,9 @@ class _Blocks:
 
 
 def _way_of(
-    file: MapFile,
-    shape: tuple[int, int],
-    steps: Sequence[Step],
-    budget: int,
-    image_max: int | None,
-    canvas: Canvas,
-) -> _Blocks | None:
+    file: MapFile, shape: tuple[int, int], steps: Sequence[Step], budget: int,
+    image_max: int | None, canvas: Canvas,
+) -> _Blocks | None:  # fmt: skip
     """Return how a map is to be processed, from its headers; None if it fits the memory."""
     # Cells of an image that is decoded as a whole are kept. Others are read again, row by row.
     reading = file.memory_to_read()
@@ -204,7 +190,7 @@ def claim_step(path: Path, grid: Grid, step: Step) -> None:
     if grid.is_lazy:
         return
     if step.stage.cells is None:
-        claim_work(path, grid, step.memory, besides=step.of_library)
+        claim_work(path, grid, step.memory, besides=step.stage.of_library)
         return
     with errors_named(path):
         for count in step.stage.cells(grid, step.parameters):
@@ -212,7 +198,6 @@ def claim_step(path: Path, grid: Grid, step: Step) -> None:
 
 
 def bytes_of(grid: Framed) -> int:
-    """Return the bytes that the layers of a grid take."""
     return sum(int(getattr(grid, name).nbytes) for name in grid.layer_names)
 
 
@@ -225,20 +210,14 @@ def _bytes_of_crop(grid: Framed) -> int:
 
 @dataclass(frozen=True)
 class Need:
-    """What a run takes of memory."""
-
     memory: int
     by_blocks: bool
 
 
 def need_of(
-    file: MapFile,
-    shape: tuple[int, int],
-    steps: Sequence[Step],
-    settings: Settings,
-    *,
+    file: MapFile, shape: tuple[int, int], steps: Sequence[Step], settings: Settings, *,
     image_max: int | None,
-) -> Need:
+) -> Need:  # fmt: skip
     """Return the memory that `opened_map` and the stages will take, from headers."""
     budget = memory_budget(settings.max_memory)
     with use_threads(settings.threads):
@@ -259,14 +238,9 @@ def memory_budget(max_memory: int | None, jobs: int = 1) -> int:
 
 
 def _cut(
-    path: Path,
-    shape: tuple[int, int],
-    steps: Sequence[Step],
-    budget: int,
-    base: int,
-    *,
+    path: Path, shape: tuple[int, int], steps: Sequence[Step], budget: int, base: int, *,
     needed: int,
-) -> tuple[int, CacheBudget]:
+) -> tuple[int, CacheBudget]:  # fmt: skip
     """Return how many rows make a block, and what of the budget the layers may keep."""
     # Blocks, what is kept of each, and `base`, which is taken anyhow, fit the budget.
     if any(step.is_whole for step in steps):
@@ -292,7 +266,6 @@ def _cut(
 
 
 def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> MalformedInputError:
-    """Return the error of a map that takes more memory than it may."""
     height, width = shape
     limit, origin = memory_limit()
     amounts = f"{size_text(needed)} of memory, {size_text(budget)} may be used"
@@ -301,38 +274,29 @@ def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> 
     return MalformedInputError(rule, source=path, hint=hint)
 
 
-def read_input(path: Path, settings: Settings, per_cell: float | None = None) -> Source:
+def read_input(
+    path: Path, settings: Settings, per_cell: float | None = None, *, with_sums: bool = False
+) -> Source:
     """Return the grid in a file, unless what is done with each cell takes too much memory."""
-    with settings.memory(), use_threads(settings.threads):
-        source = read_source(path, dialect=settings.dialect, max_cells=settings.max_cells)
-        if per_cell is not None:
-            claim_work(path, source.grid, per_cell)
-        return source
-
-
-def read_summed(
-    path: Path, settings: Settings, per_cell: float | None = None, besides: int = 0
-) -> Source:  # fmt: skip
-    """Return the grid in a file as `read_input` does, with the checksums of what was read."""
     with (
         settings.memory(),
         use_threads(settings.threads),
-        sums_of_reads() as sums,
+        sums_of_reads(is_wanted=with_sums) as sums,
         open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
     ):
         source = file.read()
         if per_cell is not None:
-            claim_work(path, source.grid, per_cell, besides=besides)
-        return replace(source, sums=file.sums_by_name(sums))
+            claim_work(path, source.grid, per_cell)
+        return replace(source, sums=file.sums_by_name(sums) if with_sums else {})
 
 
 def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
-    """Return the grids in files as `read_summed` does, each counted while the next is read."""
+    """Return the grids in files with checksums, each counted while the next is read."""
     sources: list[Source] = []
     with ExitStack() as stack:
         stack.enter_context(settings.memory())
         for path in paths:
-            sources.append(read_summed(path, settings))
+            sources.append(read_input(path, settings, with_sums=True))
             stack.enter_context(holding(bytes_of(sources[-1].grid)))
     return sources
 
@@ -343,8 +307,7 @@ def frame_of_file(path: Path, settings: Settings) -> tuple[Frame, tuple[Path, ..
         return file.frame(), file.files
 
 
-Map = str | PathLike[str] | Grid
-"""A map's file, or the map itself."""
+Map = str | PathLike[str] | Grid  # A map's file, or the map itself
 
 
 class Reading(TypedDict, total=False):
@@ -356,25 +319,11 @@ class Reading(TypedDict, total=False):
 
 
 @dataclass(frozen=True, eq=False)
-class MapInput:
-    """A map that a command works on: a grid, and the files that it was read from, if any."""
+class MapInput(Source):
+    """A map that a command works on; without files if it was given as a grid."""
 
-    grid: Grid
-    name: str
-    source: Source | None = None
+    name: str = ""
     path: Path | None = None
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        return () if self.source is None else self.source.files
-
-    @property
-    def sums(self) -> Mapping[str, str]:
-        return {} if self.source is None else self.source.sums
-
-    @property
-    def metadata(self) -> MapMetadata | None:
-        return None if self.source is None else self.source.metadata
 
     @property
     def title(self) -> str:
@@ -387,9 +336,13 @@ class MapInput:
 
     def document(self) -> dict[str, Any] | None:
         """Return path and checksums; None for a grid that is no file's."""
-        if self.source is None:
+        if self.path is None:
             return None
-        return {"file": str(self.path), "sha256": dict(self.source.sums)}
+        return {"file": str(self.path), "sha256": dict(self.sums)}
+
+
+def map_input(source: Source, path: Path) -> MapInput:
+    return MapInput(source.grid, source.files, source.metadata, source.sums, str(path), path)
 
 
 class Terminal(Protocol):
@@ -445,7 +398,6 @@ def settings_of(**reading: Unpack[Reading]) -> Settings:
 
 
 def need_ending(ending: str) -> None:
-    """Refuse an output of the command under way in the shell that does not end so."""
     work = Work.current.get()
     for output in () if work is None else work.outputs:
         if output.suffix != ending:
@@ -473,10 +425,9 @@ def opened(
     found = []
     for one, name in zip(maps, names, strict=True):
         if isinstance(one, str | PathLike):
-            source = next(sources)
-            found.append(MapInput(source.grid, str(Path(one)), source, Path(one)))
+            found.append(map_input(next(sources), Path(one)))
         else:
-            found.append(MapInput(one, name))
+            found.append(MapInput(one, (), name=name))
     if work is not None:
         work.begin([*(file for one in found for file in one.files), *also])
     return found
@@ -490,37 +441,30 @@ def refuse(rule: str, /, **given: object) -> None:
 
 
 def transform_of(given: object, *, place: str | None = None) -> Transform | None:
-    """Return a transform that may be given as x, y and yaw; None if none is given."""
     if given is None or isinstance(given, Transform):
         return given
-    try:
-        x, y, yaw = (float(one) for one in _parts(given))
-    except (TypeError, ValueError):
-        rule = "must be a transform, or three numbers x, y, yaw"
-        raise ParameterError(rule, place=place, got=given) from None
-    return Transform(x, y, yaw)
-
-
-def _parts(given: Any) -> Iterable[Any]:
-    if not isinstance(given, str):
-        return tuple(given)
-    if not is_plain(given):
-        raise ValueError
-    return given.split(",")
-
-
-_COUNTS = {2: "two", 3: "three"}
+    rule = "must be a transform, or three numbers x, y, yaw"
+    return Transform(*_numbers_in(given, 3, rule, place))
 
 
 def numbers_of(given: object, form: str, *, place: str | None = None) -> tuple[float, ...]:
     """Return numbers that may be given as text, as many as a form such as ``X,Y`` has."""
     count = form.count(",") + 1
+    return _numbers_in(given, count, f"must be {_COUNTS[count]} numbers {form}", place)
+
+
+_COUNTS = {2: "two", 3: "three"}
+
+
+def _numbers_in(given: Any, count: int, rule: str, place: str | None) -> tuple[float, ...]:
     try:
-        numbers = tuple(float(one) for one in _parts(given))
+        if isinstance(given, str) and not is_plain(given):
+            raise ValueError
+        parts = given.split(",") if isinstance(given, str) else given
+        numbers = tuple(float(one) for one in parts)
         if len(numbers) != count:
             raise ValueError
     except (TypeError, ValueError):
-        rule = f"must be {_COUNTS[count]} numbers {form}"
         raise ParameterError(rule, place=place, got=given) from None
     return numbers
 
@@ -546,12 +490,9 @@ def claim_for(
 
 @contextmanager
 def outputs_of(
-    outputs: Sequence[Path],
-    inputs: Sequence[Path],
-    settings: Settings,
-    *,
+    outputs: Sequence[Path], inputs: Sequence[Path], settings: Settings, *,
     curve: Path | None = None,
-) -> Iterator[Transaction]:
+) -> Iterator[Transaction]:  # fmt: skip
     """Write `outputs`, the picture, and that of a cost curve together, or not at all."""
     all_outputs = list(outputs)
     for option, picture in (("--image", settings.image), ("--curve", curve)):
@@ -567,24 +508,6 @@ def outputs_of(
         Transaction(all_outputs, inputs=inputs, force=settings.force) as transaction,
     ):
         yield transaction
-
-
-def add_picture(
-    transaction: Transaction,
-    settings: Settings,
-    grid: Grid,
-    title: str,
-    overlay: Overlay | None = None,
-) -> None:
-    if settings.image is not None:
-        write_picture(
-            transaction,
-            settings.image,
-            grid,
-            one_line(title),
-            image_extent=settings.image_extent,
-            overlay=overlay,
-        )
 
 
 def warn_of_potential(one: MapInput) -> None:

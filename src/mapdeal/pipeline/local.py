@@ -6,9 +6,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,39 +22,38 @@ from mapdeal.errors import (
     ParameterError,
     emit_warning,
 )
-from mapdeal.files.budget import claim, holding
 from mapdeal.files.json_values import json_of
 from mapdeal.files.source import (
     FileState,
     check_state,
+    claim,
+    holding,
     is_same_file,
     real_path,
     sha256_of,
     state_of,
     sums_of_reads,
 )
-from mapdeal.grid.frame import MOST_CELLS, cells_to_cover
-from mapdeal.grid.framed import Figures
+from mapdeal.grid.canvas import frames_overlap
+from mapdeal.grid.frame import MOST_CELLS, Figures, cells_to_cover
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.resample import frames_overlap
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
 from mapdeal.inputs.listing import list_files, numbered_folders
-from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions, RollingMapper, local_map
 from mapdeal.mapping.transforms import Pose
 from mapdeal.maps.reading import Source, as_occupancy, open_map
 from mapdeal.pictures.overlay import PoseOverlay
-from mapdeal.pipeline.folder import Filling, OutputFolder, Product, fill_together
+from mapdeal.pipeline.folder import Filling, OutputFolder, Product
 from mapdeal.pipeline.inputs import bytes_of, check_fits, errors_named
 from mapdeal.pipeline.recipe import Recipe
-from mapdeal.pipeline.run import RunReport, around_in, products_of
+from mapdeal.pipeline.run import RunReport, around_in, fill, products_of
 from mapdeal.pipeline.settings import Settings, heard
 from mapdeal.pipeline.step import Step
 from mapdeal.sensors.clouds import CLOUD_SUFFIXES, cloud_chunks
 from mapdeal.sensors.points import read_poses
 
 if TYPE_CHECKING:
-    from mapdeal.pipeline.bag_sensors import BagClouds
+    from mapdeal.pipeline.bag_maps import BagClouds
 
 Points = NDArray[np.float64]
 
@@ -74,54 +74,33 @@ class SummedCloud:
         for path, state in self.states.items():
             check_state(path, state)
 
-    @property
-    def identity(self) -> list[str]:
-        return [*self.sums.values(), *self.options.values()]
 
-
+@dataclass(frozen=True)
 class Cloud(ABC):
     """A cloud that can be read more than once."""
 
-    @property
-    @abstractmethod
-    def path(self) -> Path:
-        """What errors and pictures name."""
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        return (self.path,)
-
-    @property
-    def name(self) -> str:
-        """What summaries call it."""
-        return self.path.name
+    path: Path  # what errors and pictures name
+    name: str  # what summaries call it
+    files: tuple[Path, ...]
 
     @abstractmethod
-    def summed(self) -> SummedCloud:
-        """Return the cloud with its checksum."""
+    def summed(self) -> SummedCloud: ...
 
     @abstractmethod
     def chunks(self) -> Iterator[Points]:
         """Yield the points, shape (N, 2) or (N, 3), some at a time."""
 
 
-@dataclass(frozen=True)
 class FileCloud(Cloud):
-    """A cloud in a file of its own."""
-
-    file: Path
-
-    @property
-    def path(self) -> Path:
-        return self.file
+    @classmethod
+    def of(cls, path: Path) -> FileCloud:
+        return cls(path, path.name, (path,))
 
     def summed(self) -> SummedCloud:
-        """Return the cloud with its checksum; see `Cloud`."""
         state = state_of(self.path)  # of what its sum is of, and then its points
         return SummedCloud(self, {self.path.name: sha256_of(self.path)}, {}, {self.path: state})
 
     def chunks(self) -> Iterator[Points]:
-        """Yield the points; see `Cloud`."""
         return cloud_chunks(self.path)
 
 
@@ -134,12 +113,9 @@ OF_WINDOWS = ("size", "resolution", "unknown")
 
 
 _LOCAL = Stage(
-    local_map,
-    name="local",
-    summary="Make maps around a robot from point clouds.",
-    title=lambda _: "local map",
-    memory=12.0,
-)
+    local_map, name="local", summary="Make maps around a robot from point clouds.",
+    title=lambda _: "local map", memory=12.0,
+)  # fmt: skip
 """What comes before the recipe: it takes a cloud, so that no recipe can hold it."""
 
 
@@ -173,8 +149,6 @@ class LocalCommon:
 
 @dataclass(frozen=True)
 class LocalJob:
-    """A local map that is to be made."""
-
     cloud: Cloud | None
     pose: Sequence[float]
     folder: Path
@@ -189,7 +163,6 @@ class LocalJob:
 
 
 def read_global_map(path: Path, settings: Settings) -> GlobalMap:
-    """Return the map in a file, as `LocalCommon` takes it."""
     texts: list[str] = []
     with (
         heard(texts),
@@ -206,20 +179,7 @@ def make_local(job: LocalJob, common: LocalCommon, *, skip: bool = False) -> Run
     """Make a local map of a cloud, apply the recipe and write everything into a folder."""
     with common.settings.memory(), holding_map(common.global_map):
         filling = local_filling(job, common)
-    return filled(filling, job.source(common), common.settings, skip=skip)
-
-
-def filled(filling: Filling, source: Path, settings: Settings, *, skip: bool) -> RunReport:
-    """Fill the folder of a local map, unless it is to be skipped if it holds all this already."""
-    folder = filling.folder
-    folder.check_inputs(filling.files)
-    figures = folder.unchanged_figures() if skip and not settings.force else None
-    if figures is not None:
-        folder.repeat_warnings(filling)
-        return RunReport(folder.path, "unchanged", figures, source)
-    with use_threads(settings.threads):
-        (figures,) = fill_together([filling])
-    return RunReport(folder.path, "done", figures, source)
+    return fill(job.source(common), [filling], common.settings, skip=skip)[0]
 
 
 @contextmanager
@@ -233,77 +193,55 @@ def local_filling(job: LocalJob, common: LocalCommon) -> Filling:
     """Return what goes into the folder of a local map; it is made when it is asked for."""
     known = common.global_map
     check_window(job.source(common), common)
-    mapper = LocalMapper(
-        job.pose,
-        common.options,
-        None if known is None else known.grid,
-        lethal_threshold=common.lethal_threshold,
-    )
-    if job.cloud is None:
-        return filling_of(job, mapper.pose, {}, common, mapper.result)
-    summed = job.cloud.summed()
+    grid = None if known is None else known.grid
+    mapper = LocalMapper(job.pose, common.options, grid, lethal_threshold=common.lethal_threshold)
+    summed = None if job.cloud is None else job.cloud.summed()
 
     def made() -> LocalMap:
-        with errors_named(summed.cloud.path):
-            for points in summed.points():
-                mapper.add(points)
+        if summed is not None:
+            with errors_named(summed.cloud.path):
+                for points in summed.points():
+                    mapper.add(points)
         return mapper.result()
 
-    return filling_of(job, mapper.pose, summed.sums, common, made, summed.options)
+    return filling_of(job, mapper.pose, summed, common, made)
 
 
 def filling_of(
-    job: LocalJob,
-    pose: Pose,
-    sums: Mapping[str, str],
-    common: LocalCommon,
-    make: Callable[[], LocalMap],
-    options: Mapping[str, str] | None = None,
-) -> Filling:
-    """Return what goes into the folder of a local map, which is made by a function."""
-    # `sums` is of the clouds that were read; `options` is what else shapes the products.
+    job: LocalJob, pose: Pose, summed: SummedCloud | None, common: LocalCommon,
+    make: Callable[[], LocalMap], more_options: Mapping[str, str] | None = None,
+) -> Filling:  # fmt: skip
     known = common.global_map
-    named = {**sums, **(known.sums if known is not None else {})}
-    folder = local_folder(job.folder, pose, named, common, options, has_map=known is not None)
-    clouds = () if job.cloud is None else job.cloud.files
-    files = (*clouds, *(known.files if known is not None else ()))
-    products = _products(folder.steps[0], job, make, common)
-    # not the map, which is another one's
-    subject = job.folder if job.cloud is None else job.cloud.path
+    sums = {} if summed is None else dict(summed.sums)
+    options = {**(more_options or {}), **({} if summed is None else summed.options)}
+    files = () if job.cloud is None else job.cloud.files
+    heard_of_map: Sequence[str] = ()
+    if known is not None:
+        sums |= known.sums
+        files += known.files
+        heard_of_map = known.heard
+    folder = local_folder(job.folder, pose, sums, common, options, has_map=known is not None)
     return Filling(
-        folder, products, job.source(common).stem, (*files, *common.recipe.files), subject,
+        folder, _products(folder.steps[0], job, make, common), job.source(common).stem,
+        (*files, *common.recipe.files),
+        # not the map, which is another one's
+        job.folder if job.cloud is None else job.cloud.path,
         PoseOverlay(pose),
-        heard=(*common.recipe.remarks, *(() if known is None else known.heard)),
+        heard=(*common.recipe.remarks, *heard_of_map),
     )  # fmt: skip
 
 
 def local_folder(
-    folder: Path,
-    pose: Pose,
-    sums: Mapping[str, str],
-    common: LocalCommon,
-    options: Mapping[str, str] | None = None,
-    *,
-    has_map: bool,
-) -> OutputFolder:
-    parameters = {
-        "pose": pose,
-        **asdict(common.options),
-        "require_points": common.require_points,
-        "keep": common.keep,
-    }
-    return OutputFolder(
-        folder,
-        (Step(_LOCAL, parameters), *common.recipe.steps),
-        sums,
-        {
-            **({"dialect": common.settings.dialect} if has_map else {}),
-            **common.settings.picture_options,
-            **(options or {}),
-        },
-        common.settings,
-        None if common.recipe.robot is None else common.recipe.robot.described(),
-    )
+    folder: Path, pose: Pose, sums: Mapping[str, str], common: LocalCommon,
+    more_options: Mapping[str, str] | None = None, *, has_map: bool,
+) -> OutputFolder:  # fmt: skip
+    of_cloud = {"require_points": common.require_points, "keep": common.keep}
+    first = Step(_LOCAL, {"pose": pose, **asdict(common.options), **of_cloud})
+    recipe, settings = common.recipe, common.settings
+    options: dict[str, Any] = {"dialect": settings.dialect} if has_map else {}
+    options |= {**settings.picture_options, **(more_options or {})}
+    robot = None if recipe.robot is None else recipe.robot.described()
+    return OutputFolder(folder, (first, *recipe.steps), sums, options, settings, robot)
 
 
 def check_window(source: Path, common: LocalCommon) -> None:
@@ -333,7 +271,6 @@ def _products(
 
 
 def _check_points(made: LocalMap, cloud: Path, *, required: bool) -> None:
-    """Raise, or warn, if no point marks a cell."""
     counts = made.counts
     if counts.marking:
         return
@@ -362,19 +299,15 @@ def _check_robot(inflated: OccupancyGrid, made: LocalMap, cloud: Path) -> None:
 
 
 def _figures_of(made: LocalMap, job: LocalJob, common: LocalCommon) -> Figures:
-    first, last = made.angles or (None, None)
-    seen = {**asdict(made.counts), "angle_min": first, "angle_max": last}
-    return {
-        "pose": list(made.pose),
-        **(seen if job.cloud is not None else {}),
-        **({"from_map": made.from_map} if common.global_map is not None else {}),
-        **(
-            {"clouds": made.clouds, "from_earlier": made.from_earlier}
-            if common.keep is not None
-            else {}
-        ),
-        "rear_heading": made.rear_heading,
-    }
+    figures: Figures = {"pose": list(made.pose)}
+    if job.cloud is not None:
+        first, last = made.angles or (None, None)
+        figures |= {**asdict(made.counts), "angle_min": first, "angle_max": last}
+    if common.global_map is not None:
+        figures["from_map"] = made.from_map
+    if common.keep is not None:
+        figures |= {"clouds": made.clouds, "from_earlier": made.from_earlier}
+    return {**figures, "rear_heading": made.rear_heading}
 
 
 def other_folders(sequence: Sequence[LocalJob], output: Path) -> list[Path]:
@@ -386,11 +319,8 @@ def other_folders(sequence: Sequence[LocalJob], output: Path) -> list[Path]:
 def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[LocalJob]:
     """Return the jobs of a sequence: its clouds in order, a pose and a numbered folder for each."""
     clouds = [cloud for cloud in _clouds_of(names) if not is_same_file(cloud, poses_file)]
-    poses = read_poses(poses_file)
-    if len(poses) != len(clouds):
-        rule = f"must have a pose for each of {len(clouds)} clouds"
-        raise MalformedInputError(rule, source=poses_file, got=len(poses))
-    jobs = numbered_jobs(list(map(FileCloud, clouds)), poses.tolist(), output)
+    poses = _poses_for(len(clouds), poses_file)
+    jobs = numbered_jobs(list(map(FileCloud.of, clouds)), poses, output)
     places = {real_path(output), *(real_path(job.folder) for job in jobs)}
     for path in (poses_file, *clouds):
         if real_path(path).parent in places:
@@ -399,10 +329,17 @@ def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[Lo
     return jobs
 
 
+def _poses_for(count: int, path: Path) -> list[Pose]:
+    poses = [(x, y, yaw) for x, y, yaw in read_poses(path).tolist()]
+    if len(poses) != count:
+        rule = f"must have a pose for each of {count} clouds"
+        raise MalformedInputError(rule, source=path, got=len(poses))
+    return poses
+
+
 def numbered_jobs(
     clouds: Sequence[Cloud], poses: Sequence[Sequence[float]], output: Path
 ) -> list[LocalJob]:
-    """Return the jobs of clouds with their poses, in folders ``0000``, ``0001`` and so on."""
     digits = max(_DIGITS, len(str(len(clouds) - 1)))
     return [
         LocalJob(cloud, tuple(pose), output / f"{k:0{digits}}")
@@ -411,20 +348,14 @@ def numbered_jobs(
 
 
 def sequence_of_bag(source: BagClouds, poses_file: Path | None, output: Path) -> list[LocalJob]:
-    numbers = range(len(source))
-    if poses_file is None:
-        poses = source.poses(numbers)
-    else:
-        poses = [(x, y, yaw) for x, y, yaw in read_poses(poses_file).tolist()]
-        if len(poses) != len(source):
-            rule = f"must have a pose for each of {len(source)} clouds"
-            raise MalformedInputError(rule, source=poses_file, got=len(poses))
-    known = [(source.cloud(k), pose) for k, pose in zip(numbers, poses, strict=True)
-             if pose is not None]  # fmt: skip
+    count = len(source)
+    found: Sequence[Pose | None]
+    found = source.poses(range(count)) if poses_file is None else _poses_for(count, poses_file)
+    known = {number: pose for number, pose in enumerate(found) if pose is not None}
     if not known:
-        raise MalformedInputError("of no cloud it is known where the robot was",
-                                  source=source.bag.path)  # fmt: skip
-    return numbered_jobs([cloud for cloud, _ in known], [pose for _, pose in known], output)
+        rule = "of no cloud it is known where the robot was"
+        raise MalformedInputError(rule, source=source.bag.path)
+    return numbered_jobs(list(map(source.cloud, known)), list(known.values()), output)
 
 
 def _clouds_of(names: Sequence[str]) -> list[Path]:
@@ -436,13 +367,11 @@ def only_cloud(names: Sequence[str]) -> FileCloud:
     clouds = _clouds_of(names)
     if len(clouds) > 1:
         rule = f"applies to one cloud, there are {len(clouds)}"
-        hint = "--poses FILE takes a pose for each"
-        raise ParameterError(rule, source="--pose", hint=hint)
-    return FileCloud(clouds[0])
+        raise ParameterError(rule, source="--pose", hint="--poses FILE takes a pose for each")
+    return FileCloud.of(clouds[0])
 
 
-_PER_CELL = 10
-"""Bytes for each cell that is remembered: while the cells move, twice."""
+_PER_CELL = 10  # bytes for each cell that is remembered: while the cells move, twice
 
 
 class RollingRun:
@@ -459,22 +388,16 @@ class RollingRun:
         self._common = common
         self._keep = None if common.keep == "all" else common.keep
         self._mapper = RollingMapper(
-            [job.pose for job in jobs],
-            common.options,
-            keep=self._keep,
+            [job.pose for job in jobs], common.options, keep=self._keep,
             global_map=None if known is None else known.grid,
             lethal_threshold=common.lethal_threshold,
-        )
+        )  # fmt: skip
         with common.settings.memory(), holding_map(known):
             source = jobs[0].source(common)
             check_window(source, common)
             most = self._mapper.remembered
-            claim(
-                source,
-                _PER_CELL * most.cells,
-                what=f"{most.width} x {most.height} cells to remember",
-                hint="a smaller --keep takes less",
-            )
+            what = f"{most.width} x {most.height} cells to remember"
+            claim(source, _PER_CELL * most.cells, what=what, hint="a smaller --keep takes less")
         self._summed: list[SummedCloud | None] = []
 
     def __call__(self, index: int) -> RunReport:
@@ -487,47 +410,33 @@ class RollingRun:
         first = 0 if self._keep is None else max(0, index + 1 - self._keep)
         before = self._summed[first:index]
         missing = sum(one is None for one in before)
-        filling = filling_of(
-            job,
-            self._mapper.poses[index],
-            summed.sums,
-            self._common,
-            lambda: self._made(index, missing),
-            {"clouds_before": self._sum_before(first, index), **summed.options},
-        )
+        parts = [
+            [*([None] if one is None else (*one.sums.values(), *one.options.values())), *pose]
+            for one, pose in zip(before, self._mapper.poses[first:index], strict=True)
+        ]
+        before_it = {"clouds_before": sha256(json_of(parts)).hexdigest()}
+        make = partial(self._made, index, missing)
+        pose = self._mapper.poses[index]
+        filling = filling_of(job, pose, summed, self._common, make, before_it)
         self._summed[index] = summed
-        return filled(filling, self._cloud(index), self._common.settings, skip=True)
+        return fill(self._cloud(index), [filling], self._common.settings)[0]
 
     def _cloud(self, index: int) -> Path:
         return self._jobs[index].source(self._common)
 
-    def _sum_before(self, first: int, index: int) -> str:
-        """Return one checksum of the earlier clouds of a map, and of their poses."""
-        parts = [
-            [*([None] if one is None else one.identity), *pose]
-            for one, pose in zip(
-                self._summed[first:index], self._mapper.poses[first:index], strict=True
-            )
-        ]
-        return sha256(json_of(parts)).hexdigest()
-
     def _made(self, index: int, missing: int) -> LocalMap:
-        while self._mapper.turn < index:
-            self._catch_up(index)
+        while self._mapper.turn < index:  # those before it, if it or a later one needs them
+            turn = self._mapper.turn
+            forgotten = self._keep is not None and turn + self._keep <= index
+            if forgotten or self._summed[turn] is None:
+                self._mapper.skip()
+            else:
+                self._add(turn)
         self._add(index)
         if missing:
             text = f"{missing} of the clouds before it could not be read: the map is without them"
             emit_warning(f"{self._cloud(index)}: {text}", stacklevel=2)
         return self._mapper.result()
-
-    def _catch_up(self, index: int) -> None:
-        """Add the cloud whose turn it is, if the map of a later one needs it."""
-        turn = self._mapper.turn
-        forgotten = self._keep is not None and turn + self._keep <= index
-        if forgotten or self._summed[turn] is None:
-            self._mapper.skip()
-        else:
-            self._add(turn)
 
     def _add(self, turn: int) -> None:
         """Add a cloud; one that cannot be read is left out of the maps after it."""
@@ -565,7 +474,7 @@ class Around:
         grid = as_occupancy(source.grid, source.files[0])
         known = GlobalMap(grid, source.files, dict(source.sums), heard)
         common = self._common(settings, known.grid.resolution, known)
-        cloud = None if self.cloud is None else FileCloud(self.cloud)
+        cloud = None if self.cloud is None else FileCloud.of(self.cloud)
         with holding_map(None if known.grid.is_lazy else known):
             return local_filling(LocalJob(cloud, self.pose, around_in(folder)), common)
 

@@ -1,4 +1,4 @@
-"""Recipes: which stages run, in which order, with which parameters."""
+"""Recipes: which stages run, in which order, with which parameters, a robot's own among them."""
 
 from __future__ import annotations
 
@@ -6,24 +6,29 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from numbers import Real
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
+import numpy as np
 import yaml
 
 from mapdeal.command import Stage, Words, unknown_name
 from mapdeal.errors import MalformedInputError, ParameterError, as_known, emit_warning
 from mapdeal.files.source import YAML, exists, is_folder
 from mapdeal.files.yaml_text import OF_RECIPES, Entry, parse_value, read_mapping
-from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.display import OneLine
+from mapdeal.grid.costmap import CostCurve, Costmap
+from mapdeal.grid.field import View
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OneLine, check_choice
 from mapdeal.inputs.kinds import RECIPE, kind_of, other_kind, recognised
+from mapdeal.maps.dialects import Dialect
+from mapdeal.maps.npz import Grid
 from mapdeal.pipeline.step import Step, make_step
-from mapdeal.ros.robot import RobotParameters
+from mapdeal.ros.robot import CostmapName, RobotParameters
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.structured import layers_with
 
@@ -34,6 +39,9 @@ _LOOKS = (
 _LINE = re.compile(
     r"(?:(?P<key>[^(]*) \()?line (?P<line>\d+)(?:, (?P<column>column \d+))?\)?"
 )  # fmt: skip
+
+
+BUILT_IN = ("default", "nav2", "local", "arena", "design-real", "design-sim", "design-local")
 
 
 def recipe_words() -> Iterable[str]:
@@ -61,7 +69,7 @@ Changes = Annotated[
 
 
 class Given(dict[str, object]):
-    """The parameters that a stage is given, and where each comes from."""
+    """The parameters that a stage is given, and the sources of those that have one."""
 
     def __init__(
         self, values: Mapping[str, object] | None = None, sources: Mapping[str, str] | None = None
@@ -70,7 +78,6 @@ class Given(dict[str, object]):
         self.sources = dict(sources or {})
 
     def put(self, values: Mapping[str, object], source: str | None = None) -> None:
-        """Set parameters, in the place of those of the same name."""
         self.update(values)
         for name in values:
             self.sources.pop(name, None)
@@ -99,43 +106,39 @@ def read_recipe_file(path: Path, name: str) -> Draft:
                 raise _at(entry, error, name)
         if not entries:
             raise ParameterError(_NO_STAGES, source=name, hint=_LOOKS)
-        items = _items_of(entries["stages"], name)
+        listed = entries["stages"]
+        if not isinstance(listed.node, yaml.SequenceNode) or not listed.node.value:
+            raise _at(listed, ParameterError(_NO_STAGES, hint=_LOOKS), name)
         draft: Draft = []
-        for item in items:
+        for item in listed.items():
             stage, given = _stage_of(item, name)
             _check_place(item, stage, [done for done, _ in draft], name)
             draft.append((stage, given))
-    except MalformedInputError as error:
-        raise _as_usage(error, name) from None
+    except MalformedInputError as error:  # one of usage, with the line behind the file's name
+        found = _LINE.fullmatch(error.place or "")
+        error.source = name
+        if found is not None:
+            error.source += f":{found['line']}"
+            error.place = found["key"] or found["column"]
+        raise ParameterError(str(error), hint=error.hint) from None
     return draft
 
 
 def _entries_in(path: Path) -> dict[str, Entry]:
     with recognised(path, "a recipe", RECIPE):
-        entries = _mapping_in(path)
+        try:
+            entries = read_mapping(path, OF_RECIPES)
+        except MalformedInputError as error:
+            if error.place is None:  # no mapping: an empty file, or stages without their key
+                error.hint = error.hint or _LOOKS
+            raise
     kind = None if "stages" in entries else kind_of(path)
     if kind is not None:
         raise other_kind(path, kind, "a recipe")
     return entries
 
 
-def _mapping_in(path: Path) -> dict[str, Entry]:
-    try:
-        return read_mapping(path, OF_RECIPES)
-    except MalformedInputError as error:
-        if error.place is None:  # no mapping: an empty file, or stages without their key
-            error.hint = error.hint or _LOOKS
-        raise
-
-
-def _items_of(entry: Entry, name: str) -> list[Entry]:
-    if not isinstance(entry.node, yaml.SequenceNode) or not entry.node.value:
-        raise _at(entry, ParameterError(_NO_STAGES, hint=_LOOKS), name)
-    return entry.items()
-
-
 def _stage_of(item: Entry, name: str) -> tuple[str, Given]:
-    """Return stage and parameters of a list item, ``stage`` or ``stage: {...}``."""
     rule = "an item of stages must look like stage: {parameter: value}"
     if isinstance(item.node, yaml.ScalarNode) and not item.is_nothing():
         return item.text(), Given()
@@ -154,36 +157,20 @@ def _stage_of(item: Entry, name: str) -> tuple[str, Given]:
     return stage, Given(values, {key: f"{name}:{field.line}" for key, field in fields.items()})
 
 
-def _check_place(item: Entry, stage: str, before: Iterable[str], name: str) -> None:
-    """Refuse a stage that is not known, or cannot come where it stands."""
-    done = list(before)
+def _check_place(item: Entry, stage: str, done: Sequence[str], name: str) -> None:
     if not models_of(stage):
         raise _at(item, unknown_name("stage", stage, STAGE_NAMES), name)
     if stage in done:
         raise _at(item, ParameterError("a stage can run once", place=stage), name)
     first = {one: next(iter(models_of(one).values())) for one in (*done, stage)}
-    works_on = next((one for one in reversed(done) if first[one].hands_on), None)
-    if works_on is None or not first[works_on].is_last:
-        return
-    if first[works_on].makes not in first[stage].takes:
-        rule = f"cannot follow {works_on}"
-        raise _at(item, ParameterError(rule, place=stage), name)
+    works_on = next((first[one] for one in reversed(done) if first[one].hands_on), None)
+    if works_on and works_on.is_last and works_on.makes not in first[stage].takes:
+        raise _at(item, ParameterError(f"cannot follow {works_on.name}", place=stage), name)
 
 
 def _at(entry: Entry, error: ParameterError, name: str) -> ParameterError:
     error.source = f"{name}:{entry.line}"
     return error
-
-
-def _as_usage(error: MalformedInputError, name: str) -> ParameterError:
-    """Return an error about what a file holds as one of usage, the line behind the file's name."""
-    found = _LINE.fullmatch(error.place or "")
-    source = name
-    if found is not None:
-        source += f":{found['line']}"
-        error.place = found["key"] or found["column"]
-    error.source = source
-    return ParameterError(str(error), hint=error.hint)
 
 
 def draft_for(robot: RobotParameters) -> Draft:
@@ -201,6 +188,10 @@ def draft_for(robot: RobotParameters) -> Draft:
     return draft
 
 
+def _model_of(name: str, model: object) -> Stage | None:
+    return models_of(name).get(model if isinstance(model, str) else None)
+
+
 def planned_shape(robot: RobotParameters) -> Footprint:
     """Return a robot's shape as the costs of its planner have it."""
     if robot.robot_radius is None:
@@ -210,14 +201,12 @@ def planned_shape(robot: RobotParameters) -> Footprint:
 
 def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> Step:
     """Return the step of one stage for a robot; what is given wins over the robot's parameters."""
-    models = models_of(name)
     own = _own_of(name, robot, given.get("model"))
     if own is not None:
         for key, value in given.items():
             put_value(name, own, key, value)
         return make_step(name, own)
-    wanted = given.get("model", next(iter(models)))
-    stage = models.get(wanted if isinstance(wanted, str) else None)
+    stage = _model_of(name, given.get("model", next(iter(models_of(name)))))
     values: dict[str, object] = {}
     if stage is not None and stage.robot is not None and stage.robot.replaces not in given:
         values |= stage.robot.parameters(robot.footprint)
@@ -231,7 +220,7 @@ def _own_of(name: str, robot: RobotParameters, model: object) -> Given | None:
     own = dict(draft_for(robot)).get(name)
     if own is None or model is None or model == own.get("model"):
         return own
-    stage = models_of(name).get(model if isinstance(model, str) else None)
+    stage = _model_of(name, model)
     values = None if stage is None else stage.of_layers(robot.costmap_layers)
     if stage is not None and stage.robot is not None and values is None:
         rule = "cannot make what the layers of the parameter file make"
@@ -264,8 +253,7 @@ def put_value(
     name: str, own: Given, key: str, value: object, source: str | None = None
 ) -> None:  # fmt: skip
     """Set a parameter of a stage, or of one of its layers if only layers have it."""
-    model = own.get("model")
-    stage = models_of(name).get(model if isinstance(model, str) else None)
+    stage = _model_of(name, own.get("model"))
     layers: Any = own.get("layers")
     if stage is not None and key not in stage.parameters and isinstance(layers, tuple):
         try:
@@ -281,10 +269,7 @@ def put_value(
 
 DEFAULT = "default"
 
-SET = "--set"
-"""What errors call a change that is given as text."""
-
-BUILT_IN = (DEFAULT, "nav2", "local", "arena", "design-real", "design-sim", "design-local")
+SET = "--set"  # what errors call a change that is given as text
 
 
 @dataclass(frozen=True, repr=False)
@@ -332,12 +317,9 @@ RecipeLike = str | PathLike[str] | Recipe | RobotParameters
 
 def load_recipe(
     recipe: RecipeLike | None = DEFAULT,
-    changes: Mapping[str, object] | Sequence[str] | None = None,
-    *,
-    footprint: Footprint | None = None,
-    sim: bool = False,
-    robot: RobotParameters | None = None,
-) -> Recipe:
+    changes: Mapping[str, object] | Sequence[str] | None = None, *,
+    footprint: Footprint | None = None, sim: bool = False, robot: RobotParameters | None = None,
+) -> Recipe:  # fmt: skip
     """Load a recipe, apply changes to it, and check all its parameters.
 
     Parameters
@@ -415,17 +397,15 @@ def load_recipe(
         seen = footprint if round_one is None else Footprint.circle(round_one)
         _adapt_to_footprint(draft, footprint, seen, name)
     _apply_changes(draft, changes, name)
-    steps = tuple(_made(stage, given) for stage, given in draft)
+    steps = []
+    for stage, given in draft:
+        try:
+            steps.append(make_step(stage, given))
+        except ParameterError as error:
+            raise given.located(error, stage) from None
     for text in _remarks_on(steps):
         emit_warning(text, stacklevel=2)
-    return Recipe(steps, robot)
-
-
-def _made(stage: str, given: Given) -> Step:
-    try:
-        return make_step(stage, given)
-    except ParameterError as error:
-        raise given.located(error, stage) from None
+    return Recipe(tuple(steps), robot)
 
 
 @contextmanager
@@ -451,23 +431,15 @@ def _read_draft(name: str) -> Draft:
     return read_recipe_file(path, name)
 
 
-def _find(draft: Draft, stage: str) -> Given | None:
-    return next((given for done, given in draft if done == stage), None)
-
-
-def _stage_in(draft_item: tuple[str, Mapping[str, object]]) -> Stage:
+def _stage_in(name: str, given: Given) -> Stage:
     """Return the stage of an item, in the model that it asks for; an unknown one fails later."""
-    name, given = draft_item
-    models = models_of(name)
-    model = given.get("model")
-    known = models.get(model) if isinstance(model, str) else None
-    return known or next(iter(models.values()))
+    return _model_of(name, given.get("model")) or next(iter(models_of(name).values()))
 
 
 def _adapt_to_sim(draft: Draft) -> None:
     for stage in reversed(STAGES):
         rule = stage.in_simulation
-        given = _find(draft, stage.name)
+        given = dict(draft).get(stage.name)
         if rule is not None and given is None and rule.is_added:
             given = Given()
             draft.insert(0, (stage.name, given))
@@ -482,18 +454,17 @@ def _adapt_to_footprint(draft: Draft, footprint: Footprint, seen: Footprint, nam
     # `seen`, is of a robot that its own files say is round a circle, as its planner has it.
     shaped: Stage | None = None
     grown, is_used = False, False
-    for item in draft:
-        stage = _stage_in(item)
+    for done, given in draft:
+        stage = _stage_in(done, given)
         if stage.robot is None or grown or (stage.hands_on and shaped is not None):
             continue
-        item[1].pop(stage.robot.replaces, None)
-        item[1].put(stage.robot.parameters(footprint if stage.hands_on else seen))
+        given.pop(stage.robot.replaces, None)
+        given.put(stage.robot.parameters(footprint if stage.hands_on else seen))
         is_used = True
         if stage.hands_on:
             shaped, grown = stage, stage.makes is not Costmap
     if not is_used:
-        rule = "the recipe has no stage that uses a robot's shape"
-        raise ParameterError(rule, source=name)
+        raise ParameterError("the recipe has no stage that uses a robot's shape", source=name)
 
 
 def _apply_changes(draft: Draft, changes: object, name: str) -> None:
@@ -515,7 +486,6 @@ def _apply_changes(draft: Draft, changes: object, name: str) -> None:
 
 
 def _value_of(target: str, text: str) -> object:
-    """Return the value that a setting asks for: text, or of parameters that need it YAML."""
     stage, _, parameter = target.strip().partition(".")
     known = [one.parameters.get(parameter.replace("-", "_")) for one in models_of(stage).values()]
     if not any(one is not None and one.is_yaml for one in known):
@@ -536,7 +506,7 @@ def _apply_change(
     if not (dot and stage and parameter):
         rule = "must look like {'stage.parameter': value}"
         raise ParameterError(rule, source=option, got=target, hint=_hint_for(draft, target))
-    given = _find(draft, stage)
+    given = dict(draft).get(stage)
     if given is None:
         if not models_of(stage):
             raise unknown_name("stage", stage, STAGE_NAMES, place=option)
@@ -544,7 +514,7 @@ def _apply_change(
         hint = f"its stages are {', '.join(done for done, _ in draft)}"
         raise ParameterError(rule, source=option, got=setting, hint=hint)
     parameter = parameter.replace("-", "_")
-    for by, other in _stage_in((stage, given)).in_place_of.items():  # one takes the other's place
+    for by, other in _stage_in(stage, given).in_place_of.items():  # one takes the other's place
         if parameter in (by, other.parameter):
             given.pop(by, None)
             given.pop(other.parameter, None)
@@ -554,7 +524,9 @@ def _apply_change(
 def _hint_for(draft: Draft, target: object) -> str | None:
     """Return which parameters of the recipe a name without a stage may mean."""
     asked = str(target).strip().replace("-", "_")
-    found = [f"{one[0]}.{asked}" for one in draft if asked in _stage_in(one).parameters]
+    found = [
+        f"{done}.{asked}" for done, given in draft if asked in _stage_in(done, given).parameters
+    ]
     return f"did you mean {' or '.join(found)}?" if found else None
 
 
@@ -581,8 +553,134 @@ def _radius_in(step: Step) -> tuple[str, float] | None:
     if robot is None:
         return None if radius_in is None else radius_in(step.parameters)
     radius = step.parameters[robot.replaces]
-    shapes = [step.parameters[name] for name in robot.sets]
-    for name, shape in zip(robot.sets, shapes, strict=True):
+    for name in robot.sets:
+        shape = step.parameters[name]
         if not radius and isinstance(shape, Footprint):
             return name, shape.circumscribed_radius
     return robot.replaces, radius
+
+
+_UNKNOWN_MAP = np.zeros((1, 1), dtype=np.int8)
+
+
+def read_robot_parameters(
+    paths: str | PathLike[str] | Sequence[str | PathLike[str]], *,
+    costmap: CostmapName = "global", namespace: str | None = None, dialect: Dialect = "nav2",
+) -> RobotParameters:  # fmt: skip
+    """Read a robot's shape and costmap from its own parameter files, like ``--params-file``.
+
+    Parameters
+    ----------
+    paths : path, str or sequence of them
+        A Nav2 parameter file, or ROS 1 costmap files; later files override earlier ones. A ROS 1
+        file without a costmap's name at the top level is loaded into the requested costmap.
+    costmap : {'global', 'local'}
+        Costmap to read.
+    namespace : str, optional
+        Namespace of the robot, if the files describe several.
+    dialect : {'nav2', 'humble', 'ros1'}
+        Version of the inflation layer for a Nav2 file: the current one (``nav2``), or the one of
+        Humble to Kilted and ROS 1.
+
+    Returns
+    -------
+    RobotParameters
+        Parameters that can be used instead of a recipe: ``run(path, output, robot)``.
+
+    Raises
+    ------
+    FileAccessError
+        If a file cannot be read.
+    MalformedInputError
+        If the actual ROS node would not start with these files.
+    ParameterError
+        If Nav2 and ROS 1 files are mixed, or no file is given.
+
+    Warns
+    -----
+    MapdealWarning
+        If the resulting costmap may not be the one that the author of the files expects.
+
+    Examples
+    --------
+    >>> robot = read_robot_parameters("examples/robots/nav2_params.yaml")
+    >>> round(robot.inscribed_radius, 3), [layer.name for layer in robot.ignored]
+    (0.19, ['obstacle_layer', 'keepout_filter'])
+    """
+    from mapdeal.ros.load import read_robot  # of use to few commands
+
+    check_choice(costmap, CostmapName, "costmap")
+    check_choice(dialect, Dialect, "dialect")
+    given = [paths] if isinstance(paths, str | PathLike) else paths
+    if not isinstance(given, Sequence) or not all(isinstance(one, str | PathLike) for one in given):
+        raise ParameterError("takes paths of parameter files", place="paths", got=paths)
+    return read_robot(
+        [Path(one) for one in given], costmap=costmap, namespace=namespace, older=dialect != "nav2"
+    )
+
+
+def cost_curve(
+    cells: Grid | float, *, model: str | None = None, footprint: Footprint | None = None,
+    robot: RobotParameters | None = None, **parameters: Any,
+) -> CostCurve:  # fmt: skip
+    """Return the costs of a cost model by distance from the nearest obstacle.
+
+    Parameters
+    ----------
+    cells : OccupancyGrid, DistanceField, FieldView or float
+        Map that the costs are for, or only the side of its cells, metres.
+    model : {'exponential', 'layers', 'threshold', 'rings'}, optional
+        Cost model. By default that of `robot`, or ``exponential`` without a robot.
+    footprint : Footprint, optional
+        Robot shape, instead of ``inscribed_radius``; only for model ``exponential``.
+    robot : RobotParameters, optional
+        Robot's own parameters, from `read_robot_parameters`. Other arguments override them.
+    **parameters
+        Parameters of the model: those of `exponential_cost`, `layered_cost`, `threshold_cost` or
+        `ring_cost`.
+
+    Returns
+    -------
+    CostCurve
+        Each distance that occurs between cells, with the cost of a free cell there.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is unknown, invalid or missing; if view ``per-map``, which depends on the
+        extremes of a map, is given without a map; or if layers lack a static layer.
+
+    Examples
+    --------
+    >>> curve = cost_curve(0.05, inscribed_radius=0.1, inflation_radius=0.12)
+    >>> curve.distance.round(3).tolist()
+    [0.0, 0.05, 0.071, 0.1, 0.112, 0.141, 0.15]
+    >>> curve.cost.tolist()
+    [254, 253, 253, 253, 223, 166, 152]
+    """
+    if isinstance(cells, Real) and not isinstance(cells, bool):
+        if as_known(str(parameters.get("view")), get_args(View)) == "per-map":
+            rule = "per-map is scaled by the extremes of a map"
+            hint = "give a map instead of the side of its cells"
+            raise ParameterError(rule, place="view", hint=hint)
+        cells = OccupancyGrid(_UNKNOWN_MAP, float(cells))
+    if not isinstance(cells, Framed):
+        raise ParameterError("must be a grid, or a length in metres", place="cells", got=cells)
+    given = {**({} if model is None else {"model": model}), **parameters}
+    if robot is not None:
+        step = step_for("cost", robot if footprint is None else robot.with_shape(footprint), given)
+    else:
+        step = make_step("cost", given)
+    if footprint is not None and robot is None:
+        shaped = step.stage.robot
+        if shaped is None:
+            rule = "costs of this model do not depend on the robot's shape"
+            raise ParameterError(rule, place="footprint")
+        if shaped.replaces in parameters:
+            rule = f"cannot be given together with {shaped.replaces}"
+            raise ParameterError(rule, place="footprint")
+        step = make_step("cost", {**given, **shaped.parameters(footprint)})
+    curve = step.curve_on(cells)
+    if curve is None:
+        raise step.no_curve()
+    return curve

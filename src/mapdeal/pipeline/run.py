@@ -6,41 +6,62 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from mapdeal.command import Result
-from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.errors import MapdealError, ParameterError, emit_warning, kept_warnings, one_line
 from mapdeal.files.json_values import read_json
+from mapdeal.files.source import holding
+from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import on_canvas
-from mapdeal.grid.display import count_text
+from mapdeal.grid.costmap import CostCurve, Costmap, InflationLayer
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import Frame
-from mapdeal.grid.framed import Figures
+from mapdeal.grid.frame import Figures, Frame
+from mapdeal.grid.values import count_text
 from mapdeal.kernels.threads import use_threads
+from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import Grid
+from mapdeal.maps.reading import as_occupancy, output_paths, read_source, write_grid
+from mapdeal.pictures.overlay import KeepoutOverlay
+from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import (
     MANIFEST,
+    PICTURE,
     Filling,
     OutputFolder,
     Product,
     fill_together,
+    one_pass,
+    output_of,
+    passes_of,
+    robot_overlays,
     summary_of,
+    together,
+    write_image,
+    write_picture,
+    write_product,
 )
-from mapdeal.pipeline.inputs import claim_step, opened_map
 from mapdeal.pipeline.recipe import DEFAULT, Recipe, RecipeLike, load_recipe
-from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Canvas, Settings, heard
+from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Canvas, Settings, heard, passes_reported
+from mapdeal.pipeline.step import Step, grid_of
+from mapdeal.stages.cost import apply_keepout_mask
+from mapdeal.stages.layered_cost import queue_difference
+
+if TYPE_CHECKING:  # only runs around a robot need what it imports
+    from mapdeal.pipeline.local import Around
 
 _LEAST_COLUMN = 8
 _ALL_AROUND = 2 * math.pi - 0.1
 """Radians: with gaps as short as this there is no direction that a cloud does not cover."""
 
-LOCAL_RECIPE = "local"
-"""The recipe for local maps, and the folder of the one that a run makes."""
+LOCAL_RECIPE = "local"  # the recipe for local maps, and the folder of the one that a run makes
 
 
 def around_in(folder: Path) -> Path:
-    """Return where the local map of a run goes, given the run's folder."""
     return folder / LOCAL_RECIPE
 
 
@@ -69,12 +90,10 @@ class RunReport(Result):
     local: RunReport | None = None
 
     def document(self) -> dict[str, Any]:
-        """Return the figures as the summary of a batch holds them."""
         local = {} if self.local is None else {"local": self.local.figures}
         return {"figures": self.figures, **local}
 
     def lines(self) -> Iterator[str]:
-        """Yield what ``mapdeal run`` prints."""
         head = f"{self.source} -> {self.folder}"
         if self.status == "unchanged":
             yield f"{head}: unchanged"
@@ -83,7 +102,7 @@ class RunReport(Result):
             yield head if local is None else f"{head}: {_summary_of_local(local)}"
             width = max(_LEAST_COLUMN, *map(len, self.figures))
             for stage, figures in self.figures.items():
-                yield f"  {stage:<{width}} {size_text(figures)} cells, {summary_of(figures)}"
+                yield f"  {stage:<{width}} {cells_text(figures)} cells, {summary_of(figures)}"
         if self.local is not None:
             yield from self.local.lines()
 
@@ -95,7 +114,7 @@ class RunReport(Result):
             yield f"local map {self.local!r}"
 
 
-def size_text(figures: Figures) -> str:
+def cells_text(figures: Figures) -> str:
     return f"{figures['width']} x {figures['height']}"
 
 
@@ -132,7 +151,7 @@ def products_of(
     for step in recipe.steps:
         is_elsewhere = is_elsewhere or step.stage.moves
         if is_elsewhere and path is not None:
-            claim_step(path, grid, step)
+            inputs.claim_step(path, grid, step)
         made = step.apply(grid, path)
         if canvas is not None and step.stage.moves:
             canvas = made.frame
@@ -142,14 +161,10 @@ def products_of(
 
 
 def apply_recipe(
-    grid: Grid,
-    recipe: RecipeLike = DEFAULT,
-    changes: Mapping[str, object] | Sequence[str] | None = None,
-    *,
-    footprint: Footprint | None = None,
-    sim: bool = False,
-    canvas: Canvas = "crop",
-) -> dict[str, Grid]:
+    grid: Grid, recipe: RecipeLike = DEFAULT,
+    changes: Mapping[str, object] | Sequence[str] | None = None, *,
+    footprint: Footprint | None = None, sim: bool = False, canvas: Canvas = "crop",
+) -> dict[str, Grid]:  # fmt: skip
     """Apply a recipe to a grid in memory; the counterpart of `run` without files.
 
     Parameters
@@ -202,24 +217,17 @@ def apply_recipe(
     return made
 
 
-if TYPE_CHECKING:  # only runs around a robot need what it imports
-    from mapdeal.pipeline.local import Around
-
-
 def run_map(
-    path: Path,
-    folder: Path,
-    recipe: Recipe,
-    settings: Settings = DEFAULT_SETTINGS,
+    path: Path, folder: Path, recipe: Recipe, settings: Settings = DEFAULT_SETTINGS,
     around: Around | None = None,
-) -> RunReport:
+) -> RunReport:  # fmt: skip
     """Read a map, apply a recipe and write everything into a folder."""
     texts: list[str] = []
     with ExitStack() as stack:
         stack.enter_context(use_threads(settings.threads))
         with heard(texts):
             source = stack.enter_context(
-                opened_map(
+                inputs.opened_map(
                     path, recipe.steps, settings, image_max=settings.picture_size, with_sums=True
                 )
             )
@@ -227,45 +235,42 @@ def run_map(
         target = output_folder(folder, source.sums, recipe, settings)
         canvas = source.grid.frame if settings.canvas == "full" else None
         products = products_of(recipe, source.grid, path, canvas=canvas)
+        robot = None if recipe.robot is None else recipe.robot.footprint
         fillings = [
             Filling(
-                target,
-                products,
-                path.stem,
-                (*source.files, *recipe.files),
-                path,
-                by_blocks=source.grid.is_lazy,
-                heard=remarks,
-                read=source.grid,
-                robot=None if recipe.robot is None else recipe.robot.footprint,
+                target, products, path.stem, (*source.files, *recipe.files), path,
+                by_blocks=source.grid.is_lazy, heard=remarks, read=source.grid, robot=robot,
             )
-        ]
+        ]  # fmt: skip
         if around is not None:
             fillings.append(around.filling(folder, source, settings, texts))
-        return _filled(path, fillings, settings)
+        run, *local = fill(path, fillings, settings)
+        return replace(run, local=local[0]) if local else run
 
 
-def _filled(path: Path, fillings: list[Filling], settings: Settings) -> RunReport:
-    """Fill the folders that do not hold all this already, together."""
+def fill(
+    source: Path, fillings: Sequence[Filling], settings: Settings, *, skip: bool = True
+) -> list[RunReport]:
+    """Fill folders together, but those that are to be skipped as they hold all this already."""
     found = []
     for filling in fillings:
         filling.folder.check_inputs(filling.files)
-        found.append(None if settings.force else filling.folder.unchanged_figures())
+        is_skipped = skip and not settings.force
+        found.append(filling.folder.unchanged_figures() if is_skipped else None)
     new = [filling for filling, old in zip(fillings, found, strict=True) if old is None]
     for filling, old in zip(fillings, found, strict=True):
         if old is not None:
             filling.folder.repeat_warnings(filling)
-    if len(fillings) == 1 and new:
+    if len(fillings) == 1 and new and new[0].folder.shows_input:
         _warn_of_another(around_in(new[0].folder.path))
-    made = iter(fill_together(new, progress=settings.progress) if new else [])
-    reports = [
-        RunReport(filling.folder.path, "done", next(made), path)
+    with use_threads(settings.threads):
+        made = iter(fill_together(new) if new else [])
+    return [
+        RunReport(filling.folder.path, "done", next(made), source)
         if old is None
-        else RunReport(filling.folder.path, "unchanged", old, path)
+        else RunReport(filling.folder.path, "unchanged", old, source)
         for filling, old in zip(fillings, found, strict=True)
     ]
-    run, *local = reports
-    return replace(run, local=local[0]) if local else run
 
 
 def _warn_of_another(folder: Path) -> None:
@@ -280,9 +285,138 @@ def _warn_of_another(folder: Path) -> None:
 def output_folder(
     folder: Path, sums: Mapping[str, str], recipe: Recipe, settings: Settings
 ) -> OutputFolder:
-    """Return the folder of a run, given the names and sums of the files that hold its map."""
     options = {
         "dialect": settings.dialect, **settings.picture_options, "canvas": settings.canvas
     }  # fmt: skip
     robot = None if recipe.robot is None else recipe.robot.described()
     return OutputFolder(folder, recipe.steps, sums, options, settings, robot, shows_input=True)
+
+
+@dataclass(frozen=True)
+class SingleResult:
+    """What one stage has made of a file, as it returns it, and the checksums of what was read."""
+
+    figures: Figures
+    made: Any
+    sums: Mapping[str, str]
+    curve: CostCurve | None = None
+
+
+def apply_to_file(
+    path: Path, output: Path, step: Step, settings: Settings, *, encoding: Encoding = "occupancy",
+    mask: Path | None = None, curve: Path | None = None, with_curve: bool = False,
+    with_sums: bool = False, also_read: Sequence[Path] = (),
+) -> SingleResult:  # fmt: skip
+    # A keepout mask, a map of its own, is laid over the costs that the stage makes. The picture of
+    # their curve goes to `curve`, if that is given; `with_curve` asks for the curve alone, if there
+    # is one. Files that were read for the parameters are no more replaced than the map is.
+    stage = step.stage
+    outputs = output_paths(output) if stage.edits else output_of(step, output)
+    endings = [output.suffix, *([PICTURE] if settings.image is not None else [])]
+    image_max = None if settings.image is None else settings.image_max
+    opened = inputs.opened_map(path, [step], settings, image_max=image_max, with_sums=with_sums)
+    with use_threads(settings.threads), opened as source:
+        over = None
+        if mask is not None:
+            with holding(0 if source.grid.is_lazy else inputs.bytes_of(source.grid)):
+                over = read_source(mask, dialect=settings.dialect, max_cells=settings.max_cells)
+        read = [*source.files, *(over.files if over else ()), *also_read]
+        progress = settings.progress if source.grid.is_lazy else None
+        with (
+            passes_reported(progress, passes_of(step, endings)),
+            inputs.outputs_of(outputs, read, settings, curve=curve) as transaction,
+            inputs.errors_named(path),
+        ):
+            taken = source.grid if stage.edits else step.taken(source.grid, path)
+            if stage.moves:
+                inputs.claim_step(path, taken, step)
+            made = step.result_of(taken, path)
+            grid, title = grid_of(made), step.title
+            costs = step.curve_on(taken) if curve is not None or with_curve else None
+            if curve is not None and costs is None:
+                raise step.no_curve()
+            overlays = robot_overlays(step)
+            if over is not None and mask is not None:
+                occupancy = as_occupancy(over.grid, "the mask")
+                if not isinstance(grid, Costmap):
+                    raise ParameterError("a mask applies to costs only", source=mask)
+                with inputs.errors_named(mask):
+                    masked = apply_keepout_mask(grid, occupancy)
+                overlays.insert(0, KeepoutOverlay.of(grid, masked))
+                grid, title = masked, f"{title}, with {mask.name}"
+            title = f"{path.stem}: {title}"
+            with one_pass(transaction, grid) as asked:
+                if stage.edits:
+                    # with the scale of costs and further keys of the YAML that it was read from
+                    metadata = source.metadata
+                    as_bytes = metadata is not None and metadata.cost_scale is not None
+                    scale: Encoding = "costmap2d" if as_bytes else "occupancy"
+                    extra = dict(metadata.extra) if metadata else {}
+                    edited = asked if output.suffix == ".npz" else grid
+                    write_grid(transaction, output, edited, encoding=scale, extra=extra)
+                else:
+                    write_product(transaction, output, grid, step, asked=asked, encoding=encoding)
+                if stage.shows_changes:
+                    _add_changes(transaction, settings, taken, grid, title)
+                elif settings.image is not None:
+                    overlay = together(overlays)
+                    write_picture(transaction, settings.image, grid, title, settings, overlay)
+            if curve is not None and costs is not None:
+                from mapdeal.pictures.cost_curve import cost_curve_image  # few ask
+
+                heading = one_line(f"{path.stem}: {step.title}")
+                write_image(transaction, curve, partial(cost_curve_image, costs, title=heading))
+            figures = grid.figures()
+            remark = step.remark_on(figures)
+            if remark is not None:
+                emit_warning(f"{path}: {remark}", stacklevel=2)
+            return SingleResult(figures, made, source.sums, costs)
+
+
+_FILLED = 7  # of the picture: unknown cells that are now free; see `cleaning_style`
+
+
+def _add_changes(
+    transaction: Transaction, settings: Settings, before: Grid, after: Grid, title: str
+) -> None:
+    """Draw the map with the cells that have changed in colours of their own."""
+    if settings.image is None:
+        return
+    from mapdeal.compare.difference import STATES, changes_of, states_of
+    from mapdeal.pictures.comparisons import difference_image
+    from mapdeal.pictures.styles import cleaning_style
+
+    was, now = (states_of(np.asarray(grid.layer)) for grid in (before, after))
+    changes = changes_of(was, now, np.ones(before.shape, dtype=np.bool_))
+    changes[(was == STATES.index("unknown")) & (now == STATES.index("free"))] = _FILLED
+    extent, style = settings.image_extent, cleaning_style()
+    image = difference_image(
+        changes, before.frame, title=one_line(title), image_extent=extent, style=style
+    )
+    write_image(transaction, settings.image, lambda: image)
+
+
+_PER_CELL = 60.0  # bytes for each cell that the queue takes, measured and rounded up
+
+
+def queue_lines(path: Path, steps: Sequence[Step], settings: Settings) -> Iterator[str]:
+    """Yield how costs of exact distances differ from those of an older inflation layer's queue."""
+    for step in steps:
+        layers = step.parameters.get("layers")
+        lookups = [step.parameters.get("lookup")]
+        if layers is not None:
+            lookups = [one.lookup for one in layers if isinstance(one, InflationLayer)]
+        if "exact" not in lookups:
+            continue
+        try:
+            with settings.memory(), kept_warnings():  # said when the costs were made
+                taken: Any = step.taken(inputs.read_input(path, settings, _PER_CELL).grid)
+                cells, largest = queue_difference(taken, step.parameters)
+        except MapdealError as error:
+            text = f"the queue of older inflation layers is not compared: {error.rule}"
+        else:
+            known = {0: "no cell differs", 1: "1 cell differs"}
+            differ = known.get(cells, f"{cells} cells differ")
+            text = f"{differ} from the queue of older inflation layers"
+            text += f", by {largest} at most" if cells else ""
+        yield f"{step.name}: {text}"

@@ -11,17 +11,15 @@ from threading import Lock
 from typing import Any, Literal, TypeVar
 
 from mapdeal.errors import ParameterError, heard_warnings, one_line
-from mapdeal.files.budget import use_memory
+from mapdeal.files.source import use_memory
 from mapdeal.grid.values import check_choice
 from mapdeal.kernels.blocks import rows_reported
-from mapdeal.maps.map_yaml import Dialect
-from mapdeal.pictures.overlay import DEFAULT_EXTENT, ImageExtent
-from mapdeal.pictures.raster import DEFAULT_IMAGE_MAX
+from mapdeal.maps.dialects import Dialect
+from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
 
 Canvas = Literal["crop", "full"]
 
-Advance = Callable[[int], object]
-"""Called with the number of steps that have just been taken."""
+Advance = Callable[[int], object]  # called with the number of steps that have just been taken
 
 ProgressCallback = Callable[[int], AbstractContextManager[Advance]]
 """Called with the number of all steps; gives, within a ``with`` block, what to call."""
@@ -72,44 +70,16 @@ class Settings:
     @property
     def picture_options(self) -> dict[str, Any]:
         """What shapes the pictures in a folder, as JSON can hold it."""
-        return {
-            "images": bool(self.images),
-            "image_max": int(self.image_max),
-            "image_extent": self.image_extent,
-        }
+        shown = {"images": bool(self.images), "image_max": int(self.image_max)}
+        return {**shown, "image_extent": self.image_extent}
 
 
 DEFAULT_SETTINGS = Settings()
 
 
+Item = TypeVar("Item")
+
 _STEPS = 1000  # of one pass through a layer
-
-
-class Told:
-    """Reports how much of some passes through lazy layers is done."""
-
-    def __init__(self, advance: Advance, passes: int) -> None:
-        self._advance = advance
-        self._passes = passes
-        self._lock = Lock()
-        self._done = 0.0
-        self._taken = 0
-
-    def tell(self, rows: int, height: int) -> None:
-        """Take note of some rows of a layer of a height, from any thread."""
-        with self._lock:
-            self._done += rows / height
-            self._reach(min(int(_STEPS * self._done + 1e-6), _STEPS * self._passes))
-
-    def finish(self) -> None:
-        """Report what is left: a pass that was not needed, since what it finds was known."""
-        with self._lock:
-            self._reach(_STEPS * self._passes)
-
-    def _reach(self, steps: int) -> None:
-        if steps > self._taken:
-            self._advance(steps - self._taken)
-            self._taken = steps
 
 
 @contextmanager
@@ -118,19 +88,29 @@ def passes_reported(progress: ProgressCallback | None, passes: int) -> Iterator[
     if progress is None:
         yield
         return
-    with progress(passes * _STEPS) as advance:
-        told = Told(advance, passes)
-        with rows_reported(told.tell):
+    lock = Lock()
+    most = passes * _STEPS
+    done, taken = 0.0, 0
+    with progress(most) as advance:
+
+        def tell(rows: int, height: int) -> None:  # from any thread
+            nonlocal done, taken
+            with lock:
+                done += rows / height
+                reached = min(int(_STEPS * done + 1e-6), most)
+                if reached > taken:
+                    advance(reached - taken)
+                    taken = reached
+
+        with rows_reported(tell):
             yield
-        told.finish()
+        if taken < most:  # a pass was not needed, since what it finds was known
+            advance(most - taken)
 
 
 @contextmanager
 def report_nothing(_: int) -> Iterator[Advance]:
     yield lambda _: None
-
-
-Item = TypeVar("Item")
 
 
 @contextmanager

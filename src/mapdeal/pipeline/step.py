@@ -13,8 +13,7 @@ from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.grid.canvas import FieldGrid
 from mapdeal.grid.costmap import CostCurve, InflationLayer, StaticLayer
 from mapdeal.grid.field import DistanceField, FieldView
-from mapdeal.grid.frame import Frame
-from mapdeal.grid.framed import Figures
+from mapdeal.grid.frame import Figures, Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
 from mapdeal.maps.npz import Grid
@@ -26,15 +25,12 @@ from mapdeal.stages.structured import described_goals, described_layer
 
 @dataclass(frozen=True)
 class Step:
-    """One stage of a recipe with all its parameters, checked."""
-
     stage: Stage
     parameters: Mapping[str, Any]
     view: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
-        """The name of the stage."""
         return self.stage.name
 
     @property
@@ -49,29 +45,21 @@ class Step:
         return self.stage.memory + self.stage.more_memory(self.parameters)
 
     @property
-    def of_library(self) -> int:
-        """Bytes that a library takes besides."""
-        return self.stage.of_library
-
-    @property
     def is_whole(self) -> bool:
-        """Whether the whole map must be in memory at once."""
         return self.stage.is_whole(self.parameters)
 
     @property
     def is_smaller(self) -> bool:
-        """Whether its product may cover a part of the map alone."""
         return self.stage.is_smaller(self.parameters)
 
     def apply(self, grid: Grid, source: Path | None) -> Grid:
-        """Return the grid that the stage makes of `grid`."""
         return grid_of(self.result_of(self.taken(grid, source), source))
 
     def result_of(self, taken: Grid, source: Path | None) -> Any:
         """Return what the stage returns; errors name the file that `taken` came from, if any."""
         known = self.stage.own_parameters
+        values = {known[key].name: value for key, value in self.parameters.items()}
         try:
-            values = {known[key].name: value for key, value in self.parameters.items()}
             return self.stage.function(taken, **values)
         except MapdealError as error:
             raise error if source is None else error.found_in(source) from None
@@ -83,7 +71,6 @@ class Step:
         return self.stage.curve(box, self.parameters)
 
     def no_curve(self) -> ParameterError:
-        """Return what to raise where a curve is needed."""
         what = " ".join(filter(None, [self.name, self.stage.model]))
         rule = "no cost depends on the distance from an obstacle, so it has no curve"
         return ParameterError(rule, source=what)
@@ -98,19 +85,16 @@ class Step:
         return None if text is None else f"{self.name}: {text}"
 
     def view_of(self, product: DistanceField) -> OccupancyGrid:
-        """Return the map that stands for a product which holds no values of a map."""
         made: OccupancyGrid = (self.stage.view or field_view)(product, **self.view)
         return made
 
     def described(self) -> dict[str, Any]:
-        """Return stage, model and parameters as JSON can hold them."""
         model = {"model": self.stage.model} if self.stage.model else {}
         values = {**model, **self.parameters, **self.view}
         return {self.name: {key: _plain(value) for key, value in values.items()}}
 
 
 def grid_of(made: Any) -> Grid:
-    """Return the grid in what a stage returns."""
     grid: Grid = made if isinstance(made, Grid) else made.grid
     return grid
 
@@ -137,20 +121,20 @@ def _settle(parameters: dict[str, Any], stage: Stage, given: Mapping[str, object
             continue
         key, value = rule.parameter, rule.value(parameters)
         old = parameters[key]
-        if key in given and not (value == old or _are_close(value, old)):
+        if value is None or old is None:
+            is_same = value is old
+        else:
+            is_same = math.isclose(value, old, rel_tol=1e-9)
+        if key in given and not is_same:
             what = "" if value is None else f", which makes it {value:g}"
-            rule_text = f"cannot be given together with {by}{what}"
-            raise ParameterError(rule_text, place=f"{stage.name}.{key}", got=old)
+            conflict = f"cannot be given together with {by}{what}"
+            raise ParameterError(conflict, place=f"{stage.name}.{key}", got=old)
         parameters[key] = value
     try:
         parameters.update(stage.settled(parameters))
     except ParameterError as error:
         error.place = ".".join(filter(None, (stage.name, error.place)))
         raise
-
-
-def _are_close(one: float | None, other: float | None) -> bool:
-    return one is not None and other is not None and math.isclose(one, other, rel_tol=1e-9)
 
 
 def _in_model(

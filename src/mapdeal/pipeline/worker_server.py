@@ -19,7 +19,6 @@ _SERVER, _COMMAND = os.getpid(), os.getppid()
 
 
 def _remove_folder() -> None:
-    """Remove the folder that multiprocessing has made for the socket, if it is known."""
     # So long as the command is there, it does so itself, and would miss it.
     server = getattr(forkserver, "_forkserver", None)
     address = getattr(server, "_forkserver_address", None)

@@ -1,34 +1,35 @@
-"""Processes that work for this one.
-
-They hold the reading end of a pipe of which that process alone has the other end. When it is
-closed, whether on purpose or because the process is gone, a worker stops: what it does ends as
-by an exception, so that temporary files are removed.
-"""
+"""Workers that do jobs: processes of this machine, or those of a cluster of dask.distributed."""
 
 from __future__ import annotations
 
 import atexit
-import contextlib
 import errno
+import logging
 import multiprocessing
 import os
+import re
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from concurrent.futures import wait as wait_for
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from mapdeal.errors import FileAccessError
+from mapdeal.errors import FileAccessError, MapdealError, ParameterError
+from mapdeal.files.source import exists
 from mapdeal.files.transaction import folder_for_sockets, signals_put_off
 from mapdeal.kernels.engine import VARIABLE
-from mapdeal.kernels.threads import is_started
-from mapdeal.pipeline.batch import Job, Outcome, Submit, Work
+from mapdeal.kernels.threads import is_started, use_threads
+from mapdeal.pipeline.batch import TOO_LARGE, Job, Outcome, Submit, Work, WorkerDiedError
+from mapdeal.version import __version__
 
 _T = TypeVar("_T")
 
@@ -49,6 +50,10 @@ _PRELOADED = (
 
 class ProcessWorkers:
     """Worker processes on this machine."""
+
+    # They hold the reading end of a pipe of which this process alone has the other end. When it is
+    # closed, whether on purpose or because the process is gone, a worker stops: what it does ends
+    # as by an exception, so that temporary files are removed.
 
     def __init__(self, size: int) -> None:
         self.size = size
@@ -77,12 +82,9 @@ class ProcessWorkers:
             def submit(job: Job) -> Future[Outcome]:
                 try:
                     future = _sent(executor, _stoppable, work, job)
-                except (OSError, EOFError) as error:  # of another process that it needs
+                except (OSError, EOFError, BrokenProcessPool) as error:  # of a process it needs
                     is_lost.set()
                     raise BrokenProcessPool(str(error)) from None
-                except BrokenProcessPool:
-                    is_lost.set()
-                    raise
                 future.add_done_callback(look_at)
                 return future
 
@@ -119,8 +121,7 @@ def _sent(executor: ProcessPoolExecutor, function: Callable[..., _T], *given: An
 
 
 def _shut_down(executor: ProcessPoolExecutor) -> None:
-    """Wait until the processes of a pool have ended, without the jobs that are not begun."""
-    with contextlib.suppress(RuntimeError):  # of a pool whose own thread could not be started
+    with suppress(RuntimeError):  # of a pool whose own thread could not be started
         executor.shutdown(cancel_futures=True)
 
 
@@ -198,9 +199,8 @@ def _set_up(lifeline: Connection, engine: str | None) -> None:
 
 
 def _watch(lifeline: Connection) -> NoReturn:
-    """Stop the worker when the pipe's other end is closed."""
     wait([lifeline])
-    with contextlib.suppress(OSError):
+    with suppress(OSError):
         if hasattr(signal, "pthread_kill"):  # the main thread may wait in a system call
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
             time.sleep(_SECONDS_TO_CLEAN_UP)
@@ -218,7 +218,6 @@ def _stop(*_: object) -> None:
 
 
 def _stoppable(work: Work, job: Job) -> Outcome:
-    """Do a job; end the process if it is to stop meanwhile."""
     global _is_busy
     try:
         _is_busy = True
@@ -230,3 +229,181 @@ def _stoppable(work: Work, job: Job) -> Outcome:
         # removes what the exception came too early for, as multiprocessing itself does
         atexit._run_exitfuncs()  # noqa: SLF001
         os._exit(_STOPPED)
+
+
+_TIMEOUT = 10.0
+"""For the scheduler to answer, for the first worker to come, and for a lost connection."""
+
+_AT_ONCE = 1000
+"""Jobs that the scheduler is given at the same time: enough for a cluster that grows."""
+
+_ADDRESS = re.compile(r"(tcp|tls|ucx|ws|wss)://[^/\s]+:\d{1,5}")
+_VERSION = "mapdeal.version.__version__"
+
+
+class ClusterWorkers:
+    """The workers of a cluster, sent jobs through its interface of concurrent.futures."""
+
+    # The machines must share the folders of inputs and outputs under the same paths. When a worker
+    # dies, the scheduler gives what it had to others; only a job that takes several with it has
+    # failed.
+
+    def __init__(self, client: Any, address: str, size: int | None = None) -> None:
+        self.size = size or _AT_ONCE
+        self._client = client
+        self._address = address
+
+    def memory_of_each(self) -> int | None:
+        try:
+            found = self._client.run(_memory_limit, on_error="ignore").values()
+        except Exception:  # noqa: BLE001 - then each looks what is free
+            return None
+        limits = [limit for limit in found if limit]
+        return min(limits) // 2 if limits else None
+
+    @contextmanager
+    def started(self, size: int, work: Work) -> Iterator[Submit]:  # noqa: ARG002 - they are there
+        """Yield a function that sends jobs; jobs not begun are dropped after the ``with`` block."""
+        # the same job may be sent twice, in two batches: its result is never an old one
+        executor = self._client.get_executor(pure=False)
+        on_worker = _OnWorker(work, __version__)
+
+        def submit(job: Job) -> Future[Outcome]:
+            self._wait_for_scheduler(job)
+            return _told_as_ours(executor.submit(on_worker, job), job)
+
+        try:
+            yield submit
+        finally:
+            executor.shutdown(wait=False)
+
+    def _wait_for_scheduler(self, job: Job) -> None:
+        """Wait while the client tries to find a scheduler again that it has lost."""
+        end = time.monotonic() + 2 * _TIMEOUT
+        while self._client.status == "connecting" and time.monotonic() < end:
+            time.sleep(0.1)
+        if self._client.status != "running":
+            rule = f"was not started: the scheduler {self._address} is gone"
+            raise WorkerDiedError(rule, source=job.path)
+
+
+@contextmanager
+def connected(address: str, shared: Sequence[Path]) -> Iterator[Any]:
+    if _ADDRESS.fullmatch(address) is None:
+        raise ParameterError("must be tcp://HOST:PORT", source="--scheduler", got=address)
+    client = _client(address)
+    try:
+        _check_workers(client, address, shared)
+        yield client
+    finally:
+        with suppress(Exception):  # it is gone, or goes by itself
+            client.close(timeout=_TIMEOUT)
+
+
+def shared_folders(job: Job) -> list[Path]:
+    above = next(folder for folder in job.folder.parents if exists(folder))
+    return [folder for folder in (job.path.parent, above) if exists(folder)]
+
+
+def _client(address: str) -> Any:
+    try:
+        import distributed
+    except ModuleNotFoundError:
+        rule = "needs dask.distributed: pip install 'mapdeal[cluster]'"
+        raise ParameterError(rule, source="--scheduler") from None
+    for name in list(
+        logging.root.manager.loggerDict
+    ):  # what they have to say ends up in our errors
+        if name.partition(".")[0] in ("asyncio", "distributed", "tornado"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    client_type: Any = distributed.Client
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # such as that versions of Python differ
+            return client_type(address, timeout=_TIMEOUT, set_as_default=False, name="mapdeal")
+    except (OSError, ValueError, RuntimeError) as error:
+        rule = f"the scheduler does not answer: {_first_line(error)}"
+        raise FileAccessError(rule, source=address) from None
+
+
+def _check_workers(client: Any, address: str, shared: Sequence[Path]) -> None:
+    """Refuse a cluster that has no workers, or some that cannot do this work."""
+    try:
+        client.wait_for_workers(1, timeout=_TIMEOUT)
+    except OSError:
+        hint = f"dask worker {address} --nthreads 1 starts one"
+        raise FileAccessError("the scheduler has no workers", source=address, hint=hint) from None
+    # Functions of the standard library, since a worker may lack ours.
+    hint = f"pip install mapdeal=={__version__} on the workers"
+    for worker, found in _asked(client, address, "pydoc", "locate", _VERSION):
+        if found is None:
+            raise ParameterError("has no mapdeal", source=f"worker {worker}", hint=hint)
+        if found != __version__:
+            rule = f"has mapdeal {found}, here it is {__version__}"
+            raise ParameterError(rule, source=f"worker {worker}", hint=hint)
+    for path in shared:
+        for worker, found in _asked(client, address, "os.path", "exists", str(path)):
+            if not found:
+                rule = f"does not exist for worker {worker}"
+                hint = "workers must see inputs and outputs under the same paths"
+                raise FileAccessError(rule, source=path, hint=hint)
+
+
+def _asked(client: Any, address: str, module: str, name: str, text: str) -> list[tuple[str, Any]]:
+    function = getattr(__import__(module, fromlist=[name]), name)
+    try:
+        found = client.run(function, text, on_error="ignore")
+    except Exception as error:  # noqa: BLE001 - of the network, of pickles, of the event loop
+        rule = f"the workers do not answer: {_first_line(error)}"
+        raise FileAccessError(rule, source=address) from None
+    return sorted(found.items())
+
+
+def _memory_limit(dask_worker: Any) -> int | None:
+    return getattr(getattr(dask_worker, "memory_manager", None), "memory_limit", None)
+
+
+def _told_as_ours(sent: Future[Outcome], job: Job) -> Future[Outcome]:
+    """Return a future whose exceptions are ours, where the cluster is to blame."""
+    from distributed import KilledWorker
+
+    told: Future[Outcome] = Future()
+    told.set_running_or_notify_cancel()
+
+    def pass_on(done: Future[Outcome]) -> None:
+        try:
+            told.set_result(done.result())
+        except CancelledError:
+            rule = "was lost: the scheduler is gone or has dropped it"
+            told.set_exception(WorkerDiedError(rule, source=job.path))
+        except KilledWorker:
+            rule = "every worker that tried this map died"
+            told.set_exception(WorkerDiedError(rule, source=job.path, hint=TOO_LARGE))
+        except Exception as error:  # noqa: BLE001 - whatever it is, somebody waits for it
+            told.set_exception(error)
+
+    sent.add_done_callback(pass_on)
+    return told
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).splitlines()), type(error).__name__)
+
+
+_one_at_a_time = threading.Lock()
+
+
+@dataclass(frozen=True)
+class _OnWorker:
+    work: Work
+    version: str
+
+    def __call__(self, job: Job) -> Outcome:
+        if self.version != __version__:
+            rule = f"a worker has mapdeal {__version__}, it was sent by {self.version}"
+            return Outcome(MapdealError(rule, source=job.path))
+        from distributed import get_worker
+
+        # Python's warnings belong to the process, so a worker's threads take turns.
+        with _one_at_a_time, use_threads(int(get_worker().state.nthreads)):
+            return self.work(job)

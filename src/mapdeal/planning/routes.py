@@ -13,40 +13,24 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import DistanceField
+from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.frame import Point
-from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.reach import Route
 from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
-from mapdeal.grid.route import Route
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED
 from mapdeal.kernels.distance import signed_distance
-from mapdeal.kernels.shortest_paths import cheapest_path
+from mapdeal.kernels.paths import cheapest_path
 
 FIELD_RANGE = 2.0
 """Metres from obstacles at which the field no longer weighs: the range of its metric view."""
 
 _LARGEST_FACTOR = 1e6
 
-_AT_CENTRE = 1e-6
-"""In cells: more than what rounding moves a centre by."""
-
+_AT_CENTRE = 1e-6  # in cells: more than what rounding moves a centre by
 _LARGEST_TOLD_APART = 1 << 20
 """Squares of cells up to which distances of float32 tell neighbouring ones apart."""
 
 Place = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Measures:
-    """Length, cost and clearance of a route; see `Route`."""
-
-    length: float
-    cost: float
-    min_clearance: float
-    mean_clearance: float
-
-
-NO_WAY = Measures(math.nan, math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +50,6 @@ class Terrain:
         field_weight: float = 0.0,
         through_unknown: bool = False,
     ) -> Terrain:
-        """Return the terrain of a costmap; see `shortest_route` for its options."""
         # ``getTraversalCost`` of Nav2's Smac 2D planner for the multiplier and its default. NavFn
         # gives unknown cells the highest cost that is open, too.
         if not isinstance(costmap, Costmap):
@@ -128,7 +111,8 @@ class Terrain:
             raise ParameterError(rule, place=name, got=point, hint=hint)
         return cell
 
-    def measured(self, points_xy: NDArray[np.float64]) -> Measures:
+    def measured(self, points_xy: NDArray[np.float64]) -> dict[str, Any]:
+        """Return the length, cost and clearances of a route by their names in `Route`."""
         pieces = np.hypot(*np.diff(points_xy, axis=0).T)
         cells = self.costmap.frame.clamped_rowcol_from_xy(points_xy)[1:]
         length, cost = float(pieces.sum()), float(pieces @ self.weights[cells[:, 0], cells[:, 1]])
@@ -136,7 +120,8 @@ class Terrain:
         mean = float(clearances[0])
         if length > 0 and math.isfinite(mean):
             mean = float(pieces @ (clearances[:-1] + clearances[1:]) / (2 * length))
-        return Measures(length, cost, float(clearances.min()), mean)
+        least = float(clearances.min())
+        return {"length": length, "cost": cost, "min_clearance": least, "mean_clearance": mean}
 
     def clearances_of(self, points_xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the distances of points in open cells to the nearest centre of a lethal cell."""
@@ -165,7 +150,6 @@ class Terrain:
 
 
 def check_factor(name: str, value: float) -> float:
-    """Return a factor that is allowed, 0 to 1e6."""
     if not 0 <= value <= _LARGEST_FACTOR:
         rule = f"must lie between 0 and {_LARGEST_FACTOR:g}"
         raise ParameterError(rule, place=name, got=value)
@@ -194,7 +178,6 @@ def _cells_on(start: Place, end: Place) -> Iterator[Cell]:
 def _weights_by_cost(
     costmap: Costmap, multiplier: float, through_unknown: bool
 ) -> NDArray[np.float64]:
-    """Return the weight of each byte that a cost can be."""
     highest = (INSCRIBED_INFLATED_OBSTACLE if costmap.scale == "costmap2d" else OCCUPIED - 1) - 1
     weights = np.zeros(256)
     weights[: highest + 1] = 1 + multiplier * np.arange(highest + 1) / highest
@@ -229,9 +212,8 @@ def shortest_route(
         Additional weight near obstacles, at least 0: the weight of a cell grows by
         field_weight * (1 - d / 2) if its distance d to an obstacle is below 2 m.
     heuristic_weight : float
-        Additional estimate near obstacles, at least 0, metres: the heuristic of a cell grows by
-        heuristic_weight * (1 - d / 2) if its distance d to an obstacle is below 2 m. Above 0, the
-        route need not have the lowest cost.
+        Additional estimate near obstacles, at least 0, metres: likewise, the heuristic of a cell
+        grows by heuristic_weight * (1 - d / 2). Above 0, the route need not have the lowest cost.
     through_unknown : bool
         Whether unknown cells are open; they then have the highest cost of an open cell.
 
@@ -248,14 +230,13 @@ def shortest_route(
 
     Notes
     -----
-    A step costs its length, 1 or sqrt(2) cells, times the weight of the cell that it enters. If
-    `heuristic_weight` is 0, no other route has a lower sum: the route is `optimal`.
+    A step costs its length, 1 or sqrt(2) cells, times the weight of the cell that it enters;
+    diagonal steps between two closed cells are not allowed. If `heuristic_weight` is 0, no other
+    route has a lower sum: the route is `optimal`.
 
     A weight in the heuristic postpones cells near obstacles: they are expanded after cells in the
     open whose routes cost up to heuristic_weight metres more. A cell is never reopened after its
     expansion, so the first route to it stays.
-
-    Diagonal steps between two closed cells are not allowed.
 
     Examples
     --------
@@ -278,7 +259,6 @@ def shortest_route(
 def surcharges_near_obstacles(
     terrain: Terrain, heuristic_weight: float
 ) -> NDArray[np.float64] | None:  # fmt: skip
-    """Return the heuristic's addition near obstacles, shape (H, W), or None."""
     # The unit is that of the search: cells of length and weight 1.
     if check_factor("heuristic_weight", heuristic_weight) == 0:
         return None
@@ -301,8 +281,8 @@ def route_over(
     found = cheapest_path(searched, first, last, surcharges=surcharges)
     how: dict[str, Any] = {"expanded": found.expanded, "optimal": surcharges is None}
     if len(found.cells) == 0:
-        none = np.empty((0, 2))
-        return Route("astar", False, start_xy, goal_xy, none, **vars(NO_WAY), **how)
+        none, nan = np.empty((0, 2)), math.nan
+        return Route("astar", False, start_xy, goal_xy, none, nan, nan, nan, **how)
     places = found.cells + 0.5
     (start, goal), _ = terrain.costmap.frame.bounded_continuous_rowcol_from_xy([start_xy, goal_xy])
     # no hooks: the centres of the first and the last cell are left out where the way is clear
@@ -310,8 +290,7 @@ def route_over(
     end = len(places) - int(len(places) < 2 or terrain.is_clear(places[-2], goal))
     between = terrain.costmap.frame.xy_from_continuous_rowcol(places[begin : max(begin, end)])
     points = np.vstack([[start_xy], between, [goal_xy]])
-    measures = terrain.measured(points)
-    return Route("astar", True, start_xy, goal_xy, points, **vars(measures), **how)
+    return Route("astar", True, start_xy, goal_xy, points, **terrain.measured(points), **how)
 
 
 _STEPS = (0.5, 0.25, 0.125)
@@ -319,9 +298,7 @@ _STEPS = (0.5, 0.25, 0.125)
 
 Ending = Literal["arrived", "minimum", "tired"]
 
-_OFF = (-1e-6, 1e-6)
-"""In cells: more than what rounding moves a place by."""
-
+_OFF = (-1e-6, 1e-6)  # in cells: more than what rounding moves a place by
 _STEPS_PER_CELL_OF_SIDE = 20
 """Bounds the number of steps: a way as long as ten times both sides of the map."""
 
@@ -339,8 +316,7 @@ def descend(
     Parameters
     ----------
     costmap : Costmap
-        Costs on the same cells. Lethal and inscribed cells are closed: 254 and 253, or 100 and 99
-        on scale ``occupancy``. Costs also determine the `cost` of the route; see `shortest_route`.
+        Costs on the same cells; which are closed, and the route's `cost`, as for `shortest_route`.
     potential : PotentialField
         Potential with a goal.
     start_xy : tuple of float
@@ -406,15 +382,9 @@ def descend(
         points = np.vstack([points, [potential.goal]])
     elif ending == "minimum":
         minimum = (float(points[-1, 0]), float(points[-1, 1]))
-    measures = terrain.measured(points)
+    measures, is_there = terrain.measured(points), ending == "arrived"
     return Route(
-        "descent",
-        ending == "arrived",
-        start_xy,
-        potential.goal,
-        points,
-        **vars(measures),
-        local_minimum=minimum,
+        "descent", is_there, start_xy, potential.goal, points, **measures, local_minimum=minimum
     )
 
 

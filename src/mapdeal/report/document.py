@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import CostCurve, Costmap
-from mapdeal.grid.field import DistanceField, FieldView
+from mapdeal.grid.field import DistanceField, FieldView, PotentialField
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import FREE, OCCUPIED, Convention
 from mapdeal.kernels.blocks import Layer, counts_of, mapped
-from mapdeal.pictures.colours import LayerStyle, Scale
+from mapdeal.pictures.colours import LayerStyle
 from mapdeal.pictures.styles import (
     POTENTIAL_OBSTACLE,
     FieldEnds,
@@ -64,7 +63,6 @@ class PageLayer:
 
     @property
     def is_bytes(self) -> bool:
-        """Whether values are bytes, rather than numbers."""
         return bool(self.values.dtype == np.uint8)
 
 
@@ -106,15 +104,12 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """Content of a page."""
-
     title: str
     entries: tuple[Entry, ...]
     version: str
 
 
-MAP = "map"
-"""The ending of the name of a layer with the map that a field was made of."""
+MAP = "map"  # the ending of the name of a layer with the map that a field was made of
 
 
 @dataclass(frozen=True)
@@ -127,21 +122,13 @@ class LayerKind:
     about: Callable[[Any], dict[str, Any]]
 
     def of(self, grid: Any, name: str, title: str) -> PageLayer:
-        """Return the layer of a grid that is called `name`, with a title.
-
-        Its legend is of cells alone: what pictures draw over them, pages do not.
-        """
         about = self.about(grid)
-        about["style"] = _of_cells(about["style"])
+        about["style"] = _of_cells(about["style"])  # pages do not draw over them
         made_of = isinstance(grid, (DistanceField, PotentialField)) and self.ending != MAP
-        return PageLayer(
-            f"{name}-{self.ending}" if self.ending else name,
-            f"{title}: {self.title}" if self.title else title,
-            grid.frame,
-            self.values(grid),
-            states=f"{name}-{MAP}" if made_of else None,
-            **about,
-        )
+        states = f"{name}-{MAP}" if made_of else None
+        if self.ending:
+            name, title = f"{name}-{self.ending}", f"{title}: {self.title}"
+        return PageLayer(name, title, grid.frame, self.values(grid), states=states, **about)
 
 
 def kinds_of(grid: Any) -> tuple[LayerKind, ...]:
@@ -156,16 +143,13 @@ def page_layers(grid: Any, name: str, title: str) -> list[PageLayer]:
 
 def _of_cells(style: LayerStyle) -> LayerStyle:
     """Return a style without the swatches of colours that no value takes."""
-    taken = _indices_of(style) if style.by_value is None else set(style.by_value.tolist())
+    taken: set[int | None] = set() if style.by_value is None else set(style.by_value.tolist())
+    if style.scale is not None:
+        levels = range(style.scale.first, style.scale.first + style.scale.levels)
+        taken = {*levels, style.nowhere, style.line}
+        taken |= {level + style.faded_by for level in levels if style.faded_by is not None}
     kept = tuple(swatch for swatch in style.swatches if swatch.index in taken)
     return replace(style, swatches=kept)
-
-
-def _indices_of(style: LayerStyle) -> set[int | None]:
-    scale = cast("Scale", style.scale)
-    levels = range(scale.first, scale.first + scale.levels)
-    faded = [] if style.faded_by is None else [level + style.faded_by for level in levels]
-    return {*levels, *faded, style.nowhere, style.line}
 
 
 def _as_bytes(layer: Layer) -> Layer:
@@ -191,13 +175,10 @@ def _cost(costmap: Costmap) -> dict[str, Any]:
 
 def _field(field: DistanceField) -> dict[str, Any]:
     return {
-        "style": field_style(field, FieldEnds.of(field)),
-        "unit": "m",
-        "pooled": "smallest",
-        "convention": field.convention,
-        "lethal_threshold": field.lethal_threshold,
+        "style": field_style(field, FieldEnds.of(field)), "unit": "m", "pooled": "smallest",
+        "convention": field.convention, "lethal_threshold": field.lethal_threshold,
         "strength": field.strength,
-    }
+    }  # fmt: skip
 
 
 def _potential(field: PotentialField) -> dict[str, Any]:
@@ -232,10 +213,8 @@ _KINDS: dict[type[Any], tuple[LayerKind, ...]] = {
         _metres("clearance", "distance to the nearest obstacle"),
         _metres("widest", "radius of the largest round robot that gets here"),
         LayerKind(
-            "",
-            "",
-            lambda reach: reach_codes(reach)[0],
+            "", "", lambda reach: reach_codes(reach)[0],
             lambda reach: {"style": reach_codes(reach)[1]},
         ),
     ),
-}
+}  # fmt: skip

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import one_line
 from mapdeal.grid.costmap import CostCurve
-from mapdeal.pictures.colours import ColourBar, Colours, LayerStyle
-from mapdeal.pictures.cost_curve import Zone, ZoneKind, described, end_of, marks_of, zones_of
-from mapdeal.pictures.styles import CostPalette
+from mapdeal.grid.values import count_text
+from mapdeal.pictures.canvas import round_step
+from mapdeal.pictures.colours import ColourBar, LayerStyle
+from mapdeal.pictures.cost_curve import ZONE_COLOURS, Plot, described
 from mapdeal.report.document import Entry, Item, PageLayer, Report, Table
 from mapdeal.report.tiles import TILE, encoded
 
@@ -48,12 +49,11 @@ Content = str | Markup
 def element(name: str, /, *content: Content, **attributes: Value) -> Markup:
     if name in _RAW:
         raise ValueError(f"no element {name} is made of parts")
-    parts = [f"<{name}"]
-    for key, value in attributes.items():
-        parts.append(_attribute(key.rstrip("_").replace("_", "-"), value))
+    parts = (_attribute(k.rstrip("_").replace("_", "-"), v) for k, v in attributes.items())
+    start = f"<{name}{''.join(parts)}"
     if name in _VOID:
-        return Markup("".join([*parts, ">" if name in ("input", "meta", "br") else "/>"]))
-    return Markup("".join([*parts, ">", joined(content).text, f"</{name}>"]))
+        return Markup(f"{start}{'>' if name in ('input', 'meta', 'br') else '/>'}")
+    return Markup(f"{start}>{joined(content).text}</{name}>")
 
 
 def joined(content: Iterable[Content]) -> Markup:
@@ -93,19 +93,20 @@ def legend_of(style: LayerStyle, key: str) -> Markup:
         parts.append(_bar(style, style.bar, key))
     if style.swatches:
         swatches = [
-            element("li", swatch(hex_of(style.colours[one.index])), " ", one.label)
+            element("li", swatch(style.colours[one.index]), " ", one.label)
             for one in style.swatches
         ]
         parts.append(element("ul", *swatches, class_="swatches"))
     return joined(parts)
 
 
-def swatch(colour: str) -> Markup:
-    square = element("rect", x=0.5, y=0.5, width=13, height=13, fill=colour, class_="edge")
+def swatch(colour: Iterable[int]) -> Markup:
+    fill = hex_of(colour)
+    square = element("rect", x=0.5, y=0.5, width=13, height=13, fill=fill, class_="edge")
     return element("svg", square, width=14, height=14, aria_hidden="true", class_="swatch")
 
 
-def hex_of(colour: NDArray[np.uint8]) -> str:
+def hex_of(colour: Iterable[int]) -> str:
     return "#" + "".join(f"{int(part):02x}" for part in colour)
 
 
@@ -170,27 +171,14 @@ _LEFT, _RIGHT, _WIDTH = 44, 16, 700  # pixels
 _MARK, _PLOT, _BELOW = 18, 220, 40
 _COLUMNS = 700
 _LETTER = 6.4
-_TICKS = {"costmap2d": (0, 50, 100, 150, 200, 254), "occupancy": (0, 20, 40, 60, 80, 100)}
-_ZONE_COLOURS = {
-    ZoneKind.OBSTACLE: "#101014",
-    ZoneKind.COLLISION: "#00bec8",
-    ZoneKind.HEADING: "#f9be6e",
-    ZoneKind.CLEAR: "#ffeeaa",
-    ZoneKind.COST: "#ffeeaa",
-    ZoneKind.FREE: "#ffffff",
-    ZoneKind.NO_COST: "#ffffff",
-    ZoneKind.UNSEEN_COLLISION: "#e11e3c",
-    ZoneKind.UNSEEN_HEADING: "#ff8296",
-}
-_AXES = {
-    "euclidean": "distance from the nearest obstacle, centre to centre, m",
-    "chebyshev": "distance from the nearest obstacle, the longer of row and column, m",
-}
 
 
 def curve_figure(curve: CostCurve) -> Markup:
     plot = _Plot(curve)
-    zones = [_zone_row(zone, plot.end) for zone in plot.zones]
+    zones = []
+    for zone in plot.zones:
+        square, kind = swatch(ZONE_COLOURS[zone.kind]), element("b", zone.kind.value)
+        zones.append(element("li", square, " ", kind, " ", described(zone, plot.end)))
     caption = f"Cells of {curve.resolution:.6g} m" + (f"; {curve.note}" if curve.note else "")
     return element(
         "figure",
@@ -201,27 +189,10 @@ def curve_figure(curve: CostCurve) -> Markup:
     )
 
 
-def _zone_row(zone: Zone, end: float) -> Markup:
-    return element(
-        "li",
-        swatch(_ZONE_COLOURS[zone.kind]),
-        " ",
-        element("b", zone.kind.value),
-        " ",
-        described(zone, end),
-    )
-
-
-class _Plot:
-    """Where metres and costs lie on the drawing."""
-
+class _Plot(Plot):
     def __init__(self, curve: CostCurve) -> None:
-        self.curve = curve
-        self.palette = CostPalette.of(curve.scale)
-        self.end = end_of(curve)
-        self.zones = zones_of(curve, self.end)
-        self.marks = [mark for mark in marks_of(curve) if mark.distance <= self.end]
-        self.half = curve.resolution / 2
+        super().__init__(curve)
+        self.marks = [mark for mark in self.marks if mark.distance <= self.end]
         self.top = 14 + _MARK * len(self.marks)
         self.bottom = self.top + _PLOT
 
@@ -235,7 +206,7 @@ class _Plot:
     def drawn(self) -> Markup:
         return element(
             "svg",
-            *self._bars(), *self._axes(), *self._formula(), *self._dots(), *self._marks(),
+            *self._bars(), *self._axes(), *self._line(), *self._dots(), *self._marks(),
             viewBox=f"0 0 {_WIDTH} {self.bottom + _BELOW}", role="img", aria_label=self._told(),
         )  # fmt: skip
 
@@ -244,7 +215,6 @@ class _Plot:
         return f"Cost over the distance from the nearest obstacle. {zones}."
 
     def _bars(self) -> list[Markup]:
-        """Return the area below the curve, in the colours of costs."""
         curve = self.curve
         edges = np.linspace(-self.half, self.end, _COLUMNS + 1)
         middles = np.maximum((edges[1:] + edges[:-1]) / 2, 0.0)
@@ -257,52 +227,45 @@ class _Plot:
                 continue
             left, right = self.x(edges[first]), self.x(edges[last])
             colour = hex_of(self.palette.colours[self.palette.by_value[cost]])
+            width, height = round(right - left, 2), round(self.bottom - self.y(cost), 2)
             parts.append(
-                element(
-                    "rect", x=left, y=self.y(cost), width=round(right - left, 2),
-                    height=round(self.bottom - self.y(cost), 2), fill=colour,
-                )
-            )  # fmt: skip
+                element("rect", x=left, y=self.y(cost), width=width, height=height, fill=colour)
+            )
         return parts
 
     def _axes(self) -> list[Markup]:
         parts = []
         left, right = self.x(-self.half), self.x(self.end)
-        for cost in _TICKS[self.curve.scale]:
+        for cost in self.ticks:
             y = self.y(cost)
             parts.append(element("line", x1=left, x2=right, y1=y, y2=y, class_="rule"))
             parts.append(element("text", str(cost), x=left - 6, y=y + 4, text_anchor="end"))
-        step = _round_step(self.end / 8)
+        step = round_step(self.end / 8)
         for k in range(int(self.end / step) + 1):
             x = self.x(k * step)
             line = element("line", x1=x, x2=x, y1=self.bottom, y2=self.bottom + 5, class_="tick")
             text = f"{k * step:.6g}"
             parts += [line, element("text", text, x=x, y=self.bottom + 18, text_anchor="middle")]
-        parts.append(
-            element("line", x1=left, x2=right, y1=self.bottom, y2=self.bottom, class_="tick")
-        )
-        middle, low = (left + right) / 2, self.bottom + 35
-        axis = _AXES[self.curve.metric]
-        parts.append(element("text", axis, x=middle, y=low, text_anchor="middle"))
+        low, bottom = self.bottom + 35, self.bottom
+        parts.append(element("line", x1=left, x2=right, y1=bottom, y2=bottom, class_="tick"))
+        middle = (left + right) / 2
+        parts.append(element("text", f"{self.axis}, m", x=middle, y=low, text_anchor="middle"))
         parts.append(element("text", "cost", x=left - 6, y=self.top - 10, text_anchor="end"))
         return parts
 
-    def _formula(self) -> list[Markup]:
-        curve = self.curve
-        if curve.formula is None or curve.reach <= self.half:
+    def _line(self) -> list[Markup]:
+        line = self.formula(200)
+        if line is None:
             return []
-        metres = np.linspace(self.half, min(curve.reach, self.end), 200)
-        costs = np.minimum(curve.formula(metres), self.palette.lethal_cost - 1.0)
-        pairs = zip(metres.tolist(), costs.tolist(), strict=True)
+        pairs = zip(*(numbers.tolist() for numbers in line), strict=True)
         points = " ".join(f"{self.x(m):g},{self.y(c):g}" for m, c in pairs)
         return [element("polyline", points=points, class_="formula")]
 
     def _dots(self) -> list[Markup]:
-        """Return a dot for each whole number of cells, as long as there is room for them."""
         curve = self.curve
         if (_WIDTH - _LEFT - _RIGHT) * curve.resolution / (self.end + self.half) < 6:
             return []
-        shown = (curve.cells == np.floor(curve.cells)) & (curve.distance <= self.end)
+        shown = self.is_along_row & (curve.distance <= self.end)
         pairs = zip(curve.distance[shown].tolist(), curve.cost[shown].tolist(), strict=True)
         return [element("circle", cx=self.x(m), cy=self.y(c), r=3, class_="dot") for m, c in pairs]
 
@@ -312,34 +275,21 @@ class _Plot:
             x, y = self.x(mark.distance), 12 + row * _MARK
             parts.append(element("line", x1=x, x2=x, y1=y - 8, y2=self.bottom, class_="mark"))
             fits = x + 6 + _LETTER * len(mark.label) <= _WIDTH
-            anchor = "start" if fits else "end"
-            parts.append(
-                element("text", mark.label, x=x + 5 if fits else x - 5, y=y, text_anchor=anchor)
-            )
+            at, anchor = (x + 5, "start") if fits else (x - 5, "end")
+            parts.append(element("text", mark.label, x=at, y=y, text_anchor=anchor))
         return parts
 
 
-def _round_step(about: float) -> float:
-    """Return 1, 2 or 5 times a power of ten, at least `about`."""
-    power = 10.0 ** np.floor(np.log10(about))
-    return next(float(factor * power) for factor in (1, 2, 5, 10) if factor * power >= about)
-
-
 _KINDS = {
-    "passage": "Passages",
-    "start": "Starts",
-    "goal": "Goals",
-    "route": "Routes",
-    "finding": "Findings",
-    "shape": "Shapes",
-}
+    "passage": "Passages", "start": "Starts", "goal": "Goals", "route": "Routes",
+    "finding": "Findings", "shape": "Shapes",
+}  # fmt: skip
 
 _FAILED = "failed"
 _TOLD_BY_SIZE = ("cells", "m per cell")
 
 
 def body_of(report: Report) -> Markup:
-    """Return what stands in the body of a page before its data."""
     several = len(report.entries) > 1
     parts = [_maps(report.entries)] if several else []
     parts += [_entry(entry, k, several=several) for k, entry in enumerate(report.entries)]
@@ -350,7 +300,7 @@ def subtitle_of(report: Report) -> str:
     if len(report.entries) > 1:
         counts = [_counts(entry) for entry in report.entries]
         told = [
-            _counted(sum(count[k] for count in counts), name)
+            count_text(sum(count[k] for count in counts), name)
             for k, name in enumerate(("error", "warning"))
         ]
         failed = sum(entry.status == _FAILED for entry in report.entries)
@@ -363,18 +313,7 @@ def subtitle_of(report: Report) -> str:
     return ", ".join([_size_text(entry), *figures])
 
 
-def _counted(count: int, name: str) -> str:
-    return f"{count} {name}" if count == 1 else f"{count} {name}s"
-
-
 def _figure(name: str, value: str | float) -> str:
-    """Return a figure in words: a unit at the end of its name goes behind the value.
-
-    Examples
-    --------
-    >>> _figure("occupied %", 13.66), _figure("recipe", "nav2")
-    ('occupied 13.66 %', 'recipe nav2')
-    """
     words, _, unit = name.rpartition(" ")
     if words and unit in ("%", "m", "m2", "m\u00b2"):
         return f"{words} {_text(value)} {unit}"
@@ -399,7 +338,6 @@ def _text(value: str | float) -> str:
 
 
 def _counts(entry: Entry) -> tuple[int, int]:
-    """Return how many errors and how many warnings an entry has."""
     errors = sum(item.tone == "error" for item in entry.items)
     warnings = sum(item.tone == "warning" for item in entry.items)
     if entry.status == _FAILED:  # what is listed as a warning is why
@@ -417,19 +355,26 @@ def _maps(entries: tuple[Entry, ...]) -> Markup:
         "label", "Filter ", element("input", type="search", id="filter", autocomplete="off")
     )
     count = element("span", f"{len(entries)} maps", id="count", role="status")
-    table = element(
-        "table", element("thead", element("tr", element("td"), *cells)), element("tbody", *rows)
-    )
     return element(
         "section",
         element("h2", "Maps", id="maps-title", tabindex=-1),
         element("p", search, " ", count, class_="search"),
         element(
-            "div", table, class_="wide", tabindex=0, role="group", aria_labelledby="maps-title"
+            "div", _with_heads(cells, rows), class_="wide", tabindex=0, role="group",
+            aria_labelledby="maps-title",
         ),
-        id="maps",
-        aria_labelledby="maps-title",
-    )
+        id="maps", aria_labelledby="maps-title",
+    )  # fmt: skip
+
+
+def _with_heads(heads: list[Markup], rows: list[Markup]) -> Markup:
+    head = element("thead", element("tr", element("td"), *heads))
+    return element("table", head, element("tbody", *rows))
+
+
+def _section(heading: str, *content: Content, label: str = "", **attributes: Value) -> Markup:
+    label = label or heading
+    return element("section", element("h3", heading), *content, **attributes, aria_label=label)
 
 
 def _head(name: str, entries: tuple[Entry, ...]) -> Markup:
@@ -465,9 +410,12 @@ def _entry(entry: Entry, number: int, *, several: bool) -> Markup:
     if several:
         parts.append(element("p", element("a", "\u2190 All maps", href="#maps"), class_="back"))
         parts.append(element("h2", entry.name, tabindex=-1))
-        parts.append(element("p", _status_line(entry), class_="subtitle"))
+        status = ", ".join(filter(None, (entry.status, _size_text(entry))))
+        parts.append(element("p", status, class_="subtitle"))
     if entry.warnings:
-        parts.append(_warnings(entry.warnings))
+        lines = element("ul", *(element("li", text) for text in entry.warnings))
+        title = count_text(len(entry.warnings), "warning")
+        parts.append(_section(title, lines, class_="warnings"))
     rest = element("div", *_below(entry), class_="rest")
     if entry.layers:
         slot = element("div", class_="slot")
@@ -480,38 +428,19 @@ def _entry(entry: Entry, number: int, *, several: bool) -> Markup:
 
 def _below(entry: Entry) -> Iterator[Markup]:
     if entry.curve is not None:
-        heading = element("h3", "Costs over distance")
-        yield element("section", heading, curve_figure(entry.curve), aria_label="Cost curve")
+        yield _section("Costs over distance", curve_figure(entry.curve), label="Cost curve")
     for table in entry.tables:
         yield _table(table)
 
 
-def _status_line(entry: Entry) -> str:
-    return ", ".join(part for part in (entry.status, _size_text(entry)) if part)
-
-
-def _warnings(warnings: tuple[str, ...]) -> Markup:
-    title = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
-    lines = [element("li", text) for text in warnings]
-    return element(
-        "section", element("h3", title), element("ul", *lines), class_="warnings", aria_label=title
-    )
-
-
 def _panels(entry: Entry, number: int) -> Markup:
-    parts = [_layers(entry.layers, number)]
-    if len(entry.layers) > 1:
+    count = len(entry.layers)
+    rows = [_layer(entry.layers[k], k, number, count) for k in reversed(range(count))]
+    parts = [_section("Layers", element("ul", *rows), class_="layers")]
+    if count > 1:
         parts.append(_compare(entry))
     parts += [_readout(entry.layers), _items(entry.items)]
     return element("div", *parts, class_="panels")
-
-
-def _layers(layers: tuple[PageLayer, ...], number: int) -> Markup:
-    rows = [_layer(layers[k], k, number, len(layers)) for k in reversed(range(len(layers)))]
-    return element(
-        "section", element("h3", "Layers"), element("ul", *rows), class_="layers",
-        aria_label="Layers",
-    )  # fmt: skip
 
 
 def _layer(layer: PageLayer, k: int, number: int, count: int) -> Markup:
@@ -522,13 +451,9 @@ def _layer(layer: PageLayer, k: int, number: int, count: int) -> Markup:
         aria_label=f"Opacity of {layer.title}",
     )  # fmt: skip
     only = element(
-        "button",
-        "only",
-        type="button",
-        data_only=k,
-        class_="only",
+        "button", "only", type="button", data_only=k, class_="only",
         aria_label=f"Show only {layer.title}",
-    )
+    )  # fmt: skip
     head = element("div", element("label", box, " ", layer.title), slider, only, class_="head")
     legend = element("div", legend_of(layer.style, f"bar-{number}-{k}"), class_="legend")
     return element("li", head, legend, class_="layer", data_layer=k)
@@ -537,11 +462,14 @@ def _layer(layer: PageLayer, k: int, number: int, count: int) -> Markup:
 def _compare(entry: Entry) -> Markup:
     names = [layer.name for layer in entry.layers]
     pair = entry.compared or (names[-2], names[-1])
-    chosen = [names.index(name) for name in pair]
-    selects = [
-        element("label", f"{side} ", _select(entry.layers, at))
-        for side, at in zip(("Left", "Right"), chosen, strict=True)
-    ]
+    selects = []
+    for side, chosen in zip(("Left", "Right"), pair, strict=True):
+        options = [
+            element("option", layer.title, value=k, selected=k == names.index(chosen))
+            for k, layer in enumerate(entry.layers)
+        ]
+        select = element("select", *options, autocomplete="off")
+        selects.append(element("label", f"{side} ", select))
     toggles = [
         element(
             "label",
@@ -554,19 +482,8 @@ def _compare(entry: Entry) -> Markup:
         )
         for text, name in (("Side by side", "compare"), ("Blink", "blink"))
     ]  # fmt: skip
-    heading = element("h3", "Compare")
     row = element("p", *toggles, class_="toggles")
-    return element(
-        "section", heading, *selects, row, class_="compare scripted-only", aria_label="Compare"
-    )
-
-
-def _select(layers: tuple[PageLayer, ...], chosen: int) -> Markup:
-    options = [
-        element("option", layer.title, value=k, selected=k == chosen)
-        for k, layer in enumerate(layers)
-    ]
-    return element("select", *options, autocomplete="off")
+    return _section("Compare", *selects, row, class_="compare scripted-only")
 
 
 def _readout(layers: tuple[PageLayer, ...]) -> Markup:
@@ -576,11 +493,7 @@ def _readout(layers: tuple[PageLayer, ...]) -> Markup:
         for name in names
     ]
     heads = [element("th", name, scope="col") for name in ("Pointer", "Pinned")]
-    table = element(
-        "table", element("thead", element("tr", element("td"), *heads)), element("tbody", *rows)
-    )
-    heading = element("h3", "Values")
-    return element("section", heading, table, class_="readout scripted-only", aria_label="Values")
+    return _section("Values", _with_heads(heads, rows), class_="readout scripted-only")
 
 
 def _items(items: tuple[Item, ...]) -> Markup:
@@ -595,17 +508,11 @@ def _items(items: tuple[Item, ...]) -> Markup:
         )
         for kind in kinds
     ]
-    lists = list(_lists(items, kinds))
-    return element(
-        "section", element("h3", "On the map"), element("p", *boxes, class_="kinds"), *lists,
-        class_="items", aria_label="On the map",
-    )  # fmt: skip
-
-
-def _lists(items: tuple[Item, ...], kinds: list[str]) -> Iterator[Markup]:
+    lists = []
     for kind in kinds:
         rows = [_item(item, k) for k, item in enumerate(items) if item.kind == kind]
-        yield element("ul", *rows, aria_label=_KINDS[kind], data_kind=kind)
+        lists.append(element("ul", *rows, aria_label=_KINDS[kind], data_kind=kind))
+    return _section("On the map", element("p", *boxes, class_="kinds"), *lists, class_="items")
 
 
 def _item(item: Item, number: int) -> Markup:
@@ -622,17 +529,8 @@ def _table(table: Table) -> Markup:
         element("tr", element("th", name, scope="row"), element("td", value))
         for name, value in table.rows
     ]
-    return element(
-        "details", element("summary", table.title), element("table", element("tbody", *rows))
-    )
-
-
-def packaged(package: str, name: str) -> bytes:
-    module = sys.modules[package]
-    loader: Any = module.__spec__.loader if module.__spec__ is not None else None
-    path = os.path.join(os.path.dirname(str(module.__file__)), *name.split("/"))  # noqa: PTH118, PTH120 - as loaders take it
-    data: bytes = loader.get_data(path)
-    return data
+    body = element("table", element("tbody", *rows))
+    return element("details", element("summary", table.title), body)
 
 
 SCRIPTS = (
@@ -652,7 +550,10 @@ def page_of(report: Report, *, size: int) -> Iterator[bytes]:
     script, style = script_text(), _part("page.css")
     before, between, after = _part("page.html").split("<!-- split -->\n")
     fields = {
-        "policy": _policy(script, style),
+        "policy": (
+            f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; "
+            "base-uri 'none'; form-action 'none'"
+        ),
         "title": escaped(report.title),
         "subtitle": escaped(subtitle_of(report)),
         "version": escaped(report.version),
@@ -695,14 +596,9 @@ def script_text() -> str:
 
 
 def _part(name: str) -> str:
-    return packaged("mapdeal.report", f"page/{name}").decode()
-
-
-def _policy(script: str, style: str) -> str:
-    return (
-        f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; "
-        "base-uri 'none'; form-action 'none'"
-    )
+    module: Any = sys.modules["mapdeal.report"]
+    path = os.path.join(os.path.dirname(module.__file__), "page", name)  # noqa: PTH118, PTH120 - as loaders take it
+    return str(module.__spec__.loader.get_data(path), "utf-8")
 
 
 def _hash(text: str) -> str:
@@ -710,7 +606,6 @@ def _hash(text: str) -> str:
 
 
 def _json(value: object) -> str:
-    """Return JSON that no parser of HTML takes for markup."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c")
 
@@ -719,27 +614,20 @@ def _bytes(values: NDArray[np.uint8]) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype=np.uint8).tobytes()).decode()
 
 
-def _pixels(colours: Colours) -> NDArray[np.uint8]:
-    """Return colours as pixels, red to alpha; the last one is no colour at all."""
-    pixels = np.zeros((len(colours) + 1, 4), dtype=np.uint8)
-    pixels[:-1, :3] = colours
-    pixels[:-1, 3] = 255
-    return pixels
-
-
 def _style(style: LayerStyle) -> dict[str, Any]:
-    scale = style.scale
+    pixels = np.zeros((len(style.colours) + 1, 4), dtype=np.uint8)  # the last is no colour at all
+    pixels[:-1, :3] = style.colours
+    pixels[:-1, 3] = 255
+    scale, of_scale = style.scale, None
+    if scale is not None:
+        factor = scale.levels / ((scale.high - scale.low) or 1.0)
+        of_scale = {
+            "low": scale.low, "factor": factor, "first": scale.first, "levels": scale.levels
+        }  # fmt: skip
     return {
-        "pixels": _bytes(_pixels(style.colours)),
+        "pixels": _bytes(pixels),
         "byValue": None if style.by_value is None else _bytes(style.by_value),
-        "scale": None
-        if scale is None
-        else {
-            "low": scale.low,
-            "factor": scale.levels / ((scale.high - scale.low) or 1.0),
-            "first": scale.first,
-            "levels": scale.levels,
-        },
+        "scale": of_scale,
         "nowhere": len(style.colours) if style.nowhere is None else style.nowhere,
         "line": style.line,
         "fadedBy": style.faded_by or 0,
@@ -754,19 +642,15 @@ def _page_layer(layer: PageLayer) -> dict[str, Any]:
         "name": one_line(layer.name),
         "unit": one_line(layer.unit),
         "frame": {
-            "width": frame.width,
-            "height": frame.height,
-            "resolution": frame.resolution,
-            "x": x,
-            "y": y,
-            "yaw": yaw,
+            "width": frame.width, "height": frame.height, "resolution": frame.resolution,
+            "x": x, "y": y, "yaw": yaw,
         },
         "states": layer.states,
         "convention": layer.convention,
         "lethal": layer.lethal_threshold,
         "pooled": layer.pooled,
         "opaque": layer.is_bytes or layer.style.nowhere is not None,
-    }
+    }  # fmt: skip
 
 
 def _page_entry(entry: Entry) -> dict[str, Any]:
@@ -786,7 +670,6 @@ def _page_entry(entry: Entry) -> dict[str, Any]:
 
 
 def _box(points: NDArray[np.float64]) -> list[float]:
-    """Return the left, low, right and high end of points."""
     return [*points.min(axis=0).tolist(), *points.max(axis=0).tolist()]
 
 

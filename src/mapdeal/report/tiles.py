@@ -14,23 +14,20 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import Convention
-from mapdeal.kernels.blocks import blocks_of
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import ThreadPool, thread_count
+from mapdeal.pictures.overlay import OtherThan, known_box, pooled
 from mapdeal.report.document import Item, PageLayer
 
-_MARGIN = 0.04
-"""Of the longer side: what is shown around the known cells."""
-
-_UNKNOWN = 255
-"""Of maps and of costs, as bytes."""
+_MARGIN = 0.04  # of the longer side: what is shown around the known cells
+_UNKNOWN = 255  # of maps and of costs, as bytes
 
 
 def extent_of(
@@ -42,9 +39,11 @@ def extent_of(
     for layer in layers:
         if layer.frame not in seen and layer.style.labels.get(_UNKNOWN) == "unknown":
             seen.add(layer.frame)
-            box = _known_box(layer)
+            box = known_box(layer.values, OtherThan(_UNKNOWN))
             if box is not None:
-                points.append(layer.frame.xy_from_continuous_rowcol(_corners(*box)))
+                rows, cols = (box.row, box.row + box.height), (box.col, box.col + box.width)
+                corners = [(row, col) for row in rows for col in cols]
+                points.append(layer.frame.xy_from_continuous_rowcol(corners))
     if not points:
         return None
     for item in items:
@@ -54,27 +53,7 @@ def extent_of(
     every = np.vstack(points)
     low, high = every.min(axis=0), every.max(axis=0)
     margin = _MARGIN * float((high - low).max())
-    left, bottom = (low - margin).tolist()
-    right, top = (high + margin).tolist()
-    return left, bottom, right, top
-
-
-def _corners(row: int, col: int, end_row: int, end_col: int) -> list[tuple[int, int]]:
-    return [(r, c) for r in (row, end_row) for c in (col, end_col)]
-
-
-def _known_box(layer: PageLayer) -> tuple[int, int, int, int] | None:
-    """Return the first row and column with known cells, and those behind the last."""
-    rows: list[int] = []
-    cols = np.zeros(layer.frame.width, dtype=np.bool_)
-    for block in blocks_of(layer.values):
-        known = layer.values[block] != _UNKNOWN
-        rows += (block.start + np.flatnonzero(known.any(axis=1))).tolist()
-        cols |= known.any(axis=0)
-    if not rows:
-        return None
-    columns = np.flatnonzero(cols)
-    return rows[0], int(columns[0]), rows[-1] + 1, int(columns[-1]) + 1
+    return (*(low - margin).tolist(), *(high + margin).tolist())
 
 
 Numbers = NDArray[np.float32]
@@ -82,9 +61,7 @@ Numbers = NDArray[np.float32]
 SQUARE_ERROR = 1e-4
 """Metres that a distance coded by its square may be off; otherwise it is coded by steps."""
 
-STEP = 1e-3
-"""Metres of a step."""
-
+STEP = 1e-3  # metres of a step
 _STEP_ERROR = 0.51 * STEP
 _MOST_OTHERS = 8
 _LARGEST = 2.0**31 - 16
@@ -93,17 +70,9 @@ _RELATIVE_ERROR = 2.0**-16
 _SMALLEST_ERROR = 1e-30
 
 
-class Way(Protocol):
-    """A way of telling numbers by whole ones."""
-
-    def integers_of(self, values: Numbers) -> NDArray[np.float64]:
-        """Return the whole number next to each value; anything where there is none."""
-
-    def values_of(self, integers: NDArray[np.float64]) -> Numbers: ...
-
-    def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]: ...
-
-    def header(self) -> dict[str, Any]: ...
+# A coding tells numbers by whole ones: `integers_of` returns the whole number next to each value,
+# anything where there is none, `values_of` the numbers of whole ones, and `is_near` where those are
+# near enough to the values.
 
 
 @dataclass(frozen=True)
@@ -128,22 +97,18 @@ class Squares:
         return numbers
 
     def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]:
-        """Return where both are the same to a tenth of a millimetre."""
         near: NDArray[np.bool_] = np.abs(found - values) <= SQUARE_ERROR
         return near
 
     def header(self) -> dict[str, Any]:
         return {"kind": "squares", "above": list(self.above), "below": list(self.below)}
 
-    def _offset_and_unit(self, is_below: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[Any]]:
-        offset = np.where(is_below, self.below[0], self.above[0])
-        return offset, np.where(is_below, self.below[1], self.above[1])
+    def _offset_and_unit(self, is_below: NDArray[np.bool_]) -> Iterator[NDArray[Any]]:
+        return (np.where(is_below, *two) for two in zip(self.below, self.above, strict=True))
 
 
 @dataclass(frozen=True)
 class Steps:
-    """Metres by steps of a millimetre."""
-
     step: float = STEP
 
     def integers_of(self, values: Numbers) -> NDArray[np.float64]:
@@ -153,7 +118,6 @@ class Steps:
         return (integers * self.step).astype(np.float32)
 
     def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]:
-        """Return where both are the same to half a millimetre."""
         near: NDArray[np.bool_] = np.abs(found - values) <= _STEP_ERROR
         return near
 
@@ -190,6 +154,9 @@ class Bits:
         return {"kind": "bits", "hidden": self.hidden}
 
 
+Way = Squares | Steps | Bits
+
+
 def ways_of(
     resolution: float, convention: Convention | None, strength: float, *, are_metres: bool
 ) -> tuple[Way, ...]:
@@ -199,9 +166,8 @@ def ways_of(
     if convention is None:  # a clearance, or a width
         one, two = (0.0, resolution), (0.0, 2 * resolution)
         return Squares(one, one), Squares(two, two), Steps(), Bits()
-    above, below = {"fast-planner": (0.0, 1.0), "center": (0.0, 0.0), "border": (0.5, 0.5)}[
-        convention
-    ]
+    offsets = {"fast-planner": (0.0, 1.0), "center": (0.0, 0.0), "border": (0.5, 0.5)}
+    above, below = offsets[convention]
     return Squares((above, resolution * strength), (below, resolution)), Steps(), Bits()
 
 
@@ -241,7 +207,6 @@ def _folded(integers: NDArray[np.int32]) -> NDArray[np.uint32]:
 
 
 def _planes(numbers: NDArray[np.uint32]) -> list[bytes]:
-    """Return the lowest byte of all numbers, the next one of all, as far as any has one."""
     count = (int(numbers.max()).bit_length() + 7) // 8
     by_byte = numbers.astype("<u4").view(np.uint8).reshape(*numbers.shape, 4)
     return [by_byte[..., place].tobytes() for place in range(count)]
@@ -249,12 +214,8 @@ def _planes(numbers: NDArray[np.uint32]) -> list[bytes]:
 
 Cells = NDArray[Any]
 
-TILE = 512
-"""Cells of a tile's side; those at the north and east edges have fewer."""
-
-ALL_CELLS_SIDE = 4096
-"""Side up to which a layer's own cells are kept, if there is room for them."""
-
+TILE = 512  # cells of a tile's side; those at the north and east edges have fewer
+ALL_CELLS_SIDE = 4096  # side up to which a layer's own cells are kept, if there is room for them
 MOST_CELLS = 1 << 26
 """Cells of the finest level of a larger layer: of three layers they take some ten seconds."""
 
@@ -292,8 +253,6 @@ class EncodedLayer:
 
 @dataclass(frozen=True)
 class Encoded:
-    """Layers in the encoding of a page."""
-
     encoded: tuple[EncodedLayer, ...]
 
     @property
@@ -307,10 +266,8 @@ class Encoded:
                 for tile in level.tiles:
                     tiles.append([offset, len(tile)])
                     offset += len(tile)
-                height, width = level.shape
-                levels.append(
-                    {"reduce": level.reduce, "width": width, "height": height, "tiles": tiles}
-                )
+                size = {"width": level.shape[1], "height": level.shape[0]}
+                levels.append({"reduce": level.reduce, **size, "tiles": tiles})
             headers.append({"coding": layer.coding, "levels": levels})
         return headers
 
@@ -321,7 +278,6 @@ class Encoded:
 
     @property
     def size(self) -> int:
-        """Characters of `data`."""
         return sum(map(len, self.data))
 
 
@@ -358,10 +314,13 @@ def _fitted(
 ) -> Iterator[EncodedLayer]:
     """Yield each layer, given in all of its resolutions, in those that fit together."""
     finest = dict.fromkeys(shapes, 0)  # how many resolutions are left out
-    sizes = {
-        shape: [sum(parts) for parts in zip(*map(_sizes, group), strict=True)]
-        for shape, group in _by_shape(layers, shapes).items()
-    }
+    sizes = {}  # of all layers of a shape, if no resolution is left out, or one, or two
+    for shape in finest:
+        group = [layer for layer, own in zip(layers, shapes, strict=True) if own == shape]
+        sizes[shape] = [
+            sum(level.size for layer in group for level in _chain(layer, left_out))
+            for left_out in range(len(group[0].levels))
+        ]
     total = sum(of_shape[0] for of_shape in sizes.values())
     while total > size:
         savings = {
@@ -381,23 +340,6 @@ def _fitted(
 def _chain(layer: EncodedLayer, left_out: int) -> tuple[Level, ...]:
     """Return the levels that a layer keeps: every second of all, from a finest one on."""
     return layer.levels[::-1][left_out::2][::-1]
-
-
-def _sizes(layer: EncodedLayer) -> list[int]:
-    """Return what a layer takes if none of its resolutions is left out, or one, or two."""
-    return [
-        sum(level.size for level in _chain(layer, left_out))
-        for left_out in range(len(layer.levels))
-    ]
-
-
-def _by_shape(
-    layers: Sequence[EncodedLayer], shapes: Sequence[tuple[int, int]]
-) -> dict[tuple[int, int], list[EncodedLayer]]:
-    groups: dict[tuple[int, int], list[EncodedLayer]] = {}
-    for layer, shape in zip(layers, shapes, strict=True):
-        groups.setdefault(shape, []).append(layer)
-    return groups
 
 
 class _Compressor:
@@ -477,36 +419,20 @@ class _Pooling:
         return look_up(rows, np.argsort(self.order).astype(np.uint8))
 
     def values(self, ranked: Cells) -> Cells:
-        """Return the bytes at places in the order."""
         return ranked if self.order is None else look_up(ranked, self.order)
 
     def pooled(self, cells: Cells, step: int) -> Cells:
         """Return one cell for each square of `step` a side, fewer at the north and east edges."""
-        if step == 1:
-            return cells
-        return self._of_rows(self._of_rows(cells, step).T, step).T
-
-    def _of_rows(self, cells: Cells, step: int) -> Cells:
-        merged = cells[::step].copy(order="K")  # of a transposed array, too
-        for place in range(1, step):
-            more = cells[place::step]
-            self.choose(merged[: len(more)], more, out=merged[: len(more)])
-        return merged
+        return cells if step == 1 else pooled(cells, step, self.choose)
 
 
 class _LevelMaker:
     """Cuts the rows of a level into tiles, and hands them on to the next coarser one."""
 
     def __init__(
-        self,
-        reduce: int,
-        shape: tuple[int, int],
-        pooling: _Pooling,
-        ways: Sequence[Way],
-        compressor: _Compressor,
-        *,
-        coarser: _LevelMaker | None,
-    ) -> None:
+        self, reduce: int, shape: tuple[int, int], pooling: _Pooling, ways: Sequence[Way],
+        compressor: _Compressor, *, coarser: _LevelMaker | None,
+    ) -> None:  # fmt: skip
         self.reduce = reduce
         self._is_small = max(shape) <= ALL_CELLS_SIDE
         self._shape = -(-shape[0] // reduce), -(-shape[1] // reduce)
@@ -544,6 +470,5 @@ class _LevelMaker:
             self._tiles.append(self._compressor.submit(tile, self._ways, compression))
 
     def level(self) -> Level:
-        """Return the level, all of whose rows were added."""
         tiles = tuple(tile.result() for tile in self._tiles)
         return Level(self.reduce, self._shape, tiles)

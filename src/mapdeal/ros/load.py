@@ -9,11 +9,10 @@ from pathlib import Path
 
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning
 from mapdeal.files.source import read_file
-from mapdeal.ros.robot import CostmapName, Flavour, RobotParameters
-from mapdeal.ros.ros1 import costmaps_named, load_server
-from mapdeal.ros.ros1_files import Ros1Namespace
+from mapdeal.ros.nav2 import nav2_robot
+from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, Problem, RobotParameters
+from mapdeal.ros.ros1 import Ros1Namespace, costmaps_named, load_server, ros1_robot
 from mapdeal.ros.ros2_files import read_ros2
-from mapdeal.ros.values import ParameterValue, Problem
 
 _KEY = b"ros__parameters"
 _LARGEST = 1 << 24
@@ -25,36 +24,27 @@ _OF_COSTS = frozenset(
 
 
 def read_robot(
-    paths: Sequence[Path],
-    *,
-    costmap: CostmapName = "global",
-    namespace: str | None = None,
-    older: bool = False,
-    is_shape: bool = False,
-) -> RobotParameters:
+    paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None,
+    older: bool = False, is_shape: bool = False,
+) -> RobotParameters:  # fmt: skip
     robot, problems = found_in(paths, costmap=costmap, namespace=namespace, older=older)
     for one in problems:
         if one.level == "refused":
             raise _error_of(one, paths)
     if robot is None:
         raise MalformedInputError("holds no robot", source=paths[-1])
-    texts = tuple(
-        _line_of(one, paths)
-        for one in problems
-        if one.level == "warning" and not (is_shape and one.check in _OF_COSTS)
-    )
+    warnings = [one for one in problems if one.level == "warning"]
+    own = [one for one in warnings if not (is_shape and one.check in _OF_COSTS)]
+    texts = tuple(_line_of(one, paths) for one in own)
     for text in texts:
         emit_warning(text, stacklevel=2)
     return replace(robot, remarks=texts)
 
 
 def found_in(
-    paths: Sequence[Path],
-    *,
-    costmap: CostmapName = "global",
-    namespace: str | None = None,
+    paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None,
     older: bool = False,
-) -> tuple[RobotParameters | None, tuple[Problem, ...]]:
+) -> tuple[RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
     """Return a robot, as far as its files allow, and all that there is to say of them."""
     if not paths:
         raise ParameterError("takes at least one file", place="params_files")
@@ -64,20 +54,14 @@ def found_in(
         rule = f"contains no parameters of ROS 2, but {of_ros2[0].name} does"
         raise ParameterError(rule, source=other, hint="pass the files of one robot")
     if of_ros2:
-        from mapdeal.ros.nav2 import nav2_robot
-
         return nav2_robot(paths, costmap=costmap, namespace=namespace, older=older)
-    for path in paths:
-        problem = _other_kind(path)
-        if problem is not None:
-            return None, (problem,)
-    from mapdeal.ros.ros1 import ros1_robot
-
+    other_kind = next(filter(None, map(_other_kind, paths)), None)
+    if other_kind is not None:
+        return None, (other_kind,)
     return ros1_robot(paths, costmap=costmap, namespace=namespace)
 
 
 def is_ros2(path: Path) -> bool:
-    """Return whether a file holds parameters of ROS 2."""
     data = read_file(path, limit=_LARGEST)
     return any(_KEY in line.partition(b"#")[0] for line in data.splitlines())
 
@@ -118,7 +102,6 @@ Name = tuple[str, ...]
 
 
 def flavour_of(paths: Sequence[Path]) -> Flavour:
-    """Return whose parameters files hold."""
     return "nav2" if any(is_ros2(path) for path in paths) else "ros1"
 
 
@@ -135,7 +118,6 @@ def costmaps_in(
 def costmap_values(
     paths: Sequence[Path], flavour: Flavour, costmap: CostmapName, node: str, namespace: str | None
 ) -> dict[Name, ParameterValue]:
-    """Return the parameters of a costmap by their names in parts; none of files that have none."""
     # Footprint and radius of ROS 1 are those that are found in the namespaces above, too.
     if flavour == "nav2":
         try:

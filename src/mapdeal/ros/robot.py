@@ -10,27 +10,64 @@ array_parser.cpp, footprint.cpp and costmap_math.cpp of costmap_2d and nav2_cost
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.costmap import CostmapLayer, CostmapLayers, InflationLayer, StaticLayer
-from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint, check_simple, contains_centre
 from mapdeal.grid.frame import as_float32
-from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION
+from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OneLine
+
+Level = Literal["refused", "warning", "note"]
+Flavour = Literal["nav2", "ros1"]
+CostmapName = Literal["global", "local"]
+
+
+@dataclass(frozen=True)
+class Problem:
+    check: str
+    level: Level
+    text: str
+    parameter: str = ""
+    source: Path | None = None
+    line: int | None = None
+    got: str | None = None
+    hint: str | None = None
+
+
+class ParameterFileError(MalformedInputError):
+    """A file that its own parser refuses as a whole: the line where it stops, and what is there."""
+
+    line: int | None = None
+    found: str | None = None
+
+
+@dataclass(frozen=True)
+class ParameterValue:
+    value: Any
+    kind: str
+    source: Path
+    line: int
+    text: str
+    ignored: ParameterValue | None = None
+
 
 Corners = tuple[tuple[float, float], ...]
 
 MOST_CORNERS = 2000
 """Corners that a robot may have: looking for edges that cross takes the time of their square."""
 
-_DIGITS = frozenset("0123456789")
-_C_SPACES = frozenset(" \t\n\v\f\r")
+_NUMBER = re.compile(
+    r"[ \t\n\v\f\r]*([-+]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]*)?|\.?))"
+)
+"""What a stream of C++ takes bit by bit, whether or not it is a number in the end."""
 
 
 class FootprintStringError(ValueError):
@@ -76,10 +113,7 @@ def corners_of_string(text: str) -> Corners:
 
 def _number_at(text: str, at: int) -> tuple[float, int]:
     """Return the number that a stream of C++ reads at a place, and where it stops."""
-    start = at
-    while start < len(text) and text[start] in _C_SPACES:
-        start += 1
-    end = _end_of_number(text, start)
+    start, end = _NUMBER.match(text, at).span(1)  # type: ignore[union-attr] # it may be empty
     try:
         value = float(text[start:end])
     except ValueError:  # what is accepted bit by bit may be no number in the end, as "1e"
@@ -89,28 +123,6 @@ def _number_at(text: str, at: int) -> tuple[float, int]:
     if math.isinf(single):
         raise FootprintStringError(f"{text[start:end][:20]!r} is too large")
     return single, end
-
-
-def _end_of_number(text: str, at: int) -> int:
-    """Return where characters end that a number can have, at most one point and one e."""
-    has_digit = has_point = has_exponent = False
-    before = ""
-    while at < len(text):
-        char = text[at]
-        if char in _DIGITS:
-            has_digit = True
-        elif char in "+-":
-            if before and before not in "eE":
-                break
-        elif char == "." and not has_point and not has_exponent:
-            has_point = True
-        elif char in "eE" and has_digit and not has_exponent:
-            has_exponent = True
-        else:
-            break
-        before = char
-        at += 1
-    return at
 
 
 def sixteen_corners(radius: float) -> Corners:
@@ -139,18 +151,6 @@ def radii_of(corners: Corners) -> tuple[float, float]:
     return least, most
 
 
-def up_to_millimetres(radius: float) -> str:
-    """Return a radius for a hint, rounded up to millimetres.
-
-    Examples
-    --------
-    >>> up_to_millimetres(0.22549849949589046)
-    '0.226'
-    """
-    scaled = radius * 1000
-    return f"{math.ceil(scaled) / 1000 if math.isfinite(scaled) else radius:g}"
-
-
 def _nearest_to_centre(
     first: tuple[float, float], second: tuple[float, float]
 ) -> tuple[float, float]:
@@ -175,9 +175,6 @@ def oddities_of(corners: Corners) -> Iterator[str]:
     if not contains_centre(corners):
         yield "the robot's centre (0, 0) lies outside of the outline"
 
-
-Flavour = Literal["nav2", "ros1"]
-CostmapName = Literal["global", "local"]
 
 INJECTED = "injected_static"
 """The static layer that a local costmap without one is given: the map is what is asked about."""
@@ -294,30 +291,24 @@ class RobotParameters(OneLine):
             for one in self.layers
         )
         return replace(
-            self,
-            footprint=footprint,
-            footprint_padding=0.0,
-            robot_radius=footprint.radius or None,
-            layers=layers,
+            self, footprint=footprint, footprint_padding=0.0,
+            robot_radius=footprint.radius or None, layers=layers,
             inscribed_radius=footprint.inscribed_radius,
             circumscribed_radius=footprint.circumscribed_radius,
-        )
+        )  # fmt: skip
 
     def described(self) -> dict[str, Any]:
         """Return everything that was resolved, as values that JSON can represent."""
         shape = [list(corner) for corner in self.footprint.vertices]
+        plain = ("robot_radius", "footprint_padding", "inscribed_radius", "circumscribed_radius",
+                 "track_unknown_space", "rolling_window")  # fmt: skip
         return {
             "flavour": self.flavour,
             "files": [{"name": file.path.name, "sha256": file.sha256} for file in self.files],
             "costmap": self.costmap,
             "node": self.node,
             "footprint": shape or {"radius": self.footprint.radius},
-            "robot_radius": self.robot_radius,
-            "footprint_padding": self.footprint_padding,
-            "inscribed_radius": self.inscribed_radius,
-            "circumscribed_radius": self.circumscribed_radius,
-            "track_unknown_space": self.track_unknown_space,
-            "rolling_window": self.rolling_window,
+            **{name: getattr(self, name) for name in plain},
             "layers": [_described(one) for one in self.layers],
         }
 
@@ -329,8 +320,62 @@ class RobotParameters(OneLine):
             yield one.name
 
 
+@dataclass(frozen=True)
+class Shape:
+    """The padded polygon, its radii, and the radius that it was made of."""
+
+    footprint: Footprint
+    padding: float
+    robot_radius: float | None
+    inscribed_radius: float
+    circumscribed_radius: float
+
+    def robot(
+        self, flavour: Flavour, costmap: CostmapName, node: str, layers: tuple[ListedLayer, ...],
+        files: Iterable[tuple[Path, str]], *, track: bool, rolling: bool,
+    ) -> RobotParameters:  # fmt: skip
+        return RobotParameters(
+            flavour=flavour, costmap=costmap, node=node, footprint=self.footprint,
+            footprint_padding=self.padding, robot_radius=self.robot_radius,
+            track_unknown_space=track, rolling_window=rolling, layers=layers,
+            files=tuple(ParameterFile(path, sha256) for path, sha256 in files),
+            inscribed_radius=self.inscribed_radius, circumscribed_radius=self.circumscribed_radius,
+        )  # fmt: skip
+
+
+def shape_of(
+    corners: Corners, padding: float, radius: float | None,
+    tell: Callable[[str, Level, str], None],
+) -> Shape | None:  # fmt: skip
+    """Return a robot's shape, and report an odd outline; None if it has too many corners."""
+    if len(corners) > MOST_CORNERS:
+        tell("params.too-large", "refused", f"must not have more than {MOST_CORNERS} points")
+        return None
+    padded = padded_corners(corners, padding)
+    for text in oddities_of(padded) if radius is None else ():
+        tell("params.outline", "warning", f"{text}; its radii are meaningless")
+    return Shape(Footprint(vertices=padded), padding, radius, *radii_of(padded))
+
+
+def inflation_too_small(radius: float, inscribed: float) -> tuple[str, str]:
+    """Return text and hint for an inflation radius below the inscribed one, in millimetres."""
+    text = f"{radius:g} m is less than the inscribed radius, {inscribed:.4g} m"
+    scaled = inscribed * 1000
+    needed = math.ceil(scaled) / 1000 if math.isfinite(scaled) else inscribed
+    return text, f"set it to {needed:g} or more"
+
+
+_MISSPELT = 0.95  # as alike as this, a class is misspelt; below it is somebody's own
+
+
+def most_alike(word: str, names: Sequence[str], *, least: float = _MISSPELT) -> str | None:
+    """Return the name that is most like a word; None if they are less alike than `least`."""
+    likeness = {name: SequenceMatcher(None, name, word).ratio() for name in names}
+    near = max(names, key=likeness.__getitem__)
+    return near if likeness[near] >= least else None
+
+
 def _described(one: ListedLayer) -> dict[str, Any]:
-    """Return a layer as values for JSON: its settings, or the reason why it has no effect."""
     entry: dict[str, Any] = {"name": one.name, "plugin": one.plugin}
     if one.is_filter:
         entry["filter"] = True
@@ -339,9 +384,6 @@ def _described(one: ListedLayer) -> dict[str, Any]:
     values = asdict(one.layer)
     values.pop("name")
     return entry | {"enabled": one.is_enabled} | values
-
-
-_UNKNOWN = 255
 
 
 def effect_of(one: ListedLayer, robot: RobotParameters) -> str:
@@ -353,20 +395,19 @@ def effect_of(one: ListedLayer, robot: RobotParameters) -> str:
         return "no effect: inflation_radius is 0"
     if all(one.layer is not other for other in robot.costmap_layers.that_count):
         return "no effect: a static layer above it replaces all costs"
-    effect = _effect_of(one.layer)
+    if isinstance(one.layer, StaticLayer):
+        effect = _effect_of_static(one.layer)
+    else:
+        effect = _effect_of_inflation(one.layer)
     return f"not in the file, put in front: {effect}" if one.name == INJECTED else effect
 
 
-def _effect_of(layer: CostmapLayer) -> str:
-    if isinstance(layer, StaticLayer):
-        return _effect_of_static(layer)
+def _effect_of_inflation(layer: InflationLayer) -> str:
     text = f"cost 253 as far as {layer.inscribed_radius:.4g} m from obstacles, then falling by "
     text += f"{layer.cost_scaling_factor:g} per metre as far as {layer.inflation_radius:g} m"
     if layer.inflate_around_unknown:
-        text += "; unknown cells are lethal, and inflated, too"
-    elif layer.inflate_unknown:
-        text += "; unknown cells take costs, too"
-    return text
+        return f"{text}; unknown cells are lethal, and inflated, too"
+    return f"{text}; unknown cells take costs, too" if layer.inflate_unknown else text
 
 
 def _effect_of_static(layer: StaticLayer) -> str:
@@ -375,7 +416,7 @@ def _effect_of_static(layer: StaticLayer) -> str:
     if layer.inscribed_obstacle_cost_value is not None and not layer.trinary_costmap:
         text += f", {layer.inscribed_obstacle_cost_value} inscribed"
     text += ", all else free" if layer.trinary_costmap else ", less costs its share of 254"
-    if layer.unknown_cost_value != _UNKNOWN:
+    if layer.unknown_cost_value != 255:
         text += f"; {layer.unknown_cost_value} counts as unknown, and -1 as lethal"
     text += ", unknown stays unknown" if layer.track_unknown_space else ", unknown becomes free"
     return text + ("; costs are only raised" if layer.use_maximum else "")
@@ -390,13 +431,14 @@ def reach_of(layer: InflationLayer, resolution: float) -> int:
 
 def on_map(robot: RobotParameters, resolution: float) -> list[dict[str, Any]]:
     """Return what each inflation layer comes to on a map of some resolution, metres."""
+    cell = as_float32(resolution)
     return [
         {
             "layer": one.name,
-            "resolution": as_float32(resolution),
+            "resolution": cell,
             "cell_inflation_radius": reach_of(one, resolution),
-            "reach": reach_of(one, resolution) * as_float32(resolution),
-            "inscribed_radius_cells": one.inscribed_radius / as_float32(resolution),
+            "reach": reach_of(one, resolution) * cell,
+            "inscribed_radius_cells": one.inscribed_radius / cell,
             "circumscribed_cost": _cost_at(one, robot.circumscribed_radius),
         }
         for one in robot.inflation_layers
@@ -404,7 +446,6 @@ def on_map(robot: RobotParameters, resolution: float) -> list[dict[str, Any]]:
 
 
 def _cost_at(layer: InflationLayer, metres: float) -> int:
-    """Return the cost at some metres from an obstacle; 0 beyond the inflation radius."""
     if metres > layer.inflation_radius:
         return 0
     if metres <= layer.inscribed_radius:

@@ -1,91 +1,377 @@
-"""Costmap parameters of ROS 1, as costmap_2d takes them.
+"""Costmap parameters of ROS 1, as rosparam reads and costmap_2d takes them.
 
-A list is printed with six significant digits, and a string is read as float32: the polygon in use
-has been through both. Names are searched for in the costmap's namespace and all above it.
+Values are those of PyYAML's safe loader, YAML 1.1: ``1e-1`` is text, ``010`` is eight and ``yes``
+is true. What is nested becomes namespaces, which are merged; of two values the later one stays.
+Names are searched for in the costmap's namespace and all above it.
 
-The rules are those of the constructor of ``Costmap2DROS``, ``loadOldParameters`` and
-``copyParentParameters``, of the layers' ``onInitialize``, and of dynamic_reconfigure, which reads
-each number once more, takes defaults for other types and moves it into its limits.
+References
+----------
+The constructor of ``Costmap2DROS``, ``loadOldParameters`` and ``copyParentParameters``, the layers'
+``onInitialize``, and dynamic_reconfigure, which reads each number once more, takes defaults for
+other types and moves it into its limits.
 """
 
 from __future__ import annotations
 
+import ast
+import base64
+import binascii
+import hashlib
 import math
-from collections.abc import Sequence
+import operator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from difflib import SequenceMatcher
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, TypeVar
+
+import yaml
 
 from mapdeal.errors import MalformedInputError
+from mapdeal.files.source import read_file
+from mapdeal.files.yaml_text import YamlLimits, compose_documents, one_line_of, written
 from mapdeal.grid.costmap import CostmapLayer, InflationLayer, StaticLayer
-from mapdeal.grid.footprint import Footprint
 from mapdeal.ros.robot import (
     INJECTED,
-    MOST_CORNERS,
+    Corners,
     CostmapName,
     FootprintStringError,
+    Level,
     ListedLayer,
-    ParameterFile,
+    ParameterValue,
+    Problem,
     RobotParameters,
+    Shape,
     corners_of_string,
-    oddities_of,
-    padded_corners,
-    radii_of,
+    inflation_too_small,
+    most_alike,
+    shape_of,
     sixteen_corners,
-    up_to_millimetres,
 )
-from mapdeal.ros.ros1_files import (
-    ROOT,
-    UNSENDABLE,
-    Path1,
-    Ros1File,
-    Ros1Namespace,
-    merge,
-    read_ros1_parameters,
-)
-from mapdeal.ros.values import ParameterValue, Problem
 
-COSTMAPS = ("global_costmap", "local_costmap")
-_NODE = "move_base"
-_SUBSTITUTION = "$("
+_DEGREES, _RADIANS = "!degrees", "!radians"
+_BINARY = "tag:yaml.org,2002:binary"
+_EXTRA_TAGS = frozenset({_DEGREES, _RADIANS, _BINARY})
+"""Tags that rosparam knows, besides those of plain YAML."""
+
+_LONGEST_ANGLE = 200
+_INT32 = 1 << 31
+
+
+class _RosLoader(yaml.SafeLoader):
+    """PyYAML's safe loader with the constructors that rosparam adds."""
+
+
+def _angle(loader: yaml.SafeLoader, node: yaml.Node) -> float:
+    if not isinstance(node, yaml.ScalarNode):
+        raise ValueError("an angle must be a single value")
+    text = str(loader.construct_scalar(node)).strip()
+    if node.tag == _DEGREES:
+        return float(text[4:-1] if text.startswith("deg(") else text) * math.pi / 180.0
+    return _calculated(text[4:-1] if text.startswith("rad(") else text)
+
+
+_RosLoader.add_constructor(_DEGREES, _angle)
+_RosLoader.add_constructor(_RADIANS, _angle)
+_RosLoader.add_constructor(
+    _BINARY, lambda _, node: base64.decodebytes(str(node.value).encode("ascii"))
+)
+_ANGLES = (("deg(", _DEGREES), ("rad(", _RADIANS))
+
+_OPERATORS: dict[type, Callable[[float, float], float]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
+    ast.Div: operator.truediv, ast.Pow: operator.pow,
+}  # fmt: skip
+
+
+def _calculated(text: str) -> float:
+    """Return what an expression of numbers and ``pi`` comes to; rosparam runs it as Python."""
+    if len(text) > _LONGEST_ANGLE:
+        raise ValueError("an angle of more than 200 characters")
+    try:
+        return float(_number_of(ast.parse(text.strip(), mode="eval").body))
+    except (SyntaxError, ArithmeticError, RecursionError, MemoryError, TypeError):
+        raise ValueError("no angle in radians") from None
+
+
+def _number_of(node: ast.expr) -> float:
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+        return float(node.value)
+    if isinstance(node, ast.Name) and node.id == "pi":
+        return math.pi
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
+        number = _number_of(node.operand)
+        return -number if isinstance(node.op, ast.USub) else number
+    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+        return _OPERATORS[type(node.op)](_number_of(node.left), _number_of(node.right))
+    raise ValueError("an angle in radians is made of numbers, pi and + - * / **")
+
+
+def _value_of(source: Path, node: yaml.Node) -> Any:
+    _resolve_angles(node, set())
+    try:
+        return _RosLoader("").construct_document(node)
+    # PyYAML's constructors fail on tags that do not fit in whatever way they fail.
+    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, OverflowError,
+            binascii.Error) as error:  # fmt: skip
+        rule = f"cannot be read ({one_line_of(error)})"
+        raise MalformedInputError(rule, source=source, place=f"line {_line_of(node)}") from None
+
+
+def _line_of(node: yaml.Node) -> int:
+    return int(node.start_mark.line) + 1
+
+
+def _resolve_angles(node: yaml.Node, done: set[int]) -> None:
+    """Tag bare ``deg(...)`` and ``rad(...)`` as rosparam's resolvers do."""
+    if id(node) in done:
+        return
+    done.add(id(node))
+    if isinstance(node, yaml.ScalarNode):
+        if node.tag == "tag:yaml.org,2002:str" and node.style is None:
+            text = str(node.value)
+            for start, tag in _ANGLES:
+                if text.startswith(start) and text.find(")") == len(text) - 1:
+                    node.tag = tag
+        return
+    for item in node.value:
+        _resolve_angles(item[1] if isinstance(node, yaml.MappingNode) else item, done)
+
+
+def _kind_of(value: Any) -> str:
+    for kind, name in ((bool, "bool"), (int, "int"), (float, "double"), (str, "string"),
+                       (bytes, "binary"), (list, "list"), (dict, "struct")):  # fmt: skip
+        if isinstance(value, kind):
+            return name
+    return "nothing" if value is None else type(value).__name__
+
+
+def why_unsendable(value: Any) -> tuple[str, str, str | None] | None:
+    """Return why roslaunch cannot send a value to the parameter server: check, text and hint."""
+    if value is None:
+        hint = "give it a value, or remove the line"
+        return "params.empty", "has no value, and roslaunch exits", hint
+    if isinstance(value, bool | str | bytes | float):
+        return None
+    if isinstance(value, int):
+        is_good = -_INT32 <= value < _INT32
+        text = "roslaunch sends whole numbers of 32 bits alone"
+        return None if is_good else ("params.type", text, None)
+    if isinstance(value, list):
+        return next(filter(None, map(why_unsendable, value)), None)
+    if isinstance(value, dict):
+        if not all(isinstance(key, str) for key in value):
+            return "params.name", "names must be text", "put them in quotes"
+        return next(filter(None, map(why_unsendable, value.values())), None)
+    text = f"is a {_kind_of(value)}, which roslaunch cannot send"
+    return "params.type", text, "put it in quotes"
+
+
+_LIMITS = YamlLimits(bytes=1 << 20, nodes=50_000, aliases=200)
+_ROOT = ""
+"""The name, at a file's top, of what a leading slash puts below the root of all namespaces."""
+
+_UNSENDABLE = "unsendable"  # the kind of what roslaunch cannot hand on; a fault says so
+_NAMESPACE_KEY = "_ns"
+_MERGE = "tag:yaml.org,2002:merge"
+
+_Path = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Ros1Namespace:
+    """Parameters and the namespaces within, by name, in the order they came in."""
+
+    line: int = 0
+    source: Path | None = None
+    members: dict[str, ParameterValue | Ros1Namespace] = field(default_factory=dict)
+
+    def get(self, path: _Path) -> ParameterValue | Ros1Namespace | None:
+        here: ParameterValue | Ros1Namespace | None = self
+        for name in path:
+            if not isinstance(here, Ros1Namespace):
+                return None
+            here = here.members.get(name)
+        return here
+
+    def values(self) -> Iterator[tuple[_Path, ParameterValue]]:
+        for name, member in self.members.items():
+            if isinstance(member, Ros1Namespace):
+                yield from (((name, *path), value) for path, value in member.values())
+            else:
+                yield (name,), member
+
+    def namespaces(self) -> Iterator[tuple[_Path, Ros1Namespace]]:
+        for name, member in self.members.items():
+            if isinstance(member, Ros1Namespace):
+                yield (name,), member
+                yield from (((name, *path), found) for path, found in member.namespaces())
+
+    def below(self, path: _Path, source: Path | None, line: int) -> Ros1Namespace:
+        """Return the namespace at a path, which is made; a value on its way becomes one."""
+        here = self
+        for name in path:
+            member = here.members.get(name)
+            if not isinstance(member, Ros1Namespace):
+                member = here.members[name] = Ros1Namespace(line, source)
+            here = member
+        return here
+
+    def put(self, path: _Path, value: ParameterValue) -> None:
+        """Set one parameter; a value on its way becomes a namespace, as rosmaster has it."""
+        self.below(path[:-1], value.source, value.line).members[path[-1]] = value
+
+    def merge(self, at: _Path, other: Ros1Namespace) -> None:
+        """Set all parameters of a namespace below a path, as one after the other."""
+        for path, value in other.values():
+            self.put((*at, *path), value)
+        for path, found in other.namespaces():  # empty ones, too, for what lint says of them
+            self.below((*at, *path), found.source, found.line)
+
+
+@dataclass(frozen=True)
+class Ros1File:
+    source: Path
+    sha256: str
+    parameters: Ros1Namespace
+    faults: tuple[Problem, ...] = ()
+
+
+def read_ros1_parameters(path: Path) -> Ros1File:
+    return parse_ros1_parameters(path, read_file(path, limit=_LIMITS.bytes))
+
+
+def parse_ros1_parameters(path: Path, data: bytes) -> Ros1File:
+    reader = _Reader(path)
+    documents = compose_documents(path, data, _LIMITS, _EXTRA_TAGS)
+    for node in documents:
+        reader.read(node)
+    if len(documents) > 1:
+        text = "roslaunch reads files of one document"
+        hint = "remove the ---, or load the file with rosparam load"
+        reader.fault("params.syntax", "refused", text, _line_of(documents[1]), hint=hint)
+    return Ros1File(path, hashlib.sha256(data).hexdigest(), reader.tree, tuple(reader.faults))
+
+
+class _Reader:
+    """Converter from the nodes of a file to parameters, which collects faults."""
+
+    def __init__(self, source: Path) -> None:
+        self.source = source
+        self.tree = Ros1Namespace(1, source)
+        self.faults: list[Problem] = []
+
+    def fault(
+        self, check: str, level: Level, text: str, line: int, parameter: str = "",
+        got: str | None = None, hint: str | None = None,
+    ) -> None:  # fmt: skip
+        self.faults.append(Problem(check, level, text, parameter, self.source, line, got, hint))
+
+    def read(self, node: yaml.Node) -> None:
+        if not isinstance(node, yaml.MappingNode):
+            kind = "list" if isinstance(node, yaml.SequenceNode) else "single value"
+            rule = f"must be a mapping of parameters, is a {kind}"
+            raise MalformedInputError(rule, source=self.source)
+        above: _Path = ()
+        for key, value in reversed(node.value):
+            if getattr(key, "value", None) == _NAMESPACE_KEY and isinstance(value, yaml.ScalarNode):
+                above = _joined((), str(value.value))
+        self._add((), node, above)
+
+    def _add(self, path: _Path, node: yaml.MappingNode, above: _Path) -> None:
+        for key, value in self._pairs(path, node):
+            where = _joined(path or above, key)
+            if not where or (path == () and key == _NAMESPACE_KEY):
+                continue
+            if isinstance(value, yaml.MappingNode) and not value.tag.startswith("!"):
+                self.tree.below(where, self.source, _line_of(value))
+                self._add(where, value, above)
+            else:
+                self._set(where, value)
+
+    def _pairs(self, path: _Path, node: yaml.MappingNode) -> Iterator[tuple[str, yaml.Node]]:
+        """Yield names and nodes of a mapping; a name twice only as it stands last."""
+        seen: dict[str, tuple[int, yaml.Node]] = {}
+        own = {id(key) for key, _ in node.value}
+        for key, value in _flattened(self.source, node):
+            name, line = _value_of(self.source, key), _line_of(key)
+            if not isinstance(name, str):
+                shown, got = "/".join((*path, str(key.value))), f"{_kind_of(name)} {key.value}"
+                self.fault("params.name", "refused", "names must be text", line, shown, got,
+                           "put it in quotes")  # fmt: skip
+                continue
+            if name in seen and id(key) in own and seen[name][0] > 0:
+                self._twice((*path, name), *seen[name], line, value)
+            seen.pop(name, None)
+            seen[name] = (line if id(key) in own else 0, value)
+        for name, (_, value) in seen.items():
+            yield name, value
+
+    def _twice(
+        self, path: _Path, first: int, before: yaml.Node, line: int, value: yaml.Node
+    ) -> None:
+        text, parameter = f"appears twice, on lines {first} and {line}", "/".join(path)
+        if _value_of(self.source, before) == _value_of(self.source, value):
+            self.fault("params.repeated", "note", f"{text}, with one value", line, parameter)
+        else:
+            self.fault("params.twice", "warning", f"{text}; the later one counts", line, parameter)
+
+    def _set(self, path: _Path, node: yaml.Node) -> None:
+        value, text, line = _value_of(self.source, node), written(node), _line_of(node)
+        kind, reason = _kind_of(value), why_unsendable(value)
+        if reason is not None:
+            kind, (check, rule, hint) = _UNSENDABLE, reason
+            name = "/".join(path).lstrip("/")
+            self.fault(check, "refused", rule, line, name, text or None, hint)
+        self.tree.put(path, ParameterValue(value, kind, self.source, line, text))
+
+
+def _joined(path: _Path, name: str) -> _Path:
+    """Return the path of a name below another one, as ``ns_join``; a slash leads to the root."""
+    parts = tuple(part for part in name.split("/") if part)
+    return (_ROOT, *parts) if name.startswith("/") else (*path, *parts)
+
+
+def _flattened(source: Path, node: yaml.MappingNode) -> list[tuple[yaml.Node, yaml.Node]]:
+    merged = yaml.MappingNode(node.tag, list(node.value), node.start_mark, node.end_mark)
+    if any(key.tag == _MERGE for key, _ in node.value):
+        try:
+            yaml.SafeLoader("").flatten_mapping(merged)
+        except yaml.YAMLError:
+            rule, place = "<< must name mappings", f"line {_line_of(node)}"
+            raise MalformedInputError(rule, source=source, place=place) from None
+    return list(merged.value)
+
+
+_NAMES: tuple[CostmapName, ...] = ("global", "local")
+_COSTMAPS = tuple(f"{name}_costmap" for name in _NAMES)
+_NODE, _RECONFIGURE = "move_base", "dynamic_reconfigure"
 _KINDS = {
     "bool": "true or false", "int": "a whole number", "double": "a number", "string": "text",
 }  # fmt: skip
 
-Value = TypeVar("Value", bool, int, float, str)
+_Value = TypeVar("_Value", bool, int, float, str)
 
 
 @dataclass
 class Ros1Server:
     """The parameters of one robot, and what was found wrong while they were read."""
 
-    node: Path1
+    node: _Path
     costmap: CostmapName
     files: tuple[Ros1File, ...] = ()
     root: Ros1Namespace = field(default_factory=Ros1Namespace)
     problems: list[Problem] = field(default_factory=list)
 
     @property
-    def name(self) -> str:
-        """The costmap's own namespace, as ROS prints it."""
-        return "/" + "/".join(self.path)
-
-    @property
-    def path(self) -> Path1:
+    def path(self) -> _Path:
         """The costmap's own namespace."""
         return (*self.node, f"{self.costmap}_costmap")
 
     def find(self, *below: str) -> ParameterValue | None:
-        """Return a parameter below the costmap; namespaces are none."""
         found = self.root.get((*self.path, *below))
         return found if isinstance(found, ParameterValue) else None
 
-    def has(self, *below: str) -> bool:
-        """Return whether there is a parameter or a namespace of this name below the costmap."""
-        return self.root.get((*self.path, *below)) is not None
-
-    def search(self, name: str) -> tuple[Path1, ParameterValue | Ros1Namespace] | None:
+    def search(self, name: str) -> tuple[_Path, ParameterValue | Ros1Namespace] | None:
         """Return what ``searchParam`` finds: in the costmap's namespace, or the nearest above."""
         for depth in range(len(self.path), -1, -1):
             place = self.path[:depth]
@@ -112,42 +398,56 @@ class Ros1Server:
         whole: int = math.floor(number) if math.fmod(number, 1.0) < 0.5 else math.ceil(number)
         if whole != number:
             text = f"must be a whole number; roscpp rounds it to {whole}"
-            self.problem("params.silent-default", "warning", text, value, below)
+            self.problem("params.silent-default", "warning", text, below)
         return whole
 
-    def _typed(self, default: Value, kind: str, below: Path1, unit: str = "") -> Value:
+    def limited(
+        self, number: float, most: float, who: str, below: _Path, unit: str = "",
+        value: ParameterValue | None = None,
+    ) -> float:  # fmt: skip
+        """Return a number moved into its limits, of which 0 is one, and warn if it was outside."""
+        clamped = max(min(number, most), 0.0)
+        if clamped != number:
+            text = f"must be 0 .. {most:g}{unit}; {who} makes it {clamped:g}"
+            self.problem("params.range", "warning", text, below, value=value)
+        return clamped
+
+    def _typed(self, default: _Value, kind: str, below: _Path, unit: str = "") -> _Value:
         value = self.find(*below)
-        if value is None:
-            return default
-        fits = ("double", "int") if kind == "double" else (kind,)
-        if value.kind == UNSENDABLE:
+        if value is None or value.kind == _UNSENDABLE:
             return default
         if isinstance(value.value, float) and not math.isfinite(value.value):
-            self.problem("params.not-finite", "refused", "must be finite", value, below)
-            return default
-        if value.kind in fits:
+            self.problem("params.not-finite", "refused", "must be finite", below)
+        elif value.kind == kind or (kind == "double" and value.kind == "int"):
             return type(default)(value.value)
-        self._wrong_type(value, kind, below, f"{shown_default(default)}{unit}")
+        elif not self.tells_substitution(value, _KINDS[kind], below):
+            shown = f"{float(default):g}" if kind == "double" else str(default).lower()
+            text = f"must be {_KINDS[kind]}; roscpp silently uses its default, {shown}{unit}"
+            hint = _type_hint(value, kind)
+            self.problem("params.silent-default", "warning", text, below, hint)
         return default
 
-    def _wrong_type(self, value: ParameterValue, kind: str, below: Path1, default: str) -> None:
-        if value.kind == "string" and _SUBSTITUTION in value.value:
-            text = f"must be {_KINDS[kind]}, which a launch file would replace"
-            hint = "write the value itself, in this file or in one that comes after it"
-            self.problem("params.substitution", "refused", text, value, below, hint)
-            return
-        text = f"must be {_KINDS[kind]}; roscpp silently uses its default, {default}"
-        self.problem("params.silent-default", "warning", text, value, below, type_hint(value, kind))
+    def tells_substitution(
+        self, value: ParameterValue | Ros1Namespace, what: str, below: _Path,
+        written: str = "the value itself",
+    ) -> bool:  # fmt: skip
+        """Return whether a text is there for launch files to replace it, and refuse it then."""
+        if not isinstance(value, ParameterValue) or value.kind != "string":
+            return False
+        if "$(" not in value.value:
+            return False
+        text = f"must be {what}, which a launch file would replace"
+        hint = f"write {written}, in this file or in one that comes after it"
+        self.problem("params.substitution", "refused", text, below, hint, value)
+        return True
 
     def problem(
-        self,
-        check: str,
-        level: Literal["refused", "warning", "note"],
-        text: str,
+        self, check: str, level: Level, text: str, below: _Path = (), hint: str | None = None,
         value: ParameterValue | Ros1Namespace | None = None,
-        below: Path1 = (),
-        hint: str | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
+        """Keep a problem with a parameter, which is that below the costmap if none is given."""
+        if value is None and below:
+            value = self.find(*below)
         got = value.text if isinstance(value, ParameterValue) else None
         source, line = (None, None) if value is None else (value.source, value.line or None)
         if source is None and self.files:
@@ -157,26 +457,18 @@ class Ros1Server:
         )
 
 
-def shown_default(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def type_hint(value: ParameterValue, kind: str) -> str | None:
+def _type_hint(value: ParameterValue | Ros1Namespace, kind: str) -> str | None:
+    if not isinstance(value, ParameterValue):
+        return None
     if kind in ("int", "double") and value.kind == "string":
         try:
             number = float(value.value)
         except ValueError:
             return None
-        if not math.isfinite(number):
-            return None
-        quoted = value.text[:1] in ("'", '"')
-        why = "" if quoted else "; YAML 1.1 takes this for text"
-        written = repr(number)
-        if "." not in written:  # 1e-05 is text, too
-            written = written.replace("e", ".0e")
-        return f"write {written}{', without quotes' if quoted else why}"
+        is_quoted = value.text[:1] in ("'", '"')
+        why = ", without quotes" if is_quoted else "; YAML 1.1 takes this for text"
+        shown = repr(number) if "." in repr(number) else repr(number).replace("e", ".0e")
+        return f"write {shown}{why}" if math.isfinite(number) else None  # 1e-05 is text, too
     if kind == "bool" and value.value in (0, 1, "true", "false", "True", "False"):
         return f"write {'true' if value.value in (1, 'true', 'True') else 'false'}"
     return None
@@ -186,15 +478,14 @@ def load_server(
     paths: Sequence[Path], costmap: CostmapName, namespace: str | None
 ) -> tuple[Ros1Server, bool]:
     """Return the parameter server after files were loaded, and whether the robot is in it."""
-    files, problems = [], []
+    files: list[Ros1File] = []
+    problems: list[Problem] = []
     for path in paths:
         try:
-            one = read_ros1_parameters(path)
+            files.append(read_ros1_parameters(path))
+            problems += files[-1].faults
         except MalformedInputError as error:
             problems.append(_of_error(error, path))
-            continue
-        problems += one.faults
-        files.append(one)
     owners = [_nodes_in(one.parameters) for one in files]
     node, why_not = _chosen_node([node for found in owners for node in found], namespace)
     server = Ros1Server(node, costmap, tuple(files), problems=problems)
@@ -202,7 +493,7 @@ def load_server(
         server.problems.append(why_not)
         return server, False
     for one, found in zip(files, owners, strict=True):
-        if not found and len(files) > 1 and costmap_of_name(one.source) not in (None, costmap):
+        if not found and len(files) > 1 and _costmap_of_name(one.source) not in (None, costmap):
             text = "is left out: by its name it is a file of the other costmap; "
             text += f"{costmap} was requested"
             hint = "pass it with the files of its own costmap only, or rename it"
@@ -210,82 +501,74 @@ def load_server(
                 Problem("params.other-costmap", "warning", text, source=one.source, hint=hint)
             )
             continue
-        merge(server.root, _place_of(found, node, costmap), _without_root(one.parameters))
-        absolute = one.parameters.members.get(ROOT)
+        members = dict(one.parameters.members)
+        absolute = members.pop(_ROOT, None)
+        server.root.merge(_place_of(found, node, costmap), Ros1Namespace(members=members))
         if isinstance(absolute, Ros1Namespace):
-            merge(server.root, (), absolute)
+            server.root.merge((), absolute)
     return server, len(files) == len(paths)
 
 
-def costmap_of_name(path: Path) -> CostmapName | None:
+def _costmap_of_name(path: Path) -> CostmapName | None:
     """Return the costmap that a file is of by its name, where nothing else shows it."""
-    names: tuple[CostmapName, CostmapName] = ("global", "local")
-    found = [name for name in names if name in path.stem.lower()]
+    found = [name for name in _NAMES if name in path.stem.lower()]
     return found[0] if len(found) == 1 else None
 
 
 def costmaps_named(files: Sequence[Ros1File]) -> tuple[CostmapName, ...]:
-    named: set[str] = set()
+    named: set[str | None] = set()
     for one in files:
-        own = {path[-1] for path, _ in one.parameters.namespaces()} & set(COSTMAPS)
-        of_name = None if own else costmap_of_name(one.source)
-        named |= own or ({f"{of_name}_costmap"} if of_name else set())
-    names: tuple[CostmapName, CostmapName] = ("global", "local")
-    return tuple(name for name in names if f"{name}_costmap" in named)
+        own = {path[-1] for path, _ in one.parameters.namespaces()} & set(_COSTMAPS)
+        named |= {name.removesuffix("_costmap") for name in own} or {_costmap_of_name(one.source)}
+    return tuple(name for name in _NAMES if name in named)
 
 
-def _without_root(namespace: Ros1Namespace) -> Ros1Namespace:
-    members = {name: one for name, one in namespace.members.items() if name != ROOT}
-    return Ros1Namespace(namespace.line, namespace.source, members)
-
-
-def _nodes_in(namespace: Ros1Namespace) -> list[Path1]:
+def _nodes_in(namespace: Ros1Namespace) -> list[_Path]:
     """Return the names above a costmap's in a file, those nearest to its top alone."""
     found = [
         path[:-1]
         for path, value in (*namespace.namespaces(), *namespace.values())
-        if path[-1] in COSTMAPS
+        if path[-1] in _COSTMAPS
     ]
-    nearest = min((len(path) for path in found), default=0)
+    nearest = min(map(len, found), default=0)
     return list(dict.fromkeys(path for path in found if len(path) == nearest))
 
 
-def _chosen_node(
-    found: Sequence[Path1], namespace: str | None
-) -> tuple[Path1, Problem | None]:  # fmt: skip
+def _chosen_node(found: Sequence[_Path], namespace: str | None) -> tuple[_Path, Problem | None]:
     """Return the name of the node that has the costmaps, and why it is not known."""
-    plain = {tuple(name for name in path if name != ROOT) for path in found}
+    plain = {tuple(name for name in path if name != _ROOT) for path in found}
     longest = [
         path for path in sorted(plain)
         if path and not any(len(o) > len(path) and o[-len(path) :] == path for o in plain)
     ]  # fmt: skip
     asked = tuple(part for part in (namespace or "").split("/") if part)
     spaces = {path[:-1] for path in longest}
-    if namespace is not None:
-        if any(asked == space for space in spaces):
-            longest = [path for path in longest if path[:-1] == asked]
-        elif spaces - {()}:
-            names = ", ".join("/".join(space) or "/" for space in sorted(spaces))
-            text = f"no robot has the namespace {'/'.join(asked) or '/'}"
-            return (*asked, _NODE), Problem("params.namespace", "refused", text,
-                                            hint=f"namespaces are {names}")  # fmt: skip
-        else:
-            longest = [(*asked, *path) for path in longest]
+    if asked in spaces and namespace is not None:
+        longest = [path for path in longest if path[:-1] == asked]
+    elif namespace is not None and spaces - {()}:
+        names = ", ".join("/".join(space) or "/" for space in sorted(spaces))
+        text = f"no robot has the namespace {'/'.join(asked) or '/'}"
+        hint = f"namespaces are {names}"
+        return (*asked, _NODE), Problem("params.namespace", "refused", text, hint=hint)
+    else:
+        longest = [(*asked, *path) for path in longest]
     if len(longest) > 1:
-        names = ", ".join("/".join(path) for path in longest)
-        text = f"costmaps stand below several names: {names}"
-        hint = f"choose one with --namespace {'/'.join(longest[0][:-1])}" if spaces - {()} else None
-        return longest[0], Problem("params.namespace", "refused", text, hint=hint)
+        text = f"costmaps stand below several names: {', '.join(map('/'.join, longest))}"
+        hint = f"choose one with --namespace {'/'.join(longest[0][:-1])}"
+        return longest[0], Problem(
+            "params.namespace", "refused", text, hint=hint if spaces - {()} else None
+        )
     return (longest[0] if longest else (*asked, _NODE)), None
 
 
-def _place_of(found: Sequence[Path1], node: Path1, costmap: CostmapName) -> Path1:
+def _place_of(found: Sequence[_Path], node: _Path, costmap: CostmapName) -> _Path:
     if not found:
         return (*node, f"{costmap}_costmap")
     for path in found:
-        below = tuple(name for name in path if name != ROOT)
-        if len(below) <= len(node) and node[len(node) - len(below) :] == below:
-            return node[: len(node) - len(below)]
+        below = tuple(name for name in path if name != _ROOT)
+        above = len(node) - len(below)
+        if above >= 0 and node[above:] == below:
+            return node[:above]
     return ()  # it names other robots alone
 
 
@@ -303,93 +586,60 @@ _RADIUS_OF_WRONG_TYPE = 1.234
 _LARGEST_SINGLE = 3.4e38
 _AS_POLYGON = "write [[x1, y1], [x2, y2], [x3, y3], ...], metres"
 
-Corners = tuple[tuple[float, float], ...]
 
-
-@dataclass(frozen=True)
-class Ros1Shape:
-    """The padded polygon, its radii, and the radius that it was made of."""
-
-    footprint: Footprint
-    padding: float
-    robot_radius: float | None
-    inscribed_radius: float
-    circumscribed_radius: float
-
-
-def ros1_shape(server: Ros1Server) -> Ros1Shape | None:
+def _shape(server: Ros1Server) -> Shape | None:
     """Return the robot's shape; None if the node ends before there is one."""
     padding = server.double(0.01, "footprint_padding", unit=" m")
-    found = server.search(_FOOTPRINT)
+    place, value = server.search(_FOOTPRINT) or ((), None)
+    corners = None if value is None else _corners(server, place, value)
     radius = None
-    corners = None if found is None else _of_parameter(server, *found)
     if corners is None:
         if any(one.level == "refused" and one.parameter == _FOOTPRINT for one in server.problems):
             return None
         radius = _radius(server)
         corners = sixteen_corners(radius)
-    if len(corners) > MOST_CORNERS:
-        text = f"must not have more than {MOST_CORNERS} points"
-        value = None if found is None else found[1]
-        server.problem("params.too-large", "refused", text, value, (_FOOTPRINT,))
-        return None
-    padded = padded_corners(corners, padding)
-    for text in oddities_of(padded) if radius is None else ():
-        value = None if found is None else found[1]
-        text = f"{text}; its radii are meaningless"
-        server.problem("params.outline", "warning", text, value, (_FOOTPRINT,))
-    inscribed, circumscribed = radii_of(padded)
-    return Ros1Shape(Footprint(vertices=padded), padding, radius, inscribed, circumscribed)
+
+    def tell(check: str, level: Level, text: str) -> None:
+        server.problem(check, level, text, (_FOOTPRINT,), value=value)
+
+    return shape_of(corners, padding, radius, tell)
 
 
-def _of_parameter(
-    server: Ros1Server, place: Path1, value: ParameterValue | Ros1Namespace
+def _corners(
+    server: Ros1Server, place: _Path, value: ParameterValue | Ros1Namespace
 ) -> Corners | None:
     """Return the corners that ``footprint`` has; None where the radius counts."""
-    if isinstance(value, ParameterValue) and value.kind == "list":
-        return _of_list(server, value)
-    if isinstance(value, ParameterValue) and value.kind == "string":
-        return _of_string(server, value, is_own=place == server.path)
-    if isinstance(value, ParameterValue) and value.kind == UNSENDABLE:
+
+    def tell(text: str, check: str = "params.footprint-unused", level: Level = "warning") -> None:
+        server.problem(check, level, text, (_FOOTPRINT,), _AS_POLYGON, value)
+
+    if isinstance(value, ParameterValue) and value.kind == _UNSENDABLE:
         return None
-    text = "must be a list of points or a string; it is ignored, and robot_radius is used"
-    server.problem("params.footprint-unused", "warning", text, value, (_FOOTPRINT,), _AS_POLYGON)
+    if isinstance(value, ParameterValue) and value.kind == "list":
+        reason = _why_no_footprint(value.value)
+        if reason is None:
+            return _printed(value.value)
+        tell(f"{reason}; move_base exits", "params.footprint", "refused")
+    elif not isinstance(value, ParameterValue) or value.kind != "string":
+        tell("must be a list of points or a string; it is ignored, and robot_radius is used")
+    elif value.value not in ("", "[]") and not server.tells_substitution(
+        value, "a list of points", (_FOOTPRINT,), "the points themselves"
+    ):
+        try:
+            return _printed(corners_of_string(value.value))
+        except FootprintStringError as error:
+            if place != server.path or server.search(_RADIUS) is not None:
+                tell(f"{error}; it is ignored, and robot_radius is used")
+            else:
+                text = f"{error}, and there is no robot_radius: the robot has no footprint"
+                tell(text, "params.footprint", "refused")
     return None
 
 
-def _of_string(server: Ros1Server, value: ParameterValue, *, is_own: bool) -> Corners | None:
-    if value.value in ("", "[]"):
-        return None
-    if "$(" in value.value:
-        text = "must be a list of points, which a launch file would replace"
-        hint = "write the points themselves, in this file or in one that comes after it"
-        server.problem("params.substitution", "refused", text, value, (_FOOTPRINT,), hint)
-        return None
-    try:
-        written = ",".join(f"[{x:g},{y:g}]" for x, y in corners_of_string(value.value))
-        return corners_of_string(f"[{written}]")
-    except FootprintStringError as error:
-        if not is_own or server.search(_RADIUS) is not None:
-            text = f"{error}; it is ignored, and robot_radius is used"
-            server.problem(
-                "params.footprint-unused", "warning", text, value, (_FOOTPRINT,), _AS_POLYGON
-            )
-        else:
-            text = f"{error}, and there is no robot_radius: the robot has no footprint"
-            server.problem("params.footprint", "refused", text, value, (_FOOTPRINT,), _AS_POLYGON)
-        return None
-
-
-def _of_list(server: Ros1Server, value: ParameterValue) -> Corners | None:
-    reason = _why_no_footprint(value.value)
-    if reason is not None:
-        text = f"{reason}; move_base exits"
-        server.problem("params.footprint", "refused", text, value, (_FOOTPRINT,), _AS_POLYGON)
-        return None
-    # writeFootprintToParam prints doubles as a C++ stream does, and readFootprintFromConfig
-    # reads what it has printed
-    written = ",".join(f"[{float(x):g},{float(y):g}]" for x, y in value.value)
-    return corners_of_string(f"[{written}]")
+def _printed(points: Sequence[Sequence[float]]) -> Corners:
+    # writeFootprintToParam prints doubles as a C++ stream does, with six significant digits, and
+    # readFootprintFromConfig reads what it has printed
+    return corners_of_string(f"[{','.join(f'[{float(x):g},{float(y):g}]' for x, y in points)}]")
 
 
 def _why_no_footprint(points: list[object]) -> str | None:
@@ -397,9 +647,8 @@ def _why_no_footprint(points: list[object]) -> str | None:
     if len(points) < 3:
         return f"a footprint needs three points or more, has {len(points)}"
     for index, point in enumerate(points, 1):
-        if not isinstance(point, list) or len(point) != 2:
-            return f"point {index} is not a pair of numbers"
-        if not all(isinstance(one, int | float) and not isinstance(one, bool) for one in point):
+        kinds = {_kind_of(one) for one in point} if isinstance(point, list) else set()
+        if not isinstance(point, list) or len(point) != 2 or not kinds <= {"int", "double"}:
             return f"point {index} is not a pair of numbers"
         if not all(abs(one) <= _LARGEST_SINGLE for one in point):
             return f"point {index} is out of range"
@@ -413,31 +662,19 @@ def _radius(server: Ros1Server) -> float:
         server.problem("params.no-shape", "warning", f"{text} m", hint="set one of them")
         return _DEFAULT_RADIUS
     value = found[1]
-    if isinstance(value, ParameterValue) and value.kind == UNSENDABLE:
+    if isinstance(value, ParameterValue) and value.kind == _UNSENDABLE:
         return _DEFAULT_RADIUS
     if not isinstance(value, ParameterValue) or value.kind not in ("int", "double"):
-        _wrong_radius(server, value)
+        if not server.tells_substitution(value, "a number", (_RADIUS,)):
+            text = f"must be a number; costmap_2d silently uses {_RADIUS_OF_WRONG_TYPE} m"
+            hint = _type_hint(value, "double")
+            server.problem("params.silent-default", "warning", text, (_RADIUS,), hint, value)
         return _RADIUS_OF_WRONG_TYPE
     radius = float(value.value)
     if not math.isfinite(radius):
-        server.problem("params.not-finite", "refused", "must be finite", value, (_RADIUS,))
+        server.problem("params.not-finite", "refused", "must be finite", (_RADIUS,), value=value)
         return _DEFAULT_RADIUS
-    clamped = min(max(radius, 0.0), _LARGEST_RADIUS)
-    if clamped != radius:
-        text = f"must be 0 .. {_LARGEST_RADIUS:g} m; dynamic_reconfigure makes it {clamped:g}"
-        server.problem("params.range", "warning", text, value, (_RADIUS,))
-    return clamped
-
-
-def _wrong_radius(server: Ros1Server, value: ParameterValue | Ros1Namespace) -> None:
-    if isinstance(value, ParameterValue) and value.kind == "string" and "$(" in value.value:
-        text = "must be a number, which a launch file would replace"
-        hint = "write the value itself, in this file or in one that comes after it"
-        server.problem("params.substitution", "refused", text, value, (_RADIUS,), hint)
-        return
-    text = f"must be a number; costmap_2d silently uses {_RADIUS_OF_WRONG_TYPE} m"
-    own_hint = type_hint(value, "double") if isinstance(value, ParameterValue) else None
-    server.problem("params.silent-default", "warning", text, value, (_RADIUS,), own_hint)
+    return server.limited(radius, _LARGEST_RADIUS, _RECONFIGURE, (_RADIUS,), " m", value)
 
 
 _STATIC, _INFLATION = "costmap_2d::StaticLayer", "costmap_2d::InflationLayer"
@@ -448,8 +685,6 @@ _PARENTS = {
     _INFLATION: ("cost_scaling_factor", "inflation_radius"),
 }
 """Parameters of a costmap that override those of its layers."""
-_MISSPELT = 0.95
-"""As alike as this, a type is misspelt; below it is a plugin of somebody's own."""
 _OF_COSTMAPS = frozenset(
     {"always_send_full_costmap", "cost_scaling_factor", "footprint", "footprint_padding",
      "global_frame", "inflation_radius", "lethal_cost_threshold", "map_topic", "map_type",
@@ -465,22 +700,8 @@ _LIKE_THIS = 'write - {name: static_layer, type: "costmap_2d::StaticLayer"}'
 def ros1_robot(
     paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None
 ) -> tuple[RobotParameters | None, tuple[Problem, ...]]:
-    """Return what ROS 1's costmap files say of a robot and one of its costmaps."""
     server, is_whole = load_server(paths, costmap, namespace)
-    if not is_whole:
-        return None, tuple(server.problems)
-    found = server.root.get(server.path)
-    if isinstance(found, Ros1Namespace) and not _is_of_costmap(found) and not _is_named(server):
-        names = list(found.members)
-        text = f"holds no parameter of a costmap; it has {', '.join(names[:3])}"
-        text += ", ..." if len(names) > 3 else ""
-        hint = "give Nav2's parameters, with ros__parameters, or the costmap files of ROS 1"
-        server.problem("params.namespace", "refused", text, hint=hint)
-        return None, tuple(server.problems)
-    if found is None:
-        text = f"no parameters of {server.name}"
-        hint = f"a file of it has {costmap}_costmap: at its top, or no costmap's name at all"
-        server.problem("params.namespace", "refused", text, hint=hint)
+    if not is_whole or not _is_there(server):
         return None, tuple(server.problems)
     robot = _resolved(server)
     if any(one.check == "params.substitution" for one in server.problems):
@@ -491,89 +712,81 @@ def ros1_robot(
     return robot, tuple(places.values())
 
 
-def _is_of_costmap(namespace: Ros1Namespace) -> bool:
-    return any(path[-1] in _OF_COSTMAPS for path, _ in namespace.values())
-
-
-def _is_named(server: Ros1Server) -> bool:
-    """Return whether a file has a costmap's name, and so is of one whatever it holds there."""
-    return any(
-        path[-1] in COSTMAPS for one in server.files for path, _ in one.parameters.namespaces()
-    )
+def _is_there(server: Ros1Server) -> bool:
+    """Return whether files have parameters of the costmap, and refuse those that have none."""
+    found = server.root.get(server.path)
+    if found is None:
+        text = f"no parameters of /{'/'.join(server.path)}"
+        hint = f"a file of it has {server.costmap}_costmap: at its top, or no costmap's name at all"
+        server.problem("params.namespace", "refused", text, hint=hint)
+        return False
+    if not isinstance(found, Ros1Namespace) or any(
+        path[-1] in _OF_COSTMAPS for path, _ in found.values()
+    ):
+        return True
+    spaces = [path for one in server.files for path, _ in one.parameters.namespaces()]
+    if any(path[-1] in _COSTMAPS for path in spaces):
+        return True  # a file with a costmap's name is of one whatever it holds there
+    names = list(found.members)
+    text = f"holds no parameter of a costmap; it has {', '.join(names[:3])}"
+    text += ", ..." if len(names) > 3 else ""
+    hint = "give Nav2's parameters, with ros__parameters, or the costmap files of ROS 1"
+    server.problem("params.namespace", "refused", text, hint=hint)
+    return False
 
 
 def _resolved(server: Ros1Server) -> RobotParameters | None:
     rolling = server.boolean(False, "rolling_window")
     track = server.boolean(False, "track_unknown_space")
-    plugins = _plugins(server) if server.has("plugins") else _old_plugins(server)
-    shape = ros1_shape(server)
+    has_list = server.root.get((*server.path, "plugins")) is not None
+    plugins = _plugins(server) if has_list else _old_plugins(server)
+    shape = _shape(server)
     inscribed = 0.0 if shape is None else shape.inscribed_radius
     layers = tuple(_layer(server, name, kind, inscribed) for name, kind in plugins or ())
     if plugins is None or shape is None:  # the layers' own problems are told all the same
         return None
     if not any(isinstance(one.layer, StaticLayer) for one in layers):
         if server.costmap == "local":
-            injected = StaticLayer(INJECTED)
-            layers = (ListedLayer(INJECTED, _STATIC, injected), *layers)
+            layers = (ListedLayer(INJECTED, _STATIC, StaticLayer(INJECTED)), *layers)
         else:
             text = "no static layer: the costmap does not read the map, and all cells are "
-            value = "255, unknown" if track else "0, free"
-            server.problem(
-                "params.no-static-layer", "warning", text + value, hint=_static_hint(server)
-            )
-    return RobotParameters(
-        flavour="ros1",
-        costmap=server.costmap,
-        node=server.name,
-        footprint=shape.footprint,
-        footprint_padding=shape.padding,
-        robot_radius=shape.robot_radius,
-        track_unknown_space=track,
-        rolling_window=rolling,
-        layers=layers,
-        files=tuple(ParameterFile(one.source, one.sha256) for one in server.files),
-        inscribed_radius=shape.inscribed_radius,
-        circumscribed_radius=shape.circumscribed_radius,
-    )
-
-
-def _static_hint(server: Ros1Server) -> str:
-    return _LIKE_THIS if server.has("plugins") else "set static_map: true"
+            text += "255, unknown" if track else "0, free"
+            hint = _LIKE_THIS if has_list else "set static_map: true"
+            server.problem("params.no-static-layer", "warning", text, hint=hint)
+    files = [(one.source, one.sha256) for one in server.files]
+    node = "/" + "/".join(server.path)
+    return shape.robot("ros1", server.costmap, node, layers, files, track=track, rolling=rolling)
 
 
 def _old_plugins(server: Ros1Server) -> list[tuple[str, str]]:
     """Return the layers of a costmap without a list of plugins, as ``loadOldParameters``."""
-    voxel = server.find("map_type")
-    is_voxel = voxel is not None and voxel.value == "voxel"
-    obstacles = ("obstacle_layer", _VOXEL if is_voxel else _OBSTACLE)
-    layers = [obstacles, ("inflation_layer", _INFLATION)]
-    is_static = server.boolean(False, "static_map")
-    return [("static_layer", _STATIC), *layers] if is_static else layers
+    map_type = server.find("map_type")
+    is_voxel = map_type is not None and map_type.value == "voxel"
+    static = [("static_layer", _STATIC)] if server.boolean(False, "static_map") else []
+    obstacle = ("obstacle_layer", _VOXEL if is_voxel else _OBSTACLE)
+    return [*static, obstacle, ("inflation_layer", _INFLATION)]
 
 
 def _plugins(server: Ros1Server) -> list[tuple[str, str]] | None:
     """Return names and types of the plugins; None if move_base ends over them."""
     value = server.find("plugins")
-    if value is not None and value.kind == UNSENDABLE:
+    if value is not None and value.kind == _UNSENDABLE:
         return None
     if value is None or value.kind != "list":
         text = "must be a list of {name, type}; move_base exits"
-        server.problem("params.plugins", "refused", text, value, ("plugins",), _LIKE_THIS)
+        server.problem("params.plugins", "refused", text, ("plugins",), _LIKE_THIS)
         return None
-    found, is_good = [], True
-    for index, entry in enumerate(value.value, 1):
-        reason, hint = _why_not(entry)
-        if reason is None:
-            found.append((entry["name"], entry["type"]))
-            continue
-        is_good = False
-        text = f"entry {index} {reason}; move_base exits"
-        server.problem("params.plugins", "refused", text, value, ("plugins",), hint)
-    return found if is_good else None
+    reasons = [_why_not(entry) for entry in value.value]
+    for index, (reason, hint) in enumerate(reasons, 1):
+        if reason is not None:
+            text = f"entry {index} {reason}; move_base exits"
+            server.problem("params.plugins", "refused", text, ("plugins",), hint)
+    if any(reason is not None for reason, _ in reasons):
+        return None
+    return [(entry["name"], entry["type"]) for entry in value.value]
 
 
 def _why_not(entry: object) -> tuple[str | None, str | None]:
-    """Return why the costmap cannot load a plugin, and a hint."""
     if not isinstance(entry, dict):
         hint = f"plugins as bare names are Nav2's; {_LIKE_THIS}"
         return "must be a name and a type", hint if isinstance(entry, str) else _LIKE_THIS
@@ -581,61 +794,48 @@ def _why_not(entry: object) -> tuple[str | None, str | None]:
         if not isinstance(entry.get(key), str) or not entry[key]:
             return f"has no {key}", _LIKE_THIS
     kind = entry["type"]
-    if kind in _OWN:
+    is_of_nav2 = kind.startswith("nav2_costmap_2d")
+    near = most_alike(kind, _OWN, least=0.0) if is_of_nav2 else most_alike(kind, _OWN)
+    if kind in _OWN or near is None:
         return None, None
-    likeness = {own: SequenceMatcher(None, own, kind).ratio() for own in _OWN}
-    near = max(_OWN, key=likeness.__getitem__)
-    if kind.startswith("nav2_costmap_2d") or likeness[near] >= _MISSPELT:
-        return f"has an unknown type, {kind}", f"did you mean {near}?"
-    return None, None
+    return f"has an unknown type, {kind}", f"did you mean {near}?"
 
 
 def _layer(server: Ros1Server, name: str, kind: str, inscribed: float) -> ListedLayer:
-    if kind == _STATIC:
-        _hand_down(server, name, kind)
-        return ListedLayer(name, kind, _static(server, name), _is_enabled(server, name))
-    if kind == _INFLATION:
-        _hand_down(server, name, kind)
-        layer: CostmapLayer = _inflation(server, name, inscribed)
-        return ListedLayer(name, kind, layer, _is_enabled(server, name))
+    layer: CostmapLayer | None = None
     why = "reads sensors" if kind in (_OBSTACLE, _VOXEL) else "not of costmap_2d; needs live data"
-    return ListedLayer(name, kind, None, _is_enabled(server, name), why_ignored=why)
+    if kind in _PARENTS:
+        _tell_overridden(server, name, kind)
+        is_static, why = kind == _STATIC, ""
+        layer = _static(server, name) if is_static else _inflation(server, name, inscribed)
+    return ListedLayer(name, kind, layer, server.boolean(True, name, "enabled"), why_ignored=why)
 
 
-def _is_enabled(server: Ros1Server, name: str) -> bool:
-    return server.boolean(True, name, "enabled")
-
-
-def _hand_down(server: Ros1Server, name: str, kind: str) -> None:
+def _tell_overridden(server: Ros1Server, name: str, kind: str) -> None:
     """Report where the costmap's own value overrides that of a layer."""
     for parameter in _PARENTS[kind]:
         own, above = server.find(name, parameter), server.find(parameter)
         if own is not None and above is not None and own.value != above.value:
             text = f"has no effect: the costmap's own {parameter}, {above.text}, takes its place"
-            where = f"on line {above.line}" + (
-                "" if above.source == own.source else f" of {above.source.name}"
-            )
-            server.problem("params.overridden", "warning", text, own, (name, parameter),
-                           f"remove one of them; the other stands {where}")  # fmt: skip
+            hint = f"remove one of them; the other stands on line {above.line}"
+            if above.source != own.source:
+                hint += f" of {above.source.name}"
+            server.problem("params.overridden", "warning", text, (name, parameter), hint)
 
 
-def _handed(server: Ros1Server, name: str, parameter: str) -> tuple[str, ...]:
+def _handed(server: Ros1Server, name: str, parameter: str) -> _Path:
     """Return where a layer's parameter is read: from the costmap, if that has it."""
-    return (parameter,) if isinstance(server.find(parameter), ParameterValue) else (name, parameter)
+    return (name, parameter) if server.find(parameter) is None else (parameter,)
 
 
 def _static(server: Ros1Server, name: str) -> StaticLayer:
-    lethal = server.integer(100, *_handed(server, name, "lethal_cost_threshold"))
-    clamped = max(min(lethal, 100), 0)
-    if clamped != lethal:
-        where = _handed(server, name, "lethal_cost_threshold")
-        text = f"must be 0 .. 100; the static layer makes it {clamped}"
-        server.problem("params.range", "warning", text, server.find(*where), where)
+    where = _handed(server, name, "lethal_cost_threshold")
+    lethal = server.limited(server.integer(100, *where), 100, "the static layer", where)
     track = _handed(server, name, "track_unknown_space")
     return StaticLayer(
         name=name,
         track_unknown_space=server.boolean(True, *track),
-        lethal_cost_threshold=clamped,
+        lethal_cost_threshold=int(lethal),
         trinary_costmap=server.boolean(True, name, "trinary_costmap"),
         unknown_cost_value=server.integer(-1, *_handed(server, name, "unknown_cost_value")) % 256,
         use_maximum=server.boolean(False, name, "use_maximum"),
@@ -643,28 +843,22 @@ def _static(server: Ros1Server, name: str) -> StaticLayer:
 
 
 def _inflation(server: Ros1Server, name: str, inscribed: float) -> InflationLayer:
-    def number(parameter: str, default: float, largest: float, unit: str) -> float:
+    def number(parameter: str, default: float, largest: float, unit: str = "") -> float:
         where = _handed(server, name, parameter)
         value = server.double(default, *where, unit=unit)
-        clamped = max(min(value, largest), 0.0)
-        if clamped != value:
-            text = f"must be 0 .. {largest:g}{unit}; dynamic_reconfigure makes it {clamped:g}"
-            server.problem("params.range", "warning", text, server.find(*where), where)
-        return clamped
+        return server.limited(value, largest, _RECONFIGURE, where, unit)
 
     radius = number("inflation_radius", 0.55, 50.0, " m")
     is_known = all(one.check != "params.substitution" for one in server.problems)
     if 0 < radius < inscribed and is_known:
+        text, hint = inflation_too_small(radius, inscribed)
         where = _handed(server, name, "inflation_radius")
-        text = f"{radius:g} m is less than the inscribed radius, {inscribed:.4g} m"
-        hint = f"set it to {up_to_millimetres(inscribed)} or more"
-        found = server.find(*where)
-        server.problem("params.inflation-radius", "warning", text, found, where, hint)
+        server.problem("params.inflation-radius", "warning", text, where, hint)
     return InflationLayer(
         name=name,
         inscribed_radius=inscribed,
         inflation_radius=radius,
-        cost_scaling_factor=number("cost_scaling_factor", 10.0, 100.0, ""),
+        cost_scaling_factor=number("cost_scaling_factor", 10.0, 100.0),
         inflate_unknown=server.boolean(False, name, "inflate_unknown"),
         lookup="exact",
     )

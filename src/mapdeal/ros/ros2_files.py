@@ -1,20 +1,16 @@
 """Parameter files of ROS 2.
 
-References
-----------
-``get_value`` of ros2/rcl, rcl_yaml_param_parser/src/parse.c. A value in quotes is a string; else
-it is the first of bool, integer (``strtoll`` with base 0), double (``strtod``) and string that
-takes the whole of it. Tags as in the parser that Nav2's main branch is built with; releases up
-to Kilted know ``!!str`` alone.
-
-It is a machine of few states, and not a reader of nested mappings: what it makes of keys that
+The reader is a machine of few states, and not one of nested mappings: what it makes of keys that
 stand twice, of empty mappings and of lists in lists follows from these states alone, and nodes
-live with that. So the same states are kept here.
+live with that. Tags are as in the parser of Nav2's main branch; releases up to Kilted know
+``!!str`` alone.
 
 References
 ----------
-``parse_file_events``, ``parse_key``, ``parse_value`` of ros2/rcl,
-rcl_yaml_param_parser/src/parse.c, and namespace.c beside it.
+``get_value``, ``parse_file_events``, ``parse_key`` and ``parse_value`` of ros2/rcl,
+rcl_yaml_param_parser/src/parse.c, and namespace.c beside it. A value in quotes is a string; else
+it is the first of bool, integer (``strtoll`` with base 0), double (``strtod``) and string that
+takes the whole of it.
 """
 
 from __future__ import annotations
@@ -43,7 +39,7 @@ from mapdeal.files.yaml_text import (
     refuse_image,
     written,
 )
-from mapdeal.ros.values import ParameterFileError, ParameterValue
+from mapdeal.ros.robot import ParameterFileError, ParameterValue
 
 _TRUE = frozenset(["Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
 _FALSE = frozenset(["N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"])
@@ -73,7 +69,7 @@ def typed_scalar(text: str, *, is_quoted: bool, tag: str | None) -> tuple[str, A
     if tag is not None:
         return _tagged(text, tag)
     if not is_quoted:
-        for kind, read in _PLAIN:
+        for kind, _, read in _PLAIN:
             value = read(text)
             if value is not None:
                 return kind, value
@@ -89,8 +85,8 @@ def _tagged(text: str, tag: str) -> tuple[str, Any]:
             return "byte_array", base64.b64decode(text, validate=True)
         except binascii.Error:
             raise TagError("is not in base64, as its tag says") from None
-    for kind, read in _PLAIN:
-        if name == _TAG_OF[kind]:
+    for kind, tag_name, read in _PLAIN:
+        if name == tag_name:
             value = read(text)
             if value is None:
                 raise TagError(f"is not a value of its tag !!{name}")
@@ -154,9 +150,8 @@ def _is_normal(value: float) -> bool:
     return math.isfinite(value) and abs(value) >= 2.0**-1022
 
 
-_PLAIN = (("bool", _bool), ("integer", _integer), ("double", _double))
-_TAG_OF = {"bool": "bool", "integer": "int", "double": "float"}
-
+_PLAIN = (("bool", "bool", _bool), ("integer", "int", _integer), ("double", "float", _double))
+"""Types, their tags, and what reads them."""
 
 PARAMETERS_KEY = "ros__parameters"
 _LONGEST_TEXT = 200
@@ -166,6 +161,7 @@ _PRECEDENCE = (
     "bool", "integer", "double", "string",
     "byte_array", "bool_array", "integer_array", "double_array", "string_array",
 )  # fmt: skip
+_NESTING = f"parameters stand below NODE: {PARAMETERS_KEY}: NAME: VALUE"
 _LAUNCH = "launch files replace it; pass the file that the node gets, or write the name itself"
 _NO_LISTS_OF_LISTS = 'ROS 2 has none; put a footprint in quotes: "[[x1, y1], [x2, y2], ...]"'
 
@@ -178,28 +174,25 @@ class Slot:
     unset: ParameterValue
     values: dict[str, ParameterValue] = field(default_factory=dict)  # in the order of setting
 
-    def set(self, value: ParameterValue) -> None:
-        """Keep a value; one of another type stays beside it."""
-        self.values.pop(value.kind, None)
-        self.values[value.kind] = value
-
     def result(self) -> ParameterValue:
         """Return the value that rclcpp takes: by type, not by which one was set last."""
         if not self.values:
             return self.unset
         best = min(self.values.values(), key=lambda value: _PRECEDENCE.index(value.kind))
         last = next(reversed(self.values.values()))
-        if last is best:
-            return best
-        return ParameterValue(best.value, best.kind, best.source, best.line, best.text, last)
+        value = tuple(best.value) if isinstance(best.value, list) else best.value
+        return replace(best, value=value, ignored=None if last is best else last)
 
 
-class NodeSlots:
-    """The parameters of one name of a node, as they are read."""
+class Ros2Node:
+    """The parameters below one name of a node."""
 
     def __init__(self, name: str, source: Path, line: int) -> None:
-        self.name, self.source, self.line = name, source, line
+        self.name = name if name.startswith("/") else f"/{name}"
+        self.source, self.line = source, line
         self.slots: list[Slot] = []
+        self.entries: tuple[tuple[str, ParameterValue], ...] = ()
+        """Names and values, once all files are read."""
         self._places: dict[str, list[int]] = defaultdict(list)
 
     def find(self, name: str, unset: ParameterValue) -> int:
@@ -219,9 +212,9 @@ class NodeSlots:
 class Walk:
     """The walk through one file; nodes of the files before it are found again."""
 
-    def __init__(self, path: Path, nodes: dict[str, NodeSlots]) -> None:
+    def __init__(self, path: Path, nodes: dict[str, Ros2Node]) -> None:
         self._path, self._nodes = path, nodes
-        self._node: NodeSlots | None = next(iter(nodes.values()), None)
+        self._node: Ros2Node | None = next(iter(nodes.values()), None)
         self._index = 0
         self._is_key, self._is_sequence, self._is_new_map = True, False, False
         self._in_parameters = False
@@ -244,20 +237,15 @@ class Walk:
         elif isinstance(event, yaml.SequenceEndEvent):
             self._is_sequence, self._is_key = False, True
         elif isinstance(event, yaml.MappingStartEvent):
-            self._start_mapping()
+            self._depth += 1
+            # that of ros__parameters itself is none
+            is_own = self._in_parameters and self._depth - self._node_names.count == 2
+            self._is_key, self._is_new_map = True, not is_own
         elif isinstance(event, yaml.MappingEndEvent):
             self._end_mapping()
         elif isinstance(event, yaml.AliasEvent):
-            raise self._error(
-                "ROS 2 does not support aliases", event,
-                got=f"*{event.anchor}", hint="write the value itself",
-            )  # fmt: skip
-
-    def _start_mapping(self) -> None:
-        self._depth += 1
-        self._is_new_map = self._is_key = True
-        if self._in_parameters and self._depth - self._node_names.count == 2:
-            self._is_new_map = False  # that of ros__parameters itself
+            rule, got = "ROS 2 does not support aliases", f"*{event.anchor}"
+            raise self._error(rule, event, got=got, hint="write the value itself")
 
     def _end_mapping(self) -> None:
         if self._in_parameters:
@@ -276,7 +264,7 @@ class Walk:
             raise self._error("a list stands where a key should be", event)
         if not self._in_parameters:
             rule = f"a list stands outside of {PARAMETERS_KEY}"
-            raise self._error(rule, event, hint=_nesting_hint())
+            raise self._error(rule, event, hint=_NESTING)
         self._is_sequence = True
         self._items_kind, self._sequence = None, event
         slot = self._slot()
@@ -300,13 +288,13 @@ class Walk:
         name = self._node_names.text
         if name is None:
             rule = f"no name of a node stands above {PARAMETERS_KEY}"
-            raise self._error(rule, event, hint=_nesting_hint())
+            raise self._error(rule, event, hint=_NESTING)
         fault = name_fault(name)
         if fault:
             hint = _LAUNCH if any(mark in name for mark in "<$") else None
             raise self._error(f"not a name of a node: {fault}", event, got=name, hint=hint)
         if name not in self._nodes:
-            self._nodes[name] = NodeSlots(name, self._path, line_of(event))
+            self._nodes[name] = Ros2Node(name, self._path, line_of(event))
         self._node = self._nodes[name]
         self._in_parameters = True
         self._key = f"{PARAMETERS_KEY} of {name}"
@@ -351,7 +339,7 @@ class Walk:
             self._is_key = True
 
     def _unplaced(self, event: yaml.ScalarEvent, *, is_missing: bool) -> ParameterFileError:
-        got, hint = None if is_missing else _short(event.value), _nesting_hint()
+        got, hint = None if is_missing else _short(event.value), _NESTING
         if self._key.startswith(f"{PARAMETERS_KEY} of "):
             rule = f"{self._key} holds no parameters, and ROS 2 refuses the whole file"
             hint = f"write {PARAMETERS_KEY}: {{}}, or take the node out"
@@ -372,9 +360,11 @@ class Walk:
         if self._items_kind is None:
             self._items_kind, self._items = kind, []
         if kind != self._items_kind:
-            both = {kind, self._items_kind}
-            hint = "write all of them with a decimal point" if both == {"integer", "double"} else \
-                "put texts into quotes" if "string" in both else None  # fmt: skip
+            both, hint = {kind, self._items_kind}, None
+            if both == {"integer", "double"}:
+                hint = "write all of them with a decimal point"
+            elif "string" in both:
+                hint = "put texts into quotes"
             rule = f"the values of a list must be of one type, here {self._items_kind}"
             raise self._error(rule, event, got=f"{_short(event.value)} ({kind})", hint=hint)
         self._items.append(value)
@@ -385,7 +375,8 @@ class Walk:
     def _set(self, value: ParameterValue) -> None:
         slot = self._slot()
         if slot is not None:
-            slot.set(value)
+            slot.values.pop(value.kind, None)  # one of another type stays beside it
+            slot.values[value.kind] = value
 
     def _slot(self) -> Slot | None:
         """Return the parameter at hand; none if the index is that of another node."""
@@ -460,10 +451,6 @@ def name_fault(name: str) -> str | None:
     return "it is too long" if len(last) > _LONGEST_NODE_NAME else None
 
 
-def _nesting_hint() -> str:
-    return f"parameters stand below NODE: {PARAMETERS_KEY}: NAME: VALUE"
-
-
 def line_of(event: yaml.Event) -> int:
     return int(event.start_mark.line) + 1 if event.start_mark else 1
 
@@ -477,25 +464,12 @@ def _short(text: str) -> str:
     return text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}..."
 
 
-OF_PARAMETERS = YamlLimits(bytes=1 << 20, nodes=50_000)
-DEEPEST = 40
-TOO_DEEP = f"nested deeper than {DEEPEST} levels"
-
-
-@dataclass(frozen=True)
-class Ros2Node:
-    """The parameters below one name of a node."""
-
-    name: str
-    source: Path
-    line: int
-    entries: tuple[tuple[str, ParameterValue], ...]
+_LIMITS = YamlLimits(bytes=1 << 20, nodes=50_000)
+_DEEPEST = 40
 
 
 @dataclass(frozen=True)
 class Ros2Parameters:
-    """Combined content of ROS 2 parameter files."""
-
     nodes: tuple[Ros2Node, ...]
     files: tuple[tuple[Path, str], ...]
 
@@ -532,41 +506,31 @@ def matches(pattern: str, node: str) -> bool:
 
 def read_ros2(paths: Sequence[Path]) -> Ros2Parameters:
     """Return the parameters in files, which are read into one another as ROS 2 does."""
-    nodes: dict[str, NodeSlots] = {}
+    nodes: dict[str, Ros2Node] = {}
     files = []
     for path in paths:
-        data = read_file(path, limit=OF_PARAMETERS.bytes, inspect=partial(refuse_image, path))
+        data = read_file(path, limit=_LIMITS.bytes, inspect=partial(refuse_image, path))
         files.append((path, hashlib.sha256(data).hexdigest()))
         walk = Walk(path, nodes)
         for event in _events(path, decoded_text(path, data)):
             walk.take(event)
     if not nodes:
         raise refusal(paths[0], "no parameters in it: no node has a key ros__parameters", None)
-    return Ros2Parameters(tuple(_node(one) for one in nodes.values()), tuple(files))
-
-
-def _node(one: NodeSlots) -> Ros2Node:
-    name = one.name if one.name.startswith("/") else f"/{one.name}"
-    entries = tuple((slot.name, _frozen(slot.result())) for slot in one.slots)
-    return Ros2Node(name, one.source, one.line, entries)
-
-
-def _frozen(value: ParameterValue) -> ParameterValue:
-    """Return a value whose list, still the reader's own, has become a tuple."""
-    return replace(value, value=tuple(value.value)) if isinstance(value.value, list) else value
+    for node in nodes.values():
+        node.entries = tuple((slot.name, slot.result()) for slot in node.slots)
+    return Ros2Parameters(tuple(nodes.values()), tuple(files))
 
 
 def _events(path: Path, text: str) -> Iterator[yaml.Event]:
-    """Yield the events of a file, as far as it is harmless."""
     depth = 0
     try:
-        for count, event in enumerate(events_of(path, text, OF_PARAMETERS)):
+        for count, event in enumerate(events_of(path, text, _LIMITS)):
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
-            if depth > DEEPEST:
-                raise refusal(path, TOO_DEEP, line_of(event))
-            if count > OF_PARAMETERS.nodes:
-                rule = f"more than {OF_PARAMETERS.nodes} keys and values"
+            if depth > _DEEPEST:
+                raise refusal(path, f"nested deeper than {_DEEPEST} levels", line_of(event))
+            if count > _LIMITS.nodes:
+                rule = f"more than {_LIMITS.nodes} keys and values"
                 raise refusal(path, rule, line_of(event))
             yield event
     except yaml.YAMLError as error:

@@ -9,15 +9,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, BinaryIO, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealError, emit_warning, shown
-from mapdeal.files.budget import PIECES, claim
 from mapdeal.files.json_values import JsonValue, read_document
-from mapdeal.files.source import LARGEST_FILE, LONGEST_STREAM, chunks_of, is_regular
+from mapdeal.files.source import LARGEST_FILE, LONGEST_STREAM, PIECES, chunks_of, claim, is_regular
 from mapdeal.files.text import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.frame import FARTHEST, Point, Transform
 from mapdeal.inputs.kinds import NUMBERS, POSES, recognised
@@ -45,39 +44,22 @@ def read_transform(path: Path) -> TransformFile:
     if sure is not None and not sure.flag():
         text = f"{path}: align was uncertain about this transform; it is used as it is"
         emit_warning(text, stacklevel=2)
-    x, y, yaw = (own[key].number() for key in ("x", "y", "yaw"))
-    return TransformFile(
-        Transform(x, y, yaw), _sums_of(document, "first"), _sums_of(document, "second")
-    )
+    transform = Transform(*(own[key].number() for key in ("x", "y", "yaw")))
+    return TransformFile(transform, *(_sums_of(document.get(key)) for key in ("first", "second")))
 
 
-def _sums_of(document: JsonValue, key: str) -> dict[str, str]:
-    told = document.get(key)
+def _sums_of(told: JsonValue | None) -> dict[str, str]:
     sums = None if told is None or told.is_null else told.get("sha256")
-    if sums is None:
-        return {}
-    return {name: value.sha256() for name, value in sums.fields().items()}
+    return {} if sums is None else {key: value.sha256() for key, value in sums.fields().items()}
 
 
-TUM = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
-"""Columns in files of the TUM benchmark tools."""
-
+TUM = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")  # columns in files of the TUM benchmark tools
 _PLANAR, _TUM = 3, len(TUM)
-_UNIT = 1e-3
-"""Tolerance of the length of a quaternion: files contain rounded numbers."""
-
-_ROUNDED = 1e-2
-"""The same where a longer or shorter one is refused: two decimals are enough."""
-
-_LEVEL = math.radians(10)
-"""Largest tilt of a robot at which its heading is still meaningful."""
-
-_LATEST = 9e9
-"""Seconds: what is later is in other units."""
-
-_COPIES = 5
-"""Arrays of the size of all numbers that are there at the same time, at most."""
-
+_UNIT = 1e-3  # tolerance of the length of a quaternion: files contain rounded numbers
+_ROUNDED = 1e-2  # the same where a longer or shorter one is refused: two decimals are enough
+_LEVEL = math.radians(10)  # largest tilt of a robot at which its heading is still meaningful
+_LATEST = 9e9  # seconds: what is later is in other units
+_COPIES = 5  # arrays of the size of all numbers that are there at the same time, at most
 _LEANS = "a robot that leans by more than 10 degrees; does w come last?"
 
 Poses = NDArray[np.float64]
@@ -126,8 +108,6 @@ def has_times(path: Path) -> bool:
 
 
 class Trajectory(NamedTuple):
-    """Poses with their times."""
-
     times: NDArray[np.int64]
     translations: Poses
     quaternions: Poses
@@ -178,31 +158,34 @@ def _rows_in(path: Path) -> Poses:
         number += 1  # the names of the columns
     else:
         file.seek(start)
-    columns = range(width)
-    parts: list[Poses] = []
-    taken = file.getbuffer().nbytes
+    table = whole_table(file, path, number, delimiter, width, taken=file.getbuffer().nbytes)
+    if table is None:
+        raise MalformedInputError("holds no poses", source=path)
+    return table
+
+
+def whole_table(
+    file: BinaryIO, path: Path, line: int, delimiter: str | None, width: int, *, taken: int = 0
+) -> Poses | None:
+    parts = []
     for part in read_rows(
-        file, columns, path=path, first_line=number, delimiter=delimiter, width=width
+        file, range(width), path=path, first_line=line, delimiter=delimiter, width=width
     ):
         taken += _COPIES * part.nbytes
         claim(path, taken + PIECES)
         parts.append(part)
-    if not parts:
-        raise MalformedInputError("holds no poses", source=path)
-    return np.concatenate(parts)
+    return np.concatenate(parts) if parts else None
 
 
 def _planar_poses(rows: Poses, path: Path) -> Poses:
-    """Return x, y and yaw of each row."""
     width = rows.shape[1]
     used = rows if width == _PLANAR else rows[:, 1:]  # times may be in nanoseconds
     good = (np.abs(used) <= FARTHEST).all(axis=1) & np.isfinite(rows[:, 0])  # refuses nan too
     if not good.all():
         first = int(np.argmin(good))
         rule = f"must be finite numbers within {FARTHEST:g}"
-        raise MalformedInputError(
-            rule, source=path, place=f"pose {first + 1}", got=rows[first].tolist()
-        )
+        got = rows[first].tolist()
+        raise MalformedInputError(rule, source=path, place=f"pose {first + 1}", got=got)
     if width == _PLANAR:
         odd = np.abs(rows[:, 2]) > 2 * math.pi
         _warn_of(odd, "a yaw of more than a turn; is it in degrees?", path)
@@ -252,8 +235,7 @@ def _warn_of(which: NDArray[np.bool_], what: str, path: Path) -> None:
 
 _LONGEST_LINE = 1 << 16
 _LINE_FEED = ord("\n")
-_IN_PAIR = 4
-_Found = TypeVar("_Found", bound=tuple[Any, ...])
+_Line = TypeVar("_Line")
 _NO_NUMBERS = (ValueError, TypeError, LookupError, OverflowError, RecursionError)
 
 
@@ -286,6 +268,42 @@ class NamedPointLine:
     error: str | None = None
 
 
+class _Form(NamedTuple):
+    """What a line can be, as plain numbers and as JSON."""
+
+    names: tuple[str, ...]
+    plain: str
+    json: str
+    allows_tum: bool = False
+
+    def delimiter(self, text: str) -> str | None:
+        return delimiter_of(text) if self.allows_tum else ","
+
+    def is_header(self, text: str) -> bool:
+        """Return whether a line has the names of its columns."""
+        words = [word.strip(' "') for word in text.lower().split(self.delimiter(text))]
+        if self.allows_tum:  # as files of poses: people write theta, too
+            return len(words) in (len(self.names), len(TUM)) and not any(map(is_number, words))
+        if self is _PAIR:
+            are_names = all(word.isidentifier() for word in words)
+            return are_names and len(words) == 4 and not {"nan", "inf", "infinity"} & set(words)
+        return words == [*self.names]
+
+
+_POINT = _Form(("x", "y"), "two numbers x,y", '{"x": x, "y": y} or [x, y]')
+_POSE = _Form(
+    ("x", "y", "yaw"), f"three numbers x,y,yaw, or TUM's {' '.join(TUM)}",
+    '{"x": x, "y": y, "yaw": yaw} or [x, y, yaw]', allows_tum=True,
+)  # fmt: skip
+_PAIR = _Form(
+    ("x", "y", "x", "y"), "four numbers x,y,x,y",
+    '{"from": [x, y], "to": [x, y]} or [[x, y], [x, y]]',
+)  # fmt: skip
+_NAMED_POINT = _Form(
+    ("x", "y"), "x,y or NAME=x,y", '{"x": x, "y": y}, with a "name" if it has one, or [x, y]'
+)
+
+
 def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NumberLines]:
     """Yield the points of a text, those of each chunk as soon as its lines are complete."""
     for text, first in _complete_lines(chunks, source):
@@ -300,31 +318,30 @@ def read_pose_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[Num
 
 def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine]:
     """Yield pairs of points, each as soon as its line is complete."""
-    json_form = '{"from": [x, y], "to": [x, y]} or [[x, y], [x, y]]'
-    for number, text in _told_lines(chunks, source, _is_header_of_pairs):
-        found, error = _line_of(text, _pair_of, "four numbers x,y,x,y", json_form)
-        start, goal = found or (None, None)
-        yield PairLine(number, start, goal, error)
+    return _read_lines(chunks, source, _PAIR, _pair_of, PairLine)
 
 
 def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NamedPointLine]:
     """Yield points that may have names, each as soon as its line is complete."""
-    json_form = '{"x": x, "y": y}, with a "name" if it has one, or [x, y]'
-    for number, text in _told_lines(chunks, source, _POINT.is_header):
-        found, error = _line_of(text, _named_point_of, "x,y or NAME=x,y", json_form)
-        point, name = found or (None, None)
-        yield NamedPointLine(number, point, name, error)
+    return _read_lines(chunks, source, _NAMED_POINT, _named_point_of, NamedPointLine)
 
 
-def _told_lines(
-    chunks: Iterable[bytes], source: Path | str, is_header: Callable[[str], bool]
-) -> Iterator[tuple[int, str]]:
-    """Yield number and text of the lines that are no comment, nor a header in the first place."""
+def _read_lines(
+    chunks: Iterable[bytes], source: Path | str, form: _Form,
+    parse: Callable[[str], tuple[Any, ...]], make: Callable[..., _Line],
+) -> Iterator[_Line]:  # fmt: skip
     for some, first in _complete_lines(chunks, source):
-        for number, raw in enumerate(some.split(b"\n"), first):
-            text = _text_of(raw)
-            if not (text.startswith("#") or (number == 1 and is_header(text))):
-                yield number, text
+        for number, text in _numbered(some, first, form):
+            found, error = _line_of(text, parse, form)
+            yield make(number, *found) if error is None else make(number, error=error)
+
+
+def _numbered(text: bytes, first: int, form: _Form) -> Iterator[tuple[int, str]]:
+    """Yield number and text of the lines that are no comment, nor a header in the first place."""
+    for number, raw in enumerate(text.split(b"\n"), first):
+        line = _text_of(raw)
+        if not (line.startswith("#") or (number == 1 and form.is_header(line))):
+            yield number, line
 
 
 def _complete_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[tuple[bytes, int]]:
@@ -362,7 +379,6 @@ def _first_long_line(text: bytes) -> int | None:
 
 
 def _unmarked(text: bytes, first: int) -> bytes:
-    """Return lines of a text without its mark of byte order."""
     return text.removeprefix(b"\xef\xbb\xbf") if first == 1 else text
 
 
@@ -370,32 +386,8 @@ def _text_of(line: bytes) -> str:
     return line.decode("utf-8", errors="replace").strip()
 
 
-class _Form(NamedTuple):
-    names: tuple[str, ...]
-    how_many: str
-    more: str = ""
-
-    def rule(self, text: str) -> str:
-        """Return what a line that begins as `text` must be."""
-        if text[:1] not in ("{", "["):
-            return f"{self.how_many} numbers {','.join(self.names)}{self.more}"
-        keys = ", ".join(f'"{name}": {name}' for name in self.names)
-        return f"{{{keys}}} or [{', '.join(self.names)}]"
-
-    def delimiter(self, text: str) -> str | None:
-        """Return what stands between numbers; white space is None."""
-        return delimiter_of(text) if self.more else ","
-
-    def is_header(self, text: str) -> bool:
-        """Return whether a line has the names of its columns."""
-        words = [word.strip(' "') for word in text.lower().split(self.delimiter(text))]
-        if self.more:  # as files of poses: people write theta, too
-            return len(words) in (len(self.names), len(TUM)) and not any(map(is_number, words))
-        return words == [*self.names]
-
-
-_POINT = _Form(("x", "y"), "two")
-_POSE = _Form(("x", "y", "yaw"), "three", f", or TUM's {' '.join(TUM)}")
+def _is_json(text: str) -> bool:
+    return text[:1] in ("{", "[")
 
 
 def _parsed(text: bytes, first: int, form: _Form) -> NumberLines:
@@ -409,22 +401,11 @@ def _parsed(text: bytes, first: int, form: _Form) -> NumberLines:
     rows: list[Sequence[float]] = []
     kept: list[int] = []
     errors: dict[int, str] = {}
-    for number, raw in enumerate(text.split(b"\n"), first):
-        line = _text_of(raw)
-        if line.startswith("#") or (number == 1 and form.is_header(line)):
-            continue
-        try:
-            rows.append(_row_of(line, form))
-        except MalformedInputError as error:
-            errors[len(rows)] = f"{error.rule}, got {shown(line)}"
-        except _NO_NUMBERS:
-            rule = f"must be {form.rule(line)}, got {shown(line)}"
-            errors[len(rows)] = rule if line else "empty line"
-        else:
-            if not all(map(math.isfinite, rows[-1])):
-                errors[len(rows) - 1] = f"must be finite, got {shown(line)}"
-        if len(rows) == len(kept):
-            rows.append([math.nan] * len(form.names))
+    for number, line in _numbered(text, first, form):
+        found, error = _line_of(line, lambda text: (_row_of(text, form),), form)
+        if error is not None:
+            errors[len(rows)] = error
+        rows.append(found[0] if found else [math.nan] * len(form.names))
         kept.append(number)
     numbers = np.array(rows, dtype=np.float64).reshape(-1, len(form.names))
     return NumberLines(numbers, kept, errors)
@@ -448,22 +429,37 @@ def _parsed_at_once(
     return (numbers, lines) if is_plain and np.isfinite(numbers).all() else None
 
 
-def _row_of(text: str, form: _Form) -> Sequence[float]:
-    if text[:1] in ("{", "["):
+def _line_of(
+    text: str, parse: Callable[[str], tuple[Any, ...]], form: _Form
+) -> tuple[tuple[Any, ...], str | None]:
+    try:
+        found = parse(text)
+    except MalformedInputError as error:
+        return (), f"{error.rule}, got {shown(text)}"
+    except _NO_NUMBERS:
+        rule = form.json if _is_json(text) else form.plain
+        return (), f"must be {rule}, got {shown(text)}" if text else "empty line"
+    places = (place for place in found if isinstance(place, tuple))
+    is_finite = all(math.isfinite(number) for place in places for number in place)
+    return found, None if is_finite else f"must be finite, got {shown(text)}"
+
+
+def _row_of(text: str, form: _Form) -> tuple[float, ...]:
+    if _is_json(text):
         return _row_of_json(json.loads(text), form)
     numbers = _numbers_of(text, form.delimiter(text))
-    if form.more and len(numbers) == len(TUM):
+    if form.allows_tum and len(numbers) == len(TUM):
         return planar_pose(numbers)
     if len(numbers) != len(form.names):
         raise ValueError
-    return numbers
+    return tuple(numbers)
 
 
-def _row_of_json(value: Any, form: _Form) -> Sequence[float]:
+def _row_of_json(value: Any, form: _Form) -> tuple[float, ...]:
     row = [value[name] for name in form.names] if isinstance(value, dict) else list(value)
     if len(row) != len(form.names) or any(type(one) not in (int, float) for one in row):
         raise ValueError  # bools are ints, too
-    return [float(one) for one in row]
+    return tuple(map(float, row))
 
 
 def _point_of_json(value: Any) -> Point:
@@ -477,22 +473,8 @@ def _numbers_of(text: str, delimiter: str | None = ",") -> list[float]:
     return [float(part) for part in text.split(delimiter)]
 
 
-def _line_of(
-    text: str, parse: Callable[[str], _Found], form: str, json_form: str
-) -> tuple[_Found | None, str | None]:
-    try:
-        found = parse(text)
-    except _NO_NUMBERS:
-        rule = json_form if text[:1] in ("{", "[") else form
-        return None, f"must be {rule}, got {shown(text)}" if text else "empty line"
-    places = (place for place in found if isinstance(place, tuple))
-    if not all(math.isfinite(number) for place in places for number in place):
-        return None, f"must be finite, got {shown(text)}"
-    return found, None
-
-
 def _pair_of(text: str) -> tuple[Point, Point]:
-    if text[:1] in ("{", "["):
+    if _is_json(text):
         value = json.loads(text)
         start, goal = (value["from"], value["to"]) if isinstance(value, dict) else value
         return _point_of_json(start), _point_of_json(goal)
@@ -501,7 +483,7 @@ def _pair_of(text: str) -> tuple[Point, Point]:
 
 
 def _named_point_of(text: str) -> tuple[Point, str | None]:
-    if text[:1] in ("{", "["):
+    if _is_json(text):
         value = json.loads(text)
         name = value.get("name") if isinstance(value, dict) else None
         if name is not None and not (isinstance(name, str) and name.strip()):
@@ -512,10 +494,3 @@ def _named_point_of(text: str) -> tuple[Point, str | None]:
         raise ValueError
     x, y = _numbers_of(place)
     return (x, y), name.strip() or None
-
-
-def _is_header_of_pairs(text: str) -> bool:
-    words = [word.strip(' "') for word in text.split(",")]
-    return len(words) == _IN_PAIR and all(
-        word.isidentifier() and word.lower() not in ("nan", "inf", "infinity") for word in words
-    )

@@ -1,4 +1,4 @@
-"""CARMEN logs: lines of FLASER, ROBOTLASER1 or RAWLASER1, perhaps compressed with gzip.
+"""Laser scans in files: text, npz, and CARMEN logs, perhaps compressed with gzip.
 
 References
 ----------
@@ -15,7 +15,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
 from itertools import repeat, takewhile
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -23,20 +22,19 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning
-from mapdeal.files.budget import PIECES, claim
-from mapdeal.files.source import check_readable, status_of
+from mapdeal.errors import MalformedInputError, emit_warning
+from mapdeal.files.source import access_to, check_readable, status_of
 from mapdeal.files.text import LONGEST_LINE, delimiter_of, first_line, read_rows
 from mapdeal.grid.frame import FARTHEST
 from mapdeal.inputs.kinds import SCANS, recognised
 from mapdeal.maps.npz import NpzReader
-from mapdeal.sensors.points import read_poses
+from mapdeal.sensors.points import read_poses, whole_table
 
 Floats = NDArray[np.float64]
 
 DEFAULT_MAX_BAD = 10
-FARTHEST_POSE = 1e11
-"""Metres, and radians."""
+_NAMED = 3
+FARTHEST_POSE = 1e11  # metres, and radians
 
 
 class ScanArrays(NamedTuple):
@@ -79,8 +77,6 @@ class ScanSource(ABC):
 
 @dataclass
 class BadLines:
-    """Lines that are wrong, up to so many."""
-
     path: Path
     most: int
     count: int = 0
@@ -103,18 +99,8 @@ class BadLines:
     def warn(self) -> None:
         if self.count and not self.is_told:
             more = f" (and {self.count - len(self.first)} more)" if self.count > _NAMED else ""
-            text = (
-                f"{self.path}: {self.count} malformed lines ignored: {'; '.join(self.first)}{more}"
-            )
-            emit_warning(text, stacklevel=2)
-
-
-_NAMED = 3
-
-
-_PLANAR = 3
-_COPIES = 4
-"""Arrays of the size of all angles that are there at the same time, at most."""
+            text = f"{self.count} malformed lines ignored: {'; '.join(self.first)}{more}"
+            emit_warning(f"{self.path}: {text}", stacklevel=2)
 
 
 class ScanTexts(ScanSource):
@@ -132,67 +118,51 @@ class ScanTexts(ScanSource):
         return len(self._poses)
 
     def scans(self) -> Iterator[ScanArrays]:
-        """Yield all scans in their order, some at a time; see `ScanSource.scans`."""
         poses, angles, path = self.files
-        done = 0
+        done, width = 0, len(self._angles)
         with _opened(path) as (file, number, delimiter, found):
-            if found not in (0, len(self._angles)):
-                rule = f"must have {len(self._angles)} numbers, one for each angle of {angles}"
+            if found not in (0, width):
+                rule = f"must have {width} numbers, one for each angle of {angles}"
                 raise MalformedInputError(rule, source=path, place=f"line {number}", got=found)
             for rows in read_rows(
-                file,
-                range(len(self._angles)),
-                path=path,
-                first_line=number,
-                delimiter=delimiter,
-                width=len(self._angles),
+                file, range(width), path=path, first_line=number, delimiter=delimiter, width=width
             ):
-                some = self._poses[done : done + len(rows)]
-                done += len(rows)
-                if done > self.count:
+                if done + len(rows) > self.count:
                     rule = f"has more lines than {poses} has poses, {self.count}"
                     raise MalformedInputError(rule, source=path)
-                yield ScanArrays(some, self._angles, rows)
+                yield ScanArrays(self._poses[done : done + len(rows)], self._angles, rows)
+                done += len(rows)
         if done < self.count:
             rule = f"ends after {done} scans, {poses} has {self.count} poses"
             raise MalformedInputError(rule, source=path)
 
 
-def _read_angles(path: Path) -> NDArray[np.float64]:
+def _read_angles(path: Path) -> Floats:
     with _opened(path) as (file, number, delimiter, found):
-        rows, taken = [], 0
-        for part in read_rows(
-            file, range(found), path=path, first_line=number, delimiter=delimiter, width=found
-        ):
-            taken += _COPIES * part.nbytes
-            claim(path, taken + PIECES)
-            rows.append(part)
-    if not rows:
+        table = whole_table(file, path, number, delimiter, found)
+    if table is None:
         raise MalformedInputError("holds no angles", source=path)
-    table = np.concatenate(rows)
     if 1 not in table.shape:
         rule = "must be one line of angles, or one angle a line"
         raise MalformedInputError(rule, source=path, got=f"{len(table)} lines of {found}")
     angles = table.reshape(-1)
-    if not (np.abs(angles) <= FARTHEST).all():  # refuses nan too
-        index = int(np.argmin(np.abs(angles) <= FARTHEST))
-        rule = "must be finite numbers"
-        raise MalformedInputError(rule, source=path, place=f"angle {index + 1}", got=angles[index])
+    is_good = np.abs(angles) <= FARTHEST  # refuses nan too
+    if not is_good.all():
+        index = int(np.argmin(is_good))
+        place = f"angle {index + 1}"
+        raise MalformedInputError("must be finite numbers", source=path, place=place,
+                                  got=angles[index])  # fmt: skip
     return angles
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[BinaryIO, int, str | None, int]]:
     """Yield a file at its first line of numbers, with that line's number, delimiter and length."""
-    try:
-        with path.open("rb") as file:
-            number, start, line = first_line(file)
-            delimiter = delimiter_of(line)
-            file.seek(start)
-            yield file, number, delimiter, len(line.split(delimiter)) if line else 0
-    except OSError as error:
-        rule = f"cannot be read: {error.strerror or error}"
-        raise FileAccessError(rule, source=path) from None
+    with access_to(path), path.open("rb") as file:
+        number, start, line = first_line(file)
+        delimiter = delimiter_of(line)
+        file.seek(start)
+        yield file, number, delimiter, len(line.split(delimiter)) if line else 0
 
 
 _SCANS_TOGETHER = 512
@@ -201,9 +171,7 @@ _POSED = ("FLASER", "ROBOTLASER1")
 _TAGS = (*_POSED, "RAWLASER1")
 _LONGEST_TAG = max(map(len, _TAGS)) + 1
 _GZIP = b"\x1f\x8b"
-_EXPANSION = 200
-"""Largest ratio of a log's length to that of its gzip file; 4 to 10 is usual."""
-
+_EXPANSION = 200  # largest ratio of a log's length to that of its gzip file; 4 to 10 is usual
 _SHORT_LINE = 20
 """Bytes that a line counts as besides its own: a log of empty lines takes long, too."""
 
@@ -244,13 +212,8 @@ class _Layout(NamedTuple):
 
     def record(self) -> np.dtype[np.void]:
         """Return the type of a line for numpy; of words that are not used one letter is kept."""
-        return np.dtype(
-            [
-                (name, _TYPES.get(name, "S1"), (count,))
-                for name, count in self.parts.items()
-                if count
-            ]
-        )
+        parts = [(name, count) for name, count in self.parts.items() if count]
+        return np.dtype([(name, _TYPES.get(name, "S1"), (count,)) for name, count in parts])
 
 
 class _Scan(NamedTuple):
@@ -260,11 +223,8 @@ class _Scan(NamedTuple):
     time: float
 
     def repeats(self, other: _Scan) -> bool:
-        return (
-            self.time == other.time
-            and (self.pose, self.laser) == (other.pose, other.laser)
-            and np.array_equal(self.ranges, other.ranges)
-        )
+        is_same = (self.time, self.pose, self.laser) == (other.time, other.pose, other.laser)
+        return is_same and np.array_equal(self.ranges, other.ranges)
 
 
 class _BadLineError(Exception):
@@ -281,10 +241,7 @@ class CarmenLog(ScanSource):
         check_readable(path)
         self.files = (path,)
         self._path = path
-        self._bad = BadLines(path, max_bad)
-        self._late = self._without_pose = self._repeated = 0
-        self._has_times = False
-        self._odometry: tuple[float, float, float] | None = None
+        self._start_over(max_bad)
         # not of the whole line, all of which would be copied
         self._tags = Counter(
             line[:_LONGEST_TAG].split(maxsplit=1)[0].decode() for _, line in self._lines(_TAGS)
@@ -295,15 +252,18 @@ class CarmenLog(ScanSource):
         posed = [tag for tag in _POSED if tag in self._tags]
         self._tag = max(posed, key=self._tags.__getitem__) if posed else "RAWLASER1"
 
+    def _start_over(self, max_bad: int) -> None:
+        self._bad = BadLines(self._path, max_bad)
+        self._late = self._without_pose = self._repeated = 0
+        self._has_times = False  # one time for all, mostly 0, is none
+        self._odometry: tuple[float, float, float] | None = None
+
     @property
     def count(self) -> int:
         return self._tags[self._tag]
 
     def scans(self) -> Iterator[ScanArrays]:
-        """Yield all scans in their order, some at a time; see `ScanSource.scans`."""
-        self._bad = BadLines(self._path, self._bad.most)
-        self._late = self._without_pose = self._repeated = 0
-        self._has_times = False  # one time for all, mostly 0, is none
+        self._start_over(self._bad.most)
         together: list[_Scan] = []
         latest = -math.inf
         before: _Scan | None = None
@@ -348,7 +308,6 @@ class CarmenLog(ScanSource):
 
     def _parsed(self) -> Iterator[_Scan]:
         wanted = (self._tag,) if self._tag in _POSED else (self._tag, "ODOM")
-        self._odometry = None
         together: list[tuple[int, bytes]] = []
         length = 0
         for number, line in self._lines(wanted):
@@ -398,21 +357,18 @@ class CarmenLog(ScanSource):
 
     @contextmanager
     def _opened(self) -> Iterator[BinaryIO]:
-        try:
-            with self._path.open("rb") as file:
-                if file.read(2) == _GZIP:
-                    file.seek(0)
-                    with gzip.open(file) as expanded:
-                        yield expanded  # type: ignore[misc]
-                else:
-                    file.seek(0)
-                    yield file
-        except (gzip.BadGzipFile, EOFError, zlib.error) as error:
-            rule = f"the gzip data are damaged: {error}"
-            raise MalformedInputError(rule, source=self._path) from None
-        except OSError as error:
-            rule = f"cannot be read: {error.strerror or error}"
-            raise FileAccessError(rule, source=self._path) from None
+        with access_to(self._path), self._path.open("rb") as file:
+            is_compressed = file.read(2) == _GZIP
+            file.seek(0)
+            if not is_compressed:
+                yield file
+                return
+            try:
+                with gzip.open(file) as expanded:
+                    yield expanded  # type: ignore[misc]
+            except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+                rule = f"the gzip data are damaged: {error}"
+                raise MalformedInputError(rule, source=self._path) from None
 
 
 def _arrays(scans: list[_Scan]) -> ScanArrays:
@@ -423,17 +379,13 @@ def _arrays(scans: list[_Scan]) -> ScanArrays:
     )
 
 
-@cache
-def _flaser(count: int) -> _Laser:
-    return _Laser(-math.pi / 2, math.radians(_FLASER_STEPS[count]), count)
-
-
 def _layout_of(words: list[bytes]) -> _Layout:
     if words[0] == b"FLASER":
         count = _whole(words, 1)
         if count not in _FLASER_STEPS:
             raise _BadLineError(f"FLASER must have 180, 181, 360 or 361 readings, has {count}")
-        laser, longest = _flaser(count), 0.0
+        laser = _Laser(-math.pi / 2, math.radians(_FLASER_STEPS[count]), count)
+        longest = 0.0
         parts = {"head": 2, "ranges": count, "pose": 3, "robot": 3}
     else:
         count = _whole(words, 8)
@@ -448,8 +400,7 @@ def _layout_of(words: list[bytes]) -> _Layout:
     parts |= {"time": 1, "logger": 2}
     length = sum(parts.values())
     if len(words) != length:
-        text = f"{words[0].decode()} must have {length} words here, has {len(words)}"
-        raise _BadLineError(text)
+        raise _BadLineError(f"{words[0].decode()} must have {length} words here, has {len(words)}")
     return _Layout(laser, longest, parts)
 
 
@@ -488,9 +439,8 @@ def _laser(start: float, field: float, step: float, count: int) -> _Laser:
         raise _BadLineError("start angle and resolution must be angles in radians, and not 0")
     span = abs(step) * (count - 1)
     if field > 0 and count > 1 and abs(span - field) > 1.5 * abs(step):
-        raise _BadLineError(
-            f"{count} readings span {span:.4g} rad, not the field of view of {field:.4g}"
-        )
+        text = f"{count} readings span {span:.4g} rad, not the field of view of {field:.4g}"
+        raise _BadLineError(text)
     return _Laser(start, step, count)
 
 
@@ -547,7 +497,6 @@ class ScanNpz(ScanSource):
         return len(self._poses)
 
     def scans(self) -> Iterator[ScanArrays]:
-        """Yield all scans in their order, some at a time; see `ScanSource.scans`."""
         expected = (self.count, len(self._angles))
         done = 0
         with NpzReader(self._path, _MOST_ELEMENTS) as reader:

@@ -1,1 +1,1 @@
-"""Stages: functions from frozen grids to new frozen grids, one file each."""
+"""Stages: functions from frozen grids to new frozen grids."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -11,18 +11,16 @@ from numpy.typing import NDArray
 
 from mapdeal.command import AT_LEAST_0, CELLS, stage
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.display import OneLine, count_text
 from mapdeal.grid.field import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLine, count_text
 from mapdeal.kernels.components import labelled
-from mapdeal.kernels.dilation import dilate_square
+from mapdeal.kernels.distance import dilate_square
 
 Mask = NDArray[np.bool_]
 Values = NDArray[np.int8]
 
-_ANY_SIZE = 1 << 62
-"""More cells than a map can have."""
+_ANY_SIZE = 1 << 62  # more cells than a map can have
 
 
 class Patches(NamedTuple):
@@ -33,9 +31,6 @@ class Patches(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.components} ({count_text(self.cells, 'cell')})"
-
-
-_NONE = Patches(0, 0)
 
 
 @dataclass(frozen=True)
@@ -49,15 +44,7 @@ class CleanCounts:
     changed: int
 
     def steps(self) -> dict[str, Patches]:
-        steps = [one.name for one in fields(self)][:-1]
-        return {name: getattr(self, name) for name in steps}
-
-    def document(self) -> dict[str, object]:
-        """Return the counts as values that JSON can represent."""
-        return {
-            **{name: patches._asdict() for name, patches in self.steps().items()},
-            "changed": self.changed,
-        }
+        return {name: value for name, value in vars(self).items() if name != "changed"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,13 +67,13 @@ class Cleaned(OneLine):
 
     def document(self) -> dict[str, object]:
         """Return limits and counts as values that JSON can represent."""
-        return {"limits": dict(self.limits), **self.counts.document()}
+        steps = {name: patches._asdict() for name, patches in self.counts.steps().items()}
+        return {"limits": dict(self.limits), **steps, "changed": self.counts.changed}
 
     def lines(self) -> Iterator[str]:
         """Yield what ``mapdeal clean`` prints of the changes."""
         counts = self.counts
-        filled = f"{counts.free_holes} are now free, {counts.wall_holes} occupied"
-        yield f"  pinholes          {filled}"
+        yield f"  pinholes          {counts.free_holes} are now free, {counts.wall_holes} occupied"
         yield f"  islands           {counts.islands} are now unknown"
         yield f"  small components  {counts.specks} are now free"
         yield f"  changed           {count_text(counts.changed, 'cell')}"
@@ -102,6 +89,10 @@ class Cleaned(OneLine):
 # walls and windows less than a hundred, 0.25 m2.
 @stage(
     name="clean",
+    group="Changing a map",
+    example="""\
+mapdeal clean examples/maps/office_cartographer.yaml -o out/clean.yaml \\
+    --image out/clean.png""",
     product="cleaned",
     summary="Remove small components, pinholes and islands of free space.",
     details="No wall is opened: an obstacle is removed only if all cells around it are free, and a "
@@ -158,13 +149,9 @@ def clean(
     -----
     Cells beyond the edges of the map count as unknown: a component at an edge touches them. Holes
     in free space are filled first, because this joins areas separated by gaps between beams;
-    islands, holes in walls, and obstacles follow. In this order a second pass changes nothing: a
-    filled hole touches no other unknown area, a removed speck touches no other obstacle, an area
-    that has become unknown touches obstacles or unknown areas that stay, and free areas that were
-    kept only grow.
-
-    No wall is opened. Free and unknown cells share an edge only where they did before, and
-    obstacles of at least `min_obstacle` cells keep all of their cells.
+    islands, holes in walls, and obstacles follow. In this order a second pass changes nothing. No
+    wall is opened: free and unknown cells share an edge only where they did before, and obstacles
+    of at least `min_obstacle` cells keep all of their cells.
 
     Examples
     --------
@@ -177,9 +164,9 @@ def clean(
     (Patches(components=1, cells=1), Patches(components=1, cells=1))
     """
     if not isinstance(grid, OccupancyGrid) or isinstance(grid, FieldView):
+        rule = "takes a map with free, occupied and unknown cells"
         hint = "clean the map first, then compute costs or distances from it"
-        raise ParameterError("takes a map with free, occupied and unknown cells", place="clean",
-                             got=type(grid).__name__, hint=hint)  # fmt: skip
+        raise ParameterError(rule, place="clean", got=type(grid).__name__, hint=hint)
     limits = {"min_obstacle": min_obstacle, "min_hole": min_hole, "min_free": min_free}
     least_obstacle, least_hole, least_free = (min(one, _ANY_SIZE) for one in limits.values())
     before = np.asarray(grid.occupancy)
@@ -190,20 +177,19 @@ def clean(
     specks = _replace(values, OCCUPIED, least_obstacle, around=FREE, value=FREE)
     changed = int(np.count_nonzero(values != before))
     if not changed:
-        emit_warning(f"clean: nothing has changed{_why(before)}", stacklevel=3)
+        between = int(np.count_nonzero(_between(before)))
+        why = f"; {count_text(between, 'cell')} of 1..99 stay as they are" if between else ""
+        emit_warning(f"clean: nothing has changed{why}", stacklevel=3)
     counts = CleanCounts(free_holes, islands, wall_holes, specks, changed)
     return Cleaned(grid.with_values(values), counts, limits)
 
 
 def _forget_islands(values: Values, least: int) -> Patches:
-    """Make small areas of free space unknown, in place."""
-    if least <= 1:
-        return _NONE
-    areas = labelled(values == FREE, corners=False)
-    if len(areas.sizes) == 1:
-        return _NONE
+    areas = labelled(values == FREE, corners=False) if least > 1 else None
+    if areas is None or len(areas.sizes) == 1:
+        return Patches(0, 0)
     sizes = areas.sizes
-    sizes[areas.touched_by(_beside(_between(values)))] = 0
+    sizes[areas.touched_by(beside(_between(values)))] = 0
     is_small = (sizes > 0) & (sizes < least)
     is_small[sizes.argmax()] = False
     return _set(values, areas.cells_of(is_small), UNKNOWN, is_small)
@@ -212,7 +198,7 @@ def _forget_islands(values: Values, least: int) -> Patches:
 def _replace(values: Values, old: int, least: int, *, around: int, value: int) -> Patches:
     """Set small groups of old values, in place, if all cells around them equal `around`."""
     if least <= 1:
-        return _NONE
+        return Patches(0, 0)
     marked = values == old
     groups = labelled(marked, corners=True)
     is_small = groups.sizes < least
@@ -235,20 +221,14 @@ def _near(others: Mask) -> Mask:
 
 
 def _between(values: Values) -> Mask:
-    """Return the cells that are neither free nor occupied nor unknown."""
     return (values > FREE) & (values < OCCUPIED)
 
 
-def _beside(cells: Mask) -> Mask:
-    beside = np.zeros_like(cells)
-    beside[1:] |= cells[:-1]
-    beside[:-1] |= cells[1:]
-    beside[:, 1:] |= cells[:, :-1]
-    beside[:, :-1] |= cells[:, 1:]
-    return beside
-
-
-def _why(values: Values) -> str:
-    """Return what may be the reason that nothing has changed."""
-    count = int(np.count_nonzero(_between(values)))
-    return f"; {count_text(count, 'cell')} of 1..99 stay as they are" if count else ""
+def beside(cells: Mask) -> Mask:
+    """Return the cells that share an edge with one of some cells."""
+    found = np.zeros_like(cells)
+    found[1:] |= cells[:-1]
+    found[:-1] |= cells[1:]
+    found[:, 1:] |= cells[:, :-1]
+    found[:, :-1] |= cells[:, 1:]
+    return found

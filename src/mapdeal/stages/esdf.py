@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -36,41 +35,36 @@ from mapdeal.kernels.distance import Halo, halos_of, runs_of, signed_distance
 from mapdeal.kernels.lookup import bytes_of_distances, squares_of_distances
 from mapdeal.kernels.threads import for_rows
 
+Mask = NDArray[np.bool_]
+
 _LARGEST_TABLE = 1 << 22
-_CLIP_TOLERANCE = 2.0**-23
-"""Relative: distances are float32, the clip is not."""
+_CLIP_TOLERANCE = 2.0**-23  # relative: distances are float32, the clip is not
 
 
 def squares_in(
-    field: DistanceField, obstacles: NDArray[np.bool_], rows: slice = slice(None)
+    field: DistanceField, obstacles: Mask, rows: slice = slice(None)
 ) -> NDArray[np.float64]:
     """Return the squared distance to the nearest obstacle centre, in cells."""
     # Undoes convention and strength, then rounds: distances between cell centres are square roots
     # of whole numbers n of cells. A float32 is off by 2**-24 of its value at most, so its square by
-    # n * 2**-23, which is less than one half, and so exact, below n = 2**22: 2048 cells. Beyond,
-    # the result is within one part in 2**22.
+    # n * 2**-23: exact below n = 2**22, 2048 cells, and beyond within one part in 2**22.
     return squares_of_distances(field.distance[rows], obstacles[rows], **_measure(field))
 
 
-def bytes_in(
-    field: DistanceField, obstacles: NDArray[np.bool_], table: NDArray[np.uint8]
-) -> NDArray[np.uint8]:  # fmt: skip
+def bytes_in(field: DistanceField, obstacles: Mask, table: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return a table's entry for each cell's square, the last one for all beyond."""
-    # Takes what `squares_in` takes, and gives what indexing with its result would.
     return bytes_of_distances(field.distance, obstacles, table, **_measure(field))
 
 
-def bytes_of_metres(
+def _bytes_of_metres(
     field: DistanceField,
-    obstacles: NDArray[np.bool_],
+    obstacles: Mask,
     value_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    *,
-    constant_from: float,
-    shape: tuple[int, int],
+    farthest: float,
 ) -> NDArray[np.int8]:
-    """Return a function's values of each cell's distance between centres."""
+    """Return a function's values of each cell's distance, the same from the farthest on."""
     furthest = furthest_kept(field)
-    cells = min(constant_from, furthest, math.hypot(*shape) * field.resolution) / field.resolution
+    cells = min(farthest, furthest) / field.resolution
     if cells * cells < _LARGEST_TABLE:
         squares = np.arange(math.ceil(cells * cells) + 2, dtype=np.float64)
         squares[-1] = math.inf
@@ -86,20 +80,20 @@ def bytes_of_metres(
     return values
 
 
-def largest_distance_in(field: DistanceField, obstacles: NDArray[np.bool_]) -> float:
+def _largest_distance_in(field: DistanceField, obstacles: Mask) -> float:
     """Return the largest distance between centres, in metres, as far as the field has kept it."""
     squares: list[float] = []
     for_rows(lambda rows: squares.append(squares_in(field, obstacles, rows).max()), field.shape)
     return min(math.sqrt(max(squares)) * field.resolution, furthest_kept(field))
 
 
-def deepest_in(field: DistanceField, obstacles: NDArray[np.bool_]) -> float:
+def _deepest_in(field: DistanceField, obstacles: Mask) -> float:
     """Return the metres from the centre of the deepest obstacle cell to the nearest free one's."""
     depth = -float(field.distance.min(where=obstacles, initial=math.inf))
-    shift = {"fast-planner": field.resolution, "center": 0.0, "border": 0.5 * field.resolution}
+    _, shift = _shifts(field.convention, field.resolution)
     if field.max_distance is not None and depth >= field.max_distance * (1 - _CLIP_TOLERANCE):
-        return shift[field.convention] + field.max_distance
-    cells = max(shift[field.convention] + depth, 0.0) / field.resolution
+        return shift + field.max_distance
+    cells = max(shift + depth, 0.0) / field.resolution
     return math.sqrt(round(cells * cells)) * field.resolution if math.isfinite(cells) else cells
 
 
@@ -107,19 +101,23 @@ def furthest_kept(field: DistanceField) -> float:
     """Return the metres between centres beyond which the field was clipped."""
     if field.max_distance is None:
         return math.inf
-    return field.max_distance + (0.5 * field.resolution if field.convention == "border" else 0.0)
+    return field.max_distance - _shifts(field.convention, field.resolution)[0]
 
 
 def _measure(field: DistanceField) -> dict[str, Any]:
-    clip = math.inf
-    if field.max_distance is not None:
-        clip = field.max_distance * (1 - _CLIP_TOLERANCE)
+    limit = math.inf if field.max_distance is None else field.max_distance
+    shift = 0.0 - _shifts(field.convention, field.resolution)[0]
+    clip = limit * (1 - _CLIP_TOLERANCE)
+    return {"scale": field.resolution, "shift": shift, "gain": field.strength, "clip": clip}
+
+
+def _shifts(convention: Convention, resolution: float) -> tuple[float, float]:
+    """Return what a convention adds to distances outside of obstacles, and inside."""
     return {
-        "scale": field.resolution,
-        "shift": 0.5 * field.resolution if field.convention == "border" else 0.0,
-        "gain": field.strength,
-        "clip": clip,
-    }
+        "fast-planner": (0.0, resolution),
+        "center": (0.0, 0.0),
+        "border": (-0.5 * resolution, 0.5 * resolution),
+    }[convention]
 
 
 CostOfView = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
@@ -160,67 +158,49 @@ def field_view(
     >>> field_view(esdf(grid)).occupancy.tolist()
     [[100, 75, 50, -1]]
     """
-    obstacles = field.obstacles()
-    viewer = Viewer.of(field, obstacles, view=view, view_range=view_range)
-    values = viewer.values_of(field, obstacles)
-    return FieldView(values, field.resolution, field.origin, viewer.scale)
+    viewer = Viewer(field, view, view_range)
+    return FieldView(viewer.values(), field.resolution, field.origin, viewer.scale)
 
 
-@dataclass(frozen=True)
 class Viewer:
     """Converter of a field to its view, once everything that concerns the whole field is known."""
 
-    scale: ViewScale
-    shape: tuple[int, int]
-    has_obstacles: bool
-    has_others: bool
-
-    @classmethod
-    def of(
-        cls, field: DistanceField, obstacles: NDArray[np.bool_], *, view: View, view_range: float
-    ) -> Viewer:
-        """Create the viewer of a field."""
-        has_obstacles = not holds_everywhere(obstacles, np.logical_not)
-        has_others = not holds_everywhere(obstacles, lambda values: values)
+    def __init__(self, field: DistanceField, view: View, view_range: float) -> None:
+        self._field, self._obstacles = field, field.obstacles()
+        self._is_free = holds_everywhere(self._obstacles, np.logical_not)
+        self._is_occupied = holds_everywhere(self._obstacles, lambda values: values)
         farthest = deepest = 0.0
-        if view == "per-map" and has_obstacles and has_others:
-            for block in swept(obstacles):
-                part, mask = field.part(block), obstacles[block]
-                farthest = max(farthest, field.strength * largest_distance_in(part, mask))
-                deepest = max(deepest, deepest_in(part, mask))
+        if view == "per-map" and not self._is_free and not self._is_occupied:
+            for block in swept(self._obstacles):
+                part, mask = field.part(block), self._obstacles[block]
+                farthest = max(farthest, field.strength * _largest_distance_in(part, mask))
+                deepest = max(deepest, _deepest_in(part, mask))
         # sqrt(9) cells of 0.05 m are 0.15000000000000002 m in floats, and 0.15 m in the file
         farthest, deepest = (float(f"{metres:.15g}") for metres in (farthest, deepest))
-        scale = ViewScale(view, view_range, farthest, deepest)
-        return cls(scale, field.shape, has_obstacles, has_others)
+        self.scale = ViewScale(view, view_range, farthest, deepest)
 
-    def values_of(
-        self, field: DistanceField, obstacles: NDArray[np.bool_], cost_of: CostOfView | None = None
-    ) -> NDArray[np.int8]:
-        def values(rows: slice) -> NDArray[np.int8]:
-            return self._values_of_rows(field.part(rows), obstacles[rows], cost_of)
+    def values(self, cost_of: CostOfView | None = None) -> NDArray[np.int8]:
+        def values_of(rows: slice) -> NDArray[np.int8]:
+            return self._values_of_rows(self._field.part(rows), self._obstacles[rows], cost_of)
 
-        return made_by_rows(field.distance, np.int8, values, is_kept=cost_of is not None)
+        return made_by_rows(self._field.distance, np.int8, values_of, is_kept=cost_of is not None)
 
     def _values_of_rows(
-        self, field: DistanceField, obstacles: NDArray[np.bool_], cost_of: CostOfView | None
+        self, field: DistanceField, obstacles: Mask, cost_of: CostOfView | None
     ) -> NDArray[np.int8]:
         def value_of(metres: NDArray[np.float64]) -> NDArray[np.float64]:
             metres = field.strength * metres
             view = np.minimum(self.scale.values_of(metres, field.resolution), OCCUPIED - 1)
             return view if cost_of is None else cost_of(view, metres)
 
-        if not self.has_obstacles:
+        if self._is_free:
             values = np.zeros(field.shape, dtype=np.int8)
-        elif not self.has_others:
+        elif self._is_occupied:
             values = np.full(field.shape, OCCUPIED, dtype=np.int8)
         else:
-            values = bytes_of_metres(
-                field,
-                obstacles,
-                value_of,
-                constant_from=self.scale.end / field.strength,
-                shape=self.shape,
-            )
+            constant_from = self.scale.end / field.strength
+            farthest = min(constant_from, math.hypot(*self._field.shape) * field.resolution)
+            values = _bytes_of_metres(field, obstacles, value_of, farthest)
 
         def set_rows(rows: slice) -> None:
             np.copyto(values[rows], UNKNOWN, where=field.occupancy[rows] == UNKNOWN)
@@ -231,7 +211,6 @@ class Viewer:
 
 
 def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
-    """Return those of the field of what the lowest static layer that counts makes lethal."""
     # without one, nothing is; a threshold of 0, with which all is, has no field either
     for one in layers.that_count:
         if isinstance(one, StaticLayer) and one.lethal_cost_threshold > 0:
@@ -245,6 +224,10 @@ def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
 
 @stage(
     name="esdf",
+    group="Maps, distance fields, costmaps",
+    example="""\
+mapdeal esdf examples/maps/office.yaml -o out/esdf.npz --image out/esdf.png
+mapdeal esdf examples/maps/office.yaml -o out/view.yaml --view-range 1.0""",
     summary="Compute the exact signed distance field of a map.",
     title=lambda _: "signed distance field",
     memory=6.0,
@@ -307,11 +290,7 @@ def esdf(
         halos = [*halos_of([runs_of(obstacles[block]) for block in swept(obstacles)])]
     by_start = {block.start: halo for block, halo in zip(blocks, halos, strict=True)}
 
-    outside_shift, inside_shift = {
-        "fast-planner": (0.0, grid.resolution),
-        "center": (0.0, 0.0),
-        "border": (-0.5 * grid.resolution, 0.5 * grid.resolution),
-    }[convention]
+    outside_shift, inside_shift = _shifts(convention, grid.resolution)
 
     def distances(rows: slice) -> NDArray[np.float32]:
         return signed_distance(
@@ -334,12 +313,4 @@ def esdf(
         max_distance=max_distance,
         lethal_threshold=lethal_threshold,
         unknown=unknown,
-    )
-
-
-def reach_is_kept(field: DistanceField, reach: float) -> bool:
-    """Return whether the field distinguishes all distances up to `reach` metres."""
-    # A clipped field cannot distinguish cells exactly at the limit from those beyond it.
-    return field.max_distance is None or (
-        furthest_kept(field) > reach * (1 + 1e-6) and math.isfinite(reach)
     )

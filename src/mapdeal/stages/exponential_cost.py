@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import fields
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -19,11 +22,20 @@ from mapdeal.command import (
     Parameters,
     RobotShape,
 )
-from mapdeal.grid.costmap import CostCurve, CostLookup, Costmap, CostmapLayers, InflationLayer
+from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.grid.costmap import (
+    CostCurve,
+    CostLookup,
+    Costmap,
+    CostmapLayers,
+    InflationLayer,
+    squares_up_to,
+)
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.framed import Framed
+from mapdeal.grid.frame import RADIUS_TOLERANCE, Framed, as_float32, cells_to_cover
 from mapdeal.grid.values import (
     FREE_SPACE,
+    INSCRIBED_INFLATED_OBSTACLE,
     LETHAL_OBSTACLE,
     NO_INFORMATION,
     OCCUPIED,
@@ -31,25 +43,19 @@ from mapdeal.grid.values import (
     static_layer_cost_from_occupancy,
 )
 from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
-from mapdeal.kernels.lookup import look_up, set_where
+from mapdeal.kernels.distance import bytes_by_distance
+from mapdeal.kernels.lookup import look_up, raise_bytes, set_where
 from mapdeal.stages.cost import ObstacleSource, check_lethal_threshold, cost_model, warn_of_strength
-from mapdeal.stages.cost_profile import (
-    CostProfile,
-    advice_on,
-    inflation_curve,
-    resolution_is_float32,
-    warn_of_radii,
-)
+from mapdeal.stages.esdf import bytes_in, furthest_kept
 
+_HIGHEST_GRADED = INSCRIBED_INFLATED_OBSTACLE - 1
+_RAISED_TOGETHER = 1 << 22  # cells: no more memory than for some of them
 _RADII = ("inscribed_radius", "circumscribed_radius")
 
 
-def _title(parameters: Parameters) -> str:
-    return (
-        f"cost, inscribed {parameters['inscribed_radius']:.4g} m, "
-        f"inflation {parameters['inflation_radius']:.4g} m, "
-        f"factor {parameters['cost_scaling_factor']:.4g}"
-    )
+def layer_of(parameters: Parameters) -> InflationLayer:
+    names = (one.name for one in fields(InflationLayer))
+    return InflationLayer(**{name: parameters[name] for name in names if name in parameters})
 
 
 def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
@@ -74,43 +80,33 @@ def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
     }
     if inflation is None or inflation.inflation_radius <= 0:
         return {**values, "inscribed_radius": 0.0, "inflation_radius": 0.0}
-    return {
-        **values,
-        "inscribed_radius": inflation.inscribed_radius,
-        "inflation_radius": inflation.inflation_radius,
-        "cost_scaling_factor": inflation.cost_scaling_factor,
-        "inflate_unknown": inflation.inflate_unknown,
-        "inflate_around_unknown": inflation.inflate_around_unknown,
-        "lookup": inflation.lookup,
-        "circumscribed_radius": layers.circumscribed_radius,
-    }
+    values |= vars(inflation)
+    del values["name"]
+    return {**values, "circumscribed_radius": layers.circumscribed_radius}
 
 
 def _settled(parameters: Parameters) -> dict[str, Any]:
     lookup, asked = parameters["lookup"], parameters["float32_resolution"]
-    return {"float32_resolution": resolution_is_float32(lookup, asked)}
+    return {"float32_resolution": _resolution_is_float32(lookup, asked)}
 
 
 def _curve(source: Framed, parameters: Parameters) -> CostCurve:
-    names = ("inscribed_radius", "inflation_radius", "cost_scaling_factor", "lookup")
     return inflation_curve(
-        [InflationLayer(**{name: parameters[name] for name in names})],
+        [layer_of(parameters)],
         source.resolution,
         circumscribed_radius=parameters["circumscribed_radius"],
         **_settled(parameters),
     )
 
 
-def _advice(parameters: Parameters, cost: int) -> str:
-    names = ("inscribed_radius", "inflation_radius", "cost_scaling_factor")
-    return advice_on(cost, *(parameters[name] for name in names))
-
-
 @cost_model(
     "exponential",
-    title=_title,
+    title=(
+        "cost, inscribed {inscribed_radius:.4g} m, inflation {inflation_radius:.4g} m, "
+        "factor {cost_scaling_factor:.4g}"
+    ).format_map,
     memory=3.0,
-    advice=_advice,
+    advice=lambda parameters, cost: advice_on(cost, layer_of(parameters)),
     when_closed="lower inscribed_radius, or the radius of inflate",
     curve=_curve,
     robot=RobotShape(
@@ -196,11 +192,9 @@ def exponential_cost(
     -----
     The range is closed and counted in cells, d <= ceil(inflation_radius / resolution), so costs
     extend up to almost one cell beyond the radius. The brushfire of costmap_2d, up to Nav2 Kilted,
-    overestimates the distance of a few cells; the costs here use the exact distance and are never
-    lower. With lookup ``nav2`` they equal those of newer releases byte for byte.
-
-    Unknown cells that a field counts as obstacles are lethal, regardless of
-    `track_unknown_space`.
+    overestimates the distance of a few cells; the exact costs here are never lower. With lookup
+    ``nav2`` they equal those of newer releases byte for byte. Unknown cells that a field counts as
+    obstacles are lethal, regardless of `track_unknown_space`.
 
     References
     ----------
@@ -215,79 +209,55 @@ def exponential_cost(
     [[254, 253, 253, 152, 92, 0]]
     """
     warn_of_strength(source, "exponential")
-    warn_of_radii(inscribed_radius, inflation_radius)
-    profile = CostProfile.of(
-        source,
+    layer = InflationLayer(
         inscribed_radius=inscribed_radius,
         inflation_radius=inflation_radius,
         cost_scaling_factor=cost_scaling_factor,
         inflate_unknown=inflate_unknown,
         inflate_around_unknown=inflate_around_unknown,
         lookup=lookup,
-        float32_resolution=float32_resolution,
     )
-    base = BaseCosts.of(
-        source,
-        lethal_threshold=lethal_threshold,
-        trinary_costmap=trinary_costmap,
+    warn_of_radii(layer)
+    profile = CostProfile(source, layer, float32_resolution=float32_resolution)
+    base = BaseCosts(
+        source, lethal_threshold=lethal_threshold, trinary_costmap=trinary_costmap,
         track_unknown_space=track_unknown_space,
         inscribed_obstacle_cost_value=inscribed_obstacle_cost_value,
-    )
+    )  # fmt: skip
+    field = None
+    if isinstance(source, DistanceField) and profile.reach > 0:
+        of_obstacles = base.spread_from_obstacles(source, around_unknown=inflate_around_unknown)
+        field = source if of_obstacles and profile.is_in(source) else None
 
-    def around_seeds(rows: slice) -> NDArray[np.uint8]:
+    def costs(rows: slice) -> NDArray[np.uint8]:
         cost = base.costs(rows)
-        profile.raise_around_seeds(cost)
+        if field is None:
+            profile.raise_around_seeds(cost)
+        else:
+            profile.raise_from_field(cost, field.part(rows))
         return cost
 
-    if (
-        isinstance(source, DistanceField)
-        and profile.reach > 0
-        and base.spread_from_obstacles(source, around_unknown=inflate_around_unknown)
-        and profile.is_in(source)
-    ):
-        field = source
-
-        def from_field(rows: slice) -> NDArray[np.uint8]:
-            cost = base.costs(rows)
-            profile.raise_from_field(cost, field.part(rows))
-            return cost
-
-        cost = made_by_rows(source.occupancy, np.uint8, from_field, is_kept=True)
+    if field is None:
+        cost = made_by_windows(source.occupancy, np.uint8, costs, halo=profile.cells)
     else:
-        cost = made_by_windows(source.occupancy, np.uint8, around_seeds, halo=profile.cells)
+        cost = made_by_rows(source.occupancy, np.uint8, costs, is_kept=True)
     at_circumscribed = profile.cost_at(circumscribed_radius)
     return Costmap(cost, source.resolution, source.origin, circumscribed_cost=at_circumscribed)
 
 
-@dataclass(frozen=True, eq=False)
 class BaseCosts:
-    """Costs before inflation."""
+    """Costs before inflation, of parameters of `exponential_cost`; unrelated ones are ignored."""
 
-    source: ObstacleSource
-    table: NDArray[np.uint8]
-
-    @classmethod
-    def of(
-        cls,
-        source: ObstacleSource,
-        *,
-        lethal_threshold: int | None,
-        trinary_costmap: bool,
-        track_unknown_space: bool,
-        inscribed_obstacle_cost_value: int | None,
-        **_: object,
-    ) -> BaseCosts:
-        """Create them from parameters of `exponential_cost`; unrelated ones are ignored."""
-        table = static_layer_cost_from_occupancy(
-            lethal_threshold=check_lethal_threshold(source, lethal_threshold),
-            trinary=trinary_costmap,
-            track_unknown=track_unknown_space,
-            inscribed_value=inscribed_obstacle_cost_value,
+    def __init__(self, source: ObstacleSource, **given: Any) -> None:
+        self.source = source
+        self.table = static_layer_cost_from_occupancy(
+            lethal_threshold=check_lethal_threshold(source, given["lethal_threshold"]),
+            trinary=given["trinary_costmap"],
+            track_unknown=given["track_unknown_space"],
+            inscribed_value=given["inscribed_obstacle_cost_value"],
         )
-        return cls(source, table)
 
     def costs(self, rows: slice) -> NDArray[np.uint8]:
-        """Return the costs of some rows."""
         occupancy = self.source.occupancy[rows]
         cost: NDArray[np.uint8] = look_up(occupancy, self.table)
         if isinstance(self.source, DistanceField) and self.source.unknown == "occupied":
@@ -302,3 +272,209 @@ class BaseCosts:
         if field.unknown == "free":
             others[UNKNOWN] = around_unknown and self.table[UNKNOWN] == NO_INFORMATION
         return not others.any() or not counts_of(field.occupancy)[others.view(np.bool_)].any()
+
+
+class CostProfile:
+    """The costs of an inflation layer by distance, and how far they reach on a grid."""
+
+    def __init__(
+        self, source: ObstacleSource, layer: InflationLayer, *, float32_resolution: bool | None
+    ) -> None:
+        is_exact = not _resolution_is_float32(layer.lookup, float32_resolution)
+        side = source.resolution if is_exact else as_float32(source.resolution)
+        diagonal = math.ceil(math.hypot(*source.shape))
+        self.layer = layer
+        self.reach = min(_reach_of(layer, side, is_exact=is_exact), diagonal)
+        self.metres = self.reach * source.resolution
+        within = self.reach
+        if layer.cost_scaling_factor > 0:  # from some cells on, costs are truncated to 0
+            decay = math.log(_HIGHEST_GRADED) / layer.cost_scaling_factor
+            cells = min((layer.inscribed_radius + decay) / side, self.reach)
+            within = min(self.reach, math.ceil(cells) + 1)
+        self.table = cost_table(within, layer, side, is_exact=is_exact)
+
+    @property
+    def cells(self) -> int:
+        """Cells beyond which all costs are 0."""
+        return math.isqrt(len(self.table) - 2)
+
+    def cost_at(self, circumscribed_radius: float | None) -> int | None:
+        inflation_radius = self.layer.inflation_radius
+        if circumscribed_radius is not None and circumscribed_radius > inflation_radius:
+            text = (
+                f"cost: inflation_radius {inflation_radius:g} m is smaller than the robot's "
+                f"circumscribed radius {circumscribed_radius:g} m: cost 0 does not mean that "
+                "every heading is free"
+            )
+            emit_warning(text, stacklevel=3)
+        return _circumscribed_cost(circumscribed_radius, self.layer)
+
+    def is_in(self, field: DistanceField) -> bool:
+        """Return whether a field distinguishes all distances that the costs reach."""
+        # A clipped field cannot distinguish cells exactly at the limit from those beyond it.
+        if field.max_distance is None or furthest_kept(field) > self.metres * (1 + 1e-6):
+            return True
+        if field.max_distance < self.metres * (1 - 1e-6):
+            rule = f"the field is clipped below the range of the costs, {self.metres:g} m"
+            hint = "make the field with a larger max_distance, or none"
+            raise ParameterError(rule, place="max_distance", got=field.max_distance, hint=hint)
+        return False
+
+    def raise_from_field(self, cost: NDArray[np.uint8], field: DistanceField) -> None:
+        height, width = cost.shape
+        step = max(1, _RAISED_TOGETHER // max(1, width))
+        for first in range(0, height, step):
+            rows = slice(first, min(first + step, height))
+            part = field.part(rows)
+            self.raise_costs(cost[rows], bytes_in(part, part.obstacles(), self.table))
+
+    def raise_around_seeds(self, cost: NDArray[np.uint8]) -> None:
+        """Raise costs, in place, by the distances to the cells that costs spread from."""
+        if self.reach > 0:
+            self.raise_costs(cost, bytes_by_distance(self.seeds_in(cost), self.table))
+
+    def seeds_in(self, cost: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        around_unknown = self.layer.inflate_around_unknown
+        return cost >= LETHAL_OBSTACLE if around_unknown else cost == LETHAL_OBSTACLE
+
+    def raise_costs(self, cost: NDArray[np.uint8], spread: NDArray[np.uint8]) -> None:
+        """Raise `cost`, in place, to what the distance to the nearest seed asks for."""
+        least = 1 if self.layer.inflate_unknown else INSCRIBED_INFLATED_OBSTACLE
+        raise_bytes(cost, spread, least=least, unknown=NO_INFORMATION)
+
+
+def _resolution_is_float32(lookup: CostLookup, asked: bool | None) -> bool:
+    """Return whether costs are computed with the float32 resolution of a map message."""
+    if lookup == "nav2" and asked is False:
+        rule = "cannot be no with lookup nav2, which takes the resolution of a map message"
+        raise ParameterError(rule, place="float32_resolution")
+    return lookup == "nav2" or bool(asked)
+
+
+def warn_of_radii(layer: InflationLayer) -> None:
+    if layer.inscribed_radius > layer.inflation_radius:
+        text = (
+            f"cost: inscribed_radius {layer.inscribed_radius:g} m is larger than inflation_radius "
+            f"{layer.inflation_radius:g} m, which cuts it off"
+        )
+        emit_warning(text, stacklevel=3)
+
+
+def advice_on(cost: int, layer: InflationLayer) -> str:
+    factor, radius = layer.cost_scaling_factor, layer.inflation_radius
+    if cost > 0:
+        return f"raise cost_scaling_factor ({factor:g})"
+    if factor > 0 and layer.inscribed_radius + math.log(_HIGHEST_GRADED) / factor < radius:
+        return f"lower cost_scaling_factor ({factor:g})"
+    return f"raise inflation_radius ({radius:g} m)"
+
+
+def cost_table(
+    reach: int, layer: InflationLayer, resolution: float, *, is_exact: bool = True
+) -> NDArray[np.uint8]:
+    """Return the costs of the squared distances 0 .. reach^2, and one 0 beyond."""
+    table = _costs_of_squares(np.arange(reach * reach + 2), layer, resolution, is_exact=is_exact)
+    table[-1] = FREE_SPACE
+    return table
+
+
+def _costs_of_squares(
+    squares: NDArray[np.int64] | NDArray[np.float64],
+    layer: InflationLayer,
+    resolution: float,
+    *,
+    is_exact: bool,
+) -> NDArray[np.uint8]:
+    """Return the cost of squared distances in cells, however far costs reach."""
+    if layer.lookup == "nav2":
+        # in float32 and rounded as Nav2's inflation layer does
+        cells = np.sqrt(squares.astype(np.float32))
+        hundredths = (cells * np.float32(100) + np.float32(0.5)).astype(np.int64)
+        starts = np.flatnonzero(np.diff(hundredths, prepend=-1))
+        of_hundredths = [
+            _cost_of(index / 100.0 * resolution, layer) for index in hundredths[starts].tolist()
+        ]
+        lengths = np.diff(starts, append=len(squares))
+        costs = np.repeat(np.array(of_hundredths, dtype=np.uint8), lengths)
+    else:
+        metres = np.sqrt(squares.astype(np.float64)) * resolution
+        beyond = np.maximum(metres - layer.inscribed_radius, 0.0)
+        decay = np.exp(-layer.cost_scaling_factor * beyond)
+        costs = (_HIGHEST_GRADED * decay).astype(np.uint8)
+        is_within = metres <= layer.inscribed_radius + RADIUS_TOLERANCE * is_exact
+        costs[is_within] = INSCRIBED_INFLATED_OBSTACLE
+    costs[squares == 0] = LETHAL_OBSTACLE
+    return costs
+
+
+def _cost_of(metres: float, layer: InflationLayer) -> int:
+    if metres <= layer.inscribed_radius:
+        return INSCRIBED_INFLATED_OBSTACLE
+    decay = math.exp(-layer.cost_scaling_factor * (metres - layer.inscribed_radius))
+    return int(_HIGHEST_GRADED * decay)
+
+
+def _circumscribed_cost(radius: float | None, layer: InflationLayer) -> int | None:
+    if radius is None:
+        return None
+    return FREE_SPACE if radius > layer.inflation_radius else _cost_of(radius, layer)
+
+
+_MOST_CELLS = 2.0**52  # of a reach: whole numbers of cells up to here are floats
+
+
+def _reach_of(layer: InflationLayer, resolution: float, *, is_exact: bool) -> int:
+    radius = min(layer.inflation_radius, _MOST_CELLS * resolution)
+    # ROS has no tolerance for radii that are multiples of the resolution on paper.
+    return cells_to_cover(radius, resolution) if is_exact else math.ceil(radius / resolution)
+
+
+def inflation_curve(
+    layers: Sequence[InflationLayer],
+    resolution: float,
+    *,
+    circumscribed_radius: float | None = None,
+    float32_resolution: bool = True,
+) -> CostCurve:
+    side = as_float32(resolution) if float32_resolution else resolution
+    is_exact = not float32_resolution
+    reaches = [_reach_of(layer, side, is_exact=is_exact) for layer in layers]
+    squares = squares_up_to(max(reaches, default=0))
+    cost = np.where(squares == 0, LETHAL_OBSTACLE, FREE_SPACE).astype(np.uint8)
+    for layer, reach in zip(layers, reaches, strict=True):
+        with np.errstate(over="ignore"):  # of exponents, which end at 0 all the same
+            spread = _costs_of_squares(squares, layer, side, is_exact=is_exact)
+        np.maximum(cost, spread, out=cost, where=squares <= float(reach) ** 2)
+    if not layers:
+        return CostCurve(resolution, np.sqrt(squares), cost)
+    farthest, last = layers[int(np.argmax(reaches))], layers[-1]
+    return CostCurve(
+        resolution,
+        np.sqrt(squares),
+        cost,
+        inscribed_radius=last.inscribed_radius,
+        circumscribed_radius=circumscribed_radius,
+        circumscribed_cost=_circumscribed_cost(circumscribed_radius, last),
+        inflation_radius=farthest.inflation_radius,
+        marks=tuple(
+            (f"inflation radius of {layer.name}", layer.inflation_radius)
+            for layer in layers
+            if layer is not farthest
+        ),
+        note="distances rounded to 1/100 cell" if last.lookup == "nav2" else "",
+        formula=partial(_decay, layers=layers, reaches=[reach * side for reach in reaches]),
+    )
+
+
+def _decay(
+    metres: NDArray[np.float64], *, layers: Sequence[InflationLayer], reaches: Sequence[float]
+) -> NDArray[np.float64]:
+    """Return the highest of the layers' costs, each as far as it reaches, not truncated."""
+    highest = np.zeros_like(metres)
+    for layer, reach in zip(layers, reaches, strict=True):
+        beyond = np.maximum(metres - layer.inscribed_radius, 0.0)
+        with np.errstate(over="ignore"):
+            decay = _HIGHEST_GRADED * np.exp(-layer.cost_scaling_factor * beyond)
+        decay[beyond == 0] = INSCRIBED_INFLATED_OBSTACLE
+        np.maximum(highest, decay, out=highest, where=metres <= reach * (1 + 1e-6))
+    return highest

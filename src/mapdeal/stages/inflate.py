@@ -15,11 +15,16 @@ from mapdeal.grid.frame import RADIUS_TOLERANCE, cells_to_cover, largest_square_
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import holds_everywhere, made_by_windows
-from mapdeal.kernels.dilation import inflated
+from mapdeal.kernels.distance import inflated
 
 
 @stage(
     name="inflate",
+    group="Maps, distance fields, costmaps",
+    example="""\
+mapdeal inflate examples/maps/office.yaml -o out/inflated.yaml --radius 0.25
+mapdeal inflate examples/maps/office.yaml -o out/shape.yaml \\
+    --footprint '[[0.3,0.2],[0.3,-0.2],[-0.3,-0.2],[-0.3,0.2]]'""",
     product="inflated",
     summary="Grow obstacles by a radius or by a robot's shape.",
     title=lambda parameters: f"inflated by {parameters['radius']:.4g} m ({parameters['kernel']})",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from mapdeal.grid.costmap import (
     StaticLayer,
 )
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.framed import Framed
+from mapdeal.grid.frame import Framed
 from mapdeal.grid.values import (
     FREE_SPACE,
     INSCRIBED_INFLATED_OBSTACLE,
@@ -29,10 +29,18 @@ from mapdeal.grid.values import (
     static_layer_cost_from_occupancy,
 )
 from mapdeal.kernels.blocks import made_by_windows
+from mapdeal.kernels.distance import unreachable
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.kernels.threads import for_rows
 from mapdeal.stages.cost import ObstacleSource, cost_model, refuse_view, warn_of_strength
-from mapdeal.stages.cost_profile import CostProfile, advice_on, inflation_curve, warn_of_radii
+from mapdeal.stages.exponential_cost import (
+    BaseCosts,
+    CostProfile,
+    advice_on,
+    inflation_curve,
+    layer_of,
+    warn_of_radii,
+)
 from mapdeal.stages.structured import LayerList
 
 _OF_COSTMAP_2D = (StaticLayer(), InflationLayer())
@@ -43,18 +51,9 @@ Spread = Callable[[CostProfile, Master], None]
 """Raises costs, in place, around the cells that they spread from."""
 
 
-def _title(parameters: Parameters) -> str:
-    return f"cost, {', '.join(layer.name for layer in parameters['layers']) or 'no layers'}"
-
-
 def _advice(parameters: Parameters, cost: int) -> str:
-    layers = reversed(parameters["layers"])
-    inflation = next((one for one in layers if isinstance(one, InflationLayer)), None)
-    if inflation is None:
-        return "no inflation layer spreads costs"
-    return advice_on(
-        cost, inflation.inscribed_radius, inflation.inflation_radius, inflation.cost_scaling_factor
-    )
+    inflation = [one for one in parameters["layers"] if isinstance(one, InflationLayer)]
+    return advice_on(cost, inflation[-1]) if inflation else "no inflation layer spreads costs"
 
 
 def _of_layers(layers: CostmapLayers) -> dict[str, object]:
@@ -71,24 +70,21 @@ def _curve(source: Framed, parameters: Parameters) -> CostCurve | None:
     static = [number for number, layer in enumerate(layers) if isinstance(layer, StaticLayer)]
     if not static:  # there is no obstacle to be at a distance from
         return None
-    above = layers[static[0] :]
     return inflation_curve(
-        [layer for layer in above if isinstance(layer, InflationLayer)],
+        [layer for layer in layers[static[0] :] if isinstance(layer, InflationLayer)],
         source.resolution,
         circumscribed_radius=parameters["circumscribed_radius"],
     )
 
 
 def _radius_in(parameters: Parameters) -> tuple[str, float]:
-    radii = (
-        one.inscribed_radius for one in parameters["layers"] if isinstance(one, InflationLayer)
-    )
-    return "inscribed_radius", max(radii, default=0.0)
+    layers = (one for one in parameters["layers"] if isinstance(one, InflationLayer))
+    return "inscribed_radius", max((one.inscribed_radius for one in layers), default=0.0)
 
 
 @cost_model(
     "layers",
-    title=_title,
+    title=lambda given: f"cost, {', '.join(one.name for one in given['layers']) or 'no layers'}",
     memory=3.0,
     advice=_advice,
     when_closed="lower inscribed_radius, or the radius of inflate",
@@ -161,10 +157,10 @@ def layered_cost(
     warn_of_strength(source, "layers")
     for layer in layers:
         if isinstance(layer, InflationLayer):
-            warn_of_radii(layer.inscribed_radius, layer.inflation_radius)
-    grid = MasterGrid.of(source, layers, default_cost)
+            warn_of_radii(layer)
+    grid = _MasterGrid(source, layers, default_cost)
     cost = made_by_windows(source.occupancy, np.uint8, grid.costs, halo=grid.halo)
-    profiles = [one.profile for one in grid.laid if isinstance(one, LaidInflation)]
+    profiles = [one for one in grid.laid if isinstance(one, CostProfile)]
     return Costmap(
         cost,
         source.resolution,
@@ -173,102 +169,154 @@ def layered_cost(
     )
 
 
-raise_around_seeds: Spread = CostProfile.raise_around_seeds
-"""By the exact distances to these cells."""
-
-
-@dataclass(frozen=True, eq=False)
-class LaidStatic:
-    """A static layer: the cost of each value, and what it does to the costs below."""
-
-    table: NDArray[np.uint8]
-    use_maximum: bool
-
-    @classmethod
-    def of(cls, layer: StaticLayer) -> LaidStatic:
-        """Create it from the settings of a layer."""
-        inscribed, unknown = layer.inscribed_obstacle_cost_value, layer.unknown_cost_value
-        table = static_layer_cost_from_occupancy(
-            lethal_threshold=layer.lethal_cost_threshold,
-            trinary=layer.trinary_costmap,
-            track_unknown=layer.track_unknown_space,
-            inscribed_value=inscribed if inscribed is not None and inscribed <= OCCUPIED else None,
-            unknown_value=unknown,
-        )
-        if inscribed == NO_INFORMATION != unknown:  # -1 is that byte
-            table[inscribed] = INSCRIBED_INFLATED_OBSTACLE
-        return cls(table, layer.use_maximum)
-
-    def over(self, master: Master, values: NDArray[np.int8]) -> Master:
-        """Return the master grid with the layer applied; it may be changed in place."""
-        costs: Master = look_up(values, self.table)
-        if not self.use_maximum:
-            return costs
-
-        def raise_rows(rows: slice) -> None:
-            # of bytes one higher 255 is 0, the lowest: it changes nothing, and all replace it
-            master[rows] += np.uint8(1)
-            np.maximum(master[rows], costs[rows] + np.uint8(1), out=master[rows])
-            master[rows] -= np.uint8(1)
-
-        for_rows(raise_rows, master.shape)
-        return master
-
-
-@dataclass(frozen=True, eq=False)
-class LaidInflation:
-    """An inflation layer on a grid, and how its costs spread."""
-
-    profile: CostProfile
-    spread: Spread
-
-    def over(self, master: Master, _: NDArray[np.int8]) -> Master:
-        self.spread(self.profile, master)
-        return master
-
-
-@dataclass(frozen=True, eq=False)
-class MasterGrid:
+class _MasterGrid:
     """The layers over a map that have an effect."""
 
-    source: ObstacleSource
-    laid: tuple[LaidStatic | LaidInflation, ...]
-    default_cost: int
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         source: ObstacleSource,
         layers: Sequence[CostmapLayer],
         default_cost: int,
-        spread_of: Callable[[InflationLayer], Spread] = lambda _: raise_around_seeds,
-    ) -> MasterGrid:
-        """Create the layers over a map; `spread_of` defines how the costs of each spread."""
-        laid: list[LaidStatic | LaidInflation] = []
-        for layer in CostmapLayers(tuple(layers)).that_count:
-            if isinstance(layer, StaticLayer):
-                laid.append(LaidStatic.of(layer))
-                continue
-            profile = CostProfile.of(source, **vars(layer), float32_resolution=True)
-            laid.append(LaidInflation(profile, spread_of(layer)))
-        return cls(source, tuple(laid), default_cost)
+        spread: Spread = CostProfile.raise_around_seeds,
+    ) -> None:
+        self._source, self._default_cost, self._spread = source, default_cost, spread
+        self.laid: list[tuple[StaticLayer, Master] | CostProfile] = [
+            (layer, _costs_of_values(layer))
+            if isinstance(layer, StaticLayer)
+            else CostProfile(source, layer, float32_resolution=True)
+            for layer in CostmapLayers(tuple(layers)).that_count
+        ]
 
     @property
     def halo(self) -> int:
         """Largest number of rows between a cell and another one that it affects."""
-        return sum(one.profile.cells for one in self.laid if isinstance(one, LaidInflation))
+        return sum(one.cells for one in self.laid if isinstance(one, CostProfile))
 
     def costs(self, rows: slice) -> Master:
-        """Return the costs of some rows."""
-        values = self._values(rows)
-        master = np.full(values.shape, self.default_cost, dtype=np.uint8)
+        values = self._source.occupancy[rows]
+        if isinstance(self._source, DistanceField) and self._source.unknown == "occupied":
+            values = values.copy()
+            set_where(values, values == UNKNOWN, OCCUPIED)
+        master = np.full(values.shape, self._default_cost, dtype=np.uint8)
         for layer in self.laid:
-            master = layer.over(master, values)
+            if isinstance(layer, CostProfile):
+                _spread_with(self._spread, layer, master)
+                continue
+            static, table = layer
+            costs: Master = look_up(values, table)
+            if static.use_maximum:
+                _raise_to(master, costs)
+            else:
+                master = costs
         return master
 
-    def _values(self, rows: slice) -> NDArray[np.int8]:
-        occupancy = self.source.occupancy[rows]
-        if isinstance(self.source, DistanceField) and self.source.unknown == "occupied":
-            occupancy = occupancy.copy()
-            set_where(occupancy, occupancy == UNKNOWN, OCCUPIED)
-        return occupancy
+
+def _costs_of_values(layer: StaticLayer) -> NDArray[np.uint8]:
+    inscribed, unknown = layer.inscribed_obstacle_cost_value, layer.unknown_cost_value
+    table = static_layer_cost_from_occupancy(
+        lethal_threshold=layer.lethal_cost_threshold,
+        trinary=layer.trinary_costmap,
+        track_unknown=layer.track_unknown_space,
+        inscribed_value=inscribed if inscribed is not None and inscribed <= OCCUPIED else None,
+        unknown_value=unknown,
+    )
+    if inscribed == NO_INFORMATION != unknown:  # -1 is that byte
+        table[inscribed] = INSCRIBED_INFLATED_OBSTACLE
+    return table
+
+
+def _raise_to(master: Master, costs: Master) -> None:
+    def raise_rows(rows: slice) -> None:
+        # of bytes one higher 255 is 0, the lowest: it changes nothing, and all replace it
+        master[rows] += np.uint8(1)
+        np.maximum(master[rows], costs[rows] + np.uint8(1), out=master[rows])
+        master[rows] -= np.uint8(1)
+
+    for_rows(raise_rows, master.shape)
+
+
+def _spread_with(spread: Spread, profile: CostProfile, master: Master) -> None:
+    """Spread costs by a function where the lookup is exact; newer releases have no queue."""
+    if profile.layer.lookup == "nav2":
+        spread = CostProfile.raise_around_seeds
+    spread(profile, master)
+
+
+def queue_squares(seeds: NDArray[np.bool_], reach: int) -> NDArray[np.int64]:
+    """Return each cell's squared distance to the seed that the queue reaches it from."""
+    # Cells wait in bins of the squared distance to their seed. Bins are emptied from the nearest
+    # on; the first entry of a cell counts, and puts the cell's neighbours into the bins of their
+    # distance to the same seed: left, down, right, up. A neighbour is never in its cell's own bin,
+    # since the square changes by an odd number, so that a bin can be taken as a whole. Entries for
+    # bins that are done already are lost, as there. A few cells are reached from an obstacle that
+    # is not the nearest.
+    # From ``updateCosts`` and ``enqueue`` in ``inflation_layer.cpp`` of ROS 1's costmap_2d, and in
+    # ``legacy_inflation_layer.cpp`` of nav2_costmap_2d.
+    height, width = seeds.shape
+    squares = np.empty(seeds.size, dtype=np.int64)
+    unset = unreachable(squares)
+    squares[:] = unset
+    first_entry = np.empty(seeds.size, dtype=np.int64)
+    cells = np.flatnonzero(seeds)  # by their index, row by row
+    waiting, bins = [0], {0: [(cells, cells)]}
+    while waiting:
+        square = heapq.heappop(waiting)
+        cells, sources = (np.concatenate(some) for some in zip(*bins.pop(square), strict=True))
+        is_open = squares[cells] == unset
+        cells, sources = cells[is_open], sources[is_open]
+        places = np.arange(len(cells))
+        first_entry[cells[::-1]] = places[::-1]  # of equal indices the last one stays
+        is_first = first_entry[cells] == places
+        cells, sources = cells[is_first], sources[is_first]
+        squares[cells] = square
+        row, col = np.divmod(cells[:, np.newaxis], width)
+        source_row, source_col = np.divmod(sources[:, np.newaxis], width)
+        rows, cols = row + np.array([0, -1, 0, 1]), col + np.array([-1, 0, 1, 0])
+        found = (rows - source_row) ** 2 + (cols - source_col) ** 2
+        taken = (found > square) & (found <= reach * reach)
+        taken &= (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
+        neighbours = (rows * width + cols)[taken]
+        origins = np.broadcast_to(sources[:, np.newaxis], found.shape)[taken]
+        found, is_open = found[taken], squares[neighbours] == unset
+        found, neighbours, origins = found[is_open], neighbours[is_open], origins[is_open]
+        for waits_at in np.unique(found).tolist():
+            some = found == waits_at
+            if waits_at not in bins:
+                heapq.heappush(waiting, waits_at)
+            bins.setdefault(waits_at, []).append((neighbours[some], origins[some]))
+    return squares.reshape(seeds.shape)
+
+
+class QueueDifference(NamedTuple):
+    cells: int
+    largest: int
+
+
+def queue_difference(source: ObstacleSource, parameters: Parameters) -> QueueDifference:
+    """Return how costs differ from those of ROS 1, and of Nav2 up to Kilted."""
+    exact, queued = (
+        costs_spread(source, parameters, spread).astype(np.int16)
+        for spread in (CostProfile.raise_around_seeds, raise_by_queue)
+    )
+    difference = np.abs(exact - queued)
+    return QueueDifference(int(np.count_nonzero(difference)), int(difference.max(initial=0)))
+
+
+def raise_by_queue(profile: CostProfile, cost: Master) -> None:
+    """Raise costs, in place, by the distances to the cells that the queue reaches others from."""
+    if profile.reach > 0:
+        squares = queue_squares(profile.seeds_in(cost), profile.cells)
+        profile.raise_costs(cost, profile.table[np.minimum(squares, len(profile.table) - 1)])
+
+
+def costs_spread(source: ObstacleSource, parameters: Parameters, spread: Spread) -> Master:
+    """Return the costs of either model, spread by a function where the lookup is exact."""
+    rows = slice(0, source.shape[0])
+    if "layers" in parameters:
+        layers, default_cost = parameters["layers"], parameters["default_cost"]
+        return _MasterGrid(source, layers, default_cost, spread).costs(rows)
+    cost = BaseCosts(source, **parameters).costs(rows)
+    float32_resolution = parameters["float32_resolution"]
+    profile = CostProfile(source, layer_of(parameters), float32_resolution=float32_resolution)
+    _spread_with(spread, profile, cost)
+    return cost

@@ -8,15 +8,11 @@ import numpy as np
 
 from mapdeal.command import FACTOR, POINT, REPULSION, Bound, LethalThreshold, stage
 from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.grid.field import LARGEST_GAIN, LARGEST_REPULSION, PotentialField
 from mapdeal.grid.frame import check_point
-from mapdeal.grid.potential import LARGEST_GAIN, LARGEST_REPULSION, PotentialField
+from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.lookup import sum_of_inverse_distances
-from mapdeal.stages.cost import (
-    ObstacleSource,
-    check_lethal_threshold,
-    obstacles_of,
-    occupancy_with_obstacles,
-)
+from mapdeal.stages.cost import ObstacleSource, obstacles_of
 
 GAIN = Bound(f"between 0 and {LARGEST_GAIN:g}", lambda value: 0 <= value <= LARGEST_GAIN)
 CAP = Bound(f"above 0, at most {LARGEST_REPULSION:g}", lambda value: 0 < value <= LARGEST_REPULSION)
@@ -27,6 +23,10 @@ LEAST_DISTANCE = 0.001
 
 @stage(
     name="potential",
+    group="Questions about a map",
+    example="""\
+mapdeal potential examples/maps/office.yaml -o out/potential.npz --goal 9,5 \\
+    --attractive-gain 50 --image out/potential.png""",
     summary="Compute the artificial potential field of a map.",
     details="Repulsion is the sum of 1 / distance to every obstacle cell. MAP may also be a "
     "distance field, whose obstacles then count.",
@@ -82,9 +82,9 @@ def potential(
 
     Notes
     -----
-    The sums are exact up to rounding. They are not the distance to the nearest obstacle, which
-    `esdf` computes. Every obstacle cell counts, so that repulsion grows with the number of cells in
-    a wall: with cells of half the size it is twice as strong.
+    The sums are exact up to rounding. Every obstacle cell counts, so that repulsion grows with the
+    number of cells in a wall: with cells of half the size it is twice as strong. For the distance
+    to the nearest obstacle see `esdf`.
 
     References
     ----------
@@ -100,7 +100,6 @@ def potential(
     >>> field.attractive.round(6).tolist()
     [[1.5, 1.0, 0.5, 0.0]]
     """
-    lethal_threshold = check_lethal_threshold(source, lethal_threshold)
     obstacles = np.asarray(obstacles_of(source, lethal_threshold))
     if goal is not None:
         cells, inside = source.frame.bounded_rowcol_from_xy([check_point(goal, "goal")])
@@ -114,7 +113,7 @@ def potential(
     )
     return PotentialField(
         np.minimum(repulsive, repulsive_cap),
-        occupancy_with_obstacles(source.occupancy, obstacles),
+        np.where(obstacles, np.int8(OCCUPIED), np.asarray(source.occupancy)),
         source.resolution,
         source.origin,
         goal=goal,

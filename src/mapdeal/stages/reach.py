@@ -24,11 +24,11 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.framed import Figures
+from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, reach_radius, robot_text
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
-from mapdeal.stages.cost import check_lethal_threshold, obstacles_of, occupancy_with_obstacles
+from mapdeal.stages.cost import check_lethal_threshold, obstacles_of
 from mapdeal.stages.structured import Goals
 
 _SHOWN = 3
@@ -44,8 +44,6 @@ def _shape_of(parameters: Parameters) -> Footprint | None:
 
 
 def _memory_of_headings(parameters: Parameters) -> float:
-    """Return the bytes for each cell that a robot with corners takes beyond `_MEMORY`."""
-    # There is a bit for each heading.
     shape = _shape_of(parameters)
     if shape is None or not shape.vertices:
         return 0.0
@@ -59,9 +57,8 @@ def _remark(_: Parameters, figures: Figures) -> str | None:
     if not missed:
         return None
     stopped_by = figures["stopped_by"]
-    told = [
-        f"{name} ({stopped_by[name]})" if name in stopped_by else name for name in missed[:_SHOWN]
-    ]
+    shown = missed[:_SHOWN]
+    told = [f"{name} ({stopped_by[name]})" if name in stopped_by else name for name in shown]
     more = f" and {len(missed) - _SHOWN} more" if len(missed) > _SHOWN else ""
     return f"not reachable: {', '.join(told)}{more}"
 
@@ -135,32 +132,25 @@ def reach(
     A cell is open to a round robot if the distance between its centre and that of the nearest
     obstacle cell, or cell outside the map, is larger than the radius. Around obstacles all other
     cells have at least inscribed cost in costmap_2d. Unknown cells are closed, but do not count as
-    obstacles for distances. A pose of a
-    robot with corners, the centre of a cell and a heading 2 pi k / `headings`, is open if no cell
-    of the footprint, rasterised like polygons in costmap_2d, is an obstacle, unknown, or outside
-    the map.
+    obstacles for distances. A pose of a robot with corners, the centre of a cell and a heading
+    2 pi k / `headings`, is open if no cell of the footprint, rasterised like polygons in
+    costmap_2d, is an obstacle, unknown, or outside the map.
 
     The robot moves to the 8 neighbours of its cell, diagonally only if both adjacent straight
-    neighbours are open, and turns in place to the next heading on either side.
-
-    A goal outside the map, or in a cell that is closed to the robot, is not reachable.
+    neighbours are open, and turns in place to the next heading on either side. A goal outside the
+    map, or in a cell that is closed to the robot, is not reachable.
 
     Examples
     --------
-    >>> from mapdeal.grid.occupancy import OccupancyGrid
     >>> rooms = [[0, 0, 0, 100, 0, 0, 0], [0, 0, 0, 0, 0, 0, 0], [0, 0, 0, 100, 0, 0, 0]]
     >>> found = reach(OccupancyGrid(rooms, 1.0), start=(0.5, 1.5), radius=0.9)
     >>> int(found.reachable.sum()), found.widest[1, 3:].tolist()
     (19, [1.0, 1.0, 1.0, 1.0])
     """
-    from mapdeal.grid.reaching import (
-        Ground,
-        reach_on,  # of use to few, and slow to import
-    )
+    from mapdeal.grid.reaching import Ground, reach_on  # of use to few, and slow to import
 
-    ground = Ground(_occupancy_of(source, lethal_threshold), source.frame, through_unknown)
     return reach_on(
-        ground,
+        Ground(_occupancy_of(source, lethal_threshold), source.frame, through_unknown),
         _shape_of({"footprint": footprint, "radius": radius}),
         start=start,
         goals=goals,
@@ -175,22 +165,17 @@ def _occupancy_of(
 ) -> NDArray[np.int8]:
     """Return a map in which every obstacle is 100, of a map, a field or costs."""
     if isinstance(source, Costmap):
-        return _of_costs(source, lethal_threshold)
-    lethal_threshold = check_lethal_threshold(source, lethal_threshold)
+        lethal = LETHAL_OBSTACLE if source.scale == "costmap2d" else OCCUPIED
+        if lethal_threshold not in (None, OCCUPIED):
+            rule = f"applies to maps: of costs the lethal cells are obstacles, {lethal}"
+            raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
+        occupancy = np.full(source.shape, FREE, dtype=np.int8)
+        occupancy[source.cost == source.unknown_value] = UNKNOWN
+        occupancy[source.cost == lethal] = OCCUPIED
+        return occupancy
+    threshold = check_lethal_threshold(source, lethal_threshold)
     occupancy = np.asarray(source.occupancy)
-    if isinstance(source, DistanceField) or lethal_threshold < OCCUPIED:
-        obstacles = np.asarray(obstacles_of(source, lethal_threshold))
-        occupancy = occupancy_with_obstacles(occupancy, obstacles)
-    return occupancy
-
-
-def _of_costs(costs: Costmap, lethal_threshold: int | None) -> NDArray[np.int8]:
-    """Return the map of a costmap's lethal and unknown cells."""
-    lethal = LETHAL_OBSTACLE if costs.scale == "costmap2d" else OCCUPIED
-    if lethal_threshold not in (None, OCCUPIED):
-        rule = f"applies to maps: of costs the lethal cells are obstacles, {lethal}"
-        raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
-    occupancy = np.full(costs.shape, FREE, dtype=np.int8)
-    occupancy[costs.cost == costs.unknown_value] = UNKNOWN
-    occupancy[costs.cost == lethal] = OCCUPIED
+    if isinstance(source, DistanceField) or threshold < OCCUPIED:
+        obstacles = np.asarray(obstacles_of(source, threshold))
+        return np.where(obstacles, np.int8(OCCUPIED), occupancy)
     return occupancy

@@ -30,11 +30,10 @@ from mapdeal.grid.frame import MOST_CELLS, Frame, check_origin, check_resolution
 from mapdeal.grid.reach import Goal
 
 _FRAME = {
-    "height": Parameter("height", None, int, optional=False, bounds=(ABOVE_0,)),
-    "width": Parameter("width", None, int, optional=False, bounds=(ABOVE_0,)),
-    "resolution": Parameter("resolution", None, float, optional=False, bounds=(ABOVE_0,)),
-    "origin": Parameter("origin", None, tuple[float, float, float], optional=False, bounds=()),
+    name: Parameter(name, None, kind, optional=False, bounds=(ABOVE_0,))
+    for name, kind in {"height": int, "width": int, "resolution": float}.items()
 }
+_FRAME["origin"] = Parameter("origin", None, tuple[float, float, float], False, ())
 _FRAME_LOOKS = "{height: 60, width: 80, resolution: 0.05, origin: [-2, -1.5, 0]}"
 
 
@@ -52,18 +51,16 @@ def accept_frame(name: str, value: object) -> Frame:
 
 structured(Frame, accept_frame)
 
-
-_LOOKS = "{kitchen: [7.1, 3.2], ...} or [[7.1, 3.2], ...]"
+_GOALS_LOOK = "{kitchen: [7.1, 3.2], ...} or [[7.1, 3.2], ...]"
 
 
 def accept_goals(name: str, value: object) -> tuple[Goal, ...]:
     goals = tuple(_goals(name, value))
-    names = set()
+    names: set[str | None] = set()
     for goal in goals:
-        if goal.name in names:
+        if goal.name is not None and goal.name in names:
             raise ParameterError("two goals have this name", place=name, got=goal.name)
-        if goal.name is not None:
-            names.add(goal.name)
+        names.add(goal.name)
     return goals
 
 
@@ -79,37 +76,33 @@ def described_goals(goals: Sequence[Goal]) -> dict[str, list[float]] | list[Any]
 def _goals(name: str, value: object) -> Iterator[Goal]:
     if isinstance(value, Goal) or _is_pair(value):
         value = [value]
-    elif isinstance(value, str):
-        value = _places_in(value)
-    if isinstance(value, Mapping):
-        yield from _named(name, value)
-    elif isinstance(value, Iterable) and not isinstance(value, (str, bytes)):
-        for number, item in enumerate(value, start=1):
-            place = f"{name} {number}"
-            if isinstance(item, Mapping):
-                if len(item) != 1:
-                    rule = "must be a place, or one name and its place"
-                    raise ParameterError(rule, place=place, got=dict(item))
-                yield from _named(name, item)
-            elif isinstance(item, Goal):
-                yield _named_goal(place, item.name, (item.x, item.y))
-            else:
-                yield _named_goal(place, None, item)
-    else:
-        raise ParameterError(f"must look like {_LOOKS}", place=name, got=value)
+    elif isinstance(value, str):  # such as ``7.1, 3.2 1.5,-2``
+        value = ",".join(part.strip() for part in value.split(",")).split()
+    elif isinstance(value, Mapping):
+        value = [{key: place} for key, place in value.items()]
+    if not isinstance(value, Iterable) or isinstance(value, bytes):
+        raise ParameterError(f"must look like {_GOALS_LOOK}", place=name, got=value)
+    for number, item in enumerate(value, start=1):
+        place = f"{name} {number}"
+        if isinstance(item, Mapping):
+            if len(item) != 1:
+                rule = "must be a place, or one name and its place"
+                raise ParameterError(rule, place=place, got=dict(item))
+            ((key, xy),) = item.items()
+            yield _goal(f"{name} {key}", xy, _goal_name(name, key))
+        elif isinstance(item, Goal):
+            named = None if item.name is None else _goal_name(place, item.name)
+            yield _goal(place, (item.x, item.y), named)
+        else:
+            yield _goal(place, item)
 
 
-def _named(name: str, places: Mapping[Any, object]) -> Iterator[Goal]:
-    for key, place in places.items():
-        yield _named_goal(f"{name} {key}", _name(name, key), place)
+def _goal(place: str, xy: object, name: str | None = None) -> Goal:
+    x, y = Parameter(place, None, tuple[float, float], optional=False, bounds=()).accept(xy)
+    return Goal(x, y, name)
 
 
-def _named_goal(place: str, name: str | None, value: object) -> Goal:
-    x, y = Parameter(place, None, tuple[float, float], optional=False, bounds=()).accept(value)
-    return Goal(x, y, None if name is None else _name(place, name))
-
-
-def _name(place: str, value: object) -> str:
+def _goal_name(place: str, value: object) -> str:
     if isinstance(value, int) and not isinstance(value, bool):  # YAML's reading of a room's number
         value = str(value)
     if not isinstance(value, str) or not value.strip() or not value.isprintable():
@@ -127,19 +120,7 @@ def _is_pair(value: object) -> bool:
     )
 
 
-def _places_in(text: str) -> list[str]:
-    """Return the places in a text such as ``7.1, 3.2 1.5,-2``.
-
-    Examples
-    --------
-    >>> _places_in("7.1, 3.2 1.5,-2")
-    ['7.1,3.2', '1.5,-2']
-    """
-    return ",".join(part.strip() for part in text.split(",")).split()
-
-
-Goals = tuple[Goal, ...]
-"""Places that a robot should get to, as a parameter of a stage."""
+Goals = tuple[Goal, ...]  # places that a robot should get to, as a parameter of a stage
 
 structured(Goals, accept_goals)
 
@@ -157,37 +138,26 @@ _BOUNDS = {
     "inflation_radius": AT_LEAST_0,
     "cost_scaling_factor": AT_LEAST_0,
 }
-_NAMES = {"lethal_threshold": "lethal_cost_threshold"}
-"""What model ``exponential`` calls otherwise than ROS."""
-
-_LAYER_PARAMETERS_LOOKS = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
+_LAYERS_LOOK = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
 
 
 def accept_layers(name: str, value: object) -> tuple[CostmapLayer, ...]:
     if not isinstance(value, (list, tuple)):
-        raise ParameterError(
-            f"must be a list of layers such as {_LAYER_PARAMETERS_LOOKS}", place=name, got=value
-        )
+        rule = f"must be a list of layers such as {_LAYERS_LOOK}"
+        raise ParameterError(rule, place=name, got=value)
     return tuple(_layer(f"{name} {number}", item) for number, item in enumerate(value, start=1))
 
 
 def described_layer(layer: CostmapLayer) -> dict[str, dict[str, Any]]:
-    """Return a layer with all its settings, ready for JSON or YAML.
-
-    Examples
-    --------
-    >>> described_layer(InflationLayer())["inflation"]["inflation_radius"]
-    0.55
-    """
-    (kind,) = (kind for kind, made in _KINDS.items() if isinstance(layer, made))
-    return {kind: asdict(layer)}
+    return {"static" if isinstance(layer, StaticLayer) else "inflation": asdict(layer)}
 
 
 def layers_with(
     layers: tuple[CostmapLayer, ...], name: str, value: object
 ) -> tuple[CostmapLayer, ...] | None:
     """Return layers with a new value for the parameter of a name in model ``exponential``."""
-    name = _NAMES.get(name, name)
+    if name == "lethal_threshold":
+        name = "lethal_cost_threshold"  # as ROS calls it
     made = next((one for one in _KINDS.values() if name in _parameters_of(one)), None)
     if made is None:
         return None
@@ -203,28 +173,25 @@ def layers_with(
 
 
 def _layer(place: str, item: object) -> CostmapLayer:
-    given: Mapping[str, object] = {}
+    given: object = None
     if isinstance(item, (StaticLayer, InflationLayer)):
-        ((item, given),) = described_layer(item).items()
-    elif isinstance(item, Mapping) and len(item) == 1:
-        ((item, below),) = item.items()
-        if not isinstance(below, Mapping) and below is not None:
-            raise ParameterError(
-                f"must look like {_LAYER_PARAMETERS_LOOKS}", place=place, got={item: below}
-            )
-        given = below or {}
+        item = described_layer(item)
+    if isinstance(item, Mapping) and len(item) == 1:
+        ((item, given),) = item.items()
+    if given is not None and not isinstance(given, Mapping):
+        raise ParameterError(f"must look like {_LAYERS_LOOK}", place=place, got={item: given})
     if not isinstance(item, str):
-        raise ParameterError(
-            f"must look like one of {_LAYER_PARAMETERS_LOOKS}", place=place, got=item
-        )
+        raise ParameterError(f"must look like one of {_LAYERS_LOOK}", place=place, got=item)
     if item not in _KINDS:
         raise unknown_name("kind of layer", item, _KINDS, place=place)
     made = _KINDS[item]
     known = _parameters_of(made)
     values: dict[str, Any] = {}
-    for key, value in given.items():
+    for key, value in (given or {}).items():
         if key == "name":
-            values[key] = _layer_parameters_name(f"{place} {item}.{key}", value)
+            if not isinstance(value, str) or not value.isprintable() or not value:
+                raise ParameterError("must be a word", place=f"{place} {item}.{key}", got=value)
+            values[key] = value
         elif key in known:
             try:
                 values[key] = known[key].accept(value)
@@ -240,7 +207,6 @@ def _layer(place: str, item: object) -> CostmapLayer:
 
 
 def _parameters_of(made: type[StaticLayer] | type[InflationLayer]) -> dict[str, Parameter]:
-    """Return what can be set of a kind of layer besides its name."""
     hints = get_type_hints(made)
     found = {}
     for one in fields(made):
@@ -251,13 +217,6 @@ def _parameters_of(made: type[StaticLayer] | type[InflationLayer]) -> dict[str, 
     return found
 
 
-def _layer_parameters_name(place: str, value: object) -> str:
-    if not isinstance(value, str) or not value.isprintable() or not value:
-        raise ParameterError("must be a word", place=place, got=value)
-    return value
-
-
-LayerList = tuple[CostmapLayer, ...]
-"""Layers of a costmap, as a parameter of a stage."""
+LayerList = tuple[CostmapLayer, ...]  # layers of a costmap, as a parameter of a stage
 
 structured(LayerList, accept_layers)

@@ -1,36 +1,161 @@
-"""Stage ``window``: a part of a grid, or more than the grid."""
+"""Stages ``active``, ``window`` and ``shift``: copies of a part of a grid, or of more than it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import POINT, VALUE, Parameters, Words, stage
-from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.canvas import FieldGrid, cut_out, on_canvas, replaced
+from mapdeal.command import (
+    AT_LEAST_0,
+    CELLS,
+    METRES,
+    POINT,
+    VALUE,
+    InSimulation,
+    Parameters,
+    Words,
+    stage,
+)
+from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
+from mapdeal.grid.canvas import (
+    FieldGrid,
+    check_values,
+    cut_out,
+    is_turned,
+    on_canvas,
+    region_on_lattice,
+    replaced,
+)
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.frame import MOST_CELLS, Frame, Point, Region, region_of
-from mapdeal.grid.framed import Framed, ValueGrid
+from mapdeal.grid.frame import (
+    MOST_CELLS,
+    Frame,
+    Framed,
+    Point,
+    Region,
+    ValueGrid,
+    cells_to_cover,
+    check_point,
+    region_of,
+)
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach
-from mapdeal.grid.resample import is_turned, region_on_lattice
+from mapdeal.grid.values import UNKNOWN
+from mapdeal.kernels.blocks import swept
+from mapdeal.kernels.components import drop_small_groups
 
 G = TypeVar("G", bound=ValueGrid | FieldGrid | Reach)
+V = TypeVar("V", bound=ValueGrid)
+Mask = NDArray[np.bool_]
+
+
+@stage(
+    name="active",
+    group="Maps, distance fields, costmaps",
+    example="mapdeal active examples/maps/arena.yaml -o out/active.yaml --margin 0.5",
+    summary="Crop a map to its known part, the active region.",
+    title=lambda _: "active region",
+    memory=1.5,
+    passes=1,
+    is_whole=lambda parameters: parameters["min_component"] > 1,
+    is_smaller=lambda parameters: parameters["canvas"] == "crop",
+    in_simulation=InSimulation({}, is_added=True),
+)
+def active_region(
+    grid: OccupancyGrid,
+    *,
+    margin: Annotated[float, AT_LEAST_0, METRES] = 0.0,
+    canvas: Literal["crop", "full"] = "crop",
+    min_component: Annotated[int, AT_LEAST_0, CELLS] = 0,
+) -> OccupancyGrid:
+    """Crop a map to the bounding box of its known cells.
+
+    Maps of simulated worlds often cover a large area of fixed size; the box is the explored part.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    margin : float
+        Margin around the box, metres. It is added on every side, rounded up to whole cells, and
+        clipped to the grid.
+    canvas : {'crop', 'full'}
+        Extent of the result: the box (crop), or the full map extent (full). ``crop``: the grid
+        shrinks to the box and its origin moves with it, whatever the yaw. ``full``: the grid keeps
+        its size, and cells outside the box become unknown.
+    min_component : int
+        Least size of an 8-connected group of known cells that extends the box, cells. Smaller
+        groups, such as stray beams, do not enlarge the box; inside it, their cells are kept.
+
+    Returns
+    -------
+    OccupancyGrid
+        The cropped map, or the map with unknown cells around the box.
+
+    Raises
+    ------
+    MalformedInputError
+        If no cell is known, or no group of known cells is large enough.
+
+    References
+    ----------
+    ``crop_map`` of ROS map_server, which applies the same rule to pixels.
+
+    Examples
+    --------
+    >>> grid = OccupancyGrid([[-1, -1, -1, -1], [-1, 0, 100, -1]], 0.5, (1.0, 2.0, 0.0))
+    >>> region = active_region(grid)
+    >>> region.occupancy.tolist(), region.origin
+    ([[0, 100]], (1.5, 2.5, 0.0))
+    """
+    in_rows, in_cols = _known_lines(grid, min_component)
+    if not in_rows.any():
+        raise MalformedInputError("no active cells: every cell is unknown")
+    # A margin of more than the map is as good as one of the map.
+    margin = min(margin, max(grid.shape) * grid.resolution)
+    grow = cells_to_cover(margin, grid.resolution)
+    rows, cols = _span(in_rows, grow), _span(in_cols, grow)
+    region = Region(rows.start, cols.start, rows.stop - rows.start, cols.stop - cols.start)
+    box = OccupancyGrid(
+        cut_out(grid.occupancy, region), grid.resolution, region.frame_in(grid.frame).origin
+    )
+    return on_canvas(box, grid.frame) if canvas == "full" else box
+
+
+def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
+    """Return in which rows and in which columns anything is known that counts."""
+    if min_component > 1:
+        known = drop_small_groups(np.asarray(grid.occupancy) != UNKNOWN, min_component)
+        if not known.any():
+            rule = f"no active cells: no group of {min_component} known cells or more"
+            raise MalformedInputError(rule)
+        return np.asarray(known.any(axis=1)), np.asarray(known.any(axis=0))
+    in_rows, in_cols = np.zeros(grid.shape[0], dtype=bool), np.zeros(grid.shape[1], dtype=bool)
+    for block in swept(grid.occupancy):
+        known = grid.occupancy[block] != UNKNOWN
+        in_rows[block] = known.any(axis=1)
+        in_cols |= known.any(axis=0)
+    return in_rows, in_cols
+
+
+def _span(has_known: Mask, grow: int) -> slice:
+    indices = np.flatnonzero(has_known)
+    return slice(max(int(indices[0]) - grow, 0), min(int(indices[-1]) + 1 + grow, len(has_known)))
 
 
 def _cells(grid: Any, parameters: Parameters) -> Iterator[int]:
-    """Yield the cells of the window, and those that it shares, which are cut out first."""
     frame: Frame | None = parameters["like"]
     if frame is None:
         corner, center = parameters["corner"], parameters["at"]
-        frame = region_of(
-            grid.frame, parameters["size"], corner_xy=corner, center_xy=center
-        ).frame_in(grid.frame)
-    count = frame.height * frame.width
+        region = region_of(grid.frame, parameters["size"], corner_xy=corner, center_xy=center)
+        frame = region.frame_in(grid.frame)
+    count = math.prod(frame.shape)
     if count <= MOST_CELLS:  # more are refused by the window
-        yield count + min(count, grid.shape[0] * grid.shape[1])
+        yield count + min(count, math.prod(grid.shape))
 
 
 def _check(parameters: Parameters) -> Parameters:
@@ -49,6 +174,8 @@ def _check(parameters: Parameters) -> Parameters:
 
 @stage(
     name="window",
+    group="Changing a map",
+    example="mapdeal window examples/maps/office.yaml -o out/w.yaml --at 0.5,0.3 --size 8,8",
     summary="Copy a part of a map, or an area larger than the map.",
     details="Cells beyond the map are unknown; beyond a distance field there is no distance. The "
     "window lies along the map's own axes and begins with the cell that contains its lower left "
@@ -115,7 +242,6 @@ def window(
 
     Examples
     --------
-    >>> from mapdeal import OccupancyGrid
     >>> grid = OccupancyGrid([[0, 1, 2], [3, 4, 5]], 0.5, (1.0, 2.0, 0.0))
     >>> part = window(grid, corner_xy=(1.6, 2.5), size_xy=(1.0, 1.0))
     >>> part.occupancy.tolist(), part.origin
@@ -168,17 +294,72 @@ def copied(grid: G, region: Region, frame: Frame, *, fill: int | None, what: str
         min(region.col + region.width, known.col + known.width) - col,
     )
     if shared.height <= 0 or shared.width <= 0:
-        return _beside(grid, frame, fill=fill, what=what)
+        if not isinstance(grid, ValueGrid):
+            raise ParameterError("no cell of it has a distance", place=what)
+        emit_warning(f"{what}: lies outside of the map, no cell is kept", stacklevel=4)
+        value = grid.unknown_value if fill is None else fill
+        values: NDArray[np.generic] = np.full(frame.shape, value, dtype=grid.values.dtype)
+        return grid.with_values(values, frame.origin)
     layers = {name: cut_out(getattr(grid, name), shared) for name in grid.layer_names}
     part = replaced(grid, origin=shared.frame_in(grid.frame).origin, **layers)
     return on_canvas(part, frame, fill=fill)
 
 
-def _beside(grid: G, frame: Frame, *, fill: int | None, what: str) -> G:
-    if not isinstance(grid, ValueGrid):
-        raise ParameterError("no cell of it has a distance", place=what)
-    text = "lies outside of the map, no cell is kept"
-    emit_warning(f"{what}: {text}", stacklevel=5)
-    value = grid.unknown_value if fill is None else fill
-    values: NDArray[np.generic] = np.full(frame.shape, value, dtype=grid.values.dtype)
-    return grid.with_values(values, frame.origin)
+@stage(
+    name="shift",
+    group="Changing a map",
+    example="mapdeal shift examples/maps/office.yaml -o out/shifted.yaml --origin -10,-6.5",
+    product="shifted",
+    summary="Move the window of a map or costmap to a new origin.",
+    details="As costmap_2d's updateOrigin: cells that both windows have in common are kept. The "
+    "new origin is the corner of the cell that contains the given point.",
+    title=lambda _: "shifted",
+    memory=6.0,
+    edits=True,
+    moves=True,
+)
+def shift_origin(
+    grid: V,
+    origin_xy: Annotated[Point, POINT, Words(name="origin")],
+    *,
+    default: Annotated[int, VALUE] | None = None,
+) -> V:
+    """Move a grid to another origin at the same size, like a rolling window.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid or Costmap
+        Grid to move; cells inside both the old and the new extent are kept.
+    origin_xy : tuple of float
+        New origin, metres; the map moves by whole cells. It is the corner of the cell of the grid's
+        lattice that contains this point of the map frame.
+    default : int, optional
+        Value of new cells, on the grid's scale; unknown if not given.
+
+    Raises
+    ------
+    ParameterError
+        If a coordinate is not finite, or `default` is not on the scale.
+
+    Warns
+    -----
+    MapdealWarning
+        If no cell is kept.
+
+    References
+    ----------
+    ``updateOrigin`` of costmap_2d, which truncates toward zero instead, so that 0.3 / 0.1 becomes
+    two cells.
+
+    Examples
+    --------
+    >>> grid = OccupancyGrid([[1, 2, 3]], 0.1, (0.0, 2.0, 0.0))
+    >>> shifted = shift_origin(grid, (0.2, 2.0), default=0)
+    >>> shifted.occupancy.tolist(), shifted.origin
+    ([[3, 0, 0]], (0.2, 2.0, 0.0))
+    """
+    check_values(grid)
+    fill = default_of(grid, default)
+    region = region_of(grid.frame, grid.frame.size_xy, corner_xy=check_point(origin_xy, "origin"))
+    region = region._replace(height=grid.shape[0], width=grid.shape[1])
+    return copied(grid, region, region.frame_in(grid.frame), fill=fill, what="origin")

@@ -1,0 +1,575 @@
+"""Bags of records, some of them in chunks: of ROS 1, version 2.0, and MCAP; also cut ones.
+
+Records are gone through from the start, and the data of chunks passed over: neither the position
+of an index matters, nor a recorder that was killed.
+
+References
+----------
+ROS wiki, "Bags/Format/2.0": records of a header of fields and of data. mcap.dev, "MCAP Format
+Specification", version 0: records of an opcode, a length and fields.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+from abc import abstractmethod
+from array import array
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+from zlib import crc32
+
+import numpy as np
+
+from mapdeal.bags.bag import Bag, Connection, Encoding, MessageIndex, Place, expanded
+from mapdeal.files.source import access_to, claim, status_of
+
+_KEPT_BYTES = 1 << 25
+_KEPT = 8
+
+_TOGETHER = 1 << 16  # entries of an index record that are read at once
+_IN_THE_FILE = -1  # the number of no chunk: a message that stands between them
+
+
+class KeptChunks:
+    """The last few chunks: messages in order of time alternate between two or three."""
+
+    def __init__(self, read: Callable[[int], bytes]) -> None:
+        self._read = read
+        self._kept: OrderedDict[int, bytes] = OrderedDict()
+        self._bytes = 0
+
+    def __getitem__(self, number: int) -> bytes:
+        found = self._kept.get(number)
+        if found is not None:
+            self._kept.move_to_end(number)
+            return found
+        while len(self._kept) >= _KEPT or self._bytes > _KEPT_BYTES:
+            _, old = self._kept.popitem(last=False)
+            self._bytes -= len(old)
+            del old  # before another is read
+        chunk = self._read(number)
+        self._kept[number] = chunk
+        self._bytes += len(chunk)
+        return chunk
+
+
+@dataclass
+class _Chunk:
+    compression: str
+    size: int
+    start: int
+    length: int
+    crc: int = 0
+    entries: list[tuple[int, int, int]] = field(default_factory=list)
+    is_indexed: bool = False
+    is_cut: bool = False
+
+
+class _Record(NamedTuple):
+    """A record in a chunk: where it begins, its opcode or fields, and where its data are."""
+
+    chunk: bytes
+    position: int
+    head: Any
+    start: int
+    end: int
+
+    @property
+    def data(self) -> bytes:
+        return self.chunk[self.start : self.end]
+
+
+class _CutError(Exception):
+    """A record that does not end before the data do, or is none."""
+
+
+class ChunkedBag(Bag):
+    """A file of records, which are gone through once to find chunks, connections, and the rest."""
+
+    _OF_ENTRY, _OF_LOOSE, _OF_CHUNK, _OF_CONNECTION = 160, 40, 600, 1500
+    """Bytes that are kept of an index record, a message outside of chunks, and so on, at most."""
+
+    _ENTRY: int  # bytes of an entry of an index record
+
+    def __init__(self, path: Path, form: str) -> None:
+        super().__init__(path, form)
+        self._chunks: list[_Chunk] = []
+        self._found: dict[int, Connection] = {}
+        self._loose = array("q")  # places, four numbers each
+        self._noted = 0
+        with access_to(path):
+            self._file = path.open("rb")
+        try:
+            with access_to(path):
+                self._size = status_of(path).st_size
+                self._walk()
+            self._find_connections()
+        except BaseException:
+            self._file.close()
+            raise
+        self._kept = KeptChunks(self._expanded)
+
+    @property
+    def connections(self) -> Sequence[Connection]:
+        return list(self._found.values())
+
+    def close(self) -> None:
+        self._file.close()
+
+    def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
+        wanted = set(connections)
+        if self._loose:
+            index = MessageIndex.of(self._loose)
+            yield index.chosen(np.isin(index.connections, list(wanted)))
+        for number, chunk in enumerate(self._chunks):
+            if chunk.is_indexed:
+                yield from self._indexed(number, wanted)
+                continue
+            found = array("q")
+            for record in self._records_of(number):
+                place = self._place_of(record, number)
+                if place is not None and place.connection in wanted:
+                    found.extend(place)
+            if found:
+                yield MessageIndex.of(found)
+
+    @abstractmethod
+    def _walk(self) -> None:
+        """Go through all records of the file."""
+
+    @abstractmethod
+    def _record(self, data: bytes, position: int) -> _Record:
+        """Return the record at a position in a chunk."""
+
+    @abstractmethod
+    def _note_described(self, record: _Record) -> None:
+        """Take in the connection that a record in a chunk describes, if it does."""
+
+    @abstractmethod
+    def _place_of(self, record: _Record, number: int) -> Place | None:
+        """Return the place of the message that a record in a chunk is, if it is one."""
+
+    @abstractmethod
+    def _entries(self, data: bytes, number: int, connection: int) -> MessageIndex:
+        """Return the places that the entries of an index record stand for."""
+
+    def _find_connections(self) -> None:
+        """Look into chunks for connections that no record behind them describes."""
+        for number, chunk in enumerate(self._chunks):
+            known = {one for one, _, _ in chunk.entries}
+            if not (chunk.is_indexed and known <= self._found.keys()):
+                for record in self._records_of(number):
+                    self._note_described(record)
+
+    def _records_of(self, number: int) -> Iterator[_Record]:
+        data, position = self._expanded(number), 0
+        while position < len(data):
+            try:
+                record = self._record(data, position)
+            except _CutError:
+                if not self._chunks[number].is_cut:
+                    self.remark("a chunk is damaged; the intact part before it is read")
+                return
+            yield record
+            position = record.end
+
+    def _indexed(self, number: int, wanted: set[int]) -> Iterator[MessageIndex]:
+        for connection, start, count in self._chunks[number].entries:
+            for first in range(0, count if connection in wanted else 0, _TOGETHER):
+                with access_to(self.path):
+                    self._file.seek(start + self._ENTRY * first)
+                    data = self._read(self._ENTRY * min(count - first, _TOGETHER))
+                yield self._entries(data, number, connection)
+
+    def _expanded(self, number: int) -> bytes:
+        chunk = self._chunks[number]
+        with access_to(self.path):
+            self._file.seek(chunk.start)
+            data = self._read(chunk.length)
+        data = expanded(data, chunk.compression, chunk.size, self.path, partly=chunk.is_cut)
+        if chunk.crc and not chunk.is_cut and crc32(data) != chunk.crc:
+            raise self.malformed("a chunk is damaged: its checksum differs")
+        return data
+
+    def _remark_on_end(self, why: str = "") -> None:
+        """Warn of a file that ends too early, and do without the last index: it may be cut, too."""
+        self.remark(f"ends too early{why}; the intact part before it is read")
+        if self._chunks:
+            self._chunks[-1].is_indexed = False
+
+    def _note_chunk(self, chunk: _Chunk) -> None:
+        self._note_memory(self._OF_CHUNK)
+        self._chunks.append(chunk)
+
+    def _note_loose(self, connection: int, time: int, position: int) -> None:
+        self._note_memory(self._OF_LOOSE)
+        self._loose.extend((connection, time, _IN_THE_FILE, position))
+
+    def _note_index(self, connection: int, start: int, count: int) -> None:
+        self._note_memory(self._OF_ENTRY)
+        self._chunks[-1].entries.append((connection, start, count))
+        self._chunks[-1].is_indexed = True
+
+    def _note_memory(self, count: int) -> None:
+        """Refuse a file of which more is to be kept than there is memory for."""
+        self._noted += count
+        claim(self.path, self._noted, what="its connections and chunks")
+
+    def _read(self, length: int) -> bytes:
+        claim(self.path, length, what=f"{length} bytes of a record")
+        data = self._file.read(length)
+        if len(data) < length:
+            raise self.malformed("ends within a record, or was cut meanwhile")
+        return data
+
+
+_ROS1_MAGIC = re.compile(rb"#ROSBAG V(\d+)\.(\d+)\n")
+_ROS1_MESSAGE, _ROS1_BAG, _ROS1_INDEX, _ROS1_CHUNK, _ROS1_CHUNK_INFO, _ROS1_CONNECTION = (
+    bytes([op]) for op in range(2, 8)
+)
+_LONGEST_HEADER = 1 << 20
+_MOST_BEFORE = 100  # descriptions of connections before a message that some writers count to it
+_U32 = struct.Struct("<I")
+
+_Fields = Mapping[bytes, bytes]
+
+
+class Ros1Bag(ChunkedBag):
+    # The entries of an index record are counted by its field ``count``, since some writers have a
+    # wrong length there.
+    _ENTRY = 12
+
+    def __init__(self, path: Path) -> None:
+        self._has_summary = False
+        super().__init__(path, "a ROS 1 bag")
+
+    def data(self, place: Place) -> bytes:
+        with access_to(self.path):
+            if place.block == _IN_THE_FILE:
+                self._file.seek(place.offset)
+                _, length = self._header_at(place.offset)
+                return self._read(length)
+        chunk = self._kept[place.block]
+        try:
+            record = self._record(chunk, place.offset)
+            for _ in range(_MOST_BEFORE):
+                if record.head.get(b"op") != _ROS1_CONNECTION:
+                    break
+                record = self._record(chunk, record.end)
+        except _CutError:
+            raise self.malformed("an index record points to no message") from None
+        if record.head.get(b"op") != _ROS1_MESSAGE:
+            raise self.malformed("an index record points to no message")
+        return record.data
+
+    def _walk(self) -> None:
+        magic = self._file.readline(64)
+        match = _ROS1_MAGIC.fullmatch(magic)
+        if match is None:
+            raise self.malformed("is not a ROS 1 bag: it must begin with #ROSBAG V2.0")
+        if match[1] != b"2":
+            version = f"{int(match[1])}.{int(match[2])}"
+            error = self.malformed(f"is a bag of version {version}; 2.0 is read")
+            error.hint = "rosbag migrates old bags: rosbag fix"
+            raise error
+        position = len(magic)
+        while position < self._size:
+            try:
+                position = self._walk_record(position)
+            except _CutError as error:
+                self._remark_on_end(f" ({error})")
+                return
+        if not self._has_summary and self._chunks:
+            self.remark("has no index, as left by a recorder that was killed; it is read all")
+
+    def _walk_record(self, position: int) -> int:
+        """Take in the record at a position, and return where the next one begins."""
+        self._file.seek(position)
+        fields, length = self._header_at(position)
+        start = self._file.tell()
+        op, end = fields.get(b"op", b"")[:1], start + length
+        if op == _ROS1_INDEX:
+            count = _number(fields, b"count")
+            end = start + self._ENTRY * count
+            if end > self._size or not self._chunks:
+                raise _CutError(f"an index record at byte {start}")
+            if _number(fields, b"ver") == 1:
+                self._note_index(_number(fields, b"conn"), start, count)
+            return end
+        is_cut = end > self._size
+        if op == _ROS1_CHUNK:
+            compression = fields.get(b"compression", b"").decode("latin-1")
+            there = min(length, self._size - start)
+            size = _number(fields, b"size")
+            self._note_chunk(_Chunk(compression, size, start, there, is_cut=is_cut))
+        if is_cut:
+            raise _CutError(f"a record of {length} bytes at byte {position}")
+        if op == _ROS1_BAG and fields.get(b"encryptor", b""):
+            raise self.malformed("is encrypted")
+        if op == _ROS1_CONNECTION:
+            self._note_connection(fields, self._read(length))
+        elif op == _ROS1_MESSAGE:
+            self._note_loose(_number(fields, b"conn"), _time(fields), position)
+        elif op == _ROS1_CHUNK_INFO:
+            self._has_summary = True
+        return end
+
+    def _note_connection(self, fields: _Fields, data: bytes) -> None:
+        number = _number(fields, b"conn")
+        if number in self._found:
+            return
+        self._note_memory(self._OF_CONNECTION + 4 * len(data))
+        told = _fields_in(data)
+        topic = fields.get(b"topic", told.get(b"topic", b""))
+        texts = topic, told.get(b"type", b""), told.get(b"message_definition", b"")
+        topic_name, name, text = (one.decode("utf-8", "replace") for one in texts)
+        self._found[number] = Connection(number, topic_name, name, "ros1", text, False, "ros1")
+
+    def _note_described(self, record: _Record) -> None:
+        if record.head.get(b"op") == _ROS1_CONNECTION:
+            try:
+                self._note_connection(record.head, record.data)
+            except _CutError:
+                self.remark("the description of a connection is damaged")
+
+    def _entries(self, data: bytes, number: int, connection: int) -> MessageIndex:
+        rows = np.frombuffer(data, "<u4").reshape(-1, 3).astype(np.int64)
+        times = rows[:, 0] * 10**9 + rows[:, 1]
+        count = len(rows)
+        return MessageIndex(np.full(count, connection), times, np.full(count, number), rows[:, 2])
+
+    def _place_of(self, record: _Record, number: int) -> Place | None:
+        fields = record.head
+        if fields.get(b"op") == _ROS1_MESSAGE:
+            try:
+                return Place(_number(fields, b"conn"), _time(fields), number, record.position)
+            except _CutError:
+                self.remark("the head of a message is damaged; it is left out")
+        return None
+
+    def _record(self, data: bytes, position: int) -> _Record:
+        if position + 4 > len(data):
+            raise _CutError("a chunk")
+        start = position + 4 + _U32.unpack_from(data, position)[0]
+        if start + 4 > len(data):
+            raise _CutError("a chunk")
+        fields = _fields_in(data[position + 4 : start])
+        end = start + 4 + _U32.unpack_from(data, start)[0]
+        if end > len(data):
+            raise _CutError("a chunk")
+        return _Record(data, position, fields, start + 4, end)
+
+    def _header_at(self, position: int) -> tuple[_Fields, int]:
+        """Return fields of the record that the file stands at, and the length of its data."""
+        where = f"a record at byte {position}"
+        word = self._file.read(4)
+        if len(word) < 4:
+            raise _CutError(where)
+        (length,) = _U32.unpack(word)
+        if length > min(_LONGEST_HEADER, self._size - position):
+            raise _CutError(where)
+        header, word = self._file.read(length), self._file.read(4)
+        if len(header) < length or len(word) < 4:
+            raise _CutError(where)
+        return _fields_in(header), _U32.unpack(word)[0]
+
+
+def _fields_in(data: bytes) -> _Fields:
+    fields: dict[bytes, bytes] = {}
+    position = 0
+    while position < len(data):
+        if position + 4 > len(data):
+            raise _CutError("a header of fields")
+        (length,) = _U32.unpack_from(data, position)
+        position += 4
+        name, equals, value = data[position : position + length].partition(b"=")
+        if not equals or position + length > len(data):
+            raise _CutError("a header of fields")
+        fields[name] = value
+        position += length
+    return fields
+
+
+def _number(fields: _Fields, name: bytes) -> int:
+    value = fields.get(name, b"")
+    if len(value) not in (4, 8):
+        raise _CutError(f"a header without {name.decode()}")
+    return int.from_bytes(value, "little")
+
+
+def _time(fields: _Fields) -> int:
+    value = fields.get(b"time", b"")
+    if len(value) != 8:
+        raise _CutError("a message without time")
+    return int.from_bytes(value[:4], "little") * 10**9 + int.from_bytes(value[4:], "little")
+
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX, _DATA_END = 2, 3, 4, 5, 6, 7, 15
+_LONGEST_RECORD = 1 << 24  # bytes of a schema or a channel
+_BEFORE_DATA = 22  # bytes of a message's record before its data
+_ENCODINGS: dict[str, Encoding] = {"cdr": "cdr", "ros1": "ros1"}
+_IDL = ("ros2idl", "omgidl")
+
+
+class _Schema(NamedTuple):
+    name: str
+    encoding: str
+    text: str
+
+
+class McapBag(ChunkedBag):
+    # The summary at the end is not needed. Chunks without index records are expanded to see what
+    # they hold.
+    _ENTRY = 16
+
+    def __init__(self, path: Path) -> None:
+        self._schemas: dict[int, _Schema] = {}
+        super().__init__(path, "a bag (MCAP)")
+
+    def data(self, place: Place) -> bytes:
+        with access_to(self.path):
+            if place.block == _IN_THE_FILE:
+                self._file.seek(place.offset + 1)
+                (length,) = struct.unpack("<Q", self._read(8))
+                self._file.seek(_BEFORE_DATA, os.SEEK_CUR)
+                return self._read(length - _BEFORE_DATA)
+        chunk = self._kept[place.block]
+        try:
+            _, _, opcode, start, end = self._record(chunk, place.offset)
+        except _CutError:
+            opcode, start, end = 0, 0, 0
+        if opcode != _MESSAGE or end - start < _BEFORE_DATA:
+            raise self.malformed("an index record points to no message")
+        return chunk[start + _BEFORE_DATA : end]
+
+    def _walk(self) -> None:
+        if self._file.read(8) != MCAP_MAGIC:
+            raise self.malformed("is not an MCAP file: it must begin with its magic bytes")
+        position, is_ended = 8, False
+        while position + 9 <= self._size:
+            self._file.seek(position)
+            opcode, length = struct.unpack("<BQ", self._read(9))
+            left = self._size - position - 9
+            if is_ended and opcode not in (_SCHEMA, _CHANNEL):
+                if opcode == _FOOTER:
+                    return
+            elif length > left:
+                if opcode == _CHUNK and not is_ended:
+                    self._take_chunk(position + 9, left, is_cut=True)
+                break
+            else:
+                self._take(opcode, position, length)
+                is_ended = is_ended or opcode == _DATA_END
+                if opcode == _FOOTER:
+                    return
+            position += 9 + length
+        if is_ended:
+            self.remark("ends early, after its messages; all of them are read")
+        else:
+            self._remark_on_end()
+
+    def _take(self, opcode: int, position: int, length: int) -> None:
+        """Take in the record at a position, behind the head of which the file stands."""
+        start = position + 9
+        if opcode in (_SCHEMA, _CHANNEL):
+            self._note(opcode, self._read(min(length, _LONGEST_RECORD + 1)))
+        elif opcode == _CHUNK:
+            self._take_chunk(start, length)
+        elif opcode == _INDEX and self._chunks:
+            head = self._read(min(length, 6))
+            channel, size = struct.unpack("<HI", head) if len(head) == 6 else (0, 1)
+            if size % self._ENTRY or size > length - 6:
+                raise self.malformed(f"an index record at byte {position} is damaged")
+            self._note_index(channel, start + 6, size // self._ENTRY)
+        elif opcode == _MESSAGE and length >= _BEFORE_DATA:
+            channel, _, time = struct.unpack("<HIQ", self._read(14))
+            self._note_loose(channel, _signed(time), position)
+
+    def _take_chunk(self, start: int, length: int, *, is_cut: bool = False) -> None:
+        head = self._file.read(min(length, 32))
+        if len(head) < 32:
+            return
+        _, _, size, crc, name_length = struct.unpack("<QQQII", head)
+        name = self._file.read(min(name_length, 64, length - 32))
+        word = self._file.read(8)
+        before = 40 + name_length
+        stored = int.from_bytes(word, "little")
+        is_whole = len(name) == name_length and len(word) == 8
+        if not is_cut and (not is_whole or stored > length - before):
+            raise self.malformed("the head of a chunk is damaged")
+        if is_whole:
+            there = min(stored, length - before)
+            form = name.decode("latin-1")
+            self._note_chunk(_Chunk(form, size, start + before, there, crc, is_cut=is_cut))
+
+    def _note(self, opcode: int, data: bytes) -> None:
+        if len(data) > _LONGEST_RECORD:
+            raise self.malformed("a schema or channel is too long")
+        try:
+            if opcode == _SCHEMA:
+                (number,) = struct.unpack_from("<H", data)
+                if number not in self._schemas:
+                    self._note_memory(self._OF_CONNECTION + 2 * len(data))
+                    self._schemas[number] = _Schema(*_texts(data, 2, 3))
+                return
+            number, schema_number = struct.unpack_from("<HH", data)
+            if number in self._found:
+                return
+            self._note_memory(self._OF_CONNECTION + 2 * len(data))
+            topic, serialization = _texts(data, 4, 2)
+        except (struct.error, _CutError):
+            raise self.malformed("a schema or channel is damaged") from None
+        schema = self._schemas.get(schema_number, _Schema("", "", ""))
+        self._found[number] = Connection(
+            number, topic, schema.name, _ENCODINGS.get(serialization, ""),
+            schema.text if schema.encoding in ("ros2msg", "ros1msg", *_IDL) else "",
+            schema.encoding in _IDL, serialization,
+        )  # fmt: skip
+
+    def _note_described(self, record: _Record) -> None:
+        if record.head in (_SCHEMA, _CHANNEL):
+            self._note(record.head, record.data)
+
+    def _place_of(self, record: _Record, number: int) -> Place | None:
+        if record.head != _MESSAGE or record.end - record.start < _BEFORE_DATA:
+            return None
+        channel, _, time = struct.unpack_from("<HIQ", record.chunk, record.start)
+        return Place(channel, _signed(time), number, record.position)
+
+    def _entries(self, data: bytes, number: int, connection: int) -> MessageIndex:
+        rows = np.frombuffer(data, "<i8").reshape(-1, 2)
+        count = len(rows)
+        return MessageIndex(
+            np.full(count, connection), rows[:, 0], np.full(count, number), rows[:, 1]
+        )
+
+    def _record(self, data: bytes, position: int) -> _Record:
+        if position < 0 or position + 9 > len(data):
+            raise _CutError
+        opcode, length = struct.unpack_from("<BQ", data, position)
+        end = position + 9 + length
+        if not opcode or end > len(data):  # there are no records of opcode 0
+            raise _CutError
+        return _Record(data, position, opcode, position + 9, end)
+
+
+def _texts(data: bytes, position: int, count: int) -> Iterator[str]:
+    """Yield texts that stand one behind the other, each with its length before it."""
+    for _ in range(count):
+        (length,) = struct.unpack_from("<I", data, position)
+        position += 4 + length
+        if position > len(data):
+            raise _CutError
+        yield data[position - length : position].decode("utf-8", "replace")
+
+
+def _signed(time: int) -> int:
+    """Return a time that numpy can hold; what is beyond is no time of a recording."""
+    return min(time, (1 << 63) - 1)

@@ -1,0 +1,607 @@
+"""Entries of a report: what it shows of files, of runs in folders, and of maps in documents."""
+
+from __future__ import annotations
+
+import re
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from pathlib import Path, PurePath
+from typing import Any, TypeGuard, TypeVar
+
+import numpy as np
+
+from mapdeal.commands.build import DOCUMENT
+from mapdeal.commands.diff import compared
+from mapdeal.commands.report_documents import (
+    Part,
+    Results,
+    difference_items,
+    read_results,
+    short,
+)
+from mapdeal.errors import (
+    FileAccessError,
+    MalformedInputError,
+    MapdealError,
+    ParameterError,
+    emit_warning,
+    kept_warnings,
+    one_line,
+)
+from mapdeal.files.json_values import COMPARISON, DIFF, NamedMap, read_json
+from mapdeal.files.source import (
+    CHANGED,
+    contents_of,
+    exists,
+    holds,
+    is_same_file,
+    memory_limit,
+    sums_of_reads,
+)
+from mapdeal.grid.costmap import CostCurve
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.inputs.listing import folders_below
+from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy, lazy_layer
+from mapdeal.maps.npz import Grid, holds_reach, open_npz, read_reach
+from mapdeal.maps.reading import MapFile, open_map
+from mapdeal.pictures.styles import difference_style
+from mapdeal.pipeline.batch import SUMMARY
+from mapdeal.pipeline.folder import MANIFEST, manifest_in, product_of, said
+from mapdeal.pipeline.inputs import bytes_of, map_input, read_together
+from mapdeal.pipeline.settings import Settings, heard, portable
+from mapdeal.pipeline.step import Step, make_step
+from mapdeal.report.document import MAP, Entry, Item, PageLayer, Table, kinds_of
+from mapdeal.report.tiles import extent_of
+
+Kind = TypeVar("Kind")
+
+_MOST = 5000
+"""Items, tables, rows of a table, and warnings of an entry: browsers get slow beyond that."""
+
+_ABSOLUTE = re.compile(r"(?<![\w./\\-])(?=/|[A-Za-z]:[\\/]|\\\\)")
+_SEPARATOR = re.compile(r"[\\/]")
+_DEEPEST = 32
+"""Folders in one another that are looked for in a text, so that this takes linear time."""
+
+
+@dataclass
+class Draft:
+    """An entry of a report while it is being gathered."""
+
+    name: str
+    path: Path
+    sums: set[str] = field(default_factory=set)
+    paths: list[Path] = field(default_factory=list)
+    names: set[str] = field(default_factory=set)
+    files: set[str] = field(default_factory=set)
+    status: str = ""
+    layers: list[PageLayer] = field(default_factory=list)
+    items: list[Item] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    warnings: dict[str, None] = field(default_factory=dict)
+    figures: dict[str, str | float] = field(default_factory=dict)
+    curve: CostCurve | None = None
+    compared: tuple[str, str] | None = None
+
+    @property
+    def places(self) -> tuple[Path, ...]:
+        return (self.path, *self.paths)
+
+    def takes(self, sums: Collection[str]) -> bool:
+        """Return whether a map whose files have these sums is what the run was made of."""
+        return bool(sums) and self.sums >= set(sums)
+
+    def warn(self, texts: Iterable[str], files: Iterable[Path] = ()) -> None:
+        """Note what the page is to warn of, each text once, files by their names alone."""
+        self.warnings |= dict.fromkeys(portable(texts, files))
+
+    def miss(self, text: str, file: Path) -> None:
+        """Warn of a file that is missing or does not match, on the page, too."""
+        emit_warning(text, stacklevel=2)
+        self.warn([text], [file])
+
+    def lacks(self, what: str, file: Path, error: MapdealError) -> None:
+        self.miss(f"{one_line(str(error))}, so {what} is not shown", file)
+
+    def compare_sums(
+        self, file: Path, found: Collection[object], told: Collection[object], what: str
+    ) -> None:
+        """Warn of a map that is not what a document is of, given the checksums of both."""
+        if told and found != told:
+            self.miss(f"{file}: is not the map that {what}: its checksum differs", file)
+
+    def add(self, one: Part | Results) -> None:
+        self.items += one.items
+        self.tables += one.tables
+
+    def free_name(self, name: str) -> str:
+        taken = {layer.name for layer in self.layers}
+        names = (name if number == 1 else f"{name}-{number}" for number in range(1, len(taken) + 2))
+        return next(one for one in names if one not in taken)
+
+    def entry(self, folders: Collection[str] = ()) -> Entry:
+        """Return the entry as it is now; of very many items, tables and rows the first ones."""
+        # Texts name files without the absolute `folders`, of this machine or of a document's.
+
+        def shown(text: str) -> str:
+            return without_folders(text, folders)
+
+        items = _first(self.items, lambda rest: Item("finding", rest, "note"))
+        tables = []
+        for table in _first(self.tables, lambda rest: Table(rest, ())):
+            rows = _first(table.rows, lambda rest: (rest, ""))
+            tables.append(Table(shown(table.title), tuple((shown(k), shown(v)) for k, v in rows)))
+        return Entry(
+            shown(self.name), tuple(self.layers),
+            tuple(replace(one, text=shown(one.text)) for one in items), tuple(tables),
+            tuple(map(shown, _first(tuple(self.warnings), str))), self.status,
+            dict(self.figures), self.curve, self.compared, extent_of(self.layers, self.items),
+        )  # fmt: skip
+
+
+def folder_of(name: str) -> str | None:
+    """Return the folder of a file that is named absolutely, as any system writes it."""
+    end = max(name.rfind("/"), name.rfind("\\"))
+    return one_line(name[:end]) if end > 0 and _ABSOLUTE.match(name) else None
+
+
+def without_folders(text: str, folders: Collection[str]) -> str:
+    """Return a text in which names of files lack those `folders` that they begin with."""
+    shown, done = "", 0
+    for start in (match.start() for match in _ABSOLUTE.finditer(text)):
+        parts = islice(_SEPARATOR.finditer(text, start + 1), _DEEPEST)
+        ends = [part.end() for part in parts if text[start : part.start()] in folders]
+        if ends and start >= done:
+            shown, done = shown + text[done:start], ends[-1]
+    return shown + text[done:]
+
+
+def _first(found: Sequence[Kind], told: Callable[[str], Kind]) -> tuple[Kind, ...]:
+    """Return the first of very many, and one that counts the rest."""
+    if len(found) <= _MOST:
+        return tuple(found)
+    return (*found[:_MOST], told(f"{len(found) - _MOST} more are not listed"))
+
+
+_SHARE = 4  # of the memory that may be used the part that grids may take which are kept
+_ROWS = 512
+_NO_LIMIT = 1 << 62
+
+
+@dataclass(frozen=True)
+class Opened:
+    path: Path
+    kind: type[Any]
+    files: tuple[Path, ...]
+    sums: Mapping[str, str]
+    heard: tuple[str, ...]
+
+
+class Grids:
+    """The grids of files, as many of them in memory as there is room for."""
+
+    # Within a ``with`` block: those that are read row by row stay open until its end.
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        limit, _ = memory_limit()
+        self._room = _NO_LIMIT if limit is None else limit // _SHARE
+        self._stack = ExitStack()
+        self._opened: dict[Path, Opened] = {}
+        self._kept: OrderedDict[Path, Grid] = OrderedDict()
+        self._made: tuple[tuple[Path, int], Layer] | None = None
+
+    def __enter__(self) -> Grids:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._kept.clear()
+        self._made = None
+        self._stack.close()
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return tuple(file for opened in self._opened.values() for file in opened.files)
+
+    def open(self, path: Path, *, quietly: bool = False) -> Opened:
+        """Read a file for the first time; what reading warns of is given, unless `quietly`."""
+        if path not in self._opened:
+            texts: list[str] = []
+            with ExitStack() as stack:
+                if quietly:
+                    stack.enter_context(kept_warnings())
+                stack.enter_context(heard(texts))
+                read = stack.enter_context(sums_of_reads())
+                grid, file = self._read(path)
+                sums = file.sums_by_name(read)
+            self._keep(path, grid)
+            self._opened[path] = Opened(path, type(grid), file.files, sums, tuple(texts))
+        return self._opened[path]
+
+    def is_there(self, path: Path, draft: Draft, what: str, *, quietly: bool = False) -> bool:
+        """Open a file as `open` does; if it cannot be read, warn that `what` is not shown."""
+        try:
+            self.open(path, quietly=quietly)
+        except MapdealError as error:
+            draft.lacks(what, path, error)
+            return False
+        return True
+
+    def grid(self, path: Path) -> Grid:
+        # A `FileAccessError` if it has changed since.
+        if path not in self._kept:
+            with kept_warnings(), sums_of_reads() as read:  # they were given when it was opened
+                grid, file = self._read(path)
+                sums = file.sums_by_name(read)
+            if sums != self._opened[path].sums:
+                raise FileAccessError(CHANGED, source=path)
+            self._keep(path, grid)
+        self._kept.move_to_end(path)
+        return self._kept[path]
+
+    def layers(self, path: Path, name: str, title: str) -> list[PageLayer]:
+        """Return the layers of a page that the grid of a file becomes, read when asked for."""
+        grid = self.grid(path)
+        return [
+            self._reread(kind.of(grid, name, title), path, index)
+            for index, kind in enumerate(kinds_of(grid))
+        ]
+
+    def _read(self, path: Path) -> tuple[Grid, MapFile]:
+        """Return the grid in a file, by rows if the whole would take too much memory."""
+        settings = self.settings
+        with ExitStack() as stack:
+            file = stack.enter_context(
+                open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
+            )
+            is_npz = path.suffix.lower() == ".npz"
+            if is_npz and holds_reach(path):
+                return read_reach(path, max_cells=settings.max_cells), file
+            if file.memory_to_read() <= self._room:
+                return file.read().grid, file
+            if is_npz:
+                opened = open_npz(path, block_height=_ROWS, max_cells=settings.max_cells)
+                return self._stack.enter_context(opened), file
+            if file.shape_by_rows is None:
+                return file.read().grid, file
+            self._stack.enter_context(stack.pop_all())
+            return file.by_rows(block_height=_ROWS).grid, file
+
+    def _reread(self, layer: PageLayer, path: Path, index: int) -> PageLayer:
+        if is_lazy(layer.values):
+            return layer
+
+        def rows(some: slice) -> Any:
+            if self._made is None or self._made[0] != (path, index):
+                grid = self.grid(path)
+                self._made = (path, index), kinds_of(grid)[index].values(grid)
+            return self._made[1][some]
+
+        values = lazy_layer(layer.frame.shape, layer.values.dtype, rows, block_height=_ROWS)
+        return replace(layer, values=values)
+
+    def _keep(self, path: Path, grid: Grid) -> None:
+        """Keep a grid, and let those go that were asked for longest ago."""
+        self._kept[path] = grid
+        held = {one: 0 if own.is_lazy else bytes_of(own) for one, own in self._kept.items()}
+        while len(held) > 1 and sum(held.values()) > self._room:
+            del held[self._kept.popitem(last=False)[0]]
+
+
+NOT_SHOWN = "not shown"  # the status of a run of a batch that is in no folder of it
+_GRIDS = (".npz", ".yaml")  # the files of a product that hold its values, the most exact first
+_MOST_WRONG = 20  # files of a run that are warned of one by one
+_LARGEST_FIGURE = 1e15  # up to here a float has all whole numbers of a manifest
+_DONE = ("done", "unchanged")
+
+_OF_MAPS = ("occupied %", "free %", "unknown %")  # columns about the map that a run was made of
+_UNKNOWN_MAP = np.full((1, 1), -1, dtype=np.int8)
+
+
+def runs_in(folder: Path) -> list[Draft] | None:
+    """Return a draft for each run in a folder: its own, those of a batch, or those below it."""
+    # Those that have failed have what its summary contains. None if there is none.
+    if exists(folder / MANIFEST):
+        local = (one for one in contents_of(folder)[0] if exists(folder / one / MANIFEST))
+        return [
+            Draft(folder.name or str(folder), folder),
+            *(Draft(f"{folder.name}/{one}", folder / one) for one in local),
+        ]
+    summary = read_json(folder / SUMMARY)
+    entries = summary.get("maps") if isinstance(summary, dict) else None
+    if isinstance(entries, list) and entries and all(isinstance(one, dict) for one in entries):
+        return [draft for one in entries for draft in _drafts_of_batch(folder, one)]
+    found = [path for path, files in folders_below([folder], contents_of) if MANIFEST in files]
+    return [Draft(str(path.relative_to(folder)), path) for path in sorted(found)] or None
+
+
+def _drafts_of_batch(folder: Path, told: Mapping[str, Any]) -> Iterator[Draft]:
+    """Yield what a summary contains about a map, and about the local map beside it."""
+    place, status, name = str(told.get("folder")), str(told.get("status")), str(told.get("map"))
+    parts = PurePath(place).parts
+    if not parts or ".." in parts or PurePath(place).is_absolute():  # whatever there is
+        draft = Draft(place, folder, status=NOT_SHOWN)
+        rule = "is in no folder of this batch, so it is not shown"
+        draft.miss(f"{folder / SUMMARY}: {one_line(place)} {rule}", folder / SUMMARY)
+        yield draft
+        return
+    draft = Draft(place, folder / place, status=status, names={name})
+    if status not in _DONE:
+        draft.tables.append(Table("Input", (("map", name),)))
+        draft.warn([str(told["error"])] if "error" in told else ())
+    yield draft
+    if "local" in told:
+        yield Draft(f"{place}/local", folder / place / "local", status=status)
+
+
+def fill_from_run(draft: Draft, grids: Grids) -> None:
+    # What does not match the manifest, or is not there, becomes a warning; the rest is shown.
+    if draft.status and draft.status not in _DONE and not exists(draft.path / MANIFEST):
+        return
+    manifest = manifest_in(draft.path)
+    inputs = manifest.get("inputs")
+    if isinstance(inputs, dict):
+        draft.sums |= set(map(str, inputs.values()))
+        draft.files |= set(map(str, inputs))
+    _check_outputs(draft, manifest)
+    for stage in manifest["stages"]:
+        name, parameters = next(iter(stage.items()))
+        _add_product(draft, name, parameters, manifest, grids)
+        _add_results(draft, f"{product_of(name)}.json", manifest)
+        figures = manifest["figures"].get(name)
+        draft.tables += [
+            Table(f"{name}: parameters", rows_of(parameters)),
+            Table(f"{name}: figures", rows_of(figures)),
+        ]
+        draft.curve = _curve_of(name, parameters, figures) or draft.curve
+    version = ("mapdeal", said(manifest.get("version")))
+    draft.tables += [
+        Table("Run", (version, *rows_of(manifest.get("options")))),
+        Table("Robot", rows_of(manifest.get("robot"))),
+        Table("Files read, and their SHA-256", rows_of(inputs)),
+        Table("Files written, and their SHA-256", rows_of(manifest["outputs"])),
+    ]
+    draft.tables = [table for table in draft.tables if table.rows]
+    # what a stage has made of a map says little of the map: inflated, most of it is occupied
+    made = columns_of(manifest["figures"])
+    draft.figures |= {name: value for name, value in made.items() if name not in _OF_MAPS}
+    warnings = manifest.get("warnings")
+    draft.warn(map(str, warnings if isinstance(warnings, list) else ()))
+
+
+def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:
+    wrong = _wrong_outputs(draft.path, manifest["outputs"])
+    for path, rule in islice(wrong, _MOST_WRONG):
+        draft.miss(f"{path}: {rule}", path)
+    if left := sum(1 for _ in wrong):
+        rule = f"{left} more of the files that it lists are missing, or are others"
+        draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
+
+
+def _wrong_outputs(folder: Path, outputs: Mapping[str, str]) -> Iterator[tuple[Path, str]]:
+    for name, digest in outputs.items():
+        path = folder / Path(name).name
+        if not exists(path):
+            yield path, "is missing, though the manifest lists it"
+        elif not holds(path, digest):
+            yield path, "is not what the run wrote: its checksum differs"
+
+
+def _add_product(
+    draft: Draft, stage: str, parameters: Mapping[str, Any], manifest: Mapping[str, Any],
+    grids: Grids,
+) -> None:  # fmt: skip
+    product = product_of(stage)
+    names = [f"{product}{ending}" for ending in _GRIDS]
+    path = next((draft.path / one for one in names if one in manifest["outputs"]), None)
+    if path is None:
+        rule = f"the run wrote no values of stage {stage}"
+        draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
+    elif grids.is_there(path, draft, f"layer {product}", quietly=True):  # the run has warned of it
+        step = _step_of(stage, parameters)
+        title = stage if step is None else step.title
+        add_layers(draft, grids.layers(path, product, title[:1].upper() + title[1:]))
+
+
+def _add_results(draft: Draft, name: str, manifest: Mapping[str, Any]) -> None:
+    """Add what a stage has answered, if it has: goals and passages of ``reach``."""
+    if name not in manifest["outputs"]:
+        return
+    try:
+        draft.add(read_results(draft.path / name))
+    except MapdealError as error:
+        draft.miss(one_line(str(error)), draft.path / name)
+
+
+def add_layers(draft: Draft, layers: Iterable[PageLayer]) -> None:
+    """Add layers to those of a draft, but no map of a field that is there already."""
+    instead: dict[str | None, str] = {}
+    for layer in layers:
+        if layer.name.endswith(f"-{MAP}"):
+            same = next((one for one in draft.layers if _are_equal(one, layer)), None)
+            if same is not None:
+                instead[layer.name] = same.name
+                continue
+        draft.layers.append(replace(layer, states=instead.get(layer.states, layer.states)))
+
+
+def _are_equal(one: PageLayer, other: PageLayer) -> bool:
+    colours = one.style.by_value, other.style.by_value
+    if one.frame != other.frame or colours[0] is None or colours[1] is None:
+        return False
+    if not np.array_equal(colours[0], colours[1]):
+        return False
+    blocks = blocks_of(one.values)
+    return all(np.array_equal(one.values[rows], other.values[rows]) for rows in blocks)
+
+
+def _step_of(stage: str, parameters: Mapping[str, Any]) -> Step | None:
+    with suppress(ParameterError):
+        return make_step(stage, parameters)
+    return None
+
+
+def _curve_of(stage: str, parameters: Mapping[str, Any], figures: object) -> CostCurve | None:
+    resolution: Any = figures.get("resolution") if isinstance(figures, dict) else None
+    step = _step_of(stage, parameters)
+    if step is None or not _is_figure(resolution):
+        return None
+    with suppress(MapdealError):
+        return step.curve_on(OccupancyGrid(_UNKNOWN_MAP, resolution))
+    return None
+
+
+def columns_of(figures: Mapping[str, Any]) -> dict[str, str | float]:
+    """Return figures of some stages as columns of a table of maps."""
+    columns: dict[str, str | float] = {}
+    for told in figures.values():
+        if isinstance(told, dict):
+            for name, value in _columns_of_grid(told).items():
+                columns.setdefault(name, value)
+    return columns
+
+
+def _columns_of_grid(told: Mapping[str, Any]) -> dict[str, str | float]:
+    """Return the columns of those figures that are numbers: anybody may have written them."""
+    known = {name: value for name, value in told.items() if _is_figure(value)}
+    cells = known.get("width", 0) * known.get("height", 0)
+    columns: dict[str, str | float] = {}
+    if cells > 0:
+        columns["cells"] = f"{known['width']} x {known['height']}"
+    if "resolution" in known:
+        columns["m per cell"] = float(known["resolution"])
+    # a costmap counts free and unknown cells, too, but on its own terms
+    for name in ("lethal",) if "lethal" in known else ("occupied", "free", "unknown"):
+        if name in known and cells > 0:
+            columns[f"{name} %"] = round(100 * known[name] / cells, 2)
+    if "reachable_m2" in known:
+        columns["reachable m2"] = round(float(known["reachable_m2"]), 3)
+    return columns
+
+
+def _is_figure(value: object) -> TypeGuard[int | float]:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    return abs(value) <= _LARGEST_FIGURE
+
+
+def rows_of(values: object) -> tuple[tuple[str, str], ...]:
+    if not isinstance(values, dict):
+        return ()
+    return tuple((str(name), one_line(said(value))) for name, value in values.items())
+
+
+def drafts_about(file: str, drafts: Sequence[Draft]) -> list[Draft]:
+    """Return the drafts of a map or run that lint has called by a name."""
+    # The map or the folder itself, wherever lint was started, counts most; then a name that a batch
+    # gives a map, or a folder; then a file that a run was made of, if no other run was made of one
+    # of its name.
+    path = Path(file)
+    same = [draft for draft in drafts if any(is_same_file(path, one) for one in draft.places)]
+    if same:
+        return same
+    ends = [draft for draft in drafts if any(_ends_with(file, name) for name in draft.names)]
+    if ends:
+        return ends
+    named = [draft for draft in drafts if path.name in draft.files]
+    return named if len(named) == 1 else []
+
+
+def _ends_with(file: str, name: str) -> bool:
+    parts = PurePath(name).parts
+    return bool(parts) and PurePath(file).parts[-len(parts) :] == parts
+
+
+def place_of(named: NamedMap, document: Path) -> Path:
+    """Return where a map is: as it was named, or beside the document."""
+    places = (Path(named.file), document.parent / Path(named.file).name)
+    return next((one for one in places if exists(one)), places[0])
+
+
+def give_score(document: Path, results: Results, drafts: list[Draft], grids: Grids) -> None:
+    (own,) = results.maps
+    place = None if own is None else place_of(own, document)
+    owners = [] if place is None else drafts_about(str(place), drafts)
+    if not owners and len(drafts) == 1:
+        owners = drafts
+    for draft in owners:
+        draft.tables += results.tables
+        for path in draft.paths:
+            if own is not None and place is not None and is_same_file(place, path):
+                found, told = (sorted(one.values()) for one in (grids.open(path).sums, own.sha256))
+                draft.compare_sums(path, found, told, f"{document.name} scores")
+    if not owners:
+        name = "a map that is not a file" if own is None else short(own.file)
+        text = f"{document}: the score of {name} is left out: the map is not shown here"
+        emit_warning(text, stacklevel=2)
+
+
+def methods_in(folder: Path, grids: Grids) -> Draft:
+    """Return the draft of a folder of ``build --compare``: a layer for each method."""
+    results = read_results(folder / DOCUMENT)
+    if results.kind != COMPARISON:
+        raise MalformedInputError("is not a comparison of methods", source=folder / DOCUMENT)
+    draft = Draft(folder.name or str(folder), folder, tables=list(results.tables))
+    for method in results.parts:
+        path = folder / Path(f"{method.name}.yaml").name
+        if path not in draft.paths:  # of no method of another name
+            draft.paths.append(path)
+            if grids.is_there(path, draft, f"layer {method.name}"):
+                draft.layers += grids.layers(path, method.name, f"Map by {method.name}")
+                sums = rows_of(grids.open(path).sums)
+                draft.tables.append(Table(f"{method.name}: SHA-256", sums))
+        draft.items += method.items
+    names = [layer.name for layer in draft.layers]
+    if len(names) > 1:
+        draft.compared = names[0], names[1]
+    return draft
+
+
+def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
+    """Return the draft of a document of ``diff`` or ``align``: one map over the other."""
+    # The maps are read again. A map that is missing, or has changed since, is reported.
+    first, second = results.maps
+    is_diff = results.kind == DIFF
+    if first is None or second is None:
+        hint = "mapdeal diff A B --json also writes their names" if is_diff else None
+        raise MalformedInputError("does not name its two maps", source=path, hint=hint)
+    stems = [Path(one.file).stem for one in (first, second)]
+    draft = Draft(f" {'and' if is_diff else 'on'} ".join(stems), path, tables=list(results.tables))
+    found = []
+    for named, name in ((first, "first"), (second, "second")):
+        place = place_of(named, path)
+        if not grids.is_there(place, draft, "this map"):
+            continue
+        found.append(place)
+        sums = grids.open(place).sums
+        draft.compare_sums(place, dict(sums), dict(named.sha256), f"{path.name} names")
+        moved = results.transform if named is first else None
+        title = f"{name.capitalize()} map{'' if moved is None else ', moved'}: {place.name}"
+        layers = grids.layers(place, name, title)
+        if moved is not None:
+            layers = [replace(one, frame=moved.frame(one.frame)) for one in layers]
+        if is_diff:
+            layers = layers[-1:]
+            draft.paths.append(place)
+        else:
+            draft.tables.append(Table(f"{name}: SHA-256", rows_of(sums)))
+        draft.layers += layers
+    if len(draft.layers) > 1:
+        draft.compared = draft.layers[0].name, draft.layers[-1].name
+    if is_diff and len(found) == 2:
+        _add_difference(draft, found, grids)
+    return draft
+
+
+def _add_difference(draft: Draft, paths: Sequence[Path], grids: Grids) -> None:
+    settings = grids.settings
+    with kept_warnings():  # they were given when the maps were opened
+        sources = zip(paths, read_together(paths, settings), strict=True)
+        maps = [map_input(one, path) for path, one in sources]
+        found = compared(maps, max_memory=settings.max_memory)
+    style, title = difference_style(), "What differs"
+    draft.layers.append(PageLayer("difference", title, found.frame, found.changes, style))
+    draft.items += difference_items(found)

@@ -1,0 +1,316 @@
+"""Several maps of one place as one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.canvas import region_on_lattice, resampled
+from mapdeal.grid.field import FieldView
+from mapdeal.grid.frame import MOST_CELLS, Frame, Region
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLine, count_text
+from mapdeal.kernels.distance import within_distance
+from mapdeal.kernels.lookup import look_up
+from mapdeal.kernels.threads import for_rows
+
+NO_CONFLICT, BY_FIRST, BY_OTHERS, AMONG_OTHERS = range(4)
+"""No conflict; the first map is occupied; it is free; it is neither, and others differ."""
+
+OCCUPIED_FROM, FREE_UP_TO = 65, 25
+"""Values at which Nav2's map_saver by default calls a cell occupied, and free."""
+
+_NEAR = 2  # cells: an obstacle that is farther is not the same, seen by another map
+_MANY = 0.01
+"""Share of common cells: maps whose walls lie on each other have fewer conflicts, or meet."""
+
+NOTHING, _IS_FREE, _IS_OCCUPIED, BETWEEN = range(4)
+
+States = NDArray[np.uint8]
+Numbers = NDArray[np.uint16]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, repr=False)
+class MapCounts(OneLine):
+    """Comparison of one map with the others in a merge, in cells of the merged map.
+
+    Parameters
+    ----------
+    known : int
+        Number of cells known in this map.
+    common : int
+        Known cells that are known in another map as well.
+    added : int
+        Cells known in this map but in none before it, or occupied in this map but in none
+        before it.
+    occupied_here : int
+        Cells occupied in this map and free in another.
+    free_here : int
+        Cells free in this map and occupied in another.
+    walls : int
+        Cells occupied in this map and known in another.
+    met : int
+        Cells of `walls` with an obstacle of another map within two cells; most of them, if the
+        maps are aligned.
+    """
+
+    known: int
+    common: int
+    added: int
+    occupied_here: int
+    free_here: int
+    walls: int
+    met: int
+
+    def _told(self) -> Iterator[str]:
+        yield f"{self.known} known"
+        yield f"{self.common} in common"
+        yield f"{self.added} added"
+        yield count_text(self.conflicts, "conflict")
+        yield f"{self.met} of {self.walls} walls met"
+
+    @property
+    def conflicts(self) -> int:
+        """Number of cells in which this map and another contradict each other."""
+        return self.occupied_here + self.free_here
+
+    @property
+    def conflict_share(self) -> float:
+        """Conflicts as a share of `common`; 0 if no cell is common."""
+        return self.conflicts / self.common if self.common else 0.0
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the map is probably misaligned: many conflicts, and few walls met.
+
+        Conflicts alone prove nothing: moved furniture causes some, and if two maps have the same
+        wall one cell apart, each is free where the other has the wall.
+        """
+        return self.conflict_share > _MANY and 2 * self.met < self.walls
+
+
+def states_of(values: NDArray[np.int8]) -> States:
+    """Return whether cells are `NOTHING` (unknown), `FREE`, `OCCUPIED` or `BETWEEN`."""
+    table = np.full(256, BETWEEN, dtype=np.uint8)
+    table[: FREE_UP_TO + 1] = _IS_FREE
+    table[OCCUPIED_FROM:] = _IS_OCCUPIED
+    table[UNKNOWN] = NOTHING
+    return look_up(values, table)
+
+
+def compared(states: Sequence[States]) -> tuple[States, tuple[MapCounts, ...], int]:
+    """Return the conflicts of maps, the counts of each, and how many cells several know."""
+    shape = states[0].shape
+    occupied = _maps_with((one == _IS_OCCUPIED for one in states), shape)
+    free = _maps_with((one == _IS_FREE for one in states), shape)
+    known = _maps_with((one != NOTHING for one in states), shape)
+    differ = (occupied > 0) & (free > 0)
+    conflicts = np.where(differ, np.uint8(AMONG_OTHERS), np.uint8(NO_CONFLICT))
+    conflicts[differ & (states[0] == _IS_OCCUPIED)] = BY_FIRST
+    conflicts[differ & (states[0] == _IS_FREE)] = BY_OTHERS
+    return conflicts, tuple(_counts(states, occupied, free, known)), _count(known > 1)
+
+
+def _maps_with(masks: Iterable[Mask], shape: tuple[int, ...]) -> Numbers:
+    """Return in how many of some masks, one for each map, cells are marked."""
+    numbers = np.zeros(shape, dtype=np.uint16)
+    for mask in masks:
+        numbers += mask
+    return numbers
+
+
+def _count(mask: Mask) -> int:
+    return int(np.count_nonzero(mask))
+
+
+def _counts(
+    states: Sequence[States], occupied: Numbers, free: Numbers, known: Numbers
+) -> Iterator[MapCounts]:
+    known_before, occupied_before = np.zeros((2, *states[0].shape), dtype=np.bool_)
+    for one in states:
+        own_known, own_occupied, own_free = one != NOTHING, one == _IS_OCCUPIED, one == _IS_FREE
+        shared = own_known & (known > own_known)
+        other_occupied = occupied > own_occupied
+        walls = own_occupied & shared
+        yield MapCounts(
+            known=_count(own_known),
+            common=_count(shared),
+            added=_count((own_known & ~known_before) | (own_occupied & ~occupied_before)),
+            occupied_here=_count(own_occupied & (free > own_free)),
+            free_here=_count(own_free & other_occupied),
+            walls=_count(walls),
+            met=_count(walls & within_distance(other_occupied, _NEAR**2)),
+        )
+        known_before |= own_known
+        occupied_before |= own_occupied
+
+
+Layers = Mapping[str, ArrayLike]  # by the names that `build_map` gives them
+ChosenLayers = Mapping[str, NDArray[Any]]  # layers with evidence about hits, checked
+EVEN = 50.0  # of ``log_odds``: as much for as against an obstacle
+_PASS = 3 << 16
+"""Of a beam that passes, in whole numbers: sums are exact, in whatever order they are made."""
+
+_HIT = 7 << 16
+"""Of a beam that hits: 0.7 to 0.3, as for the share of hits above which a cell is occupied."""
+
+_MOST = 1e9  # bounds what a layer may hold, so that sums of many fit 64 bits
+_LOG_ODDS, _HITS, _MISSES = "log_odds", "hits", "misses"
+
+
+def chosen_layers(layers: Layers, shape: tuple[int, int]) -> ChosenLayers:
+    """Return those of a map's layers that say what beams have hit; none if there are none."""
+    wanted = (_LOG_ODDS,) if _LOG_ODDS in layers else (_HITS, _MISSES)
+    if not any(key in layers for key in wanted):
+        return {}
+    chosen = {}
+    for key in wanted:
+        if key not in layers:
+            raise ParameterError("is missing", place=key)
+        layer = np.asarray(layers[key])
+        if layer.shape != shape:
+            raise ParameterError(f"must be of the map's {shape[1]} x {shape[0]} cells", place=key)
+        if layer.dtype.kind not in "fiu":
+            raise ParameterError("must be numbers", place=key, got=str(layer.dtype))
+        least = -_MOST if key == _LOG_ODDS else 0.0
+        odd = (layer < least) | (layer > _MOST)  # which nan is not: no beam has been there
+        if key != _LOG_ODDS:
+            odd |= np.isnan(layer)
+        if odd.any():
+            rule = f"must lie in {least:g}..{_MOST:g}"
+            raise ParameterError(rule, place=key, got=layer[odd][0].item())
+        chosen[key] = layer
+    return chosen
+
+
+def evidence_of(
+    lattice: Frame,
+    states: Sequence[States],
+    frames: Sequence[Frame],
+    layers: Sequence[ChosenLayers],
+) -> NDArray[np.int64]:
+    total = np.zeros(lattice.shape, dtype=np.int64)
+    for state, frame, own in zip(states, frames, layers, strict=True):
+        if own:
+            _add_layers(total, lattice, own, frame)
+        else:
+            total[state == _IS_OCCUPIED] += _PASS
+            total[state == _IS_FREE] -= _PASS
+    return total
+
+
+def _add_layers(
+    total: NDArray[np.int64], lattice: Frame, layers: ChosenLayers, source: Frame
+) -> None:
+    def add(part: slice) -> None:
+        numbers = np.arange(part.start, part.stop)
+        cells = np.stack(np.meshgrid(numbers, np.arange(lattice.width), indexing="ij"), axis=-1)
+        centres = lattice.xy_from_rowcol(cells.reshape(-1, 2))
+        at, inside = source.bounded_rowcol_from_xy(centres)
+        row, col = at[inside].T
+        rows = total[part].reshape(-1)  # a view: rows are whole
+        rows[inside] += _weighed({name: layer[row, col] for name, layer in layers.items()})
+
+    for_rows(add, lattice.shape)
+
+
+def _weighed(values: ChosenLayers) -> NDArray[np.int64]:
+    if _LOG_ODDS in values:
+        units = np.rint((values[_LOG_ODDS].astype(np.float64) - EVEN) * _PASS)
+        return np.where(np.isnan(units), 0.0, units).astype(np.int64)
+    hits, misses = (values[name].astype(np.int64) for name in (_HITS, _MISSES))
+    weighed: NDArray[np.int64] = hits * _HIT - misses * _PASS
+    return weighed
+
+
+Rule = Literal["occupied", "newest", "evidence"]
+
+FEWEST = 2  # maps that can be merged
+_TOUCHING = 1e-6  # in cells: borders that differ by less are the same on paper
+
+Values = NDArray[np.int8]
+
+
+def lattice_around(maps: Sequence[OccupancyGrid], frames: Sequence[Frame]) -> Frame:
+    """Return the cells of the first map's lattice that hold it and all known cells."""
+    first = frames[0]
+    low, high = np.zeros(2), np.array(first.shape, dtype=np.float64)
+    for grid, frame in zip(maps[1:], frames[1:], strict=True):
+        corners = _corners_of_known(grid.occupancy)
+        if len(corners):
+            places = first.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
+            low = np.minimum(low, np.floor(places.min(axis=0) + _TOUCHING))
+            high = np.maximum(high, np.ceil(places.max(axis=0) - _TOUCHING))
+    row, col = (int(edge) for edge in low)
+    height, width = (int(edge) for edge in high - low)
+    if height * width > MOST_CELLS:
+        rule = f"the maps lie too far apart: {width} x {height} cells hold them all"
+        raise ParameterError(rule, place="origin")
+    return Region(row, col, height, width).frame_in(first)
+
+
+def merged_on(
+    lattice: Frame,
+    maps: Sequence[OccupancyGrid],
+    frames: Sequence[Frame],
+    rule: Rule,
+    evidence: Sequence[ChosenLayers],
+) -> tuple[
+    OccupancyGrid, NDArray[np.uint8], tuple[MapCounts, ...], int, NDArray[np.float64] | None
+]:
+    """Return maps, each at its place, as one on a lattice, and how they compare; see `merge`."""
+    values = np.full(lattice.shape, UNKNOWN, dtype=np.int8)
+    states = []
+    for grid, frame in zip(maps, frames, strict=True):
+        kept, said = _brought(lattice, grid, frame)
+        states.append(states_of(said))
+        if rule == "newest":
+            np.copyto(values, kept, where=kept != UNKNOWN)
+        else:
+            np.maximum(values, said if rule == "evidence" else kept, out=values)
+        del kept, said
+    log_odds = None
+    if rule == "evidence":
+        total = evidence_of(lattice, states, frames, evidence)
+        values[total > 0] = OCCUPIED
+        values[total < 0] = FREE
+        log_odds = total / _PASS
+        del total
+        log_odds += EVEN
+        log_odds[values == UNKNOWN] = np.nan
+    conflicts, counts, common = compared(states)
+    grid = OccupancyGrid(values, lattice.resolution, lattice.origin)
+    return grid, conflicts, counts, common, log_odds
+
+
+def check_is_map(grid: object, name: str) -> OccupancyGrid:
+    if not isinstance(grid, OccupancyGrid) or isinstance(grid, FieldView):
+        rule = "is not a map; merge the maps, and compute costs and fields from the result"
+        raise ParameterError(rule, source=name)
+    return grid
+
+
+def _brought(lattice: Frame, grid: OccupancyGrid, frame: Frame) -> tuple[Values, Values]:
+    """Return a map in cells of the lattice: with all of its obstacles, and what it says there."""
+    there = replace(grid, origin=frame.origin)
+    coincide = region_on_lattice(frame, lattice) is not None
+    kept = resampled(there, lattice, rule="nearest" if coincide else "area").occupancy
+    if coincide or frame.resolution < lattice.resolution:
+        return kept, kept
+    return kept, resampled(there, lattice, rule="nearest").occupancy
+
+
+def _corners_of_known(occupancy: Values) -> NDArray[np.int64]:
+    """Return corners of cells, shape (N, 2), whose hull holds all known cells."""
+    known = occupancy != UNKNOWN
+    rows = np.flatnonzero(known.any(axis=1))
+    first = known[rows].argmax(axis=1)
+    last = known.shape[1] - known[rows, ::-1].argmax(axis=1)
+    ends = [np.stack([rows + up, col], axis=1) for up in (0, 1) for col in (first, last)]
+    return np.concatenate(ends)

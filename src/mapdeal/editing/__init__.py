@@ -1,1 +1,0 @@
-"""Shapes drawn into grids, regions reset, several maps merged into one."""

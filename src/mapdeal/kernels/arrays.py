@@ -1,0 +1,12 @@
+"""Words for the arrays that kernels take and give; none holds units, or files."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Mask = NDArray[np.bool_]
+Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Metres = NDArray[np.float32]

@@ -1,0 +1,292 @@
+"""The compiled engine: distances, clearance trees, and open poses.
+
+The module scipy_twins.py has the same functions; the algorithms are in the files .h.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.kernels import _clearance_tree, _compiled
+from mapdeal.kernels._configuration_space import PoseMaker, flood
+from mapdeal.kernels.arrays import Bytes, Integers, Mask, Metres
+from mapdeal.kernels.blocks import Layer
+from mapdeal.kernels.distance import Halo, Runs, SquaredDistances, dtype_of_squares, unreachable
+from mapdeal.kernels.paths import Basins, ClearanceTree, Pose, RootedTree
+from mapdeal.kernels.polygons import Cell, Spans, halves
+from mapdeal.kernels.threads import for_rows, in_bands
+
+if TYPE_CHECKING:
+    from mapdeal.kernels._compiled import Transform
+
+
+LONGEST_SIDE = _compiled.longest_side  # cells; longer ones are left to the scipy twin
+
+
+def squares(marked: Mask, both_kinds: bool, limit: int | None) -> SquaredDistances:
+    """Return squared distances; negative on marked cells if they are of both kinds, else 0."""
+    squared = np.empty(marked.shape, dtype_of_squares(marked.shape))
+    transform = _transform(marked, squared, limit)
+    transform.to_squares(both_kinds)
+    _run(transform, squared.size)
+    return squared
+
+
+def bytes_of_squares(marked: Mask, table: Bytes) -> Bytes:
+    """Return the table's entry for each cell's square, the last one for all beyond."""
+    looked_up = np.empty(marked.shape, np.uint8)
+    transform = _transform(marked, looked_up, len(table) - 2)
+    transform.to_bytes(table)
+    _run(transform, looked_up.size)
+    return looked_up
+
+
+def metres(
+    marked: Mask, scale: float, outside_shift: float, inside_shift: float, clip: float,
+    gain: float, halo: Halo | None = None,
+) -> Metres:  # fmt: skip
+    distance = np.empty(marked.shape, np.float32)
+    cells = (clip + max(abs(outside_shift), abs(inside_shift))) / scale + 1
+    beyond = math.ceil(cells * cells) if cells < LONGEST_SIDE else None
+    transform = _transform(marked, distance, beyond)
+    if halo is not None:
+        transform.place(halo.height, _row_of(halo.before), _row_of(halo.after))
+    transform.to_metres(scale, outside_shift, inside_shift, clip, gain)
+    _run(transform, distance.size)
+    return distance
+
+
+def _row_of(row: tuple[Mask, Runs] | None) -> tuple[Bytes, Runs] | None:
+    return None if row is None else (np.ascontiguousarray(row[0]).view(np.uint8), row[1])
+
+
+def _transform(marked: Mask, result: NDArray[Any], limit: int | None) -> Transform:
+    most = _compiled.unlimited if limit is None else min(limit, _compiled.unlimited)
+    mask = np.ascontiguousarray(marked).view(np.uint8)
+    return _compiled.Transform(mask, result.view(np.uint8), most)
+
+
+def _run(transform: Transform, cells: int) -> None:
+    in_bands(transform.scan, transform.bands, cells)
+    transform.join()
+    in_bands(transform.solve, transform.bands, cells)
+
+
+_MOST = unreachable(np.zeros(0, dtype=np.int32))
+
+
+def fits(squared: SquaredDistances) -> bool:
+    """Return whether there are few enough cells, and their squares fit 32 bits."""
+    if not 0 < squared.size <= _clearance_tree.most_cells:
+        return False
+    if squared.dtype == np.int32:
+        return True
+    return int(squared.max(where=squared != unreachable(squared), initial=0)) < _MOST
+
+
+def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> ClearanceTree:
+    narrow = _narrow(squared)
+    basins = np.empty(narrow.shape, dtype=np.int32)
+    mask = np.ascontiguousarray(is_traversable).view(np.uint8)
+    work = _clearance_tree.Basins(narrow, mask, basins)
+    in_bands(work.point, work.bands, narrow.size)
+    peak_count, edge_count = work.counts()
+    peaks, peak_cells = np.empty(peak_count, np.int64), np.empty(peak_count, np.int64)
+    work.number(peaks, peak_cells)
+    work.join()
+    in_bands(work.label, work.bands, narrow.size)
+    keys = np.empty(edge_count, dtype=np.uint64)
+    work.take_edges(keys)
+    spare = np.empty_like(keys)
+    in_order = spare if _clearance_tree.sort_edges(keys, spare) else keys
+    del keys, spare
+    one, other = np.empty((2, peak_count), np.int32)
+    squares, cells = np.empty((2, peak_count), np.int64)
+    sets = np.arange(peak_count, dtype=np.int32)
+    kept = _clearance_tree.span_basins(basins, in_order, sets, one, other, squares, cells)
+    for some in (peaks, squares):
+        some[some == _MOST] = unreachable(squared)
+    return ClearanceTree(
+        basins, peaks, peak_cells, one[:kept], other[:kept], squares[:kept], cells[:kept]
+    )
+
+
+def _narrow(squared: SquaredDistances) -> NDArray[np.int32]:
+    if squared.dtype == np.int32:
+        return np.ascontiguousarray(squared, dtype=np.int32)
+    narrow = np.empty(squared.shape, dtype=np.int32)
+
+    def some(rows: slice) -> None:
+        narrow[rows] = np.minimum(squared[rows], _MOST)
+
+    for_rows(some, squared.shape)
+    return narrow
+
+
+def rooted(tree: ClearanceTree, root: int) -> RootedTree:
+    count, edges = len(tree.peaks), len(tree.squares)
+    begins, ends = np.empty(count + 1, np.int32), np.empty(2 * edges, np.int32)
+    order = np.empty(count, np.int32)
+    parent_edges = np.full(count, -1, dtype=np.int32)
+    bottlenecks = np.full(count, -1, dtype=np.int64)
+    order[0], bottlenecks[root] = root, tree.peaks[root]
+    found = _clearance_tree.root_tree(
+        tree.one, tree.other, tree.squares, begins, ends, order, parent_edges, bottlenecks
+    )
+    return RootedTree(order[:found], parent_edges, bottlenecks)
+
+
+def widest_metres(
+    basins: Basins, squared: SquaredDistances, limits: Integers, resolution: float, metres: Metres
+) -> None:
+    """Fill in the metres of the lesser of square and basin's limit, the first of -1."""
+    narrow = _narrow(squared)
+    limits_in_metres = np.empty((1, len(limits)), np.float32)
+    narrow_limits = np.minimum(limits, _MOST).astype(np.int32).reshape(1, -1)
+    clearance_metres(narrow_limits, resolution, limits_in_metres)
+
+    def some(rows: slice) -> None:
+        part = metres[rows].view(np.uint8)
+        _clearance_tree.paint(narrow[rows], basins[rows], limits_in_metres[0], resolution, part)
+
+    for_rows(some, squared.shape)
+
+
+def clearance_metres(squared: SquaredDistances, resolution: float, metres: Metres) -> None:
+    """Fill in the metres of squares; they may lie over them."""
+    narrow = _narrow(squared)
+
+    def some(rows: slice) -> None:
+        _clearance_tree.paint(narrow[rows], None, None, resolution, metres[rows].view(np.uint8))
+
+    for_rows(some, squared.shape)
+
+
+def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: int) -> Integers:
+    narrow = _narrow(squared)
+    free: deque[Basins] = deque()  # counts of a thread at a time, not of each part
+
+    def some(rows: slice) -> None:
+        try:
+            counts = free.pop()
+        except IndexError:
+            counts = np.zeros(count + 1, np.int32)
+        _clearance_tree.count_above(narrow[rows], basins[rows], above, counts)
+        free.append(counts)
+
+    for_rows(some, squared.shape)
+    areas = np.zeros(count, np.int64)
+    for counts in free:
+        areas += counts[1:]
+    return areas
+
+
+Words = NDArray[np.uint64]
+
+_WORD, _SHIFTS, _WIDE = 64, 8, 16
+_BAND_ROWS = 32
+"""Rows of poses that are made together: more save work at their edges, fewer stay in the cache."""
+
+_SHARE_WAITING = 64  # one of so many tiles may wait at a time
+_FEWEST_WAITING = 1024
+
+
+class OpenPoses:
+    """A bit for each heading of each cell; a word is 64 cells of a row."""
+
+    def __init__(self, blocked: Layer, footprints: Sequence[Spans]) -> None:
+        self.shape = blocked.shape
+        self._count = len(footprints)
+        self._maker = _maker(_packed(blocked), self.shape, footprints)
+        self.headings = np.empty(self.shape, dtype=np.uint8)
+        self._planes: Words | None = self._made(self.headings)
+
+    def at(self, row: int, col: int) -> Mask:
+        if self._planes is None:
+            self._planes = self._made()
+        return _bits_at(self._planes, row, col)
+
+    def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> tuple[Bytes, Mask]:
+        planes = self._made() if self._planes is None else self._planes
+        self._planes = None  # what is reached is taken out
+        opened = [_bits_at(planes, row, col) for row, col in cells]
+        reached = np.zeros(planes.shape[:2], dtype=np.uint64)
+        starts = np.array(seeds, dtype=np.int64).reshape(-1, 3)
+        most_waiting = max(_FEWEST_WAITING, reached.size // _SHARE_WAITING)
+        flood(self._maker, planes, reached, starts, most_waiting)
+        headings = np.zeros((len(cells), self._count), dtype=np.bool_)
+        for k, (row, col) in enumerate(cells):
+            headings[k] = opened[k] & ~_bits_at(planes, row, col)
+        del planes
+        return _unpacked(reached, self.shape), headings
+
+    def _made(self, numbers: Bytes | None = None) -> Words:
+        height, width = self.shape
+        planes = np.empty((height, -(-width // _WORD), self._count), dtype=np.uint64)
+
+        def make(rows: slice) -> None:
+            self._maker.make(rows.start, rows.stop, planes, numbers)
+
+        for_rows(make, (height, width * self._count), _BAND_ROWS)
+        return planes
+
+
+def _bits_at(planes: Words, row: int, col: int) -> Mask:
+    word, bit = divmod(col, _WORD)
+    bits: Mask = (planes[row, word] >> np.uint64(bit) & np.uint64(1)).astype(np.bool_)
+    return bits
+
+
+def _packed(blocked: Layer) -> Bytes:
+    """Return a bit a cell, the lowest first; those behind the last are set."""
+    height, width = blocked.shape
+    packed = np.empty((height, -(-width // 8)), dtype=np.uint8)
+
+    def pack(rows: slice) -> None:
+        packed[rows] = np.packbits(blocked[rows], axis=1, bitorder="little")
+
+    for_rows(pack, (height, width))
+    if width % 8:
+        packed[:, -1] |= 0xFF << width % 8 & 0xFF
+    return packed
+
+
+def _unpacked(words: Words, shape: tuple[int, int]) -> Bytes:
+    values = np.empty(shape, dtype=np.uint8)
+
+    def unpack(rows: slice) -> None:
+        bits = words[rows].view(np.uint8)
+        values[rows] = np.unpackbits(bits, axis=1, count=shape[1], bitorder="little")
+
+    for_rows(unpack, shape)
+    return values
+
+
+def _maker(blocked: Bytes, shape: tuple[int, int], footprints: Sequence[Spans]) -> PoseMaker:
+    """Return what makes poses: the runs of all headings, as places in a work area."""
+    fitting = [all(side.start < side.stop for side in spans.places(shape)) for spans in footprints]
+    runs = [halves(spans) for spans, fits in zip(footprints, fitting, strict=True) if fits]
+    if not runs:
+        nothing = np.zeros(0, dtype=np.int64)
+        firsts = np.zeros(_SHIFTS * len(footprints) + 1, dtype=np.int64)
+        return PoseMaker(blocked, shape[1], firsts, nothing, (0, 0, 0, 1, _WIDE, _BAND_ROWS))
+    heading = np.repeat(np.flatnonzero(fitting), [len(rows) for rows, _, _ in runs])
+    rows, starts, exponents = map(np.concatenate, zip(*runs, strict=True))
+    first_row, first_byte = int(rows.min()), int(starts.min()) // 8
+    levels = int(exponents.max()) + 1
+    ends = starts + (1 << exponents) - 8 * first_byte
+    level_words = _WIDE + 1 + int(ends.max()) // _WORD
+    halo = int(rows.max()) - first_row
+    bits = starts - 8 * first_byte
+    offsets = ((rows - first_row) * levels + exponents) * (8 * level_words) + bits // 8
+    kinds = heading * _SHIFTS + bits % 8
+    order = np.lexsort((offsets, kinds))
+    firsts = np.searchsorted(kinds[order], np.arange(_SHIFTS * len(footprints) + 1))
+    area = first_row, first_byte, halo, levels, level_words, _BAND_ROWS
+    return PoseMaker(blocked, shape[1], firsts.astype(np.int64), offsets[order], area)

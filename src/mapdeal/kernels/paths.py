@@ -1,0 +1,274 @@
+"""Paths over a grid: the cheapest, the widest, and those of a footprint that turns.
+
+The widest are found from any cell to any other at once, over the edges of traversable cells; the
+bottleneck of one is its least square, of `mapdeal.kernels.distance.squared_distance`.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask, Metres
+from mapdeal.kernels.blocks import Layer
+from mapdeal.kernels.distance import SquaredDistances
+from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.polygons import Cell, Spans
+
+UNIT = float(1 << 24)
+"""What a weight of 1 is on the scale that paths are summed on. Weights and their diagonals are
+rounded to whole numbers there, so that sums are exact, and equal costs of different paths equal."""
+
+ROOT_OF_2 = math.sqrt(2.0)
+_ROUNDING = float(1 << 52)
+_STEPS = tuple((row, col) for row in (-1, 0, 1) for col in (-1, 0, 1) if row or col)
+
+
+@dataclass(frozen=True, eq=False)
+class FoundPath:
+    cells: Integers
+    cost: float
+    expanded: int
+
+
+def cheapest_path(
+    weights: Floats, start: Cell, goal: Cell, *, surcharges: Floats | None = None
+) -> FoundPath:
+    """Return the cheapest path over the eight neighbours of cells, by A*."""
+    # Diagonal steps between two closed cells are not allowed: where walls touch at a corner there
+    # is no gap. What remains to the goal is estimated by the octile distance times the lowest
+    # weight, which is never more than it takes; so the answer is the optimum. Of several, the one
+    # is returned that is found if of equal estimates the latest is followed first.
+    # Surcharges make the estimate inconsistent: a cell may be expanded before the cheapest path to
+    # it is known. A cell that was expanded is not opened again: to correct its path afterwards
+    # would undo what the surcharges are for, and could expand cells many times. So each cell is
+    # expanded once at most, and a path is found if there is one.
+    if not all(_holds(weights, cell) and weights[cell] > 0 for cell in (start, goal)):
+        raise ValueError("start and goal must be open cells")
+    scaled = np.rint(weights * UNIT)
+    np.maximum(scaled, 1.0, out=scaled)
+    scaled[weights <= 0] = 0.0
+    if surcharges is not None and surcharges.shape != weights.shape:
+        raise ValueError("surcharges must have the shape of the weights")
+    if scaled.max() > UNIT * (1 << 27):
+        raise ValueError("weights must not be above 2^27")
+    least = float(scaled.min(where=scaled > 0, initial=math.inf))
+    more = None if surcharges is None else np.rint(surcharges * UNIT)
+    if engine_name() == "compiled":
+        from mapdeal.kernels import _compiled
+
+        found = _compiled.cheapest_path(scaled, start, goal, least, more)
+    else:
+        found = _cheapest_path(scaled, start, goal, least, more)
+    cells, cost, expanded = found
+    return FoundPath(np.stack(np.divmod(cells, weights.shape[1]), axis=1), cost / UNIT, expanded)
+
+
+def _holds(weights: Floats, cell: Cell) -> bool:
+    return all(0 <= index < length for index, length in zip(cell, weights.shape, strict=True))
+
+
+def _cheapest_path(
+    weights: Floats, start: Cell, goal: Cell, least: float, surcharges: Floats | None
+) -> tuple[Integers, float, int]:
+    """Do as search.h does, step by step."""
+    height, width = weights.shape
+    weight_of = weights.reshape(-1).data
+    surcharge_of = None if surcharges is None else surcharges.reshape(-1).data
+    goal_row, goal_col = goal
+    first, last = start[0] * width + start[1], goal_row * width + goal_col
+    diagonal_least = _diagonal(least)
+
+    def estimate(row: int, col: int) -> float:
+        rows, cols = abs(row - goal_row), abs(col - goal_col)
+        diagonal = min(rows, cols)
+        octile = least * (rows + cols - 2 * diagonal) + diagonal_least * diagonal
+        return octile if surcharge_of is None else octile + surcharge_of[row * width + col]
+
+    costs, before = {first: 0.0}, {first: first}
+    closed: set[int] = set()
+    turn = expanded = 0
+    heap = [(estimate(*start), turn, first)]
+    while heap:
+        estimated, _, cell = heapq.heappop(heap)
+        if cell == last:
+            cells = [last]
+            while cells[-1] != first:
+                cells.append(before[cells[-1]])
+            return np.array(cells[::-1], dtype=np.int64), costs[last], expanded
+        row, col = divmod(cell, width)
+        cost = costs[cell]
+        if estimated > cost + estimate(row, col):
+            continue
+        expanded += 1
+        if surcharge_of is not None:
+            closed.add(cell)
+        for rows, cols in _STEPS:
+            if not (0 <= row + rows < height and 0 <= col + cols < width):
+                continue
+            following = cell + rows * width + cols
+            weight = weight_of[following]
+            if weight <= 0:
+                continue
+            if rows and cols:
+                if weight_of[cell + rows * width] <= 0 and weight_of[cell + cols] <= 0:
+                    continue
+                weight = _diagonal(weight)
+            total = cost + weight
+            if total < costs.get(following, math.inf) and following not in closed:
+                costs[following], before[following] = total, cell
+                turn -= 1
+                remaining = estimate(row + rows, col + cols)
+                heapq.heappush(heap, (total + remaining, turn, following))
+    return np.empty(0, dtype=np.int64), math.inf, expanded
+
+
+def _diagonal(weight: float) -> float:
+    return (weight * ROOT_OF_2 + _ROUNDING) - _ROUNDING
+
+
+Basins = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class ClearanceTree:
+    """Basins of clearance, and the widest passages between them."""
+
+    # Cells are ordered by square and, where squares are equal, by flat index. Each points to the
+    # largest of its four neighbours, if that is larger than the cell itself; so each has a way to
+    # the peak of its basin on which squares never fall, and the bottleneck of two cells is the
+    # least of their own squares and of the edges between their basins in the forest.
+
+    basins: Basins
+    peaks: Integers
+    peak_cells: Integers
+    one: Basins
+    other: Basins
+    squares: Integers
+    cells: Integers
+
+
+@dataclass(frozen=True, eq=False)
+class RootedTree:
+    """A clearance tree seen from one basin."""
+
+    order: Basins
+    parent_edges: Basins
+    bottlenecks: Integers
+
+
+def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> ClearanceTree:
+    if squared.ndim != 2 or squared.dtype not in (np.int32, np.int64):
+        rule = f"squares must be an integer array with two axes, not {squared.ndim} of"
+        raise ValueError(f"{rule} {squared.dtype}")
+    if is_traversable.dtype != np.bool_ or is_traversable.shape != squared.shape:
+        raise ValueError("the mask of traversable cells must be bool, of the shape of the squares")
+    return _engine(squared).clearance_tree(squared, is_traversable)  # type: ignore[no-any-return]
+
+
+def rooted(tree: ClearanceTree, root: int) -> RootedTree:
+    if not 0 <= root < len(tree.peaks):
+        raise IndexError(f"the tree has no basin {root}")
+    return _engine(tree.basins).rooted(tree, root)  # type: ignore[no-any-return]
+
+
+def widest_metres(
+    tree: ClearanceTree, squared: SquaredDistances, start: Cell, resolution: float,
+    *, seen: RootedTree | None = None, in_place: bool = False,
+) -> Metres:  # fmt: skip
+    basin = int(tree.basins[start])
+    if basin < 0:
+        raise ValueError("the start must be a traversable cell")
+    if seen is None:
+        seen = rooted(tree, basin)
+    # The largest square with which each basin's peak has a way to the start. One more comes first,
+    # of the cells that are in no basin (-1): 0, as where there is no way.
+    limits = np.zeros(len(tree.peaks) + 1, dtype=np.int64)
+    np.clip(seen.bottlenecks, 0, int(squared[start]), out=limits[1:])
+    metres = _floats_over(tree.basins, in_place=in_place)
+    _engine(squared).widest_metres(tree.basins, squared, limits, resolution, metres)
+    return metres
+
+
+def clearance_metres(
+    squared: SquaredDistances, resolution: float, *, in_place: bool = False
+) -> Metres:
+    metres = _floats_over(squared, in_place=in_place)
+    _engine(squared).clearance_metres(squared, resolution, metres)
+    return metres
+
+
+def basin_areas(tree: ClearanceTree, squared: SquaredDistances, above: int = 0) -> Integers:
+    """Return how many cells of each basin a robot may stand on."""
+    basins, count = tree.basins, len(tree.peaks)
+    return _engine(squared).basin_areas(basins, squared, above, count)  # type: ignore[no-any-return]
+
+
+def _floats_over(cells: SquaredDistances, *, in_place: bool) -> Metres:
+    if in_place and cells.dtype == np.int32 and cells.flags.c_contiguous and cells.flags.writeable:
+        return cells.view(np.float32)
+    return np.empty(cells.shape, np.float32)
+
+
+def _engine(squared: SquaredDistances | None = None) -> ModuleType:
+    if engine_name() == "compiled":
+        from mapdeal.kernels import compiled
+
+        if squared is None or compiled.fits(squared):
+            return compiled
+    from mapdeal.kernels import scipy_twins
+
+    return scipy_twins
+
+
+Pose = tuple[int, int, int]  # heading, row and column
+MOST_HEADINGS = 255  # as many as a byte can count
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    reachable: Bytes
+    headings: Mask
+
+
+class ConfigurationSpace:
+    """The poses in which a footprint touches no blocked cell and nothing outside of the grid."""
+
+    # From an open pose there is a way to the same cell in the heading before and after it, where
+    # headings form a circle, and to the four cells beside it, as far as these poses are open.
+    # Of each pose there is one bit, in one plane a heading. Poses that are reached are taken out of
+    # the planes, so that there is no second set of them; who asks again has them made again.
+
+    def __init__(self, blocked: Layer, footprints: Sequence[Spans]) -> None:
+        if not 1 <= len(footprints) <= MOST_HEADINGS:
+            raise ValueError(f"there must be 1 to {MOST_HEADINGS} headings")
+        if not all(len(spans.rows) and (spans.starts < spans.stops).all() for spans in footprints):
+            raise ValueError("a footprint without cells, or with an empty run")
+        self.shape = blocked.shape
+        self._count = len(footprints)
+        self._poses = _engine().OpenPoses(blocked, footprints)
+        self.headings: Bytes = self._poses.headings
+        """In how many headings each cell is open, shape (H, W)."""
+
+    def open_headings(self, row: int, col: int) -> Mask:
+        self._check(row, col)
+        return self._poses.at(row, col)  # type: ignore[no-any-return]
+
+    def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell] = ()) -> Reached:
+        """Return what can be reached from poses, and in which headings some cells are."""
+        for heading, row, col in seeds:
+            self._check(row, col, heading)
+        for row, col in cells:
+            self._check(row, col)
+        return Reached(*self._poses.reach(seeds, cells))
+
+    def _check(self, row: int, col: int, heading: int = 0) -> None:
+        height, width = self.shape
+        if not (0 <= row < height and 0 <= col < width and 0 <= heading < self._count):
+            raise IndexError("no such cell, or no such heading")

@@ -1,0 +1,295 @@
+"""The scipy twins of what compiled.py holds: slower, and the same to the last bit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask, Metres
+from mapdeal.kernels.blocks import Layer
+from mapdeal.kernels.components import least_joined
+from mapdeal.kernels.distance import (
+    Halo,
+    SquaredDistances,
+    dtype_of_squares,
+    squares_of_block,
+    unreachable,
+)
+from mapdeal.kernels.paths import Basins, ClearanceTree, Pose, RootedTree
+from mapdeal.kernels.polygons import Cell, Spans, enumerated, halves
+from mapdeal.kernels.threads import for_rows
+
+
+def squares(marked: Mask, both_kinds: bool, limit: int | None) -> SquaredDistances:
+    squared = _squares_to(marked)
+    if both_kinds:
+        np.negative(_squares_to(~marked), out=squared, where=marked)
+    if limit is not None:
+        endless = unreachable(squared)
+        squared[squared > limit] = endless
+        squared[squared < -limit] = -endless
+    return squared
+
+
+def bytes_of_squares(marked: Mask, table: Bytes) -> Bytes:
+    looked_up: Bytes = table[np.minimum(_squares_to(marked), len(table) - 1)]
+    return looked_up
+
+
+def metres(
+    marked: Mask, scale: float, outside_shift: float, inside_shift: float, clip: float,
+    gain: float, halo: Halo | None = None,
+) -> Metres:  # fmt: skip
+    # the steps are those of `metres_of` in distance_columns.h
+    if halo is None:
+        squared = np.abs(squares(marked, True, None))
+    else:
+        squared = squares_of_block(marked, halo)
+    endless = squared == unreachable(squared)
+    distance = np.sqrt(squared, dtype=np.float64)
+    distance *= scale
+    distance[endless] = math.inf
+    np.subtract(inside_shift, distance, out=distance, where=marked)
+    np.add(distance, outside_shift, out=distance, where=~marked)
+    np.clip(distance, -clip, clip, out=distance)
+    np.multiply(distance, gain, out=distance, where=~marked)
+    return distance.astype(np.float32)
+
+
+def _squares_to(marked: Mask) -> SquaredDistances:
+    from scipy import ndimage
+
+    height, width = marked.shape
+    dtype = dtype_of_squares(marked.shape)
+    if not marked.any():  # scipy would measure to a cell that is not there
+        return np.full(marked.shape, np.iinfo(dtype).max, dtype=dtype)
+    # scipy's distances are float64 square roots: the nearest cell's index is exact.
+    nearest = ndimage.distance_transform_edt(~marked, return_distances=False, return_indices=True)
+    rows, cols = nearest.astype(dtype, copy=False)
+    rows -= np.arange(height, dtype=dtype)[:, np.newaxis]
+    cols -= np.arange(width, dtype=dtype)
+    rows *= rows
+    cols *= cols
+    rows += cols
+    squared: SquaredDistances = rows
+    return squared
+
+
+_CLOSED = -1
+
+
+def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> ClearanceTree:
+    height, width = squared.shape
+    heights = np.where(is_traversable, squared, 0).astype(np.int64)
+    heights[heights == 0] = _CLOSED
+    towards = _steepest(heights).reshape(-1)
+    while not np.array_equal(farther := towards[towards], towards):
+        towards = farther
+    flat = heights.reshape(-1)
+    peak_cells = np.flatnonzero((towards == np.arange(len(towards))) & (flat != _CLOSED))
+    numbers = np.full(len(towards), -1, dtype=np.int32)
+    numbers[peak_cells] = np.arange(len(peak_cells))
+    basins: Basins = numbers[towards]
+    # of the falling order of cells: the larger neighbour of a cell comes first
+    narrower, wider = _pairs_of_basins(flat, basins, width)
+    best = np.lexsort((narrower - wider, -narrower, -flat[narrower]))
+    narrower, wider = narrower[best], wider[best]
+    kept = _spanning(basins[narrower], basins[wider], len(peak_cells))
+    narrower, wider = narrower[kept], wider[kept]
+    return ClearanceTree(
+        basins.reshape(height, width), flat[peak_cells], peak_cells,
+        basins[narrower], basins[wider], flat[narrower], narrower,
+    )  # fmt: skip
+
+
+def _steepest(heights: Integers) -> Integers:
+    """Return for each cell the flat index of the largest of itself and its four neighbours."""
+    height, width = heights.shape
+    around = np.pad(heights, 1, constant_values=_CLOSED)
+    own = np.arange(heights.size).reshape(height, width)
+    best = around[:-2, 1:-1].copy()
+    towards: Integers = own - width
+    # in rising order of flat indices, so that of equal squares the last one wins
+    for rows, cols, step in ((1, 0, -1), (1, 1, 0), (1, 2, 1), (2, 1, width)):
+        candidate = around[rows : rows + height, cols : cols + width]
+        larger = candidate >= best
+        best[larger] = candidate[larger]
+        towards[larger] = own[larger] + step
+    closed = heights == _CLOSED
+    towards[closed] = own[closed]
+    return towards
+
+
+def _pairs_of_basins(heights: Integers, basins: Basins, width: int) -> tuple[Integers, Integers]:
+    """Return the narrower and the wider of neighbouring cells of different basins."""
+    own = np.arange(len(basins)).reshape(-1, width)
+    firsts = np.concatenate([own[:, :-1].reshape(-1), own[:-1].reshape(-1)])
+    seconds = np.concatenate([own[:, 1:].reshape(-1), own[1:].reshape(-1)])
+    apart = (basins[firsts] != basins[seconds]) & (basins[firsts] >= 0) & (basins[seconds] >= 0)
+    firsts, seconds = firsts[apart], seconds[apart]
+    is_narrower = heights[firsts] <= heights[seconds]
+    return np.where(is_narrower, firsts, seconds), np.where(is_narrower, seconds, firsts)
+
+
+def _spanning(one: Basins, other: Basins, count: int) -> Integers:
+    """Return which pairs make the spanning forest that prefers those that come first."""
+    # scipy's is that of least weight; the position in the list as weight makes it the only one.
+    if not len(one):
+        return np.zeros(0, dtype=np.int64)
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import minimum_spanning_tree
+
+    low, high = np.minimum(one, other).astype(np.int64), np.maximum(one, other)
+    _, first = np.unique(low * count + high, return_index=True)
+    weights = first + 1.0  # 0 would be no edge
+    graph = coo_array((weights, (low[first], high[first])), shape=(count, count))
+    kept = minimum_spanning_tree(graph.tocsr()).data
+    return np.sort(kept.astype(np.int64)) - 1
+
+
+def rooted(tree: ClearanceTree, root: int) -> RootedTree:
+    count, edges = len(tree.peaks), len(tree.squares)
+    ends = np.concatenate([tree.one, tree.other])
+    beyond = np.concatenate([tree.other, tree.one])
+    # both sides of a basin's edges in the order of the edges
+    sides = np.lexsort((np.arange(2 * edges) % max(edges, 1), ends))
+    begins = np.searchsorted(ends[sides], np.arange(count + 1))
+    parent_edges = np.full(count, -1, dtype=np.int32)
+    bottlenecks = np.full(count, -1, dtype=np.int64)
+    bottlenecks[root] = tree.peaks[root]
+    generation = np.array([root], dtype=np.int32)
+    order = [generation]
+    while len(generation):
+        whose, places = enumerated(begins[generation], begins[generation + 1])
+        chosen, parents = sides[places], generation[whose]
+        children = beyond[chosen]
+        new = bottlenecks[children] < 0
+        chosen, parents, generation = chosen[new] % max(edges, 1), parents[new], children[new]
+        parent_edges[generation] = chosen
+        bottlenecks[generation] = np.minimum(bottlenecks[parents], tree.squares[chosen])
+        order.append(generation)
+    return RootedTree(np.concatenate(order), parent_edges, bottlenecks)
+
+
+def widest_metres(
+    basins: Basins, squared: SquaredDistances, limits: Integers, resolution: float, metres: Metres
+) -> None:
+    endless = unreachable(squared)
+
+    def some(rows: slice) -> None:  # metres may lie over the basins
+        widest = np.minimum(squared[rows], limits[basins[rows] + 1])
+        metres[rows] = _metres(widest, resolution, endless)
+
+    for_rows(some, squared.shape)
+
+
+def clearance_metres(squared: SquaredDistances, resolution: float, metres: Metres) -> None:
+    endless = unreachable(squared)
+
+    def some(rows: slice) -> None:
+        metres[rows] = _metres(squared[rows], resolution, endless)
+
+    for_rows(some, squared.shape)
+
+
+def _metres(squared: SquaredDistances, resolution: float, endless: int) -> Floats:
+    return np.where(squared == endless, np.inf, np.sqrt(squared.astype(np.float64)) * resolution)
+
+
+def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: int) -> Integers:
+    counted = basins[(basins >= 0) & (squared > above)]
+    return np.bincount(counted, minlength=count).astype(np.int64)
+
+
+class OpenPoses:
+    """A plane of bits for each heading."""
+
+    def __init__(self, blocked: Layer, footprints: Sequence[Spans]) -> None:
+        self.shape = blocked.shape
+        dilations = _Dilations(np.asarray(blocked))
+        self._planes = [np.packbits(dilations.open_cells(spans), axis=1) for spans in footprints]
+        self._all = range(len(footprints))
+        self.headings = np.zeros(self.shape, dtype=np.uint8)
+        for k in self._all:
+            self.headings += self._plane(k)
+
+    def at(self, row: int, col: int) -> Mask:
+        return np.array([self._plane(k, slice(row, row + 1))[0, col] for k in self._all])
+
+    def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> tuple[Bytes, Mask]:
+        counts, (one, other) = self._joined()
+        firsts = np.cumsum([0, *counts])
+        least = least_joined(one, other, int(firsts[-1]))
+        labels = [self._labels(heading)[row, col] for heading, row, col in seeds]
+        is_reached = np.zeros(len(least), dtype=np.bool_)
+        for (heading, _, _), label in zip(seeds, labels, strict=True):
+            if label:
+                is_reached[least[firsts[heading] + label - 1]] = True
+        reachable = np.zeros(self.shape, dtype=np.uint8)
+        headings = np.zeros((len(cells), len(self._planes)), dtype=np.bool_)
+        rows, cols = np.array(cells, dtype=np.int64).reshape(-1, 2).T
+        for k in self._all:
+            of_labels = np.append(False, is_reached[least[firsts[k] : firsts[k + 1]]])
+            reached = of_labels[self._labels(k)]
+            reachable |= reached
+            headings[:, k] = reached[rows, cols]
+        return reachable, headings
+
+    def _plane(self, heading: int, rows: slice = slice(None)) -> Mask:
+        width = self.shape[1]
+        return np.unpackbits(self._planes[heading][rows], axis=1, count=width).view(np.bool_)
+
+    def _labels(self, heading: int) -> NDArray[np.int32]:
+        """Return the component, 1, 2, ... of each open cell, 0 elsewhere: always the same."""
+        from scipy import ndimage
+
+        labels: NDArray[np.int32] = ndimage.label(self._plane(heading))[0]
+        return labels
+
+    def _joined(self) -> tuple[list[int], Integers]:
+        """Return how many components each heading has, and which touch the next heading's."""
+        counts, pairs = [], []
+        before = first = self._labels(0)
+        start = 0
+        for labels in chain(map(self._labels, range(1, len(self._planes))), [first]):
+            counts.append(int(before.max(initial=0)))
+            following = start + counts[-1] if len(counts) < len(self._planes) else 0
+            both = (before > 0) & (labels > 0)
+            found = np.unique(before[both].astype(np.int64) << 32 | labels[both])
+            pairs.append([start - 1 + (found >> 32), following - 1 + (found & 0xFFFFFFFF)])
+            before, start = labels, following
+        return counts, np.concatenate(pairs, axis=1)
+
+
+class _Dilations:
+    """Blocked cells, and for each power of two where such a run of cells has a blocked one."""
+
+    def __init__(self, blocked: Mask) -> None:
+        self._of_exponents = [blocked]
+        """Of exponent e in column j: whether one of the columns j .. j + 2^e - 1 is blocked."""
+
+    def open_cells(self, spans: Spans) -> Mask:
+        height, width = self._of_exponents[0].shape
+        rows, cols = spans.places((height, width))
+        opened = np.zeros((height, width), dtype=np.bool_)
+        inner = opened[rows, cols]
+        inner[:] = True
+        if inner.size:
+            runs = (column.tolist() for column in halves(spans))
+            for row, start, exponent in zip(*runs, strict=True):
+                touched = self._dilated(exponent)[
+                    rows.start + row : rows.stop + row, cols.start + start : cols.stop + start
+                ]
+                inner &= ~touched
+        return opened
+
+    def _dilated(self, exponent: int) -> Mask:
+        while len(self._of_exponents) <= exponent:
+            last = self._of_exponents[-1]
+            step = 1 << (len(self._of_exponents) - 1)
+            self._of_exponents.append(last[:, :-step] | last[:, step:])
+        return self._of_exponents[exponent]

@@ -1,0 +1,439 @@
+# ruff: noqa: S608 - all statements are those of the tests
+"""Bags that compute, expand or refer elsewhere: an error soon, and no memory beyond the limit."""
+
+import bz2
+import os
+import shutil
+import sqlite3
+import struct
+from pathlib import Path
+
+import lz4.frame
+import numpy as np
+import pytest
+
+from bags.making import START, Maker, occupancy, ros2_store, scan, tf
+from cli.test_memory_of_commands import measured
+from mapdeal import FileAccessError, MalformedInputError
+from mapdeal.bags.bag import zstd_module
+from mapdeal.bags.chunked import KeptChunks
+from mapdeal.bags.messages import Decoder
+from mapdeal.bags.reader import open_bag
+from mapdeal.files.source import use_memory
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
+
+LIMIT = 200_000_000
+MAGIC = b"\x89MCAP0\r\n"
+COUNT = "WITH RECURSIVE c(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM c)"
+NO_VIEW = "contains a view, a trigger or a virtual table"
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Return the file of a small ROS 2 bag in SQLite."""
+    made = Maker()
+    for k in range(30):
+        grid = occupancy(START, np.zeros((20, 30)), 0.05, (1.5, -2.25, 0.5))
+        made.add("/map", "nav_msgs/msg/OccupancyGrid", START + k, grid)
+        moved = tf(START + k, ("odom", "laser", (k, 0, 0), (0, 0, 0, 1)))
+        made.add("/tf", "tf2_msgs/msg/TFMessage", START + k, moved)
+    return made.write(tmp_path_factory.mktemp("bag"), "sqlite3") / "bag.db3"
+
+
+@pytest.fixture
+def changed(written, tmp_path):
+    """Return what copies that bag and changes it by statements."""
+
+    def change(*statements):
+        path = shutil.copy(written, tmp_path / "a.db3")
+        db = sqlite3.connect(path, isolation_level=None)
+        for one in statements:
+            db.execute(one)
+        db.close()
+        return path
+
+    return change
+
+
+def read_all(path, limit=LIMIT):
+    """Return how many messages a bag has, each of them read, as commands would."""
+    with use_memory(limit), open_bag(path) as bag:
+        told = bag.summary()
+        decoder = Decoder(bag)
+        index = bag.index(told)
+        for place in index:
+            decoder.message(place)
+        assert sum(one.count for one in told.values()) == len(index)
+        return len(index)
+
+
+def refused(path, told, limit=LIMIT):
+    with pytest.raises(MalformedInputError, match=told):
+        read_all(path, limit)
+
+
+def view(table, columns, rows):
+    return f"ALTER TABLE {table} RENAME TO other", f"CREATE VIEW {table}({columns}) AS {rows}"
+
+
+MESSAGES, TOPICS = "id, topic_id, timestamp, data", "id, name, type, serialization_format"
+DEFINED = "topic_type, encoding, encoded_message_definition"
+COMPUTED = {
+    "messages without end": (*view("messages", MESSAGES, f"{COUNT} SELECT n, 1, n, 0 FROM c"),),
+    "data of a view": (
+        *view("messages", MESSAGES, "SELECT id, topic_id, timestamp, zeroblob(9e8) FROM other"),
+    ),
+    "topics without end": (
+        *view("topics", TOPICS, f"{COUNT} SELECT n, '/t' || n, 'a/msg/B', 'cdr' FROM c"),
+    ),
+    "definitions without end": (
+        "DROP TABLE IF EXISTS message_definitions",
+        (
+            f"CREATE VIEW message_definitions({DEFINED}) AS {COUNT}"
+            " SELECT 'a/msg/T' || n, 'ros2msg', hex(zeroblob(1000000)) FROM c"
+        ),
+    ),
+    "a virtual table": ("CREATE VIRTUAL TABLE other USING fts5(a)",),
+    "a trigger": ("CREATE TRIGGER t AFTER INSERT ON topics BEGIN SELECT 1; END",),
+}
+
+
+@pytest.mark.parametrize("statements", COMPUTED.values(), ids=COMPUTED)
+def test_what_sqlite_would_compute_is_refused(changed, statements):
+    refused(changed(*statements), NO_VIEW)
+
+
+@pytest.mark.parametrize("how", ["VIRTUAL", "STORED"])
+@pytest.mark.parametrize("table", ["messages", "topics", "message_definitions"])
+def test_generated_columns_are_refused(changed, table, how):
+    columns = {
+        "messages": "topic_id INTEGER, timestamp INTEGER, data BLOB",
+        "topics": "name TEXT, type TEXT, serialization_format TEXT",
+        "message_definitions": "topic_type TEXT, encoding TEXT, encoded_message_definition TEXT",
+    }[table]
+    path = changed(
+        f"DROP TABLE IF EXISTS {table}",
+        f"CREATE TABLE {table}(id INTEGER PRIMARY KEY, {columns} AS (zeroblob(900000000)) {how})",
+    )
+    refused(path, f"table {table} has generated columns")
+
+
+def test_the_schema_is_not_taken_at_its_word(changed):
+    """SQLite goes by the text of a definition, whatever name and type stand beside it."""
+    endless = f"CREATE VIEW messages({MESSAGES}) AS {COUNT} SELECT n, 1, n, 0 FROM c"
+    path = changed(
+        "DROP INDEX IF EXISTS timestamp_idx",
+        "PRAGMA writable_schema = ON",
+        f"UPDATE sqlite_master SET sql = '{endless}' WHERE name = 'messages'",
+    )
+    refused(path, f"{NO_VIEW}|is damaged")
+
+
+def test_a_damaged_file_is_looked_at_in_the_same_way(changed):
+    path = changed(*COMPUTED["messages without end"])
+    path.write_bytes(path.read_bytes()[:-100])
+    refused(path, f"{NO_VIEW}|is damaged")
+
+
+@pytest.mark.parametrize("table", ["messages", "topics"])
+def test_pages_that_lead_to_each_other_end(changed, table):
+    """Eight levels of pages, each with hundreds of cells that lead to the same page below."""
+    path = changed("VACUUM")
+    db = sqlite3.connect(path)
+    ((root,),) = db.execute("SELECT rootpage FROM sqlite_master WHERE name = ?", (table,))
+    ((size,),) = db.execute("PRAGMA page_size")
+    db.close()
+    data = bytearray(path.read_bytes())
+    top = slice((root - 1) * size, root * size)
+    data += data[top]
+    for _ in range(8):
+        below = len(data) // size
+        count = (size - 12) // 8
+        cells = (below.to_bytes(4, "big") + b"\x87\x68") * count
+        head = struct.pack(">BHHHBI", 5, 0, count, size - len(cells), 0, below)
+        places = struct.pack(f">{count}H", *range(size - len(cells), size, 6))
+        data += (head + places).ljust(size - len(cells), b"\0") + cells
+    data[top] = data[-size:]
+    data[28:32], data[92:96] = (len(data) // size).to_bytes(4, "big"), data[24:28]
+    path.write_bytes(data)
+    refused(path, "more rows than fit into the file|is there twice|is damaged")
+
+
+def test_a_table_without_a_key_is_refused(changed):
+    """Each message would be looked for among all others."""
+    path = changed(
+        "ALTER TABLE messages RENAME TO other",
+        f"CREATE TABLE messages({MESSAGES})",
+        "INSERT INTO messages SELECT * FROM other",
+    )
+    refused(path, "table messages has no primary key id")
+
+
+def test_a_long_message_is_refused_before_it_is_read(changed):
+    path = changed("UPDATE messages SET data = zeroblob(300000000) WHERE id = 1")
+    refused(path, "300000000 bytes of a message need|a row needs more memory")
+
+
+def test_long_texts_are_refused_where_others_belong(changed):
+    long = "CAST(zeroblob(90000000) AS TEXT)"
+    refused(changed(f"UPDATE topics SET name = {long}"), "a row needs more memory")
+    made = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data)"
+    rows = f"INSERT INTO messages SELECT n, 1, hex(zeroblob(999)), 0 FROM ({COUNT}"
+    path = changed("DROP TABLE messages", made, f"{rows} SELECT n FROM c LIMIT 99)")
+    refused(path, "not a whole number")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
+def test_a_log_beside_a_bag_that_is_no_file_is_none(changed, kind, tmp_path):
+    path = changed()
+    log = tmp_path / "a.db3-wal"
+    if kind == "pipe":
+        os.mkfifo(log)
+    elif kind == "device":
+        log.symlink_to("/dev/zero")
+    else:
+        log.mkdir()
+    assert read_all(path) == 60
+
+
+def test_messages_that_expand_to_more_than_the_memory_are_refused(written, tmp_path):
+    folder = tmp_path / "bag"
+    shutil.copytree(written.parent, folder)
+    metadata = folder / "metadata.yaml"
+    text = metadata.read_text()
+    text = text.replace("compression_mode: ''", "compression_mode: message")
+    text = text.replace("compression_format: ''", "compression_format: zstd")
+    assert "zstd" in text
+    metadata.write_text(text)
+    db = sqlite3.connect(folder / "bag.db3")
+    db.execute("UPDATE messages SET data = ?", (bomb(300),))
+    db.commit()
+    db.close()
+    refused(folder, "bytes of a message would expand to more than")
+
+
+def bomb(size):
+    """Return many MB of zeros as one zstd stream that does not tell its size."""
+    compressor = zstd_module().ZstdCompressor()
+    zeros = bytes(1_000_000)
+    return b"".join(compressor.compress(zeros) for _ in range(size)) + compressor.flush()
+
+
+def test_a_file_that_would_fill_the_disk_is_refused(tmp_path):
+    path = tmp_path / "a.db3.zstd"
+    path.write_bytes(bomb(200))
+    refused(path, "more than 1000 times as many")
+    assert not list(tmp_path.glob("mapdeal-*"))
+
+
+@pytest.mark.parametrize("name", ["metadata.yaml", "/etc/passwd", "../other/bag.db3", "pipe.db3"])
+def test_a_folder_leads_to_bags_of_its_own_alone(written, tmp_path, name):
+    (tmp_path / "other").mkdir()
+    shutil.copy(written, tmp_path / "other")
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    os.mkfifo(folder / "pipe.db3")
+    metadata = "storage_identifier: sqlite3\n  relative_file_paths: "
+    text = f"rosbag2_bagfile_information:\n  {metadata}[{name}]\n"
+    (folder / "metadata.yaml").write_text(text)
+    with pytest.raises((FileAccessError, MalformedInputError)) as told:
+        read_all(folder)
+    assert str(told.value).startswith(f"{folder}/{Path(name).name}: ")
+
+
+def test_a_file_that_is_named_many_times_is_read_once(written, tmp_path):
+    shutil.copy(written, tmp_path)
+    names = ", ".join(["bag.db3", "./bag.db3", *(f"gone{k}.db3" for k in range(5_000))] * 2)
+    metadata = f"storage_identifier: sqlite3\n  relative_file_paths: [{names}]"
+    text = f"rosbag2_bagfile_information:\n  {metadata}\n"
+    (tmp_path / "metadata.yaml").write_text(text)
+    assert read_all(tmp_path) == 60
+
+
+# MCAP and ROS 1
+
+
+def record(opcode, content):
+    return struct.pack("<BQ", opcode, len(content)) + content
+
+
+def word(text):
+    data = text if isinstance(text, bytes) else text.encode()
+    return struct.pack("<I", len(data)) + data
+
+
+START_OF_MCAP = MAGIC + record(1, word("ros2") + word(""))
+END = record(15, bytes(4)) + record(2, bytes(20)) + MAGIC
+
+
+def mcap(path, *records):
+    path.write_bytes(START_OF_MCAP + b"".join(records) + END)
+    return path
+
+
+def chunk(data, compression, size):
+    head = struct.pack("<QQQI", 0, 1, size, 0) + word(compression)
+    return record(6, head + struct.pack("<Q", len(data)) + data)
+
+
+def schema(number, name, text):
+    return record(3, struct.pack("<H", number) + word(name) + word("ros2msg") + word(text))
+
+
+def channel(number, topic):
+    head = struct.pack("<HH", number, number)
+    return record(4, head + word(topic) + word("cdr") + bytes(4))
+
+
+def message(number, data):
+    return record(5, struct.pack("<HIQQ", number, 0, START, START) + data)
+
+
+def sparse(path, data, size):
+    """Write a file with zeros behind that take no room on the disk."""
+    path.write_bytes(data)
+    os.truncate(path, len(data) + size)
+    with path.open("ab") as file:
+        file.write(END)
+    return path
+
+
+PACKED = {
+    "zstd": bomb,
+    "lz4": lambda size: lz4.frame.compress(bytes(size * 1_000_000)),
+    "bz2": lambda size: bz2.compress(bytes(size * 1_000_000)),
+}
+
+
+@pytest.mark.parametrize("compression", PACKED)
+@pytest.mark.parametrize(
+    ("size", "told", "rule"),
+    [(100, 100_000_000, "bytes of a chunk need"), (100, 1000, "must expand to 1000 bytes")],
+)
+def test_a_chunk_that_expands_to_too_much_is_refused(tmp_path, compression, size, told, rule):
+    data = PACKED[compression](size)
+    refused(mcap(tmp_path / "a.mcap", chunk(data, compression, told)), rule)
+
+
+def test_zeros_are_no_records(tmp_path):
+    """They would be read one by one, seven million of them from a few kB."""
+    path = mcap(tmp_path / "a.mcap", chunk(bomb(60), "zstd", 60_000_000))
+    assert read_all(path) == 0
+
+
+@pytest.mark.parametrize(
+    "records",
+    [
+        [chunk(b"", "", 0)] * 60_000,
+        [chunk(b"", "", 0), *[record(7, struct.pack("<HI", 1, 0))] * 200_000],
+        [
+            chunk(zstd_module().compress(one), "zstd", len(one))
+            for one in (schema(k, "a/msg/T", " " * 4_000_000) for k in range(8))
+        ],
+    ],
+    ids=["chunks", "index records", "definitions"],
+)
+def test_what_is_kept_of_a_file_is_counted(tmp_path, records):
+    told = "its connections and chunks need"
+    refused(mcap(tmp_path / "a.mcap", *records), told, limit=80_000_000)
+
+
+def test_a_type_of_many_megabytes_is_refused(tmp_path):
+    one = schema(1, "a/msg/T", " " * 17_000_000)
+    told = "a schema or channel is too long"
+    refused(mcap(tmp_path / "a.mcap", one), told)
+    refused(mcap(tmp_path / "a.mcap", chunk(one, "", len(one))), told)
+
+
+def test_records_are_not_read_at_once(tmp_path):
+    length = 320_000_000
+    scans = schema(1, "sensor_msgs/msg/LaserScan", "") + channel(1, "/scan")
+    start = START_OF_MCAP + scans
+    one = start + struct.pack("<BQHIQQ", 5, length, 1, 0, 0, 0)
+    with use_memory(LIMIT), open_bag(sparse(tmp_path / "a.mcap", one, length)) as bag:
+        (place,) = bag.index([1])
+        with pytest.raises(MalformedInputError, match="bytes of a record need"):
+            bag.data(place)
+    listed = start + chunk(b"", "", 0) + struct.pack("<BQHI", 7, length + 6, 1, length)
+    refused(sparse(tmp_path / "b.mcap", listed, length), "the places of .* messages need")
+
+
+def test_a_message_behind_many_descriptions_is_not_looked_for(tmp_path):
+    """Some writers count the description before a message to it; each place could lead to all."""
+
+    def fields(**values):
+        whole = b"".join(word(name.encode() + b"=" + one) for name, one in values.items())
+        return struct.pack("<I", len(whole)) + whole
+
+    def number(value):
+        return struct.pack("<I", value)
+
+    told = word(b"type=tf2_msgs/TFMessage")
+    one = fields(op=b"\7", conn=number(0), topic=b"/tf") + number(len(told)) + told
+    data = one * 5000
+    whole = fields(op=b"\5", compression=b"none", size=number(len(data))) + number(len(data)) + data
+    entries = struct.pack("<III", 1, 1, 0) * 5000
+    index = fields(op=b"\4", ver=number(1), conn=number(0), count=number(5000))
+    path = tmp_path / "a.bag"
+    path.write_bytes(b"#ROSBAG V2.0\n" + one + whole + index + number(len(entries)) + entries)
+    refused(path, "an index record points to no message")
+
+
+DEFINITIONS = {
+    "strings": ("string[400000000] a", "fixed lengths of arrays"),
+    "nested": (
+        "a/B[200] a\n" + "=" * 80 + "\nMSG: a/B\na/C[9000] a\n" + "=" * 80
+        + "\nMSG: a/C\nuint8[9000] a",
+        "fixed lengths of arrays",
+    ),
+    "no elements": (
+        "a/B[] a\n" + "=" * 80 + "\nMSG: a/B\nuint8[0] a",
+        "fixed lengths of arrays",
+    ),
+    "long": ("\n".join(f"uint8 a{k}" for k in range(50_000)), "characters, the limit is"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "rule"), DEFINITIONS.values(), ids=DEFINITIONS)
+def test_types_that_code_is_made_of_are_short(tmp_path, text, rule):
+    """rosbags writes a line for each element of an array of a fixed length."""
+    name = "tf2_msgs/msg/TFMessage"
+    data = b"\0\1\0\0" + struct.pack("<I", 4_000_000_000)
+    path = mcap(tmp_path / "a.mcap", schema(1, name, text), channel(1, "/tf"), message(1, data))
+    refused(path, rule)
+
+
+def test_large_chunks_are_never_kept_beside_each_other():
+    alive = []
+
+    def read(number):
+        alive.append(sum(len(chunk) for chunk in kept._kept.values()))
+        return bytes(30_000_000)
+
+    kept = KeptChunks(read)
+    for number in (0, 1, 0, 1, 2, 0):
+        assert len(kept[number]) == 30_000_000
+    assert alive == [0, 30_000_000, 30_000_000, 30_000_000]
+
+
+@pytest.mark.thorough
+def test_hostile_bags_take_no_more_than_the_limit(changed, tmp_path):
+    store = ros2_store()
+    name = "sensor_msgs/msg/LaserScan"
+    text = store.generate_msgdef(name, ros_version=2)[0]
+    made = scan(START, np.full(8_000_000, 2, np.float32), step=1e-7)(store.types, False)
+    scans = message(1, bytes(store.serialize_cdr(made, name)))
+    zeros = chunk(bomb(140), "zstd", 140_000_000)
+    paths = [
+        mcap(tmp_path / "scan.mcap", schema(1, name, text), channel(1, "/scan"), scans),
+        mcap(tmp_path / "zeros.mcap", zeros),
+        mcap(tmp_path / "chunks.mcap", *[chunk(b"", "", 0)] * 400_000),
+        changed("UPDATE messages SET data = zeroblob(150000000)"),
+    ]
+    for path in paths:
+        for command in ("info", "build", "convert"):
+            out = () if command == "info" else ("-o", tmp_path / "m.npz", "--force")
+            code, said, peak = measured(tmp_path, command, path, *out, "--max-memory", LIMIT)
+            assert code in (0, 3), said
+            assert peak < LIMIT + 20_000_000, (command, path.name, peak)

@@ -1,0 +1,182 @@
+"""Decoded messages, against what was written and what REP 117 and PointField say."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bags.making import cloud, costmap, occupancy, odometry, ros2_store, scan, tf
+from mapdeal import Costmap, MalformedInputError, OccupancyGrid
+from mapdeal.bags.messages import (
+    NAV2_COSTMAP,
+    OCCUPANCY_GRID,
+    grid_of,
+    laser_scan_of,
+    odometry_of,
+    points_of,
+    points_of_scan,
+    transforms_of,
+)
+
+STORE = ros2_store()
+CELLS = np.array([[-1, 0, 100], [37, 0, -1]], np.int8)
+
+
+def made(make):
+    return make(STORE.types, False)
+
+
+def test_readings_beyond_the_limits_of_the_scanner_are_none():
+    ranges = [0.05, 0.1, 5.0, 20.0, 25.0, np.inf, -np.inf, np.nan]
+    found = laser_scan_of(made(scan(7_000_000_123, ranges, step=0.25, between=0.001)))
+    assert found.ranges.tolist()[1:3] == [np.float32(0.1), 5.0]
+    assert np.isnan(found.ranges[[0, 6, 7]]).all()
+    assert np.isposinf(found.ranges[[3, 4, 5]]).all()
+    assert (found.frame, found.time) == ("laser", 7_000_000_123)
+    np.testing.assert_allclose(found.angles, -1.5 + 0.25 * np.arange(8), atol=1e-7)
+    assert found.beam_times()[3] == 7_003_000_123
+
+
+def test_a_scanner_without_limits_is_taken_at_its_word():
+    found = laser_scan_of(made(scan(1, [0.01, 500.0], limits=(np.nan, 0.0))))
+    assert found.ranges.tolist() == [np.float32(0.01), 500.0]
+
+
+def test_angles_that_are_none_are_refused():
+    with pytest.raises(MalformedInputError, match="must be angles in radians"):
+        laser_scan_of(made(scan(1, [1.0], start=np.nan)))
+
+
+def test_points_of_a_scan_are_what_it_hits():
+    found = laser_scan_of(made(scan(1, [2.0, np.inf, 3.0], start=0.0, step=np.pi / 2)))
+    np.testing.assert_allclose(points_of_scan(found), [[2, 0], [-3, 0]], atol=1e-6)
+
+
+def test_frames_lose_their_leading_slash():
+    one, other = transforms_of(
+        made(
+            tf(
+                5,
+                ("/map", "/odom", (1, 2, 3), (0, 0, 0, 1)),
+                ("odom", "b", (0, 0, 0), (1, 0, 0, 0)),
+            )
+        )
+    )
+    assert one == ("map", "odom", 5, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+    assert other.quaternion == (1.0, 0.0, 0.0, 0.0)
+    found = odometry_of(made(odometry(9, 1.5, -2.0, 0.6)))
+    assert found[:4] == ("odom", "base_link", 9, (1.5, -2.0, 0.0))
+    np.testing.assert_allclose(found.quaternion, (0, 0, np.sin(0.3), np.cos(0.3)))
+
+
+def test_a_map_keeps_its_cells_and_its_pose():
+    found = grid_of(
+        made(occupancy(1, CELLS, 0.05, (1.5, -2.25, 0.7))), OCCUPANCY_GRID, is_costs=False
+    )
+    assert isinstance(found, OccupancyGrid)
+    np.testing.assert_array_equal(found.occupancy, CELLS)
+    assert found.resolution == 0.05  # and not the float32 beside it
+    assert found.origin[:2] == (1.5, -2.25)
+    assert found.origin[2] == pytest.approx(0.7, abs=1e-15)
+
+
+def test_costs_keep_their_scale():
+    message = made(occupancy(1, CELLS, 0.1, (0.0, 0.0, 0.0)))
+    published = grid_of(message, OCCUPANCY_GRID, is_costs=True)
+    assert isinstance(published, Costmap)
+    assert (published.scale, published.cost.tolist()) == ("occupancy", CELLS.tolist())
+    own = grid_of(made(costmap(1, [[0, 253, 255]], 0.25, (1, 2, 0.5))), NAV2_COSTMAP, is_costs=True)
+    assert (own.scale, own.cost.tolist(), own.resolution) == ("costmap2d", [[0, 253, 255]], 0.25)
+
+
+def test_an_origin_without_rotation_is_not_turned():
+    message = made(occupancy(1, CELLS, 0.1, (0.0, 0.0, 0.0)))
+    message.info.origin.orientation.w = 0.0
+    assert grid_of(message, OCCUPANCY_GRID, is_costs=False).origin == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda m: setattr(m.info, "width", 4), "must have 4 x 2 values, has 6"),
+        (lambda m: m.data.__setitem__(3, 101), "must be -1 to 100, got 101"),
+        (lambda m: m.data.__setitem__(3, -2), "must be -1 to 100, got -2"),
+        (lambda m: setattr(m.info.origin.orientation, "x", 0.5), "leans by more than 10 degrees"),
+        (lambda m: setattr(m.info.origin.orientation, "x", np.nan), "must be finite"),
+    ],
+)
+def test_a_grid_that_is_none_is_refused(change, told):
+    message = made(occupancy(1, CELLS, 0.1, (0.0, 0.0, 0.0)))
+    message.data = message.data.copy()
+    change(message)
+    with pytest.raises(MalformedInputError, match=told):
+        grid_of(message, OCCUPANCY_GRID, is_costs=False)
+
+
+NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+
+
+@given(data=st.data(), is_big=st.booleans(), width=st.integers(1, 5), height=st.integers(1, 4))
+def test_points_of_any_layout(data, is_big, width, height):
+    """Fields of any type, in any order, with gaps between them, points and rows."""
+    order = ">" if is_big else "<"
+    fields, offset = [], data.draw(st.integers(0, 3))
+    for name in data.draw(st.permutations(["x", "y", "z", "rgb"])):
+        number = data.draw(st.sampled_from(sorted(NUMBERS)))
+        fields.append((name, offset, number))
+        offset += np.dtype(NUMBERS[number]).itemsize + data.draw(st.integers(0, 5))
+    step = offset + data.draw(st.integers(0, 7))
+    row = width * step + data.draw(st.integers(0, 9))
+    layout = np.dtype(
+        {
+            "names": [name for name, _, _ in fields],
+            "formats": [order + NUMBERS[number] for _, _, number in fields],
+            "offsets": [at for _, at, _ in fields],
+            "itemsize": step,
+        }
+    )
+    rows, wanted = [], []
+    for _ in range(height):
+        line = np.zeros(width, layout)
+        for name, _, number in fields:
+            line[name] = data.draw(st.lists(st.integers(0, 100), min_size=width, max_size=width))
+            if NUMBERS[number][0] == "f":
+                line[name] /= 8
+        rows.append(line.tobytes() + b"\xa5" * (row - width * step))
+        wanted += [[float(point[name]) for name in "xyz"] for point in line]
+    made_ = made(cloud(1, b"".join(rows), fields, width=width, height=height, step=step, row=row,
+                       is_big=is_big))  # fmt: skip
+    assert points_of(made_).tolist() == wanted
+
+
+def test_points_that_are_not_finite_stay_so_and_flat_ones_have_two_numbers():
+    data = np.array([[1, np.nan], [np.inf, 2]], "<f4")
+    found = points_of(made(cloud(1, data.tobytes(), [("x", 0, 7), ("y", 4, 7)], width=2, step=8)))
+    np.testing.assert_array_equal(found, data)
+    empty = cloud(1, b"", [("x", 0, 7), ("y", 4, 7), ("z", 8, 7)], width=0, step=12)
+    assert points_of(made(empty)).shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"fields": [("x", 0, 7)]}, "must name x and y, got 'x'"),
+        ({"fields": [("x", 0, 9), ("y", 4, 7)]}, "datatype from 1 to 8, got 9"),
+        ({"fields": [("x", 0, 7), ("y", 6, 7)]}, "within a point of 8 bytes, got 6"),
+        ({"width": 3}, "must have 1 rows of 24 bytes, has 16"),
+        ({"width": 1 << 31, "height": 1 << 31}, "too many points"),
+    ],
+)
+def test_a_cloud_whose_numbers_do_not_fit_is_refused(change, told):
+    fields = [("x", 0, 7), ("y", 4, 7)]
+    given_ = {"fields": fields, "width": 2, "height": 1} | change
+    message = made(cloud(1, bytes(16), given_["fields"], width=2, step=8))
+    message = SimpleNamespace(
+        **{name: getattr(message, name) for name in message.__dataclass_fields__}
+    )
+    message.width, message.height = given_["width"], given_["height"]
+    message.row_step = message.width * 8
+    with pytest.raises(MalformedInputError, match=told):
+        points_of(message)

@@ -1,0 +1,429 @@
+"""Bags of every format, whole and damaged, against what was written to them."""
+
+import sqlite3
+import struct
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType
+
+from bags.making import (
+    FORMATS,
+    OF_MCAP,
+    ROS1,
+    ROS2,
+    START,
+    Maker,
+    costmap,
+    occupancy,
+    scan,
+    tf,
+    words,
+)
+from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal.bags.bag import MessageIndex, Place, normalised_topic
+from mapdeal.bags.messages import Decoder
+from mapdeal.bags.reader import chosen_connections, open_bag
+
+pytestmark = pytest.mark.slow
+
+CELLS = np.array([[-1, 0, 100, 7], [0, 50, -1, 100]], np.int8)
+RANGES = np.arange(30, dtype=np.float32) / 4 + 0.5
+LASER = "sensor_msgs/msg/LaserScan"
+TF = "tf2_msgs/msg/TFMessage"
+
+
+@pytest.fixture
+def maker():
+    """Two topics among others, in no order of time, in several chunks where they are small."""
+    made = Maker()
+    made.add("/map", "nav_msgs/msg/OccupancyGrid", START,
+             occupancy(START, CELLS, 0.1, (1.5, -2.25, 0.5)))  # fmt: skip
+    for k in range(40):
+        made.add("/scan", LASER, START + (k ^ 1) * 1000, scan(START + k, RANGES + k))
+        made.add("/talk", "std_msgs/msg/String", START + k, words(f"word {k}" * 9))
+    return made
+
+
+def scans_of(bag):
+    connections = chosen_connections(bag, [], [LASER], "laser scans")
+    decoder, index = Decoder(bag), bag.index([one.id for one in connections])
+    return [(place.time, decoder.message(place)) for place in index]
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_messages_come_as_they_were_written_in_the_order_of_time(maker, tmp_path, form):
+    path = maker.write(tmp_path, form)
+    with open_bag(path) as bag:
+        found = scans_of(bag)
+        told = {one.topic: bag.summary()[one.id] for one in bag.connections}
+    assert [time for time, _ in found] == [START + k * 1000 for k in range(40)]
+    for k, (_, message) in enumerate(found):
+        assert message.header.frame_id == "laser"
+        np.testing.assert_array_equal(message.ranges, RANGES + (k ^ 1))
+    assert {topic: one.count for topic, one in told.items()} == {
+        "/map": 1, "/scan": 40, "/talk": 40
+    }  # fmt: skip
+    assert (told["/scan"].first, told["/scan"].last) == (START, START + 39_000)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_header_is_read_alone(maker, tmp_path, form):
+    with open_bag(maker.write(tmp_path, form)) as bag:
+        (one,) = [one for one in bag.connections if one.topic == "/map"]
+        (place,) = bag.index([one.id])
+        assert Decoder(bag).header(place) == (START, "map")
+
+
+@pytest.mark.parametrize("form", [form for form in ROS2 if form.endswith("file")])
+def test_a_file_that_is_compressed_can_be_named_itself(maker, tmp_path, form):
+    (file,) = (one for one in maker.write(tmp_path, form).iterdir() if one.suffix != ".yaml")
+    with open_bag(file) as bag:
+        assert len(scans_of(bag)) == 40
+        assert bag.path == file
+
+
+def test_metadata_stand_for_their_folder(maker, tmp_path):
+    with open_bag(maker.write(tmp_path, "mcap") / "metadata.yaml") as bag:
+        assert len(scans_of(bag)) == 40
+
+
+@pytest.mark.parametrize("form", ["sqlite3", "mcap"])
+def test_a_folder_without_metadata_is_read_with_a_warning(maker, tmp_path, form):
+    folder = maker.write(tmp_path, form)
+    (folder / "metadata.yaml").unlink()
+    with pytest.warns(MapdealWarning, match=r"has no metadata\.yaml"), open_bag(folder) as bag:
+        assert len(scans_of(bag)) == 40
+
+
+def test_several_files_of_a_folder_are_one_bag(maker, tmp_path):
+    folder = maker.write(tmp_path, "mcap")
+    more = Maker()
+    more.messages = [(time + 10**9, *rest) for time, *rest in maker.messages]
+    (tmp_path / "new").mkdir()
+    other = more.write(tmp_path / "new", "mcap")
+    (other / "bag.mcap").rename(folder / "bag_1.mcap")
+    text = (folder / "metadata.yaml").read_text()
+    assert "- bag.mcap" in text
+    (folder / "metadata.yaml").write_text(
+        text.replace("- bag.mcap", "- bag.mcap\n  - old/bag_1.mcap", 1)
+    )
+    with open_bag(folder) as bag:
+        found = scans_of(bag)
+        assert len(bag.files) == 3
+    assert [time for time, _ in found] == [
+        START + second * 10**9 + k * 1000 for second in (0, 1) for k in range(40)
+    ]
+
+
+def test_a_missing_file_of_several_is_warned_of(maker, tmp_path):
+    folder = maker.write(tmp_path, "mcap")
+    text = (folder / "metadata.yaml").read_text()
+    (folder / "metadata.yaml").write_text(text.replace("- bag.mcap", "- bag.mcap\n  - b.mcap", 1))
+    with (
+        pytest.warns(MapdealWarning, match=r"its file b\.mcap is missing"),
+        open_bag(folder) as bag,
+    ):
+        assert len(scans_of(bag)) == 40
+    (folder / "bag.mcap").unlink()
+    with pytest.raises(FileAccessError, match=r"bag\.mcap"), open_bag(folder):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("storage_identifier: mcap", "storage_identifier: other", "must be sqlite3 or mcap"),
+        ("relative_file_paths", "absolute_file_paths", "relative_file_paths: missing"),
+        ("rosbag2_bagfile_information", "information", "rosbag2_bagfile_information: missing"),
+        ("serialization_format: cdr", "serialization_format: odd", "serialized as 'odd'"),
+        ("compression_mode: ''", "compression_mode: upside_down", "must be none, file or message"),
+    ],
+)
+def test_metadata_that_say_something_else_are_refused(maker, tmp_path, old, new, told):
+    folder = maker.write(tmp_path, "mcap")
+    text = (folder / "metadata.yaml").read_text()
+    assert old in text
+    (folder / "metadata.yaml").write_text(text.replace(old, new))
+    with pytest.raises(MalformedInputError, match=told), open_bag(folder):
+        pass
+
+
+# ROS 1
+
+OF_ONE_BLOCK = ("ros1-bz2", "sqlite3-file", "mcap-file", "mcap-chunk")
+"""What is compressed in one go is read to the end, or not at all."""
+
+
+def ros1_records(data):
+    """Yield the fields, and the start, data start and end of each record; lengths are right."""
+    position = data.index(b"\n") + 1
+    while position < len(data):
+        (length,) = struct.unpack_from("<I", data, position)
+        fields, at, end = {}, position + 4, position + 4 + length
+        while at < end:
+            (size,) = struct.unpack_from("<I", data, at)
+            name, _, value = data[at + 4 : at + 4 + size].partition(b"=")
+            fields[name] = value
+            at += 4 + size
+        (size,) = struct.unpack_from("<I", data, end)
+        yield fields, position, end + 4, end + 4 + size
+        position = end + 4 + size
+
+
+@pytest.mark.parametrize("form", ROS1)
+def test_an_index_record_counts_by_its_count(maker, tmp_path, form):
+    """Some writers have another length there: rosbags stops at it."""
+    path = maker.write(tmp_path, form)
+    data = bytearray(path.read_bytes())
+    changed = 0
+    for fields, _, start, _ in list(ros1_records(bytes(data))):
+        if fields[b"op"] == b"\x04":
+            struct.pack_into("<I", data, start - 4, 7)
+            changed += 1
+    assert changed == 3
+    path.write_bytes(data)
+    with open_bag(path) as bag:
+        assert len(scans_of(bag)) == 40
+
+
+@pytest.mark.parametrize("form", ROS1)
+def test_a_bag_without_an_index_is_read_all(maker, tmp_path, form):
+    path = maker.write(tmp_path, form)
+    data = path.read_bytes()
+    records = list(ros1_records(data))
+    kept = [
+        data[start:end] for fields, start, _, end in records if fields[b"op"] in (b"\x03", b"\x05")
+    ]
+    path.write_bytes(data[: data.index(b"\n") + 1] + b"".join(kept))
+    with pytest.warns(MapdealWarning, match="has no index"), open_bag(path) as bag:
+        topics = {one.topic for one in bag.connections if len(scans_of(bag)) == 40}
+    assert topics == {"/map", "/scan", "/talk"}
+
+
+def test_a_recorder_that_was_killed_leaves_records_behind_the_head_of_a_chunk(maker, tmp_path):
+    path = maker.write(tmp_path, "ros1")
+    data = bytearray(path.read_bytes())
+    for fields, _, start, end in list(ros1_records(bytes(data))):
+        if fields[b"op"] == b"\x05":
+            struct.pack_into("<I", data, start - 4, 0)
+            del data[end:]
+    path.write_bytes(data)
+    with pytest.warns(MapdealWarning, match="has no index"), open_bag(path) as bag:
+        assert len(scans_of(bag)) == 40
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_what_is_whole_of_a_cut_bag_is_read(maker, tmp_path, form):
+    """However much is cut off: never anything but a warning and fewer messages, or one error."""
+    path = maker.write(tmp_path, form)
+    file = path if path.is_file() else max(path.iterdir(), key=lambda one: one.stat().st_size)
+    data = file.read_bytes()
+    most = []
+    for length in np.linspace(1, len(data) - 1, 23).astype(int):
+        file.write_bytes(data[:length])
+        try:
+            with open_bag(path) as bag:
+                found = scans_of(bag)
+        except MalformedInputError as error:
+            assert "\n" not in str(error)
+            continue
+        for _, message in found:
+            number = message.header.stamp.nanosec
+            np.testing.assert_array_equal(message.ranges, RANGES + number)
+        most.append(len(found))
+    assert most == sorted(most)
+    if form not in OF_ONE_BLOCK:
+        assert max(most) > 20
+
+
+@pytest.mark.parametrize(
+    ("head", "told"),
+    [
+        (b"#ROSBAG V1.2\n", r"is a bag of version 1\.2; 2\.0 is read"),
+        (b"#ROSBAG V2.0\n", "x"),
+        (b"#ROSBAG Vx.y\n", "must begin with #ROSBAG"),
+    ],
+)
+def test_other_versions_are_refused(tmp_path, head, told):
+    (tmp_path / "a.bag").write_bytes(head + b"\0" * 9)
+    if told == "x":
+        with (
+            pytest.warns(MapdealWarning, match="ends too early"),
+            open_bag(tmp_path / "a.bag") as bag,
+        ):
+            assert list(bag.connections) == []
+        return
+    with pytest.raises(MalformedInputError, match=told), open_bag(tmp_path / "a.bag"):
+        pass
+
+
+def test_an_unknown_compression_is_named(maker, tmp_path):
+    path = maker.write(tmp_path, "ros1-bz2")
+    path.write_bytes(path.read_bytes().replace(b"compression=bz2", b"compression=abc"))
+    told = pytest.raises(MalformedInputError, match="bz2, lz4 or zstd, got 'abc'")
+    with open_bag(path) as bag, told:
+        scans_of(bag)
+
+
+def test_an_encrypted_bag_is_refused(tmp_path):
+    fields = b"".join(
+        struct.pack("<I", len(one)) + one
+        for one in (b"op=\x03", b"encryptor=rosbag/AesCbcEncryptor", b"index_pos=" + bytes(8))
+    )
+    data = struct.pack("<I", len(fields)) + fields + struct.pack("<I", 0)
+    (tmp_path / "a.bag").write_bytes(b"#ROSBAG V2.0\n" + data)
+    with pytest.raises(MalformedInputError, match="is encrypted"), open_bag(tmp_path / "a.bag"):
+        pass
+
+
+def test_a_chunk_that_claims_another_size_is_refused(maker, tmp_path):
+    path = maker.write(tmp_path, "ros1-lz4")
+    data = path.read_bytes()
+    at = data.index(b"size=") + 5
+    path.write_bytes(data[:at] + struct.pack("<I", 99) + data[at + 4 :])
+    told = pytest.raises(MalformedInputError, match="must expand to 99 bytes")
+    with open_bag(path) as bag, told:
+        scans_of(bag)
+
+
+# MCAP
+
+
+@pytest.mark.parametrize("compression", OF_MCAP.values())
+def test_a_summary_is_not_needed(maker, tmp_path, compression):
+    path = maker._write_mcap(tmp_path / "bag.mcap", compression, use_summary_offsets=False,
+                             use_statistics=False, use_chunking=True, repeat_channels=False,
+                             repeat_schemas=False)  # fmt: skip
+    with open_bag(path) as bag:
+        assert len(scans_of(bag)) == 40
+
+
+def test_messages_between_chunks_are_read(maker, tmp_path):
+    path = maker._write_mcap(tmp_path / "bag.mcap", CompressionType.NONE, use_chunking=False)
+    with open_bag(path) as bag:
+        assert [time for time, _ in scans_of(bag)] == [START + k * 1000 for k in range(40)]
+
+
+def test_a_damaged_chunk_is_told_by_its_checksum(maker, tmp_path):
+    path = maker._write_mcap(tmp_path / "bag.mcap", CompressionType.NONE, enable_crcs=True)
+    data = bytearray(path.read_bytes())
+    at = data.index(b"word 20")
+    data[at] ^= 0xFF
+    path.write_bytes(data)
+    told = pytest.raises(MalformedInputError, match="checksum differs")
+    with open_bag(path) as bag, told:
+        scans_of(bag)
+
+
+# SQLite
+
+
+def test_an_sqlite_file_of_others_is_no_bag(tmp_path):
+    with sqlite3.connect(tmp_path / "a.db3") as db:
+        db.execute("CREATE TABLE people (name TEXT)")
+    db.close()
+    told = pytest.raises(MalformedInputError, match="without the tables topics and messages")
+    with told, open_bag(tmp_path / "a.db3"):
+        pass
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_a_page_that_was_overwritten_costs_what_stands_behind_it(maker, tmp_path):
+    folder = maker.write(tmp_path, "sqlite3")
+    file = folder / "bag.db3"
+    data = bytearray(file.read_bytes())
+    middle = len(data) // 2 // 4096 * 4096
+    data[middle : middle + 4096] = b"\xff" * 4096
+    file.write_bytes(data)
+    with open_bag(folder) as bag:
+        try:
+            found = scans_of(bag)
+        except MalformedInputError as error:
+            assert "is damaged" in str(error)
+        else:
+            assert len(found) < 40
+
+
+# Choosing
+
+
+def test_the_only_topic_that_fits_is_taken_and_others_are_named(maker, tmp_path):
+    maker.add("/other", LASER, START, scan(START, RANGES))
+    with open_bag(maker.write(tmp_path, "mcap")) as bag:
+        (one,) = chosen_connections(bag, [], ["nav_msgs/msg/OccupancyGrid"], "maps")
+        assert one.topic == "/map"
+        (one,) = chosen_connections(bag, ["scan"], [LASER], "laser scans")
+        assert one.topic == "/scan"
+        for topics, types, told, hint in [
+            ([], [LASER], "has 2 topics of laser scans", "--topic names one of /other"),
+            ([], ["tf"], "has no topic of things", "its topics /map"),
+            (["/nothing"], [LASER], "has no topic /nothing", "there are /other"),
+            (["/map"], [LASER], "/map is of type nav_msgs/msg/OccupancyGrid", "there are /other"),
+        ]:
+            with pytest.raises(MalformedInputError, match=told) as caught:
+                chosen_connections(
+                    bag, topics, types, "laser scans" if LASER in types else "things"
+                )
+            assert hint in caught.value.hint
+
+
+def test_a_topic_of_many_kinds_is_one_topic():
+    assert normalised_topic("//a//b/") == normalised_topic("a/b") == "/a/b"
+
+
+def test_an_index_keeps_what_was_recorded_first_among_equals():
+    index = MessageIndex.of([Place(1, 5, 0, 0), Place(2, 3, 0, 7), Place(3, 5, 1, 2)])
+    assert [place.connection for place in index.in_time()] == [2, 1, 3]
+
+
+@pytest.mark.parametrize("data", [b"", b"nothing that is known", b"\x89MCAP0\r\n"])
+def test_what_is_no_bag_is_one_error(tmp_path, data):
+    (tmp_path / "a.mcap").write_bytes(data)
+    if data.startswith(b"\x89"):
+        with (
+            pytest.warns(MapdealWarning, match="ends too early"),
+            open_bag(tmp_path / "a.mcap") as bag,
+        ):
+            assert list(bag.connections) == []
+        return
+    with pytest.raises(MalformedInputError), open_bag(tmp_path / "a.mcap"):
+        pass
+
+
+def test_a_costmap_and_old_transforms_are_understood_without_a_text(tmp_path):
+    made = Maker()
+    made.add("/local_costmap/costmap_raw", "nav2_msgs/msg/Costmap", START,
+             costmap(START, [[0, 253, 255]], 0.25, (1.0, 2.0, 0.0)))  # fmt: skip
+    folder = made.write(tmp_path, "sqlite3")
+    with sqlite3.connect(folder / "bag.db3") as db:
+        db.execute("DELETE FROM message_definitions")
+    db.close()
+    with open_bag(folder) as bag:
+        (one,) = bag.connections
+        assert one.definition == ""
+        message = Decoder(bag).message(bag.index([one.id])[0])
+    assert message.data.tolist() == [0, 253, 255]
+    assert message.metadata.layer == "master"
+
+
+@pytest.mark.parametrize("form", ["ros1", "sqlite3", "mcap"])
+def test_a_message_that_is_none_of_its_type_is_one_error(maker, tmp_path, form):
+    made = Maker()
+    made.add("/tf", TF, START, tf(START, ("a", "b", (1, 2, 3), (0, 0, 0, 1))))
+    path = made.write(tmp_path, form)
+    file = path if path.is_file() else next(p for p in path.iterdir() if p.suffix != ".yaml")
+    data = file.read_bytes()
+    # the number of transforms, which stands before the first header
+    before = struct.pack("<I", START // 10**9)
+    at = data.index(before, data.index(before) + 1 if form == "ros1" else 0)
+    count = data.rindex(b"\x01\0\0\0", 0, at)
+    file.write_bytes(data[:count] + b"\xff\xff\xff\x7f" + data[count + 4 :])
+    with open_bag(path) as bag:
+        (one,) = bag.connections
+        place = bag.index([one.id])[0]
+        with pytest.raises(
+            MalformedInputError, match=r"/tf: a message at .* is not a valid tf2_msgs"
+        ):
+            Decoder(bag).message(place)

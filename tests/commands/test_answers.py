@@ -1,0 +1,422 @@
+"""The JSON documents that mapdeal writes, read back; and what must not be believed."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mapdeal.checks.findings import Finding
+from mapdeal.checks.lint import LintReport, MapReport
+from mapdeal.commands.report_documents import (
+    goal_items,
+    goal_of,
+    passage_items,
+    passage_of,
+    read_results,
+    route_of,
+)
+from mapdeal.commands.route import PlannedRoute
+from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.files.json_values import JsonValue, read_document
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach, robot_text
+from mapdeal.pipeline.folder import reach_json
+from robustness.seeds import ANSWERS
+
+SHAPES = {"type": "Feature", "properties": {"radius": 0.5},
+          "geometry": {"type": "Point", "coordinates": [1, 2]}}  # fmt: skip
+ALL = {**ANSWERS, "shapes": SHAPES}
+LINT, REACH, ROUTE, DIFF, COMPARISON, ALIGNMENT, SCORE = ANSWERS.values()
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(document, name="answer.json"):
+        path = tmp_path / name
+        path.write_bytes(document if isinstance(document, bytes) else json.dumps(document).encode())
+        return read_results(path)
+
+    return read
+
+
+def test_what_lint_has_found(read):
+    results = read(LINT)
+    parameters, one = results.parts
+    assert results.files == ("nav2.yaml", "a<b>.yaml")
+    assert (parameters.items, parameters.is_map, parameters.is_clean) == ([], False, True)
+    assert (one.name, one.is_map, one.is_clean) == ("a<b>.yaml", True, False)
+    assert dict(one.tables[0].rows) == {
+        "errors": "0", "warnings": "1", "notes": "1", "suppressed": "2",
+        "repair 1": "free_thresh 0.196",
+    }  # fmt: skip
+    islands, second, turned = one.items
+    assert islands.text == "map.islands: <img onerror=1>\\n\\x07"
+    assert (islands.tone, islands.place, second.place) == ("warning", (1.5, -2.0), (0.0, 3.0))
+    assert (turned.text, turned.tone, turned.place) == (
+        "yaml.origin-yaw: turned (line 3)", "note", None,
+    )  # fmt: skip
+
+
+def test_what_a_robot_reaches(read):
+    results = read(REACH)
+    (table,) = results.tables
+    assert dict(table.rows) == {
+        "robot": "a robot with 3 corners, radius 0.09487 to 0.3606 m", "headings": "16",
+        "unknown cells": "closed", "reachable": "8.5 m2", "open to the robot": "12 m2",
+        "free": "20.25 m2", "reachable share of free": "42 %", "goals reached": "1 of 2",
+        "passages": "1, 1 of them closed",
+    }  # fmt: skip
+    start, dock, other, passage = results.items
+    assert (start.place, dock.place, other.place) == ((1.5, -2.0), (3.0, 4.0), (-3.0, 4.0))
+    assert start.text.startswith("start at 1.5, -2, yaw 0.5: ")
+    assert (dock.text, dock.tone) == ("goal dock: reachable in 7 of 16 headings", "good")
+    assert (other.tone, passage.place) == ("error", (-2.0, 1.0))
+    assert passage.lines[0].tolist() == [[-2.0, 0.7], [-2.0, 1.3]]
+
+
+def values_in(document, key, read):
+    return [read(one) for one in JsonValue(Path("answer.json"), document)[key].items()]
+
+
+def test_goals_and_passages():
+    dock, other = values_in(REACH, "goals", goal_of)
+    assert dock == GoalReach(Goal(3.0, 4.0, "dock"), True, 7, math.inf)
+    assert (dock.reason, dock.nearest_open) == (None, None)
+    assert other.limited_by == Bottleneck(-2.0, 1.0, 0.62, "passage")
+    assert (other.reason, other.nearest_open) == ("unknown", (-3.0, 4.5))
+    assert values_in(REACH, "passages", passage_of) == [
+        Passage(-2.0, 1.0, 0.62, 12.3, False, ((-2.0, 0.7), (-2.0, 1.3)))
+    ]
+
+
+def test_a_route(read):
+    route = route_of(JsonValue(Path("answer.json"), ROUTE))
+    assert (route.method, route.reached, route.local_minimum) == ("descent", False, (1.0, 1.0))
+    assert route.points_xy.tolist() == [[0.0, 1.0], [1.0, 1.0]]
+    assert (route.length, route.cost, route.mean_clearance) == (1.0, 1.25, math.inf)
+    *_, item = read(ROUTE).items
+    assert (item.kind, item.lines[0].tolist()) == ("route", route.points_xy.tolist())
+
+
+def test_what_differs(read):
+    results = read(DIFF)
+    first, second = results.maps
+    assert (first.file, second, results.files) == ("a.yaml", None, ("a.yaml",))
+    assert first.sha256 == {"a.yaml": "ab" * 32, "a.pgm": "0" * 64}
+    figures, pairs, cells = (dict(table.rows) for table in results.tables)
+    assert pairs == {
+        "width": "3 → 4", "origin": "[0, 0, 0] → [1, 0, 0.5]", "mode": '"trinary" → "scale"',
+    }  # fmt: skip
+    assert cells == {"free → free": "9", "free → occupied": "3"}
+    walls = "directed Hausdorff distance, "
+    assert figures[f"{walls}first to second"] == "0.5 m; 95 % within 0.4 m, mean 0.1 m"
+    assert figures[f"{walls}second to first"] == "no obstacles"
+    assert figures["max_shift"] == "at most 0.1: missed, nothing to compare"
+
+
+def test_methods_compared(read):
+    results = read(COMPARISON)
+    (tsdf,) = results.parts
+    assert [(item.text, item.place) for item in tsdf.items] == [
+        ("tsdf: 4 cells with hits vanished", (1.25, 2.5))
+    ]
+    method, differing = results.tables
+    assert (method.title, method.rows) == (
+        "Method tsdf", (("occupied", "3"), ("mean thickness m", "-")),
+    )  # fmt: skip
+    assert differing.rows == (("tsdf, beams", "5"),)
+
+
+def test_an_alignment(read):
+    results = read(ALIGNMENT)
+    assert results.transform.pose == (1.5, -2.0, 0.25)
+    first, second = results.maps
+    assert (first.file, second) == ("a<b>.yaml", None)
+    assert dict(results.tables[0].rows) == {
+        "same place": "not sure: another <place> fits",
+        "transform": "x 1.5 m, y -2 m, yaw 14.32 degrees", "score": "3.50",
+        "best score elsewhere": "3.25", "overlap": "50 %", "walls in common that agree": "100 %",
+    }  # fmt: skip
+    with pytest.raises(MalformedInputError, match=r"overlap: must be a number from 0 to 1"):
+        read({**ALIGNMENT, "overlap": 1.5})
+
+
+def test_a_score(read):
+    results = read(SCORE)
+    (own,), (table,) = results.maps, results.tables
+    assert (own.file, results.files) == ("a<b>.yaml", ("a<b>.yaml",))
+    assert table.title == "Score: does not pass"
+    first, second, *others = table.rows
+    assert first == ("bound", "coverage at least 0.8: holds, found 0.9")
+    assert second == ("bound", "ssim_gauss at most 1: missed, not measured")
+    rows = dict(others)
+    assert (rows["truth"], rows["compared on"]) == ("no file", "4 x 3 cells of 0.25 m")
+    assert rows["moved by"] == "x 1.5 m, y -2 m, yaw 14.3239 deg"
+    shown = {name.rpartition("(")[2].rstrip(")"): text for name, text in others}
+    assert (shown["coverage"], shown["ssim_gauss"]) == ("90.0 %", "-")
+    assert shown["dist_est_to_truth_m.mean"] == "0.5 m"
+    alone = read({**SCORE, "transform": None, "map": None})
+    assert (alone.maps, alone.files) == ((None,), ())
+    assert dict(alone.tables[0].rows)["size"] == "4 x 3 cells of 0.25 m"
+
+
+def test_shapes_of_either_form(read):
+    (circle,) = read(SHAPES).items
+    assert (circle.text, circle.place) == ("circle of radius 0.5 m", (1.0, 2.0))
+    yaml = b"shapes:\n- {type: polygon, points: [[0, 0], [2, 0], [2, 1]]}\n"
+    (polygon,) = read(yaml, "s.yaml").items
+    assert polygon.lines[0].tolist() == [[0, 0], [2, 0], [2, 1], [0, 0]]
+
+
+def test_keys_that_are_not_known_yet_are_passed_over(read):
+    for document in (LINT, REACH, ROUTE, DIFF, COMPARISON, SCORE):
+        again, results = read({**document, "new": [{}]}), read(document)
+        assert (again.kind, again.tables, again.parts == []) == (
+            results.kind, results.tables, results.parts == [],
+        )  # fmt: skip
+
+
+def _without(document, *keys):
+    *path, last = keys
+    copy = json.loads(json.dumps(document))
+    within = copy
+    for key in path:
+        within = within[key]
+    del within[last]
+    return copy
+
+
+def _with(document, value, *keys):
+    *path, last = keys
+    copy = json.loads(json.dumps(document))
+    within = copy
+    for key in path:
+        within = within[key]
+    within[last] = value
+    return copy
+
+
+FINDING = ("maps", 0, "findings", 0)
+
+
+@pytest.mark.parametrize(
+    ("document", "told"),
+    [
+        (_without(LINT, *FINDING, "check"), "maps[0].findings[0]: must have a key check"),
+        (_with(LINT, "bad", *FINDING, "severity"),
+         "maps[0].findings[0].severity: must be one of error, warning, note, got 'bad'"),
+        (_with(LINT, 7, *FINDING, "message"), "maps[0].findings[0].message: must be a text, got 7"),
+        (_with(LINT, [[1]], *FINDING, "places"),
+         "maps[0].findings[0].places[0]: must be two numbers [x, y], got [1]"),
+        (_with(LINT, [[1, True]], *FINDING, "places"), "places[0][1]: must be a number, got True"),
+        (_with(LINT, [[1, 1e13]], *FINDING, "places"), "must be a number from -1e+12 to 1e+12"),
+        (_with(LINT, 1.5, "errors"), "errors: must be a whole number, got 1.5"),
+        (_with(LINT, -1, "errors"), "errors: must be a whole number from 0 to 9007199254740992"),
+        (_with(LINT, 7, "maps", 0), "maps[0]: must be an object, got 7"),
+        (_with(LINT, {}, "maps", 0, "findings"), "maps[0].findings: must be a list, got {}"),
+        (_with(REACH, 0, "robot", "headings"), "robot.headings: must be a whole number from 1"),
+        (_with(REACH, [[0, 0]], "robot", "footprint"), "at least three vertices"),
+        (_with(REACH, "yes", "goals", 0, "reachable"), "must be true or false, got 'yes'"),
+        (_with(REACH, None, "start", "x"), "start.x: must be a number, got None"),
+        (_with(REACH, [[0, 0]], "passages", 0, "ends"), "passages[0].ends: must be two points"),
+        (_with(REACH, [[0, 0]] * 3, "passages", 0, "ends"), "passages[0].ends: must be two points"),
+        (_with(REACH, 2, "share"), "share: must be a number from 0 to 1, got 2"),
+        (_with(REACH, -0.1, "passages", 0, "width_m"), "width_m: must be a number from 0"),
+        (_with(ROUTE, [[0, 1], [2]], "points"), "points[1]: must be two numbers [x, y], got [2]"),
+        (_with(ROUTE, [[0, 1], [True, 2]], "points"), "points[1][0]: must be a number, got True"),
+        (_with(ROUTE, [[0, 10**400]], "points"), "points[0][1]: must be a number from -1e+12"),
+        (_with(ROUTE, [[0, -2e12]], "points"), "points[0][1]: must be a number from -1e+12"),
+        (_with(ROUTE, {}, "points"), "is not what lint, reach, route, diff, align, score"),
+        (_with(ROUTE, "fly", "method"), "method: must be one of astar, descent, got 'fly'"),
+        (_with(DIFF, "AB" * 32, "first", "sha256", "a.pgm"), "must be the 64 hexadecimal digits"),
+        (_with(DIFF, [1], "geometry", "width"), "geometry.width: must be two values, got [1]"),
+        (_without(DIFF, "walls", "second_to_first"), "walls: must have a key second_to_first"),
+        (_with(SCORE, "low", "bounds", 0, "side"), "bounds[0].side: must be one of min, max"),
+        (_with(SCORE, [], "values"), "values: must be an object, got []"),
+        (_with(SCORE, {"a": {"b": "c"}}, "values"), "values.a.b: must be a number, got 'c'"),
+        (_with(SCORE, 0, "lattice", "width"), "lattice.width: must be a whole number from 1"),
+        (_without(SCORE, "truth"), "must have a key truth"),
+        (_with(COMPARISON, [1, 2], "origin"), "origin: must be three numbers"),
+        (_with(COMPARISON, 0, "width"), "width: must be a whole number from 1"),
+    ],
+)  # fmt: skip
+def test_what_must_not_be_believed_names_the_key(read, document, told):
+    with pytest.raises(MalformedInputError) as caught:
+        read(document)
+    text = str(caught.value)
+    assert told in text
+    assert "answer.json: " in text
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (b'{"maps": [' + b"[" * 100_000, "nested too deep"),
+        (b'{"maps": [NaN], "errors": 0, "suppressed": 0}', "NaN is not a JSON number"),
+        (b'{"maps": [-Infinity]}', "-Infinity is not a JSON number"),
+        (b'{"maps": [], "errors": 1e999, "suppressed": 0}', "errors: must be a whole number"),
+        (b'{"points": [[0, 1e999]], "reached": true}', "points[0][1]: must be a number from"),
+        (b'{"errors": ' + b"7" * 5000 + b"}", "no valid JSON"),
+        (b'{"errors": 0, "errors": 1}', "key 'errors' appears twice"),
+        (b'{"maps": [}', "line 1, column 11: no valid JSON"),
+        (b'{"maps": "\xff"}', "not UTF-8"),
+        (
+            b"{}",
+            "is not what lint, reach, route, diff, align, score or build --compare writes as JSON",
+        ),
+        (b'{"outputs": {}, "stages": []}', "is the manifest of a run, not what lint"),
+        (b"image: a.pgm\nresolution: 1\n", "is a map, not a file of shapes"),
+        (b"", "answer.json"),
+    ],
+)
+def test_no_document_at_all(read, text, told):
+    with pytest.raises(MalformedInputError) as caught:
+        read(text)
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("depth", [300, 900, 980])
+def test_deep_values_that_json_takes(read, depth):
+    deep = json.loads("[" * 200 + "]" * 200)
+    for document in (_with(DIFF, [deep, deep], "geometry", "width"), _with(ROUTE, deep, "start")):
+        text = json.dumps(document).replace("[" * 200, "[" * depth)
+        text = text.replace("]" * 200, "]" * depth).encode()
+        try:
+            assert read(text).kind == "diff"
+        except MalformedInputError as error:
+            assert "\n" not in str(error)
+
+
+def test_what_is_too_large_or_not_there(tmp_path):
+    path = tmp_path / "huge.json"
+    with path.open("wb") as file:
+        file.write(b'{"maps": []')
+        file.truncate((1 << 26) + 1)
+    with pytest.raises(MalformedInputError, match="must not be larger than 67108864 bytes"):
+        read_results(path)
+    with pytest.raises(FileAccessError):
+        read_results(tmp_path / "none.json")
+
+
+NUMBERS = st.floats(-1e4, 1e4).map(lambda value: round(value, 9) + 0.0)
+LENGTHS = st.floats(0, 1e4).map(lambda value: round(value, 9)) | st.just(math.inf)
+POINTS = st.tuples(NUMBERS, NUMBERS)
+LIMITS = st.builds(
+    Bottleneck, NUMBERS, NUMBERS, LENGTHS, st.sampled_from(["passage", "start", "goal"])
+)
+GOALS = st.builds(
+    GoalReach,
+    st.builds(Goal, NUMBERS, NUMBERS, st.none() | st.text(max_size=8)),
+    st.booleans(),
+    st.integers(0, 255),
+    LENGTHS,
+    st.none() | LIMITS,
+    st.none() | st.text(max_size=8),
+    st.none() | POINTS,
+)
+PASSAGES = st.builds(
+    Passage, NUMBERS, NUMBERS, LENGTHS, LENGTHS, st.booleans(), st.tuples(POINTS, POINTS)
+)
+ROBOTS = st.sampled_from(
+    [None, Footprint.circle(0.25), Footprint.polygon([(0.3, 0.1), (-0.3, 0.1), (0, -0.2)])]
+)
+
+
+@given(
+    start=st.lists(NUMBERS, min_size=2, max_size=3).map(tuple),
+    robot=ROBOTS,
+    headings=st.integers(1, 255),
+    through=st.booleans(),
+    goals=st.lists(GOALS, max_size=3).map(tuple),
+    passages=st.lists(PASSAGES, max_size=3).map(tuple),
+)
+def test_reach_comes_back_as_it_was_written(
+    tmp_path_factory, start, robot, headings, through, goals, passages
+):
+    layers = [np.ones((2, 3), np.uint8)] * 2 + [np.ones((2, 3), np.float32)] * 2
+    reach = Reach(
+        *layers, np.zeros((2, 3), np.int8), 0.5, (1.0, 2.0, 0.5), start, robot, headings, through,
+        goals, passages,
+    )  # fmt: skip
+    path = tmp_path_factory.getbasetemp() / "reach_again.json"
+    path.write_text(reach_json(reach))
+    document = json.loads(path.read_text())
+    assert tuple(values_in(document, "goals", goal_of)) == goals
+    assert tuple(values_in(document, "passages", passage_of)) == passages
+    results = read_results(path)
+    place, *others = results.items
+    assert place.place == start[:2]
+    expected = [*goal_items(goals, robot, headings), *passage_items(passages)]
+    assert [one.text for one in others] == [one.text for one in expected]
+    rows = dict(results.tables[0].rows)
+    assert rows["headings"] == str(headings)
+    assert rows["robot"] == robot_text(robot)
+    assert rows["unknown cells"] == ("open" if through else "closed")
+    assert rows["reachable"] == rows["free"] == "1.5 m2"
+
+
+@given(
+    points=st.lists(POINTS, min_size=1, max_size=5),
+    minimum=st.none() | POINTS,
+    expanded=st.none() | st.integers(0, 10**9),
+    figures=st.tuples(LENGTHS, LENGTHS, LENGTHS, LENGTHS),
+)
+def test_routes_come_back_as_they_were_written(
+    tmp_path_factory, points, minimum, expanded, figures
+):
+    length, cost, least, mean = figures
+    route = PlannedRoute(
+        "descent", minimum is None, points[0], points[-1], np.array(points), length, cost, least,
+        minimum, mean, expanded, False, map=None, costs=None,
+    )  # fmt: skip
+    path = tmp_path_factory.getbasetemp() / "route_again.json"
+    path.write_text("".join(route.parts()))
+    found = route_of(read_document(path))
+    assert [one.kind for one in read_results(path).items] == ["start", "goal", "route"]
+    assert found.points_xy.tolist() == [list(point) for point in points]
+    told = (found.start, found.goal, found.local_minimum, found.expanded, found.reached)
+    assert told == (points[0], points[-1], minimum, expanded, minimum is None)
+    assert (found.length, found.cost, found.min_clearance, found.mean_clearance) == figures
+
+
+def test_lint_comes_back_as_it_was_written(read):
+    found = Finding("image.lossy", "warning", "a\udcff.yaml", 'a "quoted" \u2028 name', 4)
+    maps = (MapReport("a\udcff.yaml", (found,), suppressed=1), MapReport("b", (), is_folder=True))
+    results = read(json.dumps(LintReport(maps, "1.0").document()).encode())
+    assert results.files == ("a\udcff.yaml", "b")
+    one, other = results.parts
+    assert [item.text for item in one.items] == [r'image.lossy: a "quoted" \u2028 name (line 4)']
+    assert (one.items[0].tone, other.is_clean) == ("warning", True)
+    assert dict(one.tables[0].rows)["suppressed"] == "1"
+
+
+PLACES_IN_DOCUMENTS = st.randoms(use_true_random=False)
+JUNK = st.sampled_from(
+    [None, True, -1, 0.5, 1e308, 10**300, "", "<script>", "\ud800", [], [[]], {}, {"x": 1}]
+)
+
+
+@pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")  # a shape may be left out
+@given(name=st.sampled_from(sorted(ALL)), chance=PLACES_IN_DOCUMENTS, junk=JUNK)
+def test_a_damaged_value_is_refused_or_read(tmp_path_factory, name, chance, junk):
+    document = json.loads(json.dumps(ALL[name]))
+    within = document
+    while True:
+        keys = list(within) if isinstance(within, dict) else list(range(len(within)))
+        key = chance.choice(keys)
+        if not isinstance(within[key], dict | list) or not within[key] or chance.random() < 0.2:
+            break
+        within = within[key]
+    within[key] = junk
+    path = tmp_path_factory.getbasetemp() / "damaged.json"
+    path.write_text(json.dumps(document))
+    try:
+        read_results(path)
+    except MalformedInputError as error:
+        assert str(error).startswith(str(path))

@@ -1,0 +1,247 @@
+"""Pictures from Python: the bytes that commands write, and what notebooks are given."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import mapdeal
+from drawn import grid_from_text
+from mapdeal.kernels.blocks import lazy_layer
+from mapdeal.pictures import colours
+
+OFFICE = str(Path(__file__).parents[2] / "examples" / "maps" / "office.yaml")
+COST = "cost, inscribed 0 m, inflation 0.55 m, factor 10"
+START, GOAL = (-7.5, 2.5), (9.0, 5.0)
+ENDS = ["--from", "-7.5,2.5", "--to", "9,5"]
+
+DRAWING = """
+    ?..#.
+    .....
+    .....
+"""
+
+
+@pytest.fixture(scope="module")
+def office():
+    return mapdeal.read_map(OFFICE)
+
+
+@pytest.fixture
+def drawn_by(command, tmp_path):
+    """Run a command, and return the bytes of its picture."""
+
+    def run(*words, out="out.npz"):
+        words = [*words, *(["-o", tmp_path / out] if out else []), "--image", tmp_path / "x.png"]
+        code, _, err = command(*words)
+        assert code in (0, 1), err
+        return (tmp_path / "x.png").read_bytes()
+
+    return run
+
+
+ROUND = mapdeal.Footprint.circle(0.3)
+
+
+def test_each_command_of_a_stage_writes_these_bytes(office, drawn_by):
+    for words, made, title, robot in [
+        (["inflate"], mapdeal.inflate(office), "office: inflated by 0.3 m (disc)", ROUND),
+        (["esdf"], mapdeal.esdf(office), "office: signed distance field", None),
+        (["cost"], mapdeal.exponential_cost(office), f"office: {COST}", None),
+        (
+            ["potential", "--goal", "9,5"],
+            mapdeal.potential(office, goal=GOAL),
+            "office: potential field",
+            None,
+        ),
+    ]:
+        expected = drawn_by(words[0], OFFICE, *words[1:], "--force")
+        assert mapdeal.draw_picture(made, title=title, robot=robot).png() == expected, words
+
+
+def test_a_route_over_costs_is_the_commands_picture(office, drawn_by):
+    costs = mapdeal.apply_recipe(office, "nav2")["cost"]
+    route = mapdeal.shortest_route(costs, START, GOAL)
+    picture = mapdeal.draw_picture(costs, title="office: route, astar", route=route)
+    assert picture.png() == drawn_by("route", OFFICE, *ENDS, out=None)
+
+
+def test_a_comparison_is_the_commands_picture(drawn_by):
+    other = OFFICE.replace("office.yaml", "office_cartographer.yaml")
+    assert mapdeal.draw_picture(mapdeal.diff(OFFICE, other)).png() == drawn_by(
+        "diff", OFFICE, other, out=None
+    )
+
+
+def test_merged_maps_are_the_commands_picture(office, drawn_by, tmp_path):
+    """Two maps of one name, which the command calls as Python does."""
+    later = mapdeal.draw(office, [mapdeal.Circle((1.0, -2.0), 0.4)], value=100)
+    other = tmp_path / "later" / "office.yaml"
+    mapdeal.write_map(other, later)
+    picture = mapdeal.draw_picture(mapdeal.merge([office, later]))
+    assert picture.png() == drawn_by("merge", OFFICE, str(other))
+
+
+def test_pictures_of_a_run_are_these_of_applied_recipes(office, tmp_path):
+    report = mapdeal.run(OFFICE, tmp_path, "default", image_max=200)
+    made = mapdeal.apply_recipe(office, "default")
+    titles = {
+        "inflate": "inflated by 0.3 m (disc)",
+        "esdf": "signed distance field",
+        "cost": COST,
+    }
+    for stage, name in (("inflate", "inflated"), ("esdf", "esdf"), ("cost", "cost")):
+        title = f"office: {titles[stage]}"
+        robot = ROUND if stage == "inflate" else None
+        picture = mapdeal.draw_picture(made[stage], title=title, image_max=200, robot=robot)
+        assert picture.png() == (report.folder / f"{name}.png").read_bytes()
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7])
+def test_an_array_of_a_picture_shows_each_cell_north_up(yaw):
+    grid = grid_from_text(DRAWING, origin=(1.5, -2.0, yaw))
+    picture = mapdeal.draw_picture(grid, image_max=0)
+    rgb = np.asarray(picture)
+    assert rgb.dtype == np.uint8
+    assert rgb.shape == (*picture.indices.shape, 3)
+    black = np.argwhere((rgb == 0).all(axis=2))
+    unknown = np.argwhere((rgb == colours.RVIZ_UNKNOWN).all(axis=2))
+    # One pixel a cell: the map's first row of pixels is its north, with the two that stand out;
+    # the legend has patches of them, further to the right.
+    row, col = unknown[0]
+    assert (rgb[row, col + 3] == 0).all()
+    assert (rgb[row, col + 1 : col + 3] == 255).all()
+    assert (rgb[row + 1 : row + 3, col : col + 5] == 255).all()
+    assert [row, col + 3] in black.tolist()
+
+
+def test_pillow_reads_what_a_picture_writes(office, tmp_path):
+    picture = mapdeal.draw_picture(office)
+    mapdeal.write_picture(tmp_path / "new" / "office.png", picture)
+    with Image.open(tmp_path / "new" / "office.png") as image:
+        assert np.array_equal(np.asarray(image.convert("RGB")), picture.rgb())
+
+
+def test_write_picture_draws_and_refuses_as_commands_do(office, tmp_path):
+    path = tmp_path / "office.png"
+    mapdeal.write_picture(str(path), office, title="one")
+    one = path.read_bytes()
+    with pytest.raises(mapdeal.FileAccessError, match="exists"):
+        mapdeal.write_picture(path, office, title="two")
+    assert path.read_bytes() == one
+    mapdeal.write_picture(path, office, title="two", force=True)
+    assert path.read_bytes() != one
+    assert path.read_bytes() == mapdeal.draw_picture(office, title="two").png()
+    with pytest.raises(mapdeal.ParameterError, match=r"must end in \.png"):
+        mapdeal.write_picture(tmp_path / "office.jpg", office)
+    with pytest.raises(mapdeal.ParameterError, match="drawn already"):
+        mapdeal.write_picture(path, mapdeal.draw_picture(office), title="three", force=True)
+
+
+def _without_text(png):
+    """Return the pixels of a picture below its title."""
+    with Image.open(io.BytesIO(png)) as image:
+        return np.asarray(image.convert("RGB"))[60:]
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda grid: grid, ["convert"]),
+        (mapdeal.esdf, ["esdf"]),
+        (mapdeal.exponential_cost, ["cost"]),
+        (lambda grid: mapdeal.potential(grid, goal=GOAL), ["potential", "--goal", "9,5"]),
+    ],
+    ids=["map", "field", "costs", "potential"],
+)
+def test_notebooks_are_given_the_picture_under_a_plain_title(office, drawn_by, make, words):
+    expected = drawn_by(words[0], OFFICE, *words[1:], "--force")
+    shown = make(office)._repr_png_()
+    assert np.array_equal(_without_text(shown), _without_text(expected))
+
+
+def test_notebooks_show_what_stands_for_a_map():
+    grid = grid_from_text(DRAWING)
+    bits = mapdeal.BitMap.from_occupancy(grid)
+    assert bits._repr_png_() == mapdeal.draw_picture(bits.to_occupancy(), title="bit map").png()
+    mapper = mapdeal.LocalMapper((0.5, 1, 0.3), mapdeal.LocalOptions(size=(2, 1)))
+    local = mapper.result()
+    with_robot = mapdeal.draw_picture(local.grid, title="local map", pose=(0.5, 1, 0.3))
+    assert local._repr_png_() == with_robot.png()
+    assert with_robot.png() != mapdeal.draw_picture(local.grid, title="local map").png()
+    built = mapdeal.build_map([[0, 0, 0.3]], [0.0, 0.5], [[1.0, 1.2]], resolution=0.25)
+    assert built._repr_png_() == mapdeal.draw_picture(built.grid, title="map of scans").png()
+    report = mapdeal.diff(grid, grid)
+    assert report._repr_png_() == mapdeal.draw_picture(report).png()
+
+
+def test_what_would_keep_a_notebook_busy_is_not_drawn(monkeypatch):
+    grid = grid_from_text(DRAWING)
+    field = mapdeal.potential(grid)
+    monkeypatch.setattr("mapdeal.commands.draw_picture._MOST_CELLS", 15)
+    monkeypatch.setattr("mapdeal.commands.draw_picture._MOST_CELLS_OF_POTENTIAL", 14)
+    assert grid._repr_png_()[:4] == b"\x89PNG"
+    assert field._repr_png_() is None
+    monkeypatch.setattr("mapdeal.commands.draw_picture._MOST_CELLS", 14)
+    assert grid._repr_png_() is None
+
+    def make(rows):
+        raise AssertionError("a notebook asked for rows")
+
+    lazy = mapdeal.OccupancyGrid(lazy_layer((3, 4), np.int8, make, block_height=1), 0.05)
+    assert lazy._repr_png_() is None
+
+
+def test_pictures_of_notebooks_have_a_longest_side():
+    grid = mapdeal.OccupancyGrid(np.zeros((10, 3000), np.int8), 0.05)
+    with Image.open(io.BytesIO(grid._repr_png_())) as image:
+        assert 1000 <= image.width < 1400  # three cells a pixel, and what is around
+    beside = mapdeal.OccupancyGrid(grid.occupancy, 0.05, (9.0, 0.0, 0.0))
+    for both in (mapdeal.diff(grid, grid), mapdeal.merge([grid, beside])):
+        with Image.open(io.BytesIO(both._repr_png_())) as image:
+            assert 1000 <= image.width < 1500
+
+
+def test_a_route_and_a_robot_are_drawn_over_the_same_map(office):
+    costs = mapdeal.exponential_cost(office, inscribed_radius=0.2)
+    route = mapdeal.shortest_route(costs, START, GOAL)
+    whole = {"image_extent": "all"}  # of which what is drawn over it has no say
+    both = np.asarray(mapdeal.draw_picture(costs, route=route, pose=(-2.0, 0.0, 0.5), **whole))
+    for one in ({"route": route}, {"pose": (-2.0, 0.0, 0.5)}):
+        alone = np.asarray(mapdeal.draw_picture(costs, **one, **whole))
+        for colour in (colours.ROUTE, colours.GOAL) if "route" in one else (colours.ROBOT,):
+            there = (alone == colour).all(axis=2)[60:1100, :1100]
+            assert there.sum() > 20
+            kept = (both[60:1100, :1100][there] == colour).all(axis=1)
+            assert kept.mean() > 0.9  # the axes may be drawn over each other, no more
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"image_max": -1}, "image_max: must be a whole number, at least 0, got -1"),
+        ({"image_max": 100.5}, "image_max: must be a whole number"),
+        ({"pose": (1, 2)}, "pose"),
+        ({"title": 3}, "title: must be a text, got 3"),
+        ({"route": [(0, 0), (1, 1)]}, "route: must be a Route"),
+        ({"pose": (1, 2, float("nan"))}, "pose"),
+        ({"robot": 0.3}, "robot: must be a Footprint, got 0.3"),
+        ({"image_extent": "some"}, "image_extent"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(office, arguments, match):
+    with pytest.raises(mapdeal.ParameterError, match=match):
+        mapdeal.draw_picture(office, **arguments)
+
+
+def test_only_grids_and_comparisons_are_drawn(office):
+    for other in (office.occupancy, office.frame, None, "examples/maps/office.yaml"):
+        with pytest.raises(mapdeal.ParameterError, match="picture: must be a grid"):
+            mapdeal.draw_picture(other)
+    with pytest.raises(mapdeal.ParameterError, match="over a comparison"):
+        mapdeal.draw_picture(mapdeal.diff(office, office), pose=(0, 0, 0))
+    later = mapdeal.draw(office, [mapdeal.Circle((1.0, -2.0), 0.4)], value=100)
+    with pytest.raises(mapdeal.ParameterError, match="over merged maps"):
+        mapdeal.draw_picture(mapdeal.merge([office, later]), pose=(0, 0, 0))

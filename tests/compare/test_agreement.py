@@ -1,0 +1,84 @@
+"""How far maps agree at a place, counted by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mapdeal.compare.align import TOLERANCES, Agreement, agreement_at, walls_of
+from mapdeal.grid.occupancy import OccupancyGrid
+
+STILL = np.zeros((1, 3))
+
+
+def strip(columns, width=60, resolution=0.5):
+    """Free space with a wall of one cell by ten at each of some columns."""
+    values = np.zeros((16, width), dtype=np.int8)
+    values[3:13, columns] = 100
+    return walls_of(OccupancyGrid(values, resolution, (2.0, 1.0, 0.4)))
+
+
+def test_walls_on_walls_agree_and_walls_in_free_space_contradict():
+    first, second = strip([10, 30]), strip([10, 50])
+    found = agreement_at(first, second, STILL, 10_000)
+    # of each map one wall of ten cells, 5 m, agrees, and the other one lies in free space
+    np.testing.assert_allclose(found.agreeing, 5.0)
+    np.testing.assert_allclose(found.contradicting, 5.0)
+    np.testing.assert_allclose(found.shares, 0.5)
+    assert found.overlap[0] == pytest.approx(1.0)
+    assert found.piece == pytest.approx(0.015 * 10.0)
+
+
+def test_a_wall_within_the_tolerance_agrees_and_beyond_does_not():
+    first, second = strip([20]), strip([20])
+    for shift, agrees in [(0.0, [1, 1, 1, 1]), (0.5, [1, 1, 1, 1]), (1.0, [0, 0, 0, 0])]:
+        found = agreement_at(first, second, np.array([[0.0, shift, 0.0]]), 10_000)
+        np.testing.assert_allclose(found.shares[0], agrees)  # each tolerance is a cell, 0.5 m
+    fine = strip([200], 600, 0.05)
+    found = agreement_at(fine, fine, np.array([[0.0, 0.2, 0.0]]), 10_000)
+    np.testing.assert_allclose(found.shares[0], [tolerance > 0.2 for tolerance in TOLERANCES])
+
+
+def test_a_wall_with_free_space_on_the_other_side_does_not_agree():
+    values = np.zeros((10, 12), dtype=np.int8)
+    values[:, -1] = 100
+    west = walls_of(OccupancyGrid(values, 0.5))
+    east = walls_of(OccupancyGrid(values[:, ::-1], 0.5))
+    # the wall of the first map comes to lie on that of the second, back to back
+    found = agreement_at(west, east, np.array([[0.0, -5.5, 0.0]]), 10_000)
+    np.testing.assert_allclose(found.agreeing, 0.0)
+    assert agreement_at(west, west, STILL, 10_000).agreeing[0, 0] == pytest.approx(5.0)
+
+
+def test_maps_that_lie_beside_each_other_have_nothing_in_common():
+    first = strip([20])
+    found = agreement_at(first, first, np.array([[0.0, 900.0, 0.0]]), 10_000)
+    assert found.agreeing.max() == found.contradicting.max() == found.overlap[0] == 0
+    assert found.evidence(found.by_chance()).tolist() == [0.0]
+
+
+def test_evidence_is_the_divergence_from_chance_times_the_pieces_of_wall():
+    agreeing = np.array([[18.0] * 4, [5.0] * 4, [2.0] * 4])
+    contradicting = np.array([[2.0] * 4, [5.0] * 4, [18.0] * 4])
+    found = Agreement(agreeing, contradicting, np.array([1.0, 0.1, 1.0]), 2.0)
+    chance = np.full(4, 0.4)
+
+    def divergence(share):
+        return share * math.log(share / 0.4) + (1 - share) * math.log((1 - share) / 0.6)
+
+    expected = [10 * divergence(0.9), 0.5 * 5 * divergence(0.5), 0.0]  # little overlap, no more
+    np.testing.assert_allclose(found.evidence(chance), expected)
+    np.testing.assert_allclose(found.quality(chance), [divergence(0.9), divergence(0.5), 0.0])
+
+
+def test_chance_is_the_mean_of_wrong_places_that_have_much_in_common():
+    agreeing = np.array([[90.0] * 4, [60.0] * 4, [30.0] * 4, [1.0] * 4])
+    contradicting = np.array([[10.0] * 4, [20.0] * 4, [10.0] * 4, [0.0] * 4])
+    found = Agreement(agreeing, contradicting, np.ones(4), 2.0)
+    wrong = np.array([False, True, True, True])
+    np.testing.assert_allclose(found.by_chance(wrong), 90 / 120)  # the last one has too little
+    least = found.by_chance()
+    assert (least < 0.75).all()
+    np.testing.assert_allclose(found.by_chance(np.zeros(4, bool)), least)
+    low = Agreement(contradicting[:1], agreeing[:1] + 1, np.ones(1), 2.0)
+    np.testing.assert_allclose(low.by_chance(np.ones(1, bool)), least)  # never less

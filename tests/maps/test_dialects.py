@@ -1,0 +1,261 @@
+"""The three readers, against what the real ones make of real and of constructed pictures."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mapdeal import read_map
+from mapdeal.maps import dialects
+from mapdeal.maps.dialects import DIALECTS, MapMetadata, cells_of
+from mapdeal.maps.picture import Picture
+
+pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
+
+NAMES = {"main": "nav2", "humble": "humble", "ros1": "ros1"}
+
+# Maps whose YAML names an absolute path of another machine: the real readers fail, mapdeal
+# takes the image beside the YAML. The first digits of the checksum for all three dialects.
+ABSOLUTE_PATHS = {
+    "chifongip__cartographer_ros/maps/corridor/mymap.yaml": "fc5de3a74402",
+    "chifongip__cartographer_ros/maps/office/central/mymap.yaml": "6448ba1a76de",
+}
+
+
+def _sum(grid):
+    return hashlib.sha256(grid.occupancy.tobytes()).hexdigest()
+
+
+def test_every_real_map_reads_as_the_real_readers_read_it(real_maps):
+    recorded = json.loads((real_maps / "expected" / "mapio.json").read_text())["maps"]
+    assert len(recorded) == 111
+    different = []
+    for key, expected in recorded.items():
+        path, name = key.split("|")
+        grid = read_map(real_maps / path, dialect=NAMES[name])
+        assert grid.shape == tuple(expected["shape"])
+        # The ROS 1 record has no yaw.
+        assert grid.origin[:2] == pytest.approx(expected["origin"][:2])
+        if _sum(grid) != expected["sha256"]:
+            different.append(key)
+    assert different == []
+
+
+@pytest.mark.parametrize("path", ABSOLUTE_PATHS)
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_maps_with_a_path_of_another_machine(real_maps, path, dialect):
+    assert _sum(read_map(real_maps / path, dialect=dialect)).startswith(ABSOLUTE_PATHS[path])
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    """Pictures that exercise colour, opacity, palettes and formats."""
+    folder = tmp_path_factory.mktemp("pictures")
+    i, j = np.indices((40, 50))
+    red, green, blue = (7 * i + 3 * j) % 256, (11 * i * j + 5) % 256, (13 * j - 2 * i) % 256
+    alpha = np.where((i + j) % 3 == 0, (6 * i + j) % 256, 255)
+    grey = (5 * i + j) % 256
+    rgb = np.dstack([red, green, blue]).astype(np.uint8)
+    rgba = np.dstack([red, green, blue, alpha]).astype(np.uint8)
+    Image.fromarray(rgb).save(folder / "rgb.png")
+    Image.fromarray(rgb).save(folder / "rgb.bmp")
+    Image.fromarray(rgba).save(folder / "rgba.png")
+    Image.fromarray(np.dstack([grey, alpha]).astype(np.uint8), "LA").save(folder / "la.png")
+    palette = Image.fromarray(grey.astype(np.uint8))
+    k = np.arange(256)
+    colours = np.stack([255 - k, 3 * k % 256, k * k % 256], axis=1).astype(np.uint8)
+    palette.putpalette(colours.tobytes())
+    palette.save(folder / "palette.png")
+    ramp = np.arange(256, dtype=np.uint8)
+    (folder / "ramp.pgm").write_bytes(b"P5\n16 16\n255\n" + ramp.tobytes())
+    return folder
+
+
+# picture, mode, occupied_thresh, free_thresh, negate; then the first digits of the checksums
+# that the real readers' arrays have: nav2, humble, ros1 (its raw values above 100 unknown).
+RECORDED = """
+ramp.pgm     trinary 0.6  0.2   0 6dfdd8bfc31c 9d3998685a5f 5ce1fa0b4121
+ramp.pgm     trinary 0.6  0.2   1 ebf01373684a b2d46a56886b b2d46a56886b
+ramp.pgm     scale   0.65 0.196 0 1c3e0279c2f7 1c3e0279c2f7 fdd63bc51f2d
+ramp.pgm     scale   1.0  0.0   1 1378f4ee080b 1378f4ee080b 9c89e0c37451
+ramp.pgm     raw     0.65 0.196 0 aed2b6997932 aed2b6997932 aed2b6997932
+ramp.pgm     raw     0.65 0.196 1 aed2b6997932 aed2b6997932 d6bc091a95bf
+rgb.png      trinary 0.65 0.196 0 bc25e5d21055 dd072a75e526 dd072a75e526
+rgb.png      scale   1.0  0.0   0 d786057d5583 4e32874ad2b0 a41477146aa0
+rgb.png      scale   0.65 0.196 1 2d44e0290b72 b6d92ccb865a d6e686a2858c
+rgb.png      raw     0.65 0.196 0 9a8885ee59dc 9218a3b4b28a 40305bbad6d6
+rgba.png     trinary 0.65 0.196 0 e02c5fd18322 3aaf85572171 3aaf85572171
+rgba.png     trinary 0.6  0.2   1 d3de9d259483 98e908a590d7 98e908a590d7
+rgba.png     scale   1.0  0.0   0 9eca95671cef 557dd491768f 0c9c15fd1224
+rgba.png     raw     0.65 0.196 1 9a8885ee59dc 9218a3b4b28a d607d2028e49
+la.png       trinary 0.65 0.196 0 50349b8520cd f2160fc55ccb c5b2f4fd34ce
+la.png       trinary 0.65 0.25  1 db230ae673de 9a5195640381 b19b6c649bd0
+la.png       scale   0.65 0.196 0 7151ab94a7ec 4bd784bc4c87 54a57863da0b
+la.png       raw     0.65 0.196 1 3ec62e582044 3ec62e582044 2fcbb3769134
+palette.png  trinary 0.65 0.196 0 5b775ae0e516 ef57d58c03b2 e7b0c35c1504
+palette.png  scale   1.0  0.0   0 0788e340be17 bba992c34cd6 60c44cef3ca6
+palette.png  raw     0.65 0.196 0 125f0ef4386b 575097310965 3ec62e582044
+rgb.bmp      scale   0.65 0.196 0 4ecd749d7d93 5a0891987542 0ef54ca8313d
+"""
+
+
+def _write_yaml(path, image, mode="trinary", occupied=0.65, free=0.196, negate=0):
+    path.write_text(
+        f"image: {image}\nresolution: 0.25\norigin: [1.5, -2.0, 0.4]\nmode: {mode}\n"
+        f"negate: {negate}\noccupied_thresh: {occupied}\nfree_thresh: {free}\n"
+    )
+    return path
+
+
+@pytest.mark.parametrize(
+    "line", RECORDED.strip().splitlines(), ids=lambda s: "-".join(s.split()[:5])
+)
+def test_constructed_pictures_read_as_the_real_readers_read_them(pictures, line):
+    name, mode, occupied, free, negate, *sums = line.split()
+    path = _write_yaml(pictures / "map.yaml", name, mode, occupied, free, negate)
+    for dialect, expected in zip(("nav2", "humble", "ros1"), sums, strict=True):
+        assert _sum(read_map(path, dialect=dialect)).startswith(expected), dialect
+
+
+# Single pixels through the real readers: trinary at 0.65 / 0.196, scale at 1.0 / 0.0, raw.
+PIXELS = [
+    ("RGB", (0, 5, 176), [(100, 100, 100), (91, 76, 75), (23, 60, 60)]),
+    ("RGB", (200, 90, 0), [(-1, -1, -1), (56, 62, -1), (-1, 97, 96)]),
+    ("RGB", (200, 90, 1), [(-1, -1, -1), (56, 62, 61), (-1, 97, 97)]),
+    ("RGBA", (205, 205, 205, 255), [(-1, 0, 0), (20, 20, 20), (-1, -1, -1)]),
+    ("RGBA", (254, 254, 254, 254), [(-1, 0, 0), (-1, -1, 1), (-1, -1, -1)]),
+    ("RGBA", (120, 120, 120, 0), [(-1, -1, -1), (-1, -1, -1), (-1, -1, -1)]),
+    ("LA", (205, 0), [(-1, 0, -1), (-1, 20, -1), (-1, -1, -1)]),
+    ("LA", (120, 128), [(-1, -1, -1), (-1, 53, 52), (-1, -1, -1)]),
+]
+
+
+@pytest.mark.parametrize(("kind", "pixel", "expected"), PIXELS)
+def test_single_pixels(tmp_path, kind, pixel, expected):
+    Image.new(kind, (3, 2), pixel).save(tmp_path / "pixel.png")
+    for (mode, high, low), values in zip(
+        [("trinary", 0.65, 0.196), ("scale", 1.0, 0.0), ("raw", 0.65, 0.196)], expected, strict=True
+    ):
+        path = _write_yaml(tmp_path / "map.yaml", "pixel.png", mode, high, low)
+        found = tuple(int(read_map(path, dialect=d).occupancy[0, 0]) for d in DIALECTS)
+        assert found == values
+
+
+def _ranges(occupancy):
+    """Return the grey levels of each value as (first, last)."""
+    return {v: (int(np.argmax(occupancy == v)), int(255 - np.argmax(occupancy[::-1] == v)))
+            for v in (100, -1, 0)}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("dialect", "occupied", "unknown", "free"),
+    [
+        ("nav2", (0, 102), (103, 203), (204, 255)),
+        ("humble", (0, 101), (102, 203), (204, 255)),
+        ("ros1", (0, 101), (102, 204), (205, 255)),
+    ],
+)
+def test_grey_levels_on_the_thresholds(tmp_path, dialect, occupied, unknown, free):
+    (tmp_path / "ramp.pgm").write_bytes(b"P5 256 1 255\n" + bytes(range(256)))
+    path = _write_yaml(tmp_path / "map.yaml", "ramp.pgm", occupied=0.6, free=0.2)
+    found = _ranges(read_map(path, dialect=dialect).occupancy[0])
+    assert found == {100: occupied, -1: unknown, 0: free}
+
+
+def test_map_server_s_own_test_map(real_maps):
+    # From map_server's unit tests, the south row first; origin (2, 3, 1).
+    grid = read_map(real_maps / "ros-planning__navigation/map_server/test/testmap.yaml")
+    assert grid.origin == (2.0, 3.0, 1.0)
+    assert grid.occupancy[0].tolist() == [0] * 10
+    assert grid.occupancy[1].tolist() == [100] * 4 + [0, 0] + [100] * 3 + [0]
+    assert grid.occupancy[9].tolist() == [100] + [0] * 9
+
+
+def test_sixteen_bit_greys(tmp_path):
+    # A little above 205 of 255: only humble uses all 16 bits of a grey.
+    samples = np.array([[205 * 257, 205 * 257 + 50, 65535]], dtype=np.uint16)
+    Image.fromarray(samples).save(tmp_path / "grey.png")
+    path = _write_yaml(tmp_path / "map.yaml", "grey.png", free=0.1955)
+    assert read_map(path, dialect="nav2").occupancy.tolist() == [[-1, -1, 0]]
+    assert read_map(path, dialect="humble").occupancy.tolist() == [[-1, 0, 0]]
+    assert read_map(path, dialect="ros1").occupancy.tolist() == [[-1, -1, 0]]
+
+
+def test_a_transparent_grey_level(tmp_path):
+    image = Image.fromarray(np.array([[254, 0, 100]], dtype=np.uint8))
+    image.save(tmp_path / "key.png", transparency=254)
+    path = _write_yaml(tmp_path / "map.yaml", "key.png")
+    # 254 is the transparent one, and 100 has a darkness of 0.61, between the thresholds.
+    assert read_map(path).occupancy.tolist() == [[-1, 100, -1]]
+    # ROS 1 averages grey and opacity: (254 + 0) / 2, (0 + 255) / 2, (100 + 255) / 2.
+    assert read_map(path, dialect="ros1").occupancy.tolist() == [[-1, -1, -1]]
+
+
+def test_tiff_reads_like_png(tmp_path):
+    pixels = np.array([[0, 205, 254], [254, 0, 205]], dtype=np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "map.tiff")
+    path = _write_yaml(tmp_path / "map.yaml", "map.tiff")
+    assert read_map(path).occupancy.tolist() == [[0, 100, -1], [100, -1, 0]]
+    # ROS 1 gives every TIFF an opacity of 255, which it averages in: 205 becomes free.
+    assert read_map(path, dialect="ros1").occupancy.tolist() == [[0, 100, 0], [100, 0, 0]]
+
+
+def test_ros_1_does_not_see_the_transparent_colour_of_a_coloured_picture(tmp_path):
+    pixels = np.repeat(np.array([[254, 0, 205]], dtype=np.uint8)[..., np.newaxis], 3, axis=2)
+    Image.fromarray(pixels).save(tmp_path / "key.png", transparency=(254, 254, 254))
+    path = _write_yaml(tmp_path / "map.yaml", "key.png")
+    assert read_map(path, dialect="ros1").occupancy.tolist() == [[0, 100, -1]]
+
+
+RNG = np.random.default_rng(5)
+SHAPE = (9, 14)
+
+
+def opacities(full=255):
+    some = RNG.choice(np.array([0, full // 3, full - 1, full, full, full, full]), SHAPE)
+    return some.astype(np.uint8 if full < 256 else np.uint16)
+
+
+def colours(most=255, dtype=np.uint8):
+    """Grey for the most part."""
+    samples = np.repeat(RNG.integers(0, most + 1, (*SHAPE, 1)), 3, axis=2).astype(dtype)
+    samples[2:4, 3:9, 1] //= 3
+    return samples
+
+
+WIDE = np.uint16
+KINDS = {
+    "rgb": Picture("PNG", "rgb", colours()),
+    "bmp": Picture("BMP", "rgb", colours()),
+    "rgba": Picture("PNG", "rgb", colours(), alpha=opacities()),
+    "key": Picture("PNG", "rgb", colours(), alpha=opacities(), alpha_from="key"),
+    "tiff": Picture("TIFF", "rgb", colours(), alpha=opacities()),
+    "see-through": Picture("PNG", "rgb", colours(), alpha=np.zeros(SHAPE, np.uint8)),
+    "grey, opacity": Picture("PNG", "grey", colours()[..., 0], alpha=opacities()),
+    "grey, key": Picture("PNG", "grey", colours()[..., 0], alpha=opacities(), alpha_from="key"),
+    "wide grey, opacity": Picture(
+        "PNG", "grey", colours(65535, WIDE)[..., 0], 65535, alpha=opacities(65535)
+    ),
+    "wide rgb": Picture("PNM", "rgb", colours(999, WIDE), 999),
+    "low maxval": Picture("PNM", "rgb", colours(15), 15),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
+@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("name", KINDS)
+def test_greys_that_are_looked_up_are_what_the_reader_makes_of_each(
+    name, dialect, mode, monkeypatch
+):
+    picture = KINDS[name]
+    metadata = MapMetadata(
+        "m.png", 0.25, (1.5, -2.0, 0.4), mode, occupied_thresh=0.6, free_thresh=0.3
+    )
+    expected = DIALECTS[dialect](picture, metadata)[::-1]
+    assert np.array_equal(cells_of(picture, metadata, dialect), expected)
+    monkeypatch.setattr(dialects, "_PIXELS_TOGETHER", 3 * SHAPE[1])
+    into = np.full(SHAPE, 77, np.int8)
+    assert cells_of(picture, metadata, dialect, out=into) is into
+    assert np.array_equal(into, expected)

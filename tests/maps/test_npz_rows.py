@@ -1,0 +1,218 @@
+"""Layers of npz files read by rows: the same as at once, in little memory."""
+
+import tracemalloc
+import zipfile
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import mapdeal
+from mapdeal import Costmap, FieldView, MalformedInputError, OccupancyGrid, esdf
+from mapdeal.files.source import use_memory
+from mapdeal.kernels.blocks import blocks_of
+from mapdeal.maps.npz import open_npz, read_npz
+
+ORIGIN = (-3.5, 7.25, 0.3)
+
+
+def _map(shape=(23, 17)):
+    random = np.random.default_rng(1)
+    occupancy = random.choice([-1, 0, 30, 100], shape, p=[0.1, 0.7, 0.1, 0.1]).astype(np.int8)
+    return OccupancyGrid(occupancy, 0.1, ORIGIN)
+
+
+def _grids():
+    grid = _map()
+    field = esdf(grid, convention="border", strength=1.5, max_distance=0.7)
+    costs = np.arange(23 * 17, dtype=np.int64).reshape(23, 17) % 256
+    return {
+        "map": grid,
+        "field": field,
+        "costs": Costmap(costs.astype(np.uint8), 0.1, ORIGIN, circumscribed_cost=128),
+        "published costs": Costmap((costs % 102 - 1).astype(np.int8), 0.1, ORIGIN, "occupancy"),
+        "view": mapdeal.field_view(field),
+        "potential": mapdeal.potential(grid),
+    }
+
+
+@pytest.fixture(scope="module", params=_grids())
+def written(request, tmp_path_factory):
+    path = tmp_path_factory.mktemp("npz") / "grid.npz"
+    grid = _grids()[request.param]
+    mapdeal.write_map(path, grid)
+    return path, grid
+
+
+@pytest.mark.slow
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=20)
+@given(
+    requests=st.lists(st.tuples(st.sampled_from([0, 1]), st.integers(0, 22), st.integers(1, 23)))
+)
+def test_any_rows_are_what_was_written_in_whatever_order(written, requests):
+    path, grid = written
+    with open_npz(path) as lazy:
+        assert type(lazy) is type(grid)
+        assert lazy.frame == grid.frame
+        assert all(getattr(lazy, name) == getattr(grid, name) for name in grid.parameter_names)
+        for which, first, count in requests:
+            name = grid.layer_names[which % len(grid.layer_names)]
+            rows = slice(first, first + count)
+            np.testing.assert_array_equal(getattr(lazy, name)[rows], getattr(grid, name)[rows])
+
+
+def test_layers_but_those_of_a_potential_are_lazy(written):
+    path, grid = written
+    with open_npz(path, block_height=5) as lazy:
+        assert lazy.is_lazy == (grid.kind != "potential field")
+        if lazy.is_lazy:
+            assert next(blocks_of(lazy.layer)) == slice(0, 5)
+
+
+def test_parameters_are_read(tmp_path):
+    mapdeal.write_map(tmp_path / "view.npz", _grids()["view"])
+    mapdeal.write_map(tmp_path / "costs.npz", _grids()["costs"])
+    with open_npz(tmp_path / "view.npz") as view:
+        assert isinstance(view, FieldView)
+        assert view.scale == _grids()["view"].scale
+    with open_npz(tmp_path / "costs.npz") as costs:
+        assert (costs.scale, costs.circumscribed_cost) == ("costmap2d", 128)
+
+
+def test_layers_stored_column_by_column_are_read(tmp_path):
+    occupancy = _map().occupancy
+    entries = {"format": "mapdeal/1", "resolution": 0.1, "origin": np.array(ORIGIN)}
+    np.savez_compressed(tmp_path / "f.npz", occupancy=np.asfortranarray(occupancy), **entries)
+    with open_npz(tmp_path / "f.npz") as lazy:
+        np.testing.assert_array_equal(lazy.occupancy[3:9], occupancy[3:9])
+
+
+def _written_by_numpy(path, **changes):
+    entries = {
+        "format": "mapdeal/1",
+        "resolution": 0.1,
+        "origin": np.array(ORIGIN),
+        "occupancy": _map().occupancy,
+        **changes,
+    }
+    np.savez_compressed(path, **{name: one for name, one in entries.items() if one is not None})
+
+
+_FIELD = {
+    "distance": np.ones((23, 17), dtype=np.float32),
+    "convention": "fast-planner",
+    "strength": 1.0,
+    "max_distance": np.inf,
+    "lethal_threshold": 100,
+    "unknown": "free",
+}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"format": None},
+        {"format": "mapdeal/2"},
+        {"resolution": -1.0},
+        {"occupancy": None},
+        {"occupancy": np.zeros((3, 4), dtype=np.int16)},
+        {"occupancy": np.zeros((3, 4, 5), dtype=np.int8)},
+        {"occupancy": np.zeros((0, 4), dtype=np.int8)},
+        {"occupancy": np.zeros((200, 40), dtype=np.int8)},
+        {"occupancy": np.array([{}, {}])},
+        {**_FIELD, "distance": np.ones((23, 18), dtype=np.float32)},
+        {**_FIELD, "convention": "corner"},
+        {**_FIELD, "convention": np.array([0xFFFFFFFF], dtype=np.uint32).view("U1").reshape(())},
+        {**_FIELD, "strength": -1.0},
+    ],
+)
+def test_what_headers_and_parameters_tell_is_refused_as_at_once(tmp_path, changes):
+    path = tmp_path / "grid.npz"
+    _written_by_numpy(path, **changes)
+    with pytest.raises(MalformedInputError) as wanted:
+        read_npz(path, max_cells=1000)
+    with pytest.raises(MalformedInputError) as found, open_npz(path, max_cells=1000):
+        pass
+    assert str(found.value) == str(wanted.value)
+    assert found.value.hint == wanted.value.hint
+
+
+@pytest.mark.parametrize("scale", [None, "occupancy"])
+def test_values_that_are_none_are_refused_with_their_rows(tmp_path, scale):
+    path, values = tmp_path / "grid.npz", _map().occupancy.copy()
+    values[17, 3] = 101
+    costs = {"occupancy": None, "cost": values, "cost_scale": scale}
+    _written_by_numpy(path, **(costs if scale else {"occupancy": values}))
+    with open_npz(path) as lazy:
+        np.testing.assert_array_equal(lazy.layer[:17], values[:17])
+        with pytest.raises(MalformedInputError, match=r"grid.npz: \w+ must lie in -1..100"):
+            lazy.layer[17:20]
+
+
+def _damage(path, change):
+    with zipfile.ZipFile(path) as archive:
+        info = archive.getinfo("distance.npy")
+    data = bytearray(path.read_bytes())
+    path.write_bytes(change(data, info.header_offset + info.compress_size // 2, info))
+
+
+def _with_other_bytes(data, inside, _):
+    data[inside : inside + 10] = bytes(10)
+    return data
+
+
+def _with_another_checksum(data, _, info):
+    return data.replace(info.CRC.to_bytes(4, "little"), bytes(4))
+
+
+@pytest.mark.parametrize("change", [_with_other_bytes, _with_another_checksum])
+def test_damage_is_told_with_the_last_row_at_the_latest(tmp_path, change):
+    path = tmp_path / "field.npz"
+    mapdeal.write_map(path, esdf(_map((230, 170))))
+    _damage(path, change)
+    with pytest.raises(MalformedInputError, match="damaged"):
+        read_npz(path)
+    with open_npz(path) as lazy:
+        lazy.distance[:1]
+        with pytest.raises(MalformedInputError, match="distance: damaged"):
+            for first in range(1, 230):
+                lazy.distance[first : first + 1]
+
+
+def test_a_wrong_checksum_of_what_is_stored_is_told_with_the_last_row(tmp_path):
+    path = tmp_path / "map.npz"
+    entries = {"format": "mapdeal/1", "resolution": 0.1, "origin": np.array(ORIGIN)}
+    np.savez(path, occupancy=np.zeros((600, 170), np.int8), **entries)
+    data = bytearray(path.read_bytes())
+    data[data.index(bytes(1000)) + 500] = 1  # of row 2
+    path.write_bytes(data)
+    with pytest.raises(MalformedInputError, match="occupancy: damaged"):
+        read_npz(path)
+    with open_npz(path) as lazy:
+        assert lazy.layer[:599].sum() == 1
+        assert not lazy.layer[100:599].any()  # again from the start
+        with pytest.raises(MalformedInputError, match="occupancy: damaged"):
+            lazy.layer[500:600]
+
+
+def test_a_file_that_ends_early_is_told(tmp_path):
+    path = tmp_path / "field.npz"
+    mapdeal.write_map(path, _grids()["field"])
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(MalformedInputError, match="is not an npz file"), open_npz(path):
+        pass
+
+
+def test_rows_take_the_memory_of_rows(tmp_path):
+    path, occupancy = tmp_path / "map.npz", np.zeros((6000, 5000), dtype=np.int8)
+    mapdeal.write_map(path, OccupancyGrid(occupancy, 0.1, ORIGIN))
+    tracemalloc.start()
+    with use_memory(60_000_000), open_npz(path) as lazy:
+        for rows in blocks_of(lazy.layer):
+            assert not lazy.layer[rows].any()
+        with pytest.raises(MalformedInputError, match="may be used"):
+            lazy.layer[:]
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 16_000_000

@@ -1,0 +1,255 @@
+"""Maps by rows hold what the same files hold when they are read whole."""
+
+import hashlib
+import os
+import warnings
+
+import numpy as np
+import pytest
+
+from mapdeal import FileAccessError, MalformedInputError, MapdealError
+from mapdeal.files.source import free_memory, sums_of_reads
+from mapdeal.kernels.blocks import blocks_of
+from mapdeal.maps.reading import MapFile, open_map, read_source
+
+HEIGHT, WIDTH = 37, 53
+PIXELS = np.random.default_rng(7).integers(0, 256, (HEIGHT, WIDTH)).astype(np.uint8)
+HEADERS = {
+    "plain": b"P5\n53 37\n255\n",
+    "with comments": b"P5\n# CREATOR: map_saver.cpp 0.050 m/pix\n53 37 # both\n255\n",
+    "long comment": b"P5\n#" + b"x" * 3_000 + b"\n53 37\n255\n",
+    "DOS line ends": b"P5\r\n53 37\r\n255\r\n",
+    "smaller maxval": b"P5\n53 37\n100\n",
+}
+
+
+def pair(tmp_path, header=HEADERS["plain"], body=None, **more):
+    keys = {
+        "image": "map.pgm", "resolution": 0.3, "origin": [1.5, -2.0, 0.4], "negate": 0,
+        "occupied_thresh": 0.65, "free_thresh": 0.196, **more,
+    }  # fmt: skip
+    text = "".join(f"{key}: {value}\n" for key, value in keys.items())
+    (tmp_path / "map.yaml").write_text(text)
+    (tmp_path / "map.pgm").write_bytes(header + (PIXELS.tobytes() if body is None else body))
+    return tmp_path / "map.yaml"
+
+
+def rows_of(path, block_height=8, **options):
+    with open_map(path, **options) as file:
+        if file.shape_by_rows is None:
+            return file.read(), None
+        source = file.by_rows(block_height=block_height)
+        layer = source.grid.occupancy
+        values = np.vstack([layer[rows] for rows in blocks_of(layer)])
+        return source, values
+
+
+def shape_by_rows(path):
+    with open_map(path) as file:
+        return file.shape_by_rows
+
+
+def told(read, *arguments, **options):
+    """What reading gives, and what it warns of."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            result = read(*arguments, **options)
+        except MapdealError as error:
+            result = (type(error), str(error))
+    return result, [str(one.message) for one in caught]
+
+
+@pytest.mark.parametrize("dialect", ["nav2", "humble", "ros1"])
+@pytest.mark.parametrize(
+    "keys", [{}, {"negate": 1}, {"mode": "scale"}, {"mode": "raw"}], ids=str
+)  # fmt: skip
+@pytest.mark.parametrize("header", HEADERS.values(), ids=HEADERS)
+def test_values_and_warnings_are_those_of_the_whole(tmp_path, header, keys, dialect):
+    body = (PIXELS % 101).tobytes() if b"\n100\n" in header else None
+    path = pair(tmp_path, header, body, **keys)
+    whole, of_whole = told(read_source, path, dialect=dialect)
+    (source, values), of_rows = told(rows_of, path, dialect=dialect)
+    assert np.array_equal(values, whole.grid.occupancy)
+    assert source.files == whole.files
+    assert (source.grid.resolution, source.grid.origin) == (0.3, (1.5, -2.0, 0.4))
+    assert of_rows == of_whole
+
+
+BITS = np.packbits(PIXELS < 128, axis=1).tobytes()
+"""53 columns are 6 bytes and 5 bits."""
+
+
+@pytest.mark.parametrize("dialect", ["nav2", "humble", "ros1"])
+@pytest.mark.parametrize("keys", [{}, {"negate": 1}, {"mode": "scale"}, {"mode": "raw"}], ids=str)
+@pytest.mark.parametrize("header", [b"P4\n53 37\n", b"P4 # by hand\n53\n37\r"])
+def test_bits_by_rows_are_those_of_the_whole(tmp_path, header, keys, dialect):
+    path = pair(tmp_path, header, BITS, **keys)
+    whole, of_whole = told(read_source, path, dialect=dialect)
+    for height in (1, 8, 40):
+        (source, values), of_rows = told(rows_of, path, height, dialect=dialect)
+        assert source.grid.is_lazy
+        assert np.array_equal(values, whole.grid.occupancy)
+        assert of_rows == of_whole
+    if not keys:
+        assert np.array_equal(values == 100, PIXELS[::-1] < 128)
+
+
+@pytest.mark.parametrize(
+    ("header", "body"),
+    [
+        (b"P4\n53 37\n", BITS[:-1]),
+        (b"P4\n53 37\n", BITS + b"\0"),
+        (b"P4\n53\n", BITS),
+        (b"P4\n53 0\n", b""),
+        (b"P4\n99999999 99999999\n", BITS),
+        (b"P5\n53 37\n255\n", b"\0" * 100),
+        (b"P5\n53 0\n255\n", b""),
+        (b"P5\n53 37\n0\n", None),
+        (b"P5\n53 x\n255\n", None),
+        (b"P5\n99999999 99999999\n255\n", None),
+        (b"P5\n53 37\n255\n", PIXELS.tobytes() + b"\0" * 9),
+        (b"P5\n53", b""),
+    ],
+)
+def test_malformed_images_get_the_same_line(tmp_path, header, body):
+    path = pair(tmp_path, header, body)
+    whole, of_whole = told(read_source, path)
+    rows, of_rows = told(rows_of, path)
+    if isinstance(whole, tuple):
+        assert rows == whole
+    else:
+        assert of_rows == of_whole != []
+
+
+@pytest.mark.parametrize(
+    ("header", "body"),
+    [
+        (b"P2\n2 1\n255\n", b"0 254\n"),
+        (b"P1\n2 1\n", b"1 0\n"),
+        (b"\x89PNG\r\n\x1a\n", b""),
+        (b"BM", b""),
+    ],
+)
+def test_other_kinds_of_images_are_left_to_be_read_whole(tmp_path, header, body):
+    path = pair(tmp_path, header, body)
+    assert shape_by_rows(path) is None
+
+
+def test_the_shape_is_told_from_the_header_alone(tmp_path, recwarn):
+    path = pair(tmp_path, b"P5\n50000 40000\n255\n", b"")
+    with open(tmp_path / "map.pgm", "r+b") as file:
+        file.truncate(2_000_000_019)  # sparse: nobody reads it
+    assert shape_by_rows(path) == (40000, 50000)
+    with open_map(path, max_cells=2_000_000_000) as file:
+        assert file.shape() == (40000, 50000)
+    assert not recwarn.list
+    with open_map(path) as file, pytest.raises(MalformedInputError, match="2000000000 cells"):
+        file.shape()
+
+
+def test_checksums_are_of_the_bytes_that_were_read(tmp_path):
+    path = pair(tmp_path)
+    expected = {
+        one: hashlib.sha256(one.read_bytes()).hexdigest() for one in (path, tmp_path / "map.pgm")
+    }
+    with sums_of_reads() as sums:
+        read_source(path)
+        (tmp_path / "map.pgm").write_bytes(b"replaced")
+    assert sums == expected
+    pair(tmp_path)
+    with sums_of_reads() as sums, open_map(path) as file:
+        assert sums == {path: expected[path]}
+        by_name = {one.name: sum_ for one, sum_ in expected.items()}
+        assert file.sums_by_name(sums) == by_name
+
+
+def test_costs_are_left_to_be_read_whole(tmp_path):
+    assert shape_by_rows(pair(tmp_path, mode="raw", cost_scale="costmap2d")) is None
+
+
+def test_more_cells_than_asked_for_are_refused(tmp_path):
+    path = pair(tmp_path)
+    with pytest.raises(MalformedInputError, match="1961"):
+        rows_of(path, max_cells=1960)
+    assert rows_of(path, max_cells=1961)
+
+
+def test_a_pixel_above_maxval_is_found_though_it_may_be_another_one(tmp_path):
+    path = pair(tmp_path, HEADERS["smaller maxval"])
+    with pytest.raises(MalformedInputError, match=r"pixel \d+: pixels must not exceed maxval 100"):
+        rows_of(path)
+
+
+def test_a_file_that_gets_shorter_meanwhile_is_an_error(tmp_path):
+    path = pair(tmp_path)
+    with open_map(path) as file:
+        layer = file.by_rows(block_height=8).grid.occupancy
+        status = (tmp_path / "map.pgm").stat()
+        with open(tmp_path / "map.pgm", "r+b") as file:
+            file.truncate(100)
+        with pytest.raises(FileAccessError, match="changed while it was read"):
+            layer[0:8]
+        pair(tmp_path)
+        os.utime(tmp_path / "map.pgm", ns=(status.st_atime_ns, status.st_mtime_ns))
+
+
+def test_a_file_that_is_written_to_meanwhile_is_an_error(tmp_path):
+    path = pair(tmp_path)
+    image = tmp_path / "map.pgm"
+    data, expected = image.read_bytes(), read_source(path).grid.occupancy[0:8]
+    with open_map(path) as file:
+        grid = file.by_rows(block_height=8).grid
+        rows = grid.occupancy[0:8]
+        image.write_bytes(data[:-1] + b"\1")  # of the rows just read, which nobody reads again
+        with pytest.raises(FileAccessError, match="changed while it was read"):
+            grid.occupancy[8:16]
+        with pytest.raises(FileAccessError, match="changed while it was read"):
+            file.sums_by_name({})
+    assert np.array_equal(rows, expected)
+
+
+@pytest.mark.parametrize("name", ["map.yaml", "map.pgm"])
+def test_a_file_that_is_replaced_between_header_and_cells_is_an_error(tmp_path, name):
+    path = pair(tmp_path)
+    for read in (MapFile.read, lambda file: file.by_rows(block_height=8)):
+        with open_map(path) as file:
+            (tmp_path / "next").write_bytes((tmp_path / name).read_bytes())
+            (tmp_path / "next").replace(tmp_path / name)
+            with pytest.raises(FileAccessError, match=f"{name}: changed while it was read"):
+                read(file)
+
+
+def system(tmp_path, available=None, group="", **limits):
+    """Files as the system has them: what is free, and groups with (max, current, cached)."""
+    meminfo = "" if available is None else f"MemTotal: 99 kB\nMemAvailable:   {available} kB\n"
+    (tmp_path / "meminfo").write_text(meminfo)
+    (tmp_path / "cgroup").write_text(f"1:name=systemd:/x\n0::/{group}\n")
+    for name, (limit, used, cached) in limits.items():
+        folder = tmp_path / "groups" / name.replace("__", "/").strip("/")
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "memory.max").write_text(f"{limit}\n")
+        (folder / "memory.current").write_text(f"{used}\n")
+        (folder / "memory.stat").write_text(f"anon 5\ninactive_file {cached}\nslab 3\n")
+    return free_memory(tmp_path / "meminfo", tmp_path / "cgroup", tmp_path / "groups")
+
+
+def test_free_memory_is_that_of_the_machine(tmp_path):
+    assert system(tmp_path, available=1000) == 1_024_000
+
+
+def test_free_memory_is_what_the_tightest_group_leaves(tmp_path):
+    groups = {"a": (500_000, 400_000, 30_000), "a__b": ("max", 100, 0)}
+    assert system(tmp_path, available=1000, group="a/b", **groups) == 130_000
+    groups = {"a": (500_000, 400_000, 0), "a__b": (90_000, 80_000, 0)}
+    assert system(tmp_path, available=1000, group="a/b", **groups) == 10_000
+
+
+def test_free_memory_is_never_negative_and_may_be_unknown(tmp_path):
+    assert system(tmp_path, available=1000, group="a", a=(5, 10, 0)) == 0
+    assert system(tmp_path) is None
+
+
+def test_this_system_tells_its_free_memory():
+    free = free_memory()
+    assert free is None or free > 1_000_000

@@ -1,0 +1,214 @@
+import warnings
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mapdeal import MalformedInputError, MapdealWarning
+from mapdeal.maps.images import PnmImage, begin_pgm, check_pixels
+from mapdeal.maps.picture import opened
+
+PIXELS = np.array([[0, 10, 255], [13, 205, 254]], dtype=np.uint8)
+BODY = PIXELS.tobytes()
+
+
+def decode(data, **options):
+    with TemporaryDirectory() as folder:
+        (Path(folder) / "map.pgm").write_bytes(data)
+        with (
+            opened(Path(folder) / "map.pgm") as file,
+            PnmImage(file, **options).strips() as strips,
+        ):
+            return strips.whole()
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"P5\n3 2\n255\n",
+        b"P5 3 2 255 ",
+        b"P5\n# CREATOR: map_saver.cpp 0.050 m/pix\n3 2\n255\n",
+        b"P5\n#\n3\n#a\n#b\n2 # rows\n255\n",
+        b"P5#glued\n3 2\n255\n",
+        b"P5\t3\r2\x0b255\x0c",
+    ],
+)
+def test_headers_with_comments_and_white_space_of_all_kinds(header):
+    assert np.array_equal(decode(header + BODY).samples, PIXELS)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        pytest.param(b"P5\n" + b"#" * 60, id="signs of comments"),
+        pytest.param(b"P5\n" + b"#\n" * 300, id="empty comments"),
+        pytest.param(b"P5\n" + b"# \n \r#" * 300, id="comments and white space"),
+        pytest.param(b"P5\n3 2\n" + b"#25" * 200, id="a comment without an end"),
+        pytest.param(b"P5\n3 2\n#255", id="a number in a comment"),
+        pytest.param(b"P5\n3 #2\n", id="a number in a comment with an end"),
+        pytest.param(b"P5 " + b" " * 70_000, id="white space"),
+        pytest.param(b"P5 3 2 " + b"#" + b"x" * 70_000 + b"\n255 " + BODY, id="a long comment"),
+    ],
+)
+def test_a_header_without_its_numbers_is_refused_at_once(header):
+    with pytest.raises(MalformedInputError, match="the file ends early"):
+        decode(header)
+
+
+def test_plain_pictures_with_comments_between_pixels():
+    text = b"P2 3 2 255\n0 10\n# a comment 7 7\n255 13 205 254"
+    assert np.array_equal(decode(text).samples, PIXELS)
+
+
+def test_long_plain_pictures_are_read_piece_by_piece_as_if_at_once():
+    rng = np.random.default_rng(5)
+    pixels = rng.integers(0, 999, (300, 700))
+    words = [str(value) for value in pixels.reshape(-1).tolist()]
+    blanks = rng.choice([" ", "\n", "\t \r\n"], len(words)).tolist()
+    text = "".join(word + blank for word, blank in zip(words, blanks, strict=True))
+    assert len(text) > 3 << 18
+    head = b"P2 700 300 999\n"
+    assert np.array_equal(decode(head + text.encode()).samples, pixels)
+    for index in (3, 150_000, len(words) - 1):
+        for bad, told in (("1000", "maxval"), ("x", "whole numbers")):
+            damaged = " ".join([*words[:index], bad, *words[index + 1 :]])
+            with pytest.raises(MalformedInputError, match=f"pixel {index}: .*{told}"):
+                decode(head + damaged.encode())
+    with pytest.raises(MalformedInputError, match="must hold 210000 pixel values, got 209999"):
+        decode(head + " ".join(words[:-1]).encode())
+    with pytest.raises(MalformedInputError, match="must hold 210000 pixel values, got 420000"):
+        decode(head + " ".join(words + words).encode())
+
+
+def test_bitmaps_are_black_where_they_are_1():
+    expected = [
+        [0, 255, 0, 255, 255, 255, 255, 255, 0],
+        [255, 0, 255, 255, 255, 255, 255, 255, 255],
+    ]
+    plain = decode(b"P1\n9 2\n101000001\n0 1 0000000\n")
+    assert plain.samples.tolist() == expected
+    packed = decode(b"P4\n9 2\n" + bytes([0b10100000, 0b10000000, 0b01000000, 0b01111111]))
+    assert packed.samples.tolist() == expected
+
+
+def test_colour_and_wide_samples():
+    rgb = decode(b"P6 1 2 255\n\x01\x02\x03\x04\x05\x06")
+    assert rgb.samples.tolist() == [[[1, 2, 3]], [[4, 5, 6]]]
+    assert decode(b"P3 1 2 9\n1 2 3 4 5 6\n").samples.tolist() == [[[1, 2, 3]], [[4, 5, 6]]]
+    wide = decode(b"P5 2 1 1000\n\x00\x05\x03\xe8")
+    assert (wide.samples.tolist(), wide.maxval) == ([[5, 1000]], 1000)
+
+
+def test_dos_line_ends_over_intact_pixels_are_read_right_with_a_warning():
+    with pytest.warns(MapdealWarning, match="DOS"):
+        picture = decode(b"P5\r\n3 2\r\n255\r\n" + BODY)
+    assert np.array_equal(picture.samples, PIXELS)
+
+
+def test_pixels_damaged_by_a_text_conversion_are_refused():
+    damaged = b"P5\r\n3 2\r\n255\r\n" + BODY.replace(b"\n", b"\r\n")
+    with pytest.raises(MalformedInputError, match="CRLF"):
+        decode(damaged)
+
+
+def test_a_first_pixel_of_value_10_behind_a_lone_cr_is_a_pixel():
+    data = b"P5\n3 2\n255\r" + b"\n" + BODY[1:]
+    assert decode(data).samples[0].tolist() == [10, 10, 255]
+
+
+def test_trailing_bytes_are_warned_of():
+    with pytest.warns(MapdealWarning, match="4 bytes"):
+        assert np.array_equal(decode(b"P5 3 2 255\n" + BODY + b"tail").samples, PIXELS)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"P5 3 2 255\n" + BODY[:-1], "expected 6 bytes, got 5"),
+        (b"P5 3 2 255\n" + BODY + b"P5 3 2 255\n" + BODY, "more than one"),
+        (b"P5 0 2 255\n", "above 0"),
+        (b"P5 -3 2 255\n", "above 0"),
+        (b"P5 3 2 0\n" + BODY, "maxval"),
+        (b"P5 3 2 70000\n" + BODY, "maxval"),
+        (b"P5 3", "ends early"),
+        (b"P5 3 two 255\n", "height"),
+        (b"P5 " + b"9" * 5000 + b" 2 255\n", "width"),
+        (b"P5 100000 100000 255\n", "limit"),
+        (b"P5 3 2 100\n" + BODY, "maxval 100, got 255"),
+        (b"P2 3 2 255\n0 1 2 3 4", "6 pixel values, got 5"),
+        (b"P2 3 2 255\n0 1 2 3 4 5 6", "6 pixel values, got 7"),
+        (b"P2 3 2 255\n0 1 x 3 4 5", "pixel 2"),
+        (b"P2 3 2 255\n0 1 2 3 256 5", "pixel 4"),
+        (b"P2 3 2 255\n0 1 2 3 -4 5", "pixel 4"),
+        (b"P1 3 2\n10120 1", "pixel 3"),
+        (b"PF 3 2 -1.0\n" + BODY, "PFM"),
+        (b"P7\nWIDTH 3\n", "PAM"),
+    ],
+)  # fmt: skip
+def test_damaged_files_are_refused_with_the_place(data, said):
+    with pytest.raises(MalformedInputError, match=said):
+        decode(data)
+
+
+def test_the_limit_of_cells_can_be_set():
+    with pytest.raises(MalformedInputError, match="limit of 5"):
+        decode(b"P5 3 2 255\n" + BODY, limit=5)
+
+
+@given(st.binary(max_size=60), st.sampled_from([b"", b"P5 2 2 255\n", b"P2 2 1 9\n", b"P4 9 1\n"]))
+def test_any_bytes_give_a_picture_or_a_clear_error(data, start):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MapdealWarning)
+        try:
+            picture = decode(start + b"P" + data if not start else start + data)
+        except MalformedInputError as error:
+            assert str(error)
+        else:
+            assert picture.samples.size > 0
+
+
+def test_what_is_written_from_the_south_reads_back_from_the_north(tmp_path):
+    with (tmp_path / "map.pgm").open("wb") as file:
+        begin_pgm(file, PIXELS[::-1], comment="CREATOR: mapdeal 0.05 m/pix")(slice(0, len(PIXELS)))
+    assert np.array_equal(decode((tmp_path / "map.pgm").read_bytes()).samples, PIXELS)
+
+
+def test_rows_may_be_written_in_any_order(tmp_path):
+    rows = np.arange(35, dtype=np.uint8).reshape(7, 5)
+    with (tmp_path / "map.pgm").open("wb") as file:
+        put = begin_pgm(file, rows, comment="CREATOR: mapdeal 0.05 m/pix")
+        for part in (slice(3, 5), slice(0, 3), slice(5, 7)):
+            put(part)
+    with (tmp_path / "once.pgm").open("wb") as file:
+        begin_pgm(file, rows, comment="CREATOR: mapdeal 0.05 m/pix")(slice(0, 7))
+    assert (tmp_path / "map.pgm").read_bytes() == (tmp_path / "once.pgm").read_bytes()
+    assert np.array_equal(decode((tmp_path / "map.pgm").read_bytes()).samples, rows[::-1])
+
+
+def test_a_lone_carriage_return_may_end_the_header_before_a_pixel_of_10():
+    assert decode(b"P5\n3 2\n255\r" + b"\n" + BODY[1:]).samples.tolist() == [
+        [10, 10, 255],
+        [13, 205, 254],
+    ]
+    # with DOS line ends all through the header it is one that has eaten a pixel
+    with pytest.raises(MalformedInputError, match="CRLF-damaged"):
+        decode(b"P5\r\n3 2\r\n255\r" + b"\n" + BODY[1:])
+
+
+@pytest.mark.parametrize("maxval", [1, 100, 254])
+def test_the_first_pixel_above_maxval_is_named(maxval):
+    head = b"P5 3 2 %d\n" % maxval
+    assert decode(head + bytes([0, maxval, 0, 0, 0, maxval])).maxval == maxval
+    with pytest.raises(MalformedInputError, match=rf"{maxval + 1}\b"):
+        decode(head + bytes([0, 0, 0, 0, maxval + 1, 0]))
+
+
+def test_rows_of_a_picture_are_checked_and_the_pixel_is_counted_from_its_first():
+    check_pixels(np.array([[0, 100], [100, 3]], np.uint8), 100, 6, "map.pgm")
+    check_pixels(np.array([[255]], np.uint8), 255, 0, "map.pgm")
+    with pytest.raises(MalformedInputError, match=r"pixel 9\b.*101") as caught:
+        check_pixels(np.array([[0, 100], [4, 101]], np.uint8), 100, 6, "map.pgm")
+    assert "map.pgm" in str(caught.value)

@@ -1,0 +1,461 @@
+import io
+import math
+import os
+import struct
+import zipfile
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from clouds import lzf_compressed, pcd, pcd_header, ply
+from engines import ENGINES
+from mapdeal import FileAccessError, MalformedInputError, MapdealWarning, read_cloud
+from mapdeal.kernels.sensing import lzf_expanded
+from mapdeal.sensors import clouds as arrays
+from mapdeal.sensors.clouds import cloud_chunks
+
+XYZ = [("x", "f4", 1), ("y", "f4", 1), ("z", "f4", 1)]
+ODD = [("rgb", "u8", 1), ("z", "f4", 1), ("hist", "f4", 3), ("y", "f8", 1), ("_", "u1", 2),
+       ("x", "i2", 1)]  # fmt: skip
+
+
+def row(x, y, z):
+    """A point with the fields of ODD."""
+    return [[2**40 + 1], [z], [0.5, 1.5, -9.0], [y], [7, 8], [x]]
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read a cloud from bytes, by the name it would have."""
+
+    def read_bytes(name, data):
+        path = tmp_path / name
+        path.write_bytes(data)
+        return read_cloud(path)
+
+    return read_bytes
+
+
+POINTS = [(-3, 0.1, -2.5), (0, -7e9, 0.25), (32767, math.inf, 1.0)]
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
+def test_fields_of_any_order_type_and_count_are_read(read, data):
+    cloud = pcd(ODD, [row(*p) for p in POINTS], data, padding=b"\0" * 9)
+    assert read("c.pcd", cloud).tolist() == [list(p) for p in POINTS]
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
+def test_a_cloud_without_heights_has_two_columns(read, data):
+    cloud = pcd([("y", "f8", 1), ("x", "f8", 1)], [[[0.1], [-2.0]], [[math.nan], [4.0]]], data)
+    np.testing.assert_array_equal(read("c.pcd", cloud), [[-2.0, 0.1], [4.0, math.nan]])
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
+def test_a_header_alone_is_a_cloud_without_points(read, data):
+    assert read("c.pcd", pcd(XYZ, [], data)).size == 0
+
+
+def test_an_old_name_of_the_fields(read):
+    cloud = pcd(XYZ, [[[1.0], [2.0], [3.0]]], "binary").replace(b"FIELDS", b"COLUMNS")
+    assert read("c.pcd", cloud).tolist() == [[1.0, 2.0, 3.0]]
+
+
+def test_a_damaged_entry_is_seen_although_not_all_of_it_is_needed(read):
+    for order in "CF":
+        table = np.asfortranarray(TABLE) if order == "F" else TABLE
+        data = bytearray(saved(np.savez, points=table))
+        data[data.index(TABLE[5, 3].tobytes())] ^= 1
+        with pytest.raises(MalformedInputError, match="damaged"):
+            read("c.npz", bytes(data))
+
+
+def test_more_points_than_are_read_together(read):
+    points = np.random.default_rng(5).normal(size=(700_000, 3)).astype("<f4")
+    head = pcd_header(XYZ, len(points), "binary")
+    np.testing.assert_array_equal(read("c.pcd", head + points.tobytes()), points)
+
+
+def test_a_compressed_cloud_without_points_may_have_no_sizes(read):
+    assert read("c.pcd", pcd_header(XYZ, 0, "binary_compressed")).size == 0
+
+
+def test_lines_end_as_on_windows_and_comments_are_passed_over(read):
+    text = pcd(XYZ, [[[1.5], [2.5], [3.5]]], "ascii").replace(b"\n", b"\r\n")
+    text = text.replace(b"DATA ascii\r\n", b"DATA ascii\r\n# the first\r\n\r\n")
+    assert read("c.pcd", text).tolist() == [[1.5, 2.5, 3.5]]
+
+
+def test_more_than_padding_behind_the_points_is_warned_of(read):
+    for data in ("ascii", "binary"):
+        with pytest.warns(MapdealWarning, match="after the points"):
+            assert len(read("c.pcd", pcd(XYZ, [[[1.0]] * 3], data, padding=b"4 5 6\n"))) == 1
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@given(
+    data=st.lists(st.sampled_from([b"a", b"bc", b"abcabcabd", bytes(300), bytes(range(40))]))
+    .map(b"".join)
+    .filter(lambda text: len(text) < 1200)
+)
+def test_lzf_expands_to_what_was_compressed(engine, data):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MAPDEAL_KERNELS", engine)
+        packed = lzf_compressed(data)
+        assert lzf_expanded(packed, len(data)).tobytes() == data
+        assert lzf_expanded(packed, len(data) + 1) is None
+        assert lzf_expanded(packed[:-1], len(data)) is None or not data
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_lzf_that_looks_back_before_its_start_is_damaged(engine, monkeypatch):
+    monkeypatch.setenv("MAPDEAL_KERNELS", engine)
+    assert lzf_expanded(b"\x00a\x20\x05", 4) is None
+    assert lzf_expanded(b"\x00a\x20\x00", 4).tobytes() == b"aaaa"
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@given(data=st.binary(max_size=60), size=st.integers(0, 400))
+def test_lzf_of_anything_ends(engine, data, size):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MAPDEAL_KERNELS", engine)
+        found = lzf_expanded(data, size)
+        patch.setenv("MAPDEAL_KERNELS", "scipy")
+        twin = lzf_expanded(data, size)
+    assert (found is None) == (twin is None)
+    assert found is None or found.tobytes() == twin.tobytes()
+
+
+ENCODINGS = ["ascii", "binary_little_endian", "binary_big_endian"]
+FIELDS = [("red", "u1"), ("y", "f8"), ("x", "i2"), ("z", "f4"), ("q", "i4")]
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_vertices_of_a_ply_file(read, encoding):
+    rows = [(255, y, x, z, -(2**31)) for x, y, z in POINTS]
+    assert read("c.ply", ply(FIELDS, rows, encoding)).tolist() == [list(p) for p in POINTS]
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_elements_before_and_faces_after_the_vertices(read, encoding):
+    before = {"ascii": b"1 2\n3 4\n", "binary_little_endian": b"\0" * 18}.get(encoding, b"\1" * 18)
+    cloud = ply(
+        [("x", "f4"), ("y", "f4")], [(1.5, -2.0)], encoding,
+        before=before, before_head="element camera 2\nproperty uchar a\nproperty double b",
+        after=b"\3\0\0\0" if encoding != "ascii" else b"3 0 1 2\n",
+        after_head="element face 1\nproperty list uchar int vertex_indices",
+    )  # fmt: skip
+    assert read("c.ply", cloud).tolist() == [[1.5, -2.0]]
+
+
+TEXTS = [
+    ("plain", b"1 2 3\n-4 5e1 .6\n"),
+    ("tabs", b"1\t2\t3\n-4\t50\t0.6\n"),
+    ("csv", b"1,2,3\n-4, 50 ,0.6\n"),
+    ("semicolons", b"1;2;3\n-4;50;0.6"),
+    ("names", b'"y","x",label,"z"\n2,1,9,3\n50,-4,9,0.6\n'),
+    ("names-of-cloudcompare", b"//X Y Z R G B\n1 2 3 0 0 0\n-4 50 0.6 0 0 0\n"),
+    ("names-behind-slashes", b"// X Y Z I\n1 2 3 9\n-4 50 0.6 9\n"),
+    ("comments", b"\xef\xbb\xbf# a\n\n# b\r\n1 2 3\r\n#\n-4 50 0.6\r\n"),
+    ("more-columns", b"1 2 3 99 x\n-4 50 0.6\n"),
+]
+
+
+@pytest.mark.parametrize("text", [pytest.param(text, id=name) for name, text in TEXTS])
+@pytest.mark.parametrize("name", ["c.xyz", "c.TXT", "c.csv", "c.asc"])
+def test_points_as_text(read, name, text):
+    assert read(name, text).tolist() == [[1.0, 2.0, 3.0], [-4.0, 50.0, 0.6]]
+
+
+def test_text_of_two_columns_or_none(read):
+    np.testing.assert_array_equal(read("c.csv", b"x,y\n1,nan\n"), [[1.0, math.nan]])
+    assert read("c.xyz", b"# nothing\n").size == 0
+    assert read("c.xyz", b"").size == 0
+
+
+def saved(save, *args, **kwargs):
+    file = io.BytesIO()
+    save(file, *args, **kwargs)
+    return file.getvalue()
+
+
+TABLE = np.arange(24.0).reshape(6, 4)
+
+
+@pytest.mark.parametrize("dtype", ["f4", ">f8", "i2", "u1"])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_numpy_s_files(read, dtype, order):
+    table = np.asarray(TABLE, dtype=dtype, order=order)
+    expected = TABLE[:, :3].tolist()
+    assert read("c.npy", saved(np.save, table)).tolist() == expected
+    assert read("c.npz", saved(np.savez, table)).tolist() == expected
+    assert read("c.npz", saved(np.savez_compressed, points=table, other=1)).tolist() == expected
+
+
+def test_records_of_numpy(read):
+    table = np.zeros(2, dtype=[("i", "u1"), ("y", "f4"), ("x", "f8")])
+    table["x"], table["y"] = [1, 2], [3, 4]
+    assert read("c.npy", saved(np.save, table)).tolist() == [[1.0, 3.0], [2.0, 4.0]]
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_large_arrays_are_read_some_rows_at_a_time(tmp_path, monkeypatch, order):
+    monkeypatch.setattr(arrays, "_ARRAYS_BYTES_TOGETHER", 100)
+    table = np.asarray(np.arange(70.0).reshape(10, 7), order=order)
+    np.save(tmp_path / "c.npy", table)
+    np.testing.assert_array_equal(read_cloud(tmp_path / "c.npy"), table[:, :3])
+    chunks = [len(chunk) for chunk in cloud_chunks(tmp_path / "c.npy")]
+    assert chunks == ([1] * 10 if order == "C" else [10])
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_an_array_that_gets_shorter_while_it_is_read_is_an_error(tmp_path, monkeypatch, order):
+    """Through a memory map, the process would be killed."""
+    monkeypatch.setattr(arrays, "_POINTS_TOGETHER", 3)
+    path = tmp_path / "c.npy"
+    np.save(path, np.asarray(np.ones((100_000, 3)), order=order))
+    chunks = cloud_chunks(path)
+    next(chunks)
+    os.truncate(path, 200)
+    with pytest.raises(FileAccessError, match="changed while it was read"):
+        for _ in chunks:
+            pass
+
+
+SIGNALLING = struct.pack("<I", 0x7F800001)
+
+
+@pytest.mark.parametrize("name", ["c.pcd", "c.ply", "c.npy"])
+def test_a_signalling_nan_is_a_nan_without_a_warning(read, name):
+    three = [1.0, 2.0, 3.0]
+    data = {
+        "c.pcd": pcd(XYZ, [[[v] for v in three]]),
+        "c.ply": ply([("x", "f4"), ("y", "f4"), ("z", "f4")], [three], "binary_little_endian"),
+        "c.npy": saved(np.save, np.array([three], "<f4")),
+    }[name]
+    points = read(name, data[:-8] + SIGNALLING + data[-4:])
+    np.testing.assert_array_equal(points, [[1.0, math.nan, 3.0]])
+
+
+@given(
+    points=st.lists(
+        st.tuples(*[st.floats(width=32, allow_nan=False, allow_infinity=False)] * 3), max_size=30
+    )
+)
+def test_all_formats_agree(tmp_path_factory, points):
+    folder = tmp_path_factory.mktemp("clouds")
+    rows = [[[v] for v in point] for point in points]
+    files = {
+        "a.pcd": pcd(XYZ, rows, "ascii"),
+        "b.pcd": pcd(XYZ, rows, "binary"),
+        "c.pcd": pcd(XYZ, rows, "binary_compressed"),
+        **{f"{e}.ply": ply([("x", "f4"), ("y", "f4"), ("z", "f4")], points, e) for e in ENCODINGS},
+        "d.csv": "".join(f"{x!r},{y!r},{z!r}\n" for x, y, z in points).encode(),
+        "e.npy": saved(np.save, np.array(points, "f4").reshape(-1, 3)),
+    }
+    for name, data in files.items():
+        (folder / name).write_bytes(data)
+        assert read_cloud(folder / name).reshape(-1, 3).tolist() == [list(p) for p in points], name
+
+
+def head(**changes):
+    """A PCD header with some of its lines changed, or left out if None."""
+    lines = {"FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1", "WIDTH": "1",
+             "HEIGHT": "1", "POINTS": "1", "DATA": "binary", **changes}  # fmt: skip
+    return "".join(f"{key} {value}\n" for key, value in lines.items() if value is not None).encode()
+
+
+def ply_head(*lines):
+    return "\n".join(["ply", *lines, "end_header", ""]).encode()
+
+
+FORMAT = "format binary_little_endian 1.0"
+XY = ("property float x", "property float y")
+OBJECTS = saved(np.save, np.array([[None, 1]]), allow_pickle=True)
+
+OBJECT_FIELD = saved(
+    np.save, np.zeros(2, dtype=[("x", "f4"), ("y", "f4"), ("o", "O")]), allow_pickle=True
+)
+
+
+def deflated_rows(shape):
+    """An npz that claims a huge table, in few bytes."""
+    file = io.BytesIO()
+    with (
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("a.npy", "w") as f,
+    ):
+        np.lib.format.write_array_header_1_0(
+            f, {"descr": "<f8", "fortran_order": False, "shape": shape}
+        )
+        f.write(bytes(1000))
+    return file.getvalue()
+
+
+def by_columns(shape):
+    """An npz of a table of zeros that is stored column by column, in few bytes."""
+    file = io.BytesIO()
+    header = {"descr": "|u1", "fortran_order": True, "shape": shape}
+    with (
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("a.npy", "w") as entry,
+    ):
+        np.lib.format.write_array_header_1_0(entry, header)
+        for _ in range(shape[1]):
+            entry.write(bytes(shape[0]))
+    return file.getvalue()
+
+
+BAD = [
+    ("S1-nothing.pcd", b"", "header"),
+    ("S2-no-x.pcd", head(FIELDS="a y z") + bytes(12), "FIELDS"),
+    ("S2-x-of-two.pcd", head(COUNT="2 1 1") + bytes(16), "FIELDS"),
+    ("S2-sizes.pcd", head(SIZE="4 4") + bytes(12), "SIZE"),
+    ("S2-types.pcd", head(TYPE="F F") + bytes(12), "TYPE"),
+    ("S2-type.pcd", head(TYPE="F F D") + bytes(12), "TYPE"),
+    ("S2-size-of-type.pcd", head(SIZE="4 4 2") + bytes(12), "SIZE"),
+    ("S2-counts.pcd", head(COUNT="1") + bytes(12), "COUNT"),
+    ("S2-no-size.pcd", head(SIZE=None) + bytes(12), "SIZE"),
+    ("S2-no-fields.pcd", head(FIELDS=None) + bytes(12), "FIELDS"),
+    ("S2-points.pcd", head(POINTS="2") + bytes(24), "POINTS"),
+    ("S2-no-points.pcd", head(POINTS=None, WIDTH=None) + bytes(24), "POINTS"),
+    ("S2-negative.pcd", head(WIDTH="-1", POINTS="-1"), "WIDTH"),
+    ("S2-encoding.pcd", head(DATA="zip"), "DATA"),
+    ("S2-short.pcd", head(WIDTH="2", POINTS="2") + bytes(23), "1 of 2"),
+    ("S2-short-text.pcd", head(WIDTH="2", POINTS="2", DATA="ascii") + b"1 2 3\n", "1 of 2"),
+    ("S2-words.pcd", head(DATA="ascii") + b"1 2 here\n", "line 9"),
+    ("S2-wide.pcd", head(DATA="ascii") + b"1 2 3 4\n", "line 9"),
+    ("S2-narrow.pcd", head(DATA="ascii") + b"1 2\n", "line 9"),
+    ("S2-unknown-line.pcd", b"PIXELS 4\n" + head(), "line 1"),
+    ("S2-twice.pcd", b"WIDTH 1\n" + head(), "WIDTH"),
+    ("S2-an-image.pcd", b"P5\n3 3\n255\n123456789", "is an image"),
+    ("S5-claims-a-lot.pcd", head(WIDTH="1000000000000", POINTS="1000000000000"), "0 of"),
+    ("S5-record.pcd", head(COUNT="1 1 60000000") + bytes(12), "COUNT"),
+    ("lzf-sizes.pcd", head(DATA="binary_compressed") + struct.pack("<II", 4, 99), "12 bytes"),
+    ("lzf-short.pcd", head(DATA="binary_compressed") + struct.pack("<II", 9, 12) + b"ab", "2 of 9"),
+    ("lzf-no-sizes.pcd", head(DATA="binary_compressed") + b"ab", "DATA"),
+    (
+        "lzf-damaged.pcd",
+        head(DATA="binary_compressed") + struct.pack("<II", 2, 12) + b"\x30\x40",
+        "damaged",
+    ),
+    (
+        "lzf-bomb.pcd",
+        head(DATA="binary_compressed", WIDTH="300000000", POINTS="300000000")
+        + struct.pack("<II", 3, 3_600_000_000)
+        + b"\xe0\xff\x00",
+        "damaged",
+    ),
+    ("S6-format.ply", ply_head("format binary_middle_endian 1.0"), "binary_middle_endian"),
+    ("S6-version.ply", ply_head("format ascii 2.0"), "line 2"),
+    ("S6-no-format.ply", ply_head("element vertex 0"), "format"),
+    ("S6-unknown-line.ply", ply_head(FORMAT, "elephant vertex 0"), "elephant"),
+    ("S6-type.ply", ply_head(FORMAT, "element vertex 0", "property real x"), "real"),
+    (
+        "S6-list.ply",
+        ply_head(FORMAT, "element vertex 1", *XY, "property list uchar int near"),
+        "near",
+    ),
+    (
+        "S6-list-before.ply",
+        ply_head(FORMAT, "element face 1", "property list uchar int at", "element vertex 1", *XY),
+        "at",
+    ),
+    ("S6-no-vertex.ply", ply_head(FORMAT, "element face 0"), "vertex"),
+    ("S6-no-y.ply", ply_head(FORMAT, "element vertex 0", XY[0]), "x and y"),
+    ("S6-short.ply", ply_head(FORMAT, "element vertex 2", *XY) + bytes(15), "1 of 2"),
+    (
+        "S6-short-text.ply",
+        ply_head("format ascii 1.0", "element vertex 2", *XY) + b"1 2\n",
+        "1 of 2",
+    ),
+    (
+        "S6-line-after-elements.ply",
+        ply_head("format ascii 1.0", "element camera 2", "property int a", "element vertex 1", *XY)
+        + b"1\n2\n3 x\n",
+        "line 11",
+    ),
+    (
+        "S6-claims-cameras.ply",
+        ply_head(FORMAT, "element camera 4", "property int a", "element vertex 1", *XY) + bytes(8),
+        "element camera: ends after 8 of 16 bytes",
+    ),
+    ("S6-long-header.ply", b"ply\n" + b"comment a\n" * 110_000 + b"end_header\n", "header"),
+    ("S6-no-end.ply", b"ply\nformat ascii 1.0\n", "header"),
+    ("S6-not-a-ply.ply", b"solid\n", "line 1"),
+    ("words.xyz", b"1 2 3\n4 five 6\n", "line 2"),
+    ("one-number.xyz", b"12\n", "line 1"),
+    ("fewer.csv", b"x,y,z\n1,2,3\n1,2\n", "line 3"),
+    ("names.csv", b"lat,lon\n1,2\n", "x and y"),
+    ("underscores.xyz", b"1 2\n1_0 2\n", "line 2"),
+    ("slashes.xyz", b"//", "line 1: must be numbers, or names"),
+    ("slashes-above.xyz", b"// \n1 2 3\n", "line 1: must be numbers, or names"),
+    ("long-line.xyz", b"1 2\n" + b"1 " * 600_000 + b"\n", "line 2"),
+    ("old-mac.xyz", b"1 2\n3 4\r5 6\n", "lines 1 to 2"),
+    ("S16-text.npy", b"hello", "npy"),
+    ("S16-objects.npy", OBJECTS, "npy"),
+    ("S16-flat.npy", saved(np.save, np.arange(6.0)), "(6,)"),
+    ("S16-narrow.npy", saved(np.save, np.ones((6, 1))), "(6, 1)"),
+    ("S16-words.npy", saved(np.save, np.array([["a", "b"]])), "numbers"),
+    ("S16-complex.npy", saved(np.save, np.ones((2, 2), complex)), "numbers"),
+    ("S16-no-x.npy", saved(np.save, np.zeros(3, dtype=[("a", "f4"), ("y", "f4")])), "x and y"),
+    ("S16-cut.npy", saved(np.save, TABLE)[:-8], "npy"),
+    ("S16-claims.npy", saved(np.save, TABLE).replace(b"(6, 4)", b"(6000000000, 4)"), "npy"),
+    (
+        "S16-long-header.npy",
+        b"\x93NUMPY\2\0" + struct.pack("<I", 4_000_000_000) + b"{}",
+        "4000000000",
+    ),
+    ("S16-parser.npy", b"\x93NUMPY\1\0" + struct.pack("<H", 9000) + b"-" * 8999 + b"1", "npy"),
+    ("S16-version.npy", b"\x93NUMPY\4\0" + bytes(100), "version (4, 0)"),
+    ("S16-object-field.npy", OBJECT_FIELD, "must be numbers"),
+    ("S16-negative.npy", saved(np.save, TABLE).replace(b"(6, 4)", b"(-6, 4)"), "npy"),
+    ("S16-text.npz", b"hello", "npz"),
+    ("S16-two.npz", saved(np.savez, a=TABLE, b=TABLE), "a, b"),
+    ("S16-objects.npz", saved(np.savez, points=np.array([[None, 1]])), "objects"),
+    ("S16-flat.npz", saved(np.savez, points=np.arange(6.0)), "(6,)"),
+    ("S16-claims-rows.npz", deflated_rows((10**12, 3)), "size"),
+    ("S16-claims-columns.npz", deflated_rows((3, 10**12)), "size"),
+    ("S16-bomb.npz", by_columns((40_000_000, 3)), "would expand"),
+    ("S16-wide.npz", saved(np.savez, np.zeros((1, 70_000), "u1")), "70000 columns"),
+    ("kind.las", b"LASF", ".las"),
+    ("none", b"1 2 3\n", ".pcd"),
+]
+
+
+@pytest.mark.parametrize(("name", "data", "told"), [pytest.param(*c, id=c[0]) for c in BAD])
+def test_a_cloud_that_is_wrong_is_refused(read, name, data, told):
+    with pytest.raises(MalformedInputError) as caught:
+        read(name, data)
+    assert name in str(caught.value)
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_no_file_cannot_be_read(tmp_path):
+    with pytest.raises(FileAccessError):
+        read_cloud(tmp_path / "missing.pcd")
+    with pytest.raises(FileAccessError):
+        read_cloud(tmp_path)
+
+
+def test_real_clouds(real_maps):
+    """Two authors wrote the same frame in two formats; bounds are those in viewers of clouds."""
+    frame = read_cloud(real_maps / "koide3__fast_gicp" / "251370668.pcd")
+    assert frame.shape == (69088, 3)
+    np.testing.assert_array_equal(frame, read_cloud(real_maps / "koide3__small_gicp/target.ply"))
+    pcl = real_maps / "PointCloudLibrary__pcl"
+    sizes = {"car6": 10031, "curve2d": 51, "lamppost": 1771, "office1_keypoints": 1318}
+    for name, count in sizes.items():
+        points = read_cloud(pcl / f"{name}.pcd")
+        assert points.shape == (count, 3)
+        assert np.isfinite(points).all()
+    car = read_cloud(pcl / "car6.pcd")
+    assert np.abs(car.mean(axis=0) - (-37, -65, -6)).max() < 1.5
+
+
+def test_an_array_of_two_columns_is_of_points_without_a_height(read):
+    table = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    assert read("c.npy", saved(np.save, table)).tolist() == table.tolist()
