@@ -1,6 +1,6 @@
 """What a stage and a command are: a function, and a record of all else that the program asks.
 
-The keyword-only arguments of the function are its parameters: names, defaults, types and bounds
+The keyword-only arguments of the function are its parameters: names, defaults, types and conditions
 stand in its signature, their meanings in its docstring, and nowhere else. They hold for the shell,
 for Python and for recipes alike; help texts and the tables of the docs are made of them.
 
@@ -49,20 +49,20 @@ from mapdeal.grid.values import Drawn
 
 
 @dataclass(frozen=True)
-class Bound:
+class Condition:
     """A condition on a number, in words and as a test; numbers are always finite."""
 
     rule: str
     holds: Callable[[Any], bool]
 
 
-AT_LEAST_0 = Bound("at least 0", lambda value: value >= 0)
-AT_LEAST_1 = Bound("at least 1", lambda value: value >= 1)
-ABOVE_0 = Bound("above 0", lambda value: value > 0)
-PERCENT = Bound("between 0 and 100", lambda value: 0 <= value <= 100)
-STRENGTH = Bound("between 1e-6 and 1e6", lambda value: 1e-6 <= value <= 1e6)
-LETHAL = Bound("between 1 and 100", lambda value: 1 <= value <= 100)
-HEADINGS = Bound("between 4 and 255", lambda value: 4 <= value <= 255)
+AT_LEAST_0 = Condition("at least 0", lambda value: value >= 0)
+AT_LEAST_1 = Condition("at least 1", lambda value: value >= 1)
+ABOVE_0 = Condition("above 0", lambda value: value > 0)
+PERCENT = Condition("between 0 and 100", lambda value: 0 <= value <= 100)
+STRENGTH = Condition("between 1e-6 and 1e6", lambda value: 1e-6 <= value <= 1e6)
+LETHAL = Condition("between 1 and 100", lambda value: 1 <= value <= 100)
+HEADINGS = Condition("between 4 and 255", lambda value: 4 <= value <= 255)
 
 
 @dataclass(frozen=True)
@@ -116,13 +116,13 @@ LethalThreshold = Annotated[int, LETHAL, OCCUPANCY]  # occupancy from which a ce
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a stage: its name, default, type, bounds and unit."""
+    """One parameter of a stage: its name, default, type, conditions and unit."""
 
     name: str
     default: object
     kind: Any
     optional: bool
-    bounds: tuple[Bound, ...]
+    conditions: tuple[Condition, ...]
     unit: Unit | None = None
     from_robot: bool = False
     words: Words | None = None
@@ -179,7 +179,8 @@ class Parameter:
             kind, *others = get_args(self.kind)
             accepted = tuple(self._accept_number(kind, item) for item in values)
             if others != [Ellipsis] and len(accepted) != 1 + len(others):
-                raise self._error(f"a list of {1 + len(others)} numbers", value)
+                written = (self.words and self.words.metavar) or (self.unit and self.unit.metavar)
+                raise self._error(f"{1 + len(others)} numbers {written or ''}".rstrip(), value)
             return accepted
         return self._accept_number(self.kind, value)
 
@@ -199,10 +200,10 @@ class Parameter:
             except (ValueError, OverflowError):
                 number = None
         what = "a whole number" if kind is int else "a finite number"
-        rule = ", ".join([what, *(bound.rule for bound in self.bounds)])
+        rule = ", ".join([what, *(one.rule for one in self.conditions)])
         if number is None or not math.isfinite(number) or (kind is int and number % 1):
             raise self._error(rule, value)
-        if not all(bound.holds(number) for bound in self.bounds):
+        if not all(one.holds(number) for one in self.conditions):
             raise self._error(rule, value)
         return int(number) if kind is int else number
 
@@ -250,7 +251,7 @@ def parameters_of(
             argument.default,
             kind,
             optional,
-            tuple(mark for mark in marks if isinstance(mark, Bound)),
+            tuple(mark for mark in marks if isinstance(mark, Condition)),
             next((mark for mark in marks if isinstance(mark, Unit)), None),
             FromRobot in marks,
             next((mark for mark in marks if isinstance(mark, Words)), None),
@@ -323,7 +324,7 @@ def _split_annotated(hint: Any) -> tuple[Any, tuple[Any, ...]]:
     return hint, ()
 
 
-_RADIUS = Parameter("footprint.radius", None, float, optional=False, bounds=(ABOVE_0,))
+_RADIUS = Parameter("footprint.radius", None, float, optional=False, conditions=(ABOVE_0,))
 
 
 def _footprint(_: str, value: object) -> Footprint:

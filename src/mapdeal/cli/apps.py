@@ -250,7 +250,6 @@ def first_sentence(text: str) -> str:
 
 
 def _document(source: Path, step: Step, made: SingleResult) -> dict[str, Any]:
-    """Return what was made as JSON can hold it: how, its figures, and the curve of costs."""
     if hasattr(made.made, "document"):
         return {"map": {"file": str(source), "sha256": made.sums}, **made.made.document()}
     curve = {"curve": None} if made.curve is None else made.curve.document()
@@ -351,7 +350,6 @@ def outputs_named(definition: Command, output: Path | None) -> list[Path]:
 def _accepted(
     definition: Command, values: dict[str, Any], settings: Settings
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the arguments of a command's function for what the shell has given."""
     parameters = definition.parameters
     given = {name: getattr(settings, name) for name in parameters if name in _OF_SETTINGS}
     if definition.takes_output and definition.output is not None:
@@ -427,7 +425,6 @@ def _is_all(definition: Command) -> bool:
 
 
 def _arguments(definition: Command) -> Iterator[Argument]:
-    """Yield what typer takes for the inputs, the output and the parameters of a command."""
     meanings, output = definition.meanings, definition.output
     for name, (kind, words, is_required) in definition.inputs.items():
         if output is not None and name == output.parameter:
@@ -444,7 +441,8 @@ def _arguments(definition: Command) -> Iterator[Argument]:
         typed = words.typed or _TYPES.get(kind, kind)
         yield _argument(name, Annotated[(typed, declared, *marks)], default)
     if output is not None:
-        text = f"{output.about} {OR_STDOUT}" if output.streams else output.about
+        stream = "Or - for stdout." if output.metavar.endswith(".json") else OR_STDOUT
+        text = f"{output.about} {stream}" if output.streams else output.about
         declared = typer.Option("--output", "-o", metavar=output.metavar, help=text)
         marks = [TO_STDOUT] if output.streams else []
         kind, default = (Path, Argument.empty) if output.is_required else (Path | None, None)

@@ -13,7 +13,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import CELLS, Bound, Words
+from mapdeal.command import CELLS, Condition, Words
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import FARTHEST, Frame, Region
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -365,10 +365,10 @@ def _whole(value: float) -> int:
     return round(max(-_FAR, min(value, _FAR)) * _UNIT)
 
 
-_PASSED = Bound("below 0, at least -100", lambda v: -100 * _UNIT <= _whole(v) < 0)
-_HIT = Bound("above 0, at most 100", lambda v: 0 < _whole(v) <= 100 * _UNIT)
-_LEAST = Bound("at least 0, below 50", lambda v: 0 <= _whole(v) < _EVEN * _UNIT)
-_MOST = Bound("above 50, at most 100", lambda v: 50 < _whole(v) / _UNIT <= 100)
+_PASSED = Condition("below 0, at least -100", lambda v: -100 * _UNIT <= _whole(v) < 0)
+_HIT = Condition("above 0, at most 100", lambda v: 0 < _whole(v) <= 100 * _UNIT)
+_LEAST = Condition("at least 0, below 50", lambda v: 0 <= _whole(v) < _EVEN * _UNIT)
+_MOST = Condition("above 50, at most 100", lambda v: 50 < _whole(v) / _UNIT <= 100)
 
 
 class LogOdds(Evidence):
@@ -441,7 +441,7 @@ class LogOdds(Evidence):
 
 
 _COUNT_UNIT = 1_000_000
-_SHARE = Bound("at least 0, below 1", lambda value: 0 <= value < 1)
+_SHARE = Condition("at least 0, below 1", lambda value: 0 <= value < 1)
 
 
 class Counting(Evidence):
@@ -603,7 +603,7 @@ def _partners_of(crossings: Crossings, row: int, col: int) -> list[tuple[int, in
 
 
 _FARTHEST = 1000.0  # cells that distances, and beams behind what they hit, reach at most
-_TRUNCATION = Bound(f"1 to {_FARTHEST:g}", lambda value: 1 <= value <= _FARTHEST)
+_TRUNCATION = Condition(f"1 to {_FARTHEST:g}", lambda value: 1 <= value <= _FARTHEST)
 
 _Truncation = Annotated[float, _TRUNCATION, CELLS]
 

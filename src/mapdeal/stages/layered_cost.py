@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import AT_LEAST_0, COST, METRES, Bound, FromRobot, Parameters
+from mapdeal.command import AT_LEAST_0, COST, METRES, Condition, FromRobot, Parameters
 from mapdeal.grid.costmap import (
     CostCurve,
     Costmap,
@@ -44,7 +44,7 @@ from mapdeal.stages.exponential_cost import (
 from mapdeal.stages.structured import LayerList
 
 _OF_COSTMAP_2D = (StaticLayer(), InflationLayer())
-_OF_EMPTY_COSTMAP = Bound("0 or 255", lambda value: value in (FREE_SPACE, NO_INFORMATION))
+_OF_EMPTY_COSTMAP = Condition("0 or 255", lambda value: value in (FREE_SPACE, NO_INFORMATION))
 
 Master = NDArray[np.uint8]
 Spread = Callable[[CostProfile, Master], None]

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import numpy as np
 
-from mapdeal.command import FACTOR, POINT, REPULSION, Bound, LethalThreshold, stage
+from mapdeal.command import FACTOR, POINT, REPULSION, Condition, LethalThreshold, stage
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.field import LARGEST_GAIN, LARGEST_REPULSION, PotentialField
 from mapdeal.grid.frame import check_point
@@ -14,8 +14,10 @@ from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.lookup import sum_of_inverse_distances
 from mapdeal.stages.cost import ObstacleSource, obstacles_of
 
-GAIN = Bound(f"between 0 and {LARGEST_GAIN:g}", lambda value: 0 <= value <= LARGEST_GAIN)
-CAP = Bound(f"above 0, at most {LARGEST_REPULSION:g}", lambda value: 0 < value <= LARGEST_REPULSION)
+GAIN = Condition(f"between 0 and {LARGEST_GAIN:g}", lambda value: 0 <= value <= LARGEST_GAIN)
+CAP = Condition(
+    f"above 0, at most {LARGEST_REPULSION:g}", lambda value: 0 < value <= LARGEST_REPULSION
+)
 
 LEAST_DISTANCE = 0.001
 """Metres up to which a term is left out, of a cell's distance to itself above all."""

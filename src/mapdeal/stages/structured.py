@@ -17,7 +17,7 @@ from mapdeal.command import (
     ABOVE_0,
     AT_LEAST_0,
     PERCENT,
-    Bound,
+    Condition,
     Parameter,
     accept_parameters,
     split_optional,
@@ -30,7 +30,7 @@ from mapdeal.grid.frame import MOST_CELLS, Frame, check_origin, check_resolution
 from mapdeal.grid.reach import Goal
 
 _FRAME = {
-    name: Parameter(name, None, kind, optional=False, bounds=(ABOVE_0,))
+    name: Parameter(name, None, kind, optional=False, conditions=(ABOVE_0,))
     for name, kind in {"height": int, "width": int, "resolution": float}.items()
 }
 _FRAME["origin"] = Parameter("origin", None, tuple[float, float, float], False, ())
@@ -98,7 +98,7 @@ def _goals(name: str, value: object) -> Iterator[Goal]:
 
 
 def _goal(place: str, xy: object, name: str | None = None) -> Goal:
-    x, y = Parameter(place, None, tuple[float, float], optional=False, bounds=()).accept(xy)
+    x, y = Parameter(place, None, tuple[float, float], optional=False, conditions=()).accept(xy)
     return Goal(x, y, name)
 
 
@@ -129,7 +129,7 @@ _KINDS: dict[str, type[StaticLayer] | type[InflationLayer]] = {
     "static": StaticLayer,
     "inflation": InflationLayer,
 }
-_BYTE = Bound("a byte, 0 to 255, or -1 for 255", lambda value: -1 <= value <= 255)
+_BYTE = Condition("a byte, 0 to 255, or -1 for 255", lambda value: -1 <= value <= 255)
 _BOUNDS = {
     "lethal_cost_threshold": PERCENT,
     "unknown_cost_value": _BYTE,
