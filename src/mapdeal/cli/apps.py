@@ -26,7 +26,7 @@ from mapdeal.cli.options import (
     type_of,
     with_shared_options,
 )
-from mapdeal.cli.process import FROM_STDIN, TO_STDOUT
+from mapdeal.cli.terminal import FROM_STDIN, TO_STDOUT
 from mapdeal.command import Command, Parameter, Result, Stage, commands_named
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.files.json_values import json_of

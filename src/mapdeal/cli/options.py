@@ -14,7 +14,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin
 import typer
 
 from mapdeal.cli import terminal
-from mapdeal.cli.process import TO_STDOUT, piped, streamed
+from mapdeal.cli.terminal import TO_STDOUT, piped, streamed
 from mapdeal.command import Parameter, Words
 from mapdeal.errors import ParameterError, strict_warnings
 from mapdeal.files.source import size_of

@@ -10,7 +10,8 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from enum import Enum
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
@@ -289,3 +290,78 @@ def _say(text: str) -> None:
     # What nobody can read on stderr must not change what is done, nor the exit code.
     with contextlib.suppress(OSError):
         print(f"{_CLEAR if _has_bar else ''}{_as_called(text)}", file=sys.stderr)  # noqa: T201
+
+
+DASH = Path("-")
+"""The word ``-``; the file of this name is ``./-``, which is made an absolute path."""
+
+
+class Streamed(Enum):
+    """Marks a parameter in whose place ``-`` stands for a standard stream."""
+
+    INPUT, OUTPUT = False, True
+
+
+FROM_STDIN, TO_STDOUT = Streamed
+
+
+def streamed(parameters: Iterable[Any]) -> dict[str, bool]:
+    return {
+        one.name: mark.value
+        for one in parameters
+        for mark in getattr(one.annotation, "__metadata__", ())
+        if isinstance(mark, Streamed)
+    }
+
+
+@contextmanager
+def piped(values: Mapping[str, Any], marked: Mapping[str, bool]) -> Iterator[dict[str, Any]]:
+    """Give the values of a command with files in the place of standard streams.
+
+    When the block ends without an error, the file that stands for standard output is sent.
+    """
+    inputs = [
+        name for name in values
+        if name != "output" and _dashes(values[name]) and not marked.get(name)
+    ]  # fmt: skip
+    wanted = [name for name in inputs if name in marked]
+    output = next((n for n, is_output in marked.items() if is_output and values[n] == DASH), None)
+    if not wanted and output is None:
+        yield dict(values)
+        return
+    if wanted and values.get("in_place"):
+        rule = "is standard input, which cannot be repaired in place"
+        raise ParameterError(rule, source="-", hint="--fix -o OUT writes a repaired map")
+    if sum(_dashes(values[name]) for name in inputs) > 1 and wanted:
+        rule = "can be used for one input only: standard input is one file"
+        raise ParameterError(rule, source="-")
+    from mapdeal.files.transaction import temporary_folder
+    from mapdeal.inputs.kinds import STDOUT, keep_npz
+
+    if output is not None:
+        leave_stdout_to_data()
+    if wanted:
+        refuse_keyboard()
+    with ExitStack() as stack:
+        folder = stack.enter_context(temporary_folder())
+        call_files({folder / f"{STDOUT}.npz": STDOUT})
+        files = dict(values)
+        for name in wanted:
+            kept = keep_npz(input_chunks(), folder)
+            call_files({kept: "standard input"})
+            files[name] = _replaced(values[name], kept)
+        if output is not None:
+            files[output] = folder / f"{STDOUT}.npz"
+        yield files
+        if output is not None:
+            send(files[output])
+
+
+def _dashes(value: object) -> int:
+    return sum(str(one) == "-" for one in (value if isinstance(value, list) else [value]))
+
+
+def _replaced(value: Any, path: Path) -> Any:
+    if isinstance(value, list):
+        return [_replaced(one, path) if _dashes(one) else one for one in value]
+    return str(path) if isinstance(value, str) else path

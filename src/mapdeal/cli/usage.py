@@ -13,7 +13,7 @@ from typing import Any
 import typer
 from typer.models import TyperPath
 
-from mapdeal.cli.process import DASH
+from mapdeal.cli.terminal import DASH
 from mapdeal.errors import ParameterError, as_known, meant, nearest
 
 _NUMBER = re.compile(r"\(?-?\d+(\.\d*)?\)?")
