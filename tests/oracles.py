@@ -40,15 +40,18 @@ def squared_distance_by_columns(marked):
     return best
 
 
-def groups(marked):
-    """Sets of 8-connected cells, by flooding."""
+EDGES = [(0, 1), (1, 0), (0, -1), (-1, 0)]
+AROUND = [*EDGES, (1, 1), (1, -1), (-1, 1), (-1, -1)]
+
+
+def groups(marked, steps=AROUND):
+    """Sets of cells that such steps connect, by flooding."""
     left = {tuple(cell) for cell in np.argwhere(marked).tolist()}
     while left:
         group, edge = set(), {left.pop()}
         while edge:
             group |= edge
-            near = {(r + i, c + j) for r, c in edge for i in (-1, 0, 1) for j in (-1, 0, 1)}
-            edge = near & left
+            edge = {(r + i, c + j) for r, c in edge for i, j in steps} & left
             left -= edge
         yield group
 
@@ -350,6 +353,24 @@ def full_footprint_cost(costs, cells):
     covered = ring_fill([cells], len(costs[0]), len(costs)) | set(line(cells[0], cells[-1]))
     found = {int(costs[y][x]) for x, y in covered}
     return 254 if 254 in found else max(found)
+
+
+def shared_area(first, second):
+    """The area that two convex anticlockwise polygons share: the second clips the first."""
+    polygon = first
+    for (ax, ay), (bx, by) in zip(second, second[1:] + second[:1], strict=True):
+        kept = []
+        for (px, py), (qx, qy) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+            p = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
+            q = (bx - ax) * (qy - ay) - (by - ay) * (qx - ax)
+            if p >= 0:
+                kept.append((px, py))
+            if (p > 0 > q) or (p < 0 < q):
+                t = p / (p - q)
+                kept.append((px + t * (qx - px), py + t * (qy - py)))
+        polygon = kept
+    ends = polygon[1:] + polygon[:1]
+    return sum(x * v - u * y for (x, y), (u, v) in zip(polygon, ends, strict=True)) / 2
 
 
 def distance_to_segment(point, a, b):

@@ -41,15 +41,6 @@ LISTING = {
 }  # fmt: skip
 
 
-def functions():
-    """Yield module and name of each function, with its nodes, and the package's own modules."""
-    for path in MODULES:
-        module = place_of(path)
-        for node in ast.walk(tree_of(path)):
-            if isinstance(node, ast.FunctionDef):
-                yield f"{module}:{node.name}", list(ast.walk(node))
-
-
 def called(node):
     """Return the name of what a node calls, with its object where that is a name."""
     if not isinstance(node, ast.Call):
@@ -61,21 +52,20 @@ def called(node):
 
 
 def is_walk(node):
-    name = called(node)
-    return name.rpartition(".")[2] in LISTING or name == "os.walk" or climbs(node)
-
-
-def climbs(node):
-    return isinstance(node, ast.While) and any(
-        isinstance(one, ast.Assign)
-        and isinstance(one.value, ast.Attribute)
-        and one.value.attr == "parent"
+    climbs = isinstance(node, ast.While) and any(
+        isinstance(one, ast.Assign) and getattr(one.value, "attr", "") == "parent"
         for one in ast.walk(node)
     )
+    return climbs or called(node).rpartition(".")[2] in LISTING or called(node) == "os.walk"
 
 
 def test_every_walk_is_known_to_end():
-    found = {name for name, nodes in functions() if any(map(is_walk, nodes))}
+    found = {
+        f"{place_of(path)}:{function.name}"
+        for path in MODULES
+        for function in ast.walk(tree_of(path))
+        if isinstance(function, ast.FunctionDef) and any(map(is_walk, ast.walk(function)))
+    }
     assert found == set(WALKS)
 
 

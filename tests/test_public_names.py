@@ -21,27 +21,22 @@ def test_help_has_every_public_name():
         assert f"    {function}(" in text
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_every_public_name_has_a_docstring(name):
-    value = getattr(mapdeal, name)
-    assert value.__doc__
-    if not isinstance(value, type):  # a union's own is Python's
-        return
-    assert value.__doc__.splitlines()[0].strip().endswith(".")
+def test_every_public_name_has_a_docstring():
+    docs = {name: getattr(mapdeal, name).__doc__ for name in NAMES}
+    assert [name for name, doc in docs.items() if not doc] == []
+    types = [name for name in NAMES if isinstance(getattr(mapdeal, name), type)]
+    assert [name for name in types if not docs[name].splitlines()[0].strip().endswith(".")] == []
 
 
-def test_words_that_are_no_choice_are_refused(tmp_path):
+@pytest.mark.parametrize("words", [{"mode": "ternary"}, {"encoding": "costmap"}])
+def test_words_that_are_no_choice_are_refused(tmp_path, words):
     grid = mapdeal.OccupancyGrid(np.zeros((2, 3), np.int8), 0.5, (1, 2, 0.3))
     path = tmp_path / "a.yaml"
-    for words in ({"mode": "ternary"}, {"encoding": "costmap"}):
-        (name,) = words
-        with pytest.raises(mapdeal.ParameterError, match=f"^{name}: must be one of "):
-            mapdeal.write_map(path, grid, **words)
-        assert not path.exists()
+    with pytest.raises(mapdeal.ParameterError, match=rf"^{next(iter(words))}: must be one of "):
+        mapdeal.write_map(path, grid, **words)
+    assert not path.exists()
     mapdeal.write_map(path, grid)
-    with pytest.raises(
-        mapdeal.ParameterError, match=r"^dialect: must be one of nav2, humble, ros1"
-    ):
+    with pytest.raises(mapdeal.ParameterError, match=r"^dialect: must be one of nav2,"):
         mapdeal.read_map(path, dialect="jazzy")
 
 

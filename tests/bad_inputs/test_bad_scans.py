@@ -4,7 +4,6 @@ import io
 import math
 
 import numpy as np
-import pytest
 
 from mapdeal import read_map
 
@@ -19,66 +18,7 @@ def npz(**arrays):
     return file.getvalue()
 
 
-REFUSED = [
-    ("no-source", None, ["build", "-o", "out.yaml"], 2, ["LOG"]),
-    ("two-sources", GOOD, [*BUILD, "--poses", "a.log"], 2, ["--poses"]),
-    ("flip-of-a-log", GOOD, [*BUILD, "--flip-y"], 2, ["--flip-y"]),
-    ("one-of-three", GOOD, ["build", "--poses", "a.log", "-o", "out.yaml"], 2, ["--angles"]),
-    ("missing", None, BUILD, 4, ["a.log"]),
-    ("S13-no-scans", "ODOM 1 2 3\n", BUILD, 3, ["a.log", "FLASER"]),
-    ("S13-truncated", GOOD + GOOD[:300], [*BUILD, "--max-bad", "0"], 3, ["a.log", "line 2"]),
-    ("S13-many", GOOD + (GOOD[:300] + "\n") * 11, BUILD, 3, ["a.log", "line 2", "10 more"]),
-    ("S8-no-hit", GOOD.replace("2.0", "nan"), BUILD, 3, ["a.log", "no beam hits"]),
-    ("S8-all-far", GOOD.replace("2.0", "81.83"), BUILD, 3, ["a.log", "no beam hits"]),
-    ("S8-min-above-max", GOOD, [*BUILD, "--range-min", "5", "--range-max", "4"], 2, ["--range-m"]),
-    ("S8-nan", GOOD, [*BUILD, "--range-max", "nan"], 2, ["--range-max"]),
-    ("S15-log-occ", GOOD, [*BUILD, "--log-occ", "-1"], 2, ["--log-occ"]),
-    ("S15-log-free", GOOD, [*BUILD, "--log-free", "0.5"], 2, ["--log-free"]),
-    ("S15-min-above-max", GOOD, [*BUILD, "--log-min", "80", "--log-max", "20"], 2, ["--log-min"]),
-    ("S15-nan", GOOD, [*BUILD, "--log-max", "nan"], 2, ["--log-max"]),
-    ("ratio", GOOD, [*BUILD, "--method", "counting", "--ratio", "1"], 2, ["ratio"]),
-    ("truncation", GOOD, [*BUILD, "--method", "tsdf", "--truncation", "0"], 2, ["truncation"]),
-    ("method", GOOD, [*BUILD, "--method", "voting"], 2, ["--method"]),
-    ("other-method", GOOD, [*BUILD, "--ratio", "0.5"], 2, ["--ratio", "log-odds"]),
-    ("other-method-2", GOOD, [*BUILD, "--method", "tsdf", "--values"], 2, ["--values", "tsdf"]),
-    ("size-alone", GOOD, [*BUILD, "--size", "5,5"], 2, ["--size"]),
-    ("origin-alone", GOOD, [*BUILD, "--origin", "5,5"], 2, ["--origin"]),
-    ("size-0", GOOD, [*BUILD, "--size", "0,5", "--origin", "0,0"], 2, ["size"]),
-    ("size-huge", GOOD, [*BUILD, "--size", "1e5,1e5", "--origin", "0,0"], 2, ["size"]),
-    ("resolution", GOOD, [*BUILD, "--resolution", "-1"], 2, ["resolution"]),
-    ("layers", GOOD, [*BUILD, "--layers", "l.yaml"], 2, ["l.yaml"]),
-    ("output", GOOD, ["build", "a.log", "-o", "out.txt"], 2, ["out.txt"]),
-    ("output-is-the-input", GOOD, ["build", "a.log", "-o", "m.yaml"], 4, ["m.pgm"]),
-    ("layers-are-the-map", GOOD, [*BUILD[:2], "-o", "o.npz", "--layers", "o.npz"], 2, ["o.npz"]),
-]
-
-
-@pytest.mark.parametrize(
-    ("log", "words", "exit_code", "told"), [pytest.param(*c, id=n) for n, *c in REFUSED]
-)
-def test_scans_or_options_that_cannot_be_are_refused(folder, refused, log, words, exit_code, told):
-    if log is not None:
-        (folder / "a.log").write_text(log)
-    refused(words, exit_code, *told)
-
-
 ARRAYS = {"poses": np.zeros((2, 3)), "angles": np.zeros(4), "ranges": np.ones((2, 4))}
-
-
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        pytest.param({"poses": np.full((2, 3), np.nan)}, "poses", id="S7-nan"),
-        pytest.param({"ranges": np.ones((3, 4))}, "ranges", id="S10-pose-missing"),
-        pytest.param({"ranges": np.ones((2, 5))}, "ranges", id="S9-count"),
-        pytest.param({"ranges": np.array([[None] * 4] * 2)}, "objects", id="S16-objects"),
-        pytest.param({"angles": None}, "angles", id="S16-missing-key"),
-    ],
-)
-def test_an_npz_that_does_not_fit_is_refused(folder, refused, changes, told):
-    arrays = {key: value for key, value in {**ARRAYS, **changes}.items() if value is not None}
-    (folder / "a.npz").write_bytes(npz(**arrays))
-    refused(["build", "a.npz", "-o", "out.yaml"], 3, "a.npz", told)
 
 
 def test_a_truncated_last_line_is_passed_over_with_its_number_s13(folder, accepted):

@@ -8,7 +8,6 @@ import pytest
 import mapdeal
 from mapdeal.checks.findings import CHECKS
 from mapdeal.checks.parameter_checks import lint_parameters
-from mapdeal.errors import FileAccessError
 
 GOOD = """\
 footprint: [[-0.4, -0.3], [-0.4, 0.3], [0.4, 0.3], [0.4, -0.3]]
@@ -195,51 +194,13 @@ def test_a_check_finds_what_it_is_about(findings, name, text, line, words):
     (one, *_) = [one for one in found if one.check == name and words in one.message]
     assert (one.severity, one.line) == (CHECKS[name].severity, line)
     assert one.message.isprintable()
+    if name == "params.other-kind":  # ``origin`` is no misspelt ``origin_z``
+        assert len(found) == 1
 
 
 def test_every_check_has_a_case():
     covered = {name for name, *_ in [*CASES, *NAV2_CASES]} | ELSEWHERE
     assert covered == {name for name in CHECKS if name.startswith("params.")}
-
-
-def test_a_costmap_that_is_named_once_is_found_beside_any_other(findings):
-    once = "global_costmap: {ros__parameters: {robot_radius: 0.3}}\n"
-    (one,) = findings(once + NAV2.replace("global", "local"))
-    assert (one.check, one.severity, one.line) == ("params.one-level", "error", 1)
-    (one,) = findings(NAV2 + once)
-    assert (one.check, one.severity, one.line) == ("params.one-level", "error", 15)
-    (one, *others) = findings(once + once.replace("global", "local"))
-    assert (one.line, [other.line for other in others]) == (1, [2])
-    (one,) = findings(once + "amcl: {ros__parameters: {alpha1: 0.2}}\n")
-    assert one.check == "params.one-level"
-
-
-def test_asymmetric_inflation_is_inflation(findings):
-    text = other("d::Inf", "d::AsymmetricInf").replace("factor:", "factor_left:")
-    text += "        cost_scaling_factor_right: 5.0\n        plan_topic: plan\n"
-    assert findings(text) == []
-    found = findings(text.replace("_right: 5.0", "_rigth: 4.0"))
-    assert [(one.check, one.line) for one in found] == [
-        ("params.asymmetric", 14),  # the right one is 4, by default
-        ("params.misspelt", 15),
-    ]
-
-
-def test_a_good_file_has_no_findings(findings):
-    assert findings(GOOD, map_resolutions=[("m.yaml", 0.05)]) == []
-    assert findings(ROUND) == []
-    assert findings(NAV2, map_resolutions=[("m.yaml", 0.05)]) == []
-
-
-def test_problems_of_the_loaders_are_checks_of_one_severity():
-    """By the source: a name that is no check would fail where its finding is made."""
-    severities = {"refused": {"error"}, "warning": {"error", "warning"}, "note": {"note"}}
-    package = Path(mapdeal.__file__).parent
-    text = "\n".join(path.read_text() for path in (package / "ros").glob("*.py"))
-    told = set(re.findall(r'"(params\.[a-z-]+)",\s*"(refused|warning|note)"', text))
-    assert len(told) > 10
-    assert not [one for one in told if CHECKS[one[0]].severity not in severities[one[1]]]
-    assert set(re.findall(r'"(params\.[a-z-]+)"', text)) <= set(CHECKS)
 
 
 def test_findings_that_both_costmaps_have_are_told_once(findings):
@@ -263,14 +224,6 @@ def test_each_finding_is_told_of_its_own_file(findings):
     ]
 
 
-def test_of_a_file_of_one_costmap_the_other_is_not_missed(findings):
-    indented = "".join(f"  {line}\n" for line in GOOD.splitlines())
-    assert findings(f"global_costmap:\n{indented}") == []
-    assert findings(f"local_costmap:\n{indented}") == []
-    (one,) = findings(f"local_costmap:\n{indented}", costmap="global")
-    assert one.check == "params.namespace"
-
-
 def test_files_are_of_the_costmaps_that_they_or_their_names_say(tmp_path):
     names = ["common.yaml", "local_costmap.yaml", "costmap_global.yaml"]
     texts = [GOOD.replace(STATIC, ""), "width: 3\n", PLUGINS]
@@ -285,28 +238,10 @@ def test_files_are_of_the_costmaps_that_they_or_their_names_say(tmp_path):
     assert [one.check for one in found[paths[0]]] == ["params.no-static-layer"]
 
 
-def test_a_robot_without_a_shape_still_has_its_names_and_types_checked(findings):
-    text = changed("[0.4, -0.3]]", "4]").replace("0.9", "'0.9'").replace("5.0", "yes")
-    text += "static_layer: {robot_radius: 0.3}\ntrack_unknown_spcae: true\n"
-    assert [(one.check, one.line) for one in findings(text)] == [
-        ("params.footprint", 1),
-        ("params.silent-default", 8),
-        ("params.silent-default", 9),
-        ("params.misplaced", 10),
-        ("params.misspelt", 11),
-    ]
-
-
 def test_a_round_robot_may_have_any_heading(findings):
     near = ROUND.replace("0.9", "0.299")  # between the radii of the polygon of 16 corners
     assert findings(near.replace("5.0", "10.0")) != []
     assert "params.inflation-below-circumscribed" not in [one.check for one in findings(near)]
-
-
-def test_nothing_else_is_said_of_a_file_of_another_kind(findings):
-    """``origin`` is no misspelt ``origin_z``, and a map has no robot that lacks a shape."""
-    found = findings("image: a.pgm\nresolution: 0.1\norigin: [1, 2, 0]\n")
-    assert [one.check for one in found] == ["params.other-kind"]
 
 
 def test_maps_of_one_resolution_are_told_of_together(findings):
@@ -316,6 +251,42 @@ def test_maps_of_one_resolution_are_told_of_together(findings):
     assert shown == ["0.05 m (a.yaml and 2 more)", "0.2 m (d.yaml)"]
 
 
-def test_a_file_that_is_not_there_is_an_error(tmp_path):
-    with pytest.raises(FileAccessError):
-        lint_parameters([tmp_path / "no.yaml"])
+ONCE = "global_costmap: {ros__parameters: {robot_radius: 0.3}}\n"
+SIDES = other("d::Inf", "d::AsymmetricInf").replace("factor:", "factor_left:")
+SIDES += "        cost_scaling_factor_right: 5.0\n        plan_topic: plan\n"
+INDENTED = "".join(f"  {line}\n" for line in GOOD.splitlines())
+SHAPELESS = changed("[0.4, -0.3]]", "4]").replace("0.9", "'0.9'").replace("5.0", "yes")
+SHAPELESS += "static_layer: {robot_radius: 0.3}\ntrack_unknown_spcae: true\n"
+
+
+@pytest.mark.parametrize(("text", "costmap", "expected"), [
+    (GOOD, None, {}), (ROUND, None, {}), (NAV2, None, {}), (SIDES, None, {}),
+    # the right one is 4, by default
+    (SIDES.replace("_right: 5.0", "_rigth: 4.0"), None, {14: "asymmetric", 15: "misspelt"}),
+    # a costmap that is named once is found beside any other
+    (ONCE + NAV2.replace("global", "local"), None, {1: "one-level"}),
+    (NAV2 + ONCE, None, {15: "one-level"}),
+    (ONCE + ONCE.replace("global", "local"), None, {1: "one-level", 2: "one-level"}),
+    (ONCE + "amcl: {ros__parameters: {alpha1: 0.2}}\n", None, {1: "one-level"}),
+    # of a file of one costmap the other is not missed
+    (f"global_costmap:\n{INDENTED}", None, {}), (f"local_costmap:\n{INDENTED}", None, {}),
+    (f"local_costmap:\n{INDENTED}", "global", {None: "namespace"}),
+    (SHAPELESS, None, {1: "footprint", 8: "silent-default", 9: "silent-default", 10: "misplaced",
+                       11: "misspelt"}),
+])  # fmt: skip
+def test_all_that_is_found_in_a_file(findings, text, costmap, expected):
+    options = {} if costmap is None else {"costmap": costmap}
+    found = findings(text, map_resolutions=[("m.yaml", 0.05)], **options)
+    told = [(one.line, one.check) for one in found]
+    assert told == [(line, f"params.{check}") for line, check in expected.items()]
+
+
+def test_problems_of_the_loaders_are_checks_of_one_severity():
+    """By the source: a name that is no check would fail where its finding is made."""
+    severities = {"refused": {"error"}, "warning": {"error", "warning"}, "note": {"note"}}
+    sources = (Path(mapdeal.__file__).parent / "ros").glob("*.py")
+    text = "\n".join(path.read_text() for path in sources)
+    told = set(re.findall(r'"(params\.[a-z-]+)",\s*"(refused|warning|note)"', text))
+    assert len(told) > 10
+    assert not [one for one in told if CHECKS[one[0]].severity not in severities[one[1]]]
+    assert set(re.findall(r'"(params\.[a-z-]+)"', text)) <= set(CHECKS)

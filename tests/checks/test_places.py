@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 
 import mapdeal
 from drawn import grid_from_text
-from mapdeal import Footprint, OccupancyGrid, write_map
+from mapdeal import OccupancyGrid, write_map
 from mapdeal.checks import facts
 from mapdeal.checks.facts import CellTallies, GridFacts, gather, tallies_of
 from mapdeal.checks.map_checks import islands, mostly_unknown, open_border, specks
@@ -101,12 +100,6 @@ def test_open_borders_are_named_by_the_middles_of_their_stretches(cells):
     assert lengths == sorted((len(one) for one in expected), reverse=True)[:20]
 
 
-def test_a_stretch_goes_around_corners():
-    cells = grid_from_text("..#.\n.??#\n##.#").occupancy  # a row above is a row further north
-    # anticlockwise from (0, 0): (0, 2); (2, 3); and (2, 1), (2, 0), (1, 0)
-    assert cells_of(open_border, cells) == [(2, 0), (0, 2), (2, 3)]
-
-
 def test_what_is_known_lies_around_its_middle():
     cells = np.full((9, 12), -1, np.int8)
     cells[2, 3], cells[6, 5] = 0, 100
@@ -186,25 +179,6 @@ def test_the_reports_for_machines_have_them(tmp_path, command, monkeypatch):
     assert told["properties"] == {"places": [list(place) for place in found.places]}
     (other,) = (one for one in results if one["ruleId"] == "yaml.origin-yaw")
     assert "properties" not in other
-
-
-def test_a_passage_is_where_its_message_says(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    wall = "#" * 27
-    row = "#" + "." * 12 + "#" + "." * 12 + "#"
-    door = "#" + "." * 25 + "#"
-    text = "\n".join([wall, *[row] * 4, *[door] * 3, *[row] * 5, wall])
-    write_map("a.yaml", grid_from_text(text, 0.25, (1.0, -2.0, math.pi / 2)))
-    (found,) = (
-        one
-        for one in mapdeal.lint("a.yaml", footprint=Footprint.circle(0.5))
-        if one.check == "map.disconnected"
-    )
-    ((x, y),) = found.places
-    told = re.search(r"at (\S+), (\S+);", found.message)
-    assert (float(told[1]), float(told[2])) == pytest.approx((x, y), abs=0.0051)
-    # column 13, row 7 of the map, turned by a quarter about its origin
-    assert (x, y) == pytest.approx((1.0 - 7.5 * 0.25, -2.0 + 13.5 * 0.25), abs=0.13)
 
 
 def test_many_specks_have_twenty_places(tmp_path, monkeypatch):

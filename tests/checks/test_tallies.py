@@ -57,6 +57,8 @@ PICTURES = {
     "rgb, key": Picture("PNG", "rgb", rgb(greys()), alpha=opacity(), alpha_from="key"),
     "wide rgba": Picture("PNG", "rgb", rgb(greys(np.uint16, 257)), 65535, alpha=opacity(65535)),
     "palette": Picture("PNG", "palette", greys(), palette=PALETTE),
+    "10 bit": Picture("PNM", "grey", greys(np.uint16, 4), maxval=1023),
+    "see-through": Picture("PNG", "rgb", rgb(greys()), alpha=np.zeros(SHAPE, np.uint8)),
     "tiff": Picture("TIFF", "grey", greys()),
     "bmp": Picture("BMP", "rgb", rgb(greys())),
 }
@@ -82,7 +84,10 @@ def is_map_saver_unknown(pixel):
     ("mode", "negate"), [("trinary", False), ("trinary", True), ("scale", False), ("raw", False)]
 )
 @pytest.mark.parametrize("name", PICTURES)
-def test_pixels_are_counted_as_if_taken_one_by_one(name, mode, negate):
+def test_pixels_are_counted_as_if_taken_one_by_one(name, mode, negate, monkeypatch):
+    if mode != "raw":  # as for a picture with more values than are kept
+        monkeypatch.setattr(facts, "_PIXELS_TOGETHER", 40)
+        monkeypatch.setattr(facts, "_MOST_KEPT", 5)
     picture = PICTURES[name]
     metadata = replace(METADATA, mode=mode, negate=negate)
     states = {

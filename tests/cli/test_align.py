@@ -72,29 +72,6 @@ def test_a_prior_and_turns_narrow_the_search(maps, command):
     assert command("align", "a.yaml", "b.yaml", "--rotation", "0,180")[0] == 1
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (["--prior", "1,2"], "--prior: must be a transform, or three numbers x, y, yaw"),
-        (["--prior", "1,nan,2"], "--prior"),
-        (["--rotation", "north"], "--rotation: must be degrees such as 0,90,180,270"),
-        (["--rotation", ""], "--rotation"),
-        (["--rotation", "0,inf"], "--rotation: must be finite"),
-    ],
-)
-def test_numbers_that_are_none_are_refused(maps, command, words, told):
-    code, out, err = command("align", "a.yaml", "b.yaml", *words)
-    assert (code, out) == (2, "")
-    assert told in err
-
-
-def test_a_map_without_walls_is_not_sure_and_has_no_figures(maps, command):
-    mapdeal.write_map("empty.yaml", mapdeal.OccupancyGrid(np.zeros((5, 9), np.int8), 0.1))
-    code, out, _ = command("align", "empty.yaml", "b.yaml")
-    assert code == 1
-    assert out == "empty.yaml, b.yaml: not sure: the first map has no obstacle\n"
-
-
 def test_from_python_as_from_the_command_line(maps, command):
     found = mapdeal.align("a.yaml", mapdeal.read_map("b.yaml"))
     document = json.loads(command("align", "a.yaml", "b.yaml", "--json")[1])

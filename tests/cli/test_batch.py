@@ -90,44 +90,6 @@ def test_what_is_unchanged_is_skipped_unless_forced(command, maps, tmp_path):
     assert changed == {"n", "summary.json"}
 
 
-@pytest.mark.parametrize(
-    ("names", "code", "told"),
-    [
-        (["nothing/*.yaml"], 2, "matches no"),
-        (["maps/a/m.yaml", "maps/b/m.yaml"], 2, "would write into o/m, as maps/a/m.yaml does"),
-        (["maps/a", "maps/b/m.yaml"], 2, "would write into o/m"),
-        (["@none.txt"], 4, "cannot be read"),
-        (["maps", "--jobs", "0"], 2, "--jobs"),
-        (["maps", "--jobs", "auto"], 2, "--jobs"),
-        (["maps", "--scheduler", "localhost"], 2, "must be tcp://HOST:PORT"),
-    ],
-)
-def test_what_is_refused_is_refused_before_any_work_f7_f8_p13(
-    command, maps, tmp_path, names, code, told
-):
-    before = contents(tmp_path)
-    found, out, err = command("run", *names, "-o", "o")
-    errors = [line for line in err.splitlines() if line.startswith("error: ")]
-    assert (found, out, len(errors)) == (code, "", 1)
-    assert told in errors[0]
-    assert contents(tmp_path) == before
-    assert not (tmp_path / "o").exists()
-
-
-def test_more_jobs_than_can_be_of_use_are_capped_p13(command, maps, monkeypatch):
-    started = []
-    monkeypatch.setattr(
-        "mapdeal.pipeline.workers.ProcessWorkers", lambda size: started.append(size)
-    )
-    make_many = [maps / f"many/{k}.yaml" for k in range(12)]
-    for path in make_many:
-        make_map(path, 1)
-    monkeypatch.setattr("mapdeal.pipeline.batch.available_threads", lambda: 2)
-    _, _, err = command("run", "maps/many", "-o", "o", "-j", "9999")
-    assert started == [8]
-    assert "--jobs 9999: using 8" in err
-
-
 LITTLE = "61M" if engine_name() == "compiled" else "112M"
 
 
@@ -340,11 +302,3 @@ def test_processes_and_clusters_are_loaded_only_if_there_are_any(maps):
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.splitlines()[-1] == "[]"
-
-
-def test_a_dry_run_with_force_says_what_it_replaces(command, maps, tmp_path):
-    words = ["run", "maps/a/m.yaml", "-o", "o", "--no-images"]
-    assert command(*words)[0] == 0
-    assert "0 to run, 1 unchanged" in command(*words, "-n")[1]
-    code, out, _ = command(*words, "-n", "--force")
-    assert (code, "1 to run, 0 unchanged" in out, "replace" in out) == (0, True, True)

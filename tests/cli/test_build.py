@@ -1,6 +1,5 @@
 """The command build: logs in, maps out."""
 
-import json
 import math
 import os
 import subprocess
@@ -46,9 +45,8 @@ def log(tmp_path, monkeypatch, run):
 
 
 @pytest.mark.parametrize("method", ["log-odds", "counting", "tsdf"])
-def test_build_writes_what_the_library_makes(command, log, run, method):
-    code, out, err = command("build", log, "-o", "m.yaml", "--method", method, "--layers",
-                             "l.npz", "--image", "m.png")  # fmt: skip
+def test_build_writes_what_the_library_makes(sh, log, run, method):
+    code, out, err = sh(f"build {log} -o m.yaml --method {method} --layers l.npz --image m.png")
     assert (code, err) == (0, "")
     built = build_map(*run, method=method)
     found = read_map("m.yaml")
@@ -75,12 +73,10 @@ def test_every_kind_of_source_gives_the_same_map(command, log):
     assert np.array_equal(maps[1].occupancy, maps[2].occupancy)
 
 
-def test_options_reach_the_method_and_the_grid(command, log, run):
-    code, _, _ = command(
-        "build", log, "-o", "m.npz", "--resolution", "0.1", "--size", "5,3",
-        "--origin", "0.25,-0.5", "--range-min", "0.5", "--range-max", "4", "--clear-max", "2",
-        "--log-free", "-0.5", "--log-occ", "0.9", "--log-min", "20", "--log-max", "90", "--values",
-    )  # fmt: skip
+def test_options_reach_the_method_and_the_grid(sh, log, run):
+    code, _, _ = sh(f"build {log} -o m.npz --resolution 0.1 --size 5,3 --origin 0.25,-0.5"
+                    " --range-min 0.5 --range-max 4 --clear-max 2 --log-free -0.5 --log-occ 0.9"
+                    " --log-min 20 --log-max 90 --values")  # fmt: skip
     assert code == 0
     built = build_map(*run, resolution=0.1, size=(5, 3), origin=(0.25, -0.5), range_min=0.5,
                       range_max=4, clear_max=2, log_free=-0.5, log_occ=0.9, log_min=20, log_max=90,
@@ -109,29 +105,12 @@ def test_other_numbers_of_the_methods(command, log, run):
         assert np.count_nonzero(found.occupancy != expected.occupancy) <= 5
 
 
-def test_a_map_as_written_is_one_of_method_tsdf(command, log):
-    code, _, err = command("build", log, "-o", "w.npz", "--method", "counting", "--as-written")
-    assert (code, err) == (2, "error: --as-written: does not apply to method counting\n")
-
-
 def test_y_can_be_flipped(command, log, run):
     words = ["--poses", "p.txt", "--angles", "a.txt", "--ranges", "r.txt", "--flip-y"]
     assert command("build", *words, "-o", "c.npz")[0] == 0
     poses = run[0] * (1, -1, 1)
     expected = build_map(poses, *run[1:]).grid
     assert np.array_equal(read_map("c.npz").occupancy, expected.occupancy)
-
-
-def test_the_map_feeds_the_main_job(command, log):
-    assert command("build", log, "-o", "m.yaml")[0] == 0
-    code, _, err = command("run", "m.yaml", "-o", "out", "--no-images")
-    assert (code, err) == (0, "")
-    manifest = json.loads(Path("out/m/manifest.json").read_text())
-    assert set(manifest["figures"]) == {"inflate", "esdf", "cost"}
-    local = ["local", "--cloud", "c.xyz", "--pose", "1,2,0", "--map", "m.yaml", "-o", "l"]
-    with open("c.xyz", "w") as file:
-        file.write("1 0\n")
-    assert command(*local, "--no-images")[0] == 0
 
 
 @pytest.mark.thorough

@@ -203,24 +203,6 @@ def test_pictures_show_what_differs_and_what_vanished(command, run):
         assert ((red in seen), (blue in seen)) == (only_first > 0, only_second > 0)
 
 
-BAD = [
-    (["--method", "tsdf"], "--method: cannot be given together with --compare"),
-    (["--values"], "--values: cannot be given together with --compare"),
-    (["--layers", "l.npz"], "--layers: cannot be given together with --compare"),
-    (["--image", "l.png"], "--image: cannot be given together with --compare"),
-    (["--ratio", "1"], "--ratio: must be a finite number, at least 0, below 1"),
-    (["--truncation-behind", "0.1"], "--truncation-behind: must be 0.5 to 500 truncations"),
-]
-
-
-@pytest.mark.parametrize(("words", "told"), BAD)
-def test_what_does_not_go_together_is_refused(command, run, words, told):
-    code, _, err = command("build", "hall.npz", "--compare", "-o", "out", *words)
-    assert code == 2
-    assert told in err
-    assert not Path("out").exists()
-
-
 def test_a_folder_is_asked_for_and_files_in_it_are_kept(command, run):
     code, _, err = command("build", "hall.npz", "--compare", "-o", "out.yaml")
     assert (code, err) == (

@@ -133,24 +133,3 @@ def test_a_library_that_cannot_be_loaded_is_one_line(folder, command, monkeypatc
     assert error.startswith("error: a library cannot be loaded: import of PIL")
     assert hint.startswith("hint: ulimit -a")
     assert not (folder / "o.npz").exists()
-
-
-@pytest.mark.parametrize("number", [11, 12, 23, 24])
-def test_a_system_that_has_no_more_to_give_is_one_line(folder, command, monkeypatch, number):
-    def refuse(*_, **__):
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr("mapdeal.commands.info._described", refuse)
-    code, _, err = command("info", "m.yaml")
-    assert code == 4
-    assert err.splitlines()[0] == f"error: the system has no more to give: {os.strerror(number)}"
-
-
-def test_other_errors_of_the_system_are_bugs(folder, command, monkeypatch):
-    def refuse(*_, **__):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr("mapdeal.commands.info._described", refuse)
-    code, _, err = command("info", "m.yaml")
-    assert code == 70
-    assert "Traceback" in err

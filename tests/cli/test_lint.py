@@ -15,148 +15,122 @@ LINT = [sys.executable, "-m", "mapdeal", "lint"]
 
 
 @pytest.fixture
-def maps(tmp_path, monkeypatch):
+def maps(here):
     """A folder with a good map, a turned one, and a YAML file that is no map."""
-    monkeypatch.chdir(tmp_path)
     cells = np.zeros((9, 14), np.int8)
     cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
     Path("maps/old").mkdir(parents=True)
     write_map("maps/good.yaml", OccupancyGrid(cells, 0.25, (1.0, -2.0, 0.0)))
     write_map("maps/old/turned.yaml", OccupancyGrid(cells, 0.25, (1.0, -2.0, 0.5)))
     Path("maps/params.yaml").write_text("x: 1\n")
-    return tmp_path
+    return here
 
 
-def test_a_folder_is_gated_by_one_line(command, maps):
-    code, out, err = command("lint", "maps")
-    assert code == 0
+def test_a_folder_is_gated_by_one_line(sh, maps):
     told = "yaml.origin-yaw: yaw 0.5 rad is ignored by costmap_2d and AMCL"
-    assert out.splitlines() == [
-        f"maps/old/turned.yaml:4: warning: {told}", "2 maps: 0 errors, 1 warning, 0 notes",
-    ]  # fmt: skip
+    code, out, err = sh("lint maps")
+    line, total = out.splitlines()
+    assert (code, line) == (0, f"maps/old/turned.yaml:4: warning: {told}")
+    assert total == "2 maps: 0 errors, 1 warning, 0 notes"
     assert err == "note: 1 YAML file without the key image was left out: maps/params.yaml\n"
-    assert command("lint", "maps", "--strict")[0] == 1
-    assert command("lint", "maps", "-q") == (0, out.splitlines()[0] + "\n", "")
+    assert sh("lint maps --strict")[0] == 1
+    assert sh("lint maps -q") == (0, f"{line}\n", "")
 
 
 @pytest.mark.parametrize(
     ("words", "code"),
     [
-        (["--select", "image"], 0),
-        (["--select", "image,yaml.origin-yaw"], 1),
-        (["--select", "image", "--select", "yaml."], 1),
-        (["--ignore", "yaml.origin-yaw"], 0),
-        (["--ignore", "map, yaml"], 0),
-        (["--ignore", "map"], 1),
-        (["--select", "all"], 1),
-        (["--select", "imge"], 2),
-        (["--ignore", "yaml.origin-jaw"], 2),
-        (["--ignore", ""], 2),
-        (["--config", "none.toml"], 4),
-        (["--config", "maps/params.yaml"], 3),
-        (["--no-config", "--config", "x.toml"], 2),
-        (["--format", "xml"], 2),
-        (["--jobs", "0"], 2),
-        (["--jobs", "2"], 1),
+        ("--select image", 0),
+        ("--select image,yaml.origin-yaw", 1),
+        ("--select image --select yaml.", 1),
+        ("--ignore yaml.origin-yaw", 0),
+        ("--ignore 'map, yaml'", 0),
+        ("--ignore map", 1),
+        ("--select all", 1),
+        ("--select imge", 2),
+        ("--ignore yaml.origin-jaw", 2),
+        ("--ignore ''", 2),
+        ("--config none.toml", 4),
+        ("--config maps/params.yaml", 3),
+        ("--no-config --config x.toml", 2),
+        ("--format xml", 2),
+        ("--jobs 0", 2),
+        ("--jobs 2", 1),
     ],
 )
-def test_what_is_selected_decides_the_exit_code(command, maps, words, code):
-    found, out, err = command("lint", "maps", "--strict", *words)
+def test_what_is_selected_decides_the_exit_code(sh, maps, words, code):
+    found, out, err = sh(f"lint maps --strict {words}")
     assert found == code, err
     assert (out == "") == (code > 1)
 
 
-def test_the_command_line_comes_before_the_file(command, maps):
+def test_the_command_line_comes_before_the_file(sh, maps):
     Path("maps/pyproject.toml").write_text(
         '[tool.mapdeal.lint]\nignore = ["yaml.origin-yaw"]\nstrict = true\n'
     )
-    assert command("lint", "maps")[0] == 0
-    assert command("lint", "maps", "--select", "yaml")[0] == 1
-    assert command("lint", "maps", "--no-config", "--strict")[0] == 1
+    for words, code in (("", 0), ("--select yaml", 1), ("--no-config --strict", 1)):
+        assert sh(f"lint maps {words}")[0] == code
 
 
-def test_an_unknown_key_of_a_file_is_one_line_with_a_hint(command, maps):
+def test_an_unknown_key_of_a_file_is_one_line_with_a_hint(sh, maps):
     Path("mapdeal.toml").write_text("[lint]\nselct = []\n")
-    code, out, err = command("lint", "maps")
-    assert (code, out) == (2, "")
-    assert err.splitlines()[-2:] == [
-        f"error: {maps}/mapdeal.toml: lint.selct: unknown key", "hint: did you mean select?",
-    ]  # fmt: skip
+    error, hint = sh.err("lint maps", 2).splitlines()[-2:]
+    assert error == f"error: {maps}/mapdeal.toml: lint.selct: unknown key"
+    assert hint == "hint: did you mean select?"
 
 
-def test_what_is_suppressed_is_counted(command, maps):
+def test_what_is_suppressed_is_counted(sh, maps):
     Path("mapdeal.toml").write_text('[lint.per-file-ignores]\n"maps/old" = ["yaml"]\n')
-    code, out, _ = command("lint", "maps", "--strict")
-    assert (code, out) == (0, "2 maps: 0 errors, 0 warnings, 0 notes, 1 suppressed\n")
-    document = json.loads(command("lint", "maps", "--format", "json")[1])
+    told = "2 maps: 0 errors, 0 warnings, 0 notes, 1 suppressed\n"
+    assert sh("lint maps --strict")[:2] == (0, told)
+    document = sh.json("lint maps --format json")
     assert [one["suppressed"] for one in document["maps"]] == [0, 1]
     assert document["suppressed"] == 1
 
 
 @pytest.mark.parametrize(
-    ("form", "options"),
+    ("form", "start", "end"),
     [
-        ("json", []),
-        ("json", ["-q"]),
-        ("json", ["-v"]),
-        ("sarif", []),
-        ("junit", ["-v"]),
-        ("github", []),
+        ("json", "{", "}\n"),
+        ("json -q", "{", "}\n"),
+        ("json -v", "{", "}\n"),
+        ("sarif", "{", "}\n"),
+        ("junit -v", "<?xml", "</testsuites>\n"),
+        ("github", "::warning file=", "AMCL\n"),
     ],
 )
-def test_stdout_holds_the_report_alone(maps, form, options):
+def test_stdout_holds_the_report_alone(sh, maps, form, start, end):
     """With its exit code, so that it can be redirected: `mapdeal lint ... > lint.sarif`."""
-    words = [*LINT, "maps", "maps/good.yaml", "--strict", "--format", form, *options]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    if form in ("json", "sarif"):
-        json.loads(done.stdout)
-    else:
-        ends = {"junit": ("<?xml", "</testsuites>\n"), "github": ("::warning file=", "AMCL\n")}
-        assert done.stdout.startswith(ends[form][0])
-        assert done.stdout.endswith(ends[form][1])
-    said = "1 map was named more than once, and is checked once" in done.stderr
-    assert said == (options != ["-q"])
+    code, out, err = sh(f"lint maps maps/good.yaml --strict --format {form}")
+    assert code == 1
+    assert out.startswith(start)
+    assert out.endswith(end)
+    if start == "{":
+        json.loads(out)
+    said = "1 map was named more than once, and is checked once" in err
+    assert said == (form != "json -q")
 
 
-def test_a_link_to_nothing_beside_a_good_map_is_an_error(command, maps):
+def test_a_link_to_nothing_beside_a_good_map_is_an_error(sh, maps):
     for name, target in {"gone.yaml": "x.yaml", "loop.yaml": "loop.yaml", "site": "y"}.items():
         Path("maps", name).symlink_to(target)
-    code, out, _ = command("lint", "maps")
-    found = {
-        line.split(": ")[0]: line for line in out.splitlines() if ": error: file.access: " in line
-    }
+    code, out, _ = sh("lint maps")
+    lines = [line for line in out.splitlines() if ": error: file.access: " in line]
+    found = {line.split(": ")[0]: line for line in lines}
     assert code == 1
     assert set(found) == {"maps/gone.yaml", "maps/loop.yaml", "maps/site"}
     assert "cannot be read: it is a link to nothing" in found["maps/gone.yaml"]
     assert "Too many levels of symbolic links" in found["maps/loop.yaml"]
-    assert command("lint", "maps/g*.yaml")[0] == 1
+    assert sh("lint maps/g*.yaml")[0] == 1
     # a run of the folder, too, says so of each, and goes on with the others
-    assert command("run", "maps", "-o", "o", "--no-images")[0] == 5
+    assert sh("run maps -o o --no-images")[0] == 5
     told = json.loads(Path("o/summary.json").read_text())["maps"]
     states = {one["map"]: (one["status"], one.get("exit_code")) for one in told}
     assert states == {
         "good.yaml": ("done", None), "old/turned.yaml": ("done", None),
         **dict.fromkeys(("gone.yaml", "loop.yaml", "site"), ("failed", 4)),
     }  # fmt: skip
-    assert command("info", "maps/gone.yaml")[0] == 4
-
-
-def test_a_repository_of_forty_maps_is_gated_by_one_line(command, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    cells = np.zeros((9, 14), np.int8)
-    cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
-    for k in range(40):
-        folder = Path(f"maps/site{k % 4}")
-        folder.mkdir(parents=True, exist_ok=True)
-        write_map(folder / f"floor{k}.yaml", OccupancyGrid(cells, 0.25, (k, -2.0, 0.0)))
-    assert command("lint", "maps") == (0, "40 maps: 0 errors, 0 warnings, 0 notes\n", "")
-    text = Path("maps/site1/floor9.yaml").read_text()
-    Path("maps/site1/floor9.yaml").write_text(text.replace("resolution: 0.25", "resolution: none"))
-    code, out, _ = command("lint", "maps")
-    assert code == 1
-    assert out.splitlines()[0].startswith("maps/site1/floor9.yaml:3: error: file.malformed: ")
-    assert out.splitlines()[1] == "40 maps: 1 error, 0 warnings, 0 notes"
+    assert sh("info maps/gone.yaml")[0] == 4
 
 
 def test_names_come_from_standard_input(maps):
@@ -193,17 +167,21 @@ FIVE_MISTAKES = [
 ]
 
 
-def test_five_mistakes_of_a_ros1_file_are_told_with_their_lines(command, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture
+def robot(here):
     Path("robot.yaml").write_text(ROBOT)
-    code, out, _ = command("lint", "--params-file", "robot.yaml")
-    assert code == 0
-    *lines, total = out.splitlines()
+
+
+ROBOT_LINT = "lint --params-file robot.yaml"
+
+
+def test_five_mistakes_of_a_ros1_file_are_told_with_their_lines(sh, robot):
+    *lines, total = sh.ok(ROBOT_LINT).splitlines()
     assert [tuple(line.split(": ")[:3]) for line in lines] == [
         (f"robot.yaml:{line}", severity, name) for line, severity, name in FIVE_MISTAKES
     ]
     assert total == "1 parameter file: 0 errors, 5 warnings, 1 note"
-    assert command("lint", "--params-file", "robot.yaml", "--strict")[0] == 1
+    assert sh(f"{ROBOT_LINT} --strict")[0] == 1
 
 
 NAV2 = """\
@@ -224,89 +202,80 @@ global_costmap:
 """
 
 
-def test_five_mistakes_of_a_nav2_file_are_told_with_their_lines(command, tmp_path, monkeypatch):
+def test_five_mistakes_of_a_nav2_file_are_told_with_their_lines(sh):
     """Nav2 itself stops at the first."""
-    monkeypatch.chdir(tmp_path)
-    Path("nav2_params.yaml").write_text(NAV2)
-    code, out, _ = command("lint", "--params-file", "nav2_params.yaml")
+    Path("nav2.yaml").write_text(NAV2)
+    code, out, _ = sh("lint --params-file nav2.yaml")
     assert code == 1
     *lines, total = out.splitlines()
     told = [
-        (4, "error: params.type: robot_radius: must be a double, is a string; "),
-        (5, "error: params.type: track_unknown_space: must be a bool, is a string; "),
-        (8, "error: params.plugins: static_layer.plugin: unknown class nav2_costmap_2d::Stati"),
-        (13, "error: params.type: inflation_layer.inflation_radius: must be a double, is an int"),
-        (14, "warning: params.misspelt: no parameter is called inflation_layer.cost_scaling_f"),
-        (12, "note: params.inflation-defaults: inflation_layer: not set, and so cost_scaling_f"),
-    ]
-    for line, (number, text) in zip(lines, told, strict=True):
-        assert line.startswith(f"nav2_params.yaml:{number}: {text}")
-    assert lines[0].endswith('got "0.3"; write a number, without quotes or a unit')
-    assert lines[2].endswith("; did you mean nav2_costmap_2d::StaticLayer?")
-    assert lines[3].endswith("Nav2 does not start, got 1; write 1.0")
-    assert lines[4].endswith(": did you mean cost_scaling_factor?")
+        ("4: error: params.type: robot_radius: must be a double, is a string; ",
+         'got "0.3"; write a number, without quotes or a unit'),
+        ("5: error: params.type: track_unknown_space: must be a bool, is a string; ", ""),
+        ("8: error: params.plugins: static_layer.plugin: unknown class nav2_costmap_2d::Stati",
+         "; did you mean nav2_costmap_2d::StaticLayer?"),
+        ("13: error: params.type: inflation_layer.inflation_radius: must be a double, is an int",
+         "Nav2 does not start, got 1; write 1.0"),
+        ("14: warning: params.misspelt: no parameter is called inflation_layer.cost_scaling_f",
+         ": did you mean cost_scaling_factor?"),
+        ("12: note: params.inflation-defaults: inflation_layer: not set, and so cost_scali", ""),
+    ]  # fmt: skip
+    for line, (start, end) in zip(lines, told, strict=True):
+        assert line.startswith(f"nav2.yaml:{start}")
+        assert line.endswith(end)
     assert total == "1 parameter file: 4 errors, 1 warning, 1 note"
 
 
-def test_every_form_of_the_report_has_parameter_files(command, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("robot.yaml").write_text(ROBOT)
-    lint = ["lint", "--params-file", "robot.yaml", "--format"]
-    (entry,) = (document := json.loads(command(*lint, "json")[1]))["parameter_files"]
+def test_every_form_of_the_report_has_parameter_files(sh, robot):
+    line = f"{ROBOT_LINT} --format"
+    document = sh.json(f"{line} json")
+    (entry,) = document["parameter_files"]
     told = [(one["line"], one["severity"], one["check"]) for one in entry["findings"]]
     assert (entry["file"], document["maps"], told) == ("robot.yaml", [], FIVE_MISTAKES)
-    (run,) = json.loads(command(*lint, "sarif")[1])["runs"]
+    (run,) = sh.json(f"{line} sarif")["runs"]
     places = [one["locations"][0]["physicalLocation"] for one in run["results"]]
     assert {one["artifactLocation"]["uri"] for one in places} == {"robot.yaml"}
     assert [one["region"]["startLine"] for one in places] == [line for line, *_ in FIVE_MISTAKES]
-    github = command(*lint, "github")[1].splitlines()
+    github = sh(f"{line} github")[1].splitlines()
     assert github[0].startswith("::warning file=robot.yaml,line=2,title=params.radius-and-")
     assert len(github) == len(FIVE_MISTAKES)
-    assert '<testcase name="robot.yaml" classname=".">' in command(*lint, "junit")[1]
+    assert '<testcase name="robot.yaml" classname=".">' in sh(f"{line} junit")[1]
 
 
-def test_parameters_and_maps_are_linted_together(command, maps):
-    Path("robot.yaml").write_text(ROBOT)
-    code, out, _ = command("lint", "maps", "--params-file", "robot.yaml", "--select", "params,yaml")
+def test_parameters_and_maps_are_linted_together(sh, maps, robot):
+    code, out, _ = sh("lint maps --params-file robot.yaml --select params,yaml")
     told = "resolution 0.05 m has no effect: the static layer takes the map's, 0.25 m "
-    told += "(good.yaml and 1 more)"
-    assert f"robot.yaml:8: note: params.resolution: {told}" in out.splitlines()
-    assert "maps/old/turned.yaml:4: warning: yaml.origin-yaw" in out
-    assert out.splitlines()[-1].startswith("1 parameter file, 2 maps: ")
+    lines = out.splitlines()
     assert code == 0
+    assert f"robot.yaml:8: note: params.resolution: {told}(good.yaml and 1 more)" in lines
+    assert "maps/old/turned.yaml:4: warning: yaml.origin-yaw" in out
+    assert lines[-1].startswith("1 parameter file, 2 maps: ")
 
 
-def test_rules_count_for_parameter_files(command, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("robot.yaml").write_text(
-        ROBOT.replace("0.3\n", "0.3 # mapdeal: ignore params.misspelt\n", 1)
-    )
-    lint = ["lint", "--params-file", "robot.yaml"]
-    out = command(*lint)[1]
+def test_rules_count_for_parameter_files(sh):
+    text = ROBOT.replace("0.3\n", "0.3 # mapdeal: ignore params.misspelt\n", 1)
+    Path("robot.yaml").write_text(text)
+    out = sh(ROBOT_LINT)[1]
     assert "params.misspelt" not in out
     assert out.splitlines()[-1] == "1 parameter file: 0 errors, 4 warnings, 1 note, 1 suppressed"
     Path("mapdeal.toml").write_text('[lint.severity]\n"params.silent-default" = "error"\n')
-    assert command(*lint)[0] == 1
-    assert (
-        command(*lint, "--ignore", "params")[1]
-        == "1 parameter file: 0 errors, 0 warnings, 0 notes\n"
-    )
+    assert sh(ROBOT_LINT)[0] == 1
+    nothing = "1 parameter file: 0 errors, 0 warnings, 0 notes\n"
+    assert sh(f"{ROBOT_LINT} --ignore params")[1] == nothing
 
 
 @pytest.mark.parametrize(
     ("words", "code", "text"),
     [
-        ([], 2, "needs a MAP, or --params-file"),
-        (["maps", "--costmap", "local"], 2, "--costmap: needs --params-file"),
-        (["maps", "--namespace", "a"], 2, "--namespace: needs --params-file"),
-        (["--params-file", "robot.yaml", "--fix", "--in-place"], 2, "together with --fix"),
-        (["--params-file", "none.yaml"], 1, "none.yaml: error: file.access: "),
-        (["--params-file", "robot.yaml", "--costmap", "local"], 1, "no parameters of"),
-        (["--params-file", "robot.yaml", "--namespace", "a"], 0, "params.misspelt"),
+        ("", 2, "needs a MAP, or --params-file"),
+        ("maps --costmap local", 2, "--costmap: needs --params-file"),
+        ("maps --namespace a", 2, "--namespace: needs --params-file"),
+        ("--params-file robot.yaml --fix --in-place", 2, "together with --fix"),
+        ("--params-file none.yaml", 1, "none.yaml: error: file.access: "),
+        ("--params-file robot.yaml --costmap local", 1, "no parameters of"),
+        ("--params-file robot.yaml --namespace a", 0, "params.misspelt"),
     ],
 )
-def test_options_of_parameter_files(command, maps, words, code, text):
-    Path("robot.yaml").write_text(ROBOT)
-    found, out, err = command("lint", *words)
-    assert found == code
-    assert text in out + err
+def test_options_of_parameter_files(sh, maps, robot, words, code, text):
+    found, out, err = sh(f"lint {words}")
+    assert (found, text in out + err) == (code, True)

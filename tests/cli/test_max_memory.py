@@ -1,6 +1,5 @@
 """Commands on maps that are taken to be too large for memory: outputs have the same bytes."""
 
-import json
 import re
 import subprocess
 import sys
@@ -242,27 +241,6 @@ def test_progress_of_a_stage_ends_with_its_end(
     assert sum(watch.steps) == watch.total > 0
 
 
-def test_a_map_of_282_megapixels_is_refused_with_both_figures_i14(command, tmp_path):
-    (tmp_path / "city.yaml").write_text(
-        "image: city.pgm\nresolution: 0.05\norigin: [1.5, -2, 0.4]\n"
-    )
-    with (tmp_path / "city.pgm").open("wb") as file:
-        file.write(b"P5\n20000 14100\n255\n")
-        file.truncate(file.tell() + 20000 * 14100)  # sparse: nothing of it is on the disk
-    for words in (["run", "-o", tmp_path / "out"], ["potential", "-o", tmp_path / "out.npz"]):
-        code, _, err = command(
-            *words[:1],
-            tmp_path / "city.yaml",
-            *words[1:],
-            "--threads",
-            2,
-            "--max-memory",
-            f"{BASE + 10}MB",
-        )
-        assert code == 3
-        assert re.search(r"20000 x 14100 cells need [0-9.]+ [MG]B of memory, \d+ MB may be", err)
-
-
 # The peak of a process begins with that of its parent: this one is small.
 MEASURE = """
 import os, subprocess, sys
@@ -292,12 +270,10 @@ def test_memory_stays_within_the_budget_i14(tmp_path, words, most):
     assert int(measured.stdout) * 1024 < most * 1_000_000  # in memory: 170 and 440 MB
 
 
-def test_a_mask(command, building, tmp_path, monkeypatch, blocks_used):
+def test_a_mask(command, sh, building, tmp_path, monkeypatch, blocks_used):
     monkeypatch.setattr(memory, "_READ", 50.0)
-    command(
-        "edit", "circle", building, "--blank", "--background", "-1", "--point", "12,9",
-        "--radius", "5", "--value", "60", "-o", tmp_path / "mask.yaml",
-    )  # fmt: skip
+    sh(f"edit circle {building} --blank --background -1 --point 12,9 --radius 5 --value 60 -o"
+       f" {tmp_path}/mask.yaml")  # fmt: skip
     for name, size in (("whole", PLENTY), ("blocks", LITTLE)):
         code, _, err = command(
             "cost", building, "-o", tmp_path / name / "out.npz", "--mask", tmp_path / "mask.yaml",
@@ -327,16 +303,6 @@ def test_the_default_is_half_of_what_is_free_or_all_of_little(monkeypatch, free,
 def test_without_knowledge_of_free_memory_all_is_in_memory(monkeypatch):
     monkeypatch.setattr(budget, "free_memory", lambda: None)
     assert memory.memory_budget(None) > 10**15
-
-
-def test_the_manifest_does_not_tell_how_much_memory_there_was(command, building, tmp_path):
-    for size in (PLENTY, LITTLE):
-        command("run", building, "-o", tmp_path, "--threads", 2, "--max-memory", size)
-    _, out, _ = command("run", building, "-o", tmp_path, "--max-memory", PLENTY)
-    assert "unchanged" in out
-    assert "memory" not in json.dumps(
-        json.loads((tmp_path / "building" / "manifest.json").read_text())
-    )
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -45,368 +46,307 @@ TWO = NAV2.replace('"inflation_layer"]', '"inflation_layer", "wide"]') + (
 
 
 @pytest.fixture
-def hall(tmp_path):
+def hall(here):
     occupancy = np.zeros((17, 29), np.int8)
     occupancy[4:, 12] = 100
     occupancy[2, 20:24] = 50
     occupancy[9:13, 18:22] = -1
-    write_map(tmp_path / "hall.npz", OccupancyGrid(occupancy, 0.15, (1.5, -2.0, 0.4)))
-    return tmp_path / "hall.npz"
+    write_map("hall.npz", OccupancyGrid(occupancy, 0.15, (1.5, -2.0, 0.4)))
+    return occupancy
 
 
 @pytest.fixture
-def nav2(tmp_path):
-    path = tmp_path / "nav2_params.yaml"
-    path.write_text(NAV2)
-    return path
+def nav2(hall):
+    """The robot's parameters, and a function that writes others."""
+    Path("nav2.yaml").write_text(NAV2)
+    return Path("nav2.yaml").write_text
+
+
+ROS1 = "--params-file common.yaml --params-file ours.yaml"
 
 
 @pytest.fixture
-def ros1(tmp_path):
-    (tmp_path / "common.yaml").write_text(COMMON)
-    (tmp_path / "ours.yaml").write_text(GLOBAL)
-    return ["--params-file", tmp_path / "common.yaml", "--params-file", tmp_path / "ours.yaml"]
+def ros1(hall):
+    Path("common.yaml").write_text(COMMON)
+    Path("ours.yaml").write_text(GLOBAL)
 
 
 def _expected(hall, *, inflation=0.85, factor=2.5, lookup="nav2", inscribed=INSCRIBED):
-    occupancy = np.load(hall)["occupancy"]
     table = [
         static_layer_cost(value, 100, trinary=True, track_unknown=True, inscribed=99)
         for value in range(256)
     ]
-    base = np.array(table, np.uint8)[occupancy.view(np.uint8)]
+    base = np.array(table, np.uint8)[hall.view(np.uint8)]
     return exponential_cost(
         base, 0.15, inscribed, inflation, factor, False, False, lookup=lookup, float32=True
     )
 
 
-def _costs(path):
-    return np.load(path)["cost"]
+def _costs(name="c.npz"):
+    return np.load(name)["cost"]
 
 
-def test_costs_are_those_of_the_robots_own_parameters(command, hall, nav2, tmp_path):
-    code, out, err = command("cost", hall, "-o", tmp_path / "c.npz", "--params-file", nav2)
+def manifest_of(folder):
+    return json.loads(Path(folder, "manifest.json").read_text())
+
+
+COST = "cost hall.npz -o c.npz --params-file nav2.yaml"
+RUN = "run hall.npz -o out --params-file nav2.yaml"
+OF_RUN = "out/hall/cost.npz"
+IGNORED = "nav2.yaml: ignored: obstacle_layer (reads sensors)\n"
+
+
+def test_costs_are_those_of_the_robots_own_parameters(sh, hall, nav2):
+    code, out, err = sh(COST)
     assert (code, out.count("\n")) == (0, 1)
     # the circumscribed radius, 0.4 m, lies well within the inflation radius
-    assert err == f"{nav2}: ignored: obstacle_layer (reads sensors)\n"
-    np.testing.assert_array_equal(_costs(tmp_path / "c.npz"), _expected(hall))
+    assert err == IGNORED
+    np.testing.assert_array_equal(_costs(), _expected(hall))
     assert not np.array_equal(_expected(hall), _expected(hall, lookup="exact"))
 
 
-def test_a_run_makes_field_and_costs_and_keeps_the_robot_in_its_manifest(
-    command, hall, nav2, tmp_path
-):
-    code, _, err = command("run", hall, "-o", tmp_path / "out", "--params-file", nav2)
-    assert code == 0
-    assert err == f"{nav2}: ignored: obstacle_layer (reads sensors)\n"
-    folder = tmp_path / "out" / "hall"
-    np.testing.assert_array_equal(_costs(folder / "cost.npz"), _expected(hall))
-    manifest = json.loads((folder / "manifest.json").read_text())
+def test_a_run_makes_field_and_costs_and_keeps_the_robot_in_its_manifest(sh, hall, nav2):
+    assert sh.err(RUN) == IGNORED
+    np.testing.assert_array_equal(_costs(OF_RUN), _expected(hall))
+    manifest = manifest_of("out/hall")
     assert [list(one) for one in manifest["stages"]] == [["esdf"], ["cost"]]
     robot = manifest["robot"]
     sha256 = hashlib.sha256(NAV2.encode()).hexdigest()
-    assert robot["files"] == [{"name": "nav2_params.yaml", "sha256": sha256}]
+    assert robot["files"] == [{"name": "nav2.yaml", "sha256": sha256}]
     assert robot["node"] == "/global_costmap/global_costmap"
     assert robot["inscribed_radius"] == pytest.approx(INSCRIBED, abs=1e-12)
     assert robot["circumscribed_radius"] == pytest.approx(CIRCUMSCRIBED, abs=1e-12)
     by_name = {one["name"]: one for one in robot["layers"]}
     assert by_name["inflation_layer"]["cost_scaling_factor"] == 2.5
     assert by_name["obstacle_layer"]["ignored"] == "reads sensors"
-    info = command("info", folder)[1]
-    robot_of_info = (
-        "  robot       /global_costmap/global_costmap of nav2_params.yaml, inscribed_radius 0.2 m"
-    )
-    assert robot_of_info in info
+    told = "/global_costmap/global_costmap of nav2.yaml, inscribed_radius 0.2 m"
+    assert f"  robot       {told}" in sh("info out/hall")[1]
 
 
-def test_the_same_run_is_unchanged_until_the_parameters_change(command, hall, nav2, tmp_path):
-    words = ["run", hall, "-o", tmp_path / "out", "--params-file", nav2, "--no-images", "-q"]
-    assert command(*words)[0] == 0
-    before = tree(tmp_path / "out")
-    code, _, err = command(*words)
-    assert (code, err) == (0, "")
-    assert tree(tmp_path / "out") == before
-    nav2.write_text(NAV2 + "# a remark\n")
-    code, _, err = command(*words)
-    assert code == 4
-    assert "had other inputs, parameters" in err
-    code, _, err = command("run", hall, "-o", tmp_path / "out", "--no-images", "-q")
-    assert code == 4  # neither is a run without the robot the same
+def test_the_same_run_is_unchanged_until_the_parameters_change(sh, here, nav2):
+    assert sh(f"{RUN} --no-images -q")[0] == 0
+    before = tree(here / "out")
+    sh.ok(f"{RUN} --no-images -q")
+    assert tree(here / "out") == before
+    nav2(NAV2 + "# a remark\n")
+    assert "had other inputs, parameters" in sh.err(f"{RUN} --no-images -q", 4)
+    assert sh("run hall.npz -o out --no-images -q")[0] == 4  # nor is one without the robot the same
 
 
 @pytest.mark.parametrize(
-    ("options", "changes"),
+    ("option", "value", "changes"),
     [
-        (["--inflation-radius", 1.2], {"inflation": 1.2}),
-        (["--cost-scaling-factor", 6], {"factor": 6.0}),
-        (["--lookup", "exact"], {"lookup": "exact"}),
-        (["--dialect", "humble"], {"lookup": "exact"}),
-        (["--robot-radius", 0.6], {"inscribed": 0.6}),
+        ("--inflation-radius", 1.2, {"inflation": 1.2}),
+        ("--cost-scaling-factor", 6, {"factor": 6.0}),
+        ("--lookup", "exact", {"lookup": "exact"}),
+        ("--dialect", "humble", {"lookup": "exact"}),
+        ("--robot-radius", 0.6, {"inscribed": 0.6}),
     ],
 )
-def test_options_win_over_the_file(command, hall, nav2, tmp_path, options, changes):
-    made = tmp_path / "c.npz"
-    assert command("cost", hall, "-o", made, "--params-file", nav2, *options)[0] == 0
-    np.testing.assert_array_equal(_costs(made), _expected(hall, **changes))
-    if options[0] in ("--robot-radius", "--dialect"):
-        run = options
-    else:
-        run = ["--set", f"cost.{options[0][2:]}={options[1]}"]
-    assert command("run", hall, "-o", tmp_path / "out", "--params-file", nav2, *run)[0] == 0
-    np.testing.assert_array_equal(
-        _costs(tmp_path / "out" / "hall" / "cost.npz"), _expected(hall, **changes)
-    )
+def test_options_win_over_the_file(sh, hall, nav2, option, value, changes):
+    assert sh(f"{COST} {option} {value}")[0] == 0
+    is_common = option in ("--robot-radius", "--dialect")
+    assert sh(f"{RUN} {option if is_common else f'--set cost.{option[2:]}'}={value}")[0] == 0
+    for name in ("c.npz", OF_RUN):
+        np.testing.assert_array_equal(_costs(name), _expected(hall, **changes))
 
 
-def test_another_model_says_what_it_takes_of_the_file(command, hall, nav2, tmp_path):
-    words = ["cost", hall, "-o", tmp_path / "c.npz", "--force", "--params-file", nav2, "--model"]
-    code, _, err = command(*words, "rings")
-    assert code == 0
-    assert "warning: --params-file: model rings takes no shape and no costs" in err
-    code, _, err = command(*words, "layers")
-    assert (code, "warning" in err) == (0, False)
-    np.testing.assert_array_equal(_costs(tmp_path / "c.npz"), _expected(hall))
+def test_another_model_says_what_it_takes_of_the_file(sh, hall, nav2):
+    told = "warning: --params-file: model rings takes no shape and no costs"
+    assert told in sh.err(f"{COST} --model rings")
+    assert "warning" not in sh.err(f"{COST} --model layers --force")
+    np.testing.assert_array_equal(_costs(), _expected(hall))
 
 
-def test_the_files_of_ros_1_are_taken_together(command, hall, ros1, tmp_path):
-    code, _, err = command("cost", hall, "-o", tmp_path / "c.npz", *ros1)
-    assert code == 0
-    assert "sonar" in err
-    expected = _expected(hall, lookup="exact")
+@pytest.mark.usefixtures("ros1")
+def test_the_files_of_ros_1_are_taken_together(sh, hall):
+    assert "sonar" in sh.err(f"cost hall.npz -o c.npz {ROS1}")
     # ROS 1 pads by a double
-    np.testing.assert_array_equal(_costs(tmp_path / "c.npz"), expected)
+    np.testing.assert_array_equal(_costs(), _expected(hall, lookup="exact"))
 
 
-def test_two_inflation_layers_are_applied_one_after_the_other(command, hall, nav2, tmp_path):
-    nav2.write_text(TWO)
-    code, _, err = command("run", hall, "-o", tmp_path / "out", "--params-file", nav2)
-    assert code == 0, err
+def test_two_inflation_layers_are_applied_one_after_the_other(sh, hall, nav2):
+    nav2(TWO)
     first = _expected(hall)
     both = exponential_cost(
         first, 0.15, INSCRIBED, 1.4, 0.7, False, False, lookup="nav2", float32=True
     )
-    np.testing.assert_array_equal(_costs(tmp_path / "out" / "hall" / "cost.npz"), both)
     assert not np.array_equal(first, both)
-    words = ["cost", hall, "-o", tmp_path / "c.npz", "--params-file", nav2]
-    assert command(*words)[0] == 0
-    np.testing.assert_array_equal(_costs(tmp_path / "c.npz"), both)
-    code, _, err = command(*words, "--inflation-radius", 1, "--force")
-    assert code == 2
-    assert "there must be one inflation layer" in err
+    for line, name in ((RUN, OF_RUN), (COST, "c.npz")):
+        assert sh(line)[0] == 0
+        np.testing.assert_array_equal(_costs(name), both)
+    told = "there must be one inflation layer"
+    assert told in sh.err(f"{COST} --inflation-radius 1 --force", 2)
 
 
-def test_inflate_takes_the_shape_and_what_is_lethal(command, hall, nav2, tmp_path):
-    nav2.write_text(NAV2.replace("track_unknown", "lethal_cost_threshold: 50\n      track_unknown"))
-    code, _, _ = command("inflate", hall, "-o", tmp_path / "i.npz", "--params-file", nav2)
-    assert code == 0
-    occupancy, grown = np.load(hall)["occupancy"], np.load(tmp_path / "i.npz")["occupancy"]
-    rows, cols = np.nonzero(occupancy >= 50)
-    row, col = np.indices(occupancy.shape)
-    nearest = np.min([np.hypot(row - r, col - c) for r, c in zip(rows, cols, strict=True)], axis=0)
-    np.testing.assert_array_equal(grown == 100, nearest * 0.15 <= CIRCUMSCRIBED)
+def test_inflate_takes_the_shape_and_what_is_lethal(sh, hall, nav2):
+    nav2(NAV2.replace("track_unknown", "lethal_cost_threshold: 50\n      track_unknown"))
+    assert sh("inflate hall.npz -o i.npz --params-file nav2.yaml")[0] == 0
+    row, col = np.indices(hall.shape)
+    obstacles = np.argwhere(hall >= 50)
+    nearest = np.min([np.hypot(row - r, col - c) for r, c in obstacles], axis=0)
+    grown = np.load("i.npz")["occupancy"] == 100
+    np.testing.assert_array_equal(grown, nearest * 0.15 <= CIRCUMSCRIBED)
 
 
-def test_routes_go_through_the_robots_costs(command, hall, nav2, tmp_path):
-    with np.load(hall) as layers:
-        occupancy, (x, y, yaw) = layers["occupancy"], layers["origin"]
+def test_routes_go_through_the_robots_costs(sh, hall, nav2):
+    yaw = 0.4
     turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+
+    def at(x, y):
+        return ",".join(map(repr, (turn @ [x, y] + [1.5, -2.0]).tolist()))
+
+    err = sh.err(f"route hall.npz --from {at(1.5, 0.05)} --to 3,0 --params-file nav2.yaml", 2)
+    assert "lies in a closed cell (cost 253)" in err
     # the costs know of no walls outside of the map, where the robot cannot go
-    corner = turn @ np.array([-0.15, -0.15]) + [x, y]
-    walled = OccupancyGrid(np.pad(occupancy, 1, constant_values=100), 0.15, (*corner, yaw))
-    write_map(tmp_path / "walled.npz", walled)
-    words = ["--params-file", nav2, "--to", "3.0,0.0"]
-    start = ",".join(map(repr, (turn @ [1.5, 0.05] + [x, y]).tolist()))
-    at_the_edge = command("route", hall, *words, "--from", start)
-    assert at_the_edge[0] == 2
-    assert "lies in a closed cell (cost 253)" in at_the_edge[2]
-    hall = tmp_path / "walled.npz"
-    command("cost", hall, "-o", tmp_path / "c.npz", "--params-file", nav2, "-q")
-    ends = [
-        ",".join(map(repr, (turn @ np.array(p) * 0.15 + [x, y]).tolist()))
-        for p in ((3.5, 1.5), (25.5, 14.5))
-    ]
-    words = ["--from", ends[0], "--to", ends[1]]
-    with_file = command("route", hall, *words, "--params-file", nav2)
-    with_costs = command("route", tmp_path / "c.npz", *words)
-    plain = command("route", hall, *words)
+    corner = turn @ np.array([-0.15, -0.15]) + [1.5, -2.0]
+    walled = np.pad(hall, 1, constant_values=100)
+    write_map("walled.npz", OccupancyGrid(walled, 0.15, (*corner, yaw)))
+    sh("cost walled.npz -o c.npz --params-file nav2.yaml -q")
+    ends = f"--from {at(0.525, 0.225)} --to {at(3.825, 2.175)}"
+    with_file = sh(f"route walled.npz {ends} --params-file nav2.yaml")
+    with_costs = sh(f"route c.npz {ends}")
     assert with_file[0] == with_costs[0] == 0
-    assert with_file[1] == with_costs[1] != plain[1]
-    code, _, err = command("route", tmp_path / "c.npz", *words, "--params-file", nav2)
-    assert code == 2
-    assert "--params-file: applies to maps: these costs are already computed" in err
+    assert with_file[1] == with_costs[1] != sh(f"route walled.npz {ends}")[1]
+    told = "--params-file: applies to maps: these costs are already computed"
+    assert told in sh.err(f"route c.npz {ends} --params-file nav2.yaml", 2)
 
 
-@pytest.mark.parametrize("option", [["--costmap", "local"], ["--namespace", "robot1"]])
-def test_options_of_parameter_files_need_one(command, hall, tmp_path, option):
-    code, _, err = command("cost", hall, "-o", tmp_path / "c.npz", *option)
-    assert (code, err) == (2, f"error: {option[0]}: needs --params-file\n")
+TAKERS = [
+    "run hall.npz -o out",
+    "inflate hall.npz -o o.npz",
+    "cost hall.npz -o o.npz",
+    "route hall.npz -o o.json --from 2,-1 --to 3,-1",
+    "reach hall.npz -o o.json --from 2,-1",
+    "query hall.npz --at 2,-1,0",
+]
 
 
-@pytest.mark.parametrize("name", ["run", "cost", "inflate", "route"])
-def test_parameters_that_the_node_refuses_write_nothing(command, hall, nav2, tmp_path, name):
-    nav2.write_text(NAV2.replace("inflation_radius: 0.85", "inflation_radius: 1"))
-    words = [] if name == "route" else ["-o", tmp_path / "out.npz"]
-    words += ["--from", "0,0", "--to", "1,1"] if name == "route" else []
-    before = tree(tmp_path)
-    code, out, err = command(name, hall, *words, "--params-file", nav2)
+@pytest.mark.parametrize("line", TAKERS)
+def test_parameters_that_the_node_refuses_write_nothing(sh, here, nav2, line):
+    nav2(NAV2.replace("inflation_radius: 0.85", "inflation_radius: 1"))
+    before = tree(here)
+    code, out, err = sh(f"{line} --params-file nav2.yaml")
     assert (code, out) == (3, "")
-    assert err.startswith(f"error: {nav2}: ")
+    assert err.startswith("error: nav2.yaml: ")
     assert "line 12" in err
     assert "1.0" in err.splitlines()[-1]
-    assert tree(tmp_path) == before
+    assert tree(here) == before
 
 
-def _without_a_costmap(kind):
-    if kind == "others":
-        return (
-            "amcl: {ros__parameters: {alpha1: 0.2}}\ncontroller_server: {ros__parameters: {x: 1}}\n"
-        )
-    if kind == "one level":
-        return NAV2.replace("  global_costmap:\n", "")
-    return "amcl:\n  ros__parameters:\n    # alpha1: 0.2\n" + NAV2
-
-
-SAID = {
-    "others": "holds no parameter of /global_costmap/global_costmap; it has /amcl, ",
-    "one level": "line 2: applies to no node: Nav2's costmap is /global_costmap/global_costmap",
-    "no value": "line 2: ros__parameters of amcl holds no parameters, and ROS 2 refuses the whole",
+WITHOUT = {
+    "others": (
+        "amcl: {ros__parameters: {alpha1: 0.2}}\ncontroller_server: {ros__parameters: {x: 1}}\n",
+        "holds no parameter of /global_costmap/global_costmap; it has /amcl, ",
+    ),
+    "one level": (
+        NAV2.replace("  global_costmap:\n", ""),
+        "line 2: applies to no node: Nav2's costmap is /global_costmap/global_costmap",
+    ),
+    "no value": (
+        "amcl:\n  ros__parameters:\n    # alpha1: 0.2\n" + NAV2,
+        "line 2: ros__parameters of amcl holds no parameters, and ROS 2 refuses the whole",
+    ),
 }
 
 
-@pytest.mark.parametrize("kind", SAID)
-def test_files_without_a_costmap_are_refused_by_all_commands(command, hall, tmp_path, kind):
-    path = tmp_path / "others.yaml"
-    path.write_text(_without_a_costmap(kind))
-    before, given = tree(tmp_path), ("--params-file", path)
-    for name, *rest in (
-        ("run", hall, "-o", tmp_path / "out"),
-        ("inflate", hall, "-o", tmp_path / "o.npz"),
-        ("cost", hall, "-o", tmp_path / "o.npz"),
-        ("route", hall, "-o", tmp_path / "o.json", "--from", "2,-1", "--to", "3,-1"),
-        ("reach", hall, "-o", tmp_path / "o.json", "--from", "2,-1"),
-        ("query", hall, "--at", "2,-1,0"),
-    ):
-        code, out, err = command(name, *rest, *given)
-        assert (code, out) == (3, ""), name
-        assert SAID[kind] in err
-        assert err.startswith(f"error: {path}: ")
+@pytest.mark.parametrize("kind", WITHOUT)
+def test_files_without_a_costmap_are_refused_by_all_commands(sh, here, nav2, kind):
+    text, told = WITHOUT[kind]
+    nav2(text)
+    before = tree(here)
+    for line in TAKERS:
+        code, out, err = sh(f"{line} --params-file nav2.yaml")
+        assert (code, out, told in err) == (3, "", True), line
+        assert err.startswith("error: nav2.yaml: ")
         assert "hint: " in err
-    assert command("info", path)[0] == 3
-    code, out, _ = command("lint", *given)
-    assert code == 1
-    assert SAID[kind].removeprefix("line 2: ") in out
-    assert out.count(": error: ") == 1
-    assert tree(tmp_path) == before
+    assert sh("info nav2.yaml")[0] == 3
+    code, out, _ = sh("lint --params-file nav2.yaml")
+    assert (code, out.count(": error: ")) == (1, 1)
+    assert told.removeprefix("line 2: ") in out
+    assert tree(here) == before
 
 
-def test_no_output_replaces_the_parameter_file(command, hall, nav2, tmp_path):
-    words = ["--params-file", nav2, "--force"]
-    code, _, err = command("cost", hall, "-o", nav2, *words)
-    assert code == 4, err
-    assert nav2.read_text() == NAV2
-    folder = tmp_path / "out" / "hall"
-    folder.mkdir(parents=True)
-    (folder / "nav2.yaml").write_text(NAV2)
-    code, _, err = command("run", hall, "-o", tmp_path / "out", "--params-file",
-                           folder / "nav2.yaml", "--force")  # fmt: skip
-    assert code == 4
+def test_no_output_replaces_the_parameter_file(sh, nav2):
+    sh.err("cost hall.npz -o nav2.yaml --params-file nav2.yaml --force", 4)
+    assert Path("nav2.yaml").read_text() == NAV2
+    Path("out/hall").mkdir(parents=True)
+    Path("nav2.yaml").rename("out/hall/nav2.yaml")
+    err = sh.err("run hall.npz -o out --params-file out/hall/nav2.yaml --force", 4)
     assert "where the outputs go" in err
 
 
-def test_warnings_of_the_parameters_are_kept_and_end_strict_runs(command, hall, nav2, tmp_path):
-    lonely = NAV2.replace('["static_layer", "obstacle_layer", ', "[")
-    nav2.write_text(lonely)
-    words = ["run", hall, "-o", tmp_path / "out", "--params-file", nav2]
-    code, _, err = command(*words, "--strict")
-    assert code == 1
-    assert not (tmp_path / "out").exists()
-    code, _, err = command(*words)
-    assert code == 0
-    assert "no static layer" in err
-    folder = tmp_path / "out" / "hall"
-    assert set(np.unique(_costs(folder / "cost.npz"))) == {255}
-    manifest = json.loads((folder / "manifest.json").read_text())
+def test_warnings_of_the_parameters_are_kept_and_end_strict_runs(sh, here, nav2):
+    nav2(NAV2.replace('["static_layer", "obstacle_layer", ', "["))
+    assert sh(f"{RUN} --strict")[0] == 1
+    assert not Path("out").exists()
+    assert "no static layer" in sh.err(RUN)
+    assert set(np.unique(_costs(OF_RUN))) == {255}
+    manifest = manifest_of("out/hall")
     assert any("no static layer" in text for text in manifest["warnings"])
-    assert not any(str(tmp_path) in text for text in manifest["warnings"])
+    assert not any(str(here) in text for text in manifest["warnings"])
     assert [list(one) for one in manifest["stages"]] == [["cost"]]
 
 
-def test_a_recipe_takes_the_shape_alone(command, hall, nav2, tmp_path):
-    words = ["run", hall, "-o", tmp_path / "a", "--recipe", "default", "-q"]
-    assert command(*words, "--params-file", nav2)[0] == 0
-    stages = json.loads((tmp_path / "a" / "hall" / "manifest.json").read_text())["stages"]
+def test_a_recipe_takes_the_shape_alone(sh, nav2):
+    assert sh(f"{RUN} --recipe default -q")[0] == 0
+    stages = manifest_of("out/hall")["stages"]
     assert [list(one) for one in stages] == [["inflate"], ["esdf"], ["cost"]]
     assert stages[0]["inflate"]["radius"] == pytest.approx(CIRCUMSCRIBED, abs=1e-12)
     assert stages[2]["cost"]["inflation_radius"] == 0.55
 
 
-def test_commands_that_take_the_shape_say_nothing_of_layers(command, hall, nav2, tmp_path):
+def test_commands_that_take_the_shape_say_nothing_of_layers(sh, nav2):
     """An inflated map is none that "is all free", and no layer could have had a part in it."""
-    nav2.write_text(NAV2.replace('["static_layer", "obstacle_layer", ', '["obstacle_layer", '))
-    file = ["--params-file", nav2]
-    code, _, err = command("inflate", hall, "-o", tmp_path / "i.npz", *file)
-    assert (code, err) == (0, "")
-    words = ["run", hall, "-o", tmp_path / "out", *file, "--strict"]
-    code, _, err = command(*words, "--recipe", "default")
-    assert (code, "layer" in err) == (0, False)
-    code, _, err = command(*words, "--force")
-    assert code == 1
+    nav2(NAV2.replace('["static_layer", "obstacle_layer", ', '["obstacle_layer", '))
+    sh.ok("inflate hall.npz -o i.npz --params-file nav2.yaml")
+    assert "layer" not in sh.err(f"{RUN} --strict --recipe default")
+    err = sh.err(f"{RUN} --strict --force", 1)
     assert "no static layer" in err
     assert "ignored: obstacle_layer" in err
 
 
-def test_info_says_what_a_file_comes_to_on_a_map(command, hall, nav2):
-    code, out, err = command("info", nav2, "--map", hall)
-    assert (code, err) == (0, "")
+def test_info_says_what_a_file_comes_to_on_a_map(sh, nav2):
+    out = sh.ok("info nav2.yaml --map hall.npz")
     assert "costmap       global, /global_costmap/global_costmap" in out
     assert "inscribed     0.2 m" in out
     assert "obstacle_layer (ObstacleLayer)    ignored: reads sensors" in out
     # ceil(0.85 / float32(0.15)) = 6
     assert "on the map    hall.npz: inflation_layer reaches 6 cells, 0.9 m" in out
-    code, out, _ = command("info", nav2, "--json")
-    report = json.loads(out)
-    assert report["kind"] == "robot parameters"
-    assert "on_map" not in report
+    report = sh.json("info nav2.yaml --json")
+    assert (report["kind"], "on_map" in report) == ("robot parameters", False)
     assert report["inscribed_radius"] == pytest.approx(INSCRIBED, abs=1e-12)
 
 
-def test_info_takes_the_files_of_ros_1_as_one_robot(command, ros1, hall, nav2):
-    files = ros1[1::2]
-    code, out, _ = command("info", *files, nav2, hall, "--json")
-    assert code == 0
-    kinds = [json.loads(line)["kind"] for line in out.splitlines()]
+@pytest.mark.usefixtures("ros1", "nav2")
+def test_info_takes_the_files_of_ros_1_as_one_robot(sh):
+    out = sh("info common.yaml ours.yaml nav2.yaml hall.npz --json")[1]
+    reports = [json.loads(line) for line in out.splitlines()]
+    kinds = [report["kind"] for report in reports]
     assert kinds == ["robot parameters", "robot parameters", "occupancy grid"]
-    first = json.loads(out.splitlines()[0])
-    assert [file["name"] for file in first["files"]] == ["common.yaml", "ours.yaml"]
+    assert [file["name"] for file in reports[0]["files"]] == ["common.yaml", "ours.yaml"]
 
 
-def test_verbose_says_how_many_cells_the_older_queue_makes_different(command, real_maps, tmp_path):
+def test_verbose_says_how_many_cells_the_older_queue_makes_different(sh, real_maps):
     """Recorded: 28 cells, by 15, of the husky's costs on this map; and 10, by 5, of Nav2's."""
     husky = real_maps / "params" / "husky__husky" / "husky_navigation" / "config"
     ground = real_maps / "turtlebot__turtlebot_simulator/turtlebot_gazebo/maps/playground.yaml"
-    files = ["costmap_common.yaml", "costmap_global_static.yaml"]
-    words = [word for name in files for word in ("--params-file", husky / name)]
+    files = f"--params-file {husky}/costmap_common.yaml --params-file {husky}"
+    err = sh.err(f"cost {ground} -o a.npz {files}/costmap_global_static.yaml -v")
     told = "from the queue of older inflation layers, by"
-    _, _, err = command("cost", ground, "-o", tmp_path / "a.npz", *words, "-v")
     assert f"cost: 28 cells differ {told} 15 at most" in err
     own = "ros-navigation__navigation2/nav2_bringup"
-    words = ["--params-file", real_maps / "params" / own / "params/nav2_params.yaml"]
+    file = f"--params-file {real_maps}/params/{own}/params/nav2_params.yaml"
     depot = real_maps / own / "maps/depot.yaml"
-    _, _, err = command("run", depot, "-o", tmp_path, *words, "--dialect", "humble", "-v",
-                        "--no-images")  # fmt: skip
+    err = sh.err(f"run {depot} -o out {file} --dialect humble -v --no-images")
     assert f"cost: 10 cells differ {told} 5 at most" in err
     assert err.count("of grey 205") == 1
-    for more in (["-v"], ["--dialect", "humble"]):  # Nav2 has no queue any more; or nobody asks
-        words_ = ["cost", depot, "-o", tmp_path / "b.npz", "--force", *words, *more]
-        assert "queue" not in command(*words_)[2]
+    for more in ("-v", "--dialect humble"):  # Nav2 has no queue any more; or nobody asks
+        assert "queue" not in sh(f"cost {depot} -o b.npz --force {file} {more}")[2]
 
 
-def test_a_local_costmap_without_a_static_layer_gets_the_map_in_front(
-    command, hall, nav2, tmp_path
-):
-    nav2.write_text(NAV2 + NAV2.replace("global", "local").replace('"static_layer", ', ""))
-    words = ["cost", hall, "-o", tmp_path / "c.npz", "--params-file", nav2, "--costmap", "local"]
-    code, _, err = command(*words)
-    assert code == 0
-    assert f"{nav2}: the local costmap has no static layer; the map is put in front" in err
-    np.testing.assert_array_equal(_costs(tmp_path / "c.npz"), _expected(hall))
+def test_a_local_costmap_without_a_static_layer_gets_the_map_in_front(sh, hall, nav2):
+    nav2(NAV2 + NAV2.replace("global", "local").replace('"static_layer", ', ""))
+    told = "nav2.yaml: the local costmap has no static layer; the map is put in front"
+    assert told in sh.err(f"{COST} --costmap local")
+    np.testing.assert_array_equal(_costs(), _expected(hall))

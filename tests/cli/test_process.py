@@ -1,6 +1,6 @@
 """The command line as a process: how it starts, ends, and what it says at its end."""
 
-import gc
+import errno
 import json
 import os
 import signal
@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from engines import needs_compiled
-from mapdeal.cli.process import begin_work
 from mapdeal.kernels import engine
 
 pytestmark = pytest.mark.slow
@@ -146,18 +145,10 @@ def test_both_engines_write_the_same_files(tmp_path):
         assert file.read_bytes() == twin.read_bytes(), file.name
 
 
-def test_garbage_is_collected_again_once_a_command_is_loaded():
-    gc.disable()
-    try:
-        begin_work()
-        assert gc.isenabled()
-    finally:
-        gc.enable()
-        gc.unfreeze()
-
-
-@pytest.mark.parametrize("sent", ["SIGINT", "SIGTERM", "SIGHUP"])
-@pytest.mark.parametrize("which", [1, 5, 20, 60, 120])
+@pytest.mark.parametrize(
+    ("which", "sent"),
+    [*((which, "SIGINT") for which in (1, 5, 20, 60, 120)), (5, "SIGTERM"), (60, "SIGHUP")],
+)
 def test_a_signal_during_the_start_is_one_line(tmp_path, which, sent):
     code = f"""
 import os, signal, sys
@@ -189,6 +180,11 @@ run_process()
         (KeyboardInterrupt(), 130, "error: interrupted"),
         (KeyboardInterrupt("one map is done"), 130, "error: interrupted; one map is done"),
         (RuntimeError("a bug"), 70, "error: internal error"),
+        (PermissionError(13, "Permission denied"), 70, "error: internal error"),
+        *(
+            (OSError(number, "x"), 4, "error: the system has no more to give: x")
+            for number in (errno.EAGAIN, errno.ENOMEM, errno.ENFILE, errno.EMFILE)
+        ),
     ],
 )
 def test_what_else_may_end_a_command_has_its_code(command, monkeypatch, problem, code, line):

@@ -1,14 +1,15 @@
 """`mapdeal score`: bounds and exit codes, transforms from files, warnings, JSON."""
 
+import hashlib
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import mapdeal
 from mapdeal import OccupancyGrid, write_map
-from mapdeal.files.source import read_file
 
 
 def room(shift=0):
@@ -21,9 +22,8 @@ def room(shift=0):
 
 
 @pytest.fixture
-def maps(tmp_path, monkeypatch):
+def maps(here):
     """A true map, an estimate, the same turned by a quarter in another frame, and odd ones."""
-    monkeypatch.chdir(tmp_path)
     place = (1.5, -2.0, 0.3)
     write_map("truth.yaml", OccupancyGrid(room(), 0.25, place))
     write_map("own.yaml", OccupancyGrid(room(1), 0.25, place))
@@ -36,27 +36,36 @@ def maps(tmp_path, monkeypatch):
     write_map("unknown.yaml", OccupancyGrid(np.full((14, 20), -1), 0.25, place))
     write_map("far.yaml", OccupancyGrid(room(), 0.25, (900.0, 5.0, 0.0)))
     write_map("fine.yaml", OccupancyGrid(np.kron(room(), np.ones((2, 2), np.int8)), 0.125, place))
-    (tmp_path / "move.json").write_text('{"x": 10, "y": -4, "yaw": 0}')
-    return tmp_path
+    Path("move.json").write_text('{"x": 10, "y": -4, "yaw": 0}')
+    return here
 
 
-def answer(command, *words):
-    code, out, err = command("score", *words, "--json")
-    return code, json.loads(out), err
+@pytest.fixture
+def answer(sh, maps):
+    """What gives exit code, document and stderr of a score."""
+
+    def ask(line):
+        code, out, err = sh(f"score {line} --json")
+        return code, json.loads(out), err
+
+    return ask
 
 
-def test_a_map_that_is_the_truth_has_the_best_of_all_figures(command, maps):
-    code, found, err = answer(command, "truth.yaml", "--truth", "truth.yaml")
+PAIR = "own.yaml --truth truth.yaml"
+
+
+def test_a_map_that_is_the_truth_has_the_best_of_all_figures(answer):
+    code, found, err = answer("truth.yaml --truth truth.yaml")
     values = found["values"]
     assert (code, err) == (0, "")
-    best = (
+    best = [
         "ssim_uniform7",
         "ssim_gauss",
         "iou_occupied",
         "iou_free",
         "coverage",
         "mcc_whole_lattice",
-    )
+    ]
     assert [values[name] for name in best] == [1.0] * len(best)
     assert values["dist_est_to_truth_m"]["max"] == 0
     assert found["transform"]["by"] == "frames"
@@ -64,130 +73,100 @@ def test_a_map_that_is_the_truth_has_the_best_of_all_figures(command, maps):
     assert set(found["map"]["sha256"]) == {"truth.yaml", "truth.pgm"}
 
 
-def test_a_wall_that_the_truth_has_not_is_measured(command, maps):
-    _, found, _ = answer(command, "own.yaml", "--truth", "truth.yaml")
-    values = found["values"]
+def test_a_wall_that_the_truth_has_not_is_measured(answer):
+    values = answer(PAIR)[1]["values"]
     # a row of 8 cells in the room of 8 x 13, the fourth beyond its middle: nearest walls are the
     # ends of its column, 1 to 4 cells away
     own = values["dist_est_to_truth_m"]
-    assert own["n"] == 46 + 8
-    assert own["max"] == 4 * 0.25
+    assert (own["n"], own["max"]) == (46 + 8, 4 * 0.25)
     assert own["mean"] == pytest.approx(2 * (1 + 2 + 3 + 4) * 0.25 / 54)
     assert values["confusion_known_in_both"] == {"tp": 46, "tn": 96, "fp": 8, "fn": 0}
 
 
-def test_a_transform_brings_the_map_onto_the_truth(command, maps):
-    code, found, err = answer(
-        command, "other.yaml", "--truth", "own.yaml", "--transform", "move.json"
-    )
+def test_a_transform_brings_the_map_onto_the_truth(answer):
+    code, found, err = answer("other.yaml --truth own.yaml --transform move.json")
     assert (code, err) == (0, "")
     assert found["values"]["iou_occupied"] == found["values"]["ssim_uniform7"] == 1.0
     assert found["transform"]["by"] == "transform"
-    _, found, _ = answer(command, "other.yaml", "--truth", "own.yaml")
-    assert found["values"]["iou_occupied"] is not None
-    assert found["values"]["iou_occupied"] < 0.5
+    assert answer("other.yaml --truth own.yaml")[1]["values"]["iou_occupied"] < 0.5
 
 
-def aligned(maps, first, second):
-    """Write the transform as align does, with the checksums of its maps."""
-    import hashlib
-
-    def named(name):
-        sums = {
-            f"{name}{end}": hashlib.sha256(read_file(maps / f"{name}{end}")).hexdigest()
-            for end in (".yaml", ".pgm")
-        }
-        return {"file": f"{name}.yaml", "sha256": sums}
-
-    document = {
-        "first": named(first),
-        "second": named(second),
-        "transform": {"x": 10, "y": -4, "yaw": 0},
-    }
-    (maps / "aligned.json").write_text(json.dumps(document))
+def named(name):
+    files = [Path(f"{name}.yaml"), Path(f"{name}.pgm")]
+    sums = {one.name: hashlib.sha256(one.read_bytes()).hexdigest() for one in files}
+    return {"file": f"{name}.yaml", "sha256": sums}
 
 
-def test_a_transform_the_other_way_round_is_turned_and_told_of(command, maps):
-    words = ("--transform", "aligned.json")
-    aligned(maps, "other", "own")
-    _, found, err = answer(command, "other.yaml", "--truth", "own.yaml", *words)
+def test_a_transform_the_other_way_round_is_turned_and_told_of(answer):
+    """With the checksums of its maps, as align writes it."""
+    ends = {"first": named("other"), "second": named("own")}
+    document = {**ends, "transform": {"x": 10, "y": -4, "yaw": 0}}
+    Path("aligned.json").write_text(json.dumps(document))
+    _, found, err = answer("other.yaml --truth own.yaml --transform aligned.json")
     assert (found["values"]["iou_occupied"], err) == (1.0, "")
-    _, found, err = answer(command, "own.yaml", "--truth", "other.yaml", *words)
+    _, found, err = answer("own.yaml --truth other.yaml --transform aligned.json")
     assert found["values"]["iou_occupied"] == 1.0
     assert "aligned.json: leads from the truth to the map; its inverse is used" in err
-    _, _, err = answer(command, "far.yaml", "--truth", "own.yaml", *words)
+    _, _, err = answer("far.yaml --truth own.yaml --transform aligned.json")
     assert "aligned.json: is between other maps" in err
 
 
-def test_align_finds_how_the_map_lies(command, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture
+def rooms(here):
+    """A building of several rooms."""
     values = np.full((60, 90), -1, np.int8)
     values[5:55, 5:85] = 0
     values[[5, 54], 5:85] = values[5:55, [5, 84]] = 100
     values[5:40, 30], values[25, 30:60], values[40:55, 65] = 100, 100, 100
     write_map("truth.yaml", OccupancyGrid(values, 0.1, (1.5, -2.0, 0.3)))
-    turned = np.ascontiguousarray(np.rot90(values))
+    return values
+
+
+def test_align_finds_how_the_map_lies(sh, rooms):
+    turned = np.ascontiguousarray(np.rot90(rooms))
     write_map("own.yaml", OccupancyGrid(turned, 0.1, (-7.0, 3.0, 1.0)))
-    words = ("--align", "--min", "iou_occupied=0.9", "--min", "coverage=0.99")
-    code, found, err = answer(command, "own.yaml", "--truth", "truth.yaml", *words)
-    assert (code, err, found["transform"]["by"]) == (0, "", "align")
+    line = f"score {PAIR} --align"
+    found = json.loads(sh.ok(f"{line} --min iou_occupied=0.9 --min coverage=0.99 --json"))
+    assert found["transform"]["by"] == "align"
     # the cells are turned by +90 degrees on a lattice at 1.0 instead of 0.3
     assert found["transform"]["yaw_deg"] == pytest.approx(math.degrees(0.3 - 1.0) + 90, abs=0.3)
-    _, out, _ = command("score", "own.yaml", "--truth", "truth.yaml", "--align")
-    assert "found by align" in out
+    assert "found by align" in sh(line)[1]
+
+
+def test_a_map_that_cannot_be_aligned_with_certainty_has_no_score(sh, rooms):
     hall = np.zeros((80, 80), np.int8)
     hall[[0, -1]] = 100
     write_map("hall.yaml", OccupancyGrid(hall, 0.1))
-    code, out, err = command("score", "hall.yaml", "--truth", "truth.yaml", "--align")
+    code, out, err = sh("score hall.yaml --truth truth.yaml --align")
     assert (code, out) == (1, "")
     assert err.startswith("error: hall.yaml: cannot be aligned to truth.yaml with certainty: ")
     assert "hint: --transform" in err
 
 
-def test_bounds_decide_the_exit_code_and_are_told_one_by_one(command, maps):
-    pair = ("own.yaml", "--truth", "truth.yaml")
-    code, out, _ = command(
-        "score", *pair, "--min", "coverage=1", "--max", "dist_est_to_truth_m.max=1"
-    )
-    assert code == 0
-    assert "--min coverage=1: holds, found 1" in out
-    assert "--max dist_est_to_truth_m.max=1 m: holds, found 1 m" in out
-    code, out, _ = command("score", *pair, "--max", "dist_est_to_truth_m.max=0.9")
-    assert code == 1
-    assert "--max dist_est_to_truth_m.max=0.9 m: missed, found 1 m" in out
-    code, found, _ = answer(command, *pair, "--min", "iou_occupied=0.9", "--min", "coverage=0.1")
-    assert (code, found["passes"]) == (1, False)
-    assert [(one["name"], one["side"], one["holds"]) for one in found["bounds"]] == [
-        ("iou_occupied", "min", False),
-        ("coverage", "min", True),
-    ]
-
-
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "code", "told"),
     [
-        (("--min", "coverge=1"), "--min: is not a figure of a score, got 'coverge'\nhint: did"),
-        (("--min", "coverage"), "--min: must be NAME=VALUE, with a number, got 'coverage'"),
-        (("--max", "coverage=x"), "--max: must be NAME=VALUE, with a number, got 'coverage=x'"),
-        (("--max", "coverage=nan"), "must be a"),
-        (("--max", "coverage=1", "--max", "coverage=2"), "error: --max: coverage is given twice"),
-        (("--min", "corners=1"), "leave --truth out"),
-        (("--align", "--transform", "move.json"), "error: --align: cannot be given together"),
+        (f"{PAIR} --min coverage=1", 0, "--min coverage=1: holds, found 1"),
+        (f"{PAIR} --max dist_est_to_truth_m.max=1", 0, "max=1 m: holds, found 1 m"),
+        (f"{PAIR} --max dist_est_to_truth_m.max=0.9", 1, "max=0.9 m: missed, found 1 m"),
+        ("truth.yaml --max enclosed_areas=0", 1, "--max enclosed_areas=0: missed, found 1"),
+        ("truth.yaml --max enclosed_areas=0", 1, "37.1 %"),  # 104 of 280 cells are free
+        ("truth.yaml --truth unknown.yaml --min coverage=0.5", 1,
+         "--min coverage=0.5: missed, not measured: the truth has no such cells"),
+        ("truth.yaml --truth unknown.yaml --max dist_truth_to_est_m.mean=1", 1,
+         "missed, not measured: one of the maps has no walls to measure"),
     ],
 )  # fmt: skip
-def test_what_is_asked_wrongly_ends_before_anything_is_read(command, maps, words, told):
-    code, out, err = command("score", "nothing.yaml", "--truth", "nothing.yaml", *words)
-    assert (code, out) == (2, "")
-    assert told in err
+def test_bounds_decide_the_exit_code_and_are_told(sh, maps, words, code, told):
+    found, out, _ = sh(f"score {words}")
+    assert (found, told in out) == (code, True), out
 
 
-@pytest.mark.parametrize(
-    "words", [("--align",), ("--transform", "move.json"), ("--image", "a.png")]
-)
-def test_without_a_truth_there_is_nothing_to_move_onto(command, maps, words):
-    code, _, err = command("score", "own.yaml", *words)
-    assert code == 2
-    assert f"error: {words[0]}: needs --truth" in err
+def test_bounds_are_told_one_by_one(answer):
+    code, found, _ = answer(f"{PAIR} --min iou_occupied=0.9 --min coverage=0.1")
+    assert (code, found["passes"]) == (1, False)
+    bounds = [(one["name"], one["side"], one["holds"]) for one in found["bounds"]]
+    assert bounds == [("iou_occupied", "min", False), ("coverage", "min", True)]
 
 
 @pytest.mark.parametrize(
@@ -195,23 +174,15 @@ def test_without_a_truth_there_is_nothing_to_move_onto(command, maps, words):
     [
         ("empty", "truth", "empty.yaml: has no occupied cell there, so no distances"),
         ("truth", "empty", "empty.yaml: has no occupied cell there, so no distances"),
-        (
-            "truth",
-            "unknown",
-            "unknown.yaml: has no known cell, so there is nothing to compare with",
-        ),
-        (
-            "far",
-            "truth",
-            "far.yaml: has no known cell on truth.yaml; --align finds how the maps lie",
-        ),
+        ("truth", "unknown", "unknown.yaml: has no known cell, so there is nothing to compare w"),
+        ("far", "truth", "far.yaml: has no known cell on truth.yaml; --align finds how the maps"),
         ("unknown", "truth", "unknown.yaml: has no known cell on truth.yaml"),
         ("fine", "truth", "fine.yaml: has cells of 0.125 m, truth.yaml of 0.25 m"),
     ],
 )
-def test_what_says_little_is_warned_of(command, maps, own, truth, told):
-    code, found, err = answer(command, f"{own}.yaml", "--truth", f"{truth}.yaml",
-                              "--max", "dist_est_to_truth_m.mean=0.5")  # fmt: skip
+def test_what_says_little_is_warned_of(answer, own, truth, told):
+    line = f"{own}.yaml --truth {truth}.yaml --max dist_est_to_truth_m.mean=0.5"
+    code, found, err = answer(line)
     assert told in err
     mean = found["values"]["dist_est_to_truth_m"]["mean"]
     assert code == (0 if own == "fine" else 1)
@@ -219,45 +190,31 @@ def test_what_says_little_is_warned_of(command, maps, own, truth, told):
     assert found["bounds"][0]["found"] == mean
 
 
-def test_a_bound_on_what_was_not_measured_says_why(command, maps):
-    bounds = ("--min", "coverage=0.5", "--max", "dist_truth_to_est_m.mean=1")
-    code, out, _ = command("score", "truth.yaml", "--truth", "unknown.yaml", *bounds)
-    assert code == 1
-    assert "--min coverage=0.5: missed, not measured: the truth has no such cells" in out
-    assert "missed, not measured: one of the maps has no walls to measure" in out
-
-
-def test_a_map_alone_is_scored(command, maps):
-    code, found, err = answer(command, "truth.yaml", "--min", "enclosed_areas=1")
+def test_a_map_alone_is_scored(answer):
+    code, found, err = answer("truth.yaml --min enclosed_areas=1")
     assert (code, err, found["truth"], found["transform"]) == (0, "", None, None)
     assert found["values"]["enclosed_areas"] == 1
     assert found["values"]["enclosed_m2"] == pytest.approx(8 * 13 / 16)
-    code, out, _ = command("score", "truth.yaml", "--max", "enclosed_areas=0")
-    assert code == 1
-    assert "--max enclosed_areas=0: missed, found 1" in out
-    assert "37.1 %" in out  # 104 of 280 cells are free
 
 
-def test_values_between_are_told_of(command, maps):
+def test_values_between_are_told_of(answer):
     write_map("raw.npz", OccupancyGrid(np.where(room() == 0, 30, room()), 0.25, (1.5, -2.0, 0.3)))
-    _, found, err = answer(command, "raw.npz", "--truth", "truth.yaml")
+    _, found, err = answer("raw.npz --truth truth.yaml")
     assert "raw.npz: 104 cells of 1..99 count as unknown" in err
     assert found["values"]["coverage_free"] == 0.0
 
 
-def test_python_gives_what_the_command_prints(command, maps):
-    words = ("--transform", "move.json", "--min", "coverage=0.5")
-    _, printed, _ = answer(command, "other.yaml", "--truth", "own.yaml", *words)
-    found = mapdeal.score(
-        "other.yaml", "own.yaml", transform="move.json", minimum={"coverage": 0.5}
-    )
+def test_python_gives_what_the_command_prints(answer):
+    line = "other.yaml --truth own.yaml --transform move.json --min coverage=0.5"
+    printed, bound = answer(line)[1], {"coverage": 0.5}
+    found = mapdeal.score("other.yaml", "own.yaml", transform="move.json", minimum=bound)
     assert found.document() == printed
-    grids = [mapdeal.read_map(f"{name}.yaml") for name in ("other", "own")]
-    same = mapdeal.score(*grids, transform=(10, -4, 0), minimum={"coverage": 0.5})
+    other, own = (mapdeal.read_map(f"{name}.yaml") for name in ("other", "own"))
+    same = mapdeal.score(other, own, transform=(10, -4, 0), minimum=bound)
     assert same.values == printed["values"]
     assert same.document() == {**printed, "map": None, "truth": None}
-    assert mapdeal.score(grids[0], "own.yaml", transform="move.json").values == printed["values"]
-    assert mapdeal.score(grids[1]).values["enclosed_areas"] == 2
+    assert mapdeal.score(other, "own.yaml", transform="move.json").values == printed["values"]
+    assert mapdeal.score(own).values["enclosed_areas"] == 2
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 import inspect
 from pathlib import Path
-from typing import Annotated, get_args, get_type_hints
+from typing import get_args
 
 import pytest
 import typer
@@ -40,10 +40,6 @@ def shared_options(*names, **more):
     return decorate
 
 
-def _options(function):
-    return list(inspect.signature(function).parameters)
-
-
 def _commands(group, path=()):
     for name in group.list_commands(None):
         command = group.get_command(None, name)
@@ -54,46 +50,6 @@ def _commands(group, path=()):
 
 
 ALL_COMMANDS = dict(_commands(typer.main.get_command(app)))
-
-
-def test_shared_options_follow_those_of_the_command():
-    @shared_options("image", "threads")
-    def draw(source: Path, size: int = 3, *, settings: Settings) -> None: ...
-
-    assert _options(draw) == ["source", "size", "image", "threads", "strict", "quiet", "verbose"]
-
-
-def test_an_own_option_that_is_named_stands_where_it_is_named():
-    @shared_options("dialect", "jobs", "force")
-    def draw(jobs: int = 1, *, source: Path, settings: Settings) -> None: ...
-
-    assert _options(draw) == ["source", "dialect", "jobs", "force", "strict", "quiet", "verbose"]
-
-
-def test_a_group_stands_for_all_of_its_options():
-    @shared_options("files", "image_max")
-    def draw(*, settings: Settings) -> None: ...
-
-    files = ["image", "image_extent", "dialect", "max_cells", "force", "threads", "max_memory"]
-    assert _options(draw) == [*files, "image_max", "strict", "quiet", "verbose"]
-
-
-def test_annotations_and_signature_agree():
-    @shared_options("robot", "files")
-    def draw(
-        source: Path,
-        *,
-        settings: Settings,
-        footprint: Footprint | None,
-        robot: RobotParameters | None,
-    ) -> None: ...
-
-    hints = get_type_hints(draw, include_extras=True)
-    assert hints.pop("return") is type(None)
-    assert hints == {
-        name: parameter.annotation
-        for name, parameter in inspect.signature(draw, eval_str=True).parameters.items()
-    }
 
 
 def test_options_become_settings():
@@ -109,17 +65,6 @@ def test_options_become_settings():
         "ros1", 9, True, 2, 3072, Path("a.png"), False, 7, progress=terminal.blocks_done
     )
     assert seen == [(Path("a.yaml"), expected)]
-
-
-def test_options_that_are_not_given_leave_the_defaults():
-    seen = []
-
-    @shared_options("files", "image_max", "no_images")
-    def draw(*, settings: Settings) -> None:
-        seen.append(settings)
-
-    _run(draw)
-    assert seen == [Settings(progress=terminal.blocks_done)]
 
 
 def test_robot_options_become_a_footprint():
@@ -146,24 +91,6 @@ def test_robot_options_become_a_footprint():
         _run(draw, "--robot-16-gon")
 
 
-def test_quiet_and_verbose_exclude_each_other():
-    @shared_options()
-    def draw(*, settings: Settings) -> None:
-        pytest.fail("was called")
-
-    with pytest.raises(ParameterError, match=r"--verbose: cannot be given together"):
-        _run(draw, "-q", "-v")
-
-
-def test_a_help_text_of_the_command_replaces_the_shared_one():
-    @shared_options("threads", help_texts={"threads": "Threads of each job."})
-    def draw(*, settings: Settings) -> None: ...
-
-    [option] = inspect.signature(draw).parameters["threads"].annotation.__metadata__
-    assert option.help == "Threads of each job."
-    assert SHARED_OPTIONS["threads"].text.startswith("Threads to use.")
-
-
 @pytest.mark.parametrize(
     ("names", "texts", "message"),
     [
@@ -181,27 +108,6 @@ def test_names_that_make_no_sense_fail_where_the_command_is_defined(names, texts
 
     with pytest.raises(ValueError, match=message):
         shared_options(*names, help_texts=texts)(draw)
-
-
-def test_own_options_can_be_made():
-    seen = []
-
-    def grow(**values: object) -> None:
-        """Grow obstacles."""
-        seen.append(values)
-
-    radius = inspect.Parameter(
-        "radius",
-        inspect.Parameter.POSITIONAL_OR_KEYWORD,
-        default=0.3,
-        annotation=Annotated[float, typer.Option(metavar="M", help="Radius.")],
-    )
-    command = with_shared_options(grow, [radius], ["robot", "radius", "force"])
-    _run(command, "--radius", "0.5", "--force", "--robot-radius", "1")
-    expected = Settings(force=True, progress=terminal.blocks_done)
-    circle = Footprint.circle(1.0)
-    assert seen == [{"radius": 0.5, "settings": expected, "footprint": circle, "robot": None}]
-    assert (command.__name__, command.__doc__) == ("grow", "Grow obstacles.")
 
 
 @pytest.mark.parametrize("path", ALL_COMMANDS, ids=" ".join)
@@ -241,18 +147,12 @@ def test_every_flag_with_two_names_takes_yes_and_no(command, path, name):
         assert (code, "missing" in err or "needs" in err) == (2, True), err
 
 
-def test_flags_with_two_names_are_known():
-    names = {name for _, name in FLAGS}
-    assert names >= {"--inflate-unknown", "--robot-16-gon", "--trinary-costmap", "--track-unknown"}
-
-
-def test_trinary_costmap_no_keeps_graded_costs(command, room, tmp_path):
+def test_trinary_costmap_no_keeps_graded_costs(command, sh, room, tmp_path):
     made = []
     for index, words in enumerate((["--trinary-costmap", "no"], ["--no-trinary-costmap"], [])):
         output = tmp_path / f"{index}.npz"
         graded = tmp_path / "graded.yaml"
-        command("edit", "circle", room, "-o", graded, "--point", "1.6,-1.8", "--radius", 0.1,
-                "--value", 40, "--force")  # fmt: skip
+        sh(f"edit circle {room} -o {graded} --point 1.6,-1.8 --radius 0.1 --value 40 --force")
         code, _, err = command("convert", graded, "-o", output, "--encoding", "costmap2d",
                                "--static-layer", *words)  # fmt: skip
         assert (code, err) == (0, "")

@@ -1,6 +1,5 @@
 """``-``: maps that come from standard input and go to standard output, as an npz."""
 
-import json
 import os
 import pty
 import re
@@ -200,12 +199,6 @@ def test_standard_input_is_one_file(command, here, monkeypatch):
     )  # fmt: skip
 
 
-def test_points_still_come_by_a_pipe(command, here, monkeypatch):
-    stdin(monkeypatch, b"2,-1.2\n")
-    code, out, _ = command("query", "m.npz", "--points", "-")
-    assert (code, json.loads(out)["inside"]) == (0, True)
-
-
 def test_a_file_of_that_name_is_named_with_its_folder(command, here):
     assert command("pack", "m.yaml", "-o", "-")[0] == 2  # two files
     write_map("m2.yaml", grid_from_text(TEXT))
@@ -272,14 +265,6 @@ def test_terminals_are_refused(here):
     finally:
         os.close(main)
         os.close(other)
-
-
-def test_a_picture_beside_a_pipe(here):
-    (code,), out, _ = pipe("inflate - -o - --image p.png", (here / "m.npz").read_bytes())
-    assert code == 0
-    assert (here / "p.png").read_bytes().startswith(b"\x89PNG")
-    (here / "o.npz").write_bytes(out)
-    assert read_map(here / "o.npz").shape == (5, 9)
 
 
 def test_the_pipes_of_the_docs_run(here):

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from drawn import grid_from_text
-from mapdeal import Costmap, esdf, read_map, rescale, rotate, write_map
+from mapdeal import Costmap, read_map, rescale, rotate, write_map
 
 ROOM = "\n".join(
     ["#" * 40, *["#" + "." * 38 + "#"] * 9, "#" * 25 + "." * 6 + "#" * 9,
@@ -86,18 +86,3 @@ def test_costs_stay_costs(command, room):
         assert command(name, "c.npz", "-o", f"{name}.npz", *options)[0] == 0
         found = read_map(f"{name}.npz")
         assert {0, 254} <= set(found.cost.ravel().tolist()) <= {0, 254, 255}
-
-
-@pytest.mark.parametrize(
-    "words", [["rotate", "--yaw", "1"], ["rotate", "--straighten"], ["rescale", "--resolution=1"]]
-)
-def test_a_field_is_refused_with_what_to_do(command, room, words, tmp_path):
-    write_map("field.npz", esdf(room))
-    name, *options = words
-    code, out, err = command(name, "field.npz", "-o", "o.npz", *options)
-    assert (code, out) == (2, "")
-    assert err.splitlines() == [
-        "error: field.npz: grid: must be a map or a costmap, got 'DistanceField'",
-        "hint: edit the map, then run esdf or potential on it",
-    ]
-    assert not (tmp_path / "o.npz").exists()

@@ -12,25 +12,32 @@ from hypothesis import strategies as st
 from mapdeal.checks.findings import Finding
 from mapdeal.checks.lint import LintReport, MapReport
 from mapdeal.commands.report_documents import (
+    MOST_ITEMS,
     goal_items,
     goal_of,
     passage_items,
     passage_of,
     read_results,
+    route_items,
     route_of,
+    shape_items,
 )
 from mapdeal.commands.route import PlannedRoute
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.files.json_values import JsonValue, read_document
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach, robot_text
+from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach, Route, robot_text
+from mapdeal.grid.shapes import Circle, Line, Polygon
 from mapdeal.pipeline.folder import reach_json
+from pipeline.test_odd_manifests import with_part
 from robustness.seeds import ANSWERS
 
 SHAPES = {"type": "Feature", "properties": {"radius": 0.5},
           "geometry": {"type": "Point", "coordinates": [1, 2]}}  # fmt: skip
 ALL = {**ANSWERS, "shapes": SHAPES}
-LINT, REACH, ROUTE, DIFF, COMPARISON, ALIGNMENT, SCORE = ANSWERS.values()
+ALIGNMENT, COMPARISON, DIFF, LINT, REACH, ROUTE, SCORE = (
+    ANSWERS[name] for name in ["alignment", "comparison", "diff", "lint", "reach", "route", "score"]
+)
 
 
 @pytest.fixture
@@ -55,13 +62,14 @@ def test_what_lint_has_found(read):
     }  # fmt: skip
     islands, second, turned = one.items
     assert islands.text == "map.islands: <img onerror=1>\\n\\x07"
+    assert second.text == "map.islands: place 2 of 2"
     assert (islands.tone, islands.place, second.place) == ("warning", (1.5, -2.0), (0.0, 3.0))
     assert (turned.text, turned.tone, turned.place) == (
         "yaml.origin-yaw: turned (line 3)", "note", None,
     )  # fmt: skip
 
 
-def test_what_a_robot_reaches(read):
+def test_what_a_robot_reaches_and_the_figures_of_a_route(read):
     results = read(REACH)
     (table,) = results.tables
     assert dict(table.rows) == {
@@ -76,30 +84,17 @@ def test_what_a_robot_reaches(read):
     assert (dock.text, dock.tone) == ("goal dock: reachable in 7 of 16 headings", "good")
     assert (other.tone, passage.place) == ("error", (-2.0, 1.0))
     assert passage.lines[0].tolist() == [[-2.0, 0.7], [-2.0, 1.3]]
+    (table,) = read({**REACH, "robot": {"radius": 0, "headings": 1}, "passages": []}).tables
+    rows = dict(table.rows)
+    assert (rows["robot"], rows["passages"]) == ("a point", "0, 0 of them closed")
+    (table,) = read({**ROUTE, "length_m": 3.2, "expanded": 9}).tables
+    rows = dict(table.rows)
+    assert (rows["length"], rows["cells expanded"]) == ("3.2 m", "9")
+    assert (rows["mean clearance"], rows["certainly the cheapest"]) == ("-", "no")
 
 
 def values_in(document, key, read):
     return [read(one) for one in JsonValue(Path("answer.json"), document)[key].items()]
-
-
-def test_goals_and_passages():
-    dock, other = values_in(REACH, "goals", goal_of)
-    assert dock == GoalReach(Goal(3.0, 4.0, "dock"), True, 7, math.inf)
-    assert (dock.reason, dock.nearest_open) == (None, None)
-    assert other.limited_by == Bottleneck(-2.0, 1.0, 0.62, "passage")
-    assert (other.reason, other.nearest_open) == ("unknown", (-3.0, 4.5))
-    assert values_in(REACH, "passages", passage_of) == [
-        Passage(-2.0, 1.0, 0.62, 12.3, False, ((-2.0, 0.7), (-2.0, 1.3)))
-    ]
-
-
-def test_a_route(read):
-    route = route_of(JsonValue(Path("answer.json"), ROUTE))
-    assert (route.method, route.reached, route.local_minimum) == ("descent", False, (1.0, 1.0))
-    assert route.points_xy.tolist() == [[0.0, 1.0], [1.0, 1.0]]
-    assert (route.length, route.cost, route.mean_clearance) == (1.0, 1.25, math.inf)
-    *_, item = read(ROUTE).items
-    assert (item.kind, item.lines[0].tolist()) == ("route", route.points_xy.tolist())
 
 
 def test_what_differs(read):
@@ -116,6 +111,9 @@ def test_what_differs(read):
     assert figures[f"{walls}first to second"] == "0.5 m; 95 % within 0.4 m, mean 0.1 m"
     assert figures[f"{walls}second to first"] == "no obstacles"
     assert figures["max_shift"] == "at most 0.1: missed, nothing to compare"
+    missed = {"allowed": 5.0, "found": 30.0, "holds": False}
+    figures, *_ = read(_with(DIFF, missed, "bounds", "max_differing")).tables
+    assert dict(figures.rows)["max_differing"] == "at most 5: missed, found 30"
 
 
 def test_methods_compared(read):
@@ -180,70 +178,46 @@ def test_keys_that_are_not_known_yet_are_passed_over(read):
         )  # fmt: skip
 
 
-def _without(document, *keys):
-    *path, last = keys
-    copy = json.loads(json.dumps(document))
-    within = copy
-    for key in path:
-        within = within[key]
-    del within[last]
-    return copy
-
-
 def _with(document, value, *keys):
-    *path, last = keys
-    copy = json.loads(json.dumps(document))
-    within = copy
-    for key in path:
-        within = within[key]
-    within[last] = value
-    return copy
+    return with_part(document, keys, value)
+
+
+def _without(document, *keys):
+    return with_part(document, keys, leave_out=True)
 
 
 FINDING = ("maps", 0, "findings", 0)
 
 
-@pytest.mark.parametrize(
-    ("document", "told"),
-    [
-        (_without(LINT, *FINDING, "check"), "maps[0].findings[0]: must have a key check"),
-        (_with(LINT, "bad", *FINDING, "severity"),
-         "maps[0].findings[0].severity: must be one of error, warning, note, got 'bad'"),
-        (_with(LINT, 7, *FINDING, "message"), "maps[0].findings[0].message: must be a text, got 7"),
-        (_with(LINT, [[1]], *FINDING, "places"),
-         "maps[0].findings[0].places[0]: must be two numbers [x, y], got [1]"),
-        (_with(LINT, [[1, True]], *FINDING, "places"), "places[0][1]: must be a number, got True"),
-        (_with(LINT, [[1, 1e13]], *FINDING, "places"), "must be a number from -1e+12 to 1e+12"),
-        (_with(LINT, 1.5, "errors"), "errors: must be a whole number, got 1.5"),
-        (_with(LINT, -1, "errors"), "errors: must be a whole number from 0 to 9007199254740992"),
-        (_with(LINT, 7, "maps", 0), "maps[0]: must be an object, got 7"),
-        (_with(LINT, {}, "maps", 0, "findings"), "maps[0].findings: must be a list, got {}"),
-        (_with(REACH, 0, "robot", "headings"), "robot.headings: must be a whole number from 1"),
-        (_with(REACH, [[0, 0]], "robot", "footprint"), "at least three vertices"),
-        (_with(REACH, "yes", "goals", 0, "reachable"), "must be true or false, got 'yes'"),
-        (_with(REACH, None, "start", "x"), "start.x: must be a number, got None"),
-        (_with(REACH, [[0, 0]], "passages", 0, "ends"), "passages[0].ends: must be two points"),
-        (_with(REACH, [[0, 0]] * 3, "passages", 0, "ends"), "passages[0].ends: must be two points"),
-        (_with(REACH, 2, "share"), "share: must be a number from 0 to 1, got 2"),
-        (_with(REACH, -0.1, "passages", 0, "width_m"), "width_m: must be a number from 0"),
-        (_with(ROUTE, [[0, 1], [2]], "points"), "points[1]: must be two numbers [x, y], got [2]"),
-        (_with(ROUTE, [[0, 1], [True, 2]], "points"), "points[1][0]: must be a number, got True"),
-        (_with(ROUTE, [[0, 10**400]], "points"), "points[0][1]: must be a number from -1e+12"),
-        (_with(ROUTE, [[0, -2e12]], "points"), "points[0][1]: must be a number from -1e+12"),
-        (_with(ROUTE, {}, "points"), "is not what lint, reach, route, diff, align, score"),
-        (_with(ROUTE, "fly", "method"), "method: must be one of astar, descent, got 'fly'"),
-        (_with(DIFF, "AB" * 32, "first", "sha256", "a.pgm"), "must be the 64 hexadecimal digits"),
-        (_with(DIFF, [1], "geometry", "width"), "geometry.width: must be two values, got [1]"),
-        (_without(DIFF, "walls", "second_to_first"), "walls: must have a key second_to_first"),
-        (_with(SCORE, "low", "bounds", 0, "side"), "bounds[0].side: must be one of min, max"),
-        (_with(SCORE, [], "values"), "values: must be an object, got []"),
-        (_with(SCORE, {"a": {"b": "c"}}, "values"), "values.a.b: must be a number, got 'c'"),
-        (_with(SCORE, 0, "lattice", "width"), "lattice.width: must be a whole number from 1"),
-        (_without(SCORE, "truth"), "must have a key truth"),
-        (_with(COMPARISON, [1, 2], "origin"), "origin: must be three numbers"),
-        (_with(COMPARISON, 0, "width"), "width: must be a whole number from 1"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("document", "told"), [
+    (_without(LINT, *FINDING, "check"), "maps[0].findings[0]: must have a key check"),
+    (_with(LINT, "bad", *FINDING, "severity"),
+     "maps[0].findings[0].severity: must be one of error, warning, note, got 'bad'"),
+    (_with(LINT, 7, *FINDING, "message"), "maps[0].findings[0].message: must be a text, got 7"),
+    (_with(LINT, [[1]], *FINDING, "places"),
+     "maps[0].findings[0].places[0]: must be two numbers [x, y], got [1]"),
+    (_with(LINT, [[1, True]], *FINDING, "places"), "places[0][1]: must be a number, got True"),
+    (_with(LINT, [[1, 1e13]], *FINDING, "places"), "must be a number from -1e+12 to 1e+12"),
+    (_with(LINT, 1.5, "errors"), "errors: must be a whole number, got 1.5"),
+    (_with(LINT, -1, "errors"), "errors: must be a whole number from 0 to 9007199254740992"),
+    (_with(REACH, 0, "robot", "headings"), "robot.headings: must be a whole number from 1"),
+    (_with(REACH, [[0, 0]], "robot", "footprint"), "at least three vertices"),
+    (_with(REACH, "yes", "goals", 0, "reachable"), "must be true or false, got 'yes'"),
+    (_with(REACH, [[0, 0]], "passages", 0, "ends"), "passages[0].ends: must be two points"),
+    (_with(REACH, -0.1, "passages", 0, "width_m"), "width_m: must be a number from 0"),
+    (_with(ROUTE, [[0, 1], [2]], "points"), "points[1]: must be two numbers [x, y], got [2]"),
+    (_with(ROUTE, [[0, 1], [True, 2]], "points"), "points[1][0]: must be a number, got True"),
+    (_with(ROUTE, [[0, 10**400]], "points"), "points[0][1]: must be a number from -1e+12"),
+    (_with(ROUTE, {}, "points"), "is not what lint, reach, route, diff, align, score"),
+    (_with(DIFF, "AB" * 32, "first", "sha256", "a.pgm"), "must be the 64 hexadecimal digits"),
+    (_with(DIFF, [1], "geometry", "width"), "geometry.width: must be two values, got [1]"),
+    (_without(DIFF, "walls", "second_to_first"), "walls: must have a key second_to_first"),
+    (_with(SCORE, "low", "bounds", 0, "side"), "bounds[0].side: must be one of min, max"),
+    (_with(SCORE, {"a": {"b": "c"}}, "values"), "values.a.b: must be a number, got 'c'"),
+    (_with(SCORE, 0, "lattice", "width"), "lattice.width: must be a whole number from 1"),
+    (_without(SCORE, "truth"), "must have a key truth"),
+    (_with(COMPARISON, [1, 2], "origin"), "origin: must be three numbers"),
+])  # fmt: skip
 def test_what_must_not_be_believed_names_the_key(read, document, told):
     with pytest.raises(MalformedInputError) as caught:
         read(document)
@@ -253,27 +227,24 @@ def test_what_must_not_be_believed_names_the_key(read, document, told):
     assert "\n" not in text
 
 
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        (b'{"maps": [' + b"[" * 100_000, "nested too deep"),
-        (b'{"maps": [NaN], "errors": 0, "suppressed": 0}', "NaN is not a JSON number"),
-        (b'{"maps": [-Infinity]}', "-Infinity is not a JSON number"),
-        (b'{"maps": [], "errors": 1e999, "suppressed": 0}', "errors: must be a whole number"),
-        (b'{"points": [[0, 1e999]], "reached": true}', "points[0][1]: must be a number from"),
-        (b'{"errors": ' + b"7" * 5000 + b"}", "no valid JSON"),
-        (b'{"errors": 0, "errors": 1}', "key 'errors' appears twice"),
-        (b'{"maps": [}', "line 1, column 11: no valid JSON"),
-        (b'{"maps": "\xff"}', "not UTF-8"),
-        (
-            b"{}",
-            "is not what lint, reach, route, diff, align, score or build --compare writes as JSON",
-        ),
-        (b'{"outputs": {}, "stages": []}', "is the manifest of a run, not what lint"),
-        (b"image: a.pgm\nresolution: 1\n", "is a map, not a file of shapes"),
-        (b"", "answer.json"),
-    ],
-)
+@pytest.mark.parametrize(("text", "told"), [
+    (b'{"maps": [' + b"[" * 100_000, "nested too deep"),
+    (b'{"maps": [NaN], "errors": 0, "suppressed": 0}', "NaN is not a JSON number"),
+    (b'{"maps": [-Infinity]}', "-Infinity is not a JSON number"),
+    (b'{"maps": [], "errors": 1e999, "suppressed": 0}', "errors: must be a whole number"),
+    (b'{"points": [[0, 1e999]], "reached": true}', "points[0][1]: must be a number from"),
+    (b'{"errors": ' + b"7" * 5000 + b"}", "no valid JSON"),
+    (b'{"errors": 0, "errors": 1}', "key 'errors' appears twice"),
+    (b'{"maps": [}', "line 1, column 11: no valid JSON"),
+    (b'{"maps": "\xff"}', "not UTF-8"),
+    (
+        b"{}",
+        "is not what lint, reach, route, diff, align, score or build --compare writes as JSON",
+    ),
+    (b'{"outputs": {}, "stages": []}', "is the manifest of a run, not what lint"),
+    (b"image: a.pgm\nresolution: 1\n", "is a map, not a file of shapes"),
+    (b"", "answer.json"),
+])  # fmt: skip
 def test_no_document_at_all(read, text, told):
     with pytest.raises(MalformedInputError) as caught:
         read(text)
@@ -420,3 +391,116 @@ def test_a_damaged_value_is_refused_or_read(tmp_path_factory, name, chance, junk
         read_results(path)
     except MalformedInputError as error:
         assert str(error).startswith(str(path))
+
+
+ROBOT = Footprint.polygon([(0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2)])
+LIMIT = Bottleneck(-2.0, 1.0, 0.62)
+
+
+@pytest.fixture
+def linted(read):
+    def linted(*findings, **more):
+        keys = ("check", "severity", "message", "line", "places")
+        told = [dict(zip(keys, one, strict=True)) for one in findings]
+        entry = {"file": "a.yaml", "findings": told, "suppressed": 2, **more}
+        counts = dict.fromkeys(("errors", "warnings", "notes", "suppressed"), 0)
+        (part,) = read({"maps": [entry], **counts}).parts
+        return part
+
+    return linted
+
+
+def test_a_finding_may_have_a_line_and_any_text(linted):
+    odd = ("yaml.origin", "error", "<img onerror=1>\n\x1b[2J\udcff" + "x" * 9999, 3, [])
+    (item,) = linted(odd).items
+    assert item.text.startswith(r"yaml.origin: <img onerror=1>\n\x1b[2J\udcffxxx")
+    assert item.text.isprintable()
+    assert len(item.text) < 500
+    assert item.place is None
+    (item,) = linted(("a.b", "note", "turned", 7, [])).items
+    assert (item.text, item.tone) == ("a.b: turned (line 7)", "note")
+
+
+def test_of_very_many_findings_the_first_are_listed(linted):
+    findings = [("a.b", "error", str(k), None, []) for k in range(MOST_ITEMS + 5)]
+    part = linted(*findings, repairs=["mode"])
+    assert [item.text for item in part.items[-2:]] == [
+        f"a.b: {MOST_ITEMS - 1}", "5 more findings not listed",
+    ]  # fmt: skip
+    assert part.tables[0].rows == (
+        ("errors", str(MOST_ITEMS + 5)), ("warnings", "0"), ("notes", "0"), ("suppressed", "2"),
+        ("repair 1", "mode"),
+    )  # fmt: skip
+
+
+def test_passages_lie_between_their_ends():
+    closed = Passage(-2.0, 1.0, 0.62, 12.3, False, ((-2.0, 0.7), (-2.0, 1.3)))
+    narrow = Passage(5.0, 1.0, 1.25, 4.0, True, ((5.0, 0.5), (5.0, 1.5)))
+    first, second = passage_items([closed, narrow])
+    assert (first.text, first.tone, first.label) == (
+        "closed passage of 0.62 m, cuts off 12.3 m2", "error", "62 cm",
+    )  # fmt: skip
+    assert first.place == (-2.0, 1.0)
+    assert [line.tolist() for line in first.lines] == [[[-2.0, 0.7], [-2.0, 1.3]]]
+    assert (second.text, second.tone, second.label) == (
+        "narrow passage of 1.25 m, 4 m2 behind it", "warning", "1.25 m",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("goal", "robot", "text", "tone"), [
+    (GoalReach(Goal(3, 4, "dock"), True, 7, math.inf), ROBOT,
+     "goal dock: reachable in 7 of 16 headings", "good"),
+    (GoalReach(Goal(3, 4), True, 16, 0.31, LIMIT), Footprint.circle(0.2),
+     ("goal 3,4: reachable; a round robot gets there with a radius below 0.31 m: "
+      "a passage at -2,1 is 0.62 m wide"), "good"),
+    (GoalReach(Goal(3, 4, "a\nb"), False, 0, 0.0), None,
+     r"goal a\nb: not reachable; by no robot, however small", "error"),
+])  # fmt: skip
+def test_goals_tell_what_limits_them(goal, robot, text, tone):
+    (item,) = goal_items([goal], robot, 16)
+    assert (item.kind, item.text, item.tone, item.place) == ("goal", text, tone, (3, 4))
+
+
+def test_a_route_is_a_line_from_its_start_to_its_goal():
+    points = np.array([[0.0, 1.0], [1.0, 1.0], [2.0, 3.0]])
+    route = Route("astar", True, (0.0, 1.0), (2.0, 3.0), points, 3.2, 4.5, 0.4, None, 0.5, 9, True)
+    start, goal, way = route_items(route)
+    assert (start.place, goal.place, goal.tone) == ((0.0, 1.0), (2.0, 3.0), "good")
+    assert way.text == "route by astar of 3.2 m, at least 0.4 m from obstacles, cost 4.5"
+    assert way.lines[0].tolist() == points.tolist()
+    assert way.place == (1.0, 1.0)
+
+
+def test_routes_that_do_not_arrive():
+    points = np.array([[0.0, 1.0], [1.0, 1.0]])
+    stuck = Route("descent", False, (0.0, 1.0), (2.0, 3.0), points, 1.0, 1.0, 0.4, (1.0, 1.0))
+    _, goal, way = route_items(stuck)
+    assert (goal.text, goal.tone) == ("goal, not reached, at 2, 3", "error")
+    assert way.text.endswith("; it ends in a local minimum at 1, 1")
+    nowhere = Route("astar", False, (0.0, 1.0), (2.0, 3.0), [], 0.0, math.nan, math.nan)
+    *_, way = route_items(nowhere)
+    assert (way.text, way.lines, way.place) == ("route by astar: no way", (), None)
+
+
+def test_shapes_have_outlines():
+    ring, hole = ((0, 0), (4, 0), (4, 2)), ((2, 0.5), (3, 0.5), (3, 1))
+    shapes = (
+        Polygon(ring, (hole,), 100),
+        Line(((0, 0), (1, 1)), 0.25),
+        Circle((3.0, -1.0), 0.5, 0),
+    )
+    polygon, line, circle = shape_items(shapes)
+    assert polygon.text == "polygon with 3 corners and 1 hole, value 100"
+    assert [one.tolist() for one in polygon.lines] == [
+        [[0, 0], [4, 0], [4, 2], [0, 0]], [[2, 0.5], [3, 0.5], [3, 1], [2, 0.5]],
+    ]  # fmt: skip
+    assert polygon.place == (2.0, 1.0)
+    assert (line.text, line.lines[0].tolist()) == (
+        "line through 2 points, 0.25 m thick", [[0, 0], [1, 1]],
+    )  # fmt: skip
+    assert circle.text == "circle of radius 0.5 m, value 0"
+    around = circle.lines[0]
+    assert around[0].tolist() == around[-1].tolist() == [3.5, -1.0]
+    assert np.allclose(np.hypot(around[:, 0] - 3, around[:, 1] + 1), 0.5)
+    gaps = np.hypot(*np.diff(around, axis=0).T)
+    assert np.allclose(gaps, 2 * 0.5 * math.sin(math.pi / 64))  # sides of a regular 64-gon

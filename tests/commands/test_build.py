@@ -10,21 +10,17 @@ import mapdeal
 LOG = Path(__file__).parents[2] / "examples" / "logs" / "office.log"
 
 
-@pytest.mark.parametrize(
-    ("words", "arguments"),
-    [
-        (["--resolution", "0.1"], {"resolution": 0.1}),
-        (
-            ["--method", "tsdf", "--resolution", "0.1", "--truncation", "3", "--range-max", "6"],
-            {"method": "tsdf", "resolution": 0.1, "truncation": 3, "range_max": 6},
-        ),
-        (
-            ["--method", "counting", "--resolution", "0.2", "--size", "4,3", "--origin=-2,-1.5"],
-            {"method": "counting", "resolution": 0.2, "size": (4, 3), "origin": (-2, -1.5)},
-        ),
-    ],
-    ids=["log-odds", "tsdf", "counting"],
-)
+@pytest.mark.parametrize(("words", "arguments"), [
+    (["--resolution", "0.1"], {"resolution": 0.1}),
+    (
+        ["--method", "tsdf", "--resolution", "0.1", "--truncation", "3", "--range-max", "6"],
+        {"method": "tsdf", "resolution": 0.1, "truncation": 3, "range_max": 6},
+    ),
+    (
+        ["--method", "counting", "--resolution", "0.2", "--size", "4,3", "--origin=-2,-1.5"],
+        {"method": "counting", "resolution": 0.2, "size": (4, 3), "origin": (-2, -1.5)},
+    ),
+], ids=['log-odds', 'tsdf', 'counting'])  # fmt: skip
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_log_makes_the_map_and_evidence_of_the_command(tmp_path, command, words, arguments):
     out, layers = tmp_path / "map.npz", tmp_path / "layers.npz"
@@ -39,21 +35,6 @@ def test_a_log_makes_the_map_and_evidence_of_the_command(tmp_path, command, word
             assert np.array_equal(stored[name], layer, equal_nan=True)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        ({"method": "octree"}, "method: must be one of log-odds"),
-        ({"truncation": 3}, "truncation: does not apply to method log-odds"),
-        ({"resolution": 0}, "resolution"),
-        ({"size": (1, 1)}, "must be given together"),
-        ({"threads": 0}, "threads: must be a whole number"),
-    ],
-)
-def test_what_is_not_allowed_is_refused(arguments, match):
-    with pytest.raises(mapdeal.ParameterError, match=match):
-        mapdeal.build_map_from_log(LOG, **arguments)
-
-
 def test_lines_that_are_wrong_are_passed_over_up_to_a_number(tmp_path):
     log = tmp_path / "two.log"
     lines = [
@@ -66,8 +47,3 @@ def test_lines_that_are_wrong_are_passed_over_up_to_a_number(tmp_path):
     assert built.counts.scans == 2
     with pytest.raises(mapdeal.MalformedInputError, match="line 2"):
         mapdeal.build_map_from_log(log, resolution=0.5, max_bad=0)
-
-
-def test_a_log_that_is_not_there_is_an_error(tmp_path):
-    with pytest.raises(mapdeal.FileAccessError, match=r"missing\.log"):
-        mapdeal.build_map_from_log(tmp_path / "missing.log")

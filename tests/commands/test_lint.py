@@ -80,59 +80,6 @@ def test_folders_patterns_and_rules_are_those_of_the_command(maps, command):
     assert [finding.check for finding in only] == ["yaml.defaults"]
     assert only.passes
     assert not mapdeal.lint(maps, select=["yaml.defaults"], strict=True).passes
-    with pytest.raises(mapdeal.ParameterError, match=r"yaml\.def"):
-        mapdeal.lint(maps, select="yaml.defalt")
-
-
-def test_the_projects_configuration_holds_unless_it_is_not_wanted(maps):
-    (maps / "mapdeal.toml").write_text('[lint]\nselect = ["yaml.defaults"]\n')
-    other = maps / "other.toml"
-    other.write_text('[lint]\nselect = ["yaml.origin-yaw"]\n')
-    checks = {finding.check for finding in mapdeal.lint(maps)}
-    assert checks == {"yaml.defaults"}
-    assert {finding.check for finding in mapdeal.lint(maps, config=other)} == {"yaml.origin-yaw"}
-    assert {finding.check for finding in mapdeal.lint(maps, config=False)} > checks
-
-
-def test_standard_input_is_left_to_the_command():
-    with pytest.raises(mapdeal.ParameterError, match="@-: applies to the command line"):
-        mapdeal.lint("@-")
-
-
-@pytest.mark.parametrize("nothing", [[], (), iter([])])
-def test_a_script_whose_pattern_has_found_nothing_does_not_pass(nothing):
-    with pytest.raises(mapdeal.ParameterError, match="names no map"):
-        mapdeal.lint(nothing)
-
-
-@pytest.mark.parametrize("given", [mapdeal.OccupancyGrid([[0, 100]], 0.5), 3, None, b"m.yaml"])
-def test_what_is_no_name_is_refused(given):
-    with pytest.raises(mapdeal.ParameterError, match="lint: takes names or paths"):
-        mapdeal.lint(given)
-
-
-def test_numbers_that_are_not_allowed_are_refused(tmp_path):
-    with pytest.raises(mapdeal.ParameterError, match="max_cells: must be a whole number"):
-        mapdeal.lint(tmp_path / "a.yaml", max_cells=0)
-
-
-@pytest.mark.parametrize("name", ["willow", "depot"])
-def test_real_maps_are_looked_at(real_maps, name):
-    found = sorted(real_maps.rglob(f"*{name}*.yaml"))
-    if not found:
-        pytest.skip(f"there is no {name}")
-    report = mapdeal.lint(found)
-    assert {one.file for one in report.maps} == {str(path) for path in found}
-    assert "\n" not in repr(report)
-
-
-@pytest.mark.parametrize("odd", [b"maps/a.yaml", None, 3, ["a.yaml", None], [b"a.yaml"]])
-@pytest.mark.parametrize("name", ["paths", "select", "ignore"])
-def test_what_is_no_name_is_a_parameter_error(maps, name, odd):
-    """The bytes of a name are numbers, of which none is a file's name."""
-    values = {"paths": maps / "sound.yaml", name: odd}
-    with pytest.raises(mapdeal.ParameterError, match="lint: takes names or paths, got"):
-        mapdeal.lint(**values)
 
 
 def test_parameter_files_are_linted_with_and_without_maps(maps):
@@ -142,6 +89,3 @@ def test_parameter_files_are_linted_with_and_without_maps(maps):
     assert [one.is_parameters for one in report.maps] == [True]
     report = mapdeal.lint(maps / "sound.yaml", params_file=[maps / "robot.yaml"], costmap="local")
     assert [one.is_parameters for one in report.maps] == [True, False]
-    for words in ({"costmap": "global"}, {"params_file": "a.yaml", "costmap": "both"}):
-        with pytest.raises(mapdeal.ParameterError, match="costmap"):
-            mapdeal.lint(maps, **words)

@@ -4,11 +4,9 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import mapdeal
 from bad_maps import tree
-from mapdeal import MalformedInputError, ParameterError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NAV2 = EXAMPLES / "robots" / "nav2_params.yaml"
@@ -46,13 +44,3 @@ def test_the_local_costmap_and_older_inflation_can_be_asked_for():
     assert [one.lookup for one in local.inflation_layers] == ["nav2"]
     older = mapdeal.read_robot_parameters(NAV2, dialect="humble")
     assert [one.lookup for one in older.inflation_layers] == ["exact"]
-
-
-def test_what_is_not_allowed_is_an_error(tmp_path):
-    with pytest.raises(ParameterError, match="costmap"):
-        mapdeal.read_robot_parameters(NAV2, costmap="both")
-    with pytest.raises(ParameterError, match="takes paths of parameter files"):
-        mapdeal.read_robot_parameters(7)
-    (tmp_path / "p.yaml").write_text(NAV2.read_text().replace("0.6\n", "1\n"))
-    with pytest.raises(MalformedInputError, match="inflation_radius"):
-        mapdeal.read_robot_parameters(tmp_path / "p.yaml")

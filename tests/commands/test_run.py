@@ -17,6 +17,9 @@ DRAWING = """
 """
 
 
+CORNERS = [[0.3, 0.2], [-0.3, 0.2], [-0.3, -0.2], [0.3, -0.2]]
+
+
 @pytest.fixture
 def room(tmp_path):
     path = tmp_path / "room.yaml"
@@ -31,30 +34,20 @@ def _sums(folder):
     }
 
 
-@pytest.mark.parametrize(
-    ("words", "arguments"),
-    [
-        ([], {}),
-        (["--recipe", "nav2"], {"recipe": "nav2"}),
-        (["--set", "inflate.radius=0.4"], {"changes": {"inflate.radius": 0.4}}),
-        (
-            ["--recipe", "design-real", "--sim", "--canvas", "full", "--no-images"],
-            {"recipe": "design-real", "sim": True, "canvas": "full", "images": False},
-        ),
-        (
-            ["--recipe", "nav2", "--footprint", "[[0.3,0.2],[-0.3,0.2],[-0.3,-0.2],[0.3,-0.2]]"],
-            {
-                "recipe": "nav2",
-                "footprint": mapdeal.Footprint.polygon(
-                    [(0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2)]
-                ),
-            },
-        ),
-        (["--recipe", "nav2", "--canvas", "full"], {"recipe": "nav2", "canvas": "full"}),
-        (["--image-max", "100", "--dialect", "ros1"], {"image_max": 100, "dialect": "ros1"}),
-    ],
-    ids=["default", "nav2", "changes", "full canvas", "footprint", "no crop", "options"],
-)
+@pytest.mark.parametrize(("words", "arguments"), [
+    ([], {}),
+    (["--recipe", "nav2"], {"recipe": "nav2"}),
+    (["--set", "inflate.radius=0.4"], {"changes": {"inflate.radius": 0.4}}),
+    (
+        ["--recipe", "design-real", "--sim", "--canvas", "full", "--no-images"],
+        {"recipe": "design-real", "sim": True, "canvas": "full", "images": False},
+    ),
+    (
+        ["--recipe", "nav2", "--footprint", str(CORNERS)],
+        {"recipe": "nav2", "footprint": mapdeal.Footprint.polygon(CORNERS)},
+    ),
+    (["--image-max", "100", "--dialect", "ros1"], {"image_max": 100, "dialect": "ros1"}),
+], ids=['default', 'nav2', 'changes', 'full canvas', 'footprint', 'options'])  # fmt: skip
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_run_writes_the_files_of_the_command(room, tmp_path, command, words, arguments):
     code, _, err = command("run", room, "-o", tmp_path / "by_command", *words)
@@ -83,17 +76,6 @@ def test_a_recipe_in_memory_makes_what_a_run_writes(room, tmp_path, name, canvas
         )
 
 
-def test_an_unchanged_run_is_told_and_another_one_refused(room, tmp_path):
-    first = mapdeal.run(room, tmp_path / "out")
-    again = mapdeal.run(room, tmp_path / "out")
-    assert (first.status, again.status) == ("done", "unchanged")
-    assert first.figures == again.figures
-    with pytest.raises(mapdeal.FileAccessError, match="exists"):
-        mapdeal.run(room, tmp_path / "out", changes={"inflate.radius": 0.4})
-    forced = mapdeal.run(room, tmp_path / "out", changes={"inflate.radius": 0.4}, force=True)
-    assert forced.status == "done"
-
-
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_run_that_fails_leaves_nothing(room, tmp_path):
     blank = tmp_path / "blank.yaml"
@@ -101,18 +83,6 @@ def test_a_run_that_fails_leaves_nothing(room, tmp_path):
     with pytest.raises(mapdeal.MapdealError, match=r"blank\.yaml"):
         mapdeal.run(blank, tmp_path / "out", "design-sim")
     assert not (tmp_path / "out").exists()
-
-
-def test_a_strict_run_ends_at_a_warning_before_it_writes(room, tmp_path):
-    room.write_text(room.read_text().replace("negate: 0\n", ""))
-    with (
-        pytest.warns(mapdeal.MapdealWarning, match="negate"),
-        pytest.raises(mapdeal.FindingError, match=r"room\.yaml"),
-    ):
-        mapdeal.run(room, tmp_path / "out", strict=True)
-    assert not (tmp_path / "out").exists()
-    with pytest.warns(mapdeal.MapdealWarning, match="negate"):
-        assert mapdeal.run(room, tmp_path / "out").status == "done"
 
 
 def test_changes_are_values_of_python_and_numpy():
@@ -145,30 +115,10 @@ def test_a_recipe_file_is_loaded_by_its_path(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text("stages:\n  - inflate: {radius: 0.4}\n  - esdf\n")
     recipe = mapdeal.load_recipe(path, {"inflate.kernel": "square"})
-    assert (
-        recipe.described()[0]["inflate"] | {"radius": 0.4, "kernel": "square"}
-        == (recipe.described()[0]["inflate"])
-    )
+    inflate = recipe.described()[0]["inflate"]
+    assert (inflate["radius"], inflate["kernel"]) == (0.4, "square")
     grid = grid_from_text(DRAWING)
     assert list(mapdeal.apply_recipe(grid, recipe)) == ["inflate", "esdf"]
-
-
-@pytest.mark.parametrize(
-    ("changes", "match"),
-    [
-        ({"inflate.radis": 1}, "inflate.radis: no such parameter"),
-        ({"inflate.radius": -1}, "inflate.radius: must be a finite number, at least 0, got -1"),
-        ({"inflate.radius": float("nan")}, "inflate.radius: must be a finite number"),
-        ({"inflate.radius": True}, "inflate.radius: must be a finite number"),
-        ({"inflation_radius": 1}, r"changes: must look like \{'stage.parameter': value\}"),
-        ({"inflate": {"radius": 1}}, r"changes: must look like \{'stage.parameter': value\}"),
-        ({"infalte.radius": 1}, "changes: no such stage, got 'infalte'"),
-        ({"active.margin": 1}, "recipe default has no stage active, got 'active.margin'"),
-    ],
-)
-def test_changes_that_are_not_allowed_are_refused(changes, match):
-    with pytest.raises(mapdeal.ParameterError, match=match):
-        mapdeal.load_recipe("default", changes)
 
 
 def test_a_loaded_recipe_is_taken_as_it_is_or_refused(room, tmp_path):
@@ -176,50 +126,6 @@ def test_a_loaded_recipe_is_taken_as_it_is_or_refused(room, tmp_path):
     assert mapdeal.load_recipe(recipe) is recipe
     report = mapdeal.run(room, tmp_path / "out", recipe)
     assert list(report.figures) == ["esdf", "cost"]
-    with pytest.raises(mapdeal.ParameterError, match="cannot be changed"):
-        mapdeal.apply_recipe(mapdeal.read_map(room), recipe, {"cost.inflation_radius": 1})
-    with pytest.raises(mapdeal.ParameterError, match="no such recipe, got 'nav'"):
-        mapdeal.load_recipe("nav")
-    with pytest.raises(mapdeal.ParameterError, match="must be the name of a recipe"):
-        mapdeal.load_recipe(["inflate"])
-
-
-def test_paths_and_grids_are_not_mistaken_for_each_other(room, tmp_path):
-    with pytest.raises(mapdeal.ParameterError, match="run: takes the path of a map"):
-        mapdeal.run(mapdeal.read_map(room), tmp_path / "out")
-    with pytest.raises(mapdeal.ParameterError, match="apply_recipe: takes a grid"):
-        mapdeal.apply_recipe(room)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        ({"canvas": "whole"}, "canvas: must be one of crop, full"),
-        ({"dialect": "ros2"}, "dialect: must be one of nav2, humble, ros1"),
-        ({"threads": 0}, "threads: must be a whole number, at least 1"),
-        ({"threads": True}, "threads: must be a whole number"),
-        ({"max_memory": -1}, "max_memory: must be"),
-        ({"image_max": -1}, "image_max: must be"),
-    ],
-)
-def test_arguments_that_are_not_allowed_are_refused(room, tmp_path, arguments, match):
-    with pytest.raises(mapdeal.ParameterError, match=match):
-        mapdeal.run(room, tmp_path / "out", **arguments)
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("footprint", [0.3, [(0.3, 0.2), (0.3, -0.2), (-0.3, 0)], "circle"])
-def test_a_footprint_that_is_none_is_refused(room, tmp_path, footprint):
-    for call in (
-        lambda: mapdeal.load_recipe("nav2", footprint=footprint),
-        lambda: mapdeal.apply_recipe(mapdeal.read_map(room), "nav2", footprint=footprint),
-        lambda: mapdeal.run(room, tmp_path / "out", footprint=footprint),
-    ):
-        with pytest.raises(
-            mapdeal.ParameterError, match="footprint: must be a Footprint"
-        ) as caught:
-            call()
-        assert "Footprint.circle(radius)" in caught.value.hint
 
 
 def test_a_recipe_warns_of_costs_that_say_nothing():
@@ -235,15 +141,6 @@ def test_info_is_what_the_command_says(room, command):
     assert mapdeal.info(room) == json.loads(out)
     assert mapdeal.info(str(room))["occupied"] == 2
     assert mapdeal.info(room, dialect="humble")["dialect"] == "humble"
-    with pytest.raises(mapdeal.FileAccessError):
-        mapdeal.info(room.with_name("missing.yaml"))
-    with pytest.raises(mapdeal.ParameterError, match="dialect"):
-        mapdeal.info(room, dialect="ros2")
-
-
-def test_changes_that_are_no_mapping_are_refused():
-    with pytest.raises(mapdeal.ParameterError, match="changes: must be values by name, got"):
-        mapdeal.load_recipe("default", [("inflate.radius", 1)])
 
 
 def test_settings_of_a_run_may_be_numpys(room, tmp_path):

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from drawn import grid_from_text
 from mapdeal.compare.align import TOLERANCES, Agreement, agreement_at, walls_of
 from mapdeal.grid.occupancy import OccupancyGrid
 
@@ -50,13 +51,6 @@ def test_a_wall_with_free_space_on_the_other_side_does_not_agree():
     assert agreement_at(west, west, STILL, 10_000).agreeing[0, 0] == pytest.approx(5.0)
 
 
-def test_maps_that_lie_beside_each_other_have_nothing_in_common():
-    first = strip([20])
-    found = agreement_at(first, first, np.array([[0.0, 900.0, 0.0]]), 10_000)
-    assert found.agreeing.max() == found.contradicting.max() == found.overlap[0] == 0
-    assert found.evidence(found.by_chance()).tolist() == [0.0]
-
-
 def test_evidence_is_the_divergence_from_chance_times_the_pieces_of_wall():
     agreeing = np.array([[18.0] * 4, [5.0] * 4, [2.0] * 4])
     contradicting = np.array([[2.0] * 4, [5.0] * 4, [18.0] * 4])
@@ -82,3 +76,61 @@ def test_chance_is_the_mean_of_wrong_places_that_have_much_in_common():
     np.testing.assert_allclose(found.by_chance(np.zeros(4, bool)), least)
     low = Agreement(contradicting[:1], agreeing[:1] + 1, np.ones(1), 2.0)
     np.testing.assert_allclose(low.by_chance(np.ones(1, bool)), least)  # never less
+
+
+ROOM = """
+    ??????????
+    ?#######??
+    ?#.....#??
+    ?#.....###
+    ?###...+.#
+    ??????????
+"""
+
+
+def test_faces_are_the_obstacles_beside_free_cells_with_their_distances():
+    walls = walls_of(grid_from_text(ROOM))
+    occupied = walls.known & ~walls.free
+    faces = {
+        (row, col)
+        for row, col in np.argwhere(occupied).tolist()
+        if walls.free[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2].any()
+    }
+    cells = walls.faces_xy / walls.resolution - 0.5
+    assert {(row, col) for col, row in np.rint(cells).astype(int).tolist()} == faces
+    assert walls.wall_length == len(faces) * 0.25
+    for row, col in np.ndindex(walls.frame.shape):
+        nearest = min(math.hypot(row - r, col - c) for r, c in faces) * 0.25
+        assert walls.distance[row, col] == pytest.approx(nearest, abs=1e-6)
+
+
+def test_normals_point_to_free_space():
+    values = np.full((9, 12), -1, dtype=np.int8)
+    values[3, :] = 100
+    values[4:, :] = 0  # the north is free
+    walls = walls_of(OccupancyGrid(values, 0.4, (3.0, -1.0, 0.7)))
+    inner = (walls.faces_xy[:, 0] > 1) & (walls.faces_xy[:, 0] < 3.8)
+    np.testing.assert_allclose(walls.normals_xy[inner], [[0.0, 1.0]] * inner.sum(), atol=1e-6)
+    np.testing.assert_allclose(np.hypot(*walls.normals_xy.T), 1.0, atol=1e-6)
+
+
+def test_large_maps_are_put_on_coarser_cells_without_losing_an_obstacle():
+    rng = np.random.default_rng(5)
+    values = rng.choice(np.array([-1, 0, 0, 0, 100], np.int8), (23, 41))
+    values[0, 0] = values[-1, -1] = 100
+    walls = walls_of(OccupancyGrid(values, 0.1, (1.0, 2.0, 0.3)), most=11)
+    assert walls.resolution == pytest.approx(0.4)
+    assert walls.frame.shape == (6, 11)
+    assert walls.frame.origin == (1.0, 2.0, 0.3)
+    for row, col in np.ndindex(walls.frame.shape):
+        block = values[4 * row : 4 * row + 4, 4 * col : 4 * col + 4]
+        is_occupied = bool((block == 100).any())
+        assert (walls.known & ~walls.free)[row, col] == is_occupied
+        assert walls.free[row, col] == (not is_occupied and (block == 0).sum() >= 8)
+
+
+def test_maps_that_lie_beside_each_other_have_nothing_in_common():
+    first = strip([20])
+    found = agreement_at(first, first, np.array([[0.0, 900.0, 0.0]]), 10_000)
+    assert found.agreeing.max() == found.contradicting.max() == found.overlap[0] == 0
+    assert found.evidence(found.by_chance()).tolist() == [0.0]

@@ -7,12 +7,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mapdeal import ParameterError, ScoreBound
 from mapdeal.compare import score as alone
-from mapdeal.compare.bounds import figure_in, figures_named
-from mapdeal.compare.score import FREE, OCCUPIED, UNKNOWN, corners_of, enclosed_areas, score_alone
+from mapdeal.compare.bounds import checked_bounds, figure_in, figures_named, judged
+from mapdeal.compare.score import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    compare_states,
+    corners_of,
+    enclosed_areas,
+    score_alone,
+)
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.threads import use_threads
+from recorded_scores import flat
 
 
 def rooms():
@@ -54,16 +64,6 @@ def test_a_wall_over_corners_is_closed_and_its_unknown_inside_is_no_area():
     assert enclosed_areas(states, 0.5)[:2] == (0, 0)
 
 
-def test_a_speck_changes_neither_areas_nor_corners():
-    states = rooms()
-    found = counted(states)
-    states[9, 20], states[2, 2] = OCCUPIED, OCCUPIED
-    spoilt = counted(states)
-    assert (found["specks"], spoilt["specks"]) == (0, 2)
-    for name in ("corners", "enclosed_areas", "enclosed_pockets", "wall_pieces"):
-        assert found[name] == spoilt[name], name
-
-
 def thick_line(shape, ends, thickness):
     """Return the cells within half a thickness of a line."""
     (y0, x0), (y1, x1) = ends
@@ -102,18 +102,6 @@ def test_a_line_has_corners_at_its_ends_alone_and_a_wide_circle_none(degrees):
     assert len(corner_places(thick_line((81, 85), (middle - step, middle + step), 1.0))) == 2
     rows, cols = np.mgrid[:81, :85]
     assert not corners_of(abs(np.hypot(rows - 40, cols - 42) - 35) <= 0.8).any()
-
-
-def test_a_block_has_its_four_and_a_wall_at_the_border_ends_there():
-    walls = np.zeros((60, 70), np.bool_)
-    walls[20:40, 15:50] = True
-    places = sorted(tuple(place.tolist()) for place in corner_places(walls))
-    assert len(places) == 4
-    for found, corner in zip(places, [(20, 15), (20, 49), (39, 15), (39, 49)], strict=True):
-        assert np.abs(np.subtract(found, corner)).max() <= 2
-    walls = np.zeros((60, 70), np.bool_)
-    walls[:30, 35] = True
-    assert len(corner_places(walls)) == 2
 
 
 @settings(max_examples=15)
@@ -172,3 +160,66 @@ def test_every_figure_has_a_name():
         assert figure_in(values, name) is not None
     plain = {name for name, value in values.items() if not isinstance(value, dict)}
     assert plain - set(names) == {"cells", "resolution_m"}
+
+
+def test_every_figure_of_a_comparison_can_have_a_bound_but_its_size():
+    states = np.full((2, 3), 2, np.uint8)
+    values = compare_states(states, states, Frame(2, 3, 0.3)).values
+    assert set(figures_named(with_truth=True)) == set(flat(values)) - {"cells"}
+
+
+@pytest.mark.parametrize(
+    ("side", "allowed", "found", "holds"),
+    [
+        ("max", 0.3, 0.30000000000000004, True),
+        ("max", 0.3, 0.3001, False),
+        ("min", 0.9, 0.9, True),
+        ("min", 0.9, 0.8999, False),
+        ("min", -0.5, -0.4, True),
+        ("max", 0.0, 1e-12, False),
+        ("max", 1.0, None, False),
+    ],
+)
+def test_a_bound_holds(side, allowed, found, holds):
+    assert ScoreBound("coverage", side, allowed, found).holds is holds
+
+
+@pytest.mark.parametrize(
+    ("minimum", "maximum", "with_truth", "told", "hint"),
+    [
+        ({"coverge": 1}, {}, True, "is not a figure of a score, got 'coverge'", "mean coverage?"),
+        ({}, {"zzzz": 1}, True, "is not a figure", "--json"),
+        ({"coverage": 1}, {}, False, "needs a truth", "--truth"),
+        ({"corners": 1}, {}, True, "without a truth", "leave --truth out"),
+        ({}, {"dist_est_to_truth_m": 1}, True, "several figures", "dist_est_to_truth_m.mean"),
+        ({"coverage": math.nan}, {}, True, "finite", None),
+        ({"coverage": "1"}, {}, True, "finite", None),
+        ({"coverage": 0.9}, {"coverage": 0.8}, True, "at least 0.9 and at most 0.8", None),
+        ({"cells": 1}, {}, True, "is not a figure", None),
+    ],
+)
+def test_what_cannot_be_a_bound_is_refused(minimum, maximum, with_truth, told, hint):
+    with pytest.raises(ParameterError) as error:
+        checked_bounds(minimum, maximum, with_truth=with_truth)
+    assert told in str(error.value)
+    assert hint is None or hint in error.value.hint
+
+
+def test_names_lead_into_groups():
+    maximum = {"confusion-known-in-both.fp": 3}
+    bounds = checked_bounds({"coverage": 0.5}, maximum, with_truth=True)
+    found = judged(bounds, {"coverage": None, "confusion_known_in_both": {"fp": 4}})
+    assert [(one.name, one.found, one.holds) for one in found] == [
+        ("coverage", None, False),
+        ("confusion_known_in_both.fp", 4.0, False),
+    ]
+
+
+def test_a_speck_changes_neither_areas_nor_corners():
+    states = rooms()
+    found = counted(states)
+    states[9, 20], states[2, 2] = OCCUPIED, OCCUPIED
+    spoilt = counted(states)
+    assert (found["specks"], spoilt["specks"]) == (0, 2)
+    for name in ("corners", "enclosed_areas", "enclosed_pockets", "wall_pieces"):
+        assert found[name] == spoilt[name], name

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapdeal import BeamLimits, MapBuilder, OccupancyGrid, ParameterError, Scans, Transform, merge
+from mapdeal import BeamLimits, MapBuilder, OccupancyGrid, Scans, Transform, merge
 from mapdeal.grid.frame import Frame
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
@@ -90,11 +90,9 @@ def test_evidence_moves_with_its_map():
     # the second map's x points to the first's y, and its corner lies at (2.5, 2)
     transform = Transform(2.5, 2.0, np.pi / 2).inverse()
     merged = merge(
-        [first, second],
-        transforms=[transform],
-        rule="evidence",
+        [first, second], transforms=[transform], rule="evidence",
         evidence=[{"log_odds": np.full((2, 3), 50.0)}, {"log_odds": odds}],
-    )
+    )  # fmt: skip
     assert merged.grid.origin == first.origin
     assert merged.log_odds.tolist() == [[30.0, 50.0, 10.0], [55.0, 90.0, 20.0]]
     assert merged.grid.occupancy.tolist() == [[0, 0, 0], [100, 100, 0]]
@@ -109,22 +107,3 @@ def test_layers_without_hits_are_votes():
             evidence=[{"tsdf": np.zeros((1, 2))}, {"log_odds": [[49.5, 49.5]]}],
         )
     assert merged.log_odds.tolist() == [[50.5, 48.5]]
-
-
-def test_odd_layers_are_refused():
-    grid = OccupancyGrid([[100, 0]], 0.5)
-    good = np.array([[1, 2]])
-    for layers, told in [
-        ({"log_odds": np.zeros((2, 1))}, "map 2: log_odds: must be of the map's 2 x 1 cells"),
-        ({"hits": good}, "map 2: misses: is missing"),
-        ({"hits": good, "misses": -good}, r"map 2: misses: must lie in 0..1e\+09, got -1"),
-        ({"hits": good * np.nan, "misses": good}, "map 2: hits: must lie in .*, got nan"),
-        ({"log_odds": good * np.inf}, "map 2: log_odds: must lie in .*, got inf"),
-        ({"log_odds": np.array([["a", "b"]])}, "map 2: log_odds: must be numbers, got '<U1'"),
-    ]:
-        with pytest.raises(ParameterError, match=f"^{told}"):
-            merge([grid, grid], rule="evidence", evidence=[None, layers])
-    with pytest.raises(ParameterError, match=r"^evidence: must be 2, one for each map, got 1"):
-        merge([grid, grid], rule="evidence", evidence=[None])
-    with pytest.raises(ParameterError, match=r"^evidence: is for rule evidence alone"):
-        merge([grid, grid], evidence=[None, None])

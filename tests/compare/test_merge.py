@@ -8,17 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import oracles
 from drawn import cells, grid_from_text
-from mapdeal import (
-    MapdealWarning,
-    OccupancyGrid,
-    ParameterError,
-    Transform,
-    esdf,
-    exponential_cost,
-    field_view,
-    merge,
-)
+from mapdeal import MapdealWarning, OccupancyGrid, Transform, merge
 from strategies import occupancies
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
@@ -69,30 +61,12 @@ def square(grid, row, col):
     ]
 
 
-def shared_area(first, second):
-    """The area that two convex anticlockwise polygons share: the second clips the first."""
-    polygon = first
-    for (ax, ay), (bx, by) in zip(second, second[1:] + second[:1], strict=True):
-        kept = []
-        for (px, py), (qx, qy) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
-            p = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
-            q = (bx - ax) * (qy - ay) - (by - ay) * (qx - ax)
-            if p >= 0:
-                kept.append((px, py))
-            if (p > 0 > q) or (p < 0 < q):
-                t = p / (p - q)
-                kept.append((px + t * (qx - px), py + t * (qy - py)))
-        polygon = kept
-    ends = polygon[1:] + polygon[:1]
-    return sum(x * v - u * y for (x, y), (u, v) in zip(polygon, ends, strict=True)) / 2
-
-
 def overlapping(grid, target, transform):
     """The largest value above 0 under a square of the first frame; None where that is not sure."""
     polygon = [moved(point, transform) for point in target]
     largest, least = 0, min(grid.resolution, math.dist(*target[:2])) ** 2
     for row, col in np.argwhere(grid.occupancy > 0).tolist():
-        area = shared_area(polygon, square(grid, row, col)) / least
+        area = oracles.shared_area(polygon, square(grid, row, col)) / least
         if 1e-14 < area < 1e-5:
             return None
         if area >= 1e-5:
@@ -140,23 +114,6 @@ def test_cells_are_what_plain_python_makes_of_them(case, rule):
             assert grid.occupancy[row, col] == wanted
 
 
-@given(placed_maps(), st.randoms())
-def test_no_point_of_an_obstacle_is_lost_and_no_known_cell(case, random):
-    maps, transforms = case
-    grid = merge(maps, transforms=transforms).grid
-    for one, transform in zip(maps, [Transform(), *transforms], strict=True):
-        for row, col in np.argwhere(one.occupancy >= 0).tolist():
-            at = (col + random.uniform(0.01, 0.99), row + random.uniform(0.01, 0.99))
-            local = at[0] * one.resolution, at[1] * one.resolution
-            point = moved_back(moved(local, as_transform(one)), transform)
-            place = place_in(grid, point)
-            assert 0 <= place[0] <= grid.shape[1]
-            assert 0 <= place[1] <= grid.shape[0]
-            value = value_at(grid, point)
-            if value is not None and one.occupancy[row, col] > 0:
-                assert value >= one.occupancy[row, col]
-
-
 @given(placed_maps(), st.sampled_from(RULES))
 def test_the_first_maps_cells_stay_and_the_lattice_is_no_larger_than_needed(case, rule):
     maps, transforms = case
@@ -182,33 +139,6 @@ def test_the_first_maps_cells_stay_and_the_lattice_is_no_larger_than_needed(case
             math.ceil(max(cols) - EDGE) - math.floor(min(cols) + EDGE))  # fmt: skip
     if all(abs(x - round(x)) > 2 * EDGE or abs(x - round(x)) < EDGE / 100 for x in rows + cols):
         assert merged.shape == size
-
-
-@given(occupancies(8), st.sampled_from(RULES), YAWS, st.integers(2, 4))
-def test_a_map_merged_with_itself_is_itself(values, rule, yaw, count):
-    grid = OccupancyGrid(values, 0.07, (1.3, -0.2, yaw))
-    merged = merge([grid] * count, rule=rule)
-    np.testing.assert_array_equal(merged.grid.occupancy, values)
-    assert merged.grid.origin == grid.origin
-    assert merged.conflict_count == 0
-    known = int((values >= 0).sum())
-    assert [counts.added for counts in merged.maps] == [known] + [0] * (count - 1)
-    assert {counts.common for counts in merged.maps} == {known}
-
-
-@given(st.lists(occupancies(6), min_size=2, max_size=4), st.data())
-def test_the_order_matters_to_the_lattice_alone(arrays, data):
-    """Maps on one lattice: occupied and evidence are the same in any order."""
-    lattice = OccupancyGrid([[0]], 0.07, (1.3, -0.2, 0.7)).frame
-    step = st.integers(-3, 3)
-    maps = [
-        OccupancyGrid(a, 0.07, lattice.window(data.draw(step), data.draw(step), *a.shape).origin)
-        for a in arrays
-    ]
-    other = data.draw(st.permutations(maps))
-    for rule in ("occupied", "evidence"):
-        found = [known_places(merge(order, rule=rule).grid, lattice) for order in (maps, other)]
-        assert found[0] == found[1]
 
 
 def known_places(grid, lattice):
@@ -335,34 +265,3 @@ def test_what_is_odd_is_warned_of():
     assert said([first, one_off], rule="evidence") == [
         "no map has evidence layers; each of their cells counts as one vote"
     ]
-
-
-def test_what_cannot_be_merged_is_refused():
-    grid = grid_from_text("..#\n...")
-    costs = exponential_cost(grid, inscribed_radius=0.1, inflation_radius=0.3)
-    for maps in ([], [grid]):
-        with pytest.raises(ParameterError, match=r"^maps: takes two maps or more, got "):
-            merge(maps)
-    for odd in (costs, esdf(grid), field_view(esdf(grid))):
-        with pytest.raises(ParameterError, match=r"^map 2: is not a map"):
-            merge([grid, odd])
-    with pytest.raises(ParameterError, match="takes files or grids"):
-        merge([grid, np.zeros((2, 3))])
-    with pytest.raises(ParameterError, match=r"^rule: must be one of occupied, newest, evidence"):
-        merge([grid, grid], rule="oldest")
-    with pytest.raises(ParameterError, match=r"^transforms: must be 1, one for each map but"):
-        merge([grid, grid], transforms=[None, None])
-    far = grid.with_values(grid.occupancy, (1e9, 0.0, 0.0))
-    with pytest.raises(ParameterError, match=r"^map 1: origin: the maps lie too far apart: "):
-        merge([grid, far])
-    with pytest.raises(ParameterError, match="must be a finite number"):
-        merge([grid, grid], transforms=[Transform(1e12, 1e12, 0.3)])
-
-
-def test_a_map_that_knows_nothing_changes_nothing():
-    grid = grid_from_text("..#\n?..")
-    nothing = OccupancyGrid(np.full((9, 9), -1, np.int8), 0.05, (100.0, 0.0, 0.0))
-    for rule in RULES:
-        merged = merge([grid, nothing], rule=rule)
-        np.testing.assert_array_equal(merged.grid.occupancy, grid.occupancy)
-    assert merged.maps[1].common == 0

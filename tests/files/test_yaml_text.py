@@ -111,17 +111,14 @@ def test_real_files(real_maps):
             check(text)
 
 
-@pytest.mark.parametrize(
-    ("text", "place"),
-    [
-        ("a: 1\nb: [1, 2", "line 2, column 9"),
-        ("a: 1\nb: [1, 2\n", "line 3, column 1"),
-        ("a: 1\nb: c: d\n", "line 2, column 5"),
-        ("a: 1\n---\nb: 2\n", "line 2, column 1: not valid YAML: but found another document"),
-        ("a: &a 1\nb: &a 2\nc: *a\n", "line 2, column 4: not valid YAML: second occurrence"),
-        ("a: *b\n", "line 1, column 4: not valid YAML: found undefined alias 'b'"),
-    ],
-)
+@pytest.mark.parametrize(("text", "place"), [
+    ("a: 1\nb: [1, 2", "line 2, column 9"),
+    ("a: 1\nb: [1, 2\n", "line 3, column 1"),
+    ("a: 1\nb: c: d\n", "line 2, column 5"),
+    ("a: 1\n---\nb: 2\n", "line 2, column 1: not valid YAML: but found another document"),
+    ("a: &a 1\nb: &a 2\nc: *a\n", "line 2, column 4: not valid YAML: second occurrence"),
+    ("a: *b\n", "line 1, column 4: not valid YAML: found undefined alias 'b'"),
+])  # fmt: skip
 def test_what_is_not_yaml_is_told_with_its_place(text, place):
     with pytest.raises(MalformedInputError) as caught:
         parse_mapping(NAME, text.encode(), OF_RECIPES)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import mapdeal
 from drawn import grid_from_text
-from mapdeal import Costmap, DistanceField, OccupancyGrid, ParameterError, PotentialField, Reach
+from mapdeal import DistanceField, OccupancyGrid, ParameterError, PotentialField, Reach
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.blocks import lazy_layer
@@ -119,22 +119,6 @@ def test_lazy_layers_are_padded_rows_by_rows(occupancy, margins, block_height, s
     np.testing.assert_array_equal(np.asarray(view.occupancy), expected)
 
 
-@pytest.mark.parametrize(
-    ("frame", "said"),
-    [
-        (Frame(9, 9, 0.2, WALL.origin), "cells in common"),
-        (Frame(9, 9, 0.25, (1.5, -2.0, 0.5)), "cells in common"),
-        (Frame(9, 9, 0.25, (1.4, -2.0, 0.4)), "cells in common"),
-        (WALL.frame.window(0, 0, 2, 9), "all of the grid"),
-        (WALL.frame.window(1, -1, 9, 9), "all of the grid"),
-        (WALL.frame.window(40, 0, 9, 9), "all of the grid"),
-    ],
-)
-def test_a_canvas_that_does_not_hold_the_cells_is_refused(frame, said):
-    with pytest.raises(ParameterError, match=said):
-        on_canvas(WALL, frame)
-
-
 def test_another_value_around_a_map():
     whole = on_canvas(WALL, larger(WALL.frame, (0, 1, 2, 0)), fill=100)
     assert whole.occupancy[-1].tolist() == [100] * 7
@@ -239,18 +223,6 @@ def test_nan_anywhere_else_is_refused(distance, occupancy, said):
         PotentialField(distance, occupancy, 0.1)
 
 
-def test_nan_around_a_box_is_where_the_box_is():
-    field = DistanceField(BOX, [[-1, -1, -1], [-1, -1, 0]], 0.5, (1.0, 2.0, 0.0))
-    assert field.region == (1, 1, 1, 2)
-    assert field.cropped.origin == (1.5, 2.5, 0.0)
-    assert field.cropped.distance.tolist() == [[1.0, 2.0]]
-    assert field.part(slice(1, 2)).region == (0, 1, 1, 2)
-    assert field.part(slice(0, 1)).region.cells == 0
-    everywhere = DistanceField([[1.0, 2.0]], [[-1, 0]], 0.5)
-    assert everywhere.region is None
-    assert everywhere.cropped is everywhere
-
-
 def test_rows_of_a_field_know_their_part_of_the_box():
     distance = np.full((5, 4), np.nan, np.float32)
     distance[1:3, 1:3] = [[1.0, 2.0], [3.0, 4.0]]
@@ -268,6 +240,12 @@ def test_rows_of_a_field_know_their_part_of_the_box():
             assert part.cropped.origin == pytest.approx(place.origin, abs=1e-12)
 
 
+def test_every_kind_of_grid_is_here():
+    assert {type(grid) for grid in itertools.islice(kinds_of(WALL), 9)} == {
+        stage.makes for stage in STAGES
+    }
+
+
 def test_a_field_with_another_layer_has_that_one_in_its_box_too():
     distance = np.full((3, 4), np.nan, np.float32)
     distance[1, 1:3] = 1.0
@@ -275,15 +253,3 @@ def test_a_field_with_another_layer_has_that_one_in_its_box_too():
     field = DistanceField(distance, occupancy, 0.5)
     assert field.cropped.distance.tolist() == [[1.0, 1.0]]
     assert field.with_layer(2 * distance).cropped.distance.tolist() == [[2.0, 2.0]]
-
-
-def test_a_costmap_on_a_canvas_is_unknown_around():
-    for scale, outside in (("costmap2d", 255), ("occupancy", -1)):
-        whole = on_canvas(Costmap([[0, 99]], 0.5, scale=scale), Frame(1, 4, 0.5, (-0.5, 0.0, 0.0)))
-        assert whole.cost.tolist() == [[outside, 0, 99, outside]]
-
-
-def test_every_kind_of_grid_is_here():
-    assert {type(grid) for grid in itertools.islice(kinds_of(WALL), 9)} == {
-        stage.makes for stage in STAGES
-    }

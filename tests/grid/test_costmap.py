@@ -1,6 +1,12 @@
+import numpy as np
 import pytest
 
-from mapdeal import Costmap, OccupancyGrid, ParameterError
+from mapdeal import Costmap, OccupancyGrid
+from mapdeal.grid.values import (
+    cost_from_occupancy,
+    occupancy_from_cost,
+    static_layer_cost_from_occupancy,
+)
 
 
 def test_a_costmap_becomes_the_occupancy_that_ros_would_publish():
@@ -8,29 +14,6 @@ def test_a_costmap_becomes_the_occupancy_that_ros_would_publish():
     grid = costmap.to_occupancy()
     assert grid.occupancy.tolist() == [[0, 1, 50], [99, 100, -1]]
     assert (grid.resolution, grid.origin) == (0.2, (1.0, 2.0, 0.5))
-
-
-@pytest.mark.parametrize(("cost", "scale"), [([[-1]], "costmap2d"), ([[101]], "occupancy")])
-def test_costs_off_their_scale_are_refused(cost, scale):
-    with pytest.raises(ParameterError):
-        Costmap(cost, 0.2, scale=scale)
-
-
-def test_a_value_must_lie_on_the_grid_s_own_scale():
-    stored, published = Costmap([[0]], 0.2), Costmap([[0]], 0.2, scale="occupancy")
-    assert (stored.accept_value(255), published.accept_value(-1)) == (255, -1)
-    for grid, value in [(stored, -1), (stored, 256), (published, 101), (stored, 2.5),
-                        (stored, float("nan"))]:  # fmt: skip
-        with pytest.raises(ParameterError, match="whole number"):
-            grid.accept_value(value)
-    assert (stored.unknown_value, published.unknown_value) == (255, -1)
-
-
-@pytest.mark.parametrize("cost", [[[-2, 0]], [[0, 101]], [[-128, 100]]])
-def test_the_occupancy_scale_ends_at_minus_1_and_100(cost):
-    assert Costmap([[-1, 100]], 0.2, scale="occupancy").cost.tolist() == [[-1, 100]]
-    with pytest.raises(ParameterError, match=r"must lie in -1..100"):
-        Costmap(cost, 0.2, scale="occupancy")
 
 
 def test_figures_count_each_cell_once():
@@ -57,9 +40,46 @@ def test_unknown_cells_are_free_to_a_static_layer_that_does_not_track_them():
     assert costs.tolist() == [[254, 254, 254, 254, 255]]
 
 
-def test_entries_hold_the_circumscribed_cost_if_there_is_one():
-    costmap = Costmap([[0, 254]], 0.5, circumscribed_cost=61)
-    entries = costmap.entries()
-    assert (entries["circumscribed_cost"], entries["cost_scale"]) == (61, "costmap2d")
-    assert entries["cost"].tolist() == [[0, 254]]
-    assert set(Costmap([[0, 254]], 0.5).entries()) == {"cost", "cost_scale"}
+@pytest.fixture(scope="module")
+def peers(real_maps):
+    with np.load(real_maps / "expected" / "peers.npz") as file:
+        yield file
+
+
+def test_costs_are_published_as_ros_publishes_them(peers):
+    assert np.array_equal(occupancy_from_cost(), peers["to_occ"][0])
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("trinary", {}), ("scaled", {"trinary": False}), ("no_unknown", {"track_unknown": False})],
+)
+def test_the_static_layer_reads_every_byte_as_ros_does(peers, name, options):
+    values = peers["occ_values"][0]
+    assert sorted(values.tolist()) == list(range(-128, 128))
+    table = static_layer_cost_from_occupancy(**options)
+    assert np.array_equal(table[values.view(np.uint8)], peers[f"static/{name}"][0])
+
+
+def test_a_mask_s_values_become_costs_as_in_ros(peers):
+    values = np.arange(-1, 101, dtype=np.int8)
+    assert np.array_equal(cost_from_occupancy()[values.view(np.uint8)], peers["from_occ"][0])
+
+
+def test_a_lower_lethal_threshold_stretches_the_shares_below_it():
+    # trunc(254 v / 65), and 65 and more are lethal; 99 keeps its rule, unless it has none.
+    grid = OccupancyGrid([[0, 1, 32, 64, 65, 99, 100, -1]], 0.2, (1.0, 2.0, 0.5))
+    scaled = Costmap.from_static_layer(grid, lethal_threshold=65, trinary=False)
+    assert scaled.cost.tolist() == [[0, 3, 125, 250, 254, 253, 254, 255]]
+    assert (scaled.scale, scaled.origin) == ("costmap2d", grid.origin)
+    older = Costmap.from_static_layer(grid, lethal_threshold=65, inscribed_value=None)
+    assert older.cost.tolist() == [[0, 0, 0, 0, 254, 254, 254, 255]]
+
+
+def test_masks_of_a_map():
+    grid = OccupancyGrid([[-1, 0, 1], [50, 99, 100]], 0.05)
+    assert grid.unknown().tolist() == [[True, False, False], [False, False, False]]
+    assert grid.occupied().tolist() == [[False, False, False], [False, False, True]]
+    assert grid.occupied(50).tolist() == [[False, False, False], [True, True, True]]
+    assert grid.as_amcl_sees_it().occupancy.tolist() == [[-1, 0, -1], [-1, -1, 100]]
+    assert grid.amcl_states().tolist() == [[0, -1, 0], [0, 0, 1]]

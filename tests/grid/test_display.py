@@ -160,10 +160,7 @@ def test_a_value_of_a_public_type_is_shown_in_one_line(name):
         ("Footprint", "circle, radius 0.2 m"),
         ("Scans", "1 scan, 2 beams each"),
         ("Recipe", "esdf -> cost exponential"),
-        (
-            "RobotParameters",
-            f"/a/local_costmap, {RADII}, static, inflation",
-        ),
+        ("RobotParameters", f"/a/local_costmap, {RADII}, static, inflation"),
         ("LintReport", "1 map: 0 errors, 1 warning, 0 notes"),
         ("MapReport", "a.yaml: 0 errors, 1 warning, 0 notes"),
         ("RunReport", "out/a, done, stages esdf"),
@@ -197,14 +194,6 @@ def test_one_sample_of_a_field_is_shown_as_it_is():
     assert text == "FieldSamples(3 points, 2 inside, distance 0.75 .. 1 m)"
 
 
-def test_many_corners_are_counted():
-    angles = np.linspace(0, 6, 50)
-    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1).tolist()
-    assert repr(mapdeal.Polygon(ring)) == "Polygon(50 points from (1, 0))"
-    text = repr(mapdeal.Footprint.polygon(ring))
-    assert text.startswith("Footprint(50 points from (1, 0), inscribed_radius 0.9")
-
-
 def test_layers_that_are_made_block_by_block_are_left_alone():
     def make(rows):
         raise AssertionError("a repr asked for rows")
@@ -215,22 +204,6 @@ def test_layers_that_are_made_block_by_block_are_left_alone():
         expected = f"OccupancyGrid({width} x {height} cells, 0.05 m, origin (0, 0, 0))"
         assert repr(lazy) == expected
         assert lazy._repr_png_() is None
-
-
-def test_giant_grids_are_not_counted(monkeypatch):
-    monkeypatch.setattr("mapdeal.grid.frame.MOST_COUNTED", 14)
-    for name in ("OccupancyGrid", "BitMap"):
-        assert repr(SAMPLES[name]) == f"{name}({PLACE})"
-    assert repr(SAMPLES["DistanceField"]) == f"DistanceField({PLACE}, convention fast-planner)"
-    monkeypatch.setattr("mapdeal.grid.frame.MOST_COUNTED", 15)
-    assert repr(SAMPLES["BitMap"]) == f"BitMap({PLACE}, 2 ones)"
-
-
-def test_layers_of_a_potential_are_not_made_for_its_line():
-    field = mapdeal.potential(grid(), goal=(1.6, -1.9))
-    before = set(vars(field))
-    assert "goal (1.6, -1.9), repulsion up to " in repr(field)
-    assert set(vars(field)) == before
 
 
 def test_importing_the_package_loads_nothing_of_it():

@@ -1,14 +1,14 @@
 """What a robot costs at poses."""
 
 import json
+import math
+import warnings
 
 import numpy as np
 import pytest
 
-from drawn import grid_from_text
 from engines import ENGINES
-from mapdeal import Costmap, Footprint, Polygon, draw, footprint_costs, read_map
-from mapdeal.errors import ParameterError
+from mapdeal import Costmap, Footprint, MapdealWarning, Polygon, draw, footprint_costs, read_map
 from mapdeal.kernels import engine
 
 ROBOT = Footprint.polygon([[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]])
@@ -54,17 +54,6 @@ def test_all_recorded_costs_of_nav2_are_equal(recorded, monkeypatch, name):
         assert np.array_equal(found, expected), key
         count += len(found)
     assert count == 50_000
-
-
-def test_a_full_footprint_is_never_better_than_its_outline(recorded):
-    worse = 0
-    for _, costs, corners, poses, outline in recorded:
-        robot = Footprint(tuple(map(tuple, corners.tolist())))
-        full = footprint_costs(costs, robot, poses, rule="full").astype(int)
-        order = [np.where(one == 254, 256, one) for one in (outline.astype(int), full)]
-        assert (order[1] >= order[0]).all()
-        worse += int((order[1] > order[0]).sum())
-    assert worse > 1000
 
 
 def test_a_full_footprint_meets_all_cells_that_drawing_it_covers():
@@ -121,22 +110,63 @@ def test_a_round_robot_is_the_polygon_of_16_corners():
     assert len(np.unique(round_one)) > 3
 
 
-def test_costs_of_a_map_are_those_of_its_static_layer():
-    grid = grid_from_text("......\n......\n...?..\n#.....", 0.25, (0.0, 0.0, 0.0))
-    costs = Costmap.from_static_layer(grid)
-    robot = Footprint.polygon([[0.1, 0.1], [0.1, -0.1], [-0.1, -0.1], [-0.1, 0.1]])
-    poses = [[0.7, 0.75, 0], [0.25, 0.25, 0], [0.8, 0.4, 0], [1.45, 0.5, 0]]
-    assert footprint_costs(costs, robot, poses).tolist() == [0, 254, 255, 254]
+def test_radii_of_a_rectangle_off_its_centre():
+    # Edges at x = 0.4, -0.2 and y = +-0.25; the farthest corner is (0.4, 0.25).
+    shape = Footprint.polygon([[0.4, 0.25], [0.4, -0.25], [-0.2, -0.25], [-0.2, 0.25]])
+    assert shape.inscribed_radius == pytest.approx(0.2)
+    assert shape.circumscribed_radius == pytest.approx(math.hypot(0.4, 0.25))
 
 
-def test_what_is_not_allowed_is_refused():
-    costs = Costmap([[0, 1]], 0.5)
-    for poses in ([[1, 2]], [1, 2], [[[1, 2, 3]]], 5):
-        with pytest.raises(ParameterError, match="poses must be an array of x, y, yaw"):
-            footprint_costs(costs, ROBOT, poses)
-    with pytest.raises(ParameterError, match="rule: must be one of outline, full, got 'inside'"):
-        footprint_costs(costs, ROBOT, [[0, 0, 0]], rule="inside")
-    published = Costmap([[0, 1]], 0.5, scale="occupancy")
-    with pytest.raises(ParameterError, match=r"cost scale: .* costmap2d, got 'occupancy'"):
-        footprint_costs(published, ROBOT, [[0, 0, 0]])
-    assert footprint_costs(costs, ROBOT, np.empty((0, 3))).shape == (0,)
+def test_a_repeated_corner_does_no_harm():
+    shape = Footprint.polygon([[0.3, 0.2], [0.3, 0.2], [-0.3, 0.2], [0.0, -0.4]])
+    assert math.isfinite(shape.inscribed_radius)
+
+
+def test_either_sense_of_rotation_gives_the_same_radii():
+    corners = [(0.3, 0.1), (-0.1, 0.3), (-0.2, -0.3)]
+    one, other = Footprint.polygon(corners), Footprint.polygon(corners[::-1])
+    assert one.inscribed_radius == pytest.approx(other.inscribed_radius)
+    assert one.circumscribed_radius == other.circumscribed_radius
+
+
+def test_padding_moves_each_coordinate_by_its_sign_and_leaves_zero():
+    shape = Footprint.polygon([[0.3, 0.0], [-0.2, 0.2], [-0.2, -0.2]]).padded(0.01)
+    assert shape.vertices == ((0.31, 0.0), (-0.21000000000000002, 0.21000000000000002),
+                              (-0.21000000000000002, -0.21000000000000002))  # fmt: skip
+
+
+def test_a_circle_is_a_circle_and_no_polygon():
+    shape = Footprint.circle(0.25).padded(0.05)
+    assert shape.inscribed_radius == shape.circumscribed_radius == pytest.approx(0.3)
+
+
+def test_radii_are_those_of_costmap_2d(real_maps):
+    peers = json.loads((real_maps / "expected" / "peers.json").read_text())["footprints"]
+    assert len(peers) == 12
+    for case in peers:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            shape = Footprint.polygon(case["polygon"])
+        assert shape.inscribed_radius == pytest.approx(case["result"]["inscribed"], rel=1e-12)
+        expected = case["result"]["circumscribed"]
+        assert shape.circumscribed_radius == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_sixteen_gon_of_costmap_2d_is_a_little_smaller_than_its_circle():
+    shape = Footprint.sixteen_gon(0.5)
+    assert len(shape.vertices) == 16
+    assert shape.vertices[0] == (0.5, 0.0)
+    assert shape.vertices[4] == pytest.approx((0.0, 0.5))
+    assert shape.circumscribed_radius == pytest.approx(0.5)
+    assert shape.inscribed_radius == pytest.approx(0.98079 * 0.5, rel=1e-5)
+
+
+@pytest.mark.parametrize("space", ["", " ", "\r\n", "\x1c", "\x85", "\u2003"])
+def test_white_space_of_any_kind_may_stand_between_numbers(space):
+    text = " [ [ 1 , +.5 ] , [ -1e0 , 1 ] , [ 0 , -1 ] ] ".replace(" ", space)
+    assert Footprint.parse(text).vertices == ((1, 0.5), (-1, 1), (0, -1))
+
+
+def test_a_robot_beside_its_centre_is_warned_of():
+    with pytest.warns(MapdealWarning, match="outside"):
+        Footprint.polygon([[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]])

@@ -6,7 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import Frame, OccupancyGrid, ParameterError
-from mapdeal.grid.frame import cells_to_cover
+from mapdeal.grid.frame import (
+    Region,
+    Transform,
+    cells_to_cover,
+    check_point,
+    region_around,
+    region_of,
+)
 
 YAWED = Frame(4, 7, 0.25, (1.5, -2.0, math.pi / 2))
 
@@ -29,23 +36,14 @@ def test_costmap_2d_reference_points():
 
 
 @given(
-    st.floats(-4, 4),
-    st.floats(-1e4, 1e4),
-    st.floats(-1e4, 1e4),
+    st.floats(-4, 4), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.integers(-50, 50),
     st.integers(-50, 50),
-    st.integers(-50, 50),
-)
+)  # fmt: skip
 def test_a_centre_falls_into_its_own_cell(yaw, x, y, row, col):
     frame = Frame(9, 5, 0.05, (x, y, yaw))
     assert frame.unbounded_rowcol_from_xy(frame.xy_from_rowcol([[row, col]])).tolist() == [
         [row, col]
     ]
-
-
-def test_exact_multiples_do_not_fall_one_cell_short():
-    frame = Frame(20, 20, 0.1)
-    points = [[k * 0.1, (k + 10) / 10] for k in range(10)]
-    assert frame.unbounded_rowcol_from_xy(points).tolist() == [[k + 10, k] for k in range(10)]
 
 
 @pytest.mark.parametrize("resolution", [0.05, 0.0504, 0.025, 0.001])
@@ -83,13 +81,6 @@ def test_bounded_cells_come_with_who_is_inside():
     assert YAWED.bounded_rowcol_from_xy(odd)[1].tolist() == [False] * 3
 
 
-@pytest.mark.parametrize("point", [(math.nan, 0.0), (0.0, math.inf), (1e13, 0.0)])
-def test_points_that_no_cell_can_be_counted_to_are_refused(point):
-    for convert in (YAWED.unbounded_rowcol_from_xy, YAWED.clamped_rowcol_from_xy):
-        with pytest.raises(ParameterError, match="finite"):
-            convert([[0.0, 0.0], point])
-
-
 @given(st.floats(-4, 4), st.floats(-30, 30), st.floats(-30, 30))
 def test_clamped_and_unbounded_agree_exactly_inside(yaw, x, y):
     frame = Frame(40, 70, 0.25, (1.5, -2.0, yaw))
@@ -98,11 +89,6 @@ def test_clamped_and_unbounded_agree_exactly_inside(yaw, x, y):
     assert same.all() == inside[0]
     if inside[0]:
         assert np.array_equal(cells, frame.unbounded_rowcol_from_xy([[x, y]]))
-
-
-def test_continuous_cells_of_centres_end_in_a_half():
-    points = YAWED.xy_from_rowcol([[0, 0], [2, 5]])
-    assert np.allclose(YAWED.continuous_rowcol_from_xy(points), [[0.5, 0.5], [2.5, 5.5]])
 
 
 def test_the_size_is_cells_times_resolution():
@@ -152,22 +138,17 @@ def test_a_window_of_an_unturned_grid_has_clean_decimals():
 
 @pytest.mark.parametrize(
     ("length", "resolution", "cells"),
-    [(0.3, 0.1, 3), (0.6, 0.2, 3), (0.55, 0.05, 11), (0.551, 0.05, 12), (0.0, 0.05, 0)],
+    [(0.07, 0.01, 7), (0.0701, 0.01, 8), (0.3, 0.1, 3), (0.6, 0.2, 3), (1e-12, 0.1, 0), (0, 1, 0)],
 )
-def test_cells_to_cover_a_length(length, resolution, cells):
+def test_a_multiple_that_a_division_makes_longer_takes_no_cell_more(length, resolution, cells):
     assert cells_to_cover(length, resolution) == cells
 
 
-@pytest.mark.parametrize("resolution", [0.0, -0.1, math.nan, math.inf])
-def test_resolutions_that_are_no_length_are_refused(resolution):
-    with pytest.raises(ParameterError, match="resolution"):
-        OccupancyGrid(np.zeros((2, 3), np.int8), resolution)
-
-
-@pytest.mark.parametrize("occupancy", [[[101]], [[-2]], [[0.5]], [[]], [0, 1], [[300]]])
-def test_arrays_that_are_no_occupancy_are_refused(occupancy):
-    with pytest.raises(ParameterError):
-        OccupancyGrid(occupancy, 0.05)
+def test_the_smallest_and_the_largest_cell_and_coordinate_are_allowed():
+    for resolution in (1e-6, 1e6):
+        assert OccupancyGrid([[0]], resolution).resolution == resolution
+    assert OccupancyGrid([[0]], 1.0, (1e12, -1e12, 0)).origin == (1e12, -1e12, 0.0)
+    assert check_point((1e12, -1e12), "goal") == (1e12, -1e12)
 
 
 def test_a_grid_cannot_be_changed():
@@ -186,12 +167,82 @@ def test_a_point_one_tolerance_below_the_upper_edges_is_in_no_cell():
     assert (cells.tolist(), inside.tolist()) == ([[-1, -1], [-1, -1], [2, 7]], [False, False, True])
 
 
-@pytest.mark.parametrize("shape", [(5, 3), (3, 5), (4, 4)])
-def test_rows_of_a_grid_keep_their_place(shape):
-    occupancy = np.arange(shape[0] * shape[1], dtype=np.int8).reshape(shape)
-    grid = OccupancyGrid(occupancy, 0.5, (1.0, -2.0, 0.0))
-    for first in range(shape[0]):
-        for end in range(first + 1, shape[0] + 1):
-            part = grid.part(slice(first, end))
-            assert part.occupancy.tolist() == occupancy[first:end].tolist()
-            assert part.origin == (1.0, -2.0 + 0.5 * first, 0.0)
+UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("size", "place", "expected"),
+    [
+        ((1.0, 1.5), {"corner_xy": (2.0, -1.5)}, Region(1, 2, 3, 2)),
+        ((1.01, 1.5), {"corner_xy": (2.2, -1.1)}, Region(1, 2, 3, 3)),
+        ((1.0, 1.5), {"corner_xy": (0.9, -2.1)}, Region(-1, -1, 3, 2)),
+        ((1.0, 2.0), {"center_xy": (2.5, 0.0)}, Region(2, 2, 4, 2)),
+        ((1e-10, 1e-10), {"corner_xy": (2.2, -1.1)}, Region(1, 2, 1, 1)),
+    ],
+)
+def test_a_region_begins_with_the_cell_of_its_corner_and_covers_its_size(size, place, expected):
+    assert region_of(UPRIGHT, size, **place) == expected
+
+
+def test_the_cells_around_another_grid():
+    assert region_around(UPRIGHT, Frame(2, 3, 0.5, (2.0, -2.5, 0.0))) == Region(-1, 2, 2, 3)
+    # borders that differ by rounding are the same, others take one more cell
+    nearly = Frame(2, 3, 0.5, (2.0 - 1e-8, -2.5 + 1e-8, 0.0))
+    assert region_around(UPRIGHT, nearly) == Region(-1, 2, 2, 3)
+    assert region_around(UPRIGHT, Frame(2, 3, 0.5, (2.1, -2.4, 0.0))) == Region(-1, 2, 3, 4)
+    quarter = Frame(2, 3, 0.5, (2.0, -1.0, 1.5707963267948966))  # its rows go to the left
+    assert region_around(UPRIGHT, quarter) == Region(2, 0, 3, 2)
+
+
+def test_a_region_and_the_grid_share_what_lies_in_both():
+    rows, cols = Region(-1, 6, 3, 4).shared_with(UPRIGHT.shape)
+    assert (rows, cols) == (slice(0, 2), slice(6, 8))
+    assert Region(-1, 6, 3, 4).place_of(rows, cols) == (slice(1, 3), slice(0, 2))
+    for corner in ((-3, 0), (5, 0), (0, 8), (0, -2)):
+        outside = Region(*corner, 2, 2)
+        rows, cols = outside.shared_with(UPRIGHT.shape)
+        assert rows.start == rows.stop or cols.start == cols.stop
+
+
+def test_a_window_has_at_most_so_many_cells(monkeypatch):
+    monkeypatch.setattr("mapdeal.grid.frame.MOST_CELLS", 12)
+    assert Region(1, 2, 3, 4).frame_in(UPRIGHT) == Frame(3, 4, 0.5, (2.0, -1.5, 0.0))
+    with pytest.raises(ParameterError, match="more than 12 cells"):
+        Region(0, 0, 13, 1).frame_in(UPRIGHT)
+
+
+METRES = st.floats(-50, 50)
+TURNS = st.floats(-7, 7)
+TRANSFORMS = st.builds(Transform, METRES, METRES, TURNS)
+
+
+def by_complex_numbers(transform, x, y):
+    """A turn and a shift as a product and a sum of complex numbers."""
+    moved = complex(x, y) * complex(math.cos(transform.yaw), math.sin(transform.yaw))
+    moved += complex(transform.x, transform.y)
+    return [moved.real, moved.imag]
+
+
+@given(TRANSFORMS, METRES, METRES)
+def test_points_are_turned_and_then_shifted(transform, x, y):
+    moved = transform.points([[x, y]])
+    np.testing.assert_allclose(moved[0], by_complex_numbers(transform, x, y), atol=1e-9)
+    np.testing.assert_allclose(transform.inverse().points(moved), [[x, y]], atol=1e-9)
+
+
+@given(TRANSFORMS, TRANSFORMS, METRES, METRES)
+def test_one_transform_after_another(first, second, x, y):
+    both = second.after(first).points([[x, y]])
+    np.testing.assert_allclose(both, second.points(first.points([[x, y]])), atol=1e-9)
+
+
+@given(TRANSFORMS, TURNS)
+def test_cells_of_a_moved_frame_lie_where_their_centres_are_brought(transform, yaw):
+    frame = Frame(3, 5, 0.4, (-2.0, 1.5, yaw))
+    cells = [[0, 0], [2, 4], [1, 3]]
+    moved = transform.frame(frame).xy_from_rowcol(cells)
+    np.testing.assert_allclose(moved, transform.points(frame.xy_from_rowcol(cells)), atol=1e-9)
+
+
+def test_a_yaw_is_kept_within_half_a_turn():
+    assert Transform(yaw=3 * math.pi / 2).yaw == pytest.approx(-math.pi / 2)

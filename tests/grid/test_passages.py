@@ -10,7 +10,6 @@ from scipy import ndimage
 from conftest import NO_TEST_DATA, TEST_DATA
 from drawn import cells
 from mapdeal import OccupancyGrid, read_map
-from mapdeal.grid import reaching as ways_module
 from mapdeal.grid.reaching import (
     Ground,
     Ways,
@@ -113,107 +112,6 @@ def test_a_door_is_open_below_half_its_width_and_tight_up_to_a_margin():
         ] == told
 
 
-def test_passages_are_told_the_narrowest_first_with_all_that_lies_behind():
-    grid = rooms(5, 3, 7)
-    radius = 0.3
-    told = found(grid, (3, 3), radius, min_area=0.5)
-    assert [one.width for one in told] == pytest.approx([k * 2 * RESOLUTION for k in (2, 3, 4)])
-    assert [one.is_open for one in told] == [False] * 3
-    is_open = open_cells(ways_of(grid), radius)
-    sizes = [is_open[:, first : first + 22].sum() for first in (0, 22, 44, 66)]
-    assert sum(sizes) == is_open.sum()
-    behind = [sum(sizes[2:]), sum(sizes[1:]), sizes[3]]
-    assert [one.cut_off for one in told] == pytest.approx([n * RESOLUTION**2 for n in behind])
-    seen_from_the_end = found(grid, (3, 80), radius, min_area=0.5)
-    assert [one.width for one in seen_from_the_end] == [one.width for one in told]
-    assert [one.ends for one in seen_from_the_end] == [one.ends for one in told]
-    cut_off = [sum(sizes[:2]), sizes[0], sum(sizes[:3])]
-    assert [one.cut_off for one in seen_from_the_end] == pytest.approx(
-        [n * RESOLUTION**2 for n in cut_off]
-    )
-
-
-def test_a_room_without_a_door_has_no_passage():
-    assert found(rooms(0), (3, 3), 0.2) == ()
-    assert [one.width for one in found(rooms(0, 3), (3, 30), 0.2)] == pytest.approx([0.28])
-    assert found(rooms(0, 3), (3, 3), 0.2) == ()
-
-
-def test_each_of_two_doors_that_stop_a_robot_is_told():
-    grid = rooms(3)
-    occupancy = grid.occupancy.copy()
-    occupancy[13:18, 22] = 0
-    both = OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
-    for start in ((3, 3), (3, 40)):
-        told = found(both, start, 0.25)
-        assert [one.width for one in told] == pytest.approx([4 * RESOLUTION, 6 * RESOLUTION])
-        assert not any(one.is_open for one in told)
-        assert told[0].cut_off == told[1].cut_off
-        places = grid.frame.continuous_rowcol_from_xy([(one.x, one.y) for one in told])
-        assert places == pytest.approx(np.array([[6.5, 22.5], [15.5, 22.5]]))
-    # it passes the wider one, which leaves little room
-    (passage,) = found(both, (3, 3), 0.2)
-    assert (passage.width, passage.is_open) == (pytest.approx(6 * RESOLUTION), True)
-
-
-def test_a_hole_in_the_wall_is_no_door():
-    # one cell to each side, and the doors have two or three
-    for door, told in ((3, [0.14, 0.28]), (4, [0.14, 0.28]), (5, [0.42])):
-        grid = rooms(door)
-        occupancy = grid.occupancy.copy()
-        occupancy[17, 22] = 0
-        passages_told = found(OccupancyGrid(occupancy, RESOLUTION, ORIGIN), (3, 3), 0.25)
-        assert [one.width for one in passages_told] == pytest.approx(told)
-
-
-def test_a_door_to_a_room_from_another_room_is_told_too():
-    # the start's room has doors to two others, and these one to each other
-    occupancy = np.full((45, 45), 100, np.int8)
-    occupancy[1:22, 1:44] = occupancy[23:44, 1:22] = occupancy[23:44, 23:44] = 0
-    occupancy[22, 8:13] = occupancy[22, 30:35] = occupancy[30:34, 22] = 0
-    told = found(OccupancyGrid(occupancy, RESOLUTION, ORIGIN), (5, 5), 0.3, min_area=0.5)
-    assert [one.width for one in told] == pytest.approx([k * RESOLUTION for k in (4, 6, 6)])
-    assert [one.is_open for one in told] == [False] * 3
-    assert [one.cut_off for one in told] == pytest.approx([0.8526] * 3)  # a room each
-
-
-@pytest.mark.parametrize("gaps", [4, 6])  # narrower than the door, or wider
-def test_a_cluttered_room_has_its_door(gaps):
-    grid = rooms(5, side=33)  # the door is three cells to each side
-    occupancy = grid.occupancy.copy()
-    # what is left of the second room: three pieces between shelves
-    for shelf in (45, 56):
-        occupancy[:, shelf] = 100
-        occupancy[10 : 10 + gaps, shelf] = 0
-    occupancy[18:, 34:] = 100
-    cluttered = OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
-    radius = 0.25
-    is_open = open_cells(ways_of(cluttered), radius)
-    pieces, count = ndimage.label(is_open)
-    areas = np.bincount(pieces.ravel())[1:] * RESOLUTION**2
-    assert count == 4
-    assert (areas < 0.5).tolist() == [False, True, True, True]
-    (passage,) = found(cluttered, (3, 3), radius, min_area=0.5)
-    assert passage.width == pytest.approx(6 * RESOLUTION)
-    assert passage.cut_off == pytest.approx(areas[1:].sum())
-    assert [one.width for one in disconnected(cluttered, radius, 0.5)] == [passage.width]
-    assert found(cluttered, (3, 3), radius, min_area=areas[1:].sum() + 0.01) == ()
-
-
-def test_what_is_too_small_on_either_side_is_no_passage_but_for_the_start():
-    grid = rooms(3, side=9)
-    radius = 0.2
-    own = open_cells(ways_of(grid), radius)[:, :10].sum() * RESOLUTION**2
-    assert own == pytest.approx(25 * RESOLUTION**2)
-    assert len(found(grid, (4, 4), radius, min_area=own)) == 1
-    assert found(grid, (4, 4), radius, min_area=own * 1.01) == ()
-    occupancy = grid.occupancy.copy()
-    occupancy[1:-1, 1:4] = 100  # the start's side is smaller than the area asked for
-    smaller = OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
-    assert len(found(smaller, (4, 6), radius, min_area=own)) == 1
-    assert found(smaller, (4, 16), radius, min_area=own) == ()
-
-
 def test_a_robot_that_turns_is_stopped_where_it_does_not_get_through():
     grid = rooms(7, 7, 5)
     radius, around = 0.15, 0.4  # doors of 4, 4 and 3 cells to each side: 0.28, 0.28, 0.21 m
@@ -239,25 +137,6 @@ def test_a_robot_that_turns_is_stopped_where_it_does_not_get_through():
     assert told(22) == [(3, False), (4, False)]
 
 
-def test_a_robot_got_through_if_it_reaches_the_area_asked_for_or_half_of_what_is_behind():
-    grid = rooms(5)
-    ways = ways_of(grid)
-    is_open = open_cells(ways, 0.15)
-    behind = np.argwhere(is_open & (np.arange(grid.shape[1]) > 22)).tolist()
-    for min_area, share, expected in (
-        (0.2, 0.21, True), (0.2, 0.19, False), (1.2, 0.76, True), (1.2, 0.66, False)
-    ):  # fmt: skip
-        is_reached = is_open & (np.arange(grid.shape[1]) < 22)
-        for row, col in behind[: round(share / RESOLUTION**2)]:
-            is_reached[row, col] = True
-        (passage,) = passages(
-            ways, is_open, (3, 3), radius=0.15, min_area=min_area, circumscribed_radius=0.4,
-            is_reached=is_reached,
-        )  # fmt: skip
-        assert passage.is_open == expected
-        assert 1.4 < passage.cut_off < 1.5
-
-
 def test_a_map_without_a_wall_has_no_passages():
     grid = OccupancyGrid(np.zeros((9, 14), np.int8), RESOLUTION, ORIGIN)
     assert found(grid, (3, 3), 0.2) == ()
@@ -265,12 +144,6 @@ def test_a_map_without_a_wall_has_no_passages():
     assert disconnected(OccupancyGrid(np.full((9, 14), 100, np.int8), RESOLUTION), 0.2) == []
     grid = OccupancyGrid(np.full((9, 14), 100, np.int8), RESOLUTION, ORIGIN)
     assert found(grid, (3, 3), 0.2) == ()
-
-
-def test_areas_of_a_map_that_a_robot_does_not_get_between():
-    grid = rooms(3, 7, 0)
-    radius = 0.2
-    assert [one.width for one in disconnected(grid, radius)] == pytest.approx([4 * RESOLUTION])
 
 
 def test_of_equally_narrow_doors_the_one_that_cuts_off_more_comes_first():
@@ -286,27 +159,6 @@ def test_of_equally_narrow_doors_the_one_that_cuts_off_more_comes_first():
 
 def test_nothing_is_told_of_a_start_without_ways():
     assert found(rooms(3), (0, 0), 0.2) == ()
-
-
-def test_the_edge_of_the_map_is_a_wall():
-    """A map cut off along its walls has the passages of the whole map."""
-    grid = rooms(3, 7)
-    cut = OccupancyGrid(
-        grid.occupancy[1:-1, 1:-1], RESOLUTION, grid.frame.window(1, 1, 21, 65).origin
-    )
-    told = found(grid, (3, 3), 0.2)
-    assert len(told) == 2
-    for one, other in zip(found(cut, (2, 2), 0.2), told, strict=True):
-        assert one.ends == (pytest.approx(other.ends[0]), pytest.approx(other.ends[1]))
-        assert (one.width, one.is_open) == (other.width, other.is_open)
-        assert one.cut_off == pytest.approx(other.cut_off)
-
-
-def test_a_larger_robot_must_fit_into_a_room_to_be_stopped_at_its_door():
-    grid = rooms(7)  # with 11 cells to each side of its middle
-    peak = 11 * RESOLUTION
-    assert found(grid, (3, 3), 0.2, margin=peak - 0.2) == ()
-    assert len(found(grid, (3, 3), 0.2, margin=peak - 0.2 - 1e-6)) == 1
 
 
 def test_a_robot_that_turns_is_through_with_half_of_what_lies_behind():
@@ -343,19 +195,6 @@ def test_a_robot_that_turns_is_told_of_doors_up_to_the_margin():
             circumscribed_radius=0.5,
         )  # fmt: skip
         assert [one.is_open for one in found_by_it] == told
-
-
-def test_the_middle_of_a_passage_is_sought_once(monkeypatch):
-    ways = ways_of(rooms(3, 3))
-    seen = ways.begun_at((3, 3))
-    sought = []
-    gap_at = ways_module.gap_at
-    monkeypatch.setattr(
-        ways_module, "gap_at", lambda *given: sought.append(given) or gap_at(*given)
-    )
-    goals = [(row, col) for row in range(8, 12) for col in range(30, 34)]
-    told = {repr(bottleneck_on_way(seen, goal)) for goal in goals}
-    assert len(told) == len(sought) == 1
 
 
 @st.composite

@@ -27,20 +27,6 @@ def test_values_and_slopes_are_those_of_the_formula(each_engine, values, shares)
         assert (value, *slope) == pytest.approx(expected, abs=1e-10)
 
 
-def test_a_hand_computed_cell(each_engine):
-    values = np.array([[0, 1, 7], [2, 5, 7]], dtype=np.float32)
-    between, slopes = interpolate(values, np.array([[0.75, 1.0]]))
-    assert between.tolist() == [1.25]  # three quarters of 0.5, one of 3.5
-    assert slopes.tolist() == [[3.0, 1.5]]
-
-
-def test_beyond_the_outermost_centres_the_values_go_on_level(each_engine):
-    values = np.array([[1, 2, 4], [1, 3, 9]], dtype=np.float32)
-    between, slopes = interpolate(values, np.array([[0.2, 0.3], [2.0, 3.0], [1.8, 1.5]]))
-    assert between.tolist() == [1.0, 9.0, 3.0]
-    assert slopes.tolist() == [[0.0, 0.0], [0.0, 0.0], [0.0, 6.0]]
-
-
 @pytest.mark.parametrize("place", [(np.nan, 1), (1, np.inf), (-1e300, 1), (-1.1, 0.5), (9, 1)])
 def test_far_outside_there_is_nothing(each_engine, place):
     between, slopes = interpolate(np.ones((2, 3), np.float32), np.array([place, (1.0, 1.0)]))
@@ -68,11 +54,6 @@ def test_both_engines_give_the_same_bytes(values, places):
             patch.setenv(engine.VARIABLE, name)
             results.append([part.tobytes() for part in interpolate(values, places)])
     assert results[0] == results[1]
-
-
-def test_no_places_give_no_values(each_engine):
-    between, slopes = interpolate(np.ones((2, 3), np.float32), np.empty((0, 2)))
-    assert (between.shape, slopes.shape) == ((0,), (0, 2))
 
 
 def test_halfway_from_an_infinite_value_the_later_cell_is_the_nearest(each_engine):

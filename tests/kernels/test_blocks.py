@@ -9,15 +9,9 @@ from hypothesis import strategies as st
 from mapdeal.kernels.blocks import (
     CacheBudget,
     LazyLayer,
-    blocks_of,
-    counts_of,
-    gathered,
-    holds_everywhere,
     is_lazy,
-    looked_up,
     made_by_rows,
     made_by_windows,
-    mapped,
     rows_reported,
     swept,
 )
@@ -42,17 +36,6 @@ def test_any_slice_is_that_of_the_array(first, end, block_height, keep):
     layer = lazy(block_height, keep)
     assert np.array_equal(layer[first:end], WHOLE[first:end])
     assert layer[first:end].dtype == WHOLE.dtype
-
-
-def test_it_says_what_it_is():
-    layer = lazy()
-    assert (layer.shape, layer.ndim, len(layer)) == ((23, 4), 2, 23)
-    assert (layer.dtype, layer.nbytes) == (np.uint8, WHOLE.nbytes)
-    assert [(s.start, s.stop) for s in blocks_of(layer)] == [
-        (0, 5), (5, 10), (10, 15), (15, 20), (20, 23)
-    ]  # fmt: skip
-    with pytest.raises(IndexError):
-        layer[::2]
 
 
 def test_kept_blocks_are_made_whole_and_once():
@@ -109,16 +92,6 @@ def test_a_lazy_layer_can_be_had_whole_and_is_never_compared_by_accident():
             wrong()
 
 
-def test_tables_and_counts_work_on_both_kinds():
-    table = np.roll(np.arange(256), 3).astype(np.int8)
-    for layer in (WHOLE, lazy()):
-        assert np.array_equal(looked_up(layer, table)[:], table[WHOLE])
-        assert looked_up(layer, table).dtype == np.int8
-        assert counts_of(layer).tolist() == np.bincount(WHOLE.ravel(), minlength=256).tolist()
-        assert sum(len(layer[rows]) for rows in blocks_of(layer)) == 23
-        assert is_lazy(mapped(layer, np.int8, lambda part: part)) == (layer is not WHOLE)
-
-
 @given(st.integers(1, 30), st.integers(0, 30))
 def test_a_window_has_its_halo_and_gives_its_rows(block_height, halo):
     def largest_around(layer):
@@ -136,20 +109,6 @@ def test_a_window_has_its_halo_and_gives_its_rows(block_height, halo):
         assert is_lazy(made) == (source is layer)
         assert np.array_equal(made[:], expected)
         assert np.array_equal(made[4:9], expected[4:9])
-
-
-def test_what_holds_everywhere_is_looked_for_no_further_than_needed():
-    asked = []
-    layer = lazy(asked=asked)
-    assert holds_everywhere(WHOLE, lambda values: values < 92)
-    assert not holds_everywhere(WHOLE, lambda values: values < 91)
-    assert not holds_everywhere(layer, lambda values: values != 21)
-    assert asked == [(0, 5), (5, 10)]
-
-
-def test_changed_rows_are_made_of_the_rows_asked_for():
-    doubled = mapped(lazy(keep=1), np.int64, lambda part: 2 * part.astype(np.int64))
-    assert np.array_equal(doubled[7:12], 2 * WHOLE[7:12].astype(np.int64))
 
 
 @pytest.mark.parametrize(("size", "times"), [(23 * 4 * 8, 1), (23 * 4 * 8 - 1, 2)])
@@ -172,47 +131,6 @@ def test_a_layer_is_kept_whole_if_the_budget_has_room(size, times):
     assert (layer.block_height, layer.dtype) == (5, np.int64)
 
 
-def test_the_budget_is_shared_by_all_layers_of_a_map():
-    budget = CacheBudget(100)
-    source = LazyLayer((10, 4), np.uint8, WHOLE.__getitem__, block_height=5, budget=budget)
-    layer = made_by_rows(source, np.uint8, WHOLE.__getitem__, is_kept=True)
-    narrow = made_by_rows(layer, np.int8, lambda rows: WHOLE[rows, :3], shape=(10, 3))
-    made_by_rows(narrow, np.int8, lambda rows: WHOLE[rows, :3], is_kept=True)
-    assert budget.take(30)
-    assert not budget.take(1)
-
-
-def test_nobody_can_change_what_others_are_given_too():
-    def make(rows):
-        return np.zeros((rows.stop - rows.start, 3), np.uint8)
-
-    layer = LazyLayer((4, 3), np.uint8, make, block_height=2, keep=1)
-    with pytest.raises(ValueError, match="read-only"):
-        layer[0:2][0, 0] = 1
-
-
-def test_a_layer_becomes_an_array_of_the_type_that_is_asked_for():
-    layer = lazy()
-    for dtype in (np.float64, np.int16, None):
-        array = np.asarray(layer, dtype=dtype)
-        assert array.dtype == (dtype or layer.dtype)
-        assert array.tolist() == WHOLE.tolist()
-        assert layer.__array__(dtype).dtype == array.dtype
-
-
-def test_several_looks_take_one_pass_and_are_remembered():
-    asked = []
-    layer = lazy(asked=asked)
-    lowest, highest = gathered(layer, np.min, np.max)
-    assert lowest == [WHOLE[k : k + 5].min() for k in range(0, 23, 5)]
-    assert highest == [WHOLE[k : k + 5].max() for k in range(0, 23, 5)]
-    assert gathered(layer, np.max) == [highest]
-    assert asked == [(0, 5), (5, 10), (10, 15), (15, 20), (20, 23)]
-    assert gathered(layer, np.max, np.sum)[1] == [WHOLE[k : k + 5].sum() for k in range(0, 23, 5)]
-    assert len(asked) == 10
-    assert gathered(WHOLE, np.min, np.max) == [[0], [91]]
-
-
 def test_passes_through_lazy_layers_are_told_when_rows_are_done():
     told = []
     with rows_reported(lambda rows, height: told.append((rows, height))):
@@ -224,3 +142,13 @@ def test_passes_through_lazy_layers_are_told_when_rows_are_done():
     for _ in swept(lazy()):
         pass
     assert len(told) == 5
+
+
+def test_the_budget_is_shared_by_all_layers_of_a_map():
+    budget = CacheBudget(100)
+    source = LazyLayer((10, 4), np.uint8, WHOLE.__getitem__, block_height=5, budget=budget)
+    layer = made_by_rows(source, np.uint8, WHOLE.__getitem__, is_kept=True)
+    narrow = made_by_rows(layer, np.int8, lambda rows: WHOLE[rows, :3], shape=(10, 3))
+    made_by_rows(narrow, np.int8, lambda rows: WHOLE[rows, :3], is_kept=True)
+    assert budget.take(30)
+    assert not budget.take(1)

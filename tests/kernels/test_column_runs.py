@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import oracles
 from mapdeal.kernels.distance import halos_of, row_minima, runs_of, signed_distance
 from strategies import masks
 
@@ -32,20 +31,6 @@ def by_blocks(marked, blocks, **measure):
     return np.vstack(parts)
 
 
-@pytest.mark.parametrize("convention", ["fast-planner", "center", "border"])
-@given(cut=cut_masks())
-def test_blocks_of_any_height_equal_brute_force_over_the_whole(convention, cut):
-    marked, blocks = cut
-    inside = {"fast-planner": 0.3, "center": 0.0, "border": 0.15}[convention]
-    outside = -0.15 if convention == "border" else 0.0
-    distance = by_blocks(marked, blocks, scale=0.3, inside_shift=inside, outside_shift=outside)
-    expected = oracles.signed_distance(marked, 0.3, convention)
-    finite = np.isfinite(expected)
-    assert np.allclose(distance[finite], expected[finite], rtol=1e-6, atol=0)
-    diagonal = 0.3 * np.hypot(*marked.shape)
-    assert (np.abs(distance[~finite]) > diagonal).all()
-
-
 @given(cut=cut_masks(longest=40), clip=st.sampled_from([np.inf, 0.7]))
 def test_blocks_equal_the_whole_bit_for_bit(cut, clip):
     marked, blocks = cut
@@ -54,17 +39,6 @@ def test_blocks_equal_the_whole_bit_for_bit(cut, clip):
     }  # fmt: skip
     whole = signed_distance(marked, **measure)
     assert by_blocks(marked, blocks, **measure).tobytes() == whole.tobytes()
-
-
-def test_an_obstacle_is_seen_through_many_blocks_of_one_row():
-    marked = np.zeros((300, 7), dtype=bool)
-    marked[2, 5] = True
-    blocks = [slice(row, row + 1) for row in range(300)]
-    distance = by_blocks(marked, blocks, scale=1.0, outside_shift=0.0, inside_shift=0.0)
-    rows, cols = np.indices(marked.shape)
-    expected = np.hypot(rows - 2, cols - 5)
-    expected[2, 5] = -1
-    assert np.array_equal(distance, expected.astype(np.float32))
 
 
 @pytest.mark.parametrize(
@@ -81,27 +55,6 @@ def test_squares_beyond_32_bits_are_exact(shape):
     expected[0, 0] = -1
     for distance in (by_blocks(marked, blocks, **measure), signed_distance(marked, **measure)):
         assert np.array_equal(distance, expected.astype(np.float32))
-
-
-@given(cut=cut_masks())
-def test_runs_beside_are_those_of_the_columns(cut):
-    marked, blocks = cut
-    height = len(marked)
-    for block, halo in zip(blocks, halos_of([runs_of(marked[s]) for s in blocks]), strict=True):
-        assert halo.height == height
-        for side, rows in ((halo.before, marked[: block.start][::-1]),
-                           (halo.after, marked[block.stop :])):  # fmt: skip
-            assert (side is None) == (len(rows) == 0)
-            if side is None:
-                continue
-            assert np.array_equal(side[0], rows[0])
-            for col, length in enumerate(side[1].tolist()):
-                column = rows[:, col].tolist()
-                run = next((k for k, cell in enumerate(column) if cell != column[0]), len(column))
-                if run == len(column):
-                    assert length > height
-                else:
-                    assert length == run
 
 
 @pytest.mark.parametrize("rows", [0, 1 << 16])

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 import oracles
-from mapdeal.kernels.blocks import LazyLayer
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.paths import ConfigurationSpace
 from mapdeal.kernels.polygons import Spans
@@ -52,11 +51,9 @@ def spaces(draw, longest):
     blocked = rng.random((height, width)) < draw(st.sampled_from([0.0, 0.02, 0.1, 0.4, 1.0]))
     longest_run = draw(st.sampled_from([1, 2, 9, longest]))
     run = st.builds(
-        lambda row, start, length: (row, start, start + length),
-        st.integers(-3, 3),
-        st.integers(-longest_run, longest_run),
-        st.integers(1, longest_run),
-    )
+        lambda row, start, length: (row, start, start + length), st.integers(-3, 3),
+        st.integers(-longest_run, longest_run), st.integers(1, longest_run),
+    )  # fmt: skip
     footprint = st.lists(run, min_size=1, max_size=draw(st.sampled_from([1, 5])))
     footprints = draw(st.lists(footprint, min_size=1, max_size=9))
     row, col = st.integers(0, height - 1), st.integers(0, width - 1)
@@ -74,23 +71,6 @@ def test_the_ways_of_any_footprint_are_those_of_a_search(case):
 @given(spaces(longest=150))
 def test_the_ways_on_grids_wider_than_a_word_are_those_of_a_search(case):
     check(*case)
-
-
-def test_results_may_be_frozen_and_asked_again():
-    space = ConfigurationSpace(np.zeros((3, 70), dtype=bool), [as_spans([(0, 0, 2)])] * 4)
-    space.headings.flags.writeable = False
-    assert space.reach([(0, 0, 0)], [(1, 69)]).reachable.sum() == 3 * 69
-    assert space.open_headings(1, 68).all()
-    assert not space.open_headings(1, 69).any()
-
-
-def test_a_lazy_layer_is_as_good_as_an_array():
-    blocked = np.random.default_rng(3).random((50, 70)) < 0.1
-    layer = LazyLayer(blocked.shape, np.bool_, lambda rows: blocked[rows], block_height=7)
-    runs = [as_spans([(0, 0, 2)]), as_spans([(0, 0, 1), (1, 0, 1)])]
-    np.testing.assert_array_equal(
-        ConfigurationSpace(layer, runs).headings, ConfigurationSpace(blocked, runs).headings
-    )
 
 
 @pytest.mark.parametrize(
@@ -125,20 +105,6 @@ def test_any_count_of_headings_up_to_a_byte(count):
 def test_what_is_no_set_of_headings_is_refused(footprints):
     with pytest.raises(ValueError, match=r"heading|footprint"):
         ConfigurationSpace(np.zeros((3, 7), dtype=bool), footprints)
-
-
-@pytest.mark.parametrize(
-    "pose", [(2, 0, 0), (0, 3, 0), (0, 0, 7), (-1, 0, 0), (0, -1, 0), (0, 0, -1)]
-)
-def test_poses_outside_are_refused(pose):
-    space = ConfigurationSpace(np.zeros((3, 7), dtype=bool), [as_spans([(0, 0, 1)])] * 2)
-    with pytest.raises(IndexError):
-        space.reach([pose])
-    if pose[0] == 0:
-        with pytest.raises(IndexError):
-            space.reach([], [pose[1:]])
-        with pytest.raises(IndexError):
-            space.open_headings(*pose[1:])
 
 
 @pytest.mark.thorough

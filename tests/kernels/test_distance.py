@@ -6,9 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
-from engines import needs_compiled
-from mapdeal.errors import ParameterError
-from mapdeal.kernels import engine
 from mapdeal.kernels.distance import (
     bytes_by_distance,
     signed_distance,
@@ -28,10 +25,6 @@ def maps(side, density, seed=0):
     marked = np.random.default_rng(seed).random((side, side + side // 7)) < density
     marked[: side // 3, side // 4 :] = False
     return marked
-
-
-def bits(array):
-    return array.shape, array.dtype, array.tobytes()
 
 
 @given(masks())
@@ -137,13 +130,6 @@ def test_rows_that_end_within_a_block(width):
     assert np.array_equal(-inside[~marked], expected[~marked])
 
 
-def test_a_grid_without_marked_cell_is_nowhere_near_one():
-    squared = squared_distance(np.zeros((3, 5), dtype=bool))
-    assert (squared == np.iinfo(squared.dtype).max).all()
-    assert (signed_distance(np.zeros((3, 5), dtype=bool)) == math.inf).all()
-    assert (signed_distance(np.ones((3, 5), dtype=bool)) == -math.inf).all()
-
-
 @pytest.mark.parametrize("shape", [(0, 0), (0, 5), (5, 0)])
 def test_a_grid_without_cells_gives_none(shape):
     empty = np.zeros(shape, dtype=bool)
@@ -164,12 +150,6 @@ def test_limits_and_tables_that_cannot_be_are_refused():
         squared_distance(mask, limit=-1)
     with pytest.raises(ValueError, match="two entries"):
         bytes_by_distance(mask, np.zeros(1, np.uint8))
-
-
-def test_tables_may_be_views():
-    mask = np.array([[True, False, False]])
-    table = np.arange(20, dtype=np.uint8)
-    assert bytes_by_distance(mask, table[::-2]).tolist() == [[19, 17, 11]]
 
 
 def test_far_stretches_beside_columns_without_obstacle_take_the_nearest():
@@ -216,25 +196,6 @@ def test_the_input_is_not_touched_and_may_be_any_view():
     assert np.array_equal(marked, before)
 
 
-def test_the_environment_chooses_the_engine(monkeypatch, each_engine):
-    assert engine.engine_name() == each_engine
-    monkeypatch.setenv(engine.VARIABLE, "opencv")
-    with pytest.raises(ParameterError, match="must be compiled or scipy"):
-        engine.engine_name()
-    monkeypatch.setenv(engine.VARIABLE, "")
-    usual = "scipy" if engine.compiled_module() is None else "compiled"
-    assert engine.engine_name() == usual
-
-
-def test_asking_for_an_engine_that_was_not_built_is_an_error(monkeypatch):
-    monkeypatch.setattr(engine, "compiled_module", lambda: None)
-    monkeypatch.setenv(engine.VARIABLE, "compiled")
-    with pytest.raises(ParameterError, match="not part of this installation"):
-        engine.engine_name()
-    monkeypatch.delenv(engine.VARIABLE)
-    assert engine.engine_name() == "scipy"
-
-
 @pytest.mark.parametrize("reach", [3, 96, 97, 176, 177, 200])
 def test_a_table_s_last_square_is_one_of_it_and_the_next_is_beyond(reach):
     marked = np.zeros((1, 450), bool)
@@ -243,24 +204,3 @@ def test_a_table_s_last_square_is_one_of_it_and_the_next_is_beyond(reach):
     table[-2], table[-1] = 8, 9
     found = bytes_by_distance(marked, table)[0].tolist()
     assert found == [7] * reach + [8] + [9] * (449 - reach)
-
-
-@needs_compiled
-def test_products_of_the_longest_side_fit_into_64_bits():
-    from mapdeal.kernels.compiled import LONGEST_SIDE
-
-    assert LONGEST_SIDE > 1_000_000
-    assert 2 * LONGEST_SIDE**3 < 2**63
-
-
-@needs_compiled
-@pytest.mark.parametrize("bands", [(-1, 0), (0, 2), (1, 0)])
-def test_bands_that_do_not_exist_are_refused(bands):
-    from mapdeal.kernels import _compiled
-
-    transform = _compiled.Transform(np.zeros((2, 3), np.uint8), np.zeros((2, 12), np.uint8), 4)
-    transform.to_squares(True)
-    assert transform.bands == 1
-    for method in (transform.scan, transform.solve):
-        with pytest.raises(IndexError, match="no such bands"):
-            method(*bands)

@@ -2,7 +2,6 @@
 
 import pytest
 
-from engines import needs_compiled
 from mapdeal import ParameterError
 from mapdeal.kernels import engine
 
@@ -34,8 +33,3 @@ def test_an_engine_that_there_is_not_is_refused(monkeypatch, asked):
     monkeypatch.setenv(engine.VARIABLE, asked)
     with pytest.raises(ParameterError, match=engine.VARIABLE):
         engine.engine_name()
-
-
-@needs_compiled
-def test_the_compiled_module_is_the_one_of_transforms():
-    assert engine.compiled_module().__name__ == "mapdeal.kernels._compiled"

@@ -71,37 +71,6 @@ def test_costs_of_any_cells_are_those_that_are_found_cell_by_cell(each_engine, c
     assert cost_of_cells(costs, cells, filled=True) == expected
 
 
-def test_unknown_cells_hide_an_obstacle_on_a_later_line_only(each_engine):
-    square = [(0, 0), (4, 0), (4, 4), (0, 4)]
-    costs = np.zeros((5, 5), np.uint8)
-    costs[0, 2], costs[4, 2] = 255, 254
-    assert cost_of_cells(costs, square) == 255
-    assert cost_of_cells(costs, square[::-1]) == 254  # whose first line is the last one's
-    assert cost_of_cells(costs, square, filled=True) == 254
-    costs[0, 3] = 254
-    assert cost_of_cells(costs, square) == 254  # behind 255 on the same line
-
-
-def test_the_last_line_leads_from_the_first_corner_to_the_last(each_engine):
-    there, back = oracles.line((0, 0), (1, 4)), oracles.line((1, 4), (0, 0))
-    (only_there,) = set(there) - set(back)
-    (only_back,) = set(back) - set(there)
-    corners = [(0, 0), (4, 4), (1, 4)]
-    for (x, y), cost, full in ((only_there, 9, 9), (only_back, 0, 9)):
-        costs = np.zeros((5, 5), np.uint8)
-        costs[y, x] = 9
-        assert cost_of_cells(costs, corners) == cost
-        assert cost_of_cells(costs, corners, filled=True) == full
-
-
-def test_only_a_filled_footprint_meets_what_is_inside(each_engine):
-    costs = np.zeros((7, 9), np.uint8)
-    costs[3, 4], costs[0, 0] = 254, 255
-    assert cost_of_cells(costs, [(1, 1), (7, 1), (7, 5), (1, 5)]) == 0
-    assert cost_of_cells(costs, [(1, 1), (7, 1), (7, 5), (1, 5)], filled=True) == 254
-    assert cost_of_cells(costs, [(0, 0), (7, 0), (7, 5), (0, 5)], filled=True) == 254
-
-
 def test_a_corner_outside_is_a_collision_wherever_it_is(each_engine):
     costs = np.zeros((8, 8), np.uint8)
     corners = np.array([[0.4, 0.4], [0.4, -0.4], [-0.4, -0.4], [-0.4, 0.4]])
@@ -159,34 +128,3 @@ def test_threads_and_parts_do_not_matter(each_engine, monkeypatch):
     with use_threads(3):
         parts = costs_at_poses(costs, LATTICE, L_SHAPE, poses, filled=True)
     assert [part.tobytes() for part in parts] == [part.tobytes() for part in whole]
-
-
-def test_no_poses_give_no_costs(each_engine):
-    found = costs_at_poses(
-        np.zeros((2, 3), np.uint8), LATTICE, L_SHAPE, np.empty((0, 3)), filled=True
-    )
-    assert [part.shape for part in found] == [(0,), (0,)]
-
-
-@needs_compiled
-def test_the_compiled_kernel_refuses_arrays_that_do_not_fit():
-    from mapdeal.kernels import _compiled
-
-    good = {
-        "costs": np.zeros((2, 3), np.uint8), "corners": np.zeros((3, 2)), "poses": np.zeros((4, 3)),
-        "results": np.zeros(4, np.uint8), "inside": np.zeros(4, np.uint8),
-    }  # fmt: skip
-    bad = [
-        {"costs": np.zeros((0, 3), np.uint8)}, {"corners": np.zeros((3, 3))},
-        {"corners": np.zeros((0, 2))}, {"corners": np.zeros((513, 2))}, {"poses": np.zeros((4, 2))},
-        {"results": np.zeros(5, np.uint8)}, {"inside": np.zeros(3, np.uint8)},
-    ]  # fmt: skip
-    for change in ({}, *bad):
-        costs, corners, poses, results, inside = {**good, **change}.values()
-        words = costs, 0.5, 0.0, 0.0, 1.0, 0.0, corners, poses, False, results, inside
-        if change:
-            with pytest.raises(ValueError, match=r"ha(ve|s) "):
-                _compiled.costs_of_footprints(*words)
-        else:
-            _compiled.costs_of_footprints(*words)
-            assert results.tolist() == [0] * 4

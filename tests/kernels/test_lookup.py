@@ -69,32 +69,6 @@ def test_levels_are_those_of_each_distance(data):
         assert found[cell] == level + 119 * unknown[cell]
 
 
-@given(st.lists(st.tuples(st.integers(0, 255), st.integers(1, 90)), min_size=1, max_size=12))
-def test_long_runs_are_counted_whole(runs):
-    cells = np.repeat(*np.array(runs, dtype=np.int64).T).astype(np.uint8)
-    counts = histogram(cells[np.newaxis])
-    assert counts.tolist() == [sum(n for v, n in runs if v == value) for value in range(256)]
-
-
-@pytest.mark.parametrize(
-    "view", [np.s_[::-1], np.s_[:, ::-1], np.s_[1:7, 2:9], np.s_[::2, ::3], np.s_[:, :1]]
-)
-def test_views_are_looked_up_as_they_look(view):
-    values = np.arange(120, dtype=np.int8).reshape(10, 12)[view]
-    table = np.arange(256)[::-1].astype(np.uint8)
-    result = look_up(values, table)
-    assert result.tolist() == [[255 - int(v) for v in row] for row in values]
-    assert result.flags.c_contiguous
-
-
-def test_negative_values_read_the_table_from_its_end_and_keep_its_type():
-    table = np.zeros(256, dtype=np.int8)
-    table[[-1, 5]] = 100, -1
-    result = look_up(np.array([[-1, 5, 0]], dtype=np.int8), table)
-    assert result.dtype == np.int8
-    assert result.tolist() == [[100, -1, 0]]
-
-
 @given(BYTE_ARRAYS)
 def test_a_histogram_counts_every_value(values):
     counts = histogram(values)
@@ -122,14 +96,10 @@ METRES = st.floats(width=32, allow_nan=False) | st.integers(0, 400).map(
 
 @pytest.mark.slow
 @given(
-    arrays.arrays(np.float32, (5, 7), elements=METRES),
-    arrays.arrays(np.bool_, (5, 7)),
-    st.sampled_from([0.05, 1.0, 1e-3]),
-    st.sampled_from([0.0, 0.025, 0.5]),
-    st.sampled_from([1.0, 1.5, 0.1]),
-    st.sampled_from([np.inf, 0.7, 3.0]),
-    st.integers(1, 500),
-)
+    arrays.arrays(np.float32, (5, 7), elements=METRES), arrays.arrays(np.bool_, (5, 7)),
+    st.sampled_from([0.05, 1.0, 1e-3]), st.sampled_from([0.0, 0.025, 0.5]),
+    st.sampled_from([1.0, 1.5, 0.1]), st.sampled_from([np.inf, 0.7, 3.0]), st.integers(1, 500),
+)  # fmt: skip
 def test_bytes_of_distances_are_those_of_their_squares(
     distance, obstacles, scale, shift, gain, clip, entries
 ):
@@ -140,26 +110,6 @@ def test_bytes_of_distances_are_those_of_their_squares(
         result = bytes_of_distances(distance, obstacles, table, **measure)
     for cell, square in zip(result.flat, squares.flat, strict=True):
         assert cell == table[int(square) if square < entries else entries]
-
-
-def test_a_distance_at_the_clip_may_have_been_longer():
-    distance = np.array([[0.5, 0.25, 1.0]], dtype=np.float32)
-    table = np.array([9, 9, 9, 9, 4, 9, 0], dtype=np.uint8)
-    found = bytes_of_distances(
-        distance, np.zeros((1, 3), bool), table, scale=0.125, shift=0.0, gain=1.0, clip=0.5
-    )
-    assert found.tolist() == [[0, 4, 0]]
-
-
-def test_squares_come_back_from_shifted_stretched_and_clipped_metres():
-    squares = np.arange(40.0).reshape(4, 10)
-    metres = 1.5 * np.minimum(0.05 * np.sqrt(squares) - 0.025, 0.2)
-    obstacles = squares == 0
-    found = squares_of_distances(
-        metres.astype(np.float32), obstacles, scale=0.05, shift=0.025, gain=1.5, clip=0.2 - 1e-7
-    )
-    # 0.2 m + 0.025 m are 4.5 cells, whose square is 20.25
-    assert np.array_equal(found, np.where(squares > 20, np.inf, squares))
 
 
 def test_a_distance_at_the_clip_has_the_last_entry_however_long_the_table():

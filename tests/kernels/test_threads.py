@@ -1,9 +1,12 @@
+import errno
 import threading
+from concurrent.futures import CancelledError
 
 import pytest
 
 from mapdeal.kernels.threads import (
     CELLS_WORTH_A_THREAD,
+    ThreadPool,
     for_rows,
     in_parallel,
     thread_count,
@@ -55,3 +58,105 @@ def test_the_setting_reaches_the_threads_that_work_and_ends_with_its_block():
             assert thread_count() == 3
     assert counts == {3}
     assert thread_count() == before
+
+
+@pytest.mark.parametrize("available", [0, 1, 3, 100])
+@pytest.mark.parametrize("size", [0, 1, 4])
+def test_all_work_is_done_whatever_threads_there_are(scarce_threads, available, size):
+    scarce_threads(available)
+    names = set()
+
+    def square(number):
+        names.add(threading.current_thread().name)
+        return number**2
+
+    with ThreadPool(size) as pool:
+        futures = [pool.submit(square, k) for k in range(50)]
+        assert [future.result(timeout=60) for future in futures] == [k**2 for k in range(50)]
+    assert len(names) <= max(1, min(size, available))
+    here = threading.current_thread().name
+    assert (here in names) == (min(size, available) == 0)
+
+
+@pytest.mark.parametrize("available", [0, 1])
+def test_an_error_is_raised_where_the_result_is_asked_for(scarce_threads, available):
+    scarce_threads(available)
+    with ThreadPool(2) as pool:
+        failing, fine = pool.submit(int, "x"), pool.submit(int, "3")
+        assert fine.result(timeout=60) == 3
+        with pytest.raises(ValueError, match="invalid literal"):
+            failing.result(timeout=60)
+
+
+def test_work_goes_on_at_the_same_time():
+    barrier = threading.Barrier(3)
+    with ThreadPool(3) as pool:
+        for future in [pool.submit(barrier.wait, 60) for _ in range(3)]:
+            future.result(timeout=60)
+
+
+def test_what_is_not_begun_can_be_dropped():
+    may_end = threading.Event()
+    pool = ThreadPool(1)
+    began = threading.Event()
+
+    def work():
+        began.set()
+        return may_end.wait(60)
+
+    first = pool.submit(work)
+    rest = [pool.submit(work) for _ in range(5)]
+    assert began.wait(60)
+    threading.Timer(0.01, may_end.set).start()
+    pool.shutdown(cancel_futures=True)
+    assert first.result() is True
+    for future in rest:
+        with pytest.raises(CancelledError):
+            future.result()
+
+
+@pytest.mark.parametrize("starts_first", [True, False])
+def test_an_interrupt_while_a_thread_is_started_does_not_hang_the_end(monkeypatch, starts_first):
+    may_end, began = threading.Event(), threading.Event()
+
+    def work():
+        began.set()
+        return may_end.wait(60)
+
+    def interrupted(thread):
+        if starts_first:
+            thread.start()
+        raise KeyboardInterrupt
+
+    pool = ThreadPool(3)
+    first = pool.submit(work)
+    assert began.wait(60)
+    monkeypatch.setattr("mapdeal.kernels.threads.is_started", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        pool.submit(int)
+    threading.Timer(0.1, may_end.set).start()
+    end = threading.Thread(target=pool.shutdown, kwargs={"cancel_futures": True}, daemon=True)
+    end.start()
+    end.join(20)
+    assert not end.is_alive()
+    assert first.result() is True
+
+
+@pytest.mark.parametrize("available", [0, 1, 2])
+def test_kernels_take_the_threads_that_there_are(scarce_threads, available):
+    scarce_threads(available)
+    done = []
+    with use_threads(7):
+        in_parallel(lambda first, end: done.extend(range(first, end)), 1000)
+    assert sorted(done) == list(range(1000))
+
+
+def test_no_thread_is_started_that_would_have_no_memory_to_begin(monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+    monkeypatch.setattr("mmap.mmap", refuse)
+    names = []
+    with use_threads(4):
+        in_parallel(lambda *_: names.append(threading.current_thread().name), 8)
+    assert set(names) == {threading.current_thread().name}

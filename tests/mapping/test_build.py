@@ -5,11 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import oracles
+from drawn import cells as drawn_cells
 from engines import needs_compiled
-from mapdeal import MalformedInputError, MapBuilder, ParameterError, build_map
+from mapdeal import MapBuilder, Scans, build_map
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.threads import use_threads
-from mapdeal.mapping.evidence import BeamCounts, BeamLimits, Beams, Counting, Scans, beams_of
+from mapdeal.mapping.build import frame_of
+from mapdeal.mapping.evidence import BeamLimits, beams_of, hit_groups, vanished_groups
 from oracles import line
 
 RES = 0.25
@@ -71,7 +74,7 @@ ODDS = st.sampled_from(
 
 
 @given(run=runs(), limits=LIMITS, ratio=st.sampled_from([0.0, 0.25, 0.3, 0.5]))
-def test_counting_is_counting(run, limits, ratio):
+def test_counting_is_counting(each_engine, run, limits, ratio):
     built = build_map(*run, method="counting", ratio=ratio, **GRID, **limits)
     hits, misses = np.zeros((2, *SHAPE), dtype=int)
     for cells, r, _ in walk(*run, GRID["origin"], **limits):
@@ -88,7 +91,7 @@ def test_counting_is_counting(run, limits, ratio):
 
 
 @given(run=runs(), limits=LIMITS, odds=ODDS)
-def test_log_odds_are_added_and_clamped_beam_by_beam(run, limits, odds):
+def test_log_odds_are_added_and_clamped_beam_by_beam(each_engine, run, limits, odds):
     names = ("log_free", "log_occ", "log_min", "log_max")
     options = dict(zip(names, odds, strict=True))
     built = build_map(*run, **options, **GRID, **limits)
@@ -114,7 +117,7 @@ BEHIND = st.sampled_from([(1.0, 1.0), (2.0, 1.0), (2.0, 3.0), (2.0, 0.5), (3.5, 
 
 
 @given(run=runs(), limits=LIMITS, numbers=BEHIND)
-def test_tsdf_is_the_mean_of_distances_along_the_beams(run, limits, numbers):
+def test_tsdf_is_the_mean_of_distances_along_the_beams(each_engine, run, limits, numbers):
     truncation, behind = numbers
     options = {"truncation": truncation, "truncation_behind": behind}
     built = build_map(*run, method="tsdf", **options, **GRID, **limits)
@@ -151,14 +154,6 @@ def _check_surface(built, sums, weights):
     assert abs(len(built.layers["surface"]) - int(changes) - int(zeros)) <= 4 * unclear
 
 
-def test_a_beam_that_hits_its_own_cell_is_a_hit_alone_s12():
-    built = build_map(
-        [[0.1, 0.1, 0.0]], [0.0], [[0.05]], method="counting", **GRID | {"origin": (0, 0)}
-    )
-    assert built.layers["hits"][0, 0] == 1
-    assert not built.layers["misses"].any()
-
-
 def test_each_reading_is_counted_once_s8():
     ranges = [[1.0, 0.49, 0.5, 29.999, 30.0, math.inf, math.nan, -1.0, 0.0, -math.inf]]
     beams = beams_of(Scans([[0, 0, 0]], np.zeros(10), ranges), BeamLimits(range_min=0.5))
@@ -169,25 +164,6 @@ def test_each_reading_is_counted_once_s8():
     assert cleared.ranges.tolist() == [1.0, 0.5, 29.999, 7.0, 7.0]
     assert cleared.is_hit.tolist() == [True] * 3 + [False] * 2
     assert cleared.counts == counts
-
-
-def test_what_returns_nothing_clears_only_if_asked():
-    scans = ([[0.1, 0.1, 0.0]], [0.0], [[math.inf]])
-    grid = {"resolution": 0.5, "size": (4, 0.5), "origin": (0, 0), "method": "counting"}
-    assert (build_map(*scans, **grid).grid.occupancy == -1).all()
-    assert build_map(*scans, clear_max=2.0, **grid).grid.occupancy.tolist() == [[0] * 4 + [-1] * 4]
-
-
-def test_a_beam_from_outside_through_the_grid_clears_inside_s11():
-    built = build_map([[-3.0, 0.25, 0.0]], [0.0], [[9.0]], resolution=0.5, size=(2, 0.5),
-                      origin=(0, 0), method="counting")  # fmt: skip
-    assert built.grid.occupancy.tolist() == [[0] * 4]
-    assert built.counts.hits == 1
-    tsdf = build_map([[-3.0, 0.25, 0.0]], [0.0], [[4.6]], resolution=0.5, size=(2, 0.5),
-                     origin=(0, 0), method="tsdf")  # fmt: skip
-    # the hit at 1.6, and one truncation, 1 m, behind it: beyond the grid
-    assert tsdf.layers["tsdf"][0] == pytest.approx([1.0, 0.85, 0.35, -0.15], abs=1e-5)
-    assert tsdf.grid.occupancy.tolist() == [[0, 0, 0, 100]]
 
 
 def test_the_grid_holds_all_that_beams_reach_with_a_margin_of_two_cells():
@@ -211,11 +187,6 @@ def test_beams_too_far_to_be_followed_are_outside():
         assert built.grid.occupancy.tolist()[0][:3] == [0, 0, 100]
 
 
-def test_a_pose_far_away_makes_no_map():
-    with pytest.raises(MalformedInputError, match="too far for a map"):
-        build_map([[0, 0, 0], [1e7, 0, 0]], [0.0, 1.5], np.ones((2, 2)))
-
-
 def test_clearing_ends_at_range_max():
     built = build_map([[0.5, 0.5, 0.0]], [0.0], [[35.0]], range_max=4.0, clear_max=80.0,
                       resolution=1.0, size=(8, 1), origin=(0, 0))  # fmt: skip
@@ -230,43 +201,6 @@ def test_a_share_of_hits_that_is_the_ratio_is_not_above_it():
         built = build_map(poses, np.zeros(180), ranges, method="counting", ratio=0.35,
                           resolution=1.0, size=(3, 1), origin=(0, 0))  # fmt: skip
         assert built.grid.occupancy[0, 1] == expected
-
-
-def legs(diameter, noise=0.0):
-    """Scans from all around of a room with a round leg in its middle."""
-    rng = np.random.default_rng(5)
-    around = np.linspace(0, 2 * math.pi, 24, endpoint=False)
-    poses = np.column_stack([1.3 * np.cos(around), 1.1 * np.sin(around), around + math.pi])
-    angles = np.radians(np.arange(-90, 90.5, 0.5))
-    centre, radius = np.array([0.013, 0.017]), diameter / 2
-    ranges = np.empty((len(poses), len(angles)))
-    for k, (x, y, yaw) in enumerate(poses):
-        c, s = np.cos(yaw + angles), np.sin(yaw + angles)
-        with np.errstate(divide="ignore"):
-            walls = np.minimum(np.where(c > 0, 2.02 - x, -2.03 - x) / c,
-                               np.where(s > 0, 2.01 - y, -2.04 - y) / s)  # fmt: skip
-        along = (centre[0] - x) * c + (centre[1] - y) * s
-        away = (centre[0] - x) ** 2 + (centre[1] - y) ** 2 - along**2
-        reach = along - np.sqrt(np.maximum(radius**2 - away, 0))
-        ranges[k] = np.where((away < radius**2) & (along > 0), reach, walls)
-    return poses, angles, ranges + rng.normal(0, noise, ranges.shape)
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.01])
-@pytest.mark.parametrize("diameter", [0.04, 0.06, 0.1])
-def test_no_method_takes_a_thin_leg_for_free_space(diameter, noise):
-    for method in ("log-odds", "counting", "tsdf"):
-        built = build_map(*legs(diameter, noise), method=method)
-        (cell,) = built.grid.frame.unbounded_rowcol_from_xy([[0.013, 0.017]])
-        row, col = cell.tolist()
-        assert built.grid.occupied()[row - 1 : row + 2, col - 1 : col + 2].any(), method
-    wall = built.grid.occupied()
-    assert not (wall[1:, 1:] & wall[1:, :-1] & wall[:-1, 1:] & wall[:-1, :-1]).any()
-
-
-def test_no_hit_at_all_makes_no_map():
-    with pytest.raises(MalformedInputError, match="no beam hits"):
-        build_map([[0, 0, 0]], [0.0, 0.1], [[math.nan, 50.0]])
 
 
 def room(count=40):
@@ -287,49 +221,6 @@ def room(count=40):
             pillar = np.where((away < 0.25) & (along > 0), along - np.sqrt(0.25 - away), np.inf)
         ranges[k] = np.minimum(walls, pillar)
     return poses, angles, ranges
-
-
-def distance_to_walls(points):
-    """Of points to the nearest surface of the room, metres, positive in the open."""
-    x, y = points.T
-    box = np.minimum(np.minimum(x - 0.03, 6.02 - x), np.minimum(y - 0.02, 5.01 - y))
-    return np.minimum(box, np.hypot(x - 4, y - 2.5) - 0.5)
-
-
-@pytest.mark.parametrize("method", ["log-odds", "counting", "tsdf"])
-def test_a_room_is_found_where_it_is(method):
-    built = build_map(*room(), method=method)
-    centres = built.grid.frame.xy_from_rowcol(np.argwhere(built.grid.occupied()))
-    assert len(centres) > 350
-    assert np.abs(distance_to_walls(centres)).max() < 0.05 * math.sqrt(2)
-    free = built.grid.frame.xy_from_rowcol(np.argwhere(built.grid.occupancy == 0))
-    assert distance_to_walls(free).min() > -0.05
-    # all of the room that is away from walls and was seen is free
-    assert len(free) > 0.8 * (6 * 5 - math.pi / 4) / 0.05**2
-
-
-def test_as_much_for_as_against_an_obstacle_is_unknown():
-    """One hit of +2 and two beams that pass, of -1: 50 again, which is not never seen."""
-    scans = ([[0.5, 0.5, 0.0]], [0.0, 0.0, 0.0], [[1.0, 2.0, 2.0]])
-    grid = {"resolution": 1.0, "size": (3, 1), "origin": (0, 0)}
-    assert build_map(*scans, **grid).grid.occupancy.tolist() == [[0, -1, 100]]
-    assert build_map(*scans, **grid, values=True).grid.occupancy.tolist() == [[47, 50, 54]]
-
-
-def test_noise_does_not_make_the_walls_of_a_tsdf_thick():
-    poses, angles, ranges = room()
-    noisy = ranges + np.random.default_rng(3).normal(0, 0.03, ranges.shape)
-    cells = [build_map(poses, angles, r, method="tsdf").grid.occupied().sum()
-             for r in (ranges, noisy)]  # fmt: skip
-    assert cells[1] < 1.15 * cells[0]
-    assert build_map(poses, angles, noisy, method="counting").grid.occupied().sum() > 1.5 * cells[0]
-
-
-def test_the_surface_of_a_tsdf_is_found_in_parts_of_cells():
-    surface = build_map(*room(), method="tsdf").layers["surface"]
-    off = np.abs(distance_to_walls(surface))
-    assert np.median(off) < 0.004  # a twelfth of a cell
-    assert np.quantile(off, 0.9) < 0.03
 
 
 @needs_compiled
@@ -370,84 +261,141 @@ def test_an_independent_implementation_agrees(real_maps, run, method, peer):
     assert (found.grid.occupancy == expected)[both].mean() > 0.999
 
 
-BAD = [
-    ({"method": "voting"}, "method"),
-    ({"ratio": 0.5}, "ratio"),
-    ({"method": "counting", "ratio": 1.0}, "ratio"),
-    ({"method": "counting", "ratio": math.nan}, "ratio"),
-    ({"log_free": 0.0}, "log_free"),
-    ({"log_free": 1.0}, "log_free"),
-    ({"log_free": -1e308}, "log_free"),
-    ({"log_free": 10**400}, "log_free"),
-    ({"log_occ": -1.0}, "log_occ"),
-    ({"log_occ": 1e308}, "log_occ"),
-    ({"log_occ": math.inf}, "log_occ"),
-    ({"log_min": 50.0}, "log_min"),
-    ({"log_min": 80.0, "log_max": 20.0}, "log_min"),
-    ({"log_max": 101.0}, "log_max"),
-    ({"log_max": 50.000001}, "log_max"),
-    ({"log_min": 49.999999}, "log_min"),
-    ({"log_occ": "x"}, "log_occ"),
-    ({"method": "counting", "ratio": "x"}, "ratio"),
-    ({"method": "tsdf", "truncation": None}, "truncation"),
-    ({"range_max": "x"}, "range_max"),
-    ({"range_max": 10**400}, "range_max"),
-    ({"method": "tsdf", "truncation": 0.5}, "truncation"),
-    ({"method": "tsdf", "truncation": math.nan}, "truncation"),
-    ({"method": "tsdf", "truncation_behind": 0.4}, "truncation_behind: must be 0.5 to 500 trunc"),
-    ({"method": "tsdf", "truncation_behind": 501}, "truncation_behind"),
-    ({"method": "tsdf", "truncation_behind": math.nan}, "truncation_behind"),
-    ({"method": "tsdf", "truncation_behind": "x"}, "truncation_behind"),
-    ({"method": "counting", "truncation_behind": 3}, "truncation_behind"),
-    ({"range_min": -1.0}, "range_min"),
-    ({"range_max": 0.0}, "range_max"),
-    ({"range_min": 3.0, "range_max": 2.0}, "range_max"),
-    ({"clear_max": math.inf}, "clear_max"),
-    ({"resolution": 0.0}, "resolution"),
-    ({"size": (1.0, 1.0)}, "size"),
-    ({"size": (0.0, 1.0), "origin": (0, 0)}, "size"),
-    ({"size": (1e5, 1e5), "origin": (0, 0)}, "cells"),
-]
+@st.composite
+def hits_and_maps(draw):
+    """Cells hit often, some of them occupied, and occupied cells elsewhere."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    shape = draw(st.tuples(st.integers(1, 14), st.integers(1, 17)))
+    often = rng.random(shape) < draw(st.sampled_from([0.1, 0.25, 0.5]))
+    occupied = rng.random(shape) < draw(st.sampled_from([0.0, 0.01, 0.05]))
+    return often, occupied | often & (rng.random(shape) < draw(st.sampled_from([0.0, 0.1])))
 
 
-@pytest.mark.parametrize(("options", "told"), BAD)
-def test_parameters_that_cannot_be_are_refused(options, told):
-    with pytest.raises(ParameterError, match=told):
-        build_map([[0.0, 0.0, 0.0]], [0.0], [[1.0]], **options)
+def as_sets(groups):
+    parts = np.split(groups.cells, np.cumsum(groups.sizes)[:-1]) if len(groups) else []
+    return [{tuple(cell) for cell in part.tolist()} for part in parts]
 
 
-@pytest.mark.parametrize(
-    ("poses", "angles", "ranges", "told"),
-    [
-        ([[0, 0]], [0], [[1]], "poses"),
-        ([[0, 0, math.nan]], [0], [[1]], "poses"),
-        ([[0, 0, 0]], [[0]], [[1]], "angles"),
-        ([[0, 0, 0]], [math.inf], [[1]], "angles"),
-        ([[0, 0, 0]], [0], [[1, 2]], "ranges"),
-        ([[0, 0, 0]], [0], [1], "ranges"),
-        ([[0, 0, 0]], ["a"], [[1]], "angles"),
-        ([[0, 0, 0], [0, 0, 0]], [0, 1], [[1, 2], [3]], "ranges"),
-    ],
-)
-def test_arrays_that_do_not_fit_are_refused(poses, angles, ranges, told):
-    with pytest.raises(ParameterError, match=told):
-        build_map(poses, angles, ranges)
+def in_order(found):
+    return sorted(found, key=lambda group: (-len(group), min(group)))
 
 
-@pytest.mark.parametrize("size", [(0.0, 1.0), (1.0, 0.0), (-1.0, 1.0), (1.0, -1.0)])
-def test_a_map_without_a_side_is_refused(size):
-    with pytest.raises(ParameterError, match="size"):
-        build_map([[0.0, 0.0, 0.0]], [0.0], [[1.0]], resolution=0.5, size=size, origin=(0, 0))
+@given(hits_and_maps())
+def test_groups_that_vanish_are_those_with_nothing_occupied_near_any_cell(drawn):
+    often, occupied = drawn
+    walls = np.argwhere(occupied).tolist()
+    large = [group for group in oracles.groups(often) if len(group) >= 3]
+    lost = [
+        group
+        for group in large
+        if all(max(abs(r - y), abs(c - x)) > 2 for r, c in group for y, x in walls)
+    ]
+    assert as_sets(hit_groups(often)) == in_order(large)
+    assert as_sets(vanished_groups(often, occupied)) == in_order(lost)
 
 
-@pytest.mark.parametrize("axis", [0, 1])
-def test_beams_too_far_to_be_followed_are_left_out(axis):
-    far = (2**30 + 9) * RES
-    sensors = np.zeros((3, 2))
-    sensors[1, axis] = far
-    sensors[2, axis] = -far
-    counts = BeamCounts(1, 3, 3, 0, 0)
-    beams = Beams(sensors, np.array([[1.0, 0.0]] * 3), np.ones(3), np.ones(3, bool), counts)
-    kept, starts, ends = Counting(Frame(4, 8, RES)).cells_of(beams)
-    assert (starts.tolist(), ends.tolist()) == ([[0, 0]], [[0, 4]])
-    assert kept.sensors_xy.tolist() == [[0.0, 0.0]]
+def test_middles_are_in_the_map_frame():
+    groups = hit_groups(drawn_cells("..##\n..#.\n....") == 100)
+    frame = Frame(3, 4, 0.25, (1.5, -2.0, 0.4))
+    centres = [(2.5, 2.5), (3.5, 2.5), (2.5, 1.5)]  # column and row of the cells' centres
+    x, y = np.mean(centres, axis=0) * 0.25
+    expected = [1.5 + x * np.cos(0.4) - y * np.sin(0.4), -2.0 + x * np.sin(0.4) + y * np.cos(0.4)]
+    np.testing.assert_allclose(groups.middles_xy(frame), [expected], atol=1e-12)
+    assert hit_groups(np.zeros((2, 3), dtype=bool)).middles_xy(frame).shape == (0, 2)
+
+
+AROUND_POLE = {"resolution": 0.5, "size": (6, 4.5), "origin": (-0.5, 0.25)}
+FAR_WALL = 5.4
+
+
+def pole(hits, passes):
+    """A pole three cells long, hit from the left by few of the beams that go by to a wall."""
+    poses = [[-0.25, 1.5 + 0.5 * k, 0.0] for k in range(3)] * (hits + passes)
+    ranges = [[2.0]] * (3 * hits) + [[FAR_WALL]] * (3 * passes)
+    return np.array(poses), np.zeros(1), np.array(ranges)
+
+
+@pytest.mark.parametrize("method", ["log-odds", "counting", "tsdf"])
+def test_a_pole_that_is_mostly_seen_through_vanishes_and_is_told(method):
+    built = build_map(*pole(3, 9), method=method, **AROUND_POLE)
+    assert built.vanished.sizes.tolist() == [3]
+    # x -0.25 + 2 m and y 1.5, 2 and 2.5
+    assert built.vanished.cells.tolist() == [[2, 4], [3, 4], [4, 4]]
+    # two hits are not three
+    assert len(build_map(*pole(2, 9), method=method, **AROUND_POLE).vanished) == 0
+    # and a map that has it has not lost it
+    assert len(build_map(*pole(9, 3), method=method, **AROUND_POLE).vanished) == 0
+
+
+def test_the_values_of_log_odds_lose_nothing():
+    assert len(build_map(*pole(3, 9), values=True, **AROUND_POLE).vanished) == 0
+
+
+def test_hits_are_counted_over_all_parts_of_a_run():
+    poses, angles, ranges = pole(3, 9)
+    builder = MapBuilder(build_map(poses, angles, ranges, **AROUND_POLE).grid.frame)
+    for k in range(len(poses)):
+        builder.add(Scans(poses[k : k + 1], angles, ranges[k : k + 1]))
+    assert builder.result().vanished.sizes.tolist() == [3]
+
+
+@pytest.mark.parametrize(("hits", "passes"), [(3, 9), (3, 7), (4, 396)])
+def test_the_ratio_that_is_advised_keeps_the_groups_and_is_the_largest_percent(hits, passes):
+    frame = frame_of(AROUND_POLE["size"], AROUND_POLE["origin"], AROUND_POLE["resolution"])
+    builder = MapBuilder(frame, "counting")
+    builder.add(Scans(*pole(hits, passes)))
+    advice = builder.advice(builder.result().vanished)
+    assert advice.startswith("--ratio ")
+    assert advice.endswith(" keeps it")
+    ratio = float(advice.split()[1])
+    kept, lost = (
+        build_map(*pole(hits, passes), method="counting", ratio=r, **AROUND_POLE).vanished
+        for r in (ratio, ratio + 0.01)
+    )
+    assert (len(kept), len(lost)) == (0, 1)
+
+
+def legs(diameter, noise=0.0):
+    """Scans from all around of a room with a round leg in its middle."""
+    rng = np.random.default_rng(5)
+    around = np.linspace(0, 2 * math.pi, 24, endpoint=False)
+    poses = np.column_stack([1.3 * np.cos(around), 1.1 * np.sin(around), around + math.pi])
+    angles = np.radians(np.arange(-90, 90.5, 0.5))
+    centre, radius = np.array([0.013, 0.017]), diameter / 2
+    ranges = np.empty((len(poses), len(angles)))
+    for k, (x, y, yaw) in enumerate(poses):
+        c, s = np.cos(yaw + angles), np.sin(yaw + angles)
+        with np.errstate(divide="ignore"):
+            walls = np.minimum(np.where(c > 0, 2.02 - x, -2.03 - x) / c,
+                               np.where(s > 0, 2.01 - y, -2.04 - y) / s)  # fmt: skip
+        along = (centre[0] - x) * c + (centre[1] - y) * s
+        away = (centre[0] - x) ** 2 + (centre[1] - y) ** 2 - along**2
+        reach = along - np.sqrt(np.maximum(radius**2 - away, 0))
+        ranges[k] = np.where((away < radius**2) & (along > 0), reach, walls)
+    return poses, angles, ranges + rng.normal(0, noise, ranges.shape)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("diameter", [0.04, 0.1])
+def test_no_method_takes_a_thin_leg_for_free_space(diameter, noise):
+    for method in ("log-odds", "counting", "tsdf"):
+        built = build_map(*legs(diameter, noise), method=method)
+        (cell,) = built.grid.frame.unbounded_rowcol_from_xy([[0.013, 0.017]])
+        row, col = cell.tolist()
+        assert built.grid.occupied()[row - 1 : row + 2, col - 1 : col + 2].any(), method
+    wall = built.grid.occupied()
+    assert not (wall[1:, 1:] & wall[1:, :-1] & wall[:-1, 1:] & wall[:-1, :-1]).any()
+
+
+def distance_to_walls(points):
+    """Of points to the nearest surface of the room, metres, positive in the open."""
+    x, y = points.T
+    box = np.minimum(np.minimum(x - 0.03, 6.02 - x), np.minimum(y - 0.02, 5.01 - y))
+    return np.minimum(box, np.hypot(x - 4, y - 2.5) - 0.5)
+
+
+def test_the_surface_of_a_tsdf_is_found_in_parts_of_cells():
+    surface = build_map(*room(), method="tsdf").layers["surface"]
+    off = np.abs(distance_to_walls(surface))
+    assert np.median(off) < 0.004  # a twelfth of a cell
+    assert np.quantile(off, 0.9) < 0.03

@@ -6,18 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engines import needs_compiled
-from mapdeal import (
-    LocalMapper,
-    LocalOptions,
-    MapBuilder,
-    OccupancyGrid,
-    ParameterError,
-    RollingMapper,
-    Scans,
-)
-from mapdeal.grid.frame import Frame
+from mapdeal import LocalMapper, LocalOptions, OccupancyGrid, ParameterError, RollingMapper
 from mapdeal.kernels.threads import use_threads
-from mapdeal.mapping.evidence import BeamLimits
 from oracles import line
 
 pytestmark = pytest.mark.slow
@@ -107,99 +97,6 @@ def test_each_map_is_a_replay_of_the_last_clouds(run, keep, limits, size):
         assert made.from_earlier == earlier
 
 
-def farthest_first(points, pose, resolution):
-    """Beams in an order in which none passes a cell that one before it has hit.
-
-    A beam passes a cell at the step that is the cell's distance along the longer axis, so that
-    all which pass it end farther away.
-    """
-    row, col = cell_of(pose[0], pose[1], resolution)
-    ends = [cell_of(x, y, resolution) for x, y in placed(points, pose)]
-    steps = [max(abs(r - row), abs(c - col)) for r, c in ends]
-    return [points[k] for k in sorted(range(len(points)), key=lambda k: -steps[k])]
-
-
-@given(run=sequences())
-@settings(deadline=None)
-def test_without_expiry_it_is_what_build_makes_of_the_same_beams(run):
-    """Log-odds in steps as large as their bounds: the last beam that says something wins.
-
-    Of beams of one scan the farthest come first, so that hits win as they do here.
-    """
-    clouds, poses = run
-    size, resolution = (2.0, 1.5), 0.3
-    frame = Frame(60, 80, resolution, (-12.0, -9.0, 0.0))
-    builder = MapBuilder(frame, "log-odds", BeamLimits(range_max=2.5, clear_max=2.5),
-                         log_free=-100.0, log_occ=100.0)  # fmt: skip
-    options = LocalOptions(size=size, resolution=resolution, max_range=2.5)
-    mapper = RollingMapper(poses, options)
-    for points, pose in zip(clouds, poses, strict=True):
-        mapper.add(points)
-        ordered = np.array(farthest_first(points.tolist(), pose, resolution)).reshape(-1, 2)
-        angles, ranges = np.arctan2(ordered[:, 1], ordered[:, 0]), np.hypot(*ordered.T)
-        builder.add(Scans([pose], angles, ranges[np.newaxis]))
-    local, built = mapper.result().grid, builder.result().grid
-    row, col = built.frame.unbounded_rowcol_from_xy(local.frame.xy_from_rowcol([[0, 0]]))[0]
-    height, width = local.shape
-    assert row >= 0
-    assert col >= 0
-    shared = built.occupancy[row : row + height, col : col + width]
-    np.testing.assert_array_equal(local.occupancy, shared)
-
-
-def circle(radius, count=180):
-    angles = np.linspace(-math.pi, math.pi, count, endpoint=False)
-    return radius * np.column_stack([np.cos(angles), np.sin(angles)])
-
-
-def test_an_object_that_is_taken_away_vanishes():
-    """A post ahead in the first three clouds; then beams pass where it was."""
-    post = np.array([[1.0, 0.0], [1.05, 0.05]])
-    room = circle(2.2)
-    hidden = np.abs(np.arctan2(room[:, 1], room[:, 0])) < 0.15
-    mapper = RollingMapper([[0.1 * k, -0.7, 0.0] for k in range(6)],
-                           LocalOptions(size=(6, 5), resolution=0.1), keep=5)  # fmt: skip
-    states = []
-    for k in range(6):
-        points = np.vstack([room[~hidden], post]) if k < 3 else room
-        mapper.add(points - (0.1 * k, 0.0))
-        grid = mapper.result().grid
-        (cell,) = grid.frame.unbounded_rowcol_from_xy([[1.0, -0.7]])
-        states.append(int(grid.occupancy[tuple(cell)]))
-    assert states == [100, 100, 100, 0, 0, 0]
-
-
-def test_what_no_beam_passes_stays_until_it_is_forgotten():
-    """A post seen once; all later clouds look the other way."""
-    mapper = RollingMapper([[0.0, 0.0, 0.0]] * 5, LocalOptions(size=(4, 2), resolution=0.5), keep=3)
-    states = []
-    for k in range(5):
-        mapper.add([[1.2, 0.2]] if k == 0 else [[-1.2, 0.2]])
-        made = mapper.result()
-        states.append((made.grid.occupancy[2, 6], made.grid.occupancy[2, 5], made.from_earlier))
-    assert states == [(100, 0, 0), (100, 0, 1), (100, 0, 1), (-1, -1, 0), (-1, -1, 0)]
-
-
-def test_cells_that_leave_the_window_and_come_back_are_known():
-    poses = [[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-    mapper = RollingMapper(poses, LocalOptions(size=(2, 2), resolution=0.5))
-    for points in ([[0.7, 0.1]], [[0.2, 0.3]], [[0.2, 0.3]]):
-        mapper.add(points)
-    assert mapper.result().grid.occupancy[2].tolist() == [-1, -1, 100, 100]
-
-
-def test_all_windows_lie_on_one_lattice():
-    known = OccupancyGrid(np.zeros((4, 5), np.int8), 0.1, (0.03, -0.06, 0.0))
-    poses = [[0.013 * k, 0.027 * k, 0.3 * k] for k in range(9)]
-    mapper = RollingMapper(poses, LocalOptions(size=(0.6, 0.4), resolution=0.1), global_map=known)
-    for _ in poses:
-        mapper.add(np.empty((0, 2)))
-        x, y, yaw = mapper.result().grid.origin
-        assert (x - 0.03) / 0.1 == pytest.approx(round((x - 0.03) / 0.1), abs=1e-9)
-        assert (y + 0.06) / 0.1 == pytest.approx(round((y + 0.06) / 0.1), abs=1e-9)
-        assert yaw == 0
-
-
 def test_the_map_s_obstacles_are_not_cleared_and_its_free_cells_are_known():
     known = OccupancyGrid([[0, 0, 100, -1, -1, -1]], 0.5, (-1.0, 0.0, 0.0))
     mapper = RollingMapper([[-0.75, 0.25, 0.0]] * 2, LocalOptions(size=(7, 0.5), resolution=0.5),
@@ -253,18 +150,6 @@ def test_parts_of_a_cloud_are_one_cloud():
     np.testing.assert_array_equal(one.result().grid.occupancy, two.result().grid.occupancy)
 
 
-def test_one_cloud_alone_marks_as_a_local_map_does():
-    points = np.random.default_rng(5).uniform(-3, 3, (80, 2))
-    options = LocalOptions(size=(4, 3), resolution=0.1, offset=(0.3, -0.2))
-    mapper, single = RollingMapper([[1, 2, 0.5]], options), LocalMapper([1, 2, 0.5], options)
-    for one in (mapper, single):
-        one.add(points)
-    np.testing.assert_array_equal(
-        mapper.result().grid.occupied(), single.result().grid.occupied()
-    )  # fmt: skip
-    assert mapper.result().counts == single.result().counts
-
-
 def test_beams_begin_where_an_offset_moves_the_cloud():
     options = LocalOptions(size=(4, 0.5), resolution=0.5, offset=(0.5, 0.0))
     mapper = RollingMapper([[0.75, 0.25, 0.0]], options)
@@ -303,14 +188,25 @@ def test_engines_and_threads_agree(monkeypatch):
     assert found[0] == found[1] == found[2]
 
 
-@pytest.mark.parametrize("keep", [0, -3])
-def test_a_number_of_clouds_that_cannot_be_is_refused(keep):
-    with pytest.raises(ParameterError, match="keep"):
-        RollingMapper([[0, 0, 0]], LocalOptions(), keep=keep)
+def test_all_windows_lie_on_one_lattice():
+    known = OccupancyGrid(np.zeros((4, 5), np.int8), 0.1, (0.03, -0.06, 0.0))
+    poses = [[0.013 * k, 0.027 * k, 0.3 * k] for k in range(9)]
+    mapper = RollingMapper(poses, LocalOptions(size=(0.6, 0.4), resolution=0.1), global_map=known)
+    for _ in poses:
+        mapper.add(np.empty((0, 2)))
+        x, y, yaw = mapper.result().grid.origin
+        assert (x - 0.03) / 0.1 == pytest.approx(round((x - 0.03) / 0.1), abs=1e-9)
+        assert (y + 0.06) / 0.1 == pytest.approx(round((y + 0.06) / 0.1), abs=1e-9)
+        assert yaw == 0
 
 
-def test_a_cloud_without_a_pose_is_refused():
-    mapper = RollingMapper([[0, 0, 0]], LocalOptions())
-    mapper.add([[1.0, 0.0]])
-    with pytest.raises(ParameterError, match="a pose for each cloud"):
-        mapper.add([[1.0, 0.0]])
+def test_one_cloud_alone_marks_as_a_local_map_does():
+    points = np.random.default_rng(5).uniform(-3, 3, (80, 2))
+    options = LocalOptions(size=(4, 3), resolution=0.1, offset=(0.3, -0.2))
+    mapper, single = RollingMapper([[1, 2, 0.5]], options), LocalMapper([1, 2, 0.5], options)
+    for one in (mapper, single):
+        one.add(points)
+    np.testing.assert_array_equal(
+        mapper.result().grid.occupied(), single.result().grid.occupied()
+    )  # fmt: skip
+    assert mapper.result().counts == single.result().counts

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from mapdeal import MalformedInputError
-from mapdeal.kernels.rotations import composed, multiplied, normalised, rotated, slerp, undone
+from mapdeal.kernels.rotations import normalised
 from mapdeal.mapping.evidence import beams_in_plane, stances
 from mapdeal.mapping.transforms import TransformTree
 
@@ -29,31 +29,6 @@ def matrix(move, quaternion):
     made[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     made[:3, 3] = move
     return made
-
-
-@given(quaternions, quaternions, moves, moves)
-def test_rotations_are_those_of_scipy(one, other, vector, move):
-    vector, move = np.array(vector), np.array(move)
-    first, second = Rotation.from_quat(one), Rotation.from_quat(other)
-    np.testing.assert_allclose(rotated(one, vector), first.apply(vector), atol=1e-12)
-    product = Rotation.from_quat(multiplied(one, other)).as_matrix()
-    np.testing.assert_allclose(product, (first * second).as_matrix(), atol=1e-12)
-    there = composed((move, one), (vector, other))
-    np.testing.assert_allclose(
-        matrix(*there), matrix(move, one) @ matrix(vector, other), atol=1e-12
-    )
-    np.testing.assert_allclose(
-        matrix(*undone((move, one))), np.linalg.inv(matrix(move, one)), atol=1e-12
-    )
-
-
-@given(quaternions, quaternions, st.floats(0, 1))
-def test_the_arc_is_that_of_scipy(one, other, share):
-    if abs(abs(one @ other)) < 1e-3:  # half a turn apart: two arcs are equally short
-        return
-    found = slerp(one[np.newaxis], other[np.newaxis], np.array([share]))[0]
-    wanted = Slerp([0, 1], Rotation.from_quat([one, other]))(share)
-    np.testing.assert_allclose(Rotation.from_quat(found).as_matrix(), wanted.as_matrix(), atol=1e-9)
 
 
 @pytest.mark.slow
@@ -250,14 +225,6 @@ def test_a_span_is_what_all_transforms_of_a_chain_cover():
     assert tree.lookup("map", "laser", just_outside).known.tolist() == [True, False]
 
 
-@given(quaternions, st.floats(-3, 3))
-def test_beams_go_where_their_sensor_turns_them(quaternion, angle):
-    headings, shares = beams_in_plane(quaternion[np.newaxis], np.array([angle]))
-    beam = Rotation.from_quat(quaternion).apply([np.cos(angle), np.sin(angle), 0.0])
-    found = shares[0] * np.array([np.cos(headings[0]), np.sin(headings[0])])
-    np.testing.assert_allclose(found, beam[:2], atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("angles", "is_flipped", "is_level", "leans"),
     [
@@ -277,3 +244,37 @@ def test_how_a_sensor_stands(angles, is_flipped, is_level, leans):
     assert found.poses[0, 2] == pytest.approx(np.arctan2(ahead[1], ahead[0]))
     flags = found.is_flipped[0], found.is_level[0], found.leans[0]
     assert flags == (is_flipped, is_level, leans)
+
+
+ANGLES = np.radians([-80.0, -10.0, 0.0, 35.0, 90.0])
+RANGES = np.array([1.5, 2.25, 3.0, 0.75, 4.0])
+
+
+def hits_of(turn, move):
+    """Return where beams end in the plane, by scipy."""
+    points = np.column_stack([RANGES * np.cos(ANGLES), RANGES * np.sin(ANGLES), 0 * RANGES])
+    return (turn.apply(points) + move)[:, :2]
+
+
+def hits_of_pose(pose, angles, ranges):
+    x, y, yaw = pose
+    return np.column_stack([x + ranges * np.cos(yaw + angles), y + ranges * np.sin(yaw + angles)])
+
+
+@given(st.floats(-3, 3), st.floats(-0.17, 0.17), st.floats(-0.17, 0.17), st.booleans())
+def test_beams_of_leaning_sensors_end_below_where_they_hit(yaw, pitch, roll, is_flipped):
+    turn = Rotation.from_euler("ZYX", [yaw, pitch, roll + np.pi * is_flipped])
+    quaternions = np.broadcast_to(turn.as_quat(), (len(ANGLES), 4))
+    headings, shares = beams_in_plane(quaternions, ANGLES)
+    found = hits_of_pose((0.5, 2.0, 0.0), headings, RANGES * shares)
+    np.testing.assert_allclose(found, hits_of(turn, [0.5, 2.0, 1.0]), atol=1e-12)
+
+
+@given(st.lists(st.tuples(*[st.floats(-1, 1)] * 4), min_size=1, max_size=5))
+def test_a_sensor_leans_if_its_axis_is_more_than_10_degrees_off_the_vertical(turns):
+    turns = [turn for turn in turns if np.linalg.norm(turn) > 0.1] or [(0.0, 0.0, 0.0, 1.0)]
+    found = stances(np.zeros((len(turns), 3)), normalised(np.array(turns)))
+    up = Rotation.from_quat(turns).apply([0.0, 0.0, 1.0])
+    tilt = np.arccos(np.clip(np.abs(up[:, 2]), 0, 1))
+    is_clear = np.abs(tilt - np.radians(10)) > 1e-6
+    np.testing.assert_array_equal(found.leans[is_clear], (tilt > np.radians(10))[is_clear])

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import oracles
 from engines import needs_compiled
-from mapdeal import MapBuilder, ParameterError, build_map
+from mapdeal import MapBuilder, build_map
 from mapdeal.kernels.threads import use_threads
-from mapdeal.mapping.evidence import Scans
+from mapdeal.mapping.evidence import Scans, crossings_of, thin_blocks, thin_surface
 from oracles import line
 
 RES = 0.25
@@ -99,36 +100,6 @@ def test_maps_and_layers_are_those_of_the_listing(run, shape):
     np.testing.assert_array_equal(built.grid.occupancy, np.where(walls, 100, -1))
 
 
-def test_a_wall_across_a_row_is_found_in_the_first_row_alone():
-    """The search comes to all other cells from the row before."""
-    poses = [[0.5, 0.5, 0.0], [0.5, 1.5, 0.0], [0.5, 1.5, math.pi / 2]]
-    built = build_map(poses, [0.0], [[3.2], [3.2], [2.2]], method="tsdf", as_written=True,
-                      resolution=1.0, size=(12, 12), origin=(0, 0))  # fmt: skip
-    assert np.argwhere(built.grid.occupancy == 100).tolist() == [[0, 3], [3, 0]]
-    assert built.layers["tsdf"][1, 2:5] == pytest.approx([0.6, 0.1, -0.4])
-
-
-@pytest.mark.parametrize("yaw", [0.0, math.pi / 2])
-def test_the_search_comes_back_to_its_first_cell(yaw):
-    """Of two equal cells that which it comes from is a wall; these two are compared both ways."""
-    size = (1, 12) if yaw else (12, 1)
-    built = build_map([[0.5, 0.5, yaw]], [0.0], [[0.5]], method="tsdf", as_written=True,
-                      resolution=1.0, size=size, origin=(0, 0))  # fmt: skip
-    assert built.layers["tsdf"].reshape(-1)[:4].tolist() == [0.25, -0.25, -0.75, -1.0]
-    assert built.grid.occupancy.reshape(-1).tolist() == [100, 100] + [-1] * 10
-
-
-def test_beams_end_at_their_hit_where_the_far_point_lies_outside():
-    scans = ([[0.5, 0.5, 0.0]], [0.0], [[3.2]])
-    size = {"resolution": 1.0, "origin": (0, 0), "method": "tsdf"}
-    short = build_map(*scans, **size, size=(9, 1), as_written=True)
-    assert short.layers["weight"].tolist() == [[1] * 3 + [0] * 6]
-    assert build_map(*scans, **size, size=(10, 1), as_written=True).layers["weight"].sum() == 9
-    # a hit outside says nothing
-    beyond = build_map(*scans, **size, size=(3, 1), as_written=True)
-    assert not beyond.layers["weight"].any()
-
-
 @pytest.mark.parametrize("run", ["0", "1"])
 def test_an_independent_implementation_agrees(real_maps, run):
     """It compares all neighbours, and its line is another one."""
@@ -171,7 +142,85 @@ def test_both_engines_threads_and_parts_give_the_same_bytes(monkeypatch):
 
 def test_only_the_tsdf_has_it():
     scans = ([[0.0, 0.0, 0.0]], [0.0], [[1.0]])
-    with pytest.raises(ParameterError, match="as_written: does not apply to method counting"):
-        build_map(*scans, method="counting", as_written=True)
     plain = build_map(*scans, method="tsdf", as_written=False)
     assert np.array_equal(plain.grid.occupancy, build_map(*scans, method="tsdf").grid.occupancy)
+
+
+@st.composite
+def fields(draw):
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    shape = draw(st.tuples(st.integers(1, 9), st.integers(1, 9)))
+    field = rng.uniform(-1, 1, shape).round(1)
+    if draw(st.booleans()):  # smooth, as fields of scans are
+        rows, cols = np.indices(shape)
+        field = (rows * rng.uniform(-1, 1) + cols * rng.uniform(-1, 1) + rng.uniform(-4, 4)) / 4
+    field[rng.random(shape) < draw(st.sampled_from([0.0, 0.3]))] = np.nan
+    return field
+
+
+def pairs(field):
+    """Neighbours of different sign, as pairs of cells."""
+    for (row, col), value in np.ndenumerate(field):
+        for other in ((row + 1, col), (row, col + 1)):
+            if other[0] < field.shape[0] and other[1] < field.shape[1] and value * field[other] < 0:
+                yield (row, col), other
+
+
+@given(field=fields())
+def test_places_are_where_a_line_between_two_cells_is_zero(field):
+    expected = [(row + 0.5, col + 0.5) for (row, col), v in np.ndenumerate(field) if v == 0]
+    for a, b in pairs(field):
+        share = field[a] / (field[a] - field[b])
+        expected.append(tuple(p + 0.5 + share * (q - p) for p, q in zip(a, b, strict=True)))
+    found = crossings_of(field).places()
+    assert len(found) == len(expected)
+    if expected:  # in whatever order: sums that round otherwise would sort otherwise
+        apart = np.abs(found[:, np.newaxis] - np.array(expected)).max(axis=2) > 1e-12
+        assert not apart.all(axis=0).any()
+        assert not apart.all(axis=1).any()
+
+
+@given(field=fields())
+def test_a_surface_is_made_of_the_nearer_cells_and_has_no_gap(field):
+    """All cells that are nearer to zero than a neighbour of the other sign, but for spare ones."""
+    nearer = field == 0
+    for a, b in pairs(field):
+        nearer[min((a, b), key=lambda cell: (abs(field[cell]), field[cell]))] = True
+    found = thin_surface(field, crossings_of(field))
+    assert not (found & ~nearer).any()
+    blocks = nearer[1:, 1:] & nearer[1:, :-1] & nearer[:-1, 1:] & nearer[:-1, :-1]
+    in_block = np.zeros(field.shape, bool)
+    for row, col in np.argwhere(blocks).tolist():
+        in_block[row : row + 2, col : col + 2] = True
+    for a, b in pairs(field):  # no gap, but where blocks were thinned
+        assert found[a] or found[b] or in_block[a] or in_block[b]
+    assert found.any() == nearer.any()
+    assert found[field == 0].sum() >= (field == 0).sum() - in_block.sum()
+
+
+@given(seed=st.integers(0, 2**32 - 1), density=st.sampled_from([0.3, 0.5, 0.7, 0.9]))
+def test_thinned_blocks_are_as_connected_as_before(seed, density):
+    rng = np.random.default_rng(seed)
+    before = rng.random((8, 9)) < density
+    after = before.copy()
+    thin_blocks(after, rng.random(before.shape))
+    assert not (after & ~before).any()
+    walls = [len(list(oracles.groups(mask))) for mask in (before, after)]
+    assert walls[0] == walls[1]
+    # and what is open stays parted: no two rooms become one, the outside being one
+    opened = [np.pad(~mask, 1, constant_values=True) for mask in (before, after)]
+    rooms = [len(list(oracles.groups(mask, oracles.EDGES))) for mask in opened]
+    assert rooms[0] == rooms[1]
+
+
+def test_a_block_of_four_loses_the_cells_farthest_from_zero():
+    block = np.ones((2, 2), bool)
+    thin_blocks(block, np.array([[0.1, 0.4], [0.2, 0.3]]))
+    assert block.tolist() == [[True, False], [True, True]]
+
+
+def test_a_spare_cell_is_left_out_on_any_side_of_its_partners():
+    row = np.array([[0.1, -0.2, 0.3]])
+    for field in (row, row[:, ::-1], row.T, row.T[::-1]):
+        found = thin_surface(field, crossings_of(field))
+        assert np.array_equal(found, field == -0.2)

@@ -35,17 +35,6 @@ def test_others_read_it_as_black_obstacles(pair):
     with Image.open(pair) as picture:
         pixels = np.asarray(picture.convert("L"))
     assert np.array_equal(pixels[::-1] == 0, grid_from_text(DRAWING).occupancy == 100)
-    grid = read_map(pair.with_suffix(".yaml"))
-    expected = np.maximum(grid_from_text(DRAWING).occupancy, 0)
-    assert np.array_equal(grid.occupancy, expected)
-    assert grid.origin == (1.5, -2.0, 0.4)
-
-
-def test_the_way_to_disk_and_back(pair):
-    bits = BitMap.from_occupancy(grid_from_text(DRAWING))
-    found = read_bit_map(pair)
-    assert np.array_equal(found.packed, bits.packed)
-    assert (found.width, found.resolution, found.origin) == (10, 0.25, (1.5, -2.0, 0.4))
 
 
 def test_a_negated_bit_map_is_turned_round(pair):
@@ -57,9 +46,9 @@ def test_a_negated_bit_map_is_turned_round(pair):
 
 
 def test_the_plain_form_p1_is_read_too(pair):
+    expected = read_bit_map(pair).packed
     pair.write_text("P1\n# drawn by hand\n10 3\n1000000001\n0100000001\n1010000000\n")
-    expected = BitMap.from_occupancy(grid_from_text(DRAWING))
-    assert np.array_equal(read_bit_map(pair).packed, expected.packed)
+    assert np.array_equal(read_bit_map(pair).packed, expected)
 
 
 def test_set_bits_behind_the_last_cell_mean_nothing(pair):
@@ -88,30 +77,6 @@ def test_the_obstacles_of_every_real_map_survive(real_maps, mapdeal_warnings, tm
     assert tried >= 37 // every
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "named"),
-    [
-        (lambda p: p.unlink(), FileAccessError, "b.pbm"),
-        (lambda p: p.with_suffix(".yaml").unlink(), FileAccessError, "b.yaml"),
-        (lambda p: p.write_bytes(p.read_bytes()[:-1]), MalformedInputError, "pixels"),
-        (lambda p: p.write_bytes(b"P5\n1 1\n255\n\0"), MalformedInputError, "P5"),
-        (lambda p: p.write_bytes(b"P4\n99999999 99999999\n"), MalformedInputError, "limit"),
-        (lambda p: _rewrite(p, "b.pbm", "c.pbm"), MalformedInputError, "another image"),
-        (lambda p: _rewrite(p, "trinary", "raw"), MalformedInputError, "trinary"),
-        (
-            lambda p: _rewrite(p, "negate: 0", "negate: 0\ncost_scale: costmap2d"),
-            MalformedInputError,
-            "cannot hold costs",
-        ),
-    ],
-)
-def test_files_that_are_no_bit_map_are_refused(pair, change, error, named):
-    (pair.parent / "c.pbm").write_bytes(pair.read_bytes())
-    change(pair)
-    with pytest.raises(error, match=named):
-        read_bit_map(pair)
-
-
 def _rewrite(path, old, new):
     about = path.with_suffix(".yaml")
     about.write_text(about.read_text().replace(old, new))
@@ -124,37 +89,36 @@ def test_other_names_are_refused(tmp_path):
         read_bit_map(tmp_path / "b.yaml")
 
 
-def test_a_bit_map_is_the_map_of_its_yaml_wherever_a_map_is_read(pair, command):
+def test_a_bit_map_is_the_map_of_its_yaml(pair):
     """By the drawing: # occupied, all else free. The YAML is found by the name of the bits."""
     expected = np.maximum(grid_from_text(DRAWING).occupancy, 0)
     for name in (pair, str(pair)):
         grid = read_map(name)
         assert np.array_equal(grid.occupancy, expected)
         assert (grid.resolution, grid.origin) == (0.25, (1.5, -2.0, 0.4))
-    here = pair.parent
-    about = pair.with_suffix(".yaml")
-    commands = {
-        "info": (["info", "--json"], None), "lint": (["lint"], None),
-        "inflate": (["inflate", "--radius", "0.3"], "o.npz"), "active": (["active"], "o.npz"),
-        "esdf": (["esdf"], "o.npz"), "potential": (["potential"], "o.npz"),
-        "cost": (["cost"], "o.npz"), "convert": (["convert"], "o.npz"),
-        "window": (["window", "--corner=1.6,-1.9", "--size=1,0.5"], "o.npz"),
-        "shift": (["shift", "--origin=1.6,-1.9"], "o.npz"),
-        "edit": (["edit", "circle", "--point=1.7,-1.7", "--radius=0.3", "--value=50"], "o.npz"),
-        "query": (["query", "--at=1.7,-1.7"], None), "pack": (["pack"], "o.pbm"),
-        "route": (["route", "--from=1.9,-1.5", "--to=2.4,-1.3"], None),
-    }  # fmt: skip
-    for name, (words, output) in commands.items():
-        found = []
-        for source in (pair, about):
-            target = [] if output is None else ["-o", here / output, "--force"]
-            code, out, err = command(*words, source, *target)
-            assert code in (0, 2), (name, err)
-            written = b"" if output is None else (here / output).read_bytes()
-            told = re.sub(r"b\.(pbm|yaml)", "?", out + err)  # lint has lines of the YAML
-            found.append((code, told, written))
-        assert found[0] == found[1], name
-    assert found[0][0] == 0
+
+
+@pytest.mark.parametrize(("words", "output"), [
+    ("info --json", None),
+    ("lint", None),
+    ("inflate --radius 0.3", "o.npz"),
+    ("potential", "o.npz"),
+    ("window --corner=1.6,-1.9 --size=1,0.5", "o.npz"),
+    ("edit circle --point=1.7,-1.7 --radius=0.3 --value=50", "o.npz"),
+    ("pack", "o.pbm"),
+    ("query --at=1.7,-1.7", None),
+    ("route --from=1.9,-1.5 --to=2.4,-1.3", None),
+])  # fmt: skip
+def test_commands_take_bits_as_they_take_their_yaml(pair, command, words, output):
+    found = []
+    for source in (pair, pair.with_suffix(".yaml")):
+        target = [] if output is None else ["-o", pair.parent / output, "--force"]
+        code, out, err = command(*words.split(), source, *target)
+        assert code in (0, 2), err
+        written = b"" if output is None else (pair.parent / output).read_bytes()
+        told = re.sub(r"b\.(pbm|yaml)", "?", out + err)  # lint has lines of the YAML
+        found.append((code, told, written))
+    assert found[0] == found[1]
 
 
 def test_runs_and_second_maps_may_be_bit_maps(pair, command, tmp_path):
@@ -179,34 +143,39 @@ def test_runs_and_second_maps_may_be_bit_maps(pair, command, tmp_path):
     assert (code, "mapdeal pack" in err) == (2, True)
 
 
-@pytest.mark.parametrize(
-    ("change", "code", "said"),
-    [
-        (lambda p: p.with_suffix(".yaml").unlink(), 4, "has no b.yaml beside it"),
-        (lambda p: p.unlink(), 4, "b.pbm"),
-        (lambda p: _rewrite(p, "b.pbm", "c.pbm"), 3, "image: names another image than b.pbm"),
-        (lambda p: p.write_bytes(p.read_bytes()[:-1]), 3, "pixels end early"),
-        (lambda p: _rewrite(p, "0.25", "x"), 3, "resolution"),
-    ],
-)
+@pytest.mark.parametrize(("change", "code", "said"), [
+    (lambda p: p.with_suffix(".yaml").unlink(), 4, "has no b.yaml beside it"),
+    (lambda p: p.unlink(), 4, "b.pbm"),
+    (lambda p: _rewrite(p, "b.pbm", "c.pbm"), 3, "image: names another image than b.pbm"),
+    (lambda p: p.write_bytes(p.read_bytes()[:-1]), 3, "pixels end early"),
+    (lambda p: _rewrite(p, "0.25", "x"), 3, "resolution"),
+])  # fmt: skip
 def test_a_bit_map_that_is_no_map_is_one_line(pair, command, tmp_path, change, code, said):
     (pair.parent / "c.pbm").write_bytes(pair.read_bytes())
     change(pair)
-    outputs = {
-        "run": tmp_path / "o",
-        "edit circle": tmp_path / "o.pbm",
-        "inflate": tmp_path / "o.npz",
-    }
-    for words, output in outputs.items():
-        more = ["--point=1.7,-1.7", "--radius=0", "--value=100"] if "edit" in words else []
-        found, _, err = command(*words.split(), pair, "-o", output, *more)
-        first = err.splitlines()[0]
-        assert (found, said in first) == (code, True), err
-        assert not output.exists()
+    with pytest.raises(FileAccessError if code == 4 else MalformedInputError):
+        read_bit_map(pair)
+    circle = ["edit", "circle", "--point=1.7,-1.7", "--radius=0", "--value=100"]
+    for words, output in (["run"], "o"), (circle, "o.pbm"), (["inflate"], "o.npz"):
+        found, _, err = command(*words, pair, "-o", tmp_path / output)
+        assert (found, said in err.splitlines()[0]) == (code, True), err
+        assert not (tmp_path / output).exists()
     found, _, err = command("info", pair)
     assert (found, said in err.splitlines()[0]) == (code, True)
     found, out, _ = command("lint", pair)
     assert (found, said in out) == (1, True)
+
+
+@pytest.mark.parametrize(("change", "named"), [
+    (lambda p: p.write_bytes(b"P5\n1 1\n255\n\0"), "P5"),
+    (lambda p: p.write_bytes(b"P4\n99999999 99999999\n"), "limit"),
+    (lambda p: _rewrite(p, "trinary", "raw"), "trinary"),
+    (lambda p: _rewrite(p, "mode:", "cost_scale: costmap2d\nmode:"), "cannot hold costs"),
+])  # fmt: skip
+def test_maps_that_are_no_bit_map_are_refused(pair, change, named):
+    change(pair)
+    with pytest.raises(MalformedInputError, match=named):
+        read_bit_map(pair)
 
 
 def test_max_cells_and_memory_are_those_of_images(pair, command):
@@ -216,16 +185,15 @@ def test_max_cells_and_memory_are_those_of_images(pair, command):
 
 
 CHANGES = {
-    "line": ["line", "--point=1.6,-1.9", "--point=3.2,-1.0"],
-    "polygon": ["polygon", "--point=1.6,-1.9", "--point=3.2,-1.4", "--point=2.0,-1.2"],
-    "circle": ["circle", "--point=2.2,-1.4", "--radius=0.4"],
-    "point": ["circle", "--point=2.2,-1.4", "--radius=0"],
-    "reset": ["reset", "--corner=1.6,-1.9", "--size=1.5,0.5"],
-    "all": ["reset", "--corner=1.5,-2.0", "--size=99,99"],
-    "blank": ["circle", "--point=2.2,-1.4", "--radius=0.4", "--blank"],
-    "filled": ["circle", "--point=2.2,-1.4", "--radius=0.4", "--blank", "--background=100"],
-    "max": ["line", "--point=1.6,-1.9", "--point=3.2,-1.0", "--overlay=max"],
-    "min": ["line", "--point=1.6,-1.9", "--point=3.2,-1.0", "--overlay=min"],
+    "line": "line --point=1.6,-1.9 --point=3.2,-1.0",
+    "polygon": "polygon --point=1.6,-1.9 --point=3.2,-1.4 --point=2.0,-1.2",
+    "point": "circle --point=2.2,-1.4 --radius=0",
+    "reset": "reset --corner=1.6,-1.9 --size=1.5,0.5",
+    "all": "reset --corner=1.5,-2.0 --size=99,99",
+    "blank": "circle --point=2.2,-1.4 --radius=0.4 --blank",
+    "filled": "circle --point=2.2,-1.4 --radius=0.4 --blank --background=100",
+    "max": "line --point=1.6,-1.9 --point=3.2,-1.0 --overlay=max",
+    "min": "line --point=1.6,-1.9 --point=3.2,-1.0 --overlay=min",
 }
 
 
@@ -234,12 +202,13 @@ CHANGES = {
 def test_an_edit_of_bits_is_the_edit_of_the_map_packed(pair, command, tmp_path, words, value):
     """The map is edited in whole bytes, and its obstacles taken with numpy."""
     values = [f"--value={value}"]
-    command("edit", *words, pair, "-o", tmp_path / "whole.npz", *values)
+    command("edit", *words.split(), pair, "-o", tmp_path / "whole.npz", *values)
     with np.load(tmp_path / "whole.npz") as file:
         expected = file["occupancy"] == 100
-    code, out, _ = command("edit", *words, pair, "-o", tmp_path / "new" / "e.pbm", *values)
+    edited = tmp_path / "new" / "e.pbm"
+    code, out, _ = command("edit", *words.split(), pair, "-o", edited, *values)
     assert code == 0
-    found = read_bit_map(tmp_path / "new" / "e.pbm")
+    found = read_bit_map(edited)
     assert np.array_equal(found.to_mask(), expected)
     assert found.frame == read_bit_map(pair).frame
     share = 100 * expected.sum() / expected.size
@@ -250,8 +219,6 @@ def test_edits_of_bits_keep_to_what_bits_hold(pair, command, tmp_path):
     circle = ["edit", "circle", pair, "--point=2.2,-1.4", "--radius=0.3"]
     for words, code, said in (
         ([*circle, "--value=50"], 2, "must be 0 or 100"),
-        ([*circle, "--value=1"], 2, "must be 0 or 100"),
-        ([*circle, "--value=-1"], 2, "must be 0 or 100"),
         ([*circle, "--value=100", "--blank", "--background=7"], 2, "background: must be 0 or 100"),
         ([*circle, "--value=100", "--strict", "--point=99,0"], 1, "the shape is clipped"),
         (["edit", "reset", pair, "--corner=1.6,-1.9", "--size=1,1"], 2, "value: is needed"),

@@ -143,63 +143,28 @@ def test_single_pixels(tmp_path, kind, pixel, expected):
         assert found == values
 
 
-def _ranges(occupancy):
-    """Return the grey levels of each value as (first, last)."""
-    return {v: (int(np.argmax(occupancy == v)), int(255 - np.argmax(occupancy[::-1] == v)))
-            for v in (100, -1, 0)}  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("dialect", "occupied", "unknown", "free"),
-    [
-        ("nav2", (0, 102), (103, 203), (204, 255)),
-        ("humble", (0, 101), (102, 203), (204, 255)),
-        ("ros1", (0, 101), (102, 204), (205, 255)),
-    ],
-)
-def test_grey_levels_on_the_thresholds(tmp_path, dialect, occupied, unknown, free):
-    (tmp_path / "ramp.pgm").write_bytes(b"P5 256 1 255\n" + bytes(range(256)))
-    path = _write_yaml(tmp_path / "map.yaml", "ramp.pgm", occupied=0.6, free=0.2)
-    found = _ranges(read_map(path, dialect=dialect).occupancy[0])
-    assert found == {100: occupied, -1: unknown, 0: free}
-
-
-def test_map_server_s_own_test_map(real_maps):
-    # From map_server's unit tests, the south row first; origin (2, 3, 1).
-    grid = read_map(real_maps / "ros-planning__navigation/map_server/test/testmap.yaml")
-    assert grid.origin == (2.0, 3.0, 1.0)
-    assert grid.occupancy[0].tolist() == [0] * 10
-    assert grid.occupancy[1].tolist() == [100] * 4 + [0, 0] + [100] * 3 + [0]
-    assert grid.occupancy[9].tolist() == [100] + [0] * 9
-
-
-def test_sixteen_bit_greys(tmp_path):
+GREYS = np.array([[0, 205, 254], [254, 0, 205]], dtype=np.uint8)
+FEW = {
     # A little above 205 of 255: only humble uses all 16 bits of a grey.
-    samples = np.array([[205 * 257, 205 * 257 + 50, 65535]], dtype=np.uint16)
-    Image.fromarray(samples).save(tmp_path / "grey.png")
-    path = _write_yaml(tmp_path / "map.yaml", "grey.png", free=0.1955)
-    assert read_map(path, dialect="nav2").occupancy.tolist() == [[-1, -1, 0]]
-    assert read_map(path, dialect="humble").occupancy.tolist() == [[-1, 0, 0]]
-    assert read_map(path, dialect="ros1").occupancy.tolist() == [[-1, -1, 0]]
-
-
-def test_a_transparent_grey_level(tmp_path):
-    image = Image.fromarray(np.array([[254, 0, 100]], dtype=np.uint8))
-    image.save(tmp_path / "key.png", transparency=254)
-    path = _write_yaml(tmp_path / "map.yaml", "key.png")
+    "wide.png": (np.array([[205 * 257, 205 * 257 + 50, 65535]], np.uint16), {}, 0.1955,
+                 {"nav2": [[-1, -1, 0]], "humble": [[-1, 0, 0]], "ros1": [[-1, -1, 0]]}),
     # 254 is the transparent one, and 100 has a darkness of 0.61, between the thresholds.
-    assert read_map(path).occupancy.tolist() == [[-1, 100, -1]]
     # ROS 1 averages grey and opacity: (254 + 0) / 2, (0 + 255) / 2, (100 + 255) / 2.
-    assert read_map(path, dialect="ros1").occupancy.tolist() == [[-1, -1, -1]]
-
-
-def test_tiff_reads_like_png(tmp_path):
-    pixels = np.array([[0, 205, 254], [254, 0, 205]], dtype=np.uint8)
-    Image.fromarray(pixels).save(tmp_path / "map.tiff")
-    path = _write_yaml(tmp_path / "map.yaml", "map.tiff")
-    assert read_map(path).occupancy.tolist() == [[0, 100, -1], [100, -1, 0]]
+    "key.png": (np.array([[254, 0, 100]], np.uint8), {"transparency": 254}, 0.196,
+                {"nav2": [[-1, 100, -1]], "ros1": [[-1, -1, -1]]}),
     # ROS 1 gives every TIFF an opacity of 255, which it averages in: 205 becomes free.
-    assert read_map(path, dialect="ros1").occupancy.tolist() == [[0, 100, 0], [100, 0, 0]]
+    "map.tiff": (GREYS, {}, 0.196, {"nav2": [[0, 100, -1], [100, -1, 0]],
+                                    "ros1": [[0, 100, 0], [100, 0, 0]]}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_a_few_pixels_worked_out_by_hand(tmp_path, name):
+    pixels, options, free, expected = FEW[name]
+    Image.fromarray(pixels).save(tmp_path / name, **options)
+    path = _write_yaml(tmp_path / "map.yaml", name, free=free)
+    found = {dialect: read_map(path, dialect=dialect).occupancy.tolist() for dialect in expected}
+    assert found == expected
 
 
 def test_ros_1_does_not_see_the_transparent_colour_of_a_coloured_picture(tmp_path):

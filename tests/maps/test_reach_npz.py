@@ -34,22 +34,21 @@ def reach(**more):
                  MAP.origin, **chosen)  # fmt: skip
 
 
-def written(path, grid):
-    mapdeal.write_map(path, grid)
-    return path
+@pytest.fixture
+def path(tmp_path):
+    mapdeal.write_map(tmp_path / "r.npz", reach())
+    return tmp_path / "r.npz"
 
 
-@pytest.mark.parametrize(
-    "more",
-    [
-        {},
-        {"start": (1.5, -2.0), "robot": Footprint.circle(0.1), "through_unknown": True},
-        {"robot": None, "heading_count": 255},
-    ],
-)
+@pytest.mark.parametrize("more", [
+    {},
+    {"start": (1.5, -2.0), "robot": Footprint.circle(0.1), "through_unknown": True},
+    {"robot": None, "heading_count": 255},
+])  # fmt: skip
 def test_it_is_read_as_it_was_written(tmp_path, more):
     grid = reach(**more)
-    again = read_reach(written(tmp_path / "r.npz", grid))
+    mapdeal.write_map(tmp_path / "r.npz", grid)
+    again = read_reach(tmp_path / "r.npz")
     for name in Reach.layer_names:
         np.testing.assert_array_equal(getattr(again, name), getattr(grid, name))
         assert getattr(again, name).dtype == getattr(grid, name).dtype
@@ -60,8 +59,7 @@ def test_it_is_read_as_it_was_written(tmp_path, more):
         assert arrays["start"].tolist() == list(grid.start)
 
 
-def test_as_a_map_it_is_the_one_that_was_looked_at_with_one_warning(tmp_path):
-    path = written(tmp_path / "r.npz", reach())
+def test_as_a_map_it_is_the_one_that_was_looked_at_with_one_warning(path):
     with pytest.warns(MapdealWarning, match="is what a robot can reach; its map is used") as told:
         again = mapdeal.read_map(path)
     assert len(told) == 1
@@ -70,19 +68,7 @@ def test_as_a_map_it_is_the_one_that_was_looked_at_with_one_warning(tmp_path):
     assert again.frame == MAP.frame
 
 
-def test_commands_take_its_map(command, tmp_path):
-    path = written(tmp_path / "r.npz", reach())
-    code, _, err = command("inflate", path, "-o", tmp_path / "i.yaml", "--radius", 0)
-    assert code == 0
-    assert err.count("its map is used") == 1
-    inflated = mapdeal.read_map(tmp_path / "i.yaml")
-    np.testing.assert_array_equal(inflated.occupancy, MAP.occupancy)
-    code, out, _ = command("lint", path)
-    assert (code, "reach" in out) == (0, False)
-
-
-def test_info_names_the_layers(command, tmp_path):
-    path = written(tmp_path / "r.npz", reach())
+def test_info_names_the_layers(command, path):
     code, out, err = command("info", path)
     assert (code, err) == (0, "")
     lines = dict(line.split(maxsplit=1) for line in out.splitlines()[1:])
@@ -114,26 +100,25 @@ def test_the_answers_are_told_in_a_line():
     assert told.endswith("; 1 of 1 goal")
 
 
-def test_it_only_fits_an_npz(tmp_path):
+def test_it_only_fits_an_npz_and_a_byte_counts_no_more_headings(tmp_path):
+    for count in (0, 256):
+        with pytest.raises(ParameterError, match=r"heading_count: must be from 1 to 255"):
+            reach(heading_count=count)
     with pytest.raises(ParameterError, match="a reach is written as npz"):
         mapdeal.write_map(tmp_path / "r.yaml", reach())
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "said"),
-    [
-        ("start", np.array([1.0, np.nan]), "start: must be finite"),
-        ("start", np.array([1.0]), r"start: must have shape \(2,\)"),
-        ("heading_count", np.uint8(0), "heading_count: must be from 1 to 255"),
-        ("widest", np.zeros((2, 5), np.float32), "of one shape"),
-        ("headings", np.zeros((3, 5), np.int32), "headings: must be uint8"),
-        ("robot", np.zeros((3, 5)), r"robot: must have shape \(3, 2\)"),
-        ("clearance", None, "clearance: missing key"),
-    ],
-)
-def test_damaged_ones_are_refused(command, tmp_path, name, value, said):
-    path = written(tmp_path / "r.npz", reach())
+@pytest.mark.parametrize(("name", "value", "said"), [
+    ("start", np.array([1.0, np.nan]), "start: must be finite"),
+    ("start", np.array([1.0]), r"start: must have shape \(2,\)"),
+    ("heading_count", np.uint8(0), "heading_count: must be from 1 to 255"),
+    ("widest", np.zeros((2, 5), np.float32), "of one shape"),
+    ("headings", np.zeros((3, 5), np.int32), "headings: must be uint8"),
+    ("robot", np.zeros((3, 5)), r"robot: must have shape \(3, 2\)"),
+    ("clearance", None, "clearance: missing key"),
+])  # fmt: skip
+def test_damaged_ones_are_refused(command, path, name, value, said):
     with np.load(path) as arrays:
         kept = {key: arrays[key] for key in arrays if key != name}
     np.savez(path, **kept, **({} if value is None else {name: value}))
@@ -158,9 +143,3 @@ def test_on_a_larger_canvas_nothing_around_it_is_reached_or_counted(through_unkn
     for name in ("reachable_area", "open_area", "free_area", "share"):
         assert getattr(whole, name) == getattr(grid, name)
     assert math.isclose(whole.free_area, (7 if through_unknown else 5) / 16)
-
-
-@pytest.mark.parametrize("count", [0, 256])
-def test_a_byte_counts_no_more_headings(count):
-    with pytest.raises(ParameterError, match=r"heading_count: must be from 1 to 255"):
-        reach(heading_count=count)

@@ -20,19 +20,6 @@ def drawn(overlay, pixels, raster):
     return [(one.index, one.label) for one in swatches], np.argwhere(pixels == 7)
 
 
-@pytest.mark.parametrize(
-    ("raster", "pixel"), [(Raster(enlarge=4), 0.0125), (Raster(reduce=1), 0.05)]
-)
-@pytest.mark.parametrize("robot", [LONG, mapdeal.Footprint.circle(0.3)], ids=["long", "round"])
-def test_the_shape_has_its_size(raster, pixel, robot):
-    pixels = np.zeros((80 * raster.enlarge, 120 * raster.enlarge), np.uint8)
-    swatches, cells = drawn(RobotOverlay(robot), pixels, raster)
-    assert swatches == [(7, "robot, to scale")]
-    size = np.ptp(cells, axis=0) * pixel  # from the middle of the line on one side to the other
-    wanted = (0.4, 0.9) if robot is LONG else (0.6, 0.6)
-    assert size == pytest.approx(wanted, abs=3 * pixel)
-
-
 @pytest.mark.parametrize("corner", [(0, 0), (0, 1), (1, 0), (1, 1)])
 def test_it_stands_in_the_corner_where_least_is_to_be_seen(corner):
     noise = np.random.default_rng(1).integers(0, 5, (320, 480)).astype(np.uint8)

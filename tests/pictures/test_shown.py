@@ -9,8 +9,7 @@ import mapdeal
 from mapdeal.grid.frame import Region
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.pictures.layers import occupancy_image
-from mapdeal.pictures.overlay import PoseOverlay, Raster, known_box, shown_part
-from mapdeal.pipeline.folder import _FILES
+from mapdeal.pictures.overlay import PoseOverlay, known_box, shown_part
 
 ORIGIN = (2.0, -3.0, 0.4)
 
@@ -49,29 +48,21 @@ def test_the_box_of_known_cells(height, width, places, is_lazy):
     assert found == (min(rows), min(cols), max(rows) - min(rows) + 1, max(cols) - min(cols) + 1)
 
 
-def test_the_known_cells_are_shown_with_a_margin_of_ten_cells_or_a_twentieth():
-    grid = canvas()
-    assert shown_part(grid.occupancy, grid.frame, "known") == (30, 60, 40, 50)
-    grid = canvas(1000, 900, Region(300, 200, 400, 300))
-    assert shown_part(grid.occupancy, grid.frame, "known") == (280, 180, 440, 340)
-
-
-def test_the_margin_ends_at_the_map():
-    grid = canvas(box=Region(3, 150, 20, 10))
-    assert shown_part(grid.occupancy, grid.frame, "known") == (0, 140, 33, 20)
-
-
-@pytest.mark.parametrize("box", [Region(0, 0, 120, 160), Region(8, 8, 105, 144)])
-def test_maps_that_are_known_nearly_all_over_are_shown_as_a_whole(box):
-    grid = canvas(box=box)
-    assert shown_part(grid.occupancy, grid.frame, "known") is None
-
-
-def test_all_is_shown_if_asked_for_or_nothing_is_known():
-    grid = canvas()
-    unknown = np.full((120, 160), -1, np.int8)
+@pytest.mark.parametrize(
+    ("size", "box", "shown"),
+    [
+        ((120, 160), BOX, (30, 60, 40, 50)),  # a margin of ten cells
+        ((1000, 900), Region(300, 200, 400, 300), (280, 180, 440, 340)),  # or of a twentieth
+        ((120, 160), Region(3, 150, 20, 10), (0, 140, 33, 20)),  # as far as the map goes
+        ((120, 160), Region(0, 0, 120, 160), None),  # all of it, or nearly
+        ((120, 160), Region(8, 8, 105, 144), None),
+    ],
+)
+def test_the_known_cells_are_shown_with_a_margin(size, box, shown):
+    grid = canvas(*size, box)
+    assert shown_part(grid.occupancy, grid.frame, "known") == shown
     assert shown_part(grid.occupancy, grid.frame, "all") is None
-    assert shown_part(unknown, grid.frame, "known") is None
+    assert shown_part(np.full(size, -1, np.int8), grid.frame, "known") is None
 
 
 def test_what_is_drawn_over_the_map_lies_in_the_picture():
@@ -85,81 +76,6 @@ def test_what_is_drawn_over_the_map_lies_in_the_picture():
     assert shown_part(grid.occupancy, grid.frame, "known", places_xy=[(np.nan, 0)]) == (
         30, 60, 40, 50
     )  # fmt: skip
-
-
-def grids_of(grid):
-    made = [
-        grid,
-        mapdeal.field_view(mapdeal.esdf(grid)),
-        mapdeal.exponential_cost(grid, inflation_radius=1.0, cost_scaling_factor=2.0),
-        mapdeal.esdf(grid),
-        mapdeal.potential(grid),
-        mapdeal.reach(grid, radius=0.1),
-    ]
-    return {type(one): one for one in made}
-
-
-@pytest.mark.parametrize("made", _FILES, ids=lambda made: made.__name__)
-@pytest.mark.parametrize("image_max", [2048, 0, 30])
-def test_cells_have_the_colours_that_they_have_on_the_whole_map(made, image_max):
-    """Each pixel of a cell in the picture of all is one in that of the part, cell by cell."""
-    grid = canvas()
-    shown = grids_of(grid)[made]
-    draw = _FILES[made].draw
-    images = {
-        extent: draw(shown, title="a", image_max=image_max, image_extent=extent)
-        for extent in ("known", "all")
-    }
-    colours = {extent: image.palette[image.indices] for extent, image in images.items()}
-    if image_max != 0:  # the map is drawn larger, or in fewer cells a pixel
-        assert colours["known"].shape != colours["all"].shape
-        return
-    part = Region(30, 60, 40, 50)
-    height, width = colours["all"].shape[:2]
-    wanted = _map_of(images["all"], (120, 160))[120 - 70 : 120 - 30, 60:110]
-    found = _map_of(images["known"], (part.height, part.width))
-    assert (height, width) > found.shape[:2]
-    same = (wanted == found).all(axis=2)
-    if made in (mapdeal.PotentialField, mapdeal.Reach):  # arrows and marks are of a size in pixels
-        assert same.mean() > 0.5
-    else:
-        inner = same[1:-1, 1:-1]  # an outline ends at the border of a picture
-        assert inner.all()
-
-
-def _map_of(image, shape):
-    """Return the colours of the map's pixels, one per cell: the box inside of the thin frame."""
-    indices = image.indices
-    height, width = shape
-    grey = indices == _frame_index(image)
-    for top in range(indices.shape[0] - height - 1):
-        for left in np.flatnonzero(grey[top]):
-            edges = (
-                grey[top, left : left + width + 2],
-                grey[top + height + 1, left : left + width + 2],
-                grey[top : top + height + 2, left],
-            )
-            if left + width + 2 <= indices.shape[1] and all(edge.all() for edge in edges):
-                inside = indices[top + 1 : top + 1 + height, left + 1 : left + 1 + width]
-                return image.palette[inside].astype(int)
-    raise AssertionError("no frame")
-
-
-def _frame_index(_):
-    from mapdeal.pictures.canvas import GREY
-
-    return GREY
-
-
-def test_pixels_are_of_the_part_alone():
-    layer = np.arange(48).reshape(6, 8)
-    part = Region(1, 2, 4, 5)
-    assert Raster(part=part).largest(layer).tolist() == layer[1:5, 2:7].tolist()
-    lazy = lazy_layer(layer.shape, layer.dtype, lambda rows: layer[rows], block_height=2)
-    for one in (layer, lazy):
-        assert Raster(reduce=2, part=part).largest(one).tolist() == [
-            [layer[2, 3], layer[2, 5], layer[2, 6]], [layer[4, 3], layer[4, 5], layer[4, 6]]
-        ]  # fmt: skip
 
 
 def test_lazy_maps_have_the_same_picture():

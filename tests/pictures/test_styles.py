@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from drawn import grid_from_text
 from mapdeal import Costmap, esdf
-from mapdeal.pictures.colours import Scale
+from mapdeal.pictures import colours
+from mapdeal.pictures.colours import Scale, _oklab_from_rgb
 from mapdeal.pictures.styles import (
     FieldEnds,
     cleaning_style,
     cost_style,
     difference_style,
     field_style,
-    number_style,
     occupancy_style,
     ticks_of,
 )
@@ -99,25 +99,28 @@ def test_single_values_are_called_what_the_field_calls_them():
     assert cleaning_style().labels[7] == "unknown, now free"
 
 
-@pytest.mark.parametrize(
-    "style",
-    [
-        occupancy_style(),
-        cost_style(Costmap([[0]], 0.25, circumscribed_cost=99)),
-        difference_style(),
-        cleaning_style(),
-        number_style(0.0, 4.0, "m"),
-        number_style(3.0, 3.0, "m"),
-        field_style(esdf(GRID), FieldEnds.of(esdf(GRID))),
-    ],
-)
-def test_all_indices_have_a_colour(style):
-    indices = {swatch.index for swatch in style.swatches}
-    if style.by_value is not None:
-        assert style.by_value.shape == (256,)
-        indices |= set(style.by_value.tolist())
-    if style.scale is not None:
-        indices |= {style.scale.first + k for k in range(style.scale.levels)}
-        indices.add(style.nowhere)
-    assert style.bar is None or set(style.bar.indices) <= indices
-    assert max(indices) < len(style.colours) <= 244
+# Machado, Oliveira, Fernandes 2009, severity 1: how people without one kind of cones see.
+SEEN_WITHOUT = {
+    "none": np.eye(3),
+    "long": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+             [-0.003882, -0.048116, 1.051998]],
+    "medium": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+               [-0.011820, 0.042940, 0.968881]],
+    "short": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602],
+              [0.004733, 0.691367, 0.303900]],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("cones", list(SEEN_WITHOUT))
+def test_what_is_reached_is_told_from_what_is_not_by_everybody(cones):
+    areas = np.array([
+        colours.REACHABLE, colours.CUT_OFF, *colours.CUT_OFF_AREAS, colours.TOO_NARROW,
+        colours.RVIZ_UNKNOWN,
+    ]) / 255  # fmt: skip
+    linear = np.where(areas <= 0.04045, areas / 12.92, ((areas + 0.055) / 1.055) ** 2.4)
+    seen = np.clip(linear @ np.transpose(SEEN_WITHOUT[cones]), 0, 1)
+    seen = np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055)
+    lab = _oklab_from_rgb(seen)
+    assert np.linalg.norm(lab[1:] - lab[0], axis=1).min() > 0.075
+    apart = [np.linalg.norm(a - b) for a, b in itertools.combinations(lab[2:8], 2)]
+    assert min(apart) > 0.05

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import mapdeal
-from mapdeal import FileAccessError, MalformedInputError, OccupancyGrid, ParameterError, write_map
+from mapdeal import FileAccessError, MalformedInputError, OccupancyGrid, write_map
 from mapdeal.checks.findings import Selections
-from mapdeal.checks.lint import REPORTS, Found, LintReport, lint_file
+from mapdeal.checks.lint import REPORTS, LintReport, lint_file
 from mapdeal.checks.map_checks import RUN_FOLDERS
 from mapdeal.commands.lint import _Lint
 from mapdeal.files.source import SHARE_OF_JOB
@@ -46,22 +46,16 @@ def maps(tmp_path, monkeypatch):
     return tmp_path / "maps"
 
 
-def listed(*names, stdin=()):
-    return [str(one.path) for one in listing_of(names, stdin).maps]
-
-
-def listing_of(names, stdin=()):
-    return list_maps(names, None, lambda: stdin, whole_folders=RUN_FOLDERS)
+def listed(*names):
+    found = list_maps(names, None, lambda: (), whole_folders=RUN_FOLDERS)
+    return [str(one.path) for one in found.maps]
 
 
 def checks_of(report):
     return {one.file: [found.check for found in one.findings] for one in report.maps}
 
 
-# Sources
-
-
-def make_run(folder, names=("a.pgm",)):
+def make_run(folder):
     folder.mkdir(parents=True)
     (folder / "manifest.json").write_text('{"outputs": {"gone.pgm": "00"}}')
     (folder / "inflated.yaml").write_text("image: a.pgm\n")
@@ -93,16 +87,6 @@ def test_a_manifest_of_another_program_hides_no_map(maps):
     assert [one.message for one in report.findings] == ["its manifest.json is not that of a run"]
 
 
-def test_a_list_stands_for_its_lines(maps):
-    lines = b"maps/b/turned.yaml\n# no\nmaps/a\n"
-    assert listed("@-", stdin=[lines]) == ["maps/b/turned.yaml", "maps/a/plain.yaml"]
-
-
-def test_yaml_files_that_are_no_maps_are_left_out(maps):
-    listing = listing_of(["maps"])
-    assert [str(one) for one in listing.left_out] == ["maps/params.yaml"]
-
-
 def test_a_folder_with_neither_is_a_finding_and_the_others_go_on(maps):
     (maps / "empty").mkdir()
     paths = listed("maps/empty", "maps/a")
@@ -129,15 +113,6 @@ def test_a_folder_that_cannot_be_read_is_a_finding_and_the_others_go_on(maps, mo
         assert (found.check, found.message) == ("file.access", "cannot be read: Permission denied")
 
 
-@pytest.mark.parametrize("name", ["none/*.yaml", "", "@none.txt"])
-def test_names_that_stand_for_nothing_are_refused(maps, name):
-    with pytest.raises((ParameterError, FileAccessError)):
-        listed(name)
-
-
-# Rules
-
-
 def test_a_map_has_the_rules_of_the_nearest_file(maps):
     (maps / "pyproject.toml").write_text("[tool.mapdeal.lint]\nstrict = true\n")
     (maps / "b" / "mapdeal.toml").write_text('[lint]\nignore = ["file"]\n')
@@ -162,40 +137,16 @@ def test_one_file_can_hold_for_all(maps):
     assert not mapdeal.lint(turned, strict=True, select="yaml").passes
 
 
-@pytest.mark.parametrize(
-    ("rules", "told"),
-    [
-        ({"select": "imag"}, "--select: unknown check, got 'imag'"),
-        ({"config": "none.toml"}, "none.toml: cannot be read"),
-        ({"config": "pyproject.toml"}, r"has no table \[tool.mapdeal.lint\]"),
-        ({"config": "empty.toml"}, r"has no table \[lint\]"),
-        ({"config": "x", "no_config": True}, "--no-config"),
-    ],
-)
-def test_rules_that_cannot_be_are_refused_before_any_work(maps, rules, told, monkeypatch):
-    Path("pyproject.toml").write_text("")
-    Path("empty.toml").write_text("")
-    monkeypatch.setattr(LINT_FILE, None)
-    with pytest.raises((ParameterError, FileAccessError), match=told):
-        mapdeal.lint(maps / "a" / "plain.yaml", **rules)
-
-
-def test_comments_spare_their_map(maps):
-    path = maps / "b" / "turned.yaml"
-    path.write_text(path.read_text() + "# mapdeal: ignore yaml, image.alpha the dock is turned\n")
-    (report,) = lint([path]).maps
-    assert [(one.check, one.line) for one in report.findings] == [("lint.unused-ignore", 8)]
-    assert report.suppressed == 1
-
-
 def test_comments_of_a_broken_map_count_too(maps):
     path = maps / "b" / "broken.yaml"
     path.write_text(path.read_text() + "# mapdeal: ignore file.access, yaml.defaults\n")
     (report,) = lint([path]).maps
     assert (report.findings, report.suppressed) == ((), 2)
-
-
-# Who does the work
+    path = maps / "b" / "turned.yaml"
+    path.write_text(path.read_text() + "# mapdeal: ignore yaml, image.alpha the dock is turned\n")
+    (report,) = lint([path]).maps
+    assert [(one.check, one.line) for one in report.findings] == [("lint.unused-ignore", 8)]
+    assert report.suppressed == 1
 
 
 @pytest.fixture
@@ -277,14 +228,11 @@ def test_a_map_that_only_its_share_of_memory_refuses_is_checked_alone(many, work
     assert before.count("2.yaml") == 2
 
 
-@pytest.mark.parametrize(
-    ("problem", "told"),
-    [
-        (ZeroDivisionError("of mine"), "internal error: ZeroDivisionError: of mine; this is a bug"),
-        (MemoryError(), "not enough memory for a map of this size"),
-        (OSError(errno.ENOMEM, "Cannot"), "the system has no more to give: Cannot"),
-    ],
-)
+@pytest.mark.parametrize(("problem", "told"), [
+    (ZeroDivisionError("of mine"), "internal error: ZeroDivisionError: of mine; this is a bug"),
+    (MemoryError(), "not enough memory for a map of this size"),
+    (OSError(errno.ENOMEM, "Cannot"), "the system has no more to give: Cannot"),
+])  # fmt: skip
 def test_a_bug_met_by_one_map_is_a_finding_of_it(maps, monkeypatch, problem, told):
     def fails(path, *, max_cells=None, radius=None):
         if path.name == "plain.yaml":
@@ -297,33 +245,3 @@ def test_a_bug_met_by_one_map_is_a_finding_of_it(maps, monkeypatch, problem, tol
     assert (found.check, found.severity) == ("lint.not-checked", "error")
     assert found.message.startswith(told)
     assert len(report.maps) == 3
-
-
-def test_few_small_maps_are_not_worth_workers(maps, monkeypatch):
-    monkeypatch.setattr("mapdeal.commands.lint._lint_in_processes", None)
-    assert len(lint(listed("maps"), jobs=8).maps) == 3
-
-
-def test_large_maps_are_worth_workers(maps, monkeypatch):
-    """By their headers alone: nothing else of them is read."""
-    for k in range(2):
-        text = f"image: {k}.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
-        (maps / f"large{k}.yaml").write_text(text)
-        with (maps / f"{k}.pgm").open("wb") as file:
-            file.write(b"P5\n24000 24000\n255\n")
-            file.truncate(19 + 24000 * 24000)
-    called = []
-
-    def taken(paths, settings, radii, jobs, done):
-        called.append(jobs)
-        for index in range(len(paths)):
-            done(index, Found(()))
-
-    monkeypatch.setattr("mapdeal.commands.lint._lint_in_processes", taken)
-    large = [maps / "large0.yaml", maps / "large1.yaml"]
-    lint(large, jobs=8)
-    assert called == [2]
-    monkeypatch.setattr(LINT_FILE, lambda *_, **__: [])
-    lint(large, jobs=1)
-    lint(large[:1], jobs=8)
-    assert called == [2]

@@ -7,7 +7,6 @@ import pytest
 
 import made_up_stages
 from mapdeal import Footprint, MapdealWarning, OccupancyGrid, ParameterError, esdf, layered_cost
-from mapdeal.cli.apps import stage_app
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.esdf import field_view
@@ -42,54 +41,12 @@ def test_a_stage_is_given_what_its_function_takes(visit, grid):
 
 def test_a_stage_that_takes_no_costs_gets_the_map_in_them():
     costs = layered_cost(MAP)
-    with pytest.warns(MapdealWarning, match="contains costs"):
-        assert type(make_step("inflate", {}).taken(costs)) is OccupancyGrid
-    with pytest.warns(MapdealWarning, match="contains costs"):
-        assert type(make_step("esdf", {}).taken(costs)) is OccupancyGrid
-    with pytest.warns(MapdealWarning, match="contains costs"):
-        assert type(make_step("cost", {}).taken(costs)) is OccupancyGrid
+    for name in ("inflate", "esdf", "cost"):
+        with pytest.warns(MapdealWarning, match="contains costs"):
+            assert type(make_step(name, {}).taken(costs)) is OccupancyGrid
     assert make_step("inflate", {}).taken(esdf(MAP)).occupancy is not None
     with pytest.warns(MapdealWarning, match="view of a distance field"):
         assert type(make_step("inflate", {}).taken(field_view(esdf(MAP)))) is OccupancyGrid
-
-
-def test_help_tells_what_a_stage_takes():
-    def usage(name):
-        (command,) = stage_app(name).registered_commands
-        argument = command.callback.__signature__.parameters["source"].annotation.__metadata__[0]
-        return argument.metavar, argument.help.partition(" - ")[0].partition(".")[0]
-
-    assert usage("visit") == (
-        "MAP|ESDF.npz|COST.npz", "A map, the distance field of one, or a costmap"
-    )  # fmt: skip
-    assert usage("cost") == ("MAP|ESDF.npz", "A map, or the distance field of one")
-    assert usage("inflate")[0] == "MAP"
-
-
-@pytest.mark.filterwarnings("error")
-def test_a_shape_goes_to_stages_that_look_and_to_the_first_that_hands_on(tmp_path):
-    steps = recipe(tmp_path, "visit inflate esdf cost", footprint=ROUND)
-    assert steps["visit"].parameters["footprint"] == ROUND
-    assert steps["inflate"].parameters["footprint"] == ROUND
-    assert steps["cost"].parameters["inscribed_radius"] == 0.0
-    steps = recipe(tmp_path, "visit esdf cost", footprint=ROUND)
-    assert steps["visit"].parameters["footprint"] == ROUND
-    assert steps["cost"].parameters["inscribed_radius"] == 0.2
-    assert recipe(tmp_path, "visit", footprint=ROUND)["visit"].parameters["footprint"] == ROUND
-
-
-@pytest.mark.filterwarnings("error")
-def test_what_looks_at_an_inflated_map_gets_no_shape_on_top(tmp_path):
-    steps = recipe(tmp_path, "inflate visit", footprint=ROUND)
-    assert steps["inflate"].parameters["footprint"] == ROUND
-    assert steps["visit"].parameters["footprint"] is None
-
-
-@pytest.mark.filterwarnings("error")
-def test_what_looks_at_costs_gets_the_shape_as_they_tell_obstacles(tmp_path):
-    steps = recipe(tmp_path, "cost visit", footprint=ROUND)
-    assert steps["cost"].parameters["inscribed_radius"] == 0.2
-    assert steps["visit"].parameters["footprint"] == ROUND
 
 
 def test_a_radius_that_counts_twice_is_warned_of_after_inflation_alone(tmp_path):
@@ -114,6 +71,18 @@ def test_only_a_stage_that_takes_costs_can_follow_cost(tmp_path, visit):
             recipe(tmp_path, stages)
 
 
-def test_a_shape_that_nothing_takes_is_refused(tmp_path):
-    with pytest.raises(ParameterError, match="no stage that uses a robot's shape"):
-        recipe(tmp_path, "esdf", footprint=ROUND)
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("stages", "expected"), [
+    ("visit inflate esdf cost", {"visit": ROUND, "inflate": ROUND, "cost": 0.0}),
+    ("visit esdf cost", {"visit": ROUND, "cost": 0.2}),
+    ("visit", {"visit": ROUND}),
+    ("inflate visit", {"inflate": ROUND, "visit": None}),  # no shape on top
+    ("cost visit", {"cost": 0.2, "visit": ROUND}),  # as costs tell obstacles
+])  # fmt: skip
+def test_a_shape_goes_to_stages_that_look_and_to_the_first_that_hands_on(
+    tmp_path, stages, expected
+):
+    steps = recipe(tmp_path, stages, footprint=ROUND)
+    for name, value in expected.items():
+        taken = "inscribed_radius" if name == "cost" else "footprint"
+        assert steps[name].parameters[taken] == value

@@ -30,18 +30,15 @@ def cut(left, *, base=500, threads=1, shape=(3000, 1000), steps=(Step,)):
         return memory._cut(Path("m.pgm"), shape, steps, base + left, base, needed=10**9)
 
 
-@pytest.mark.parametrize(
-    ("left", "threads", "rows", "kept"),
-    [
-        # 40 bytes for a cell, in one thread and once more: 80 000 a row, of half the memory;
-        # 20 bytes for each of 1000 columns of each block
-        (80_000_000, 1, 500, 80_000_000 - 500 * 80_000 - 6 * 20_000),
-        (80_000_000, 3, 250, 80_000_000 - 250 * 160_000 - 12 * 20_000),
-        (10**9, 1, 3000, 10**9 - 3000 * 80_000 - 20_000),
-        # what blocks keep of their columns would fit a quarter of the memory from 25 rows on
-        (2_400_000 * 4, 1, 60, 9_600_000 - 60 * 80_000 - 50 * 20_000),
-    ],
-)
+@pytest.mark.parametrize(("left", "threads", "rows", "kept"), [
+    # 40 bytes for a cell, in one thread and once more: 80 000 a row, of half the memory;
+    # 20 bytes for each of 1000 columns of each block
+    (80_000_000, 1, 500, 80_000_000 - 500 * 80_000 - 6 * 20_000),
+    (80_000_000, 3, 250, 80_000_000 - 250 * 160_000 - 12 * 20_000),
+    (10**9, 1, 3000, 10**9 - 3000 * 80_000 - 20_000),
+    # what blocks keep of their columns would fit a quarter of the memory from 25 rows on
+    (2_400_000 * 4, 1, 60, 9_600_000 - 60 * 80_000 - 50 * 20_000),
+])  # fmt: skip
 def test_half_of_the_memory_is_for_blocks(left, threads, rows, kept):
     found, budget = cut(left, threads=threads)
     assert (found, budget._left) == (rows, kept)
@@ -77,19 +74,16 @@ def test_a_map_in_memory_takes_what_its_steps_say_and_its_pictures():
     assert memory.bytes_in_memory((30, 4), [], 20) == 1000 + 480 + 10 * 15 * 2
 
 
-@pytest.mark.parametrize(
-    ("given", "free", "jobs", "budget"),
-    [
-        (7, 10**9, 1, 7),
-        (None, None, 1, 1 << 62),
-        (None, 10**9, 1, 500_000_000),
-        (None, 300_000_000, 1, 256_000_000),
-        (None, 200_000_000, 1, 200_000_000),
-        (None, 100_000_000, 1, 128_000_000),
-        (None, 2 * 10**9, 4, 250_000_000),
-        (None, 10**9, 4, 128_000_000),
-    ],
-)
+@pytest.mark.parametrize(("given", "free", "jobs", "budget"), [
+    (7, 10**9, 1, 7),
+    (None, None, 1, 1 << 62),
+    (None, 10**9, 1, 500_000_000),
+    (None, 300_000_000, 1, 256_000_000),
+    (None, 200_000_000, 1, 200_000_000),
+    (None, 100_000_000, 1, 128_000_000),
+    (None, 2 * 10**9, 4, 250_000_000),
+    (None, 10**9, 4, 128_000_000),
+])  # fmt: skip
 def test_the_budget_is_half_of_what_is_free_shared_by_jobs(monkeypatch, given, free, jobs, budget):
     monkeypatch.setattr(budget_of_readers, "free_memory", lambda: free)
     assert memory.memory_budget(given, jobs) == budget
@@ -108,39 +102,38 @@ class File:
         return self.reading
 
 
-def need(most, shape=(3, 4), file=None):
-    settings = Settings(max_memory=most, threads=1)
-    return memory.need_of(file or File(), shape, [Step], settings, image_max=None)
-
-
-def test_a_map_that_just_fits_is_not_cut():
-    assert need(1066) == memory.Need(1066, by_blocks=False)
-    large = 1000 + int(5.5 * 4000 * 4000)
-    assert need(large, (4000, 4000)) == memory.Need(large, by_blocks=False)
-    assert need(large - 1, (4000, 4000)) == memory.Need(large - 1, by_blocks=True)
-
-
 SHAPE = (4000, 4000)
 CELLS = 16_000_000
 WORK = 1000 + int(5.5 * CELLS)
 """What the engine and the step take."""
 
 
-def test_what_reading_takes_is_over_when_the_steps_begin():
-    assert need(10**9, SHAPE, File(5 * CELLS)).memory == WORK
-    assert need(10**9, SHAPE, File(6 * CELLS)).memory == 1000 + 6 * CELLS
-
-
-def test_an_image_that_must_be_whole_is_read_within_the_memory_or_refused():
-    whole = File(5 * CELLS, by_rows=False)
-    assert need(WORK, SHAPE, whole) == memory.Need(WORK, by_blocks=False)
-    assert need(WORK - 1, SHAPE, whole) == memory.Need(WORK - 1, by_blocks=True)
-    assert need(1000 + 5 * CELLS, SHAPE, whole).by_blocks
-    with pytest.raises(MalformedInputError, match=r"need 80\.1 MB of memory, 80 MB may be used"):
-        need(5 * CELLS, SHAPE, whole)
-
-
 @pytest.mark.parametrize("by_rows", [False, True])
 def test_cells_of_an_image_that_must_be_whole_are_kept(by_rows):
     way = memory._way_of(File(2 * CELLS, by_rows=by_rows), SHAPE, [Step], WORK - 1, None, "crop")
     assert way.is_by_rows is by_rows
+
+
+@pytest.mark.parametrize(("most", "shape", "reading", "by_rows", "expected"), [
+    # a map that just fits is not cut; small ones are not either way
+    (1066, (3, 4), 0, True, (1066, False)),
+    (WORK, SHAPE, 0, True, (WORK, False)),
+    (WORK - 1, SHAPE, 0, True, (WORK - 1, True)),
+    # what reading takes is over when the steps begin
+    (10**9, SHAPE, 5, True, (WORK, False)),
+    (10**9, SHAPE, 6, True, (1000 + 6 * CELLS, False)),
+    # an image that must be whole is read within the memory
+    (WORK, SHAPE, 5, False, (WORK, False)),
+    (WORK - 1, SHAPE, 5, False, (WORK - 1, True)),
+    (1000 + 5 * CELLS, SHAPE, 5, False, (1000 + 5 * CELLS, True)),
+    (5 * CELLS, SHAPE, 5, False, r"need 80\.1 MB of memory, 80 MB may be used"),
+])  # fmt: skip
+def test_what_a_map_needs(most, shape, reading, by_rows, expected):
+    file = File(reading * CELLS, by_rows=by_rows)
+    settings = Settings(max_memory=most, threads=1)
+    if isinstance(expected, str):
+        with pytest.raises(MalformedInputError, match=expected):
+            memory.need_of(file, shape, [Step], settings, image_max=None)
+    else:
+        need = memory.need_of(file, shape, [Step], settings, image_max=None)
+        assert need == memory.Need(expected[0], by_blocks=expected[1])

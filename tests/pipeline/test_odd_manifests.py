@@ -128,22 +128,18 @@ def test_info_of_an_odd_manifest_tells_what_there_is_or_refuses(command, folder)
     assert seen == {(0, True), (0, False), (3, False)}
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        pytest.param('{"figures": {}, "outputs": {}, "stages": 5}', id="stages of 5"),
-        pytest.param("[" * 100_000, id="nested"),
-        pytest.param("1" * 5000, id="a long number"),
-        pytest.param("NaN", id="nan"),
-        pytest.param('{"x": 1e999}', id="too large a number"),
-        pytest.param(b"\xff\xfe", id="no text"),
-        pytest.param(" " * (1 << 23), id="eight mebibytes"),
-    ],
-)
+@pytest.mark.parametrize("text", [
+    b'{"figures": {}, "outputs": {}, "stages": 5}',
+    b"[" * 100_000,
+    b"1" * 5000,
+    b"NaN",
+    b'{"x": 1e999}',
+    b"\xff\xfe",
+    b" " * (1 << 23),
+], ids=['stages of 5', 'nested', 'a long number', 'nan', '1e999', 'no text', '8 MiB'])  # fmt: skip
 def test_a_manifest_that_is_none_is_one_line_in_every_command(command, folder, text):
-    data = text if isinstance(text, bytes) else text.encode()
     for name in ("out", "gold"):
-        (folder / name / "m" / "manifest.json").write_bytes(data)
+        (folder / name / "m" / "manifest.json").write_bytes(text)
     words = ["run", "m.yaml", "--no-images"]
     for more, expected in (
         (["-o", "new", "--golden", "gold"], 3),
@@ -154,11 +150,8 @@ def test_a_manifest_that_is_none_is_one_line_in_every_command(command, folder, t
         assert code == expected, err
         assert len([line for line in err.splitlines() if line.startswith("error: ")]) == 1
         assert "internal" not in err
-    code, _, err = command("info", "out/m")
-    assert (code, err.splitlines()) == (
-        3,
-        ["error: out/m/manifest.json: is not the manifest of a run"],
-    )
+    told = "error: out/m/manifest.json: is not the manifest of a run\n"
+    assert command("info", "out/m")[::2] == (3, told)
     code, out, err = command("lint", "out/m")
     assert (code, err) == (1, "")
     assert "run.no-manifest" in out

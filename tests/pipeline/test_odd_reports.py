@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import mapdeal
-from drawn import grid_from_text
 from mapdeal.commands.report import gathered
 from mapdeal.commands.report_documents import MOST_POINTS, route_items
 from mapdeal.commands.report_entries import Draft, Grids, columns_of
@@ -16,26 +15,9 @@ from mapdeal.grid.reach import Route
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS
 from mapdeal.report.document import Item, Table
 from mapdeal.report.page import page_of
+from pipeline.reported import changed, rooms_grid
 
 pytestmark = pytest.mark.slow
-
-CHANGES = {"inflate.radius": 0.25, "cost.inflation_radius": 0.8, "cost.cost_scaling_factor": 1.0}
-ROOMS = """
-    ??##################
-    ??#.......#........#
-    ..#.......#........#
-    ..#.......#........#
-    ..#................#
-    ..#................#
-    ..#.......#........#
-    ..##################
-"""
-
-
-@pytest.fixture
-def run(tmp_path):
-    mapdeal.write_map(tmp_path / "rooms.yaml", grid_from_text(ROOMS))
-    return mapdeal.run(tmp_path / "rooms.yaml", tmp_path / "out", changes=CHANGES).folder
 
 
 def report_of(*paths):
@@ -43,12 +25,6 @@ def report_of(*paths):
         report = gathered(paths, grids)
         page = b"".join(page_of(report, size=1 << 20)).decode()
     return report.entries, page
-
-
-def changed(path, change):
-    document = json.loads(path.read_text())
-    change(document)
-    path.write_text(json.dumps(document))
 
 
 @pytest.mark.parametrize("value", [5, True, 1.5, "text", {"a": 1}, None])
@@ -60,10 +36,7 @@ def test_warnings_that_are_no_list_are_none(run, value):
 
 @pytest.mark.parametrize(
     ("name", "column"),
-    [
-        ("width", "cells"), ("height", "cells"), ("resolution", "m per cell"),
-        ("lethal", "lethal %"),
-    ],
+    [("width", "cells"), ("height", "cells"), ("resolution", "m per cell"), ("lethal", "lethal %")],
 )  # fmt: skip
 def test_figures_that_are_no_numbers_are_no_columns(run, name, column):
     """A text times a height, or a list, would fill the memory."""
@@ -78,13 +51,7 @@ def test_figures_that_are_no_numbers_are_no_columns(run, name, column):
 
 
 def test_columns_of_figures():
-    esdf = {
-        "width": 20,
-        "height": 5,
-        "resolution": 0.25,
-        "occupied": 7,
-        "highest_distance": 1.23456,
-    }
+    esdf = {"width": 20, "height": 5, "resolution": 0.25, "occupied": 7, "highest_distance": 1.2}
     assert columns_of({"esdf": esdf, "reach": {"reachable_m2": 4, "width": 3, "height": 1}}) == {
         "cells": "20 x 5", "m per cell": 0.25, "occupied %": 7.0,
         "reachable m2": 4.0,
@@ -179,12 +146,8 @@ def test_names_in_documents_are_text_on_the_page(run, batch):
     def change(manifest):
         manifest["stages"].append({BAD: {BAD: BAD}})
         manifest["figures"][BAD] = {BAD: BAD}
-        manifest |= {
-            "warnings": [BAD],
-            "options": {BAD: BAD},
-            "robot": {BAD: [BAD]},
-            "version": BAD,
-        }
+        manifest |= {"warnings": [BAD], "options": {BAD: BAD}, "robot": {BAD: [BAD]}}
+        manifest["version"] = BAD
         manifest["inputs"] = manifest["outputs"] = {**manifest["outputs"], BAD: BAD}
 
     def of_batch(summary):
@@ -229,7 +192,7 @@ def noise():
 
 def test_a_path_by_another_name_is_the_same(run, tmp_path):
     (tmp_path / "link").symlink_to(run)
-    mapdeal.write_map(tmp_path / "other.yaml", grid_from_text(ROOMS.replace(".", "#", 3)))
+    mapdeal.write_map(tmp_path / "other.yaml", rooms_grid(walls=3))
     paths = [run, tmp_path / "other.yaml", run / ".." / run.name, tmp_path / "link"]
     entries, _ = report_of(*paths)
     assert [entry.name for entry in entries] == ["rooms", "other"]

@@ -1,14 +1,12 @@
 """One pass through a lazy layer for all files that are made of it."""
 
 import errno
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from mapdeal import FileAccessError, OccupancyGrid, write_map
 from mapdeal.files.transaction import RowsWriter, Transaction
-from mapdeal.grid.frame import Framed
 from mapdeal.kernels.blocks import CacheBudget, LazyLayer, rows_reported
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline import inputs as memory
@@ -73,15 +71,6 @@ def test_all_files_are_whole_and_each_row_is_made_once(tmp_path, threads, count)
     assert {height for _, height in told} == {23}
 
 
-def test_a_grid_in_memory_is_written_as_ever(tmp_path):
-    grid = OccupancyGrid(WHOLE, 0.1)
-    path = tmp_path / "a"
-    with Transaction([path]) as transaction, one_pass(transaction, grid) as given:
-        assert given is grid
-        transaction.write(path, by_rows(grid))
-    assert path.read_bytes() == WHOLE.tobytes() + b"END"
-
-
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("where", ["begin", "rows", "finish", "asking"])
 def test_a_full_disk_is_told_with_the_file_that_did_not_fit(tmp_path, threads, where):
@@ -131,14 +120,11 @@ def building(tmp_path):
     return tmp_path / "map.yaml"
 
 
-@pytest.mark.parametrize(
-    ("room", "expected"),
-    [
-        (0, {"distances": 4 * 613, "costs": 2 * 613}),  # for figures, and for all files
-        (2 * CELLS, {"distances": 3 * 613, "costs": 613}),  # the inflated map is kept, and costs
-        (9 * CELLS, {"distances": 613, "costs": 613}),
-    ],
-)
+@pytest.mark.parametrize(("room", "expected"), [
+    (0, {"distances": 4 * 613, "costs": 2 * 613}),  # for figures, and for all files
+    (2 * CELLS, {"distances": 3 * 613, "costs": 613}),  # the inflated map is kept, and costs
+    (9 * CELLS, {"distances": 613, "costs": 613}),
+])  # fmt: skip
 def test_layers_are_made_once_for_figures_and_once_for_all_files(
     building, tmp_path, monkeypatch, room, expected
 ):
@@ -160,32 +146,3 @@ def test_layers_are_made_once_for_figures_and_once_for_all_files(
     )  # fmt: skip
     run_map(building, tmp_path / "out", load_recipe("default"), in_blocks(monkeypatch, room))
     assert made == expected
-
-
-def test_progress_moves_in_the_first_pass(building, tmp_path, monkeypatch):
-    taken, before_figures = [], []
-    real = Framed.figures
-
-    def watched(grid):
-        before_figures.append(sum(taken))
-        return real(grid)
-
-    monkeypatch.setattr(Framed, "figures", watched)
-
-    class Watch:
-        def __init__(self, total):
-            self.total = total
-
-        def __enter__(self):
-            return taken.append
-
-        def __exit__(self, *_):
-            pass
-
-    settings = replace(in_blocks(monkeypatch, 0), progress=Watch)
-    run_map(building, tmp_path / "out", load_recipe("default"), settings)
-    inflated, field, cost = before_figures
-    # of 1000 steps a pass: runs of the field's first pass, then its figures, then its files
-    assert field - inflated == 3000
-    assert cost - field == 2000
-    assert len(taken) > 30

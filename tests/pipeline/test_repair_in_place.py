@@ -15,6 +15,7 @@ from PIL import Image
 from bad_maps import tree
 from mapdeal import read_map
 from mapdeal.checks.lint import lint_file
+from mapdeal.commands import lint as repair
 
 ROOM = np.full((12, 15), 205, np.uint8)
 ROOM[1:-1, 1:-1] = 0
@@ -50,24 +51,21 @@ def fixed(command, *words):
     return command("lint", "m.yaml", "--fix", "--in-place", *words)
 
 
-@pytest.mark.parametrize(
-    ("before", "after"),
-    [
-        ({"free_thresh": "0.25"}, {"free_thresh": "0.196"}),
-        ({"resolution": "0.05000000074505806"}, {"resolution": "0.05"}),
-        ({"resolution": "5e-2"}, {"resolution": "0.05"}),
-        ({"origin": "[-1.5, 2, -nan]"}, {"origin": "[-1.5, 2.0, 0.0]"}),
-        ({"origin": "\n- -1.5000000000000009\n- 2 # m\n- 0"},
-         {"origin": "\n- -1.5\n- 2.0 # m\n- 0.0"}),
-        ({"origin": "[-1.5, 2, 1e-9]"}, {"origin": "[-1.5, 2.0, 0.0]"}),
-        ({"mode": "Trinary"}, {"mode": "trinary"}),
-        ({"image": "/nowhere/m.pgm"}, {"image": "m.pgm"}),
-        ({"image": ">-\n  /nowhere/m.pgm"}, {"image": "m.pgm"}),
-        ({"image": "C:\\maps\\m.pgm"}, {"image": "m.pgm"}),
-        ({"origin": "[-1.5000000000000009, 2, .0]", "free_thresh": "2.5e-1"},
-         {"origin": "[-1.5, 2.0, 0.0]", "free_thresh": "0.196"}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("before", "after"), [
+    ({"free_thresh": "0.25"}, {"free_thresh": "0.196"}),
+    ({"resolution": "0.05000000074505806"}, {"resolution": "0.05"}),
+    ({"resolution": "5e-2"}, {"resolution": "0.05"}),
+    ({"origin": "[-1.5, 2, -nan]"}, {"origin": "[-1.5, 2.0, 0.0]"}),
+    ({"origin": "\n- -1.5000000000000009\n- 2 # m\n- 0"},
+     {"origin": "\n- -1.5\n- 2.0 # m\n- 0.0"}),
+    ({"origin": "[-1.5, 2, 1e-9]"}, {"origin": "[-1.5, 2.0, 0.0]"}),
+    ({"mode": "Trinary"}, {"mode": "trinary"}),
+    ({"image": "/nowhere/m.pgm"}, {"image": "m.pgm"}),
+    ({"image": ">-\n  /nowhere/m.pgm"}, {"image": "m.pgm"}),
+    ({"image": "C:\\maps\\m.pgm"}, {"image": "m.pgm"}),
+    ({"origin": "[-1.5000000000000009, 2, .0]", "free_thresh": "2.5e-1"},
+     {"origin": "[-1.5, 2.0, 0.0]", "free_thresh": "0.196"}),
+])  # fmt: skip
 def test_values_are_replaced_where_they_stand(command, folder, before, after):
     """All else stays: comments, order, line ends, other keys, and the image."""
     around = "# the dock\n{}# mapdeal: ignore map\nextra:   {{a: [1,  2]}}   # mine\n"
@@ -95,9 +93,7 @@ def test_keys_that_are_missing_come_behind_the_others(command, folder, end):
     assert fixed(command)[0] == 0
     assert Path("m.yaml").read_text() == text + "negate: 0\nfree_thresh: 0.196\n"
     assert lint_file(Path("m.yaml")) == []
-
-
-def test_an_old_mode_gets_the_key_of_today(command, folder):
+    # an old mode gets the key of today
     text = yaml_text(without=("mode",)) + "trinary: true\n"
     write(text)
     assert fixed(command)[0] == 0
@@ -130,22 +126,16 @@ def test_what_cannot_be_repaired_is_left_and_decides_the_exit_code(command, fold
     assert "map.all-unknown" in out
 
 
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [
-        (["--ignore", "yaml.resolution-noise"], ""),
-        (["--select", "image"], ""),
-        ([], "# mapdeal: ignore yaml\n"),
-    ],
-)
+@pytest.mark.parametrize(("words", "text"), [
+    (["--ignore", "yaml.resolution-noise"], ""),
+    (["--select", "image"], ""),
+    ([], "# mapdeal: ignore yaml\n"),
+])  # fmt: skip
 def test_what_does_not_count_is_not_repaired(command, folder, words, text):
     write(yaml_text(resolution="0.05000000074505806") + text)
     before = tree(folder)
     assert fixed(command, *words)[0] == 0
     assert tree(folder) == before
-
-
-# Turned maps
 
 
 @pytest.mark.parametrize("kind", ["pgm", "png"])
@@ -183,43 +173,6 @@ def test_an_image_of_a_format_that_is_only_read_gets_one_beside_it(command, fold
     assert read_map("n.yaml").origin[2] == 0
 
 
-@pytest.mark.parametrize("is_link", [False, True])
-def test_an_image_that_another_map_uses_is_left_to_it(command, folder, is_link):
-    Path("other").mkdir()
-    name = "m.pgm"
-    if is_link:
-        Path("link.pgm").symlink_to("m.pgm")
-        name = "link.pgm"
-    write(yaml_text(image=name), "user.yaml")
-    write(yaml_text(origin="[-1.5, 2.0, 0.3]"), "turned.yaml")
-    Path("m.yaml").unlink()
-    before = read_map("user.yaml")
-    code, out, _ = command("lint", "turned.yaml", "--fix", "--in-place")
-    assert code == 0
-    assert (
-        "turned.yaml: repaired: turned.pgm written beside m.pgm, which user.yaml also uses" in out
-    )
-    assert Path("m.pgm").read_bytes() == pgm()
-    assert np.array_equal(read_map("user.yaml").occupancy, before.occupancy)
-    assert read_map("turned.yaml").origin[2] == 0
-
-
-@pytest.mark.parametrize("name", ["/home/robot/maps/m.pgm", "C:\\maps\\m.pgm", ".\\m.pgm"])
-def test_an_image_is_left_to_a_map_that_names_it_as_elsewhere(command, folder, name):
-    """Such a name is read as that of the image here."""
-    write(yaml_text(image=name), "user.yaml")
-    write(yaml_text(origin="[-1.5, 2.0, 0.3]"))
-    before = read_map("user.yaml")
-    code, out, _ = fixed(command)
-    assert code == 4
-    assert Path("m.pgm").read_bytes() == pgm()
-    Path("m.yaml").rename("turned.yaml")
-    code, out, _ = command("lint", "turned.yaml", "--fix", "--in-place")
-    assert code == 0
-    assert "turned.pgm written beside m.pgm, which user.yaml also uses" in out
-    assert np.array_equal(read_map("user.yaml").occupancy, before.occupancy)
-
-
 def test_a_file_in_the_place_of_a_new_image_is_not_replaced_and_the_others_go_on(command, folder):
     write(yaml_text(origin="[-1.5, 2.0, 0.3]"), "turned.yaml")
     write(yaml_text(free_thresh="0.25"))
@@ -234,9 +187,6 @@ def test_a_file_in_the_place_of_a_new_image_is_not_replaced_and_the_others_go_on
     assert "m.yaml: repaired: free_thresh 0.196" in out
 
 
-# Files
-
-
 def test_a_yaml_that_cannot_be_edited_is_left(command, folder):
     write("{" + ", ".join(yaml_text(without=("negate",)).splitlines()) + "}\n")
     before = tree(folder)
@@ -244,12 +194,6 @@ def test_a_yaml_that_cannot_be_edited_is_left(command, folder):
     assert code == 3
     assert "m.yaml: its YAML is written in a way that cannot be edited" in err
     assert tree(folder) == before
-
-
-def test_a_flow_mapping_is_edited_where_that_can_be(command, folder):
-    write("{" + ", ".join(yaml_text(free_thresh="0.25").splitlines()) + "}\n")
-    assert fixed(command)[0] == 0
-    assert Path("m.yaml").read_text() == "{" + ", ".join(yaml_text().splitlines()) + "}\n"
 
 
 def test_permissions_and_links_stay(command, folder):
@@ -288,50 +232,6 @@ def test_a_failure_leaves_both_files_as_they_were(command, folder, monkeypatch):
     assert tree(folder) == before
 
 
-def test_a_map_that_changes_meanwhile_is_left(command, folder, monkeypatch):
-    write(yaml_text(free_thresh="0.25"))
-    from mapdeal.commands import lint as repair
-
-    real = repair.edited
-
-    def meanwhile(entries, changes):
-        write(yaml_text(free_thresh="0.3"))
-        return real(entries, changes)
-
-    monkeypatch.setattr(repair, "edited", meanwhile)
-    code, _, err = fixed(command)
-    assert code == 4
-    assert "m.yaml" in err
-    assert Path("m.yaml").read_text() == yaml_text(free_thresh="0.3")
-    assert sorted(path.name for path in folder.iterdir()) == ["m.pgm", "m.yaml"]
-
-
-def test_a_map_that_changes_while_it_is_checked_is_left(command, folder, monkeypatch):
-    write(yaml_text(free_thresh="0.25"))
-    from mapdeal.commands import lint as repair
-
-    real = repair.gather
-
-    def meanwhile(path, **words):
-        found = real(path, **words)
-        write(yaml_text(free_thresh="0.3") + "# a change by somebody else\n")
-        return found
-
-    monkeypatch.setattr(repair, "gather", meanwhile)
-    code, _, err = fixed(command)
-    assert code == 4
-    assert "m.yaml: changed while it was read" in err
-    assert Path("m.yaml").read_text() == (
-        yaml_text(free_thresh="0.3") + "# a change by somebody else\n"
-    )
-
-
-def test_a_byte_order_mark_stays(command, folder):
-    write(b"\xef\xbb\xbf" + yaml_text(free_thresh="0.25").encode())
-    assert fixed(command)[0] == 0
-    assert Path("m.yaml").read_bytes() == b"\xef\xbb\xbf" + yaml_text().encode()
-
-
 def test_other_forms_tell_repairs_too(command, folder):
     write(yaml_text(free_thresh="0.25"))
     code, out, err = fixed(command, "--format", "json")
@@ -345,23 +245,6 @@ def test_maps_that_are_no_pairs_are_left(command, folder):
     assert command("convert", "m.yaml", "-o", "m.npz")[0] == 0
     before = tree(folder)
     assert command("lint", "m.npz", "--fix", "--in-place")[0] == 0
-    assert tree(folder) == before
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (["--in-place"], "--in-place: needs --fix"),
-        (["--fix"], "--fix: needs -o OUT or --in-place"),
-        (["--fix", "--in-place", "-o", "x.yaml"], "--in-place: cannot be given together with -o"),
-        (["-o", "x.yaml"], "--output: needs --fix"),
-        (["m.yaml", "n.yaml", "--fix", "-o", "x.yaml"], "-o: takes one map, got 2"),
-    ],
-)
-def test_what_cannot_be_asked_for(command, folder, words, told):
-    before = tree(folder)
-    code, _, err = command("lint", "m.yaml", *words)
-    assert (code, err.splitlines()[0]) == (2, f"error: {told}")
     assert tree(folder) == before
 
 
@@ -380,3 +263,52 @@ def test_real_maps_are_repaired_as_their_copies_are(command, real_maps, tmp_path
         here, copy = read_map(path), read_map(folder / "copy" / "c.yaml")
         assert here.origin == copy.origin
         assert np.array_equal(here.occupancy, copy.occupancy), source
+
+
+@pytest.mark.parametrize("written", [
+    lambda text: b"\xef\xbb\xbf" + text.encode(),
+    lambda text: ("{" + ", ".join(text.splitlines()) + "}\n").encode(),
+], ids=["byte order mark", "flow mapping"])  # fmt: skip
+def test_other_ways_of_writing_stay(command, folder, written):
+    write(written(yaml_text(free_thresh="0.25")))
+    assert fixed(command)[0] == 0
+    assert Path("m.yaml").read_bytes() == written(yaml_text())
+
+
+@pytest.mark.parametrize("when", ["gather", "edited"])
+def test_a_map_that_changes_while_it_is_repaired_is_left(command, folder, monkeypatch, when):
+    write(yaml_text(free_thresh="0.25"))
+    theirs = yaml_text(free_thresh="0.3") + "# a change by somebody else\n"
+    real = getattr(repair, when)
+
+    def meanwhile(*given, **words):
+        found = real(*given, **words)
+        write(theirs)
+        return found
+
+    monkeypatch.setattr(repair, when, meanwhile)
+    code, _, err = fixed(command)
+    assert (code, "m.yaml: changed while it was read" in err) == (4, True)
+    assert Path("m.yaml").read_text() == theirs
+    assert sorted(path.name for path in folder.iterdir()) == ["m.pgm", "m.yaml"]
+
+
+@pytest.mark.parametrize(
+    "name", ["m.pgm", "link.pgm", "/home/robot/maps/m.pgm", "C:\\maps\\m.pgm", ".\\m.pgm"]
+)
+def test_an_image_that_another_map_uses_is_left_to_it(command, folder, name):
+    """Names of other systems are read as that of the image here."""
+    Path("link.pgm").symlink_to("m.pgm")
+    write(yaml_text(image=name), "user.yaml")
+    write(yaml_text(origin="[-1.5, 2.0, 0.3]"))
+    before = read_map("user.yaml")
+    assert fixed(command)[0] == 4  # m.pgm is in the place of the new image
+    assert Path("m.pgm").read_bytes() == pgm()
+    Path("m.yaml").rename("turned.yaml")
+    code, out, _ = command("lint", "turned.yaml", "--fix", "--in-place")
+    assert code == 0
+    told = "turned.yaml: repaired: turned.pgm written beside m.pgm, which user.yaml also uses"
+    assert told in out
+    assert Path("m.pgm").read_bytes() == pgm()
+    assert np.array_equal(read_map("user.yaml").occupancy, before.occupancy)
+    assert read_map("turned.yaml").origin[2] == 0

@@ -11,9 +11,9 @@ from compare.buildings import WALLS, drawn
 from drawn import grid_from_text
 from mapdeal.commands.report import gathered
 from mapdeal.commands.report_entries import Draft, Grids, drafts_about
-from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Transform
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS
+from pipeline.reported import entries_of
 
 ROOMS = """
     ##################
@@ -29,20 +29,15 @@ SHUT = ROOMS.replace("................", ".......#........", 1)
 
 
 @pytest.fixture
-def rooms(tmp_path):
-    mapdeal.write_map(tmp_path / "rooms.yaml", grid_from_text(ROOMS))
-    return tmp_path / "rooms.yaml"
-
-
-@pytest.fixture
 def shut(tmp_path):
     mapdeal.write_map(tmp_path / "shut.yaml", grid_from_text(SHUT))
     return tmp_path / "shut.yaml"
 
 
-def entries_of(*paths):
-    with Grids(DEFAULT_SETTINGS) as grids:
-        return gathered(paths, grids).entries
+@pytest.fixture
+def rooms(tmp_path):
+    mapdeal.write_map(tmp_path / "rooms.yaml", grid_from_text(ROOMS))
+    return tmp_path / "rooms.yaml"
 
 
 def place(path, row, col):
@@ -64,7 +59,9 @@ def test_reach_belongs_to_what_is_named_before_it(command, rooms, shut, tmp_path
     reach = reach_of(command, shut, tmp_path)
     told = json.loads(reach.read_text())
     assert told["passages"]
-    for paths, owner in (((rooms, shut, reach), 1), ((shut, reach, rooms), 0)):
+    # a document before all belongs to the first
+    orders = ((rooms, shut, reach), 1), ((shut, reach, rooms), 0), ((reach, shut, rooms), 0)
+    for paths, owner in orders:
         entries = entries_of(*paths)
         assert [bool(one.items) for one in entries] == [number == owner for number in (0, 1)]
         items = {item.kind: item for item in entries[owner].items}
@@ -73,12 +70,6 @@ def test_reach_belongs_to_what_is_named_before_it(command, rooms, shut, tmp_path
         assert items["passage"].place == (passage["x"], passage["y"])
         assert items["passage"].lines[0].tolist() == passage["ends"]
         assert (items["goal"].tone, items["goal"].label) == ("error", "lab")
-
-
-def test_a_document_before_all_belongs_to_the_first(command, shut, rooms, tmp_path):
-    first, second = entries_of(reach_of(command, shut, tmp_path), shut, rooms)
-    assert first.items
-    assert not second.items
 
 
 def test_a_route_is_a_line(command, rooms, tmp_path):
@@ -95,17 +86,8 @@ def test_findings_belong_to_the_maps_that_they_name(command, rooms, shut, tmp_pa
     _, out, _ = command("lint", rooms, shut, "--robot-radius", 0.3, "--format", "json")
     told = {one["file"]: one["findings"] for one in json.loads(out)["maps"]}
     told[str(rooms)][0]["message"] = "of the other map"
-    (tmp_path / "lint.json").write_text(
-        json.dumps(
-            {
-                **json.loads(out),
-                "maps": [
-                    {"file": file, "findings": found, "suppressed": 0}
-                    for file, found in told.items()
-                ],
-            }
-        )
-    )
+    maps = [{"file": file, "findings": found, "suppressed": 0} for file, found in told.items()]
+    (tmp_path / "lint.json").write_text(json.dumps({**json.loads(out), "maps": maps}))
     for paths in ((rooms, shut), (shut, rooms)):
         for path, entry in zip(paths, entries_of(*paths, tmp_path / "lint.json"), strict=True):
             texts = [item.text for item in entry.items if ": place " not in item.text]
@@ -137,18 +119,15 @@ def test_findings_of_other_maps_are_told_not_guessed(command, rooms, shut, tmp_p
     assert entry.items == ()
 
 
-@pytest.mark.parametrize(
-    ("file", "found"),
-    [
-        ("maps/a/one.yaml", [0]),
-        ("somewhere/a/one.yaml", [0]),
-        ("b/one.yaml", [1]),
-        ("aa/one.yaml", []),  # two runs of such a file, and neither is of that folder
-        ("maps/two.yaml", [2]),
-        ("two.pgm", [2]),
-        ("", []),
-    ],
-)
+@pytest.mark.parametrize(("file", "found"), [
+    ("maps/a/one.yaml", [0]),
+    ("somewhere/a/one.yaml", [0]),
+    ("b/one.yaml", [1]),
+    ("aa/one.yaml", []),  # two runs of such a file, and neither is of that folder
+    ("maps/two.yaml", [2]),
+    ("two.pgm", [2]),
+    ("", []),
+])  # fmt: skip
 def test_which_entries_a_name_is_of(file, found, tmp_path):
     drafts = [Draft(name, tmp_path / name) for name in ("a/one", "b/one", "two")]
     drafts[0].names.add("a/one.yaml")
@@ -211,33 +190,16 @@ def test_a_diff_of_maps_that_are_gone_or_changed_says_so(command, rooms, shut, t
     assert [text.partition(":")[0] for text in entry.warnings] == ["rooms.yaml", "shut.yaml"]
 
 
-def test_a_document_without_a_map_is_refused(command, rooms, tmp_path):
-    reach = reach_of(command, rooms, tmp_path)
-    with pytest.raises(ParameterError, match="belongs to a map or a run, and none is named"):
-        entries_of(reach)
-
-
-def test_a_comparison_is_named_by_its_folder(command, rooms, tmp_path):
-    folder = tmp_path / "methods"
-    assert command("build", "examples/logs/office.log", "--compare", "-o", folder)[0] == 0
-    assert len(entries_of(rooms, folder / "comparison.json")) == 2
-
-
 def test_a_score_is_a_table_of_the_map_that_it_names(command, rooms, shut, tmp_path):
     words = ("--min", "coverage=0.9", "--max", "dist_truth_to_est_m.mean=0.001")
     code, out, _ = command("score", rooms, "--truth", shut, *words, "--json")
     assert code == 1
     (tmp_path / "score.json").write_text(out)
     values = json.loads(out)["values"]
-    for paths, owner in (
-        ((shut, rooms, tmp_path / "score.json"), 1),
-        ((tmp_path / "score.json",), 0),
-    ):
-        entries = entries_of(*paths)
+    for paths, owner in (((shut, rooms), 1), ((), 0)):
+        entries = entries_of(*paths, tmp_path / "score.json")
         tables = [[table for table in one.tables if "Score" in table.title] for one in entries]
-        assert [len(found) for found in tables] == [
-            number == owner for number in range(len(entries))
-        ]
+        assert [len(found) for found in tables] == [k == owner for k in range(len(entries))]
         (table,) = tables[owner]
         assert table.title == "Score: does not pass"
         rows = dict(table.rows)
@@ -267,9 +229,8 @@ def test_the_score_of_a_map_that_is_not_here_is_left_out(command, rooms, shut, t
 def test_a_map_that_has_changed_since_it_was_scored_is_told_of(command, rooms, tmp_path):
     (tmp_path / "score.json").write_text(command("score", rooms, "--json")[1])
     mapdeal.write_map(rooms, grid_from_text(SHUT), force=True)
-    with pytest.warns(
-        mapdeal.MapdealWarning, match=r"rooms\.yaml: is not the map that score\.json"
-    ):
+    told = r"rooms\.yaml: is not the map that score\.json"
+    with pytest.warns(mapdeal.MapdealWarning, match=told):
         (entry,) = entries_of(rooms, tmp_path / "score.json")
     assert any("score.json" in text for text in entry.warnings)
 

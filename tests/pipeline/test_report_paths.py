@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -12,54 +11,17 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal.commands.report import gathered
-from mapdeal.commands.report_entries import Draft, Grids, add_layers
+from mapdeal.commands.report_entries import Grids
 from mapdeal.errors import FileAccessError
-from mapdeal.grid.frame import Frame
-from mapdeal.pictures.styles import occupancy_style
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS
-from mapdeal.report.document import PageLayer
-
-ROOMS = """
-    ??##################
-    ??#.......#........#
-    ..#.......#........#
-    ..#................#
-    ..#................#
-    ..#.......#........#
-    ..##################
-"""
-CHANGES = {"inflate.radius": 0.25, "cost.inflation_radius": 0.8, "cost.cost_scaling_factor": 1.0}
-
-
-@pytest.fixture
-def rooms(tmp_path):
-    mapdeal.write_map(tmp_path / "rooms.yaml", grid_from_text(ROOMS))
-    return tmp_path / "rooms.yaml"
-
-
-@pytest.fixture
-def run(rooms, tmp_path):
-    return mapdeal.run(rooms, tmp_path / "out", changes=CHANGES).folder
-
-
-def report_of(*paths):
-    with Grids(DEFAULT_SETTINGS) as grids:
-        report = gathered(paths, grids)
-        for entry in report.entries:
-            for layer in entry.layers:
-                layer.values[:]
-    return report.entries
-
-
-def layer_names(entry):
-    return [layer.name for layer in entry.layers]
+from pipeline.reported import entries_of, layer_names, rooms_grid
 
 
 @pytest.fixture
 def machine(tmp_path, rooms, command):
     """A folder of documents that name maps of this machine by absolute paths, and others."""
     other = tmp_path / "other.yaml"
-    mapdeal.write_map(other, grid_from_text(ROOMS.replace(".", "#", 3)))
+    mapdeal.write_map(other, rooms_grid(walls=3))
     (tmp_path / "imageless.yaml").write_text(rooms.read_text().replace("rooms.pgm", "no.pgm"))
     robot = tmp_path / "robots" / "nav2.yaml"
     robot.parent.mkdir()
@@ -106,7 +68,7 @@ def test_documents_of_another_system_show_no_folder_of_it(machine):
     told["first"]["file"], told["second"]["file"] = "C:\\maps\\a.yaml", "/home/me/my maps/b.yaml"
     (machine / "diff.json").write_text(json.dumps(told))
     with pytest.warns(mapdeal.MapdealWarning, match="is not shown"):
-        (entry,) = report_of(machine / "diff.json")
+        (entry,) = entries_of(machine / "diff.json")
     rows = dict(row for table in entry.tables for row in table.rows)
     assert (rows["first map"], rows["second map"]) == ("a.yaml", "b.yaml")
     assert [text.split(":")[0] for text in entry.warnings] == ["a.yaml", "b.yaml"]
@@ -123,10 +85,10 @@ def test_a_map_that_is_named_many_times_is_on_the_page_once(rooms, tmp_path, com
     told["maps"] = [{**told["maps"][0], "file": str(names[k % 6])} for k in range(301)]
     (tmp_path / "lint.json").write_text(json.dumps(told))
     (tmp_path / "score.json").write_text(command("score", "link.yaml", "--json")[1])
-    (entry,) = report_of(tmp_path / "lint.json", tmp_path / "score.json")
+    (entry,) = entries_of(tmp_path / "lint.json", tmp_path / "score.json")
     assert layer_names(entry) == ["rooms"]
     assert sum(table.title.startswith("Score") for table in entry.tables) == 1
-    (entry,) = report_of(*(tmp_path / name for name in names))
+    (entry,) = entries_of(*(tmp_path / name for name in names))
     assert layer_names(entry) == ["rooms"]
 
 
@@ -136,8 +98,9 @@ def test_a_run_that_is_named_many_times_is_on_the_page_once(run):
     summary = run.parent / "summary.json"
     summary.write_text(json.dumps({"maps": [{**told, "folder": one} for one in places]}))
     for paths in ([summary], [run, run / "manifest.json"], [run.parent, run]):
-        (entry,) = report_of(*paths)
+        (entry,) = entries_of(*paths)
         assert layer_names(entry) == ["inflated", "esdf", "cost"]
+        assert all(table.rows for table in entry.tables)
 
 
 def test_a_method_that_has_many_names_is_on_the_page_once(command, tmp_path):
@@ -149,45 +112,21 @@ def test_a_method_that_has_many_names_is_on_the_page_once(command, tmp_path):
     told = json.loads(document.read_text())
     told["methods"] |= {f"{k}/tsdf": told["methods"]["tsdf"] for k in range(301)}
     document.write_text(json.dumps(told))
-    (entry,) = report_of(tmp_path / "c")
-    assert len(entry.layers) == 3
-
-
-def test_a_summary_stands_for_its_batch(run):
-    told = {"map": "rooms.yaml", "folder": "rooms", "status": "unchanged"}
-    (run.parent / "summary.json").write_text(json.dumps({"maps": [told]}))
-    (entry,) = report_of(run.parent / "summary.json")
-    assert (entry.name, entry.status, len(entry.layers)) == ("rooms", "unchanged", 3)
-
-
-def test_shapes_may_be_yaml_as_maps_are(run, tmp_path):
-    shapes = tmp_path / "keepout.yaml"
-    shapes.write_text("shapes:\n- {type: circle, center: [3.0, -1.0], radius: 0.5}\n")
-    (entry,) = report_of(run, shapes)
-    assert [item.kind for item in entry.items] == ["shape"]
-
-
-def test_a_local_run_below_a_run_has_an_entry_of_its_own(run):
-    shutil.copytree(run, run.parent / "copy")
-    shutil.move(run.parent / "copy", run / "local")
-    assert [entry.name for entry in report_of(run)] == ["rooms", "rooms/local"]
-
-
-def test_no_table_is_empty(run):
-    (entry,) = report_of(run)
-    assert all(table.rows for table in entry.tables)
+    (entry,) = entries_of(tmp_path / "c")
+    assert layer_names(entry) == ["log-odds", "counting", "tsdf"]
+    assert entry.compared == ("log-odds", "counting")
 
 
 @pytest.mark.parametrize("fits", [True, False])
 def test_what_reading_a_map_warns_of_is_on_the_page_and_given_once(tmp_path, fits, monkeypatch):
     if not fits:
         monkeypatch.setattr("mapdeal.commands.report_entries.memory_limit", lambda: (0, ""))
-    grid = grid_from_text(ROOMS)
+    grid = rooms_grid()
     dark = mapdeal.OccupancyGrid(np.full_like(grid.occupancy, -1), 0.25, (1.5, -2.0, 0.4))
     for name in ("one", "two"):
         mapdeal.write_map(tmp_path / f"{name}.yaml", dark)
     with pytest.warns(mapdeal.MapdealWarning, match="known") as given:
-        entries = report_of(tmp_path / "one.yaml", tmp_path / "two.yaml")
+        entries = entries_of(tmp_path / "one.yaml", tmp_path / "two.yaml")
     assert len(given) == 2
     for entry in entries:
         assert entry.warnings[0].startswith(f"{entry.name}.yaml: ")
@@ -201,7 +140,7 @@ def test_what_reading_the_map_of_a_run_warns_of_is_on_its_page(rooms, run):
     manifest["warnings"] = []
     (run / "manifest.json").write_text(json.dumps(manifest))
     with pytest.warns(mapdeal.MapdealWarning) as given:
-        (entry,) = report_of(run, rooms)
+        (entry,) = entries_of(run, rooms)
     assert layer_names(entry)[0] == "input"
     assert [text.partition(":")[0] for text in entry.warnings] == ["rooms.yaml"] * len(given)
 
@@ -214,7 +153,9 @@ def test_layers_of_one_file_may_be_read_in_turns(rooms, tmp_path):
     reach = mapdeal.reach(mapdeal.read_map(rooms), radius=0.1)
     mapdeal.write_map(tmp_path / "reach.npz", reach)
     with Grids(DEFAULT_SETTINGS) as grids:
-        layers = gathered([tmp_path / "reach.npz"], grids).entries[0].layers
+        (entry,) = gathered([rooms, tmp_path / "reach.npz"], grids).entries
+        assert layer_names(entry) == ["rooms", "reach-clearance", "reach-widest", "reach"]
+        layers = entry.layers[1:]
         whole = [np.array(layer.values[:]) for layer in layers]
         assert len(layers) == 3
         for rows in (slice(0, 2), slice(2, 5)):
@@ -226,7 +167,7 @@ def test_layers_of_one_file_may_be_read_in_turns(rooms, tmp_path):
 
 def test_maps_of_a_diff_are_looked_for_beside_its_document(rooms, tmp_path, command):
     other = tmp_path / "other.yaml"
-    mapdeal.write_map(other, grid_from_text(ROOMS.replace(".", "#", 3)))
+    mapdeal.write_map(other, rooms_grid(walls=3))
     code, out, _ = command("diff", rooms, other, "--json")
     assert code == 1
     sent = tmp_path / "sent"
@@ -235,7 +176,7 @@ def test_maps_of_a_diff_are_looked_for_beside_its_document(rooms, tmp_path, comm
         shutil.move(path, sent)
         shutil.move(path.with_suffix(".pgm"), sent)
     (sent / "diff.json").write_text(out)
-    (entry,) = report_of(sent / "diff.json")
+    (entry,) = entries_of(sent / "diff.json")
     assert layer_names(entry) == ["first", "second", "difference"]
     assert entry.compared == ("first", "second")
 
@@ -247,7 +188,7 @@ def test_of_many_differences_fifty_are_listed(tmp_path, command):
     mapdeal.write_map(tmp_path / "b.yaml", mapdeal.OccupancyGrid(walls, 0.25, (1.5, -2.0, 0.4)))
     _, out, _ = command("diff", tmp_path / "a.yaml", tmp_path / "b.yaml", "--json")
     (tmp_path / "diff.json").write_text(out)
-    (entry,) = report_of(tmp_path / "diff.json")
+    (entry,) = entries_of(tmp_path / "diff.json")
     assert entry.items[0].text.startswith("wall added: 2 cells at ")
     assert len(entry.items) == 32
     walls[1, 2::4], walls[7, 2:6] = 100, 100  # 32 more, and one
@@ -256,37 +197,9 @@ def test_of_many_differences_fifty_are_listed(tmp_path, command):
     )
     _, out, _ = command("diff", tmp_path / "a.yaml", tmp_path / "b.yaml", "--json")
     (tmp_path / "diff.json").write_text(out)
-    (entry,) = report_of(tmp_path / "diff.json")
+    (entry,) = entries_of(tmp_path / "diff.json")
     assert len(entry.items) == 51
     assert entry.items[-1].text == "wall added: 15 smaller groups not listed"
-
-
-def layer(name, values, style, x=1.5):
-    height, width = values.shape
-    return PageLayer(name, name, Frame(height, width, 0.25, (x, -2.0, 0.4)), values, style)
-
-
-@pytest.mark.parametrize("differs", ["nothing", "frame", "colours", "values"])
-def test_the_map_of_a_field_is_left_out_only_if_it_is_there(differs):
-    values = np.array([[0, 100, 255], [0, 0, 100]], dtype=np.uint8)
-    style = occupancy_style()
-    other = replace(style, by_value=style.by_value[::-1].copy())
-    draft = Draft("a", "a")
-    at = 3.5 if differs == "frame" else 1.5
-    draft.layers = [layer("there", values, other if differs == "colours" else style, at)]
-    own = layer("field-map", values[::-1] if differs == "values" else values, style)
-    add_layers(draft, [own])
-    names = [one.name for one in draft.layers]
-    assert names == (["there"] if differs == "nothing" else ["there", "field-map"])
-
-
-def test_a_page_is_not_written_over_a_file_that_was_read(run, command):
-    page = run / "page.html"
-    page.symlink_to(run / "cost.npz")
-    before = (run / "cost.npz").read_bytes()
-    code, _, err = command("report", run, "-o", page, "--force")
-    assert (code, "the output is the input" in err) == (4, True)
-    assert (run / "cost.npz").read_bytes() == before
 
 
 @pytest.mark.parametrize("name", ["esdf.npz", "inflated.yaml"])
@@ -316,8 +229,9 @@ def test_the_local_run_of_a_batch_has_an_entry_of_its_own(run):
     shutil.move(run.parent / "copy", run / "local")
     told = {"map": "rooms.yaml", "folder": "rooms", "status": "unchanged", "local": {}}
     (run.parent / "summary.json").write_text(json.dumps({"maps": [told]}))
-    entries = report_of(run.parent)
+    entries = entries_of(run.parent)
     assert [entry.name for entry in entries] == ["rooms", "rooms/local"]
+    assert [entry.name for entry in entries_of(run)] == ["rooms", "rooms/local"]
     for entry in entries:
         assert len(entry.layers) == 3
         assert "Input" not in [table.title for table in entry.tables]  # of those that failed
@@ -327,7 +241,7 @@ def test_the_curve_of_the_costs_stays_whatever_comes_behind_them(run):
     manifest = json.loads((run / "manifest.json").read_text())
     manifest["stages"].append(manifest["stages"].pop(0))
     (run / "manifest.json").write_text(json.dumps(manifest))
-    (entry,) = report_of(run)
+    (entry,) = entries_of(run)
     assert entry.curve.inflation_radius == 0.8
 
 
@@ -335,5 +249,14 @@ def test_maps_without_findings_are_not_missed(run, tmp_path):
     clean = {"file": "far.yaml", "findings": [], "suppressed": 0}
     document = {"errors": 0, "warnings": 0, "notes": 0, "suppressed": 0, "maps": [clean, clean]}
     (tmp_path / "lint.json").write_text(json.dumps(document))
-    (entry,) = report_of(run, tmp_path / "lint.json")  # a warning would be an error
+    (entry,) = entries_of(run, tmp_path / "lint.json")  # a warning would be an error
     assert entry.items == ()
+
+
+def test_a_page_is_not_written_over_a_file_that_was_read(run, command):
+    page = run / "page.html"
+    page.symlink_to(run / "cost.npz")
+    before = (run / "cost.npz").read_bytes()
+    code, _, err = command("report", run, "-o", page, "--force")
+    assert (code, "the output is the input" in err) == (4, True)
+    assert (run / "cost.npz").read_bytes() == before

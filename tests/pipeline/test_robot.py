@@ -70,20 +70,6 @@ def test_one_static_and_one_inflation_layer_become_model_exponential():
     assert cost["circumscribed_radius"] == 0.36
 
 
-@pytest.mark.parametrize(
-    "layers",
-    [
-        [StaticLayer(), InflationLayer(), InflationLayer("b", inflation_radius=1.0)],
-        [],
-        [StaticLayer(unknown_cost_value=0)],
-        [StaticLayer(lethal_cost_threshold=0), InflationLayer()],
-    ],
-)
-def test_other_layers_become_model_layers(layers):
-    recipe = load_recipe(_robot(*layers))
-    assert recipe.described()[-1]["cost"]["model"] == "layers"
-
-
 def test_another_shape_changes_the_radii_but_not_one_that_the_file_chose():
     own, custom = InflationLayer("a", 0.2, 0.7), InflationLayer("b", 0.25, 0.9)
     robot = _robot(StaticLayer(), own, custom).with_shape(Footprint.circle(0.5))

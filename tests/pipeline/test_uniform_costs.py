@@ -49,42 +49,39 @@ def test_the_most_common_cost_equals_brute_force(case):
         assert shares[found["cost"]] == found["share"]
 
 
-@pytest.mark.parametrize(
-    ("grid", "model", "parameters", "advice"),
-    [
-        (WALL, "exponential", {"inflation_radius": 0.1}, "cost 0: raise inflation_radius (0.1 m)"),
-        (WALL, "exponential", {"cost_scaling_factor": 90.0},
-         "cost 0: lower cost_scaling_factor (90)"),
-        (WALL, "exponential", {"cost_scaling_factor": 0.0, "inflation_radius": 20.0},
-         "cost 252: raise cost_scaling_factor (0)"),
-        (WALL, "rings", {}, "cost 0: give more values; 90,70,50 reach 3 cells"),
-        (WALL, "threshold", {"down": 96, "up": 97},
-         "cost 0: lower up (97) and down (96), or give up_distance and down_distance in metres"),
-        (WALL, "threshold", {"down": 96, "up": 97, "down_factor": 1.0},
-         "cost 0: lower down (96), or give down_distance in metres"),
-        (WALL, "threshold", {"down": 0, "up": 97},
-         "cost 0: lower up (97), or give up_distance in metres"),
-        (WALL, "threshold", {"down_distance": 0.15, "up_distance": 0.0},
-         "cost 0: raise up_distance (0 m)"),
-        (WALL, "threshold", {"down_distance": 0.15, "up_distance": 0.0, "down_factor": 1.0},
-         "cost 0: raise down_distance (0.15 m)"),
-        (WALL, "threshold", {"down_distance": 0.15, "up_distance": 0.15},
-         "cost 0: raise up_distance (0.15 m) and down_distance"),
-        (WALL, "threshold", {"down_distance": 0.15, "up_distance": 0.0, "down_factor": 1.0,
-                             "view_range": 0.15},
-         "cost 0: raise down_distance (0.15 m) and view_range"),
-        (WALL, "threshold", {"up_factor": 0.01}, "cost 0: raise up_factor (0.01)"),
-        (WALL, "threshold", {"down": 0, "up": 0, "view_range": 0.15},
-         "cost 0: raise up_factor and down_factor, or view_range"),
-        (WALL, "threshold", {"view_range": 1000.0}, "cost 99: lower up_factor (1.5)"),
-        (WALL, "threshold", {"view": "per-map", "down": 0, "up": 0, "up_factor": 900.0},
-         "cost 99: view per-map is scaled by the extremes of the map; take view metric"),
-        (WALL, "threshold", {"down": 0, "up": 100, "down_factor": 0.01, "view_range": 1000.0},
-         "cost 0: raise up_factor and down_factor, or view_range"),
-        (EMPTY, "exponential", {}, "cost 0: there is no obstacle"),
-        (EMPTY, "rings", {}, "cost 0: there is no obstacle"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("grid", "model", "parameters", "advice"), [
+    (WALL, "exponential", {"inflation_radius": 0.1}, "cost 0: raise inflation_radius (0.1 m)"),
+    (WALL, "exponential", {"cost_scaling_factor": 90.0},
+     "cost 0: lower cost_scaling_factor (90)"),
+    (WALL, "exponential", {"cost_scaling_factor": 0.0, "inflation_radius": 20.0},
+     "cost 252: raise cost_scaling_factor (0)"),
+    (WALL, "rings", {}, "cost 0: give more values; 90,70,50 reach 3 cells"),
+    (WALL, "threshold", {"down": 96, "up": 97},
+     "cost 0: lower up (97) and down (96), or give up_distance and down_distance in metres"),
+    (WALL, "threshold", {"down": 96, "up": 97, "down_factor": 1.0},
+     "cost 0: lower down (96), or give down_distance in metres"),
+    (WALL, "threshold", {"down": 0, "up": 97},
+     "cost 0: lower up (97), or give up_distance in metres"),
+    (WALL, "threshold", {"down_distance": 0.15, "up_distance": 0.0},
+     "cost 0: raise up_distance (0 m)"),
+    (WALL, "threshold", {"down_distance": 0.15, "up_distance": 0.0, "down_factor": 1.0},
+     "cost 0: raise down_distance (0.15 m)"),
+    (WALL, "threshold", {"down_distance": 0.15, "up_distance": 0.15},
+     "cost 0: raise up_distance (0.15 m) and down_distance"),
+    (WALL, "threshold", {"down_distance": 0.15, "up_distance": 0.0, "down_factor": 1.0,
+                         "view_range": 0.15},
+     "cost 0: raise down_distance (0.15 m) and view_range"),
+    (WALL, "threshold", {"up_factor": 0.01}, "cost 0: raise up_factor (0.01)"),
+    (WALL, "threshold", {"down": 0, "up": 0, "view_range": 0.15},
+     "cost 0: raise up_factor and down_factor, or view_range"),
+    (WALL, "threshold", {"view_range": 1000.0}, "cost 99: lower up_factor (1.5)"),
+    (WALL, "threshold", {"view": "per-map", "down": 0, "up": 0, "up_factor": 900.0},
+     "cost 99: view per-map is scaled by the extremes of the map; take view metric"),
+    (WALL, "threshold", {"down": 0, "up": 100, "down_factor": 0.01, "view_range": 1000.0},
+     "cost 0: raise up_factor and down_factor, or view_range"),
+    (EMPTY, "exponential", {}, "cost 0: there is no obstacle"),
+    (EMPTY, "rings", {}, "cost 0: there is no obstacle"),
+])  # fmt: skip
 def test_the_remark_says_which_parameter_to_change(grid, model, parameters, advice):
     step = make_step("cost", {"model": model, **parameters})
     remark = step.remark_on(step.apply(grid, "m.yaml").figures())
@@ -92,21 +89,18 @@ def test_the_remark_says_which_parameter_to_change(grid, model, parameters, advi
     assert remark.endswith(advice)
 
 
-@pytest.mark.parametrize(
-    ("parameters", "changes"),
-    [
-        ({"down": 96, "up": 97}, {"down": 20, "up": 30}),
-        ({"down": 96, "up": 97}, {"down_distance": 1.5,
-                                  "up_distance": 1.5}),
-        ({"down": 96, "up": 97, "down_factor": 1.0}, {"down": 20}),
-        ({"down": 0, "up": 97}, {"up": 30}),
-        ({"down_distance": 0.15, "up_distance": 0.0}, {"down_distance": 1.5, "up_distance": 1.5}),
-        ({"down_distance": 1.5, "up_distance": 0.0}, {"up_distance": 1.5}),
-        ({"down_distance": 0.15, "up_distance": 0.0, "down_factor": 1.0}, {"down_distance": 1.5}),
-        ({"up_factor": 0.01}, {"up_factor": 1.0}),
-        ({"down": 0, "up": 0, "view_range": 0.15}, {"view_range": 2.0}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("parameters", "changes"), [
+    ({"down": 96, "up": 97}, {"down": 20, "up": 30}),
+    ({"down": 96, "up": 97}, {"down_distance": 1.5,
+                              "up_distance": 1.5}),
+    ({"down": 96, "up": 97, "down_factor": 1.0}, {"down": 20}),
+    ({"down": 0, "up": 97}, {"up": 30}),
+    ({"down_distance": 0.15, "up_distance": 0.0}, {"down_distance": 1.5, "up_distance": 1.5}),
+    ({"down_distance": 1.5, "up_distance": 0.0}, {"up_distance": 1.5}),
+    ({"down_distance": 0.15, "up_distance": 0.0, "down_factor": 1.0}, {"down_distance": 1.5}),
+    ({"up_factor": 0.01}, {"up_factor": 1.0}),
+    ({"down": 0, "up": 0, "view_range": 0.15}, {"view_range": 2.0}),
+])  # fmt: skip
 def test_what_is_to_be_changed_makes_a_difference(parameters, changes):
     kept = {name: value for name, value in parameters.items() if f"{name}_distance" not in changes}
     before, after = (make_step("cost", {"model": "threshold", **given})
@@ -156,11 +150,7 @@ def test_a_run_warns_once_and_its_manifest_and_a_second_run_say_it_again(command
     words = ["run", "m.yaml", "-o", "o", "--no-images", "--set", "inflate.radius=0.05",
              "--set", "cost.inflation_radius=0.1"]  # fmt: skip
     code, _, err = command(*words)
-    assert (code, err.count("warning"), err.count("% of the open cells")) == (
-        0,
-        1,
-        1,
-    )
+    assert (code, err.count("warning"), err.count("% of the open cells")) == (0, 1, 1)
     manifest = json.loads((wall / "o" / "m" / "manifest.json").read_text())
     (told,) = manifest["warnings"]
     assert told.startswith("m.yaml: cost: ")

@@ -11,17 +11,6 @@ from hypothesis import strategies as st
 import mapdeal
 import oracles
 from drawn import cells, grid_from_text
-from mapdeal import (
-    Costmap,
-    FindingError,
-    OccupancyGrid,
-    ParameterError,
-    descend,
-    esdf,
-    exponential_cost,
-    potential,
-    read_map,
-)
 from mapdeal.planning import routes as descent
 from mapdeal.planning.routes import Terrain
 
@@ -34,7 +23,7 @@ def _xy(grid, row, col):
 
 def _costmap(grid):
     """Obstacles lethal, unknown cells unknown."""
-    return Costmap.from_occupancy(grid)
+    return mapdeal.Costmap.from_occupancy(grid)
 
 
 def _closed_share(is_open, start, end):
@@ -53,9 +42,9 @@ def _is_wide_open(is_open, start, end):
 
 @pytest.mark.parametrize("goal", [(3.2, 50.5), (35.5, 48.0), (38.5, 3.3), (2.5, 2.5)])
 def test_without_obstacles_the_way_is_straight(goal):
-    grid = OccupancyGrid(np.zeros((40, 60), np.int8), 0.25, ORIGIN)
+    grid = mapdeal.OccupancyGrid(np.zeros((40, 60), np.int8), 0.25, ORIGIN)
     start, goal_xy = _xy(grid, 20.3, 25.7), _xy(grid, *goal)
-    route = descend(_costmap(grid), potential(grid, goal=goal_xy), start)
+    route = mapdeal.descend(_costmap(grid), mapdeal.potential(grid, goal=goal_xy), start)
     assert route.reached
     assert route.local_minimum is None
     assert route.points_xy[0] == pytest.approx(start)
@@ -68,9 +57,9 @@ def test_without_obstacles_the_way_is_straight(goal):
 def test_an_obstacle_beside_the_way_is_passed_in_a_bow():
     occupancy = np.zeros((40, 60), np.int8)
     occupancy[18:21, 30] = 100
-    grid = OccupancyGrid(occupancy, 0.25, ORIGIN)
-    field = potential(grid, goal=_xy(grid, 20.5, 55.5), attractive_gain=10.0)
-    route = descend(_costmap(grid), field, _xy(grid, 20.5, 5.5))
+    grid = mapdeal.OccupancyGrid(occupancy, 0.25, ORIGIN)
+    field = mapdeal.potential(grid, goal=_xy(grid, 20.5, 55.5), attractive_gain=10.0)
+    route = mapdeal.descend(_costmap(grid), field, _xy(grid, 20.5, 5.5))
     assert route.reached
     rows = grid.frame.continuous_rowcol_from_xy(route.points_xy)[:, 0]
     assert rows.max() > 22
@@ -90,8 +79,8 @@ TRAP = """
 
 def test_a_pocket_is_a_local_minimum_and_its_place_is_told():
     grid = grid_from_text(TRAP, 0.25, ORIGIN)
-    field = potential(grid, goal=_xy(grid, 3.5, 13.5), attractive_gain=100.0)
-    route = descend(_costmap(grid), field, _xy(grid, 3.5, 1.5))
+    field = mapdeal.potential(grid, goal=_xy(grid, 3.5, 13.5), attractive_gain=100.0)
+    route = mapdeal.descend(_costmap(grid), field, _xy(grid, 3.5, 1.5))
     assert not route.reached
     assert route.local_minimum == tuple(route.points_xy[-1])
     row, col = grid.frame.continuous_rowcol_from_xy([route.local_minimum])[0]
@@ -101,11 +90,9 @@ def test_a_pocket_is_a_local_minimum_and_its_place_is_told():
 
 @settings(max_examples=60)
 @given(
-    st.integers(0, 2**32 - 1),
-    st.sampled_from([0.02, 0.1, 0.3]),
-    st.sampled_from([1.0, 30.0, 1000.0]),
-    st.booleans(),
-)
+    st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.1, 0.3]),
+    st.sampled_from([1.0, 30.0, 1000.0]), st.booleans(),
+)  # fmt: skip
 def test_every_step_leads_down_and_nothing_is_lower_where_it_ends(
     seed, density, gain, through_unknown
 ):
@@ -116,10 +103,10 @@ def test_every_step_leads_down_and_nothing_is_lower_where_it_ends(
     grid_cells = [tuple(int(n) for n in rng.integers(0, (height, width))) for _ in "ab"]
     for cell in grid_cells:
         occupancy[cell] = 0
-    grid = OccupancyGrid(occupancy, 0.25, ORIGIN)
+    grid = mapdeal.OccupancyGrid(occupancy, 0.25, ORIGIN)
     start, goal = (_xy(grid, *(np.array(cell) + rng.random(2))) for cell in grid_cells)
-    field = potential(grid, goal=goal, attractive_gain=gain)
-    route = descend(_costmap(grid), field, start, through_unknown=through_unknown)
+    field = mapdeal.potential(grid, goal=goal, attractive_gain=gain)
+    route = mapdeal.descend(_costmap(grid), field, start, through_unknown=through_unknown)
     surface = field.downhill_surface()
     places = grid.frame.continuous_rowcol_from_xy(route.points_xy)
     is_open = (occupancy == 0) | (through_unknown & (occupancy == -1))
@@ -147,49 +134,27 @@ def test_every_step_leads_down_and_nothing_is_lower_where_it_ends(
 
 
 def test_closed_cells_hold_the_way_up():
-    grid = OccupancyGrid(cells("...?...\n...?...\n...?..."), 0.25, ORIGIN)
-    field = potential(grid, goal=_xy(grid, 1.5, 6.5))
-    closed = descend(_costmap(grid), field, _xy(grid, 1.5, 0.5))
+    grid = mapdeal.OccupancyGrid(cells("...?...\n...?...\n...?..."), 0.25, ORIGIN)
+    field = mapdeal.potential(grid, goal=_xy(grid, 1.5, 6.5))
+    closed = mapdeal.descend(_costmap(grid), field, _xy(grid, 1.5, 0.5))
     assert not closed.reached
     assert grid.frame.continuous_rowcol_from_xy([closed.local_minimum])[0, 1] <= 3.0 + 1e-9
-    assert descend(_costmap(grid), field, _xy(grid, 1.5, 0.5), through_unknown=True).reached
-
-
-def test_a_start_at_the_goal_has_arrived():
-    grid = OccupancyGrid(np.zeros((4, 5), np.int8), 0.25, ORIGIN)
-    goal = _xy(grid, 2.5, 2.5)
-    route = descend(_costmap(grid), potential(grid, goal=goal), goal)
-    assert (route.reached, route.length) == (True, 0.0)
-
-
-def test_what_does_not_go_together_is_refused():
-    grid = OccupancyGrid(cells("..#"), 0.25, ORIGIN)
-    inside, wall = _xy(grid, 0.5, 0.5), _xy(grid, 0.5, 2.5)
-    with pytest.raises(ParameterError, match="no goal"):
-        descend(_costmap(grid), potential(grid), inside)
-    with pytest.raises(ParameterError, match="closed") as caught:
-        descend(_costmap(grid), potential(grid, goal=inside), wall)
-    assert caught.value.place == "start"
-    with pytest.raises(ParameterError, match="PotentialField"):
-        descend(_costmap(grid), esdf(grid), inside)
-    with pytest.raises(ParameterError, match="exponential_cost"):
-        descend(grid, potential(grid, goal=inside), inside)
-    with pytest.raises(ParameterError, match="same cells"):
-        elsewhere = OccupancyGrid(grid.occupancy, 0.25)
-        descend(_costmap(elsewhere), potential(grid, goal=inside), inside)
+    assert mapdeal.descend(_costmap(grid), field, _xy(grid, 1.5, 0.5), through_unknown=True).reached
 
 
 def test_a_goal_behind_a_corner_is_not_jumped_to():
-    grid = OccupancyGrid(cells("#.\n.#"), 0.25, ORIGIN)
-    field = potential(grid, goal=_xy(grid, 1.2, 1.2))
-    assert not descend(_costmap(grid), field, _xy(grid, 0.5, 0.5)).reached
+    grid = mapdeal.OccupancyGrid(cells("#.\n.#"), 0.25, ORIGIN)
+    field = mapdeal.potential(grid, goal=_xy(grid, 1.2, 1.2))
+    assert not mapdeal.descend(_costmap(grid), field, _xy(grid, 0.5, 0.5)).reached
 
 
 @pytest.mark.parametrize(("start", "goal"), [((0.1, 0.1), (0.9, 0.9)), ((0.9, 0.1), (0.2, 0.8))])
 def test_a_goal_in_the_start_s_own_cell_is_reached(start, goal):
-    grid = OccupancyGrid(cells("."), 0.25, ORIGIN)
+    grid = mapdeal.OccupancyGrid(cells("."), 0.25, ORIGIN)
     goal_xy = _xy(grid, *goal)
-    route = descend(_costmap(grid), potential(grid, goal=goal_xy), _xy(grid, *start))
+    route = mapdeal.descend(
+        _costmap(grid), mapdeal.potential(grid, goal=goal_xy), _xy(grid, *start)
+    )
     assert route.reached
     assert route.length == pytest.approx(math.dist(start, goal) * 0.25)
 
@@ -202,9 +167,9 @@ def test_the_clearance_is_the_least_distance_to_the_centre_of_an_obstacle(seed, 
     occupancy = np.where(rng.random((9, 13)) < density, 100, 0).astype(np.int8)
     start, goal = (0.9, 0.05), (8.1, 12.9)
     occupancy[0, 0] = occupancy[8, 12] = 0
-    grid = OccupancyGrid(occupancy, 0.25, ORIGIN)
-    field = potential(grid, goal=_xy(grid, *goal), attractive_gain=20.0)
-    route = descend(_costmap(grid), field, _xy(grid, *start))
+    grid = mapdeal.OccupancyGrid(occupancy, 0.25, ORIGIN)
+    field = mapdeal.potential(grid, goal=_xy(grid, *goal), attractive_gain=20.0)
+    route = mapdeal.descend(_costmap(grid), field, _xy(grid, *start))
     centres = grid.frame.xy_from_rowcol(np.argwhere(occupancy == 100))
     nearest = [math.dist(a, b) for a in route.points_xy.tolist() for b in centres.tolist()]
     assert route.min_clearance == pytest.approx(min(nearest, default=math.inf))
@@ -218,39 +183,24 @@ def test_the_clearance_is_the_least_distance_to_the_centre_of_an_obstacle(seed, 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_before_closed_cells_the_way_slides_on_to_the_goal(real_maps):
-    grid = read_map(next(real_maps.rglob("depot.yaml")))
+    grid = mapdeal.read_map(next(real_maps.rglob("depot.yaml")))
     costs = {"inscribed_radius": 0.22, "inflation_radius": 0.7, "cost_scaling_factor": 3.0}
-    field = potential(grid, goal=(29.875, 14.725), attractive_gain=300.0)
-    assert descend(exponential_cost(grid, **costs), field, (0.675, 0.475)).reached
+    field = mapdeal.potential(grid, goal=(29.875, 14.725), attractive_gain=300.0)
+    assert mapdeal.descend(mapdeal.exponential_cost(grid, **costs), field, (0.675, 0.475)).reached
 
 
 def test_a_way_without_end_is_given_up(monkeypatch):
     monkeypatch.setattr(descent, "_STEPS_PER_CELL_OF_SIDE", 2)
-    grid = OccupancyGrid(np.zeros((40, 60), np.int8), 0.25, ORIGIN)
-    field = potential(grid, goal=_xy(grid, 35.5, 55.5))
-    route = descend(_costmap(grid), field, _xy(grid, 1.5, 1.5))
+    grid = mapdeal.OccupancyGrid(np.zeros((40, 60), np.int8), 0.25, ORIGIN)
+    field = mapdeal.potential(grid, goal=_xy(grid, 35.5, 55.5))
+    route = mapdeal.descend(_costmap(grid), field, _xy(grid, 1.5, 1.5))
     assert route.reached
     monkeypatch.setattr(descent, "_STEPS_PER_CELL_OF_SIDE", 0.5)
-    route = descend(_costmap(grid), field, _xy(grid, 1.5, 1.5))
+    route = mapdeal.descend(_costmap(grid), field, _xy(grid, 1.5, 1.5))
     assert (route.reached, route.local_minimum, len(route.points_xy)) == (False, None, 51)
     ends = {"start": _xy(grid, 1.5, 1.5), "goal": _xy(grid, 35.5, 55.5)}
-    with pytest.raises(FindingError, match="map: stopped after"):
+    with pytest.raises(mapdeal.FindingError, match="map: stopped after"):
         mapdeal.route(_costmap(grid), **ends, method="descent").check()
-
-
-@pytest.mark.parametrize(("places", "ending"), [(139, "arrived"), (140, "tired"), (10**9, "tired")])
-def test_a_way_ends_after_ten_times_both_sides_in_steps_of_half_a_cell(places, ending):
-    class Winding:
-        shape = (3, 4)
-
-        def leads_to(self, place, goal):
-            return place[0] >= goal[0]
-
-        def step_down(self, place):
-            return place[0] + 1, 0.0
-
-    found, how = descent._followed(Winding(), (0.0, 0.0), (float(places), 0.0))
-    assert (how, len(found)) == (ending, 140 if ending == "arrived" else 141)
 
 
 def _slope(surface, drawing=None):
@@ -259,27 +209,7 @@ def _slope(surface, drawing=None):
         cost = np.zeros(surface.shape, np.uint8)
     else:
         cost = np.where(cells(drawing) == 100, 254, 0).astype(np.uint8)
-    return descent._Slope(surface, Terrain.of(Costmap(cost, 0.25, ORIGIN)))
-
-
-@pytest.mark.parametrize(
-    ("row", "col", "value", "gradient"),
-    [
-        (2.0, 3.0, 4 + 9 + 6, (4 + 3, 3 + 2)),  # at the centre of a cell
-        (2.25, 3.0, 0.75 * 4 + 0.25 * 9 + 9 + 6.75, (4.5 + 3, 3 + 2.25)),
-        (2.0, 3.75, 4 + 11.25 + 7.5, (4 + 3.75, 3 + 2)),
-        (2.5, 3.25, 6.5 + 9.75 + 8.125, (5 + 3.25, 3 + 2.5)),
-        (0.0, 0.0, 0.0, (1.0, 3.0)),  # in a corner the differences are one-sided
-        (5.0, 7.0, 25 + 21 + 35, (9 + 7, 3 + 5)),
-    ],
-)
-def test_value_and_gradient_of_a_surface_by_hand(row, col, value, gradient):
-    # z = r^2 + 3 c + r c, whose central differences are 2 r + c and 3 + r
-    r, c = np.mgrid[:6, :8]
-    slope = _slope(r**2 + 3 * c + r * c)
-    place = (row + 0.5, col + 0.5)
-    assert slope.value_at(place) == pytest.approx(value, abs=1e-12)
-    assert slope._gradient_at(place) == pytest.approx(gradient, abs=1e-12)
+    return descent._Slope(surface, Terrain.of(mapdeal.Costmap(cost, 0.25, ORIGIN)))
 
 
 def test_the_lowest_neighbour_is_that_of_the_steepest_way():
@@ -306,3 +236,23 @@ def test_the_goal_is_close_within_a_cell_and_in_sight():
     assert not slope.leads_to((0.5, 0.5), (1.51, 0.5))
     assert slope.leads_to((0.01, 4.01), (0.99, 4.99))  # the same cell, 1.39 apart
     assert not slope.leads_to((0.5, 1.9), (0.5, 2.1))
+
+
+@pytest.mark.parametrize(
+    ("row", "col", "value", "gradient"),
+    [
+        (2.0, 3.0, 4 + 9 + 6, (4 + 3, 3 + 2)),  # at the centre of a cell
+        (2.25, 3.0, 0.75 * 4 + 0.25 * 9 + 9 + 6.75, (4.5 + 3, 3 + 2.25)),
+        (2.0, 3.75, 4 + 11.25 + 7.5, (4 + 3.75, 3 + 2)),
+        (2.5, 3.25, 6.5 + 9.75 + 8.125, (5 + 3.25, 3 + 2.5)),
+        (0.0, 0.0, 0.0, (1.0, 3.0)),  # in a corner the differences are one-sided
+        (5.0, 7.0, 25 + 21 + 35, (9 + 7, 3 + 5)),
+    ],
+)
+def test_value_and_gradient_of_a_surface_by_hand(row, col, value, gradient):
+    # z = r^2 + 3 c + r c, whose central differences are 2 r + c and 3 + r
+    r, c = np.mgrid[:6, :8]
+    slope = _slope(r**2 + 3 * c + r * c)
+    place = (row + 0.5, col + 0.5)
+    assert slope.value_at(place) == pytest.approx(value, abs=1e-12)
+    assert slope._gradient_at(place) == pytest.approx(gradient, abs=1e-12)

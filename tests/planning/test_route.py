@@ -7,7 +7,7 @@ import pytest
 
 import mapdeal
 from drawn import grid_from_text
-from mapdeal import Costmap, ParameterError, read_map, shortest_route, write_map
+from mapdeal import Costmap, read_map, shortest_route, write_map
 
 HALL = "\n".join(["." * 24] * 6 + ["." * 12 + "#" + "." * 11] * 8)
 FREE = Costmap(np.zeros((4, 9), np.uint8), 0.5)
@@ -63,18 +63,3 @@ def test_pairs_are_found_as_they_are_read(tmp_path):
     assert "".join(routes.remarks()).startswith("means of 1 pair")
     with pytest.raises(mapdeal.MapdealError, match="1 of 2 pairs have no routes"):
         routes.check()
-
-
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        ({}, "start, goal: both are required"),
-        ({**ENDS, "compare": ["plain"]}, "compare: applies to pairs alone"),
-        ({**ENDS, "heuristic_weight": 1.0}, "heuristic_weight: applies to heuristic field alone"),
-        ({**ENDS, "repulsive_cap": 1.0}, "repulsive_cap: does not apply to method astar"),
-        ({**ENDS, "footprint": mapdeal.Footprint.circle(1)}, "footprint: applies to maps"),
-    ],
-)
-def test_what_does_not_go_together_is_named_by_the_parameter(given, told):
-    with pytest.raises(ParameterError, match=f"^{told}"):
-        mapdeal.route(FREE, **given)

@@ -14,8 +14,6 @@ import time
 
 import pytest
 
-NAMES = ("chromium", "firefox")
-
 # Numbers that JSON does not have come as text; Firefox hands out what is the page's own wrapped.
 WRAPPED = """
 const page = window.wrappedJSObject ?? window, mapdeal = page.mapdeal;
@@ -178,3 +176,18 @@ def settle(browser, seconds=20.0):
             return
         time.sleep(0.03)
     raise AssertionError("the page was never drawn")
+
+
+def show(browser, path, **look):
+    """Open a page, and wait until all is drawn."""
+    browser.open(path, **look)
+    settle(browser)
+
+
+def pixel_in_time(browser, function, place, is_wanted):
+    """Return the colour at a place, asked for again while finer tiles may be on their way."""
+    for _ in range(60):
+        pixel = browser.evaluate(function, place)[:3]
+        if is_wanted(pixel):
+            break
+    return pixel

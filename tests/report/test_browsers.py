@@ -1,14 +1,9 @@
 """The page in real browsers, against what the library says of the same grids."""
 
-import json
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import mapdeal
-from mapdeal.cli.main import main
 from mapdeal.report.document import Entry, Item, Report, Table, page_layers
 from mapdeal.report.page import page_of
 from report import browsers
@@ -16,7 +11,6 @@ from report.made import entry_of, layers_of
 from report.test_page import ATTACKS, nasty_report
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
-MAPS = Path(__file__).parents[2] / "examples" / "maps"
 PHONE = {"width": 360, "height": 780, "phone": True}
 
 
@@ -70,9 +64,7 @@ def running(tmp_path_factory):
         started.close()
 
 
-@pytest.fixture(
-    params=["chromium", pytest.param("firefox", marks=pytest.mark.thorough)],
-)
+@pytest.fixture(params=["chromium", pytest.param("firefox", marks=pytest.mark.thorough)])
 def browser(request, running):
     return running(request.param)
 
@@ -119,8 +111,7 @@ READ_ALL = "(points) => Promise.all(points.map(([x, y]) => mapdeal.readout(x, y)
 
 def test_values_are_those_of_the_library(browser, pages):
     path = pages(one())
-    browser.open(path)
-    browsers.settle(browser)
+    browsers.show(browser, path)
     points = points_of(GRID.frame, 1000, 5)
     told = browser.evaluate(READ_ALL, points.tolist())
     distance, gradient, inside = FIELD.query(points)
@@ -143,32 +134,9 @@ def test_values_are_those_of_the_library(browser, pages):
 
 
 @pytest.mark.thorough
-def test_values_are_what_query_prints(chromium, pages, tmp_path, capsys):
-    path = MAPS / "office.yaml"
-    grid = mapdeal.read_map(path)
-    chromium.open(pages(Report("office", (entry_of(grid),), "1.0")))
-    browsers.settle(chromium)
-    points = points_of(grid.frame, 300, 7)
-    asked = tmp_path / "points.csv"
-    asked.write_text("".join(f"{x!r},{y!r}\n" for x, y in points.tolist()))
-    assert main(["query", str(path), "--points", str(asked)]) == 0
-    answers = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    told = chromium.evaluate(READ_ALL, points.tolist())
-    assert len(answers) == len(told) == 300
-    for answer, (states, metres, _) in zip(answers, told, strict=True):
-        assert answer["inside"] == (metres["cell"] is not None)
-        if answer["inside"]:
-            assert metres["value"] == pytest.approx(answer["distance"], abs=1e-3)
-            assert metres["gradient"] == pytest.approx(answer["gradient"], abs=1e-3)
-            assert states["label"] == answer["state"]
-            assert states["cell"] == [answer["row"], answer["col"]]
-
-
-@pytest.mark.thorough
 def test_distances_without_obstacles_are_infinite_and_have_no_gradient(browser, pages):
     grid = mapdeal.OccupancyGrid(np.zeros((3, 4), np.int8), 0.25, (1.0, 2.0, 0.3))
-    browser.open(pages(Report("empty", (entry_of(grid),), "1.0")))
-    browsers.settle(browser)
+    browsers.show(browser, pages(Report("empty", (entry_of(grid),), "1.0")))
     point = grid.frame.xy_from_rowcol([[1, 2]])[0].tolist()
     ((_, found, _),) = browser.evaluate(READ_ALL, [point])
     assert found["value"] == "Infinity"
@@ -180,8 +148,7 @@ def test_distances_without_obstacles_are_infinite_and_have_no_gradient(browser, 
 def test_a_page_from_which_the_finest_level_is_left_out_says_so(browser, tmp_path):
     path = tmp_path / "small.html"
     path.write_bytes(b"".join(page_of(one(), size=20_000)))
-    browser.open(path)
-    browsers.settle(browser)
+    browsers.show(browser, path)
     ((states, metres, _),) = browser.evaluate(READ_ALL, [CENTRE])
     reduce = metres["reduce"]
     assert reduce > 1
@@ -204,8 +171,7 @@ PIXEL = """([x, y]) => {
 
 def test_pixels_have_the_colour_of_their_cell(browser, pages):
     small = mapdeal.OccupancyGrid(scattered((9, 13), 3).occupancy, 0.3, (2.0, -1.0, 2.5))
-    browser.open(pages(Report("pixels", (entry_of(small),), "1.0")))
-    browsers.settle(browser)
+    browsers.show(browser, pages(Report("pixels", (entry_of(small),), "1.0")))
     layers, _, costs = layers_of(small)
     style = layers[-1].style
     for row, col in [(0, 0), (0, 12), (8, 0), (8, 12), (4, 6), (2, 9)]:
@@ -220,8 +186,7 @@ def test_layers_of_different_frames_lie_where_they_belong(chromium, pages):
     lower = scattered((20, 30), 4, (1.0, -2.0, 0.3), 0.5)
     upper = scattered((9, 13), 5, (5.0, 2.0, -0.5), 0.2)
     below, above = layers_of(lower)[0][0], layers_of(upper)[0][2]
-    chromium.open(pages(Report("frames", (Entry("frames", (below, above)),), "1.0")))
-    browsers.settle(chromium)
+    browsers.show(chromium, pages(Report("frames", (Entry("frames", (below, above)),), "1.0")))
     inner = points_of(upper.frame, 12, 6)[:8]
     inner = upper.frame.xy_from_rowcol(upper.frame.clamped_rowcol_from_xy(inner))
     outer = [lower.frame.xy_from_rowcol([cell])[0] for cell in ([1, 1], [18, 28], [2, 27])]
@@ -242,21 +207,18 @@ def test_the_rim_of_a_wall_is_red_where_a_tile_ends(chromium, pages):
     grid = mapdeal.OccupancyGrid(cells, 0.25, (1.0, -2.0, 0.3))
     field = mapdeal.esdf(grid)
     assert field.distance[4, 511] == 0
-    chromium.open(pages(Report("rim", (Entry("rim", tuple(page_layers(field, "f", "F"))),), "1")))
-    browsers.settle(chromium)
+    browsers.show(
+        chromium, pages(Report("rim", (Entry("rim", tuple(page_layers(field, "f", "F"))),), "1"))
+    )
     place = grid.frame.xy_from_rowcol([[4, 511]])[0].tolist()
     chromium.evaluate("([x, y]) => { location.hash = `#entry-0/${x},${y},40`; }", place)
-    for _ in range(60):  # the finest tile may be on its way
-        red, _, blue, _ = chromium.evaluate(PIXEL, place)
-        if red > blue + 20:
-            break
-    assert red > blue + 20
+    is_red = lambda pixel: pixel[0] > pixel[2] + 20  # noqa: E731
+    assert is_red(browsers.pixel_in_time(chromium, PIXEL, place, is_red))
 
 
 @pytest.mark.thorough
 def test_an_opacity_of_a_half_mixes_two_layers(chromium, pages):
-    chromium.open(pages(one()))
-    browsers.settle(chromium)
+    browsers.show(chromium, pages(one()))
     chromium.evaluate("""() => {
       const slider = document.querySelector(".layer [type=range]");
       slider.value = 50;
@@ -271,11 +233,8 @@ def test_an_opacity_of_a_half_mixes_two_layers(chromium, pages):
     ]
     assert abs(colours[0] - colours[1]).max() > 20
     expected = pytest.approx(((colours[0] + colours[1]) / 2).tolist(), abs=2)
-    for _ in range(60):
-        pixel = chromium.evaluate(PIXEL, aside.tolist())[:3]
-        if pixel == expected:
-            break
-    assert pixel == expected
+    found = browsers.pixel_in_time(chromium, PIXEL, aside.tolist(), lambda one: one == expected)
+    assert found == expected
 
 
 KEY = """(key) => {
@@ -291,8 +250,7 @@ CLICK = "(selector) => document.querySelector(selector).click()"
 
 
 def test_keys_pan_zoom_fit_pin_measure_and_choose_layers(browser, pages):
-    browser.open(pages(one()))
-    browsers.settle(browser)
+    browsers.show(browser, pages(one()))
     start = browser.evaluate(VIEW)["view"]
     for key in ("+", "+", "ArrowRight", "ArrowUp"):
         browser.evaluate(KEY, key)
@@ -313,16 +271,12 @@ def test_keys_pan_zoom_fit_pin_measure_and_choose_layers(browser, pages):
     browser.evaluate(KEY, "Escape")
     assert browser.evaluate(VIEW).get("pinned") is None
     browser.evaluate(KEY, "1")
-    boxes = (
-        "() => [...document.querySelectorAll('.layer [type=checkbox]')].map((box) => box.checked)"
-    )
-    assert browser.evaluate(boxes) == [False, False, True]
+    assert browser.evaluate(BOXES) == [False, False, True]
     assert browser.complaints == []
 
 
 def test_a_click_in_the_list_goes_there(browser, pages):
-    browser.open(pages(one()))
-    browsers.settle(browser)
+    browsers.show(browser, pages(one()))
     browser.evaluate(CLICK, "[data-item='0']")
     state = browser.evaluate(VIEW)
     assert (state["view"]["x"], state["view"]["y"]) == pytest.approx(CORNER)
@@ -336,8 +290,7 @@ def test_a_click_in_the_list_goes_there(browser, pages):
 
 @pytest.mark.thorough
 def test_the_address_keeps_the_place(browser, pages):
-    browser.open(pages(one()), hash_="#entry-0/1.5,9.25,40")
-    browsers.settle(browser)
+    browsers.show(browser, pages(one()), hash_="#entry-0/1.5,9.25,40")
     view = browser.evaluate(VIEW)["view"]
     assert (view["x"], view["y"], view["scale"]) == (1.5, 9.25, 40)
 
@@ -345,8 +298,7 @@ def test_the_address_keeps_the_place(browser, pages):
 @pytest.mark.thorough
 def test_two_layers_are_compared_by_a_slider_and_by_blinking(browser, pages):
     entry = Entry("both", LAYERS, compared=("occupancy", "cost"))
-    browser.open(pages(Report("compare", (entry,), "1.0")))
-    browsers.settle(browser)
+    browsers.show(browser, pages(Report("compare", (entry,), "1.0")))
     assert browser.evaluate("() => document.getElementById('divider').checkVisibility()")
     free = next(
         (row, col) for row in range(100, 400) for col in range(300, 400)
@@ -366,11 +318,8 @@ def test_two_layers_are_compared_by_a_slider_and_by_blinking(browser, pages):
     seen = []
     for value in ("100", "0", "100"):
         browser.evaluate(slide, value)
-        for _ in range(40):  # finer tiles may be on their way
-            pixel = browser.evaluate(PIXEL, place)[:3]
-            if pixel in ([255, 255, 255], cost_colour):
-                break
-        seen.append(pixel)
+        known = [255, 255, 255], cost_colour
+        seen.append(browsers.pixel_in_time(browser, PIXEL, place, known.__contains__))
     assert seen == [[255, 255, 255], cost_colour, [255, 255, 255]]
     browser.evaluate(CLICK, "[name=blink]")
     blinks = "() => document.querySelector('[name=blink]').checked"
@@ -414,9 +363,7 @@ def test_the_table_sorts_filters_and_opens(browser, pages):
     browsers.settle(browser)
     assert browser.evaluate(SHOWN) == ["entry-0"]
     browser.evaluate("() => { location.hash = '#maps'; }")
-    for _ in range(100):
-        if browser.evaluate(SHOWN) == ["maps"]:
-            break
+    browsers.pixel_in_time(browser, SHOWN, None, ["maps"].__eq__)
     assert browser.evaluate(SHOWN) == ["maps"]
     assert_quiet(browser, path)
 
@@ -436,8 +383,7 @@ def test_names_with_markup_are_shown_and_never_run(browser, pages):
 
 
 def test_the_policy_refuses_scripts_styles_and_requests(chromium, pages):
-    chromium.open(pages(one()))
-    browsers.settle(chromium)
+    browsers.show(chromium, pages(one()))
     found = chromium.evaluate("""async () => {
       const broken = [];
       const hear = (event) => broken.push(event.effectiveDirective);
@@ -456,8 +402,7 @@ def test_the_policy_refuses_scripts_styles_and_requests(chromium, pages):
 
 
 def test_a_mouse_drags_zooms_at_the_pointer_pins_and_measures(chromium, pages):
-    chromium.open(pages(one()))
-    browsers.settle(chromium)
+    browsers.show(chromium, pages(one()))
     mouse, box = chromium.page.mouse, chromium.page.locator("#map").bounding_box()
     sx, sy = box["x"] + 301, box["y"] + 201
     state = lambda: chromium.evaluate(VIEW)["view"]  # noqa: E731
@@ -491,8 +436,7 @@ def test_a_mouse_drags_zooms_at_the_pointer_pins_and_measures(chromium, pages):
 
 @pytest.mark.thorough
 def test_two_fingers_zoom_between_them(chromium, pages):
-    chromium.open(pages(one()), width=390, height=844, phone=True)
-    browsers.settle(chromium)
+    browsers.show(chromium, pages(one()), width=390, height=844, phone=True)
     before, box = chromium.evaluate(VIEW)["view"], chromium.page.locator("#map").bounding_box()
     touch = chromium.page.context.new_cdp_session(chromium.page)
     middle = (box["x"] + 1 + before["width"] / 2, box["y"] + 1 + before["height"] / 2)
@@ -502,19 +446,21 @@ def test_two_fingers_zoom_between_them(chromium, pages):
             for k, sign in enumerate((-1, 1))
         ]
         touch.send(
-            "Input.dispatchTouchEvent",
-            {"type": kind, "touchPoints": fingers if apart else []},
+            "Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers if apart else []}
         )
     chromium.page.wait_for_timeout(100)
     after = chromium.evaluate(VIEW)["view"]
     assert after["scale"] == pytest.approx(3 * before["scale"], rel=0.01)
     assert (after["x"], after["y"]) == pytest.approx((before["x"], before["y"]), abs=0.2)
     assert chromium.evaluate(VIEW).get("pinned") is None
+    # and a screen of two pixels a point is sharp
+    shape = "() => ['width', 'clientWidth'].map((name) => document.getElementById('map')[name])"
+    pixels, points = chromium.evaluate(shape)
+    assert pixels == 2 * points
 
 
 def test_the_list_can_hide_kinds(chromium, pages):
-    chromium.open(pages(one()))
-    browsers.settle(chromium)
+    browsers.show(chromium, pages(one()))
     chromium.evaluate(CLICK, "[data-item='2']")
     goal = chromium.evaluate(PIXEL, CENTRE)
     chromium.evaluate(CLICK, ".kinds [value=goal]")
@@ -522,17 +468,14 @@ def test_the_list_can_hide_kinds(chromium, pages):
     assert chromium.evaluate(PIXEL, CENTRE) != goal
 
 
-@pytest.mark.parametrize(
-    ("make", "look"),
-    [
-        (one, {}),
-        (several, {"dark": True}),
-        (several, PHONE),
-        pytest.param(one, {"dark": True}, marks=pytest.mark.thorough),
-        pytest.param(one, PHONE, marks=pytest.mark.thorough),
-        pytest.param(several, {}, marks=pytest.mark.thorough),
-    ],
-)
+@pytest.mark.parametrize(("make", "look"), [
+    (one, {}),
+    (several, {"dark": True}),
+    (several, PHONE),
+    pytest.param(one, {"dark": True}, marks=pytest.mark.thorough),
+    pytest.param(one, PHONE, marks=pytest.mark.thorough),
+    pytest.param(several, {}, marks=pytest.mark.thorough),
+])  # fmt: skip
 def test_axe_finds_nothing_serious(chromium, pages, make, look):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     chromium.open(pages(make()), **look)
@@ -552,57 +495,3 @@ def test_without_a_script_all_words_are_there(chromium, pages):
     assert "The maps are drawn by a script" in text
     for name in ("b10", "b9", "bad", "failed"):
         assert name in text
-
-
-@pytest.mark.thorough
-def test_a_screen_of_two_pixels_a_point_is_sharp(chromium, pages):
-    chromium.open(pages(one()), width=390, height=844, phone=True)
-    browsers.settle(chromium)
-    shape = "() => ['width', 'clientWidth'].map((name) => document.getElementById('map')[name])"
-    pixels, points = chromium.evaluate(shape)
-    assert pixels == 2 * points
-
-
-def building(side, seed=1):
-    """Return a large map of rooms with doors and clutter, and unknown space around them."""
-    draw = np.random.default_rng(seed)
-    values = np.zeros((side, side), np.int8)
-    for wall in range(0, side, side // 20):
-        values[wall : wall + 3] = values[:, wall : wall + 3] = OCCUPIED
-    for door in range(side // 40, side, side // 20):
-        values[door : door + 20] = np.where(values[door : door + 20] == OCCUPIED, FREE, FREE)
-    values[draw.integers(0, side, 4000), draw.integers(0, side, 4000)] = OCCUPIED
-    values[: side // 10] = UNKNOWN
-    return mapdeal.OccupancyGrid(values, 0.05, (-30.0, 12.0, 0.2))
-
-
-PAN = """async (turns) => {
-  const canvas = document.getElementById("map"), times = [];
-  const key = () => canvas.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight" }));
-  const next = () => new Promise((done) => page.requestAnimationFrame((now) => done(now)));
-  for (let k = 0; k < turns; k++) {
-    key();
-    times.push(await next());
-  }
-  return times;
-}"""
-
-
-@pytest.mark.thorough
-def test_a_large_map_is_drawn_soon_and_panned_smoothly(browser, pages):
-    path = pages(Report("large", (entry_of(building(4000)),), "1.0"))
-    browser.open(path)
-    browsers.settle(browser, 60)
-    first = browser.evaluate("() => performance.getEntriesByName('mapdeal')[0].startTime")
-    browser.evaluate(KEY, "f")
-    for _ in range(3):
-        browser.evaluate(KEY, "+")
-    times = np.diff(browser.evaluate(PAN, 120))
-    heap = browser.evaluate("() => performance.memory?.usedJSHeapSize ?? null")
-    sys.stdout.write(
-        f"{browser.name}: {path.stat().st_size} bytes, drawn after {first:.0f} ms, "
-        f"{1000 / times.mean():.0f} frames a second, slowest {times.max():.0f} ms, heap {heap}\n"
-    )
-    assert first < 15_000  # 1500 on a machine that does nothing else
-    assert 1000 / times.mean() > 3
-    assert browser.complaints == []

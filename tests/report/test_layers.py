@@ -10,7 +10,7 @@ from drawn import grid_from_text
 from mapdeal import OccupancyGrid, esdf, potential
 from mapdeal.pictures.styles import POTENTIAL_OBSTACLE
 from mapdeal.pipeline.folder import _FILES
-from mapdeal.report.document import Entry, Item, Report, kinds_of, page_layers
+from mapdeal.report.document import Entry, Item, Report, page_layers
 from mapdeal.report.page import body_of, legend_of, page_of
 
 ROOMS = """
@@ -42,11 +42,6 @@ def test_every_type_of_grid_that_is_written_becomes_layers(made):
         assert layer.values.dtype == (np.uint8 if layer.style.by_value is not None else np.float32)
         assert (layer.style.scale is None) == layer.is_bytes
         assert layer.states in (None, *(one.name for one in layers))
-
-
-def test_an_unknown_type_is_an_error():
-    with pytest.raises(TypeError, match="it is not known how a page shows a BitMap"):
-        kinds_of(mapdeal.BitMap.from_occupancy(GRID))
 
 
 def test_unknown_cells_give_way_where_cells_share_a_pixel():
@@ -84,12 +79,6 @@ def test_a_layer_tells_what_a_reader_must_know_of_it():
     assert (distance.convention, distance.states, its_map.name) == ("border", "f-map", "f-map")
     repulsive = page_layers(potential(grid), "p", "P")[1]
     assert repulsive.style.line == POTENTIAL_OBSTACLE
-
-
-def test_where_cells_share_a_pixel_unknown_shows_last():
-    (layer,) = page_layers(OccupancyGrid([[0, -1, 100]], 0.25), "m", "M")
-    order = sorted([0, 37, 100, 255], key=lambda value: int(layer.rank[value]))
-    assert order == [255, 0, 37, 100]
 
 
 def test_the_header_of_a_page_has_what_its_script_reads():

@@ -1,30 +1,49 @@
+"""Pieces of markup, and the curve of the costs, as a parser reads them."""
+
+import re
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.report.page import Markup, element, escaped, joined
+import mapdeal
+from mapdeal.report.page import Markup, curve_figure, element, escaped, joined
 
 
 class Reader(HTMLParser):
-    """What Python's own parser finds: elements with their attributes, and text."""
+    """What Python's own parser finds: elements, text, and each script and style."""
 
-    def __init__(self):
+    def __init__(self, text):
         super().__init__(convert_charrefs=True)
-        self.tags, self.text = [], []
+        self.tags, self.raw, self.text = [], [], []
+        self._open = None
+        self.feed(text)
+        self.close()
 
     def handle_starttag(self, tag, attrs):
         self.tags.append((tag, dict(attrs)))
+        if tag in ("script", "style"):
+            self._open = [tag, dict(attrs), ""]
+
+    def handle_endtag(self, tag):
+        if self._open and tag == self._open[0]:
+            self.raw.append(self._open)
+            self._open = None
 
     def handle_data(self, data):
-        self.text.append(data)
+        if self._open:
+            self._open[2] += data
+        else:
+            self.text.append(data)
+
+    def script(self, name):
+        return next(text for _, attrs, text in self.raw if attrs.get("id") == name)
 
 
 def read(markup):
-    reader = Reader()
-    reader.feed(markup.text)
-    reader.close()
+    reader = Reader(markup.text)
     return reader.tags, "".join(reader.text)
 
 
@@ -81,3 +100,44 @@ def test_links_lead_to_the_page_itself(link):
 def test_nothing_is_put_where_text_would_be_code(name):
     with pytest.raises(ValueError, match=name):
         element(name, "x")
+
+
+CURVE = mapdeal.cost_curve(0.05, inscribed_radius=0.2, inflation_radius=0.6)
+
+
+def test_dots_stand_at_each_whole_cell_with_its_cost():
+    markup = curve_figure(CURVE).text
+    number = r'"([\d.]+)"'
+    below = re.findall(rf'<text x={number} y="[\d.]+" text-anchor="middle">([\d.]+)<', markup)
+    beside = re.findall(rf'<text x="[\d.]+" y={number} text-anchor="end">(\d+)<', markup)
+    label = {float(metres): float(x) for x, metres in below}
+    rows = {float(cost): float(y) - 4 for y, cost in beside}
+    (m0, x0), (m1, x1) = min(label.items()), max(label.items())
+    circles = re.findall(rf"<circle cx={number} cy={number}", markup)
+    dots = [(float(x), float(y)) for x, y in circles]
+    metres = [m0 + (x - x0) / (x1 - x0) * (m1 - m0) for x, _ in dots]
+    costs = [(rows[0.0] - y) / (rows[0.0] - rows[254.0]) * 254 for _, y in dots]
+    whole = CURVE.cells == np.floor(CURVE.cells)
+    assert metres == pytest.approx((CURVE.cells[whole] * 0.05).tolist(), abs=1e-3)
+    assert costs == pytest.approx(CURVE.cost[whole].tolist(), abs=0.05)
+
+
+def test_zones_and_marks_are_told_in_words():
+    tags, text = read(curve_figure(CURVE))
+    assert "inscribed radius: 0.2 m" in text
+    assert "inflation radius: 0.6 m" in text
+    assert "collision at any heading" in text
+    figure = next(attrs for tag, attrs in tags if tag == "svg" and attrs.get("role") == "img")
+    assert "collision at any heading" in figure["aria-label"]
+
+
+def test_colours_are_attributes_and_never_styles():
+    tags, _ = read(curve_figure(CURVE))
+    assert not [attrs for _, attrs in tags if "style" in attrs]
+    assert {attrs["fill"] for tag, attrs in tags if tag == "rect"} >= {"#101014", "#00bec8"}
+
+
+def test_costs_on_the_scale_of_occupancy_end_at_100():
+    _, text = read(curve_figure(mapdeal.cost_curve(0.05, model="threshold")))
+    assert "254" not in text
+    assert "100" in text

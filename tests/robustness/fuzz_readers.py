@@ -43,22 +43,13 @@ class TooLongError(BaseException):
 
 @dataclass
 class Found:
-    """What a reader has made of its mutants.
-
-    Parameters
-    ----------
-    read, refused : int
-        How many gave a result, and how many an error that is meant for them.
-    problems : list of str
-        What went wrong, with the mutant.
-    slowest : float
-        Seconds that one has taken, the longest.
-    """
+    """What a reader has made of its mutants: results, errors meant for it, and problems."""
 
     read: int = 0
     refused: int = 0
     problems: list[str] = field(default_factory=list)
     slowest: float = 0.0
+    """Seconds that one has taken, the longest."""
 
 
 def main():
@@ -153,16 +144,14 @@ def _problem_of_error(error, path, length):
     text = str(error)
     if not text.isprintable() or len(text) > _LONGEST_MESSAGE + 4 * length:
         return f"no clear line: {text!r}"
-    if path is not None and not text.startswith(str(path.parent)):
-        return f"names no file: {text}"
-    return None
+    is_named = path is None or text.startswith(str(path.parent))
+    return None if is_named else f"names no file: {text}"
 
 
 def _problem_of_warning(warning):
-    text = str(warning.message)
-    if not issubclass(warning.category, MapdealWarning):
-        return f"warned by {warning.category.__name__}: {text} ({warning.filename})"
-    return None
+    if issubclass(warning.category, MapdealWarning):
+        return None
+    return f"warned by {warning.category.__name__}: {warning.message} ({warning.filename})"
 
 
 def _last_lines():
@@ -194,34 +183,24 @@ def _write(descriptor, data):
 
 @contextmanager
 def _watched():
-    """Give the list that warnings go to; hold memory and time."""
+    """Give the list that warnings go to; hold memory, where the system tells it, and time."""
 
     def end(*_):
         raise TooLongError
 
     before = signal.signal(signal.SIGALRM, end)
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    status = Path("/proc/self/statm")
+    if status.exists():
+        size = int(status.read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (size + _MORE_MEMORY, hard))
     try:
-        with _held_memory(), warnings.catch_warnings(record=True) as caught:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             yield caught
     finally:
-        signal.signal(signal.SIGALRM, before)
-
-
-@contextmanager
-def _held_memory():
-    """Let the process take little more than it has, where the system tells what that is."""
-    status = Path("/proc/self/statm")
-    if not status.exists():
-        yield
-        return
-    size = int(status.read_text().split()[0]) * resource.getpagesize()
-    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (size + _MORE_MEMORY, hard))
-    try:
-        yield
-    finally:
         resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+        signal.signal(signal.SIGALRM, before)
 
 
 if __name__ == "__main__":

@@ -48,9 +48,9 @@ def main() -> int:
 def kill_all(folder: Path, kills: int) -> tuple[Counter[str], list[str]]:
     """Return how many sets were old, new or mixed, and what was wrong."""
     started = time.perf_counter()
-    run(folder, "new", NEW)
+    done(command(folder, "new", NEW)).check_returncode()
     duration = time.perf_counter() - started
-    run(folder, "old", OLD)
+    done(command(folder, "old", OLD)).check_returncode()
     sums = {which: sums_of(folder / which / "m") for which in ("old", "new")}
     moments = random.Random(1)
     found: Counter[str] = Counter()
@@ -76,16 +76,10 @@ def judge(folder: Path, sums: dict[str, dict[str, str]]) -> tuple[str, list[str]
     """Return what a set is, and what is wrong with it and with what comes after it."""
     left = folder / "out" / "m"
     kind, problems = kind_of(left, sums)
-    lint = subprocess.run(
-        [sys.executable, "-m", "mapdeal", "lint", str(left)],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    lint = done([sys.executable, "-m", "mapdeal", "lint", str(left)])
     if (lint.returncode == 1) != (kind == "mixed"):
         problems.append(f"lint of a set that is {kind}: {lint.stdout}{lint.stderr}")
-    again = subprocess.run(
-        command(folder, "out", [*NEW, *([] if kind == "new" else ["--force"])]),
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    again = done(command(folder, "out", [*NEW, *([] if kind == "new" else ["--force"])]))
     if again.returncode or ("unchanged" in again.stdout) != (kind == "new"):
         problems.append(f"the next run over a set that is {kind}: {again.stdout}{again.stderr}")
     # a run that has nothing to do writes nothing, and so removes nothing
@@ -114,9 +108,9 @@ def kind_of(left: Path, sums: dict[str, dict[str, str]]) -> tuple[str, list[str]
     return "mixed" if len(kinds) == 2 else next(iter(kinds), "old"), problems
 
 
-def run(folder: Path, out: str, words: list[str]) -> None:
+def done(words: list[str]) -> subprocess.CompletedProcess[str]:
     """Run to the end."""
-    subprocess.run(command(folder, out, words), check=True, stdout=subprocess.DEVNULL)
+    return subprocess.run(words, capture_output=True, text=True, check=False)
 
 
 def command(folder: Path, out: str, words: list[str]) -> list[str]:

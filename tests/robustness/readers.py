@@ -5,160 +5,138 @@ A new reader gets an entry in `READERS`; the suite fails as long as it has none.
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, ParameterError
 from mapdeal.maps.dialects import DIALECTS
-from mapdeal.maps.images import IMAGE_FORMATS
+from mapdeal.sensors import points
 from robustness import reading, seeds
-from robustness.words import (
-    BAG_WORDS,
-    CLOUD_WORDS,
-    IMAGE_WORDS,
-    JSON_WORDS,
-    NPY_WORDS,
-    ROS1_WORDS,
-    ROS2_WORDS,
-    SCAN_WORDS,
-    TEXT_WORDS,
-    TOML_WORDS,
-    YAML_WORDS,
+from robustness.seeds import files_of
+from robustness.words import words_of
+
+BAG_WORDS, CLOUD_WORDS, IMAGE_WORDS, JSON_WORDS, NPY_WORDS, SCAN_WORDS, TEXT_WORDS = map(
+    words_of, ("bag", "cloud", "image", "json", "npy", "scan", "text")
 )
+YAML_WORDS, TOML_WORDS = words_of("yaml"), words_of("toml")
+ROS1_WORDS, ROS2_WORDS = words_of("yaml", "ros1"), words_of("yaml", "ros2")
 
 
 @dataclass(frozen=True)
 class Seed:
-    """A good file.
-
-    Parameters
-    ----------
-    name : str
-        What it is called.
-    data : bytes
-        What is damaged.
-    packed : callable
-        Makes a file of damaged `data`, with checksums that are right.
-    beside : mapping of str to bytes
-        Other files of its folder; a name may have a slash.
-    """
+    """A good file: its name, what is damaged of it, and the other files of its folder."""
 
     name: str
     data: bytes
     packed: Callable[[bytes], bytes] = bytes
+    """Makes a file of damaged data, with checksums that are right."""
     beside: Mapping[str, bytes] = field(default_factory=dict)
+    """Names may have a slash."""
 
 
 @dataclass(frozen=True)
 class Reader:
-    """A reader under test.
+    """A reader under test: its name, on which the mutants depend, too, and its good files.
 
-    Parameters
-    ----------
-    name : str
-        What failures call it; the mutants depend on it.
-    seeds : sequence of Seed
-        Good files.
-    read : callable
-        ``read(path, data)`` reads a file, or a text, checks what it is given, and returns that.
-    refusals : tuple of exception types
-        What it may raise.
-    words : sequence of bytes
-        What may be put into its files.
-    is_file : bool
-        Whether errors must name the file.
-    share : float
-        How many mutants it gets, as a part of what others get: less where they take long.
+    ``read(path, data)`` reads a file, or a text, checks what it is given, and may return that.
     """
 
     name: str
     seeds: Sequence[Seed]
     read: Callable[[Path, bytes], object]
     refusals: tuple[type[MapdealError], ...] = (MalformedInputError,)
+    """What it may raise."""
     words: Sequence[bytes] = ()
+    """What may be put into its files."""
     is_file: bool = True
+    """Whether errors must name the file."""
     share: float = 1.0
+    """How many mutants it gets, as a part of what others get: less where they take long."""
 
 
 def _seeds(files, name, **options):
     return [Seed(name, data, **options) for data in files]
 
 
+def _stored(folder, name):
+    return _seeds(files_of(folder), name)
+
+
 def _zips(names, called):
     """Return stored npz files as they are, and to be zipped when their arrays are damaged."""
-    files = seeds.stored(*names)
+    files = files_of("npz", *(f"{name}.npz" for name in names.split()))
     arrays = [seeds.npy_members(data) for data in files]
     return _seeds(files, called) + _seeds(arrays, called, packed=seeds.zipped) * 2
 
 
-def _pictures(name):
-    files = {
-        "PNM": seeds.pnm_files, "PNG": seeds.png_files, "BMP": seeds.bmp_files,
-        "TIFF": seeds.tiff_files, "JPEG": seeds.jpeg_files,
-    }[name]()  # fmt: skip
-    made = _seeds(files, "m.image")
-    return made + _seeds(files, "m.image", packed=seeds.with_checksums) if name == "PNG" else made
+def _pictures(folder):
+    made = _seeds(files_of(folder), "m.image")
+    again = _seeds(files_of(folder), "m.image", packed=seeds.with_checksums)
+    return made + again if folder == "png" else made
 
 
 def _logs():
-    logs = seeds.carmen_logs()
+    logs = files_of("carmen")
     short = _seeds(logs[1:3], "a.log", packed=seeds.gzipped)
     return _seeds(logs, "a.log") + short + _seeds([seeds.gzipped(logs[1])], "a.log")
 
 
 def _scan_texts():
-    texts = seeds.scan_texts()
+    texts = {f"{name}.txt": files_of("scan_texts", f"{name}.txt")[0]
+             for name in ("poses", "angles", "ranges")}  # fmt: skip
     return [Seed(name, data, beside=texts) for name, data in texts.items()]
 
 
+def _dumped(folder):
+    return {name: json.dumps(one).encode() for name, one in seeds.documents_of(folder).items()}
+
+
+def _documents(folder):
+    return [Seed(f"{name}.json", data) for name, data in _dumped(folder).items()]
+
+
+_RUNS = _dumped("runs")
+
+
 def _manifests():
-    good = json.dumps(seeds.MANIFEST).encode()
+    good = _RUNS["manifest"]
     other = good.replace(b'"2222', b'"5222').replace(b"0.3", b"0.4").replace(b"-0.5", b"-0.7")
     return [Seed("manifest.json", good, beside={"golden/run/manifest.json": other})]
 
 
 def _shown():
     """Return a run and a batch for a page, each with the layers of a run beside it."""
-    good = json.dumps(seeds.SHOWN_RUN).encode()
-    layers = dict(
-        zip(("esdf.npz", "cost.npz"), seeds.stored("field.npz", "costs.npz"), strict=True)
-    )
-    below = {f"a/m/{name}": data for name, data in [("manifest.json", good), *layers.items()]}
-    batch = json.dumps(seeds.SUMMARY).encode()
-    return [Seed("manifest.json", good, beside=layers), Seed("summary.json", batch, beside=below)]
-
-
-def _answers():
-    return [Seed(f"{name}.json", json.dumps(one).encode()) for name, one in seeds.ANSWERS.items()]
+    field_, costs = files_of("npz", "field.npz", "costs.npz")
+    run = {"manifest.json": _RUNS["shown"], "esdf.npz": field_, "cost.npz": costs}
+    batch = {f"a/m/{name}": data for name, data in run.items()}
+    return [Seed("manifest.json", run.pop("manifest.json"), beside=run),
+            Seed("summary.json", _RUNS["summary"], beside=batch)]  # fmt: skip
 
 
 def _of_all_kinds():
+    folders = ("pcd", "ply", "npy", "carmen", "shapes", "recipes")
     files = [
-        seeds.pcd_files()[0], seeds.ply_files()[0], seeds.npy_files()[0], seeds.carmen_logs()[0],
-        seeds.SHAPES_YAML[0], seeds.RECIPES[0], seeds.geojson_files()[0], seeds.pose_files()[0],
-        seeds.png(8, 0), seeds.MAP_YAML, seeds.MAP_PGM, json.dumps(seeds.MANIFEST).encode(),
-        b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"a:\n  ros__parameters: {b: 1}\n",
+        *(files_of(folder)[0] for folder in folders), _dumped("geojson")["00"],
+        files_of("poses")[0], files_of("png", "03_grey_8.png")[0], seeds.MAP_YAML, seeds.MAP_PGM,
+        _RUNS["manifest"], b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n",
+        b"a:\n  ros__parameters: {b: 1}\n",
     ]  # fmt: skip
-    return _seeds(files, "f") + _zips(["scans.npz"], "f")
+    return _seeds(files, "f") + _zips("scans", "f")
 
 
 def _bags():
-    names = ["plain.bag", "lz4.bag", "none.mcap", "zstd.mcap", "bag.db3"]
-    *files, database = map(Seed, names, seeds.stored(*names))
-    metadata = seeds.bag_metadata("bag.db3", "sqlite3")
-    return [*files, database, Seed("metadata.yaml", metadata, beside={"bag.db3": database.data})]
+    names = ["plain.bag", "lz4.bag", "none.mcap", "zstd.mcap", "bag.db3", "metadata.yaml"]
+    *files, database, metadata = map(Seed, names, files_of("bags", *names))
+    return [*files, database, replace(metadata, beside={"bag.db3": database.data})]
 
 
-_BY_ROWS = [data for data in seeds.pnm_files() if data[:2] in (b"P4", b"P5", b"P6")]
-_MAP_FILES = {"m.pgm": seeds.MAP_PGM, "n.png": seeds.png(8, 0)}
-_MAP_SEEDS = [
-    Seed("m.yaml", seeds.MAP_YAML, beside=_MAP_FILES),
-    Seed(
-        "m.yaml", b"{image: n.png, resolution: .5, origin: [0, 0, 0], mode: raw}", beside=_MAP_FILES
-    ),
-]
+_PNM = files_of("pnm")
+_MAP_FILES = {"m.pgm": seeds.MAP_PGM, "n.png": files_of("png", "03_grey_8.png")[0]}
+_RAW_YAML = b"{image: n.png, resolution: .5, origin: [0, 0, 0], mode: raw}"
+_MAP_SEEDS = _seeds([seeds.MAP_YAML, _RAW_YAML], "m.yaml", beside=_MAP_FILES)
+_BY_ROWS = _seeds([data for data in _PNM if data[:2] in (b"P4", b"P5", b"P6")], "m.pgm")
 _BIT_YAML = seeds.MAP_YAML.replace(b"m.pgm", b"m.pbm")
-_BIT_IMAGES = _seeds([data for data in seeds.pnm_files() if data[:2] in (b"P1", b"P4")], "m.pbm")
+_BIT_IMAGES = _seeds([data for data in _PNM if data[:2] in (b"P1", b"P4")], "m.pbm")
 _BIT_SEEDS = [
     Seed("m.pbm", _BIT_IMAGES[0].data, beside={"m.yaml": _BIT_YAML}),
     Seed("m.yaml", _BIT_YAML, beside={"m.pbm": _BIT_IMAGES[1].data}),
@@ -168,9 +146,10 @@ _LISTED = {
     "maps/no.yaml": b"a: 1\n", "maps/m2.npz": b"",
 }  # fmt: skip
 _LISTS = [b"# maps\nmaps/m.yaml\nmaps/deep\n", b"maps/**/*.yaml\nmaps/[mn]?.npz\n", b"maps\r\n"]
-_GRIDS = ["occupancy.npz", "field.npz", "costs.npz", "potential.npz"]
+_GRIDS = "occupancy field costs potential"
 
-_SHARES = {"BMP": 0.7, "TIFF": 0.6, "JPEG": 0.6}
+_IMAGES = {"PNM": 1.0, "PNG": 1.0, "BMP": 0.7, "TIFF": 0.6, "JPEG": 0.6}
+
 _USAGE = (ParameterError,)
 _PAIR = (MalformedInputError, FileAccessError)  # what is named may not be there
 
@@ -179,77 +158,81 @@ def _file(name, good, read, words, **options):
     return Reader(name, good, read, words=words, **options)
 
 
-def _text(name, texts, read, share=1.0):
-    return Reader(name, _seeds(texts, ""), read, _USAGE, TEXT_WORDS, is_file=False, share=share)
+def _text(name, file, read, share=1.0):
+    """Return a reader of texts of one line, which lie in one file."""
+    (lines,) = files_of("texts", f"{file}.txt")
+    good = _seeds(lines.splitlines(), "")
+    return Reader(name, good, read, _USAGE, TEXT_WORDS, is_file=False, share=share)
 
 
+_LINES = [
+    ("points", "points", reading.numbers_of_lines(points.read_points, 2), 0.7),
+    ("poses as lines", "pose_lines", reading.numbers_of_lines(points.read_pose_lines, 3), 0.5),
+    ("points with names", "named_points",
+     reading.records_of_lines(points.read_named_points, "point"), 0.5),
+    ("pairs of points", "pairs", reading.records_of_lines(points.read_pairs, "start", "goal"), 0.5),
+]  # fmt: skip
 READERS = [
     *(
         Reader(f"map yaml, {dialect}", _MAP_SEEDS, reading.map_reader(dialect), _PAIR, YAML_WORDS,
                share=0.15 if dialect == "humble" else 0.35)
         for dialect in DIALECTS
     ),
-    *(_file(f"{name} image", _pictures(name), reading.read_picture, IMAGE_WORDS,
-            share=_SHARES.get(name, 1.0)) for name in IMAGE_FORMATS),
-    _file("PNM by rows", _seeds(_BY_ROWS, "m.pgm"), reading.read_by_rows, IMAGE_WORDS, share=0.4),
+    *(_file(f"{name} image", _pictures(name.lower()), reading.read_picture, IMAGE_WORDS,
+            share=share) for name, share in _IMAGES.items()),
+    _file("PNM by rows", _BY_ROWS, reading.read_by_rows, IMAGE_WORDS, share=0.4),
     _file("bits", _BIT_IMAGES, reading.decode_bits, IMAGE_WORDS),
     Reader("bit map", _BIT_SEEDS, reading.read_bits, _PAIR, YAML_WORDS, share=0.2),
     _file("grid npz", _zips(_GRIDS, "g.npz"), reading.read_grid, NPY_WORDS, share=0.7),
     _file("grid npz by rows", _zips(_GRIDS, "g.npz"), reading.read_npz_by_rows, NPY_WORDS,
           share=0.3),
     Reader("lint", _MAP_SEEDS, reading.lint, (), YAML_WORDS, share=0.02),
-    _file("pcd", _seeds(seeds.pcd_files(), "c.pcd"), reading.read_cloud_points, CLOUD_WORDS),
-    _file("ply", _seeds(seeds.ply_files(), "c.ply"), reading.read_cloud_points, CLOUD_WORDS),
-    _file("cloud as text", _seeds(seeds.text_clouds(), "c.csv"), reading.read_text_points,
+    _file("pcd", _stored("pcd", "c.pcd"), reading.read_cloud_points, CLOUD_WORDS),
+    _file("ply", _stored("ply", "c.ply"), reading.read_cloud_points, CLOUD_WORDS),
+    _file("cloud as text", _stored("text_clouds", "c.csv"), reading.read_text_points,
           CLOUD_WORDS),
-    _file("cloud npy", _seeds(seeds.npy_files(), "c.npy"), reading.read_cloud_points, NPY_WORDS),
-    _file("reach npz", _zips(["reach.npz"], "r.npz"), reading.read_reached, NPY_WORDS, share=0.5),
-    _file("evidence npz", _zips(["odds.npz", "hits.npz"], "e.npz"), reading.read_evidence_layers,
+    _file("cloud npy", _stored("npy", "c.npy"), reading.read_cloud_points, NPY_WORDS),
+    _file("reach npz", _zips("reach", "r.npz"), reading.read_reached, NPY_WORDS, share=0.5),
+    _file("evidence npz", _zips("odds hits", "e.npz"), reading.read_evidence_layers,
           NPY_WORDS, share=0.5),
-    _file("cloud npz", _zips(["points.npz"], "c.npz"), reading.read_cloud_points, NPY_WORDS),
+    _file("cloud npz", _zips("points", "c.npz"), reading.read_cloud_points, NPY_WORDS),
     _file("CARMEN log", _logs(), reading.read_log, SCAN_WORDS),
     Reader("bag", _bags(), reading.read_bag, (MalformedInputError, FileAccessError), BAG_WORDS,
            share=0.25),
     _file("kinds of files", _of_all_kinds(), reading.kind_of_file, YAML_WORDS, share=0.5),
-    _file("scans npz", _zips(["scans.npz"], "s.npz"), reading.read_log, NPY_WORDS, share=0.7),
+    _file("scans npz", _zips("scans", "s.npz"), reading.read_log, NPY_WORDS, share=0.7),
     _file("scans as text", _scan_texts(), reading.read_scan_texts, CLOUD_WORDS),
-    _file("poses", _seeds(seeds.pose_files(), "p.txt"), reading.read_all_poses, CLOUD_WORDS),
-    Reader("points", _seeds(seeds.point_files(), "p.csv"), reading.read_point_lines,
-           words=JSON_WORDS, is_file=False, share=0.7),
-    Reader("poses as lines", _seeds(seeds.pose_line_files(), "p.csv"), reading.read_poses_of_lines,
-           words=JSON_WORDS, is_file=False, share=0.5),
-    Reader("points with names", _seeds(seeds.named_point_files(), "p.csv"),
-           reading.read_named_point_lines, words=JSON_WORDS, is_file=False, share=0.5),
-    Reader("pairs of points", _seeds(seeds.pair_files(), "p.csv"), reading.read_pair_lines,
-           words=JSON_WORDS, is_file=False, share=0.5),
-    _file("shapes yaml", _seeds(seeds.SHAPES_YAML, "s.yaml"), reading.read_all_shapes, YAML_WORDS,
+    _file("poses", _stored("poses", "p.txt"), reading.read_all_poses, CLOUD_WORDS),
+    *(Reader(name, _stored(folder, "p.csv"), read, words=JSON_WORDS, is_file=False, share=share)
+      for name, folder, read, share in _LINES),
+    _file("shapes yaml", _stored("shapes", "s.yaml"), reading.read_all_shapes, YAML_WORDS,
           share=0.4),
-    _file("GeoJSON", _seeds(seeds.geojson_files(), "s.json"), reading.read_all_shapes, JSON_WORDS),
-    _file("answers", _answers(), reading.read_one_answer, JSON_WORDS, share=0.5),
-    _file("transform", _seeds(seeds.TRANSFORMS, "t.json"), reading.read_one_transform, JSON_WORDS,
+    _file("GeoJSON", _documents("geojson"), reading.read_all_shapes, JSON_WORDS),
+    _file("answers", _documents("answers"), reading.read_one_answer, JSON_WORDS, share=0.5),
+    _file("transform", _documents("transforms"), reading.read_one_transform, JSON_WORDS,
           share=0.5),
     _file("manifest", _manifests(), reading.compare_with_golden, JSON_WORDS),
     Reader("runs on a page", _shown(), reading.show_runs, _PAIR, JSON_WORDS, share=0.15),
-    Reader("recipe", _seeds(seeds.RECIPES, "r.yaml"), reading.load_one_recipe, _USAGE, YAML_WORDS,
+    Reader("recipe", _stored("recipes", "r.yaml"), reading.load_one_recipe, _USAGE, YAML_WORDS,
            is_file=False, share=0.4),
-    Reader("configuration of lint", _seeds(seeds.LINT_CONFIGS, "c.toml"), reading.read_config,
+    Reader("configuration of lint", _stored("lint_configs", "c.toml"), reading.read_config,
            (MalformedInputError, ParameterError), TOML_WORDS, is_file=False, share=0.4),
     Reader("lint of parameters",
-           _seeds([*seeds.ROS1_PARAMETERS, *seeds.ROS2_PARAMETERS], "p.yaml"),
+           _seeds(files_of("ros1") + files_of("ros2"), "p.yaml"),
            reading.lint_parameter_files, (), ROS1_WORDS, share=0.1),
-    Reader("parameters of ROS 1", _seeds(seeds.ROS1_PARAMETERS, "p.yaml"), reading.read_ros1_robot,
+    Reader("parameters of ROS 1", _stored("ros1", "p.yaml"), reading.read_ros1_robot,
            words=ROS1_WORDS, share=0.5),
-    _file("parameters of ROS 2", _seeds(seeds.ROS2_PARAMETERS, "p.yaml"),
+    _file("parameters of ROS 2", _stored("ros2", "p.yaml"),
           reading.read_ros2_parameters, ROS2_WORDS, share=0.4),
-    _file("robot of Nav2", _seeds(seeds.ROS2_PARAMETERS, "p.yaml"), reading.read_nav2_robot,
+    _file("robot of Nav2", _stored("ros2", "p.yaml"), reading.read_nav2_robot,
           ROS2_WORDS, share=0.4),
     Reader("list of maps", _seeds(_LISTS, "maps.txt", packed=reading.within_folder, beside=_LISTED),
            reading.list_all_maps, (ParameterError, FileAccessError), TEXT_WORDS, is_file=False,
            share=0.25),
-    _text("--set", seeds.SETTINGS, reading.load_settings, share=0.15),
-    _text("--set of layers", seeds.LAYER_SETTINGS, reading.load_layers, share=0.3),
-    _text("parameters of stages", seeds.PARAMETERS, reading.accept_parameters, share=0.7),
-    _text("footprint", seeds.FOOTPRINTS, reading.parse_footprint),
-    _text("size", seeds.SIZES, reading.parse_size),
-    _text("pair of numbers", seeds.PAIRS, reading.parse_numbers),
+    _text("--set", "settings", reading.load_settings, share=0.15),
+    _text("--set of layers", "layer_settings", reading.load_layers, share=0.3),
+    _text("parameters of stages", "parameters", reading.accept_parameters, share=0.7),
+    _text("footprint", "footprints", reading.parse_footprint),
+    _text("size", "sizes", reading.parse_size),
+    _text("pair of numbers", "number_pairs", reading.parse_numbers),
 ]  # fmt: skip

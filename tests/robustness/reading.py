@@ -1,7 +1,6 @@
 """Every reader of the project, as it is tested: reading, and what must hold for what was read.
 
-Each takes a path and the bytes that are there, and returns what it has read. `readers` says which
-files they are given.
+Each takes a path and the bytes that are there. `readers` says which files they are given.
 """
 
 import json
@@ -13,71 +12,36 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mapdeal import (
-    BitMap,
-    Costmap,
-    DistanceField,
-    OccupancyGrid,
-    PotentialField,
-    build_map_from_bag,
-    read_map_from_bag,
-    read_robot_parameters,
-)
-from mapdeal.bags.messages import LASER_SCAN, POINT_CLOUD
+import mapdeal
+from mapdeal.bags import messages
 from mapdeal.bags.reader import open_bag
 from mapdeal.checks.findings import read_lint_config, selection_of
 from mapdeal.checks.lint import lint_file
 from mapdeal.checks.map_checks import RUN_FOLDERS
-from mapdeal.commands.lint import lint as lint_maps
 from mapdeal.commands.report import gathered
 from mapdeal.commands.report_documents import read_results
 from mapdeal.commands.report_entries import Grids
 from mapdeal.compare.merge import chosen_layers, evidence_of
-from mapdeal.errors import (
-    FileAccessError,
-    MalformedInputError,
-    MapdealError,
-    ParameterError,
-)
 from mapdeal.files.source import size_of
-from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import FARTHEST, Frame
+from mapdeal.grid.frame import FARTHEST
 from mapdeal.inputs.kinds import kind_of
 from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.transforms import FrameOptions
+from mapdeal.maps import images
 from mapdeal.maps.dialects import DIALECTS, MapMetadata, read_metadata, yaml_of
-from mapdeal.maps.images import (
-    PnmImage,
-    open_image,
-    pnm_comments,
-    read_image,
-    read_image_size,
-)
-from mapdeal.maps.map_server import read_bit_map
 from mapdeal.maps.npz import npz_frame, open_npz, read_evidence, read_npz, read_reach
 from mapdeal.maps.picture import opened
-from mapdeal.maps.reading import open_map, read_map
-from mapdeal.maps.shapes import read_shapes
+from mapdeal.maps.reading import open_map
 from mapdeal.pipeline.bag_maps import clouds_of_bag, describe_bag
 from mapdeal.pipeline.folder import differences_from_golden
 from mapdeal.pipeline.inputs import numbers_of
-from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS
 from mapdeal.report.page import page_of
 from mapdeal.ros.nav2 import nav2_robot
 from mapdeal.ros.ros1 import ros1_robot
 from mapdeal.ros.ros2_files import read_ros2
-from mapdeal.sensors.clouds import cloud_chunks, read_cloud
-from mapdeal.sensors.points import (
-    has_times,
-    read_named_points,
-    read_pairs,
-    read_points,
-    read_pose_lines,
-    read_poses,
-    read_trajectory,
-    read_transform,
-)
+from mapdeal.sensors.clouds import cloud_chunks
+from mapdeal.sensors.points import has_times, read_trajectory, read_transform
 from mapdeal.sensors.scans import ScanTexts, open_log
 from mapdeal.stages.catalogue import STAGES
 
@@ -103,10 +67,12 @@ def kind_of_file(path, data):
 
 
 def read_picture(path, data):
-    picture = read_image(path)
+    picture = images.read_image(path)
     height, width = picture.shape
     assert 0 < height * width <= MEMORY
-    assert read_image_size(path) == (height, width)
+    assert images.read_image_size(path) == (height, width)
+    bits = {b"P1": 1, b"P4": 1, b"P2": 8, b"P3": 24, b"P5": 8, b"P6": 24}.get(data[:2], 0)
+    assert height * width * bits <= 8 * len(data)  # no PNM stands for more than it holds
     assert picture.samples.shape == (
         (height, width, 3) if picture.colour == "rgb" else (height, width)
     )
@@ -134,31 +100,23 @@ def _check_occupancy(occupancy, shape):
     assert occupancy.max() <= 100
 
 
-def read_pnm(path, data):
-    picture = read_picture(path, data)
-    assert all(isinstance(comment, str) for comment in pnm_comments(data))
-    bits = {b"P1": 1, b"P4": 1, b"P2": 8, b"P3": 24, b"P5": 8, b"P6": 24}[data[:2]]
-    assert picture.shape[0] * picture.shape[1] * bits <= 8 * len(data)
-    return picture
-
-
 def read_by_rows(path, data):
     """Read an image at once and by rows: both give the same pixels, or neither any."""
-    with open_image(path) as image:
-        pixels = image.rows() if isinstance(image, PnmImage) else None
+    with images.open_image(path) as image:
+        pixels = image.rows() if isinstance(image, images.PnmImage) else None
         if pixels is None:
-            return read_image(path)
+            return images.read_image(path)
         height, width = pixels.shape
         if height * width > MEMORY:
             return None
         try:
             strips = list(pixels.strips().pictures())
-        except MapdealError as error:
+        except mapdeal.MapdealError as error:
             with pytest.raises(type(error)):
-                read_image(path)
+                images.read_image(path)
             raise
         rows = [pixels.part(slice(k, min(k + 4, height))).whole() for k in range(0, height, 4)]
-    whole = read_image(path)
+    whole = images.read_image(path)
     for parts in (strips, rows[::-1]):
         assert np.array_equal(np.concatenate([one.samples for one in parts]), whole.samples)
     return whole
@@ -186,27 +144,27 @@ def _check_grid(grid):
     assert grid.shape[0] * grid.shape[1] > 0
     assert 1e-6 <= grid.resolution <= 1e6
     assert all(abs(value) <= FARTHEST for value in grid.origin)
-    if isinstance(grid, BitMap):
+    if isinstance(grid, mapdeal.BitMap):
         return
-    if isinstance(grid, Costmap):
+    if isinstance(grid, mapdeal.Costmap):
         if grid.scale == "occupancy":
             _check_occupancy(grid.cost, grid.shape)
         assert grid.cost.dtype == (np.uint8 if grid.scale == "costmap2d" else np.int8)
         return
     _check_occupancy(grid.occupancy, grid.shape)
-    if isinstance(grid, DistanceField):
+    if isinstance(grid, mapdeal.DistanceField):
         assert not np.isnan(grid.distance).any()
         assert grid.distance.shape == grid.shape
-    elif isinstance(grid, PotentialField):
+    elif isinstance(grid, mapdeal.PotentialField):
         assert np.isfinite(grid.repulsive).all()
         assert grid.repulsive.shape == grid.shape
         assert grid.repulsive.min() >= 0
     else:
-        assert isinstance(grid, OccupancyGrid)
+        assert isinstance(grid, mapdeal.OccupancyGrid)
 
 
 def read_grid(path, data):
-    grid = read_map(path)
+    grid = mapdeal.read_map(path)
     _check_grid(grid)
     assert npz_frame(path) == grid.frame
     assert grid.shape[0] * grid.shape[1] <= len(data) * _LARGEST_RATIO
@@ -223,7 +181,7 @@ def read_npz_by_rows(path, data):
                 name: np.concatenate([getattr(grid, name)[some] for some in rows])
                 for name in grid.layer_names
             }
-    except MapdealError as error:
+    except mapdeal.MapdealError as error:
         with pytest.raises(type(error)):
             read_npz(path)
         raise
@@ -232,12 +190,11 @@ def read_npz_by_rows(path, data):
     assert grid.frame == whole.frame
     for name, values in layers.items():
         assert np.array_equal(values, getattr(whole, name))
-    return whole
 
 
 def read_reached(path, data):
     """Read what an npz of a reach holds, and what commands take of it, its map."""
-    map_ = read_map(path)
+    map_ = mapdeal.read_map(path)
     _check_grid(map_)
     reached = read_reach(path)
     assert npz_frame(path) == map_.frame == reached.frame
@@ -245,22 +202,20 @@ def read_reached(path, data):
     assert len(reached.start) in (2, 3)
     assert all(map(math.isfinite, reached.start))
     reached.figures()
-    return reached
 
 
 def read_evidence_layers(path, data):
     """Read what rule evidence of merge takes of an npz, and sum it."""
-    grid = read_map(path)
+    grid = mapdeal.read_map(path)
     _check_grid(grid)
     found = read_evidence(path)
     try:
         layers = chosen_layers(found, grid.shape)
-    except ParameterError as error:
+    except mapdeal.ParameterError as error:
         raise error.in_file(path) from None
     frame = grid.frame
     total = evidence_of(frame, [np.zeros(grid.shape, np.uint8)], [frame], [layers])
     assert total.shape == grid.shape
-    return total
 
 
 def read_bag(path, data):
@@ -272,12 +227,15 @@ def read_bag(path, data):
     grids = []
     for one in report["topics"]:
         if "convert" in one["commands"]:
-            grids.append(read_map_from_bag(path, one["topic"], index=0))
+            grids.append(mapdeal.read_map_from_bag(path, one["topic"], index=0))
             _check_grid(grids[-1])
+    kinds = (messages.LASER_SCAN, messages.POINT_CLOUD)
     with open_bag(path) as bag:
-        has_scans, has_clouds = (bool(bag.of_types(name)) for name in (LASER_SCAN, POINT_CLOUD))
+        has_scans, has_clouds = (bool(bag.of_types(kind)) for kind in kinds)
     if has_scans:
-        built = build_map_from_bag(path, size=(8, 8), origin=(-4, -4), resolution=0.5, deskew=True)
+        built = mapdeal.build_map_from_bag(
+            path, size=(8, 8), origin=(-4, -4), resolution=0.5, deskew=True
+        )
         assert built.grid.shape == (16, 16)
     for has_poses in (False, True) if has_clouds else ():
         options = {"has_poses": has_poses}
@@ -288,40 +246,39 @@ def read_bag(path, data):
             for k in range(len(clouds)):
                 for points in clouds.cloud(k).chunks():
                     assert points.shape[1] in (2, 3)
-    return report
 
 
 def decode_bits(path, data):
     with opened(path) as file:
-        image = PnmImage(file)
+        image = images.PnmImage(file)
         packed, width = image.bits(), image.width
-        whole = read_image(path)
+        whole = images.read_image(path)
     assert packed.dtype == np.uint8
     assert packed.shape[1] == (width + 7) // 8
     assert 0 < packed.size <= len(data)
     assert (whole.samples == 0).sum() == np.unpackbits(packed, axis=1, count=width).sum()
-    return packed
 
 
 def read_bits(path, data):
-    bits = read_bit_map(path.with_suffix(".pbm"))
+    bits = mapdeal.read_bit_map(path.with_suffix(".pbm"))
     _check_grid(bits)
     assert bits.shape[0] * bits.shape[1] <= 8 * path.with_suffix(".pbm").stat().st_size
-    return bits
 
 
 def lint(path, data):
     findings = lint_file(path)
     assert all(finding.message.isprintable() for finding in findings), findings
-    (report,) = lint_maps(path, config=False).maps
+    (report,) = mapdeal.lint(path, config=False).maps
     assert {one.check for one in report.findings} - {one.check for one in findings} <= {
         "lint.unused-ignore"
     }
     assert report.suppressed + len(report.findings) >= len(findings)
-    repaired = lint_maps(path, config=False, fix=True, in_place=True)
-    assert all(isinstance(one, (MalformedInputError, FileAccessError)) for one in repaired.problems)
+    repaired = mapdeal.lint(path, config=False, fix=True, in_place=True)
+    assert all(
+        isinstance(one, (mapdeal.MalformedInputError, mapdeal.FileAccessError))
+        for one in repaired.problems
+    )
     assert len(repaired.findings) <= len(report.findings) or repaired.maps[0].repairs
-    return report.findings
 
 
 def read_ros1_robot(path, data):
@@ -332,12 +289,12 @@ def read_ros1_robot(path, data):
 def read_nav2_robot(path, data):
     """Resolve a file of Nav2 for both costmaps, and read it as commands do."""
     costmap = _resolve(nav2_robot, path, data)
-    return read_robot_parameters(path, costmap=costmap)
+    return mapdeal.read_robot_parameters(path, costmap=costmap)
 
 
 def lint_parameter_files(path, data):
     """Look at a file of parameters with all checks, whatever is wrong with it."""
-    (report,) = lint_maps(params_file=path, config=False).maps
+    (report,) = mapdeal.lint(params_file=path, config=False).maps
     assert report.file == str(path)
     for one in report.findings:
         assert one.check != "lint.not-checked"
@@ -361,7 +318,7 @@ def _resolve(resolve, path, data):
         assert robot.inscribed_radius <= robot.circumscribed_radius * (1 + 1e-9)
         resolved.append(costmap)
     if not resolved:  # a file of Nav2 may have one costmap alone
-        raise MalformedInputError(refusals[0], source=path)
+        raise mapdeal.MalformedInputError(refusals[0], source=path)
     return resolved[0]
 
 
@@ -379,7 +336,6 @@ def read_ros2_parameters(path, data):
             elif one.kind != "not set":
                 kind = kinds[one.kind.removesuffix("_array")]
                 assert {type(item) for item in one.value} == {kind}
-    return parameters
 
 
 def read_config(path, data):
@@ -394,7 +350,7 @@ def read_config(path, data):
 
 
 def read_cloud_points(path, data):
-    points = read_cloud(path)
+    points = mapdeal.read_cloud(path)
     assert points.dtype == np.float64
     assert points.ndim == 2
     assert points.shape[1] in (2, 3)
@@ -409,21 +365,18 @@ def read_text_points(path, data):
     lines = [line.strip() for line in data.removeprefix(b"\xef\xbb\xbf").split(b"\n")]
     told = sum(bool(line) and not line.startswith(b"#") for line in lines)
     assert len(points) in (told, told - 1)
-    return points
 
 
 def read_log(path, data):
-    log = open_log(path, max_bad=3)
-    return _check_scans(log, data)
+    _check_scans(open_log(path, max_bad=3))
 
 
 def read_scan_texts(path, data):
     files = [path.with_name(f"{name}.txt") for name in ("poses", "angles", "ranges")]
-    log = ScanTexts(*files, flip_y=len(data) % 2 == 1)
-    return _check_scans(log, data)
+    _check_scans(ScanTexts(*files, flip_y=len(data) % 2 == 1))
 
 
-def _check_scans(log, data):
+def _check_scans(log):
     total = 0
     for scans in log.scans():
         assert scans.poses.shape == (len(scans.ranges), 3)
@@ -434,64 +387,60 @@ def _check_scans(log, data):
         total += len(scans.ranges)
     log.warn()
     assert total <= log.count
-    return total
 
 
 def read_all_poses(path, data):
-    poses = read_poses(path)
+    poses = mapdeal.read_poses(path)
     assert poses.shape == (len(poses), 3)
     assert 0 < len(poses) <= len(data)
     assert (np.abs(poses[:, :2]) <= FARTHEST).all()
     assert (np.abs(poses[:, 2]) <= 2 * math.pi).all()
     try:
         trajectory = read_trajectory(path)
-    except MalformedInputError:
-        return poses
+    except mapdeal.MalformedInputError:
+        return
     assert has_times(path)
     np.testing.assert_array_equal(trajectory.translations[:, :2], poses[:, :2])
-    return poses
 
 
-def read_point_lines(path, data):
-    """Read points of a text that comes in one piece, line by line, and cut anywhere: all agree."""
-    whole = list(read_points([data], "points"))
-    for parts in _cut(data):
-        assert _joined(read_points(parts, "points")) == _joined(whole)
-    return whole
+def numbers_of_lines(read, width):
+    """Return what reads rows of a text in one piece, line by line, and cut anywhere: all agree."""
+
+    def rows_of(parts):
+        found = []
+        for part in read(parts, "rows"):
+            rows = part.numbers
+            assert rows.shape == (len(part.lines), width)
+            for index, (line, row) in enumerate(zip(part.lines, rows, strict=True)):
+                assert np.isfinite(row).all() == (index not in part.errors)
+                found.append((line, row.tobytes(), part.errors.get(index)))
+        assert [line for line, *_ in found] == sorted({line for line, *_ in found})
+        return found
+
+    def read_rows(path, data):
+        whole = rows_of([data])
+        for parts in _cut(data):
+            assert rows_of(parts) == whole
+        return whole
+
+    return read_rows
 
 
-def read_poses_of_lines(path, data):
-    """Read poses as `read_point_lines` points."""
-    whole = list(read_pose_lines([data], "poses"))
-    for parts in _cut(data):
-        assert _joined(read_pose_lines(parts, "poses"), 3) == _joined(whole, 3)
-    return whole
+def records_of_lines(read, *places):
+    """Return what reads records of a text in one piece and cut anywhere: all agree."""
 
+    def read_records(path, data):
+        whole = list(read([data], "records"))
+        for parts in _cut(data):
+            assert list(read(parts, "records")) == whole
+        assert [one.line for one in whole] == sorted({one.line for one in whole})
+        for one in whole:
+            found = [getattr(one, place) for place in places]
+            assert {place is not None for place in found} == {one.error is None}
+            assert one.error is not None or np.isfinite(found).all()
+        return whole
 
-def read_named_point_lines(path, data):
-    """Read named points of a text that comes in one piece and cut anywhere: all agree."""
-    whole = list(read_named_points([data], "goals"))
-    for parts in _cut(data):
-        assert list(read_named_points(parts, "goals")) == whole
-    assert [one.line for one in whole] == sorted({one.line for one in whole})
-    for one in whole:
-        assert (one.error is None) == (one.point is not None)
-        if one.error is None:
-            assert np.isfinite(one.point).all()
-    return whole
-
-
-def read_pair_lines(path, data):
-    """Read pairs of points of a text that comes in one piece and cut anywhere: all agree."""
-    whole = list(read_pairs([data], "pairs"))
-    for parts in _cut(data):
-        assert list(read_pairs(parts, "pairs")) == whole
-    assert [one.line for one in whole] == sorted({one.line for one in whole})
-    for one in whole:
-        assert (one.error is None) == (one.start is not None) == (one.goal is not None)
-        if one.error is None:
-            assert np.isfinite([*one.start, *one.goal]).all()
-    return whole
+    return read_records
 
 
 def _cut(data):
@@ -499,18 +448,6 @@ def _cut(data):
     lines[-1] = lines[-1][:-1]
     third = len(data) // 3
     return lines, [data[:third], data[third : 2 * third], data[2 * third :]]
-
-
-def _joined(some, width=2):
-    found = []
-    for part in some:
-        rows = part.numbers
-        assert rows.shape == (len(part.lines), width)
-        for index, (line, point) in enumerate(zip(part.lines, rows, strict=True)):
-            assert np.isfinite(point).all() == (index not in part.errors)
-            found.append((line, point.tobytes(), part.errors.get(index)))
-    assert [line for line, *_ in found] == sorted({line for line, *_ in found})
-    return found
 
 
 # What is drawn, done and asked for
@@ -534,51 +471,47 @@ def read_one_answer(path, data):
     told = [item.text + item.label for item in items]
     told += [text for table in tables for row in table.rows for text in row]
     assert all(not text or text.isprintable() for text in told)
-    return results
 
 
 def read_all_shapes(path, data):
-    shapes = read_shapes(path)
+    shapes = mapdeal.read_shapes(path)
     assert 0 < len(shapes) <= len(data)
     for shape in shapes:
         assert shape.value is None or isinstance(shape.value, int)
         try:
             outside = shape.outside_part(_FRAME)
             cells = sum(int(np.sum(some.stops - some.starts)) for some in shape.spans(_FRAME))
-        except ParameterError:  # too far from this map to be drawn
+        except mapdeal.ParameterError:  # too far from this map to be drawn
             continue
         assert outside is None or outside.isprintable()
         assert cells >= 0
-    return shapes
 
 
-_FRAME = Frame(5, 7, 0.5, (-1.0, 0.5, 0.3))
+_FRAME = mapdeal.Frame(5, 7, 0.5, (-1.0, 0.5, 0.3))
 
 
 def load_one_recipe(path, data):
-    recipe = load_recipe(str(path), sim=len(data) % 2 == 0)
+    recipe = mapdeal.load_recipe(str(path), sim=len(data) % 2 == 0)
     assert len(recipe.steps) > 0
     assert all(step.title.isprintable() for step in recipe.steps)
     assert len(recipe.described()) == len(recipe.steps)
-    return recipe
 
 
 def load_settings(path, data):
-    return load_recipe("default", changes=[text_of(data)]).described()
+    return mapdeal.load_recipe("default", changes=[text_of(data)]).described()
 
 
 def load_layers(path, data):
     settings = ["cost.model=layers", f"cost.layers={text_of(data)}"]
-    recipe = load_recipe("default", changes=settings)
+    recipe = mapdeal.load_recipe("default", changes=settings)
     assert recipe.steps[-1].title.isprintable()
-    return recipe.described()
+    recipe.described()
 
 
 def compare_with_golden(path, data):
     lines = differences_from_golden(path.parent, path.parent / "golden", "run")
     assert all(isinstance(line, str) for line in lines)
     lint_file(path.parent)
-    return lines
 
 
 def show_runs(path, data):
@@ -591,7 +524,6 @@ def show_runs(path, data):
     assert b"\0" not in page
     for entry in report.entries:
         assert len({layer.name for layer in entry.layers}) == len(entry.layers)
-    return report.entries
 
 
 def list_all_maps(path, data):
@@ -606,7 +538,6 @@ def list_all_maps(path, data):
         os.chdir(before)
     assert len(listing.maps) > 0
     assert all(not Path(one.name).is_absolute() for one in listing.maps)
-    return listing
 
 
 def within_folder(data):
@@ -617,23 +548,17 @@ def within_folder(data):
 
 
 def parse_footprint(path, data):
-    shape = Footprint.parse(text_of(data))
+    shape = mapdeal.Footprint.parse(text_of(data))
     assert 3 <= len(shape.vertices) <= len(data)
     assert 0 <= shape.inscribed_radius <= shape.circumscribed_radius < math.inf
-    return shape
 
 
 def parse_size(path, data):
-    size = size_of(text_of(data), "--max-memory")
-    assert 0 < size < 1 << 80
-    return size
+    assert 0 < size_of(text_of(data), "--max-memory") < 1 << 80
 
 
 def parse_numbers(path, data):
-    text = text_of(data)
-    found = numbers_of(text, "X,Y")
-    assert len(found) == 2
-    return found
+    assert len(numbers_of(text_of(data), "X,Y")) == 2
 
 
 def accept_parameters(path, data):
@@ -643,14 +568,13 @@ def accept_parameters(path, data):
         for parameter in stage.own_parameters.values():
             try:
                 value = parameter.accept(text)
-            except ParameterError as error:
+            except mapdeal.ParameterError as error:
                 last = error
                 continue
             taken += 1
             assert not isinstance(value, float) or math.isfinite(value)
     if not taken:
         raise last
-    return taken
 
 
 def text_of(data):

@@ -29,14 +29,6 @@ COMMANDS = {
 }
 
 
-def sums(folder):
-    return {
-        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
-
-
 def session(leader):
     """The processes of a session, but those that have ended."""
     for stat in Path("/proc").glob("[0-9]*/stat"):
@@ -48,15 +40,13 @@ def session(leader):
             yield stat.parent.name
 
 
-def summaries_aside(found):
-    return {name: digest for name, digest in found.items() if name != "o/summary.json"}
-
-
-def sets(found):
-    """The outputs, those of each map of a batch by themselves."""
+def sets(folder):
+    """The checksums of outputs, those of each map of a batch by themselves, without its summary."""
     parts = {}
-    for name, digest in summaries_aside(found).items():
-        parts.setdefault(name.rpartition("/")[0], {})[name] = digest
+    for path in folder.rglob("*"):
+        if path.is_file() and path.name != "summary.json":
+            digest = hashlib.sha256(path.read_bytes()).hexdigest()
+            parts.setdefault(str(path.parent.relative_to(folder)), {})[path.name] = digest
     return parts
 
 
@@ -90,7 +80,7 @@ def test_a_signal_at_any_moment_leaves_one_set_and_nothing_else_f5(tmp_path, wor
         _, err = process.communicate(timeout=300)
         assert process.returncode == 0, err
         duration = time.monotonic() - begun
-        known.append(sets(sums(tmp_path / value)))
+        known.append(sets(tmp_path / value))
     moments = random.Random(words)
     for _ in range(10):
         shutil.rmtree(tmp_path / "here", ignore_errors=True)
@@ -113,7 +103,7 @@ def test_a_signal_at_any_moment_leaves_one_set_and_nothing_else_f5(tmp_path, wor
             time.sleep(0.05)
         assert not list(session(process.pid))
         assert not list((tmp_path / "temporary").iterdir())
-        for place, files in sets(sums(tmp_path / "here")).items():
+        for place, files in sets(tmp_path / "here").items():
             assert files in [one.get(place) for one in known]
 
 

@@ -1,7 +1,5 @@
 """A robot's files: whose they are, and how what is wrong with them is said."""
 
-import warnings
-
 import pytest
 
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning, ParameterError
@@ -56,30 +54,15 @@ def test_the_first_reason_to_refuse_is_an_error_with_file_and_line(tmp_path):
     assert "costmap_2d::StaticLayer" in caught.value.hint
 
 
-@pytest.mark.parametrize("flavour", ["nav2", "ros1"])
-def test_warnings_are_given_and_kept_with_file_and_line(tmp_path, flavour):
-    """A robot_radius of text: ROS 1 takes its default, which is warned of; a global costmap
-    without a static layer is one of both."""
-    text = NAV2.replace('["static_layer"]', '["obstacle_layer"]').replace(
-        'static_layer: {plugin: "nav2_costmap_2d::StaticLayer"}',
-        'obstacle_layer: {plugin: "nav2_costmap_2d::ObstacleLayer"}',
-    )
-    if flavour == "ros1":
-        text = ROS1.replace("StaticLayer", "ObstacleLayer")
-    path = _file(tmp_path, text)
+@pytest.mark.parametrize(("flavour", "text"), [("nav2", NAV2), ("ros1", ROS1)])
+def test_warnings_are_given_and_kept_with_file_and_line(tmp_path, flavour, text):
+    read_robot([_file(tmp_path, text)])  # warnings are errors here
+    path = _file(tmp_path, text.replace("StaticLayer", "ObstacleLayer"))
     with pytest.warns(MapdealWarning, match="no static layer") as caught:
         robot = read_robot([path])
     assert robot.remarks == tuple(str(one.message) for one in caught)
     assert all(text.startswith(str(path)) for text in robot.remarks)
-    assert robot.paths == (path,)
-    assert robot.flavour == flavour
-
-
-def test_nothing_is_said_of_a_robot_in_order(tmp_path):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for text in (NAV2, ROS1):
-            read_robot([_file(tmp_path, text)], costmap="global")
+    assert (robot.paths, robot.flavour) == ((path,), flavour)
 
 
 def test_all_that_there_is_to_say_is_found_at_once(tmp_path):

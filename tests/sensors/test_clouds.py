@@ -51,10 +51,6 @@ def test_fields_of_any_order_type_and_count_are_read(read, data):
 def test_a_cloud_without_heights_has_two_columns(read, data):
     cloud = pcd([("y", "f8", 1), ("x", "f8", 1)], [[[0.1], [-2.0]], [[math.nan], [4.0]]], data)
     np.testing.assert_array_equal(read("c.pcd", cloud), [[-2.0, 0.1], [4.0, math.nan]])
-
-
-@pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
-def test_a_header_alone_is_a_cloud_without_points(read, data):
     assert read("c.pcd", pcd(XYZ, [], data)).size == 0
 
 
@@ -76,10 +72,6 @@ def test_more_points_than_are_read_together(read):
     points = np.random.default_rng(5).normal(size=(700_000, 3)).astype("<f4")
     head = pcd_header(XYZ, len(points), "binary")
     np.testing.assert_array_equal(read("c.pcd", head + points.tobytes()), points)
-
-
-def test_a_compressed_cloud_without_points_may_have_no_sizes(read):
-    assert read("c.pcd", pcd_header(XYZ, 0, "binary_compressed")).size == 0
 
 
 def test_lines_end_as_on_windows_and_comments_are_passed_over(read):
@@ -163,10 +155,10 @@ TEXTS = [
 ]
 
 
-@pytest.mark.parametrize("text", [pytest.param(text, id=name) for name, text in TEXTS])
-@pytest.mark.parametrize("name", ["c.xyz", "c.TXT", "c.csv", "c.asc"])
+@pytest.mark.parametrize(("name", "text"), TEXTS)
 def test_points_as_text(read, name, text):
-    assert read(name, text).tolist() == [[1.0, 2.0, 3.0], [-4.0, 50.0, 0.6]]
+    for ending in ("xyz", "TXT", "csv", "asc"):
+        assert read(f"{name}.{ending}", text).tolist() == [[1.0, 2.0, 3.0], [-4.0, 50.0, 0.6]]
 
 
 def test_text_of_two_columns_or_none(read):
@@ -271,158 +263,117 @@ def ply_head(*lines):
     return "\n".join(["ply", *lines, "end_header", ""]).encode()
 
 
-FORMAT = "format binary_little_endian 1.0"
 XY = ("property float x", "property float y")
 OBJECTS = saved(np.save, np.array([[None, 1]]), allow_pickle=True)
+
 
 OBJECT_FIELD = saved(
     np.save, np.zeros(2, dtype=[("x", "f4"), ("y", "f4"), ("o", "O")]), allow_pickle=True
 )
 
 
-def deflated_rows(shape):
-    """An npz that claims a huge table, in few bytes."""
+def deflated(shape, size, dtype="<f8", order=False):
+    """An npz that claims a table of a shape, and has so many zeros of it."""
     file = io.BytesIO()
-    with (
-        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
-        archive.open("a.npy", "w") as f,
-    ):
-        np.lib.format.write_array_header_1_0(
-            f, {"descr": "<f8", "fortran_order": False, "shape": shape}
-        )
-        f.write(bytes(1000))
-    return file.getvalue()
-
-
-def by_columns(shape):
-    """An npz of a table of zeros that is stored column by column, in few bytes."""
-    file = io.BytesIO()
-    header = {"descr": "|u1", "fortran_order": True, "shape": shape}
     with (
         zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
         archive.open("a.npy", "w") as entry,
     ):
+        header = {"descr": dtype, "fortran_order": order, "shape": shape}
         np.lib.format.write_array_header_1_0(entry, header)
-        for _ in range(shape[1]):
-            entry.write(bytes(shape[0]))
+        for start in range(0, size, 1 << 20):
+            entry.write(bytes(min(1 << 20, size - start)))
     return file.getvalue()
 
 
+def lzf(body, **changes):
+    return head(DATA="binary_compressed", **changes) + body
+
+
+def binary(*lines, body=b""):
+    return ply_head("format binary_little_endian 1.0", *lines) + body
+
+
+def ascii_ply(*lines, body=b""):
+    return ply_head("format ascii 1.0", *lines) + body
+
+
+TWELVE = bytes(12)
+BIG = "300000000"
+CAMERA = "property int a", "element vertex 1", *XY
 BAD = [
-    ("S1-nothing.pcd", b"", "header"),
-    ("S2-no-x.pcd", head(FIELDS="a y z") + bytes(12), "FIELDS"),
-    ("S2-x-of-two.pcd", head(COUNT="2 1 1") + bytes(16), "FIELDS"),
-    ("S2-sizes.pcd", head(SIZE="4 4") + bytes(12), "SIZE"),
-    ("S2-types.pcd", head(TYPE="F F") + bytes(12), "TYPE"),
-    ("S2-type.pcd", head(TYPE="F F D") + bytes(12), "TYPE"),
-    ("S2-size-of-type.pcd", head(SIZE="4 4 2") + bytes(12), "SIZE"),
-    ("S2-counts.pcd", head(COUNT="1") + bytes(12), "COUNT"),
-    ("S2-no-size.pcd", head(SIZE=None) + bytes(12), "SIZE"),
-    ("S2-no-fields.pcd", head(FIELDS=None) + bytes(12), "FIELDS"),
-    ("S2-points.pcd", head(POINTS="2") + bytes(24), "POINTS"),
-    ("S2-no-points.pcd", head(POINTS=None, WIDTH=None) + bytes(24), "POINTS"),
-    ("S2-negative.pcd", head(WIDTH="-1", POINTS="-1"), "WIDTH"),
-    ("S2-encoding.pcd", head(DATA="zip"), "DATA"),
-    ("S2-short.pcd", head(WIDTH="2", POINTS="2") + bytes(23), "1 of 2"),
-    ("S2-short-text.pcd", head(WIDTH="2", POINTS="2", DATA="ascii") + b"1 2 3\n", "1 of 2"),
-    ("S2-words.pcd", head(DATA="ascii") + b"1 2 here\n", "line 9"),
-    ("S2-wide.pcd", head(DATA="ascii") + b"1 2 3 4\n", "line 9"),
-    ("S2-narrow.pcd", head(DATA="ascii") + b"1 2\n", "line 9"),
-    ("S2-unknown-line.pcd", b"PIXELS 4\n" + head(), "line 1"),
-    ("S2-twice.pcd", b"WIDTH 1\n" + head(), "WIDTH"),
-    ("S2-an-image.pcd", b"P5\n3 3\n255\n123456789", "is an image"),
-    ("S5-claims-a-lot.pcd", head(WIDTH="1000000000000", POINTS="1000000000000"), "0 of"),
-    ("S5-record.pcd", head(COUNT="1 1 60000000") + bytes(12), "COUNT"),
-    ("lzf-sizes.pcd", head(DATA="binary_compressed") + struct.pack("<II", 4, 99), "12 bytes"),
-    ("lzf-short.pcd", head(DATA="binary_compressed") + struct.pack("<II", 9, 12) + b"ab", "2 of 9"),
-    ("lzf-no-sizes.pcd", head(DATA="binary_compressed") + b"ab", "DATA"),
-    (
-        "lzf-damaged.pcd",
-        head(DATA="binary_compressed") + struct.pack("<II", 2, 12) + b"\x30\x40",
-        "damaged",
-    ),
-    (
-        "lzf-bomb.pcd",
-        head(DATA="binary_compressed", WIDTH="300000000", POINTS="300000000")
-        + struct.pack("<II", 3, 3_600_000_000)
-        + b"\xe0\xff\x00",
-        "damaged",
-    ),
-    ("S6-format.ply", ply_head("format binary_middle_endian 1.0"), "binary_middle_endian"),
-    ("S6-version.ply", ply_head("format ascii 2.0"), "line 2"),
-    ("S6-no-format.ply", ply_head("element vertex 0"), "format"),
-    ("S6-unknown-line.ply", ply_head(FORMAT, "elephant vertex 0"), "elephant"),
-    ("S6-type.ply", ply_head(FORMAT, "element vertex 0", "property real x"), "real"),
-    (
-        "S6-list.ply",
-        ply_head(FORMAT, "element vertex 1", *XY, "property list uchar int near"),
-        "near",
-    ),
-    (
-        "S6-list-before.ply",
-        ply_head(FORMAT, "element face 1", "property list uchar int at", "element vertex 1", *XY),
-        "at",
-    ),
-    ("S6-no-vertex.ply", ply_head(FORMAT, "element face 0"), "vertex"),
-    ("S6-no-y.ply", ply_head(FORMAT, "element vertex 0", XY[0]), "x and y"),
-    ("S6-short.ply", ply_head(FORMAT, "element vertex 2", *XY) + bytes(15), "1 of 2"),
-    (
-        "S6-short-text.ply",
-        ply_head("format ascii 1.0", "element vertex 2", *XY) + b"1 2\n",
-        "1 of 2",
-    ),
-    (
-        "S6-line-after-elements.ply",
-        ply_head("format ascii 1.0", "element camera 2", "property int a", "element vertex 1", *XY)
-        + b"1\n2\n3 x\n",
-        "line 11",
-    ),
-    (
-        "S6-claims-cameras.ply",
-        ply_head(FORMAT, "element camera 4", "property int a", "element vertex 1", *XY) + bytes(8),
-        "element camera: ends after 8 of 16 bytes",
-    ),
-    ("S6-long-header.ply", b"ply\n" + b"comment a\n" * 110_000 + b"end_header\n", "header"),
-    ("S6-no-end.ply", b"ply\nformat ascii 1.0\n", "header"),
-    ("S6-not-a-ply.ply", b"solid\n", "line 1"),
+    ("nothing.pcd", b"", "header"),
+    ("no-x.pcd", head(FIELDS="a y z") + TWELVE, "FIELDS"),
+    ("x-of-two.pcd", head(COUNT="2 1 1") + bytes(16), "FIELDS"),
+    ("sizes.pcd", head(SIZE="4 4") + TWELVE, "SIZE"),
+    ("type.pcd", head(TYPE="F F D") + TWELVE, "TYPE"),
+    ("size-of-type.pcd", head(SIZE="4 4 2") + TWELVE, "SIZE"),
+    ("no-size.pcd", head(SIZE=None) + TWELVE, "SIZE"),
+    ("no-fields.pcd", head(FIELDS=None) + TWELVE, "FIELDS"),
+    ("points.pcd", head(POINTS="2") + bytes(24), "POINTS"),
+    ("no-points.pcd", head(POINTS=None, WIDTH=None) + bytes(24), "POINTS"),
+    ("negative.pcd", head(WIDTH="-1", POINTS="-1"), "WIDTH"),
+    ("encoding.pcd", head(DATA="zip"), "DATA"),
+    ("short.pcd", head(WIDTH="2", POINTS="2") + bytes(23), "1 of 2"),
+    ("short-text.pcd", head(WIDTH="2", POINTS="2", DATA="ascii") + b"1 2 3\n", "1 of 2"),
+    ("words.pcd", head(DATA="ascii") + b"1 2 here\n", "line 9"),
+    ("wide.pcd", head(DATA="ascii") + b"1 2 3 4\n", "line 9"),
+    ("unknown-line.pcd", b"PIXELS 4\n" + head(), "line 1"),
+    ("twice.pcd", b"WIDTH 1\n" + head(), "WIDTH"),
+    ("an-image.pcd", b"P5\n3 3\n255\n123456789", "is an image"),
+    ("claims-a-lot.pcd", head(WIDTH="1000000000000", POINTS="1000000000000"), "0 of"),
+    ("record.pcd", head(COUNT="1 1 60000000") + TWELVE, "COUNT"),
+    ("lzf-sizes.pcd", lzf(struct.pack("<II", 4, 99)), "12 bytes"),
+    ("lzf-short.pcd", lzf(struct.pack("<II", 9, 12) + b"ab"), "2 of 9"),
+    ("lzf-no-sizes.pcd", lzf(b"ab"), "DATA"),
+    ("lzf-damaged.pcd", lzf(struct.pack("<II", 2, 12) + b"\x30\x40"), "damaged"),
+    ("lzf-bomb.pcd", lzf(struct.pack("<II", 3, 3_600_000_000) + b"\xe0\xff\x00", WIDTH=BIG,
+                         POINTS=BIG), "damaged"),
+    ("format.ply", ply_head("format binary_middle_endian 1.0"), "binary_middle_endian"),
+    ("version.ply", ply_head("format ascii 2.0"), "line 2"),
+    ("no-format.ply", ply_head("element vertex 0"), "format"),
+    ("unknown-line.ply", binary("elephant vertex 0"), "elephant"),
+    ("type.ply", binary("element vertex 0", "property real x"), "real"),
+    ("list.ply", binary("element vertex 1", *XY, "property list uchar int near"), "near"),
+    ("list-before.ply", binary("element face 1", "property list uchar int at", "element vertex 1",
+                               *XY), "at"),
+    ("no-vertex.ply", binary("element face 0"), "vertex"),
+    ("short.ply", binary("element vertex 2", *XY, body=bytes(15)), "1 of 2"),
+    ("line-after.ply", ascii_ply("element camera 2", *CAMERA, body=b"1\n2\n3 x\n"), "line 11"),
+    ("cameras.ply", binary("element camera 4", *CAMERA, body=bytes(8)),
+     "element camera: ends after 8 of 16 bytes"),
+    ("long-header.ply", b"ply\n" + b"comment a\n" * 110_000 + b"end_header\n", "header"),
+    ("no-end.ply", b"ply\nformat ascii 1.0\n", "header"),
+    ("not-a-ply.ply", b"solid\n", "line 1"),
     ("words.xyz", b"1 2 3\n4 five 6\n", "line 2"),
     ("one-number.xyz", b"12\n", "line 1"),
     ("fewer.csv", b"x,y,z\n1,2,3\n1,2\n", "line 3"),
     ("names.csv", b"lat,lon\n1,2\n", "x and y"),
-    ("underscores.xyz", b"1 2\n1_0 2\n", "line 2"),
     ("slashes.xyz", b"//", "line 1: must be numbers, or names"),
-    ("slashes-above.xyz", b"// \n1 2 3\n", "line 1: must be numbers, or names"),
-    ("long-line.xyz", b"1 2\n" + b"1 " * 600_000 + b"\n", "line 2"),
-    ("old-mac.xyz", b"1 2\n3 4\r5 6\n", "lines 1 to 2"),
-    ("S16-text.npy", b"hello", "npy"),
-    ("S16-objects.npy", OBJECTS, "npy"),
-    ("S16-flat.npy", saved(np.save, np.arange(6.0)), "(6,)"),
-    ("S16-narrow.npy", saved(np.save, np.ones((6, 1))), "(6, 1)"),
-    ("S16-words.npy", saved(np.save, np.array([["a", "b"]])), "numbers"),
-    ("S16-complex.npy", saved(np.save, np.ones((2, 2), complex)), "numbers"),
-    ("S16-no-x.npy", saved(np.save, np.zeros(3, dtype=[("a", "f4"), ("y", "f4")])), "x and y"),
-    ("S16-cut.npy", saved(np.save, TABLE)[:-8], "npy"),
-    ("S16-claims.npy", saved(np.save, TABLE).replace(b"(6, 4)", b"(6000000000, 4)"), "npy"),
-    (
-        "S16-long-header.npy",
-        b"\x93NUMPY\2\0" + struct.pack("<I", 4_000_000_000) + b"{}",
-        "4000000000",
-    ),
-    ("S16-parser.npy", b"\x93NUMPY\1\0" + struct.pack("<H", 9000) + b"-" * 8999 + b"1", "npy"),
-    ("S16-version.npy", b"\x93NUMPY\4\0" + bytes(100), "version (4, 0)"),
-    ("S16-object-field.npy", OBJECT_FIELD, "must be numbers"),
-    ("S16-negative.npy", saved(np.save, TABLE).replace(b"(6, 4)", b"(-6, 4)"), "npy"),
-    ("S16-text.npz", b"hello", "npz"),
-    ("S16-two.npz", saved(np.savez, a=TABLE, b=TABLE), "a, b"),
-    ("S16-objects.npz", saved(np.savez, points=np.array([[None, 1]])), "objects"),
-    ("S16-flat.npz", saved(np.savez, points=np.arange(6.0)), "(6,)"),
-    ("S16-claims-rows.npz", deflated_rows((10**12, 3)), "size"),
-    ("S16-claims-columns.npz", deflated_rows((3, 10**12)), "size"),
-    ("S16-bomb.npz", by_columns((40_000_000, 3)), "would expand"),
-    ("S16-wide.npz", saved(np.savez, np.zeros((1, 70_000), "u1")), "70000 columns"),
+    ("text.npy", b"hello", "npy"),
+    ("objects.npy", OBJECTS, "npy"),
+    ("flat.npy", saved(np.save, np.arange(6.0)), "(6,)"),
+    ("narrow.npy", saved(np.save, np.ones((6, 1))), "(6, 1)"),
+    ("words.npy", saved(np.save, np.array([["a", "b"]])), "numbers"),
+    ("complex.npy", saved(np.save, np.ones((2, 2), complex)), "numbers"),
+    ("no-x.npy", saved(np.save, np.zeros(3, dtype=[("a", "f4"), ("y", "f4")])), "x and y"),
+    ("cut.npy", saved(np.save, TABLE)[:-8], "npy"),
+    ("claims.npy", saved(np.save, TABLE).replace(b"(6, 4)", b"(6000000000, 4)"), "npy"),
+    ("long-header.npy", b"\x93NUMPY\2\0" + struct.pack("<I", 4 * 10**9) + b"{}", "4000000000"),
+    ("parser.npy", b"\x93NUMPY\1\0" + struct.pack("<H", 9000) + b"-" * 8999 + b"1", "npy"),
+    ("version.npy", b"\x93NUMPY\4\0" + bytes(100), "version (4, 0)"),
+    ("object-field.npy", OBJECT_FIELD, "must be numbers"),
+    ("negative.npy", saved(np.save, TABLE).replace(b"(6, 4)", b"(-6, 4)"), "npy"),
+    ("text.npz", b"hello", "npz"),
+    ("two.npz", saved(np.savez, a=TABLE, b=TABLE), "a, b"),
+    ("objects.npz", saved(np.savez, points=np.array([[None, 1]])), "objects"),
+    ("claims-rows.npz", deflated((10**12, 3), 1000), "size"),
+    ("claims-columns.npz", deflated((3, 10**12), 1000), "size"),
+    ("bomb.npz", deflated((40_000_000, 3), 120_000_000, "|u1", order=True), "would expand"),
+    ("wide.npz", saved(np.savez, np.zeros((1, 70_000), "u1")), "70000 columns"),
     ("kind.las", b"LASF", ".las"),
     ("none", b"1 2 3\n", ".pcd"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "data", "told"), [pytest.param(*c, id=c[0]) for c in BAD])

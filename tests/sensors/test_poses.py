@@ -61,13 +61,10 @@ def test_what_is_odd_is_warned_of_once(read):
 def test_poses_without_times_are_not_scolded_for_their_order(read, time):
     poses = read("".join(f"{time} {x} 2 0 0 0 0 1\n" for x in (5, 3, 4)))  # a warning is an error
     assert poses[:, 0].tolist() == [5, 3, 4]
+    far = read("-1.7e308 1 2 0 0 0 0 1\n1.7e308 3 4 0 0 0 0 1\n")
+    assert far.tolist() == [[1.0, 2.0, 0.0], [3.0, 4.0, 0.0]]
     with pytest.warns(MapdealWarning, match="2 of 3 poses, the first of them pose 2.*a time"):
         read("3 5 2 0 0 0 0 1\n2 5 2 0 0 0 0 1\n1 5 2 0 0 0 0 1\n")
-
-
-def test_times_as_far_apart_as_can_be(read):
-    poses = read("-1.7e308 1 2 0 0 0 0 1\n1.7e308 3 4 0 0 0 0 1\n")
-    assert poses.tolist() == [[1.0, 2.0, 0.0], [3.0, 4.0, 0.0]]
 
 
 BAD = [

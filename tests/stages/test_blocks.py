@@ -10,15 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapdeal
-from drawn import cells
-from mapdeal import (
-    Costmap,
-    DistanceField,
-    Footprint,
-    MapdealError,
-    MapdealWarning,
-    OccupancyGrid,
-)
+from mapdeal import Footprint, MapdealError, OccupancyGrid
 from mapdeal.grid.canvas import frames_overlap
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.pipeline.step import grid_of
@@ -157,23 +149,6 @@ def test_the_view_of_a_field(case, parameters, view):
     assert_same(whole, blocks, step)
 
 
-@settings(max_examples=40)
-@given(cases(), drawn(FIELDS))
-def test_a_chain_of_stages(case, of_field):
-    grid, block_height, step = case
-    if (grid.occupancy == -1).all():
-        return
-    ends = []
-    for source in (grid, in_blocks(grid, block_height)):
-        inflated = mapdeal.inflate(mapdeal.active_region(source))
-        field = mapdeal.esdf(inflated, **of_field)
-        ends.append(outcome(mapdeal.exponential_cost, field, inscribed_radius=0.2))
-    if isinstance(ends[0], str):  # the field is clipped below the range of the costs
-        assert ends[1] == ends[0]
-    else:
-        assert_same(*ends, step)
-
-
 def mask_of(grid, values):
     return OccupancyGrid(values, 2 * grid.resolution, (1.6, -1.9, 0.3))
 
@@ -190,42 +165,5 @@ def test_a_keepout_mask(case, values):
         assert_same(whole, blocks, step)
 
 
-@pytest.mark.parametrize("block_height", [1, 3, 4])
-def test_parts_lie_where_they_are_in_the_whole(block_height):
-    grid = OccupancyGrid(cells("..#\n?..\n...\n..+"), 0.5, (1.5, -2.0, 0.4))
-    for source in (grid, in_blocks(grid, block_height)):
-        field = mapdeal.esdf(source, unknown="occupied", lethal_threshold=50)
-        part = field.part(slice(1, 3))
-        assert not part.is_lazy
-        assert (part.unknown, part.lethal_threshold) == ("occupied", 50)
-        assert np.array_equal(part.occupancy, cells("?..\n..."))
-        assert np.allclose(
-            part.frame.xy_from_rowcol([[0, 0]]), field.frame.xy_from_rowcol([[1, 0]])
-        )
-        assert np.array_equal(field.obstacles()[0:4], cells("..#\n#..\n...\n..#") == 100)
-
-
-@pytest.mark.parametrize(
-    ("drawing", "parameters", "text"),
-    [("..#..\n.....\n.....", {"radius": 0.1}, "no effect"), ("..#\n...", {"radius": 9.0}, "free")],
-)
-def test_warnings_are_those_of_maps_of_one_block(drawing, parameters, text):
-    grid = OccupancyGrid(cells(drawing), 0.5)
-    texts = []
-    for source in (grid, in_blocks(grid, 1)):
-        with pytest.warns(MapdealWarning, match=text) as caught:
-            mapdeal.inflate(source, **parameters)
-        texts.append([str(one.message) for one in caught])
-    assert texts[0] == texts[1]
-
-
 def test_every_stage_has_its_parameters_drawn():
     assert {(stage.name, stage.model) for stage in STAGES} == set(DRAWN)
-
-
-def test_every_type_of_grid_knows_its_layers():
-    grid = OccupancyGrid(cells("..#"), 0.5)
-    for made in (grid, mapdeal.esdf(grid), mapdeal.exponential_cost(grid), mapdeal.potential(grid)):
-        assert made.layer is getattr(made, made.layer_names[0])
-        assert set(made.layer_names) <= set(made.entries())
-    assert {Costmap.kind, DistanceField.kind} == {"costmap", "distance field"}

@@ -1,28 +1,14 @@
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
-from drawn import grid_from_text
-from mapdeal import DistanceField, OccupancyGrid, ParameterError, ViewScale, esdf, field_view
+from mapdeal import DistanceField, OccupancyGrid, ViewScale, esdf, field_view
 from mapdeal.stages.esdf import squares_in
 from strategies import RESOLUTIONS, occupancies
 
 CONVENTIONS = st.sampled_from(["fast-planner", "center", "border"])
-
-
-def test_the_three_conventions_on_a_row():
-    grid = OccupancyGrid([[100, 100, 100, 0, 0]], 0.5, (1.0, 2.0, 0.3))
-    by_hand = {
-        "fast-planner": [-1.0, -0.5, 0.0, 0.5, 1.0],
-        "center": [-1.5, -1.0, -0.5, 0.5, 1.0],
-        "border": [-1.25, -0.75, -0.25, 0.25, 0.75],
-    }
-    for convention, expected in by_hand.items():
-        assert esdf(grid, convention=convention).distance.tolist() == [expected]
 
 
 @pytest.mark.slow
@@ -37,28 +23,12 @@ def test_the_field_equals_brute_force_to_the_last_bit(occupancy, resolution, con
     assert np.array_equal(field.distance, expected)
 
 
-@pytest.mark.parametrize(("drawing", "distance"), [("...\n...", math.inf), ("###\n###", -math.inf)])
-@pytest.mark.parametrize("convention", ["fast-planner", "center", "border"])
-def test_maps_of_one_kind_are_infinitely_far_from_the_other(drawing, distance, convention):
-    assert (esdf(grid_from_text(drawing), convention=convention).distance == distance).all()
-
-
 def test_max_distance_clips_both_signs_and_strength_only_lifts_the_positive():
     grid = OccupancyGrid([[100] * 4 + [0] * 4], 0.5)
     field = esdf(grid, max_distance=1.2, strength=1.5, convention="center")
     assert field.distance.tolist() == [
         [np.float32(v) for v in (-1.2, -1.2, -1.0, -0.5, 0.75, 1.5, 1.8, 1.8)]
     ]
-
-
-@given(occupancies(), RESOLUTIONS, CONVENTIONS, st.sampled_from([1.0, 1.5, 0.3]))
-def test_squared_cells_come_back_exactly_from_metres(occupancy, resolution, convention, strength):
-    grid = OccupancyGrid(occupancy, resolution)
-    field = esdf(grid, convention=convention, strength=strength)
-    expected = oracles.squared_distance(occupancy >= 100)
-    squared = squares_in(field, field.obstacles())
-    for index in np.ndindex(occupancy.shape):
-        assert squared[index] == (math.inf if expected[index] is None else expected[index])
 
 
 @pytest.mark.parametrize("convention", ["fast-planner", "center", "border"])
@@ -77,16 +47,6 @@ def test_squared_cells_come_back_exactly_below_2048_cells(resolution, convention
     assert np.array_equal(squares_in(field, field.obstacles()), squares)
 
 
-def test_squared_cells_come_back_exactly_over_a_thousand_cells():
-    occupancy = np.zeros((3, 1001), np.int8)
-    occupancy[0, 0] = 100
-    for resolution in (0.05, 0.0504, 0.1):
-        field = esdf(OccupancyGrid(occupancy, resolution))
-        squared = squares_in(field, field.obstacles())
-        rows, cols = np.indices(occupancy.shape)
-        assert np.array_equal(squared, rows**2 + cols**2)
-
-
 STRENGTHS = st.sampled_from([0.3, 1.0, 1.5, 7.0])
 
 
@@ -99,18 +59,6 @@ def test_the_metric_view_equals_brute_force_whatever_the_convention(
     view = field_view(field, view_range=view_range)
     assert np.array_equal(view.occupancy, expected)
     assert view.scale == ViewScale("metric", view_range)
-
-
-def test_the_view_is_of_the_strengthened_distances_by_hand():
-    # 0.25 m cells: 0.5, 1 and 1.5 m once doubled, of a range of 2 m
-    grid = OccupancyGrid([[100, 0, 0, 0, -1], [100, 0, 0, 0, -1]], 0.25, (3.0, -1.0, 0.7))
-    for convention in ("fast-planner", "center", "border"):
-        view = field_view(esdf(grid, strength=2.0, convention=convention), view_range=2.0)
-        assert view.occupancy.tolist() == [[100, 75, 50, 25, -1]] * 2
-    # D = 2 m, of the unknown cells, which count as free, and I = 0.25 m
-    view = field_view(esdf(grid, strength=2.0), view="per-map")
-    assert view.occupancy.tolist() == [[100, 75, 50, 25, -1]] * 2
-    assert (view.scale.farthest, view.scale.deepest) == (2.0, 0.25)
 
 
 def test_a_strength_reaches_as_far_as_the_view_that_is_made_of_the_whole_map(monkeypatch):
@@ -141,16 +89,6 @@ def test_views_that_are_whole_on_paper_by_hand():
         view = field_view(esdf(columns, convention=convention), view="per-map")
         assert view.occupancy.tolist() == [[100] * 4 + [50, 37, 25, 12, 0]] * 2
         assert (view.scale.farthest, view.scale.deepest) == (0.25, 0.2)
-
-
-@pytest.mark.parametrize("convention", ["fast-planner", "center", "border"])
-@pytest.mark.parametrize("resolution", [0.05, 0.1, 0.025])
-def test_the_extremes_are_those_on_paper(convention, resolution):
-    for depth in range(1, 30):
-        grid = OccupancyGrid([[100] * depth + [0] * (31 - depth)], resolution)
-        scale = field_view(esdf(grid, convention=convention), view="per-map").scale
-        expected = [float(cells * oracles.on_paper(resolution)) for cells in (31 - depth, depth)]
-        assert [scale.farthest, scale.deepest] == expected
 
 
 @pytest.mark.parametrize(("view", "view_range"), [("metric", 1e13), ("per-map", 2.0)])
@@ -184,16 +122,6 @@ def test_unknown_cells_in_the_view_are_unknown_or_obstacles():
     assert field_view(esdf(grid)).occupancy.tolist() == [[100, 75, -1]]
     counted = esdf(grid, unknown="occupied")
     assert field_view(counted).occupancy.tolist() == [[100, 75, 100]]
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [{"unknown": "lethal"}, {"convention": "middle"}, {"max_distance": 0}, {"strength": -1},
-     {"lethal_threshold": 0}, {"lethal_threshold": 50.5}],
-)  # fmt: skip
-def test_parameters_that_are_none_are_refused_by_name(wrong):
-    with pytest.raises(ParameterError, match=next(iter(wrong))):
-        esdf(grid_from_text("..#"), **wrong)
 
 
 @pytest.mark.parametrize("convention", ["fast-planner", "center", "border"])

@@ -1,7 +1,6 @@
 """What holds for every stage."""
 
 import json
-import pickle
 import re
 from pathlib import Path
 
@@ -11,8 +10,7 @@ import pytest
 import mapdeal
 from drawn import cells
 from mapdeal import MalformedInputError, OccupancyGrid, ParameterError
-from mapdeal.command import Stage, meanings_of, parameters_of, stages_among
-from mapdeal.pipeline.folder import files_of
+from mapdeal.command import parameters_of
 from mapdeal.pipeline.step import grid_of, make_step
 from mapdeal.stages import catalogue
 
@@ -92,33 +90,6 @@ def test_a_bare_array_is_refused_with_what_to_pass(stage):
         applied(stage, np.zeros((2, 3), np.int8))
 
 
-@pytest.mark.parametrize("stage", catalogue.STAGES, ids=STAGES)
-def test_the_record_says_all_that_others_ask_for(stage):
-    assert stage.summary.endswith(".")
-    assert stage.memory > 0
-    assert isinstance(stage.makes, type)
-    assert files_of(stage.makes).in_folder
-    assert [name for name in stage.parameters if not stage.meanings.get(name)] == []
-    given = [one for one in stage.parameters.values() if not one.is_required]
-    for parameter in given:
-        assert parameter.accept(parameter.default) == parameter.default or parameter.optional
-    model = {"model": stage.model} if stage.model else {}
-    step = make_step(stage.name, {**model, **NEEDED.get(stage.name, {})})
-    assert step.title
-    assert isinstance(step.is_whole, bool)
-    if stage.robot is not None:
-        shape = stage.robot.parameters(mapdeal.Footprint.circle(0.3))
-        assert tuple(shape) == stage.robot.sets
-        assert {stage.robot.replaces, *shape} <= set(stage.parameters)
-    if stage.in_simulation is not None:
-        assert set(stage.in_simulation.parameters) <= set(stage.parameters)
-
-
-@pytest.mark.parametrize("stage", catalogue.STAGES, ids=STAGES)
-def test_a_stage_can_be_sent_to_other_processes(stage):
-    assert pickle.loads(pickle.dumps(stage)) is stage  # noqa: S301 - our own
-
-
 def test_every_stage_of_the_folder_is_listed():
     folder = Path(catalogue.__file__).parent
     made = {
@@ -128,33 +99,6 @@ def test_every_stage_of_the_folder_is_listed():
     }
     listed = {one.function.__module__.rpartition(".")[2] for one in catalogue.STAGES}
     assert made == listed
-
-
-def test_products_of_different_stages_have_different_names():
-    products = {stage.name: stage.product for stage in catalogue.STAGES}
-    assert len(set(products.values())) == len(products)
-
-
-def test_unknown_stages_and_types_fail_loudly():
-    with pytest.raises(KeyError):
-        catalogue.stage_named("flatten")
-    with pytest.raises(ParameterError, match="no such stage, got 'flatten'"):
-        make_step("flatten", {})
-    with pytest.raises(TypeError, match="int"):
-        files_of(int)
-    with pytest.raises(ValueError, match="one name"):
-        stages_among({"a": mapdeal.esdf, "b": mapdeal.esdf})
-
-
-def test_definitions_that_cannot_work_are_refused_by_name():
-    def brush(grid, *, width: bytes = b"wide"):
-        """Draw."""
-
-    with pytest.raises(TypeError, match=r"brush: .* width"):
-        parameters_of(brush)
-    assert meanings_of(brush) == {}
-    with pytest.raises(TypeError, match=r"stage shapeless: .* returns"):
-        Stage(lambda grid: grid, "shapeless", "Do nothing.", str, 1.0).makes  # noqa: B018
 
 
 @pytest.mark.parametrize("stage", [one for one in catalogue.STAGES if one.edits],
@@ -168,12 +112,6 @@ def test_what_a_stage_needs_is_named_and_described_as_it_is_read(stage):
             make_step(name, {})
 
 
-def test_stages_that_only_look_hand_their_input_on():
-    assert [one.name for one in catalogue.STAGES if not one.hands_on] == [
-        "potential", "reach"
-    ]  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("name", "text", "value"),
     [("goal", "1.5,-2", (1.5, -2.0)), ("goal", "none", None), ("goal", None, None)],
@@ -183,7 +121,3 @@ def test_an_optional_parameter_is_none_only_if_it_says_so(name, text, value):
     assert parameters[name].accept(text) == value
     with pytest.raises(ParameterError, match="repulsive_cap"):
         parameters["repulsive_cap"].accept("none")
-
-
-def test_costs_end_a_recipe_and_nothing_else_does():
-    assert {one.name for one in catalogue.STAGES if one.is_last} == {"cost"}

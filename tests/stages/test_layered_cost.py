@@ -1,6 +1,5 @@
 import json
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,20 +9,13 @@ from hypothesis import strategies as st
 import oracles
 from drawn import grid_from_text
 from engines import ENGINES
-from mapdeal import (
-    MapdealWarning,
-    OccupancyGrid,
-    ParameterError,
-    esdf,
-    exponential_cost,
-    field_view,
-    layered_cost,
-)
+from mapdeal import MapdealWarning, OccupancyGrid, esdf, exponential_cost, layered_cost
 from mapdeal.grid.costmap import InflationLayer, StaticLayer
 from mapdeal.kernels import engine
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.step import make_step
+from mapdeal.stages.layered_cost import costs_spread, queue_difference, raise_by_queue
 from recorded_costmaps import exponential_parameters, recorded_costmaps, sum_of
 from strategies import occupancies
 
@@ -66,36 +58,27 @@ def test_costs_are_those_that_the_real_code_has_made_of_robots_files(real_maps, 
 
 
 STATIC = st.builds(
-    StaticLayer,
-    name=st.just("static_layer"),
-    track_unknown_space=st.booleans(),
-    lethal_cost_threshold=st.sampled_from([0, 1, 50, 65, 100]),
-    trinary_costmap=st.booleans(),
+    StaticLayer, name=st.just("static_layer"), track_unknown_space=st.booleans(),
+    lethal_cost_threshold=st.sampled_from([0, 1, 50, 65, 100]), trinary_costmap=st.booleans(),
     unknown_cost_value=st.sampled_from([255, 0, 50, 100]),
-    inscribed_obstacle_cost_value=st.sampled_from([None, 99, 50, 255]),
-    use_maximum=st.booleans(),
-)
+    inscribed_obstacle_cost_value=st.sampled_from([None, 99, 50, 255]), use_maximum=st.booleans(),
+)  # fmt: skip
 INFLATION = st.builds(
-    InflationLayer,
-    name=st.just("inflation_layer"),
+    InflationLayer, name=st.just("inflation_layer"),
     inscribed_radius=st.sampled_from([0.0, 0.22549849949589046, 0.5]),
     inflation_radius=st.sampled_from([0.0, 0.4, 0.7, 1.4]),
-    cost_scaling_factor=st.sampled_from([0.0, 3.0, 10.0]),
-    inflate_unknown=st.booleans(),
-    inflate_around_unknown=st.booleans(),
-    lookup=st.sampled_from(["exact", "nav2"]),
-)
+    cost_scaling_factor=st.sampled_from([0.0, 3.0, 10.0]), inflate_unknown=st.booleans(),
+    inflate_around_unknown=st.booleans(), lookup=st.sampled_from(["exact", "nav2"]),
+)  # fmt: skip
 
 
 @pytest.mark.slow
 @settings(max_examples=300)
 @given(
-    occupancies(),
-    st.sampled_from([0.04, 0.1, 0.25, 0.7]),
-    st.lists(st.one_of(STATIC, INFLATION), max_size=4),
-    st.sampled_from([0, 255]),
+    occupancies(), st.sampled_from([0.04, 0.1, 0.25, 0.7]),
+    st.lists(st.one_of(STATIC, INFLATION), max_size=4), st.sampled_from([0, 255]),
     st.integers(1, 13),
-)
+)  # fmt: skip
 def test_any_sequence_of_layers_equals_brute_force(
     occupancy, resolution, layers, default_cost, block_height
 ):
@@ -112,18 +95,6 @@ def test_any_sequence_of_layers_equals_brute_force(
         assert np.array_equal(exponential_cost(grid, **parameters).cost, expected)
         field = esdf(grid, lethal_threshold=parameters["lethal_threshold"])
         assert np.array_equal(exponential_cost(field, **parameters).cost, expected)
-
-
-@given(STATIC, st.lists(INFLATION, max_size=2))
-def test_one_static_layer_and_one_inflation_are_the_exponential_model(static, inflations):
-    static = replace(static, unknown_cost_value=255, lethal_cost_threshold=65)
-    effective = [one for one in inflations if one.inflation_radius > 0]
-    found = exponential_parameters([*inflations, replace(static, use_maximum=False), *inflations])
-    assert (found is None) == (len(effective) > 1)
-    if found is not None:
-        radius = effective[0].inflation_radius if effective else 0.0
-        assert found["inflation_radius"] == radius
-        make_step("cost", {"model": "exponential", **found})
 
 
 def test_layers_by_hand():
@@ -147,14 +118,6 @@ def test_layers_by_hand():
     assert layered_cost(grid, layers=raised).cost.tolist() == [[254, 0, 0, 0]]
 
 
-def test_a_second_inflation_spreads_what_the_first_has_made_lethal():
-    grid = grid_from_text("#..?..", resolution=0.5)
-    inflation = {"inflation_radius": 0.5, "cost_scaling_factor": 0.0}
-    around = {"inflation": {**inflation, "inflate_around_unknown": True}}
-    layers = ["static", around, {"inflation": inflation}]
-    assert layered_cost(grid, layers=layers).cost.tolist() == [[254, 252, 252, 254, 252, 0]]
-
-
 def test_the_default_layers_are_costmap_2d_s():
     grid = grid_from_text("#....?", resolution=0.25)
     plain = exponential_cost(grid, float32_resolution=True)
@@ -167,8 +130,6 @@ def test_unknown_cells_that_a_field_counts_as_obstacles_are_lethal():
     layers = ["static", {"inflation": {"inflation_radius": 0.5, "cost_scaling_factor": 0.0}}]
     assert layered_cost(field, layers=layers).cost.tolist() == [[254, 252, 0, 0]]
     assert layered_cost(esdf(grid), layers=layers).cost.tolist() == [[255, 0, 0, 0]]
-    with pytest.raises(ParameterError, match="view of a distance field"):
-        layered_cost(field_view(field))
 
 
 def test_the_circumscribed_cost_is_that_of_the_last_inflation():
@@ -218,43 +179,57 @@ def test_layers_in_recipes_settings_and_manifests(tmp_path):
     assert made == {"cost": {**told["cost"], "default_cost": 255}}
 
 
-@pytest.mark.parametrize(
-    ("value", "told"),
-    [
-        ("static", "cost.layers: must be a list of layers such as"),
-        ([3], r"cost.layers 1: must look like one of \[\{static"),
-        ([{"static": {}, "inflation": {}}], "cost.layers 1: must look like one of"),
-        ([{"static": 3}], "cost.layers 1: must look like"),
-        (["static", "inflate"], "cost.layers 2: no such kind of layer, got 'inflate'"),
-        ([{"static": {"trinary": True}}], "cost.layers 1 static: no such parameter, got 'trinary'"),
-        (
-            [{"inflation": {"inflation_radius": -1}}],
-            "cost.layers 1 inflation.inflation_radius: must be a finite number, at least 0, got -1",
-        ),
-        (
-            [{"static": {"lethal_cost_threshold": 101}}],
-            "cost.layers 1 static.lethal_cost_threshold: must be a whole number, between 0 and 100",
-        ),
-        ([{"static": {"unknown_cost_value": 256}}], "must be a whole number, a byte"),
-        ([{"static": {"name": ""}}], "cost.layers 1 static.name: must be a word"),
-        ([{"inflation": {"lookup": "older"}}], "must be one of exact, nav2"),
-    ],
-)
-def test_malformed_layers_are_refused_with_their_place(value, told):
-    with pytest.raises(ParameterError, match=told):
-        make_step("cost", {"model": "layers", "layers": value})
+@pytest.mark.parametrize("every", [6, pytest.param(1, marks=pytest.mark.thorough)])
+def test_the_queue_makes_the_costmaps_of_ros_1_and_of_older_nav2(real_maps, every):
+    """Byte for byte; and as many cells as in the recording differ from exact distances."""
+    count = 0
+    for case in list(recorded_costmaps(real_maps))[::every]:
+        about = case.about
+        older = about.get("legacy") or about["ros1"]
+        layers = tuple(case.layers("exact"))
+        given = {"model": "layers", "layers": layers, "default_cost": case.default_cost}
+        short = exponential_parameters(layers, case.default_cost)
+        if count % 2 and short is not None:
+            given = {"model": "exponential", **short}
+        parameters = make_step("cost", given).parameters
+        if count % 3 == 0:
+            made = costs_spread(case.grid, parameters, raise_by_queue)
+            assert sum_of(made) == older["sha256"], about["id"]
+        difference = queue_difference(case.grid, parameters)
+        if "exact_distances" in older:
+            exact = older["exact_distances"]
+            expected = (exact["cells_that_differ"], exact["largest_difference"])
+            assert tuple(difference) == expected, about["id"]
+        else:
+            assert difference == (0, 0), about["id"]
+        count += 1
+    assert count >= 120 // every
 
 
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        ("[{static: {use_maximum: yes, use_maximum: no}}]", "key appears twice"),
-        ("[{inflation: {inflation_radius: 010}}]", "must be a decimal number"),
-        ("[" * 30, "nested deeper"),
-        ("[{static: ", "not valid YAML"),
-    ],
-)
-def test_settings_of_layers_are_read_as_recipes_are(text, told):
-    with pytest.raises(ParameterError, match=told) as caught:
-        load_recipe("nav2", changes=["cost.model=layers", f"cost.layers={text}"])
-    assert str(caught.value).startswith("--set: cost.layers: ")
+def scattered(resolution=0.05):
+    values = np.zeros((200, 230), np.int8)
+    values[np.random.default_rng(1).random(values.shape) < 0.004] = 100
+    return OccupancyGrid(values, resolution, (1.5, -2.0, 0.4))
+
+
+def test_only_costs_around_cells_that_the_queue_reaches_late_differ():
+    grid = scattered()
+    parameters = make_step("cost", {"inflation_radius": 1.0, "cost_scaling_factor": 3.0}).parameters
+    exact = exponential_cost(grid, **parameters).cost
+    queued = costs_spread(grid, parameters, raise_by_queue)
+    assert (queued <= exact).all()  # a longer distance is a lower cost
+    cells, largest = queue_difference(grid, parameters)
+    assert cells == np.count_nonzero(queued != exact) > 0
+    assert largest == int((exact.astype(int) - queued).max()) < 10
+    assert queue_difference(esdf(grid), parameters) == (cells, largest)
+
+
+def test_nothing_differs_where_the_layer_has_no_queue_or_no_reach():
+    for case in ({"lookup": "nav2"}, {"inflation_radius": 0.0}):
+        parameters = make_step("cost", {"cost_scaling_factor": 1.0, **case}).parameters
+        assert queue_difference(scattered(), parameters) == (0, 0)
+    for lookup, differs in (("nav2", False), ("exact", True)):
+        inflation = {"inflation_radius": 1.0, "cost_scaling_factor": 1.0, "lookup": lookup}
+        layers = ["static", {"inflation": inflation}]
+        parameters = make_step("cost", {"model": "layers", "layers": layers}).parameters
+        assert (queue_difference(scattered(), parameters).cells > 0) == differs

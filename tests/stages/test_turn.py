@@ -1,24 +1,15 @@
 """Turned maps against points that are turned by hand, and cells that are permuted."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import mapdeal
 from drawn import grid_from_text
-from mapdeal import (
-    Costmap,
-    MapdealWarning,
-    OccupancyGrid,
-    ParameterError,
-    esdf,
-    rotate,
-    straighten,
-    yaw_to_straighten,
-)
-from mapdeal.grid.canvas import resampled
 from mapdeal.stages.resample import cells_when_turned
 
 NUMBERED = np.arange(12, dtype=np.int8).reshape(3, 4)
@@ -29,7 +20,7 @@ def some_map(seed, height, width, yaw=0.0, resolution=0.07):
     values = np.random.default_rng(seed).choice(
         np.array([-1, 0, 0, 0, 30, 100], np.int8), (height, width)
     )
-    return OccupancyGrid(values, resolution, (1.3, -2.6, yaw))
+    return mapdeal.OccupancyGrid(values, resolution, (1.3, -2.6, yaw))
 
 
 def turned_by_hand(points, angle):
@@ -46,7 +37,7 @@ def turned_by_hand(points, angle):
 @settings(deadline=None, max_examples=40)
 def test_no_point_of_an_obstacle_is_lost(seed, height, width, yaw, angle):
     grid = some_map(seed, height, width, yaw)
-    result = rotate(grid, angle)
+    result = mapdeal.rotate(grid, angle)
     assert result.origin[2] == 0
     assert result.resolution == grid.resolution
     assert result.occupancy.size == cells_when_turned(grid.frame, angle)
@@ -63,15 +54,6 @@ def test_no_point_of_an_obstacle_is_lost(seed, height, width, yaw, angle):
             assert result.occupancy[new_row, new_col] >= grid.occupancy[row, col]
 
 
-@given(seed=st.integers(0, 999), angle=ANGLES)
-@settings(deadline=None, max_examples=30)
-def test_there_and_back_covers_all_obstacles(seed, angle):
-    grid = some_map(seed, 6, 9, 0.4)
-    back = rotate(rotate(grid, angle), -angle)
-    there = resampled(back, grid.frame).occupancy
-    assert (there >= grid.occupancy)[grid.occupancy > 0].all()
-
-
 @pytest.mark.parametrize("rule", ["area", "nearest"])
 @pytest.mark.parametrize(
     ("yaw", "values", "origin"),
@@ -86,7 +68,7 @@ def test_there_and_back_covers_all_obstacles(seed, angle):
     ],
 )
 def test_quarter_turns_by_hand(rule, yaw, values, origin):
-    result = rotate(OccupancyGrid(NUMBERED, 0.5, (1.0, 2.0, 0.0)), yaw, rule=rule)
+    result = mapdeal.rotate(mapdeal.OccupancyGrid(NUMBERED, 0.5, (1.0, 2.0, 0.0)), yaw, rule=rule)
     assert result.occupancy.tolist() == values
     assert result.origin == (*origin, 0.0)
 
@@ -94,8 +76,8 @@ def test_quarter_turns_by_hand(rule, yaw, values, origin):
 @pytest.mark.parametrize("quarters", [1, 2, 3])
 def test_a_yaw_of_quarter_turns_is_baked_out_without_a_change_of_cells(quarters):
     """The corner moves to where the turned map's lowest x and y are, exactly."""
-    grid = OccupancyGrid(NUMBERED, 0.05, (1.0, 2.0, quarters * math.pi / 2))
-    result = rotate(grid)
+    grid = mapdeal.OccupancyGrid(NUMBERED, 0.05, (1.0, 2.0, quarters * math.pi / 2))
+    result = mapdeal.rotate(grid)
     corners = {1: (0.85, 2.0), 2: (0.8, 1.85), 3: (1.0, 1.8)}
     assert result.origin == (*corners[quarters], 0.0)
     assert np.array_equal(result.occupancy, np.rot90(NUMBERED, -quarters))
@@ -106,31 +88,11 @@ def test_a_yaw_of_quarter_turns_is_baked_out_without_a_change_of_cells(quarters)
 
 
 def test_a_yaw_and_a_turn_that_make_a_quarter_turn():
-    grid = OccupancyGrid(NUMBERED, 0.05, (1.0, 2.0, 0.3))
-    result = rotate(grid, math.pi / 2 - 0.3)
+    grid = mapdeal.OccupancyGrid(NUMBERED, 0.05, (1.0, 2.0, 0.3))
+    result = mapdeal.rotate(grid, math.pi / 2 - 0.3)
     assert np.array_equal(result.occupancy, np.rot90(NUMBERED, -1))
     ((x, y),) = turned_by_hand([(1.0, 2.0)], math.pi / 2 - 0.3)
     assert result.origin == pytest.approx((x - 0.15, y, 0.0), abs=1e-12)
-
-
-def test_the_nearest_rule_takes_centres():
-    grid = some_map(5, 30, 40, 0.2)
-    result = rotate(grid, 0.5, rule="nearest")
-    centres = result.frame.xy_from_rowcol(np.argwhere(np.ones(result.shape, bool)))
-    cells, inside = grid.frame.bounded_rowcol_from_xy(turned_by_hand(centres.tolist(), -0.5))
-    expected = np.where(inside, grid.occupancy[tuple(cells.T)], -1)
-    assert np.mean(expected == result.occupancy.ravel()) == 1
-
-
-def test_costs_are_turned_too():
-    costs = np.array([[0, 255, 254], [128, 253, 0]], np.uint8)
-    costmap = Costmap(costs, 0.1, (1.0, 2.0, 0.0), circumscribed_cost=70)
-    result = rotate(costmap, math.pi)
-    assert result.cost.tolist() == costs[::-1, ::-1].tolist()
-    askew = rotate(costmap, 0.4)
-    assert askew.circumscribed_cost == 70
-    assert {254, 253, 128} <= set(askew.cost.ravel().tolist())
-    assert askew.cost[0, 0] == 255
 
 
 ROOM = "\n".join(
@@ -139,24 +101,24 @@ ROOM = "\n".join(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("yaw", [0.2, -0.7, 1.2, 2.9])
+@pytest.mark.parametrize("yaw", [0.0, 0.2, -0.7, 1.2, 2.9])
 def test_a_room_whose_walls_are_along_its_cells_is_straightened_exactly(yaw):
     room = grid_from_text(ROOM, 0.1, (1.5, -2.0, yaw))
-    turn = yaw_to_straighten(room)
+    turn = mapdeal.yaw_to_straighten(room)
     assert abs(turn) <= math.pi / 4
     assert turn == pytest.approx(-math.remainder(yaw, math.pi / 2))
-    result = straighten(room)
+    result = mapdeal.straighten(room)
     quarters = round((yaw + turn) / (math.pi / 2))
     assert np.array_equal(result.occupancy, np.rot90(room.occupancy, -quarters))
 
 
 @pytest.mark.parametrize(("drawn", "yaw"), [(0.3, 0.0), (-0.35, 0.5), (0.6, -0.2)])
 def test_a_crooked_room_is_straightened(drawn, yaw):
-    crooked = rotate(grid_from_text(ROOM, 0.05, (1.5, -2.0, 0.0)), drawn)
-    crooked = OccupancyGrid(crooked.occupancy, 0.05, (3.0, 1.0, yaw))
-    turn = yaw_to_straighten(crooked)
+    crooked = mapdeal.rotate(grid_from_text(ROOM, 0.05, (1.5, -2.0, 0.0)), drawn)
+    crooked = mapdeal.OccupancyGrid(crooked.occupancy, 0.05, (3.0, 1.0, yaw))
+    turn = mapdeal.yaw_to_straighten(crooked)
     assert turn == pytest.approx(-math.remainder(drawn + yaw, math.pi / 2), abs=math.radians(0.3))
-    result = straighten(crooked)
+    result = mapdeal.straighten(crooked)
     rows = (result.occupancy == 100).sum(axis=1)
     # both long walls, which were 60 cells, fill rows again, whichever side is up
     cols = (result.occupancy == 100).sum(axis=0)
@@ -169,61 +131,103 @@ def test_the_outline_of_a_turned_map_is_no_wall():
     block = np.full((150, 200), 100, np.int8)
     block[50:80, 60:120] = 0
     block[60:62, 70:100] = 100
-    crooked = rotate(OccupancyGrid(np.pad(rotated_room(block), 30, constant_values=100), 0.05), 0.5)
-    assert yaw_to_straighten(crooked) == pytest.approx(-0.2, abs=0.01)
+    crooked = mapdeal.rotate(
+        mapdeal.OccupancyGrid(np.pad(rotated_room(block), 30, constant_values=100), 0.05), 0.5
+    )
+    assert mapdeal.yaw_to_straighten(crooked) == pytest.approx(-0.2, abs=0.01)
 
 
 def rotated_room(block):
     """The block, in which the room lies at -0.3 rad to its outline."""
-    turned = rotate(OccupancyGrid(block, 0.05, (1.5, -2.0, 0.0)), -0.3).occupancy
+    turned = mapdeal.rotate(mapdeal.OccupancyGrid(block, 0.05, (1.5, -2.0, 0.0)), -0.3).occupancy
     return np.where(turned == 0, 0, 100).astype(np.int8)
 
 
 def test_walls_that_border_on_unknown_alone_are_walls():
     wall = np.full((60, 80), -1, np.int8)
     wall[20:22, 5:75] = 100
-    assert yaw_to_straighten(OccupancyGrid(wall, 0.1, (1.5, -2.0, 0.25))) == pytest.approx(-0.25)
-
-
-def test_what_lies_straight_is_not_touched():
-    room = grid_from_text(ROOM, 0.1, (1.5, -2.0, 0.0))
-    assert yaw_to_straighten(room) == 0
-    assert np.array_equal(straighten(room).occupancy, room.occupancy)
-    assert straighten(room).origin == room.origin
+    assert mapdeal.yaw_to_straighten(
+        mapdeal.OccupancyGrid(wall, 0.1, (1.5, -2.0, 0.25))
+    ) == pytest.approx(-0.25)
 
 
 def test_lethal_costs_are_walls():
     room = grid_from_text(ROOM, 0.1, (1.5, -2.0, 0.25))
     costs = np.where(room.occupancy == 100, 254, 3).astype(np.uint8)
-    assert yaw_to_straighten(Costmap(costs, 0.1, room.origin)) == pytest.approx(-0.25)
+    assert mapdeal.yaw_to_straighten(mapdeal.Costmap(costs, 0.1, room.origin)) == pytest.approx(
+        -0.25
+    )
 
 
 def test_without_walls_nothing_is_turned():
-    empty = OccupancyGrid(np.zeros((20, 30), np.int8), 0.1, (1.0, 2.0, 0.3))
-    assert yaw_to_straighten(empty) is None
-    with pytest.warns(MapdealWarning, match="no direction of walls stands out"):
-        assert straighten(empty) is empty
+    empty = mapdeal.OccupancyGrid(np.zeros((20, 30), np.int8), 0.1, (1.0, 2.0, 0.3))
+    assert mapdeal.yaw_to_straighten(empty) is None
+    with pytest.warns(mapdeal.MapdealWarning, match="no direction of walls stands out"):
+        assert mapdeal.straighten(empty) is empty
 
 
-@pytest.mark.parametrize(("yaw", "word"), [(math.nan, "yaw"), (math.inf, "yaw")])
-def test_an_angle_is_a_finite_number(yaw, word):
-    with pytest.raises(ParameterError, match=word):
-        rotate(some_map(1, 3, 4), yaw)
+CHOICES = np.array([-1, 0, 0, 0, 30, 100], np.int8)
+ORIGIN = (1.3, -2.6, 0.4)
 
 
-def test_a_rule_is_refused_for_quarter_turns_too():
-    with pytest.raises(ParameterError, match="rule"):
-        rotate(some_map(1, 3, 4), rule="median")
+def a_map(seed, height, width, resolution="0.05"):
+    values = np.random.default_rng(seed).choice(CHOICES, (height, width))
+    return mapdeal.OccupancyGrid(values, float(resolution), ORIGIN)
 
 
-def test_a_field_is_not_turned():
-    field = esdf(some_map(3, 5, 6))
-    for change in (rotate, straighten):
-        with pytest.raises(ParameterError, match="a map or a costmap"):
-            change(field)
+def rescaled_by_hand(values, ratio):
+    """In fractions: the largest above 0 that is overlapped, else what is at the centre."""
+    height, width = (math.ceil(Fraction(size) / ratio) for size in values.shape)
+    result = np.full((height, width), -1, np.int8)
+    for row, col in np.ndindex(height, width):
+        under = values[
+            math.floor(row * ratio) : math.ceil((row + 1) * ratio),
+            math.floor(col * ratio) : math.ceil((col + 1) * ratio),
+        ]
+        at = tuple(math.floor((k + Fraction(1, 2)) * ratio) for k in (row, col))
+        inside = at[0] < values.shape[0] and at[1] < values.shape[1]
+        result[row, col] = under.max() if under.max() > 0 else values[at] if inside else -1
+    return result
 
 
-def test_a_result_of_too_many_cells_is_refused(monkeypatch):
-    monkeypatch.setattr("mapdeal.stages.resample.MOST_CELLS", 30)
-    with pytest.raises(ParameterError, match=r"yaw: .*30 cells"):
-        rotate(some_map(1, 5, 5), 0.7)
+@given(
+    seed=st.integers(0, 999), height=st.integers(1, 12), width=st.integers(1, 12),
+    old=st.sampled_from(["0.05", "0.1", "0.07", "0.25"]),
+    new=st.sampled_from(["0.05", "0.1", "0.2", "0.03", "0.15", "1", "0.35"]),
+)  # fmt: skip
+@settings(deadline=None)
+def test_every_cell_is_as_by_hand(seed, height, width, old, new):
+    grid = a_map(seed, height, width, old)
+    result = mapdeal.rescale(grid, float(new))
+    assert (result.resolution, result.origin) == (float(new), ORIGIN)
+    np.testing.assert_array_equal(
+        result.occupancy, rescaled_by_hand(grid.occupancy, Fraction(new) / Fraction(old))
+    )
+
+
+@pytest.mark.parametrize("factor", [2, 3, 5])
+@pytest.mark.parametrize("rule", ["area", "nearest"])
+def test_finer_by_a_whole_factor_repeats_cells(factor, rule):
+    grid = a_map(1, 7, 11, "0.1")
+    result = mapdeal.rescale(grid, 0.1 / factor, rule=rule)
+    expected = np.repeat(np.repeat(grid.occupancy, factor, axis=0), factor, axis=1)
+    np.testing.assert_array_equal(result.occupancy, expected)
+    back = mapdeal.rescale(result, 0.1, rule=rule)
+    np.testing.assert_array_equal(back.occupancy, grid.occupancy)
+
+
+def test_coarser_by_the_nearest_rule_takes_every_third_cell():
+    grid = a_map(2, 9, 12)
+    result = mapdeal.rescale(grid, 0.15, rule="nearest")
+    np.testing.assert_array_equal(result.occupancy, grid.occupancy[1::3, 1::3])
+
+
+def test_the_same_resolution_is_the_same_grid():
+    grid = a_map(3, 4, 5)
+    assert mapdeal.rescale(grid, 0.05) is grid
+
+
+def test_unknown_costs_never_win():
+    costs = np.array([[255, 0, 255, 254], [0, 0, 9, 255]], np.uint8)
+    result = mapdeal.rescale(mapdeal.Costmap(costs, 0.1, ORIGIN), 0.2)
+    assert result.cost.tolist() == [[0, 254]]

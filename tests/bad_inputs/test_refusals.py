@@ -1,0 +1,317 @@
+"""Words and files that cannot be: an exit code, one line that says why, and nothing written."""
+
+import os
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bad_maps import PGM, yaml_text
+from bad_maps import write_map as write_pair
+from mapdeal import Costmap, esdf, read_map, write_map
+
+READINGS = " ".join(["2.0"] * 180)
+LOG = f"FLASER 180 {READINGS} 1 2 0.5 0 0 0 7 host 7\n"
+SHAPE = "shapes:\n- {{type: circle, center: [1.5, -2], {}}}\n"
+FILES = {
+    "c.xyz": "1 0 0\n0 1 0\n",
+    "d.xyz": "1 0 0\n0 1 0\n",
+    "flat.xyz": "1 2\n",
+    "none.xyz": "",
+    "nan.xyz": "nan 1 2\n1 inf 2\n",
+    "far.xyz": "9 9 9\n",
+    "words.xyz": "1 2 3\n1 b 3\n",
+    "one.txt": "0 0 0\n",
+    "three.txt": "0 0 0\n" * 3,
+    "nan.txt": "0 0 0\n0 nan 0\n",
+    "zero.txt": "0 0 0 0 0 0 0 0\n" * 2,
+    "four.txt": "0 0 0 0\n" * 2,
+    "two.txt": "0 0 0\n0 0 0\n",
+    "out.d/summary.json": "0 0 0\n0 0 0\n",
+    "out.d/0001/e.xyz": "1 0 0\n0 1 0\n",
+    "a.log": LOG,
+    "odom.log": "ODOM 1 2 3\n",
+    "cut.log": LOG + LOG[:300],
+    "many.log": LOG + (LOG[:300] + "\n") * 11,
+    "nan.log": LOG.replace("2.0", "nan"),
+    "far.log": LOG.replace("2.0", "81.83"),
+    "r.yaml": "stages: [esdf]\n",
+    "l.yaml": "- {type: circle, center: [0, 0], radius: 1}\n",
+    "z.yaml": SHAPE.format("radius: 1"),
+    "z254.yaml": SHAPE.format("radius: 1, value: 254"),
+    "zhuge.yaml": SHAPE.format("radius: 1e11, value: 1"),
+    "zout.yaml": SHAPE.format("radius: 1, value: 1").replace("1.5", "99"),
+    "p.yaml": yaml_text(image="p.png"),
+    "summary.json.yaml": yaml_text(),
+    "broken.yaml": yaml_text(image="broken.pgm"),
+}
+RECIPES = {
+    "stages: [{inflat: {radius: 0.3}}]": ("inflat", "inflate"),
+    "stages: [{inflate: {radus: 0.3}}]": ("radus", "radius"),
+    "stages: [{inflate: &loop {radius: *loop}}]": ("own anchor", ""),
+    "stages: [inflate, esdf, inflate]": ("inflate", ""),
+    "stages: [{inflate: {radius: [0.3]}}]": ("inflate.radius", ""),
+    "stages: [{inflate: {radius: yes}}]": ("inflate.radius", ""),
+    "stages: [{cost: {model: [rings]}}]": ("model", ""),
+    "": ("r.yaml", ""),
+    "stages: []": ("r.yaml", ""),
+    'stages: [{inflate: {radius: !!int ""}}]': ("r.yaml", ""),
+    f"stages: [{{inflate: {{radius: 0x{'f' * 5000}}}}}]": ("radius", ""),
+    "stages: [esdf]\nstages: [inflate]": ("1 and 2", ""),
+}
+
+LOCAL = "local -o out --no-images --size 4,4 --cloud c.xyz "
+POSE = LOCAL + "--pose 0,0,0 "
+NEEDED = "local -o out --no-images --size 4,4 --pose 0,0,0 --require-points --cloud "
+POSES = LOCAL + "--cloud d.xyz --poses "
+BUILD = "build a.log -o out.yaml "
+INFLATE = "inflate m.yaml -o o.npz "
+COST = "cost m.yaml -o o.npz "
+RUN = "run m.yaml -o out "
+CONVERT = "convert m.yaml -o o.npz "
+ENCODE = CONVERT + "--encoding costmap2d --static-layer "
+TRIANGLE = " m.yaml -o o.npz --point 1.5,-2.0 --point 1.6,-2.0 --point 1.5,-1.9 "
+POLYGON = "edit polygon" + TRIANGLE
+LINE = "edit line" + TRIANGLE
+CIRCLE = "edit circle" + TRIANGLE
+OF_FILE = "edit circle m.yaml -o o.npz --file "
+RESET = "edit reset m.yaml -o o.npz "
+WINDOW = "window m.yaml -o o.npz "
+ROTATE = "rotate m.yaml -o o.npz "
+RESCALE = "rescale m.yaml -o o.npz "
+POTENTIAL = "potential m.yaml -o o.npz "
+ROUTE = "route c.npz --from 1.51,-1.98 --to 1.51,-1.98 "
+LONG = "n" * 300
+
+REFUSED = [
+    # clouds and poses
+    (NEEDED + "none.xyz", 3, "it holds no points"),
+    (NEEDED + "nan.xyz", 3, "2 are not finite"),
+    (NEEDED + "far.xyz", 3, "1 lie outside"),
+    (POSE.replace("c.xyz", "words.xyz"), 3, "words.xyz: line 2"),
+    (POSE.replace("c.xyz", "flat.xyz") + "--max-height 1", 2, "flat.xyz"),
+    (POSE.replace("c.xyz", "gone.xyz"), 4, "gone.xyz"),
+    (POSE.replace("c.xyz", "pipe"), 4, "regular"),
+    (POSE.replace("c.xyz", "''"), 2, "must not be empty"),
+    (LOCAL + "--pose 0,nan,0", 2, "--pose"),
+    (LOCAL + "--pose 1,2", 2, "--pose"),
+    (LOCAL, 2, "--pose"),
+    (POSE + "--poses two.txt", 2, "--pose"),
+    (POSE + "--cloud d.xyz", 2, "--pose", "--poses"),
+    (LOCAL + "--poses gone.txt", 4, "gone.txt"),
+    (POSES + "one.txt", 3, "for each of 2"),
+    (POSES + "three.txt", 3, "for each of 2"),
+    (POSES + "nan.txt", 3, "nan.txt: pose 2"),
+    (POSES + "zero.txt", 3, "pose 1"),
+    (POSES + "four.txt", 3, "line 1"),
+    (POSES + "out.d/summary.json -o out.d --force", 4, "out.d/summary.json"),
+    (POSES + "three.txt --cloud out.d/0001/e.xyz -o out.d --force", 4, "out.d/0001/e.xyz"),
+    (POSE + "--size 1e5,1e5", 2, "size"),
+    (POSE + "--resolution 0", 2, "resolution"),
+    (POSE + "--min-range 2 --max-range 1", 2, "--min-range"),
+    (POSE + "--min-height nan", 2, "--min-height"),
+    (POSE + "--offset 1", 2, "--offset"),
+    (POSE + "--frame odom", 2, "--frame"),
+    (POSE + "--recipe lokal", 2, "recipe"),
+    (POSE + "--set inflate.radius=-1", 2, "inflate.radius"),
+    (POSE + "--map none.yaml", 4, "none.yaml"),
+    (POSE + "--map c.xyz", 3, "c.xyz"),
+    (POSE + "d.xyz", 2, "d.xyz"),
+    (POSE + "-o m.yaml", 4, "m.yaml"),
+    # laser scans
+    ("build -o out.yaml", 2, "LOG"),
+    (BUILD + "--poses a.log", 2, "--poses"),
+    (BUILD + "--flip-y", 2, "--flip-y"),
+    ("build --poses a.log -o out.yaml", 2, "--angles"),
+    ("build gone.log -o out.yaml", 4, "gone.log"),
+    ("build odom.log -o out.yaml", 3, "FLASER"),
+    ("build cut.log -o out.yaml --max-bad 0", 3, "cut.log: line 2"),
+    ("build many.log -o out.yaml", 3, "10 more"),
+    ("build nan.log -o out.yaml", 3, "no beam hits"),
+    ("build far.log -o out.yaml", 3, "no beam hits"),
+    (BUILD + "--range-min 5 --range-max 4", 2, "--range-m"),
+    (BUILD + "--range-max nan", 2, "--range-max"),
+    (BUILD + "--log-occ -1", 2, "--log-occ"),
+    (BUILD + "--log-free 0.5", 2, "--log-free"),
+    (BUILD + "--log-min 80 --log-max 20", 2, "--log-min"),
+    (BUILD + "--method counting --ratio 1", 2, "ratio"),
+    (BUILD + "--method tsdf --truncation 0", 2, "truncation"),
+    (BUILD + "--method voting", 2, "--method"),
+    (BUILD + "--ratio 0.5", 2, "--ratio"),
+    (BUILD + "--method tsdf --values", 2, "--values"),
+    (BUILD + "--size 5,5", 2, "--size"),
+    (BUILD + "--origin 5,5", 2, "--origin"),
+    (BUILD + "--size 1e5,1e5 --origin 0,0", 2, "size"),
+    (BUILD + "--resolution -1", 2, "resolution"),
+    (BUILD + "--layers l.yaml", 2, "l.yaml"),
+    ("build a.log -o out.txt", 2, "out.txt"),
+    ("build a.log -o m.yaml", 4, "m.pgm"),
+    ("build a.log -o o.npz --layers o.npz", 2, "o.npz"),
+    # parameters
+    (INFLATE + "--radius -0.1", 2, "radius"),
+    (INFLATE + "--radius nan", 2, "radius"),
+    (INFLATE + "--robot-radius 0", 2, "radius"),
+    ("active m.yaml -o o.npz --margin nan", 2, "margin"),
+    ("esdf m.yaml -o o.npz --max-distance 0", 2, "--max-distance"),
+    (COST + "--cost-scaling-factor -1", 2, "--cost-scaling-factor"),
+    (INFLATE + "--footprint '[[1, 1], [-1, 1]]'", 2, "footprint"),
+    (INFLATE + "--footprint '[[3, 2], [-3, -2], [3, -2], [-3, 2]]'", 2, "vertex 1"),
+    (COST + "--footprint '[[1, 1], [-1, 1], [nan, 0]]'", 2, "vertex 3"),
+    (COST + "--footprint '[[1, 1], [-1, 1], [0, -1e9]]'", 2, "vertex 3"),
+    (COST + "--footprint '[[1, 1], [1, 2, 3], [0, 0]]'", 2, "vertex 2"),
+    (INFLATE + "--footprint round", 2, "footprint"),
+    (INFLATE + f"--footprint '{[[k % 7 + 1.0, k % 5 + 1.0] for k in range(501)]}'", 2,
+     "500 vertices"),
+    (INFLATE + "--radios 1", 2, "--radios"),
+    (COST + "--mask none.yaml", 4, "none.yaml"),
+    ("cost m.yaml -o m.npz --mask m.pgm", 3, "m.pgm"),
+    (RUN + "--set inflate.radus=1", 2, "radus", "radius"),
+    (RUN + "--set inflat.radius=1", 2, "inflat", "inflate"),
+    (RUN + "--set active.margin=1", 2, "active", "inflate"),
+    (RUN + "--set inflate.radius=wide", 2, "inflate.radius"),
+    (RUN + "--set inflate.kernel=star", 2, "inflate.kernel"),
+    (RUN + "--set inflate.radius", 2, "--set"),
+    (RUN + "--recipe defualt", 2, "defualt", "default"),
+    (RUN + "--recipe " + LONG, 2, "recipe"),
+    # edits
+    ("edit", 2, ""),
+    ("edit star m.yaml", 2, ""),
+    ("edit polygon m.yaml -o o.npz --point 1,2 --point 2,3 --value 100", 2, "polygon"),
+    (POLYGON + "--point nan,0 --value 1", 2, "vertex 4"),
+    (POLYGON + "--point 0,1e11 --value 1", 2, "vertex 4"),
+    ("edit polygon m.yaml -o o.npz --point 1,2 --point 2,3 --point 2,2 --point 1,3 --value 1", 2,
+     "vertex 1"),
+    ("edit polygon m.yaml -o o.npz --point 1,2,3 --value 1", 2, "--point"),
+    ("edit line m.yaml -o o.npz --point 1_0,2 --value 1", 2, "--point"),
+    ("edit polygon m.yaml -o o.npz --value 100", 2, "--point"),
+    (POLYGON, 2, "--value"),
+    (POLYGON + "--value 101", 2, "value"),
+    (POLYGON + "--value 1.5", 2, "--value"),
+    (CIRCLE + "--value 1", 2, "--radius"),
+    (CIRCLE + "--radius -1 --value 1", 2, "radius"),
+    (CIRCLE + "--radius 1e11 --value 1", 2, "radius"),
+    (LINE + "--thickness -1 --value 1", 2, "thickness"),
+    ("edit line m.yaml -o o.npz --file z.yaml --thickness 1", 2, "--point"),
+    (OF_FILE + "z.yaml --radius 1", 2, "--point"),
+    (POLYGON + "--overlay add --value 1", 2, "--overlay"),
+    (LINE + "--background 1 --value 1", 2, "--blank"),
+    (POLYGON + "--blank --background 101 --value 1", 2, "background"),
+    (RESET + "--at 1.5,-2 --size 0,1", 2, "size"),
+    (RESET + "--at 1,2 --corner 1,2 --size 1,1", 2, "--at"),
+    (RESET + "--size 1,1", 2, "--at"),
+    (OF_FILE + "z254.yaml", 3, "z254.yaml: shape 1 (line 2)"),
+    (OF_FILE + "zhuge.yaml", 3, "zhuge.yaml: shape 1 (line 2)"),
+    (OF_FILE + "z.yaml", 2, "--value", "z.yaml: shape 1 (line 2)"),
+    (OF_FILE + "zout.yaml --strict", 1, "nothing was written"),
+    (OF_FILE + "l.yaml --value 1", 3, "l.yaml", "shapes:"),
+    (OF_FILE + "m.yaml --value 1", 3, "m.yaml: is a map, not a file of shapes", "info"),
+    (COST + "--mask z.yaml", 3, "z.yaml", "edit"),
+    ("inflate r.yaml -o o.npz", 3, "r.yaml", "--recipe"),
+    ("edit circle e.npz -o o.npz --point 1.5,-2 --radius 1 --value 1", 2, "e.npz", "esdf"),
+    # windows and encodings
+    (WINDOW + "--at 1.5,-2 --size 1,0", 2, "size"),
+    (WINDOW + "--at 1.5,-2 --size 1e7,1e7", 2, "size"),
+    (WINDOW + "--corner 1e300,0 --size 1,1", 2, "corner"),
+    (WINDOW + "--at 1.5,-2", 2, "--size"),
+    ("window e.npz -o o.npz --corner 1.5,-2 --size 0.05,0.05 --default 0", 2, "default"),
+    ("shift m.yaml -o o.npz --origin nan,0", 2, "origin"),
+    ("shift m.yaml -o o.npz --origin 0,0 --default 255", 2, "default"),
+    ("shift m.yaml -o o.npz --origin here", 2, "--origin"),
+    (ROTATE, 2, "--straighten"),
+    (ROTATE + "--yaw 1 --straighten", 2, "--yaw"),
+    (ROTATE + "--yaw nan", 2, "--yaw: "),
+    (ROTATE + "--yaw 1 --rule median", 2, "--rule"),
+    (RESCALE, 2, "--resolution"),
+    (RESCALE + "--resolution 0", 2, "resolution"),
+    (RESCALE + "--resolution nan", 2, "resolution"),
+    (RESCALE + "--resolution 1.1e-6", 2, "resolution"),
+    ("pack m.yaml -o o.pgm", 2, ""),
+    ("pack m.yaml -o m.pbm --force", 4, ""),
+    ("pack m.yaml -o o.pbm --lethal-threshold 0", 2, ""),
+    ("pack e.npz -o o.pbm --lethal-threshold 50", 2, "threshold"),
+    ("unpack m.yaml -o o.yaml", 2, ""),
+    ("unpack none.pbm -o o.yaml", 4, ""),
+    ("unpack m.pgm -o o.yaml", 2, ""),
+    (CONVERT + "--static-layer", 2, ""),
+    (CONVERT + "--lethal-threshold 65", 2, ""),
+    (ENCODE + "--lethal-threshold 101", 2, ""),
+    (ENCODE + "--inscribed-value many", 2, ""),
+    (CONVERT + "--encoding amcl2", 2, ""),
+    ("convert e.npz -o o.npz --encoding amcl", 2, "encoding"),
+    # questions
+    ("query m.yaml --at 1,2,3", 2, "--at"),
+    ("query m.yaml", 2, "--points"),
+    ("query m.yaml --points none.csv", 4, "none.csv"),
+    ("query m.yaml --points .", 4, "."),
+    (POTENTIAL + "--goal {wall}", 2, "goal"),
+    (POTENTIAL + "--goal nan,1", 2, "goal"),
+    (POTENTIAL + "--repulsive-cap 0", 2, "cap"),
+    (POTENTIAL + "--repulsive-gain -1", 2, "gain"),
+    (POTENTIAL + "--attractive-gain 1e308", 2, "--attractive-gain"),
+    ("potential m.yaml -o o.yaml", 2, "o.yaml"),
+    ("route m.yaml --to 9,9 --from {wall}", 2, "m.yaml: start"),
+    ("route c.npz --from 1.51,-1.98 --to 9,9", 2, "goal"),
+    ("route c.npz --from nan,0 --to 9,9", 2, "start"),
+    ("route m.yaml --from 1,1", 2, "--to"),
+    (ROUTE + "--method x", 2, ""),
+    (ROUTE + "--field-weight -1", 2, "field_weight"),
+    (ROUTE + "--attractive-gain 2", 2, "--attractive-gain"),
+    (ROUTE + "--method descent --field-weight 2", 2, "--field-weight"),
+    (ROUTE + "-o o.txt", 2, "o.txt"),
+    # outputs
+    ("esdf m.yaml -o file/o.npz", 4, "file"),
+    ("run m.yaml -o file", 4, "file"),
+    ("esdf m.yaml -o sub.npz", 4, "sub.npz"),
+    ("esdf m.yaml -o sub.npz --force", 4, "sub.npz"),
+    ("esdf m.yaml -o loop/o.npz", 4, "loop"),
+    (f"esdf m.yaml -o {LONG[:252]}.npz", 4, "nnnn"),
+    ("esdf m.yaml -o o.npz --image p.png", 4, "p.png", "--force"),
+    ("run broken.yaml -o new/deeper", 3, "broken.pgm"),
+    ("run summary.json.yaml m.yaml -o out", 2, "summary.json"),
+    ("convert m.yaml -o o.png --image sub.npz/../o.png", 2, "two outputs"),
+    # empty names are not the working folder
+    ("inflate m.yaml --output=", 2, "must not be empty"),
+    ("inflate '' -o o.yaml", 2, "must not be empty"),
+    ("inflate m.yaml -o o.yaml --image ''", 2, "must not be empty"),
+    ("run '' -o out", 2, "must not be empty"),
+    (RUN + "--golden ''", 2, "must not be empty"),
+    (RUN + "--recipe ''", 2, "must not be empty"),
+    ("diff m.yaml ''", 2, "must not be empty"),
+    ("build '' -o o.yaml", 2, "must not be empty"),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Contents of all files that rows name, and the middle of an occupied cell."""
+    folder = tmp_path_factory.mktemp("made")
+    write_pair(folder)
+    grid = read_map(folder / "m.yaml")
+    write_map(folder / "e.npz", esdf(grid))
+    write_map(folder / "c.npz", Costmap([[0, 0, 254]], 0.05, grid.origin))
+    ((x, y), *_) = grid.frame.xy_from_rowcol(np.argwhere(grid.occupancy == 100))
+    found = {name: text.encode() for name, text in FILES.items()}
+    found |= {name: (folder / name).read_bytes() for name in ("e.npz", "c.npz")}
+    return {**found, "file": b"precious\n", "p.png": PGM, "broken.pgm": PGM[:-1]}, f"{x},{y}"
+
+
+@pytest.mark.parametrize("row", REFUSED, ids=lambda row: row[0][:90])
+def test_what_cannot_be_is_refused(folder, made, refused, row):
+    words, code, told, *hint = row
+    files, wall = made
+    for name, data in files.items():
+        if Path(name).stem in words:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(data)
+    (folder / "sub.npz").mkdir()
+    (folder / "loop").symlink_to("loop")
+    os.mkfifo(folder / "pipe")
+    refused(shlex.split(words.replace("{wall}", wall)), code, told, hint="".join(hint))
+
+
+@pytest.mark.parametrize("text", RECIPES, ids=lambda text: text[:60])
+def test_a_recipe_that_makes_no_sense_is_refused(folder, refused, text):
+    (folder / "r.yaml").write_text(text)
+    place, hint = RECIPES[text]
+    refused(["run", "m.yaml", "-o", "out", "--recipe", "r.yaml"], 2, place, hint=hint)

@@ -1,0 +1,269 @@
+"""Which findings count: comments, files of configuration, and rules in plain Python."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mapdeal.checks.findings import (
+    CHECKS,
+    Finding,
+    IgnoreComment,
+    LintConfig,
+    find_lint_config,
+    read_ignore_comments,
+    read_lint_config,
+    selection_of,
+)
+from mapdeal.checks.lint import lint_file  # noqa: F401 - lists all checks
+from mapdeal.errors import MalformedInputError, ParameterError
+
+NAMES = ["all", "image", "image.", "image.alpha", "map", "map.specks", "yaml.origin-yaw", "yaml"]
+
+
+def config(tmp_path=Path("/p"), **values):
+    return LintConfig(tmp_path / "mapdeal.toml", "lint", **values)
+
+
+def precision(name, texts):
+    """How precisely a check is named: 2 by itself, 1 by its area, 0 by all, -1 not at all."""
+    ranks = [
+        2 if text == name else 1 if text.rstrip(".") == name.split(".")[0] else 0
+        for text in texts
+        if text in (name, "all") or text.rstrip(".") == name.split(".")[0]
+    ]
+    return max(ranks, default=-1)
+
+
+def chosen(before, select, ignore):
+    if select:
+        return {n for n in CHECKS if precision(n, select) > precision(n, ignore)}
+    return {n for n in before if precision(n, ignore) < 0}
+
+
+some = st.lists(st.sampled_from(NAMES), max_size=3)
+
+
+@given(select=some, ignore=some, of_file=st.tuples(some, some))
+def test_the_more_precise_name_wins_and_the_caller_comes_after_the_file(select, ignore, of_file):
+    of_config = config(select=tuple(of_file[0]) or None, ignore=tuple(of_file[1]))
+    made = selection_of(select, ignore, config=of_config)
+    assert made.checks == chosen(chosen(CHECKS, *of_file), select, ignore)
+
+
+def test_an_empty_select_in_a_file_selects_nothing():
+    assert selection_of(config=config(select=())).checks == set()
+
+
+@pytest.mark.parametrize(("text", "hint"), [
+    ("image.palete", "did you mean image.palette?"),
+    ("imag", "did you mean image?"),
+    ("palette", "did you mean image.palette?"),
+    ("map.no", "did you mean map.no-free?"),
+    ("", "areas are"),
+    ("qqqq", "areas are file, yaml, thresholds"),
+])  # fmt: skip
+def test_an_unknown_name_is_an_error_with_a_hint(text, hint):
+    with pytest.raises(ParameterError) as caught:
+        selection_of([text])
+    assert str(caught.value).startswith("--select: unknown check, got ")
+    assert caught.value.hint.startswith(hint)
+    for values, place in [
+        ({"select": (text,)}, "lint.select"), ({"ignore": (text,)}, "lint.ignore"),
+        ({"per_file_ignores": (("a", (text,)),)}, 'lint.per-file-ignores."a"'),
+        ({"severity": ((text, "error"),)}, "lint.severity"),
+    ]:  # fmt: skip
+        with pytest.raises(ParameterError) as caught:
+            selection_of(config=config(**values))
+        assert str(caught.value).startswith(f"/p/mapdeal.toml: {place}: unknown check")
+
+
+def found(*names):
+    return [Finding(name, CHECKS[name].severity, "m.yaml", "told") for name in names]
+
+
+def names_of(findings):
+    return [one.check for one in findings]
+
+
+YAW, ALPHA, SPECKS = "yaml.origin-yaw", "image.alpha", "map.specks"
+
+
+def test_a_comment_suppresses_checks_and_areas():
+    comments = [IgnoreComment(3, (YAW, "image"))]
+    findings = found(YAW, ALPHA, SPECKS, ALPHA)
+    kept, suppressed = selection_of().judged(Path("m.yaml"), findings, comments)
+    assert (names_of(kept), suppressed) == ([SPECKS], 3)
+    # those that are not wanted are not suppressed but gone
+    kept, suppressed = selection_of(["image"]).judged(Path("m.yaml"), found(YAW, ALPHA))
+    assert (names_of(kept), suppressed) == ([ALPHA], 0)
+
+
+@pytest.mark.parametrize(("names", "message"), [
+    ((), "names no check: write # mapdeal: ignore AREA.NAME"),
+    ((ALPHA,), "image.alpha ignores nothing here"),
+    (("map",), "map ignores nothing here"),
+    (("yaml.orign-yaw",), "unknown check yaml.orign-yaw; did you mean yaml.origin-yaw?"),
+    (("lint.unused-ignore",), "lint.unused-ignore ignores nothing here"),
+])  # fmt: skip
+def test_a_comment_that_ignores_nothing_is_told(names, message):
+    comments = [IgnoreComment(4, names)]
+    kept, suppressed = selection_of().judged(Path("m.yaml"), found(YAW), comments)
+    assert (names_of(kept), suppressed) == ([YAW, "lint.unused-ignore"], 0)
+    assert (kept[1].message, kept[1].line, kept[1].severity) == (message, 4, "note")
+    kept, _ = selection_of([], ["lint"]).judged(Path("m.yaml"), found(YAW), comments)
+    assert names_of(kept) == [YAW]
+
+
+def test_a_comment_on_a_check_that_is_not_wanted_is_used_all_the_same():
+    comments = [IgnoreComment(1, (YAW,))]
+    kept, suppressed = selection_of([], ["yaml"]).judged(Path("m.yaml"), found(YAW), comments)
+    assert (kept, suppressed) == ((), 0)
+
+
+@pytest.mark.parametrize(("pattern", "is_spared"), [
+    ("m.yaml", True),
+    ("*.yaml", True),
+    ("old", True),
+    ("old/", True),
+    ("old/*", True),
+    ("old/deep", True),
+    ("old/deep/m.yaml", True),
+    ("*/deep/*", True),
+    ("**/m.yaml", True),
+    ("o[l]d/?eep/*", True),
+    ("deep", False),
+    ("new/*", False),
+    ("n.yaml", False),
+    ("../*", False),
+])  # fmt: skip
+def test_patterns_are_of_names_below_the_files_folder(tmp_path, pattern, is_spared):
+    made = selection_of(config=config(tmp_path, per_file_ignores=((pattern, ("image",)),)))
+    kept, suppressed = made.judged(tmp_path / "old/deep/m.yaml", found(YAW, ALPHA))
+    assert (names_of(kept), suppressed) == (([YAW], 1) if is_spared else ([YAW, ALPHA], 0))
+    kept, suppressed = made.judged(tmp_path.parent / "m.yaml", found(YAW, ALPHA))
+    assert suppressed == 0
+
+
+def test_severities_can_be_changed_and_the_worst_comes_first():
+    of_config = config(severity=(("image.alpha", "error"), ("image", "note"), ("all", "warning")))
+    made = selection_of(config=of_config)
+    kept, _ = made.judged(Path("m.yaml"), found(YAW, "image.colour", ALPHA, SPECKS))
+    assert [(one.check, one.severity) for one in kept] == [
+        (ALPHA, "error"), (YAW, "warning"), (SPECKS, "warning"), ("image.colour", "note"),
+    ]  # fmt: skip
+
+
+BODY = """select = ["image", "yaml.origin-yaw"]
+ignore = ["image.greys"]
+strict = true
+severity = {"image.lossy" = "error"}
+
+[{table}.per-file-ignores]
+"legacy/*" = ["all"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "table"), [("mapdeal.toml", "lint"), ("pyproject.toml", "tool.mapdeal.lint")]
+)
+def test_a_table_is_read_as_it_is_written(tmp_path, name, table):
+    path = tmp_path / name
+    path.write_text(f"[{table}]\n{BODY.replace('{table}', table)}")
+    assert read_lint_config(path) == LintConfig(
+        path, table, ("image", "yaml.origin-yaw"), ("image.greys",), strict=True,
+        per_file_ignores=(("legacy/*", ("all",)),), severity=(("image.lossy", "error"),),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "told", "hint"), [
+    ("[lint]\nselct = []\n", "lint.selct: unknown key", "did you mean select?"),
+    ("[lint]\nxyz = 1\n", "lint.xyz: unknown key", "known keys: select, ignore, strict"),
+    ("strict = true\n", "strict: unknown key", "it belongs in the table [lint]"),
+    ("[lnt]\n", "lnt: unknown key", "did you mean lint?"),
+    ("lint = 3\n", "lint: must be a table, got 3", ""),
+    ('[lint]\nselect = "image"\n', "lint.select: must be a list of names, got 'image'", ""),
+    ("[lint]\nignore = [1]\n", "lint.ignore: must be a list of names, got [1]", ""),
+    ("[lint]\nstrict = 1\n", "lint.strict: must be true or false, got 1", ""),
+    ("[lint]\nper-file-ignores = []\n", "lint.per-file-ignores: must be a table of", ""),
+    ("[lint]\nper-file-ignores = {a = 1}\n", 'lint.per-file-ignores."a": must be a list', ""),
+    ("[lint]\nseverity = {x = 'bad'}\n", 'lint.severity."x": must be error, warning or', ""),
+    ("[lint]\nseverity = 1\n", "lint.severity: must be a table of names", ""),
+])  # fmt: skip
+def test_what_cannot_be_is_refused_with_file_and_key(tmp_path, text, told, hint):
+    path = tmp_path / "mapdeal.toml"
+    path.write_text(text)
+    with pytest.raises(ParameterError) as caught:
+        read_lint_config(path)
+    assert str(caught.value).startswith(f"{path}: {told}")
+    assert (caught.value.hint or "").startswith(hint)
+
+
+@pytest.mark.parametrize(
+    "data", [b"[lint\n", b"\xff", b"a = " + b"[" * 5000, b"a = " + b"7" * 5000, b"x" * (1 << 21)]
+)
+def test_what_is_no_toml_is_malformed(tmp_path, data):
+    path = tmp_path / "mapdeal.toml"
+    path.write_bytes(data)
+    with pytest.raises(MalformedInputError, match=r"mapdeal\.toml: "):
+        read_lint_config(path)
+
+
+def test_other_tools_tables_are_their_own(tmp_path):
+    path = tmp_path / "pyproject.toml"
+    path.write_text("[tool.ruff]\nx = 1\n[project]\nname = 'y'\n")
+    assert read_lint_config(path) is None
+    path.write_text("[tool.mapdeal]\nlnt = {}\n")
+    with pytest.raises(ParameterError, match=r"tool\.mapdeal\.lnt: unknown key"):
+        read_lint_config(path)
+    for text in ("tool = 1\n", "[tool]\nmapdeal = 1\n"):
+        path.write_text(text)
+        if "mapdeal" in text:
+            with pytest.raises(ParameterError, match="must be a table"):
+                read_lint_config(path)
+        else:
+            assert read_lint_config(path) is None
+
+
+def test_the_nearest_file_with_a_table_is_found(tmp_path, monkeypatch):
+    deep = tmp_path / "a" / "b" / "c"
+    deep.mkdir(parents=True)
+    top = tmp_path / "pyproject.toml"
+    top.write_text("[tool.mapdeal.lint]\nstrict = true\n")
+    (tmp_path / "a" / "b" / "pyproject.toml").write_text("[project]\n")
+    assert find_lint_config(deep).source == top
+    own = tmp_path / "a" / "mapdeal.toml"
+    own.write_text("")
+    (tmp_path / "a" / "pyproject.toml").write_text("[tool.mapdeal.lint]\n")
+    assert find_lint_config(deep) == LintConfig(own, "lint")
+    monkeypatch.chdir(deep)
+    assert find_lint_config(tmp_path.relative_to(tmp_path)) == LintConfig(own, "lint")
+    assert find_lint_config(tmp_path).source == top
+
+
+@pytest.mark.parametrize(("line", "names"), [
+    ("# mapdeal: ignore yaml.origin-yaw", ["yaml.origin-yaw"]),
+    ("negate: 0  # mapdeal: ignore yaml.origin-yaw, image", ["yaml.origin-yaw", "image"]),
+    ("#mapdeal:ignore image.,map the dock is old, and turned", ["image.", "map"]),
+    ("\t#\tmapdeal:\tignore\timage ,\tmap", ["image", "map"]),
+    ("# mapdeal: ignore", []),
+    ("# mapdeal: ignore: image", ["image"]),
+    ("# mapdeal: ignore image,", ["image"]),
+    ("# see below  # mapdeal: ignore image", ["image"]),
+    *[(line, None) for line in ("# mapdeal: ignored image", "# mapdeal: ignore-image", "# ignore",
+                                "x#mapdeal: ignore image", "# Mapdeal: ignore image")],
+])  # fmt: skip
+def test_names_stand_behind_the_words(tmp_path, line, names):
+    path = tmp_path / "m.yaml"
+    path.write_bytes(b"\xef\xbb\xbfimage: m.pgm\r\n" + line.encode() + b"\r\nmode: raw\n")
+    expected = [] if names is None else [IgnoreComment(2, tuple(names))]
+    assert read_ignore_comments(path) == expected
+
+
+def test_a_file_that_cannot_be_read_has_none(tmp_path):
+    assert read_ignore_comments(tmp_path / "none.yaml") == []
+    (tmp_path / "large.yaml").write_text("# mapdeal: ignore image\n" * 10_000)
+    assert read_ignore_comments(tmp_path / "large.yaml") == []
+    (tmp_path / "odd.yaml").write_bytes(b"\xff\xfe\n# mapdeal: ignore image\n")
+    assert read_ignore_comments(tmp_path / "odd.yaml") == [IgnoreComment(2, ("image",))]

@@ -1,0 +1,151 @@
+"""What Python's functions do not take: the argument, and what is said of it."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mapdeal
+from mapdeal import (
+    FileAccessError,
+    MalformedInputError,
+    MapdealError,
+    OccupancyGrid,
+    ParameterError,
+)
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+LOG = EXAMPLES / "logs" / "office.log"
+NAV2 = EXAMPLES / "robots" / "nav2_params.yaml"
+GRID = OccupancyGrid([[0, 100]], 0.25)
+LATER = OccupancyGrid([[0, 100, 0]], 0.25)
+FINITE = "inflate.radius: must be a finite number"
+LIKE = "changes: must look like {'stage.parameter': value}"
+
+
+def build(**arguments):
+    return lambda: mapdeal.build_map_from_log(arguments.pop("log", LOG), **arguments)
+
+
+def lint(paths="m.yaml", **arguments):
+    return lambda: mapdeal.lint(paths, **arguments)
+
+
+def recipe(name="default", changes=None, **arguments):
+    return lambda: mapdeal.load_recipe(name, changes, **arguments)
+
+
+def run(path="m.yaml", output="out", recipe="default", **arguments):
+    return lambda: mapdeal.run(path, output, recipe, **arguments)
+
+
+def draw(picture=GRID, **arguments):
+    return lambda: mapdeal.draw_picture(picture, **arguments)
+
+
+REFUSED = [
+    (build(method="octree"), "method: must be one of log-odds"),
+    (build(truncation=3), "truncation: does not apply to method log-odds"),
+    (build(resolution=0), "resolution"),
+    (build(size=(1, 1)), "must be given together"),
+    (build(threads=0), "threads: must be a whole number"),
+    (lambda: mapdeal.diff(GRID, np.zeros((2, 2))), "takes files or grids"),
+    (lambda: mapdeal.diff("m.yaml", "m.yaml", dialect="ros2"), "dialect: must be one of nav2"),
+    (lint("@-"), "@-: applies to the command line"),
+    *[(lint(nothing), "names no map") for nothing in ([], (), iter([]))],
+    *[(lint(odd), "lint: takes names or paths") for odd in (GRID, 3, None, b"m.yaml", [b"m"])],
+    *[(lint(select=odd), "lint: takes names or paths, got") for odd in (3, b"image", ["a", None])],
+    *[(lint(ignore=odd), "lint: takes names or paths, got") for odd in (3, b"image", ["a", None])],
+    (lint(max_cells=0), "max_cells: must be a whole number"),
+    (lint(select="yaml.defalt"), "--select: unknown check, got 'yaml.defalt'"),
+    (lint(config="m.toml", no_config=True), "--no-config"),
+    (lint(config="pyproject.toml"), "has no table [tool.mapdeal.lint]"),
+    (lint(config="m.toml"), "has no table [lint]"),
+    (lint(costmap="global"), "costmap"),
+    (lint(params_file=NAV2, costmap="both"), "costmap"),
+    (draw(image_max=-1), "image_max: must be a whole number, at least 0, got -1"),
+    (draw(image_max=100.5), "image_max: must be a whole number"),
+    (draw(pose=(1, 2)), "pose"),
+    (draw(pose=(1, 2, math.nan)), "pose"),
+    (draw(title=3), "title: must be a text, got 3"),
+    (draw(route=[(0, 0), (1, 1)]), "route: must be a Route"),
+    (draw(robot=0.3), "robot: must be a Footprint, got 0.3"),
+    (draw(image_extent="some"), "image_extent"),
+    *[(draw(other), "picture: must be a grid") for other in (GRID.occupancy, None, "m.yaml")],
+    (draw(mapdeal.diff(GRID, GRID), pose=(0, 0, 0)), "over a comparison"),
+    (draw(mapdeal.merge([GRID, LATER]), pose=(0, 0, 0)), "over merged maps"),
+    (lambda: mapdeal.read_robot_parameters(NAV2, costmap="both"), "costmap"),
+    (lambda: mapdeal.read_robot_parameters(7), "takes paths of parameter files"),
+    (recipe(changes={"inflate.radis": 1}), "inflate.radis: no such parameter"),
+    (recipe(changes={"inflate.radius": -1}), f"{FINITE}, at least 0, got -1"),
+    (recipe(changes={"inflate.radius": math.nan}), FINITE),
+    (recipe(changes={"inflate.radius": True}), FINITE),
+    (recipe(changes={"inflation_radius": 1}), LIKE),
+    (recipe(changes={"inflate": {"radius": 1}}), LIKE),
+    (recipe(changes={"infalte.radius": 1}), "changes: no such stage, got 'infalte'"),
+    (recipe(changes={"active.margin": 1}), "default has no stage active, got 'active.margin'"),
+    (recipe(changes=[("inflate.radius", 1)]), "changes: must be values by name, got"),
+    (recipe(mapdeal.load_recipe("nav2"), {"cost.inflation_radius": 1}), "cannot be changed"),
+    (recipe("nav"), "no such recipe, got 'nav'"),
+    (recipe(["inflate"]), "must be the name of a recipe"),
+    (run(GRID), "run: takes the path of a map"),
+    (lambda: mapdeal.apply_recipe("m.yaml"), "apply_recipe: takes a grid"),
+    (run(canvas="whole"), "canvas: must be one of crop, full"),
+    (run(dialect="ros2"), "dialect: must be one of nav2, humble, ros1"),
+    (run(threads=0), "threads: must be a whole number, at least 1"),
+    (run(threads=True), "threads: must be a whole number"),
+    (run(max_memory=-1), "max_memory: must be"),
+    (run(image_max=-1), "image_max: must be"),
+    (run(footprint=0.3), "footprint: must be a Footprint"),
+    *[(recipe("nav2", footprint=odd), "footprint: must be a Footprint") for odd in (0.3, "circle")],
+    (lambda: mapdeal.apply_recipe(GRID, "nav2", footprint=[(0, 1)]), "must be a Footprint"),
+    (lambda: mapdeal.info("m.yaml", dialect="ros2"), "dialect"),
+]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A folder with a map and files of rules without rules."""
+    monkeypatch.chdir(tmp_path)
+    mapdeal.write_map("m.yaml", GRID)
+    Path("pyproject.toml").touch()
+    Path("m.toml").touch()
+
+
+@pytest.mark.parametrize(
+    ("call", "told"), REFUSED, ids=lambda value: value if isinstance(value, str) else ""
+)
+def test_arguments_that_are_not_allowed(call, told):
+    with pytest.raises(ParameterError, match=re.escape(told)):
+        call()
+    assert not Path("out").exists()
+
+
+@pytest.mark.parametrize(("call", "error", "told"), [
+    (build(log="missing.log"), FileAccessError, r"missing\.log"),
+    (lambda: mapdeal.diff("m.yaml", "missing.yaml"), FileAccessError, r"missing\.yaml"),
+    (lambda: mapdeal.info("missing.yaml"), FileAccessError, r"missing\.yaml"),
+    (lint(config="none.toml"), FileAccessError, r"none\.toml: cannot be read"),
+    (recipe("missing.yaml"), FileAccessError, r"missing\.yaml"),
+], ids=lambda value: value if isinstance(value, str) else "")  # fmt: skip
+def test_files_that_are_not_there(call, error, told):
+    with pytest.raises(error, match=told):
+        call()
+
+
+def test_a_parameter_that_nav2_refuses():
+    Path("p.yaml").write_text(NAV2.read_text().replace("0.6\n", "1\n"))
+    with pytest.raises(MalformedInputError, match="inflation_radius"):
+        mapdeal.read_robot_parameters("p.yaml")
+
+
+@pytest.mark.parametrize(("call", "hint"), [
+    (recipe("nav"), "did you mean nav2?"),
+    (recipe("nav2", footprint=0.3), r"Footprint\.circle\(radius\)"),
+])  # fmt: skip
+def test_what_to_do_instead(call, hint):
+    with pytest.raises(MapdealError) as caught:
+        call()
+    assert re.search(hint, caught.value.hint)

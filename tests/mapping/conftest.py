@@ -1,0 +1,1 @@
+from kernels.conftest import each_engine  # noqa: F401 - a fixture

@@ -1,0 +1,102 @@
+"""What maps of scans and of clouds refuse."""
+
+import math
+
+import numpy as np
+import pytest
+
+import mapdeal
+
+NAN, INF, HUGE = math.nan, math.inf, 10**400
+SCAN = [[0.0, 0.0, 0.0]], [0.0], [[1.0]]
+COUNTING, TSDF = {"method": "counting"}, {"method": "tsdf"}
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"method": "voting"}, "method"),
+        ({"ratio": 0.5}, "ratio"),
+        *[({**COUNTING, "ratio": one}, "ratio") for one in (1.0, NAN, "x")],
+        *[({"log_free": one}, "log_free") for one in (0.0, 1.0, -1e308, HUGE)],
+        *[({"log_occ": one}, "log_occ") for one in (-1.0, 1e308, INF, "x")],
+        *[({"log_min": one}, "log_min") for one in (50.0, 49.999999)],
+        ({"log_min": 80.0, "log_max": 20.0}, "log_min"),
+        *[({"log_max": one}, "log_max") for one in (101.0, 50.000001)],
+        *[({**TSDF, "truncation": one}, "truncation") for one in (None, 0.5, NAN)],
+        ({**TSDF, "truncation_behind": 0.4}, "truncation_behind: must be 0.5 to 500 trunc"),
+        *[({**TSDF, "truncation_behind": one}, "truncation_behind") for one in (501, NAN, "x")],
+        ({**COUNTING, "truncation_behind": 3}, "truncation_behind"),
+        ({**COUNTING, "as_written": True}, "as_written: does not apply to method counting"),
+        ({"range_min": -1.0}, "range_min"),
+        *[({"range_max": one}, "range_max") for one in (0.0, "x", HUGE)],
+        ({"range_min": 3.0, "range_max": 2.0}, "range_max"),
+        ({"clear_max": INF}, "clear_max"),
+        ({"resolution": 0.0}, "resolution"),
+        ({"size": (1.0, 1.0)}, "size"),
+        *[({"size": one, "origin": (0, 0)}, "size") for one in ((0.0, 1.0), (1.0, -1.0))],
+        ({"size": (1e5, 1e5), "origin": (0, 0)}, "cells"),
+    ],
+)
+def test_options_of_built_maps_that_cannot_be_are_refused(options, told):
+    with pytest.raises(mapdeal.ParameterError, match=told):
+        mapdeal.build_map(*SCAN, **options)
+
+
+@pytest.mark.parametrize(
+    ("poses", "angles", "ranges", "told"),
+    [
+        ([[0, 0]], [0], [[1]], "poses"),
+        ([[0, 0, NAN]], [0], [[1]], "poses"),
+        ([[0, 0, 0]], [[0]], [[1]], "angles"),
+        ([[0, 0, 0]], [INF], [[1]], "angles"),
+        ([[0, 0, 0]], ["a"], [[1]], "angles"),
+        ([[0, 0, 0]], [0], [[1, 2]], "ranges"),
+        ([[0, 0, 0]], [0], [1], "ranges"),
+        ([[0, 0, 0], [0, 0, 0]], [0, 1], [[1, 2], [3]], "ranges"),
+    ],
+)
+def test_scans_that_do_not_fit_are_refused(poses, angles, ranges, told):
+    with pytest.raises(mapdeal.ParameterError, match=told):
+        mapdeal.build_map(poses, angles, ranges)
+
+
+def test_scans_that_make_no_map_are_refused():
+    with pytest.raises(mapdeal.MalformedInputError, match="too far for a map"):
+        mapdeal.build_map([[0, 0, 0], [1e7, 0, 0]], [0.0, 1.5], np.ones((2, 2)))
+    with pytest.raises(mapdeal.MalformedInputError, match="no beam hits"):
+        mapdeal.build_map([[0, 0, 0]], [0.0, 0.1], [[NAN, 50.0]])
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"frame": "odom"}, "frame"),
+        ({"offset": (1.0, NAN)}, "offset"),
+        *[({"size": one}, "size") for one in ((0.0, 1.0), (1.0, INF), (1e6, 1e6))],
+        ({"resolution": 0.0}, "resolution"),
+        ({"min_range": -1.0}, "min_range"),
+        ({"max_range": NAN}, "max_range"),
+        ({"min_height": 2.0, "max_height": 1.0}, "min_height"),
+        ({"max_height": 1.0}, "heights"),
+        ({"unknown": "occupied"}, "unknown"),
+        ({"raytrace_range": -0.1}, "raytrace_range"),
+        *[({"pose": one}, "pose")
+          for one in ((0, 0), (0, 0, NAN), (INF, 0, 0), (1e13, 0, 0), "abc")],
+        *[({"points": one}, "points") for one in ([1.0, 2.0], [[1.0]], np.zeros((2, 2, 2)))],
+    ],
+)  # fmt: skip
+def test_options_of_local_maps_that_cannot_be_are_refused(options, told):
+    given = {"points": [[1.0, 2.0]], "pose": (0.0, 0.0, 0.0), **options}
+    with pytest.raises(mapdeal.ParameterError, match=told):
+        mapdeal.local_map(given.pop("points"), given.pop("pose"), **given)
+
+
+def test_rolling_maps_keep_some_clouds_and_have_a_pose_for_each():
+    for keep in (0, -3):
+        with pytest.raises(mapdeal.ParameterError, match="keep"):
+            mapdeal.RollingMapper([[0, 0, 0]], mapdeal.LocalOptions(), keep=keep)
+    mapper = mapdeal.RollingMapper([[0, 0, 0]], mapdeal.LocalOptions())
+    mapper.add([[1.0, 0.0]])
+    with pytest.raises(mapdeal.ParameterError, match="a pose for each cloud"):
+        mapper.add([[1.0, 0.0]])

@@ -1,0 +1,138 @@
+"""Where things stand in pictures, whatever is drawn."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mapdeal
+from mapdeal import Footprint, Goal, GoalReach, OccupancyGrid
+from mapdeal.pictures import canvas, colours
+from mapdeal.pictures.canvas import Pen, capital_height, sheet, text_width, ticks_between
+from mapdeal.pictures.colours import Swatch, interpolated
+from mapdeal.pictures.overlay import Raster, Surface
+from mapdeal.pictures.reach import Captions, reach_image
+from pictures.samples import passage_at, reach_of
+from strategies import occupancies
+
+
+@settings(max_examples=10)
+@given(occupancies(), st.sampled_from([2048, 5, 0]), st.sampled_from(["known", "all"]))
+def test_every_map_has_pictures(occupancy, image_max, image_extent):
+    grid = OccupancyGrid(occupancy, 0.25, (1.5, -2.0, 0.4))
+    for shown in (
+        grid,
+        mapdeal.esdf(grid),
+        mapdeal.exponential_cost(grid),
+        mapdeal.potential(grid),
+    ):
+        picture = mapdeal.draw_picture(
+            shown, title="x" * 300, image_max=image_max, image_extent=image_extent,
+            pose=(2.0, -1.6, 0.7), robot=Footprint.circle(3.0),
+        )  # fmt: skip
+        height, width, _ = picture.rgb().shape
+        assert height > 100
+        assert 100 < width < 3000
+
+
+@given(st.integers(1, 5000), st.integers(1, 5000), st.sampled_from([2048, 600, 50]))
+def test_small_maps_grow_by_a_whole_factor_and_large_ones_fit(height, width, image_max):
+    raster = Raster.fitting((height, width), image_max)
+    assert min(raster.enlarge, raster.reduce) == 1
+    side = max(height, width)
+    shown = -(-side // raster.reduce) * raster.enlarge
+    assert shown <= image_max
+    if image_max >= 1200:
+        assert shown >= min(side, 600)
+
+
+@given(
+    st.floats(-1e7, 1e7),
+    st.integers(1, 4000),
+    st.sampled_from([1e-6, 0.003, 0.05, 0.0504, 1.0, 20.0, 1e6]),
+    st.integers(14, 40),
+)
+def test_coordinates_stand_where_they_belong_and_apart(start, pixels, metres_per_pixel, size):
+    ticks = ticks_between(start, pixels, metres_per_pixel, size)
+    for pixel, label in ticks:
+        assert 0 <= pixel <= pixels
+        off = abs(start + pixel * metres_per_pixel - float(label))
+        assert off <= 0.51 * metres_per_pixel + 1e-6 * abs(float(label)) + 1e-9
+    places = [pixel for pixel, _ in ticks]
+    widest = max((len(label) for _, label in ticks), default=0)
+    assert all(b - a >= 0.5 * size * widest for a, b in itertools.pairwise(places))
+    if pixels > 60 * size and metres_per_pixel > 1e-3:
+        assert len(ticks) >= 2
+
+
+@pytest.mark.parametrize("shape", [(600, 300), (400, 700), (1000, 2000)])
+@pytest.mark.parametrize("corner", [(-1.0, 10.0), (-12345.5, 0.25), None])
+def test_no_text_of_a_sheet_covers_another(monkeypatch, shape, corner):
+    texts = {}
+    monkeypatch.setattr(
+        Pen, "write", lambda _, x, y, text, size: texts.update({(text, x, y): size})
+    )
+    image = sheet(np.zeros(shape, np.uint8), np.full((2, 3), 200, np.uint8), title="Title",
+                  subtitle="and more", metres_per_pixel=0.01, corner_xy=corner,
+                  swatches=[Swatch(1, "a rather long label")] * 5)  # fmt: skip
+    assert {text for text, _, _ in texts} >= ({"x [m]", "y [m]"} if corner else {"Title"})
+    boxes = [
+        (x, x + text_width(text, size), y - capital_height(size), y)
+        for (text, x, y), size in texts.items()
+    ]
+    for (a, b, c, d), (e, f, g, h) in itertools.combinations(boxes, 2):
+        assert b <= e or f <= a or d <= g or h <= c
+    assert all(0 <= a < b <= image.indices.shape[1] for a, b, _, _ in boxes)
+    assert all(0 <= c < d < image.indices.shape[0] for *_, c, d in boxes)
+
+
+@pytest.mark.parametrize(("shape", "image_max"), [((9, 25), 2048), ((90, 250), 150)])
+def test_texts_on_a_map_cover_neither_each_other_nor_a_door(monkeypatch, shape, image_max):
+    boxes, sizes = [], []
+    free_box = Captions._free_box
+
+    def note(own, *arguments):
+        found = free_box(own, *arguments)
+        boxes.append(found and found[0])
+        return found
+
+    def record(pixels, palette, **rest):
+        sizes.append(pixels.shape)
+        return sheet(pixels, palette, **rest)
+
+    monkeypatch.setattr(Captions, "_free_box", note)
+    monkeypatch.setattr(canvas, "sheet", record)
+    reach = reach_of("\n".join(["." * shape[1]] * shape[0]))
+    places = (np.random.default_rng(3).random((40, 2)) * shape).astype(int).tolist()
+    doors = tuple(passage_at(reach, (row, col), (row + 1, col + 2), cut_off=k)
+                  for k, (row, col) in enumerate(places[:20]))  # fmt: skip
+    ends = reach.frame.xy_from_rowcol(places[20:]).tolist()
+    goals = tuple(GoalReach(Goal(*end, name="g" * k), bool(k % 2), 0, 0.0)
+                  for k, end in enumerate(ends))  # fmt: skip
+    reach = reach_of("\n".join(["." * shape[1]] * shape[0]), passages=doors, goals=goals)
+    reach_image(reach, title="t", image_max=image_max)
+    assert len(boxes) == 40
+    boxes = [box for box in boxes if box]
+    assert boxes
+    ((height, width),) = sizes
+    for left, bottom, right, top in boxes:
+        assert 0 <= left < right <= width
+        assert 0 <= bottom < top <= height
+    for (a, b, c, d), (e, f, g, h) in itertools.combinations(boxes, 2):
+        assert a >= g or e >= c or b >= h or f >= d
+    on = Surface(np.empty(reach.shape), reach.frame, Raster.fitting(reach.shape, image_max))
+    for column, row in on.places([(door.x, door.y) for door in doors]):
+        assert not any(b[0] <= column <= b[2] and b[1] <= row <= b[3] for b in boxes)
+
+
+def test_no_colour_hinges_on_how_a_library_rounds(monkeypatch):
+    exact = []
+    rint = np.rint
+    monkeypatch.setattr("numpy.rint", lambda x: (exact.append(x), rint(x))[1])
+    scales = (colours.COST_ANCHORS, colours.POTENTIAL_ANCHORS, colours.FREE_ANCHORS,
+              colours.OBSTACLE_ANCHORS)  # fmt: skip
+    for anchors, levels in itertools.product(scales, [*range(2, 121), 200]):
+        interpolated(anchors, levels)
+    assert min(abs(values % 1 - 0.5).min() for values in exact) > 1e-9

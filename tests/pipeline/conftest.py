@@ -1,0 +1,20 @@
+"""A map of two rooms and its run, of which reports are made."""
+
+import pytest
+
+import mapdeal
+from pipeline.reported import rooms_grid
+
+CHANGES = {"inflate.radius": 0.25, "cost.inflation_radius": 0.8, "cost.cost_scaling_factor": 1.0}
+
+
+@pytest.fixture
+def rooms(tmp_path):
+    mapdeal.write_map(tmp_path / "rooms.yaml", rooms_grid())
+    return tmp_path / "rooms.yaml"
+
+
+@pytest.fixture
+def run(rooms, tmp_path):
+    """The folder of a run of the map."""
+    return mapdeal.run(rooms, tmp_path / "out", changes=CHANGES).folder

@@ -1,0 +1,48 @@
+"""What reports gather of paths, and the map that most of them are of."""
+
+import json
+
+from drawn import grid_from_text
+from mapdeal.commands.report import gathered
+from mapdeal.commands.report_entries import Grids
+from mapdeal.pipeline.settings import DEFAULT_SETTINGS
+
+ROOMS = """
+    ??##################
+    ??#.......#........#
+    ..#.......#........#
+    ..#.......#........#
+    ..#................#
+    ..#................#
+    ..#.......#........#
+    ..##################
+"""
+
+
+def rooms_grid(walls=0):
+    """Return the rooms, with some of the first free cells occupied."""
+    return grid_from_text(ROOMS.replace(".", "#", walls))
+
+
+def report_of(*paths, **more):
+    with Grids(DEFAULT_SETTINGS) as grids:
+        report = gathered(paths, grids, **more)
+        for entry in report.entries:
+            for layer in entry.layers:  # as long as the files are open
+                layer.values[:]
+    return report
+
+
+def entries_of(*paths):
+    return report_of(*paths).entries
+
+
+def layer_names(entry):
+    return [layer.name for layer in entry.layers]
+
+
+def changed(path, change):
+    """Have a function change a JSON document in its file."""
+    document = json.loads(path.read_text())
+    change(document)
+    path.write_text(json.dumps(document))
