@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import DistanceField, OccupancyGrid, ParameterError, PotentialField, Reach
-from mapdeal.grid.canvas import on_canvas
+from mapdeal.grid.canvas import frames_overlap, on_canvas
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.stages.catalogue import STAGES
@@ -253,3 +253,10 @@ def test_a_field_with_another_layer_has_that_one_in_its_box_too():
     field = DistanceField(distance, occupancy, 0.5)
     assert field.cropped.distance.tolist() == [[1.0, 1.0]]
     assert field.with_layer(2 * distance).cropped.distance.tolist() == [[2.0, 2.0]]
+
+
+def test_grids_side_by_side_share_no_area_whatever_the_rounding():
+    one = Frame(3, 11, 1.0, (1.5, -2.0, 0.4))
+    above = Frame(2, 30, 1.0, (0.3317449730740485, 0.7631829820086553, 0.4))  # begins at row 3
+    assert not frames_overlap(one, above)
+    assert frames_overlap(one, Frame(2, 30, 1.0, (0.33, 0.75, 0.4)))

@@ -107,7 +107,8 @@ def frames_overlap(one: Frame, other: Frame) -> bool:
     """Return whether two grids share an area: no line along a side of one parts them."""
     for frame, source in ((one, other), (other, one)):
         places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(_corners(frame)))
-        if (places.max(axis=0) <= 0).any() or (places.min(axis=0) >= source.shape).any():
+        beyond = places.min(axis=0) >= np.subtract(source.shape, TOUCHING)
+        if (places.max(axis=0) <= TOUCHING).any() or beyond.any():
             return False
     return True
 
