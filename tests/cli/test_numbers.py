@@ -64,8 +64,12 @@ def commands():
     return found
 
 
+def needs_output(options):
+    return "--output" in options and options["--output"].required
+
+
 WORKING = {
-    name: LINES.get(name, IN_OUT if "--output" in options else ["m.yaml"])
+    name: LINES.get(name, IN_OUT if needs_output(options) else ["m.yaml"])
     for name, options in commands().items()
 }
 

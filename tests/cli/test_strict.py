@@ -56,7 +56,7 @@ OTHERS = {"lint", "build", "unpack", "completion"}
 
 def line_of(name):
     one = typer.main.get_command(app).get_command(None, name)
-    writes = any("--output" in parameter.opts for parameter in one.params)
+    writes = any("--output" in each.opts and each.required for each in one.params)
     return [name, "m.yaml", *(["-o", "o.npz"] if writes else [])]
 
 
