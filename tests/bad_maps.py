@@ -1,6 +1,7 @@
 """The pieces that bad inputs are made of, and a look at what is left of a folder."""
 
 import numpy as np
+import pytest
 
 GOOD_KEYS = {
     "image": "m.pgm",
@@ -36,6 +37,11 @@ def tree(folder):
             path.stat().st_size if path.stat().st_size > 1 << 20 else path.read_bytes()
         ) if path.is_file() else path.is_symlink()  # fmt: skip
     return found
+
+
+def named(rows):
+    """Return parameters of tests: rows, each with its name in front."""
+    return [pytest.param(*case, id=name) for name, *case in rows]
 
 
 def cells_of(path, layer="occupancy"):

@@ -106,6 +106,13 @@ def mapdeal_warnings():
 
 
 @pytest.fixture
+def one_core(monkeypatch):
+    """Work in this process and thread, as other tests have the other cores."""
+    for module in ("kernels.threads", "pipeline.batch"):
+        monkeypatch.setattr(f"mapdeal.{module}.available_threads", lambda: 1)
+
+
+@pytest.fixture
 def scarce_threads(monkeypatch):
     """Return what lets only so many threads be started from then on."""
     left = [0]

@@ -22,15 +22,13 @@ ENGLISH_WORDS = re.compile(
 
 
 def english_of(page):
-    if page == DOCS / "README.zh.md":
-        return ROOT / "README.md"
-    return page.with_name(page.name.replace(".zh.md", ".md"))
+    is_readme = page == DOCS / "README.zh.md"
+    return ROOT / "README.md" if is_readme else page.with_name(page.name.replace(".zh.md", ".md"))
 
 
 def chinese_of(page):
-    if page == ROOT / "README.md":
-        return DOCS / "README.zh.md"
-    return page.with_name(f"{page.stem}.zh.md")
+    is_readme = page == ROOT / "README.md"
+    return DOCS / "README.zh.md" if is_readme else page.with_name(f"{page.stem}.zh.md")
 
 
 def parts(text):
@@ -154,11 +152,7 @@ def test_no_english_sentence_is_left(pair):
 def test_a_paragraph_is_one_line(pair):
     """A line break between Chinese characters would be shown as a space."""
     lines, _ = parts(pair[1].read_text("utf-8"))
-    plain = [bool(re.match(r"[^#|\s!<]", line)) for line in lines]
-    items = [line.startswith("- ") for line in lines]
-    for number in range(1, len(lines)):
-        starts_anew = items[number] or not plain[number - 1]
-        assert starts_anew or not plain[number], lines[number]
+    assert re.findall(r"(?m)^[^#|\s!<].*\n(?!- )[^#|\s!<].*", "\n".join(lines)) == []
 
 
 def test_each_page_links_to_its_other_language_at_its_top(pair):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mapdeal import read_map
+from taken import memory_below
 
 GOOD = "1 0 0\n0 1 0\n"
 LOCAL = ["local", "--cloud", "c.xyz", "-o", "out", "--no-images", "--size", "4,4"]
@@ -55,17 +56,11 @@ def test_borders_and_negative_coordinates_follow_the_floor_rule_s4(folder, accep
 def test_a_yaw_in_degrees_is_normalised_and_warned_of_s7(folder, accepted):
     (folder / "c.xyz").write_text("1 0\n")
     _, warned = accepted(*LOCAL, "--pose", "0,0,450")
-    assert len(warned) == 1
-    assert "degrees" in warned[0]
+    assert ["degrees" in line for line in warned] == [True]
 
 
 def test_millions_of_points_take_bounded_memory_s5(folder, accepted):
-    import tracemalloc
-
-    rows = np.random.default_rng(1).uniform(-3, 3, (3_000_000, 3)).astype("f4")
+    rows = np.random.default_rng(1).uniform(-3, 3, (1_500_000, 3)).astype("f4")
     np.save(folder / "c.npy", rows)
-    tracemalloc.start()
-    accepted("local", "--cloud", "c.npy", "-o", "out", "--no-images", *POSE)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 64e6  # the points alone are 72 MB as float64
+    with memory_below(32e6):  # the points alone are 36 MB as float64
+        accepted("local", "--cloud", "c.npy", "-o", "out", "--no-images", *POSE)

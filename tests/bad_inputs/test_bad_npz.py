@@ -2,39 +2,25 @@
 
 import io
 import struct
-import tracemalloc
 import zipfile
 
 import numpy as np
 import pytest
-from numpy.lib import format as npy_format
 
 from bad_maps import PGM
+from taken import memory_below
 
 OCCUPANCY = np.array([[0, 0, 100], [100, 0, -1]], dtype=np.int8)
-GEOMETRY = {
-    "format": "mapdeal/1",
-    "resolution": np.float64(0.05),
-    "origin": np.array([1.5, -2.0, 0.4]),
-}
+GEOMETRY = {"format": "mapdeal/1", "resolution": 0.05, "origin": [1.5, -2.0, 0.4]}
 MAP = {**GEOMETRY, "occupancy": OCCUPANCY}
 FIELD = {
-    **MAP,
-    "distance": np.ones((2, 3), np.float32),
-    "convention": "fast-planner",
-    "strength": np.float64(1),
-    "max_distance": np.float64(np.inf),
-    "lethal_threshold": np.int64(100),
-    "unknown": "free",
-}
+    **MAP, "distance": np.ones((2, 3), np.float32), "convention": "fast-planner", "strength": 1.0,
+    "max_distance": np.inf, "lethal_threshold": 100, "unknown": "free",
+}  # fmt: skip
 POTENTIAL = {
-    **MAP,
-    "repulsive": np.ones((2, 3)),
-    "goal": np.array([1.52, -1.98]),
-    "attractive_gain": np.float64(1),
-    "repulsive_gain": np.float64(1),
-    "repulsive_cap": np.float64(1e5),
-}
+    **MAP, "repulsive": np.ones((2, 3)), "goal": [1.52, -1.98], "attractive_gain": 1.0,
+    "repulsive_gain": 1.0, "repulsive_cap": 1e5,
+}  # fmt: skip
 COSTS = {**GEOMETRY, "cost": np.zeros((2, 3), np.uint8), "cost_scale": "costmap2d"}
 
 
@@ -43,7 +29,7 @@ def npy(value):
     if isinstance(value, bytes):
         return value
     file = io.BytesIO()
-    npy_format.write_array(file, np.asanyarray(value), allow_pickle=True)
+    np.save(file, value)
     return file.getvalue()
 
 
@@ -69,23 +55,22 @@ BAD_ARRAYS = [
     ("float-occupancy", MAP, "occupancy", OCCUPANCY.astype(float)),
     ("flat-occupancy", MAP, "occupancy", OCCUPANCY[0]),
     ("occupancy-above-100", MAP, "occupancy", OCCUPANCY + np.int8(1)),
-    ("inf-origin", MAP, "origin", np.array([np.inf, 0, 0])),
-    ("origin-of-two", MAP, "origin", np.array([1.5, -2.0])),
+    ("inf-origin", MAP, "origin", [np.inf, 0, 0]),
+    ("origin-of-two", MAP, "origin", [1.5, -2.0]),
     ("nan-distance", FIELD, "distance", np.full((2, 3), np.nan, np.float32)),
-    ("nan-in-a-known-cell", FIELD, "distance", np.array([[np.nan, 1, 1], [np.nan, 1, 1]],
-                                                        np.float32)),
-    ("nan-threshold", FIELD, "lethal_threshold", np.float64(np.nan)),
-    ("nan-max-distance", FIELD, "max_distance", np.float64(np.nan)),
+    ("nan-in-a-known-cell", FIELD, "distance", np.float32([[np.nan, 1, 1], [np.nan, 1, 1]])),
+    ("nan-threshold", FIELD, "lethal_threshold", np.nan),
+    ("nan-max-distance", FIELD, "max_distance", np.nan),
     ("potential-without-gain", POTENTIAL, "repulsive_gain", None),
     ("nan-repulsive", POTENTIAL, "repulsive", np.full((2, 3), np.nan)),
     ("huge-repulsive", POTENTIAL, "repulsive", np.full((2, 3), 1e308)),
     ("float32-repulsive", POTENTIAL, "repulsive", np.ones((2, 3), np.float32)),
     ("goal-of-three", POTENTIAL, "goal", np.zeros(3)),
-    ("nan-goal", POTENTIAL, "goal", np.array([np.nan, 0])),
-    ("negative-gain", POTENTIAL, "repulsive_gain", np.float64(-1)),
-    ("cap-0", POTENTIAL, "repulsive_cap", np.float64(0)),
+    ("nan-goal", POTENTIAL, "goal", [np.nan, 0]),
+    ("negative-gain", POTENTIAL, "repulsive_gain", -1.0),
+    ("cap-0", POTENTIAL, "repulsive_cap", 0.0),
     ("unknown-cost-scale", COSTS, "cost_scale", "percent"),
-    ("nan-circumscribed-cost", COSTS, "circumscribed_cost", np.float64(np.nan)),
+    ("nan-circumscribed-cost", COSTS, "circumscribed_cost", np.nan),
     ("pebibyte-header", MAP, "occupancy", layer_header((1 << 25, 1 << 25)) + b"\0" * 6),
     ("overflowing-header", MAP, "occupancy", layer_header((1 << 70, 1)) + b"\0" * 6),
     ("negative-header", MAP, "occupancy", layer_header((-2, -3)) + b"\0" * 6),
@@ -110,7 +95,6 @@ def test_an_npz_with_a_bad_array_is_refused(folder, refused, row, entries, name,
     write_npz(folder / "n.npz", changed)
     told = name if row not in ("no-cells", "two-shapes") else "layers"
     refused(["info", "n.npz"], 3, "n.npz", told)
-    refused(["run", "n.npz", "-o", "out"], 3, "n.npz", told)
 
 
 BOMBS = [
@@ -124,12 +108,8 @@ BOMBS = [
 @pytest.mark.parametrize(("name", "bomb"), BOMBS, ids=["layer", "number", "text", "claim"])
 def test_a_zip_bomb_is_refused_before_memory_is_taken(folder, refused, name, bomb):
     write_npz(folder / "n.npz", {**MAP, name: bomb})
-    tracemalloc.start()
-    try:
+    with memory_below(16_000_000):
         refused(["info", "n.npz", "--max-cells", "1000000000"], 3, "n.npz", name)
-        assert tracemalloc.get_traced_memory()[1] < 16_000_000
-    finally:
-        tracemalloc.stop()
 
 
 def edited(data, place, new):
@@ -159,20 +139,15 @@ def test_a_damaged_npz_is_refused(folder, refused, damage):
 @pytest.mark.parametrize("is_large", [False, True], ids=["zip", "zip64"])
 def test_a_list_of_entries_that_is_long_is_not_read(folder, refused, is_large):
     """The list alone is what costs memory: entries of nothing, all at one place."""
-    count = 70_000 if is_large else 20_000
-    name = b"a" * 40 + b".npy"
-    local = b"PK\3\4" + struct.pack("<HHHHHIIIHH", 20, 0, 0, 0, 33, 0, 0, 0, len(name), 0) + name
-    entry = b"PK\1\2" + struct.pack(
-        "<HHHHHHIIIHHHHHII", 20, 20, 0, 0, 0, 33, 0, 0, 0, len(name), 0, 0, 0, 0, 0, 0
-    )
-    directory = (entry + name) * count
-    start, size = len(local), len(directory)
-    end = b""
+    count, name = 70_000 if is_large else 20_000, b"a" * 40 + b".npy"
+    facts = struct.pack("<HHHHHIIIHH", 20, 0, 0, 0, 33, 0, 0, 0, len(name), 0)
+    local = b"PK\3\4" + facts + name
+    directory = count * (b"PK\1\2\x14\0" + facts + bytes(14) + name)
+    start, size, end = len(local), len(directory), b""
     if is_large:
         end += b"PK\6\6" + struct.pack("<QHHIIQQQQ", 44, 45, 45, 0, 0, count, count, size, start)
         end += b"PK\6\7" + struct.pack("<IQI", 0, start + size, 1)
-        count = 0xFFFF
-        size = start = 0xFFFFFFFF
+        count, size, start = 0xFFFF, 0xFFFFFFFF, 0xFFFFFFFF
     end += b"PK\5\6" + struct.pack("<HHHHIIH", 0, 0, count, count, size, start, 0)
     (folder / "n.npz").write_bytes(local + directory + end)
     refused(["info", "n.npz"], 3, "n.npz", "too many arrays")

@@ -17,62 +17,49 @@ def test_an_output_that_exists_is_refused_unless_forced(folder, refused, accepte
     assert b"precious" not in (folder / existing).read_bytes()
 
 
-def test_a_missing_output_folder_is_made(folder, accepted):
-    accepted("inflate", "m.yaml", "-o", "new/deeper/o.npz")
-    assert [path.name for path in (folder / "new" / "deeper").iterdir()] == ["o.npz"]
-
-
-def test_a_run_that_is_up_to_date_is_skipped_f1(folder, accepted):
-    accepted("run", "m.yaml", "-o", "out")
+def test_a_run_up_to_date_is_skipped_and_one_into_the_outputs_of_another_refused_f1(
+    folder, accepted, refused
+):
+    accepted("run", "m.yaml", "-o", "new/out")  # which makes the folder
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
-    accepted("run", "m.yaml", "-o", "out")
+    accepted("run", "m.yaml", "-o", "new/out")
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+    words = ["run", "m.yaml", "-o", "new/out", "--set", "inflate.radius=0.1"]
+    refused(words, 4, "out/m/", hint="--force")
 
 
-def test_a_run_into_the_outputs_of_another_is_refused_f1(accepted, refused):
-    accepted("run", "m.yaml", "-o", "out")
-    refused(["run", "m.yaml", "-o", "out", "--set", "inflate.radius=0.1"], 4, "out/m/",
-            hint="--force")  # fmt: skip
-
-
-@pytest.mark.parametrize("name", ["...yaml", "..yaml"], ids=["F11-three-dots", "F11-two-dots"])
-def test_a_map_named_by_dots_writes_nothing_beside_its_own_folder(folder, command, name):
+@pytest.mark.parametrize("name", ["...yaml", "..yaml"])
+def test_a_map_named_by_dots_writes_nothing_beside_its_own_folder_f11(folder, command, name):
     (folder / name).write_text(yaml_text())
     before = tree(folder)
     code, _, err = command("run", name, "-o", "out")
-    assert code in (0, 2)
-    assert "Traceback" not in err
-    outside = {path: data for path, data in tree(folder).items() if path.split("/")[0] != "out"}
-    assert outside == before
+    assert (code in (0, 2), "Traceback" in err) == (True, False)
+    assert {path: data for path, data in tree(folder).items() if path[:3] != "out"} == before
     assert not (folder / "out" / "manifest.json").exists()
 
 
-def test_a_map_whose_name_is_not_utf_8_is_run_f11(folder, command):
+def test_a_map_whose_name_is_not_utf_8_is_run_f11(folder, accepted):
     (folder / "m.yaml").rename(folder / os.fsdecode(b"\xff.yaml"))
-    code, _, err = command("run", os.fsdecode(b"\xff.yaml"), "-o", "out")
-    assert "Traceback" not in err
-    assert code == 0
+    accepted("run", os.fsdecode(b"\xff.yaml"), "-o", "out")
     assert json.loads((folder / "out" / os.fsdecode(b"\xff") / "manifest.json").read_text())
 
 
 OWN_INPUTS = [
-    ("F3-itself", ["convert", "m.yaml", "-o", "m.yaml"], "m."),
-    ("F3-its-image", ["convert", "m.yaml", "-o", "m.pgm"], "m."),
-    ("F3-another-spelling", ["convert", "m.yaml", "-o", "sub/../m.yaml"], "m."),
-    ("F3-symlink", ["convert", "m.yaml", "-o", "soft.yaml"], "soft.yaml"),
-    ("F3-hard-link", ["convert", "m.yaml", "-o", "hard.yaml"], "hard.yaml"),
-    ("F3-hard-link-of-the-image", ["convert", "m.yaml", "-o", "hard_image.pgm"], "hard_image"),
-    ("F3-geometry-of-a-bare-array", ["esdf", "m.yaml", "-o", "m.npy"], "m.yaml"),
-    ("F3-picture", ["esdf", "p.yaml", "-o", "o.npz", "--image", "p.png"], "p.png"),
-    ("F3-run", ["run", "inflated/inflated.yaml", "-o", "."], "inflated.yaml"),
+    ("convert m.yaml -o m.yaml", "m."),
+    ("convert m.yaml -o m.pgm", "m."),
+    ("convert m.yaml -o sub/../m.yaml", "m."),
+    ("convert m.yaml -o soft.yaml", "soft.yaml"),
+    ("convert m.yaml -o hard.yaml", "hard.yaml"),
+    ("convert m.yaml -o hard_image.pgm", "hard_image"),
+    ("esdf m.yaml -o m.npy", "m.yaml"),  # a bare array has its geometry beside it
+    ("esdf p.yaml -o o.npz --image p.png", "p.png"),
+    ("run inflated/inflated.yaml -o .", "inflated.yaml"),
 ]
 
 
-@pytest.mark.parametrize("force", [False, True], ids=["plain", "forced"])
-@pytest.mark.parametrize(
-    ("words", "place"), [pytest.param(*case, id=row) for row, *case in OWN_INPUTS]
-)
-def test_an_output_that_is_the_input_is_refused_always(folder, refused, words, place, force):
+@pytest.mark.parametrize("force", [[], ["--force"]], ids=["plain", "forced"])
+@pytest.mark.parametrize(("words", "place"), OWN_INPUTS)
+def test_an_output_that_is_the_input_is_refused_always_f3(folder, refused, words, place, force):
     write_map(folder / "inflated", yaml_text(image="m.pgm"))
     (folder / "inflated" / "m.yaml").rename(folder / "inflated" / "inflated.yaml")
     (folder / "sub").mkdir()
@@ -81,13 +68,13 @@ def test_an_output_that_is_the_input_is_refused_always(folder, refused, words, p
     (folder / "hard_image.pgm").hardlink_to(folder / "m.pgm")
     (folder / "p.yaml").write_text(yaml_text(image="p.png"))
     (folder / "p.png").write_bytes(PGM)
-    refused([*words, *["--force"] * force], 4, place)
+    refused([*words.split(), *force], 4, place)
 
 
-@pytest.mark.parametrize(
-    "manifest",
-    ["{", "[]", '{"outputs": 3}', '{"figures": {}, "outputs": {"' + "n" * 300 + '": "0"}}'],
-)
+LONG = '{"figures": {}, "outputs": {"' + "n" * 300 + '": "0"}}'
+
+
+@pytest.mark.parametrize("manifest", ["{", "[]", '{"outputs": 3}', LONG], ids=lambda m: m[:20])
 def test_a_manifest_that_is_none_counts_as_stale_f16(folder, accepted, manifest):
     accepted("run", "m.yaml", "-o", "out")
     (folder / "out" / "m" / "manifest.json").write_text(manifest)

@@ -57,22 +57,14 @@ def test_a_polygon_that_has_to_be_clipped(folder, accepted, refused, points):
     assert len(warned) == 1
 
 
+def test_an_origin_far_away_keeps_nothing_and_warns(accepted):
+    _, warned = accepted("shift", "m.yaml", "-o", "o.npz", "--origin", "1e9,-1e9")
+    assert cells_of("o.npz") == [[-1] * 3] * 2
+    assert len(warned) == 1
+
+
 def test_a_clipped_shape_of_a_file_is_named(folder, accepted):
     shape = "shapes:\n- {type: circle, center: [99, -2], radius: 1, value: 1}\n"
     (folder / "z.yaml").write_text(shape)
     _, warned = accepted("edit", "circle", "m.yaml", "-o", "o.npz", "--file", "z.yaml")
     assert "z.yaml: shape 1 (line 2): circle" in warned[0]
-
-
-def test_a_clockwise_polygon_is_the_same(accepted):
-    corners = [(1.51, -1.98), (1.64, -1.98), (1.64, -1.91), (1.51, -1.91)]
-    for name, points in (("a", corners), ("b", corners[::-1])):
-        words = [f"--point={x},{y}" for x, y in points]
-        accepted("edit", "polygon", "m.yaml", "-o", f"{name}.npz", *words, "--value", "100")
-    assert cells_of("a.npz") == cells_of("b.npz")
-
-
-def test_an_origin_far_away_keeps_nothing_and_warns(accepted):
-    _, warned = accepted("shift", "m.yaml", "-o", "o.npz", "--origin", "1e9,-1e9")
-    assert cells_of("o.npz") == [[-1] * 3] * 2
-    assert len(warned) == 1

@@ -52,15 +52,8 @@ def test_points_of_a_scan_are_what_it_hits():
 
 
 def test_frames_lose_their_leading_slash():
-    one, other = transforms_of(
-        made(
-            tf(
-                5,
-                ("/map", "/odom", (1, 2, 3), (0, 0, 0, 1)),
-                ("odom", "b", (0, 0, 0), (1, 0, 0, 0)),
-            )
-        )
-    )
+    edges = ("/map", "/odom", (1, 2, 3), (0, 0, 0, 1)), ("odom", "b", (0, 0, 0), (1, 0, 0, 0))
+    one, other = transforms_of(made(tf(5, *edges)))
     assert one == ("map", "odom", 5, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
     assert other.quaternion == (1.0, 0.0, 0.0, 0.0)
     found = odometry_of(made(odometry(9, 1.5, -2.0, 0.6)))
@@ -69,9 +62,8 @@ def test_frames_lose_their_leading_slash():
 
 
 def test_a_map_keeps_its_cells_and_its_pose():
-    found = grid_of(
-        made(occupancy(1, CELLS, 0.05, (1.5, -2.25, 0.7))), OCCUPANCY_GRID, is_costs=False
-    )
+    message = made(occupancy(1, CELLS, 0.05, (1.5, -2.25, 0.7)))
+    found = grid_of(message, OCCUPANCY_GRID, is_costs=False)
     assert isinstance(found, OccupancyGrid)
     np.testing.assert_array_equal(found.occupancy, CELLS)
     assert found.resolution == 0.05  # and not the float32 beside it
@@ -123,14 +115,9 @@ def test_points_of_any_layout(data, is_big, width, height):
         offset += np.dtype(NUMBERS[number]).itemsize + data.draw(st.integers(0, 5))
     step = offset + data.draw(st.integers(0, 7))
     row = width * step + data.draw(st.integers(0, 9))
-    layout = np.dtype(
-        {
-            "names": [name for name, _, _ in fields],
-            "formats": [order + NUMBERS[number] for _, _, number in fields],
-            "offsets": [at for _, at, _ in fields],
-            "itemsize": step,
-        }
-    )
+    names, offsets, numbers = zip(*fields, strict=True)
+    formats = [order + NUMBERS[number] for number in numbers]
+    layout = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
     rows, wanted = [], []
     for _ in range(height):
         line = np.zeros(width, layout)
@@ -163,11 +150,7 @@ def test_points_that_are_not_finite_stay_so_and_flat_ones_have_two_numbers():
 def test_a_cloud_whose_numbers_do_not_fit_is_refused(change, told):
     fields = [("x", 0, 7), ("y", 4, 7)]
     given_ = {"fields": fields, "width": 2, "height": 1} | change
-    message = made(cloud(1, bytes(16), given_["fields"], width=2, step=8))
-    message = SimpleNamespace(
-        **{name: getattr(message, name) for name in message.__dataclass_fields__}
-    )
-    message.width, message.height = given_["width"], given_["height"]
-    message.row_step = message.width * 8
+    written = made(cloud(1, bytes(16), given_.pop("fields"), width=2, step=8))
+    message = SimpleNamespace(**{**vars(written), **given_, "row_step": given_["width"] * 8})
     with pytest.raises(MalformedInputError, match=told):
         points_of(message)

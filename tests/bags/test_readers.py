@@ -1,25 +1,14 @@
 """Bags of every format, whole and damaged, against what was written to them."""
 
+import contextlib
 import sqlite3
 import struct
 
 import numpy as np
 import pytest
-from mcap.writer import CompressionType
 
-from bags.making import (
-    FORMATS,
-    OF_MCAP,
-    ROS1,
-    ROS2,
-    START,
-    Maker,
-    costmap,
-    occupancy,
-    scan,
-    tf,
-    words,
-)
+from bags import making
+from bags.making import FORMATS, OF_MCAP, ROS1, ROS2, START, Maker, costmap, occupancy, scan, words
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.bags.bag import MessageIndex, Place, normalised_topic
 from mapdeal.bags.messages import Decoder
@@ -193,7 +182,7 @@ def test_what_is_whole_of_a_cut_bag_is_read(maker, tmp_path, form):
     file = path if path.is_file() else max(path.iterdir(), key=lambda one: one.stat().st_size)
     data = file.read_bytes()
     most = []
-    for length in np.linspace(1, len(data) - 1, 23).astype(int):
+    for length in np.linspace(1, len(data) - 1, 12).astype(int):
         file.write_bytes(data[:length])
         try:
             with open_bag(path) as bag:
@@ -216,16 +205,15 @@ def ros1_record(*fields):
 
 
 ENCRYPTED = ros1_record(b"op=\x03", b"encryptor=rosbag/AesCbcEncryptor", b"index_pos=" + bytes(8))
-NO_BAGS = [
+
+
+@pytest.mark.parametrize(("name", "data", "told"), [
     ("a.bag", b"#ROSBAG V1.2\n" + b"\0" * 9, r"is a bag of version 1\.2; 2\.0 is read"),
     ("a.bag", b"#ROSBAG Vx.y\n" + b"\0" * 9, "must begin with #ROSBAG"),
     ("a.bag", b"#ROSBAG V2.0\n" + ENCRYPTED, "is encrypted"),
     ("a.mcap", b"", r"a\.mcap: "),
     ("a.mcap", b"nothing that is known", r"a\.mcap: "),
-]
-
-
-@pytest.mark.parametrize(("name", "data", "told"), NO_BAGS)
+])  # fmt: skip
 def test_what_is_no_bag_is_one_error(tmp_path, name, data, told):
     (tmp_path / name).write_bytes(data)
     with pytest.raises(MalformedInputError, match=told), open_bag(tmp_path / name):
@@ -263,16 +251,13 @@ def test_a_damaged_chunk_is_told(maker, tmp_path, form, change, told):
 
 
 @pytest.mark.parametrize("compression", OF_MCAP.values())
-def test_a_summary_is_not_needed(maker, tmp_path, compression):
-    path = maker._write_mcap(tmp_path / "bag.mcap", compression, use_summary_offsets=False,
-                             use_statistics=False, use_chunking=True, repeat_channels=False,
-                             repeat_schemas=False)  # fmt: skip
-    with open_bag(path) as bag:
-        assert len(scans_of(bag)) == 40
-
-
-def test_messages_between_chunks_are_read(maker, tmp_path):
-    path = maker._write_mcap(tmp_path / "bag.mcap", CompressionType.NONE, use_chunking=False)
+@pytest.mark.parametrize("options", [
+    {"use_summary_offsets": False, "use_statistics": False, "repeat_channels": False,
+     "repeat_schemas": False},
+    {"use_chunking": False},
+], ids=["no summary", "messages between chunks"])  # fmt: skip
+def test_a_summary_and_chunks_are_not_needed(maker, tmp_path, compression, options):
+    path = maker._write_mcap(tmp_path / "bag.mcap", compression, **options)
     with open_bag(path) as bag:
         assert [time for time, _ in scans_of(bag)] == [START + k * 1000 for k in range(40)]
 
@@ -281,12 +266,16 @@ def test_messages_between_chunks_are_read(maker, tmp_path):
 
 
 def test_an_sqlite_file_of_others_is_no_bag(tmp_path):
-    with sqlite3.connect(tmp_path / "a.db3") as db:
-        db.execute("CREATE TABLE people (name TEXT)")
-    db.close()
-    told = pytest.raises(MalformedInputError, match="without the tables topics and messages")
-    with told, open_bag(tmp_path / "a.db3"):
+    path = tmp_path / "a.db3"
+    change(path, "CREATE TABLE people (name TEXT)")
+    told = "without the tables topics and messages"
+    with pytest.raises(MalformedInputError, match=told), open_bag(path):
         pass
+
+
+def change(path, statement):
+    with contextlib.closing(sqlite3.connect(path)) as db, db:
+        db.execute(statement)
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
@@ -317,15 +306,13 @@ def test_the_only_topic_that_fits_is_taken_and_others_are_named(maker, tmp_path)
         (one,) = chosen_connections(bag, ["scan"], [LASER], "laser scans")
         assert one.topic == "/scan"
         for topics, types, told, hint in [
-            ([], [LASER], "has 2 topics of laser scans", "--topic names one of /other"),
+            ([], [LASER], "has 2 topics of things", "--topic names one of /other"),
             ([], ["tf"], "has no topic of things", "its topics /map"),
             (["/nothing"], [LASER], "has no topic /nothing", "there are /other"),
             (["/map"], [LASER], "/map is of type nav_msgs/msg/OccupancyGrid", "there are /other"),
         ]:
             with pytest.raises(MalformedInputError, match=told) as caught:
-                chosen_connections(
-                    bag, topics, types, "laser scans" if LASER in types else "things"
-                )
+                chosen_connections(bag, topics, types, "things")
             assert hint in caught.value.hint
 
 
@@ -343,9 +330,7 @@ def test_a_costmap_and_old_transforms_are_understood_without_a_text(tmp_path):
     made.add("/local_costmap/costmap_raw", "nav2_msgs/msg/Costmap", START,
              costmap(START, [[0, 253, 255]], 0.25, (1.0, 2.0, 0.0)))  # fmt: skip
     folder = made.write(tmp_path, "sqlite3")
-    with sqlite3.connect(folder / "bag.db3") as db:
-        db.execute("DELETE FROM message_definitions")
-    db.close()
+    change(folder / "bag.db3", "DELETE FROM message_definitions")
     with open_bag(folder) as bag:
         (one,) = bag.connections
         assert one.definition == ""
@@ -357,7 +342,7 @@ def test_a_costmap_and_old_transforms_are_understood_without_a_text(tmp_path):
 @pytest.mark.parametrize("form", ["ros1", "sqlite3", "mcap"])
 def test_a_message_that_is_none_of_its_type_is_one_error(maker, tmp_path, form):
     made = Maker()
-    made.add("/tf", TF, START, tf(START, ("a", "b", (1, 2, 3), (0, 0, 0, 1))))
+    made.add("/tf", TF, START, making.tf(START, ("a", "b", (1, 2, 3), (0, 0, 0, 1))))
     path = made.write(tmp_path, form)
     file = path if path.is_file() else next(p for p in path.iterdir() if p.suffix != ".yaml")
     data = file.read_bytes()

@@ -2,13 +2,16 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 import mapdeal
+from checks.pairs import write_pair
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.checks import facts
@@ -141,10 +144,10 @@ TEXT = """
 def test_each_kind_of_file_gives_the_same_places(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     grid = grid_from_text(TEXT, RESOLUTION, ORIGIN)
-    for name in ("a.yaml", "b.npz"):
+    for name in ("a.yaml", "b.npz", "c.yaml"):
         write_map(name, grid)
-    mapdeal.write_map("c.yaml", grid)
-    with_png(tmp_path / "c.yaml")
+    Image.open("c.pgm").save("c.png")
+    Path("c.yaml").write_text(Path("c.yaml").read_text().replace(".pgm", ".png"))
     told = [
         [(one.check, one.places) for one in mapdeal.lint(name) if one.places]
         for name in ("a.yaml", "b.npz", "c.yaml")
@@ -155,30 +158,19 @@ def test_each_kind_of_file_gives_the_same_places(tmp_path, monkeypatch):
     assert by_check == {"map.islands": [(8, 18)], "map.specks": [(11, 12), (9, 11)]}
 
 
-def with_png(path):
-    from PIL import Image
-
-    Image.open(path.with_suffix(".pgm")).save(path.with_suffix(".png"))
-    path.write_text(path.read_text().replace(".pgm", ".png"))
-
-
 def test_the_reports_for_machines_have_them(tmp_path, command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_map("a.yaml", grid_from_text(TEXT, RESOLUTION, ORIGIN))
-    (found,) = (one for one in mapdeal.lint("a.yaml") if one.check == "map.specks")
-    assert len(found.places) == 2
+    places = {one.check: [list(place) for place in one.places] for one in mapdeal.lint("a.yaml")}
+    assert len(places["map.specks"]) == 2
+    assert places["yaml.origin-yaw"] == []
     _, out, _ = command("lint", "a.yaml", "--format", "json")
     listed = json.loads(out)["maps"][0]["findings"]
-    (told,) = (one for one in listed if one["check"] == "map.specks")
-    assert told["places"] == [list(place) for place in found.places]
-    (other,) = (one for one in listed if one["check"] == "yaml.origin-yaw")
-    assert other["places"] == []
+    assert {one["check"]: one["places"] for one in listed} == places
     _, out, _ = command("lint", "a.yaml", "--format", "sarif")
     results = json.loads(out)["runs"][0]["results"]
-    (told,) = (one for one in results if one["ruleId"] == "map.specks")
-    assert told["properties"] == {"places": [list(place) for place in found.places]}
-    (other,) = (one for one in results if one["ruleId"] == "yaml.origin-yaw")
-    assert "properties" not in other
+    told = {one["ruleId"]: one.get("properties", {"places": []}) for one in results}
+    assert told == {name: {"places": some} for name, some in places.items()}
 
 
 def test_many_specks_have_twenty_places(tmp_path, monkeypatch):
@@ -204,25 +196,21 @@ def first_of(grey):
     return len(GREYS) - 1 - row, col
 
 
-@pytest.mark.parametrize("strip", [1, 1 << 20])
-@pytest.mark.parametrize("kind", ["pgm", "rgb.png"])
-def test_greys_are_where_they_are_seen_first(tmp_path, monkeypatch, kind, strip):
-    from PIL import Image
+def where(path):
+    return {one.check: [cell_at(place) for place in one.places] for one in mapdeal.lint(str(path))}
 
+
+TURNED = {"resolution": RESOLUTION, "origin": list(ORIGIN)}
+
+
+@pytest.mark.parametrize("strip", [1, 1 << 20])
+@pytest.mark.parametrize("kind", ["pgm", "png"])
+def test_greys_are_where_they_are_seen_first(tmp_path, monkeypatch, kind, strip):
     monkeypatch.setattr("mapdeal.maps.picture.STRIP", strip)
     monkeypatch.setattr("mapdeal.checks.facts._PIXELS_TOGETHER", strip)
-    image = Image.fromarray(GREYS)
-    image = image if kind == "pgm" else image.convert("RGB")
-    image.save(tmp_path / f"m.{kind}")
-    x, y, yaw = ORIGIN
-    (tmp_path / "m.yaml").write_text(
-        f"image: m.{kind}\nresolution: {RESOLUTION}\norigin: [{x}, {y}, {yaw}]\nnegate: 0\n"
-        f"occupied_thresh: 0.65\nfree_thresh: 0.41176470588\n"
-    )
-    found = {
-        one.check: [cell_at(place) for place in one.places]
-        for one in mapdeal.lint(str(tmp_path / "m.yaml"))
-    }
+    image = GREYS if kind == "pgm" else np.stack([GREYS] * 3, axis=-1)
+    free = {"free_thresh": "0.41176470588"}
+    found = where(write_pair(tmp_path, image, name=f"m.{kind}", **TURNED, **free))
     # 205 has the shade 0.196, free below 0.41; 150 is exactly on the threshold
     assert found["thresholds.unknown-becomes-free"] == [first_of(205)]
     if kind == "pgm":
@@ -234,16 +222,11 @@ def test_greys_are_where_they_are_seen_first(tmp_path, monkeypatch, kind, strip)
 def test_readers_differ_where_a_grey_differs(tmp_path):
     """In mode scale shades between the thresholds are rounded in one reader, cut in another."""
     pixels = np.array([[0, 254, 102, 89], [89, 151, 254, 102]], np.uint8)
-    (tmp_path / "m.pgm").write_bytes(b"P5 4 2 255\n" + pixels.tobytes())
-    (tmp_path / "m.yaml").write_text(
-        f"image: m.pgm\nresolution: {RESOLUTION}\norigin: {list(ORIGIN)}\nnegate: 0\n"
-        "occupied_thresh: 0.6\nfree_thresh: 0.196\nmode: scale\n"
-    )
+    path = write_pair(tmp_path, pixels, **TURNED, occupied_thresh=0.6, mode="scale")
     readings = {
-        name: mapdeal.read_map(tmp_path / "m.yaml", dialect=name).occupancy
-        for name in ("nav2", "humble", "ros1")
+        name: mapdeal.read_map(path, dialect=name).occupancy for name in ("nav2", "humble", "ros1")
     }
-    found = [one for one in mapdeal.lint(str(tmp_path / "m.yaml")) if one.check == "readers.differ"]
+    found = [one for one in mapdeal.lint(str(path)) if one.check == "readers.differ"]
     assert found
     for one in found:
         other = next(name for name in ("humble", "ros1") if f"nav2 and {name} " in one.message)

@@ -71,13 +71,15 @@ def test_the_door_is_told_that_stops_the_robot_and_by_how_much():
     assert place == pytest.approx((1.0 - 7.5 * 0.25, -2.0 + (SIDE + 1.5) * 0.25), abs=0.13)
     told = re.search(r"at (\S+), (\S+);", remark.message)
     assert (float(told[1]), float(told[2])) == pytest.approx(place, abs=0.0051)
-    assert said(0.499) == []
     assert said(0.55)[0].endswith(" at 3.88, 1.04; the robot needs more than 1.1 m")
 
 
-def test_less_than_a_room_is_no_finding():
-    """0.75 m leave 6 x 6 cells of each room, 2.25 m2."""
-    assert said(0.74) != said(0.75) == []
+@pytest.mark.parametrize(("radius", "is_found"), [
+    (0.499, False), (0.5, True), (0.74, True),
+    (0.75, False),  # leaves 6 x 6 cells of each room, 2.25 m2
+])  # fmt: skip
+def test_a_door_counts_that_cuts_off_a_room(radius, is_found):
+    assert bool(said(radius)) == is_found
 
 
 def test_unknown_cells_are_no_way():

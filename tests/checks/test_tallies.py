@@ -4,12 +4,12 @@ import itertools
 import re
 import tracemalloc
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import oracles
+from checks.pairs import write_pair
 from mapdeal import read_map
 from mapdeal.checks import facts
 from mapdeal.checks.facts import CellTallies, PixelTallies, gather, tallies_of
@@ -66,8 +66,7 @@ PICTURES = {
 
 def pixels_one_by_one(picture):
     """Pictures of one pixel each, from the first to the last."""
-    height, width = picture.shape
-    for row, col in itertools.product(range(height), range(width)):
+    for row, col in np.ndindex(picture.shape):
         place = slice(row, row + 1), slice(col, col + 1)
         alpha = None if picture.alpha is None else picture.alpha[place]
         yield replace(picture, samples=picture.samples[place], alpha=alpha)
@@ -132,10 +131,8 @@ def test_pixels_are_counted_as_if_taken_one_by_one(name, mode, negate, monkeypat
 def by_hand(cells):
     """The same facts of cells, without any cleverness."""
     height, width = cells.shape
-    border = [
-        (r, c) for r in range(height) for c in range(width)
-        if r in (0, height - 1) or c in (0, width - 1)
-    ]  # fmt: skip
+    border = [(r, c) for r, c in np.ndindex(cells.shape)
+              if r in (0, height - 1) or c in (0, width - 1)]  # fmt: skip
     known = np.argwhere(cells >= 0)
     box = tuple((known.max(axis=0) - known.min(axis=0) + 1).tolist()) if len(known) else (0, 0)
     sizes = sorted(len(group) for group in oracles.groups(cells == 0))
@@ -202,13 +199,9 @@ def test_nothing_is_kept_of_the_cells_however_many_rows_come(kind, tmp_path, mon
             pass
 
     monkeypatch.setattr(facts, "open_passing", Opened)
-    (tmp_path / "m.pgm").write_bytes(b"P5 1 1 255\n0")
-    (tmp_path / "m.yaml").write_text(
-        "image: m.pgm\nresolution: 0.25\norigin: [1.5, -2, 0]\nnegate: 0\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
+    path = write_pair(tmp_path, b"P5 1 1 255\n0")
     tracemalloc.start()
-    pair, cells, findings = gather(Path(tmp_path / "m.yaml"))
+    pair, cells, findings = gather(path)
     held, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert findings == []
@@ -219,19 +212,15 @@ def test_nothing_is_kept_of_the_cells_however_many_rows_come(kind, tmp_path, mon
 
 def test_lint_asks_for_no_memory_for_cells(tmp_path):
     side = 3000
-    (tmp_path / "m.pgm").write_bytes(b"P5 %d %d 255\n" % (side, side) + bytes(side**2))
-    (tmp_path / "m.yaml").write_text(
-        "image: m.pgm\nresolution: 0.25\norigin: [1.5, -2, 0]\nnegate: 0\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
+    path = write_pair(tmp_path, b"P5 %d %d 255\n" % (side, side) + bytes(side**2))
 
     def refusal_of_lint():
-        (pair, _, findings) = gather(tmp_path / "m.yaml")
+        (pair, _, findings) = gather(path)
         return None if pair is not None else findings[0].message
 
     def refusal_of_reading():
         try:
-            read_map(tmp_path / "m.yaml")
+            read_map(path)
         except MalformedInputError as error:
             return str(error)
 

@@ -1,7 +1,12 @@
 """Command lines as they are typed, in a folder of their own."""
 
+import contextlib
 import json
+import os
+import pty
 import shlex
+import subprocess
+import sys
 
 import pytest
 
@@ -41,3 +46,22 @@ def here(tmp_path, monkeypatch):
 @pytest.fixture
 def sh(command, here):
     return Shell(command)
+
+
+def shown_on_terminal(line):
+    """Run a line of `mapdeal` as a process; return what a terminal behind stderr shows."""
+    master, slave = pty.openpty()
+    words = [sys.executable, "-m", "mapdeal", *shlex.split(line)]
+    subprocess.run(words, stderr=slave, stdout=subprocess.DEVNULL, check=False)
+    os.close(slave)
+    shown = b""
+    with contextlib.suppress(OSError):
+        while part := os.read(master, 65536):
+            shown += part
+    os.close(master)
+    return shown
+
+
+@pytest.fixture(name="shown_on_terminal")
+def _shown_on_terminal():
+    return shown_on_terminal

@@ -1,7 +1,8 @@
-"""The command align: what it prints, writes and refuses, and its exit codes."""
+"""The command align: what it prints and writes, and its exit codes."""
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,24 +15,22 @@ from mapdeal.sensors.points import read_transform
 
 HERE, THERE = Transform(-3.2, 11.7, 0.3), Transform(5.0, 2.0, 2.2)
 TRUE = between(HERE, THERE)
+PRIOR = (5.3, 1.8, 2.1)
 
 
-@pytest.fixture
-def maps(tmp_path, monkeypatch):
+@pytest.fixture(autouse=True)
+def maps(here):
     """a and b are of one building; hall and turned may be turned by half a turn or not."""
-    monkeypatch.chdir(tmp_path)
     mapdeal.write_map("a.yaml", drawn(WALLS, 0.15, HERE, origin_yaw=0.2))
     mapdeal.write_map("b.yaml", drawn(WALLS, 0.2, THERE))
     mapdeal.write_map("hall.yaml", drawn(HALL, 0.2))
     mapdeal.write_map("turned.yaml", drawn(HALL, 0.2, THERE))
-    return tmp_path
 
 
-def test_a_transform_is_found_written_and_printed(maps, command):
-    code, out, err = command("align", "a.yaml", "b.yaml", "-o", "t.json", "--image", "t.png")
-    assert (code, err) == (0, "")
+def test_a_transform_is_found_written_and_printed(sh):
+    out = sh.ok("align a.yaml b.yaml -o t.json --image t.png")
     assert out.startswith("a.yaml, b.yaml: the same place\n  transform  x ")
-    told = read_transform(maps / "t.json")
+    told = read_transform(Path("t.json"))
     off, turn = errors(told.transform, TRUE, mapdeal.read_map("a.yaml"))
     assert off < 0.1
     assert turn < 0.3
@@ -41,43 +40,34 @@ def test_a_transform_is_found_written_and_printed(maps, command):
         colours = image.convert("RGB").getcolors(1 << 20)
     walls_of_both = sum(count for count, colour in colours if colour == (0, 0, 0))
     assert walls_of_both > 2000
-
-
-def test_json_says_what_the_file_says(maps, command):
-    _, out, _ = command("align", "a.yaml", "b.yaml", "-o", "t.json", "--json")
-    document = json.loads(out)
-    assert document == json.loads((maps / "t.json").read_text())
-    assert document["same_place"] is True
-    assert document["reason"] is None
+    document = json.loads(Path("t.json").read_text())
+    assert sh.json("align a.yaml b.yaml --json") == document
+    assert (document["same_place"], document["reason"]) == (True, None)
     assert document["score"] > 2 * document["runner_up"]
     assert document["transform"] == {key: document[key] for key in ("x", "y", "yaw", "yaw_deg")}
-    assert math.degrees(document["transform"]["yaw"]) == pytest.approx(
-        document["transform"]["yaw_deg"]
-    )
-
-
-def test_what_is_not_sure_is_said_and_written_and_ends_with_1(maps, command):
-    code, out, _ = command("align", "hall.yaml", "turned.yaml", "-o", "t.json")
-    assert code == 1
-    assert "not sure: another place fits nearly as well" in out
-    assert json.loads((maps / "t.json").read_text())["same_place"] is False
-    with pytest.warns(mapdeal.MapdealWarning, match="uncertain"):
-        read_transform(maps / "t.json")
-
-
-def test_a_prior_and_turns_narrow_the_search(maps, command):
-    assert command("align", "hall.yaml", "turned.yaml", "--prior", "5.3,1.8,2.1")[0] == 0
-    degrees = math.degrees(TRUE.yaw)
-    assert command("align", "a.yaml", "b.yaml", "--rotation", f"{degrees:.1f},10")[0] == 0
-    assert command("align", "a.yaml", "b.yaml", "--rotation", "0,180")[0] == 1
-
-
-def test_from_python_as_from_the_command_line(maps, command):
+    assert math.degrees(document["yaw"]) == pytest.approx(document["yaw_deg"])
     found = mapdeal.align("a.yaml", mapdeal.read_map("b.yaml"))
-    document = json.loads(command("align", "a.yaml", "b.yaml", "--json")[1])
-    assert found.transform.pose == tuple(document["transform"][key] for key in ("x", "y", "yaw"))
-    near = mapdeal.align("hall.yaml", "turned.yaml", prior=(5.3, 1.8, 2.1))
-    assert near.same_place
+    assert found.transform.pose == (document["x"], document["y"], document["yaw"])
+
+
+def test_what_is_not_sure_is_said_and_written_and_ends_with_1(sh):
+    line = "align hall.yaml turned.yaml"
+    code, out, _ = sh(f"{line} -o t.json")
+    assert (code, "not sure: another place fits nearly as well" in out) == (1, True)
+    assert json.loads(Path("t.json").read_text())["same_place"] is False
+    with pytest.warns(mapdeal.MapdealWarning, match="uncertain"):
+        read_transform(Path("t.json"))
+    assert sh(f"{line} --prior {','.join(map(str, PRIOR))}")[0] == 0
+    assert mapdeal.align("hall.yaml", "turned.yaml", prior=PRIOR).same_place
+
+
+def test_turns_narrow_the_search(sh):
+    line = "align a.yaml b.yaml --rotation"
+    assert sh(f"{line} {math.degrees(TRUE.yaw):.1f},10")[0] == 0
+    assert sh(f"{line} 0,180")[0] == 1
+
+
+def test_python_refuses_what_is_no_prior_and_no_map():
     for prior in ([1, 2], "north", 3.0):
         with pytest.raises(mapdeal.ParameterError, match="prior"):
             mapdeal.align("a.yaml", "b.yaml", prior=prior)

@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import pty
 import signal
 import subprocess
 import sys
@@ -15,7 +14,11 @@ import pytest
 
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.cli import terminal
+from mapdeal.files import source as budget
 from mapdeal.kernels.engine import engine_name
+from mapdeal.pipeline import batch
+from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.settings import Settings
 
 pytestmark = pytest.mark.slow
 
@@ -47,43 +50,36 @@ def contents(folder):
     return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-def without_maps(found):
-    return {path for path in found if path.parts[0] != "maps"}
-
-
-def test_a_folder_is_run_with_any_number_of_jobs_as_its_maps_alone_f9(command, maps, tmp_path):
+def test_a_folder_is_run_with_any_number_of_jobs_as_its_maps_alone_f9(sh, maps, tmp_path):
     found = {}
-    for jobs in ("1", "2", "5"):
-        code, out, err = command("run", "maps", "-o", f"o{jobs}", "--jobs", jobs, "--no-images")
-        assert code == 5
+    for jobs in (1, 3):
+        code, out, err = sh(f"run maps -o o{jobs} --jobs {jobs} --no-images")
+        assert (code, err.count("error: ")) == (5, 2)
         assert out.splitlines()[-1] == "5 maps: 4 done, 0 unchanged, 1 failed"
-        assert err.count("error: ") == 2
         assert "1 YAML file without the key image was left out: maps/params.yaml" in err
         found[jobs] = contents(tmp_path / f"o{jobs}")
-    assert found["1"] == found["2"] == found["5"]
+    assert found[1] == found[3]
     for name in ("a/m", "a/b/m", "b/m", "b/n"):
-        code, _, _ = command("run", f"maps/{name}.yaml", "-o", f"single/{name}/..", "--no-images")
-        assert code == 0
-        assert contents(tmp_path / "single" / name) == contents(tmp_path / "o2" / name)
-    summary = json.loads(found["2"][next(p for p in found["2"] if p.name == "summary.json")])
+        sh.ok(f"run maps/{name}.yaml -o single/{name}/.. --no-images")
+        assert contents(tmp_path / "single" / name) == contents(tmp_path / "o3" / name)
+    summary = json.loads(Path("o3/summary.json").read_text())
     told = [(one["map"], one["folder"], one["status"]) for one in summary["maps"]]
-    assert told == [
-        ("a/b/m.yaml", "a/b/m", "done"), ("a/bad.yaml", "a/bad", "failed"),
-        ("a/m.yaml", "a/m", "done"), ("b/m.yaml", "b/m", "done"), ("b/n.yaml", "b/n", "done"),
-    ]  # fmt: skip
+    names = ["a/b/m", "a/bad", "a/m", "b/m", "b/n"]
+    done = {"a/bad": "failed"}
+    assert told == [(f"{name}.yaml", name, done.get(name, "done")) for name in names]
 
 
-def test_what_is_unchanged_is_skipped_unless_forced(command, maps, tmp_path):
-    words = ["run", "maps/b", "-o", "o", "-j", "2", "--no-images"]
-    assert command(*words)[0] == 0
+def test_what_is_unchanged_is_skipped_unless_forced(sh, maps, tmp_path):
+    line = "run maps/b -o o --no-images"
+    assert sh(line)[0] == 0
     before = contents(tmp_path / "o")
     made = {p: p.stat().st_mtime_ns for p in (tmp_path / "o").rglob("*.npz")}
     make_map(maps / "b" / "n.yaml", 9)
-    code, out, err = command(*words)
+    code, out, err = sh(line)
     assert (code, out.splitlines()[-1]) == (5, "2 maps: 0 done, 1 unchanged, 1 failed")
     assert "exists" in err
     assert {p: p.stat().st_mtime_ns for p in made} == made
-    code, out, _ = command(*words, "--force")
+    code, out, _ = sh(f"{line} --force")
     assert (code, out.splitlines()[-1]) == (0, "2 maps: 2 done, 0 unchanged, 0 failed")
     after = contents(tmp_path / "o")
     changed = {path.parts[0] for path in before if before[path] != after[path]}
@@ -93,45 +89,38 @@ def test_what_is_unchanged_is_skipped_unless_forced(command, maps, tmp_path):
 LITTLE = "61M" if engine_name() == "compiled" else "112M"
 
 
-@pytest.mark.parametrize("more", [[], ["--force"], ["--max-memory", LITTLE]])
-def test_a_dry_run_tells_what_the_run_then_does_and_writes_nothing(command, maps, tmp_path, more):
-    make_map(maps / "large.yaml", 3, side=1200)
-    assert command("run", "maps/b", "-o", "o/b", "--no-images")[0] == 0
+@pytest.mark.parametrize("more", ["-j 2", "--force", f"--max-memory {LITTLE}"])
+def test_a_dry_run_tells_what_the_run_then_does_and_writes_nothing(sh, maps, tmp_path, more):
+    make_map(maps / "large.yaml", 3, side=1200 if LITTLE in more else 50)
+    assert sh("run maps/b -o o/b --no-images")[0] == 0
     make_map(maps / "b" / "n.yaml", 9)  # its outputs are there, and not this map's
     before = contents(tmp_path)
-    words = ["run", "maps", "-o", "o", "--no-images", *more]
-    code, out, err = command(*words, "--dry-run", "-v", "-j", "2")
-    assert contents(tmp_path) == before
-    assert code == 5
+    line = f"run maps -o o --no-images {more}"
+    code, out, err = sh(f"{line} --dry-run -v")
+    assert (code, contents(tmp_path)) == (5, before)
     written = {line.rpartition(" write ")[2] for line in err.splitlines() if " write " in line}
     rows = [line.split() for line in out.splitlines()[1:] if " -> " in line]  # others would fail
     words_of = {"new": "done", "replace": "done", "unchanged": "unchanged"}
-    assert command(*words, "-j", "2")[0] == 5
+    assert sh(line)[0] == 5
     summary = json.loads((tmp_path / "o" / "summary.json").read_text())["maps"]
     found = {one["map"]: one["status"] for one in summary if one["status"] != "failed"}
     assert found == {row[-3]: words_of[row[0]] for row in rows}
     made = contents(tmp_path)
-    changed = {str(path) for path in made if before.get(path) != made[path]}
-    if not more:  # else files are replaced by equal ones
-        assert changed - {"o/summary.json"} == written
-    else:
-        assert changed - {"o/summary.json"} <= written
-    assert ("in blocks" in out) == ("--max-memory" in more)
+    changed = {str(path) for path in made if before.get(path) != made[path]} - {"o/summary.json"}
+    assert changed <= written
+    assert changed == written or more != "-j 2"  # then files are replaced by equal ones
+    assert ("in blocks" in out) == (LITTLE in more)
 
 
-def test_a_dry_run_of_one_map_ends_as_its_run_would(command, maps, tmp_path):
-    words = ["run", "maps/a/bad.yaml", "-o", "o"]
-    assert command(*words, "-n")[::2] == command(*words)[::2]
-    assert command("run", "maps/a/m.yaml", "-o", "o", "-n")[0] == 0
-    assert not (tmp_path / "o").exists()
+@pytest.mark.usefixtures("maps")
+def test_a_dry_run_of_one_map_ends_as_its_run_would(sh):
+    line = "run maps/a/bad.yaml -o o"
+    assert sh(f"{line} -n")[::2] == sh(line)[::2]
+    assert sh("run maps/a/m.yaml -o o -n")[0] == 0
+    assert not Path("o").exists()
 
 
 def test_jobs_share_out_threads_and_memory(monkeypatch):
-    from mapdeal.files import source as budget
-    from mapdeal.pipeline import batch
-    from mapdeal.pipeline.recipe import load_recipe
-    from mapdeal.pipeline.settings import Settings
-
     monkeypatch.setattr(batch, "available_threads", lambda: 8)
     monkeypatch.setattr(budget, "free_memory", lambda: 16_000_000_000)
     run = batch.MapRun(load_recipe("default"))
@@ -141,30 +130,21 @@ def test_jobs_share_out_threads_and_memory(monkeypatch):
     assert run.sharing(1) == run
     chosen = batch.MapRun(load_recipe("default"), Settings(threads=5, max_memory=10**9))
     assert chosen.sharing(3) == chosen
-    monkeypatch.setattr(budget, "free_memory", lambda: 100)
-    assert run.sharing(64).settings.max_memory >= 100_000_000
 
 
-def test_without_a_terminal_a_line_tells_now_and_then_how_far_it_is(command, maps, monkeypatch):
+@pytest.mark.usefixtures("maps")
+def test_without_a_terminal_a_line_tells_now_and_then_how_far_it_is(sh, monkeypatch):
     monkeypatch.setattr(terminal, "PROGRESS_SECONDS", 0)
-    _, _, err = command("run", "maps", "-o", "o", "-j", "2")
+    err = sh.err("run maps -o o -j 2 --no-images", 5)
     lines = [line for line in err.splitlines() if " maps done" in line]
     assert [line.split(",")[0] for line in lines] == [f"{k} of 5 maps done" for k in range(1, 6)]
     assert lines[-1] == "5 of 5 maps done, 1 failed"
-    assert command("run", "maps", "-o", "q", "-j", "2", "-q")[2].count("maps done") == 0
+    assert "maps done" not in sh.err("run maps -o q --no-images -q", 5)
 
 
-def test_on_a_terminal_there_is_a_bar_with_counts(maps):
-    master, slave = pty.openpty()
-    subprocess.run(
-        [*RUN, "maps", "-o", "o", "-j", "2"], stderr=slave, stdout=subprocess.DEVNULL, check=False
-    )
-    os.close(slave)
-    shown = b""
-    with contextlib.suppress(OSError):
-        while part := os.read(master, 65536):
-            shown += part
-    os.close(master)
+@pytest.mark.usefixtures("maps")
+def test_on_a_terminal_there_is_a_bar_with_counts(shown_on_terminal):
+    shown = shown_on_terminal("run maps -o o -j 2 --no-images")
     assert b"] 5/5, 1 failed" in shown
     assert b"\x1b[Kerror: " in shown
 
@@ -190,10 +170,6 @@ def nothing_is_left(folder):
 
 def both_write(folder):
     return len({path.parent for path in temporary_files(folder)}) >= 2
-
-
-def one_is_done(folder):
-    return any((folder / "o").glob("*/manifest.json"))
 
 
 def start(folder, *more, until=both_write):
@@ -226,6 +202,11 @@ def wait_for_end_of(group):
     assert not list(members(group))
 
 
+def without_progress(err):
+    """The lines of stderr, but those that a slow machine has time for."""
+    return [line for line in err.splitlines() if not line.endswith("maps done")]
+
+
 @pytest.mark.thorough
 @needs_proc
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -233,7 +214,7 @@ def test_a_signal_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(
     one = (large_maps / "maps" / "0.yaml").read_text()
     for number in range(8, 20):  # so many that a slow machine is not done before it is told
         (large_maps / "maps" / f"{number}.yaml").write_text(one)
-    process = start(large_maps, until=one_is_done)
+    process = start(large_maps, until=lambda folder: any((folder / "o").glob("*/manifest.json")))
     os.killpg(process.pid, sent)  # as a terminal does: everyone gets it
     out, err = process.communicate(timeout=120)
     assert (process.returncode, out) == (128 + sent, "")
@@ -264,11 +245,6 @@ def test_workers_whose_parent_is_gone_clean_up_and_end(large_maps):
     assert nothing_is_left(large_maps)
 
 
-def without_progress(err):
-    """The lines of stderr, but those that a slow machine has time for."""
-    return [line for line in err.splitlines() if not line.endswith("maps done")]
-
-
 def worker_that_writes(run):
     """Return a process of a run's session that has a temporary file open."""
     while True:
@@ -294,7 +270,8 @@ def test_a_worker_that_is_killed_once_costs_no_map_f10(large_maps):
     assert contents(large_maps / "o") == contents(large_maps / "p")
 
 
-def test_processes_and_clusters_are_loaded_only_if_there_are_any(maps):
+@pytest.mark.usefixtures("maps")
+def test_processes_and_clusters_are_loaded_only_if_there_are_any():
     code = (
         "import sys; from mapdeal.cli.main import main; "
         "main(['run', 'maps/b', '-o', 'o', '-j', '1']); print([m for m in "

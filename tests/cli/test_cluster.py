@@ -48,11 +48,8 @@ class Cluster:
 
     def start_workers(self, count, **more):
         """Start workers; there is nobody who starts them again when they die."""
-        words = ["--no-nanny", "--nthreads", "1", "--host", "127.0.0.1",
-                 "--local-directory", str(self.folder)]  # fmt: skip
-        started = [self._start("worker", *words, **more) for _ in range(count)]
-        self.workers += started
-        return started
+        words = f"--no-nanny --nthreads 1 --host 127.0.0.1 --local-directory {self.folder}"
+        self.workers += [self._start("worker", *words.split(), **more) for _ in range(count)]
 
     def wait_for_workers(self, count):
         """Wait until the scheduler knows that many."""
@@ -110,9 +107,8 @@ def contents(folder):
 def writes(process):
     """Whether a worker has a temporary file of an output open."""
     with contextlib.suppress(OSError):
-        for descriptor in Path(f"/proc/{process.pid}/fd").iterdir():
-            if ".mapdeal-" in str(descriptor.readlink()):
-                return True
+        folder = Path(f"/proc/{process.pid}/fd")
+        return any(".mapdeal-" in str(one.readlink()) for one in folder.iterdir())
     return False
 
 
@@ -191,20 +187,15 @@ def test_workers_of_another_version_are_refused(dask, maps, tmp_path):
     assert lines[1].startswith("hint: ")
 
 
-def test_a_scheduler_that_does_not_answer_is_told_in_one_line(command, maps, monkeypatch):
+@pytest.mark.parametrize("is_missing", [False, True])
+def test_no_scheduler_or_no_extra_is_told_in_one_line_f19(sh, maps, monkeypatch, is_missing):
     monkeypatch.setattr(cluster, "_TIMEOUT", 0.5)
-    code, out, err = command("run", "maps", "-o", "o", "--scheduler", "tcp://127.0.0.1:9")
-    assert (code, out) == (4, "")
-    assert err.startswith("error: tcp://127.0.0.1:9: the scheduler does not answer: ")
-    assert len(err.splitlines()) == 1
-    assert not (maps / "o").exists()
-
-
-def test_a_missing_extra_is_told_with_the_command_that_brings_it_f19(command, maps, monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    code, out, err = command("run", "maps", "-o", "o", "--scheduler", "tcp://127.0.0.1:9")
-    assert (code, out) == (2, "")
-    assert err == "error: --scheduler: needs dask.distributed: pip install 'mapdeal[cluster]'\n"
+    told = (4, "error: tcp://127.0.0.1:9: the scheduler does not answer: ")
+    if is_missing:
+        monkeypatch.setitem(sys.modules, "distributed", None)
+        told = (2, "error: --scheduler: needs dask.distributed: pip install 'mapdeal[cluster]'\n")
+    code, out, err = sh("run maps -o o --scheduler tcp://127.0.0.1:9")
+    assert (code, out, err[: len(told[1])], err.count("\n")) == (told[0], "", told[1], 1)
     assert not (maps / "o").exists()
 
 

@@ -22,13 +22,13 @@ FILES = sorted(
 )
 STATES = {100: "occupied", 0: "free", -1: "unknown"}
 GRID = {"resolution": 0.1, "size": (7.3, 5.1), "origin": (-0.55, -0.35)}
-WORDS = ["--resolution", "0.1", "--size", "7.3,5.1", "--origin", "-0.55,-0.35"]
+COMPARE = "build hall.npz --compare --resolution 0.1"
+LINE = f"{COMPARE} --size 7.3,5.1 --origin -0.55,-0.35"
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch):
+def run(here):
     """Noisy scans in a hall of 6 m x 4 m with a post that most beams miss."""
-    monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(8)
     poses = np.column_stack([rng.uniform(1, 5, 12), rng.uniform(1, 3, 12), rng.uniform(-3, 3, 12)])
     angles = np.radians(np.arange(-180, 180, 2))
@@ -53,6 +53,10 @@ def document(folder="out"):
     return json.loads(Path(folder, "comparison.json").read_text())
 
 
+def names_in(folder):
+    return sorted(path.name for path in Path(folder).iterdir())
+
+
 def brute_force(grid, often_hit):
     """The figures of one map, by loops."""
     occupied = grid.occupancy == 100
@@ -75,50 +79,60 @@ def brute_force(grid, often_hit):
     }
 
 
-def test_figures_are_those_of_loops_over_the_cells(command, run):
-    code, _, err = command("build", "hall.npz", "--compare", "-o", "out", *WORDS)
-    assert (code, err) == (0, "")
-    assert sorted(path.name for path in Path("out").iterdir()) == FILES
+def test_figures_are_those_of_loops_over_the_cells(sh, run):
+    sh.ok(f"{LINE} -o out")
+    assert names_in("out") == FILES
     found = document()
     often_hit = build_map(*run, method="counting", **GRID).layers["hits"] >= 3
     assert found["cells_hit_three_times"] == often_hit.sum()
     groups = [group for group in oracles.groups(often_hit) if len(group) >= 3]
     assert found["groups_hit_three_times"] == len(groups)
-    for method in METHODS:
+    for method, bytes_per_cell in zip(METHODS, (5, 8, 20), strict=True):
         grid = build_map(*run, method=method, **GRID).grid
-        written = read_map(Path("out", f"{method}.yaml"))
+        written = read_map(f"out/{method}.yaml")
         assert np.array_equal(written.occupancy, grid.occupancy)
         assert written.origin == grid.origin == (*GRID["origin"], 0.0)
         expected = brute_force(grid, often_hit)
+        expected["memory_bytes"] = bytes_per_cell * grid.occupancy.size
         its = found["methods"][method]
-        assert {name: its[name] for name in expected} == expected
+        assert its.items() >= expected.items()
+        assert its["bytes_per_cell"] == bytes_per_cell
         assert sum(place["cells"] for place in its["vanished"]) == its["vanished_cells"]
-        assert its["memory_bytes"] == its["bytes_per_cell"] * grid.occupancy.size
-    lost = [found["methods"][method]["vanished_groups"] for method in METHODS]
-    assert lost == [1, 1, 1]  # the post
+        assert its["vanished_groups"] == 1  # the post
     (place,) = found["methods"]["counting"]["vanished"]
     assert abs(place["x"] - 3.45) < 0.1
     assert abs(place["y"] - 2.3) < 0.15
-    assert [found["methods"][method]["bytes_per_cell"] for method in METHODS] == [5, 8, 20]
 
 
-def test_pairs_are_counted_cell_by_cell(command, run):
-    assert command("build", "hall.npz", "--compare", "-o", "out", *WORDS)[0] == 0
-    maps = {name: read_map(Path("out", f"{name}.yaml")).occupancy for name in METHODS}
+def test_pairs_are_counted_cell_by_cell_and_drawn(sh, run):
+    sh.ok(f"{LINE} -o out")
+    red, blue = (225, 30, 60), (0, 120, 220)
+
+    def colours(name):
+        with Image.open(f"out/{name}.png") as image:
+            return {colour for _, colour in image.convert("RGB").getcolors(1 << 20)}
+
+    maps = {name: read_map(f"out/{name}.yaml").occupancy for name in METHODS}
+    assert all(red in colours(name) for name in METHODS)  # a ring around the post
     pairs = document()["pairs"]
     assert [(pair["first"], pair["second"]) for pair in pairs] == PAIRS
-    for pair in pairs:
-        counts = {a: dict.fromkeys(STATES.values(), 0) for a in STATES.values()}
-        for cell in np.ndindex(maps["tsdf"].shape):
-            counts[STATES[maps[pair["first"]][cell]]][STATES[maps[pair["second"]][cell]]] += 1
-        assert pair["cells"] == counts
-        differing = (maps[pair["first"]] != maps[pair["second"]]).sum()
-        assert pair["differing"] == differing > 0
+    for pair, names in zip(pairs, PAIRS, strict=True):
+        first, second = (maps[name] for name in names)
+        cells = {
+            a: {b: int(((first == x) & (second == y)).sum()) for y, b in STATES.items()}
+            for x, a in STATES.items()
+        }
+        assert pair["cells"] == cells
+        assert pair["differing"] == (first != second).sum() > 0
+        seen = colours("_".join(names))
+        only_first = cells["occupied"]["free"] + cells["occupied"]["unknown"]
+        only_second = cells["free"]["occupied"] + cells["unknown"]["occupied"]
+        assert ((red in seen), (blue in seen)) == (only_first > 0, only_second > 0)
 
 
-def test_all_methods_take_their_own_numbers(command, run):
-    words = ["--log-occ", "4", "--ratio", "0.05", "--truncation", "1.5", "--truncation-behind", "3"]
-    assert command("build", "hall.npz", "--compare", "-o", "out", *WORDS, *words)[0] == 0
+def test_all_methods_take_their_own_numbers(sh, run):
+    numbers = "--log-occ 4 --ratio 0.05 --truncation 1.5 --truncation-behind 3"
+    assert sh(f"{LINE} {numbers} -o out")[0] == 0
     given = {
         "log-odds": {"log_occ": 4},
         "counting": {"ratio": 0.05},
@@ -126,36 +140,28 @@ def test_all_methods_take_their_own_numbers(command, run):
     }
     for method, parameters in given.items():
         grid = build_map(*run, method=method, **parameters, **GRID).grid
-        written = read_map(Path("out", f"{method}.yaml"))
-        assert np.array_equal(written.occupancy, grid.occupancy)
+        assert np.array_equal(read_map(f"out/{method}.yaml").occupancy, grid.occupancy)
         used = document()["methods"][method]["parameters"]
         assert used.items() >= parameters.items()
     assert document()["methods"]["log-odds"]["parameters"]["log_free"] == -1
-    assert command("build", "hall.npz", "--compare", "-o", "w", *WORDS, "--as-written")[0] == 0
-    written = read_map("w/tsdf.yaml").occupancy
+    assert sh(f"{LINE} --as-written -o w")[0] == 0
     grid = build_map(*run, method="tsdf", as_written=True, **GRID).grid
-    assert np.array_equal(written, grid.occupancy)
+    assert np.array_equal(read_map("w/tsdf.yaml").occupancy, grid.occupancy)
     used = document("w")["methods"]["tsdf"]["parameters"]
     assert used == {"truncation": 2.0, "truncation_behind": 3.0, "as_written": True}
     # the grid holds what the method that reaches farthest behind hits does: 4.5 cells
-    assert (
-        command("build", "hall.npz", "--compare", "-o", "a", "--resolution", "0.1", *words)[0] == 0
-    )
+    assert sh(f"{COMPARE} {numbers} -o a")[0] == 0
     alone = build_map(*run, method="tsdf", resolution=0.1, **given["tsdf"]).grid
     assert read_map("a/log-odds.yaml").frame == alone.frame
 
 
-def test_the_table_is_for_people_and_json_for_programs(command, run):
-    words = ["build", "hall.npz", "--compare", *WORDS]
-    code, out, _ = command(*words, "-o", "out")
-    assert code == 0
-    lines = out.splitlines()
+@pytest.mark.usefixtures("run")
+def test_the_table_is_for_people_and_json_for_programs(sh):
+    lines = sh.ok(f"{LINE} -o out").splitlines()
     assert lines[0] == "out: 73 x 51 cells at -0.55, -0.35"
     assert "42 scans, 7560 beams: " in lines[1]
-    assert lines[3].split() == [
-        "method", "occupied", "free", "unknown", "one", "cell", "wide", "mean", "groups",
-        "vanished", "bytes", "a", "cell", "seconds",
-    ]  # fmt: skip
+    head = "method occupied free unknown one cell wide mean groups vanished bytes a cell seconds"
+    assert lines[3].split() == head.split()
     figures = document()["methods"]
     for line, method in zip(lines[4:7], METHODS, strict=True):
         its = figures[method]
@@ -164,66 +170,43 @@ def test_the_table_is_for_people_and_json_for_programs(command, run):
         told = [method, *(str(its[state]) for state in STATES.values()), share, "%", mean, "1"]
         assert line.split()[:8] == told
     assert lines[7].startswith("  log-odds, counting: ")
-    code, out, _ = command(*words, "-o", "other", "--json")
-    timed = json.loads(out)
-    for method in METHODS:
-        assert timed["methods"][method].pop("seconds") > 0
+    timed = sh.json(f"{LINE} -o other --json")
+    assert all(timed["methods"][method].pop("seconds") > 0 for method in METHODS)
     assert timed == document("other") == document("out")
-    assert command(*words, "-o", "quiet", "-q")[1] == ""
+    assert sh.ok(f"{LINE} -o quiet -q") == ""
 
 
 @pytest.mark.thorough
-def test_bytes_do_not_depend_on_threads_or_engine(run):
+@pytest.mark.usefixtures("run")
+def test_bytes_do_not_depend_on_threads_or_engine():
     found = []
     for threads, engine in ((1, "scipy"), (2, ""), (1, "")):
+        words = [*COMPARE.split(), "-o", "out", "--force", "--threads", str(threads)]
         subprocess.run(
-            [sys.executable, "-m", "mapdeal", "build", "hall.npz", "--compare", "-o", "out",
-             "--force", "--threads", str(threads)],
-            env={**os.environ, "MAPDEAL_KERNELS": engine}, check=True, capture_output=True,
+            [sys.executable, "-m", "mapdeal", *words], check=True, capture_output=True,
+            env={**os.environ, "MAPDEAL_KERNELS": engine},
         )  # fmt: skip
         found.append([Path("out", name).read_bytes() for name in FILES])
     assert found[0] == found[1] == found[2]
 
 
-def test_pictures_show_what_differs_and_what_vanished(command, run):
-    assert command("build", "hall.npz", "--compare", "-o", "out", *WORDS)[0] == 0
-    red, blue = (225, 30, 60), (0, 120, 220)
-
-    def colours(name):
-        with Image.open(Path("out", name)) as image:
-            return {colour for _, colour in image.convert("RGB").getcolors(1 << 20)}
-
-    for method in METHODS:
-        assert red in colours(f"{method}.png")  # a ring around the post
-    for pair, found in zip(PAIRS, document()["pairs"], strict=True):
-        cells = found["cells"]
-        seen = colours("_".join(pair) + ".png")
-        only_first = cells["occupied"]["free"] + cells["occupied"]["unknown"]
-        only_second = cells["free"]["occupied"] + cells["unknown"]["occupied"]
-        assert ((red in seen), (blue in seen)) == (only_first > 0, only_second > 0)
-
-
-def test_a_folder_is_asked_for_and_files_in_it_are_kept(command, run):
-    code, _, err = command("build", "hall.npz", "--compare", "-o", "out.yaml")
-    assert (code, err) == (
-        2, "error: --output: must be a folder: a comparison writes several maps, got 'out.yaml'\n"
-    )  # fmt: skip
-    code, out, err = command("build", "hall.npz", "-o", "map.yaml", "--json")
-    assert (code, err, json.loads(out)["scans"]) == (0, "", 42)
+@pytest.mark.usefixtures("run")
+def test_a_folder_is_asked_for_and_files_in_it_are_kept(sh):
+    told = "must be a folder: a comparison writes several maps, got 'out.yaml'"
+    assert told in sh.err(f"{COMPARE} -o out.yaml", 2)
+    assert sh.json("build hall.npz -o map.yaml --json")["scans"] == 42
     Path("out").mkdir()
     Path("out/tsdf.png").write_bytes(b"mine")
-    code, _, err = command("build", "hall.npz", "--compare", "-o", "out")
-    assert (code, "out/tsdf.png" in err) == (4, True)
-    assert [path.name for path in Path("out").iterdir()] == ["tsdf.png"]
-    assert command("build", "hall.npz", "--compare", "-o", "out", "--force")[0] == 0
-    assert sorted(path.name for path in Path("out").iterdir()) == FILES
+    assert "out/tsdf.png" in sh.err(f"{COMPARE} -o out", 4)
+    assert names_in("out") == ["tsdf.png"]
+    assert sh(f"{COMPARE} -o out --force")[0] == 0
+    assert names_in("out") == FILES
 
 
-def test_nothing_seen_has_no_thickness(command, run):
-    far = ["--size", "2,2", "--origin", "90,90"]
-    code, _, err = command("build", "hall.npz", "--compare", "-o", "out", *far)
-    assert code == 0
-    assert err == ("warning: hall.npz: no beam reaches the grid: the whole map is unknown\n")
+@pytest.mark.usefixtures("run")
+def test_nothing_seen_has_no_thickness(sh):
+    err = sh.err(f"{COMPARE} -o out --size 2,2 --origin 90,90")
+    assert err == "warning: hall.npz: no beam reaches the grid: the whole map is unknown\n"
     for figures in document()["methods"].values():
         assert figures["one_cell_wide_share"] is figures["mean_thickness_m"] is None
         assert figures["vanished_groups"] == 0
@@ -238,17 +221,12 @@ ACES = {"log-odds": (53.61, 14), "counting": (48.19, 12), "tsdf": (96.49, 13)}
     [("intel-corrected.log", 14_590, INTEL), ("aces-corrected.log.gz", 10_724, ACES)],
 )
 def test_real_logs_have_the_walls_and_losses_that_were_found_by_hand(
-    command, real_maps, tmp_path, log, cells, expected
+    sh, real_maps, log, cells, expected
 ):
     """Figures of a study with scipy.ndimage, written apart from this code."""
-    words = [real_maps / "acschaefer__ple" / log, "--compare", "-o", tmp_path / "out"]
-    assert command("build", *words)[0] == 0
-    found = document(tmp_path / "out")
-    assert found["cells_hit_three_times"] == cells
-    figures = found["methods"]
-    shares = {name: round(100 * its["one_cell_wide_share"], 2) for name, its in figures.items()}
-    assert shares == {
-        name: pytest.approx(share, abs=0.011) for name, (share, _) in expected.items()
-    }
-    lost = {name: its["vanished_groups"] for name, its in figures.items()}
-    assert lost == {name: count for name, (_, count) in expected.items()}
+    assert sh(f"build {real_maps}/acschaefer__ple/{log} --compare -o out")[0] == 0
+    assert document()["cells_hit_three_times"] == cells
+    for method, its in document()["methods"].items():
+        share, lost = expected[method]
+        assert round(100 * its["one_cell_wide_share"], 2) == pytest.approx(share, abs=0.011)
+        assert its["vanished_groups"] == lost

@@ -31,11 +31,9 @@ CASES = [
     (["edit", "polygon", "--ov"], {"--overlay"}),
     (["edit", "polygon", "--overlay", ""], {"seq", "max", "min"}),
     (["--ver"], {"--version"}),
-    (["inflate", "--ker"], {"--kernel"}),
     (["inflate", "--kernel", ""], {"disc", "square"}),
     (["inflate", "--kernel=s"], {"square"}),
     (["cost", "--model", "r"], {"rings"}),
-    (["esdf", "--convention", "c"], {"center"}),
     (["convert", "--encoding", "a"], {"amcl"}),
     (["info", "--dialect", ""], {"nav2", "humble", "ros1"}),
     (["run", "map.yaml", "--recipe", "design-"], {"design-real", "design-sim", "design-local"}),
@@ -52,26 +50,34 @@ CASES = [
 
 
 @pytest.fixture
-def offered(monkeypatch, capsys):
+def answer(monkeypatch, capsys):
+    """What mapdeal answers to a shell's question."""
+
+    def ask(shell, **variables):
+        with monkeypatch.context() as patch, pytest.raises(SystemExit) as ended:
+            patch.setenv("_MAPDEAL_COMPLETE", f"complete_{shell}")
+            for name, value in variables.items():
+                patch.setenv(name, value)
+            main([])
+        out, err = capsys.readouterr()
+        assert (ended.value.code, err) == (0, "")
+        return out
+
+    return ask
+
+
+@pytest.fixture
+def offered(answer):
     """What mapdeal offers to bash, which asks as its script has it ask."""
 
     def words_for(*words):
         # as readline splits words: at = too
         split = [part for word in words for part in re.findall(r"=|[^=]+", word) or [""]]
-        monkeypatch.setenv("_MAPDEAL_COMPLETE", "complete_bash")
-        monkeypatch.setenv("COMP_WORDS", "\n".join(["mapdeal", *map(as_typed, split)]))
-        monkeypatch.setenv("COMP_CWORD", str(len(split)))
-        with pytest.raises(SystemExit) as ended:
-            main([])
-        out, err = capsys.readouterr()
-        assert (ended.value.code, err) == (0, "")
+        typed = [f"'{word}'" if " " in word else word for word in ("mapdeal", *split)]
+        out = answer("bash", COMP_WORDS="\n".join(typed), COMP_CWORD=str(len(split)))
         return set(out.splitlines()) - {""}
 
     return words_for
-
-
-def as_typed(word):
-    return f"'{word}'" if " " in word else word
 
 
 @pytest.mark.parametrize(("words", "expected"), CASES)
@@ -79,16 +85,20 @@ def test_offered_words(offered, words, expected):
     assert offered(*words) == expected
 
 
-def test_every_option_that_help_tells_of_is_offered(offered, command, monkeypatch):
+def test_powershell_is_answered(answer):
+    variables = {"ARGS": "mapdeal inflate --ker", "WORD_TO_COMPLETE": "--ker"}
+    variables = {f"_TYPER_COMPLETE_{name}": value for name, value in variables.items()}
+    assert answer("powershell", **variables).startswith("--kernel:::")
+
+
+def test_every_option_that_help_tells_of_is_offered(offered, command):
     names = [name for name in command_names() if name != "edit"]
-    names += [f"edit {name}" for name in ("polygon", "line", "circle", "reset")]
-    for name in names:
+    for name in (*names, *(f"edit {shape}" for shape in offered("edit", ""))):
         made = offered(*name.split(), "-")
-        monkeypatch.delenv("_MAPDEAL_COMPLETE")
         told = command(*name.split(), "--help")[1]
-        listed = re.findall(r"(?m)^  (-.*?)(?:  |$)", told)
-        expected = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", " ".join(listed)))
-        assert {one for one in expected if len(one) > 2} <= made, name
+        listed = " ".join(re.findall(r"(?m)^  (-.*?)(?:  |$)", told))
+        expected = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", listed))
+        assert expected <= made, name
         assert made - {"-h"} <= set(re.findall(r"--?[\w-]+", told)), name
 
 
@@ -107,64 +117,13 @@ def test_help_names_all_built_in_recipes(function):
 
 
 # Lines that have one completion: the word that the shell makes of the last one.
-TYPED = [
-    ("comp", "completion"),
-    ("inflate --ker", "--kernel"),
-    ("inflate map.yaml --kernel s", "square"),
-    ("run --set cost.model=t", "cost.model=threshold"),
-    ("inflate map.y", "map.yaml"),
-    ("run -o ou", "out"),
-]
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A folder with files, and the scripts of all shells."""
-    path = tmp_path_factory.mktemp("completion")
-    (path / "here" / "out").mkdir(parents=True)
-    (path / "here" / "map.yaml").touch()
-    for shell in SHELLS:
-        script = process("completion", shell)
-        (path / f"{shell}.script").write_text(script)
-    return path
-
-
-def process(*words, **variables):
-    """Return what a process of mapdeal prints."""
-    done = subprocess.run(
-        ["mapdeal", *words], env=environment() | variables, capture_output=True, text=True,
-        check=True,
-    )  # fmt: skip
-    assert done.stderr == ""
-    return done.stdout
-
-
-def environment():
-    """Variables with which shells find this mapdeal."""
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    return os.environ | {"PATH": path, "TERM": "dumb"}
-
-
-def needs(shell):
-    return pytest.mark.skipif(shutil.which(shell) is None, reason=f"needs {shell}")
-
-
-@pytest.mark.slow
-@needs("fish")
-def test_fish_completes(folder):
-    code = "source ../fish.script\n"
-    for line, _ in TYPED:
-        code += f"complete -C 'mapdeal {line}'; echo ----\n"
-    done = subprocess.run(
-        ["fish", "-c", code], cwd=folder / "here", env=environment(), capture_output=True,
-        text=True, check=True,
-    )  # fmt: skip
-    blocks = done.stdout.split("----\n")
-    for (line, expected), block in zip(TYPED, blocks, strict=False):
-        made = {one.partition("\t")[0].rstrip("/") for one in block.splitlines()}
-        assert made == {expected}, line
-
-
+TYPED = {
+    "comp": "completion",
+    "inflate --ker": "--kernel",
+    "run --set cost.model=t": "cost.model=threshold",
+    "inflate map.y": "map.yaml",
+}
+# The program is a function there that prints what it is given; the script starts the process.
 PRINT = "mapdeal() { local IFS='|'; printf 'GO''T<%s>\\n' \"$*\"; }"
 STARTS = {
     "bash": (["--norc", "--noprofile"], ""),
@@ -172,46 +131,64 @@ STARTS = {
 }
 
 
+@pytest.fixture
+def shell_finds(command, here, monkeypatch):
+    """Write the script of a shell, and variables with which shells find this mapdeal."""
+
+    def prepare(shell):
+        if shutil.which(shell) is None:
+            pytest.skip(f"needs {shell}")
+        Path("script").write_text(command("completion", shell)[1])
+        monkeypatch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)
+        monkeypatch.setenv("TERM", "dumb")
+        monkeypatch.setenv("ZDOTDIR", str(here))
+        Path("work").mkdir()
+        Path("work/map.yaml").touch()
+
+    return prepare
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("shell", [pytest.param(shell, marks=needs(shell)) for shell in STARTS])
-def test_completes_at_tab(folder, shell):
-    for (line, expected), made in zip(TYPED, typed(folder, shell), strict=True):
-        assert [one.rstrip("/") for one in made] == [*line.split()[:-1], expected], line
+def test_fish_completes(shell_finds):
+    shell_finds("fish")
+    code = "source ../script\n" + "".join(
+        f"complete -C 'mapdeal {line}'; echo ----\n" for line in TYPED
+    )
+    done = subprocess.run(
+        ["fish", "-c", code], cwd="work", capture_output=True, text=True, check=True
+    )
+    made = [re.sub(r"\t.*", "", one).strip() for one in done.stdout.split("----\n")[:-1]]
+    assert made == list(TYPED.values())
 
 
-def typed(folder, shell):
-    """Return the words of lines that are typed into a shell, each with a tab at its end.
-
-    The program is a function there that prints what it is given; the script starts the process.
-    """
+@pytest.mark.slow
+@pytest.mark.parametrize("shell", STARTS)
+def test_completes_at_tab(shell_finds, shell):
+    """Type lines into a terminal of its own, each with a tab at its end."""
+    shell_finds(shell)
     options, start = STARTS[shell]
     child, terminal = pty.fork()
     if child == 0:
-        os.chdir(folder / "here")
-        os.environ.update(environment(), ZDOTDIR=str(folder))
+        os.chdir("work")
         os.execlp(shell, shell, *options, "-i")  # noqa: S606 - it needs a terminal of its own
     try:
-        type_in(terminal, f"PS1=; stty -echo; {start}{PRINT}; source ../{shell}.script; "
-                          "echo READ''Y\n")  # fmt: skip
+        os.write(
+            terminal,
+            f"PS1=; stty -echo; {start}{PRINT}; source ../script; echo READ''Y\n".encode(),
+        )
         read_until(terminal, rb"READY")
-        made = []
-        for line, _ in TYPED:
-            type_in(terminal, f"mapdeal {line}\t\n")
+        for line, expected in TYPED.items():
+            os.write(terminal, f"mapdeal {line}\t\n".encode())
             found = read_until(terminal, rb"GOT<(.*?)>")
-            made.append(found[1].decode().split("|") if found else [])
-        type_in(terminal, "exit\n")
-        return made
+            assert found[1].decode().split("|") == [*line.split()[:-1], expected]
+        os.write(terminal, b"exit\n")
     finally:
         os.close(terminal)
         os.waitpid(child, 0)
 
 
-def type_in(terminal, text):
-    os.write(terminal, text.encode())
-
-
 def read_until(terminal, pattern, seconds=60):
-    """Return the match of what a terminal shows; None if that does not come."""
+    """Return the match of what a terminal shows."""
     shown, end = b"", time.monotonic() + seconds
     while time.monotonic() < end:
         if select.select([terminal], [], [], 0.2)[0]:
@@ -219,30 +196,19 @@ def read_until(terminal, pattern, seconds=60):
             found = re.search(pattern, shown)
             if found:
                 return found
-    return None
+    raise AssertionError(shown)
 
 
-def test_powershell_is_answered():
-    answer = process(
-        _MAPDEAL_COMPLETE="complete_powershell",
-        _TYPER_COMPLETE_ARGS="mapdeal inflate --ker",
-        _TYPER_COMPLETE_WORD_TO_COMPLETE="--ker",
-    )
-    assert answer.startswith("--kernel:::")
+@pytest.mark.parametrize("shell", SHELLS)
+def test_scripts_ask_mapdeal(sh, shell):
+    script = sh.ok(f"completion {shell}")
+    assert "_MAPDEAL_COMPLETE" in script
+    assert f"complete_{shell}" in script
 
 
-def test_scripts_ask_mapdeal(command):
-    for shell in SHELLS:
-        code, script, err = command("completion", shell)
-        assert (code, err) == (0, "")
-        assert "_MAPDEAL_COMPLETE" in script
-        assert f"complete_{shell}" in script
+def test_help_tells_of_the_command_alone(sh):
+    assert "--install-completion" not in sh.ok("--help")
 
 
-def test_help_tells_of_the_command_alone(command):
-    assert "--install-completion" not in command("--help")[1]
-
-
-def test_another_shell_is_refused(command):
-    code, _, err = command("completion", "fsh")
-    assert (code, err.splitlines()[-1]) == (2, "hint: did you mean fish?")
+def test_another_shell_is_refused(sh):
+    assert sh.err("completion fsh", 2).splitlines()[-1] == "hint: did you mean fish?"

@@ -14,22 +14,20 @@ from mapdeal.cli.main import main
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2]
-QUIETLY = ["--set", "inflate.radius=0"]  # which leaves the small map free cells
+QUIETLY = "--set inflate.radius=0"  # which leaves the small map free cells
 NAMES = ["Küche.yaml", "地图 ☃.yaml", os.fsdecode(b"\xff\xfe.yaml"), "a\x1bb\n.yaml"]
-WORDS = [
-    ["info"], ["info", "--json"], ["lint"], ["lint", "--format", "json"],
-    ["lint", "--format", "github"], ["run", "-v", "-o", "out"], ["run", "-n", "-v", "-o", "out"],
-    ["inflate", "-v", "-o", "out.npz"], ["query", "--at", "1.6,-1.9"], ["info", "nothing ☃"],
+LINES = [
+    "info", "info --json", "info --json nothing_☃", "lint", "lint --format json",
+    "lint --format github", "run -v -o out", "run -n -v -o out", "inflate -v -o out.npz",
+    "query --at 1.6,-1.9",
 ]  # fmt: skip
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(autouse=True)
+def folder(here):
     # a cell at each of two distances, so that their costs differ
-    write_map(tmp_path, image=b"P5\n3 2\n255\n" + bytes([0, 254, 254, 254, 254, 254]))
-    return tmp_path
+    write_map(here, image=b"P5\n3 2\n255\n" + bytes([0, 254, 254, 254, 254, 254]))
+    return here
 
 
 @pytest.fixture
@@ -47,89 +45,80 @@ def streams(monkeypatch):
 
 
 @pytest.mark.parametrize("name", NAMES, ids=ascii)
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])
-def test_names_that_a_stream_cannot_encode_are_written_as_escapes_f14(
-    folder, streams, encoding, name
-):
-    (folder / "m.yaml").rename(folder / name)
-    for command, *more in WORDS:
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252", "utf-8"])
+def test_names_that_a_stream_cannot_encode_are_written_as_escapes_f14(streams, encoding, name):
+    Path("m.yaml").rename(name)
+    for line in LINES:
         written = streams(encoding)
+        command, *more = line.split()
         code = main([command, *more, name] if command == "info" else [command, name, *more])
         _, err = written()
-        expected = 4 if "nothing ☃" in more else 1 if command == "lint" and "☃" not in name else 0
+        expected = 4 if "nothing_☃" in more else 1 if command == "lint" and "☃" not in name else 0
         assert code in (0, expected), (command, err)
         assert "Traceback" not in err
         assert all(line.startswith(("error: ", "warning: ")) or "-v" in more
                    for line in err.splitlines())  # fmt: skip
 
 
-def test_what_can_be_encoded_is_written_as_it_is(folder, streams):
-    (folder / "m.yaml").rename(folder / "Küche.yaml")
-    for encoding, shown in (("latin-1", "Küche.yaml"), ("ascii", "K\\xfcche.yaml")):
-        written = streams(encoding)
-        assert main(["info", "Küche.yaml"]) == 0
-        assert written()[0].splitlines()[0] == shown
+@pytest.mark.parametrize(
+    ("encoding", "shown"), [("latin-1", "Küche.yaml"), ("ascii", "K\\xfcche.yaml")]
+)
+def test_what_can_be_encoded_is_written_as_it_is(streams, encoding, shown):
+    Path("m.yaml").rename("Küche.yaml")
+    written = streams(encoding)
+    assert main(["info", "Küche.yaml"]) == 0
+    assert written()[0].splitlines()[0] == shown
 
 
 @pytest.mark.parametrize("value", ["0", "1", "x", "-5", "9" * 30, ""])
-def test_help_for_terminals_of_any_width(command, monkeypatch, value):
-    for words in (["--help"], ["run", "--help"]):
+def test_help_for_terminals_of_any_width(sh, monkeypatch, value):
+    for line in ("--help", "rotate --help"):
         with monkeypatch.context() as here:  # whoever reports of tests asks for it, too
             here.setenv("COLUMNS", value)
-            code, out, err = command(*words)
-        assert (code, err) == (0, "")
+            out = sh.ok(line)
         assert "Usage:mapdeal" in "".join(out.split())
 
 
-def test_a_run_without_threads_writes_the_same(folder, command, scarce_threads):
-    assert command("run", "m.yaml", "-o", "threads", "--threads", "3", *QUIETLY)[0] == 0
+def test_a_run_without_threads_writes_the_same(folder, sh, scarce_threads):
+    sh(f"run m.yaml -o threads --threads 3 {QUIETLY}")
     scarce_threads(0)
-    code, _, err = command("run", "m.yaml", "-o", "none", "--threads", "3", *QUIETLY)
-    assert (code, err) == (0, "")
+    assert sh.err(f"run m.yaml -o none --threads 3 {QUIETLY}") == ""
     assert tree(folder / "none") == tree(folder / "threads")
 
 
-def test_a_batch_tells_how_far_it_is_without_a_thread_for_that(folder, command, scarce_threads):
+def test_a_batch_tells_how_far_it_is_without_a_thread_for_that(sh, scarce_threads):
     scarce_threads(0)
-    code, out, err = command("run", ".", "-o", "out", "-j", "1", *QUIETLY)
-    assert (code, err) == (0, "")
-    assert "1 map: 1 done" in out
-
-
-def process(*words, folder, **environment):
-    told = subprocess.run(
-        [sys.executable, "-m", "mapdeal", *words], capture_output=True, text=True, cwd=folder,
-        env={"PYTHONPATH": os.pathsep.join(map(str, sys.path)), **environment},
-    )  # fmt: skip
-    return told.returncode, told.stderr
+    assert "1 map: 1 done" in sh.ok(f"run . -o out -j 1 {QUIETLY}")
 
 
 @pytest.mark.parametrize(
     "environment",
     [
-        {"HOME": "/nonexistent", "XDG_CACHE_HOME": "/dev/null", "TMPDIR": "/nonexistent"},
+        {"HOME": "/nonexistent", "XDG_CACHE_HOME": "/dev/null", "TMPDIR": "/nonexistent",
+         "PYTHONIOENCODING": "ascii:strict"},
         {"LC_ALL": "xx_YY.UTF-99", "LANG": "zz", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
-        {"TERM": "xyz", "NO_COLOR": "1", "COLUMNS": "x", "TZ": "Mars/Olympus"},
-        {"PYTHONWARNINGS": "error", "MAPDEAL_KERNELS": "scipy"},
-        {"PYTHONIOENCODING": "ascii:strict"},
+        {"PYTHONWARNINGS": "error", "MAPDEAL_KERNELS": "scipy", "TERM": "xyz", "NO_COLOR": "1",
+         "COLUMNS": "x", "TZ": "Mars/Olympus"},
     ],
     ids=lambda environment: next(iter(environment)),
-)
-def test_odd_variables_do_not_change_what_is_done_f14_f15(folder, environment):
-    (folder / "m.yaml").rename(folder / "Küche.yaml")
-    words = ["run", "Küche.yaml", "-o", "out", *QUIETLY]
-    assert process(*words, folder=folder, **environment) == (0, "")
-    assert (folder / "out" / "Küche" / "manifest.json").exists()
+)  # fmt: skip
+def test_odd_variables_do_not_change_what_is_done_f14_f15(environment):
+    Path("m.yaml").rename("Küche.yaml")
+    words = ["run", "Küche.yaml", "-o", "out", *QUIETLY.split()]
+    told = subprocess.run(
+        [sys.executable, "-m", "mapdeal", *words], capture_output=True, text=True,
+        env={"PYTHONPATH": os.pathsep.join(map(str, sys.path)), **environment},
+    )  # fmt: skip
+    assert (told.returncode, told.stderr) == (0, "")
+    assert Path("out/Küche/manifest.json").exists()
 
 
-def test_a_library_that_cannot_be_loaded_is_one_line(folder, command, monkeypatch):
-    Image.new("L", (3, 2)).save(folder / "p.png")
-    (folder / "p.yaml").write_text(yaml_text(image="p.png"))
+def test_a_library_that_cannot_be_loaded_is_one_line(sh, monkeypatch):
+    Image.new("L", (3, 2)).save("p.png")
+    Path("p.yaml").write_text(yaml_text(image="p.png"))
     monkeypatch.setitem(sys.modules, "PIL", None)
     monkeypatch.setitem(sys.modules, "PIL.Image", None)
-    code, out, err = command("esdf", "p.yaml", "-o", "o.npz")
-    assert (code, out) == (4, "")
-    error, hint = err.splitlines()
+    error, hint = sh.err("esdf p.yaml -o o.npz", 4).splitlines()
     assert error.startswith("error: a library cannot be loaded: import of PIL")
     assert hint.startswith("hint: ulimit -a")
-    assert not (folder / "o.npz").exists()
+    assert not Path("o.npz").exists()

@@ -12,6 +12,7 @@ import typer
 from mapdeal.cli.help_pages import GROUPS
 from mapdeal.cli.main import app, command_names
 from mapdeal.stages.catalogue import STAGE_NAMES
+from mapdeal.version import __version__
 
 EXAMPLE_FILES = Path(__file__).parents[2] / "examples"
 
@@ -27,14 +28,24 @@ def every_command():
 COMMANDS = dict(every_command())
 
 
-def test_every_command_stands_in_one_group(command):
+def test_every_command_stands_in_one_group(sh):
     assert {one.rich_help_panel for one in COMMANDS.values()} == set(GROUPS)
-    code, out, _ = command("--help")
-    assert code == 0
+    out = sh.ok("--help")
     assert re.findall(r"^(\S.*):$", out, re.MULTILINE) == ["Options", *GROUPS]
     listed = re.findall(r"^  ([a-z][a-z-]+)  ", out, re.MULTILINE)
     assert sorted(listed) == sorted(command_names())
     assert listed[0] == "run"
+    assert (sh("")[1], sh("-h")[1]) == (out, out)
+    assert "Usage: mapdeal esdf" in sh.ok("esdf -h")
+
+
+@pytest.mark.parametrize("line", ["--help", "edit --help"])
+def test_no_line_of_the_command_list_is_cut_off(sh, line):
+    assert "..." not in sh.ok(line).split("Show this message and exit.")[1]
+
+
+def test_the_version_on_one_line(sh):
+    assert re.fullmatch(rf"mapdeal {re.escape(__version__)} \(.*\)\n", sh.ok("--version"))
 
 
 def test_a_stage_may_only_have_the_name_of_the_command_that_shows_it():
@@ -42,10 +53,10 @@ def test_a_stage_may_only_have_the_name_of_the_command_that_shows_it():
     assert modules & set(STAGE_NAMES) == {"reach"}
 
 
+@pytest.mark.usefixtures("one_core")
 @pytest.mark.parametrize("name", COMMANDS)
-def test_examples_run_and_are_printed_as_they_are(name, command, tmp_path, monkeypatch):
-    shutil.copytree(EXAMPLE_FILES, tmp_path / "examples")
-    monkeypatch.chdir(tmp_path)
+def test_examples_run_and_are_printed_as_they_are(name, command, here):
+    shutil.copytree(EXAMPLE_FILES, "examples")
     example = COMMANDS[name].epilog.splitlines()
     assert all(len(line) <= 80 for line in example)
     lines = [shlex.split(line) for line in "\n".join(example).replace("\\\n", " ").splitlines()]
@@ -58,12 +69,11 @@ def test_examples_run_and_are_printed_as_they_are(name, command, tmp_path, monke
     assert [line.removeprefix("  ") for line in printed] == example
 
 
-def test_options_that_count_with_a_value_of_another_stand_below_it(command):
-    _, out, _ = command("cost", "--help")
+def test_options_that_count_with_a_value_of_another_stand_below_it(sh):
+    out = sh.ok("cost --help")
     titles = re.findall(r"^(\S.*):$", out, re.MULTILINE)
     models = [f"With --model {name}" for name in ("exponential", "threshold", "rings", "layers")]
     assert titles == ["Arguments", "Options", *models, "Robot", "Common options", "Examples"]
     below = out[out.index("With --model rings:") :].splitlines()[1]
     assert below.split()[:3] == ["--values", "N,N,...", "Costs"]
-    _, out, _ = command("build", "--help")
-    assert "\nWith a bag:\n  --topic TOPIC " in out
+    assert "\nWith a bag:\n  --topic TOPIC " in sh.ok("build --help")

@@ -3,7 +3,6 @@
 import json
 import math
 import os
-import pty
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bad_maps import tree
 from clouds import pcd, ply
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, esdf, inflate, local_map, read_map, ring_cost, write_map
@@ -22,49 +22,41 @@ NAMES = [
     *(f"{stem}.{end}" for stem in ("esdf", "cost") for end in ("npz", "pgm", "yaml", "png")),
     "manifest.json",
 ]
-POSE = "-1.5,0.7,1.2"
-OPTIONS = ["--size", "3,2", "--resolution", "0.1"]
+POSE = (-1.5, 0.7, 1.2)
+LOCAL = "local --cloud scan.pcd --pose -1.5,0.7,1.2 --size 3,2 --resolution 0.1"
 
 
 @pytest.fixture
-def points():
-    rng = np.random.default_rng(8)
-    return np.round(rng.uniform(-1.4, 1.4, (300, 3)), 3).astype("f4").astype(float)
-
-
-@pytest.fixture
-def cloud(tmp_path, monkeypatch, points):
-    monkeypatch.chdir(tmp_path)
+def points(here):
+    """Points of a cloud that lies in scan.pcd."""
+    found = np.random.default_rng(8).uniform(-1.4, 1.4, (300, 3)).round(3).astype("f4")
+    found = found.astype(float)
     fields = [("x", "f4", 1), ("y", "f4", 1), ("z", "f4", 1)]
-    path = tmp_path / "scan.pcd"
-    path.write_bytes(pcd(fields, [[[v] for v in p] for p in points.tolist()]))
-    return path
+    Path("scan.pcd").write_bytes(pcd(fields, [[[v] for v in p] for p in found.tolist()]))
+    return found
 
 
-def made_of(points, **options):
-    pose = tuple(float(v) for v in POSE.split(","))
+def made_of(points, pose=POSE, **options):
     return local_map(points, pose, size=(3, 2), resolution=0.1, **options)
-
-
-def contents(folder):
-    return {p.name: p.read_bytes() for p in sorted(folder.iterdir())}
-
-
-LOCAL = f"local --cloud scan.pcd --pose {POSE} --size 3,2 --resolution 0.1"
 
 
 def manifest_of(folder="o"):
     return json.loads(Path(folder, "manifest.json").read_text())
 
 
-def test_local_writes_a_map_and_what_is_made_of_it(sh, cloud, points):
+def same_map(folder, expected):
+    found = read_map(f"{folder}/local.yaml")
+    assert np.array_equal(found.occupancy, expected.occupancy)
+    assert found.origin == expected.origin
+
+
+def test_local_writes_a_map_and_what_is_made_of_it(sh, points):
     out = sh.ok(f"{LOCAL} -o o --min-range 0.5")
-    assert sorted(contents(Path("o"))) == sorted(NAMES)
+    assert sorted(tree(Path("o"))) == sorted(NAMES)
     local = made_of(points, min_range=0.5)
     inflated = inflate(local, radius=0.3)
-    found = read_map("o/local.yaml")
-    assert np.array_equal(found.occupancy, local.occupancy)
-    assert found.origin == local.origin == (-3.0, -0.3, 0.0)
+    same_map("o", local)
+    assert local.origin == (-3.0, -0.3, 0.0)
     assert np.array_equal(read_map("o/inflated.yaml").occupancy, inflated.occupancy)
     assert np.array_equal(read_map("o/esdf.npz").distance, esdf(inflated).distance)
     rings = ring_cost(inflated, values=(90, 70, 50))
@@ -73,11 +65,11 @@ def test_local_writes_a_map_and_what_is_made_of_it(sh, cloud, points):
     assert "robot's back at -1.942" in out
 
 
-def test_the_manifest_tells_what_became_of_the_points(sh, cloud, points):
+def test_the_manifest_tells_what_became_of_the_points(sh, here, points):
     sh(f"{LOCAL} -o o --max-height 1 --no-images")
     manifest = manifest_of()
     figures = manifest["figures"]["local"]
-    assert (figures["points"], figures["pose"]) == (300, [-1.5, 0.7, 1.2])
+    assert (figures["points"], figures["pose"]) == (300, list(POSE))
     assert figures["beyond_height"] == int((points[:, 2] > 1).sum())
     assert figures["rear_heading"] == pytest.approx(1.2 - math.pi)
     angles = np.sort(np.arctan2(points[:, 1], points[:, 0])[points[:, 2] <= 1])
@@ -86,44 +78,34 @@ def test_the_manifest_tells_what_became_of_the_points(sh, cloud, points):
     assert list(manifest["inputs"]) == ["scan.pcd"]
     assert manifest["stages"][0]["local"]["max_height"] == 1.0
     assert not list(Path("o").glob("*.png"))
-    assert str(cloud.parent) not in json.dumps(manifest)
+    assert str(here) not in json.dumps(manifest)
 
 
-def test_the_stage_commands_give_the_same_bytes(sh, cloud):
-    sh(f"{LOCAL} -o o")
-    sh("inflate o/local.yaml -o inflated.yaml --radius 0.3")
-    sh("esdf inflated.yaml -o esdf.npz")
-    sh("cost esdf.npz -o cost.npz --model rings")
-    for name in ("inflated.pgm", "inflated.yaml", "esdf.npz", "cost.npz"):
-        assert Path(name).read_bytes() == Path("o", name).read_bytes()
-
-
-def test_both_frames_of_one_cloud_give_one_map(sh, cloud, points):
-    x, y, yaw = (float(v) for v in POSE.split(","))
+def test_both_frames_of_one_cloud_give_one_map(sh, points):
+    x, y, yaw = POSE
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     placed = points[:, :2] @ turn.T + (x, y) + (0.5, -2.0)
     fields = [("y", "f8"), ("x", "f8")]
     Path("m.ply").write_bytes(ply(fields, placed[:, ::-1].tolist(), "binary_big_endian"))
-    sh(f"{LOCAL} -o a")
     assert sh(f"{LOCAL.replace('scan.pcd', 'm.ply')} --frame map --offset 0.5,-2 -o b")[0] == 0
-    first, second = (read_map(f"{folder}/local.yaml") for folder in "ab")
     # rounding may move a point that lies on a border
-    assert np.count_nonzero(first.occupancy != second.occupancy) <= 4
+    moved = read_map("b/local.yaml").occupancy != made_of(points).occupancy
+    assert np.count_nonzero(moved) <= 4
 
 
-def test_a_global_map_is_joined(sh, cloud, points):
+def test_a_global_map_is_joined(sh, points):
     known = grid_from_text("#..#\n....\n.#..", 0.1, (-2.0, 0.5, 0.0))
     write_map("known.yaml", known)
-    code, out, _ = sh(f"{LOCAL} --map known.yaml -o o")
-    assert (code, "3 cells from the map" in out) == (0, True)
-    local = read_map("o/local.yaml")
-    assert np.array_equal(local.occupancy, made_of(points, global_map=known).occupancy)
-    cells = local.frame.unbounded_rowcol_from_xy(known.frame.xy_from_rowcol([[0, 1], [2, 0]]))
-    assert local.occupied()[tuple(cells.T)].all()
+    assert "3 cells from the map" in sh(f"{LOCAL} --map known.yaml -o o")[1]
+    same_map("o", made_of(points, global_map=known))
     assert set(manifest_of()["inputs"]) == {"scan.pcd", "known.yaml", "known.pgm"}
+    write_map("grey.npz", known.with_values(np.array([[80, 0, 0, 0]] * 3)))
+    line = f"{LOCAL} --map grey.npz -o p --set inflate.lethal_threshold="
+    assert "0 cells from the map" in sh(f"{line}100")[1]
+    assert "3 cells from the map" in sh(f"{line}70 --force")[1]
 
 
-def test_a_global_map_elsewhere_is_warned_of(sh, cloud):
+def test_a_global_map_elsewhere_is_warned_of(sh, points):
     write_map("known.yaml", grid_from_text("#..#\n....", 0.1, (8.0, 0.5, 0.3)))
     code, out, err = sh(f"{LOCAL} --map known.yaml -o o --min-range 0.5")
     told = "the map does not reach into the window around -1.5, 0.7"
@@ -132,19 +114,13 @@ def test_a_global_map_elsewhere_is_warned_of(sh, cloud):
 
 
 @pytest.mark.parametrize("size", ["6", "0.04"])
-def test_a_window_of_one_cell_need_not_hold_the_robot(sh, cloud, size):
+@pytest.mark.usefixtures("points")
+def test_a_window_of_one_cell_need_not_hold_the_robot(sh, size):
     line = f"--pose 0,0,0 --size {size},{size} -o o --resolution {size} --no-images"
     assert sh(f"local --cloud scan.pcd {line}")[0] == 0
 
 
-def test_lower_values_of_the_map_count_where_the_recipe_says_so(sh, cloud):
-    known = grid_from_text("#...", 0.1, (-2.0, 0.5, 0.0)).with_values(np.array([[80, 0, 0, 0]]))
-    write_map("known.npz", known)
-    out = sh(f"{LOCAL} --map known.npz -o o --set inflate.lethal_threshold=70")[1]
-    assert "1 cells from the map" in out
-
-
-def test_parameters_and_the_robot_s_shape_reach_the_stages(sh, cloud, points):
+def test_parameters_and_the_robot_s_shape_reach_the_stages(sh, points):
     assert sh(f"{LOCAL} -o o --robot-radius 0.12 --set cost.values=80,40")[0] == 0
     inflated = inflate(made_of(points), radius=0.12)
     assert np.array_equal(read_map("o/inflated.yaml").occupancy, inflated.occupancy)
@@ -165,22 +141,20 @@ SEQUENCE = "local --poses poses.txt --size 3,2 --resolution 0.1 --no-images -o o
 
 
 @pytest.fixture
-def sequence(cloud, points):
+def sequence(points):
     """Twelve clouds whose names sort by number, and their poses; the third has no points."""
-    folder = cloud.parent / "scans"
-    folder.mkdir()
+    Path("scans").mkdir()
     for k in range(12):
         rows = [] if k == 2 else points[10 * k : 10 * k + 10]
-        np.savetxt(folder / f"{k}.csv", rows, delimiter=",")
+        np.savetxt(f"scans/{k}.csv", rows, delimiter=",")
     Path("poses.txt").write_text("\n".join(f"{k * 0.1:.1f} 0 0.{k}" for k in range(12)))
-    return folder
 
 
 def summary():
     return json.loads(Path("o/summary.json").read_text())["maps"]
 
 
-def test_a_sequence_gets_numbered_folders_in_order(sh, sequence, points):
+def test_a_sequence_gets_numbered_folders_in_order(sh, points, sequence):
     code, out, err = sh(f"{SEQUENCE} scans")
     assert code == 0
     assert err.startswith("warning: ")
@@ -194,17 +168,8 @@ def test_a_sequence_gets_numbered_folders_in_order(sh, sequence, points):
     assert "no point marks a cell" in no_point
     assert uniform.endswith("100 % of the open cells cost 0: there is no obstacle")
     for k in (0, 11):
-        expected = local_map(points[10 * k : 10 * k + 10], (k * 0.1, 0, float(f"0.{k}")),
-                             size=(3, 2), resolution=0.1)  # fmt: skip
-        found = read_map(f"o/{k:04}/local.yaml")
-        assert np.array_equal(found.occupancy, expected.occupancy)
-        assert found.origin == expected.origin
-
-
-def test_the_poses_are_no_cloud_even_if_the_folder_says_so(sh, sequence):
-    Path("poses.txt").rename("scans/poses.csv")
-    line = SEQUENCE.replace("poses.txt", "scans/poses.csv")
-    assert sh(f"{line} scans")[1].startswith("o: 12 done")
+        pose = (k * 0.1, 0, float(f"0.{k}"))
+        same_map(f"o/{k:04}", made_of(points[10 * k : 10 * k + 10], pose))
 
 
 def test_a_sequence_goes_on_where_it_stopped(sh, sequence):
@@ -215,35 +180,30 @@ def test_a_sequence_goes_on_where_it_stopped(sh, sequence):
     err = sh.err(line, 5)  # what has changed is not overwritten
     problems = [text.split("/")[1] for text in err.splitlines() if text.startswith("error: o/")]
     assert problems == ["0005", "0007"]
-    assert sh(f"{line} --force")[1].startswith("o: 12 done, 0 unchanged, 0 failed")
-    assert sh(line)[1].startswith("o: 0 done, 12 unchanged, 0 failed")
+    Path("poses.txt").rename("scans/poses.csv")  # which is no cloud even if the folder says so
+    line = SEQUENCE.replace("poses.txt", "scans/poses.csv")
+    assert sh(f"{line} scans --force")[1].startswith("o: 12 done, 0 unchanged, 0 failed")
+    assert sh(f"{line} scans")[1].startswith("o: 0 done, 12 unchanged, 0 failed")
 
 
-def test_a_bad_cloud_does_not_stop_the_others(sh, sequence):
+def test_a_bad_cloud_does_not_stop_the_others_and_a_longer_sequence_is_warned_of(sh, sequence):
     Path("scans/4.csv").write_text("a b\n")
     code, out, err = sh(f"{SEQUENCE} scans")
     assert (code, "error: scans/4.csv: line 1" in err) == (5, True)
     assert "11 done, 0 unchanged, 1 failed" in out
     assert not Path("o/0004").exists()
     assert (summary()[4]["status"], summary()[4]["exit_code"]) == ("failed", 3)
-
-
-def test_a_longer_sequence_before_is_warned_of(sh, sequence):
-    assert sh(f"{SEQUENCE} scans")[0] == 0
     Path("poses.txt").write_text("0 0 0\n")
     told = sh.err(f"{SEQUENCE} scans/3.csv --force").splitlines()[-1]
-    assert told == "warning: 11 folders are not of this sequence, such as o/0001"
+    assert told == "warning: 10 folders are not of this sequence, such as o/0001"
 
 
-def test_many_warnings_of_a_sequence_are_counted(sh, sequence):
-    for path in sequence.iterdir():
+def test_many_warnings_of_a_sequence_are_counted(sh, capsys, sequence):
+    for path in Path("scans").iterdir():
         path.write_text("0,0\n")
     lines = sh.err(f"{SEQUENCE} scans").splitlines()
     assert len(lines) == 11
     assert lines[-1] == "warning: 2 more warnings; o/summary.json has them all"
-
-
-def test_one_warning_more_is_one(capsys):
     with few_warnings("o/summary.json has them all") as warn:
         for number in range(11):
             warn(f"{number}")
@@ -251,47 +211,31 @@ def test_one_warning_more_is_one(capsys):
     assert last == "warning: 1 more warning; o/summary.json has them all"
 
 
-def test_one_cloud_may_be_a_sequence(sh, cloud):
-    Path("poses.txt").write_text("0,0,0\n")
-    assert sh(f"{SEQUENCE} scan.pcd")[0] == 0
-    assert Path("o/0000/manifest.json").exists()
-
-
-def test_bytes_do_not_depend_on_threads_or_engine(cloud):
+@pytest.mark.thorough
+def test_bytes_do_not_depend_on_threads_or_engine(here, points):
     """Also not on the working directory, nor on how the cloud is named."""
     known = OccupancyGrid((np.indices((40, 50)).sum(axis=0) % 7 == 0) * 100, 0.07, (-3, -1, 0.4))
     write_map("known.npz", known)
     found = []
-    for threads, engine, where in ((1, "scipy", "."), (2, "", "..")):
-        out = cloud.parent / f"o{len(found)}"
+    for threads, engine, where in ((1, "scipy", here), (2, "", here.parent)):
+        line = LOCAL.replace("scan.pcd", str(here / "scan.pcd"))
+        out = here / f"o{threads}"
+        words = [*line.split(), "--map", here / "known.npz", "-o", out, "--threads", str(threads)]
         subprocess.run(
-            [sys.executable, "-m", "mapdeal", "local", "--cloud", cloud, "--pose", POSE, *OPTIONS,
-             "--map", cloud.parent / "known.npz", "-o", out, "--threads", str(threads)],
-            cwd=cloud.parent / where, env={**os.environ, "MAPDEAL_KERNELS": engine}, check=True,
-            capture_output=True,
+            [sys.executable, "-m", "mapdeal", *words], capture_output=True, check=True,
+            cwd=where, env={**os.environ, "MAPDEAL_KERNELS": engine},
         )  # fmt: skip
-        found.append(contents(out))
+        found.append(tree(out))
     assert found[0] == found[1]
 
 
-def test_a_bar_is_shown_on_a_terminal_alone(sequence):
-    words = [sys.executable, "-m", "mapdeal", "local", "--cloud", str(sequence), "--poses",
-             "poses.txt", *OPTIONS, "--no-images", "-o"]  # fmt: skip
-    master, slave = pty.openpty()
-    subprocess.run([*words, "a"], stderr=slave, stdout=subprocess.DEVNULL, check=True)
-    os.close(slave)
-    shown = b""
-    while True:
-        try:
-            shown += os.read(master, 65536)
-        except OSError:
-            break
-    os.close(master)
+def test_a_bar_is_shown_on_a_terminal_alone(sh, sequence, shown_on_terminal):
+    shown = shown_on_terminal(f"{SEQUENCE} scans")
     assert b"12/12" in shown
     assert b"\x1b[Kwarning: " in shown
-    done = subprocess.run([*words, "b"], capture_output=True, check=True)
-    assert b"12/12" not in done.stderr
-    assert all(line.startswith(b"warning: ") for line in done.stderr.splitlines())
+    err = sh.err(f"{SEQUENCE} scans --force")
+    assert "12/12" not in err
+    assert all(line.startswith("warning: ") for line in err.splitlines())
 
 
 def test_real_clouds_give_local_maps(sh, here, real_maps):
@@ -300,7 +244,7 @@ def test_real_clouds_give_local_maps(sh, here, real_maps):
     heights = "--pose 2,-1,0.4 --min-height -1.5 --max-height 0.5 --no-images"
     for cloud, out in ((first, "a"), (second, "b")):
         assert sh(f"local --cloud {cloud} {heights} -o {out}")[0] == 0
-    a, b = (contents(here / name) for name in "ab")
+    a, b = (tree(here / name) for name in "ab")
     for name in (n for n in NAMES if not n.endswith((".png", ".json"))):
         assert a[name] == b[name], name
     middles = {"car6": "-37,-65", "curve2d": "0,0", "lamppost": "-10,0", "office1_keypoints": "0,0"}
@@ -311,14 +255,13 @@ def test_real_clouds_give_local_maps(sh, here, real_maps):
         assert read_map(f"{name}/local.yaml").occupied().sum() > 20
 
 
-@pytest.mark.parametrize(("clouds", "digits"), [(10, 1), (11, 2), (100, 2), (101, 3)])
-def test_folders_have_as_many_digits_as_the_last_number(tmp_path, monkeypatch, clouds, digits):
+@pytest.mark.parametrize(("clouds", "digits"), [(1, 1), (10, 1), (11, 2)])
+def test_folders_have_as_many_digits_as_the_last_number(here, monkeypatch, clouds, digits):
     monkeypatch.setattr("mapdeal.pipeline.local._DIGITS", 1)
-    names = []
-    for k in range(clouds):
-        (tmp_path / f"{k}.csv").write_text("1,1\n")
-        names.append(str(tmp_path / f"{k}.csv"))
-    (tmp_path / "poses.txt").write_text("0 0 0\n" * clouds)
-    jobs = sequence_of(names, tmp_path / "poses.txt", tmp_path / "o")
+    names = [f"{k}.csv" for k in range(clouds)]
+    for name in names:
+        Path(name).write_text("1,1\n")
+    Path("poses.txt").write_text("0 0 0\n" * clouds)
+    jobs = sequence_of(names, here / "poses.txt", here / "o")
     assert [job.folder.name for job in jobs] == [f"{k:0{digits}}" for k in range(clouds)]
     assert [job.cloud.path.stem for job in jobs] == [str(k) for k in range(clouds)]

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from PIL import Image
 
 import mapdeal
@@ -37,30 +36,34 @@ def maps(*names):
     return [read_map(f"{name}.yaml") for name in names]
 
 
-def transform_file(name, transform, **ends):
-    told = {"x": transform.x, "y": transform.y, "yaw": transform.yaw}
-    document = {"transform": told, **ends} if ends else told
-    with open(name, "w") as file:
-        json.dump(document, file)
-    return name
-
-
 def end(name):
     """What a document of align says of one of its maps."""
     files = [Path(f"{name}.yaml"), Path(f"{name}.pgm")]
     return {"file": f"{name}.yaml", "sha256": {one.name: sha256_of(one) for one in files}}
 
 
+def transform_file(name, transform, first=None, second=None):
+    """Write a transform, as align does if its maps are given; return the name."""
+    document = {"x": transform.x, "y": transform.y, "yaw": transform.yaw}
+    if first:
+        document = {"transform": document, "first": end(first), "second": end(second)}
+    Path(name).write_text(json.dumps(document))
+    return name
+
+
 def same(name, expected):
     np.testing.assert_array_equal(read_map(name).occupancy, expected.grid.occupancy)
 
 
-@pytest.mark.parametrize("rule", ["occupied", "newest"])
-def test_maps_of_one_frame_are_merged(sh, folder, rule):
-    out = sh.ok(f"merge a.yaml b.yaml c.yaml -o o.yaml --rule {rule}")
-    expected = merge(maps("a", "b", "c"), rule=rule)
+def test_maps_of_one_frame_are_merged(sh, folder):
+    for name in "ab":
+        with open(f"{name}.yaml", "a") as file:
+            file.write(f"building: hall {name}\n")
+    out = sh.ok("merge a.yaml b.yaml c.yaml -o o.yaml --rule newest")
+    expected = merge(maps("a", "b", "c"), rule="newest")
     same("o.yaml", expected)
     assert read_map("o.yaml").origin == expected.grid.origin
+    assert "building: hall a\n" in Path("o.yaml").read_text()
     assert out.startswith("o.yaml: 9 x 4 cells at 1.5, -2, yaw 0.4, ")
     assert len(out.splitlines()) == 5
 
@@ -72,19 +75,16 @@ def test_by_hand_what_is_told(sh, folder):
     #   "....#" .:  "?...#", the first column is unknown; the last is occupied in both
     #   ".#..#" :   "?..#.", occupied in a, free in b: columns 3, 6; the other way round: 5
     first, second = document["merged"]
-    assert [one["file"] for one in (first, second)] == ["a.yaml", "b.yaml"]
-    assert (first["known"], second["known"]) == (28, 12)
-    assert document["common"] == first["common"] == second["common"] == 9
-    assert document["conflicts"] == 3
-    assert (first["occupied_here"], first["free_here"], first["conflicts"]) == (2, 1, 3)
-    assert (second["occupied_here"], second["free_here"]) == (1, 2)
-    assert second["conflict_share"] == 3 / 9
-    assert second["added"] == 3 + 1  # two columns in the east, and the wall
-    assert (second["walls"], second["met"]) == (3, 3)
-    assert document["rule"] == "occupied"
-    assert first["sha256"].keys() == {"a.yaml", "a.pgm"}
-    assert second["transform"] == {"x": 0.0, "y": 0.0, "yaw": 0.0, "yaw_deg": 0.0}
+    assert (document["rule"], document["common"], document["conflicts"]) == ("occupied", 9, 3)
     assert document["figures"]["width"] == 9
+    counts = {"file": "a.yaml", "known": 28, "common": 9, "conflicts": 3, "occupied_here": 2,
+              "free_here": 1}  # fmt: skip
+    assert first.items() >= counts.items()
+    assert first["sha256"].keys() == {"a.yaml", "a.pgm"}
+    counts = {"file": "b.yaml", "known": 12, "occupied_here": 1, "free_here": 2, "walls": 3,
+              "met": 3, "conflict_share": 3 / 9, "added": 3 + 1}  # fmt: skip
+    assert second.items() >= counts.items()  # added: two columns in the east, and the wall
+    assert second["transform"] == {"x": 0.0, "y": 0.0, "yaw": 0.0, "yaw_deg": 0.0}
 
 
 STEP = mapdeal.Transform(0.7, -0.3, 0.9)
@@ -101,39 +101,30 @@ def placed(folder):
     return merge([a, b, c])
 
 
-@pytest.mark.parametrize("told", ["in order", "by sums", "turned round", "chained"])
-def test_transforms_of_files(sh, folder, told):
+TO_B, TO_C = ("s.json", STEP), ("o.json", OTHER)
+IN_ORDER = [(*TO_B, ""), (*TO_C, "")]
+BY_SUMS = [(*TO_C, "ac"), (*TO_B, "ab")]
+TURNED_ROUND = [("o.json", OTHER.inverse(), "ca"), (*TO_B, "ab")]
+CHAINED = [("o.json", STEP.after(OTHER.inverse()), "cb"), ("s.json", STEP.inverse(), "ba")]
+
+
+@pytest.mark.parametrize("files", [IN_ORDER, BY_SUMS, TURNED_ROUND, CHAINED], ids=range(4))
+def test_transforms_of_files(sh, folder, files):
     expected = placed(folder)
-    step = "s.json", STEP, {"first": end("a"), "second": end("b")}
-    other = "o.json", OTHER, {"first": end("a"), "second": end("c")}
-    files = {
-        "in order": [("s.json", STEP, {}), ("o.json", OTHER, {})],
-        "by sums": [other, step],
-        "turned round": [
-            ("o.json", OTHER.inverse(), {"first": end("c"), "second": end("a")}),
-            step,
-        ],
-        "chained": [  # c -> b -> a
-            ("o.json", STEP.after(OTHER.inverse()), {"first": end("c"), "second": end("b")}),
-            ("s.json", STEP.inverse(), {"first": end("b"), "second": end("a")}),
-        ],
-    }[told]
-    given = " ".join(f"--by {transform_file(name, move, **ends)}" for name, move, ends in files)
-    out = sh.ok(f"merge a.yaml b.yaml c.yaml -o o.npz {given} --json")
+    given = [f"--by {transform_file(name, move, *ends)}" for name, move, ends in files]
+    document = sh.json(f"merge a.yaml b.yaml c.yaml -o o.npz {' '.join(given)} --json")
     same("o.npz", expected)
-    found = json.loads(out)["merged"][2]["transform"]
+    found = document["merged"][2]["transform"]
     assert (found["x"], found["y"], found["yaw"]) == pytest.approx(OTHER.pose)
 
 
 def test_files_serve_python_as_they_do_the_shell(folder):
     expected = placed(folder)
-    files = [transform_file("s.json", STEP), transform_file("o.json", OTHER)]
-    a, b, c = maps("a", "b", "c")
+    files = [transform_file("s.json", STEP), folder / transform_file("o.json", OTHER)]
+    a, b, _ = maps("a", "b", "c")
     for given, transforms in (
-        (["a.yaml", "b.yaml", "c.yaml"], files),
-        ([a, folder / "b.yaml", c], [folder / name for name in files]),
-        ([a, b, "c.yaml"], [STEP, OTHER.pose]),
-    ):
+        (["a.yaml", b, folder / "c.yaml"], files), ([a, "b.yaml", "c.yaml"], [STEP, OTHER.pose])
+    ):  # fmt: skip
         found = merge(given, transforms=transforms)
         np.testing.assert_array_equal(found.grid.occupancy, expected.grid.occupancy)
         assert found.transforms == (mapdeal.Transform(), STEP, OTHER)
@@ -155,8 +146,7 @@ def test_python_refuses_what_are_no_transforms(folder, transforms, told):
 
 def test_checksums_that_are_of_no_map_are_warned_of(sh, folder):
     placed(folder)
-    strange = {"file": "x.yaml", "sha256": {"x.yaml": "0" * 64}}
-    transform_file("s.json", STEP, first=end("a"), second=strange)
+    transform_file("s.json", STEP, "a", "c")
     told = "its checksums are not those of the maps; used as the transform from a.yaml to b.yaml"
     assert sh.err("merge a.yaml b.yaml -o o.npz --by s.json") == f"warning: s.json: {told}\n"
     same("o.npz", merge(maps("a", "b"), transforms=[STEP]))
@@ -164,7 +154,7 @@ def test_checksums_that_are_of_no_map_are_warned_of(sh, folder):
 
 def test_the_same_map_twice_needs_no_transform_of_its_own(sh, folder):
     placed(folder)
-    transform_file("s.json", STEP, first=end("a"), second=end("b"))
+    transform_file("s.json", STEP, "a", "b")
     code, out, err = sh("merge a.yaml b.yaml b.yaml -o o.npz --by s.json --json")
     told = "adds nothing: the maps before it know all of its cells and obstacles"
     assert (code, err) == (0, f"warning: b.yaml: {told}\n")
@@ -178,13 +168,12 @@ def aligned(monkeypatch):
     asked = []
 
     def use(same_place):
-        def align(first, second):
-            asked.append((first, second))
-            return types.SimpleNamespace(
-                transform=STEP, same_place=same_place, reason="another place fits as well"
-            )
+        def search(*pair):
+            asked.append(pair)
+            told = {"same_place": same_place, "reason": "another place fits as well"}
+            return types.SimpleNamespace(transform=STEP, **told)
 
-        monkeypatch.setattr("mapdeal.commands.merge.placed_on", align)
+        monkeypatch.setattr("mapdeal.commands.merge.placed_on", search)
         return asked
 
     return use
@@ -193,11 +182,11 @@ def aligned(monkeypatch):
 def test_maps_are_aligned_to_the_first(sh, folder, aligned):
     placed(folder)
     asked = aligned(True)
-    out = sh.ok("merge a.yaml b.yaml -o o.npz --by align --json")
+    document = sh.json("merge a.yaml b.yaml -o o.npz --by align --json")
     ((first, second),) = asked
     np.testing.assert_array_equal(first.occupancy, cells(HALL))
     np.testing.assert_array_equal(second.occupancy, cells(PART))
-    assert json.loads(out)["merged"][1]["transform"]["x"] == STEP.x
+    assert document["merged"][1]["transform"]["x"] == STEP.x
     same("o.npz", merge(maps("a", "b"), transforms=[STEP]))
 
 
@@ -210,62 +199,47 @@ def test_a_map_that_is_perhaps_of_another_place_is_not_merged(sh, folder, aligne
     assert tree(folder) == before
 
 
-def test_keys_of_the_first_yaml_are_kept(sh, folder):
-    for name in "ab":
-        with open(f"{name}.yaml", "a") as file:
-            file.write(f"building: hall {name}\n")
-    sh("merge a.yaml b.yaml -o o.yaml")
-    assert yaml.safe_load(Path("o.yaml").read_text())["building"] == "hall a"
+def with_layers(name, grid, **layers):
+    with open(name, "wb") as file:
+        write_npz(file, grid, more=layers)
 
 
-def test_evidence_of_build_is_summed(command, folder):
+def test_evidence_of_build_is_summed(sh, folder):
     """Hits 2 of 3 beams of a, none of 9 of b: 2 of 12 is free; at the other cell 4 of 12."""
-    grids = [OccupancyGrid([[100, 100, 0]], 0.1, (1.5, -2.0, 0.4)),
-             OccupancyGrid([[0, 0, 0]], 0.1, (1.5, -2.0, 0.4))]  # fmt: skip
+    grids = [OccupancyGrid([row], 0.1, (1.5, -2.0, 0.4)) for row in ([100, 100, 0], [0, 0, 0])]
     counts = [([[2, 4, 0]], [[1, 0, 5]]), ([[0, 0, 1]], [[9, 8, 9]])]
-    for name, grid, (hits, misses) in zip("ab", grids, counts, strict=True):
-        layers = {"hits": np.int32(hits), "misses": np.int32(misses)}
-        with open(f"{name}.npz", "wb") as file:
-            write_npz(file, grid, more=layers)
-    words = ["merge", "a.npz", "b.npz", "--rule", "evidence"]
-    assert command(*words, "-o", "o.npz")[0] == 0
-    assert read_map("o.npz").occupancy.tolist() == [[0, 100, 0]]
-    with np.load("o.npz") as stored:
-        # 50, and hits times 7/3 less misses
-        expected = [50 + 2 * 7 / 3 - 10, 50 + 4 * 7 / 3 - 8, 50 + 7 / 3 - 14]
-        np.testing.assert_allclose(stored["log_odds"], [expected])
-    summed = merge(["a.npz", "b.npz"], rule="evidence")
     layers = [{"hits": np.int32(hits), "misses": np.int32(misses)} for hits, misses in counts]
+    for name, grid, its in zip("ab", grids, layers, strict=True):
+        with_layers(f"{name}.npz", grid, **its)
+    line = "merge {} b.npz --rule evidence -o {}"
+    assert sh(line.format("a.npz", "o.npz"))[0] == 0
+    assert read_map("o.npz").occupancy.tolist() == [[0, 100, 0]]
+    # 50, and hits times 7/3 less misses
+    expected = [50 + 2 * 7 / 3 - 10, 50 + 4 * 7 / 3 - 8, 50 + 7 / 3 - 14]
+    np.testing.assert_allclose(np.load("o.npz")["log_odds"], [expected])
+    summed = merge(["a.npz", "b.npz"], rule="evidence")
     given = merge(grids, rule="evidence", evidence=layers)
     np.testing.assert_array_equal(summed.log_odds, given.log_odds)
     # what was merged can be merged: three are the same, however they are put together
-    assert command("merge", "o.npz", "b.npz", "--rule", "evidence", "-o", "p.npz")[0] == 0
-    assert command(*words, "b.npz", "-o", "q.npz")[0] == 0
-    with np.load("p.npz") as one, np.load("q.npz") as other:
-        np.testing.assert_allclose(one["log_odds"], other["log_odds"])
+    sh(line.format("o.npz", "p.npz"))
+    sh(line.format("a.npz b.npz", "q.npz"))
+    one, other = (np.load(name)["log_odds"] for name in ("p.npz", "q.npz"))
+    np.testing.assert_allclose(one, other)
 
 
-def test_a_map_without_evidence_is_warned_of(command, folder):
+def test_a_map_without_evidence_is_warned_of(sh, folder):
     write_map("d.npz", read_map("a.yaml"))
-    with open("e.npz", "wb") as file:
-        grid = read_map("b.yaml")
-        write_npz(file, grid, more={"log_odds": np.full(grid.shape, 60.0)})
-    code, _, err = command("merge", "e.npz", "d.npz", "--rule", "evidence", "-o", "o.npz")
-    assert code == 0
+    grid = read_map("b.yaml")
+    with_layers("e.npz", grid, log_odds=np.full(grid.shape, 60.0))
+    err = sh.err("merge e.npz d.npz --rule evidence -o o.npz")
     assert "warning: d.npz: has no evidence layers; each of its cells counts as one vote\n" in err
 
 
-@pytest.mark.parametrize(
-    ("line", "shows_added"),
-    [("merge a.yaml b.yaml --image-extent all", True), ("merge a.yaml b.yaml c.yaml", False)],
-)
-def test_the_picture_shows_conflicts(sh, folder, line, shows_added):
-    sh(f"{line} -o o.yaml --image o.png")
+def test_the_picture_shows_conflicts(sh, folder):
+    sh("merge a.yaml b.yaml -o o.yaml --image o.png --image-extent all")
     with Image.open("o.png") as image:
         shown = {colour for _, colour in image.convert("RGB").getcolors(1 << 20)}
-    assert colours.REMOVED in shown
-    assert (colours.ADDED in shown) == shows_added
-    assert {colours.RVIZ_OCCUPIED, colours.RVIZ_FREE} <= shown or not shows_added
+    assert {colours.REMOVED, colours.ADDED, colours.RVIZ_OCCUPIED, colours.RVIZ_FREE} <= shown
 
 
 @pytest.mark.parametrize(
@@ -273,7 +247,6 @@ def test_the_picture_shows_conflicts(sh, folder, line, shows_added):
     [
         ("", 2, "maps: takes two maps or more, got 1"),
         ("costs.npz", 2, "costs.npz: is not a map; merge the maps, and compute costs"),
-        ("field.npz", 2, "field.npz: is not a map; merge the maps, and compute costs"),
         ("far.yaml", 2, "the maps lie too far apart: "),
         ("b.yaml --by bad.json", 3, "bad.json: the document: must have a key y"),
         ("b.yaml --by none.json", 4, "none.json: "),
@@ -287,13 +260,11 @@ def test_the_picture_shows_conflicts(sh, folder, line, shows_added):
 )
 def test_what_cannot_be_done_is_said_and_nothing_written(sh, folder, words, code, told):
     write_map("costs.npz", mapdeal.Costmap(np.uint8([[0, 254, 90]]), 0.1))
-    write_map("field.npz", mapdeal.esdf(read_map("a.yaml")))
     write_map("far.yaml", grid_from_text("..#", 0.1, (1e7, 0.0, 0.0)))
     Path("bad.json").write_text('{"x": 1}')
-    with open("odd.npz", "wb") as file:
-        write_npz(file, read_map("a.yaml"), more={"log_odds": np.zeros((2, 2))})
+    with_layers("odd.npz", read_map("a.yaml"), log_odds=np.zeros((2, 2)))
     transform_file("s.json", STEP)
-    transform_file("t.json", STEP, first=end("a"), second=end("c"))
+    transform_file("t.json", STEP, "a", "c")
     before = tree(folder)
     found, out, err = sh(f"merge a.yaml {words} -o o.yaml")
     assert (found, out) == (code, ""), err
@@ -312,31 +283,27 @@ def test_outputs_replace_no_input(sh, folder, words):
     assert tree(folder) == before
 
 
-def test_the_maps_of_one_floor_lie_on_each_other(command, real_maps, tmp_path):
+def test_the_maps_of_one_floor_lie_on_each_other(sh, real_maps):
     """Three maps of it, of three robots and years, placed by transforms found otherwise."""
     place = real_maps / "align" / "PRBonn__tmcl"
     if not place.is_dir():
         pytest.skip(NO_TEST_DATA)
     real = json.loads((real_maps / "expected" / "align.json").read_text())["real"]
     truth = {one["id"]: one["truth"] for one in real}
-    files = []
+    files = ""
     for name in ("tmcl-youbot-faro", "tmcl-youbot-gmap"):
         yaw = math.radians(truth[name]["dtheta_deg"])
         transform = mapdeal.Transform(truth[name]["dx"], truth[name]["dy"], yaw)
-        files += ["--by", transform_file(tmp_path / f"{name}.json", transform)]
+        files += f" --by {transform_file(f'{name}.json', transform)}"
     names = ["2021_10_27/YouBotMap.yaml", "Faro/FMap.yaml", "GMap/GMap.yaml"]
-    sources = [place / name for name in names]
-    code, out, err = command("merge", *sources, "-o", tmp_path / "o.npz", *files, "--json")
-    assert (code, err) == (0, "")
-    counts = json.loads(out)["merged"]
-    assert all(one["met"] > 0.85 * one["walls"] for one in counts)
+    first, second, third = (place / name for name in names)
+    counts = json.loads(sh.ok(f"merge {first} {second} {third} -o o.npz {files} --json"))
+    assert all(one["met"] > 0.85 * one["walls"] for one in counts["merged"])
     # and as their own walls place them
-    words = [sources[2], sources[0], "-o", tmp_path / "q.npz", "--by", "align", "--json"]
-    code, out, err = command("merge", *words)
-    assert (code, err) == (0, "")
-    found = json.loads(out)["merged"][1]["transform"]
+    found = json.loads(sh.ok(f"merge {third} {first} -o q.npz --by align --json"))
+    found = found["merged"][1]["transform"]
     placed_by_walls = mapdeal.Transform(found["x"], found["y"], found["yaw"]).after(transform)
     assert placed_by_walls.pose == pytest.approx((0, 0, 0), abs=0.1)
     # in one frame they do not, and it is said
-    code, _, err = command("merge", sources[0], sources[2], "-o", tmp_path / "p.npz")
-    assert "it is hardly aligned; --by align places maps by their walls" in err
+    told = "it is hardly aligned; --by align places maps by their walls"
+    assert told in sh.err(f"merge {first} {third} -o p.npz")

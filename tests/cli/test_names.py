@@ -13,9 +13,7 @@ from odd_names import private
 # X is the odd name. What a suffix decides is asked for with each suffix.
 INPUTS = [
     *(f"{name} X.yaml -o o.npz" for name in
-      ("active", "inflate", "esdf", "cost", "convert", "potential --goal 1.6,-1.9",
-       "window --size 1,1", "shift --origin 1,1", "rotate --yaw 1",
-       "rescale --resolution 1", "edit polygon --blank --point 1.5,-2",
+      ("esdf", "cost", "convert", "window --size 1,1", "rotate --yaw 1", "rescale --resolution 1",
        "edit reset --size 1,1 --corner 1,-2")),
     *(f"{name} X{end}" for end in (".yaml", ".npz", ".pgm", "") for name in ("info", "lint")),
     "diff m.yaml X.yaml", "query X.npz --at 1.6,-1.9", "route X.yaml --from 1,1 --to 1,1",
@@ -47,7 +45,7 @@ INPUTS = [
     "info image.yaml", "lint image.yaml", "run -j1 image.yaml -o out",
 ]  # fmt: skip
 OUTPUTS = [
-    *(f"{name} m.yaml -o X.yaml" for name in ("active", "inflate", "cost", "window --size 1,1")),
+    *(f"{name} m.yaml -o X.yaml" for name in ("inflate", "window --size 1,1")),
     "esdf m.yaml -o X.npy", "esdf m.yaml -o X.png", "esdf m.yaml -o o.npz --image X.png",
     "esdf m.yaml -o X.npz --force", "convert m.yaml -o X.pgm --force",
     "pack m.yaml -o X.pbm", "route m.yaml --from 1.6,-1.9 --to 1.6,-1.9 -o X.json",
@@ -88,9 +86,8 @@ ENDS = (".yaml", ".npz", ".pgm", ".pbm", ".pcd", ".ply", ".xyz", ".npy", ".log",
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write_map(tmp_path)
+def folder(here):
+    write_map(here)
     Path("c.xyz").write_text("1 1\n2 1.5\n")
     Path("poses.txt").write_text("1,1,0\n2,1,0\n")
     Path("one.txt").write_text("1,1,0\n")
@@ -102,7 +99,7 @@ def folder(tmp_path, monkeypatch):
         Path(f"pool{end}").symlink_to(f"loop{end}")
         Path(f"into{end}").symlink_to(f"closed/x{end}")
         Path(f"dangling{end}").symlink_to("nothing/at/all")
-    return tmp_path
+    return here
 
 
 def words_of(line, name):
@@ -114,9 +111,9 @@ def words_of(line, name):
     return words
 
 
-def check(command, folder, monkeypatch, line, name, *, is_output):
+def check(command, folder, monkeypatch, line, name, before, *, is_output):
+    """Run one line; return the tree without the files that are new."""
     words = words_of(line, name)
-    before = tree(folder)
     with monkeypatch.context() as patch:
         if name == "gone":
             gone = folder / "gone"
@@ -127,6 +124,7 @@ def check(command, folder, monkeypatch, line, name, *, is_output):
         if name in CLOSED:
             private("closed", patch)
         code, _, err = command(*words)
+    after = tree(folder)
     lines = err.splitlines()
     assert code in (0, 1, 2, 3, 4, 5), err
     assert "Traceback" not in err
@@ -134,12 +132,13 @@ def check(command, folder, monkeypatch, line, name, *, is_output):
     errors = [one for one in lines if one.startswith("error: ")]
     if code != 5 and not BATCHES & set(words):  # each of whose maps tells its own
         assert len(errors) == (code > 1) or (code == 1 and len(errors) == 1), err
-        assert code in (0, 1) or "--golden" in words or tree(folder) == before
+        assert code in (0, 1) or "--golden" in words or after == before
     if not is_output:
         assert code != 0 or words[0] == "run" or name in ("zeros", "full", "surrogate")
-    for left in ("out", *(path for path in folder.iterdir() if path.name.startswith("o."))):
+    for left in after.keys() - before:
         shutil.rmtree(folder / left, ignore_errors=True)
         (folder / left).unlink(missing_ok=True)
+    return {path: data for path, data in after.items() if path in before}
 
 
 def share_of(lines, name, every):
@@ -152,36 +151,26 @@ def test_lines_that_are_left_out_with_one_name_are_tried_with_others():
         assert {line for name in NAMES for line in share_of(lines, name, 5)} == set(lines)
 
 
-every_so_many = pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.thorough)])
-
-
-@every_so_many
+@pytest.mark.usefixtures("mapdeal_warnings", "one_core")
+@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("name", NAMES)
-def test_an_input_that_the_system_refuses_is_one_line(
-    command, folder, monkeypatch, mapdeal_warnings, name, every
-):
-    (folder / "list.txt").write_text(f"m.yaml\n{NAMES[name]('.yaml')}\n", "utf-8", "replace")
+@pytest.mark.parametrize("lines", [INPUTS, OUTPUTS], ids=["input", "output"])
+def test_what_the_system_refuses_is_one_line(command, folder, monkeypatch, lines, name, every):
+    Path("list.txt").write_text(f"m.yaml\n{NAMES[name]('.yaml')}\n", "utf-8", "replace")
     image = NAMES[name](".pgm").replace("\n", "\\n")
-    text = (folder / "m.yaml").read_text().replace("m.pgm", f'"{image}"')
-    (folder / "image.yaml").write_text(text, "utf-8", "replace")
-    for line in share_of(INPUTS, name, every):
-        check(command, folder, monkeypatch, line, name, is_output=False)
-
-
-@every_so_many
-@pytest.mark.parametrize("name", NAMES)
-def test_an_output_that_the_system_refuses_is_one_line_and_writes_nothing(
-    command, folder, monkeypatch, mapdeal_warnings, name, every
-):
-    for line in share_of(OUTPUTS, name, every):
-        check(command, folder, monkeypatch, line, name, is_output=True)
+    text = Path("m.yaml").read_text().replace("m.pgm", f'"{image}"')
+    Path("image.yaml").write_text(text, "utf-8", "replace")
+    before = tree(folder)
+    for line in share_of(lines, name, every):
+        is_output = lines is OUTPUTS
+        before = check(command, folder, monkeypatch, line, name, before, is_output=is_output)
 
 
 @pytest.mark.parametrize("words", ["info image.yaml", "lint image.yaml", "run image.yaml -o out"])
-def test_an_image_whose_name_no_file_can_have_is_one_line(command, folder, words):
-    text = (folder / "m.yaml").read_text().replace("m.pgm", '"a\\0b.pgm"')
-    (folder / "image.yaml").write_text(text)
-    code, out, err = command(*words.split())
+def test_an_image_whose_name_no_file_can_have_is_one_line(sh, folder, words):
+    text = Path("m.yaml").read_text().replace("m.pgm", '"a\\0b.pgm"')
+    Path("image.yaml").write_text(text)
+    code, out, err = sh(words)
     assert code == (1 if words.startswith("lint") else 4)
     assert r"image: the image does not exist, got 'a\x00b.pgm'" in out + err
     assert len(err.splitlines()) <= 1

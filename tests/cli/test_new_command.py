@@ -6,7 +6,6 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import mapdeal
@@ -26,22 +25,20 @@ def stats(monkeypatch, tmp_path):
     del sys.modules["mapdeal.commands.stats"], commands.stats
 
 
-def test_it_measures_a_map_in_the_shell_as_in_python(stats, command):
-    code, out, err = command("stats", OFFICE)
-    assert (code, err) == (0, "")
-    values = np.asarray(mapdeal.read_map(OFFICE).occupancy)
-    found = stats(mapdeal.read_map(OFFICE))
-    assert found.free == pytest.approx((values == 0).sum() * 0.05**2)
-    assert out.splitlines() == [line.replace("the map", str(OFFICE)) for line in found.lines()]
+def test_it_measures_a_map_in_the_shell_as_in_python(stats, sh):
+    office = mapdeal.read_map(OFFICE)
+    found = stats(office)
+    assert found.free == pytest.approx((office.occupancy == 0).sum() * 0.05**2)
     assert 0.5 < found.corridor_width < 3
-    code, out, _ = command("stats", OFFICE, "--json")
-    assert json.loads(out) == {**found.document(), "name": str(OFFICE)}
+    told = sh.ok(f"stats {OFFICE}").splitlines()
+    assert told == [line.replace("the map", str(OFFICE)) for line in found.lines()]
+    document = json.loads(sh.ok(f"stats {OFFICE} --json"))
+    assert document == {**found.document(), "name": str(OFFICE)}
 
 
-def test_its_parameters_are_checked_and_its_help_is_complete(stats, command):
-    code, out, err = command("stats", OFFICE, "--widest", "-1")
-    assert (code, out) == (2, "")
-    assert err == "error: --widest: must be a finite number, above 0, got -1.0\n"
-    code, out, _ = command("stats", "--help")
+def test_its_parameters_are_checked_and_its_help_is_complete(stats, sh):
+    told = "error: --widest: must be a finite number, above 0, got -1.0\n"
+    assert sh.err(f"stats {OFFICE} --widest -1", 2) == told
+    out = sh.ok("stats --help")
     assert "What is wider is not a corridor, metres." in out
     assert "mapdeal stats examples/maps/office.yaml" in out

@@ -56,98 +56,76 @@ def flat_cost(
 
 
 @pytest.fixture
-def room(tmp_path, monkeypatch):
+def listed(here, monkeypatch):
     """A map, with the two in the list of stages."""
     block = re.search(
         r"^```python\n(\"\"\"Stage .*?)^```", PAGE.read_text(), re.MULTILINE | re.DOTALL
     )
     names = {"__name__": "mapdeal.stages.drop_lone"}
     exec(compile(block[1], PAGE.name, "exec"), names)  # noqa: S102
-    listed = (stage_of(names["drop_lone"]), *catalogue.STAGES, stage_of(flat_cost))
-    monkeypatch.setattr(catalogue, "STAGES", listed)
+    stages = (stage_of(names["drop_lone"]), *catalogue.STAGES, stage_of(flat_cost))
+    monkeypatch.setattr(catalogue, "STAGES", stages)
     monkeypatch.setattr(catalogue, "STAGE_NAMES", ("drop-lone", *catalogue.STAGE_NAMES))
-    write_map(tmp_path / "room.yaml", grid_from_text(ROOM, 0.25))
-    return tmp_path / "room.yaml"
+    write_map("room.yaml", grid_from_text(ROOM, 0.25))
 
 
-def test_it_has_a_command(command, room, tmp_path):
-    code, out, _ = command("drop-lone", "--help")
-    assert code == 0
-    assert "Free obstacle cells that touch no other." in out
-    text = " ".join(out.split())
+def test_it_has_a_command(sh, listed):
+    text = " ".join(sh.ok("drop-lone --help").split())
+    assert "Free obstacle cells that touch no other." in text
     assert "--lethal-threshold N Occupancy of an obstacle, 1..100. [default: 100]" in text
-    assert "first sentence" not in out
-    others = command("--help")[1].split("Changing a map:")[1]
-    assert "drop-lone" in others
-    assert "..." not in others
-    code, out, err = command("drop-lone", room, "-o", tmp_path / "out.yaml", "--image",
-                             tmp_path / "out.png")  # fmt: skip
-    assert (code, err) == (0, "")
-    assert (tmp_path / "out.png").exists()
-    cleaned, before = read_map(tmp_path / "out.yaml").occupancy, read_map(room).occupancy
-    changed = np.argwhere(cleaned != before)
-    assert changed.tolist() == [[3, 2]]
+    assert "first sentence" not in text
+    others = sh.ok("--help").split("Changing a map:")[1]
+    assert ("drop-lone" in others, "..." in others) == (True, False)
+    sh.ok("drop-lone room.yaml -o out.yaml --image out.png")
+    assert Path("out.png").exists()
+    cleaned, before = read_map("out.yaml").occupancy, read_map("room.yaml").occupancy
+    assert np.argwhere(cleaned != before).tolist() == [[3, 2]]
     assert (before[3, 2], cleaned[3, 2]) == (100, 0)
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-def test_its_models_options_join_the_command(command, room, tmp_path):
-    text = " ".join(command("cost", "--help")[1].split())
+def test_its_models_options_join_the_command(sh, listed):
+    text = " ".join(sh.ok("cost --help").split())
     models = "|".join(str(model) for model in catalogue.models_of("cost"))
     assert f"--model {models} " in text
     assert models.endswith("|flat")
     assert "With --model flat: --beyond M Nothing lies so far away, metres. [default: 1.5]" in text
-    output = tmp_path / "c.npz"
-    assert command("cost", room, "-o", output, "--model", "flat", "--beyond", 7)[0] == 0
-    assert (read_map(output).cost == 7).all()
-    code, _, err = command("cost", room, "-o", output, "--force", "--beyond", 7)
-    assert code == 2
-    assert "is a parameter of model flat, not of exponential" in err
-
-
-@pytest.mark.usefixtures("mapdeal_warnings")
-def test_a_model_without_a_curve_has_none(command, room, tmp_path):
-    words = ("cost", room, "-o", tmp_path / "c.npz", "--model", "flat")
-    code, _, err = command(*words, "--curve", tmp_path / "c.png")
-    assert code == 2
-    assert "cost flat: no cost depends on the distance from an obstacle" in err
-    assert {path.name for path in tmp_path.iterdir()} == {"room.pgm", "room.yaml"}
-    code, out, _ = command(*words, "--json", "-q")
-    assert code == 0
-    document = json.loads(out)
+    document = sh.json("cost room.yaml -o c.npz --model flat --beyond 7 --json -q")
+    assert (read_map("c.npz").cost == 7).all()
     assert document["curve"] is None
-    assert document["parameters"] == {"model": "flat", "beyond": 1.5}
+    assert document["parameters"] == {"model": "flat", "beyond": 7}
 
 
-def test_it_runs_in_recipes_whole_and_in_blocks(command, room, tmp_path, monkeypatch):
-    recipe = tmp_path / "own.yaml"
-    recipe.write_text("stages:\n  - drop-lone:\n  - esdf:\n  - cost: {model: flat}\n")
-    words = ("run", room, "--recipe", recipe, "--set", "drop-lone.lethal_threshold=50")
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("--beyond 7", "is a parameter of model flat, not of exponential"),
+        ("--model flat --curve c.png", "cost flat: no cost depends on the distance from an obs"),
+    ],
+)
+def test_what_its_model_has_no_part_in_is_refused(sh, here, listed, words, told):
+    assert told in sh.err(f"cost room.yaml -o c.npz {words}", 2)
+    assert {path.name for path in here.iterdir()} == {"room.pgm", "room.yaml"}
+
+
+def test_it_runs_in_recipes_whole_and_in_blocks(sh, listed, monkeypatch):
+    Path("own.yaml").write_text("stages:\n  - drop-lone:\n  - esdf:\n  - cost: {model: flat}\n")
+    line = "run room.yaml --recipe own.yaml --set drop-lone.lethal_threshold=50 -v"
     contents = []
     for name in ("whole", "blocks"):
         if name == "blocks":
             monkeypatch.setattr(memory, "bytes_in_memory", lambda *_, **__: 1 << 60)
             monkeypatch.setattr(memory, "_cut", lambda *_, **__: (2, memory.CacheBudget()))
-        code, _, err = command(*words, "-o", tmp_path / name, "-v")
-        assert (code, "processed in blocks" in err) == (0, name == "blocks")
-        folder = tmp_path / name / "room"
-        contents.append({path.name: path.read_bytes() for path in folder.iterdir()})
+        assert ("processed in blocks" in sh.err(f"{line} -o {name}")) == (name == "blocks")
+        contents.append({path.name: path.read_bytes() for path in Path(name, "room").iterdir()})
     assert contents[0] == contents[1]
     assert {"without_lone.pgm", "without_lone.yaml", "without_lone.png"} <= contents[0].keys()
-    manifest = json.loads(contents[0]["manifest.json"])
-    assert manifest["stages"][0] == {"drop-lone": {"lethal_threshold": 50}}
-    assert manifest["stages"][2] == {"cost": {"model": "flat", "beyond": 1.5}}
-    assert command(*words, "-o", tmp_path / "whole", "-n")[1].startswith("what")
+    stages = json.loads(contents[0]["manifest.json"])["stages"]
+    assert stages[0] == {"drop-lone": {"lethal_threshold": 50}}
+    assert stages[2] == {"cost": {"model": "flat", "beyond": 1.5}}
 
 
-def test_a_stage_that_is_not_listed_is_not_known(command, room, tmp_path, monkeypatch):
-    monkeypatch.undo()
-    code, _, err = command("drop-lone", room, "-o", tmp_path / "out.yaml")
-    assert code == 2
-    assert "no such command" in err.lower()
-
-
-def test_names_that_collide_are_refused(command, room, monkeypatch):
+def test_names_that_collide_are_refused(listed, monkeypatch):
     other = replace(stage_of(flat_cost), model="flatter")
     other.__dict__["own_parameters"] = {
         name: replace(one, default=9.0) for name, one in stage_of(flat_cost).parameters.items()

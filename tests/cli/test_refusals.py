@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drawn import grid_from_text
-from mapdeal import OccupancyGrid, esdf, exponential_cost, ring_cost, threshold_cost
+from mapdeal import OccupancyGrid, esdf, exponential_cost, potential, ring_cost, threshold_cost
 from mapdeal import write_map as write
 
 ROBOT = "--footprint [[0.12,0.06],[0.12,-0.06],[-0.12,-0.06],[-0.12,0.06]]"
@@ -43,6 +43,7 @@ ROWS = [
     ("rotate field.npz -o o.npz --straighten", "grid: must be a map or a costmap"),
     ("rescale field.npz -o o.npz --resolution=1", "must be a map or a costmap, got 'DistanceF"),
     ("clean cost.npz -o o.npz", "cost.npz: clean: takes a map with free, occupied and unknown"),
+    ("clean m.yaml -o - --json", "--json: cannot be given together with -o -"),
     ("clean m.yaml -o o.npz --min-hole -1", "--min-hole: must be a whole number, at least 0"),
     ("build none.log -o o.npz --method counting --as-written", "does not apply to method counting"),
     # many
@@ -88,6 +89,11 @@ ROWS = [
         (f"local --cloud c.csv --poses p.txt -o out --keep={n}", "must be a number of clouds, at l")
         for n in ("0", "-1", "some", "1.5", "", "99999999999", "٣")
     ),
+    # what holds no values of cells
+    ("edit circle --point 1,2 --radius 1 --value 1 potential.npz -o o.npz", "field"),
+    ("window --at 1,2 --size 0.1,0.1 potential.npz -o o.npz", "field"),
+    ("convert --encoding amcl potential.npz -o o.npz", "field"),
+    ("shift --origin 1,2 potential.npz -o o.npz", "must be a map or a costmap"),
     # distances and costs at points
     ("query m.yaml --at 1.6 -1.9", "X,Y, without a space"),
     (f"{POSES} --at 1,2", "--at: must be three numbers X,Y,YAW, got '1,2'"),
@@ -182,7 +188,8 @@ def place(tmp_path_factory):
         write(folder / name, room)
     small = grid_from_text("..#..\n.....", 0.1)
     field = esdf(small)
-    made = {"field": field, "rings": ring_cost(small), "steps": threshold_cost(field)}
+    made = {"field": field, "rings": ring_cost(small), "steps": threshold_cost(field),
+            "potential": potential(field)}  # fmt: skip
     for name, product in {**made, "cost": exponential_cost(small)}.items():
         write(folder / f"{name}.npz", product)
     (folder / "p.csv").write_text("1,1,5,1\n")

@@ -1,139 +1,128 @@
 """The command `run`: what it says of maps and stages."""
 
 import json
+from pathlib import Path
 
 import pytest
 
 from drawn import grid_from_text
 from mapdeal import read_map, write_map
 
-
-def test_a_map_that_is_named_twice_is_run_once_and_said(command, tmp_path):
-    path = tmp_path / "m.yaml"
-    write_map(path, grid_from_text("#..\n..."))
-    code, _, err = command("run", path, path, "-o", tmp_path / "o", "--no-images")
-    assert (code, err) == (0, f"note: 1 map was named more than once, and is run once: {path}\n")
-    assert (tmp_path / "o" / "m" / "manifest.json").exists()
+CROPPED = "?????\n?#..?\n?..??\n?????"
+ROOM = "#......\n.......\n......."
 
 
-def test_the_radius_of_a_footprint_is_told_everywhere(command, tmp_path):
+def test_a_map_that_is_named_twice_is_run_once_and_said(sh, here):
+    write_map("m.yaml", grid_from_text("#..\n..."))
+    told = "1 map was named more than once, and is run once: m.yaml"
+    assert sh.err("run m.yaml m.yaml -o o --no-images") == f"note: {told}\n"
+    assert Path("o/m/manifest.json").exists()
+
+
+def test_the_radius_of_a_footprint_is_told_everywhere(sh, here):
     """0.5 m, by hand: the corner lies 0.3 and 0.4 m from the centre."""
-    path = tmp_path / "m.yaml"
-    write_map(path, grid_from_text("#......\n.......\n......."))
-    shape = ["--footprint", "[[0.3,0.4],[0.3,-0.4],[-0.3,-0.4],[-0.3,0.4]]"]
-    for words in (["run", path, "-o", tmp_path / "o", *shape, "--dry-run", "-v"],
-                  ["run", path, "-o", tmp_path / "o", *shape, "-v"],
-                  ["inflate", path, "-o", tmp_path / "i.npz", *shape, "-v"]):  # fmt: skip
-        assert "inflate: radius=0.5, footprint=[[0.3, 0.4]," in command(*words)[2]
-    folder = tmp_path / "o" / "m"
-    manifest = json.loads((folder / "manifest.json").read_text())
-    assert manifest["stages"][0]["inflate"]["radius"] == 0.5
-    for name, stages in (("inflated.yaml", 1), ("esdf.npz", 2), ("cost.yaml", 3)):
-        report = json.loads(command("info", folder / name, "--json")[1])
-        assert report["made_by"] == manifest["stages"][:stages]
-        assert "  made by     inflate: radius 0.5, " in command("info", folder / name)[1]
-    for name in (folder, folder / "manifest.json"):
-        report = json.loads(command("info", name, "--json")[1])
-        assert (report["kind"], report["stages"]) == ("run", manifest["stages"])
-        assert "  inflate     radius 0.5, footprint [[0.3, 0.4]," in command("info", name)[1]
+    write_map("m.yaml", grid_from_text(ROOM))
+    shape = "--footprint [[0.3,0.4],[0.3,-0.4],[-0.3,-0.4],[-0.3,0.4]] -v"
+    for line in ("run m.yaml -o o --dry-run", "run m.yaml -o o", "inflate m.yaml -o i.npz"):
+        assert "inflate: radius=0.5, footprint=[[0.3, 0.4]," in sh(f"{line} {shape}")[2]
+    stages = json.loads(Path("o/m/manifest.json").read_text())["stages"]
+    assert stages[0]["inflate"]["radius"] == 0.5
+    for name, count in (("inflated.yaml", 1), ("esdf.npz", 2), ("cost.yaml", 3)):
+        assert sh.json(f"info o/m/{name} --json")["made_by"] == stages[:count]
+        assert "  made by     inflate: radius 0.5, " in sh(f"info o/m/{name}")[1]
+    for name in ("o/m", "o/m/manifest.json"):
+        report = sh.json(f"info {name} --json")
+        assert (report["kind"], report["stages"]) == ("run", stages)
+        assert "  inflate     radius 0.5, footprint [[0.3, 0.4]," in sh(f"info {name}")[1]
 
 
-def test_info_says_how_a_file_was_made_of_the_run_s_own_files_alone(command, tmp_path):
-    path = tmp_path / "m.yaml"
-    write_map(path, grid_from_text("#......\n.......\n......."))
-    command("run", path, "-o", tmp_path / "o", "--no-images")
-    folder = tmp_path / "o" / "m"
-    write_map(folder / "esdf.npz", grid_from_text("#."), force=True)  # of somebody else
-    write_map(folder / "own.npz", grid_from_text("#."))
-    (folder / "inflated.pgm").write_bytes((tmp_path / "m.pgm").read_bytes())
-    for name, is_of_run in (("cost.npz", True), ("esdf.npz", False), ("own.npz", False),
-                            ("inflated.yaml", False)):  # fmt: skip
-        code, out, _ = command("info", folder / name, "--json")
-        assert (code, "made_by" in json.loads(out)) == (0, is_of_run)
-    code, _, err = command("info", tmp_path)
-    assert (code, err.splitlines()[0]) == (
-        4, f"error: {tmp_path}: is a directory without the manifest.json of a run"
-    )  # fmt: skip
+def test_info_says_how_a_file_was_made_of_the_run_s_own_files_alone(sh, here):
+    write_map("m.yaml", grid_from_text(ROOM))
+    sh("run m.yaml -o o --no-images")
+    write_map("o/m/esdf.npz", grid_from_text("#."), force=True)  # of somebody else
+    write_map("o/m/own.npz", grid_from_text("#."))
+    Path("o/m/inflated.pgm").write_bytes(Path("m.pgm").read_bytes())
+    names = ["cost.npz", "esdf.npz", "own.npz", "inflated.yaml"]
+    made = [name for name in names if "made_by" in sh.json(f"info o/m/{name} --json")]
+    assert made == ["cost.npz"]
+    told = "error: .: is a directory without the manifest.json of a run"
+    assert sh.err("info .", 4).startswith(told)
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-def test_the_whole_canvas_through_the_command(command, tmp_path):
-    """In a batch with worker processes, told beforehand, and not where nothing is cropped."""
+def test_the_whole_canvas_in_a_batch_with_worker_processes(sh, here):
     for name in ("a", "b"):
-        write_map(tmp_path / f"{name}.yaml", grid_from_text("?????\n?#..?\n?..??\n?????", 0.3))
-    paths = [tmp_path / "a.yaml", tmp_path / "b.yaml"]
-    words = ["--sim", "--canvas", "full", "--no-images", "--jobs", 2]
-    assert command("run", *paths, "-o", tmp_path / "o", *words, "--dry-run")[0] == 0
-    assert command("run", *paths, "-o", tmp_path / "o", *words)[0] == 0
-    whole = read_map(tmp_path / "a.yaml")
+        write_map(f"{name}.yaml", grid_from_text(CROPPED, 0.3))
+    line = "run a.yaml b.yaml -o o --sim --canvas full --no-images --jobs 2"
+    assert sh(line)[0] == 0
+    whole = read_map("a.yaml")
     for name in ("a", "b"):
-        field = read_map(tmp_path / "o" / name / "esdf.npz")
+        field = read_map(f"o/{name}/esdf.npz")
         assert (field.frame, field.region) == (whole.frame, (1, 1, 2, 3))
-        assert read_map(tmp_path / "o" / name / "cost.npz").shape == (4, 5)
-        assert read_map(tmp_path / "o" / name / "inflated.yaml").origin == whole.origin
-    assert "2 unchanged" in command("run", *paths, "-o", tmp_path / "o", *words, "-n")[1]
-    for more in (["--recipe", "default"], ["--sim", "--set", "active.canvas=full"]):
-        code, _, err = command(
-            "run", paths[0], "-o", tmp_path / more[-1], *more, "--canvas", "full", "--no-images"
-        )
-        assert (code, err.splitlines()[0]) == (
-            0, "warning: --canvas full: has no effect, no stage of the recipe crops the map"
-        )  # fmt: skip
-        manifest = json.loads((tmp_path / more[-1] / "a" / "manifest.json").read_text())
-        assert manifest["options"]["canvas"] == "crop"
+        assert read_map(f"o/{name}/cost.npz").shape == (4, 5)
+    assert "2 unchanged" in sh(f"{line} -n")[1]
 
 
-def test_what_a_run_has_cropped_is_put_back_by_window(command, tmp_path):
-    path = tmp_path / "m.yaml"
-    write_map(path, grid_from_text("?????\n?#..?\n?..??\n?????", 0.5, (1.0, 2.0, 0.0)))
-    for name in ("crop", "full"):
-        command("run", path, "-o", tmp_path / name, "--sim", "--canvas", name, "--no-images")
+@pytest.mark.usefixtures("mapdeal_warnings")
+@pytest.mark.parametrize("words", ["--recipe default", "--sim --set active.canvas=full"])
+def test_a_canvas_where_nothing_is_cropped_is_warned_of(sh, here, words):
+    write_map("a.yaml", grid_from_text(CROPPED, 0.3))
+    err = sh.err(f"run a.yaml -o o {words} --canvas full --no-images")
+    assert err.startswith("warning: --canvas full: has no effect, no stage of the recipe crops")
+    assert json.loads(Path("o/a/manifest.json").read_text())["options"]["canvas"] == "crop"
+
+
+@pytest.fixture
+def cropped(sh, here):
+    """A map, and what a run makes of its known part, as cropped and on the whole canvas."""
+    write_map("m.yaml", grid_from_text(CROPPED, 0.5, (1.0, 2.0, 0.0)))
+    for canvas in ("crop", "full"):
+        sh(f"run m.yaml -o {canvas} --sim --canvas {canvas} --no-images")
+
+
+@pytest.mark.parametrize("where", ["--like m.yaml", "--like full/m/esdf.npz",
+                                   "--corner=1,2 --size=2.5,2"])  # fmt: skip
+def test_what_a_run_has_cropped_is_put_back_by_window(sh, cropped, where):
     for name in ("esdf.npz", "cost.npz", "cost.pgm", "esdf.pgm", "inflated.pgm"):
-        full, crop = (tmp_path / one / "m" / name for one in ("full", "crop"))
-        source = crop if crop.suffix == ".npz" else crop.with_suffix(".yaml")
-        for index, where in enumerate(
-            [["--like", path], ["--like", tmp_path / "full" / "m" / "esdf.npz"],
-             ["--corner=1,2", "--size=2.5,2"]]
-        ):  # fmt: skip
-            output = tmp_path / f"{index}{source.name}"
-            assert command("window", source, "-o", output, *where)[0] == 0
-            assert output.with_suffix(full.suffix).read_bytes() == full.read_bytes()
-    crop = tmp_path / "crop" / "m" / "esdf.npz"
-    write_map(tmp_path / "other.yaml", grid_from_text("##\n##", 0.5, (1.2, 2.0, 0.0)))
-    for words, code, said in (
-        (["--like", tmp_path / "other.yaml"], 2, "edges of the cells"),
-        (["--like", tmp_path / "none.yaml"], 4, "none.yaml"),
-        (["--like", path, "--size=1,1"], 2, "together"),
-        ([], 2, "--size, --like"),
-        (["--corner=99,2", "--size=1,1"], 2, "no cell of it has a distance"),
-        (["--like", path, "--default", "0"], 2, "takes none"),
-    ):
-        found, _, err = command("window", crop, "-o", tmp_path / "x.npz", *words)
-        assert (found, said in err.splitlines()[0]) == (code, True)
-        assert not (tmp_path / "x.npz").exists()
-    code, _, err = command("window", crop, "-o", path, "--like", path, "--force")
-    assert (code, "the output is the input" in err) == (4, True)
+        source = name.replace(".pgm", ".yaml")
+        assert sh(f"window crop/m/{source} -o again/{source} {where} --force")[0] == 0
+        assert Path("again", name).read_bytes() == Path("full/m", name).read_bytes()
 
 
-def test_a_field_on_the_whole_canvas_is_asked_and_converted(command, tmp_path):
-    path = tmp_path / "m.yaml"
-    write_map(path, grid_from_text("?????\n?#..?\n?..??\n?????", 0.5, (1.0, 2.0, 0.0)))
-    command("run", path, "-o", tmp_path, "--sim", "--canvas", "full", "--no-images")
-    field = tmp_path / "m" / "esdf.npz"
-    code, out, _ = command("query", field, "--at", "2.25,2.75", "--at", "1.25,2.25")
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        ("-o x.npz --like other.yaml", 2, "edges of the cells"),
+        ("-o x.npz --like none.yaml", 4, "none.yaml"),
+        ("-o x.npz --like m.yaml --size=1,1", 2, "together"),
+        ("-o x.npz", 2, "--size, --like"),
+        ("-o x.npz --corner=99,2 --size=1,1", 2, "no cell of it has a distance"),
+        ("-o x.npz --like m.yaml --default 0", 2, "takes none"),
+        ("-o m.yaml --like m.yaml --force", 4, "the output is the input"),
+    ],
+)
+def test_windows_that_cannot_be(sh, cropped, words, code, told):
+    write_map("other.yaml", grid_from_text("##\n##", 0.5, (1.2, 2.0, 0.0)))
+    assert told in sh.err(f"window crop/m/esdf.npz {words}", code).splitlines()[0]
+    assert not Path("x.npz").exists()
+
+
+def test_a_field_on_the_whole_canvas_is_asked_and_converted(sh, cropped):
+    field = "full/m/esdf.npz"
+    out = sh.ok(f"query {field} --at 2.25,2.75 1.25,2.25")
     inner, outer = (json.loads(line) for line in out.splitlines())
-    assert (code, inner["distance"], inner["state"]) == (0, 0.5, "free")
+    assert (inner["distance"], inner["state"]) == (0.5, "free")
     assert outer == {
         "x": 1.25, "y": 2.25, "inside": True, "row": 0, "col": 0, "state": "unknown",
         "distance": None, "gradient": None, "cell_distance": None,
     }  # fmt: skip
-    code, out, _ = command("convert", field, "-o", tmp_path / "again.npz")
-    assert (code, (tmp_path / "again.npz").read_bytes() == field.read_bytes()) == (0, True)
-    assert "70.00 % of the cells without a value" in out
-    assert "70.00 % of the cells without a value" in command("info", field)[1]
-    code, out, _ = command("diff", field, path, "--json")
+    missing = "70.00 % of the cells without a value"
+    assert missing in sh(f"convert {field} -o again.npz")[1]
+    assert Path("again.npz").read_bytes() == Path(field).read_bytes()
+    assert missing in sh(f"info {field}")[1]
+    code, out, _ = sh(f"diff {field} m.yaml --json")
     assert (code, json.loads(out)["geometry"]) == (0, {})
-    for words in (["lint", field], ["cost", field, "-o", tmp_path / "c.npz"],
-                  ["route", field, "--from", "2.25,2.75", "--to", "2.75,3.25"]):  # fmt: skip
-        assert command(*words)[0] in (0, 1)
-    assert (tmp_path / "c.npz").read_bytes() == (tmp_path / "m" / "cost.npz").read_bytes()
+    for line in (f"lint {field}", f"cost {field} -o c.npz",
+                 f"route {field} --from 2.25,2.75 --to 2.75,3.25"):  # fmt: skip
+        assert sh(line)[0] in (0, 1)
+    assert Path("c.npz").read_bytes() == Path("full/m/cost.npz").read_bytes()

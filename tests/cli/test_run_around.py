@@ -52,11 +52,16 @@ def test_one_call_makes_what_two_commands_make(sh, place):
     assert set(json.loads(local["manifest.json"])["inputs"]) == {"c.csv", "m.yaml", "m.pgm"}
 
 
-def test_without_a_cloud_it_is_the_window_in_the_map_s_cells(sh, place):
-    assert sh(around(SMALL, cloud=None))[0] == 0
-    sh(f"local --map m.yaml {POSE} --size 3,2 --no-images -o b")
+@pytest.mark.parametrize("end", ["yaml", "npz"])
+def test_without_a_cloud_it_is_the_window_in_the_map_s_cells(sh, place, end):
+    write_map(f"m.{end}", read_map("m.yaml"), force=True)
+    line = f"run m.{end} -o o {POSE} {SMALL} --no-images"
+    sh(line)
+    sh(f"local --map m.{end} {POSE} --size 3,2 --no-images -o b")
     assert tree(place / "o/m/local") == tree(place / "b")
     assert read_map("b/local.yaml").resolution == 0.1
+    # whose cells a dry run knows by the header, or by the file
+    assert sh(f"{line} -n")[1].splitlines()[1].startswith("unchanged")
 
 
 def test_what_the_local_map_is_warned_of_is_not_said_of_the_whole_map(sh, place):
@@ -98,14 +103,14 @@ def test_if_the_local_map_fails_nothing_of_the_run_is_left(sh, place):
 
 
 def test_if_the_run_fails_nothing_of_the_local_map_is_left(sh, place):
-    Path("p/m").mkdir(parents=True)
-    Path("p/m/cost.npz").write_bytes(b"somebody's")
-    assert sh(around(out="p"))[0] == 4
-    assert files(place / "p") == {"m/cost.npz": b"somebody's"}
+    Path("o/m").mkdir(parents=True)
+    Path("o/m/cost.npz").write_bytes(b"somebody's")
+    assert sh(around())[0] == 4
+    assert files(place / "o") == {"m/cost.npz": b"somebody's"}
 
 
 def test_blocks_give_the_same_bytes(sh, place):
-    values = np.kron(read_map("m.yaml").occupancy, np.ones((40, 40), np.int8))
+    values = np.kron(read_map("m.yaml").occupancy, np.ones((40, 40), np.int8))  # more than fit
     write_map("m.yaml", OccupancyGrid(values, 0.02, (-2.03, -1.06, 0.3)), force=True)
     assert sh(around(f"{IN_RUN} --threads 1", out="whole"))[0] == 0
     little = 56 if engine_name() == "compiled" else 106  # MiB, those included that are taken anyhow
@@ -129,14 +134,6 @@ def test_dry_run_tells_of_both(sh, place):
     assert err.splitlines()[0] == "error: o/m/local/local.pgm: the output exists"
 
 
-@pytest.mark.parametrize("name", ["m.yaml", "m.npz"])
-def test_dry_run_knows_the_cells_of_a_window_by_the_header_or_the_file(sh, place, name):
-    write_map(name, read_map("m.yaml"), force=True)
-    line = f"run {name} -o o --pose 0,0,0 --no-images"
-    assert sh(line)[0] == 0
-    assert sh(f"{line} -n")[1].splitlines()[1].startswith("unchanged")
-
-
 def test_golden_runs_have_the_local_map_too(sh, place):
     assert sh(around("--golden g --update-golden"))[0] == 0
     assert Path("g/m/local/manifest.json").exists()
@@ -148,12 +145,6 @@ def test_golden_runs_have_the_local_map_too(sh, place):
     assert "\nm: " not in out
 
 
-def test_a_local_map_of_an_earlier_run_is_told_of(sh, place):
-    sh(around())
-    told = "o/m/local: holds the local map of an earlier run, which is left as it is"
-    assert sh.err("run m.yaml -o o --no-images --force") == f"warning: {told}\n"
-
-
 def test_a_folder_of_one_map_and_its_summary(sh, place):
     write_map("maps/one.yaml", read_map("m.yaml"))
     assert sh(f"run maps -o o {POSE} --no-images")[0] == 0
@@ -163,8 +154,10 @@ def test_a_folder_of_one_map_and_its_summary(sh, place):
     assert Path("o/one/local/manifest.json").exists()
 
 
-def test_lint_of_the_run_looks_at_the_local_map_too(sh, place):
+def test_later_runs_and_lint_look_at_the_local_map_too(sh, place):
     sh(around())
+    told = "o/m/local: holds the local map of an earlier run, which is left as it is"
+    assert sh.err("run m.yaml -o o --no-images --force") == f"warning: {told}\n"
     assert sh("lint o/m")[0] == 0
     Path("o/m/local/cost.npz").write_bytes(b"other")
     code, out, _ = sh("lint o/m")

@@ -22,27 +22,23 @@ def room(shift=0):
 
 
 @pytest.fixture
-def maps(here):
-    """A true map, an estimate, the same turned by a quarter in another frame, and odd ones."""
+def answer(sh, here):
+    """What gives exit code, document and stderr of a score of these maps."""
     place = (1.5, -2.0, 0.3)
-    write_map("truth.yaml", OccupancyGrid(room(), 0.25, place))
-    write_map("own.yaml", OccupancyGrid(room(1), 0.25, place))
-    turned = np.ascontiguousarray(np.rot90(room(1)))
     # p_truth = p_own: the corner of the turned cells is the corner (0, width) of the first ones
-    x = 1.5 + 20 * 0.25 * math.cos(0.3)
-    y = -2.0 + 20 * 0.25 * math.sin(0.3)
-    write_map("other.yaml", OccupancyGrid(turned, 0.25, (x - 10, y + 4, 0.3 + math.pi / 2)))
-    write_map("empty.yaml", OccupancyGrid(np.where(room() == 100, 0, room()), 0.25, place))
-    write_map("unknown.yaml", OccupancyGrid(np.full((14, 20), -1), 0.25, place))
-    write_map("far.yaml", OccupancyGrid(room(), 0.25, (900.0, 5.0, 0.0)))
-    write_map("fine.yaml", OccupancyGrid(np.kron(room(), np.ones((2, 2), np.int8)), 0.125, place))
+    x, y = 1.5 + 20 * 0.25 * math.cos(0.3), -2.0 + 20 * 0.25 * math.sin(0.3)
+    for name, values, resolution, origin in (
+        ("truth", room(), 0.25, place),
+        ("own", room(1), 0.25, place),
+        ("other", np.rot90(room(1)), 0.25, (x - 10, y + 4, 0.3 + math.pi / 2)),
+        ("empty", np.where(room() == 100, 0, room()), 0.25, place),
+        ("unknown", np.full((14, 20), -1), 0.25, place),
+        ("far", room(), 0.25, (900.0, 5.0, 0.0)),
+        ("fine", np.kron(room(), np.ones((2, 2), np.int8)), 0.125, place),
+    ):
+        grid = OccupancyGrid(np.ascontiguousarray(values), resolution, origin)
+        write_map(f"{name}.yaml", grid)
     Path("move.json").write_text('{"x": 10, "y": -4, "yaw": 0}')
-    return here
-
-
-@pytest.fixture
-def answer(sh, maps):
-    """What gives exit code, document and stderr of a score."""
 
     def ask(line):
         code, out, err = sh(f"score {line} --json")
@@ -52,20 +48,15 @@ def answer(sh, maps):
 
 
 PAIR = "own.yaml --truth truth.yaml"
+MOVED = "other.yaml --truth own.yaml --transform move.json"
 
 
 def test_a_map_that_is_the_truth_has_the_best_of_all_figures(answer):
     code, found, err = answer("truth.yaml --truth truth.yaml")
     values = found["values"]
     assert (code, err) == (0, "")
-    best = [
-        "ssim_uniform7",
-        "ssim_gauss",
-        "iou_occupied",
-        "iou_free",
-        "coverage",
-        "mcc_whole_lattice",
-    ]
+    best = ["ssim_uniform7", "ssim_gauss", "iou_occupied", "iou_free", "coverage",
+            "mcc_whole_lattice"]  # fmt: skip
     assert [values[name] for name in best] == [1.0] * len(best)
     assert values["dist_est_to_truth_m"]["max"] == 0
     assert found["transform"]["by"] == "frames"
@@ -84,7 +75,7 @@ def test_a_wall_that_the_truth_has_not_is_measured(answer):
 
 
 def test_a_transform_brings_the_map_onto_the_truth(answer):
-    code, found, err = answer("other.yaml --truth own.yaml --transform move.json")
+    code, found, err = answer(MOVED)
     assert (code, err) == (0, "")
     assert found["values"]["iou_occupied"] == found["values"]["ssim_uniform7"] == 1.0
     assert found["transform"]["by"] == "transform"
@@ -97,18 +88,21 @@ def named(name):
     return {"file": f"{name}.yaml", "sha256": sums}
 
 
-def test_a_transform_the_other_way_round_is_turned_and_told_of(answer):
-    """With the checksums of its maps, as align writes it."""
-    ends = {"first": named("other"), "second": named("own")}
-    document = {**ends, "transform": {"x": 10, "y": -4, "yaw": 0}}
+@pytest.mark.parametrize(
+    ("own", "truth", "told"),
+    [
+        ("other", "own", None),
+        ("own", "other", "aligned.json: leads from the truth to the map; its inverse is used"),
+        ("far", "own", "aligned.json: is between other maps"),
+    ],
+)
+def test_a_transform_with_the_checksums_of_its_maps(answer, own, truth, told):
+    document = {"first": named("other"), "second": named("own")}
+    document["transform"] = {"x": 10, "y": -4, "yaw": 0}
     Path("aligned.json").write_text(json.dumps(document))
-    _, found, err = answer("other.yaml --truth own.yaml --transform aligned.json")
-    assert (found["values"]["iou_occupied"], err) == (1.0, "")
-    _, found, err = answer("own.yaml --truth other.yaml --transform aligned.json")
-    assert found["values"]["iou_occupied"] == 1.0
-    assert "aligned.json: leads from the truth to the map; its inverse is used" in err
-    _, _, err = answer("far.yaml --truth own.yaml --transform aligned.json")
-    assert "aligned.json: is between other maps" in err
+    _, found, err = answer(f"{own}.yaml --truth {truth}.yaml --transform aligned.json")
+    assert told in err if told else err == ""
+    assert (found["values"]["iou_occupied"] == 1.0) == (own != "far")
 
 
 @pytest.fixture
@@ -133,31 +127,31 @@ def test_align_finds_how_the_map_lies(sh, rooms):
     assert "found by align" in sh(line)[1]
 
 
-def test_a_map_that_cannot_be_aligned_with_certainty_has_no_score(sh, rooms):
+@pytest.mark.usefixtures("rooms")
+def test_a_map_that_cannot_be_aligned_with_certainty_has_no_score(sh):
     hall = np.zeros((80, 80), np.int8)
     hall[[0, -1]] = 100
     write_map("hall.yaml", OccupancyGrid(hall, 0.1))
-    code, out, err = sh("score hall.yaml --truth truth.yaml --align")
-    assert (code, out) == (1, "")
+    err = sh.err("score hall.yaml --truth truth.yaml --align", 1)
     assert err.startswith("error: hall.yaml: cannot be aligned to truth.yaml with certainty: ")
     assert "hint: --transform" in err
 
 
-@pytest.mark.parametrize(
-    ("words", "code", "told"),
-    [
-        (f"{PAIR} --min coverage=1", 0, "--min coverage=1: holds, found 1"),
-        (f"{PAIR} --max dist_est_to_truth_m.max=1", 0, "max=1 m: holds, found 1 m"),
-        (f"{PAIR} --max dist_est_to_truth_m.max=0.9", 1, "max=0.9 m: missed, found 1 m"),
-        ("truth.yaml --max enclosed_areas=0", 1, "--max enclosed_areas=0: missed, found 1"),
-        ("truth.yaml --max enclosed_areas=0", 1, "37.1 %"),  # 104 of 280 cells are free
-        ("truth.yaml --truth unknown.yaml --min coverage=0.5", 1,
-         "--min coverage=0.5: missed, not measured: the truth has no such cells"),
-        ("truth.yaml --truth unknown.yaml --max dist_truth_to_est_m.mean=1", 1,
-         "missed, not measured: one of the maps has no walls to measure"),
-    ],
-)  # fmt: skip
-def test_bounds_decide_the_exit_code_and_are_told(sh, maps, words, code, told):
+UNKNOWN = "truth.yaml --truth unknown.yaml"
+BOUNDS = [
+    (f"{PAIR} --min coverage=1", 0, "--min coverage=1: holds, found 1"),
+    (f"{PAIR} --max dist_est_to_truth_m.max=1", 0, "max=1 m: holds, found 1 m"),
+    (f"{PAIR} --max dist_est_to_truth_m.max=0.9", 1, "max=0.9 m: missed, found 1 m"),
+    ("truth.yaml --max enclosed_areas=0", 1, "--max enclosed_areas=0: missed, found 1"),
+    ("truth.yaml --max enclosed_areas=0", 1, "37.1 %"),  # 104 of 280 cells are free
+    (f"{UNKNOWN} --min coverage=0.5", 1, "not measured: the truth has no such cells"),
+    (f"{UNKNOWN} --max dist_truth_to_est_m.mean=1", 1, "one of the maps has no walls to measure"),
+]
+
+
+@pytest.mark.usefixtures("answer")
+@pytest.mark.parametrize(("words", "code", "told"), BOUNDS)
+def test_bounds_decide_the_exit_code_and_are_told(sh, words, code, told):
     found, out, _ = sh(f"score {words}")
     assert (found, told in out) == (code, True), out
 
@@ -176,7 +170,6 @@ def test_bounds_are_told_one_by_one(answer):
         ("truth", "empty", "empty.yaml: has no occupied cell there, so no distances"),
         ("truth", "unknown", "unknown.yaml: has no known cell, so there is nothing to compare w"),
         ("far", "truth", "far.yaml: has no known cell on truth.yaml; --align finds how the maps"),
-        ("unknown", "truth", "unknown.yaml: has no known cell on truth.yaml"),
         ("fine", "truth", "fine.yaml: has cells of 0.125 m, truth.yaml of 0.25 m"),
     ],
 )
@@ -185,8 +178,7 @@ def test_what_says_little_is_warned_of(answer, own, truth, told):
     code, found, err = answer(line)
     assert told in err
     mean = found["values"]["dist_est_to_truth_m"]["mean"]
-    assert code == (0 if own == "fine" else 1)
-    assert (mean is None) == (own != "fine")
+    assert (code, mean is None) == ((0, False) if own == "fine" else (1, True))
     assert found["bounds"][0]["found"] == mean
 
 
@@ -205,8 +197,7 @@ def test_values_between_are_told_of(answer):
 
 
 def test_python_gives_what_the_command_prints(answer):
-    line = "other.yaml --truth own.yaml --transform move.json --min coverage=0.5"
-    printed, bound = answer(line)[1], {"coverage": 0.5}
+    printed, bound = answer(f"{MOVED} --min coverage=0.5")[1], {"coverage": 0.5}
     found = mapdeal.score("other.yaml", "own.yaml", transform="move.json", minimum=bound)
     assert found.document() == printed
     other, own = (mapdeal.read_map(f"{name}.yaml") for name in ("other", "own"))
@@ -228,8 +219,7 @@ def test_python_gives_what_the_command_prints(answer):
 )
 def test_python_refuses_what_is_no_transform(arguments, told):
     grid = OccupancyGrid(room(), 0.25)
-    with pytest.raises(mapdeal.ParameterError, match=r"must|cannot") as error:
+    with pytest.raises(mapdeal.ParameterError, match=told):
         mapdeal.score(grid, grid, **arguments)
-    assert told in str(error.value)
     with pytest.raises(mapdeal.ParameterError, match="takes files or grids"):
         mapdeal.score(7)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,34 +11,22 @@ import mapdeal
 from drawn import grid_from_text
 from mapdeal.commands.report_documents import read_results
 
-BEFORE = """
-    ????????
-    ?.#....?
-    ?.#....?
-    ?......?
-"""
-AFTER = """
-    ????????
-    ?..#...?
-    ?..#...?
-    ?.....??
-"""
+FILES = ("before.yaml", "after.yaml")
+DRAWINGS = (
+    "????????\n?.#....?\n?.#....?\n?......?",
+    "????????\n?..#...?\n?..#...?\n?.....??",
+)
 
 
-@pytest.fixture
-def files(tmp_path):
-    paths = [tmp_path / "before.yaml", tmp_path / "after.yaml"]
-    for path, text in zip(paths, (BEFORE, AFTER), strict=True):
+@pytest.fixture(autouse=True)
+def files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for path, text in zip(FILES, DRAWINGS, strict=True):
         mapdeal.write_map(path, grid_from_text(text))
-    return paths
 
 
-def without_names(report):
-    return {**report.document(), "first": None, "second": None}
-
-
-def test_what_differs_is_counted_by_hand(files):
-    report = mapdeal.diff(*files)
+def test_what_differs_is_counted_by_hand():
+    report = mapdeal.diff(*FILES)
     assert report.confusion["free"] == {"occupied": 2, "free": 13, "unknown": 1, "between": 0}
     assert report.confusion["occupied"] == {"occupied": 0, "free": 2, "unknown": 0, "between": 0}
     assert repr(report) == (
@@ -46,42 +35,44 @@ def test_what_differs_is_counted_by_hand(files):
     )
 
 
-def test_the_document_is_what_the_command_prints(files, command):
-    files[1].write_text(files[1].read_text().replace("0.65", "0.6"))
-    # Walls are 0.25 m away, and 5 of 32 cells differ: 15.6 %.
-    for words, arguments, beyond, passes in [
-        (["--tolerance", 1], {"tolerance": 1}, 0, True),
-        (["--max-shift", 0.25], {"max_shift": 0.25}, 5, True),
-        (["--max-shift", 0.2], {"max_shift": 0.2}, 5, False),
-        (["--max-differing", 16], {"max_differing": 16}, 5, True),
-        (["--max-shift", 1, "--max-differing", 15],
-         {"max_shift": 1, "max_differing": 15}, 5, False),
-        ([], {}, 5, False),
-    ]:  # fmt: skip
-        code, out, _ = command("diff", *files, "--json", *words)
-        report = mapdeal.diff(*files, **arguments)
-        assert report.document() == json.loads(out)
-        assert (report.differing, report.beyond_tolerance) == (5, beyond)
-        assert (code == 0, report.passes) == (passes, passes)
-        if report.bounds:
-            assert ("within the bounds" if passes else "beyond the bounds") in repr(report)
+# Walls are 0.25 m away, and 5 of 32 cells differ: 15.6 %.
+@pytest.mark.parametrize(("arguments", "beyond", "passes"), [
+    ({"tolerance": 1}, 0, True),
+    ({"max_shift": 0.25}, 5, True),
+    ({"max_shift": 0.2}, 5, False),
+    ({"max_differing": 16}, 5, True),
+    ({"max_shift": 1, "max_differing": 15}, 5, False),
+    ({}, 5, False),
+], ids=str)  # fmt: skip
+def test_the_document_is_what_the_command_prints(command, arguments, beyond, passes):
+    after = Path("after.yaml")
+    after.write_text(after.read_text().replace("0.65", "0.6"))
+    words = [f"--{name.replace('_', '-')}={value}" for name, value in arguments.items()]
+    code, out, _ = command("diff", *FILES, "--json", *words)
+    report = mapdeal.diff(*FILES, **arguments)
+    assert report.document() == json.loads(out)
+    assert (report.differing, report.beyond_tolerance) == (5, beyond)
+    assert (code == 0, report.passes) == (passes, passes)
+    if report.bounds:
+        assert ("within the bounds" if passes else "beyond the bounds") in repr(report)
     assert report.metadata == {"occupied_thresh": (0.65, 0.6)}
     assert "occupied_thresh 0.65 -> 0.6" in repr(report)
 
 
-def test_grids_and_files_are_compared_alike(files):
-    grids = [mapdeal.read_map(path) for path in files]
-    by_files = mapdeal.diff(*files)
-    for pair in (grids, (files[0], grids[1]), (grids[0], str(files[1]))):
+def test_grids_and_files_are_compared_alike():
+    grids = [mapdeal.read_map(path) for path in FILES]
+    by_files = mapdeal.diff(*FILES)
+    for pair in (grids, (FILES[0], grids[1]), (grids[0], Path(FILES[1]))):
         report = mapdeal.diff(*pair)
-        assert without_names(report) == without_names(by_files)
+        nameless = {"first": None, "second": None}
+        assert {**report.document(), **nameless} == {**by_files.document(), **nameless}
         assert np.array_equal(report.changes, by_files.changes)
         assert report.frame == by_files.frame
     assert mapdeal.diff(grids[0], grids[0]).is_equal
 
 
-def test_costs_are_compared_as_ros_publishes_them(files):
-    grid = mapdeal.read_map(files[0])
+def test_costs_are_compared_as_ros_publishes_them():
+    grid = mapdeal.read_map(FILES[0])
     costs = mapdeal.exponential_cost(grid, inflation_radius=0.25)
     with pytest.warns(mapdeal.MapdealWarning, match="map B: contains costs"):
         report = mapdeal.diff(grid, costs)
@@ -89,26 +80,18 @@ def test_costs_are_compared_as_ros_publishes_them(files):
     assert mapdeal.diff(grid, mapdeal.esdf(grid)).is_equal
 
 
-def test_the_maps_are_named_with_the_checksums_of_their_files(
-    files, command, monkeypatch, tmp_path
-):
-    monkeypatch.chdir(tmp_path)
-    mapdeal.write_map("fields.npz", mapdeal.read_map(files[1]))
-    code, out, _ = command("diff", "before.yaml", "fields.npz", "--json")
-    assert code == 1
-    document = json.loads(out)
+def test_the_maps_are_named_with_the_checksums_of_their_files():
+    mapdeal.write_map("fields.npz", mapdeal.read_map("after.yaml"))
+    document = mapdeal.diff("before.yaml", "fields.npz").document()
 
-    def sums(*names):
-        return {name: hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() for name in names}
+    def named(*names):
+        sums = {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in names}
+        return {"file": names[0], "sha256": sums}
 
-    assert document["first"] == {
-        "file": "before.yaml", "sha256": sums("before.yaml", "before.pgm"),
-    }  # fmt: skip
-    assert document["second"] == {"file": "fields.npz", "sha256": sums("fields.npz")}
-    from_python = mapdeal.diff("before.yaml", "fields.npz").document()
-    assert from_python == document
-    (tmp_path / "d.json").write_text(out)
-    _, second = read_results(tmp_path / "d.json").maps
-    assert (second.file, second.sha256) == ("fields.npz", sums("fields.npz"))
-    grids = mapdeal.diff(*map(mapdeal.read_map, files)).document()
+    assert document["first"] == named("before.yaml", "before.pgm")
+    assert document["second"] == named("fields.npz")
+    Path("d.json").write_text(json.dumps(document))
+    _, second = read_results(Path("d.json")).maps
+    assert {"file": second.file, "sha256": second.sha256} == named("fields.npz")
+    grids = mapdeal.diff(*map(mapdeal.read_map, FILES)).document()
     assert (grids["first"], grids["second"]) == (None, None)

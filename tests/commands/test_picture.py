@@ -15,8 +15,7 @@ from mapdeal.pictures import colours
 OFFICE = str(Path(__file__).parents[2] / "examples" / "maps" / "office.yaml")
 COST = "cost, inscribed 0 m, inflation 0.55 m, factor 10"
 START, GOAL = (-7.5, 2.5), (9.0, 5.0)
-ENDS = ["--from", "-7.5,2.5", "--to", "9,5"]
-
+ROUND = mapdeal.Footprint.circle(0.3)
 DRAWING = """
     ?..#.
     .....
@@ -42,61 +41,52 @@ def drawn_by(command, tmp_path):
     return run
 
 
-ROUND = mapdeal.Footprint.circle(0.3)
-
-
-def test_each_command_of_a_stage_writes_these_bytes(office, drawn_by):
-    for words, made, title, robot in [
-        (["convert"], office, None, None),
-        (["inflate"], mapdeal.inflate(office), "office: inflated by 0.3 m (disc)", ROUND),
-        (["esdf"], mapdeal.esdf(office), "office: signed distance field", None),
-        (["cost"], mapdeal.exponential_cost(office), f"office: {COST}", None),
-        (
-            ["potential", "--goal", "9,5"],
-            mapdeal.potential(office, goal=GOAL),
-            "office: potential field",
-            None,
-        ),
-    ]:
-        expected = drawn_by(words[0], OFFICE, *words[1:], "--force")
-        if title is not None:
-            assert mapdeal.draw_picture(made, title=title, robot=robot).png() == expected, words
-        if robot is None:  # and notebooks are given the picture under a plain title
-            below = [np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))[60:]
-                     for png in (made._repr_png_(), expected)]  # fmt: skip
-            assert np.array_equal(*below)
+@pytest.mark.parametrize(("words", "make", "title", "robot"), [
+    (["convert"], lambda grid: grid, None, None),
+    (["inflate"], mapdeal.inflate, "office: inflated by 0.3 m (disc)", ROUND),
+    (["esdf"], mapdeal.esdf, "office: signed distance field", None),
+    (["cost"], mapdeal.exponential_cost, f"office: {COST}", None),
+    (["potential", "--goal", "9,5"], lambda grid: mapdeal.potential(grid, goal=GOAL),
+     "office: potential field", None),
+], ids=["convert", "inflate", "esdf", "cost", "potential"])  # fmt: skip
+def test_each_command_of_a_stage_writes_these_bytes(office, drawn_by, words, make, title, robot):
+    made, expected = make(office), drawn_by(words[0], OFFICE, *words[1:])
+    if title is not None:
+        assert mapdeal.draw_picture(made, title=title, robot=robot).png() == expected
+    if robot is None:  # and notebooks are given the picture under a plain title
+        below = [np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))[60:]
+                 for png in (made._repr_png_(), expected)]  # fmt: skip
+        assert np.array_equal(*below)
 
 
 def test_a_route_over_costs_is_the_commands_picture(office, drawn_by):
     costs = mapdeal.apply_recipe(office, "nav2")["cost"]
     route = mapdeal.shortest_route(costs, START, GOAL)
     picture = mapdeal.draw_picture(costs, title="office: route, astar", route=route)
-    assert picture.png() == drawn_by("route", OFFICE, *ENDS, out=None)
+    ends = ["--from", "-7.5,2.5", "--to", "9,5"]
+    assert picture.png() == drawn_by("route", OFFICE, *ends, out=None)
 
 
-def test_a_comparison_is_the_commands_picture(drawn_by):
-    other = OFFICE.replace("office.yaml", "office_cartographer.yaml")
-    assert mapdeal.draw_picture(mapdeal.diff(OFFICE, other)).png() == drawn_by(
-        "diff", OFFICE, other, out=None
-    )
-
-
-def test_merged_maps_are_the_commands_picture(office, drawn_by, tmp_path):
-    """Two maps of one name, which the command calls as Python does."""
+def test_comparisons_and_merged_maps_are_the_commands_pictures(office, drawn_by, tmp_path):
+    """Of two maps of one name, which the command calls as Python does."""
     later = mapdeal.draw(office, [mapdeal.Circle((1.0, -2.0), 0.4)], value=100)
-    other = tmp_path / "later" / "office.yaml"
+    other = str(tmp_path / "later" / "office.yaml")
     mapdeal.write_map(other, later)
-    picture = mapdeal.draw_picture(mapdeal.merge([office, later]))
-    assert picture.png() == drawn_by("merge", OFFICE, str(other))
+    merged = mapdeal.draw_picture(mapdeal.merge([office, later]))
+    assert merged.png() == drawn_by("merge", OFFICE, other)
+    differing = mapdeal.draw_picture(mapdeal.diff(OFFICE, other))
+    assert differing.png() == drawn_by("diff", OFFICE, other, "--force", out=None)
 
 
 def test_pictures_of_a_run_are_these_of_applied_recipes(office, tmp_path):
     report = mapdeal.run(OFFICE, tmp_path, "default", image_max=200)
     made = mapdeal.apply_recipe(office, "default")
-    titles = {"inflate": "inflated by 0.3 m (disc)", "esdf": "signed distance field", "cost": COST}
-    for stage, name in (("inflate", "inflated"), ("esdf", "esdf"), ("cost", "cost")):
-        title = f"office: {titles[stage]}"
-        robot = ROUND if stage == "inflate" else None
+    for stage, name, title, robot in (
+        ("inflate", "inflated", "inflated by 0.3 m (disc)", ROUND),
+        ("esdf", "esdf", "signed distance field", None),
+        ("cost", "cost", COST, None),
+    ):
+        title = f"office: {title}"
         picture = mapdeal.draw_picture(made[stage], title=title, image_max=200, robot=robot)
         assert picture.png() == (report.folder / f"{name}.png").read_bytes()
 
@@ -106,40 +96,31 @@ def test_an_array_of_a_picture_shows_each_cell_north_up(yaw):
     grid = grid_from_text(DRAWING, origin=(1.5, -2.0, yaw))
     picture = mapdeal.draw_picture(grid, image_max=0)
     rgb = np.asarray(picture)
-    assert rgb.dtype == np.uint8
-    assert rgb.shape == (*picture.indices.shape, 3)
-    black = np.argwhere((rgb == 0).all(axis=2))
-    unknown = np.argwhere((rgb == colours.RVIZ_UNKNOWN).all(axis=2))
+    assert (rgb.dtype, rgb.shape) == (np.uint8, (*picture.indices.shape, 3))
     # One pixel a cell: the map's first row of pixels is its north, with the two that stand out;
     # the legend has patches of them, further to the right.
-    row, col = unknown[0]
+    row, col = np.argwhere((rgb == colours.RVIZ_UNKNOWN).all(axis=2))[0]
     assert (rgb[row, col + 3] == 0).all()
     assert (rgb[row, col + 1 : col + 3] == 255).all()
     assert (rgb[row + 1 : row + 3, col : col + 5] == 255).all()
-    assert [row, col + 3] in black.tolist()
-
-
-def test_pillow_reads_what_a_picture_writes(office, tmp_path):
-    picture = mapdeal.draw_picture(office)
-    mapdeal.write_picture(tmp_path / "new" / "office.png", picture)
-    with Image.open(tmp_path / "new" / "office.png") as image:
-        assert np.array_equal(np.asarray(image.convert("RGB")), picture.rgb())
 
 
 def test_write_picture_draws_and_refuses_as_commands_do(office, tmp_path):
-    path = tmp_path / "office.png"
+    path = tmp_path / "new" / "office.png"
     mapdeal.write_picture(str(path), office, title="one")
-    one = path.read_bytes()
+    one = mapdeal.draw_picture(office, title="one")
+    assert path.read_bytes() == one.png()
+    with Image.open(path) as image:
+        assert np.array_equal(np.asarray(image.convert("RGB")), one.rgb())
     with pytest.raises(mapdeal.FileAccessError, match="exists"):
         mapdeal.write_picture(path, office, title="two")
-    assert path.read_bytes() == one
+    assert path.read_bytes() == one.png()
     mapdeal.write_picture(path, office, title="two", force=True)
-    assert path.read_bytes() != one
-    assert path.read_bytes() == mapdeal.draw_picture(office, title="two").png()
+    assert path.read_bytes() == mapdeal.draw_picture(office, title="two").png() != one.png()
     with pytest.raises(mapdeal.ParameterError, match=r"must end in \.png"):
         mapdeal.write_picture(tmp_path / "office.jpg", office)
     with pytest.raises(mapdeal.ParameterError, match="drawn already"):
-        mapdeal.write_picture(path, mapdeal.draw_picture(office), title="three", force=True)
+        mapdeal.write_picture(path, one, title="three", force=True)
 
 
 def test_notebooks_show_what_stands_for_a_map():
@@ -176,22 +157,25 @@ def test_what_would_keep_a_notebook_busy_is_not_drawn(monkeypatch):
 
 def test_pictures_of_notebooks_have_a_longest_side():
     grid = mapdeal.OccupancyGrid(np.zeros((10, 3000), np.int8), 0.05)
-    with Image.open(io.BytesIO(grid._repr_png_())) as image:
-        assert 1000 <= image.width < 1400  # three cells a pixel, and what is around
     beside = mapdeal.OccupancyGrid(grid.occupancy, 0.05, (9.0, 0.0, 0.0))
-    for both in (mapdeal.diff(grid, grid), mapdeal.merge([grid, beside])):
-        with Image.open(io.BytesIO(both._repr_png_())) as image:
-            assert 1000 <= image.width < 1500
+    for shown, most in ((grid, 1400), (mapdeal.diff(grid, grid), 1500),
+                        (mapdeal.merge([grid, beside]), 1500)):  # fmt: skip
+        with Image.open(io.BytesIO(shown._repr_png_())) as image:
+            assert 1000 <= image.width < most  # three cells a pixel, and what is around
 
 
 def test_a_route_and_a_robot_are_drawn_over_the_same_map(office):
     costs = mapdeal.exponential_cost(office, inscribed_radius=0.2)
-    route = mapdeal.shortest_route(costs, START, GOAL)
-    whole = {"image_extent": "all"}  # of which what is drawn over it has no say
-    both = np.asarray(mapdeal.draw_picture(costs, route=route, pose=(-2.0, 0.0, 0.5), **whole))
-    for one in ({"route": route}, {"pose": (-2.0, 0.0, 0.5)}):
-        alone = np.asarray(mapdeal.draw_picture(costs, **one, **whole))
-        for colour in (colours.ROUTE, colours.GOAL) if "route" in one else (colours.ROBOT,):
+    route = {"route": mapdeal.shortest_route(costs, START, GOAL)}
+    pose = {"pose": (-2.0, 0.0, 0.5)}
+
+    def drawn(**over):  # in the whole picture, of which what is drawn over it has no say
+        return np.asarray(mapdeal.draw_picture(costs, image_extent="all", **over))
+
+    both = drawn(**route, **pose)
+    for over, of_it in ((route, (colours.ROUTE, colours.GOAL)), (pose, (colours.ROBOT,))):
+        alone = drawn(**over)
+        for colour in of_it:
             there = (alone == colour).all(axis=2)[60:1100, :1100]
             assert there.sum() > 20
             kept = (both[60:1100, :1100][there] == colour).all(axis=1)

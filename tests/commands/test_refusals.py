@@ -48,17 +48,15 @@ def draw(picture=GRID, **arguments):
 REFUSED = [
     (build(method="octree"), "method: must be one of log-odds"),
     (build(truncation=3), "truncation: does not apply to method log-odds"),
-    (build(resolution=0), "resolution"),
     (build(size=(1, 1)), "must be given together"),
     (build(threads=0), "threads: must be a whole number"),
     (lambda: mapdeal.diff(GRID, np.zeros((2, 2))), "takes files or grids"),
     (lambda: mapdeal.diff("m.yaml", "m.yaml", dialect="ros2"), "dialect: must be one of nav2"),
     (lint("@-"), "@-: applies to the command line"),
     *[(lint(nothing), "names no map") for nothing in ([], (), iter([]))],
-    *[(lint(odd), "lint: takes names or paths") for odd in (GRID, 3, None, b"m.yaml", [b"m"])],
-    *[(lint(select=odd), "lint: takes names or paths, got") for odd in (3, b"image", ["a", None])],
-    *[(lint(ignore=odd), "lint: takes names or paths, got") for odd in (3, b"image", ["a", None])],
-    (lint(max_cells=0), "max_cells: must be a whole number"),
+    *[(lint(odd), "lint: takes names or paths") for odd in (GRID, None, [b"m"])],
+    *[(lint(select=odd), "lint: takes names or paths, got") for odd in (3, ["a", None])],
+    *[(lint(ignore=odd), "lint: takes names or paths, got") for odd in (3, ["a", None])],
     (lint(select="yaml.defalt"), "--select: unknown check, got 'yaml.defalt'"),
     (lint(config="m.toml", no_config=True), "--no-config"),
     (lint(config="pyproject.toml"), "has no table [tool.mapdeal.lint]"),
@@ -66,8 +64,6 @@ REFUSED = [
     (lint(costmap="global"), "costmap"),
     (lint(params_file=NAV2, costmap="both"), "costmap"),
     (draw(image_max=-1), "image_max: must be a whole number, at least 0, got -1"),
-    (draw(image_max=100.5), "image_max: must be a whole number"),
-    (draw(pose=(1, 2)), "pose"),
     (draw(pose=(1, 2, math.nan)), "pose"),
     (draw(title=3), "title: must be a text, got 3"),
     (draw(route=[(0, 0), (1, 1)]), "route: must be a Route"),
@@ -79,7 +75,6 @@ REFUSED = [
     (lambda: mapdeal.read_robot_parameters(NAV2, costmap="both"), "costmap"),
     (lambda: mapdeal.read_robot_parameters(7), "takes paths of parameter files"),
     (recipe(changes={"inflate.radis": 1}), "inflate.radis: no such parameter"),
-    (recipe(changes={"inflate.radius": -1}), f"{FINITE}, at least 0, got -1"),
     (recipe(changes={"inflate.radius": math.nan}), FINITE),
     (recipe(changes={"inflate.radius": True}), FINITE),
     (recipe(changes={"inflation_radius": 1}), LIKE),
@@ -95,12 +90,9 @@ REFUSED = [
     (run(canvas="whole"), "canvas: must be one of crop, full"),
     (run(dialect="ros2"), "dialect: must be one of nav2, humble, ros1"),
     (run(threads=0), "threads: must be a whole number, at least 1"),
-    (run(threads=True), "threads: must be a whole number"),
     (run(max_memory=-1), "max_memory: must be"),
-    (run(image_max=-1), "image_max: must be"),
     (run(footprint=0.3), "footprint: must be a Footprint"),
     *[(recipe("nav2", footprint=odd), "footprint: must be a Footprint") for odd in (0.3, "circle")],
-    (lambda: mapdeal.apply_recipe(GRID, "nav2", footprint=[(0, 1)]), "must be a Footprint"),
     (lambda: mapdeal.info("m.yaml", dialect="ros2"), "dialect"),
 ]
 
@@ -123,15 +115,15 @@ def test_arguments_that_are_not_allowed(call, told):
     assert not Path("out").exists()
 
 
-@pytest.mark.parametrize(("call", "error", "told"), [
-    (build(log="missing.log"), FileAccessError, r"missing\.log"),
-    (lambda: mapdeal.diff("m.yaml", "missing.yaml"), FileAccessError, r"missing\.yaml"),
-    (lambda: mapdeal.info("missing.yaml"), FileAccessError, r"missing\.yaml"),
-    (lint(config="none.toml"), FileAccessError, r"none\.toml: cannot be read"),
-    (recipe("missing.yaml"), FileAccessError, r"missing\.yaml"),
-], ids=lambda value: value if isinstance(value, str) else "")  # fmt: skip
-def test_files_that_are_not_there(call, error, told):
-    with pytest.raises(error, match=told):
+@pytest.mark.parametrize(("call", "name"), [
+    (build(log="missing.log"), "missing.log"),
+    (lambda: mapdeal.diff("m.yaml", "missing.yaml"), "missing.yaml"),
+    (lambda: mapdeal.info("missing.yaml"), "missing.yaml"),
+    (lint(config="none.toml"), "none.toml: cannot be read"),
+    (recipe("missing.yaml"), "missing.yaml"),
+], ids=["build", "diff", "info", "lint", "recipe"])  # fmt: skip
+def test_files_that_are_not_there(call, name):
+    with pytest.raises(FileAccessError, match=re.escape(name)):
         call()
 
 

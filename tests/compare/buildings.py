@@ -27,19 +27,7 @@ HALL = [((0, 0), (20, 0)), ((20, 0), (20, 9)), ((20, 9), (0, 9)), ((0, 9), (0, 0
 
 
 def drawn(walls, resolution, place=None, origin_yaw=0.0, thickness=0.12, margin=0.7):
-    """A map of a building: its inside is free, what is outside is unknown.
-
-    Parameters
-    ----------
-    walls : list of pairs of points
-        The building, in its own frame.
-    resolution : float
-        Of the map.
-    place : Transform
-        From the building's frame to the map's.
-    origin_yaw : float
-        Of the map's cells in the map frame.
-    """
+    """A map of a building at a place in the map frame; its inside is free, all else unknown."""
     place = place or Transform()
     ends = np.array(walls, dtype=float).reshape(-1, 2)
     corners = [[x, y] for x in (0, ends[:, 0].max()) for y in (0, ends[:, 1].max())]

@@ -9,8 +9,6 @@ from drawn import grid_from_text
 from mapdeal.compare.align import TOLERANCES, Agreement, agreement_at, walls_of
 from mapdeal.grid.occupancy import OccupancyGrid
 
-STILL = np.zeros((1, 3))
-
 
 def strip(columns, width=60, resolution=0.5):
     """Free space with a wall of one cell by ten at each of some columns."""
@@ -19,9 +17,12 @@ def strip(columns, width=60, resolution=0.5):
     return walls_of(OccupancyGrid(values, resolution, (2.0, 1.0, 0.4)))
 
 
+def agreement(first, second, shift=0.0):
+    return agreement_at(first, second, np.array([[0.0, shift, 0.0]]), 10_000)
+
+
 def test_walls_on_walls_agree_and_walls_in_free_space_contradict():
-    first, second = strip([10, 30]), strip([10, 50])
-    found = agreement_at(first, second, STILL, 10_000)
+    found = agreement(strip([10, 30]), strip([10, 50]))
     # of each map one wall of ten cells, 5 m, agrees, and the other one lies in free space
     np.testing.assert_allclose(found.agreeing, 5.0)
     np.testing.assert_allclose(found.contradicting, 5.0)
@@ -31,24 +32,26 @@ def test_walls_on_walls_agree_and_walls_in_free_space_contradict():
 
 
 def test_a_wall_within_the_tolerance_agrees_and_beyond_does_not():
-    first, second = strip([20]), strip([20])
-    for shift, agrees in [(0.0, [1, 1, 1, 1]), (0.5, [1, 1, 1, 1]), (1.0, [0, 0, 0, 0])]:
-        found = agreement_at(first, second, np.array([[0.0, shift, 0.0]]), 10_000)
-        np.testing.assert_allclose(found.shares[0], agrees)  # each tolerance is a cell, 0.5 m
+    for shift, agrees in [(0.0, 1), (0.5, 1), (1.0, 0)]:  # each tolerance is a cell, 0.5 m
+        np.testing.assert_allclose(agreement(strip([20]), strip([20]), shift).shares[0], agrees)
     fine = strip([200], 600, 0.05)
-    found = agreement_at(fine, fine, np.array([[0.0, 0.2, 0.0]]), 10_000)
-    np.testing.assert_allclose(found.shares[0], [tolerance > 0.2 for tolerance in TOLERANCES])
+    shares = agreement(fine, fine, 0.2).shares[0]
+    np.testing.assert_allclose(shares, [tolerance > 0.2 for tolerance in TOLERANCES])
 
 
 def test_a_wall_with_free_space_on_the_other_side_does_not_agree():
     values = np.zeros((10, 12), dtype=np.int8)
     values[:, -1] = 100
-    west = walls_of(OccupancyGrid(values, 0.5))
-    east = walls_of(OccupancyGrid(values[:, ::-1], 0.5))
+    west, east = (walls_of(OccupancyGrid(cells, 0.5)) for cells in (values, values[:, ::-1]))
     # the wall of the first map comes to lie on that of the second, back to back
-    found = agreement_at(west, east, np.array([[0.0, -5.5, 0.0]]), 10_000)
-    np.testing.assert_allclose(found.agreeing, 0.0)
-    assert agreement_at(west, west, STILL, 10_000).agreeing[0, 0] == pytest.approx(5.0)
+    np.testing.assert_allclose(agreement(west, east, -5.5).agreeing, 0.0)
+    assert agreement(west, west).agreeing[0, 0] == pytest.approx(5.0)
+
+
+def test_maps_that_lie_beside_each_other_have_nothing_in_common():
+    found = agreement(strip([20]), strip([20]), 900.0)
+    assert found.agreeing.max() == found.contradicting.max() == found.overlap[0] == 0
+    assert found.evidence(found.by_chance()).tolist() == [0.0]
 
 
 def test_evidence_is_the_divergence_from_chance_times_the_pieces_of_wall():
@@ -79,9 +82,7 @@ def test_chance_is_the_mean_of_wrong_places_that_have_much_in_common():
 
 
 ROOM = """
-    ??????????
     ?#######??
-    ?#.....#??
     ?#.....###
     ?###...+.#
     ??????????
@@ -90,18 +91,18 @@ ROOM = """
 
 def test_faces_are_the_obstacles_beside_free_cells_with_their_distances():
     walls = walls_of(grid_from_text(ROOM))
-    occupied = walls.known & ~walls.free
-    faces = {
+    padded = np.pad(walls.free, 1)
+    faces = [
         (row, col)
-        for row, col in np.argwhere(occupied).tolist()
-        if walls.free[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2].any()
-    }
-    cells = walls.faces_xy / walls.resolution - 0.5
-    assert {(row, col) for col, row in np.rint(cells).astype(int).tolist()} == faces
+        for row, col in np.argwhere(walls.known & ~walls.free).tolist()
+        if padded[row : row + 3, col : col + 3].any()
+    ]
+    cells = np.rint(walls.faces_xy[:, ::-1] / walls.resolution - 0.5).astype(int)
+    assert sorted(map(tuple, cells.tolist())) == faces
     assert walls.wall_length == len(faces) * 0.25
-    for row, col in np.ndindex(walls.frame.shape):
-        nearest = min(math.hypot(row - r, col - c) for r, c in faces) * 0.25
-        assert walls.distance[row, col] == pytest.approx(nearest, abs=1e-6)
+    for cell in np.ndindex(walls.frame.shape):
+        nearest = min(math.dist(cell, face) for face in faces) * 0.25
+        assert walls.distance[cell] == pytest.approx(nearest, abs=1e-6)
 
 
 def test_normals_point_to_free_space():
@@ -127,10 +128,3 @@ def test_large_maps_are_put_on_coarser_cells_without_losing_an_obstacle():
         is_occupied = bool((block == 100).any())
         assert (walls.known & ~walls.free)[row, col] == is_occupied
         assert walls.free[row, col] == (not is_occupied and (block == 0).sum() >= 8)
-
-
-def test_maps_that_lie_beside_each_other_have_nothing_in_common():
-    first = strip([20])
-    found = agreement_at(first, first, np.array([[0.0, 900.0, 0.0]]), 10_000)
-    assert found.agreeing.max() == found.contradicting.max() == found.overlap[0] == 0
-    assert found.evidence(found.by_chance()).tolist() == [0.0]

@@ -1,25 +1,25 @@
 """The other figures of a score, against loops over all cells."""
 
+import hashlib
+import importlib.util
+import json
 import math
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
-from mapdeal import OccupancyGrid
-from mapdeal.compare import score as comparing
-from mapdeal.compare.score import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    compare_states,
-    compare_to_truth,
-    gaussian_similarity,
-    uniform_similarity,
-)
+from mapdeal import OccupancyGrid, ParameterError, ScoreBound, read_map
+from mapdeal.compare import score
+from mapdeal.compare.bounds import checked_bounds, figure_in, figures_named, judged
+from mapdeal.compare.score import FREE, OCCUPIED, UNKNOWN, compare_states, compare_to_truth
 from mapdeal.grid.frame import Frame, Transform
+from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.threads import use_threads
+from recorded_scores import PAIRS, agreement, flat, recorded_pairs
 
 SHAPES = st.tuples(st.integers(1, 9), st.integers(1, 12))
 
@@ -51,27 +51,24 @@ def by_hand(sources, targets, cell):
     }  # fmt: skip
 
 
-def same(found, expected):
-    assert found.keys() == expected.keys()
-    for name, value in expected.items():
-        assert found[name] == (None if value is None else pytest.approx(value, rel=1e-12)), name
-
-
-@settings(max_examples=60)
 @given(SHAPES, st.integers(0, 10_000), st.floats(0.0, 0.9))
 def test_distances_are_those_of_all_pairs_of_cells(shape, seed, without):
     rng = np.random.default_rng(seed)
-    estimate, truth = np.where(
-        rng.random((2, *shape)) < without, UNKNOWN, rng.integers(0, 3, (2, *shape))
-    ).astype(np.uint8)
+    some = rng.integers(0, 3, (2, *shape), dtype=np.uint8)
+    estimate, truth = np.where(rng.random(some.shape) < without, np.uint8(UNKNOWN), some)
     values = compare_states(estimate, truth, Frame(*shape, 0.05)).values
     own, true = walls_of(estimate), walls_of(truth)
-    same(values["dist_est_to_truth_m"], by_hand(own, true, 0.05))
-    same(values["dist_truth_to_est_m"], by_hand(true, own, 0.05))
-    known = [cell for cell in own if truth[cell] != UNKNOWN]
-    same(values["dist_est_to_truth_where_truth_known_m"], by_hand(known, true, 0.05))
-    known = [cell for cell in true if estimate[cell] != UNKNOWN]
-    same(values["dist_truth_to_est_where_est_known_m"], by_hand(known, own, 0.05))
+    in_known = [cell for cell in own if truth[cell] != UNKNOWN]
+    of_known = [cell for cell in true if estimate[cell] != UNKNOWN]
+    for name, sources, targets in [
+        ("dist_est_to_truth_m", own, true),
+        ("dist_truth_to_est_m", true, own),
+        ("dist_est_to_truth_where_truth_known_m", in_known, true),
+        ("dist_truth_to_est_where_est_known_m", of_known, own),
+    ]:
+        for figure, value in by_hand(sources, targets, 0.05).items():
+            expected = None if value is None else pytest.approx(value, rel=1e-12)
+            assert values[name][figure] == expected, (name, figure)
 
 
 def counted(estimate, truth):
@@ -91,17 +88,12 @@ def counted(estimate, truth):
             "fp": sum(e == OCCUPIED != t for e, t in some),
             "fn": sum(t == OCCUPIED != e for e, t in some),
         }
-        ones, others = [
-            [int(state == OCCUPIED) for state in of] for of in zip(*some, strict=True)
-        ] or ([], [])
+        ones, others = ([pair[k] == OCCUPIED for pair in some] for k in (0, 1))
         if len(set(ones)) < 2 or len(set(others)) < 2:
             return count, None
         return count, float(np.corrcoef(ones, others)[0, 1])
 
-    known = [(e, t) for e, t in cells if e and t] or [(0, 0)]
-    of_known, mcc_known = table(known)
-    if known == [(0, 0)]:
-        of_known["tn"] = 0
+    of_known, mcc_known = table([(e, t) for e, t in cells if e and t])
     whole, mcc_whole = table(cells)
     both = number(lambda e, t: e and t)
     tp = of_known["tp"]
@@ -120,7 +112,6 @@ def counted(estimate, truth):
     }
 
 
-@settings(max_examples=60)
 @given(SHAPES, st.integers(0, 10_000))
 def test_counts_and_shares_are_those_of_loops_over_the_cells(shape, seed):
     estimate, truth = np.random.default_rng(seed).integers(0, 3, (2, *shape), dtype=np.uint8)
@@ -152,15 +143,11 @@ def test_the_estimate_is_looked_up_at_the_centres_of_the_truth(
     truth = OccupancyGrid(rng.choice([-1, 0, 100], (5, 8)), 0.37, (-0.3, 0.2, yaw))
     found = compare_to_truth(estimate, truth, Transform(dx, dy, turn)).estimate
     states = {-1: UNKNOWN, 0: FREE, 100: OCCUPIED}
-    for row in range(5):
-        for col in range(8):
-            x, y = (col + 0.5) * 0.37, (row + 0.5) * 0.37
-            x, y = turned(x, y, yaw)
-            x, y = turned(x - 0.3 - dx, y + 0.2 - dy, -turn)
-            x, y = turned(x - 0.4, y + 0.7, -own_yaw)
-            x, y = x / cell, y / cell
-            if min(abs(x - round(x)), abs(y - round(y))) < 1e-6:
-                continue
+    for row, col in np.ndindex(5, 8):
+        x, y = turned((col + 0.5) * 0.37, (row + 0.5) * 0.37, yaw)
+        x, y = turned(x - 0.3 - dx, y + 0.2 - dy, -turn)
+        x, y = (c / cell for c in turned(x - 0.4, y + 0.7, -own_yaw))
+        if min(abs(x - round(x)), abs(y - round(y))) > 1e-6:
             i, j = math.floor(y), math.floor(x)
             inside = 0 <= i < 7 and 0 <= j < 9
             assert found[row, col] == (states[estimate.occupancy[i, j]] if inside else UNKNOWN)
@@ -182,25 +169,19 @@ PIXELS = np.array([0.5, 1.0, 0.0])  # unknown, free, occupied
 
 def by_windows(first, second, weights, correction):
     """Return the mean of the formula over all windows that lie in the maps."""
-    side = len(weights)
-    height, width = first.shape
+    c1, c2 = 0.0001, 0.0009
     found = []
-    for row in range(height - side + 1):
-        for col in range(width - side + 1):
-            x, y = (
-                PIXELS[states[row : row + side, col : col + side]] for states in (first, second)
-            )
-            ux, uy = (weights * x).sum(), (weights * y).sum()
-            vx, vy = (
-                correction * (weights * (values - mean) ** 2).sum()
-                for values, mean in ((x, ux), (y, uy))
-            )
-            vxy = correction * (weights * (x - ux) * (y - uy)).sum()
-            c1, c2 = 0.0001, 0.0009
-            found.append(
-                (2 * ux * uy + c1) * (2 * vxy + c2) / ((ux**2 + uy**2 + c1) * (vx + vy + c2))
-            )
+    for x, y in zip(*(windows(PIXELS[s], weights.shape) for s in (first, second)), strict=True):
+        ux, uy = (weights * x).sum(), (weights * y).sum()
+        vx, vy = (correction * (weights * (z - u) ** 2).sum() for z, u in ((x, ux), (y, uy)))
+        vxy = correction * (weights * (x - ux) * (y - uy)).sum()
+        over = (2 * ux * uy + c1) * (2 * vxy + c2)
+        found.append(over / ((ux**2 + uy**2 + c1) * (vx + vy + c2)))
     return float(np.mean(found))
+
+
+def windows(values, shape):
+    return np.lib.stride_tricks.sliding_window_view(values, shape).reshape(-1, *shape)
 
 
 BELL = np.exp(-(np.arange(-5, 6) ** 2) / (2 * 1.5**2))
@@ -213,12 +194,12 @@ EVEN = np.full((7, 7), 1 / 49)
 def test_both_are_the_formula_over_all_windows(height, width, seed):
     rng = np.random.default_rng(seed)
     first = rng.integers(0, 3, (height, width), dtype=np.uint8)
-    second = np.where(rng.random(first.shape) < 0.3, rng.integers(0, 3, first.shape), first)
-    second = second.astype(np.uint8)
+    other = rng.integers(0, 3, first.shape, dtype=np.uint8)
+    second = np.where(rng.random(first.shape) < 0.3, other, first)
     expected = by_windows(first, second, EVEN, 49 / 48)
-    assert uniform_similarity(first, second) == pytest.approx(expected, abs=1e-12)
+    assert score.uniform_similarity(first, second) == pytest.approx(expected, abs=1e-12)
     expected = by_windows(first, second, BELL, 1.0)
-    assert gaussian_similarity(first, second) == pytest.approx(expected, abs=1e-12)
+    assert score.gaussian_similarity(first, second) == pytest.approx(expected, abs=1e-12)
 
 
 def test_bands_and_threads_change_nothing(monkeypatch):
@@ -226,14 +207,275 @@ def test_bands_and_threads_change_nothing(monkeypatch):
     first, second = rng.integers(0, 3, (2, 700, 611), dtype=np.uint8)
     scores = []
     for together, threads in ((1 << 20, 1), (9000, 2)):
-        monkeypatch.setattr(comparing, "TOGETHER", together)
+        monkeypatch.setattr(score, "TOGETHER", together)
         with use_threads(threads):
-            scores.append((uniform_similarity(first, second), gaussian_similarity(first, second)))
+            scores.append(
+                (score.uniform_similarity(first, second), score.gaussian_similarity(first, second))
+            )
     assert scores[0] == scores[1]
 
 
 def test_maps_smaller_than_a_window_have_none():
     one, row = np.ones((6, 40), np.uint8), np.ones((8, 10), np.uint8)
-    assert uniform_similarity(one, one) is None
-    assert uniform_similarity(row, row) == 1.0
-    assert gaussian_similarity(row, row) is None
+    assert score.uniform_similarity(one, one) is None
+    assert score.uniform_similarity(row, row) == 1.0
+    assert score.gaussian_similarity(row, row) is None
+
+
+def rooms():
+    """Three closed rooms side by side, of 8 x 9 cells each; free within, unknown around."""
+    states = np.full((20, 42), UNKNOWN, np.uint8)
+    states[5:15, 4:35] = OCCUPIED
+    for col in (5, 15, 25):
+        states[6:14, col : col + 9] = FREE
+    return states
+
+
+def scored(states, cell=0.1):
+    return score.score_alone(states, Frame(*states.shape, cell, (1.0, -2.0, 0.4)))
+
+
+@pytest.mark.parametrize(
+    ("cells", "state", "areas"),
+    [
+        (np.s_[0, 0], UNKNOWN, 3),  # nothing
+        (np.s_[4:6, 18], FREE, 2),  # a door outside
+        (np.s_[8, 14], FREE, 2),  # from room to room
+        (np.s_[5, 18], UNKNOWN, 2),  # nobody knows whether it is closed
+    ],
+)
+def test_three_closed_rooms_are_three_areas_and_a_door_outside_opens_one(cells, state, areas):
+    states = rooms()
+    states[cells] = state
+    size = pytest.approx(3 * 72 * 0.01) if areas == 3 else ANY
+    assert score.enclosed_areas(states, 0.1) == (areas, 0, size)
+
+
+def test_a_wall_over_corners_is_closed_and_its_unknown_inside_is_no_area():
+    away = np.add.outer(abs(np.arange(15) - 7), abs(np.arange(17) - 8))
+    states = np.where(away == 5, OCCUPIED, FREE).astype(np.uint8)
+    assert score.enclosed_areas(states, 0.5)[:2] == (1, 0)
+    assert score.enclosed_areas(states, 0.05)[:2] == (0, 1)  # 41 cells of 0.0025 m2
+    states[away < 5] = UNKNOWN
+    assert score.enclosed_areas(states, 0.5)[:2] == (0, 0)
+
+
+def thick_line(shape, ends, thickness):
+    """Return the cells within half a thickness of a line."""
+    (y0, x0), (y1, x1) = ends
+    rows, cols = np.mgrid[: shape[0], : shape[1]]
+    length = math.hypot(y1 - y0, x1 - x0)
+    along = ((rows - y0) * (y1 - y0) + (cols - x0) * (x1 - x0)) / length
+    away = abs((rows - y0) * (x1 - x0) - (cols - x0) * (y1 - y0)) / length
+    return (along >= -thickness / 2) & (along <= length + thickness / 2) & (away <= thickness / 2)
+
+
+def corner_places(walls):
+    cells, groups = touching_groups(score.corners_of(walls))
+    return [cells[groups == group].mean(axis=0) for group in range(groups.max(initial=-1) + 1)]
+
+
+@pytest.mark.parametrize("thickness", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("degrees", [0, 7, 22, 45, 68, 131])
+def test_an_l_has_a_corner_at_its_bend_and_one_at_each_end(degrees, thickness):
+    bend, angles = np.array([45.0, 43.0]), np.radians([degrees, degrees + 90])
+    arms = bend + 30 * np.column_stack([np.sin(angles), np.cos(angles)])
+    one, other = (thick_line((91, 87), (bend, arm), thickness) for arm in arms)
+    found = corner_places(one | other)
+    assert len(found) == 3
+    for place in (bend, *arms):
+        assert min(np.abs(place - corner).max() for corner in found) <= 4
+
+
+@pytest.mark.parametrize("degrees", range(0, 180, 26))
+def test_a_line_has_corners_at_its_ends_alone(degrees):
+    step = 30 * np.array([math.sin(math.radians(degrees)), math.cos(math.radians(degrees))])
+    middle = np.array([40.0, 42.0])
+    assert len(corner_places(thick_line((81, 85), (middle - step, middle + step), 1.0))) == 2
+
+
+def test_a_wide_circle_has_no_corners():
+    rows, cols = np.mgrid[:81, :85]
+    assert not score.corners_of(abs(np.hypot(rows - 40, cols - 42) - 35) <= 0.8).any()
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 10_000), st.sampled_from([0.5, 0.9, 0.97]))
+def test_which_way_is_north_changes_no_count(seed, threshold):
+    rng = np.random.default_rng(seed)
+    states = rng.integers(0, 2, (31, 44), dtype=np.uint8)
+    for _ in range(6):
+        row, col = rng.integers(0, 30), rng.integers(0, 40)
+        states[row : row + rng.integers(1, 12), col : col + rng.integers(1, 12)] = OCCUPIED
+    states[rng.random(states.shape) > threshold] = OCCUPIED
+    found = scored(states)
+    for turned in (np.rot90(states), states[::-1], states.T):
+        assert {**scored(np.ascontiguousarray(turned)), "cells": 0} == {**found, "cells": 0}
+
+
+def test_bands_and_threads_change_no_corner(monkeypatch):
+    walls = np.random.default_rng(5).random((700, 400)) < 0.2
+    whole = score.corners_of(walls)
+    assert whole.any()
+    monkeypatch.setattr(score, "TOGETHER", 1)
+    for rows in (37, 333):
+        monkeypatch.setattr(score, "LEAST_ROWS_ALONE", rows)
+        with use_threads(2):
+            assert (score.corners_of(walls) == whole).all()
+
+
+def test_shares_walls_and_their_thickness_are_counted():
+    states = np.full((4, 10), UNKNOWN, np.uint8)
+    states[:, :5] = FREE
+    states[0:2, 0:4] = OCCUPIED  # 8 cells, 2 thick
+    states[3, 4] = OCCUPIED
+    values = scored(states, 0.25)
+    assert values["cells"] == [4, 10]
+    assert (values["share_occupied"], values["share_free"]) == (9 / 40, 11 / 40)
+    assert (values["share_unknown"], values["share_occupied_of_known"]) == (0.5, 9 / 20)
+    assert (values["wall_cells"], values["wall_pieces"], values["specks"]) == (9, 1, 1)
+    assert values["share_one_cell_thick"] == 1 / 9
+    thick = sorted([0.5] * 8 + [0.25])
+    assert values["wall_thickness_m"] == {
+        "mean": pytest.approx(sum(thick) / 9), "median": 0.5, "p95": 0.5, "max": 0.5,
+    }  # fmt: skip
+
+
+def test_a_map_without_walls_has_no_thickness():
+    values = scored(np.full((3, 4), UNKNOWN, np.uint8))
+    assert values["share_occupied_of_known"] is None
+    assert values["wall_thickness_m"] == dict.fromkeys(("mean", "median", "p95", "max"))
+    assert (values["corners"], values["enclosed_areas"], values["specks"]) == (0, 0, 0)
+
+
+def test_every_figure_has_a_name_but_the_map_s_size():
+    values = scored(rooms())
+    names = figures_named(with_truth=False)
+    assert all(figure_in(values, name) is not None for name in names)
+    plain = {name for name, value in values.items() if not isinstance(value, dict)}
+    assert plain - set(names) == {"cells", "resolution_m"}
+    states = np.full((2, 3), 2, np.uint8)
+    values = compare_states(states, states, Frame(2, 3, 0.3)).values
+    assert set(figures_named(with_truth=True)) == set(flat(values)) - {"cells"}
+
+
+@pytest.mark.parametrize(
+    ("side", "allowed", "found", "holds"),
+    [
+        ("max", 0.3, 0.30000000000000004, True), ("max", 0.3, 0.3001, False),
+        ("max", 0.0, 1e-12, False), ("max", 1.0, None, False),
+        ("min", 0.9, 0.9, True), ("min", 0.9, 0.8999, False), ("min", -0.5, -0.4, True),
+    ],
+)  # fmt: skip
+def test_a_bound_holds(side, allowed, found, holds):
+    assert ScoreBound("coverage", side, allowed, found).holds is holds
+
+
+@pytest.mark.parametrize(
+    ("minimum", "maximum", "with_truth", "told", "hint"),
+    [
+        ({"coverge": 1}, {}, True, "is not a figure of a score, got 'coverge'", "mean coverage?"),
+        ({}, {"zzzz": 1}, True, "is not a figure", "--json"),
+        ({"coverage": 1}, {}, False, "needs a truth", "--truth"),
+        ({"corners": 1}, {}, True, "without a truth", "leave --truth out"),
+        ({}, {"dist_est_to_truth_m": 1}, True, "several figures", "dist_est_to_truth_m.mean"),
+        ({"coverage": math.nan}, {}, True, "finite", None),
+        ({"coverage": "1"}, {}, True, "finite", None),
+        ({"coverage": 0.9}, {"coverage": 0.8}, True, "at least 0.9 and at most 0.8", None),
+        ({"cells": 1}, {}, True, "is not a figure", None),
+    ],
+)
+def test_what_cannot_be_a_bound_is_refused(minimum, maximum, with_truth, told, hint):
+    with pytest.raises(ParameterError) as error:
+        checked_bounds(minimum, maximum, with_truth=with_truth)
+    assert told in str(error.value)
+    assert hint is None or hint in error.value.hint
+
+
+def test_names_lead_into_groups():
+    maximum = {"confusion-known-in-both.fp": 3}
+    bounds = checked_bounds({"coverage": 0.5}, maximum, with_truth=True)
+    found = judged(bounds, {"coverage": None, "confusion_known_in_both": {"fp": 4}})
+    assert [(one.name, one.found, one.holds) for one in found] == [
+        ("coverage", None, False),
+        ("confusion_known_in_both.fp", 4.0, False),
+    ]
+
+
+def test_a_speck_changes_neither_areas_nor_corners():
+    states = rooms()
+    found = scored(states)
+    states[9, 20], states[2, 2] = OCCUPIED, OCCUPIED
+    spoilt = scored(states)
+    assert (found["specks"], spoilt["specks"]) == (0, 2)
+    for name in ("corners", "enclosed_areas", "enclosed_pockets", "wall_pieces"):
+        assert found[name] == spoilt[name], name
+
+
+GREYS = {UNKNOWN: 205, FREE: 254, OCCUPIED: 0}
+
+
+def states_in(path):
+    greys = np.asarray(Image.open(path))[::-1]
+    states = np.full(greys.shape, 9, np.uint8)
+    for state, grey in GREYS.items():
+        states[greys == grey] = state
+    return states
+
+
+def disagreeing(values, pair):
+    told = agreement(values, pair["values"])
+    assert len(told) == 48
+    return [name for name, agrees in told.items() if not agrees]
+
+
+@pytest.mark.parametrize("name", PAIRS[3:])  # of the others the maps are
+def test_all_values_of_the_stored_cells_are_those_recorded(real_maps, name):
+    pair = recorded_pairs(real_maps)[name]
+    estimate, truth = (
+        states_in(real_maps / pair["lattice"][which]["file"]) for which in ("est", "truth")
+    )
+    frame = Frame(*truth.shape, pair["resolution"])
+    assert disagreeing(compare_states(estimate, truth, frame).values, pair) == []
+
+
+@pytest.mark.parametrize("name", [*PAIRS[:3], pytest.param(PAIRS[3], marks=pytest.mark.thorough)])
+def test_all_values_of_the_maps_are_those_recorded(real_maps, name):
+    pair = recorded_pairs(real_maps)[name]
+    place = pair["est_to_truth"]
+    transform = Transform(place["dx"], place["dy"], math.radians(place["dtheta_deg"]))
+    if name == PAIRS[3]:
+        maps = generated(real_maps)
+    else:
+        maps = [read_map(real_maps / pair[which]) for which in ("est", "truth")]
+    found = compare_to_truth(*maps, transform)
+    for which, states in (("est", found.estimate), ("truth", found.truth)):
+        greys = np.array([GREYS[state] for state in range(3)], np.uint8)[states[::-1]]
+        digest = hashlib.sha256(greys.tobytes()).hexdigest()
+        assert digest == pair["lattice"][which]["sha256_cells_image_order"]
+    assert disagreeing(found.values, pair) == []
+
+
+def generated(folder):
+    """Return the estimate and the truth of the pair that a script of the data makes."""
+    spec = importlib.util.spec_from_file_location("make_pairs", folder / "align" / "make_pairs.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    name, recipe = module.RECIPES[2]
+    assert name == "any"
+    source, resolution, _ = module.SOURCES["visible"]["conestogo"]
+    cells = module.load(folder / source)
+    truth, estimate, _ = module.pair(
+        cells, resolution, np.random.Generator(np.random.PCG64([20, 2, 2])), recipe
+    )
+    table = np.zeros(256, np.int8)
+    table[[0, 205, 254]] = 100, -1, 0
+    return [OccupancyGrid(table[made], cell, origin) for made, cell, origin in (estimate, truth)]
+
+
+def test_the_command_prints_all_recorded_values(real_maps, command):
+    pair = recorded_pairs(real_maps)["tmcl-gmap-faro-asis"]
+    words = [real_maps / pair["est"], "--truth", real_maps / pair["truth"], "--json"]
+    code, out, err = command("score", *words)
+    assert (code, err) == (0, "")
+    assert disagreeing(json.loads(out)["values"], pair) == []

@@ -5,6 +5,7 @@ import struct
 import numpy as np
 from PIL import Image
 
+from bad_maps import yaml_text
 from mapdeal import Costmap, OccupancyGrid, PotentialField, esdf, write_map
 from maps.pngs import adam7
 
@@ -14,10 +15,7 @@ GREYS = np.tile(np.arange(250, dtype=np.uint8), (H, W // 250))
 
 
 def yaml_for(image):
-    image.with_suffix(".yaml").write_text(
-        f"image: {image.name}\nresolution: 0.05\norigin: [1.5, -2.0, 0.4]\n"
-        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
+    image.with_suffix(".yaml").write_text(yaml_text(image=image.name))
 
 
 def pillow(mode, **options):
@@ -45,8 +43,7 @@ def given(make):
 
 
 def text(per_row):
-    line = b" ".join(b"%d" % (k % 250) for k in range(per_row)) + b"\n"
-    return line * (H // 2)
+    return (H // 2) * (b" ".join(b"%d" % (k % 250) for k in range(per_row)) + b"\n")
 
 
 IMAGES = {
@@ -87,15 +84,13 @@ def npz(make):
     return write
 
 
-def potential_of(grid):
-    return PotentialField(np.ones(SHAPE), grid.occupancy, 0.05, goal=(1.0, 2.0))
-
-
 GRIDS = {
     "map.npz": npz(lambda grid: grid),
     "cost.npz": npz(lambda grid: Costmap(grid.occupancy.astype(np.uint8), 0.05)),
     "field.npz": npz(esdf),
-    "potential.npz": npz(potential_of),
+    "potential.npz": npz(
+        lambda grid: PotentialField(np.ones(SHAPE), grid.occupancy, 0.05, goal=(1.0, 2.0))
+    ),
 }
 
 
@@ -110,12 +105,8 @@ def compressed_pcd(path):
     path.write_bytes(head.encode() + struct.pack("<II", runs.size, len(raw)) + runs.tobytes())
 
 
-def log(path):
-    np.savez(path, poses=np.ones((POINTS, 3)), angles=np.ones(2), ranges=np.ones((POINTS, 2)))
-
-
-def cloud(points):
-    return lambda path: np.savez(path, points=points)
+def arrays(**arrays):
+    return lambda path: np.savez(path, **arrays)
 
 
 def lines(line, count):
@@ -123,10 +114,10 @@ def lines(line, count):
 
 
 OTHERS = {
-    "columns.npz": cloud(np.ones((POINTS, 3), order="F")),
+    "columns.npz": arrays(points=np.ones((POINTS, 3), order="F")),
     "compressed.pcd": compressed_pcd,
-    "all.npz": cloud(np.ones((POINTS, 3), np.int8)),
+    "all.npz": arrays(points=np.ones((POINTS, 3), np.int8)),
     "poses.txt": lines("1 2 0.5\n", POINTS // 3),
     "tum.txt": lines("{} 1 2 0 0 0 0 1\n", POINTS // 6),
-    "log.npz": log,
+    "log.npz": arrays(poses=np.ones((POINTS, 3)), angles=np.ones(2), ranges=np.ones((POINTS, 2))),
 }

@@ -1,50 +1,59 @@
+"""All files of a command appear together or not at all, and what guards them."""
+
 import contextlib
+import fcntl
 import hashlib
+import itertools
 import os
 import signal
 import stat
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from unittest.mock import Mock
 
+import numpy as np
 import pytest
 
 from mapdeal import FileAccessError, OccupancyGrid, write_map
 from mapdeal.files import transaction as temporary
-from mapdeal.files.transaction import Transaction
+from mapdeal.files.transaction import Temporary, Transaction, locked
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps import reading as maps
 
 
-def contents(folder):
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
+def contents(folder, but=()):
+    paths = [path for path in folder.rglob("*") if path.is_file() and path.suffix not in but]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
 
 
-def without_leftovers(found):
-    return {name: data for name, data in found.items() if ".mapdeal-" not in name}
+LEFT_BY_KILLS = (".tmp", ".old")
+REFUSED = PermissionError(1, "Operation not permitted")
+FULL = OSError(28, "No space left on device")
 
 
-def _writer(text):
-    return lambda file: file.write(text.encode())
+def raising(error):
+    return Mock(side_effect=error)
 
 
-def _refused(*_, **__):
-    raise PermissionError(1, "Operation not permitted")
+def refuse(patch, operation, when):
+    """Let a method of paths fail where `when` says so of its path and what else it is given."""
+    real = getattr(Path, operation)
 
+    def do(*args, **options):
+        if when(*args):
+            raise REFUSED
+        return real(*args, **options)
 
-def _full(*_, **__):
-    raise OSError(28, "No space left on device")
+    patch.setattr(Path, operation, do)
 
 
 def test_nothing_appears_before_the_end(tmp_path):
     one, two = tmp_path / "one.txt", tmp_path / "two.txt"
     with Transaction([one, two], checksums=True) as transaction:
-        transaction.write(one, _writer("1"))
+        transaction.write(one, lambda file: file.write(b"1"))
         assert transaction.checksums() == {one: hashlib.sha256(b"1").hexdigest()}
         transaction.write_parts(two, iter([b"2", b"", b"34"]))
         assert transaction.checksums()[two] == hashlib.sha256(b"234").hexdigest()
@@ -53,23 +62,12 @@ def test_nothing_appears_before_the_end(tmp_path):
     assert contents(tmp_path) == {"one.txt": b"1", "two.txt": b"234"}
 
 
-def _fails_in_a_part(transaction, path, patch):
-    patch.setattr(temporary._File, "write", _full)
-    transaction.write_parts(path, [b"new"])
-
-
-def _fails_at_the_end(transaction, path, patch):
-    patch.setattr(os, "fsync", _full)
-    transaction.write(path, _writer("new"))
-
-
-def _fails_in_the_writer(transaction, path, _):
-    transaction.write(path, _full)
-
-
 @pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("fail", [_fails_in_a_part, _fails_at_the_end, _fails_in_the_writer])
-def test_a_failure_leaves_nothing_and_old_files_as_they_were(tmp_path, monkeypatch, fail, threads):
+@pytest.mark.parametrize(("method", "data"), [("write_bytes", b"new"), ("write_parts", [b"new"])])
+@pytest.mark.parametrize("place", [(temporary._File, "write"), (os, "fsync")], ids=lambda p: p[1])
+def test_a_failure_leaves_nothing_and_old_files_as_they_were(
+    tmp_path, monkeypatch, place, method, data, threads
+):
     old, new = tmp_path / "old.txt", tmp_path / "folder" / "new.txt"
     old.write_bytes(b"before")
     with (
@@ -77,33 +75,18 @@ def test_a_failure_leaves_nothing_and_old_files_as_they_were(tmp_path, monkeypat
         use_threads(threads),
         Transaction([old, new], force=True) as transaction,
     ):
-        transaction.write(old, _writer("after"))
-        fail(transaction, new, monkeypatch)
+        transaction.write_bytes(old, b"after")
+        monkeypatch.setattr(*place, raising(FULL))
+        getattr(transaction, method)(new, data)
     assert contents(tmp_path) == {"old.txt": b"before"}
     assert [path.name for path in tmp_path.iterdir()] == ["old.txt"]
 
 
 def test_an_error_of_the_caller_leaves_nothing(tmp_path):
     with pytest.raises(ZeroDivisionError), Transaction([tmp_path / "a" / "b.txt"]) as transaction:
-        transaction.write(tmp_path / "a" / "b.txt", _writer("x"))
+        transaction.write_bytes(tmp_path / "a" / "b.txt", b"x")
         1 / 0  # noqa: B018
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("link", [os.link, os.symlink])
-def test_an_output_that_is_an_input_under_another_name_is_refused(tmp_path, link):
-    source, output = tmp_path / "map.pgm", tmp_path / "other.pgm"
-    source.write_text("precious")
-    link(source, output)
-    with pytest.raises(FileAccessError, match="the output is the input"):
-        Transaction([output], inputs=[source], force=True)
-    assert source.read_text() == "precious"
-
-
-def test_a_file_in_the_place_of_a_folder_is_named(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(FileAccessError, match="not a folder"):
-        Transaction([tmp_path / "file" / "x" / "map.pgm"])
 
 
 def test_files_of_a_killed_run_are_removed_and_those_of_a_live_one_kept(tmp_path):
@@ -112,20 +95,17 @@ def test_files_of_a_killed_run_are_removed_and_those_of_a_live_one_kept(tmp_path
     stale.write_bytes(b"half")
     with Transaction([tmp_path / "live.txt"], checksums=True) as live:
         assert not stale.exists()
-        live.write(tmp_path / "live.txt", _writer("x"))
+        live.write_bytes(tmp_path / "live.txt", b"x")
         live.checksums()
-        mine = set(tmp_path.iterdir())
-        assert len(mine) == 1
+        (mine,) = tmp_path.iterdir()
         with Transaction([tmp_path / "third.txt"]) as transaction:
-            transaction.write(tmp_path / "third.txt", _writer("3"))
-        assert set(tmp_path.iterdir()) == mine | {tmp_path / "third.txt"}
+            transaction.write_bytes(tmp_path / "third.txt", b"3")
+        assert set(tmp_path.iterdir()) == {mine, tmp_path / "third.txt"}
     assert contents(tmp_path) == {"live.txt": b"x", "third.txt": b"3"}
 
 
 def test_a_temporary_file_that_another_run_has_removed_is_made_again(tmp_path, monkeypatch):
-    import mapdeal.files.transaction as module
-
-    lock, removed = module.fcntl.flock, []
+    lock, removed = fcntl.flock, []
 
     def lose_the_first(descriptor, operation):
         if not removed:  # the first that is locked is the folder
@@ -134,43 +114,37 @@ def test_a_temporary_file_that_another_run_has_removed_is_made_again(tmp_path, m
                 path.unlink()
         lock(descriptor, operation)
 
-    monkeypatch.setattr(module.fcntl, "flock", lose_the_first)
+    monkeypatch.setattr(fcntl, "flock", lose_the_first)
     with Transaction([tmp_path / "a.txt"]) as transaction:
-        transaction.write(tmp_path / "a.txt", _writer("kept"))
+        transaction.write_bytes(tmp_path / "a.txt", b"kept")
     assert len(removed) == 1
-    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
-    assert (tmp_path / "a.txt").read_text() == "kept"
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a.txt": b"kept"}
 
 
 @pytest.mark.slow
 def test_a_failing_process_takes_no_folder_from_another(tmp_path):
     """One makes folders and removes them, since it fails; the other works in the same ones."""
-    output, other = tmp_path / "out" / "good" / "file", tmp_path / "out" / "bad" / "file"
-    done, surprises = threading.Event(), []
+    output, is_done = tmp_path / "out" / "good" / "file", threading.Event()
 
     def fail():
-        while not done.is_set():
-            try:
-                with Transaction([other]):
-                    raise KeyError
-            except Exception as error:  # noqa: BLE001 - told below
-                surprises.append(error)
+        while not is_done.is_set():
+            with pytest.raises(KeyError), Transaction([tmp_path / "out" / "bad" / "file"]):
+                raise KeyError
 
-    thread = threading.Thread(target=fail)
-    thread.start()
-    try:
-        for _ in range(100):
-            with Transaction([output]) as transaction:
-                transaction.write_bytes(output, b"here")
-            assert output.read_bytes() == b"here"
-            output.unlink()
-            with contextlib.suppress(OSError):  # so that the two meet in making it
-                output.parent.rmdir()
-                output.parent.parent.rmdir()
-    finally:
-        done.set()
-        thread.join()
-    assert {type(one) for one in surprises} == {KeyError}
+    with ThreadPoolExecutor() as pool:
+        failing = pool.submit(fail)
+        try:
+            for _ in range(60):
+                with Transaction([output]) as transaction:
+                    transaction.write_bytes(output, b"here")
+                assert output.read_bytes() == b"here"
+                output.unlink()
+                with contextlib.suppress(OSError):  # so that the two meet in making it
+                    output.parent.rmdir()
+                    output.parent.parent.rmdir()
+        finally:
+            is_done.set()
+        failing.result()
 
 
 @pytest.mark.parametrize("when", ["before", "after"])
@@ -192,48 +166,37 @@ def test_an_interruption_while_a_temporary_file_is_made_leaves_none(tmp_path, mo
     assert list(tmp_path.iterdir()) == []
 
 
-def test_one_thread_is_the_callers_own(tmp_path):
-    seen = []
-    for count in (1, 2):
-        with use_threads(count), Transaction([tmp_path / "1"], force=True) as transaction:
-            transaction.write(tmp_path / "1", lambda _: seen.append(threading.get_ident()))
-    assert seen[0] == threading.get_ident() != seen[1]
-
-
 @pytest.mark.parametrize("count", [1, 2])
-def test_all_files_are_on_the_disk_before_any_has_its_name(tmp_path, monkeypatch, count):
+def test_files_are_on_the_disk_before_any_has_its_name_and_then_the_names(
+    tmp_path, monkeypatch, count
+):
     synced, outputs = [], [tmp_path / "one.txt", tmp_path / "two.txt"]
-    real = os.fsync
 
     def sync(descriptor):
-        if stat.S_ISREG(os.fstat(descriptor).st_mode):
-            synced.append([path.exists() for path in outputs])
-        real(descriptor)
+        is_folder = stat.S_ISDIR(os.fstat(descriptor).st_mode)
+        synced.append([is_folder, *(path.exists() for path in outputs)])
 
     monkeypatch.setattr(os, "fsync", sync)
     with use_threads(count), Transaction(outputs) as transaction:
         for path in outputs:
-            transaction.write(path, _writer(path.name))
-    assert synced == [[False, False], [False, False]]
-    assert [path.read_text() for path in outputs] == ["one.txt", "two.txt"]
+            transaction.write_bytes(path, b"x")
+    assert synced == [[False, False, False], [False, False, False], [True, True, True]]
+    assert contents(tmp_path) == {"one.txt": b"x", "two.txt": b"x"}
 
 
 def test_a_folder_that_is_gone_when_it_is_looked_at_is_made_again(tmp_path, monkeypatch):
     """pathlib looks at what is in the way: it may be a folder that another run takes away."""
-    folder = tmp_path / "out"
-    really_make, calls = Path.mkdir, []
+    calls, real = itertools.count(), Path.mkdir
 
     def mkdir(path, *args, **kwargs):
-        calls.append(path)
-        if len(calls) == 1:
+        if next(calls) == 0:
             raise FileExistsError(17, "File exists")
-        really_make(path, *args, **kwargs)
+        real(path, *args, **kwargs)
 
     monkeypatch.setattr(Path, "mkdir", mkdir)
-    with Transaction([folder / "file"]) as transaction:
-        transaction.write_bytes(folder / "file", b"here")
-    assert (folder / "file").read_bytes() == b"here"
-    assert calls == [folder, folder]
+    with Transaction([tmp_path / "out" / "file"]) as transaction:
+        transaction.write_bytes(tmp_path / "out" / "file", b"here")
+    assert contents(tmp_path) == {"out/file": b"here"}
 
 
 OLD = {"a/map.pgm": b"old picture", "a/map.yaml": b"old", "b/left.txt": b"left over"}
@@ -242,7 +205,7 @@ NEW = {"a/map.pgm": b"new picture", "a/map.yaml": b"new", "b/picture.png": b"dra
 
 def make_old(folder):
     for name, data in OLD.items():
-        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(data)
         (folder / name).chmod(0o640)
 
@@ -263,29 +226,17 @@ def old(tmp_path):
     return tmp_path
 
 
-def test_files_are_replaced_and_removed_together(old):
-    replace_all(old)
-    assert contents(old) == NEW
-
-
 @pytest.mark.parametrize("has_links", [True, False], ids=["links", "no links"])
 @pytest.mark.parametrize("operation", ["replace", "unlink"])
 def test_a_failure_at_any_step_puts_everything_back(tmp_path, monkeypatch, operation, has_links):
     if not has_links:
-        monkeypatch.setattr(os, "link", _refused)
-    real, failed = getattr(Path, operation), 0
-    for step in range(20):
-        folder = tmp_path / str(step)
-        folder.mkdir()
-        make_old(folder)
-        calls = []
-
-        def fail_once(self, *args, step=step, calls=calls, **options):
-            calls.append(self)
-            return (_refused if len(calls) == step + 1 else real)(self, *args, **options)
-
+        monkeypatch.setattr(os, "link", raising(REFUSED))
+    failed, step = 0, -1
+    while True:
+        calls, step = itertools.count(), step + 1
+        make_old(folder := tmp_path / str(step))
         with monkeypatch.context() as patch:
-            patch.setattr(Path, operation, fail_once)
+            refuse(patch, operation, lambda *_, calls=calls, step=step: next(calls) == step)
             try:
                 replace_all(folder)
             except FileAccessError as error:
@@ -294,16 +245,14 @@ def test_a_failure_at_any_step_puts_everything_back(tmp_path, monkeypatch, opera
                 assert contents(folder) == OLD
                 assert {stat.S_IMODE((folder / name).stat().st_mode) for name in OLD} == {0o640}
             else:  # or it did not matter: what is left of it goes with the next command
-                assert without_leftovers(contents(folder)) == NEW
-        if len(calls) <= step:
+                assert contents(folder, but=LEFT_BY_KILLS) == NEW
+        if next(calls) <= step:
             break
-    assert len(calls) <= step
     assert failed == {"replace": 3, "unlink": 1}[operation]
 
 
 @pytest.mark.parametrize("name", NEW)
 def test_a_folder_that_has_come_in_the_way_of_a_file_leaves_the_others_as_they_were(old, name):
-    expected = {**OLD}
     with (
         pytest.raises(FileAccessError, match="cannot be replaced: Is a directory"),
         Transaction([old / one for one in NEW], force=True) as transaction,
@@ -312,8 +261,7 @@ def test_a_folder_that_has_come_in_the_way_of_a_file_leaves_the_others_as_they_w
             transaction.write_bytes(old / one, data)
         (old / name).unlink(missing_ok=True)
         (old / name).mkdir()
-        expected.pop(name, None)
-    assert contents(old) == expected
+    assert contents(old) == {one: data for one, data in OLD.items() if one != name}
 
 
 def test_an_old_file_that_cannot_be_kept_is_not_replaced(old, monkeypatch):
@@ -321,9 +269,9 @@ def test_an_old_file_that_cannot_be_kept_is_not_replaced(old, monkeypatch):
 
     def half(_, target, **__):
         target.write_bytes(b"ha")
-        _full()
+        raise FULL
 
-    monkeypatch.setattr(os, "link", _refused)
+    monkeypatch.setattr(os, "link", raising(REFUSED))
     monkeypatch.setattr(temporary.shutil, "copy2", half)
     with pytest.raises(FileAccessError, match=r"map\.pgm: cannot be replaced: No space left"):
         replace_all(old)
@@ -331,13 +279,7 @@ def test_an_old_file_that_cannot_be_kept_is_not_replaced(old, monkeypatch):
 
 
 def test_an_old_file_that_cannot_go_back_is_named_and_stays(old, monkeypatch):
-    real = Path.replace
-
-    def replace(self, target):
-        is_refused = target.name == "map.yaml" or self.suffix == ".old"
-        return (_refused if is_refused else real)(self, target)
-
-    monkeypatch.setattr(Path, "replace", replace)
+    refuse(monkeypatch, "replace", lambda path, to: to.name == "map.yaml" or path.suffix == ".old")
     with pytest.raises(FileAccessError, match=r"map\.pgm: cannot be put back") as caught:
         replace_all(old)
     (kept,) = old.glob("*/.mapdeal-*")
@@ -349,7 +291,7 @@ KILLED_AT_EACH_STEP = """
 import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
-from test_transaction import NEW, OLD, contents, make_old, replace_all, without_leftovers
+from test_transaction import LEFT_BY_KILLS, NEW, OLD, contents, make_old, replace_all
 from mapdeal.kernels.threads import use_threads
 
 WATCHED = {"os.rename", "os.link", "os.remove", "open", "os.chmod", "fcntl.flock"}
@@ -361,7 +303,6 @@ known = [{k: v for k, v in one.items() if v is not None} for one in known]
 mixed = 0
 for step in range(1000):
     folder = Path(sys.argv[1]) / str(step)
-    folder.mkdir()
     make_old(folder)
     pid = os.fork()
     if pid == 0:
@@ -379,7 +320,7 @@ for step in range(1000):
             replace_all(folder)
             os._exit(0)
     _, status = os.waitpid(pid, 0)
-    seen = without_leftovers(contents(folder))
+    seen = contents(folder, but=LEFT_BY_KILLS)
     assert seen in known, (step, seen)
     mixed += seen in known[1:-1]
     replace_all(folder)
@@ -407,7 +348,7 @@ def test_signals_wait_for_the_last_rename(old, monkeypatch, number):
     def end(*_):
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, end)
+    before = signal.signal(number, end)
     real, seen = Path.replace, []
 
     def send_first(self, target):
@@ -419,8 +360,9 @@ def test_signals_wait_for_the_last_rename(old, monkeypatch, number):
     try:
         with pytest.raises(KeyboardInterrupt):
             replace_all(old)
+        assert signal.getsignal(number) is end
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(number, before)
     assert seen == ["map.pgm", "map.yaml", "picture.png"]
     assert contents(old) == NEW
 
@@ -439,13 +381,8 @@ def test_a_file_that_has_come_meanwhile_is_not_replaced_without_force(tmp_path):
 def test_a_link_is_replaced_and_what_it_leads_to_stays(old, monkeypatch):
     (old / "a" / "map.pgm").rename(old / "real")
     (old / "a" / "map.pgm").symlink_to("../real")
-    real = Path.unlink
-
-    def unlink(self, **options):
-        return (_refused if self.name == "left.txt" else real)(self, **options)
-
     with monkeypatch.context() as patch:  # it is put back as a link
-        patch.setattr(Path, "unlink", unlink)
+        refuse(patch, "unlink", lambda path: path.name == "left.txt")
         with pytest.raises(FileAccessError, match="cannot be removed"):
             replace_all(old)
     assert (old / "a" / "map.pgm").readlink() == Path("../real")
@@ -461,7 +398,7 @@ def test_where_there_are_no_locks_old_files_that_are_kept_stay(tmp_path, monkeyp
     for is_kept in (True, False):
         with monkeypatch.context() as patch:
             if is_kept:
-                patch.setattr(temporary.fcntl, "flock", _full)
+                patch.setattr(fcntl, "flock", raising(FULL))
             with Transaction([tmp_path / f"{is_kept}.txt"]) as transaction:
                 transaction.write_bytes(tmp_path / f"{is_kept}.txt", b"1")
         assert kept.exists() == is_kept
@@ -479,17 +416,66 @@ def test_a_map_that_is_read_between_two_renames_is_refused(tmp_path, monkeypatch
             assert has_read.wait(60)
         return real(self, target)
 
-    def locked(folders):
+    def locked_then(folders):
         has_read.set()
-        return temporary.locked(folders)
+        return locked(folders)
 
     monkeypatch.setattr(Path, "replace", slow)
-    monkeypatch.setattr(maps, "locked", locked)
-    new = OccupancyGrid([[0, 100]], 0.25)
-    writer = threading.Thread(target=write_map, args=(path, new), kwargs={"force": True})
-    writer.start()
-    assert is_between.wait(60)
-    with pytest.raises(FileAccessError, match="changed while it was read"):
-        maps.read_map(path)
-    writer.join()
+    monkeypatch.setattr(maps, "locked", locked_then)
+    with ThreadPoolExecutor() as pool:
+        writing = pool.submit(write_map, path, OccupancyGrid([[0, 100]], 0.25), force=True)
+        assert is_between.wait(60)
+        with pytest.raises(FileAccessError, match="changed while it was read"):
+            maps.read_map(path)
+    writing.result()
     assert maps.read_map(path).resolution == 0.25
+
+
+def is_locked(folder):
+    """Try to lock a folder as another process would."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def test_folders_are_locked_all_of_them_and_no_longer_than_needed(tmp_path):
+    folders = [tmp_path / name for name in "ba"]
+    for folder in folders:
+        folder.mkdir()
+    with pytest.raises(RuntimeError), locked(folders):
+        assert [is_locked(one) for one in (*folders, tmp_path)] == [True, True, False]
+        raise RuntimeError
+    assert not any(map(is_locked, folders))
+
+
+@pytest.fixture
+def as_on_windows(monkeypatch):
+    """There are no locks, and no open file can be renamed or removed."""
+
+    def is_open(path, *_):
+        links = (Path("/proc/self/fd") / one for one in os.listdir("/proc/self/fd"))  # noqa: PTH208
+        return any(os.path.realpath(one) == os.path.realpath(path) for one in links)
+
+    monkeypatch.setattr(temporary, "fcntl", None)
+    for name in ("replace", "rename", "unlink"):
+        refuse(monkeypatch, name, is_open)
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs Linux's /proc")
+def test_no_open_file_is_renamed_or_removed_where_that_is_refused(tmp_path, as_on_windows):
+    with pytest.raises(PermissionError), (tmp_path / "open").open("w"):
+        (tmp_path / "open").unlink()
+    for value in (0, 100):
+        grid = OccupancyGrid(np.full((3, 5), value, np.int8), 0.25, (1.0, 2.0, 0.5))
+        write_map(tmp_path / "m.yaml", grid, force=True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["m.pgm", "m.yaml", "open"]
+    assert (tmp_path / "m.pgm").read_bytes().endswith(bytes(15))
+    given_up = Temporary(tmp_path / "n.yaml")
+    given_up.open()
+    given_up.remove()
+    assert not given_up.path.exists()

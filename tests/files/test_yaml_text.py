@@ -64,8 +64,7 @@ def check(text):
     try:
         entries = parse_mapping(NAME, text.encode(), OF_RECIPES)
     except MalformedInputError as error:
-        told = str(error)
-        if "not valid YAML" in told:
+        if "not valid YAML" in str(error):
             with pytest.raises(yaml.YAMLError):
                 yaml.compose(text, Loader=LOADER)
         return
@@ -83,12 +82,10 @@ def test_the_file_of_a_map(end):
     assert parse_mapping(NAME, (MAP + end).encode())["origin"].line == 4
 
 
-@given(
-    st.lists(
-        st.tuples(*map(st.sampled_from, (STARTS, KEYS, [": ", ":  ", ":"], WORDS, ENDS))),
-        max_size=4,
-    )
-)  # fmt: skip
+PARTS = STARTS, KEYS, [": ", ":  ", ":"], WORDS, ENDS
+
+
+@given(st.lists(st.tuples(*map(st.sampled_from, PARTS)), max_size=4))
 def test_nodes_are_those_of_pyyaml(lines):
     check("".join("".join(parts) for parts in lines))
 
@@ -102,7 +99,7 @@ def test_so_are_those_of_any_text(text):
 def test_real_files(real_maps):
     files = sorted(real_maps.rglob("*.yaml"))
     assert len(files) > 100
-    for path in files[::5]:
+    for path in files[::11]:
         text = path.read_text()
         ours = compose_documents(path, text.encode(), OF_RECIPES)
         theirs = list(yaml.compose_all(text, Loader=LOADER))
@@ -117,7 +114,6 @@ def test_real_files(real_maps):
     ("a: 1\nb: c: d\n", "line 2, column 5"),
     ("a: 1\n---\nb: 2\n", "line 2, column 1: not valid YAML: but found another document"),
     ("a: &a 1\nb: &a 2\nc: *a\n", "line 2, column 4: not valid YAML: second occurrence"),
-    ("a: *b\n", "line 1, column 4: not valid YAML: found undefined alias 'b'"),
 ])  # fmt: skip
 def test_what_is_not_yaml_is_told_with_its_place(text, place):
     with pytest.raises(MalformedInputError) as caught:

@@ -30,24 +30,29 @@ def test_figures_count_each_cell_once():
     assert "inscribed" not in figures
 
 
-def test_unknown_cells_are_free_to_a_static_layer_that_does_not_track_them():
-    grid = OccupancyGrid([[0, 50, 99, 100, -1]], 0.05)
-    costs = Costmap.from_static_layer(grid, track_unknown=False).cost
-    assert costs.tolist() == [[0, 0, 253, 254, 0]]
-    costs = Costmap.from_static_layer(grid, lethal_threshold=50, inscribed_value=50).cost
-    assert costs.tolist() == [[0, 253, 254, 254, 255]]
-    costs = Costmap.from_static_layer(grid, lethal_threshold=0, inscribed_value=None).cost
-    assert costs.tolist() == [[254, 254, 254, 254, 255]]
-
-
 @pytest.fixture(scope="module")
 def peers(real_maps):
     with np.load(real_maps / "expected" / "peers.npz") as file:
         yield file
 
 
-def test_costs_are_published_as_ros_publishes_them(peers):
-    assert np.array_equal(occupancy_from_cost(), peers["to_occ"][0])
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"track_unknown": False}, [0, 0, 0, 0, 0, 253, 254, 0]),
+        ({"lethal_threshold": 64, "inscribed_value": 32}, [0, 0, 253, 254, 254, 254, 254, 255]),
+        ({"lethal_threshold": 0, "inscribed_value": None}, [254] * 7 + [255]),
+        # trunc(254 v / 65), and 65 and more are lethal; 99 keeps its rule, unless it has none
+        ({"lethal_threshold": 65, "trinary": False}, [0, 3, 125, 250, 254, 253, 254, 255]),
+        ({"lethal_threshold": 65, "inscribed_value": None}, [0, 0, 0, 0, 254, 254, 254, 255]),
+    ],
+    ids=str,
+)
+def test_costs_of_static_layers_by_hand(options, expected):
+    grid = OccupancyGrid([[0, 1, 32, 64, 65, 99, 100, -1]], 0.2, (1.0, 2.0, 0.5))
+    costs = Costmap.from_static_layer(grid, **options)
+    assert costs.cost.tolist() == [expected]
+    assert (costs.scale, costs.origin) == ("costmap2d", grid.origin)
 
 
 @pytest.mark.parametrize(
@@ -61,19 +66,10 @@ def test_the_static_layer_reads_every_byte_as_ros_does(peers, name, options):
     assert np.array_equal(table[values.view(np.uint8)], peers[f"static/{name}"][0])
 
 
-def test_a_mask_s_values_become_costs_as_in_ros(peers):
+def test_costs_are_published_and_masks_become_costs_as_in_ros(peers):
+    assert np.array_equal(occupancy_from_cost(), peers["to_occ"][0])
     values = np.arange(-1, 101, dtype=np.int8)
     assert np.array_equal(cost_from_occupancy()[values.view(np.uint8)], peers["from_occ"][0])
-
-
-def test_a_lower_lethal_threshold_stretches_the_shares_below_it():
-    # trunc(254 v / 65), and 65 and more are lethal; 99 keeps its rule, unless it has none.
-    grid = OccupancyGrid([[0, 1, 32, 64, 65, 99, 100, -1]], 0.2, (1.0, 2.0, 0.5))
-    scaled = Costmap.from_static_layer(grid, lethal_threshold=65, trinary=False)
-    assert scaled.cost.tolist() == [[0, 3, 125, 250, 254, 253, 254, 255]]
-    assert (scaled.scale, scaled.origin) == ("costmap2d", grid.origin)
-    older = Costmap.from_static_layer(grid, lethal_threshold=65, inscribed_value=None)
-    assert older.cost.tolist() == [[0, 0, 0, 0, 254, 254, 254, 255]]
 
 
 def test_masks_of_a_map():

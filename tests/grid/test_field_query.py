@@ -10,21 +10,15 @@ from hypothesis import strategies as st
 
 import oracles
 from drawn import grid_from_text
-from mapdeal import DistanceField, OccupancyGrid, esdf, read_map
+from mapdeal import DistanceField, OccupancyGrid, esdf
 from mapdeal.kernels.threads import use_threads
 from strategies import RESOLUTIONS, occupancies
 
-ROOM = "......#\n.#.....\n.....?.\n...#..."
-ORIGINS = st.sampled_from([(0.0, 0.0, 0.0), (1.5, -2.0, 0.4), (-3.0, 7.25, -2.9), (5e5, 4e6, 1.0)])
+ROOM = esdf(grid_from_text("......#\n.#.....\n.....?.\n...#..."))
+ORIGINS = [(0.0, 0.0, 0.0), (1.5, -2.0, 0.4), (-3.0, 7.25, -2.9), (5e5, 4e6, 1.0)]
 
 
-def _points_in(frame, shares):
-    """Points of a grid at shares 0..1 of its height and width, half a cell inside."""
-    places = 0.5 + shares * (np.array(frame.shape) - 1)
-    return frame.xy_from_continuous_rowcol(places), places
-
-
-@given(occupancies(), RESOLUTIONS, ORIGINS)
+@given(occupancies(), RESOLUTIONS, st.sampled_from(ORIGINS))
 def test_at_centres_the_distance_is_that_to_the_nearest_obstacle(occupancy, resolution, origin):
     grid = OccupancyGrid(occupancy, resolution, origin)
     expected = oracles.signed_distance(occupancy == 100, resolution, "center").ravel()
@@ -57,7 +51,7 @@ def test_the_gradient_is_that_of_the_interpolant_in_the_map_frame(seed, resoluti
 
 
 def test_outside_is_said_and_has_no_number():
-    field = esdf(grid_from_text(ROOM, 0.25, (1.5, -2.0, 0.0)))
+    field = esdf(grid_from_text("......#\n.#.....\n.....?.\n...#...", 0.25, (1.5, -2.0, 0.0)))
     upper = [1.5 + 7 * 0.25, -2.0 + 4 * 0.25]
     far = [[np.nan, 0], [np.inf, 0], [1e300, 0]]
     points = [[1.4, -1.9], upper, [1.6, upper[1]], *far, [1.6, -1.9]]
@@ -66,14 +60,7 @@ def test_outside_is_said_and_has_no_number():
     assert np.isnan(distance[:6]).all()
     assert np.isnan(gradient[:6]).all()
     assert np.isfinite(distance[6])
-
-
-def test_up_to_the_edges_the_outermost_cells_go_on():
-    grid = OccupancyGrid([[100, 0, 0]], 0.5, (0.0, 0.0, 0.0))
-    distance, gradient, inside = esdf(grid).query([[1.49, 0.01], [1.26, 0.49], [0.0, 0.0]])
-    assert distance.tolist() == [1.0, 1.0, 0.0]
-    assert gradient.tolist() == [[0.0, 0.0]] * 3
-    assert inside.all()
+    assert field.query(np.empty((0, 2))).gradient.shape == (0, 2)
 
 
 @pytest.mark.parametrize(("drawing", "distance"), [("...", math.inf), ("###", -math.inf)])
@@ -84,53 +71,28 @@ def test_a_map_of_one_kind_has_infinite_distances_and_no_gradient(drawing, dista
     assert found.inside.all()
 
 
-def test_clip_and_strength_of_the_field_stay():
-    grid = OccupancyGrid([[100, 0, 0, 0, 0, 0]], 0.5)
-    field = esdf(grid, max_distance=1.0, strength=3.0)
+def test_up_to_the_edges_the_outermost_cells_go_on_and_a_clip_stays():
+    grid = OccupancyGrid([[100, 0, 0]], 0.5)
+    distance, gradient, inside = esdf(grid).query([[1.49, 0.01], [1.26, 0.49], [0.0, 0.0]])
+    assert distance.tolist() == [1.0, 1.0, 0.0]
+    assert gradient.tolist() == [[0.0, 0.0]] * 3
+    assert inside.all()
+    field = esdf(OccupancyGrid([[100, 0, 0, 0, 0, 0]], 0.5), max_distance=1.0, strength=3.0)
     distance, gradient, _ = field.query([[0.75, 0.25], [1.0, 0.25], [2.5, 0.25]])
     assert distance == pytest.approx([1.5, 2.25, 3.0])
     assert gradient[:, 0] == pytest.approx([3.0, 3.0, 0.0])
 
 
-def test_a_single_point_and_no_point():
-    field = esdf(grid_from_text(ROOM))
-    assert field.query((2.0, -1.8)).distance.shape == (1,)
-    assert field.query(np.empty((0, 2))).gradient.shape == (0, 2)
-
-
 def test_many_points_in_threads_are_the_same_points():
-    field = esdf(grid_from_text(ROOM))
-    rng = np.random.default_rng(1)
-    shares = rng.random((30_001, 2))
-    points, _ = _points_in(field.frame, shares * 1.4 - 0.2)
+    shares = np.random.default_rng(1).random((30_001, 2)) * 1.4 - 0.2
+    points = ROOM.frame.xy_from_continuous_rowcol(shares * ROOM.shape)
     results = []
     for threads in (1, 3):
         with use_threads(threads):
-            results.append([part.tobytes() for part in field.query(points)])
+            results.append([part.tobytes() for part in ROOM.query(points)])
     assert results[0] == results[1]
-    alone = [field.query(point).distance[0] for point in points[::2000]]
-    assert np.array_equal(field.query(points).distance[::2000], alone, equal_nan=True)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "ros-navigation__navigation2/nav2_bringup/maps/warehouse.yaml",
-        "mit-racecar__racecar_simulator/maps/stata_basement.yaml",
-    ],
-)
-@pytest.mark.usefixtures("mapdeal_warnings")
-def test_real_maps_against_brute_force(real_maps, name):
-    path = next(real_maps.rglob(name.rpartition("/")[2]))
-    grid = read_map(path)
-    field = esdf(grid, convention="center")
-    free = np.argwhere(grid.occupancy != 100)
-    some = free[np.random.default_rng(2).integers(0, len(free), 200)]
-    distance = field.query(grid.frame.xy_from_rowcol(some)).distance
-    obstacles = grid.frame.xy_from_rowcol(np.argwhere(grid.occupancy == 100))
-    centres = grid.frame.xy_from_rowcol(some)
-    nearest = [np.sqrt(((obstacles - centre) ** 2).sum(axis=1).min()) for centre in centres]
-    assert distance == pytest.approx(np.array(nearest), rel=1e-5, abs=1e-5)
+    alone = [ROOM.query(point).distance[0] for point in points[::2000]]
+    assert np.array_equal(ROOM.query(points).distance[::2000], alone, equal_nan=True)
 
 
 @pytest.mark.parametrize("origin", [(0.1, 0.7, 0.0), (-3.3, 2.2, 0.4), (500000.3, 4.2e6, 1.1)])
@@ -162,7 +124,6 @@ def test_figures_of_a_field_are_its_range_and_its_obstacles():
 
 
 def test_figures_of_a_map_count_every_kind_of_cell():
-    grid = OccupancyGrid([[100, 100, 100, 0, 0], [-1, 1, 99, 50, 98]], 0.25)
-    figures = grid.figures()
-    assert [figures[name] for name in ("occupied", "free", "unknown", "between")] == [3, 2, 1, 4]
-    assert (figures["width"], figures["height"]) == (5, 2)
+    figures = OccupancyGrid([[100, 100, 100, 0, 0], [-1, 1, 99, 50, 98]], 0.25).figures()
+    names = ("occupied", "free", "unknown", "between", "width", "height")
+    assert [figures[name] for name in names] == [3, 2, 1, 4, 5, 2]

@@ -12,7 +12,6 @@ from mapdeal.grid.frame import (
     cells_to_cover,
     check_point,
     region_around,
-    region_of,
 )
 
 YAWED = Frame(4, 7, 0.25, (1.5, -2.0, math.pi / 2))
@@ -33,17 +32,26 @@ def test_costmap_2d_reference_points():
     assert [r * 10 + c for r, c in rows_cols.tolist()] == [0, 10, 1, 99, 38]
     small = Frame(3, 2, 0.1, (-0.2, 0.2, 0.0))
     assert np.allclose(small.xy_from_rowcol([[2, 1]]), [[-0.05, 0.45]])
+    # x = 2.55 is column 27 without bounds and 1 within; Nav2 has the size itself at upper edges
+    assert small.unbounded_rowcol_from_xy([[2.55, 0.3]]).tolist() == [[1, 27]]
+    points = [[2.55, 0.3], [0.0, 0.5], [-9.0, -9.0]]
+    assert small.clamped_rowcol_from_xy(points).tolist() == [[1, 1], [2, 1], [0, 0]]
+    # costmap_2d says (W - 1 + 0.5) times the resolution, half a cell short
+    assert Frame(4, 7, 0.25).size_xy == (1.75, 1.0)
 
 
-@given(
-    st.floats(-4, 4), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.integers(-50, 50),
-    st.integers(-50, 50),
-)  # fmt: skip
+@given(st.floats(-4, 4), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.integers(-50, 50),
+       st.integers(-50, 50))  # fmt: skip
 def test_a_centre_falls_into_its_own_cell(yaw, x, y, row, col):
     frame = Frame(9, 5, 0.05, (x, y, yaw))
-    assert frame.unbounded_rowcol_from_xy(frame.xy_from_rowcol([[row, col]])).tolist() == [
-        [row, col]
-    ]
+    place = frame.xy_from_rowcol([[row, col]])
+    is_inside = 0 <= row < 9 and 0 <= col < 5
+    assert frame.unbounded_rowcol_from_xy(place).tolist() == [[row, col]]
+    cells, inside = frame.bounded_rowcol_from_xy(place)
+    assert cells.tolist() == [[row, col] if is_inside else [-1, -1]]
+    assert inside[0] == frame.contains(place)[0] == is_inside
+    nearest = np.clip((row, col), 0, (8, 4))
+    assert frame.clamped_rowcol_from_xy(place).tolist() == [nearest.tolist()]
 
 
 @pytest.mark.parametrize("resolution", [0.05, 0.0504, 0.025, 0.001])
@@ -61,39 +69,13 @@ def test_the_grid_is_half_open():
     frame = Frame(4, 8, 0.5, (-1.0, 2.0, 0.0))
     corners = [[-1.0, 2.0], [3.0, 2.0], [-1.0, 4.0], [2.999, 3.999], [-1.001, 2.0]]
     assert frame.contains(corners).tolist() == [True, False, False, True, False]
-
-
-def test_clamped_cells_are_those_of_the_nearest_border():
-    # coordinates_test.cpp: 2 x 3 cells, x = 2.5 is column 27 without bounds and 1 within.
-    small = Frame(3, 2, 0.1, (-0.2, 0.2, 0.0))
-    assert small.unbounded_rowcol_from_xy([[2.55, 0.3]])[0].tolist() == [1, 27]
-    assert small.clamped_rowcol_from_xy([[2.55, 0.3]])[0].tolist() == [1, 1]
-    # The upper edges, where Nav2 returns the size itself.
-    assert small.clamped_rowcol_from_xy([[0.0, 0.5], [-9.0, -9.0]]).tolist() == [[2, 1], [0, 0]]
-
-
-def test_bounded_cells_come_with_who_is_inside():
-    points = YAWED.xy_from_rowcol([[0, 0], [3, 6], [4, 0], [0, -1]])
-    cells, inside = YAWED.bounded_rowcol_from_xy(points)
-    assert inside.tolist() == [True, True, False, False]
-    assert cells.tolist() == [[0, 0], [3, 6], [-1, -1], [-1, -1]]
     odd = [[math.nan, 0.0], [math.inf, 0.0], [0.0, -1e300]]
     assert YAWED.bounded_rowcol_from_xy(odd)[1].tolist() == [False] * 3
-
-
-@given(st.floats(-4, 4), st.floats(-30, 30), st.floats(-30, 30))
-def test_clamped_and_unbounded_agree_exactly_inside(yaw, x, y):
-    frame = Frame(40, 70, 0.25, (1.5, -2.0, yaw))
-    cells, inside = frame.bounded_rowcol_from_xy([[x, y]])
-    same = frame.unbounded_rowcol_from_xy([[x, y]]) == frame.clamped_rowcol_from_xy([[x, y]])
-    assert same.all() == inside[0]
-    if inside[0]:
-        assert np.array_equal(cells, frame.unbounded_rowcol_from_xy([[x, y]]))
-
-
-def test_the_size_is_cells_times_resolution():
-    # costmap_2d says (W - 1 + 0.5) times it, half a cell short.
-    assert Frame(4, 7, 0.25).size_xy == (1.75, 1.0)
+    unit = Frame(3, 8, 1.0)
+    x, y = 8 - 1e-9, 3 - 1e-9  # taken one tolerance farther, they are on the edge
+    assert (x + 1e-9, y + 1e-9) == (8.0, 3.0)
+    cells, inside = unit.bounded_rowcol_from_xy([[x, 0.5], [0.5, y], [7.99, 2.99]])
+    assert (cells.tolist(), inside.tolist()) == ([[-1, -1], [-1, -1], [2, 7]], [False, False, True])
 
 
 @pytest.mark.parametrize(("height", "width"), [(4, 6), (5, 7), (1, 1)])
@@ -101,13 +83,10 @@ def test_the_centred_frame_of_design_document_003(height, width):
     frame = Frame.centred(height, width, 0.1)
     for x, y in [(0.0, 0.0), (0.14, -0.06), (-0.01, 0.01), (-0.3, 0.19)]:
         row, col = frame.unbounded_rowcol_from_xy([[x, y]])[0].tolist()
-        expected = (math.floor(y / 0.1 + 1e-9) + height // 2, math.floor(x / 0.1 + 1e-9))
-        assert (row, col) == (expected[0], expected[1] + width // 2)
-
-
-def test_a_centred_frame_can_be_turned_about_the_world_s_origin():
-    frame = Frame.centred(4, 6, 0.5, yaw=math.pi / 2)
-    assert np.allclose(frame.continuous_rowcol_from_xy([[0.0, 0.0]]), [[2.0, 3.0]])
+        assert row == math.floor(y / 0.1 + 1e-9) + height // 2
+        assert col == math.floor(x / 0.1 + 1e-9) + width // 2
+    turned = Frame.centred(4, 6, 0.5, yaw=math.pi / 2)
+    assert np.allclose(turned.continuous_rowcol_from_xy([[0.0, 0.0]]), [[2.0, 3.0]])
 
 
 @pytest.mark.parametrize(
@@ -126,12 +105,9 @@ def test_the_cell_ahead_of_a_robot(yaw, cell):
 def test_a_window_keeps_its_cells_in_place_at_any_yaw():
     window = YAWED.window(1, 2, 2, 3)
     assert window.shape == (2, 3)
-    assert np.allclose(
-        window.xy_from_rowcol([[0, 0], [1, 2]]), YAWED.xy_from_rowcol([[1, 2], [2, 4]])
-    )
-
-
-def test_a_window_of_an_unturned_grid_has_clean_decimals():
+    expected = YAWED.xy_from_rowcol([[1, 2], [2, 4]])
+    assert np.allclose(window.xy_from_rowcol([[0, 0], [1, 2]]), expected)
+    # clean decimals, where nothing is turned
     window = Frame(1984, 1984, 0.05, (-50.0, -50.0, 0.0)).window(797, 789, 407, 417)
     assert window.origin == (-10.55, -10.15, 0.0)
 
@@ -159,49 +135,21 @@ def test_a_grid_cannot_be_changed():
         grid.resolution = 0.1
 
 
-def test_a_point_one_tolerance_below_the_upper_edges_is_in_no_cell():
-    frame = Frame(3, 8, 1.0)
-    x, y = 8 - 1e-9, 3 - 1e-9  # taken one tolerance farther, they are on the edge
-    assert (x + 1e-9, y + 1e-9) == (8.0, 3.0)
-    cells, inside = frame.bounded_rowcol_from_xy([[x, 0.5], [0.5, y], [7.99, 2.99]])
-    assert (cells.tolist(), inside.tolist()) == ([[-1, -1], [-1, -1], [2, 7]], [False, False, True])
-
-
 UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
 
 
 @pytest.mark.parametrize(
-    ("size", "place", "expected"),
+    ("other", "region"),
     [
-        ((1.0, 1.5), {"corner_xy": (2.0, -1.5)}, Region(1, 2, 3, 2)),
-        ((1.01, 1.5), {"corner_xy": (2.2, -1.1)}, Region(1, 2, 3, 3)),
-        ((1.0, 1.5), {"corner_xy": (0.9, -2.1)}, Region(-1, -1, 3, 2)),
-        ((1.0, 2.0), {"center_xy": (2.5, 0.0)}, Region(2, 2, 4, 2)),
-        ((1e-10, 1e-10), {"corner_xy": (2.2, -1.1)}, Region(1, 2, 1, 1)),
+        (Frame(2, 3, 0.5, (2.0, -2.5, 0.0)), Region(-1, 2, 2, 3)),
+        # borders that differ by rounding are the same, others take one more cell
+        (Frame(2, 3, 0.5, (2.0 - 1e-8, -2.5 + 1e-8, 0.0)), Region(-1, 2, 2, 3)),
+        (Frame(2, 3, 0.5, (2.1, -2.4, 0.0)), Region(-1, 2, 3, 4)),
+        (Frame(2, 3, 0.5, (2.0, -1.0, math.pi / 2)), Region(2, 0, 3, 2)),  # rows go to the left
     ],
 )
-def test_a_region_begins_with_the_cell_of_its_corner_and_covers_its_size(size, place, expected):
-    assert region_of(UPRIGHT, size, **place) == expected
-
-
-def test_the_cells_around_another_grid():
-    assert region_around(UPRIGHT, Frame(2, 3, 0.5, (2.0, -2.5, 0.0))) == Region(-1, 2, 2, 3)
-    # borders that differ by rounding are the same, others take one more cell
-    nearly = Frame(2, 3, 0.5, (2.0 - 1e-8, -2.5 + 1e-8, 0.0))
-    assert region_around(UPRIGHT, nearly) == Region(-1, 2, 2, 3)
-    assert region_around(UPRIGHT, Frame(2, 3, 0.5, (2.1, -2.4, 0.0))) == Region(-1, 2, 3, 4)
-    quarter = Frame(2, 3, 0.5, (2.0, -1.0, 1.5707963267948966))  # its rows go to the left
-    assert region_around(UPRIGHT, quarter) == Region(2, 0, 3, 2)
-
-
-def test_a_region_and_the_grid_share_what_lies_in_both():
-    rows, cols = Region(-1, 6, 3, 4).shared_with(UPRIGHT.shape)
-    assert (rows, cols) == (slice(0, 2), slice(6, 8))
-    assert Region(-1, 6, 3, 4).place_of(rows, cols) == (slice(1, 3), slice(0, 2))
-    for corner in ((-3, 0), (5, 0), (0, 8), (0, -2)):
-        outside = Region(*corner, 2, 2)
-        rows, cols = outside.shared_with(UPRIGHT.shape)
-        assert rows.start == rows.stop or cols.start == cols.stop
+def test_the_cells_around_another_grid(other, region):
+    assert region_around(UPRIGHT, other) == region
 
 
 def test_a_window_has_at_most_so_many_cells(monkeypatch):
@@ -211,38 +159,21 @@ def test_a_window_has_at_most_so_many_cells(monkeypatch):
         Region(0, 0, 13, 1).frame_in(UPRIGHT)
 
 
-METRES = st.floats(-50, 50)
-TURNS = st.floats(-7, 7)
-TRANSFORMS = st.builds(Transform, METRES, METRES, TURNS)
+TRANSFORMS = st.builds(Transform, st.floats(-50, 50), st.floats(-50, 50), st.floats(-7, 7))
+PLACES = st.tuples(st.floats(-50, 50), st.floats(-50, 50))
 
 
-def by_complex_numbers(transform, x, y):
-    """A turn and a shift as a product and a sum of complex numbers."""
-    moved = complex(x, y) * complex(math.cos(transform.yaw), math.sin(transform.yaw))
-    moved += complex(transform.x, transform.y)
-    return [moved.real, moved.imag]
-
-
-@given(TRANSFORMS, METRES, METRES)
-def test_points_are_turned_and_then_shifted(transform, x, y):
-    moved = transform.points([[x, y]])
-    np.testing.assert_allclose(moved[0], by_complex_numbers(transform, x, y), atol=1e-9)
-    np.testing.assert_allclose(transform.inverse().points(moved), [[x, y]], atol=1e-9)
-
-
-@given(TRANSFORMS, TRANSFORMS, METRES, METRES)
-def test_one_transform_after_another(first, second, x, y):
-    both = second.after(first).points([[x, y]])
-    np.testing.assert_allclose(both, second.points(first.points([[x, y]])), atol=1e-9)
-
-
-@given(TRANSFORMS, TURNS)
-def test_cells_of_a_moved_frame_lie_where_their_centres_are_brought(transform, yaw):
-    frame = Frame(3, 5, 0.4, (-2.0, 1.5, yaw))
-    cells = [[0, 0], [2, 4], [1, 3]]
-    moved = transform.frame(frame).xy_from_rowcol(cells)
-    np.testing.assert_allclose(moved, transform.points(frame.xy_from_rowcol(cells)), atol=1e-9)
-
-
-def test_a_yaw_is_kept_within_half_a_turn():
-    assert Transform(yaw=3 * math.pi / 2).yaw == pytest.approx(-math.pi / 2)
+@given(TRANSFORMS, TRANSFORMS, PLACES, st.floats(-7, 7))
+def test_points_and_frames_are_turned_and_then_shifted(first, second, place, yaw):
+    """As a product and a sum of complex numbers."""
+    moved = complex(*place) * complex(math.cos(first.yaw), math.sin(first.yaw))
+    moved += complex(first.x, first.y)
+    points = first.points([place])
+    np.testing.assert_allclose(points, [[moved.real, moved.imag]], atol=1e-9)
+    np.testing.assert_allclose(first.inverse().points(points), [place], atol=1e-9)
+    both = second.after(first).points([place])
+    np.testing.assert_allclose(both, second.points(points), atol=1e-9)
+    frame, cells = Frame(3, 5, 0.4, (-2.0, 1.5, yaw)), [[0, 0], [2, 4], [1, 3]]
+    expected = first.points(frame.xy_from_rowcol(cells))
+    np.testing.assert_allclose(first.frame(frame).xy_from_rowcol(cells), expected, atol=1e-9)
+    assert -math.pi <= first.yaw <= math.pi

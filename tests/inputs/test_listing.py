@@ -2,6 +2,7 @@ from contextlib import suppress
 from glob import glob, has_magic
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given, settings
@@ -19,7 +20,8 @@ SUFFIXES = (".pcd", ".ply")
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name in ("s10.pcd", "s9.pcd", "s9.PLY", "notes.txt", "b/1.pcd", "b/c/2.pcd", "odd[1].pcd"):
+    for name in ("s10.pcd", "s9.pcd", "s9.PLY", "notes.txt", "b/1.pcd", "b/c/2.pcd",
+                 "b/c/depth2.pcd", "b/c/depth.pcd", "odd[1].pcd"):  # fmt: skip
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
@@ -31,9 +33,10 @@ def folder(tmp_path, monkeypatch):
     (["s10.pcd", "s9.pcd", "s10.pcd"], ["s10.pcd", "s9.pcd", "s10.pcd"]),
     (["."], ["odd[1].pcd", "s9.PLY", "s9.pcd", "s10.pcd"]),
     (["s*"], ["s9.PLY", "s9.pcd", "s10.pcd"]),
-    (["**/*.pcd"], ["b/1.pcd", "b/c/2.pcd", "odd[1].pcd", "s9.pcd", "s10.pcd"]),
+    (["**/[o12s]*.pcd"], ["b/1.pcd", "b/c/2.pcd", "odd[1].pcd", "s9.pcd", "s10.pcd"]),
     (["b", "s9.pcd"], ["b/1.pcd", "s9.pcd"]),
     (["odd[1].pcd"], ["odd[1].pcd"]),
+    (["b/c"], ["b/c/2.pcd", "b/c/depth.pcd", "b/c/depth2.pcd"]),
     (["notes.txt", "b"], ["notes.txt", "b/1.pcd"]),
 ])  # fmt: skip
 def test_files_folders_and_patterns(folder, names, found):
@@ -58,42 +61,19 @@ def test_endings_that_a_folder_does_not_stand_for(folder):
     assert [str(path) for path in found] == ["odd[1].pcd", "s9.pcd", "s10.pcd", "s9.PLY"]
 
 
-def test_a_name_sorts_before_longer_ones(folder):
-    for name in ("depth.pcd", "depth2.pcd"):
-        (folder / "b" / "c" / name).touch()
-    found = [path.name for path in list_files(["b/c"], SUFFIXES)]
-    assert found == ["2.pcd", "depth.pcd", "depth2.pcd"]
-
-
-def test_two_links_to_their_own_folder_are_two_to_the_power_of_forty_ways_f17(folder, monkeypatch):
+@pytest.mark.parametrize("pattern", ["**/" * 12 + "*.pcd", "*/../" * 12 + "*.pcd", "b/**/[12].pcd"])
+def test_each_part_of_a_pattern_looks_into_each_folder_once_f17(folder, monkeypatch, pattern):
+    """Though two links to their own folder are two to the power of forty ways."""
     for name in ("one", "other"):
         (folder / "b" / name).symlink_to(".", target_is_directory=True)
-    looked_into = counted(monkeypatch)
-    found = list_files(["b/**/*.pcd"], SUFFIXES)
-    assert [str(path) for path in found] == ["b/1.pcd", "b/c/2.pcd"]
-    assert len(looked_into) == 4  # b and b/c, once for each part of the pattern
-
-
-@pytest.mark.parametrize("pattern", ["**/" * 12 + "*.pcd", "*/../" * 12 + "*.pcd"])
-def test_each_part_of_a_pattern_looks_into_each_folder_once(folder, monkeypatch, pattern):
     for name in ("e/f/g/h", "i/j/k/l", "m", "n", "o"):
         (folder / name).mkdir(parents=True)
-    looked_into = counted(monkeypatch)
-    list_files([pattern], SUFFIXES)
-    parts, folders = pattern.count("/") + 1, 1 + sum(path.is_dir() for path in folder.rglob("*"))
-    assert len(looked_into) <= parts * folders
-
-
-def counted(monkeypatch):
-    """Return a list that gets each folder that is looked into."""
-    looked_into = []
-
-    def look_into(path):
-        looked_into.append(path)
-        return contents_of(path)
-
-    monkeypatch.setattr(listing, "contents_of", look_into)
-    return looked_into
+    look = Mock(side_effect=contents_of)
+    monkeypatch.setattr(listing, "contents_of", look)
+    found = list_files([pattern], SUFFIXES)
+    assert pattern[0] != "b" or list(map(str, found)) == ["b/1.pcd", "b/c/2.pcd"]
+    folders = 1 + sum(path.is_dir() for path in folder.rglob("*"))
+    assert look.call_count <= (pattern.count("/") + 1) * folders
 
 
 def test_a_file_by_its_shortest_way(folder):
@@ -119,35 +99,26 @@ def test_links_into_nothing_and_in_circles_are_left_to_whoever_reads_them(folder
         status_of(folder / "z.pcd")
 
 
-@pytest.mark.parametrize("pattern", ["*/*.pcd", "**/*.pcd", "**"])
-def test_a_folder_that_cannot_be_read_is_left_out_of_a_pattern_and_told(
-    folder, monkeypatch, pattern
-):
-    (folder / "e").mkdir()
-    (folder / "e" / "3.pcd").touch()
-    private(folder / "e", monkeypatch)
-    with pytest.warns(MapdealWarning, match="e: cannot be read: Permission denied; left out"):
-        found = list_files([pattern], SUFFIXES)
-    assert "b/1.pcd" in map(str, found)
-    assert "3.pcd" not in {path.name for path in found}
-    with pytest.raises(FileAccessError, match="e: cannot be read: Permission denied"):
-        list_files(["e"], SUFFIXES)
+def test_a_folder_that_cannot_be_read_is_left_out_of_a_pattern_and_told(folder, monkeypatch):
+    private(folder / "b" / "c", monkeypatch)
+    for pattern in ("*/*/*.pcd", "b/**/*.pcd", "b/**"):
+        with pytest.warns(MapdealWarning, match="c: cannot be read: Permission denied; left out"):
+            found = [str(path) for path in files_matching(pattern)]
+        assert found == (["b/1.pcd"] if "**" in pattern else [])
+    with pytest.raises(FileAccessError, match="c: cannot be read: Permission denied"):
+        list_files(["b/c"], SUFFIXES)
 
 
-NAMES = st.sampled_from(
-    ["a", "b", "ab", "a.y", "b.y", "A.y", ".h", ".y", "a b", "[a]", "a[b", "1.y", "10.y", "x.z"]
-)
-PARTS = st.sampled_from(
-    ["**", "*", "?", "*.y", "a*", "[ab]", "[!a]*", ".*", "[[]a]", "a", "ab", "*.[yz]", "?*", "**.y",
-     ".h", "[.]y", "[]a]", "[b-"]
-)  # fmt: skip
+NAMES = ["a", "b", "ab", "a.y", "b.y", "A.y", ".h", ".y", "a b", "[a]", "a[b", "1.y", "10.y", "x.z"]
+PARTS = ["**", "*", "?", "*.y", "a*", "[ab]", "[!a]*", ".*", "[[]a]", "a", "ab", "*.[yz]", "?*",
+         "**.y", ".h", "[.]y", "[]a]", "[b-"]  # fmt: skip
 
 
 @pytest.mark.slow
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(
-    st.lists(st.lists(NAMES, min_size=1, max_size=4), max_size=12),
-    st.lists(PARTS, min_size=1, max_size=4),
+    st.lists(st.lists(st.sampled_from(NAMES), min_size=1, max_size=4), max_size=12),
+    st.lists(st.sampled_from(PARTS), min_size=1, max_size=4),
     st.sampled_from(["", "/", "./"]),
 )
 def test_patterns_mean_what_glob_means_by_them(files, parts, end):
@@ -167,12 +138,6 @@ def test_patterns_mean_what_glob_means_by_them(files, parts, end):
         if expected and has_magic(pattern):
             suffixes = {path.suffix.lower() for path in expected}
             assert list_files([pattern], tuple(suffixes)) == sorted_naturally(expected)
-
-
-def test_a_pattern_from_here_and_one_from_the_root(folder):
-    for pattern in ("*.pcd", "./*.pcd", "b//*.pcd", "b/../b/*", f"{folder}/**/2*", "**/c/*", "**/"):
-        expected = {Path(one) for one in glob(pattern, recursive=True)}  # noqa: PTH207
-        assert set(files_matching(pattern)) == {path for path in expected if path.is_file()}
 
 
 def test_numbered_folders_of_what_cannot_be_a_folder(folder):

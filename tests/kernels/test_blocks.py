@@ -1,37 +1,32 @@
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from unittest import mock
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.kernels.blocks import (
-    CacheBudget,
-    LazyLayer,
-    is_lazy,
-    made_by_rows,
-    made_by_windows,
-    rows_reported,
-    swept,
-)
+from mapdeal.kernels import blocks
 from mapdeal.kernels.threads import use_threads
 
 WHOLE = np.arange(23 * 4).reshape(23, 4).astype(np.uint8)
 
 
-def lazy(block_height=5, keep=0, asked=None):
-    def make(rows):
+def lazy(block_height=5, keep=0, asked=None, make=WHOLE.__getitem__, **options):
+    """The rows of WHOLE, and a list of those that were asked for."""
+
+    def listed(rows):
         if asked is not None:
             asked.append((rows.start, rows.stop))
-        return WHOLE[rows]
+        return make(rows)
 
-    return LazyLayer(WHOLE.shape, np.uint8, make, block_height=block_height, keep=keep)
+    return blocks.LazyLayer(
+        WHOLE.shape, np.uint8, listed, block_height=block_height, keep=keep, **options
+    )
 
 
-@given(
-    st.integers(-30, 30), st.integers(-30, 30), st.integers(1, 30), st.integers(0, 3)
-)  # fmt: skip
+@given(st.integers(-30, 30), st.integers(-30, 30), st.integers(1, 30), st.integers(0, 3))
 def test_any_slice_is_that_of_the_array(first, end, block_height, keep):
     layer = lazy(block_height, keep)
     assert np.array_equal(layer[first:end], WHOLE[first:end])
@@ -49,15 +44,14 @@ def test_kept_blocks_are_made_whole_and_once():
 
 
 def test_a_block_that_two_threads_ask_for_is_made_once():
-    begun, may_end, count = threading.Event(), threading.Event(), []
+    begun, may_end, asked = threading.Event(), threading.Event(), []
 
     def make(rows):
-        count.append(rows.start)
         begun.set()
         assert may_end.wait(120)
         return WHOLE[rows]
 
-    layer = LazyLayer(WHOLE.shape, np.uint8, make, block_height=23, keep=1)
+    layer = lazy(23, keep=1, asked=asked, make=make)
     with ThreadPoolExecutor(2) as pool:
         one = pool.submit(lambda: layer[0:3])
         assert begun.wait(120)
@@ -65,19 +59,12 @@ def test_a_block_that_two_threads_ask_for_is_made_once():
         may_end.set()
         assert np.array_equal(one.result(), WHOLE[0:3])
         assert np.array_equal(other.result(), WHOLE[2:9])
-    assert count == [0]
+    assert asked == [(0, 23)]
 
 
 def test_an_error_is_raised_to_whoever_asks_and_not_kept():
-    outcomes = iter([OSError("gone"), None])
-
-    def make(rows):
-        problem = next(outcomes)
-        if problem:
-            raise problem
-        return WHOLE[rows]
-
-    layer = LazyLayer(WHOLE.shape, np.uint8, make, block_height=23, keep=1)
+    outcomes = mock.Mock(side_effect=[OSError("gone"), WHOLE])
+    layer = lazy(23, keep=1, make=outcomes)
     with pytest.raises(OSError, match="gone"):
         layer[0:3]
     assert np.array_equal(layer[0:3], WHOLE[0:3])
@@ -105,8 +92,8 @@ def test_a_window_has_its_halo_and_gives_its_rows(block_height, halo):
     layer = lazy(block_height)
     expected = np.array([WHOLE[max(k - halo, 0) : k + halo + 1].max(axis=0) for k in range(23)])
     for source in (WHOLE, layer):
-        made = made_by_windows(source, np.int64, largest_around(source), halo=halo)
-        assert is_lazy(made) == (source is layer)
+        made = blocks.made_by_windows(source, np.int64, largest_around(source), halo=halo)
+        assert blocks.is_lazy(made) == (source is layer)
         assert np.array_equal(made[:], expected)
         assert np.array_equal(made[4:9], expected[4:9])
 
@@ -114,41 +101,33 @@ def test_a_window_has_its_halo_and_gives_its_rows(block_height, halo):
 @pytest.mark.parametrize(("size", "times"), [(23 * 4 * 8, 1), (23 * 4 * 8 - 1, 2)])
 def test_a_layer_is_kept_whole_if_the_budget_has_room(size, times):
     asked = []
-
-    def make(rows):
-        asked.append(rows.start)
-        return WHOLE[rows].astype(np.int64)
-
-    source = LazyLayer(
-        WHOLE.shape, np.uint8, WHOLE.__getitem__, block_height=5, budget=CacheBudget(size)
-    )
+    source = lazy(asked=asked, budget=blocks.CacheBudget(size))
     with use_threads(1):
-        layer = made_by_rows(source, np.int64, make, is_kept=True)
+        layer = blocks.made_by_rows(source, np.int64, lambda rows: source[rows] + 0, is_kept=True)
     for _ in range(2):
         pieces = [layer[first : first + 3] for first in range(0, 23, 3)]
         assert np.array_equal(np.vstack(pieces), WHOLE)
-    assert asked == [0, 5, 10, 15, 20] * times
+    assert [first for first, _ in asked] == [0, 5, 10, 15, 20] * times
     assert (layer.block_height, layer.dtype) == (5, np.int64)
 
 
 def test_passes_through_lazy_layers_are_told_when_rows_are_done():
     told = []
-    with rows_reported(lambda rows, height: told.append((rows, height))):
-        for rows in swept(lazy()):
+    with blocks.rows_reported(lambda rows, height: told.append((rows, height))):
+        for rows in blocks.swept(lazy()):
             assert sum(done for done, _ in told) == rows.start
-        for _ in swept(WHOLE):
+        for _ in blocks.swept(WHOLE):
             pass
     assert told == [(5, 23)] * 4 + [(3, 23)]
-    for _ in swept(lazy()):
+    for _ in blocks.swept(lazy()):
         pass
     assert len(told) == 5
 
 
 def test_the_budget_is_shared_by_all_layers_of_a_map():
-    budget = CacheBudget(100)
-    source = LazyLayer((10, 4), np.uint8, WHOLE.__getitem__, block_height=5, budget=budget)
-    layer = made_by_rows(source, np.uint8, WHOLE.__getitem__, is_kept=True)
-    narrow = made_by_rows(layer, np.int8, lambda rows: WHOLE[rows, :3], shape=(10, 3))
-    made_by_rows(narrow, np.int8, lambda rows: WHOLE[rows, :3], is_kept=True)
-    assert budget.take(30)
+    budget = blocks.CacheBudget(23 * 4 + 23 * 3 + 1)
+    layer = blocks.made_by_rows(lazy(budget=budget), np.uint8, WHOLE.__getitem__, is_kept=True)
+    narrow = blocks.made_by_rows(layer, np.int8, lambda rows: WHOLE[rows, :3], shape=(23, 3))
+    blocks.made_by_rows(narrow, np.int8, lambda rows: WHOLE[rows, :3], is_kept=True)
+    assert budget.take(1)
     assert not budget.take(1)

@@ -1,4 +1,4 @@
-"""Clearance trees beside floods and merges cell by cell, on each engine."""
+"""Clearance trees beside floods and merges cell by cell, and each engine beside the other."""
 
 import math
 
@@ -9,26 +9,13 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 import oracles
+from engines import needs_compiled
 from mapdeal import read_map
+from mapdeal.kernels import paths, scipy_twins
 from mapdeal.kernels.distance import squared_distance, unreachable
-from mapdeal.kernels.paths import (
-    basin_areas,
-    clearance_metres,
-    clearance_tree,
-    rooted,
-    widest_metres,
-)
 
-
-def widest_from(tree, squared, start):
-    """Return the squares of the widest ways, below a million, from their lengths in cells."""
-    cells = widest_metres(tree, squared, start, 1.0).astype(np.float64)
-    widest = np.full(squared.shape, unreachable(squared), squared.dtype)
-    widest[np.isfinite(cells)] = np.rint(cells[np.isfinite(cells)] ** 2)
-    return widest
-
-
-pytestmark = pytest.mark.usefixtures("each_engine")
+CHOICES = st.integers(0, 10**6)
+RESOLUTIONS = st.floats(1e-3, 10)
 
 
 @st.composite
@@ -51,36 +38,53 @@ def some_cell(mask, choice):
     return tuple(listed[choice % len(listed)].tolist())
 
 
-@given(grids(), st.integers(0, 10**6))
-def test_widest_ways_are_those_of_floods_at_every_square(grid, choice):
+def metres_of(squared, resolution):
+    """Metres of each square, as float32 has them."""
+    endless = unreachable(squared)
+    listed = [math.inf if s == endless else math.sqrt(s) * resolution for s in squared.flat]
+    return np.array(listed, dtype=np.float32).reshape(squared.shape)
+
+
+@given(grids(), CHOICES, RESOLUTIONS, st.booleans())
+def test_widest_ways_are_those_of_floods_at_every_square(
+    each_engine, grid, choice, resolution, in_place
+):
     squared, is_open = grid
-    tree = clearance_tree(squared, is_open)
+    tree = paths.clearance_tree(squared, is_open)
     assert np.array_equal(tree.basins >= 0, is_open)
     if is_open.any():
         start = some_cell(is_open, choice)
-        widest = widest_from(tree, squared, start)
-        assert np.array_equal(widest, oracles.widest_by_flooding(squared, is_open, start))
+        expected = oracles.widest_by_flooding(squared, is_open, start).astype(squared.dtype)
+        metres = paths.widest_metres(tree, squared, start, resolution, in_place=in_place)
+        assert metres.dtype == np.float32
+        assert np.array_equal(metres, metres_of(expected, resolution))
+        assert np.shares_memory(metres, tree.basins) == in_place
 
 
-@pytest.mark.parametrize(
-    ("shape", "share"), [((64, 41), 0.01), ((64, 41), 0.35), ((37, 64), 0.1), ((1, 64), 0.1)]
-)
-def test_widest_ways_on_larger_grids(shape, share):
-    rng = np.random.default_rng(5)
-    occupied = rng.random(shape) < share
-    occupied[0, 0] = False
-    occupied[shape[0] // 3, : shape[1] * 2 // 3] = shape[0] > 1 and share == 0.01  # a wall
-    squared = squared_distance(occupied)
-    tree = clearance_tree(squared, ~occupied)
-    for start in [(0, 0), some_cell(~occupied, 1234), some_cell(~occupied, 987_654)]:
-        widest = widest_from(tree, squared, start)
-        assert np.array_equal(widest, oracles.widest_by_flooding(squared, ~occupied, start))
+@given(grids(), RESOLUTIONS, st.booleans())
+def test_metres_are_roots_of_squares_times_the_resolution(each_engine, grid, resolution, in_place):
+    squared, _ = grid
+    expected = metres_of(squared, resolution)
+    metres = paths.clearance_metres(squared, resolution, in_place=in_place)
+    assert metres.dtype == np.float32
+    assert np.array_equal(metres, expected)
+    assert np.shares_memory(metres, squared) == (in_place and squared.dtype == np.int32)
+
+
+def test_metres_do_not_take_memory_that_is_not_theirs_alone(each_engine):
+    squared = np.arange(24, dtype=np.int32).reshape(4, 6)
+    locked = squared.copy()
+    locked.flags.writeable = False
+    for part in (squared[:, ::2], locked):
+        before = part.copy()
+        assert not np.shares_memory(paths.clearance_metres(part, 0.3, in_place=True), part)
+        assert np.array_equal(part, before)
 
 
 @given(grids())
-def test_basins_and_edges_are_those_that_appear_as_cells_are_added(grid):
+def test_basins_and_edges_are_those_that_appear_as_cells_are_added(each_engine, grid):
     squared, is_open = grid
-    tree = clearance_tree(squared, is_open)
+    tree = paths.clearance_tree(squared, is_open)
     basin, merges = oracles.merged_basins(squared, is_open)
     at = [divmod(cell, squared.shape[1]) for cell in tree.peak_cells.tolist()]
     assert at == sorted(set(basin.values()))
@@ -95,13 +99,13 @@ def test_basins_and_edges_are_those_that_appear_as_cells_are_added(grid):
 
 
 @given(grids(24), st.integers(0, 10**6))
-def test_a_rooted_tree_leads_from_each_basin_to_the_root(grid, choice):
+def test_a_rooted_tree_leads_from_each_basin_to_the_root(each_engine, grid, choice):
     squared, is_open = grid
-    tree = clearance_tree(squared, is_open)
+    tree = paths.clearance_tree(squared, is_open)
     if not len(tree.peaks):
         return
     root = choice % len(tree.peaks)
-    seen = rooted(tree, root)
+    seen = paths.rooted(tree, root)
     assert seen.order[0] == root
     assert seen.parent_edges[root] == -1
     assert seen.bottlenecks[root] == tree.peaks[root]
@@ -121,36 +125,11 @@ def test_a_rooted_tree_leads_from_each_basin_to_the_root(grid, choice):
     assert set(depths) == set(np.flatnonzero(labels == labels[root]).tolist())
 
 
-def metres_of(squared, resolution):
-    """Metres of each square, as float32 has them."""
-    endless = unreachable(squared)
-    listed = [math.inf if s == endless else math.sqrt(s) * resolution for s in squared.flat]
-    return np.array(listed, dtype=np.float32).reshape(squared.shape)
-
-
-@given(grids(), st.integers(0, 10**6), st.floats(1e-3, 10), st.booleans())
-def test_metres_are_roots_of_squares_times_the_resolution(grid, choice, resolution, in_place):
-    squared, is_open = grid
-    expected = metres_of(squared, resolution)
-    tree = clearance_tree(squared, is_open)
-    if is_open.any():
-        start = some_cell(is_open, choice)
-        widest = widest_from(tree, squared, start)
-        metres = widest_metres(tree, squared, start, resolution, in_place=in_place)
-        assert metres.dtype == np.float32
-        assert np.array_equal(metres, metres_of(widest, resolution))
-        assert np.shares_memory(metres, tree.basins) == in_place
-    metres = clearance_metres(squared, resolution, in_place=in_place)
-    assert metres.dtype == np.float32
-    assert np.array_equal(metres, expected)
-    assert np.shares_memory(metres, squared) == (in_place and squared.dtype == np.int32)
-
-
 @given(grids(), st.integers(-2, 12))
-def test_areas_are_counts_of_cells(grid, above):
+def test_areas_are_counts_of_cells(each_engine, grid, above):
     squared, is_open = grid
-    tree = clearance_tree(squared, is_open)
-    areas = basin_areas(tree, squared, above)
+    tree = paths.clearance_tree(squared, is_open)
+    areas = paths.basin_areas(tree, squared, above)
     assert areas.dtype == np.int64
     counted = [((tree.basins == k) & (squared > above)).sum() for k in range(len(tree.peaks))]
     assert areas.tolist() == counted
@@ -165,25 +144,82 @@ def test_areas_are_counts_of_cells(grid, above):
         "mit-racecar__racecar_simulator/maps/building_31.yaml",
     ],
 )
-def test_widest_ways_through_real_buildings_are_those_of_labels(real_maps, name):
+def test_widest_ways_through_real_buildings_are_those_of_labels(each_engine, real_maps, name):
     """From the widest place: what robots reach that are as wide as some passages, or wider."""
     values = read_map(real_maps / name).occupancy
     is_free = values == 0
     squared = squared_distance(values == 100)
-    tree = clearance_tree(squared, is_free)
+    tree = paths.clearance_tree(squared, is_free)
     start = divmod(int(tree.peak_cells[np.argmax(tree.peaks)]), squared.shape[1])
-    widest = widest_from(tree, squared, start)
+    widest = np.rint(paths.widest_metres(tree, squared, start, 1.0).astype(float) ** 2)
     some = tree.squares[:: max(1, len(tree.squares) // 12)].tolist()
     for square in {least for one in some for least in (one, one + 1)}:
         labels, _ = ndimage.label(is_free & (squared >= square))
         assert np.array_equal(widest >= square, (labels == labels[start]) & (labels > 0))
 
 
-def test_metres_do_not_take_memory_that_is_not_theirs_alone():
-    squared = np.arange(24, dtype=np.int32).reshape(4, 6)
-    locked = squared.copy()
-    locked.flags.writeable = False
-    for part in (squared[:, ::2], locked):
-        before = part.copy()
-        assert not np.shares_memory(clearance_metres(part, 0.3, in_place=True), part)
-        assert np.array_equal(part, before)
+def bits(array):
+    return array.shape, array.dtype, array.tobytes()
+
+
+def check(squared, is_open, resolution=0.05, choice=0):
+    """All that the compiled code makes of a grid is that of numpy and scipy, to the last byte."""
+    from mapdeal.kernels import compiled
+
+    assert compiled.fits(squared)
+    made = []
+    for engine in (compiled, scipy_twins):
+        tree = engine.clearance_tree(squared, is_open)
+        results = [getattr(tree, name) for name in tree.__dataclass_fields__]
+        if len(tree.peaks):
+            seen = engine.rooted(tree, choice % len(tree.peaks))
+            results += [getattr(seen, name) for name in seen.__dataclass_fields__]
+            results.append(engine.basin_areas(tree.basins, squared, 3, len(tree.peaks)))
+            limits = np.concatenate([[0], np.maximum(seen.bottlenecks, 0)])
+            widest, metres = np.empty((2, *squared.shape), np.float32)
+            engine.widest_metres(tree.basins, squared, limits, resolution, widest)
+            engine.clearance_metres(squared, resolution, metres)
+            results += [widest, metres]
+        made.append([bits(array) for array in results])
+    assert made[0] == made[1]
+
+
+@pytest.mark.slow
+@needs_compiled
+@given(grids(40), CHOICES, RESOLUTIONS)
+def test_both_engines_give_the_same_bytes(grid, choice, resolution):
+    check(*grid, resolution, choice)
+
+
+@pytest.mark.slow
+@needs_compiled
+@pytest.mark.parametrize(
+    ("shape", "density"), [((700, 600), 0.0005), ((30, 9000), 0.05), ((9000, 1), 0.05)]
+)
+def test_both_engines_agree_on_many_bands_of_rows(shape, density):
+    occupied = np.random.default_rng(7).random(shape) < density
+    check(squared_distance(occupied), ~occupied, choice=11)
+
+
+@pytest.mark.slow
+@needs_compiled
+def test_both_engines_agree_where_one_way_crosses_all_bands_many_times():
+    """It winds up and down through all columns, and pointers lead along it to its end."""
+    winding = np.zeros((600, 600), np.int32)
+    for k in range(300):
+        way = np.arange(601 * k + 1, 601 * (k + 1))
+        winding[:, 2 * k] = way if k % 2 == 0 else way[::-1]
+        winding[-1 if k % 2 == 0 else 0, 2 * k + 1] = 601 * (k + 1)
+    for turned in (winding, winding[::-1].copy()):
+        check(turned, turned > 0)
+
+
+@needs_compiled
+def test_squares_that_do_not_fit_are_left_to_the_twin():
+    from mapdeal.kernels import compiled
+
+    large = np.array([[2**31 - 2, 5, 2**63 - 1]])
+    assert compiled.fits(large)
+    large[0, 0] += 1
+    assert not compiled.fits(large)
+    assert not compiled.fits(np.zeros((0, 4), np.int32))

@@ -1,3 +1,4 @@
+import itertools
 import tracemalloc
 from collections import Counter
 
@@ -12,23 +13,25 @@ from mapdeal.kernels.components import Components, drop_small_groups, gap_at, la
 from mapdeal.kernels.distance import squared_distance
 from strategies import masks
 
-
-def measured(marked, heights):
-    """Sizes of all components, one after the other, given rows of these heights in turn."""
-    found, first, turn = Components(), 0, 0
-    while first < len(marked):
-        stop = first + heights[turn % len(heights)]
-        found.add(marked[first:stop])
-        first, turn = stop, turn + 1
-    sizes, counts = found.sizes()
-    return Counter(dict(zip(sizes.tolist(), counts.tolist(), strict=True)))
+HEIGHTS = st.lists(st.integers(1, 5), min_size=1, max_size=3)
 
 
-@given(masks(), st.lists(st.integers(1, 5), min_size=1, max_size=3), st.integers(1, 40))
+def added(rows, heights, **options):
+    """Components of rows that are given some at a time, of these heights in turn."""
+    found, first, turns = Components(**options), 0, itertools.cycle(heights)
+    while first < len(rows):
+        height = next(turns)
+        found.add(rows[first : first + height])
+        first += height
+    return found
+
+
+@given(masks(), HEIGHTS, st.integers(1, 40))
 def test_sizes_are_those_of_flooding_however_rows_come(marked, heights, together):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(components, "_CELLS_TOGETHER", together)
-        found = measured(marked, heights)
+        sizes, counts = added(marked, heights).sizes()
+    found = dict(zip(sizes.tolist(), counts.tolist(), strict=True))
     assert found == Counter(len(group) for group in oracles.groups(marked))
 
 
@@ -36,35 +39,26 @@ def middle_by_hand(group, width):
     """The middle of the longest row of cells of a component, as a number; the lowest of several."""
     runs = []
     for row, col in sorted(group):
-        if runs and (row, col - 1) == runs[-1][-1]:
-            runs[-1].append((row, col))
-        else:
-            runs.append([(row, col)])
+        if not runs or (row, col - 1) != runs[-1][-1]:
+            runs.append([])
+        runs[-1].append((row, col))
     longest = max(map(len, runs))
-    return min(
-        row * width + col
-        for row, col in (run[(longest - 1) // 2] for run in runs if len(run) == longest)
-    )
+    middles = [run[(longest - 1) // 2] for run in runs if len(run) == longest]
+    return min(row * width + col for row, col in middles)
 
 
-@given(masks(20), st.lists(st.integers(1, 5), min_size=1, max_size=3), st.booleans())
+@given(masks(20), HEIGHTS, st.booleans())
 def test_places_are_the_middles_of_the_longest_runs(marked, heights, from_last):
     expected = {}
     for group in oracles.groups(marked):
         middle = middle_by_hand(group, marked.shape[1])
         expected.setdefault(len(group), []).append(middle)
-    found = Components(last_row=len(marked) - 1 if from_last else None)
-    rows = marked[::-1] if from_last else marked
-    first, turn = 0, 0
-    while first < len(rows):
-        height = heights[turn % len(heights)]
-        found.add(rows[first : first + height])
-        first, turn = first + height, turn + 1
-    with_most = {
-        size: sorted(listed)[: components.MOST_PLACES] for size, listed in expected.items()
+    last_row = len(marked) - 1 if from_last else None
+    found = added(marked[::-1] if from_last else marked, heights, last_row=last_row).places()
+    assert found == {
+        size: sorted(all_)[: components.MOST_PLACES] for size, all_ in expected.items()
     }
-    assert found.places() == with_most
-    assert list(found.places()) == sorted(with_most)
+    assert list(found) == sorted(expected)
 
 
 def test_memory_does_not_grow_with_the_rows():
@@ -122,43 +116,28 @@ def test_thickness_is_that_of_walking_along_row_and_column(marked):
     assert thickness_of(marked).tolist() == [expected[cell] for cell in sorted(expected)]
 
 
-def room_with_a_wall(first, last, gap, thickness, turned):
-    """Two rooms beside each other and a wall between them, columns 12 and on, with a gap."""
-    occupied = np.zeros((31, 40), dtype=bool)
-    occupied[[0, -1]] = True
-    occupied[:, [0, -1]] = True
-    occupied[:, 12 : 12 + thickness] = True
-    occupied[first:last, 12 : 12 + thickness] = False
-    return occupied.T.copy() if turned else occupied
-
-
-def basins_of(occupied):
-    return np.where(occupied, -1, 0).astype(np.int32)
-
-
-def narrowest_cells(occupied, squared, first, last, thickness, turned):
-    inside = np.zeros_like(occupied)
-    (inside.T if turned else inside)[first:last, 12 : 12 + thickness] = True
-    widest = squared[inside].max()
-    return [tuple(cell) for cell in np.argwhere(inside & (squared == widest)).tolist()]
+def bar_at(occupied, cell, squared=None):
+    squared = squared_distance(occupied) if squared is None else squared
+    return gap_at(squared, np.where(occupied, -1, 0).astype(np.int32), cell)
 
 
 @pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize("thickness", [1, 2, 3, 7])
-@pytest.mark.parametrize("gap", [1, 2, 3, 8])
+@pytest.mark.parametrize(("gap", "thickness"), [(1, 1), (1, 7), (2, 2), (3, 1), (3, 3), (8, 7)])
 def test_the_bar_lies_across_the_middle_of_the_door(gap, thickness, turned):
-    first = 9
-    last = first + gap
-    occupied = room_with_a_wall(first, last, gap, thickness, turned)
+    occupied = np.pad(np.zeros((29, 38), dtype=bool), 1, constant_values=True)
+    door = np.s_[9 : 9 + gap, 12 : 12 + thickness]
+    occupied[:, door[1]] = True
+    occupied[door] = False
     squared = squared_distance(occupied)
-    cells = narrowest_cells(occupied, squared, first, last, thickness, turned)
-    assert len(cells) >= thickness
-    for cell in cells:  # any of them may be the saddle
-        ends = gap_at(squared, basins_of(occupied), cell)
+    saddles = np.argwhere(squared[door] == squared[door].max()) + np.array([9, 12])
+    assert len(saddles) >= thickness
+    for row, col in saddles.tolist():  # any of them may be the saddle
         if turned:
-            ends = [end[::-1] for end in ends]
+            ends = [end[::-1] for end in bar_at(occupied.T.copy(), (col, row))]
+        else:
+            ends = bar_at(occupied, (row, col))
         (low, column), (high, other) = ends
-        assert (low, high) == (first - 1, last)
+        assert (low, high) == (8, 9 + gap)
         assert column == other
         assert abs(column - (12 + (thickness - 1) / 2)) <= 0.5
 
@@ -166,52 +145,41 @@ def test_the_bar_lies_across_the_middle_of_the_door(gap, thickness, turned):
 def test_the_ridge_does_not_run_along_the_walls_of_rooms():
     # The saddle is as far from the wall as are the cells along it.
     occupied = np.zeros((30, 40), dtype=bool)
-    occupied[0] = True
-    occupied[4, 6] = True
-    squared = squared_distance(occupied)
-    assert squared[2, 6] == squared[2, 30] == 4
-    assert gap_at(squared, basins_of(occupied), (2, 6)) == ((0.0, 6.0), (4.0, 6.0))
+    occupied[0] = occupied[4, 6] = True
+    assert bar_at(occupied, (2, 6)) == ((0.0, 6.0), (4.0, 6.0))
 
 
 def test_a_diagonal_gap_is_crossed_from_corner_to_corner():
-    occupied = np.zeros((20, 20), dtype=bool)
-    for k in range(20):
-        occupied[k, k] = True
-        occupied[k, min(k + 1, 19)] = True
-    for k in (8, 9, 10):
-        occupied[k, k : k + 2] = False
+    occupied = np.eye(20, dtype=bool) | np.eye(20, k=1, dtype=bool)
+    occupied[8:11] = False
     squared = squared_distance(occupied)
-    along = [(k, k) for k in range(7, 12)] + [(k, k + 1) for k in range(7, 12)]
-    saddle = max(along, key=lambda cell: squared[cell])
-    first, second = gap_at(squared, basins_of(occupied), saddle)
-    assert {first, second} <= {(7.0, 7.0), (7.0, 8.0), (11.0, 11.0), (11.0, 12.0)}
-    assert first[0] == 7
-    assert second[0] == 11
+    along = [(k, k + i) for i in (0, 1) for k in range(7, 12)]
+    first, second = bar_at(occupied, max(along, key=lambda cell: squared[cell]))
+    assert first in {(7.0, 7.0), (7.0, 8.0)}
+    assert second in {(11.0, 11.0), (11.0, 12.0)}
 
 
 def test_where_there_is_no_obstacle_opposite_the_bar_ends_where_ways_do():
     occupied = np.zeros((12, 20), dtype=bool)
     occupied[2] = True
-    basins = basins_of(occupied)
+    basins = np.where(occupied, -1, 0).astype(np.int32)
     basins[6:, 9:12] = -1  # unknown
-    squared = squared_distance(occupied)
-    assert gap_at(squared, basins, (5, 10)) == ((2.0, 10.0), (6.0, 10.0))
+    assert gap_at(squared_distance(occupied), basins, (5, 10)) == ((2.0, 10.0), (6.0, 10.0))
 
 
 def test_the_edge_is_an_obstacle():
     occupied = np.zeros((12, 20), dtype=bool)
     occupied[2] = True
     squared = squared_distance(np.pad(occupied, 1, constant_values=True))[1:-1, 1:-1]
-    assert gap_at(squared, basins_of(occupied), (7, 8)) == ((2.0, 9.0), (12.0, 9.0))
+    assert bar_at(occupied, (7, 8), squared) == ((2.0, 9.0), (12.0, 9.0))
     alone = np.ones((1, 1), dtype=np.int32)
-    assert gap_at(alone, basins_of(alone == 0), (0, 0)) == ((-1.0, 0.0), (1.0, 0.0))
+    assert bar_at(alone == 0, (0, 0), alone) == ((-1.0, 0.0), (1.0, 0.0))
 
 
 def test_the_bar_lies_in_the_middle_of_a_long_door():
     occupied = np.ones((9, 300), dtype=bool)
-    occupied[1:8, 1:20] = occupied[1:8, 280:299] = False
-    occupied[3:6, 20:280] = False
-    squared = squared_distance(occupied)
+    occupied[1:8, 1:20] = occupied[1:8, 280:299] = occupied[3:6, 20:280] = False
     for col in (25, 140, 275):
-        ends = gap_at(squared, basins_of(occupied), (4, col))
-        assert ends == ((2, pytest.approx(149.5, abs=1)), (6, pytest.approx(149.5, abs=1)))
+        (low, column), (high, other) = bar_at(occupied, (4, col))
+        assert (low, high) == (2, 6)
+        assert column == other == pytest.approx(149.5, abs=1)

@@ -10,12 +10,15 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 import oracles
+from engines import needs_compiled
+from mapdeal.grid.footprint import Footprint, footprint_spans
+from mapdeal.grid.frame import Frame
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.paths import ConfigurationSpace
 from mapdeal.kernels.polygons import Spans
-from mapdeal.kernels.threads import thread_count
+from mapdeal.kernels.threads import thread_count, use_threads
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("each_engine")]
+pytestmark = pytest.mark.slow
 
 
 def as_spans(runs):
@@ -63,34 +66,29 @@ def spaces(draw, longest):
 
 
 @given(spaces(longest=12))
-def test_the_ways_of_any_footprint_are_those_of_a_search(case):
+def test_the_ways_of_any_footprint_are_those_of_a_search(each_engine, case):
     check(*case)
 
 
-@settings(max_examples=15)
-@given(spaces(longest=150))
-def test_the_ways_on_grids_wider_than_a_word_are_those_of_a_search(case):
+@settings(max_examples=12)
+@given(spaces(longest=130))
+def test_the_ways_on_grids_wider_than_a_word_are_those_of_a_search(each_engine, case):
     check(*case)
 
 
-@pytest.mark.parametrize(
-    "footprint",
-    [
-        [(0, 0, 71)],
-        [(0, -(2**40), -(2**40) + 1), (2**40, 0, 1)],
-        [(10**6, 0, 1)],
-        [(0, 80, 90)],
-        [(-3, 0, 1), (0, 0, 1)],
-    ],
-)
-def test_a_footprint_that_fits_nowhere_is_open_nowhere(footprint):
+FAR = 2**40
+NOWHERE = [[(0, 0, 71)], [(0, -FAR, 1 - FAR), (FAR, 0, 1)], [(0, 80, 90)], [(-3, 0, 1), (0, 0, 1)]]
+
+
+@pytest.mark.parametrize("footprint", NOWHERE)
+def test_a_footprint_that_fits_nowhere_is_open_nowhere(each_engine, footprint):
     space = ConfigurationSpace(np.zeros((3, 70), dtype=bool), [as_spans(footprint)] * 2)
     assert not space.headings.any()
     assert not space.reach([(0, 1, 1)], [(1, 1)]).reachable.any()
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 255])
-def test_any_count_of_headings_up_to_a_byte(count):
+@pytest.mark.parametrize("count", [1, 3, 255])
+def test_any_count_of_headings_up_to_a_byte(each_engine, count):
     blocked = np.random.default_rng(count).random((9, 80)) < 0.1
     space = ConfigurationSpace(blocked, [as_spans([(0, 0, 2)])] * count)
     np.testing.assert_array_equal(space.headings, count * (space.headings > 0))
@@ -102,14 +100,14 @@ def test_any_count_of_headings_up_to_a_byte(count):
     "footprints",
     [[], [as_spans([(0, 0, 1)])] * 256, [as_spans([(0, 2, 2)])], [Spans(*[np.zeros(0)] * 3)]],
 )
-def test_what_is_no_set_of_headings_is_refused(footprints):
+def test_what_is_no_set_of_headings_is_refused(each_engine, footprints):
     with pytest.raises(ValueError, match=r"heading|footprint"):
         ConfigurationSpace(np.zeros((3, 7), dtype=bool), footprints)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("count", [5, 40])
-def test_it_takes_the_memory_that_it_says(count):
+def test_it_takes_the_memory_that_it_says(each_engine, count):
     shape = (400, 500)
     blocked = np.zeros(shape, dtype=bool)
     robot = as_spans([(-5, -9, 10), (0, -20, 19)])
@@ -137,3 +135,74 @@ def test_it_takes_the_memory_that_it_says(count):
         said = planes + height * width * max(6 + 3, 3 * 4 + 3 * 8 + 6)
     said += 2 * height * width
     assert 0.5 * said < peak <= said
+
+
+def random_case(rng, shape):
+    """Rooms with a few doors and rubbish in them, and rectangles turned a little."""
+    blocked = rng.random(shape) < 0.01
+    blocked[:: shape[0] // 3] = blocked[:, :: shape[1] // 5] = True
+    for row, col in rng.integers(0, shape, (60, 2)):
+        blocked[row : row + 9, col : col + 9] = False
+    robot = Footprint.polygon([[0.3, 0.1], [0.3, -0.1], [-0.2, -0.1], [-0.2, 0.1]])
+    spans = footprint_spans(robot, Frame(*shape, 0.05, (0.0, 0.0, 0.3)), int(rng.integers(4, 30)))
+    seeds = rng.integers(0, (len(spans), *shape), (40, 3)).tolist()
+    return blocked, spans, [tuple(seed) for seed in seeds]
+
+
+@needs_compiled
+@pytest.mark.parametrize("shape", [(97, 300), (33, 1100), (200, 64), (65, 2048)])
+def test_both_engines_give_the_same_bytes_with_any_threads(monkeypatch, shape):
+    blocked, spans, seeds = random_case(np.random.default_rng(7), shape)
+    cells = [(row, col) for _, row, col in seeds]
+    results = []
+    for engine, threads in (("scipy", 1), ("compiled", 1), ("compiled", 3)):
+        monkeypatch.setenv("MAPDEAL_KERNELS", engine)
+        with use_threads(threads):
+            space = ConfigurationSpace(blocked, spans)
+            opened = np.array([space.open_headings(*cell) for cell in cells])
+            found = space.reach(seeds, cells)
+        results.append((space.headings, opened, found.reachable, found.headings))
+    assert 0 < results[0][2].sum() < results[0][2].size
+    for other in results[1:]:
+        for one, same in zip(results[0], other, strict=True):
+            np.testing.assert_array_equal(one, same)
+            assert one.dtype == same.dtype
+
+
+@pytest.fixture
+def rounds(monkeypatch):
+    """Let few words of cells wait at a time, and return how often that were too few."""
+    from mapdeal.kernels import compiled
+
+    counted, flood = [], compiled.flood
+
+    def counting(*words):
+        counted.append(flood(*words))
+
+    monkeypatch.setattr(compiled, "_FEWEST_WAITING", 4)
+    monkeypatch.setattr(compiled, "_SHARE_WAITING", 1 << 30)
+    monkeypatch.setattr(compiled, "flood", counting)
+    monkeypatch.setenv("MAPDEAL_KERNELS", "compiled")
+    return counted
+
+
+@needs_compiled
+def test_what_finds_no_room_to_wait_is_not_lost(rounds, monkeypatch):
+    blocked, spans, seeds = random_case(np.random.default_rng(5), (60, 1500))
+    compiled = ConfigurationSpace(blocked, spans).reach(seeds)
+    assert rounds[0] > 0
+    monkeypatch.setenv("MAPDEAL_KERNELS", "scipy")
+    twin = ConfigurationSpace(blocked, spans).reach(seeds)
+    np.testing.assert_array_equal(compiled.reachable, twin.reachable)
+
+
+@needs_compiled
+@pytest.mark.parametrize("along", [False, True])
+def test_combs_are_reached_to_the_tips(rounds, along):
+    blocked = np.zeros((150, 1500), dtype=bool)
+    ways = blocked if along else blocked.T
+    ways[1::2, 1:] = True
+    a_cell = Spans(*np.array([[0], [0], [1]]))
+    found = ConfigurationSpace(blocked, [a_cell] * 5).reach([(2, 0, 0)])
+    np.testing.assert_array_equal(found.reachable, ~blocked)
+    assert rounds[0] > 0

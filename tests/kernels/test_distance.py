@@ -1,13 +1,24 @@
+"""Distances by blocks of rows: exact across borders, whatever the blocks."""
+
+import itertools
 import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 import oracles
+from engines import needs_compiled
+from mapdeal.kernels import scipy_twins
 from mapdeal.kernels.distance import (
     bytes_by_distance,
+    dilate_square,
+    halos_of,
+    ringed,
+    row_minima,
+    runs_of,
     signed_distance,
     signed_squared_distance,
     squared_distance,
@@ -15,6 +26,7 @@ from mapdeal.kernels.distance import (
     within_distance,
 )
 from mapdeal.kernels.threads import use_threads
+from mapdeal.stages.layered_cost import queue_squares
 from strategies import masks
 
 pytestmark = pytest.mark.usefixtures("each_engine")
@@ -28,24 +40,15 @@ def maps(side, density, seed=0):
 
 
 @given(masks())
-def test_squared_distance_equals_brute_force(marked):
-    expected = oracles.squared_distance(marked)
-    squared = squared_distance(marked)
-    if not marked.any():
-        assert (squared == unreachable(squared)).all()
-    else:
-        assert np.array_equal(squared, expected)
-
-
-@given(masks())
-def test_signed_squares_are_positive_outside_and_negative_inside(occupied):
-    signed = signed_squared_distance(occupied)
+def test_squares_equal_brute_force_and_are_negative_inside(occupied):
     outside, inside = oracles.squared_distance(occupied), oracles.squared_distance(~occupied)
+    squared, signed = squared_distance(occupied), signed_squared_distance(occupied)
     far = unreachable(signed)
-    for index in np.ndindex(occupied.shape):
-        side = inside if occupied[index] else outside
-        expected = far if side[index] is None else side[index]
-        assert signed[index] == (-expected if occupied[index] else expected)
+    for cell in np.ndindex(occupied.shape):
+        side = inside[cell] if occupied[cell] else outside[cell]
+        expected = far if side is None else side
+        assert signed[cell] == (-expected if occupied[cell] else expected)
+        assert squared[cell] == (0 if occupied[cell] else expected)
 
 
 @given(masks(), st.integers(0, 300))
@@ -60,10 +63,9 @@ def test_a_limit_makes_what_lies_beyond_unreachable(marked, limit):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("limit", [0, 1, 5, 36, 9215, 9216, 9217, 30_975, 30_976, 30_977, 60_000])
-@pytest.mark.parametrize("density", [0.5, 3e-4])
-def test_limits_hold_at_every_distance(limit, density):
-    marked = maps(370, density)
+@pytest.mark.parametrize("limit", [0, 36, 9215, 9216, 9217, 30_975, 30_976, 30_977])
+def test_limits_hold_at_every_distance(limit):
+    marked = maps(370, 3e-4)
     whole = oracles.squared_distance_by_columns(marked)
     expected = np.where(whole > limit, np.iinfo(np.int32).max, whole)
     assert np.array_equal(squared_distance(marked, limit=limit), expected)
@@ -78,46 +80,39 @@ def test_bytes_are_those_of_the_squares(marked, entries, random):
 
 @given(masks(), st.integers(0, 30) | st.just(1 << 21))
 def test_within_a_distance_is_a_threshold_on_squares(marked, square):
-    expected = np.array(
-        [s is not None and s <= square for s in oracles.squared_distance(marked).flat]
+    squares = oracles.squared_distance(marked)
+    expected = [s is not None and s <= square for s in squares.flat]
+    assert within_distance(marked, square).ravel().tolist() == expected
+
+
+@given(
+    masks(), st.sampled_from([0.05, 1.0]) | st.floats(1e-3, 10), st.floats(-1, 1), st.floats(-1, 1),
+    st.sampled_from([math.inf, 2.0]) | st.floats(0.01, 30), st.sampled_from([1.0, 3.0, 1.7]),
+)  # fmt: skip
+def test_shifts_clip_and_gain_act_in_this_order(occupied, scale, outside, inside, clip, gain):
+    found = signed_distance(
+        occupied, scale=scale, outside_shift=outside, inside_shift=inside, clip=clip, gain=gain
     )
-    assert np.array_equal(within_distance(marked, square).ravel(), expected)
-
-
-@given(masks())
-def test_signed_distances_round_the_exact_root_once(occupied):
-    distance = signed_distance(occupied, scale=0.25, inside_shift=0.25)
-    for index, square in np.ndenumerate(signed_squared_distance(occupied)):
-        if abs(square) == np.iinfo(np.int32).max:
-            expected = math.inf if square > 0 else -math.inf
-        else:
-            metres = math.sqrt(abs(int(square))) * 0.25  # a power of two: one rounding
-            expected = np.float32(metres if square > 0 else 0.25 - metres)
-        assert distance[index] == expected
-
-
-@pytest.mark.parametrize("clip", [math.inf, 2.0, 4.79, 4.81, 30.0])
-def test_shifts_clip_and_gain_act_in_this_order(clip):
-    occupied = maps(250, 4e-4)
     squares = signed_squared_distance(occupied)
-    distance = signed_distance(
-        occupied, scale=0.05, outside_shift=-0.025, inside_shift=0.025, clip=clip, gain=3.0
-    )
-    metres = np.sqrt(np.abs(squares).astype(np.float64)) * 0.05
-    free = 3.0 * np.clip(metres - 0.025, -clip, clip)
-    inside = np.clip(0.025 - metres, -clip, clip)
-    assert np.array_equal(distance, np.where(squares > 0, free, inside).astype(np.float32))
+    metres = np.sqrt(np.abs(squares).astype(np.float64)) * scale
+    metres[np.abs(squares) == unreachable(squares)] = math.inf
+    free = gain * np.clip(metres + outside, -clip, clip)
+    within = np.clip(inside - metres, -clip, clip)
+    assert np.array_equal(found, np.where(squares > 0, free, within).astype(np.float32))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("side", "density"),
-    [(450, 0.0), (450, 5e-6), (420, 1e-4), (400, 0.01), (333, 0.5), (333, 0.99), (450, 0.99999)],
+    ("side", "density"), [(450, 0.0), (420, 1e-4), (333, 0.5), (333, 0.99), (450, 0.99999)]
 )
 def test_long_distances_equal_an_independent_transform(side, density):
     marked = maps(side, density, seed=side)
     marked[-1, -1] = True
-    assert np.array_equal(squared_distance(marked), oracles.squared_distance_by_columns(marked))
+    expected = oracles.squared_distance_by_columns(marked)
+    for threads in (1, 2, 5):
+        with use_threads(threads):
+            assert np.array_equal(squared_distance(marked), expected)
+            assert np.array_equal(np.maximum(signed_squared_distance(marked), 0), expected)
 
 
 @pytest.mark.parametrize("width", [31, 32, 33, 63, 64, 65, 95, 97, 127, 129, 193])
@@ -138,14 +133,11 @@ def test_a_grid_without_cells_gives_none(shape):
     assert bytes_by_distance(empty, np.zeros(3, np.uint8)).shape == shape
 
 
-@pytest.mark.parametrize("mask", [np.zeros((3, 3), np.uint8), np.zeros(3, bool), np.eye(3)])
-def test_what_is_no_mask_is_refused(mask):
-    with pytest.raises(ValueError, match="must be a bool array with two axes"):
-        squared_distance(mask)
-
-
-def test_limits_and_tables_that_cannot_be_are_refused():
+def test_masks_limits_and_tables_that_cannot_be_are_refused():
     mask = np.ones((2, 2), dtype=bool)
+    for no_mask in (np.zeros((3, 3), np.uint8), np.zeros(3, bool)):
+        with pytest.raises(ValueError, match="must be a bool array with two axes"):
+            squared_distance(no_mask)
     with pytest.raises(ValueError, match="at least 0"):
         squared_distance(mask, limit=-1)
     with pytest.raises(ValueError, match="two entries"):
@@ -153,14 +145,14 @@ def test_limits_and_tables_that_cannot_be_are_refused():
 
 
 def test_far_stretches_beside_columns_without_obstacle_take_the_nearest():
-    occupied = np.zeros((300, 1500), dtype=bool)
+    occupied = np.zeros((300, 900), dtype=bool)
     occupied[5::97, 150::311] = True
     occupied[200:, 700:] = False
     expected = oracles.squared_distance_by_columns(occupied)
     assert np.array_equal(squared_distance(occupied), expected)
 
 
-@pytest.mark.parametrize("shape", [(1, 46_400), (46_400, 1), (2, 32_767), (32_768, 2)])
+@pytest.mark.parametrize("shape", [(1, 46_400), (2, 32_767), (32_768, 2)])
 def test_squares_beyond_32_bits_do_not_overflow(shape):
     marked = np.zeros(shape, dtype=bool)
     marked[0, 0] = True
@@ -175,14 +167,6 @@ def test_sides_of_millions_of_cells(shape):
     marked = np.zeros(shape, dtype=bool)
     marked[0, 0] = True
     assert squared_distance(marked)[-1, -1] == 1_599_999**2
-
-
-@pytest.mark.parametrize("threads", [1, 2, 5])
-def test_the_number_of_threads_makes_no_difference(threads):
-    marked = maps(600, 1e-3)
-    with use_threads(threads):
-        squares = signed_squared_distance(marked)
-    assert np.array_equal(squared_distance(marked), np.maximum(squares, 0))
 
 
 def test_the_input_is_not_touched_and_may_be_any_view():
@@ -204,3 +188,146 @@ def test_a_table_s_last_square_is_one_of_it_and_the_next_is_beyond(reach):
     table[-2], table[-1] = 8, 9
     found = bytes_by_distance(marked, table)[0].tolist()
     assert found == [7] * reach + [8] + [9] * (449 - reach)
+
+
+@st.composite
+def cut_masks(draw, longest):
+    """A mask and the rows between which it is cut."""
+    marked = draw(masks(longest))
+    inner = draw(st.sets(st.integers(1, len(marked))))
+    return marked, [slice(*pair) for pair in itertools.pairwise(sorted({0, len(marked), *inner}))]
+
+
+def by_blocks(marked, blocks, **measure):
+    parts = [marked[block] for block in blocks]
+    halos = halos_of([runs_of(part) for part in parts])
+    pairs = zip(parts, halos, strict=True)
+    return np.vstack([signed_distance(part, **measure, halo=halo) for part, halo in pairs])
+
+
+@given(cut=cut_masks(longest=40), clip=st.sampled_from([np.inf, 0.7]))
+def test_blocks_equal_the_whole_bit_for_bit(cut, clip):
+    marked, blocks = cut
+    measure = {
+        "scale": 0.05, "outside_shift": 0.0, "inside_shift": 0.05, "clip": clip, "gain": 1.5
+    }  # fmt: skip
+    whole = signed_distance(marked, **measure)
+    assert by_blocks(marked, blocks, **measure).tobytes() == whole.tobytes()
+
+
+@pytest.mark.parametrize(
+    "shape", [(60_000, 2), pytest.param((3, 120_000), marks=pytest.mark.thorough)]
+)
+def test_squares_beyond_32_bits_are_exact(shape):
+    marked = np.zeros(shape, dtype=bool)
+    marked[0, 0] = True
+    step = -(-shape[0] // 3)
+    blocks = [slice(first, first + step) for first in range(0, shape[0], step)]
+    measure = {"scale": 1.0, "outside_shift": 0.0, "inside_shift": 0.0}
+    expected = np.hypot(*np.indices(shape))
+    expected[0, 0] = -1
+    for distance in (by_blocks(marked, blocks, **measure), signed_distance(marked, **measure)):
+        assert np.array_equal(distance, expected.astype(np.float32))
+
+
+@pytest.mark.parametrize("rows", [0, 1 << 16])
+def test_blocks_whose_runs_cannot_be_counted_are_refused(rows):
+    with pytest.raises(ValueError, match="between 1 and 65535"):
+        runs_of(np.zeros((rows, 1), dtype=bool))
+
+
+@given(masks(), st.integers(0, 2**32 - 1))
+def test_row_minima_equal_a_look_at_every_column(exists, seed):
+    values = np.random.default_rng(seed).integers(0, 200, exists.shape)
+    found = row_minima(values, exists)
+    height, width = exists.shape
+    for row, x in np.ndindex(height, width):
+        candidates = [(x - i) ** 2 + int(values[row, i]) for i in range(width) if exists[row, i]]
+        assert found[row, x] == min(candidates, default=np.iinfo(np.int64).max)
+
+
+# Narrow, wide, higher than a band of rows, wider than a strip of cells.
+SHAPES = [(1, 1), (1, 700), (150, 1), (200, 90), (70, 1100), (131, 513)]
+REACHES = [0, 1, 2, 3, 4, 7, 8, 15, 16, 31, 33, 62, 63, 70]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("density", [0.0, 0.001, 0.2])
+def test_large_shapes_equal_those_of_scipy(shape, density):
+    marked = np.random.default_rng(7).random(shape) < density
+    near = ndimage.distance_transform_cdt(~np.pad(marked, 1), "chessboard")[1:-1, 1:-1]
+    squares = ndimage.distance_transform_edt(~marked) ** 2 if marked.any() else np.full(shape, 1e9)
+    for reach in REACHES:
+        wanted = near <= reach if marked.any() else marked
+        with use_threads(2):
+            assert np.array_equal(dilate_square(marked, reach), wanted), reach
+            for square in (reach * reach, reach * reach + reach):
+                found = within_distance(marked, square)
+                assert np.array_equal(found, squares <= square + 1e-6), square
+    values = np.full(shape, 5, np.int8)
+    costs = list(range(100, 20, -1))
+    for count in (1, 4, 63, 64, 80):
+        rings = np.where(near < count, np.array(costs)[np.minimum(near, 79)], 5)
+        expected = rings if marked.any() else values
+        assert np.array_equal(ringed(values, marked, costs[:count]), expected)
+
+
+def queue_of_costmap_2d(seeds, reach):
+    """updateCosts of ROS 1's inflation_layer.cpp, cell by cell; None where it does not come."""
+    height, width = seeds.shape
+    bins = {0: [(my, mx, my, mx) for my, mx in np.argwhere(seeds).tolist()]}
+    found = np.full(seeds.shape, None)
+    level = 0
+    while level <= reach * reach:
+        entries = bins.get(level, [])
+        index = 0
+        while index < len(entries):  # it may grow
+            my, mx, sy, sx = entries[index]
+            index += 1
+            if found[my, mx] is not None:
+                continue
+            found[my, mx] = level
+            for ny, nx in ((my, mx - 1), (my - 1, mx), (my, mx + 1), (my + 1, mx)):
+                if 0 <= ny < height and 0 <= nx < width and found[ny, nx] is None:
+                    square = (ny - sy) ** 2 + (nx - sx) ** 2
+                    if square <= reach * reach:
+                        bins.setdefault(square, []).append((ny, nx, sy, sx))
+        level += 1
+    return found
+
+
+@settings(max_examples=60)
+@given(masks(longest=20), st.integers(0, 9))
+def test_the_queue_equals_its_original_cell_by_cell(seeds, reach):
+    made = queue_squares(seeds, reach)
+    expected = queue_of_costmap_2d(seeds, reach)
+    never = unreachable(made)
+    assert made.tolist() == [[never if one is None else one for one in row] for row in expected]
+
+
+MORE_DENSITIES = [pytest.param(d, marks=pytest.mark.thorough) for d in (0.0, 1e-6, 0.1, 0.9999)]
+METRIC = {"scale": 0.05, "outside_shift": -0.025, "inside_shift": 0.05, "clip": 0.37, "gain": 1.7}
+
+
+@pytest.mark.slow
+@needs_compiled
+@pytest.mark.parametrize("each_engine", ["compiled"], indirect=True)
+@pytest.mark.parametrize("density", [1e-4, 0.9, *MORE_DENSITIES])
+def test_both_engines_agree_on_2000_x_500_cells(each_engine, density):
+    """Many bands of rows, and rows that are longer than what is tried at a time."""
+    from mapdeal.kernels import compiled
+
+    rng = np.random.default_rng(7)
+    marked = rng.random((2000, 500)) < density
+    marked[:500, 50:325] = density > 0.5
+    for name, arguments in [
+        ("squares", {"both_kinds": True, "limit": None}),
+        ("squares", {"both_kinds": False, "limit": None}),
+        ("squares", {"both_kinds": True, "limit": 40_000}),
+        ("metres", METRIC),
+        ("metres", METRIC | {"clip": math.inf, "gain": 1.0}),
+        ("bytes_of_squares", {"table": rng.integers(0, 256, 40_002, dtype=np.uint8)}),
+    ]:
+        ours, twin = (getattr(each, name)(marked, **arguments) for each in (compiled, scipy_twins))
+        assert ours.dtype == twin.dtype, name
+        assert ours.tobytes() == twin.tobytes(), name

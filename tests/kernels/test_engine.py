@@ -1,23 +1,20 @@
 """Which engine is taken."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from engines import needs_compiled
 from mapdeal import ParameterError
+from mapdeal.grid.frame import Frame
 from mapdeal.kernels import engine
 
 
 @pytest.mark.parametrize(
     ("asked", "is_built", "name"),
-    [
-        ("scipy", True, "scipy"),
-        ("scipy", False, "scipy"),
-        ("compiled", True, "compiled"),
-        ("", True, "compiled"),
-        ("", False, "scipy"),
-        (None, True, "compiled"),
-        (None, False, "scipy"),
-    ],
-)
+    [("scipy", True, "scipy"), ("scipy", False, "scipy"), ("compiled", True, "compiled"),
+     ("", True, "compiled"), ("", False, "scipy"), (None, True, "compiled")],
+)  # fmt: skip
 def test_the_engine_is_the_one_that_is_asked_for(monkeypatch, asked, is_built, name):
     monkeypatch.setattr(engine, "compiled_module", lambda: engine if is_built else None)
     if asked is None:
@@ -33,3 +30,20 @@ def test_an_engine_that_there_is_not_is_refused(monkeypatch, asked):
     monkeypatch.setenv(engine.VARIABLE, asked)
     with pytest.raises(ParameterError, match=engine.VARIABLE):
         engine.engine_name()
+
+
+@needs_compiled
+@given(
+    st.sampled_from([0.05, 0.1, 0.25, 1 / 3]),
+    st.tuples(*[st.floats(-1e6, 1e6)] * 2, st.floats(-4, 4)),
+    st.lists(st.tuples(*[st.integers(-400, 400).map(lambda k: k / 8)] * 2), min_size=1),
+)
+def test_both_engines_find_the_same_cells_on_edges_too(resolution, origin, places):
+    frame = Frame(3, 5, resolution, origin)
+    points = frame.xy_from_continuous_rowcol(places)
+    compiled = frame.unbounded_rowcol_from_xy(points)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(engine.VARIABLE, "scipy")
+        by_numpy = frame.unbounded_rowcol_from_xy(points)
+    assert compiled.tolist() == by_numpy.tolist()
+    assert compiled.dtype == by_numpy.dtype

@@ -1,6 +1,7 @@
 """Rotations, against scipy's and against turns around one axis, whose arcs are known."""
 
 import math
+from collections import defaultdict
 
 import numpy as np
 import pytest
@@ -8,76 +9,58 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from mapdeal.kernels.rotations import (
-    composed,
-    from_yaw,
-    hough_spectrum,
-    inverse_matrices,
-    main_direction,
-    multiplied,
-    normalised,
-    rotated,
-    slerp,
-    undone,
-)
+from mapdeal.kernels import rotations
 
 parts = st.floats(-1, 1, allow_subnormal=False)
-axes = (
-    st.tuples(parts, parts, parts)
-    .map(np.array)
-    .filter(lambda v: np.linalg.norm(v) > 0.1)
-    .map(lambda v: v / np.linalg.norm(v))
-)
-
-
-def some(shape, seed=7):
-    rng = np.random.default_rng(seed)
-    return normalised(rng.normal(size=(*shape, 4))), rng.normal(size=(*shape, 3))
+axes = st.tuples(parts, parts, parts).filter(lambda v: np.linalg.norm(v) > 0.1)
 
 
 @given(axes, st.floats(-12, 3.1).map(lambda x: 10**x if x < 0 else x), st.floats(0, 1))
 def test_the_arc_is_run_through_at_one_speed(axis, angle, share):
     """Of turns around one axis, however small: the share of the angle."""
-    start = Rotation.from_rotvec([0.3, -1.1, 0.7])
+    start, axis = Rotation.from_rotvec([0.3, -1.1, 0.7]), np.array(axis) / np.linalg.norm(axis)
     end = start * Rotation.from_rotvec(axis * angle)
     wanted = start * Rotation.from_rotvec(axis * angle * share)
     for sign in (1, -1):  # a quaternion and its negative are one rotation
-        found = slerp(start.as_quat()[None], sign * end.as_quat()[None], np.array([share]))[0]
+        found = rotations.slerp(
+            start.as_quat()[None], sign * end.as_quat()[None], np.array([share])
+        )[0]
         assert np.linalg.norm(found) == pytest.approx(1, abs=1e-15)
         off = (Rotation.from_quat(found) * wanted.inv()).magnitude()
         assert off < 1e-11
 
 
 def test_half_a_turn_keeps_to_a_rotation():
-    found = slerp(from_yaw([0.0]), from_yaw([np.pi]), np.array([0.5]))
+    found = rotations.slerp(rotations.from_yaw([0.0]), rotations.from_yaw([np.pi]), np.array([0.5]))
     assert abs(Rotation.from_quat(found[0]).magnitude() - np.pi / 2) < 1e-12
 
 
-@pytest.mark.parametrize("shape", [(), (1,), (5,), (2, 3)])
+@pytest.mark.parametrize("shape", [(), (1,), (2, 3)])
 def test_many_are_done_as_one_is(shape):
-    quats, vectors = some(shape)
-    others, moves = some(shape, seed=8)
-    one, two = Rotation.from_quat(quats.reshape(-1, 4)), Rotation.from_quat(others.reshape(-1, 4))
+    rng = np.random.default_rng(7)
+    quats, others = rotations.normalised(rng.normal(size=(2, *shape, 4)))
+    vectors, moves = rng.normal(size=(2, *shape, 3))
+    one, two = (Rotation.from_quat(some.reshape(-1, 4)) for some in (quats, others))
     flat, flat_moves = vectors.reshape(-1, 3), moves.reshape(-1, 3)
 
     def same(found, wanted):
         np.testing.assert_allclose(found.reshape(wanted.shape), wanted, atol=1e-14)
 
-    same(rotated(quats, vectors), one.apply(flat))
-    same(rotated(undone((vectors, quats))[1], vectors), one.inv().apply(flat))
-    made = Rotation.from_quat(multiplied(quats, others).reshape(-1, 4))
+    same(rotations.rotated(quats, vectors), one.apply(flat))
+    same(rotations.rotated(rotations.undone((vectors, quats))[1], vectors), one.inv().apply(flat))
+    made = Rotation.from_quat(rotations.multiplied(quats, others).reshape(-1, 4))
     same(made.as_matrix(), (one * two).as_matrix())
-    move, turn = composed((moves, quats), (vectors, others))
+    move, turn = rotations.composed((moves, quats), (vectors, others))
     same(move, one.apply(flat) + flat_moves)
-    same(turn, multiplied(quats, others))
-    move, turn = composed(undone((moves, quats)), (moves, quats))
+    same(turn, rotations.multiplied(quats, others))
+    move, turn = rotations.composed(rotations.undone((moves, quats)), (moves, quats))
     same(move, np.zeros_like(flat))
     same(turn, np.broadcast_to([0.0, 0.0, 0.0, 1.0], quats.shape).reshape(-1, 4))
 
 
 def test_yaws_turn_the_x_axis():
     yaws = np.array([[-3.0, -0.4, 0.0], [0.7, 1.9, 3.1]])
-    ahead = rotated(from_yaw(yaws), np.array([1.0, 0.0, 0.0]))
+    ahead = rotations.rotated(rotations.from_yaw(yaws), np.array([1.0, 0.0, 0.0]))
     wanted = np.stack([np.cos(yaws), np.sin(yaws), np.zeros_like(yaws)], axis=-1)
     np.testing.assert_allclose(ahead, wanted, atol=1e-15)
 
@@ -85,19 +68,18 @@ def test_yaws_turn_the_x_axis():
 @pytest.mark.parametrize("shape", [(), (1,), (4, 5)])
 def test_a_matrix_times_its_inverse_is_one(shape):
     matrices = np.random.default_rng(3).normal(size=(*shape, 3, 3)) + 3 * np.eye(3)
-    product = np.einsum("...ij,...jk", matrices, inverse_matrices(matrices))
+    product = np.einsum("...ij,...jk", matrices, rotations.inverse_matrices(matrices))
     assert product == pytest.approx(np.broadcast_to(np.eye(3), product.shape), abs=1e-12)
 
 
 def counted_strip_by_strip(points, angle, width):
     """The energy of one direction: every point goes to the two nearest middles of strips."""
-    points = points - points.mean(axis=0)
-    counts = {}
-    for x, y in points:
+    counts = defaultdict(float)
+    for x, y in points - points.mean(axis=0):
         place = (y * math.cos(angle) - x * math.sin(angle)) / width
         lower = math.floor(place)
-        counts[lower] = counts.get(lower, 0) + lower + 1 - place
-        counts[lower + 1] = counts.get(lower + 1, 0) + place - lower
+        counts[lower] += lower + 1 - place
+        counts[lower + 1] += place - lower
     return sum(count**2 for count in counts.values())
 
 
@@ -107,7 +89,7 @@ def counted_strip_by_strip(points, angle, width):
     st.floats(0.3, 3),
 )
 def test_the_spectrum_counts_points_in_strips(points, angle, width):
-    found = hough_spectrum(np.array(points), np.array([angle, angle + math.pi]), width)
+    found = rotations.hough_spectrum(np.array(points), np.array([angle, angle + math.pi]), width)
     assert found[0] == pytest.approx(counted_strip_by_strip(np.array(points), angle, width))
     assert found[1] == pytest.approx(found[0])
 
@@ -124,16 +106,12 @@ def rooms(turn, shape=(260, 340)):
     return (outline | across | along).reshape(shape)
 
 
-@pytest.mark.parametrize("degrees", [0.4, -17.8, 44.5, 45.5, -100.0])
+@pytest.mark.parametrize("degrees", [0.0, 0.4, -17.8, 44.5, 45.5, -100.0])
 def test_the_main_direction_is_that_of_a_turned_building(degrees):
-    found = main_direction(rooms(math.radians(degrees)))
+    found = rotations.main_direction(rooms(math.radians(degrees)))
     wrong = math.degrees(math.remainder(found - math.radians(degrees), math.pi / 2))
-    assert abs(wrong) < 0.1
+    assert abs(wrong) < (0.1 if degrees else 1e-300)  # what is straight is not turned at all
     assert abs(found) <= math.pi / 4 + 1e-9
-
-
-def test_a_building_that_is_straight_is_not_to_be_turned_at_all():
-    assert main_direction(rooms(0.0)) == 0.0
 
 
 def test_circles_noise_and_nothing_have_no_main_direction():
@@ -141,4 +119,4 @@ def test_circles_noise_and_nothing_have_no_main_direction():
     circle = abs(np.hypot(rows - 70, cols - 100) - 60) < 1.5
     noise = np.random.default_rng(3).random((150, 210)) < 0.1
     for occupied in (circle, noise, np.zeros((30, 40), bool), np.ones((30, 40), bool)):
-        assert main_direction(occupied) is None
+        assert rotations.main_direction(occupied) is None

@@ -50,7 +50,7 @@ def surcharged(draw, longest=9):
     return weights, start, goal, rng.choice(choices, size=weights.shape)
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(surcharged())
 def test_a_search_takes_the_least_estimate_first_and_no_cell_twice(each_engine, field):
     weights, start, goal, surcharges = field
@@ -66,8 +66,8 @@ def test_a_search_takes_the_least_estimate_first_and_no_cell_twice(each_engine, 
 
 
 @needs_compiled
-@settings(max_examples=60)
-@given(surcharged(longest=25), st.booleans())
+@settings(max_examples=40)
+@given(surcharged(longest=50), st.booleans())
 def test_both_engines_find_the_same_path(field, is_plain):
     *field, surcharges = field
     found = []
@@ -77,31 +77,6 @@ def test_both_engines_find_the_same_path(field, is_plain):
             result = cheapest_path(*field, surcharges=None if is_plain else surcharges)
             found.append(_told(result))
     assert found[0] == found[1]
-
-
-def test_a_larger_field_against_another_algorithm(each_engine):
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import dijkstra
-
-    rng = np.random.default_rng(5)
-    height, width = 83, 131
-    weights = 1 + 4 * rng.random((height, width))
-    weights[rng.random((height, width)) < 0.3] = 0.0
-    start, goal = (2, 3), (80, 127)
-    weights[start] = weights[goal] = 1.0
-    rows, cols, costs = [], [], []
-    for row, col in np.argwhere(weights > 0).tolist():
-        for r, c in ((row + i, col + j) for i in (-1, 0, 1) for j in (-1, 0, 1)):
-            if not (0 <= r < height and 0 <= c < width) or weights[r, c] == 0:
-                continue
-            if r != row and c != col and weights[r, col] == 0 and weights[row, c] == 0:
-                continue
-            rows.append(row * width + col)
-            cols.append(r * width + c)
-            costs.append(math.hypot(r - row, c - col) * weights[r, c] or 1e-300)
-    graph = csr_array((costs, (rows, cols)), shape=(height * width,) * 2)
-    lowest = dijkstra(graph, indices=start[0] * width + start[1])[goal[0] * width + goal[1]]
-    assert cheapest_path(weights, start, goal).cost == pytest.approx(lowest, rel=1e-7)
 
 
 def test_tiny_weights_stay_open_and_huge_ones_are_refused(each_engine):

@@ -16,25 +16,42 @@ def cells(grid):
     return sorted((int(col), int(row)) for row, col in np.argwhere(grid.occupied()))
 
 
-def test_points_of_the_map_lose_the_offset_alone():
-    points = [[3.25, -1.05], [-0.01, 0.0]]
-    grid = make(points, (1.0, -1.0, 2.0), frame="map", offset=(2.0, 0.5), size=(4.0, 3.0),
-                resolution=0.5)  # fmt: skip
-    assert grid.origin == (-1.0, -2.5, 0.0)
-    assert cells(grid) == [(4, 1)]  # (1.25, -1.55); the other, (-2.01, -0.5), is outside
+NOTHING = np.empty((0, 2))
 
 
-def test_the_offset_is_taken_off_in_the_robot_s_frame_too():
-    grid = make([[1.0, 0.0]], (0.0, 0.0, math.pi), offset=(0.5, -0.25), size=(4, 2), resolution=0.5)
-    assert cells(grid) == [(1, 2)]  # (-1.5, 0.25)
+@pytest.mark.parametrize(
+    ("point", "pose", "options", "cell"),
+    [
+        ([3.25, -1.05], (1.0, -1.0, 2.0), {"frame": "map", "offset": (2.0, 0.5)}, (4, 1)),
+        ([-0.01, 0.0], (1.0, -1.0, 2.0), {"frame": "map", "offset": (2.0, 0.5)}, None),
+        ([1.0, 0.0], (0.0, 0.0, math.pi), {"offset": (0.5, -0.25)}, (1, 3)),  # at (-1.5, 0.25)
+    ],
+)
+def test_points_lose_the_offset_in_their_own_frame(point, pose, options, cell):
+    grid = make([point], pose, size=(4.0, 3.0), resolution=0.5, **options)
+    assert cells(grid) == ([cell] if cell else [])
 
 
-def test_the_window_lies_on_the_lattice_of_the_global_map():
-    known = OccupancyGrid(np.zeros((4, 5), np.int8), 0.1, (0.03, -0.06, 0.0))
-    grid = make(np.empty((0, 2)), (0.5, 0.5, 0), size=(0.6, 0.4), resolution=0.1, global_map=known)
-    assert grid.origin == (0.13, 0.24, 0.0)
-    fine = make(np.empty((0, 2)), (0.5, 0.5, 0), size=(0.6, 0.4), resolution=0.05, global_map=known)
-    assert fine.origin == (0.18, 0.29, 0.0)
+@pytest.mark.parametrize(
+    ("yaw_of_known", "pose", "size", "resolution", "origin", "shape"),
+    [
+        (None, (1e6, -5e6, 0), (20, 20), 0.05, (999990, -5000010, 0), (400, 400)),
+        (None, (0.3, 0.3, 0), (0.01, 0.01), 0.1, (0.2, 0.2, 0), (1, 1)),
+        (0.0, (0.5, 0.5, 0), (0.6, 0.4), 0.1, (0.13, 0.24, 0.0), (4, 6)),
+        (0.0, (0.5, 0.5, 0), (0.6, 0.4), 0.05, (0.18, 0.29, 0.0), (8, 12)),
+        (0.3, (0.5, 0.5, 0), (0.6, 0.4), 0.1, (0.2, 0.3, 0.0), (4, 6)),  # no lattice to share
+    ],
+)
+def test_the_window_lies_on_the_lattice_of_the_resolution_or_the_global_map(
+    yaw_of_known, pose, size, resolution, origin, shape
+):
+    options = {}
+    if yaw_of_known is not None:
+        values = np.zeros((4, 5), np.int8)
+        options["global_map"] = OccupancyGrid(values, 0.1, (0.03, -0.06, yaw_of_known))
+    grid = make(NOTHING, pose, size=size, resolution=resolution, **options)
+    assert (grid.origin, grid.shape) == (origin, shape)
+    assert not grid.occupied().any()
 
 
 def test_obstacles_of_the_global_map_are_taken_over():
@@ -54,7 +71,7 @@ def test_a_turned_global_map_of_another_resolution_loses_no_obstacle():
     rng = np.random.default_rng(3)
     known = OccupancyGrid((rng.random((30, 40)) < 0.1).astype(np.int8) * 100, 0.13, (-2, 1, 0.6))
     pose = tuple(known.frame.xy_from_rowcol([[15, 20]])[0])
-    grid = make(np.empty((0, 2)), (*pose, 0.0), size=(8, 8), resolution=0.05, global_map=known)
+    grid = make(NOTHING, (*pose, 0.0), size=(8, 8), resolution=0.05, global_map=known)
     places = np.argwhere(known.occupied())[:, np.newaxis] + rng.random((1, 50, 2))
     points = known.frame.xy_from_continuous_rowcol(places.reshape(-1, 2))
     hit, inside = grid.frame.bounded_rowcol_from_xy(points)
@@ -73,24 +90,18 @@ def test_a_turned_global_map_of_another_resolution_loses_no_obstacle():
 def test_a_whole_turn_is_no_turn(yaw):
     known = OccupancyGrid((np.indices((40, 40))[0] % 9 == 0) * 100, 0.1, (-2.03, -2.03, 0.0))
     turned = OccupancyGrid(known.occupancy, 0.1, (-2.03, -2.03, yaw))
-    grids = [make(np.empty((0, 2)), (0, 0, 0), size=(2, 2), resolution=0.1, global_map=one)
+    grids = [make(NOTHING, (0, 0, 0), size=(2, 2), resolution=0.1, global_map=one)
              for one in (known, turned)]  # fmt: skip
     assert grids[0].origin == grids[1].origin
     assert np.array_equal(grids[0].occupancy, grids[1].occupancy)
 
 
-def test_a_turned_global_map_has_no_lattice_to_share():
-    known = OccupancyGrid(np.zeros((4, 5), np.int8), 0.1, (0.03, -0.06, 0.3))
-    grid = make(np.empty((0, 2)), (0.5, 0.5, 0), size=(0.6, 0.4), resolution=0.1, global_map=known)
-    assert grid.origin == (0.2, 0.3, 0.0)
-
-
-def test_the_threshold_of_obstacles_of_the_global_map():
+@pytest.mark.parametrize(("threshold", "expected"), [(100, [(2, 0)]), (80, [(0, 0), (2, 0)])])
+def test_the_threshold_of_obstacles_of_the_global_map(threshold, expected):
     known = OccupancyGrid([[80, 79, 100, -1]], 0.5, (-1.0, 0.0, 0.0))
-    for threshold, expected in ((100, [(2, 0)]), (80, [(0, 0), (2, 0)])):
-        grid = make(np.empty((0, 2)), (0.0, 0.25, 0.0), size=(2, 0.5), resolution=0.5,
-                    global_map=known, lethal_threshold=threshold)  # fmt: skip
-        assert cells(grid) == expected
+    grid = make(NOTHING, (0.0, 0.25, 0.0), size=(2, 0.5), resolution=0.5, global_map=known,
+                lethal_threshold=threshold)  # fmt: skip
+    assert cells(grid) == expected
 
 
 def test_what_neither_the_map_nor_the_cloud_has_seen_is_unknown():
@@ -138,13 +149,12 @@ def test_beams_have_seen_as_far_as_the_limits_say(reach):
 def test_a_cell_of_another_lattice_is_free_if_all_of_it_is():
     """Cells of 0.4 m over those of 0.5 m, and a map turned by 45 degrees."""
     known = OccupancyGrid([[0, 0, -1, 0, 0]], 0.5, (0.0, 0.0, 0.0))
-    nothing = np.empty((0, 2))
-    grid = make(nothing, (1.0, 0.2, 0), size=(2.8, 0.4), resolution=0.4, global_map=known)
+    grid = make(NOTHING, (1.0, 0.2, 0), size=(2.8, 0.4), resolution=0.4, global_map=known)
     assert grid.origin[0] == pytest.approx(-0.4)
     # -0.4..0, 0..0.4, 0.4..0.8, 0.8..1.2, 1.2..1.6, 1.6..2.0, 2.0..2.4
     assert grid.occupancy[0].tolist() == [-1, 0, 0, -1, -1, 0, 0]
     turned = OccupancyGrid(np.zeros((4, 4)), 0.5, (0.0, 0.05, math.pi / 4))  # on its tip
-    grid = make(nothing, (0.0, 1.4, 0), size=(2.8, 2.8), resolution=0.2, global_map=turned)
+    grid = make(NOTHING, (0.0, 1.4, 0), size=(2.8, 2.8), resolution=0.2, global_map=turned)
     middles = grid.frame.xy_from_rowcol(np.argwhere(np.ones(grid.shape)))
     inside = np.abs(middles[:, 0]) + 0.1 + np.abs(middles[:, 1] - 0.05 - math.sqrt(2)) + 0.1
     assert np.array_equal(grid.occupancy.ravel() == 0, inside <= math.sqrt(2))
@@ -200,29 +210,27 @@ COORDINATES = st.one_of(
 )
 def test_cells_are_those_of_exact_arithmetic(points, pose, quarter, frame, resolution, size):
     """Quarter turns are exact in fractions; points within a rounding of a border are left out."""
-    step = Fraction(resolution)
+    step, tolerance = Fraction(resolution), Fraction(1, 10**9)
     width, height = (Fraction(k, 20) for k in size)
     corner = [
-        math.floor((Fraction(p) - length / 2) / step + Fraction(1, 10**9))
+        math.floor((Fraction(p) - length / 2) / step + tolerance)
         for p, length in zip(pose, (width, height), strict=True)
     ]
-    columns, rows = (math.ceil(length / step - Fraction(1, 10**9)) for length in (width, height))
-    expected = set()
-    kept = []
+    columns, rows = (math.ceil(length / step - tolerance) for length in (width, height))
+    expected, kept = set(), []
     cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter % 4]
     for x, y in points:
-        kept.append((x, y))
         if math.isnan(x) or math.isnan(y):
+            kept.append((x, y))
             continue
         a, b = Fraction(x), Fraction(y)
         if frame == "robot":
             a, b = cos * a - sin * b + Fraction(pose[0]), sin * a + cos * b + Fraction(pose[1])
-        places = [c / step - first for c, first in zip((a, b), corner, strict=True)]
-        away = min(abs(p + Fraction(1, 10**9) - round(p)) for p in places)
-        if away < Fraction(1, 10**11):  # half way between two cells, by the tolerance itself
-            kept.pop()
+        places = [c / step - first + tolerance for c, first in zip((a, b), corner, strict=True)]
+        if min(abs(p - round(p)) for p in places) < tolerance / 100:
             continue
-        col, row = (math.floor(p + Fraction(1, 10**9)) for p in places)
+        kept.append((x, y))
+        col, row = map(math.floor, places)
         if 0 <= col < columns and 0 <= row < rows:
             expected.add((col, row))
     grid = make(
@@ -253,17 +261,18 @@ def test_the_arc_leaves_out_the_largest_gap(angles):
         assert (angle - first + 1e-12) % turn <= last - first + 2e-12
 
 
-def test_angles_within_one_bin_keep_the_first_and_the_last():
+@pytest.mark.parametrize(
+    ("parts", "arc"),
+    [
+        ([[0.00030, 0.00031, 0.00025, 0.00028], [0.00029]], (0.00025, 0.00031)),  # of one bin
+        ([[np.nextafter(-math.pi, 0)]], (math.pi, math.pi)),  # that rounding moves across pi
+    ],
+)
+def test_an_arc_is_kept_to_the_last_digit(parts, arc):
     covered = CoveredAngles()
-    covered.add(np.array([0.00030, 0.00031, 0.00025, 0.00028]))
-    covered.add(np.array([0.00029]))
-    assert covered.arc() == pytest.approx((0.00025, 0.00031), abs=1e-12)
-
-
-def test_an_angle_that_rounding_moves_across_pi():
-    covered = CoveredAngles()
-    covered.add(np.array([np.nextafter(-math.pi, 0)]))
-    assert covered.arc() == (math.pi, math.pi)
+    for angles in parts:
+        covered.add(np.array(angles))
+    assert covered.arc() == pytest.approx(arc, abs=1e-12)
 
 
 def test_angles_across_pi_and_below_zero():
@@ -300,18 +309,3 @@ def test_a_yaw_of_more_than_a_turn_may_be_in_degrees():
     with pytest.warns(MapdealWarning, match="degrees"):
         mapper = LocalMapper((0, 0, 90.0), LocalOptions())
     assert mapper.pose[2] == pytest.approx(wrapped(90.0))
-
-
-@pytest.mark.parametrize(
-    ("pose", "size", "resolution", "origin", "shape"),
-    [
-        ((0.02, -0.02, 0), (1, 2), 0.1, (-0.5, -1.1, 0), (20, 10)),
-        ((-0.52, 0.58, 1), (0.95, 0.5), 0.1, (-1.0, 0.3, 0), (5, 10)),
-        ((1e6, -5e6, 0), (20, 20), 0.05, (999990, -5000010, 0), (400, 400)),
-        ((0.3, 0.3, 0), (0.01, 0.01), 0.1, (0.2, 0.2, 0), (1, 1)),
-    ],
-)
-def test_the_window_lies_on_the_lattice_of_the_resolution(pose, size, resolution, origin, shape):
-    grid = make(np.empty((0, 2)), pose, size=size, resolution=resolution)
-    assert (grid.origin, grid.shape) == (origin, shape)
-    assert not grid.occupied().any()

@@ -91,42 +91,48 @@ def at(samples, time):
     return matrix(*samples[0][1:])
 
 
-def test_times_of_this_century_keep_their_nanoseconds():
+def tree_of(*edges):
+    """Transforms along x without a turn: parent, child, time, x, and whether they are static."""
     tree = TransformTree()
-    for after, x in ((0, 0.0), (100, 1.0)):
-        tree.add("a", "b", T0 + after, (x, 0, 0), (0, 0, 0, 1), is_static=False)
-    found = tree.lookup("a", "b", T0 + np.arange(0, 101, 10))
-    np.testing.assert_allclose(found.translations[:, 0], np.arange(11) / 10, atol=1e-12)
+    for parent, child, time, x, is_static in edges:
+        tree.add(parent, child, time, (x, 0, 0), (0, 0, 0, 1), is_static=is_static)
+    return tree
+
+
+def xs(tree, parent, child, times):
+    """The x of the transforms at some times."""
+    return tree.lookup(parent, child, np.array(times)).translations[:, 0]
+
+
+def test_times_of_this_century_keep_their_nanoseconds():
+    tree = tree_of(("a", "b", T0, 0.0, False), ("a", "b", T0 + 100, 1.0, False))
+    found = xs(tree, "a", "b", T0 + np.arange(0, 101, 10))
+    np.testing.assert_allclose(found, np.arange(11) / 10, atol=1e-12)
 
 
 def test_the_last_of_two_at_one_time_counts_and_a_static_one_replaces_what_was():
-    tree = TransformTree()
-    for x in (1.0, 2.0):
-        tree.add("a", "b", 5, (x, 0, 0), (0, 0, 0, 1), is_static=False)
-        tree.add("b", "c", 5, (0, x, 0), (0, 0, 0, 1), is_static=True)
-    found = tree.lookup("a", "c", np.array([5]))
-    assert found.translations.tolist() == [[2.0, 2.0, 0.0]]
-    assert [(e.parent, e.child, e.count, e.is_static) for e in tree.edges()] == [
-        ("a", "b", 2, False), ("b", "c", 1, True)
-    ]  # fmt: skip
+    tree = tree_of(
+        ("a", "b", 5, 1.0, False), ("a", "b", 5, 2.0, False),
+        ("b", "c", 5, 10.0, True), ("b", "c", 5, 20.0, True),
+    )  # fmt: skip
+    assert xs(tree, "a", "c", [5]).tolist() == [22.0]
+    edges = [(e.parent, e.child, e.count, e.is_static) for e in tree.edges()]
+    assert edges == [("a", "b", 2, False), ("b", "c", 1, True)]
 
 
-@pytest.mark.parametrize("place", [0, 2, 4])
-@pytest.mark.parametrize("moving", [1, 4])
-def test_what_comes_static_and_moving_is_what_it_comes_as_most_often(place, moving):
+@pytest.mark.parametrize(("moving", "place"), [(1, 0), (1, 1), (4, 0), (4, 2), (4, 4)])
+def test_what_comes_static_and_moving_is_what_it_comes_as_most_often(moving, place):
     """Whenever the static one comes, none of the others is lost."""
-    tree = TransformTree()
-    for k in range(moving + 1):
-        if k == min(place, moving):
-            tree.add("a", "b", 0, (9, 0, 0), (0, 0, 0, 1), is_static=True)
-        if k < moving:
-            tree.add("a", "b", T0 + k * MS, (k, 0, 0), (0, 0, 0, 1), is_static=False)
+    samples = [("a", "b", T0 + k * MS, k, False) for k in range(moving)]
+    samples.insert(place, ("a", "b", 0, 9, True))
+    tree = tree_of(*samples)
     is_static = moving == 1
     assert [(e.count, e.is_static) for e in tree.edges()] == [(moving, is_static)]
     assert tree.of_both_kinds == [("a", "b")]
-    found = tree.lookup("a", "b", T0 + MS * np.array([-5, 0, moving - 1]))
     wanted = [9, 9, 9] if is_static else [np.nan, 0, moving - 1]
-    np.testing.assert_array_equal(found.translations[:, 0], wanted)
+    np.testing.assert_array_equal(
+        xs(tree, "a", "b", T0 + MS * np.array([-5, 0, moving - 1])), wanted
+    )
 
 
 @given(
@@ -152,39 +158,39 @@ def test_samples_may_come_in_any_order_and_after_a_look_at_those_before(before, 
 def test_samples_are_kept_once(is_mixed):
     """72 bytes each and some slack, while they are read, sorted and asked for."""
     count = 50_000
-    tree = TransformTree()
-    tree.add("a", "b", 0, (0, 0, 0), (0, 0, 0, 1), is_static=False)
+    tree = tree_of(("a", "b", 0, 0, False))
     tracemalloc.start()
     try:
         for k in range(count):
             time = k ^ 1 if is_mixed else k
             tree.add("a", "b", time, (1, 2, 3), (0, 0, 0, 1), is_static=False)
         tree.edges()
-        tree.lookup("a", "b", np.arange(10))
+        xs(tree, "a", "b", np.arange(10))
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
     assert peak < 110 * count
 
 
-def test_what_means_nothing_is_left_out_and_counted():
+@pytest.mark.parametrize(
+    ("parent", "move", "turn"),
+    [
+        ("a", (np.nan, 0, 0), (0, 0, 0, 1)),
+        ("a", (0, 0, 0), (0, 0, 0, 0)),
+        ("a", (0, 0, 0), (0, np.inf, 0, 1)),
+        ("a", (1e300, 0, 0), (0, 0, 0, 1)),
+        ("b", (0, 0, 0), (0, 0, 0, 1)),
+    ],
+)
+def test_what_means_nothing_is_left_out_and_counted(parent, move, turn):
     tree = TransformTree()
-    for move, turn in [
-        ((np.nan, 0, 0), (0, 0, 0, 1)),
-        ((0, 0, 0), (0, 0, 0, 0)),
-        ((0, 0, 0), (0, np.inf, 0, 1)),
-        ((1e300, 0, 0), (0, 0, 0, 1)),
-    ]:
-        tree.add("a", "b", 0, move, turn, is_static=False)
-    tree.add("a", "a", 0, (0, 0, 0), (0, 0, 0, 1), is_static=False)
-    assert (tree.bad, tree.frames) == (5, [])
+    tree.add(parent, "b", 0, move, turn, is_static=False)
+    assert (tree.bad, tree.frames) == (1, [])
 
 
 def test_a_frame_with_two_parents_keeps_the_one_that_comes_most_often():
-    tree = TransformTree()
-    for time in range(3):
-        tree.add("odom", "base", time, (1, 0, 0), (0, 0, 0, 1), is_static=False)
-    tree.add("odom2", "base", 1, (9, 0, 0), (0, 0, 0, 1), is_static=False)
+    often = [("odom", "base", time, 1, False) for time in range(3)]
+    tree = tree_of(*often, ("odom2", "base", 1, 9, False))
     assert tree.several_parents == {"base": ["odom", "odom2"]}
     assert tree.leads("odom", "base")
     assert not tree.leads("odom2", "base")
@@ -192,37 +198,33 @@ def test_a_frame_with_two_parents_keeps_the_one_that_comes_most_often():
 
 
 def test_a_circle_ends():
-    tree = TransformTree()
-    for parent, child in ("ab", "bc", "ca"):
-        tree.add(parent, child, 0, (1, 0, 0), (0, 0, 0, 1), is_static=True)
+    tree = tree_of(*((parent, child, 0, 1, True) for parent, child in ("ab", "bc", "ca")))
     assert tree.root_of("a") in "abc"
-    tree.lookup("a", "b", np.array([0]))
+    xs(tree, "a", "b", [0])
 
 
 def test_frames_that_no_transforms_join_are_named():
-    tree = TransformTree()
-    tree.add("map", "odom", 0, (1, 0, 0), (0, 0, 0, 1), is_static=True)
     told = r"no transforms lead from 'map' to 'laser': frames are map, odom"
     with pytest.raises(MalformedInputError, match=told):
-        tree.lookup("/map", "/laser", np.array([0]))
+        xs(tree_of(("map", "odom", 0, 1, True)), "/map", "/laser", [0])
     with pytest.raises(MalformedInputError, match="there are none"):
-        TransformTree().lookup("map", "laser", np.array([0]))
+        xs(TransformTree(), "map", "laser", [0])
 
 
 def test_a_span_is_what_all_transforms_of_a_chain_cover():
-    tree = TransformTree()
-    for time in (10 * MS, 50 * MS):
-        tree.add("map", "odom", time, (0, 0, 0), (0, 0, 0, 1), is_static=False)
-        tree.add("odom", "base", time + 20 * MS, (0, 0, 0), (0, 0, 0, 1), is_static=False)
-    tree.add("base", "laser", 0, (0, 0, 0), (0, 0, 0, 1), is_static=True)
+    tree = tree_of(
+        *(("map", "odom", time * MS, 0, False) for time in (10, 50)),
+        *(("odom", "base", time * MS, 0, False) for time in (30, 70)),
+        ("base", "laser", 0, 0, True),
+    )
     assert tree.span("map", "laser") == (30 * MS, 50 * MS)
     assert tree.span("base", "laser") is None
     assert tree.is_moving("map", "laser")
     assert not tree.is_moving("base", "laser")
-    known = tree.lookup("map", "laser", np.array([29, 30, 50, 51]) * MS)
-    assert known.known.tolist() == [False, True, True, False]
-    just_outside = np.array([30 * MS - 999, 30 * MS - 1001])  # as seconds in a float64 may be
-    assert tree.lookup("map", "laser", just_outside).known.tolist() == [True, False]
+    # 999 ns outside, as seconds in a float64 may be, are not 1001
+    times = np.array([29 * MS, 30 * MS - 1001, 30 * MS - 999, 30 * MS, 50 * MS, 51 * MS])
+    known = tree.lookup("map", "laser", times).known
+    assert known.tolist() == [False, False, True, True, True, False]
 
 
 @pytest.mark.parametrize(
@@ -246,28 +248,14 @@ def test_how_a_sensor_stands(angles, is_flipped, is_level, leans):
     assert flags == (is_flipped, is_level, leans)
 
 
-ANGLES = np.radians([-80.0, -10.0, 0.0, 35.0, 90.0])
-RANGES = np.array([1.5, 2.25, 3.0, 0.75, 4.0])
-
-
-def hits_of(turn, move):
-    """Return where beams end in the plane, by scipy."""
-    points = np.column_stack([RANGES * np.cos(ANGLES), RANGES * np.sin(ANGLES), 0 * RANGES])
-    return (turn.apply(points) + move)[:, :2]
-
-
-def hits_of_pose(pose, angles, ranges):
-    x, y, yaw = pose
-    return np.column_stack([x + ranges * np.cos(yaw + angles), y + ranges * np.sin(yaw + angles)])
-
-
 @given(st.floats(-3, 3), st.floats(-0.17, 0.17), st.floats(-0.17, 0.17), st.booleans())
 def test_beams_of_leaning_sensors_end_below_where_they_hit(yaw, pitch, roll, is_flipped):
+    angles, ranges = np.radians([-80.0, -10.0, 0.0, 35.0, 90.0]), [1.5, 2.25, 3.0, 0.75, 4.0]
     turn = Rotation.from_euler("ZYX", [yaw, pitch, roll + np.pi * is_flipped])
-    quaternions = np.broadcast_to(turn.as_quat(), (len(ANGLES), 4))
-    headings, shares = beams_in_plane(quaternions, ANGLES)
-    found = hits_of_pose((0.5, 2.0, 0.0), headings, RANGES * shares)
-    np.testing.assert_allclose(found, hits_of(turn, [0.5, 2.0, 1.0]), atol=1e-12)
+    points = np.stack([np.cos(angles), np.sin(angles), 0 * angles]) * ranges
+    headings, shares = beams_in_plane(np.broadcast_to(turn.as_quat(), (5, 4)), angles)
+    found = np.stack([np.cos(headings), np.sin(headings)]) * ranges * shares
+    np.testing.assert_allclose(found, turn.apply(points.T).T[:2], atol=1e-12)
 
 
 @given(st.lists(st.tuples(*[st.floats(-1, 1)] * 4), min_size=1, max_size=5))

@@ -18,6 +18,16 @@ def file_of(width, height, *chunks, depth=8, colour_type=0, interlaced=0):
     return SIGNATURE + chunk(b"IHDR", header) + b"".join(chunks) + chunk(b"IEND", b"")
 
 
+def pixels_in(data):
+    """The uncompressed pixels of a PNG, whose checksum must be right."""
+    at, stream = len(SIGNATURE), b""
+    while at < len(data):
+        (length, name), body = struct.unpack_from(">I4s", data, at), at + 8
+        stream += data[body : body + length] if name == b"IDAT" else b""
+        at = body + length + 4
+    return zlib.decompress(stream)
+
+
 def adam7(pixels):
     """An interlaced PNG of grey pixels."""
     rows = b"".join(

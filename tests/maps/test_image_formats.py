@@ -2,6 +2,7 @@
 
 import io
 import re
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -10,46 +11,34 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from bad_maps import yaml_text
 from drawn import cells
-from mapdeal import FileAccessError, MalformedInputError, read_map
+from mapdeal import MalformedInputError, read_map
+from mapdeal.maps import picture as strips
 from mapdeal.maps.images import IMAGE_FORMATS, IMAGE_SUFFIXES, read_image, read_image_size
 from mapdeal.maps.map_server import costs_of
 
 ROOT = Path(__file__).parents[2]
-PIXELS = np.array([[0, 128, 254, 254, 254], [254, 0, 128, 0, 254]], dtype=np.uint8)
 DRAWING = "#?...\n.#?#."
-YAML = (
-    "image: {}\nresolution: 0.25\norigin: [1.5, -2.0, 0.4]\nnegate: 0\noccupied_thresh: 0.65\n"
-    "free_thresh: 0.196\n"
-)
-
-
-def pgm(pixels):
-    height, width = pixels.shape
-    return b"P5\n# by hand\n%d %d\n255\n" % (width, height) + pixels.tobytes()
+PIXELS = np.array([[0, 128, 254, 254, 254], [254, 0, 128, 0, 254]], dtype=np.uint8)
 
 
 def by_pillow(name, **options):
-    def encoded(pixels):
-        file = io.BytesIO()
-        Image.fromarray(pixels).save(file, name, **options)
-        return file.getvalue()
-
-    return encoded
+    file = io.BytesIO()
+    Image.fromarray(PIXELS).save(file, name, **options)
+    return file.getvalue()
 
 
-# Format, how an array of 8-bit greys becomes a file of it, and by how much decoding may differ.
+# Format, a file of it, and by how much decoding may differ.
+PGM = b"P5\n# by hand\n5 2\n255\n" + PIXELS.tobytes()
 CASES = [
-    ("PNM", pgm, 0),
-    ("PNG", by_pillow("PNG"), 0),
-    ("BMP", by_pillow("BMP"), 0),
-    ("TIFF", by_pillow("TIFF"), 0),
-    ("JPEG", by_pillow("JPEG", quality=100), 2),
-]
+    ("PNM", PGM, 0), ("PNG", by_pillow("PNG"), 0), ("BMP", by_pillow("BMP"), 0),
+    ("TIFF", by_pillow("TIFF"), 0), ("JPEG", by_pillow("JPEG", quality=100), 2),
+]  # fmt: skip
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
 every_case = pytest.mark.parametrize(
-    ("name", "encoded", "tolerance"), [pytest.param(*case, id=case[0]) for case in CASES]
+    ("name", "data", "tolerance"), CASES, ids=[case[0] for case in CASES]
 )
 
 
@@ -63,23 +52,23 @@ def test_the_documentation_lists_every_format():
 
 
 @every_case
-def test_a_picture_is_read_as_it_was_written_row_0_in_the_north(tmp_path, name, encoded, tolerance):
+def test_a_picture_is_read_as_it_was_written_row_0_in_the_north(tmp_path, name, data, tolerance):
     path = tmp_path / "m.image"
-    path.write_bytes(encoded(PIXELS))
+    path.write_bytes(data)
     picture = read_image(path)
     assert (picture.file_format, picture.shape) == (name, PIXELS.shape)
     greys = picture.samples.reshape(*PIXELS.shape, -1) * (255 / picture.maxval)  # of each channel
     assert np.abs(greys - PIXELS[..., np.newaxis]).max() <= tolerance
     assert picture.alpha is None or picture.alpha.min() == picture.maxval
     assert read_image_size(path) == PIXELS.shape
-    (tmp_path / "m.yaml").write_text(YAML.format("m.image"))
+    (tmp_path / "m.yaml").write_text(yaml_text(image="m.image"))
     assert np.array_equal(read_map(tmp_path / "m.yaml").occupancy, cells(DRAWING))
 
 
 @every_case
-def test_max_cells_is_the_largest_size_that_is_read(tmp_path, name, encoded, tolerance):
+def test_max_cells_is_the_largest_size_that_is_read(tmp_path, name, data, tolerance):
     path = tmp_path / "m.image"
-    path.write_bytes(encoded(PIXELS))
+    path.write_bytes(data)
     for read in (read_image, read_image_size):
         read(path, max_cells=PIXELS.size)
         with pytest.raises(MalformedInputError, match="above the limit of 9") as caught:
@@ -87,39 +76,27 @@ def test_max_cells_is_the_largest_size_that_is_read(tmp_path, name, encoded, tol
         assert "--max-cells" in caught.value.hint
 
 
-def test_an_image_alone_is_refused_by_its_name(tmp_path):
-    for suffix in IMAGE_SUFFIXES:
-        if suffix != ".pbm":
-            (tmp_path / f"m{suffix}").write_bytes(b"")
-            with pytest.raises(MalformedInputError, match="looks like an image"):
-                read_map(tmp_path / f"m{suffix}")
-
-
-def test_a_pbm_stands_for_the_yaml_beside_it(tmp_path):
-    (tmp_path / "m.pbm").write_bytes(b"P4\n1 1\n\x00")
-    with pytest.raises(FileAccessError, match=r"has no m\.yaml beside it"):
-        read_map(tmp_path / "m.pbm")
-
-
-@pytest.mark.parametrize("read", [read_image, read_image_size])
 @pytest.mark.parametrize("data", [b"GIF89a" + bytes(9), b"\x89PNG\r\n\x1a\n" + bytes(30)])
-def test_a_file_of_another_format_is_refused_with_those_that_are_known(tmp_path, read, data):
+def test_a_file_of_another_format_is_refused_with_those_that_are_known(tmp_path, data):
     (tmp_path / "m.pgm").write_bytes(data)
     known = "is not an image in a supported format: pgm, pbm, ppm, png, bmp, tiff"
-    with pytest.raises(MalformedInputError, match=known):
-        read(tmp_path / "m.pgm")
+    for read in (read_image, read_image_size):
+        with pytest.raises(MalformedInputError, match=known):
+            read(tmp_path / "m.pgm")
+
+
+@pytest.mark.parametrize("suffix", [one for one in IMAGE_SUFFIXES if one != ".pbm"])
+def test_an_image_alone_is_refused_by_its_name(tmp_path, suffix):
+    (tmp_path / f"m{suffix}").write_bytes(b"")
+    with pytest.raises(MalformedInputError, match="looks like an image"):
+        read_map(tmp_path / f"m{suffix}")
 
 
 def test_pillow_is_not_loaded_for_pnm(tmp_path):
-    (tmp_path / "m.pgm").write_bytes(pgm(PIXELS))
-    (tmp_path / "m.yaml").write_text(YAML.format("m.pgm"))
-    code = (
-        "import sys, mapdeal; mapdeal.read_map('m.yaml'); "
-        "print([m for m in sys.modules if m.split('.')[0] == 'PIL'])"
-    )
-    words = [sys.executable, "-c", code]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"
+    (tmp_path / "m.pgm").write_bytes(PGM)
+    (tmp_path / "m.yaml").write_text(yaml_text(image="m.pgm"))
+    code = "import sys, mapdeal; mapdeal.read_map('m.yaml'); sys.exit('PIL' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
 
 
 @pytest.mark.parametrize("pixels", [
@@ -134,3 +111,41 @@ def test_an_image_of_costs_has_one_grey_channel_of_8_bits(tmp_path, pixels):
         costs_of(read_image(path), path)
     Image.fromarray(np.array([[0, 254]], np.uint8)).save(path)
     assert costs_of(read_image(path), path).tolist() == [[0, 254]]
+
+
+HEIGHT, WIDTH = 7, 11
+
+
+def bmp(bits, pixels, palette, *, is_top_down, gap):
+    """The bytes of a file: indices, or blue, green, red and so on, row 0 in the north."""
+    if bits == 1:
+        rows = [np.packbits(row.astype(np.uint8)).tobytes() for row in pixels]
+    else:
+        rows = [row.tobytes() for row in pixels]
+    rows = [row + bytes(-len(row) % 4) for row in rows]
+    table = b"".join(bytes(entry) + b"\0" for entry in palette)
+    height = -HEIGHT if is_top_down else HEIGHT
+    header = struct.pack("<IiiHHIIiiII", 40, WIDTH, height, 1, bits, 0, 0, 0, 0, 0, 0)
+    body = b"".join(rows if is_top_down else rows[::-1])
+    start = 14 + len(header) + len(table) + gap
+    first = struct.pack("<2sIHHI", b"BM", start + len(body), 0, 0, start)
+    return first + header + table + bytes(gap) + body
+
+
+@pytest.mark.parametrize("gap", [0, 6])
+@pytest.mark.parametrize("is_top_down", [False, True])
+@pytest.mark.parametrize("bits", [1, 8, 24, 32])
+def test_pixels_of_a_bmp_are_those_that_were_written(tmp_path, monkeypatch, bits, is_top_down, gap):
+    rng = np.random.default_rng(bits)
+    count, channels = (1 << bits, 1) if bits <= 8 else (0, bits // 8)
+    palette = rng.integers(0, 256, (count, 3)).astype(np.uint8)  # blue, green, red
+    pixels = rng.integers(0, count or 256, (HEIGHT, WIDTH, channels)).astype(np.uint8)
+    expected = palette[pixels[..., 0]] if count else pixels
+    path = tmp_path / "m.bmp"
+    path.write_bytes(bmp(bits, pixels, palette, is_top_down=is_top_down, gap=gap))
+    monkeypatch.setattr(strips, "STRIP", 3 * WIDTH * channels)
+    picture = read_image(path)
+    colours = picture.palette[picture.samples, :3] if count else picture.samples
+    assert np.array_equal(colours, expected[..., 2::-1])
+    if bits == 32:
+        assert np.array_equal(picture.alpha, pixels[..., 3])

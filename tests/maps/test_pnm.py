@@ -27,29 +27,26 @@ def decode(data, **options):
     b"P5#glued\n3 2\n255\n",
     b"P5\n3 2\n255# end\n",
     b"P5\t3\r2\x0b255\x0c",
+    b"P5\n3 2\n255\r",
 ])  # fmt: skip
-def test_headers_with_comments_and_white_space_of_all_kinds(header):
-    assert np.array_equal(decode(header + BODY).samples, PIXELS)
+@pytest.mark.parametrize("pixels", [PIXELS, PIXELS[:, [1, 0, 2]]], ids=["0 first", "10 first"])
+def test_headers_with_comments_and_white_space_of_all_kinds(header, pixels):
+    assert np.array_equal(decode(header + pixels.tobytes()).samples, pixels)
 
 
 @pytest.mark.parametrize("header", [
-    pytest.param(b"P5\n" + b"#" * 60, id="signs of comments"),
-    pytest.param(b"P5\n" + b"#\n" * 300, id="empty comments"),
-    pytest.param(b"P5\n" + b"# \n \r#" * 300, id="comments and white space"),
-    pytest.param(b"P5\n3 2\n" + b"#25" * 200, id="a comment without an end"),
-    pytest.param(b"P5\n3 2\n#255", id="a number in a comment"),
-    pytest.param(b"P5\n3 #2\n", id="a number in a comment with an end"),
-    pytest.param(b"P5 " + b" " * 70_000, id="white space"),
-    pytest.param(b"P5 3 2 " + b"#" + b"x" * 70_000 + b"\n255 " + BODY, id="a long comment"),
-])  # fmt: skip
+    b"P5\n" + b"#" * 60,
+    b"P5\n" + b"#\n" * 300,
+    b"P5\n" + b"# \n \r#" * 300,
+    b"P5\n3 2\n" + b"#25" * 200,
+    b"P5\n3 2\n#255",
+    b"P5\n3 #2\n",
+    b"P5 " + b" " * 70_000,
+    b"P5 3 2 #" + b"x" * 70_000 + b"\n255 " + BODY,
+], ids=lambda header: str(header[2:22]))  # fmt: skip
 def test_a_header_without_its_numbers_is_refused_at_once(header):
     with pytest.raises(MalformedInputError, match="the file ends early"):
         decode(header)
-
-
-def test_plain_pictures_with_comments_between_pixels():
-    text = b"P2 3 2 255\n0 10\n# a comment 7 7\n255 13 205 254"
-    assert np.array_equal(decode(text).samples, PIXELS)
 
 
 def test_long_plain_pictures_are_read_piece_by_piece_as_if_at_once():
@@ -72,34 +69,33 @@ def test_long_plain_pictures_are_read_piece_by_piece_as_if_at_once():
         decode(head + " ".join(words + words).encode())
 
 
-def test_bitmaps_are_black_where_they_are_1():
-    expected = [
-        [0, 255, 0, 255, 255, 255, 255, 255, 0],
-        [255, 0, 255, 255, 255, 255, 255, 255, 255],
-    ]
-    plain = decode(b"P1\n9 2\n101000001\n0 1 0000000\n")
-    assert plain.samples.tolist() == expected
-    packed = decode(b"P4\n9 2\n" + bytes([0b10100000, 0b10000000, 0b01000000, 0b01111111]))
-    assert packed.samples.tolist() == expected
+@pytest.mark.parametrize("data", [
+    b"P1\n9 2\n101000001\n0 1 0000000\n",
+    b"P4\n9 2\n" + bytes([0b10100000, 0b10000000, 0b01000000, 0b01111111]),
+])  # fmt: skip
+def test_bitmaps_are_black_where_they_are_1(data):
+    is_black = [[1, 0, 1, 0, 0, 0, 0, 0, 1], [0, 1, 0, 0, 0, 0, 0, 0, 0]]
+    assert decode(data).samples.tolist() == (255 - 255 * np.array(is_black)).tolist()
 
 
-def test_colour_and_wide_samples():
-    rgb = decode(b"P6 1 2 255\n\x01\x02\x03\x04\x05\x06")
-    assert rgb.samples.tolist() == [[[1, 2, 3]], [[4, 5, 6]]]
-    assert decode(b"P3 1 2 9\n1 2 3 4 5 6\n").samples.tolist() == [[[1, 2, 3]], [[4, 5, 6]]]
-    wide = decode(b"P5 2 1 1000\n\x00\x05\x03\xe8")
-    assert (wide.samples.tolist(), wide.maxval) == ([[5, 1000]], 1000)
+@pytest.mark.parametrize(("data", "samples", "maxval"), [
+    (b"P6 1 2 255\n\1\2\3\4\5\6", [[[1, 2, 3]], [[4, 5, 6]]], 255),
+    (b"P3 1 2 9\n1 2 3 4 5 6\n", [[[1, 2, 3]], [[4, 5, 6]]], 9),
+    (b"P5 2 1 1000\n\0\5\3\xe8", [[5, 1000]], 1000),
+    (b"P2 3 2 255\n0 10\n# a comment 7 7\n255 13 205 254", PIXELS.tolist(), 255),
+])  # fmt: skip
+def test_colour_wide_samples_and_text(data, samples, maxval):
+    picture = decode(data)
+    assert (picture.samples.tolist(), picture.maxval) == (samples, maxval)
 
 
-def test_dos_line_ends_over_intact_pixels_are_read_right_with_a_warning():
-    with pytest.warns(MapdealWarning, match="DOS"):
-        picture = decode(b"P5\r\n3 2\r\n255\r\n" + BODY)
-    assert np.array_equal(picture.samples, PIXELS)
-
-
-def test_trailing_bytes_are_warned_of():
-    with pytest.warns(MapdealWarning, match="4 bytes"):
-        assert np.array_equal(decode(b"P5 3 2 255\n" + BODY + b"tail").samples, PIXELS)
+@pytest.mark.parametrize(("data", "told"), [
+    (b"P5\r\n3 2\r\n255\r\n" + BODY, "DOS"),
+    (b"P5 3 2 255\n" + BODY + b"tail", "4 bytes"),
+])  # fmt: skip
+def test_what_is_read_right_with_a_warning(data, told):
+    with pytest.warns(MapdealWarning, match=told):
+        assert np.array_equal(decode(data).samples, PIXELS)
 
 
 @pytest.mark.parametrize(("data", "said"), [
@@ -113,7 +109,6 @@ def test_trailing_bytes_are_warned_of():
     (b"P5 3", "ends early"),
     (b"P5\n3 2\n255", "the file ends after its header"),
     (b"P5 " + b"9" * 5000 + b" 2 255\n", "width"),
-    (b"P5 100000 100000 255\n", "limit"),
     (b"P5 3 2 100\n" + BODY, "maxval 100, got 255"),
     (b"P2 3 2 255\n0 1 2 3 4", "6 pixel values, got 5"),
     (b"P2 3 2 255\n0 1 2 3 4 5 6", "6 pixel values, got 7"),
@@ -128,11 +123,6 @@ def test_damaged_files_are_refused_with_the_place(data, said):
         decode(data)
 
 
-def test_the_limit_of_cells_can_be_set():
-    with pytest.raises(MalformedInputError, match="limit of 5"):
-        decode(b"P5 3 2 255\n" + BODY, limit=5)
-
-
 def test_rows_may_be_written_in_any_order(tmp_path):
     rows = np.arange(35, dtype=np.uint8).reshape(7, 5)
     with (tmp_path / "map.pgm").open("wb") as file:
@@ -142,14 +132,7 @@ def test_rows_may_be_written_in_any_order(tmp_path):
     assert np.array_equal(decode((tmp_path / "map.pgm").read_bytes()).samples, rows[::-1])
 
 
-def test_a_lone_carriage_return_may_end_the_header_before_a_pixel_of_10():
-    assert decode(b"P5\n3 2\n255\r" + b"\n" + BODY[1:]).samples.tolist() == [
-        [10, 10, 255],
-        [13, 205, 254],
-    ]
-
-
-@pytest.mark.parametrize("maxval", [1, 100, 254])
+@pytest.mark.parametrize("maxval", [1, 254])
 def test_the_first_pixel_above_maxval_is_named(maxval):
     head = b"P5 3 2 %d\n" % maxval
     assert decode(head + bytes([0, maxval, 0, 0, 0, maxval])).maxval == maxval

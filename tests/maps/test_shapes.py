@@ -24,21 +24,31 @@ shapes:
 """
 
 TRIANGLE = [[0, 0], [4, 0], [4, 3], [0, 0]]
-
-
-def feature(geometry, **properties):
-    return {"type": "Feature", "geometry": geometry, "properties": properties}
+CIRCLE = "shapes: [{type: circle, center: [0, 0], radius: 1}]"
 
 
 def geometry(kind, coordinates):
     return {"type": kind, "coordinates": coordinates}
 
 
+def feature(geometry, **properties):
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
+
+
+def collection(*features):
+    return {"type": "FeatureCollection", "crs": None, "features": features}
+
+
+def read(folder, text):
+    """Read a text as YAML, or an object as JSON."""
+    path = folder / ("zones.yaml" if isinstance(text, str) else "zones.geojson")
+    path.write_text(text if isinstance(text, str) else json.dumps(text))
+    return read_shapes(path)
+
+
 def test_yaml(tmp_path):
-    path = tmp_path / "zones.yaml"
-    path.write_text(YAML)
     square = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0), (0.0, 9.0))
-    assert read_shapes(path) == [
+    assert read(tmp_path, YAML) == [
         Polygon(((0.0, 0.0), (4.0, 0.0), (4.0, 3.0)), value=100),
         Line(((0.0, 0.0), (1.0, 1.0), (2.0, -0.5)), thickness=0.2),
         Circle((1.5, -2.0), 0.5, value=-1),
@@ -47,7 +57,6 @@ def test_yaml(tmp_path):
 
 
 def test_geojson(tmp_path):
-    path = tmp_path / "zones.geojson"
     hole = [[1, 0.5], [2, 0.5], [2, 1], [1, 0.5]]
     points = geometry("MultiPoint", [[0, 0], [1, 1]])
     features = [
@@ -57,11 +66,9 @@ def test_geojson(tmp_path):
         feature(geometry("Point", [1.5, -2]), radius=0.5, value=0),
         feature({"type": "GeometryCollection", "geometries": [points]}, radius=1),
     ]
-    document = {"type": "FeatureCollection", "crs": None, "features": features}
-    path.write_text(json.dumps(document))
     triangle = ((0.0, 0.0), (4.0, 0.0), (4.0, 3.0))
     inner = ((1.0, 0.5), (2.0, 0.5), (2.0, 1.0))
-    assert read_shapes(path) == [
+    assert read(tmp_path, collection(*features)) == [
         Polygon(triangle, (inner,), 100),
         Polygon(triangle, value=50),
         Polygon(inner, value=50),
@@ -73,84 +80,66 @@ def test_geojson(tmp_path):
 
 
 def test_a_bare_geometry_and_one_without_place(tmp_path):
-    path = tmp_path / "zone.json"
-    path.write_text(json.dumps(geometry("Polygon", [TRIANGLE])))
-    assert len(read_shapes(path)) == 1
-    features = [feature(None), feature(geometry("Polygon", [TRIANGLE]))]
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    assert len(read(tmp_path, geometry("Polygon", [TRIANGLE]))) == 1
     with pytest.warns(MapdealWarning, match="feature 1"):
-        assert len(read_shapes(path)) == 1
+        found = read(tmp_path, collection(feature(None), feature(geometry("Polygon", [TRIANGLE]))))
+    assert len(found) == 1
 
 
-def check_refused(path, text, named):
-    path.write_text(text)
-    with pytest.raises(MalformedInputError, match=named) as caught:
-        read_shapes(path)
-    assert str(path) in str(caught.value)
+def test_either_spelling_of_a_centre_is_taken(tmp_path):
+    assert read(tmp_path, CIRCLE.replace("center", "centre")) == [Circle((0.0, 0.0), 1.0)]
 
 
-@pytest.mark.parametrize(("text", "named"), [
+def ring(*points):
+    return json.dumps(geometry("Polygon", [points]))
+
+
+@pytest.mark.parametrize(("text", "told"), [
     ("", "no mapping"),
     ("shapes: []", "no shape"),
-    ("shapes: [{type: circle, center: [0, 0, 0], radius: 1}]", "two numbers"),
+    (CIRCLE.replace("[0, 0]", "[0, 0, 0]"), "two numbers"),
+    (CIRCLE.replace("[0, 0]", "[0, .nan]"), "must be a number"),
+    (CIRCLE.replace("center: [0, 0], ", ""), "needs center"),
+    (CIRCLE.replace("radius: 1", "radius: -1"), "circle radius"),
+    (CIRCLE.replace("radius: 1", "radius: 1, radius: 2"), "appears twice"),
+    (CIRCLE.replace("radius: 1", "radius: 1, value: 1.5"), "whole number"),
+    (CIRCLE.replace("{", "{centre: [0, 0], "), r"center \(line 1\): is given twice"),
+    (CIRCLE.replace("center", "cetner"), "unknown key of a circle"),
     ("shapes: []\nvalue: 3", "value.*unknown key"),
     ("shapes:\n- points: [[0, 0]]", r"shape 1 \(line 2\).*type"),
     ("shapes: [{type: star}]", "type must be one of"),
-    ("shapes: [{type: circle, radius: 1}]", "needs center"),
-    ("shapes: [{type: circle, center: [0, 0], radius: -1}]", "circle radius"),
-    ("shapes: [{type: circle, center: [0, .nan], radius: 1}]", "must be a number"),
-    ("shapes: [{type: circle, center: [0, 0], radius: 1, radius: 2}]", "appears twice"),
-    ("shapes: [{type: circle, center: [0, 0], radius: 1, value: 1.5}]", "whole number"),
     ("shapes: [{type: line, points: [[0, 0], [1, 1]], thickness: -1}]", "thickness"),
-    (
-        "shapes:\n- {type: polygon, points: [[0,0],[2,2],[2,0],[0,2]]}",
-        r"shape 1 \(line 2\): polygon vertex 1",
-    ),
+    ("shapes:\n- {type: polygon, points: [[0,0],[2,2],[2,0],[0,2]]}",
+     r"shape 1 \(line 2\): polygon vertex 1"),
     ("shapes: [{type: polygon, points: [[0, 0], [1, 1], [1e999, 0]]}]", "polygon vertex 3"),
-])  # fmt: skip
-def test_yaml_that_is_no_list_of_shapes(tmp_path, text, named):
-    check_refused(tmp_path / "zones.yaml", text, named)
-
-
-@pytest.mark.parametrize(("text", "named"), [
-    ("", "no valid JSON"),
     ("[1]", "must be an object"),
     ('{"type": "FeatureCollection"}', "features"),
     ('{"type": "FeatureCollection", "features": [3]}', "feature 1"),
     ('{"type": "Topology"}', "type must be one of"),
     ('{"type": "Polygon"}', "coordinates"),
     ('{"type": "Polygon", "coordinates": []}', "ring"),
-    ('{"type": "Polygon", "coordinates": [[[0, 0], [1, true], [1, 0]]]}', "position 2"),
-    ('{"type": "Polygon", "coordinates": [[[0, 0], [1, NaN], [1, 0]]]}', "NaN"),
-    ('{"type": "Polygon", "coordinates": [[[0, 0], [1, 1e999], [1, 0]]]}', "vertex 2"),
-    ('{"type": "Point", "coordinates": [0, 0]}', "radius"),
+    (ring([0, 0], [1, True], [1, 0]), "position 2"),
+    (ring([0, 0], [1, float("nan")], [1, 0]), "NaN"),
+    (ring([0, 0], [1, 0], [1, 1]).replace("[1, 1]", "[1, 1e999]"), "vertex 3"),
+    (json.dumps(geometry("Point", [0, 0])), "radius"),
     (json.dumps(feature(geometry("Point", [0, 0]), radius="1")), "radius"),
     (json.dumps(feature(geometry("Point", [0, 0]), radius=1, value=1.5)), "value"),
     (json.dumps({**feature(geometry("Point", [0, 0])), "properties": 3}), "properties"),
     ('{"type": "Point", "type": "Point"}', "twice"),
     ("[" * 100_000, "nested too deep"),
-])  # fmt: skip
-def test_json_that_is_no_geojson(tmp_path, text, named):
-    check_refused(tmp_path / "zones.json", text, named)
-
-
-def test_bytes_that_are_no_text_and_a_file_that_is_not_there(tmp_path):
-    path = tmp_path / "zones.json"
-    path.write_bytes(b'{"type": "\xff"}')
-    with pytest.raises(MalformedInputError, match="UTF-8"):
+    ('{"type": "\udcff"}', "UTF-8"),
+], ids=lambda text: text[:70])  # fmt: skip
+def test_files_that_are_no_shapes(tmp_path, text, told):
+    path = tmp_path / ("zones.json" if text[:1] in ("[", "{") else "zones.yaml")
+    path.write_bytes(text.encode(errors="surrogateescape"))
+    with pytest.raises(MalformedInputError, match=told) as caught:
         read_shapes(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_file_that_is_not_there_and_a_misspelt_key(tmp_path):
     with pytest.raises(FileAccessError):
         read_shapes(tmp_path / "none.yaml")
-
-
-def test_either_spelling_of_a_key_is_taken_and_none_twice(tmp_path):
-    path = tmp_path / "s.yaml"
-    path.write_text("shapes: [{type: circle, centre: [1.5, -2], radius: 0.5}]\n")
-    assert read_shapes(path) == [Circle((1.5, -2.0), 0.5)]
-    path.write_text("shapes:\n- type: circle\n  center: [1, 2]\n  centre: [1, 2]\n  radius: 1\n")
-    with pytest.raises(MalformedInputError, match=r"centre \(line 4\): is given twice"):
-        read_shapes(path)
-    path.write_text("shapes: [{type: circle, cetner: [1, 2], radius: 1}]\n")
-    with pytest.raises(MalformedInputError, match="unknown key of a circle") as caught:
-        read_shapes(path)
+    with pytest.raises(MalformedInputError) as caught:
+        read(tmp_path, CIRCLE.replace("center", "cetner"))
     assert caught.value.hint == "did you mean center?"

@@ -18,23 +18,20 @@ from pictures.samples import passage_at, reach_of
 from strategies import occupancies
 
 
-@settings(max_examples=10)
-@given(occupancies(), st.sampled_from([2048, 5, 0]), st.sampled_from(["known", "all"]))
-def test_every_map_has_pictures(occupancy, image_max, image_extent):
+@settings(max_examples=12)
+@given(
+    occupancies(), st.sampled_from(["esdf", "exponential_cost", "potential", None]),
+    st.sampled_from([2048, 5, 0]), st.sampled_from(["known", "all"]),
+)  # fmt: skip
+def test_every_map_has_pictures(occupancy, stage, image_max, image_extent):
     grid = OccupancyGrid(occupancy, 0.25, (1.5, -2.0, 0.4))
-    for shown in (
-        grid,
-        mapdeal.esdf(grid),
-        mapdeal.exponential_cost(grid),
-        mapdeal.potential(grid),
-    ):
-        picture = mapdeal.draw_picture(
-            shown, title="x" * 300, image_max=image_max, image_extent=image_extent,
-            pose=(2.0, -1.6, 0.7), robot=Footprint.circle(3.0),
-        )  # fmt: skip
-        height, width, _ = picture.rgb().shape
-        assert height > 100
-        assert 100 < width < 3000
+    picture = mapdeal.draw_picture(
+        getattr(mapdeal, stage)(grid) if stage else grid, title="x" * 300, image_max=image_max,
+        image_extent=image_extent, pose=(2.0, -1.6, 0.7), robot=Footprint.circle(3.0),
+    )  # fmt: skip
+    height, width, _ = picture.rgb().shape
+    assert height > 100
+    assert 100 < width < 3000
 
 
 @given(st.integers(1, 5000), st.integers(1, 5000), st.sampled_from([2048, 600, 50]))
@@ -67,25 +64,30 @@ def test_coordinates_stand_where_they_belong_and_apart(start, pixels, metres_per
         assert len(ticks) >= 2
 
 
-@pytest.mark.parametrize("shape", [(600, 300), (400, 700), (1000, 2000)])
-@pytest.mark.parametrize("corner", [(-1.0, 10.0), (-12345.5, 0.25), None])
+@pytest.mark.parametrize(
+    ("shape", "corner"),
+    [((600, 300), (-12345.5, 0.25)), ((400, 700), None), ((1000, 2000), (-1.0, 10.0))],
+)
 def test_no_text_of_a_sheet_covers_another(monkeypatch, shape, corner):
-    texts = {}
-    monkeypatch.setattr(
-        Pen, "write", lambda _, x, y, text, size: texts.update({(text, x, y): size})
-    )
+    texts = []
+    monkeypatch.setattr(Pen, "write", lambda _, *written: texts.append(written))
     image = sheet(np.zeros(shape, np.uint8), np.full((2, 3), 200, np.uint8), title="Title",
                   subtitle="and more", metres_per_pixel=0.01, corner_xy=corner,
                   swatches=[Swatch(1, "a rather long label")] * 5)  # fmt: skip
-    assert {text for text, _, _ in texts} >= ({"x [m]", "y [m]"} if corner else {"Title"})
-    boxes = [
-        (x, x + text_width(text, size), y - capital_height(size), y)
-        for (text, x, y), size in texts.items()
-    ]
+    assert {text for _, _, text, _ in texts} >= ({"x [m]", "y [m]"} if corner else {"Title"})
+    boxes = {
+        (x, y - capital_height(size), x + text_width(text, size), y) for x, y, text, size in texts
+    }
+    check_apart(boxes, image.indices.shape)
+
+
+def check_apart(boxes, shape):
+    """Boxes left, top, right, bottom lie in a picture, and none over another."""
+    for left, top, right, bottom in boxes:
+        assert 0 <= left < right <= shape[1]
+        assert 0 <= top < bottom <= shape[0]
     for (a, b, c, d), (e, f, g, h) in itertools.combinations(boxes, 2):
-        assert b <= e or f <= a or d <= g or h <= c
-    assert all(0 <= a < b <= image.indices.shape[1] for a, b, _, _ in boxes)
-    assert all(0 <= c < d < image.indices.shape[0] for *_, c, d in boxes)
+        assert a >= g or e >= c or b >= h or f >= d
 
 
 @pytest.mark.parametrize(("shape", "image_max"), [((9, 25), 2048), ((90, 250), 150)])
@@ -106,22 +108,20 @@ def test_texts_on_a_map_cover_neither_each_other_nor_a_door(monkeypatch, shape, 
     monkeypatch.setattr(canvas, "sheet", record)
     reach = reach_of("\n".join(["." * shape[1]] * shape[0]))
     places = (np.random.default_rng(3).random((40, 2)) * shape).astype(int).tolist()
-    doors = tuple(passage_at(reach, (row, col), (row + 1, col + 2), cut_off=k)
-                  for k, (row, col) in enumerate(places[:20]))  # fmt: skip
+    doors = tuple(
+        passage_at(reach, (row, col), (row + 1, col + 2), cut_off=k)
+        for k, (row, col) in enumerate(places[:20])
+    )
     ends = reach.frame.xy_from_rowcol(places[20:]).tolist()
-    goals = tuple(GoalReach(Goal(*end, name="g" * k), bool(k % 2), 0, 0.0)
-                  for k, end in enumerate(ends))  # fmt: skip
+    goals = tuple(
+        GoalReach(Goal(*end, name="g" * k), bool(k % 2), 0, 0.0) for k, end in enumerate(ends)
+    )
     reach = reach_of("\n".join(["." * shape[1]] * shape[0]), passages=doors, goals=goals)
     reach_image(reach, title="t", image_max=image_max)
     assert len(boxes) == 40
     boxes = [box for box in boxes if box]
     assert boxes
-    ((height, width),) = sizes
-    for left, bottom, right, top in boxes:
-        assert 0 <= left < right <= width
-        assert 0 <= bottom < top <= height
-    for (a, b, c, d), (e, f, g, h) in itertools.combinations(boxes, 2):
-        assert a >= g or e >= c or b >= h or f >= d
+    check_apart(boxes, *sizes)
     on = Surface(np.empty(reach.shape), reach.frame, Raster.fitting(reach.shape, image_max))
     for column, row in on.places([(door.x, door.y) for door in doors]):
         assert not any(b[0] <= column <= b[2] and b[1] <= row <= b[3] for b in boxes)

@@ -3,14 +3,7 @@ import string
 import numpy as np
 import pytest
 
-from mapdeal.pictures.canvas import (
-    MOST_COLOURS,
-    WHITE,
-    Pen,
-    capital_height,
-    printable,
-    text_width,
-)
+from mapdeal.pictures import canvas
 
 SIZES = (14, 15, 16, 18, 20, 27, 50)  # of the text, and of titles
 BOX = "\ufffd"
@@ -18,10 +11,10 @@ BOX = "\ufffd"
 
 def inked(text, size):
     """How dark each pixel is of a text whose pen begins at (20, 60), 0 to 15."""
-    pen = Pen(size)
-    pen.open(40 + text_width(text, size), 80)
+    pen = canvas.Pen(size)
+    pen.open(40 + canvas.text_width(text, size), 80)
     pen.write(20, 60, text, size)
-    return WHITE - pen.sheet
+    return canvas.WHITE - pen.sheet
 
 
 def test_letters_have_the_shape_that_a_font_gives_them():
@@ -39,8 +32,8 @@ def test_capitals_and_digits_stand_on_the_baseline_and_are_equally_tall(size):
     for character in "HEL147":
         rows = np.flatnonzero((inked(character, size) > 7).any(axis=1))
         assert rows[-1] == 59
-        assert 59 - capital_height(size) <= rows[0] <= 60 - capital_height(size)
-    assert 0.64 * size <= capital_height(size) <= 0.76 * size
+        assert 59 - canvas.capital_height(size) <= rows[0] <= 60 - canvas.capital_height(size)
+    assert 0.64 * size <= canvas.capital_height(size) <= 0.76 * size
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -48,9 +41,9 @@ def test_a_text_is_no_wider_than_it_is_said_to_be(size):
     for text in ("-10.5", "office: 0.05 m each", "MWj"):
         cols = np.flatnonzero(inked(text, size).any(axis=0))
         assert cols[0] >= 20 - size // 10
-        assert cols[-1] <= 20 + text_width(text, size)
-        assert cols[-1] >= 20 + 0.9 * text_width(text, size) - 3
-    assert text_width("", size) == 0
+        assert cols[-1] <= 20 + canvas.text_width(text, size)
+        assert cols[-1] >= 20 + 0.9 * canvas.text_width(text, size) - 3
+    assert canvas.text_width("", size) == 0
 
 
 def test_every_character_of_ascii_is_drawn_and_no_box():
@@ -61,7 +54,7 @@ def test_every_character_of_ascii_is_drawn_and_no_box():
             drawn = inked(character, 20)
             assert drawn.any(), character
             assert drawn.shape != box.shape or (drawn != box).any(), character
-            assert printable(character) == character
+            assert canvas.printable(character) == character
 
 
 @pytest.mark.parametrize(
@@ -77,22 +70,22 @@ def test_every_character_of_ascii_is_drawn_and_no_box():
     ],
 )
 def test_characters_that_the_font_lacks_become_like_ones_or_boxes(text, shown):
-    assert printable(text) == shown
+    assert canvas.printable(text) == shown
 
 
 def test_text_takes_only_its_greys_and_leaves_darker_ones():
-    pen = Pen(20)
+    pen = canvas.Pen(20)
     pen.open(90, 40)
     pen.sheet[:, 30:50] = 3
     pen.text(5, 3, "HHHHHH", limit=80)
     assert (pen.sheet[:, 30:50] == 3).all()
     others = np.delete(pen.sheet, np.s_[30:50], axis=1)
-    assert MOST_COLOURS <= others.min() < others.max() == WHITE
+    assert canvas.MOST_COLOURS <= others.min() < others.max() == canvas.WHITE
 
 
 @pytest.mark.parametrize("place", [(5, 3), (-8, -6), (40, 3), (3, 40), (-300, 0), (0, -300)])
 def test_a_text_at_the_edge_of_a_sheet_is_cut(place):
-    pen, whole = Pen(20), Pen(20)
+    pen, whole = canvas.Pen(20), canvas.Pen(20)
     pen.open(12, 12)
     pen.text(*place, "Hg", limit=50)
     assert pen.sheet.shape == (12, 12)

@@ -9,16 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drawn import grid_from_text
-from mapdeal import Costmap, esdf
+from mapdeal import esdf
 from mapdeal.pictures import colours
 from mapdeal.pictures.colours import Scale, _oklab_from_rgb
 from mapdeal.pictures.styles import (
     FieldEnds,
-    cleaning_style,
-    cost_style,
-    difference_style,
     field_style,
-    occupancy_style,
     ticks_of,
 )
 
@@ -85,18 +81,6 @@ def test_ticks_are_round(low, high, expected):
     ticks = ticks_of(low, high, 6)
     assert set(expected) <= set(ticks)
     assert all(low - 1e-9 <= tick <= high + 1e-9 for tick in ticks)
-
-
-def test_single_values_are_called_what_the_field_calls_them():
-    assert occupancy_style().labels == {0: "free", 100: "occupied", 255: "unknown"}
-    costs = Costmap([[0, 253, 254, 255]], 0.25)
-    named = {0: "free", 253: "inscribed", 254: "lethal", 255: "unknown"}
-    assert cost_style(costs).labels == named
-    scaled = Costmap(np.array([[-1, 0, 99, 100]], np.int8), 0.25, scale="occupancy")
-    assert cost_style(scaled).labels == {0: "free", 100: "lethal", 255: "unknown"}
-    assert difference_style().labels[6] == "wall added"
-    assert difference_style(("A", "B")).labels[6] == "wall only by B"
-    assert cleaning_style().labels[7] == "unknown, now free"
 
 
 # Machado, Oliveira, Fernandes 2009, severity 1: how people without one kind of cones see.

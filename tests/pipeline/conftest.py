@@ -18,3 +18,15 @@ def rooms(tmp_path):
 def run(rooms, tmp_path):
     """The folder of a run of the map."""
     return mapdeal.run(rooms, tmp_path / "out", changes=CHANGES).folder
+
+
+@pytest.fixture
+def said(command, tmp_path):
+    """Return a function that writes what a command says on standard output to a file."""
+
+    def write(name, *words):
+        path = tmp_path / name
+        path.write_text(command(*words)[1])
+        return path
+
+    return write

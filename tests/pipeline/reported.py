@@ -2,6 +2,7 @@
 
 import json
 
+import mapdeal
 from drawn import grid_from_text
 from mapdeal.commands.report import gathered
 from mapdeal.commands.report_entries import Grids
@@ -24,6 +25,11 @@ def rooms_grid(walls=0):
     return grid_from_text(ROOMS.replace(".", "#", walls))
 
 
+def write_cells(path, cells, resolution=0.25, origin=(1.5, -2.0, 0.4)):
+    mapdeal.write_map(path, mapdeal.OccupancyGrid(cells, resolution, origin), force=True)
+    return path
+
+
 def report_of(*paths, **more):
     with Grids(DEFAULT_SETTINGS) as grids:
         report = gathered(paths, grids, **more)
@@ -41,8 +47,12 @@ def layer_names(entry):
     return [layer.name for layer in entry.layers]
 
 
+def document(path):
+    return json.loads(path.read_text())
+
+
 def changed(path, change):
     """Have a function change a JSON document in its file."""
-    document = json.loads(path.read_text())
-    change(document)
-    path.write_text(json.dumps(document))
+    told = document(path)
+    change(told)
+    path.write_text(json.dumps(told))

@@ -18,26 +18,34 @@ from mapdeal.pipeline.workers import ProcessWorkers
 pytestmark = pytest.mark.slow
 
 
-def jobs(names, output):
-    return jobs_of(
-        [ListedMap(Path(f"maps/{name}.yaml"), f"{name}.yaml") for name in names], output, []
-    )
+def jobs(names, output, others=()):
+    return jobs_of([ListedMap(Path("maps") / name, name) for name in names], output, others)
 
 
-def run(names, output, size=2, work=batch_work.do):
-    """Return the status of each job, and the summary."""
+def run(names, output, size=2, work=batch_work.do, workers=None, tell=lambda *_: None):
+    """Return the outcome of each job, and fill the summary."""
+    made = jobs([f"{name}.yaml" for name in names], output)
+    workers = workers or (ProcessWorkers(size) if size else None)
     told = []
-    workers = ProcessWorkers(size) if size else None
-    tell = lambda job, _: told.append(job.path.stem)  # noqa: E731
-    batch = run_all(jobs(names, output), output, work, tell, Batch, workers=workers)
+
+    def heard(job, outcome):
+        told.append(job.path.stem)
+        tell(job, outcome)
+
+    outcomes = run_all(made, output, work, heard, Batch, workers=workers).outcomes
     assert sorted(told) == sorted(names)
-    return batch.outcomes, json.loads((output / "summary.json").read_text())["maps"]
+    return outcomes
+
+
+def summary_of(output):
+    return json.loads((output / "summary.json").read_text())["maps"]
 
 
 @pytest.mark.parametrize("size", [None, 1, 2])
 def test_every_job_has_its_outcome_in_order_f9(tmp_path, size):
     names = ["slow", "bad", "a", "warn", "bug", "memory", "two"]
-    outcomes, summary = run(names, tmp_path / "o", size)
+    outcomes = run(names, tmp_path / "o", size)
+    summary = summary_of(tmp_path / "o")
     assert [one.status for one in outcomes] == ["done", "failed", "done", "done", *["failed"] * 3]
     assert [one["map"] for one in summary] == [f"{name}.yaml" for name in names]
     bad = outcomes[1].result
@@ -54,49 +62,37 @@ def test_every_job_has_its_outcome_in_order_f9(tmp_path, size):
     }  # fmt: skip
 
 
-def test_a_map_that_kills_its_workers_fails_and_the_others_go_on_f10(tmp_path):
-    names = ["a", "b", "killer", "c", "slow", "d", "killer2", "e"]
-    outcomes, summary = run(names, tmp_path / "o")
-    failed = [name for name, one in zip(names, outcomes, strict=True) if one.status == "failed"]
-    assert failed == ["killer", "killer2"]
-    error = outcomes[2].result
-    assert str(error).startswith("maps/killer.yaml: the worker process died")
-    assert "memory" in error.hint
-    assert summary[2]["status"] == "failed"
-
-
-def test_a_worker_that_is_told_to_stop_counts_as_dead(tmp_path):
-    outcomes, _ = run(["a", "term", "b"], tmp_path / "o")
-    assert [one.status for one in outcomes] == ["done", "failed", "done"]
-
-
-def test_a_result_that_cannot_be_sent_is_a_failure(tmp_path):
-    outcomes, _ = run(["a", "odd", "b"], tmp_path / "o")
-    assert [one.status for one in outcomes] == ["done", "failed", "done"]
-    assert "internal error" in str(outcomes[1].result)
+@pytest.mark.parametrize(("names", "failed", "told"), [
+    ("a b killer c slow d killer2 e", "killer killer2", "maps/killer.yaml: the worker process"),
+    ("a term b", "term", "the worker process died"),  # told to stop
+    ("a odd b", "odd", "internal error"),  # its result cannot be sent
+])  # fmt: skip
+def test_a_map_that_kills_its_workers_fails_and_the_others_go_on_f10(tmp_path, names, failed, told):
+    outcomes = run(names.split(), tmp_path / "o")
+    found = dict(zip(names.split(), outcomes, strict=True))
+    assert [name for name, one in found.items() if one.status == "failed"] == failed.split()
+    error = found[failed.split()[0]].result
+    assert told in str(error)
+    assert "odd" in names or "memory" in error.hint
+    assert [one["status"] for one in summary_of(tmp_path / "o")] == [one.status for one in outcomes]
 
 
 @pytest.mark.parametrize("size", [None, 2])
 def test_ctrl_c_leaves_a_summary_of_what_was_done(tmp_path, size):
-    def press(job, outcome):
+    def press(job, _):
         if job.path.stem == "a":
             raise KeyboardInterrupt
 
-    output = tmp_path / "o"
-    workers = ProcessWorkers(size) if size else None
     with pytest.raises(KeyboardInterrupt, match="maps are done") as caught:
-        run_all(jobs(["a", *[f"slow{k}" for k in range(60)]], output), output, batch_work.do, press,
-                Batch, workers=workers)  # fmt: skip
-    summary = json.loads((output / "summary.json").read_text())["maps"]
-    statuses = [one["status"] for one in summary]
-    assert statuses[0] == "done"
-    assert statuses[-1] == "interrupted"
+        run(["a", *[f"slow{k}" for k in range(60)]], tmp_path, size, tell=press)
+    statuses = [one["status"] for one in summary_of(tmp_path)]
+    assert (statuses[0], statuses[-1]) == ("done", "interrupted")
     assert caught.value.args[0].startswith(f"{statuses.count('done')} of 61")
 
 
 def test_workers_serve_where_this_is_not_the_main_thread(tmp_path):
     found = []
-    thread = threading.Thread(target=lambda: found.extend(run(["a", "b"], tmp_path / "o")[0]))
+    thread = threading.Thread(target=lambda: found.extend(run(["a", "b"], tmp_path / "o")))
     thread.start()
     thread.join(120)
     assert [one.status for one in found] == ["done", "done"]
@@ -109,35 +105,31 @@ def test_a_job_may_replace_what_its_own_batch_has_left_alone(tmp_path):
         seen.append(job.is_new)
         return batch_work.do(job)
 
-    (tmp_path / "o" / "there").mkdir(parents=True)
-    run(["a", "there"], tmp_path / "o", None, work)
+    (tmp_path / "there").mkdir()
+    run(["a", "there"], tmp_path, None, work)
     assert seen == [True, False]
 
 
 @pytest.mark.parametrize(("names", "told"), [
-    (["a/m.yaml", "m.yaml", "a/m.yml"], "a/m.yml: would write into out/a/m, as in/a/m.yaml"),
+    (["a/m.yaml", "m.yaml", "a/m.yml"], "a/m.yml: would write into out/a/m, as maps/a/m.yaml"),
     (["summary.json.yaml", "m.yaml"], "into the place of summary.json"),
-    (["m.yaml", "m/cost.png.yaml"], "into the place of a file of in/m.yaml"),
-    (["m.yaml", "m/cost.png/x.yaml"], "into the place of a file of in/m.yaml"),
+    (["m.yaml", "m/cost.png.yaml"], "into the place of a file of maps/m.yaml"),
+    (["m.yaml", "m/cost.png/x.yaml"], "into the place of a file of maps/m.yaml"),
 ])  # fmt: skip
 def test_places_that_would_collide_are_refused_f8(names, told):
-    maps = [ListedMap(Path("in") / name, name) for name in names]
     with pytest.raises(ParameterError) as caught:
-        jobs_of(maps, Path("out"), ["cost.png", "manifest.json"])
+        jobs(names, Path("out"), ["cost.png", "manifest.json"])
     assert told in str(caught.value)
 
 
-@pytest.mark.parametrize("ignores_case", [False, True])
-def test_places_below_each_other_and_names_that_differ_in_case(monkeypatch, ignores_case):
-    monkeypatch.setattr(jobs_module, "ignores_case", lambda _: ignores_case)
+def test_places_below_each_other_and_names_that_differ_in_case(monkeypatch):
     names = ["a/Map.yaml", "a/map.yaml", "a/map/x.yaml"]
-    maps = [ListedMap(Path(name), name) for name in names]
-    if ignores_case:
-        with pytest.raises(ParameterError, match="ignores case"):
-            jobs_of(maps, Path("o"), ["cost.png"])
-    else:
-        places = [job.place for job in jobs_of(maps, Path("o"), ["cost.png"])]
-        assert places == ["a/Map", "a/map", "a/map/x"]
+    monkeypatch.setattr(jobs_module, "ignores_case", lambda _: False)
+    places = [job.place for job in jobs(names, Path("o"), ["cost.png"])]
+    assert places == ["a/Map", "a/map", "a/map/x"]
+    monkeypatch.setattr(jobs_module, "ignores_case", lambda _: True)
+    with pytest.raises(ParameterError, match="ignores case"):
+        jobs(names, Path("o"), ["cost.png"])
 
 
 @pytest.mark.parametrize(("text", "told"), [
@@ -154,10 +146,7 @@ def test_messages_in_a_summary_name_files_as_it_does(text, told):
 class OnceWorkers:
     """Workers in this process, of which the first dies of its job and no other can be started."""
 
-    size = 1
-
-    def __init__(self):
-        self.starts = 0
+    size, starts = 1, 0
 
     @contextmanager
     def started(self, _size, work):
@@ -176,8 +165,7 @@ class OnceWorkers:
 
 
 def test_the_summary_tells_what_was_done_before_no_more_workers_could_be_started(tmp_path):
-    made = jobs(["a", "dies", "b"], tmp_path)
     with pytest.raises(FileAccessError, match="cannot be started"):
-        run_all(made, tmp_path, batch_work.do, lambda *_: None, Batch, workers=OnceWorkers())
-    summary = json.loads((tmp_path / "summary.json").read_text())["maps"]
-    assert [one["status"] for one in summary] == ["done", "interrupted", "interrupted"]
+        run(["a", "dies", "b"], tmp_path, workers=OnceWorkers())
+    statuses = [one["status"] for one in summary_of(tmp_path)]
+    assert statuses == ["done", "interrupted", "interrupted"]

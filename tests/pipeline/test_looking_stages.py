@@ -39,26 +39,28 @@ def test_a_stage_is_given_what_its_function_takes(visit, grid):
     assert visit == [grid]
 
 
-def test_a_stage_that_takes_no_costs_gets_the_map_in_them():
-    costs = layered_cost(MAP)
-    for name in ("inflate", "esdf", "cost"):
-        with pytest.warns(MapdealWarning, match="contains costs"):
-            assert type(make_step(name, {}).taken(costs)) is OccupancyGrid
-    assert make_step("inflate", {}).taken(esdf(MAP)).occupancy is not None
-    with pytest.warns(MapdealWarning, match="view of a distance field"):
-        assert type(make_step("inflate", {}).taken(field_view(esdf(MAP)))) is OccupancyGrid
+@pytest.mark.parametrize(("name", "grid", "told"), [
+    *[(name, layered_cost(MAP), "contains costs") for name in ("inflate", "esdf", "cost")],
+    ("inflate", field_view(esdf(MAP)), "view of a distance field"),
+])  # fmt: skip
+def test_a_stage_that_takes_no_costs_or_views_gets_the_map_in_them(name, grid, told):
+    with pytest.warns(MapdealWarning, match=told):
+        assert type(make_step(name, {}).taken(grid)) is OccupancyGrid
 
 
-def test_a_radius_that_counts_twice_is_warned_of_after_inflation_alone(tmp_path):
-    for setting in ("visit.radius=0.4", "visit.footprint=[[0.4,0],[-0.2,0.3],[-0.2,-0.3]]"):
-        with pytest.warns(MapdealWarning, match=r"visit: (radius|footprint) 0.4 m comes on top of"):
-            recipe(tmp_path, "inflate visit", changes=[setting])
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            recipe(tmp_path, "visit inflate", changes=[setting])
-            recipe(tmp_path, "cost visit", changes=[setting, "cost.inscribed_radius=0.3"])
+@pytest.mark.parametrize(
+    "setting", ["visit.radius=0.4", "visit.footprint=[[0.4,0],[-0.2,0.3],[-0.2,-0.3]]"]
+)
+def test_a_radius_that_counts_twice_is_warned_of_after_inflation_alone(tmp_path, setting):
+    with pytest.warns(MapdealWarning, match=r"visit: (radius|footprint) 0.4 m comes on top of"):
+        recipe(tmp_path, "inflate visit", changes=[setting])
+    inscribed = "cost.inscribed_radius=0.3"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        recipe(tmp_path, "visit inflate", changes=[setting])
+        recipe(tmp_path, "cost visit", changes=[setting, inscribed])
     with pytest.warns(MapdealWarning, match="cost: inscribed_radius 0.3 m comes on top of stage i"):
-        recipe(tmp_path, "visit inflate cost", changes=["cost.inscribed_radius=0.3"])
+        recipe(tmp_path, "visit inflate cost", changes=[inscribed])
 
 
 def test_only_a_stage_that_takes_costs_can_follow_cost(tmp_path, visit):

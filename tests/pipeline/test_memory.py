@@ -1,5 +1,6 @@
 """How much memory a map gets, and how it is cut into blocks, by numbers computed by hand."""
 
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -45,10 +46,9 @@ def test_half_of_the_memory_is_for_blocks(left, threads, rows, kept):
 
 
 def test_blocks_are_no_larger_than_is_of_use():
-    rows, _ = cut(10**12, shape=(100_000, 1000))
-    assert rows == (1 << 22) // 1000
-    rows, _ = cut(10**12, shape=(100_000, 10))
-    assert rows == (1 << 16) - 1  # the longest run that a block's edge can hold
+    assert cut(10**12, shape=(100_000, 1000))[0] == (1 << 22) // 1000
+    # the longest run that a block's edge can hold
+    assert cut(10**12, shape=(100_000, 10))[0] == (1 << 16) - 1
 
 
 def test_too_little_memory_says_how_much_would_do():
@@ -75,13 +75,9 @@ def test_a_map_in_memory_takes_what_its_steps_say_and_its_pictures():
 
 
 @pytest.mark.parametrize(("given", "free", "jobs", "budget"), [
-    (7, 10**9, 1, 7),
-    (None, None, 1, 1 << 62),
-    (None, 10**9, 1, 500_000_000),
-    (None, 300_000_000, 1, 256_000_000),
-    (None, 200_000_000, 1, 200_000_000),
-    (None, 100_000_000, 1, 128_000_000),
-    (None, 2 * 10**9, 4, 250_000_000),
+    (7, 10**9, 1, 7), (None, None, 1, 1 << 62), (None, 10**9, 1, 500_000_000),
+    (None, 300_000_000, 1, 256_000_000), (None, 200_000_000, 1, 200_000_000),
+    (None, 100_000_000, 1, 128_000_000), (None, 2 * 10**9, 4, 250_000_000),
     (None, 10**9, 4, 128_000_000),
 ])  # fmt: skip
 def test_the_budget_is_half_of_what_is_free_shared_by_jobs(monkeypatch, given, free, jobs, budget):
@@ -131,9 +127,9 @@ def test_cells_of_an_image_that_must_be_whole_are_kept(by_rows):
 def test_what_a_map_needs(most, shape, reading, by_rows, expected):
     file = File(reading * CELLS, by_rows=by_rows)
     settings = Settings(max_memory=most, threads=1)
+    need = partial(memory.need_of, file, shape, [Step], settings, image_max=None)
     if isinstance(expected, str):
         with pytest.raises(MalformedInputError, match=expected):
-            memory.need_of(file, shape, [Step], settings, image_max=None)
+            need()
     else:
-        need = memory.need_of(file, shape, [Step], settings, image_max=None)
-        assert need == memory.Need(expected[0], by_blocks=expected[1])
+        assert need() == memory.Need(expected[0], by_blocks=expected[1])

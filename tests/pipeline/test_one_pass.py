@@ -5,7 +5,7 @@ import errno
 import numpy as np
 import pytest
 
-from mapdeal import FileAccessError, OccupancyGrid, write_map
+from mapdeal import FileAccessError, OccupancyGrid
 from mapdeal.files.transaction import RowsWriter, Transaction
 from mapdeal.kernels.blocks import CacheBudget, LazyLayer, rows_reported
 from mapdeal.kernels.threads import use_threads
@@ -16,6 +16,7 @@ from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings
 from mapdeal.stages import esdf as esdf_module
 from mapdeal.stages import exponential_cost as exponential
+from pipeline.reported import write_cells
 
 WHOLE = np.random.default_rng(5).integers(-1, 101, (23, 4)).astype(np.int8)
 
@@ -30,11 +31,9 @@ def lazy_grid(asked):
 
 def by_rows(grid):
     """A writer whose file is the rows, and END."""
-
-    def begin(file):
-        return lambda rows: file.write(grid.layer[rows].tobytes()), lambda: file.write(b"END")
-
-    return RowsWriter(grid.layer, begin)
+    return RowsWriter(grid.layer, lambda file: (
+        lambda rows: file.write(grid.layer[rows].tobytes()), lambda: file.write(b"END"),
+    ))  # fmt: skip
 
 
 def asking(grid, count):
@@ -97,27 +96,14 @@ def test_a_full_disk_is_told_with_the_file_that_did_not_fit(tmp_path, threads, w
     assert list(tmp_path.iterdir()) == []
 
 
-def in_blocks(monkeypatch, room):
-    """Have maps processed in blocks of 40 rows, and layers kept for which there is room."""
-
-    def way(*_):
-        return memory._Blocks(is_by_rows=True, block_height=40, cache=CacheBudget(room))
-
-    monkeypatch.setattr(memory, "_way_of", way)
-    return Settings(threads=1, images=False)
-
-
 CELLS = 613 * 701
 
 
 @pytest.fixture
 def building(tmp_path):
-    rng = np.random.default_rng(3)
-    values = np.where(rng.random((613, 701)) < 0.002, 100, 0).astype(np.int8)
+    values = np.where(np.random.default_rng(3).random((613, 701)) < 0.002, 100, 0).astype(np.int8)
     values[:40] = -1
-    assert values.size == CELLS
-    write_map(tmp_path / "map.yaml", OccupancyGrid(values, 0.1, (1.5, -2.0, 0.4)))
-    return tmp_path / "map.yaml"
+    return write_cells(tmp_path / "map.yaml", values, 0.1)
 
 
 @pytest.mark.parametrize(("room", "expected"), [
@@ -130,19 +116,21 @@ def test_layers_are_made_once_for_figures_and_once_for_all_files(
 ):
     made = {"distances": 0, "costs": 0}
 
-    def counted(what, method, rows_of):
-        def wrapper(*args, **kwargs):
+    def count(what, owner, name, rows_of):
+        method = getattr(owner, name)
+
+        def counted(*args, **kwargs):
             made[what] += rows_of(*args)
             return method(*args, **kwargs)
 
-        return wrapper
+        monkeypatch.setattr(owner, name, counted)
 
-    monkeypatch.setattr(
-        esdf_module, "signed_distance", counted("distances", esdf_module.signed_distance, len)
-    )
-    monkeypatch.setattr(
-        exponential.BaseCosts, "costs",
-        counted("costs", exponential.BaseCosts.costs, lambda _, rows: rows.stop - rows.start),
-    )  # fmt: skip
-    run_map(building, tmp_path / "out", load_recipe("default"), in_blocks(monkeypatch, room))
+    def in_blocks_of_40_rows(*_):
+        return memory._Blocks(is_by_rows=True, block_height=40, cache=CacheBudget(room))
+
+    count("distances", esdf_module, "signed_distance", len)
+    count("costs", exponential.BaseCosts, "costs", lambda _, rows: rows.stop - rows.start)
+    monkeypatch.setattr(memory, "_way_of", in_blocks_of_40_rows)
+    recipe, settings = load_recipe("default"), Settings(threads=1, images=False)
+    run_map(building, tmp_path / "out", recipe, settings)
     assert made == expected

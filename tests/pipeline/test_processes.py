@@ -14,23 +14,24 @@ from pathlib import Path
 import pytest
 
 import batch_work
-from mapdeal import FileAccessError
+from mapdeal import FileAccessError, write_map
 from mapdeal.pipeline.batch import Job
 from mapdeal.pipeline.workers import ProcessWorkers
+from pipeline.reported import rooms_grid
 
 pytestmark = pytest.mark.slow
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "maps" / "office.yaml"
-JOB = Job(Path("a.yaml"), Path("o"), "a.yaml", "a")
+CANNOT = "worker processes: cannot be started: "
 
 
 def done_by_a_worker():
     with ProcessWorkers(1).started(1, batch_work.do) as submit:
-        return submit(JOB).result(timeout=60)
+        return submit(Job(Path("a.yaml"), Path("o"), "a.yaml", "a")).result(timeout=60)
 
 
-@pytest.mark.parametrize("module", [forkserver, resource_tracker])
-@pytest.mark.parametrize("number", [errno.EAGAIN, errno.EMFILE, errno.ENOMEM])
+@pytest.mark.parametrize(("module", "number"), [
+    (forkserver, errno.EAGAIN), (forkserver, errno.EMFILE), (resource_tracker, errno.ENOMEM),
+])  # fmt: skip
 def test_a_system_without_processes_or_descriptors_is_one_error(monkeypatch, module, number):
     def refuse():
         raise OSError(number, os.strerror(number))
@@ -38,7 +39,7 @@ def test_a_system_without_processes_or_descriptors_is_one_error(monkeypatch, mod
     monkeypatch.setattr(module, "ensure_running", refuse)
     with pytest.raises(FileAccessError) as caught:
         done_by_a_worker()
-    assert str(caught.value) == f"worker processes: cannot be started: {os.strerror(number)}"
+    assert str(caught.value) == f"{CANNOT}{os.strerror(number)}"
     assert "--jobs 1" in caught.value.hint
 
 
@@ -47,19 +48,15 @@ def test_a_pool_that_cannot_have_its_threads_is_one_error_and_does_not_wait_for_
     scarce_threads, available, capfd
 ):
     scarce_threads(available)
-    with pytest.raises(FileAccessError, match="worker processes: cannot be started"):
+    with pytest.raises(FileAccessError, match=CANNOT):
         done_by_a_worker()
     assert capfd.readouterr() == ("", "")
 
 
 def test_a_process_that_a_lost_pool_forgets_to_end_is_not_waited_for(monkeypatch):
     """As one is that is started at the moment in which another dies."""
-
-    def forget(*_):
-        pass
-
-    monkeypatch.setattr(process._ExecutorManagerThread, "shutdown_workers", forget)
-    monkeypatch.setattr(BaseProcess, "terminate", forget)
+    monkeypatch.setattr(process._ExecutorManagerThread, "shutdown_workers", lambda *_: None)
+    monkeypatch.setattr(BaseProcess, "terminate", lambda *_: None)
 
     def lose():
         with ProcessWorkers(2).started(2, batch_work.do) as submit:
@@ -80,44 +77,30 @@ def test_processes_without_a_server_start_afresh(monkeypatch):
     assert done_by_a_worker().status == "done"
 
 
-@pytest.fixture
-def batch(tmp_path):
+def batch(tmp_path, folder="T", limit=None):
     """Run two maps in two processes; return what came of it and what is left in TMPDIR."""
-    text = EXAMPLE.read_text().replace("office.pgm", str(EXAMPLE.with_suffix(".pgm")))
     for name in ("a", "b"):
-        (tmp_path / f"{name}.yaml").write_text(text)
-
-    def run(folder="T", **limits):
-        temporary = tmp_path / folder
-        temporary.mkdir()
-
-        def limit():
-            for name, value in limits.items():
-                resource.setrlimit(getattr(resource, f"RLIMIT_{name}"), (value, value))
-
-        told = subprocess.run(
-            [sys.executable, "-m", "mapdeal", "run", "a.yaml", "b.yaml", "-o", "o", "-j", "2"],
-            capture_output=True,
-            text=True,
-            cwd=tmp_path,
-            env={**os.environ, "TMPDIR": str(temporary)},
-            preexec_fn=limit,
-        )
-        return told, list(temporary.iterdir())
-
-    return run
+        write_map(tmp_path / f"{name}.yaml", rooms_grid())
+    (tmp_path / folder).mkdir()
+    words = ["-m", "mapdeal", "run", "a.yaml", "b.yaml", "-o", "o", "-j", "2", "--no-images"]
+    told = subprocess.run(
+        [sys.executable, *words], capture_output=True, text=True, cwd=tmp_path,
+        env={**os.environ, "TMPDIR": str(tmp_path / folder)},
+        preexec_fn=limit and (lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))),
+    )  # fmt: skip
+    return told, list((tmp_path / folder).iterdir())
 
 
 @pytest.mark.parametrize("folder", ["T", "T" * 120])
-def test_a_batch_leaves_nothing_among_temporary_files_however_long_their_folder(batch, folder):
-    told, left = batch(folder)
+def test_a_batch_leaves_nothing_among_temporary_files_however_long_their_folder(tmp_path, folder):
+    told, left = batch(tmp_path, folder)
     assert (told.returncode, told.stderr, left) == (0, "", [])
 
 
 @pytest.mark.parametrize("descriptors", [8, 12])
-def test_a_batch_without_descriptors_ends_with_one_line_and_leaves_nothing(batch, descriptors):
-    told, left = batch(NOFILE=descriptors)
+def test_a_batch_without_descriptors_ends_with_one_line_and_leaves_nothing(tmp_path, descriptors):
+    told, left = batch(tmp_path, limit=descriptors)
     assert (told.returncode, told.stdout, left) == (4, "", [])
     error, hint = told.stderr.splitlines()
-    assert error.startswith("error: worker processes: cannot be started: ")
+    assert error.startswith(f"error: {CANNOT}")
     assert hint.startswith("hint: --jobs 1 ")

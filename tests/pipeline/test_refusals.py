@@ -1,4 +1,4 @@
-"""What recipes, runs and lint do not take on the command line: the option, and what is said."""
+"""What recipes, runs and lint do not take: the line or the option, and what is said."""
 
 import json
 
@@ -6,7 +6,61 @@ import pytest
 
 import made_up_stages
 from mapdeal import Footprint, ParameterError, load_recipe, write_map
+from mapdeal.stages.catalogue import STAGES
 from pipeline.reported import rooms_grid
+
+MARK = "# here"
+"""The line at fault ends with it; it is a comment to YAML."""
+
+WRONG = [
+    ("# a recipe\nsteps: # here\n  - esdf\n", "no such key"),
+    ("# a recipe\n\nstages: esdf # here\n", "a list of stages"),
+    ("stages: [] # here\n", "a list of stages"),
+    ("stages:\n  - esdf\n  - inflat: # here\n", "no such stage"),
+    ("stages:\n  - esdf\n  - esdf: # here\n", "esdf: a stage can run once"),
+    ("stages:\n  - cost\n  - esdf # here\n", "esdf: cannot follow cost"),
+    ("stages:\n  - esdf\n  - inflate: 3 # here\n", "must look like"),
+    ("stages:\n  - esdf\n  - # here\n", "must look like"),
+    ("stages:\n  - inflate: {radius: 1]} # here\n", "not valid YAML"),
+    ("stages:\n\t- inflate # here\n", "not valid YAML"),
+    ("stages:\n  - inflate: &a\n      radius: 0.3 # here\n  - esdf:\n      <<: *a\n",
+     "esdf.radius: no such parameter"),
+    *[(f"stages:\n  - active\n  - {stage}:\n      {line} # here\n", rule) for stage, line, rule in [
+        ("inflate", "kernel: disc\n      radios: 1", "inflate.radios: no such parameter"),
+        ("cost", "model: rings\n      down: 4", "cost.down: is a parameter of model"),
+        ("cost", "model: rings\n      values: [80, -5]", "cost.values: "),
+        ("cost", "model: threshold\n      down_distance: 1.0\n      down: 3",
+         "cannot be given together"),
+        ("inflate", "radius: wide", "inflate.radius: must be a finite number"),
+        ("inflate", "radius: -1", "inflate.radius: must be a finite number, at least 0, got -1"),
+        ("inflate", "kernel: round", "inflate.kernel: must be one of"),
+        ("cost", "model: ring", "cost.model: no such cost model"),
+        ("inflate", "inflate_unknown: maybe", "must be yes or no"),
+        ("inflate", "footprint: {radius: 0}", "inflate.footprint.radius: must be"),
+        ("inflate", "footprint: {width: 1}", "look like"),
+        ("inflate", "footprint: {radius: 0.3}\n      radius: 0.4",
+         "inflate.radius: cannot be given together"),
+        ("inflate", "radius: !!python/none 1", "tag not allowed"),
+        ("inflate", "radius: 010", "must be a decimal number"),
+        ("esdf", "strength: 1_0", "must be a decimal number"),
+    ]],
+    # each parameter of each stage has its line
+    *[(f"stages:\n\n  - {stage.name}:\n" + f"      model: {stage.model}\n" * bool(stage.model)
+       + f"      {name}: [[a, b], {{}}] # here\n", f"{stage.name}.{name}")
+      for stage in STAGES for name in stage.parameters],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "rule"), WRONG)
+def test_the_line_of_a_recipe_that_is_wrong_is_named(tmp_path, text, rule):
+    (line,) = [k for k, one in enumerate(text.splitlines(), 1) if one.endswith(MARK)]
+    path = tmp_path / "r.yaml"
+    path.write_text(text)
+    with pytest.raises(ParameterError) as caught:
+        load_recipe(str(path))
+    assert str(caught.value).startswith(f"{path}:{line}: ")
+    assert rule in str(caught.value)
+
 
 LIKE = "must look like stage.parameter=value"
 
@@ -17,60 +71,55 @@ LIKE = "must look like stage.parameter=value"
     ("default", "inflat.radius=1", "no such stage", "did you mean inflate?"),
     ("default", "active.margin=1", "no stage active", None),
     ("default", "inflate.radios=1", "--set: inflate.radios: no such parameter", None),
-    ("default", "inflate.radius=-1", "--set: inflate.radius: must be", None),
-    ("default", "inflate.inflate_unknown=maybe", "yes or no", None),
     ("default", "esdf.lethal_threshold=101", "between 1 and 100", None),
     ("default", "cost.inscribed_radis=1", "inscribed_radis: no such", "inscribed_radius"),
     ("default", "cost.values=1", "is a parameter of model rings, not of exponential", None),
+    ("r.yaml", "inflate.radius=-1", "error: --set: inflate.radius: must be", None),
     ("nav2", "inflation_radius=1", LIKE, "did you mean cost.inflation_radius?"),
     ("nav2", "inflation-radius = 1", LIKE, "did you mean cost.inflation_radius?"),
     ("nav2", "lethal_threshold=60", LIKE,
      "did you mean esdf.lethal_threshold or cost.lethal_threshold?"),
     ("nav2", "nothing=1", LIKE, ""),
 ])  # fmt: skip
-def test_settings(command, tmp_path, name, setting, told, hint):
-    write_map(tmp_path / "m.yaml", rooms_grid())
-    words = ["-o", tmp_path / "out", "--recipe", name, "--set", setting]
-    code, out, err = command("run", tmp_path / "m.yaml", *words)
+def test_settings(command, here, name, setting, told, hint):
+    code, out, err = command("run", "m.yaml", "-o", "out", "--recipe", name, "--set", setting)
     assert (code, out) == (2, "")
     assert told in err
     assert hint is None or hint in err
     assert hint != "" or "hint:" not in err
 
 
-@pytest.mark.parametrize("words", [
-    ("--golden", "nowhere", 4, "no golden run"),
-    ("--golden", "bad", 3, "not the manifest"),
-    ("--update-golden", 2, "--golden"),
-])  # fmt: skip
-def test_golden_runs_f18(command, tmp_path, monkeypatch, words):
-    *options, code, told = words
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder with a map, a recipe, and what is no golden run."""
     monkeypatch.chdir(tmp_path)
     write_map("m.yaml", rooms_grid())
+    (tmp_path / "r.yaml").write_text("stages:\n  - inflate:\n      radius: 0.3\n  - esdf\n")
     (tmp_path / "bad" / "m").mkdir(parents=True)
     (tmp_path / "bad" / "m" / "manifest.json").write_text(json.dumps([]))
-    found, _, err = command("run", "m.yaml", "-o", "new", *options)
-    assert (found, told in err) == (code, True)
+    return tmp_path
 
 
-def test_a_shape_that_nothing_takes(tmp_path, monkeypatch):
-    made_up_stages.list_visit(monkeypatch)
-    (tmp_path / "r.yaml").write_text("stages:\n  - esdf\n")
-    with pytest.raises(ParameterError, match="no stage that uses a robot's shape"):
-        load_recipe(str(tmp_path / "r.yaml"), footprint=Footprint.circle(0.2))
-
-
-@pytest.mark.parametrize(("words", "told"), [
-    (["--in-place"], "--in-place: needs --fix"),
-    (["--fix"], "--fix: needs -o OUT or --in-place"),
-    (["--fix", "--in-place", "-o", "x.yaml"], "--in-place: cannot be given together with -o"),
-    (["-o", "x.yaml"], "--output: needs --fix"),
-    (["m.yaml", "n.yaml", "--fix", "-o", "x.yaml"], "-o: takes one map, got 2"),
+@pytest.mark.parametrize(("words", "code", "told"), [
+    ("run m.yaml -o new --golden nowhere", 4, "no golden run"),
+    ("run m.yaml -o new --golden bad", 3, "not the manifest"),
+    ("run m.yaml -o new --update-golden", 2, "--golden"),
+    ("lint m.yaml --in-place", 2, "error: --in-place: needs --fix"),
+    ("lint m.yaml --fix", 2, "error: --fix: needs -o OUT or --in-place"),
+    ("lint m.yaml --fix --in-place -o x.yaml", 2,
+     "error: --in-place: cannot be given together with -o"),
+    ("lint m.yaml -o x.yaml", 2, "error: --output: needs --fix"),
+    ("lint m.yaml n.yaml --fix -o x.yaml", 2, "error: -o: takes one map, got 2"),
 ])  # fmt: skip
-def test_repairs(command, tmp_path, monkeypatch, words, told):
-    monkeypatch.chdir(tmp_path)
-    write_map("m.yaml", rooms_grid())
-    before = sorted(tmp_path.iterdir())
-    code, _, err = command("lint", "m.yaml", *words)
-    assert (code, err.splitlines()[0]) == (2, f"error: {told}")
-    assert sorted(tmp_path.iterdir()) == before
+def test_options(command, here, words, code, told):
+    before = sorted(here.iterdir())
+    found, _, err = command(*words.split())
+    assert (found, told in err) == (code, True), err
+    assert "lint" not in words or sorted(here.iterdir()) == before
+
+
+def test_a_shape_that_nothing_takes(here, monkeypatch):
+    made_up_stages.list_visit(monkeypatch)
+    (here / "r.yaml").write_text("stages:\n  - esdf\n")
+    with pytest.raises(ParameterError, match="no stage that uses a robot's shape"):
+        load_recipe("r.yaml", footprint=Footprint.circle(0.2))

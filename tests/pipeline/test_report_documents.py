@@ -1,6 +1,5 @@
-"""Documents in a report: which entry gets what lint, reach, route and diff tell."""
+"""Documents in a report: which entry gets what lint, reach, route, diff, score and align tell."""
 
-import json
 import shutil
 
 import numpy as np
@@ -9,35 +8,20 @@ import pytest
 import mapdeal
 from compare.buildings import WALLS, drawn
 from drawn import grid_from_text
-from mapdeal.commands.report import gathered
-from mapdeal.commands.report_entries import Draft, Grids, drafts_about
+from mapdeal.commands.report_documents import MOST_POINTS, route_items
+from mapdeal.commands.report_entries import Draft, drafts_about
 from mapdeal.grid.frame import Transform
-from mapdeal.pipeline.settings import DEFAULT_SETTINGS
-from pipeline.reported import entries_of
+from mapdeal.grid.reach import Route
+from pipeline.reported import ROOMS, changed, document, entries_of, layer_names, write_cells
 
-ROOMS = """
-    ##################
-    #.......#........#
-    #.......#........#
-    #.......#........#
-    #................#
-    #................#
-    #.......#........#
-    ##################
-"""
 SHUT = ROOMS.replace("................", ".......#........", 1)
 
 
 @pytest.fixture
 def shut(tmp_path):
+    """The rooms, with a narrower door."""
     mapdeal.write_map(tmp_path / "shut.yaml", grid_from_text(SHUT))
     return tmp_path / "shut.yaml"
-
-
-@pytest.fixture
-def rooms(tmp_path):
-    mapdeal.write_map(tmp_path / "rooms.yaml", grid_from_text(ROOMS))
-    return tmp_path / "rooms.yaml"
 
 
 def place(path, row, col):
@@ -45,20 +29,12 @@ def place(path, row, col):
     return f"{x:.6f},{y:.6f}"
 
 
-def reach_of(command, path, tmp_path):
-    out = tmp_path / f"{path.stem}_reach.json"
-    code, _, err = command(
-        "reach", path, "--from", place(path, 3, 2), "--to", f"lab={place(path, 4, 12)}",
-        "--robot-radius", 0.3, "--min-area", 0.1, "-o", out,
+def test_reach_belongs_to_what_is_named_before_it(said, rooms, shut):
+    reach = said(
+        "reach.json", "reach", shut, "--from", place(shut, 3, 4), "--to",
+        f"lab={place(shut, 4, 14)}", "--robot-radius", 0.3, "--min-area", 0.1,
     )  # fmt: skip
-    assert code in (0, 1), err
-    return out
-
-
-def test_reach_belongs_to_what_is_named_before_it(command, rooms, shut, tmp_path):
-    reach = reach_of(command, shut, tmp_path)
-    told = json.loads(reach.read_text())
-    assert told["passages"]
+    passage, *_ = document(reach)["passages"]
     # a document before all belongs to the first
     orders = ((rooms, shut, reach), 1), ((shut, reach, rooms), 0), ((reach, shut, rooms), 0)
     for paths, owner in orders:
@@ -66,57 +42,69 @@ def test_reach_belongs_to_what_is_named_before_it(command, rooms, shut, tmp_path
         assert [bool(one.items) for one in entries] == [number == owner for number in (0, 1)]
         items = {item.kind: item for item in entries[owner].items}
         assert list(items) == ["start", "goal", "passage"]
-        passage = told["passages"][0]
         assert items["passage"].place == (passage["x"], passage["y"])
         assert items["passage"].lines[0].tolist() == passage["ends"]
         assert (items["goal"].tone, items["goal"].label) == ("error", "lab")
 
 
-def test_a_route_is_a_line(command, rooms, tmp_path):
-    out = tmp_path / "route.json"
-    arguments = "--from", place(rooms, 3, 2), "--to", place(rooms, 3, 12), "-o", out
-    assert command("route", rooms, "--robot-radius", 0.2, *arguments)[0] == 0
-    (entry,) = entries_of(rooms, out)
+def test_a_route_is_a_line(said, rooms):
+    ends = "--from", place(rooms, 3, 4), "--to", place(rooms, 3, 14)
+    path = said("route.json", "route", rooms, "--robot-radius", 0.2, *ends)
+    (entry,) = entries_of(rooms, path)
     (route,) = (item for item in entry.items if item.kind == "route")
-    points = json.loads(out.read_text())["points"]
-    assert np.array_equal(route.lines[0], points)
+    assert np.array_equal(route.lines[0], document(path)["points"])
 
 
-def test_findings_belong_to_the_maps_that_they_name(command, rooms, shut, tmp_path):
-    _, out, _ = command("lint", rooms, shut, "--robot-radius", 0.3, "--format", "json")
-    told = {one["file"]: one["findings"] for one in json.loads(out)["maps"]}
-    told[str(rooms)][0]["message"] = "of the other map"
-    maps = [{"file": file, "findings": found, "suppressed": 0} for file, found in told.items()]
-    (tmp_path / "lint.json").write_text(json.dumps({**json.loads(out), "maps": maps}))
+def test_a_long_route_keeps_its_ends_and_few_of_its_points():
+    points = np.stack([np.arange(70_001.0), np.sqrt(np.arange(70_001.0))], axis=1)
+    *_, item = route_items(Route("astar", True, (0.0, 0.0), (1.0, 1.0), points, 1.0, 1.0, 1.0))
+    (line,) = item.lines
+    assert len(line) == MOST_POINTS
+    assert (line[0].tolist(), line[-1].tolist()) == (points[0].tolist(), points[-1].tolist())
+    assert np.diff(line[:, 0]).max() <= 4
+    assert set(map(tuple, line.tolist())) <= set(map(tuple, points.tolist()))
+
+
+@pytest.fixture
+def findings(said, rooms, shut):
+    """Return a function that lints maps into a document."""
+    return lambda *maps: said("lint.json", "lint", *maps, "--robot-radius", 0.3, "--format", "json")
+
+
+def test_findings_belong_to_the_maps_that_they_name(findings, rooms, shut):
+    path = findings(rooms, shut)
+    changed(path, lambda told: told["maps"][0]["findings"][0].update(message="of this map"))
+    told = {one["file"]: one["findings"] for one in document(path)["maps"]}
     for paths in ((rooms, shut), (shut, rooms)):
-        for path, entry in zip(paths, entries_of(*paths, tmp_path / "lint.json"), strict=True):
+        for one, entry in zip(paths, entries_of(*paths, path), strict=True):
             texts = [item.text for item in entry.items if ": place " not in item.text]
-            assert len(texts) == len(told[str(path)])
-            for finding in told[str(path)]:
+            assert len(texts) == len(told[str(one)])
+            for finding in told[str(one)]:
                 assert any(finding["message"] in text for text in texts)
 
 
-def test_findings_alone_bring_the_maps_with_them(command, rooms, tmp_path):
-    _, out, _ = command("lint", rooms, "--robot-radius", 0.3, "--format", "json")
-    (tmp_path / "lint.json").write_text(out.replace("rooms.yaml", "gone.yaml"))
+def test_findings_alone_bring_the_maps_with_them(findings, rooms):
+    path = findings(rooms)
+    (entry,) = entries_of(path)
+    assert layer_names(entry) == ["rooms"]
+    assert len(entry.items) >= len(document(path)["maps"][0]["findings"])
+    path.write_text(path.read_text().replace("rooms.yaml", "gone.yaml"))
     with pytest.warns(mapdeal.MapdealWarning, match=r"gone\.yaml: .*so this map is not shown"):
-        (entry,) = entries_of(tmp_path / "lint.json")
+        (entry,) = entries_of(path)
     assert (entry.name, entry.layers) == ("gone", ())
-    (tmp_path / "lint.json").write_text(out)
-    (entry,) = entries_of(tmp_path / "lint.json")
-    assert [layer.name for layer in entry.layers] == ["rooms"]
-    assert len(entry.items) >= len(json.loads(out)["maps"][0]["findings"])
 
 
-def test_findings_of_other_maps_are_told_not_guessed(command, rooms, shut, tmp_path):
-    _, out, _ = command("lint", shut, rooms, "--robot-radius", 0.3, "--format", "json")
-    (tmp_path / "lint.json").write_text(out)
+def test_findings_of_other_maps_are_told_not_guessed(findings, rooms, shut, tmp_path):
+    path = findings(shut, rooms)
     (tmp_path / "other").mkdir()
     other = shutil.copy(shut, tmp_path / "other" / "third.yaml")
     shutil.copy(shut.with_suffix(".pgm"), tmp_path / "other")
     with pytest.warns(mapdeal.MapdealWarning, match=r"findings of .*shut\.yaml"):
-        (entry,) = entries_of(other, tmp_path / "lint.json")
+        (entry,) = entries_of(other, path)
     assert entry.items == ()
+    clean = {"file": "far.yaml", "findings": [], "suppressed": 0}
+    changed(path, lambda told: told.update(maps=[clean, clean]))
+    assert entries_of(other, path)[0].items == ()  # a warning would be an error
 
 
 @pytest.mark.parametrize(("file", "found"), [
@@ -130,75 +118,87 @@ def test_findings_of_other_maps_are_told_not_guessed(command, rooms, shut, tmp_p
 ])  # fmt: skip
 def test_which_entries_a_name_is_of(file, found, tmp_path):
     drafts = [Draft(name, tmp_path / name) for name in ("a/one", "b/one", "two")]
-    drafts[0].names.add("a/one.yaml")
-    drafts[1].names.add("b/one.yaml")
     for draft in drafts[:2]:
+        draft.names.add(f"{draft.name}.yaml")
         draft.files.add("one.yaml")
     drafts[2].files |= {"two.yaml", "two.pgm"}
     assert [drafts.index(one) for one in drafts_about(file, drafts)] == found
 
 
-def test_a_diff_shows_both_maps_and_what_differs(command, rooms, shut, tmp_path):
-    code, out, _ = command("diff", rooms, shut, "--json")
-    assert code == 1
-    (tmp_path / "diff.json").write_text(out)
-    with Grids(DEFAULT_SETTINGS) as grids:
-        (entry,) = gathered([tmp_path / "diff.json"], grids).entries
-        difference = entry.layers[-1].values[:]
-    assert [layer.name for layer in entry.layers] == ["first", "second", "difference"]
+def test_a_diff_shows_both_maps_and_what_differs(said, rooms, shut, tmp_path):
+    changes = mapdeal.read_map(rooms).occupancy != mapdeal.read_map(shut).occupancy
+    path, sent = said("diff.json", "diff", rooms, shut, "--json"), tmp_path / "sent"
+    sent.mkdir()  # maps are looked for beside the document, too
+    for one in (path, rooms, rooms.with_suffix(".pgm"), shut, shut.with_suffix(".pgm")):
+        shutil.move(one, sent)
+    (entry,) = entries_of(sent / "diff.json")
+    assert layer_names(entry) == ["first", "second", "difference"]
     assert entry.compared == ("first", "second")
-    changed = mapdeal.read_map(rooms).occupancy != mapdeal.read_map(shut).occupancy
-    added = next(value for value, name in entry.layers[-1].style.labels.items() if "added" in name)
-    assert np.array_equal(difference == added, changed)
+    difference = entry.layers[-1]
+    added = next(value for value, name in difference.style.labels.items() if "added" in name)
+    assert np.array_equal(difference.values[:] == added, changes)
     (item,) = entry.items
-    ((row, col),) = np.argwhere(changed)
-    x, y = mapdeal.read_map(rooms).frame.xy_from_rowcol([(row, col)])[0]
+    x, y = entry.layers[0].frame.xy_from_rowcol(np.argwhere(changes))[0]
     assert item.place == pytest.approx((x, y))
     assert item.text == f"wall added: 1 cell at {x:.6g}, {y:.6g}"
 
 
-def test_groups_of_cells_that_differ_are_listed_by_size(command, tmp_path):
+def difference(said, tmp_path, before, after):
+    maps = (write_cells(tmp_path / f"{k}.yaml", cells) for k, cells in enumerate((before, after)))
+    (entry,) = entries_of(said("diff.json", "diff", *maps, "--json"))
+    return entry
+
+
+def test_groups_of_cells_that_differ_are_listed_by_size(said, tmp_path):
     before, after = np.zeros((30, 40), np.int8), np.zeros((30, 40), np.int8)
     before[3, 4:9] = 100  # gone
     after[20:22, 30] = after[22, 31] = 100  # touch over a corner
     after[10, 10] = 100
-    for name, cells in (("before", before), ("after", after)):
-        grid = mapdeal.OccupancyGrid(cells, 0.5, (2.0, -1.0, 0.3))
-        mapdeal.write_map(tmp_path / f"{name}.yaml", grid)
-    maps = tmp_path / "before.yaml", tmp_path / "after.yaml"
-    (tmp_path / "diff.json").write_text(command("diff", *maps, "--json")[1])
-    (entry,) = entries_of(tmp_path / "diff.json")
+    entry = difference(said, tmp_path, before, after)
     assert [item.text.partition(" at ")[0] for item in entry.items] == [
         "wall added: 3 cells", "wall added: 1 cell", "wall removed: 5 cells"
     ]  # fmt: skip
-    middles = [(21, 30), (10, 10), (3, 6)]
-    places = [item.place for item in entry.items]
-    assert np.allclose(places, grid.frame.xy_from_rowcol(middles))
+    middles = entry.layers[0].frame.xy_from_rowcol([(21, 30), (10, 10), (3, 6)])
+    assert np.allclose([item.place for item in entry.items], middles)
 
 
-def test_a_diff_of_maps_that_are_gone_or_changed_says_so(command, rooms, shut, tmp_path):
-    (tmp_path / "diff.json").write_text(command("diff", rooms, shut, "--json")[1])
+def test_of_many_differences_fifty_are_listed(said, tmp_path):
+    free, walls = np.zeros((9, 130), np.int8), np.zeros((9, 130), np.int8)
+    walls[4, 2::4], walls[3, 2] = 100, 100
+    entry = difference(said, tmp_path, free, walls)
+    assert entry.items[0].text.startswith("wall added: 2 cells at ")
+    assert len(entry.items) == 32
+    walls[1, 2::4], walls[7, 2:6] = 100, 100  # 32 more, and one
+    entry = difference(said, tmp_path, free, walls)
+    assert len(entry.items) == 51
+    assert entry.items[-1].text == "wall added: 15 smaller groups not listed"
+
+
+def test_a_diff_of_maps_that_are_gone_or_changed_says_so(said, rooms, shut):
+    path = said("diff.json", "diff", rooms, shut, "--json")
     mapdeal.write_map(shut, grid_from_text(ROOMS), force=True)
     with pytest.warns(mapdeal.MapdealWarning, match=r"shut\.yaml: is not the map that diff\.json"):
-        (entry,) = entries_of(tmp_path / "diff.json")
+        (entry,) = entries_of(path)
     assert len(entry.layers) == 3
     rooms.unlink()
     with pytest.warns(mapdeal.MapdealWarning) as given:
-        (entry,) = entries_of(tmp_path / "diff.json")
+        (entry,) = entries_of(path)
     assert "so this map is not shown" in str(given[0].message)
-    assert [layer.name for layer in entry.layers] == ["second"]
+    assert layer_names(entry) == ["second"]
     assert [text.partition(":")[0] for text in entry.warnings] == ["rooms.yaml", "shut.yaml"]
 
 
-def test_a_score_is_a_table_of_the_map_that_it_names(command, rooms, shut, tmp_path):
-    words = ("--min", "coverage=0.9", "--max", "dist_truth_to_est_m.mean=0.001")
-    code, out, _ = command("score", rooms, "--truth", shut, *words, "--json")
-    assert code == 1
-    (tmp_path / "score.json").write_text(out)
-    values = json.loads(out)["values"]
+def scores_of(entry):
+    return [table for table in entry.tables if "Score" in table.title]
+
+
+def test_a_score_is_a_table_of_the_map_that_it_names(said, rooms, shut):
+    bounds = ("--min", "coverage=0.9", "--max", "dist_truth_to_est_m.mean=0.001")
+    path = said("score.json", "score", rooms, "--truth", shut, *bounds, "--json")
+    values = document(path)["values"]
     for paths, owner in (((shut, rooms), 1), ((), 0)):
-        entries = entries_of(*paths, tmp_path / "score.json")
-        tables = [[table for table in one.tables if "Score" in table.title] for one in entries]
+        entries = entries_of(*paths, path)
+        tables = [scores_of(one) for one in entries]
         assert [len(found) for found in tables] == [k == owner for k in range(len(entries))]
         (table,) = tables[owner]
         assert table.title == "Score: does not pass"
@@ -214,44 +214,42 @@ def test_a_score_is_a_table_of_the_map_that_it_names(command, rooms, shut, tmp_p
     assert entries[0].name == "rooms"
 
 
-def test_the_score_of_a_map_that_is_not_here_is_left_out(command, rooms, shut, tmp_path):
-    (tmp_path / "score.json").write_text(command("score", rooms, "--json")[1])
+def test_the_score_of_a_map_that_is_not_here_is_left_out(said, rooms, shut, tmp_path):
+    path = said("score.json", "score", rooms, "--json")
     mapdeal.write_map(tmp_path / "third.yaml", grid_from_text(ROOMS))
     with pytest.warns(mapdeal.MapdealWarning, match=r"score of .*rooms\.yaml is left out"):
-        entries = entries_of(shut, tmp_path / "third.yaml", tmp_path / "score.json")
-    assert not [table for one in entries for table in one.tables if "Score" in table.title]
-    (one,) = entries_of(tmp_path / "score.json")
-    rows = dict(next(table for table in one.tables if table.title == "Score").rows)
+        entries = entries_of(shut, tmp_path / "third.yaml", path)
+    assert [scores_of(one) for one in entries] == [[], []]
+    ((score,),) = map(scores_of, entries_of(path))
+    rows = dict(score.rows)
     assert rows["corners and ends of walls (corners)"].isdigit()
     assert "truth" not in rows
 
 
-def test_a_map_that_has_changed_since_it_was_scored_is_told_of(command, rooms, tmp_path):
-    (tmp_path / "score.json").write_text(command("score", rooms, "--json")[1])
+def test_a_map_that_has_changed_since_it_was_scored_is_told_of(said, rooms):
+    path = said("score.json", "score", rooms, "--json")
     mapdeal.write_map(rooms, grid_from_text(SHUT), force=True)
     told = r"rooms\.yaml: is not the map that score\.json"
     with pytest.warns(mapdeal.MapdealWarning, match=told):
-        (entry,) = entries_of(rooms, tmp_path / "score.json")
+        (entry,) = entries_of(rooms, path)
     assert any("score.json" in text for text in entry.warnings)
 
 
-def test_an_alignment_shows_the_first_map_where_it_lies_on_the_second(command, tmp_path):
+def test_an_alignment_shows_the_first_map_where_it_lies_on_the_second(said, tmp_path):
     here, there = Transform(-3.2, 11.7, 0.3), Transform(5.0, 2.0, 2.2)
     maps = tmp_path / "a.yaml", tmp_path / "b.yaml"
-    for path, place in zip(maps, (here, there), strict=True):
-        mapdeal.write_map(path, drawn(WALLS, 0.2, place))
-    assert command("align", *maps, "-o", tmp_path / "t.json")[0] == 0
-    (entry,) = entries_of(tmp_path / "t.json")
+    for path, where in zip(maps, (here, there), strict=True):
+        mapdeal.write_map(path, drawn(WALLS, 0.2, where))
+    align = said("t.json", "align", *maps, "--json")
+    (entry,) = entries_of(align)
     assert entry.compared == ("first", "second")
     first, second = (layer.frame for layer in entry.layers)
     assert second == mapdeal.read_map(maps[1]).frame
     cell = mapdeal.read_map(maps[0]).frame.unbounded_rowcol_from_xy(here.points([[8.0, 6.0]]))
-    moved = first.xy_from_rowcol(cell)
-    assert np.hypot(*(moved - there.points([[8.0, 6.0]]))[0]) < 0.25
-    alignment, *_ = entry.tables
-    assert alignment.title == "Alignment"
-    assert dict(alignment.rows)["same place"] == "yes"
+    assert np.hypot(*(first.xy_from_rowcol(cell) - there.points([[8.0, 6.0]]))[0]) < 0.25
+    assert entry.tables[0].title == "Alignment"
+    assert dict(entry.tables[0].rows)["same place"] == "yes"
     maps[0].unlink()
     with pytest.warns(mapdeal.MapdealWarning, match="so this map is not shown"):
-        (entry,) = entries_of(tmp_path / "t.json")
-    assert [layer.name for layer in entry.layers] == ["second"]
+        (entry,) = entries_of(align)
+    assert layer_names(entry) == ["second"]

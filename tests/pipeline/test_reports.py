@@ -1,7 +1,12 @@
-"""What a report gathers: which paths become entries, which join others, and what is warned of."""
+"""What a report gathers: which paths become entries, which join others, and what is warned of.
+
+Anybody may have written the documents: they are shown as far as they tell anything.
+"""
 
 import json
 import shutil
+from hashlib import sha256
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,55 +14,74 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal.commands.report import gathered
-from mapdeal.commands.report_entries import Grids
+from mapdeal.commands.report_entries import Draft, Grids, columns_of
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS
-from pipeline.reported import layer_names, report_of, rooms_grid
+from mapdeal.report.document import Item, Table
+from pipeline.reported import (
+    changed,
+    document,
+    entries_of,
+    layer_names,
+    report_of,
+    rooms_grid,
+    write_cells,
+)  # fmt: skip
 
-OTHER = """
-    #####
-    #...#
-    #####
-"""
+OTHER = grid_from_text("#####\n#...#\n#####")
+STAGES = ["inflated", "esdf", "cost"]
 
 
 def test_a_run_has_a_layer_for_each_stage_and_all_that_its_manifest_tells(run):
-    (entry,) = report_of(run).entries
-    assert entry.name == "rooms"
-    assert layer_names(entry) == ["inflated", "esdf", "cost"]
+    (entry,) = entries_of(run)
+    assert (entry.name, layer_names(entry), entry.warnings) == ("rooms", STAGES, ())
     assert [layer.title for layer in entry.layers[:2]] == [
         "Inflated by 0.25 m (disc)", "Signed distance field"
     ]  # fmt: skip
     field = entry.layers[1]
     assert (field.states, field.convention, field.unit) == ("inflated", "fast-planner", "m")
     told = {table.title: dict(table.rows) for table in entry.tables}
-    manifest = json.loads((run / "manifest.json").read_text())
+    manifest = document(run / "manifest.json")
     assert told["inflate: parameters"]["radius"] == "0.25"
     assert told["Files written, and their SHA-256"] == manifest["outputs"]
     assert told["Files read, and their SHA-256"] == manifest["inputs"]
-    assert entry.curve.inflation_radius == 0.8
     assert (entry.figures["cells"], entry.figures["m per cell"]) == ("20 x 8", 0.25)
-    assert entry.warnings == ()
+    # the curve of the costs stays whatever comes behind them
+    changed(run / "manifest.json", lambda told: told["stages"].append(told["stages"].pop(0)))
+    assert entry.curve.inflation_radius == entries_of(run)[0].curve.inflation_radius == 0.8
 
 
-@pytest.mark.parametrize("first", ["map", "run"])
-def test_the_map_that_a_run_was_made_of_joins_it_in_whatever_order(run, rooms, first):
-    paths = [rooms, run] if first == "map" else [run, rooms]
-    (entry,) = report_of(*paths).entries
-    assert layer_names(entry) == ["input", "inflated", "esdf", "cost"]
+def test_the_map_that_a_run_was_made_of_joins_it_in_whatever_order(run, rooms, tmp_path):
+    (tmp_path / "bare.yaml").write_text("stages:\n- esdf: {}\n")
+    bare = mapdeal.run(rooms, tmp_path / "bare", tmp_path / "bare.yaml").folder
+    for paths in ((rooms, run), (run, rooms)):
+        (entry,) = entries_of(*paths)
+        assert layer_names(entry) == ["input", *STAGES]
+    for paths in ((rooms, bare), (bare, rooms)):
+        (entry,) = entries_of(*paths)
+        assert layer_names(entry) == ["input", "esdf"]
+        assert entry.layers[1].states == "input"
 
 
 def test_grids_join_what_covers_the_same_cells_and_maps_do_not(rooms, tmp_path):
-    grid = mapdeal.read_map(rooms)
-    mapdeal.write_map(tmp_path / "far.npz", mapdeal.esdf(grid_from_text(OTHER)))
-    mapdeal.write_map(tmp_path / "near.npz", mapdeal.esdf(grid))
-    mapdeal.write_map(tmp_path / "again.yaml", grid)
     near, far, again = (tmp_path / name for name in ("near.npz", "far.npz", "again.yaml"))
-    joined, alone = report_of(rooms, near, far).entries
+    mapdeal.write_map(far, mapdeal.esdf(OTHER))
+    mapdeal.write_map(near, mapdeal.esdf(rooms_grid()))
+    mapdeal.write_map(again, rooms_grid())
+    joined, alone = entries_of(rooms, near, far)
     assert layer_names(joined) == ["rooms", "near"]  # its map is that of the entry
     assert joined.layers[1].states == "rooms"
     assert layer_names(alone) == ["far-map", "far"]
-    assert [layer_names(one) for one in report_of(rooms, again).entries] == [["rooms"], ["again"]]
+    assert [layer_names(one) for one in entries_of(rooms, again)] == [["rooms"], ["again"]]
+
+
+def test_titles_of_maps_that_do_not_join(run, rooms, tmp_path):
+    mapdeal.write_map(tmp_path / "other.yaml", OTHER)
+    assert report_of(run).title == "rooms"
+    assert report_of(run, tmp_path / "other.yaml").title == "2 maps"
+    assert report_of(run, title="<b>").title == "<b>"
+    mapdeal.write_map(rooms, rooms_grid(walls=1), force=True)
+    assert len(entries_of(run, rooms)) == 2
 
 
 def test_files_that_do_not_match_the_manifest_are_told_and_the_rest_is_shown(run):
@@ -65,7 +89,7 @@ def test_files_that_do_not_match_the_manifest_are_told_and_the_rest_is_shown(run
     with (run / "inflated.pgm").open("ab") as file:
         file.write(b"more")
     with pytest.warns(mapdeal.MapdealWarning) as given:
-        (entry,) = report_of(run).entries
+        (entry,) = entries_of(run)
     assert layer_names(entry) == ["inflated", "esdf"]
     texts = [str(one.message) for one in given]
     assert texts[:2] == [
@@ -76,40 +100,34 @@ def test_files_that_do_not_match_the_manifest_are_told_and_the_rest_is_shown(run
     assert entry.warnings == tuple(text.removeprefix(f"{run}/") for text in texts)
 
 
-def test_a_damaged_layer_is_told_and_left_out(run):
-    (run / "cost.npz").write_bytes(b"PK")
-    with pytest.warns(mapdeal.MapdealWarning, match="cost"):
-        (entry,) = report_of(run).entries
-    assert layer_names(entry) == ["inflated", "esdf"]
-    assert entry.warnings[1:] == ("cost.npz: is not an npz file, so layer cost is not shown",)
-
-
 @pytest.fixture
-def batch(tmp_path, command):
+def maps_run(tmp_path, command):
     (tmp_path / "maps" / "a").mkdir(parents=True)
     mapdeal.write_map(tmp_path / "maps" / "a" / "one.yaml", rooms_grid())
-    mapdeal.write_map(tmp_path / "maps" / "two.yaml", grid_from_text(OTHER))
+    mapdeal.write_map(tmp_path / "maps" / "two.yaml", OTHER)
     (tmp_path / "maps" / "bad.yaml").write_text("image: none.pgm\nresolution: x\n")
-    assert command("run", tmp_path / "maps", "-o", tmp_path / "batch")[0] == 5
+    words = ["run", tmp_path / "maps", "-o", tmp_path / "batch", "--jobs", 1, "--no-images"]
+    assert command(*words)[0] == 5
     return tmp_path / "batch"
 
 
-def test_a_batch_has_an_entry_for_each_map_and_one_that_failed_has_the_reason(batch):
-    entries = {entry.name: entry for entry in report_of(batch).entries}
+def test_a_batch_has_an_entry_for_each_map_and_one_that_failed_has_the_reason(maps_run):
+    entries = {entry.name: entry for entry in entries_of(maps_run)}
     assert {name: entry.status for name, entry in entries.items()} == {
         "a/one": "done", "bad": "failed", "two": "done"
     }  # fmt: skip
     assert entries["bad"].layers == ()
     assert "bad.yaml" in entries["bad"].warnings[0]
-    assert len(entries["a/one"].layers) == 3
+    shutil.rmtree(maps_run / "two")
+    with pytest.warns(mapdeal.MapdealWarning) as given:
+        entries = {entry.name: entry for entry in entries_of(maps_run)}
+    assert (len(given), len(entries["a/one"].layers), entries["two"].layers) == (1, 3, ())
+    assert entries["two"].warnings[0].endswith("so this run is not shown")
 
 
-def test_a_folder_with_runs_below_is_as_a_batch_without_its_summary(batch):
-    (batch / "summary.json").unlink()
-    assert [entry.name for entry in report_of(batch).entries] == ["a/one", "two"]
-
-
-def test_folders_without_runs_are_refused(tmp_path, run):
+def test_a_folder_with_runs_below_is_as_a_batch_and_one_without_is_refused(maps_run, run, tmp_path):
+    (maps_run / "summary.json").unlink()
+    assert [entry.name for entry in entries_of(maps_run)] == ["a/one", "two"]
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileAccessError, match="contains no run"):
         report_of(tmp_path / "empty")
@@ -118,15 +136,6 @@ def test_folders_without_runs_are_refused(tmp_path, run):
     (run / "manifest.json").write_text("[]")
     with pytest.raises(MalformedInputError, match="is not the manifest of a run"):
         report_of(run)
-
-
-def test_titles_of_maps_that_do_not_join(run, rooms, tmp_path):
-    mapdeal.write_map(tmp_path / "other.yaml", grid_from_text(OTHER))
-    assert report_of(run).title == "rooms"
-    assert report_of(run, tmp_path / "other.yaml").title == "2 maps"
-    assert report_of(run, title="<b>").title == "<b>"
-    mapdeal.write_map(rooms, rooms_grid(walls=1), force=True)
-    assert len(report_of(run, rooms).entries) == 2
 
 
 @pytest.mark.parametrize("fits", [True, False])
@@ -149,42 +158,357 @@ def test_layers_hold_what_the_files_hold_whether_they_fit_the_memory_or_not(
         assert layers[1].frame.origin == tuple(field["origin"])
 
 
-def test_a_field_of_the_map_as_read_shows_it_once(rooms, tmp_path):
-    (tmp_path / "bare.yaml").write_text("stages:\n- esdf: {}\n")
-    run = mapdeal.run(rooms, tmp_path / "bare", tmp_path / "bare.yaml").folder
-    for paths in ((run, rooms), (rooms, run)):
-        (entry,) = report_of(*paths).entries
-        assert layer_names(entry) == ["input", "esdf"]
-        assert entry.layers[1].states == "input"
+def test_layers_of_one_file_may_be_read_in_turns(rooms, tmp_path):
+    reach = mapdeal.reach(mapdeal.read_map(rooms), radius=0.1)
+    mapdeal.write_map(tmp_path / "reach.npz", reach)
+    with Grids(DEFAULT_SETTINGS) as grids:
+        (entry,) = gathered([rooms, tmp_path / "reach.npz"], grids).entries
+        assert layer_names(entry) == ["rooms", "reach-clearance", "reach-widest", "reach"]
+        layers = entry.layers[1:]
+        whole = [np.array(layer.values[:]) for layer in layers]
+        for rows in (slice(0, 2), slice(2, 5)):
+            for layer, values in zip(layers, whole, strict=True):
+                assert np.array_equal(layer.values[rows], values[rows], equal_nan=True)
+    assert np.array_equal(whole[0], reach.clearance, equal_nan=True)
+    assert np.array_equal(whole[1], reach.widest, equal_nan=True)
 
 
 def test_a_run_that_asks_what_can_be_reached_shows_the_answer(rooms, tmp_path):
-    x, y = mapdeal.read_map(rooms).frame.xy_from_rowcol([(3, 5)])[0].tolist()
+    x, y = rooms_grid().frame.xy_from_rowcol([(3, 5)])[0].tolist()
     (tmp_path / "asks.yaml").write_text(
         f"stages:\n- reach: {{radius: 0.2, start: [{x}, {y}], goals: {{lab: [{x}, {y}]}}}}\n"
     )
-    run = mapdeal.run(rooms, tmp_path / "asks", tmp_path / "asks.yaml").folder
-    (entry,) = report_of(run).entries
+    (entry,) = entries_of(mapdeal.run(rooms, tmp_path / "asks", tmp_path / "asks.yaml").folder)
     assert layer_names(entry) == ["reach-clearance", "reach-widest", "reach"]
     assert [item.kind for item in entry.items] == ["start", "goal", "passage"]
     assert "What the robot can reach" in [table.title for table in entry.tables]
 
 
-def test_a_run_that_is_gone_leaves_the_others_of_its_batch(batch):
-    shutil.rmtree(batch / "two")
-    with pytest.warns(mapdeal.MapdealWarning) as given:
-        entries = {entry.name: entry for entry in report_of(batch).entries}
-    assert len(given) == 1
-    assert entries["two"].layers == ()
-    assert entries["two"].warnings[0].endswith("so this run is not shown")
-    assert len(entries["a/one"].layers) == 3
-
-
 def test_shares_are_those_of_the_map_as_read_and_not_of_what_a_run_made_of_it(run, rooms):
-    (alone,) = report_of(run).entries
+    (alone,) = entries_of(run)
     assert not {"occupied %", "free %", "unknown %"} & set(alone.figures)
-    (both,) = report_of(run, rooms).entries
-    cells = mapdeal.read_map(rooms).occupancy
+    (both,) = entries_of(run, rooms)
+    cells = rooms_grid().occupancy
     assert both.figures["occupied %"] == round(100 * np.mean(cells == 100), 2)
     assert both.figures["unknown %"] == round(100 * np.mean(cells == -1), 2)
     assert both.figures["lethal %"] > both.figures["occupied %"]  # inflated
+
+
+@pytest.mark.parametrize("fits", [True, False])
+def test_what_reading_a_map_warns_of_is_on_the_page_and_given_once(tmp_path, fits, monkeypatch):
+    if not fits:
+        monkeypatch.setattr("mapdeal.commands.report_entries.memory_limit", lambda: (0, ""))
+    dark = np.full((8, 20), -1, np.int8)
+    paths = [write_cells(tmp_path / f"{name}.yaml", dark) for name in ("one", "two")]
+    with pytest.warns(mapdeal.MapdealWarning, match="known") as given:
+        entries = entries_of(*paths)
+    assert len(given) == 2
+    for entry in entries:
+        assert entry.warnings[0].startswith(f"{entry.name}.yaml: ")
+
+
+def test_what_reading_the_map_of_a_run_warns_of_is_on_its_page(rooms, run):
+    rooms.write_text(rooms.read_text().replace("free_thresh: ", "free_thresh: 0.3 # "))
+    paths = (rooms, rooms.with_suffix(".pgm"))
+    sums = {path.name: sha256(path.read_bytes()).hexdigest() for path in paths}
+    changed(run / "manifest.json", lambda told: told.update(inputs=sums, warnings=[]))
+    with pytest.warns(mapdeal.MapdealWarning) as given:
+        (entry,) = entries_of(run, rooms)
+    assert layer_names(entry)[0] == "input"
+    assert [text.partition(":")[0] for text in entry.warnings] == ["rooms.yaml"] * len(given)
+
+
+@pytest.fixture
+def machine(tmp_path, rooms, command, said):
+    """A folder of documents that name maps of this machine by absolute paths, and others."""
+    other, imageless, robot = (tmp_path / f"{one}.yaml" for one in ("other", "imageless", "robot"))
+    mapdeal.write_map(other, rooms_grid(walls=3))
+    imageless.write_text(rooms.read_text().replace("rooms.pgm", "no.pgm"))
+    robot.write_text("global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.2}}}\n")
+    maps = [rooms, other, imageless, tmp_path / "gone.yaml", robot]
+    (tmp_path / "documents").mkdir()
+    ends = rooms_grid().frame.xy_from_rowcol([(3, 4), (3, 14)]).tolist()
+    start, goal = (f"{x},{y}" for x, y in ends)
+    at = ["--from", start, "--to", goal, "--robot-radius", "0.05"]
+    for name, words in {
+        "align": ["align", rooms, other, "--json"],
+        "diff": ["diff", rooms, other, "--json"],
+        "lint": ["lint", *maps, "--format", "json"],
+        "params": ["lint", rooms, "--params-file", robot, "--format", "json"],
+        "score": ["score", rooms, "--truth", other, "--json"],
+        "reach": ["reach", rooms, *at],
+        "route": ["route", rooms, *at],
+    }.items():
+        said(f"documents/{name}.json", *words)
+    command("run", imageless, rooms, "-o", tmp_path / "batch", "-q", "--jobs", 1, "--no-images")
+    return tmp_path / "documents"
+
+
+@pytest.mark.parametrize("state", ["there", "gone"])
+def test_pages_show_no_absolute_path(machine, command, state):
+    folder = machine.parent
+    pages = [[path] for path in sorted(machine.iterdir()) if path.stem not in ("reach", "route")]
+    if state == "gone":
+        shutil.move(folder / "rooms.yaml", folder / "elsewhere.yaml")
+    else:
+        pages += [[folder / "rooms.yaml", *sorted(machine.iterdir())], [folder / "batch/rooms"]]
+        (folder / "batch/rooms/esdf.npz").write_bytes(b"torn")
+    pages += [[folder / "batch"]]
+    for paths in pages:
+        code, _, err = command("report", *paths, "-o", folder / "page.html", "--force")
+        assert code == 0, err
+        page = (folder / "page.html").read_text()
+        assert str(folder) not in page
+        assert "rooms" in page
+
+
+def test_documents_of_another_system_show_no_folder_of_it(machine):
+    told = document(machine / "diff.json")
+    told["first"]["file"], told["second"]["file"] = "C:\\maps\\a.yaml", "/home/me/my maps/b.yaml"
+    (machine / "diff.json").write_text(json.dumps(told))
+    with pytest.warns(mapdeal.MapdealWarning, match="is not shown"):
+        (entry,) = entries_of(machine / "diff.json")
+    rows = dict(row for table in entry.tables for row in table.rows)
+    assert (rows["first map"], rows["second map"]) == ("a.yaml", "b.yaml")
+    assert [text.split(":")[0] for text in entry.warnings] == ["a.yaml", "b.yaml"]
+
+
+def test_a_map_that_is_named_many_times_is_on_the_page_once(rooms, tmp_path, said, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "deep").mkdir()
+    Path("link.yaml").symlink_to("rooms.yaml")
+    Path("hard.yaml").hardlink_to("rooms.yaml")
+    names = ["rooms.yaml", "./rooms.yaml", "deep/../rooms.yaml", "link.yaml", "hard.yaml", rooms]
+    lint = said("lint.json", "lint", "rooms.yaml", "--format", "json")
+    maps = [{**document(lint)["maps"][0], "file": str(names[k % 6])} for k in range(301)]
+    changed(lint, lambda told: told.update(maps=maps))
+    (entry,) = entries_of(lint, said("score.json", "score", "link.yaml", "--json"))
+    assert layer_names(entry) == ["rooms"]
+    assert sum(table.title.startswith("Score") for table in entry.tables) == 1
+    (entry,) = entries_of(*(tmp_path / name for name in names))
+    assert layer_names(entry) == ["rooms"]
+
+
+def test_a_run_that_is_named_many_times_is_on_the_page_once(run, tmp_path):
+    told = {"map": "rooms.yaml", "folder": "rooms", "status": "done"}
+    places = ["rooms", "./rooms", "rooms/."] * 100
+    summary = run.parent / "summary.json"
+    summary.write_text(json.dumps({"maps": [{**told, "folder": one} for one in places]}))
+    for paths in ([summary], [run, run / "manifest.json"], [run.parent, run]):
+        (entry,) = entries_of(*paths)
+        assert layer_names(entry) == STAGES
+        assert all(table.rows for table in entry.tables)
+    (tmp_path / "link").symlink_to(run)
+    mapdeal.write_map(tmp_path / "other.yaml", rooms_grid(walls=3))
+    paths = [run, tmp_path / "other.yaml", run / ".." / run.name, tmp_path / "link"]
+    assert [entry.name for entry in entries_of(*paths)] == ["rooms", "other"]
+    assert [entry.name for entry in entries_of(*paths[:0:-1])] == ["link", "other"]
+
+
+def test_a_method_that_has_many_names_is_on_the_page_once(command, tmp_path):
+    scan = f"FLASER 180 {'2.0 ' * 180}0.5 0 0 0.5 0 0 {{0}} robot {{0}}\n"
+    (tmp_path / "log.clf").write_text("".join(scan.format(time) for time in (1.0, 2.0)))
+    assert command("build", tmp_path / "log.clf", "-o", tmp_path / "c", "--compare")[0] == 0
+    names = [f"{k}/tsdf" for k in range(301)]
+    changed(
+        tmp_path / "c/comparison.json",
+        lambda told: told["methods"].update(dict.fromkeys(names, told["methods"]["tsdf"])),
+    )
+    (entry,) = entries_of(tmp_path / "c")
+    assert layer_names(entry) == ["log-odds", "counting", "tsdf"]
+    assert entry.compared == ("log-odds", "counting")
+
+
+@pytest.mark.parametrize("name", ["esdf.npz", "inflated.yaml"])
+@pytest.mark.parametrize("other", ["smaller", "of another kind"])
+def test_a_file_that_changes_while_a_page_is_made_ends_it(run, name, other):
+    """Of many files those that were used longest ago are read again when their rows are due."""
+    with Grids(DEFAULT_SETTINGS) as grids:
+        (entry,) = gathered([run], grids).entries
+        for path in sorted(run.glob("*")):  # as if there were many more
+            if path.suffix in (".npz", ".yaml"):
+                grids._kept.pop(path, None)
+        grids._made = None
+        (run / name).unlink()
+        if other == "smaller":
+            grid = grid_from_text("..#")
+            made = mapdeal.esdf(grid) if name == "esdf.npz" else grid
+            mapdeal.write_map(run / name, made, force=True)
+        else:
+            shutil.copy((run / "cost").with_suffix((run / name).suffix), run / name)
+        with pytest.raises(FileAccessError, match="changed while it was read"):
+            for layer in entry.layers:
+                layer.values[:]
+
+
+def test_the_local_run_of_a_batch_has_an_entry_of_its_own(run):
+    shutil.copytree(run, run.parent / "copy")
+    shutil.move(run.parent / "copy", run / "local")
+    told = {"map": "rooms.yaml", "folder": "rooms", "status": "unchanged", "local": {}}
+    (run.parent / "summary.json").write_text(json.dumps({"maps": [told]}))
+    entries = entries_of(run.parent)
+    for found in (entries, entries_of(run)):
+        assert [entry.name for entry in found] == ["rooms", "rooms/local"]
+    for entry in entries:
+        assert len(entry.layers) == 3
+        assert "Input" not in [table.title for table in entry.tables]  # of those that failed
+
+
+def test_a_page_is_not_written_over_a_file_that_was_read(run, command):
+    page = run / "page.html"
+    page.symlink_to(run / "cost.npz")
+    before = (run / "cost.npz").read_bytes()
+    code, _, err = command("report", run, "-o", page, "--force")
+    assert (code, "the output is the input" in err) == (4, True)
+    assert (run / "cost.npz").read_bytes() == before
+
+
+@pytest.fixture
+def manifest(run):
+    return run / "manifest.json"
+
+
+@pytest.fixture
+def batch(run):
+    told = {"map": "rooms.yaml", "folder": run.name, "status": "done"}
+    (run.parent / "summary.json").write_text(json.dumps({"maps": [told, dict(told)]}))
+    return run.parent
+
+
+ODD = [10**400, -(10**400), 1e308, "x" * 99, [1] * 99, {}, None, True]
+
+
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [("width", "cells"), ("height", "cells"), ("resolution", "m per cell"), ("lethal", "lethal %")],
+)  # fmt: skip
+def test_figures_that_are_no_numbers_are_no_columns(name, column):
+    """A text times a height, or a list, would fill the memory."""
+    good = {"width": 20, "height": 10**9, "resolution": 0.25, "lethal": 7}
+    assert column in columns_of({"cost": good})
+    for value in ODD:
+        assert column not in columns_of({"cost": {**good, name: value}, "esdf": {name: value}})
+
+
+def test_a_run_of_odd_figures_is_shown(run, manifest):
+    for odd in ODD:
+        figures = {stage: {"width": odd, "free": odd} for stage in ("inflate", "esdf", "cost")}
+        changed(manifest, lambda told, figures=figures: told.update(figures=figures))
+        assert len(entries_of(run)[0].layers) == 3
+
+
+def test_columns_of_figures():
+    esdf = {"width": 20, "height": 5, "resolution": 0.25, "occupied": 7, "highest_distance": 1.2}
+    assert columns_of({"esdf": esdf, "reach": {"reachable_m2": 4, "width": 3, "height": 1}}) == {
+        "cells": "20 x 5", "m per cell": 0.25, "occupied %": 7.0, "reachable m2": 4.0,
+    }  # fmt: skip
+    cost = {"width": 20, "height": 5, "lethal": 3, "free": 9, "unknown": 9}
+    assert columns_of({"cost": cost}) == {"cells": "20 x 5", "lethal %": 3.0}
+    assert columns_of({"cost": {"width": 0, "height": 5, "free": 0}, "esdf": [1]}) == {}
+
+
+def test_a_stage_is_in_a_manifest_but_once(run, manifest):
+    """Recipes have each stage once; a hundred thousand of them would be as many layers."""
+    changed(manifest, lambda told: told["stages"].append({"esdf": {}}))
+    with pytest.raises(MalformedInputError, match="is not the manifest of a run"):
+        entries_of(run)
+
+
+OUTSIDE = ["../cost.npz", "..", ".", "", "a\0", "\ud800", "n" * 9000]
+MANY = {f"f{k}": "00" for k in range(300)}
+ELSEWHERE = [{"../esdf": {}}, {"/etc/passwd": {}}, {"": {}}, {"a\0": {}}]
+
+
+def without_costs(told, folder):
+    """Name costs that lie outside of the folder of the run instead of its own."""
+    del told["outputs"]["cost.npz"], told["outputs"]["cost.yaml"]
+    told["outputs"] |= dict.fromkeys([*OUTSIDE, str(folder.parent / "cost.npz")], "00")
+
+
+@pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")
+@pytest.mark.parametrize(("change", "layers", "count", "told"), [
+    *[(lambda told, _, value=value: told.update(warnings=value), STAGES, 0, [])
+      for value in (5, True, "text", {"a": 1}, None)],
+    (lambda told, _: told["outputs"].update(MANY), STAGES, 21,
+     ["f19: is missing, though the manifest lists it",
+      "manifest.json: 280 more of the files that it lists are missing, or are others"]),
+    (without_costs, STAGES[:2], 7, ["manifest.json: the run wrote no values of stage cost"]),
+    (lambda told, _: told["stages"].extend(ELSEWHERE), STAGES, 4,
+     ["manifest.json: the run wrote no values of stage ../esdf"]),
+    (lambda _, folder: (folder / "cost.npz").write_bytes(b"PK"), STAGES[:2], 2,
+     ["cost.npz: is not an npz file, so layer cost is not shown"]),
+])  # fmt: skip
+def test_an_odd_manifest_or_file_leaves_the_rest(run, manifest, change, layers, count, told):
+    for name in ("cost.npz", "cost.yaml"):  # where the run must not look for them
+        (run.parent / name).write_bytes((run / name).read_bytes())
+    changed(manifest, lambda document: change(document, run))
+    (entry,) = entries_of(run)
+    assert layer_names(entry) == layers
+    assert len(entry.warnings) == count
+    for text in told:
+        assert text in entry.warnings
+
+
+@pytest.mark.parametrize("place", ["..", "../out/rooms", "rooms/../rooms", ".", "", "/etc", None])
+def test_a_batch_shows_no_run_outside_of_its_folder(batch, place):
+    place = str(batch / "rooms") if place is None else place
+    changed(batch / "summary.json", lambda summary: summary["maps"][0].update(folder=place))
+    with pytest.warns(mapdeal.MapdealWarning) as given:
+        first, second = entries_of(batch)
+    rule = f"{place} is in no folder of this batch, so it is not shown"
+    assert [str(one.message) for one in given] == [f"{batch}/summary.json: {rule}"]
+    assert first.warnings == (f"summary.json: {rule.removeprefix(f'{batch}/')}",)
+    assert (len(first.layers), len(second.layers)) == (0, 3)
+
+
+def test_a_summary_without_maps_hides_no_run(batch, manifest):
+    changed(batch / "summary.json", lambda summary: summary.update(maps=[]))
+    (entry,) = entries_of(batch)
+    assert len(entry.layers) == 3
+    manifest.unlink()
+    with pytest.raises(FileAccessError, match="contains no run"):
+        entries_of(batch)
+
+
+BAD = "<img src=x onerror=alert(1)></script></title>-->]]>\u2028\u202e\0\ud800"
+
+
+@pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")
+def test_names_in_documents_are_text_on_the_page(manifest, batch, tmp_path):
+    def change(told):
+        told["stages"].append({BAD: {BAD: BAD}})
+        told["figures"][BAD] = {BAD: BAD}
+        told |= {"warnings": [BAD], "options": {BAD: BAD}, "robot": {BAD: [BAD]}, "version": BAD}
+        told["inputs"] = told["outputs"] = {**told["outputs"], BAD: BAD}
+
+    of_batch = {"map": BAD, "folder": BAD, "status": BAD, "error": BAD}
+    changed(manifest, change)
+    changed(batch / "summary.json", lambda summary: summary["maps"][1].update(of_batch))
+    page = mapdeal.write_report(tmp_path / "page.html", batch).path.read_text()
+    assert not [one for one in ("<img", "\0", "\u2028", "\u202e") if one in page]
+    assert page.count("&lt;img src=x onerror=alert(1)&gt;&lt;/script&gt;") > 10
+    assert (page.count("</script>"), page.count("</title>")) == (3, 1)
+
+
+def test_an_entry_lists_no_more_than_browsers_can_show():
+    draft = Draft("a", Path("a"))
+    draft.items = [Item("goal", str(number)) for number in range(5002)]
+    draft.tables = [Table("first", tuple((str(number), "x") for number in range(6000)))]
+    draft.tables += [Table("other", (("a", "b"),))] * 5000
+    draft.warn(str(number) for number in range(5000))
+    entry = draft.entry()
+    assert [one.text for one in entry.items[4999:]] == ["4999", "2 more are not listed"]
+    assert entry.tables[0].rows[4999:] == (("4999", "x"), ("1000 more are not listed", ""))
+    assert (len(entry.tables), entry.tables[-1].title) == (5001, "1 more are not listed")
+    assert entry.warnings[-1] == "4999"
+
+
+def test_a_page_keeps_to_its_size_whatever_it_lists(run):
+    line = {"type": "LineString", "coordinates": [[k / 7, k / 3] for k in range(500)]}
+    feature = {"type": "Feature", "properties": {}, "geometry": line}
+    shapes = {"type": "FeatureCollection", "features": [feature] * 9}
+    (run / "shapes.json").write_text(json.dumps(shapes))
+    noise = np.random.default_rng(1).integers(0, 101, size=(700, 900), dtype=np.int8)
+    sources = [write_cells(run / "noise.yaml", noise), run / "shapes.json"]
+    page = mapdeal.write_report(run / "page.html", sources, max_size=400_000)
+    assert 200_000 < page.size <= 400_000

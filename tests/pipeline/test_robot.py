@@ -51,7 +51,7 @@ OCCUPANCY = st.lists(st.sampled_from([0, 0, 0, -1, 30, 50, 99, 100]), min_size=3
 
 
 @pytest.mark.slow
-@settings(max_examples=150)
+@settings(max_examples=80)
 @given(st.lists(STATIC | INFLATION, max_size=4), st.booleans(), OCCUPANCY)
 def test_the_recipe_of_a_robot_makes_its_master_grid(layers, track, occupancy):
     robot = _robot(*layers, track=track)
@@ -77,17 +77,16 @@ def test_another_shape_changes_the_radii_but_not_one_that_the_file_chose():
     assert (robot.inscribed_radius, robot.circumscribed_radius) == (0.5, 0.5)
 
 
-def test_parameters_that_are_given_win_over_the_robots():
+@pytest.mark.parametrize(("stage", "given_", "expected"), [
+    ("cost", {"inflation_radius": 0.9, "lookup": "nav2"},
+     {"inflation_radius": 0.9, "inscribed_radius": 0.2, "cost_scaling_factor": 3.0}),
+    ("inflate", {}, {"radius": pytest.approx((0.3**2 + 0.2**2) ** 0.5), "lethal_threshold": 60}),
+    ("cost", {"model": "rings"}, {"lethal_threshold": 60}),
+])  # fmt: skip
+def test_parameters_that_are_given_win_over_the_robots(stage, given_, expected):
     robot = _robot(StaticLayer("s", lethal_cost_threshold=60), InflationLayer("i", 0.2, 0.7, 3.0))
-    given_ = {"inflation_radius": 0.9, "lookup": "nav2"}
-    parameters = step_for("cost", robot, given_).parameters
-    assert parameters["inflation_radius"] == 0.9
-    assert (parameters["inscribed_radius"], parameters["cost_scaling_factor"]) == (0.2, 3.0)
-    inflated = step_for("inflate", robot, {}).parameters
-    assert inflated["radius"] == pytest.approx((0.3**2 + 0.2**2) ** 0.5)
-    assert inflated["lethal_threshold"] == 60
-    rings = step_for("cost", robot, {"model": "rings"})
-    assert rings.parameters["lethal_threshold"] == 60
+    parameters = step_for(stage, robot, given_).parameters
+    assert {name: parameters[name] for name in expected} == expected
 
 
 def test_parameters_of_one_inflation_are_refused_to_several():

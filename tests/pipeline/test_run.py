@@ -1,3 +1,5 @@
+"""Runs of one map: what is written, what is left alone, and the whole canvas."""
+
 import hashlib
 import json
 import shutil
@@ -10,18 +12,20 @@ from PIL import Image
 
 import mapdeal
 from drawn import grid_from_text
-from mapdeal import FileAccessError, MalformedInputError, OccupancyGrid, read_map, write_map
+from mapdeal import FileAccessError, MalformedInputError, read_map, write_map
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings
+from pipeline.reported import write_cells
 
 ROOM = "\n".join(["?" * 30, *["??" + "#" * 20 + "?" * 8]] + ["??#" + "." * 18 + "#" + "?" * 8] * 9)
+BARE = Settings(images=False)
 
 
 @pytest.fixture
 def room(tmp_path):
     """A map of a room on a larger canvas, as files."""
-    write_map(tmp_path / "room.yaml", grid_from_text(ROOM, 0.1, (1.5, -2.0, 0.4)))
+    write_map(tmp_path / "room.yaml", grid_from_text(ROOM, 0.1))
     return tmp_path / "room.yaml"
 
 
@@ -47,25 +51,22 @@ def test_a_run_writes_every_file_and_a_manifest_of_them(room, tmp_path):
     assert str(tmp_path) not in files["manifest.json"].decode()
 
 
-def test_an_unchanged_map_is_skipped(room, tmp_path):
-    recipe, folder = load_recipe("default"), tmp_path / "out"
-    assert run_map(room, folder, recipe).status == "done"
-    before = {p: p.stat().st_mtime_ns for p in folder.iterdir()}
-    assert run_map(room, folder, recipe).status == "unchanged"
-    assert {p: p.stat().st_mtime_ns for p in folder.iterdir()} == before
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("change", ["input", "recipe", "options", "output", "manifest", "version"])
+@pytest.mark.parametrize(
+    "change", ["input", "recipe", "image_max", "canvas", "output", "manifest", "version"]
+)
 def test_what_has_changed_is_not_overwritten_without_force(room, tmp_path, change):
     recipe, folder, settings = load_recipe("default"), tmp_path / "out", Settings()
     run_map(room, folder, recipe)
+    times = [path.stat().st_mtime_ns for path in sorted(folder.iterdir())]
+    assert run_map(room, folder, recipe).status == "unchanged"
+    assert [path.stat().st_mtime_ns for path in sorted(folder.iterdir())] == times
     if change == "input":
         write_map(room, grid_from_text(ROOM.replace("#", ".", 1), 0.1), force=True)
     elif change == "recipe":
         recipe = load_recipe("default", changes=["inflate.radius=0.2"])
-    elif change == "options":
-        settings = Settings(image_max=100)
+    elif change in ("image_max", "canvas"):
+        settings = Settings(**{change: {"image_max": 100, "canvas": "full"}[change]})
     elif change == "output":
         (folder / "cost.pgm").write_bytes(b"edited by hand")
     elif change == "manifest":
@@ -103,104 +104,56 @@ def test_outputs_never_replace_the_input(room, tmp_path):
 
 
 def test_the_size_of_pictures(room, tmp_path):
-    recipe = load_recipe("nav2")
-    sizes = {}
+    sizes = []
     for image_max in (0, 100, 2048):
         folder = tmp_path / f"out{image_max}"
-        run_map(room, folder, recipe, Settings(image_max=image_max))
+        run_map(room, folder, load_recipe("nav2"), Settings(image_max=image_max))
         with Image.open(folder / "cost.png") as image:
-            sizes[image_max] = image.width
-    assert sizes[0] <= sizes[100] < sizes[2048]
+            sizes.append(image.width)
+    assert sizes[0] <= sizes[1] < sizes[2]
+
+
+FAIL = (
+    "load_world_tests/map_invalid_A/map.yaml", "load_world_tests/map_invalid_B/map.yaml",
+    "f1tenth_gym/maps/levine.yaml", "nav2_map_server/test/invalid_image.yaml",
+)  # fmt: skip
+LARGE = ("f1tenth__f1tenth_gym/maps/vegas.yaml", "tools/planner_benchmarking/100by100_10.yaml")
+"""Left to be run by hand: this is about reading."""
 
 
 @pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.thorough)])
 def test_every_readable_real_map_runs(real_maps, tmp_path, mapdeal_warnings, every):
-    fail = {
-        "avidbots__flatland/load_world_tests/map_invalid_A/map.yaml",
-        "avidbots__flatland/load_world_tests/map_invalid_B/map.yaml",
-        "f1tenth__f1tenth_gym/maps/levine.yaml",
-        "ros-navigation__navigation2/nav2_map_server/test/invalid_image.yaml",
-    }
-    # Without pictures, and the two largest left to be run by hand: this is about reading.
-    large = {"f1tenth__f1tenth_gym/maps/vegas.yaml", "tools/planner_benchmarking/100by100_10.yaml"}
     listed = (path.relative_to(real_maps).as_posix() for path in real_maps.rglob("*.yaml"))
     manifest = (real_maps / "MANIFEST.md").read_text()
-    paths = sorted(real_maps / name for name in listed if f"| {name} " in manifest)
-    assert len(paths) == 43
-    recipe = load_recipe("default")
-    for number, path in enumerate(paths[::every]):
-        name = path.relative_to(real_maps).as_posix()
-        if any(name.endswith(end) for end in large):
-            continue
+    names = sorted(name for name in listed if f"| {name} " in manifest)
+    assert len(names) == 43
+    recipe, settings = load_recipe("default"), Settings(images=False, threads=2)
+    for number, name in enumerate(names[::every]):
         folder = tmp_path / str(number)
-        if name in fail:
+        if name.endswith(FAIL):
             with pytest.raises((MalformedInputError, FileAccessError)):
-                run_map(path, folder, recipe)
-        else:
-            run_map(path, folder, recipe, Settings(images=False, threads=2))
+                run_map(real_maps / name, folder, recipe)
+        elif not name.endswith(LARGE):
+            run_map(real_maps / name, folder, recipe, settings)
             assert (folder / "manifest.json").exists()
 
 
 def test_the_costs_of_recipe_nav2_by_hand(tmp_path):
-    grid = OccupancyGrid([[100, *[0] * 19]], 0.05, (1.5, -2.0, 0.4))
-    write_map(tmp_path / "row.yaml", grid)
-    run_map(tmp_path / "row.yaml", tmp_path / "out", load_recipe("nav2"), Settings(images=False))
+    row = write_cells(tmp_path / "row.yaml", [[100, *[0] * 19]], 0.05)
+    run_map(row, tmp_path / "out", load_recipe("nav2"), BARE)
     # 253 to 0.2255 m, then trunc(252 exp(-3 (d - 0.2255))), to 0.7 m, which are 14 cells
     expected = [254, *[253] * 4, 234, 201, 173, 149, 128, 110, 95, 81, 70, 60, *[0] * 5]
     assert read_map(tmp_path / "out" / "cost.npz").cost.tolist() == [expected]
 
 
-CANVAS_RECIPES = {
-    "design-sim": None,
-    "default": None,
-    "nav2": None,
-    "own": "stages:\n- active: {margin: 0.2}\n- esdf: {unknown: occupied, strength: 1.5}\n"
-    "- potential: {goal: [1.5, -0.5]}\n- cost: {model: rings}\n",
-}
+OWN = (
+    "stages:\n- active: {margin: 0.2}\n- esdf: {unknown: occupied, strength: 1.5}\n"
+    "- potential: {goal: [1.5, -0.5]}\n- cost: {model: rings}\n"
+)
 BOX = (slice(0, 10), slice(2, 22))
 """The known part of `ROOM`, row 0 in the south."""
-
-
-def pixels_of(path):
-    return np.asarray(Image.open(path))[::-1]
-
-
-@pytest.mark.usefixtures("mapdeal_warnings")
-@pytest.mark.parametrize("recipe", CANVAS_RECIPES)
-def test_a_run_on_the_whole_canvas_is_the_run_without_padded_by_hand(room, tmp_path, recipe):
-    """Each product of a plain run, padded with numpy; the origin is the map's, bit for bit."""
-    name, box = recipe, BOX
-    if CANVAS_RECIPES[recipe] is not None:
-        (tmp_path / "own.yaml").write_text(CANVAS_RECIPES[recipe])
-        name, box = str(tmp_path / "own.yaml"), (slice(0, 11), slice(0, 24))  # 2 cells of margin
-    steps = load_recipe(name, sim=recipe != "own")
-    folders = {}
-    for canvas in ("crop", "full"):
-        folders[canvas] = tmp_path / canvas
-        run_map(room, folders[canvas], steps, Settings(canvas=canvas))
-    source = read_map(room)
-    origin, shape = source.origin, source.shape
-    crop, full = folders["crop"], folders["full"]
-    assert {path.name for path in crop.iterdir()} == {path.name for path in full.iterdir()}
-    seen = set()
-    for path in crop.iterdir():
-        other = full / path.name
-        if path.suffix == ".npz":
-            with np.load(path) as old, np.load(other) as new:
-                assert old.files == new.files
-                for key in old.files:
-                    expected = np.array(origin) if key == "origin" else padded(old[key], shape, box)
-                    np.testing.assert_array_equal(new[key], expected, err_msg=key)
-        elif path.suffix == ".pgm":
-            keys = yaml.safe_load(path.with_suffix(".yaml").read_text())
-            expected = np.full(shape, 205 if keys["mode"] == "trinary" else 255)
-            expected[box] = pixels_of(path)
-            np.testing.assert_array_equal(pixels_of(other), expected)
-        elif path.suffix == ".yaml":
-            old, new = (yaml.safe_load(one.read_text()) for one in (path, other))
-            assert new == {**old, "origin": list(origin)}
-        seen.add(path.suffix)
-    assert seen == {".npz", ".pgm", ".yaml", ".png", ".json"}
+WIDER = (slice(0, 11), slice(0, 24))
+"""With 2 cells of margin."""
 
 
 def padded(array, shape, box):
@@ -213,29 +166,57 @@ def padded(array, shape, box):
     return whole
 
 
-def test_the_canvas_is_part_of_what_makes_a_run_unchanged(room, tmp_path):
-    recipe = load_recipe("arena", sim=True)
-    settings = Settings(images=False)
-    assert run_map(room, tmp_path / "out", recipe, settings).status == "done"
-    full = replace(settings, canvas="full")
-    with pytest.raises(FileAccessError, match="exists"):
-        run_map(room, tmp_path / "out", recipe, full)
-    report = run_map(room, tmp_path / "out", recipe, replace(full, force=True))
+@pytest.mark.usefixtures("mapdeal_warnings")
+@pytest.mark.parametrize(
+    ("recipe", "box"), [("design-sim", BOX), ("default", BOX), ("nav2", BOX), ("own", WIDER)]
+)
+def test_a_run_on_the_whole_canvas_is_the_run_without_padded_by_hand(room, tmp_path, recipe, box):
+    """Each product of a plain run, padded with numpy; the origin is the map's, bit for bit."""
+    (tmp_path / "own.yaml").write_text(OWN)
+    steps = load_recipe(str(tmp_path / "own.yaml")) if recipe == "own" else None
+    crop, full = tmp_path / "crop", tmp_path / "full"
+    for folder in (crop, full):
+        settings = Settings(canvas=folder.name)
+        run_map(room, folder, steps or load_recipe(recipe, sim=True), settings)
+    source = read_map(room)
+    origin, shape = source.origin, source.shape
+    assert {path.name for path in crop.iterdir()} == {path.name for path in full.iterdir()}
+    for path in crop.iterdir():
+        other = full / path.name
+        if path.suffix == ".npz":
+            with np.load(path) as old, np.load(other) as new:
+                assert old.files == new.files
+                for key in old.files:
+                    expected = np.array(origin) if key == "origin" else padded(old[key], shape, box)
+                    np.testing.assert_array_equal(new[key], expected, err_msg=key)
+        elif path.suffix == ".pgm":
+            keys = yaml.safe_load(path.with_suffix(".yaml").read_text())
+            old, new = (np.asarray(Image.open(one))[::-1] for one in (path, other))
+            expected = np.full(shape, 205 if keys["mode"] == "trinary" else 255)
+            expected[box] = old
+            np.testing.assert_array_equal(new, expected)
+        elif path.suffix == ".yaml":
+            old, new = (yaml.safe_load(one.read_text()) for one in (path, other))
+            assert new == {**old, "origin": list(origin)}
+    endings = {".npz", ".pgm", ".yaml", ".png", ".json"}
+    assert {path.suffix for path in crop.iterdir()} == endings
+
+
+def test_figures_on_the_whole_canvas_are_of_all_of_it(room, tmp_path):
+    settings = replace(BARE, canvas="full")
+    figures = run_map(room, tmp_path / "out", load_recipe("arena", sim=True), settings).figures
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert manifest["options"]["canvas"] == "full"
     height, width = read_map(room).shape
-    for figures in report.figures.values():
-        assert (figures["width"], figures["height"]) == (width, height)
+    assert {(one["width"], one["height"]) for one in figures.values()} == {(width, height)}
     cells = height * width - 200
-    assert report.figures["esdf"]["without_value"] == cells
-    assert report.figures["cost"]["unknown"] == cells
-    assert run_map(room, tmp_path / "out", recipe, full).status == "unchanged"
+    assert (figures["esdf"]["without_value"], figures["cost"]["unknown"]) == (cells, cells)
 
 
 def test_stages_that_compute_on_the_whole_canvas_are_something_else(room, tmp_path):
     """Parameter canvas of stage active: beyond the box there are distances then."""
     recipe = load_recipe("default", sim=True, changes=["active.canvas=full", "esdf.unknown=free"])
-    run_map(room, tmp_path / "out", recipe, Settings(images=False))
+    run_map(room, tmp_path / "out", recipe, BARE)
     field = read_map(tmp_path / "out" / "esdf.npz")
     assert field.shape == read_map(room).shape
     assert np.isfinite(field.distance).all()

@@ -1,5 +1,6 @@
 """The cheapest route through a costmap."""
 
+import json
 import math
 from itertools import pairwise
 
@@ -8,8 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import mapdeal
 import oracles
-from mapdeal import Costmap, ParameterError, esdf, exponential_cost, shortest_route
+from drawn import grid_from_text
+from mapdeal import (
+    Costmap,
+    ParameterError,
+    esdf,
+    exponential_cost,
+    read_map,
+    shortest_route,
+    write_map,
+)
 
 ORIGIN = (1.5, -2.0, 0.4)
 
@@ -39,46 +50,48 @@ def problems(draw):
     return Costmap(cost, draw(st.sampled_from([0.05, 0.5, 2.0])), ORIGIN), *ends
 
 
-@settings(max_examples=80)
+def ends_of(problem):
+    return [tuple(xy) for xy in problem[0].frame.xy_from_rowcol(problem[1:]).tolist()]
+
+
+@settings(max_examples=50)
 @given(
     problems(), st.booleans(), st.sampled_from([0.0, 2.0, 50.0]), st.sampled_from([0.0, 1.0, 20.0])
 )
 def test_the_route_has_the_lowest_cost_of_all(problem, through_unknown, multiplier, field_weight):
     costmap, start, goal = problem
-    frame = costmap.frame
-    start_xy, goal_xy = (tuple(frame.xy_from_rowcol([cell])[0].tolist()) for cell in (start, goal))
+    resolution, ends = costmap.resolution, ends_of(problem)
     route = shortest_route(
-        costmap, start_xy, goal_xy, cost_travel_multiplier=multiplier,
-        through_unknown=through_unknown, field_weight=field_weight,
+        costmap, *ends, cost_travel_multiplier=multiplier, through_unknown=through_unknown,
+        field_weight=field_weight,
     )  # fmt: skip
-    distance = oracles.signed_distance(costmap.cost == 254, costmap.resolution, "center")
+    distance = oracles.signed_distance(costmap.cost == 254, resolution, "center")
     weights = _weights(costmap.cost, multiplier, through_unknown, distance, field_weight)
     lowest = oracles.lowest_cost(weights.tolist(), start, goal)
     assert route.reached == (lowest is not None)
     if not route.reached:
         assert route.points_xy.shape == (0, 2)
         assert math.isnan(route.length)
+        assert math.isnan(route.mean_clearance)
         return
-    assert route.cost == pytest.approx(lowest * costmap.resolution, rel=1e-6, abs=1e-9)
-    assert route.points_xy[0] == pytest.approx(start_xy)
-    assert route.points_xy[-1] == pytest.approx(goal_xy)
+    assert route.cost == pytest.approx(lowest * resolution, rel=1e-6, abs=1e-9)
+    assert route.points_xy[[0, -1]] == pytest.approx(np.array(ends))
     steps = [math.dist(a, b) for a, b in pairwise(route.points_xy.tolist())]
     assert route.length == pytest.approx(sum(steps), abs=1e-9)
-    assert all(step <= 1.5 * costmap.resolution for step in steps)
-    assert start == goal or min(steps) > 0.9 * costmap.resolution  # no point twice
-    cells = frame.unbounded_rowcol_from_xy(route.points_xy)
-    assert (weights[cells[:, 0], cells[:, 1]] > 0).all()
-    clearance = distance[cells[:, 0], cells[:, 1]].min()
-    assert route.min_clearance == pytest.approx(clearance, rel=1e-6)
+    assert max(steps) <= 1.5 * resolution
+    assert start == goal or min(steps) > 0.9 * resolution  # no point twice
+    cells = tuple(costmap.frame.unbounded_rowcol_from_xy(route.points_xy).T)
+    assert (weights[cells] > 0).all()
+    assert route.min_clearance == pytest.approx(distance[cells].min(), rel=1e-6)
 
 
-@settings(max_examples=80)
+@settings(max_examples=50)
 @given(problems(), st.sampled_from([0.3, 2.0, 25.0]), st.sampled_from([0.0, 1.0]))
 def test_the_field_in_the_heuristic_is_a_search_by_cost_and_estimate(
     problem, heuristic_weight, field_weight
 ):
     costmap, start, goal = problem
-    ends = [tuple(xy) for xy in costmap.frame.xy_from_rowcol([start, goal]).tolist()]
+    ends = ends_of(problem)
     distance = oracles.signed_distance(costmap.cost == 254, costmap.resolution, "center")
     weights = _weights(costmap.cost, 2.0, False, distance, field_weight)
     surcharges = np.zeros(costmap.shape)
@@ -91,7 +104,6 @@ def test_the_field_in_the_heuristic_is_a_search_by_cost_and_estimate(
     )
     assert (route.reached, route.expanded, route.optimal) == (len(cells) > 0, expanded, False)
     if not route.reached:
-        assert math.isnan(route.mean_clearance)
         return
     assert route.cost == pytest.approx(cost * costmap.resolution, rel=1e-6, abs=1e-9)
     centres = costmap.frame.xy_from_rowcol(cells)
@@ -101,7 +113,6 @@ def test_the_field_in_the_heuristic_is_a_search_by_cost_and_estimate(
     assert plain.cost <= route.cost * (1 + 1e-6)
 
 
-@settings(max_examples=60)
 @given(problems(), st.tuples(*[st.floats(0.02, 0.98)] * 4))
 def test_the_mean_clearance_weighs_each_piece_with_its_length(problem, inside):
     costmap, start, goal = problem
@@ -122,18 +133,18 @@ def test_the_mean_clearance_weighs_each_piece_with_its_length(problem, inside):
     assert route.min_clearance == pytest.approx(min(nearest), rel=1e-6)
 
 
-def _free(height, width, resolution=0.25):
-    return Costmap(np.zeros((height, width), np.uint8), resolution, ORIGIN)
+def route_between(rows, start, goal, resolution=0.5, **options):
+    """The route through costs between two places in cells, and its points in cells."""
+    costmap = Costmap(np.array(rows, np.uint8), resolution, ORIGIN)
+    ends = costmap.frame.xy_from_continuous_rowcol([start, goal])
+    route = shortest_route(costmap, *map(tuple, ends), **options)
+    assert route.points_xy[[0, -1]].tolist() == ends.tolist()
+    return route, costmap.frame.continuous_rowcol_from_xy(route.points_xy)
 
 
 def test_between_start_and_goal_are_centres_without_a_hook_at_the_ends():
-    costmap = _free(3, 5)
-    frame = costmap.frame
-    start, goal = frame.xy_from_continuous_rowcol([[0.1, 0.2], [2.9, 4.3]])
-    route = shortest_route(costmap, tuple(start), tuple(goal))
-    assert route.points_xy[0].tolist() == start.tolist()
-    assert route.points_xy[-1].tolist() == goal.tolist()
-    centres = frame.continuous_rowcol_from_xy(route.points_xy[1:-1])
+    route, places = route_between(np.zeros((3, 5)), (0.1, 0.2), (2.9, 4.3))
+    centres = places[1:-1]
     assert centres % 1 == pytest.approx(0.5)
     assert not (centres < 1).all(axis=1).any()
     assert not (centres > (2, 4)).all(axis=1).any()
@@ -142,20 +153,22 @@ def test_between_start_and_goal_are_centres_without_a_hook_at_the_ends():
 
 
 def test_where_the_straight_way_would_cut_a_closed_cell_the_centre_stays():
-    costmap = Costmap(np.array([[0, 254], [0, 0]], np.uint8), 0.5, ORIGIN)
-    start, goal = costmap.frame.xy_from_continuous_rowcol([[0.1, 0.9], [1.1, 1.9]])
-    route = shortest_route(costmap, tuple(start), tuple(goal))
-    places = costmap.frame.continuous_rowcol_from_xy(route.points_xy)
+    _, places = route_between([[0, 254], [0, 0]], (0.1, 0.9), (1.1, 1.9))
     expected = np.array([[0.1, 0.9], [0.5, 0.5], [1.5, 1.5], [1.1, 1.9]])
     assert places == pytest.approx(expected)
 
 
 def test_within_a_cell_the_way_is_straight():
-    costmap = _free(2, 3, 1.0)
-    start, goal = costmap.frame.xy_from_continuous_rowcol([[0.5, 1.2], [0.5, 1.9]])
-    route = shortest_route(costmap, tuple(start), tuple(goal))
+    route, _ = route_between(np.zeros((2, 3)), (0.5, 1.2), (0.5, 1.9), 1.0)
     assert (len(route.points_xy), route.reached) == (2, True)
     assert route.length == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize(("row", "last", "cost"), [(1, 7, 1.5), (2, 2, 0.5)])
+def test_by_default_costs_count_double_and_distances_do_not(row, last, cost):
+    rows = np.array([254, 0, 126])[:, np.newaxis] * np.ones(9)
+    route, _ = route_between(rows, (row + 0.5, 1.5), (row + 0.5, last + 0.5), 0.25)
+    assert (route.length, route.cost) == pytest.approx(((last - 1) * 0.25, cost))
 
 
 def test_on_the_occupancy_scale_99_and_100_are_closed_and_98_is_the_highest_cost():
@@ -185,15 +198,9 @@ def test_start_and_goal_must_be_open_and_the_nearest_open_cell_is_told(start, te
     assert "no cell" in caught.value.hint
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_route_past_inscribed_cells_keeps_the_inscribed_radius(real_maps):
-    import warnings
-
-    from mapdeal import read_map
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        grid = read_map(next(real_maps.rglob("depot.yaml")))
-    field = esdf(grid, convention="center")
+    field = esdf(read_map(next(real_maps.rglob("depot.yaml"))), convention="center")
     costs = {"inscribed_radius": 0.22, "inflation_radius": 0.7, "cost_scaling_factor": 3.0}
     route = shortest_route(exponential_cost(field, **costs), (2.0, 2.0), (28.0, 13.0))
     assert route.reached
@@ -201,14 +208,57 @@ def test_a_route_past_inscribed_cells_keeps_the_inscribed_radius(real_maps):
     assert route.min_clearance == pytest.approx(field.query(route.points_xy).distance.min())
 
 
-def test_by_default_costs_count_double_and_distances_do_not():
-    cost = np.zeros((3, 9), np.uint8)
-    cost[0] = 254
-    cost[2] = 126
-    costmap = Costmap(cost, 0.25, ORIGIN)
-    ends = [tuple(costmap.frame.xy_from_rowcol([[1, col]])[0].tolist()) for col in (1, 7)]
-    route = shortest_route(costmap, *ends)
-    assert (route.length, route.cost) == pytest.approx((1.5, 1.5))
-    ends = [tuple(costmap.frame.xy_from_rowcol([[2, col]])[0].tolist()) for col in (1, 2)]
-    route = shortest_route(costmap, *ends)
-    assert (route.length, route.cost) == pytest.approx((0.25, 0.5))
+HALL = "\n".join(["." * 24] * 6 + ["." * 12 + "#" + "." * 11] * 8)
+FREE = Costmap(np.zeros((4, 9), np.uint8), 0.5)
+ENDS = {"start": (0.25, 0.25), "goal": (3.75, 1.25)}
+
+
+@pytest.fixture
+def hall(tmp_path):
+    write_map(tmp_path / "hall.yaml", grid_from_text(HALL, 0.25, (1.0, -2.0, 0.4)))
+    return tmp_path / "hall.yaml"
+
+
+@pytest.fixture
+def ends(hall):
+    points = read_map(hall).frame.xy_from_rowcol([(3, 3), (3, 20)]).round(3)
+    return dict(zip(("start", "goal"), map(tuple, points.tolist()), strict=True))
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_files_and_grids_have_the_routes_of_the_command(command, hall, ends):
+    start, goal = (",".join(map(str, ends[name])) for name in ("start", "goal"))
+    descent = {"method": "descent", "attractive_gain": 50.0}
+    for how in ({}, {"heuristic": "field"}, descent):
+        more = [f"--{name.replace('_', '-')}={value}" for name, value in how.items()]
+        code, out, _ = command("route", hall, f"--from={start}", f"--to={goal}", *more)
+        for source in (hall, str(hall), read_map(hall)):
+            found = mapdeal.route(source, **ends, **how)
+            assert "".join(found.parts()) + "\n" == out
+            assert found.document() == json.loads(out)
+            assert found.passes is (code == 0)
+
+
+def test_a_route_has_what_the_library_finds_and_a_picture():
+    found = mapdeal.route(FREE, **ENDS, field_weight=1.0)
+    alone = shortest_route(FREE, *ENDS.values(), field_weight=1.0)
+    assert isinstance(found, mapdeal.Route)
+    assert found.points_xy.tolist() == alone.points_xy.tolist()
+    assert repr(found).startswith("PlannedRoute(")
+    assert found.costs is FREE
+    assert found.drawn().indices.ndim == 2
+    found.check()
+    assert mapdeal.draw_picture(FREE, route=found).indices.ndim == 2
+
+
+def test_pairs_are_found_as_they_are_read(tmp_path):
+    (tmp_path / "p.csv").write_text("0.25,0.25,3.75,1.25\n9,9,1,1\n")
+    routes = mapdeal.route(FREE, pairs=tmp_path / "p.csv", compare=["plain"])
+    assert routes.reached == 0
+    first, second = map(json.loads, routes.parts())
+    assert (first["pair"], first["method"], first["reached"]) == (1, "plain", True)
+    assert "outside" in second["error"]
+    assert (routes.reached, routes.counts["failed"]) == (1, 1)
+    assert "".join(routes.remarks()).startswith("means of 1 pair")
+    with pytest.raises(mapdeal.MapdealError, match="1 of 2 pairs have no routes"):
+        routes.check()

@@ -35,23 +35,29 @@ class Chromium:
         driver = self._closed.enter_context(playwright.sync_playwright())
         self._browser = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
         self._closed.callback(self._browser.close)
-        self._context = None
+        self._context, self._look = None, None
 
     def open(self, path, *, width=1400, height=900, dark=False, phone=False, script=True, hash_=""):
+        look = {
+            "viewport": {"width": width, "height": height}, "has_touch": phone, "is_mobile": phone,
+            "device_scale_factor": 2 if phone else 1, "java_script_enabled": script,
+            "color_scheme": "dark" if dark else "light",
+        }  # fmt: skip
+        if look != self._look:
+            self._start(look)
+        self.page.goto("about:blank")  # a change of the hash alone would load nothing
+        self.complaints, self.requests = [], []
+        self.page.goto(path.as_uri() + hash_)
+
+    def _start(self, look):
         if self._context is not None:
             self._context.close()
-        self._context = self._browser.new_context(
-            viewport={"width": width, "height": height}, has_touch=phone, is_mobile=phone,
-            device_scale_factor=2 if phone else 1,
-            color_scheme="dark" if dark else "light", java_script_enabled=script,
-        )  # fmt: skip
+        self._context, self._look = self._browser.new_context(**look), look
         self.page = self._context.new_page()
-        self.complaints, self.requests = [], []
         self.page.on("console", lambda message: self._hear(message.text))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("dialog", lambda dialog: self.complaints.append(dialog.message))
         self.page.on("request", lambda request: self.requests.append(request.url))
-        self.page.goto(path.as_uri() + hash_)
 
     def _hear(self, text):
         if "willReadFrequently" not in text:  # of tests that look at pixels
@@ -134,7 +140,6 @@ class Firefox:
         """)
 
     def open(self, path, *, width=1400, height=900, hash_=""):
-        # a change of the hash alone would load nothing
         self.command("WebDriver:Navigate", url="about:blank")
         self._in_chrome("Services.console.reset();")
         self.command("WebDriver:SetWindowRect", width=width, height=height)

@@ -1,26 +1,24 @@
-"""Which layers grids become."""
+"""Which layers grids become, and what a page shows of them at first."""
 
 import json
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
 
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, esdf, potential
+from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.pictures.styles import POTENTIAL_OBSTACLE
 from mapdeal.pipeline.folder import _FILES
 from mapdeal.report.document import Entry, Item, Report, page_layers
 from mapdeal.report.page import body_of, legend_of, page_of
+from mapdeal.report.tiles import extent_of
 
-ROOMS = """
-    ?..##...
-    ..+##...
-    ........
-    ...##..?
-    ...##..?
-"""
-GRID = grid_from_text(ROOMS)
+GRID = grid_from_text("?..##...\n..+##...\n........\n...##..?\n...##..?")
 GRIDS = {
     mapdeal.OccupancyGrid: GRID,
     mapdeal.FieldView: mapdeal.field_view(mapdeal.esdf(GRID)),
@@ -52,12 +50,10 @@ def test_unknown_cells_give_way_where_cells_share_a_pixel():
 
 
 def test_a_scale_is_shown_where_it_is_needed():
-    (with_values,) = page_layers(GRID, "name", "Title")
-    (black_and_white,) = page_layers(
-        mapdeal.inflate(GRID, radius=0.0, lethal_threshold=50), "n", "T"
-    )
-    assert with_values.style.bar is not None
-    assert black_and_white.style.bar is None
+    black_and_white = mapdeal.inflate(GRID, radius=0.0, lethal_threshold=50)
+    for grid, is_needed in ((GRID, True), (black_and_white, False)):
+        (layer,) = page_layers(grid, "name", "Title")
+        assert (layer.style.bar is not None) == is_needed
 
 
 def test_the_legend_is_of_cells_and_not_of_what_pictures_draw_over_them():
@@ -70,20 +66,16 @@ def test_the_legend_is_of_cells_and_not_of_what_pictures_draw_over_them():
     assert names == ["obstacle", "unknown"]  # neither arrows nor the goal
 
 
-def test_a_layer_tells_what_a_reader_must_know_of_it():
+def test_a_layer_and_the_header_of_a_page_tell_what_a_reader_must_know():
     grid = OccupancyGrid([[0, 70, -1], [0, 0, 100]], 0.25, (1.5, -2.0, 0.4))
-    field = esdf(grid, convention="border", strength=1.5, lethal_threshold=65)
-    its_map, distance = page_layers(field, "f", "F")
+    layers = page_layers(
+        esdf(grid, convention="border", strength=1.5, lethal_threshold=65), "f", "F"
+    )
+    its_map, distance = layers
     assert (its_map.pooled, distance.pooled) == ("largest", "smallest")
     assert (its_map.lethal_threshold, distance.lethal_threshold) == (65, 65)
     assert (distance.convention, distance.states, its_map.name) == ("border", "f-map", "f-map")
-    repulsive = page_layers(potential(grid), "p", "P")[1]
-    assert repulsive.style.line == POTENTIAL_OBSTACLE
-
-
-def test_the_header_of_a_page_has_what_its_script_reads():
-    grid = OccupancyGrid([[0, 70, -1], [0, 0, 100]], 0.25, (1.5, -2.0, 0.4))
-    layers = page_layers(esdf(grid, lethal_threshold=65), "f", "F")
+    assert page_layers(potential(grid), "p", "P")[1].style.line == POTENTIAL_OBSTACLE
     page = b"".join(page_of(Report("t", (Entry("e", tuple(layers)),), "1"), size=1 << 20)).decode()
     text = page.partition('id="report">')[2].partition("</script>")[0]
     its_map, distance = json.loads(text)["entries"][0]["layers"]
@@ -124,3 +116,49 @@ def test_two_maps_that_are_compared_are_chosen():
     assert 'value="0" selected' in right
     plain = body_of(Report("t", (Entry("e", tuple(layers)),), "1")).text
     assert 'value="1" selected' in plain.split("<select")[1]
+
+
+def extent(cells, items=(), yaw=0.0):
+    layers = page_layers(OccupancyGrid(cells, 0.5, (2.0, -3.0, yaw)), "map", "Map")
+    return extent_of(layers, items)
+
+
+CELLS = arrays(np.int8, array_shapes(min_dims=2, max_dims=2, max_side=9),
+               elements=st.sampled_from([-1] * 9 + [0, 50, 100]))  # fmt: skip
+
+
+@given(CELLS, st.sampled_from([0.0, 0.3, -2.0]))
+def test_the_extent_is_the_box_of_known_cells_and_a_margin(cells, yaw):
+    rows, cols = np.nonzero(cells >= 0)
+    if not rows.size:
+        assert extent(cells, yaw=yaw) is None
+        return
+    box = [(c * 0.5, r * 0.5) for r in (rows.min(), rows.max() + 1)
+           for c in (cols.min(), cols.max() + 1)]  # fmt: skip
+    turned = [(2 + a * np.cos(yaw) - b * np.sin(yaw), -3 + a * np.sin(yaw) + b * np.cos(yaw))
+              for a, b in box]  # fmt: skip
+    low, high = np.min(turned, axis=0), np.max(turned, axis=0)
+    margin = 0.04 * max(high - low)
+    assert extent(cells, yaw=yaw) == pytest.approx((*(low - margin), *(high + margin)))
+
+
+def test_items_lie_within_the_extent():
+    cells = np.full((6, 8), -1, np.int8)
+    cells[2, 3] = 0
+    lines = (np.array([[-5.0, 0.0], [0.0, 30.0]]),)
+    items = Item("goal", "far", place=(40.0, 1.0)), Item("route", "", lines=lines), Item("a", "b")
+    left, bottom, right, top = extent(cells, items)
+    assert left < -5 < 40 < right
+    assert bottom < -2 < 30 < top
+
+
+def test_a_field_alone_has_no_extent():
+    field = page_layers(esdf(OccupancyGrid([[100, 0, 0]], 0.5)), "esdf", "Field")[-1]
+    assert extent_of([field], []) is None
+
+
+def test_rows_that_are_made_when_asked_for_have_the_same_extent():
+    cells = np.full((50, 8), -1, np.int8)
+    cells[17:39, 2:5] = 0
+    lazy = lazy_layer(cells.shape, np.int8, lambda rows: cells[rows], block_height=7)
+    assert extent(lazy) == extent(cells)

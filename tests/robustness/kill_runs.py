@@ -6,8 +6,6 @@ that of the old or of the new run; a set of both must be found by ``lint``, and 
 then a run must go on and clean up. Prints what it saw; ends with exit code 1 if anything is wrong.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import random
@@ -27,8 +25,7 @@ from mapdeal import OccupancyGrid, write_map
 OLD, NEW = ["--set", "inflate.radius=0.1"], ["--set", "inflate.radius=0.3"]
 
 
-def main() -> int:
-    """Run all kills, and print what was found."""
+def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
     options = parser.parse_args()
@@ -45,16 +42,15 @@ def main() -> int:
     return bool(problems)
 
 
-def kill_all(folder: Path, kills: int) -> tuple[Counter[str], list[str]]:
-    """Return how many sets were old, new or mixed, and what was wrong."""
+def kill_all(folder, kills):
     started = time.perf_counter()
     done(command(folder, "new", NEW)).check_returncode()
     duration = time.perf_counter() - started
     done(command(folder, "old", OLD)).check_returncode()
     sums = {which: sums_of(folder / which / "m") for which in ("old", "new")}
     moments = random.Random(1)
-    found: Counter[str] = Counter()
-    problems: list[str] = []
+    found = Counter()
+    problems = []
     for kill in range(kills):
         shutil.rmtree(folder / "out", ignore_errors=True)
         shutil.copytree(folder / "old", folder / "out")
@@ -72,7 +68,7 @@ def kill_all(folder: Path, kills: int) -> tuple[Counter[str], list[str]]:
     return found, problems
 
 
-def judge(folder: Path, sums: dict[str, dict[str, str]]) -> tuple[str, list[str]]:
+def judge(folder, sums):
     """Return what a set is, and what is wrong with it and with what comes after it."""
     left = folder / "out" / "m"
     kind, problems = kind_of(left, sums)
@@ -91,7 +87,7 @@ def judge(folder: Path, sums: dict[str, dict[str, str]]) -> tuple[str, list[str]
     return kind, problems
 
 
-def kind_of(left: Path, sums: dict[str, dict[str, str]]) -> tuple[str, list[str]]:
+def kind_of(left, sums):
     """Return whether a set is old, new or mixed, and what is wrong with its files."""
     problems = []
     kinds = set()
@@ -108,19 +104,16 @@ def kind_of(left: Path, sums: dict[str, dict[str, str]]) -> tuple[str, list[str]
     return "mixed" if len(kinds) == 2 else next(iter(kinds), "old"), problems
 
 
-def done(words: list[str]) -> subprocess.CompletedProcess[str]:
-    """Run to the end."""
+def done(words):
     return subprocess.run(words, capture_output=True, text=True, check=False)
 
 
-def command(folder: Path, out: str, words: list[str]) -> list[str]:
-    """Return the words of a run."""
+def command(folder, out, words):
     start = [sys.executable, "-m", "mapdeal", "run", str(folder / "m.yaml")]
     return [*start, "-o", str(folder / out), *words]
 
 
-def sums_of(folder: Path) -> dict[str, str]:
-    """Return the checksum of each file in a folder."""
+def sums_of(folder):
     return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in folder.iterdir()}
 
 

@@ -19,7 +19,7 @@ from mapdeal.pipeline import inputs as memory
 
 pytestmark = pytest.mark.slow
 
-FEW, MOMENTS = 16, 50
+FEW, MOMENTS = 9, 50
 _CALLS = ("open", "pread", "read", "stat", "fstat", "lstat", "scandir")
 ROWS = 7  # of a block
 

@@ -1,9 +1,10 @@
 """Parameter files of all kinds, and what is found in them, as in ``cases/*.yaml``.
 
 Each case has files, as texts, and what its reader finds: problems first, one a line, then the robot
-or the parameters. ``<good>`` stands for a good beginning. The rules are those of ROS's own sources,
-and the cases were held against them by hand. For a new case write its files, and record what is
-found, once it was looked at: ``MAPDEAL_RECORD=1 python -m pytest -n0 tests/ros/test_cases.py``.
+or the parameters; or what lint finds. ``<good>`` stands for a good beginning, of which lines may be
+replaced. The rules are those of ROS's own sources, and the cases were held against them by hand.
+For a new case write its files, and record what is found, once it was looked at:
+``MAPDEAL_RECORD=1 python -m pytest -n0 tests/ros/test_cases.py``.
 """
 
 import os
@@ -13,6 +14,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from mapdeal.checks.findings import CHECKS
+from mapdeal.checks.parameter_checks import lint_parameters
 from mapdeal.errors import MalformedInputError
 from mapdeal.ros.nav2 import nav2_robot
 from mapdeal.ros.ros1 import Ros1Namespace, read_ros1_parameters, ros1_robot
@@ -80,7 +83,19 @@ def of_ros1(paths):
     return [*map(told, file.faults), *values(file.parameters, "")]
 
 
+def of_lint(paths, maps=(), **options):
+    """Return the findings, line by line, and hold each against the list of checks."""
+    by_file = lint_parameters(paths, map_resolutions=maps, **options)
+    found = [one for path in paths for one in by_file[path]]
+    assert len(found) == sum(map(len, by_file.values()))
+    assert all(one.severity == CHECKS[one.check].severity for one in found)
+    told = [f"{one.check} at {Path(one.file).name}:{one.line}: {one.message}" for one in found]
+    return [line.replace(f"{paths[0].parent}/", "") for line in told]
+
+
 READERS = {
+    "lint_nav2": of_lint,
+    "lint_ros1": of_lint,
     "nav2": lambda paths, **options: robot_found(*nav2_robot(paths, **options)),
     "ros1": lambda paths, **options: robot_found(*ros1_robot(paths, **options)),
     "ros2_files": of_ros2,
@@ -110,6 +125,9 @@ Readable.add_representer(str, lambda dumper, text: dumper.represent_scalar(
 )
 def test_what_is_found_in_files(files, kind, name):
     case, good = CASES[kind]["cases"][name], CASES[kind]["good"]
+    for before, after in case.get("replace", {}).items():
+        assert before in good
+        good = good.replace(before, after)
     texts = [
         text.replace("<good>\n", good) if isinstance(text, str) else text for text in case["files"]
     ]

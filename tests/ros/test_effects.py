@@ -26,6 +26,10 @@ def _effects(*layers):
     return [effect_of(one, robot) for one in robot.layers]
 
 
+def _no_effects(*layers):
+    return [text.startswith("no effect: a static layer above") for text in _effects(*layers)]
+
+
 def test_static_layers_say_what_values_become():
     assert _effects(StaticLayer()) == [
         "occupancy 100 is lethal, all else free, unknown stays unknown"
@@ -39,13 +43,11 @@ def test_static_layers_say_what_values_become():
 
 def test_what_a_static_layer_replaces_has_no_effect():
     below = InflationLayer("below", 0.3, 0.7, 3.0)
-    effects = _effects(StaticLayer("one"), below, StaticLayer("two"), InflationLayer("above"))
-    assert [text.startswith("no effect: a static layer above") for text in effects] == [
-        True, True, False, False
-    ]  # fmt: skip
-    kept = _effects(StaticLayer("one"), below, StaticLayer("two", use_maximum=True))
-    assert not any(text.startswith("no effect") for text in kept)
-    assert kept[2].endswith("costs are only raised")
+    two, above = StaticLayer("two"), InflationLayer("above")
+    assert _no_effects(StaticLayer("one"), below, two, above) == [True, True, False, False]
+    two = StaticLayer("two", use_maximum=True)
+    assert not any(_no_effects(StaticLayer("one"), below, two))
+    assert _effects(StaticLayer("one"), below, two)[2].endswith("costs are only raised")
 
 
 def test_layers_that_are_off_ignored_or_put_there_say_so():

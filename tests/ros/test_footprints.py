@@ -1,20 +1,14 @@
 """Polygons of costmap_2d, by hand and by its own rules."""
 
-import math
-
 import numpy as np
 import pytest
 
 from mapdeal.ros.robot import (
     FootprintStringError,
     corners_of_string,
-    oddities_of,
     padded_corners,
     radii_of,
-    sixteen_corners,
 )
-
-SQUARE = "[[1, 1], [-1, 1], [-1, -1], [1, -1]]"
 
 
 def f32(value):
@@ -24,6 +18,7 @@ def f32(value):
 READ = {
     "[[0.3,0.2],[0.3,-.2],[-3e-1,+0.2]]": ((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2)),
     "[[1 2][3\t4]  [5, 6]]": ((1, 2), (3, 4), (5, 6)),
+    "[[1,\t2],\t[3, 4],[5\t6]]": ((1, 2), (3, 4), (5, 6)),
     "[[1-2], [3+4], [5.5.5]]": ((1, -2), (3, 4), (5.5, 0.5)),
     "[[1,\n2], [3, 4], [5.,6e0]]": ((1, 2), (3, 4), (5, 6)),
     ",,[[1,,2],,[3,4],[5,6],],": ((1, 2), (3, 4), (5, 6)),
@@ -77,39 +72,13 @@ def test_padding_moves_each_coordinate_by_its_own_sign():
     assert padded == ((1.25, -2.25), (0.0, 3.25), (-1.25, 0.0))
 
 
-def test_a_round_robot_has_sixteen_corners():
-    corners = sixteen_corners(0.5)
-    assert len(corners) == 16
-    assert corners[0] == (0.5, 0.0)
-    assert radii_of(corners)[0] == pytest.approx(0.5 * math.cos(math.pi / 16), abs=1e-15)
-    assert radii_of(corners)[1] == 0.5
-
-
-def test_radii_are_those_of_edges_and_corners():
-    assert radii_of(corners_of_string(SQUARE)) == (1.0, math.sqrt(2))
-    # the foot of the perpendicular on each edge lies beyond its end
-    assert radii_of(((1.0, 1.0), (2.0, 1.5), (1.5, 2.0)))[0] == pytest.approx(math.sqrt(2))
-
-
-def test_a_corner_that_stands_twice_changes_nothing():
-    once = ((1.0, 1.0), (-1.0, 1.0), (0.0, -1.0))
-    assert radii_of((once[0], *once)) == radii_of(once)
-
-
-def test_oddities_of_outlines():
-    assert list(oddities_of(corners_of_string(SQUARE))) == []
-    (crossed,) = oddities_of(((1, 1), (-1, -1), (1, -1), (-1, 1)))
-    assert "crosses itself (footprint vertex 1" in crossed
-    (beside,) = oddities_of(((1, 1), (2, 1), (2, 2)))
-    assert "lies outside" in beside
-
-
-def test_edges_end_at_their_corners():
-    # the line through (3, 1) and (1, 1) is 1 m away, but the edge ends before that
-    inscribed, circumscribed = radii_of(((3.0, 1.0), (1.0, 1.0), (1.0, 3.0)))
-    assert inscribed == pytest.approx(2**0.5, rel=1e-15)
-    assert circumscribed == pytest.approx(10**0.5, rel=1e-15)
-
-
-def test_tabs_within_a_footprint_are_blanks():
-    assert corners_of_string("[[1,\t2],\t[3, 4],[5\t6]]") == ((1.0, 2.0), (3.0, 4.0), (5.0, 6.0))
+@pytest.mark.parametrize(("corners", "inscribed", "circumscribed"), [
+    (((1, 1), (-1, 1), (-1, -1), (1, -1)), 1, 2**0.5),
+    (((1, 1), (1, 1), (-1, 1), (-1, -1), (1, -1)), 1, 2**0.5),
+    # the lines of two edges are 1 m away, but the edges end before that
+    (((3, 1), (1, 1), (1, 3)), 2**0.5, 10**0.5),
+    (((1, 1), (2, 1.5), (1.5, 2)), 2**0.5, 2.5),
+])  # fmt: skip
+def test_radii_are_those_of_edges_and_corners(corners, inscribed, circumscribed):
+    found = radii_of(tuple((float(x), float(y)) for x, y in corners))
+    assert found == pytest.approx((inscribed, circumscribed), rel=1e-15)

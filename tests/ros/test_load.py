@@ -73,17 +73,14 @@ def test_all_that_there_is_to_say_is_found_at_once(tmp_path):
     assert sorted(one.line for one in refused) == [3, 5]
 
 
-@pytest.mark.parametrize(
-    ("text", "what", "hint"),
-    [
-        ("image: a.pgm\nresolution: 0.1\norigin: [1, 2, 0.5]\n", "is a map, not", "mapdeal info"),
-        ("stages:\n  - inflate: {radius: 0.4}\n", "is a recipe, not", "--recipe"),
-        ("launch:\n- node: {pkg: a, exec: b}\n", "no parameter of a costmap; it has launch",
-         "ros__parameters"),
-        ("max_vel_x: 0.5\nmin_vel_x: 0.1\na: 1\nb: 2\n", "it has max_vel_x, min_vel_x, a, ...",
-         "ros__parameters"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "what", "hint"), [
+    ("image: a.pgm\nresolution: 0.1\norigin: [1, 2, 0.5]\n", "is a map, not", "mapdeal info"),
+    ("stages:\n  - inflate: {radius: 0.4}\n", "is a recipe, not", "--recipe"),
+    ("launch:\n- node: {pkg: a, exec: b}\n", "no parameter of a costmap; it has launch",
+     "ros__parameters"),
+    ("max_vel_x: 0.5\nmin_vel_x: 0.1\na: 1\nb: 2\n", "it has max_vel_x, min_vel_x, a, ...",
+     "ros__parameters"),
+])  # fmt: skip
 def test_files_of_other_kinds_are_not_taken_for_a_costmap_of_defaults(tmp_path, text, what, hint):
     """ROS 1 would load each of them, and the costmap would be that of no robot: all of it free."""
     path = _file(tmp_path, text)

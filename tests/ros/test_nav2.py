@@ -1,6 +1,7 @@
 """Nav2's parameter files, against what the real code made of them and the rules of its sources."""
 
 import json
+import re
 from functools import cache
 
 import pytest
@@ -76,13 +77,10 @@ def test_recorded_files_resolve_as_in_the_real_code(real_maps):
             assert "obstacles.plugin" in refused(problems)[0].text
             continue
         resolved = case["resolved"]
-        names = ("inscribed_radius", "circumscribed_radius", "padded_footprint", "use_radius",
-                 "footprint_padding", "track_unknown_space", "rolling_window", "plugins",
-                 "plugin_types", "filters", "ignored")  # fmt: skip
         ours = _as_recorded(robot)
         if case["static_layer_injected"]:  # it is no plugin of the file's, and has no type there
             ours["plugin_types"] = ours["plugin_types"][-len(resolved["plugin_types"]) :]
-        assert {name: ours[name] for name in names} == {name: resolved[name] for name in names}
+        assert ours == {name: resolved[name] for name in ours}
         if robot.robot_radius is not None:
             assert robot.robot_radius == resolved["robot_radius"]
         _compare_layers(robot, resolved)
@@ -97,22 +95,18 @@ def _status(problems):
 
 def _as_recorded(robot):
     layers = [one for one in robot.layers if not one.is_filter]
+    names = ("inscribed_radius", "circumscribed_radius", "footprint_padding",
+             "track_unknown_space", "rolling_window")  # fmt: skip
     return {
-        "inscribed_radius": robot.inscribed_radius,
-        "circumscribed_radius": robot.circumscribed_radius,
+        **{name: getattr(robot, name) for name in names},
         "padded_footprint": [list(corner) for corner in robot.footprint.vertices],
         "use_radius": robot.robot_radius is not None,
-        "footprint_padding": robot.footprint_padding,
-        "track_unknown_space": robot.track_unknown_space,
-        "rolling_window": robot.rolling_window,
         "plugins": [one.name for one in layers],
         "plugin_types": [one.plugin for one in layers],
         "filters": [one.name for one in robot.layers if one.is_filter],
-        "ignored": [
-            ("filter " if one.is_filter else "") + f"{one.name} ({one.plugin})"
-            for one in robot.ignored
-        ],
-    }
+        "ignored": [f"{'filter ' * one.is_filter}{one.name} ({one.plugin})"
+                    for one in robot.ignored],
+    }  # fmt: skip
 
 
 def _compare_layers(robot, resolved):
@@ -121,20 +115,21 @@ def _compare_layers(robot, resolved):
     assert set(found) == {*statics, *inflations}
     of_maps = [found[name].layer for name in statics if found[name].is_enabled]
     assert set(robot.static_layers) == set(of_maps)
-    for name, values in statics.items():
-        assert isinstance(found[name].layer, StaticLayer)
-        for key in ("track_unknown_space", "lethal_cost_threshold", "unknown_cost_value",
-                    "inscribed_obstacle_cost_value", "trinary_costmap", "use_maximum"):  # fmt: skip
-            assert getattr(found[name].layer, key) == values[key]
-        assert found[name].is_enabled == values["enabled"]
-    for name, values in inflations.items():
-        assert isinstance(found[name].layer, InflationLayer)
-        for key in ("inflation_radius", "cost_scaling_factor", "inflate_unknown",
-                    "inflate_around_unknown"):  # fmt: skip
-            assert getattr(found[name].layer, key) == values[key]
-        assert found[name].layer.inscribed_radius == values["inscribed_radius_used"]
+    of_statics = ("track_unknown_space", "lethal_cost_threshold", "unknown_cost_value",
+                  "inscribed_obstacle_cost_value", "trinary_costmap", "use_maximum")  # fmt: skip
+    of_inflations = ("inflation_radius", "cost_scaling_factor", "inflate_unknown",
+                     "inflate_around_unknown")  # fmt: skip
+    for kind, keys, values in ((StaticLayer, of_statics, statics),
+                               (InflationLayer, of_inflations, inflations)):  # fmt: skip
+        for name, its in values.items():
+            assert isinstance(found[name].layer, kind)
+            assert {key: getattr(found[name].layer, key) for key in keys} == {
+                key: its[key] for key in keys
+            }
+            assert found[name].is_enabled == its["enabled"]
+    for name, its in inflations.items():
+        assert found[name].layer.inscribed_radius == its["inscribed_radius_used"]
         assert found[name].layer.lookup == "nav2"
-        assert found[name].is_enabled == values["enabled"]
 
 
 @pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.thorough)])
@@ -152,46 +147,27 @@ def test_files_of_public_robots_are_good_for_older_costmaps_too(real_maps, every
         assert {one.lookup for one in robot.inflation_layers} <= {"exact"}
 
 
-NAMED = {  # for which of the namespaces none, a and a/b a name means the costmap
-    "/global_costmap/global_costmap": [""],
-    "global_costmap/global_costmap": [""],
-    "/**/global_costmap": ["", "a", "a/b"],
-    "**/global_costmap": ["", "a", "a/b"],
-    "/*/global_costmap": [""],
-    "/*/*/global_costmap": ["a"],
-    "/global_costmap/*": [""],
-    "/global_costmap/**": [""],
-    "/**/global_costmap/**": ["", "a", "a/b"],
-    "/a/**": ["a", "a/b"],
-    "/a/**/global_costmap": ["a", "a/b"],
-    "/a/*/*": ["a"],
-    "/**": ["", "a", "a/b"],
-    "**": ["", "a", "a/b"],
-    "/*/*": [""],
-    "/*/global_costmap/global_costmap": ["a"],
-    "/amcl": [],
-    "/global_costmap": [],
-    "/global_costmap/global_costmap_client": [],
-    "/*/amcl": [],
-}
+NAMED = [
+    "/global_costmap/global_costmap", "global_costmap/global_costmap", "/**/global_costmap",
+    "**/global_costmap", "/*/global_costmap", "/*/*/global_costmap", "/global_costmap/*",
+    "/global_costmap/**", "/**/global_costmap/**", "/a/**", "/a/**/global_costmap", "/a/*/*", "/**",
+    "**", "/*/*", "/*/global_costmap/global_costmap", "/amcl", "/global_costmap",
+    "/global_costmap/global_costmap_client", "/*/amcl",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", NAMED)
-def test_a_costmap_is_meant_where_rclcpps_expression_matches(resolve, name):
-    import re  # its own, which no user's text reaches
-
+@pytest.mark.parametrize("namespace", ["", "a", "a/b"])
+def test_a_costmap_is_meant_where_rclcpps_expression_matches(resolve, name, namespace):
     text = f"'{name}': {{ros__parameters: {{inflation_layer: {{inflation_radius: 0.8}}}}}}\n"
-    expression = ("/" + name.removeprefix("/")).replace("/*", r"(/\w+)")
-    for namespace in ("", "a", "a/b"):
-        node = "/".join(["", *filter(None, [namespace]), "global_costmap/global_costmap"])
-        is_meant = re.fullmatch(expression, node) is not None
-        assert is_meant == (namespace in NAMED[name])
-        robot, problems = resolve(text, namespace=namespace)
-        assert (robot is not None) == is_meant
-        if robot is not None:
-            assert robot.node == node
-            assert robot.inflation_layers[0].inflation_radius == 0.8
-            assert [one.check for one in problems] == ["params.no-shape"]
+    expression = ("/" + name.removeprefix("/")).replace("/*", r"(/\w+)")  # as rclcpp makes it
+    node = "/".join(["", *filter(None, [namespace]), "global_costmap/global_costmap"])
+    robot, problems = resolve(text, namespace=namespace)
+    assert (robot is not None) == (re.fullmatch(expression, node) is not None)
+    if robot is not None:
+        assert robot.node == node
+        assert robot.inflation_layers[0].inflation_radius == 0.8
+        assert [one.check for one in problems] == ["params.no-shape"]
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")

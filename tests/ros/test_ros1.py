@@ -8,22 +8,11 @@ from mapdeal.grid.costmap import InflationLayer, StaticLayer
 from mapdeal.ros.robot import Problem
 from mapdeal.ros.ros1 import ros1_robot
 
-FOOTPRINT = "footprint: [[-0.2, -0.1], [-0.2, 0.1], [0.3, 0.1], [0.3, -0.1]]\n"
-PLUGINS = """\
-plugins:
-  - {name: static_layer, type: "costmap_2d::StaticLayer"}
-  - {name: inflation_layer, type: "costmap_2d::InflationLayer"}
-"""
-
 
 @pytest.fixture
 def resolve(files):
     """Return what reads texts as files, in their order."""
     return lambda *texts, **options: ros1_robot(files(*texts), **options)
-
-
-def told(problems):
-    return [(one.check, one.level, one.parameter, one.line) for one in problems]
 
 
 def test_recorded_stacks_resolve_as_in_the_real_code(real_maps):
@@ -50,39 +39,34 @@ def test_recorded_stacks_resolve_as_in_the_real_code(real_maps):
 
 
 def _as_recorded(robot):
-    statics = [one for one in robot.layers if isinstance(one.layer, StaticLayer)]
-    inflations = [one for one in robot.layers if isinstance(one.layer, InflationLayer)]
+    def of_layers(kind, before, names, **others):
+        return {
+            f"{before}{one.name}": {
+                **{name: getattr(one.layer, name) for name in names},
+                **{name: of(one.layer) for name, of in others.items()},
+                "enabled": one.is_enabled,
+            }
+            for one in robot.layers if isinstance(one.layer, kind)
+        }  # fmt: skip
+
+    names = ("inscribed_radius", "circumscribed_radius", "footprint_padding", "robot_radius",
+             "track_unknown_space")  # fmt: skip
     return {
-        "inscribed_radius": robot.inscribed_radius,
-        "circumscribed_radius": robot.circumscribed_radius,
+        **{name: getattr(robot, name) for name in names},
         "padded_footprint": [list(corner) for corner in robot.footprint.vertices],
-        "footprint_padding": robot.footprint_padding,
-        "robot_radius": robot.robot_radius,
-        "track_unknown_space": robot.track_unknown_space,
         "ignored": [f"{one.name} ({one.plugin})" for one in robot.ignored],
         "plugins": [{"name": one.name, "type": one.plugin} for one in robot.layers],
-        "static_layers": {
-            one.name: {
-                "track_unknown_space": one.layer.track_unknown_space,
-                "lethal_cost_threshold": one.layer.lethal_cost_threshold,
-                "unknown_cost_value": {255: -1}.get(one.layer.unknown_cost_value),
-                "trinary_costmap": one.layer.trinary_costmap,
-                "use_maximum": one.layer.use_maximum,
-                "enabled": one.is_enabled,
-            }
-            for one in statics
-        },
-        "inflation_layers": {
-            f"costmap/{one.name}": {
-                "inflation_radius": one.layer.inflation_radius,
-                "inscribed_radius_used": one.layer.inscribed_radius,
-                "cost_scaling_factor": one.layer.cost_scaling_factor,
-                "inflate_unknown": one.layer.inflate_unknown,
-                "enabled": one.is_enabled,
-            }
-            for one in inflations
-        },
-    }
+        "static_layers": of_layers(
+            StaticLayer, "",
+            ("track_unknown_space", "lethal_cost_threshold", "trinary_costmap", "use_maximum"),
+            unknown_cost_value=lambda layer: {255: -1}.get(layer.unknown_cost_value),
+        ),
+        "inflation_layers": of_layers(
+            InflationLayer, "costmap/",
+            ("inflation_radius", "cost_scaling_factor", "inflate_unknown"),
+            inscribed_radius_used=lambda layer: layer.inscribed_radius,
+        ),
+    }  # fmt: skip
 
 
 @pytest.mark.slow

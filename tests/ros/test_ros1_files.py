@@ -1,6 +1,5 @@
 """Files of ROS 1 parameters, against PyYAML and the rules of rosparam."""
 
-import math
 from pathlib import Path
 
 import pytest
@@ -64,18 +63,6 @@ def test_real_files_hold_what_pyyaml_reads(real_maps, every):
         if "wildcard" not in path.name:  # its name begins with a slash, which is the root's
             read_it = as_mapping(read_ros1_parameters(path).parameters)
             assert read_it == yaml.safe_load(path.read_text()), path
-
-
-def test_angles_are_numbers():
-    file = read("a: deg(180)\nb: rad(pi/2)\nc: !degrees 90\nd: !radians 2*pi**2\ne: 'deg(1)'\n")
-    assert as_mapping(file.parameters) == {
-        "a": math.pi, "b": math.pi / 2, "c": math.pi / 2, "d": 2 * math.pi**2, "e": "deg(1)",
-    }  # fmt: skip
-
-
-def test_slashes_in_names_are_namespaces():
-    file = read("a/b: 1\na:\n  c: 2\n  /d/e: 3\n")
-    assert as_mapping(file.parameters) == {"a": {"b": 1, "c": 2}, "": {"d": {"e": 3}}}
 
 
 def test_later_values_stay_and_namespaces_are_merged():

@@ -1,4 +1,5 @@
 import io
+import itertools
 import math
 import os
 import struct
@@ -41,24 +42,6 @@ def read(tmp_path):
 POINTS = [(-3, 0.1, -2.5), (0, -7e9, 0.25), (32767, math.inf, 1.0)]
 
 
-@pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
-def test_fields_of_any_order_type_and_count_are_read(read, data):
-    cloud = pcd(ODD, [row(*p) for p in POINTS], data, padding=b"\0" * 9)
-    assert read("c.pcd", cloud).tolist() == [list(p) for p in POINTS]
-
-
-@pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
-def test_a_cloud_without_heights_has_two_columns(read, data):
-    cloud = pcd([("y", "f8", 1), ("x", "f8", 1)], [[[0.1], [-2.0]], [[math.nan], [4.0]]], data)
-    np.testing.assert_array_equal(read("c.pcd", cloud), [[-2.0, 0.1], [4.0, math.nan]])
-    assert read("c.pcd", pcd(XYZ, [], data)).size == 0
-
-
-def test_an_old_name_of_the_fields(read):
-    cloud = pcd(XYZ, [[[1.0], [2.0], [3.0]]], "binary").replace(b"FIELDS", b"COLUMNS")
-    assert read("c.pcd", cloud).tolist() == [[1.0, 2.0, 3.0]]
-
-
 def test_a_damaged_entry_is_seen_although_not_all_of_it_is_needed(read):
     for order in "CF":
         table = np.asfortranarray(TABLE) if order == "F" else TABLE
@@ -72,12 +55,6 @@ def test_more_points_than_are_read_together(read):
     points = np.random.default_rng(5).normal(size=(700_000, 3)).astype("<f4")
     head = pcd_header(XYZ, len(points), "binary")
     np.testing.assert_array_equal(read("c.pcd", head + points.tobytes()), points)
-
-
-def test_lines_end_as_on_windows_and_comments_are_passed_over(read):
-    text = pcd(XYZ, [[[1.5], [2.5], [3.5]]], "ascii").replace(b"\n", b"\r\n")
-    text = text.replace(b"DATA ascii\r\n", b"DATA ascii\r\n# the first\r\n\r\n")
-    assert read("c.pcd", text).tolist() == [[1.5, 2.5, 3.5]]
 
 
 def test_more_than_padding_behind_the_points_is_warned_of(read):
@@ -120,53 +97,6 @@ def test_lzf_of_anything_ends(engine, data, size):
     assert found is None or found.tobytes() == twin.tobytes()
 
 
-ENCODINGS = ["ascii", "binary_little_endian", "binary_big_endian"]
-FIELDS = [("red", "u1"), ("y", "f8"), ("x", "i2"), ("z", "f4"), ("q", "i4")]
-
-
-@pytest.mark.parametrize("encoding", ENCODINGS)
-def test_vertices_of_a_ply_file(read, encoding):
-    rows = [(255, y, x, z, -(2**31)) for x, y, z in POINTS]
-    assert read("c.ply", ply(FIELDS, rows, encoding)).tolist() == [list(p) for p in POINTS]
-
-
-@pytest.mark.parametrize("encoding", ENCODINGS)
-def test_elements_before_and_faces_after_the_vertices(read, encoding):
-    before = {"ascii": b"1 2\n3 4\n", "binary_little_endian": b"\0" * 18}.get(encoding, b"\1" * 18)
-    cloud = ply(
-        [("x", "f4"), ("y", "f4")], [(1.5, -2.0)], encoding,
-        before=before, before_head="element camera 2\nproperty uchar a\nproperty double b",
-        after=b"\3\0\0\0" if encoding != "ascii" else b"3 0 1 2\n",
-        after_head="element face 1\nproperty list uchar int vertex_indices",
-    )  # fmt: skip
-    assert read("c.ply", cloud).tolist() == [[1.5, -2.0]]
-
-
-TEXTS = [
-    ("plain", b"1 2 3\n-4 5e1 .6\n"),
-    ("tabs", b"1\t2\t3\n-4\t50\t0.6\n"),
-    ("csv", b"1,2,3\n-4, 50 ,0.6\n"),
-    ("semicolons", b"1;2;3\n-4;50;0.6"),
-    ("names", b'"y","x",label,"z"\n2,1,9,3\n50,-4,9,0.6\n'),
-    ("names-of-cloudcompare", b"//X Y Z R G B\n1 2 3 0 0 0\n-4 50 0.6 0 0 0\n"),
-    ("names-behind-slashes", b"// X Y Z I\n1 2 3 9\n-4 50 0.6 9\n"),
-    ("comments", b"\xef\xbb\xbf# a\n\n# b\r\n1 2 3\r\n#\n-4 50 0.6\r\n"),
-    ("more-columns", b"1 2 3 99 x\n-4 50 0.6\n"),
-]
-
-
-@pytest.mark.parametrize(("name", "text"), TEXTS)
-def test_points_as_text(read, name, text):
-    for ending in ("xyz", "TXT", "csv", "asc"):
-        assert read(f"{name}.{ending}", text).tolist() == [[1.0, 2.0, 3.0], [-4.0, 50.0, 0.6]]
-
-
-def test_text_of_two_columns_or_none(read):
-    np.testing.assert_array_equal(read("c.csv", b"x,y\n1,nan\n"), [[1.0, math.nan]])
-    assert read("c.xyz", b"# nothing\n").size == 0
-    assert read("c.xyz", b"").size == 0
-
-
 def saved(save, *args, **kwargs):
     file = io.BytesIO()
     save(file, *args, **kwargs)
@@ -174,22 +104,71 @@ def saved(save, *args, **kwargs):
 
 
 TABLE = np.arange(24.0).reshape(6, 4)
+PCD = ["ascii", "binary", "binary_compressed"]
+ENCODINGS = ["ascii", "binary_little_endian", "binary_big_endian"]
+FIELDS = [("red", "u1"), ("y", "f8"), ("x", "i2"), ("z", "f4"), ("q", "i4")]
+FLAT = pcd([("y", "f8", 1), ("x", "f8", 1)], [[[0.1], [-2.0]], [[math.nan], [4.0]]], "ascii")
+DOS = pcd(XYZ, [[[1.5], [2.5], [3.5]]], "ascii").replace(b"\n", b"\r\n")
+RECORDS = np.array([(0, 3, 1), (0, 4, 2)], dtype=[("i", "u1"), ("y", "f4"), ("x", "f8")])
+TWO_COLUMNS = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+TEXTS = {
+    "plain": b"1 2 3\n-4 5e1 .6\n",
+    "tabs": b"1\t2\t3\n-4\t50\t0.6\n",
+    "csv": b"1,2,3\n-4, 50 ,0.6\n",
+    "semicolons": b"1;2;3\n-4;50;0.6",
+    "names": b'"y","x",label,"z"\n2,1,9,3\n50,-4,9,0.6\n',
+    "names-of-cloudcompare": b"//X Y Z R G B\n1 2 3 0 0 0\n-4 50 0.6 0 0 0\n",
+    "names-behind-slashes": b"// X Y Z I\n1 2 3 9\n-4 50 0.6 9\n",
+    "comments": b"\xef\xbb\xbf# a\n\n# b\r\n1 2 3\r\n#\n-4 50 0.6\r\n",
+    "more-columns": b"1 2 3 99 x\n-4 50 0.6\n",
+}
 
 
-@pytest.mark.parametrize("dtype", ["f4", ">f8", "i2", "u1"])
-@pytest.mark.parametrize("order", ["C", "F"])
-def test_numpy_s_files(read, dtype, order):
-    table = np.asarray(TABLE, dtype=dtype, order=order)
-    expected = TABLE[:, :3].tolist()
-    assert read("c.npy", saved(np.save, table)).tolist() == expected
-    assert read("c.npz", saved(np.savez, table)).tolist() == expected
-    assert read("c.npz", saved(np.savez_compressed, points=table, other=1)).tolist() == expected
+def between_others(encoding):
+    """Two vertices behind two cameras and before a face."""
+    before = {"ascii": b"1 2\n3 4\n", "binary_little_endian": b"\0" * 18}.get(encoding, b"\1" * 18)
+    return ply(
+        [("x", "f4"), ("y", "f4")], [(1.5, -2.0)], encoding,
+        before=before, before_head="element camera 2\nproperty uchar a\nproperty double b",
+        after=b"\3\0\0\0" if encoding != "ascii" else b"3 0 1 2\n",
+        after_head="element face 1\nproperty list uchar int vertex_indices",
+    )  # fmt: skip
 
 
-def test_records_of_numpy(read):
-    table = np.zeros(2, dtype=[("i", "u1"), ("y", "f4"), ("x", "f8")])
-    table["x"], table["y"] = [1, 2], [3, 4]
-    assert read("c.npy", saved(np.save, table)).tolist() == [[1.0, 3.0], [2.0, 4.0]]
+def tables():
+    for dtype, order in itertools.product(["f4", ">f8", "i2", "u1"], "CF"):
+        table = np.asarray(TABLE, dtype=dtype, order=order)
+        yield f"{dtype}-{order}.npy", saved(np.save, table), TABLE[:, :3]
+        yield f"{dtype}-{order}.npz", saved(np.savez, table), TABLE[:, :3]
+        packed = saved(np.savez_compressed, points=table, other=1)
+        yield f"{dtype}-{order}-packed.npz", packed, TABLE[:, :3]
+
+
+GOOD = [
+    *[(f"{one}.pcd", pcd(ODD, [row(*p) for p in POINTS], one, padding=b"\0" * 9), POINTS)
+      for one in PCD],
+    *[(f"none-{one}.pcd", pcd(XYZ, [], one), np.zeros((0, 3))) for one in PCD],
+    ("flat.pcd", FLAT, [[-2.0, 0.1], [4.0, math.nan]]),
+    ("old-name.pcd", pcd(XYZ, [[[1.0], [2.0], [3.0]]]).replace(b"FIELDS", b"COLUMNS"),
+     [[1.0, 2.0, 3.0]]),
+    ("windows.pcd", DOS.replace(b"ascii\r\n", b"ascii\r\n# the first\r\n\r\n"), [[1.5, 2.5, 3.5]]),
+    *[(f"{one}.ply", ply(FIELDS, [(255, y, x, z, -(2**31)) for x, y, z in POINTS], one), POINTS)
+      for one in ENCODINGS],
+    *[(f"elements-{one}.ply", between_others(one), [[1.5, -2.0]]) for one in ENCODINGS],
+    *[(f"{name}.{ending}", text, [[1.0, 2.0, 3.0], [-4.0, 50.0, 0.6]])
+      for name, text in TEXTS.items() for ending in ("xyz", "TXT", "csv", "asc")],
+    ("flat.csv", b"x,y\n1,nan\n", [[1.0, math.nan]]),
+    ("comment.xyz", b"# nothing\n", np.zeros((0, 3))),
+    ("empty.xyz", b"", np.zeros((0, 3))),
+    *tables(),
+    ("records.npy", saved(np.save, RECORDS), [[1.0, 3.0], [2.0, 4.0]]),
+    ("flat.npy", saved(np.save, TWO_COLUMNS), TWO_COLUMNS),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "data", "points"), [pytest.param(*c, id=c[0]) for c in GOOD])
+def test_points_of_every_kind_of_file(read, name, data, points):
+    np.testing.assert_array_equal(read(name, data), points)
 
 
 @pytest.mark.parametrize("order", ["C", "F"])
@@ -405,8 +384,3 @@ def test_real_clouds(real_maps):
         assert np.isfinite(points).all()
     car = read_cloud(pcl / "car6.pcd")
     assert np.abs(car.mean(axis=0) - (-37, -65, -6)).max() < 1.5
-
-
-def test_an_array_of_two_columns_is_of_points_without_a_height(read):
-    table = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
-    assert read("c.npy", saved(np.save, table)).tolist() == table.tolist()

@@ -67,22 +67,19 @@ def test_poses_without_times_are_not_scolded_for_their_order(read, time):
         read("3 5 2 0 0 0 0 1\n2 5 2 0 0 0 0 1\n1 5 2 0 0 0 0 1\n")
 
 
-BAD = [
-    ("S7-nan", "1 2 3\n1 nan 3\n", "pose 2"),
-    ("S7-inf", "1 2 inf\n", "pose 1"),
-    ("S7-huge", "1 1e300 0\n", "pose 1"),
-    ("S10-time-nan", "0 1 2 3 0 0 0 1\nnan 1 2 3 0 0 0 1\n", "pose 2"),
-    ("S10-time-inf", "-inf 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 1\n", "pose 1"),
-    ("S7-zero-quaternion", "0 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 0\n", "pose 2"),
-    ("columns", "1 2\n", "line 1"),
-    ("fewer", "# a\n1 2 3\n1 2\n", "line 3"),
-    ("words", "1 2 3\n1 two 3\n", "line 2"),
-    ("names-and-a-number", "x y 1\n1 2 3\n", "line 1"),
-    ("empty", "# none\n", "no poses"),
-]
-
-
-@pytest.mark.parametrize(("text", "told"), [pytest.param(*case, id=name) for name, *case in BAD])
+@pytest.mark.parametrize(("text", "told"), [
+    ("1 2 3\n1 nan 3\n", "pose 2"),  # S7
+    ("1 2 inf\n", "pose 1"),
+    ("1 1e300 0\n", "pose 1"),
+    ("0 1 2 3 0 0 0 1\nnan 1 2 3 0 0 0 1\n", "pose 2"),  # S10
+    ("-inf 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 1\n", "pose 1"),
+    ("0 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 0\n", "pose 2"),
+    ("1 2\n", "line 1"),
+    ("# a\n1 2 3\n1 2\n", "line 3"),
+    ("1 2 3\n1 two 3\n", "line 2"),
+    ("x y 1\n1 2 3\n", "line 1"),
+    ("# none\n", "no poses"),
+])  # fmt: skip
 def test_poses_that_are_wrong_are_refused(read, text, told):
     with pytest.raises(MalformedInputError, match=told):
         read(text)

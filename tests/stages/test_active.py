@@ -1,6 +1,8 @@
 """Windows, origins, regions and active parts, by hand and by the places of cells."""
 
 import math
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,131 +23,94 @@ STRAY = """
 """
 
 
-def test_cells_keep_their_place_in_the_map_frame_at_any_yaw():
-    grid = grid_from_text(STRAY, origin=(1.5, -2.0, 0.4))
+def test_stray_cells_are_left_out_and_those_kept_stay_in_place():
+    grid = grid_from_text(STRAY, 0.25, (1.5, -2.0, 0.4))
     region = active_region(grid, min_component=2)
     assert region.shape == (2, 4)
-    # The obstacle is row 3, column 4 of the map and row 1, column 1 of the region.
+    # the obstacle is row 3, column 4 of the map and row 1, column 1 of the region
     assert np.allclose(region.frame.xy_from_rowcol([[1, 1]]), grid.frame.xy_from_rowcol([[3, 4]]))
     assert region.origin[2] == 0.4
-
-
-def test_groups_hang_together_over_corners():
-    grid = grid_from_text(".??\n?.?\n???")
-    assert active_region(grid, min_component=2).shape == (2, 2)
-
-
-def test_the_margin_is_whole_cells_and_clipped_to_the_map():
-    grid = grid_from_text(STRAY, resolution=0.25)
-    # 0.3 m are two cells of 0.25 m; the map ends two columns east and one row north.
-    region = active_region(grid, min_component=2, margin=0.3)
-    assert region.shape == (5, 8)
-
-
-def test_the_full_canvas_keeps_size_and_origin_and_blanks_the_rest():
-    grid = grid_from_text(STRAY)
-    region = active_region(grid, min_component=2, canvas="full")
-    blanked = STRAY.replace("#????????", "?????????")
-    assert np.array_equal(region.occupancy, cells(blanked))
-    assert region.origin == grid.origin
+    # 0.3 m are two cells; the map ends two columns east and one row north
+    assert active_region(grid, min_component=2, margin=0.3).shape == (5, 8)
+    full = active_region(grid, min_component=2, canvas="full")
+    assert np.array_equal(full.occupancy, cells(STRAY.replace("#????????", "?????????")))
+    assert full.frame == grid.frame
+    # groups hang together over corners
+    assert active_region(grid_from_text(".??\n?.?\n???"), min_component=2).shape == (2, 2)
 
 
 @given(occupancies(), st.integers(0, 4))
-def test_the_box_equals_a_search_cell_by_cell(occupancy, margin_cells):
-    known = np.argwhere(occupancy != -1).tolist()
-    assume(known)
-    rows, cols = [r for r, _ in known], [c for _, c in known]
-    height, width = occupancy.shape
-    first_row, last_row = (
-        max(min(rows) - margin_cells, 0),
-        min(max(rows) + margin_cells, height - 1),
-    )
-    first_col, last_col = max(min(cols) - margin_cells, 0), min(max(cols) + margin_cells, width - 1)
-    region = active_region(
-        OccupancyGrid(occupancy, 0.1, (0.5, 0.25, 0.0)), margin=margin_cells * 0.1
-    )
-    assert np.array_equal(
-        region.occupancy, occupancy[first_row : last_row + 1, first_col : last_col + 1]
-    )
-    assert region.origin == pytest.approx((0.5 + 0.1 * first_col, 0.25 + 0.1 * first_row, 0.0))
+def test_the_box_equals_a_search_cell_by_cell(occupancy, margin):
+    known = np.argwhere(occupancy != -1)
+    assume(len(known))
+    row, col = np.maximum(known.min(axis=0) - margin, 0).tolist()
+    last_row, last_col = (known.max(axis=0) + margin).tolist()
+    grid = OccupancyGrid(occupancy, 0.1, (0.5, 0.25, 0.0))
+    region = active_region(grid, margin=margin * 0.1)
+    assert np.array_equal(region.occupancy, occupancy[row : last_row + 1, col : last_col + 1])
+    assert region.origin == pytest.approx((0.5 + 0.1 * col, 0.25 + 0.1 * row, 0.0))
 
 
-@pytest.mark.parametrize("least", [0, 5])
-def test_a_map_without_active_cells_is_an_error(least):
-    drawing = "???\n???" if least == 0 else "?..\n???"
-    told = "no group of 5 known cells or more" if least else "no active cells"
+@pytest.mark.parametrize(
+    ("drawing", "least", "told"),
+    [("???\n???", 0, "no active cells"), ("?..\n???", 5, "no group of 5 known cells or more")],
+)
+def test_a_map_without_active_cells_is_an_error(drawing, least, told):
     with pytest.raises(MalformedInputError, match=told):
         active_region(grid_from_text(drawing), min_component=least)
 
 
 def test_the_playpen_of_the_husky(real_maps, mapdeal_warnings):
-    from mapdeal import read_map
-
-    grid = read_map(real_maps / "husky__husky/husky_navigation/maps/playpen_map.yaml")
+    grid = mapdeal.read_map(real_maps / "husky__husky/husky_navigation/maps/playpen_map.yaml")
     region = active_region(grid)
     assert region.shape == (407, 417)
     # 789 columns from the west; 780 rows from the north of 1984, so 797 from the south.
     assert region.origin == pytest.approx((-50 + 789 * 0.05, -50 + 797 * 0.05, 0.0))
 
 
-NUMBERED = mapdeal.OccupancyGrid(np.arange(12, dtype=np.int8).reshape(3, 4), 0.5, (1.0, 2.0, 0.0))
-TURNED = mapdeal.OccupancyGrid(NUMBERED.occupancy, 0.5, (1.0, 2.0, 0.7))
+VALUES = np.arange(12, dtype=np.int8).reshape(3, 4)
+NUMBERED = OccupancyGrid(VALUES, 0.5, (1.0, 2.0, 0.0))
+COORDINATES, SIZES = st.floats(-2, 5), st.just(1e-10) | st.floats(0.1, 4)
+KINDS = [
+    (OccupancyGrid(VALUES, 0.5), -1),
+    (mapdeal.Costmap(VALUES.astype(np.uint8), 0.5), 255),
+    (mapdeal.Costmap(VALUES, 0.5, scale="occupancy"), -1),
+]
+"""Grids, and what is unknown to them."""
 
 
-def test_costmap_2d_s_window_of_a_part():
-    # costmap_2d/test/static_tests.cpp: cell (i, j) of the window is (i + 2, j + 2) of the map.
-    source = mapdeal.OccupancyGrid(np.arange(100, dtype=np.int8).reshape(10, 10), 1.0)
-    part = mapdeal.window(source, corner_xy=(2.0, 2.0), size_xy=(6.0, 6.0))
-    assert np.array_equal(part.occupancy, source.occupancy[2:8, 2:8])
-    assert part.origin == (2.0, 2.0, 0.0)
+@given(st.floats(-3, 3), COORDINATES, COORDINATES, SIZES, SIZES, st.sampled_from(KINDS))
+def test_every_cell_of_a_window_keeps_its_place_and_value(yaw, x, y, size_x, size_y, kind):
+    source, unknown = replace(kind[0], origin=(1.0, 2.0, yaw)), kind[1]
 
+    def expected_on(frame, default):
+        centres = frame.xy_from_rowcol(np.argwhere(np.ones(frame.shape, dtype=bool)))
+        at, inside = source.frame.bounded_rowcol_from_xy(centres)
+        values = np.where(inside, source.layer[tuple(np.maximum(at, 0).T)], default)
+        return values.reshape(frame.shape)
 
-def test_what_lies_outside_is_unknown():
-    part = mapdeal.window(NUMBERED, corner_xy=(0.5, 1.5), size_xy=(1.5, 1.0))
-    assert part.occupancy.tolist() == [[-1, -1, -1], [-1, 0, 1]]
-    assert part.origin == (0.5, 1.5, 0.0)
-    costs = mapdeal.Costmap(NUMBERED.occupancy.astype(np.uint8), 0.5, NUMBERED.origin)
-    assert mapdeal.window(costs, corner_xy=(2.5, 3.0), size_xy=(1.0, 1.0)).cost.tolist() == [
-        [11, 255], [255, 255],
-    ]  # fmt: skip
-
-
-def test_the_window_stays_on_the_lattice_and_begins_where_the_corner_is():
-    part = mapdeal.window(NUMBERED, corner_xy=(1.7, 2.9), size_xy=(1.0, 0.5))
-    assert part.origin == (1.5, 2.5, 0.0)
-    assert part.occupancy.tolist() == [[5, 6]]
-    # 0.3 / 0.1 is 2.9999999999999996 and must be three cells.
-    fine = mapdeal.OccupancyGrid(np.zeros((9, 9), np.int8), 0.1)
-    assert mapdeal.window(fine, corner_xy=(0.3, 0.6), size_xy=(0.3, 0.3)).shape == (3, 3)
-    assert mapdeal.window(fine, corner_xy=(0.3, 0.6), size_xy=(0.3, 0.3)).origin == (0.3, 0.6, 0.0)
-
-
-def test_a_window_around_a_point():
-    part = mapdeal.window(NUMBERED, center_xy=(2.0, 2.75), size_xy=(1.0, 0.5))
-    assert part.occupancy.tolist() == [[5, 6]]
-    odd = mapdeal.window(NUMBERED, center_xy=(1.75, 2.75), size_xy=(1.5, 1.5))
-    assert odd.occupancy.tolist() == [[0, 1, 2], [4, 5, 6], [8, 9, 10]]
-
-
-@given(st.floats(-3, 3), st.floats(-2, 5), st.floats(-2, 5), st.floats(0.1, 4), st.floats(0.1, 4))
-def test_every_cell_of_a_window_keeps_its_place_and_value(yaw, x, y, size_x, size_y):
-    source = mapdeal.OccupancyGrid(NUMBERED.occupancy, 0.5, (1.0, 2.0, yaw))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("warnings.warn", lambda *_a, **_k: None)
-        part = mapdeal.window(source, corner_xy=(x, y), size_xy=(size_x, size_y))
-    shape = (max(1, math.ceil(size_y / 0.5 - 1e-9)), max(1, math.ceil(size_x / 0.5 - 1e-9)))
-    assert part.shape == shape
-    assert part.frame.bounded_rowcol_from_xy([[x, y]])[0].tolist() == [[0, 0]]
-    centres = part.frame.xy_from_rowcol(np.argwhere(np.ones(shape, dtype=bool)))
-    at, inside = source.frame.bounded_rowcol_from_xy(centres)
-    expected = np.where(inside, source.occupancy[tuple(np.maximum(at, 0).T)], -1)
-    assert part.occupancy.ravel().tolist() == expected.tolist()
-
-
-def test_a_window_without_a_common_cell_is_unknown_with_a_warning():
-    with pytest.warns(mapdeal.MapdealWarning, match="no cell"):
-        part = mapdeal.window(NUMBERED, corner_xy=(50.0, 2.0), size_xy=(1.0, 1.0))
-    assert (part.occupancy == -1).all()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mapdeal.MapdealWarning)
+        size = (size_x, size_y)
+        part = mapdeal.window(source, corner_xy=(x, y), size_xy=size)
+        shape = tuple(max(1, math.ceil(one / 0.5 - 1e-9)) for one in (size_y, size_x))
+        assert part.shape == shape
+        assert part.frame.bounded_rowcol_from_xy([[x, y]])[0].tolist() == [[0, 0]]
+        assert np.array_equal(part.layer, expected_on(part.frame, unknown))
+        # a shift is the window that is as large as the map
+        shifted = mapdeal.shift_origin(source, (x, y), default=7)
+        assert (shifted.shape, shifted.origin) == (source.shape, part.origin)
+        assert np.array_equal(shifted.layer, expected_on(shifted.frame, 7))
+        unset = mapdeal.shift_origin(source, (x, y)).layer
+        assert np.array_equal(unset, expected_on(shifted.frame, unknown))
+        # of the middle of a cell the window around it has that cell in its middle
+        middle = tuple(shifted.frame.xy_from_rowcol([[1, 1]])[0])
+        around = mapdeal.window(source, center_xy=middle, size_xy=(1.5, 1.5))
+        assert np.array_equal(around.layer, expected_on(shifted.frame, unknown)[:, :3])
+        # what a window shows is what is reset
+        inside = part.frame.contains(source.frame.xy_from_rowcol(np.argwhere(source.layer >= 0)))
+        reset = mapdeal.reset_region(source, corner_xy=(x, y), size_xy=size, value=50).layer
+        assert np.array_equal(reset.ravel(), np.where(inside, 50, source.layer.ravel()))
 
 
 def test_a_window_of_a_field_has_no_distance_beyond_it():
@@ -163,36 +128,46 @@ def test_a_window_of_a_field_has_no_distance_beyond_it():
     assert np.isnan(again.distance[1:]).all()
 
 
+def test_windows_and_shifts_begin_with_the_cell_that_holds_the_corner():
+    assert mapdeal.window(NUMBERED, corner_xy=(1.7, 2.9), size_xy=(1.0, 0.5)).origin[:2] == (
+        1.5,
+        2.5,
+    )
+    # 0.3 / 0.1 is 2.9999999999999996 and must be three cells; costmap_2d truncates to 2
+    fine = OccupancyGrid(np.zeros((9, 9), np.int8), 0.1)
+    part = mapdeal.window(fine, corner_xy=(0.3, 0.6), size_xy=(0.3, 0.3))
+    assert (part.shape, part.origin) == ((3, 3), (0.3, 0.6, 0.0))
+    row = OccupancyGrid([[1, 2, 3, 4]], 0.1)
+    assert mapdeal.shift_origin(row, (0.3, 0.0), default=0).occupancy.tolist() == [[4, 0, 0, 0]]
+    # by a tenth of a cell to the south-west: one cell, where costmap_2d truncates to none
+    assert mapdeal.shift_origin(NUMBERED, (0.95, 1.95)).origin == (0.5, 1.5, 0.0)
+
+
+def test_places_without_a_common_cell_are_warned_of():
+    with pytest.warns(mapdeal.MapdealWarning, match="no cell"):
+        mapdeal.window(NUMBERED, corner_xy=(50.0, 2.0), size_xy=(1.0, 1.0))
+    with pytest.warns(mapdeal.MapdealWarning, match="no cell"):
+        assert (mapdeal.shift_origin(NUMBERED, (1e9, 2.0), default=7).occupancy == 7).all()
+    with pytest.warns(mapdeal.MapdealWarning, match="outside"):
+        mapdeal.reset_region(NUMBERED, value=50, corner_xy=(9.0, 9.0), size_xy=(1.0, 1.0))
+    beyond = {"center_xy": (3.0, 3.5), "size_xy": (1.0, 1.0)}
+    with pytest.warns(mapdeal.MapdealWarning, match="clipped"):
+        reset = mapdeal.reset_region(NUMBERED, **beyond)
+    assert reset.occupancy[2].tolist() == [8, 9, 10, -1]
+    with pytest.raises(mapdeal.FindingError, match="region"):
+        mapdeal.reset_region(NUMBERED, value=50, strict=True, **beyond)
+
+
 def test_a_window_on_the_canvas_of_another_grid():
     whole = grid_from_text("?????\n?#..?\n?..#?\n?????", 0.3, (1.5, -2.0, 0.7))
-    known = mapdeal.active_region(whole)
-    for made in (
-        known,
-        mapdeal.esdf(known),
-        mapdeal.exponential_cost(known),
-        mapdeal.ring_cost(known),
-    ):
+    known = active_region(whole)
+    costs = mapdeal.exponential_cost(known), mapdeal.ring_cost(known)
+    for made in (known, mapdeal.esdf(known), *costs):
         back = mapdeal.window(made, frame=whole.frame)
         assert back.frame == whole.frame  # the origin bit for bit
         again = mapdeal.window(back, frame=known.frame)
         np.testing.assert_array_equal(again.layer, made.layer)
         assert again.frame == known.frame
-
-
-def test_a_shift_keeps_what_both_places_share():
-    shifted = mapdeal.shift_origin(NUMBERED, (1.6, 1.2))
-    assert shifted.origin == (1.5, 1.0, 0.0)
-    assert shifted.occupancy.tolist() == [[-1] * 4, [-1] * 4, [1, 2, 3, -1]]
-    back = mapdeal.shift_origin(mapdeal.shift_origin(NUMBERED, (1.5, 2.5)), (1.0, 2.0), default=0)
-    assert back.occupancy.tolist() == [[0] * 4, [0, 5, 6, 7], [0, 9, 10, 11]]
-
-
-def test_a_shift_floors_where_costmap_2d_truncates():
-    # By a tenth of a cell to the south-west: one cell, not none.
-    assert mapdeal.shift_origin(NUMBERED, (0.95, 1.95)).origin == (0.5, 1.5, 0.0)
-    # (0.3 - 0) / 0.1 truncates to 2 cells.
-    fine = mapdeal.OccupancyGrid([[1, 2, 3, 4]], 0.1)
-    assert mapdeal.shift_origin(fine, (0.3, 0.0), default=0).occupancy.tolist() == [[4, 0, 0, 0]]
 
 
 def test_a_window_around_a_point_at_utm_coordinates():
@@ -201,46 +176,6 @@ def test_a_window_around_a_point_at_utm_coordinates():
         middle = (round(500000 + k * 0.05, 2), round(4649776.5 + k * 0.05, 2))
         part = mapdeal.window(far, center_xy=middle, size_xy=(0.1, 0.1))
         assert far.frame.unbounded_rowcol_from_xy([part.origin[:2]]).tolist() == [[k - 1, k - 1]]
-
-
-def test_a_shift_along_turned_axes():
-    corner = TURNED.frame.xy_from_rowcol([[1, 1]])[0]
-    shifted = mapdeal.shift_origin(TURNED, tuple(corner))
-    assert shifted.occupancy.tolist() == [[5, 6, 7, -1], [9, 10, 11, -1], [-1] * 4]
-
-
-def test_a_shift_far_away_keeps_nothing_and_says_so():
-    with pytest.warns(mapdeal.MapdealWarning, match="no cell"):
-        shifted = mapdeal.shift_origin(NUMBERED, (1e9, 2.0), default=7)
-    assert (shifted.occupancy == 7).all()
-
-
-def test_the_default_of_costs_is_their_unknown():
-    costs = mapdeal.Costmap([[1, 2]], 0.5, (1.0, 2.0, 0.0))
-    assert mapdeal.shift_origin(costs, (1.5, 2.0)).cost.tolist() == [[2, 255]]
-    published = mapdeal.Costmap([[1, 2]], 0.5, (1.0, 2.0, 0.0), "occupancy")
-    assert mapdeal.shift_origin(published, (1.5, 2.0)).cost.tolist() == [[2, -1]]
-
-
-def test_a_region_is_reset_and_clipped():
-    region = {"corner_xy": (1.5, 2.5), "size_xy": (1.0, 0.5)}
-    assert mapdeal.reset_region(NUMBERED, value=100, **region).occupancy.tolist() == [
-        [0, 1, 2, 3], [4, 100, 100, 7], [8, 9, 10, 11],
-    ]  # fmt: skip
-    assert mapdeal.reset_region(NUMBERED, **region).occupancy[1].tolist() == [4, -1, -1, 7]
-    beyond = {"center_xy": (3.0, 3.5), "size_xy": (1.0, 1.0)}
-    with pytest.warns(mapdeal.MapdealWarning, match="clipped"):
-        assert mapdeal.reset_region(NUMBERED, value=50, **beyond).occupancy[2].tolist() == [
-            8,
-            9,
-            10,
-            50,
-        ]
-    with pytest.raises(mapdeal.FindingError, match="region"):
-        mapdeal.reset_region(NUMBERED, value=50, strict=True, **beyond)
-    with pytest.warns(mapdeal.MapdealWarning, match="outside"):
-        far = mapdeal.reset_region(NUMBERED, value=50, corner_xy=(9.0, 9.0), size_xy=(1.0, 1.0))
-    assert np.array_equal(far.occupancy, NUMBERED.occupancy)
 
 
 def test_blank_keeps_kind_and_geometry():

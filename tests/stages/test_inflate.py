@@ -4,17 +4,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
-from drawn import cells, grid_from_text
+from drawn import grid_from_text
 from mapdeal import Footprint, MapdealWarning, OccupancyGrid, inflate
 from strategies import RESOLUTIONS, occupancies
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 
 
-@given(occupancies(), RESOLUTIONS, st.sampled_from([0.0, 0.04, 0.1, 0.3, 0.55, 3.0, 1e9]))
-def test_the_disc_equals_brute_force(occupancy, resolution, radius):
-    reached = oracles.disc_inflation(occupancy >= 100, radius, resolution)
-    inflated = inflate(OccupancyGrid(occupancy, resolution), radius=radius)
+@given(occupancies(), RESOLUTIONS, st.sampled_from([0.0, 0.04, 0.1, 0.3, 0.55, 3.0, 1e9]),
+       st.sampled_from([50, 100]))  # fmt: skip
+def test_the_disc_equals_brute_force(occupancy, resolution, radius, threshold):
+    reached = oracles.disc_inflation(occupancy >= threshold, radius, resolution)
+    inflated = inflate(
+        OccupancyGrid(occupancy, resolution), radius=radius, lethal_threshold=threshold
+    )
     assert np.array_equal(inflated.occupancy, np.where(reached, 100, occupancy))
 
 
@@ -33,13 +36,11 @@ def test_cells_exactly_on_the_radius_belong_to_the_disc():
     # 3 * 0.1 is 0.30000000000000004 in floats, more than 0.3.
     grid = OccupancyGrid([[100, 0, 0, 0, 0]], 0.1)
     assert inflate(grid, radius=0.3).occupancy.tolist() == [[100, 100, 100, 100, 0]]
-
-
-def test_the_threshold_decides_what_an_obstacle_is():
-    grid = grid_from_text("..+..")
-    assert inflate(grid, radius=0.25).occupancy.tolist() == cells("..+..").tolist()
-    low = inflate(grid, radius=0.25, lethal_threshold=50)
-    assert low.occupancy.tolist() == cells(".###.").tolist()
+    # of 7 x 7 cells the far corner is 8.49 cells away
+    wide = OccupancyGrid(np.pad([[100]], ((0, 6), (0, 6))), 1.0)
+    assert (inflate(wide, radius=8.4).occupancy == 0).sum() == 1
+    with pytest.warns(MapdealWarning, match="no cell"):
+        assert (inflate(wide, radius=8.5).occupancy == 100).all()
 
 
 def test_a_footprint_inflates_by_its_circumscribed_radius():
@@ -48,18 +49,6 @@ def test_a_footprint_inflates_by_its_circumscribed_radius():
     by_shape, by_radius = inflate(grid, footprint=shape), inflate(grid, radius=0.5)
     assert np.array_equal(by_shape.occupancy, by_radius.occupancy)
     assert not np.array_equal(by_shape.occupancy, inflate(grid).occupancy)
-
-
-def test_a_radius_that_leaves_nothing_free_is_warned_of():
-    with pytest.warns(MapdealWarning, match="no cell"):
-        inflate(grid_from_text("..#"), radius=5.0)
-
-
-def test_a_disc_as_large_as_the_diagonal_covers_the_far_corner():
-    wide = OccupancyGrid(np.pad([[100]], ((0, 6), (0, 6))), 1.0)
-    # of 7 x 7 cells the corner is 8.49 cells away
-    assert (inflate(wide, radius=8.4).occupancy == 0).sum() == 1
-    assert (inflate(wide, radius=8.5).occupancy == 100).all()
 
 
 @pytest.mark.parametrize(("radius", "is_warned"), [(0.0, False), (0.24, True), (0.25, False)])

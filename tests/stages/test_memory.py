@@ -16,8 +16,10 @@ from mapdeal.pipeline.inputs import bytes_in_memory
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.catalogue import STAGES
 
-pytestmark = pytest.mark.slow
-
+pytestmark = [
+    pytest.mark.thorough,
+    pytest.mark.skipif(engine_name() != "compiled", reason="the records are of that engine"),
+]
 SIDES = (1500, 1800)
 
 # The peak of a process begins with that of its parent: this one is small.
@@ -40,8 +42,13 @@ def site(tmp_path_factory):
     return path
 
 
-@pytest.mark.thorough
-@pytest.mark.skipif(engine_name() != "compiled", reason="the records are of the compiled kernels")
+def measured(*words):
+    """The most bytes that a command takes."""
+    command = [sys.executable, "-c", MEASURE, "-m", "mapdeal", *words, "-q", "--threads", "2"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return int(done.stdout) * 1024
+
+
 @pytest.mark.parametrize(
     "stage",
     [one for one in STAGES if one.cells is None],  # others: test_memory_of_commands.py
@@ -55,27 +62,18 @@ def test_a_command_takes_no_more_memory_than_its_stage_says(site, tmp_path, stag
     outputs = ["-o", str(tmp_path / "out.npz")]
     if stage.name == "reach":
         outputs = ["-o", str(tmp_path / "out.json"), "--layers", str(tmp_path / "out.npz")]
-    measured = subprocess.run(
-        [sys.executable, "-c", MEASURE, "-m", "mapdeal", stage.name, str(site), "-q",
-         *outputs, *options, "--threads", "2"],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
     promised = bytes_in_memory(SIDES, [make_step(stage.name, model)], None)
-    over = int(measured.stdout) * 1024 - promised
+    over = measured(stage.name, str(site), *outputs, *options) - promised
     needed = stage.memory + over / (SIDES[0] * SIDES[1])
     assert over < 0, f"{stage.name}: memory= must be at least {needed:.1f} bytes a cell"
 
 
-@pytest.mark.thorough
-@pytest.mark.skipif(engine_name() != "compiled", reason="the records are of the compiled kernels")
 def test_many_headings_take_no_more_memory_than_is_said(site, tmp_path):
     corners = [[0.45, 0.2], [0.45, -0.2], [-0.45, -0.2], [-0.45, 0.2]]
-    measured = subprocess.run(
-        [sys.executable, "-c", MEASURE, "-m", "mapdeal", "reach", str(site), "-q",
-         "-o", str(tmp_path / "out.json"), "--footprint", str(corners), "--headings", "255"],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    step = make_step("reach", {"footprint": corners, "headings": 255})
-    assert int(measured.stdout) * 1024 < bytes_in_memory(SIDES, [step], None)
-    few = make_step("reach", {"footprint": corners})
-    assert int(measured.stdout) * 1024 > bytes_in_memory(SIDES, [few], None)
+    robot = ["--footprint", str(corners), "--headings", "255"]
+    taken = measured("reach", str(site), "-o", str(tmp_path / "out.json"), *robot)
+    few, many = (
+        bytes_in_memory(SIDES, [make_step("reach", {"footprint": corners, **more})], None)
+        for more in ({}, {"headings": 255})
+    )
+    assert few < taken < many

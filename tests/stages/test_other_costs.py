@@ -1,9 +1,8 @@
 import functools
-import warnings
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import oracles
@@ -22,6 +21,7 @@ from mapdeal import (
 )
 from strategies import occupancies
 
+PLACE = (1.0, 2.0, 0.3)
 THRESHOLDS = st.integers(0, 100) | st.integers(0, 40).map(lambda cells: f"{cells / 20:.2f}")
 
 
@@ -63,75 +63,61 @@ def test_a_view_gives_the_costs_of_its_field():
         # metres that are multiples of the cells; of others a view has no more than its steps
         for more in ({}, {"down_distance": 0.65, "up_distance": 0.325, "down_factor": 0.4}):
             options = {"view": view, "view_range": 1.5, **more}
-            expected = threshold_cost(field, **options)
-            found = threshold_cost(made, **options)
+            expected, found = threshold_cost(field, **options), threshold_cost(made, **options)
             assert np.array_equal(found.cost, expected.cost)
             assert (found.origin, found.scale) == (expected.origin, expected.scale)
 
 
-def test_a_view_is_taken_as_it_is_and_says_so():
-    made = field_view(esdf(grid_from_text("#...", 0.25)), view_range=1.0)
+def test_what_of_a_field_or_a_view_does_not_count_is_warned_of():
+    grid = grid_from_text("#...", 0.25)
+    made = field_view(esdf(grid), view_range=1.0)
     with pytest.warns(MapdealWarning, match="a view already, metric, 0 at 1 m"):
         assert threshold_cost(made, view_range=2.0).cost.tolist() == [[100, 99, 0, 0]]
+    for model in (exponential_cost, ring_cost):
+        with pytest.warns(MapdealWarning, match=r"no account of the field's strength, 1\.5"):
+            found = model(esdf(grid, strength=1.5))
+        assert np.array_equal(found.cost, model(esdf(grid)).cost)  # no warning here
 
 
-@pytest.mark.parametrize("model", [exponential_cost, ring_cost])
-def test_models_that_ignore_the_strength_warn(model):
-    grid = grid_from_text("#...")
-    with pytest.warns(MapdealWarning, match=r"no account of the field's strength, 1\.5"):
-        found = model(esdf(grid, strength=1.5))
-    assert np.array_equal(found.cost, model(esdf(grid)).cost)  # no warning here
+CELLS = OccupancyGrid([[100] + [0] * 19], 0.1)
 
 
-def test_a_clip_counts_with_the_strength():
-    grid = OccupancyGrid([[100] + [0] * 19], 0.1)
-    # clipped at 0.6 m, which doubled is 1.2 m: the view there is 40, below down
-    whole = threshold_cost(esdf(grid, strength=2.0)).cost
-    assert np.array_equal(threshold_cost(esdf(grid, max_distance=0.6, strength=2.0)).cost, whole)
-    with pytest.raises(ParameterError, match="max_distance"):  # 1.2 m, which halved is 0.6 m
-        threshold_cost(esdf(grid, max_distance=1.2, strength=0.5))
+@pytest.mark.parametrize(
+    ("clip", "strength", "options", "is_refused"),
+    [
+        # the view is 46 at 1.07 m and 43 at 1.13 m
+        (1.07, 1.0, {}, True),
+        (1.13, 1.0, {}, False),
+        (1.13, 1.0, {"down": 42}, True),
+        (0.6, 2.0, {}, False),  # doubled, 1.2 m: the view there is 40, below down
+        (1.2, 0.5, {}, True),  # halved, 0.6 m
+        (1.5, 1.0, {"view": "per-map"}, True),
+        (9.0, 1.0, {"view": "per-map"}, False),
+    ],
+    ids=str,
+)
+def test_a_field_may_be_clipped_where_costs_no_longer_fall(clip, strength, options, is_refused):
+    field = esdf(CELLS, max_distance=clip, strength=strength)
+    if is_refused:
+        with pytest.raises(ParameterError, match=r"max_distance: .*view still falls"):
+            threshold_cost(field, **options)
+        return
+    whole = threshold_cost(esdf(CELLS, strength=strength), **options).cost
+    assert np.array_equal(threshold_cost(field, **options).cost, whole)
 
 
-@given(occupancies(), st.lists(st.integers(0, 100), min_size=1, max_size=4))
-def test_rings_equal_brute_force(occupancy, values):
-    inner = occupancy >= 100
-    expected = occupancy.copy()
+@given(occupancies(), st.lists(st.integers(0, 100), min_size=1, max_size=4), st.booleans())
+def test_rings_equal_brute_force(occupancy, values, is_field):
+    grid = OccupancyGrid(occupancy, 0.3)
+    inner = (occupancy == 100) | ((occupancy == -1) & is_field)
+    expected = np.where(inner, 100, occupancy)
+    obstacles = inner
     for reach, value in enumerate(values, 1):
-        outer = oracles.square_inflation(occupancy >= 100, reach)
+        outer = oracles.square_inflation(obstacles, reach)
         expected[outer & ~inner] = value
         inner = outer
-    assert np.array_equal(ring_cost(OccupancyGrid(occupancy, 0.3), values=values).cost, expected)
-
-
-def test_rings_of_a_field_take_its_obstacles():
-    field = esdf(grid_from_text("#...?"), unknown="occupied")
-    assert ring_cost(field, values=(80,)).cost.tolist() == [[100, 80, 0, 80, 100]]
-
-
-def test_a_field_clipped_where_costs_still_fall_is_refused():
-    grid = OccupancyGrid([[100] + [0] * 9], 0.25)
-    with pytest.raises(ParameterError, match="max_distance"):
-        threshold_cost(esdf(grid, max_distance=1.0))  # the view there is 50, above down
-    with pytest.raises(ParameterError, match="max_distance"):
-        threshold_cost(esdf(grid, max_distance=1.5), view="per-map")
-    whole = threshold_cost(esdf(grid)).cost
-    # At 1.25 m the view is 37: beyond it everything costs 0, clipped or not.
-    assert np.array_equal(threshold_cost(esdf(grid, max_distance=1.25)).cost, whole)
-    assert np.array_equal(threshold_cost(esdf(grid, max_distance=9.0), view="per-map").cost,
-                          threshold_cost(esdf(grid), view="per-map").cost)  # fmt: skip
-
-
-@pytest.mark.parametrize(("max_distance", "is_refused"), [(1.07, True), (1.13, False)])
-def test_a_clip_may_lie_where_the_view_is_down_at_most(max_distance, is_refused):
-    # the view is 46 at 1.07 m and 43 at 1.13 m
-    field = esdf(OccupancyGrid([[100] + [0] * 19], 0.1), max_distance=max_distance)
-    if is_refused:
-        with pytest.raises(ParameterError, match="the metric view still falls"):
-            threshold_cost(field)
-    else:
-        threshold_cost(field)
-    with pytest.raises(ParameterError, match="max_distance"):
-        threshold_cost(field, down=42)
+    source = esdf(grid, unknown="occupied") if is_field else grid
+    assert np.array_equal(ring_cost(source, values=values).cost, expected)
 
 
 @pytest.mark.parametrize(("cells", "view_range"), [(6, 1.0), (12, 2.0), (18, 3.0)])
@@ -144,74 +130,51 @@ def test_a_cell_as_far_as_the_threshold_is_not_lost_to_rounding(cells, view_rang
     assert not found[cells:].any()
 
 
-ORIGIN = (1.0, 2.0, 0.3)
-
-
 def by_hand(costmap, mask):
     """The keepout rule, one cell after the other."""
     result = costmap.cost.astype(int)
     unknown = 255 if costmap.scale == "costmap2d" else -1
     for row, col in np.ndindex(costmap.shape):
         centre = costmap.frame.xy_from_rowcol([[row, col]])
-        cells, inside = mask.frame.bounded_rowcol_from_xy(centre)
-        if not inside[0]:
-            continue
-        value = int(mask.occupancy[tuple(cells[0])])
-        if value == -1:
-            continue
-        if costmap.scale == "costmap2d":
+        (cell,), (inside,) = mask.frame.bounded_rowcol_from_xy(centre)
+        value = int(mask.occupancy[tuple(cell)]) if inside else -1
+        if value > -1 and costmap.scale == "costmap2d":
             value = int(value * 254 / 100 + 0.5)
-        if value > result[row, col] or result[row, col] == unknown:
+        if value > -1 and (value > result[row, col] or result[row, col] == unknown):
             result[row, col] = value
     return result
 
 
-def covered(costmap, mask):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MapdealWarning)
-        return apply_keepout_mask(costmap, mask)
-
-
-def test_every_pair_of_cost_and_mask_value():
-    costs = np.tile(np.arange(256, dtype=np.uint8), (102, 1))
-    values = np.repeat(np.arange(-1, 101, dtype=np.int8)[:, np.newaxis], 256, axis=1)
-    costmap = Costmap(costs, 0.5, ORIGIN, circumscribed_cost=30)
-    result = covered(costmap, OccupancyGrid(values, 0.5, ORIGIN))
-    mask = np.array([-1, *[int(v * 254 / 100 + 0.5) for v in range(101)]])[:, np.newaxis]
-    expected = np.where((mask >= 0) & ((mask > costs) | (costs == 255)), mask, costs)
-    assert np.array_equal(result.cost, expected)
-    assert (result.scale, result.origin, result.circumscribed_cost) == ("costmap2d", ORIGIN, 30)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("scale", ["costmap2d", "occupancy"])
-@pytest.mark.parametrize("turn", [0.0, 0.5])
+@pytest.mark.usefixtures("mapdeal_warnings")
+@settings(max_examples=40)
 @given(
     x=st.floats(-3, 3), y=st.floats(-3, 3), resolution=st.sampled_from([0.25, 0.5, 0.17, 2.0]),
-    seed=st.integers(0, 999),
+    seed=st.integers(0, 999), scale=st.sampled_from(["costmap2d", "occupancy"]),
+    turn=st.sampled_from([0.0, 0.5]),
 )  # fmt: skip
 def test_a_mask_of_any_geometry(scale, turn, x, y, resolution, seed):
     rng = np.random.default_rng(seed)
-    values = rng.choice(np.array([-1, 0, 37, 100], np.int8), (7, 9))
-    if scale == "costmap2d":
-        costs = rng.integers(0, 256, (5, 8)).astype(np.uint8)
-    else:
-        costs = rng.integers(-1, 101, (5, 8)).astype(np.int8)
-    costmap = Costmap(costs, 0.5, ORIGIN, scale)
+    values = rng.integers(-1, 101, (7, 9)).astype(np.int8)
+    is_ros = scale == "costmap2d"
+    costs = rng.integers(0, 256, (5, 8)) if is_ros else rng.integers(-1, 101, (5, 8))
+    costmap = Costmap(costs, 0.5, PLACE, scale, circumscribed_cost=30 if is_ros else None)
     mask = OccupancyGrid(values, resolution, (1.0 + x, 2.0 + y, 0.3 + turn))
-    assert np.array_equal(covered(costmap, mask).cost, by_hand(costmap, mask))
+    result = apply_keepout_mask(costmap, mask)
+    assert np.array_equal(result.cost, by_hand(costmap, mask))
+    for name in ("scale", "origin", "circumscribed_cost"):
+        assert getattr(result, name) == getattr(costmap, name)
 
 
-def test_a_mask_that_misses_the_map_is_warned_of():
-    costmap = Costmap([[0, 9]], 0.5, ORIGIN)
-    with pytest.warns(MapdealWarning, match="covers no cell"):
-        result = apply_keepout_mask(costmap, OccupancyGrid([[100]], 0.5, (50.0, 2.0, 0.0)))
-    assert result.cost.tolist() == [[0, 9]]
-
-
-def test_unknown_cells_that_become_free_are_counted():
-    costmap = Costmap([[255, 255, 255, 0]], 0.5, ORIGIN)
-    mask = OccupancyGrid([[0, 0, 100, 0]], 0.5, ORIGIN)
-    with pytest.warns(MapdealWarning, match="2 unknown cells"):
-        result = apply_keepout_mask(costmap, mask)
-    assert result.cost.tolist() == [[0, 0, 254, 0]]
+@pytest.mark.parametrize(
+    ("place", "told", "expected"),
+    [
+        (PLACE, "2 unknown cells", [0, 0, 254, 0]),  # which become free
+        ((50.0, 2.0, 0.0), "covers no cell", [255, 255, 255, 0]),
+    ],
+)
+def test_masks_that_free_cells_or_miss_the_map_are_warned_of(place, told, expected):
+    costmap = Costmap([[255, 255, 255, 0]], 0.5, PLACE)
+    with pytest.warns(MapdealWarning, match=told):
+        result = apply_keepout_mask(costmap, OccupancyGrid([[0, 0, 100, 0]], 0.5, place))
+    assert result.cost.tolist() == [expected]

@@ -1,0 +1,51 @@
+"""A small map_server pair, good but for what a test changes."""
+
+import io
+
+import numpy as np
+from PIL import Image
+
+GOOD_YAML = {
+    "image": "m.pgm", "mode": "trinary", "resolution": "0.05", "origin": "[-1.5, 2.0, 0.0]",
+    "negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196",
+}  # fmt: skip
+ROOM = np.full((12, 15), 205, np.uint8)
+ROOM[1:-1, 1:-1] = 0
+ROOM[2:-2, 2:-2] = 254
+
+
+def pgm(pixels, *, comment="", maxval=255, newline=b"\n"):
+    height, width = pixels.shape
+    note = f"# {comment}".encode() + newline if comment else b""
+    sizes = b"%d %d" % (width, height) + newline + b"%d" % maxval + newline
+    return b"P5" + newline + note + sizes + pixels.tobytes()
+
+
+def png(pixels, **options):
+    file = io.BytesIO()
+    image = pixels if isinstance(pixels, Image.Image) else Image.fromarray(pixels)
+    image.save(file, "PNG", **options)
+    return file.getvalue()
+
+
+def painted(row, col, value):
+    """The room with one of its pixels changed."""
+    pixels = ROOM.copy()
+    pixels[row, col] = value
+    return pixels
+
+
+def yaml_text(without=(), **changes):
+    entries = {**GOOD_YAML, **changes}
+    return "".join(f"{key}: {value}\n" for key, value in entries.items() if key not in without)
+
+
+def write_pair(folder, image=None, *, name="m.pgm", text=None, **changes):
+    """Write m.yaml, of keys that are changed or another text, and an image, bytes or pixels."""
+    data = ROOM if image is None else image
+    if not isinstance(data, bytes):
+        data = png(data) if name.endswith("png") else pgm(data)
+    (folder / name).write_bytes(data)
+    path = folder / "m.yaml"
+    path.write_text(yaml_text(**{"image": name, **changes}) if text is None else text)
+    return path

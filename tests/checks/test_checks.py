@@ -1,0 +1,314 @@
+"""Each check of lint on both sides of its limits, and the numbers that it gives, by hand."""
+
+import io
+import re
+import struct
+import zlib
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from checks.pairs import ROOM, painted, pgm, png, write_pair
+from drawn import grid_from_text
+from mapdeal import MapdealWarning, OccupancyGrid, esdf, field_view, read_map, write_map
+from mapdeal.checks.facts import gather
+from mapdeal.checks.findings import CHECKS
+from mapdeal.checks.lint import lint_file
+from mapdeal.commands.lint import repaired
+from mapdeal.grid.canvas import is_turned
+
+
+def test_a_good_map_has_no_finding(tmp_path):
+    assert lint_file(write_pair(tmp_path)) == []
+
+
+def said(check, path):
+    """Return what a check says of a file, whose findings are in the order of their weight."""
+    findings = lint_file(path)
+    ranks = [("error", "warning", "note").index(one.severity) for one in findings]
+    assert ranks == sorted(ranks)
+    found = [one for one in findings if one.check == check]
+    assert all(one.severity == CHECKS[check].severity for one in found)
+    assert all(one.message.isprintable() for one in found)
+    return [one.message for one in found]
+
+
+SOME = "something"
+
+
+def compare(found, expected):
+    """Hold what is said against a text, something, or None for nothing."""
+    assert len(found) == (expected is not None)
+    assert expected in (None, SOME, *found)
+
+
+EXIF = Image.Exif()
+EXIF[0x0112] = 3
+LOSSY = io.BytesIO()
+Image.fromarray(ROOM).save(LOSSY, "JPEG", quality=100)
+TINTED = np.stack([ROOM, ROOM, ROOM], axis=-1)
+TINTED[5, 5] = (250, 120, 0)
+
+
+def with_chunk(image, name, body):
+    """A PNG with one more chunk behind its header, which ends at byte 33."""
+    chunk = struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+    return image[:33] + chunk + image[33:]
+
+
+BARE = """resolution: 0.05
+origin: [0, 0, 0]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196
+"""
+CASES = [
+    ("file.access", {"text": "image: gone.pgm\n" + BARE}),
+    ("file.malformed", {"resolution": "none"}),
+    ("yaml.defaults", {"without": ("negate",)}),
+    ("yaml.number-as-text", {"resolution": "5e-2"}),
+    ("yaml.nan-yaw", {"origin": "[-1.5, 2.0, -nan]"}),
+    ("yaml.legacy-mode", {"without": ("mode",), "trinary": "true"}),
+    ("yaml.unknown-key", {"ocupied_thresh": "0.5"}),
+    ("yaml.mode-case", {"mode": "Trinary"}),
+    ("yaml.image-unquoted", {"name": "2024-01-01"}),
+    ("yaml.resolution-noise", {"resolution": "0.05000000074505806"}),
+    ("yaml.origin-noise", {"origin": "[-1.5000000000000009, 2, 0]"}),
+    ("yaml.origin-yaw", {"origin": "[-1.5, 2, 0.1]"}),
+    ("thresholds.equal", {"free_thresh": "0.65"}),
+    ("image.foreign-path", {"text": "image: /nowhere/m.pgm\n" + BARE}),
+    ("image.outside-folder", {"name": "../m.pgm"}),
+    ("image.lossy", {"image": LOSSY.getvalue(), "name": "m.jpg"}),
+    ("image.orientation", {"image": png(Image.fromarray(ROOM), exif=EXIF), "name": "m.png"}),
+    ("image.transparent-colour",
+     {"image": png(TINTED, transparency=(254, 254, 254)), "name": "m.png"}),
+    ("image.dos-header", {"image": pgm(ROOM, newline=b"\r\n")}),
+    ("image.trailing-bytes", {"image": pgm(ROOM) + b"xyz"}),
+    ("image.raw-values", {"image": painted(5, 5, 130) % 255, "mode": "raw"}),
+    ("image.ending", {"image": png(ROOM)}),
+    ("image.maxval", {"image": pgm(ROOM // 2, maxval=127)}),
+    ("image.gamma", {"image": with_chunk(png(ROOM), b"gAMA", bytes(4)), "name": "m.png"}),
+    ("image.palette", {"image": png(Image.fromarray(ROOM).convert("P")), "name": "m.png"}),
+    *[("image.absolute-path", {"text": f"image: {name}\n{BARE}"})
+      for name in ("/a/m.pgm", "'C:\\maps\\m.pgm'")],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("check", "pair"), CASES, ids=lambda value: str(value)[:40])
+def test_a_check_finds_what_it_is_about(tmp_path, check, pair):
+    assert said(check, write_pair(tmp_path, **pair)) != []
+
+
+ON_GREY = "0.2 is the shade of grey {} (1 pixels): readers disagree on it"
+MANY = [7, *[6] * 2, *[5] * 3, *[9] * 4, *[8] * 5, *[11] * 6, 255]
+GREYS = "{} pixels have greys other than 0, 205, 254 (11: 6, 8: 5, 9: 4, 5: 3, 6: 2{})"
+FREED = "{} of grey 205, which map_saver writes for unknown, are read as free by {}"
+ALL_READERS, LOWER = "nav2, humble and ros1", "; lower free_thresh from {} to 0.196"
+AVERAGED = " the image as a PGM, since humble and ros1 average the opacity into the grey"
+OPAQUE = [[205] * 3 + [255], [254] * 3 + [255]]  # (3 * 205 + 255) / 4 has the shade 0.147
+BECOMES_FREE, COMMENT = "thresholds.unknown-becomes-free", "image.comment-resolution"
+UNUSUAL, OFF_LATTICE = "yaml.resolution-unusual", "yaml.origin-off-lattice"
+
+
+@pytest.mark.parametrize(("check", "row", "changes", "expected"), [
+    # a threshold is compared with the shade that negate makes
+    ("thresholds.on-grey", [0, 51, 204, 254], {"free_thresh": 0.2}, ON_GREY.format(204)),
+    ("thresholds.on-grey", [0, 51, 204, 254], {"free_thresh": 0.2, "negate": 1},
+     ON_GREY.format(51)),
+    ("thresholds.on-grey", [0, 51, 204, 254], {"free_thresh": 0.2, "mode": "raw"}, None),
+    ("thresholds.on-grey", [0, 203, 205], {"free_thresh": 0.2}, None),
+    # above a tenth of the pixels
+    ("image.cartographer", [128] * 3 + [0] * 27, {}, None),
+    ("image.cartographer", [128] * 4 + [0] * 26, {},
+     "4 pixels have grey 128, Cartographer's unknown"),
+    ("image.greys", [0, 205, 254, 255], {}, None),
+    ("image.greys", MANY, {}, GREYS.format(21, ", and 1 more greys")),
+    ("image.greys", [*MANY[1:], 254], {}, GREYS.format(20, "")),
+    ("image.greys", MANY, {"mode": "scale"}, None),
+    (BECOMES_FREE, [0, 205, 205, 254, 254, 205], {"free_thresh": 0.25},
+     FREED.format("3 cells (50 %)", ALL_READERS) + LOWER.format(0.25)),
+    (BECOMES_FREE, [0, 254, 210], {"free_thresh": 0.25}, None),
+    (BECOMES_FREE, [0, 205, 254], {"mode": "raw"}, None),
+    # a thousandth of the cells is map_saver's, less than that the blur of edges
+    (BECOMES_FREE, [205, *[254] * 999], {"free_thresh": 0.25},
+     FREED.format("1 cells (0.1 %)", ALL_READERS) + LOWER.format(0.25)),
+    (BECOMES_FREE, [205, *[254] * 1000], {"free_thresh": 0.25}, None),
+    # not from 0.196, which it is rounded to
+    (BECOMES_FREE, [205, 254], {"free_thresh": 0.1960785},
+     FREED.format("1 cells (50 %)", ALL_READERS) + LOWER.format(0.1960785)),
+    # the shade of grey 205; ROS 1 compares with <, and to humble 1 - 205 / 255 comes out below
+    (BECOMES_FREE, [205, 254], {"free_thresh": 50 / 255},
+     FREED.format("1 cells (50 %)", "nav2 and humble") + LOWER.format(50 / 255)),
+    # of what only reads as unknown in 16 bits: 205 * 257 is its brightness, 52 900 is beside it
+    (BECOMES_FREE, [205 * 257, 65_535], {"free_thresh": 0.25, "name": "m.png"}, SOME),
+    (BECOMES_FREE, [52_900, 65_535], {"free_thresh": 0.25, "name": "m.png"}, None),
+    # opacity that is averaged in is no matter of thresholds
+    (BECOMES_FREE, OPAQUE, {"name": "m.png"},
+     f"{FREED.format('1 cells (50 %)', 'humble and ros1')}; save{AVERAGED}"),
+    (BECOMES_FREE, OPAQUE, {"name": "m.png", "free_thresh": 0.25},
+     f"{FREED.format('1 cells (50 %)', ALL_READERS)}{LOWER.format(0.25)}, and save{AVERAGED}"),
+    # map_saver writes three decimals
+    (COMMENT, pgm(ROOM, comment="0.050 m/pix"), {"resolution": 0.0505}, None),
+    (COMMENT, pgm(ROOM, comment="0.050 m/pix"), {"resolution": 0.0507},
+     "the image says 0.05 m per pixel, the YAML 0.0507"),
+    (COMMENT, pgm(ROOM, comment="0.051 m/pix"), {"resolution": 0.0505}, None),
+    (COMMENT, pgm(ROOM, comment="1000.000 m/pix"), {"resolution": 1000.001}, None),
+    # however it is written
+    *[(COMMENT, pgm(ROOM, comment=comment), {}, SOME)
+      for comment in ("saver 0.100 m/pix", "saver .1 m/pix", "saver 1. m/pix")],
+    *[(COMMENT, pgm(ROOM, comment=comment), {}, None)
+      for comment in ("1" * 60_000, "." * 60_000, "0.050" + " " * 60_000 + "m/pix",
+                      "version 1.2.3 m/pix", ". m/pix")],
+    (UNUSUAL, [0], {"resolution": 0.001}, None),
+    (UNUSUAL, [0], {"resolution": 0.00099}, "0.00099 m per cell is unusual; is the unit right?"),
+    (UNUSUAL, [0], {"resolution": 10}, None),
+    (UNUSUAL, [0], {"resolution": 10.01}, SOME),
+    # within a thousandth of a cell: a half of it, two of them
+    (OFF_LATTICE, [0], {"origin": "[-1.5, 2.0, 0]"}, None),
+    (OFF_LATTICE, [0], {"origin": "[-1.499975, 2.0, 0]"}, None),
+    (OFF_LATTICE, [0], {"origin": "[-1.4999, 2.0, 0]"}, SOME),
+    (OFF_LATTICE, [0], {"origin": "[-1.5, 2.001, 0]"}, SOME),
+    (OFF_LATTICE, [0], {"origin": "[-1.5, 2.0, 0.7]"}, None),
+    # where 32-bit floats are coarser than a tenth of a cell: steps of 2^-8 and 2^-7 m
+    ("yaml.origin-far", [0], {"origin": "[40000, 0, 0]"}, None),
+    ("yaml.origin-far", [0], {"origin": "[0, -70000, 0]"},
+     "32-bit floats have steps of 0.0078125 m there"),
+    ("image.colour", [*[[9, 9, 9], [9, 9, 8]] * 2, [9, 9, 9], [0, 0, 255]], {"name": "m.png"},
+     "3 pixels (50 %) are coloured; readers make grey of them differently"),
+    ("image.colour", [[9, 9, 9]] * 2, {"name": "m.png"}, None),
+    ("image.alpha", [[9, 9, 9], [9, 9, 8]], {"name": "m.png"}, None),
+    ("image.alpha", [[9, 9, 9, 255], [9, 9, 9, 254], [9, 9, 9, 0]], {"name": "m.png"},
+     "2 pixels (66.7 %) are not opaque: unknown to Nav2, grey to ROS 1"),
+    ("image.alpha", [[9, 9, 9, 255]], {"name": "m.png"}, None),
+    ("image.absolute-path", [0], {}, None),
+], ids=lambda value: str(value)[:30])  # fmt: skip
+def test_what_a_check_says_of_a_pair(tmp_path, check, row, changes, expected):
+    if not isinstance(row, bytes):
+        row = np.array([row], dtype=np.uint16 if np.max(row) > 255 else np.uint8)
+    compare(said(check, write_pair(tmp_path, row, **changes)), expected)
+
+
+CUT_OFF = "area{} of free space, {} m2, cannot be reached from the largest, 1.5 m2"
+SPECKS = "{} patches of free space are smaller than 1 m2, {} cells"
+ACROSS_CORNERS = "..##\n..##\n##..\n##.."
+BORDER = "{} of 10 cells on the border are free; is the map cut off?"
+SMALL = "all that is known lies in {}: try mapdeal active"
+
+
+# cells of 0.25 m2: areas of a square metre are 4 of them, and the largest is no island
+@pytest.mark.parametrize(("check", "text", "expected"), [
+    ("islands", "...#..#...\n...#..####", "1 " + CUT_OFF.format("", 1)),
+    ("specks", "...#..#...\n...#..####", SPECKS.format(1, 3)),
+    ("islands", "..#..#...\n..#..#...", "2 " + CUT_OFF.format("s", 2)),
+    ("islands", "......\n......", None),
+    ("specks", "......\n......", None),
+    ("islands", "....#..", None),
+    ("specks", "....", None),
+    ("islands", ACROSS_CORNERS, None),
+    ("specks", ".#\n#.", None),
+    ("specks", ".#.\n###\n#..", SPECKS.format(2, 2)),
+    ("inside-out", "##.?", "2 cells are occupied and 1 free; is negate right?"),
+    ("inside-out", "##..", None),
+    ("inside-out", "#+..", None),
+    ("inside-out", "##??", None),
+    ("open-border", "....\n....\n....", BORDER.format(10)),
+    ("open-border", "#?##\n#..#\n+?.#", BORDER.format(1)),
+    ("open-border", "####\n.###\n####", BORDER.format(1)),
+    ("open-border", "####\n###.\n####", BORDER.format(1)),
+    ("open-border", "####\n#..#\n####", None),
+    ("mostly-unknown", "?????\n?.#??\n?????", SMALL.format("2 x 1 cells, 13 %")),
+    ("mostly-unknown", "?????\n#????\n??.??\n?????\n?????", SMALL.format("3 x 2 cells, 24 %")),
+    ("mostly-unknown", "?.??\n?..?", None),  # 4 of 8 cells are half of it
+    ("mostly-unknown", "?.???\n?..??", SMALL.format("2 x 2 cells, 40 %")),
+    ("mostly-unknown", "???", None),
+    ("all-unknown", "???",
+     "every cell is unknown; are the thresholds, mode and negate right?"),
+    *[(one, "???", None) for one in ("no-obstacle", "no-free")],
+    ("no-obstacle", "?.?", SOME), ("no-free", "?.?", None),
+    ("no-obstacle", "?#?", None), ("no-free", "?#?", SOME), ("all-unknown", "?#?", None),
+    ("no-obstacle", "?+?", SOME), ("no-free", "?+?", SOME),
+    ("no-obstacle", "#.?", None), ("no-free", "#.?", None),
+])  # fmt: skip
+def test_what_a_check_says_of_cells(tmp_path, check, text, expected):
+    write_map(tmp_path / "m.npz", grid_from_text(text, 0.5))
+    compare(said(f"map.{check}", tmp_path / "m.npz"), expected)
+
+
+@pytest.mark.parametrize("name", ["v.yaml", "v.npz"])
+@pytest.mark.parametrize(("view", "end"), [("metric", "2"), ("per-map", "0.75")])
+def test_a_view_of_a_field_is_named_and_not_taken_for_a_map(tmp_path, name, view, end):
+    grid = OccupancyGrid([[100, 0, 0, -1], [100, 0, 0, 0]], 0.25, (1.0, 2.0, 0.3))
+    write_map(tmp_path / name, field_view(esdf(grid), view=view))
+    (found,) = [one for one in lint_file(tmp_path / name, radius=0.1) if "yaw" not in one.check]
+    assert (found.check, found.severity) == ("map.view", "warning")
+    told = f"is the 0..100 view of a distance field ({view}, 0 at {end} m), not a map"
+    assert found.message == told
+
+
+def test_every_check_is_tried_here_or_elsewhere():
+    tables = [
+        test.pytestmark[0].args[1]
+        for test in (test_what_a_check_says_of_a_pair, test_what_a_check_says_of_cells)
+    ]
+    tried = {row[0] for table in [CASES, *tables] for row in table}
+    tried |= {f"map.{name}" for name in tried} | {"readers.differ", "image.depth", "map.view"}
+    tried |= {"run.no-manifest", "run.missing-file", "run.other-file", "run.uniform-cost"}
+    tried |= {"map.disconnected", "lint.left-out"}  # test_room_checks.py
+    tried |= {"lint.not-checked", "lint.unused-ignore"}  # tests/commands/test_lint.py
+    tried |= {name for name in CHECKS if name.startswith("params.")}  # test_lint_parameters.py
+    assert set(CHECKS) <= tried
+    assert all(re.fullmatch(r"[a-z]+\.[a-z-]+", name) for name in CHECKS)
+
+
+def test_counts_of_the_readers_are_told(tmp_path):
+    path = write_pair(tmp_path, painted(5, 5, 102), occupied_thresh="0.6")
+    first, second = said("readers.differ", path)
+    counts = "(nav2: occupied 43, free 87"
+    assert first.startswith(f"1 cells (0.556 %) differ between nav2 and humble {counts}")
+    assert second.endswith("ros1: occupied 42, free 87, unknown 51)")
+
+
+@pytest.mark.parametrize(("name", "body", "told"), [
+    (b"gAMA", (100_000).to_bytes(4), "a gamma of 1: viewers"),
+    (b"iCCP", b"profile\0\0" + zlib.compress(bytes(128)), "a colour profile: viewers"),
+])  # fmt: skip
+def test_a_gamma_is_told_and_changes_no_cell(tmp_path, name, body, told):
+    path = write_pair(tmp_path, with_chunk(png(ROOM), name, body), name="m.png")
+    (found,) = lint_file(path)
+    assert (found.check, found.message.startswith(told)) == ("image.gamma", True)
+    seen = read_map(path).occupancy
+    assert np.array_equal(seen[::-1] == 100, ROOM == 0)
+    assert np.array_equal(seen[::-1] == 0, ROOM == 254)
+
+
+def test_commands_warn_in_the_words_of_the_check(tmp_path):
+    path = write_pair(tmp_path, free_thresh="0.25")
+    with pytest.warns(MapdealWarning) as caught:
+        read_map(path)
+    (text,) = said(BECOMES_FREE, path)
+    assert [str(one.message) for one in caught] == [
+        f"{path}: {text}".replace(" by nav2, humble and ros1", "")
+    ]
+
+
+@pytest.mark.parametrize(("greys", "changes", "cells", "origin", "done"), [
+    # a repair raises no threshold; grey 215 has the shade 0.157, grey 205 has 0.196
+    ([[0, 205, 215, 254]], {"free_thresh": 0.1}, [[100, -1, -1, 0]], (-1.5, 2.0, 0.0), []),
+    ([[0, 205, 215, 254]], {"free_thresh": 0.25}, [[100, -1, 0, 0]], (-1.5, 2.0, 0.0),
+     ["1 cell is now unknown instead of free: map_saver's grey for unknown"]),
+    # a few pixels of that grey are the blur of edges
+    ([[205, *[254] * 1000]], {"free_thresh": 0.25}, [[0] * 1001], (-1.5, 2.0, 0.0), []),
+    # a square that stands on its corner at (0.1, 0), 1.41 m high and wide
+    ([[254, 254]] * 2, {"resolution": 0.5, "origin": "[0.1, 0, 0.785398163]"},
+     [[-1, -1, 0, -1], [-1, 0, 0, 0], [-1, -1, 0, -1]], (-1.0, 0.0, 0.0),
+     ["yaw 0.785398 rad is in the cells now"]),
+    # a yaw that no cell shows is taken out without resampling
+    ([[0, 205, 254]], {"origin": "[-1.5, 2.0, 1e-7]"}, [[100, -1, 0]], (-1.5, 2.0, 0.0), []),
+], ids=map(str, range(5)))  # fmt: skip
+def test_repairs(tmp_path, greys, changes, cells, origin, done):
+    path = write_pair(tmp_path, np.array(greys, np.uint8), **changes)
+    facts, read, _ = gather(path)
+    assert is_turned(read.frame) == ("0.785" in path.read_text())
+    grid, told = repaired(path, facts)
+    assert (grid.occupancy.tolist(), grid.origin, told) == (cells, origin, done)
