@@ -1,14 +1,13 @@
-"""The build backend: setuptools, with three additions that pyproject.toml cannot express.
+"""The build backend: setuptools, with two additions that pyproject.toml cannot express.
 
-Each compiler gets its own flags, the source distribution contains everything that the tests and
-the documentation need, and README's links work on PyPI.
+Each compiler gets its own flags, and the source distribution contains everything that the tests
+and the documentation need.
 """
 
 from Cython.Build import cythonize
-from project_sources import absolute, project_files
+from project_sources import project_files
 from setuptools.build_meta import *  # noqa: F403 - the hooks of a build backend
 from setuptools.command.build_ext import build_ext
-from setuptools.command.egg_info import egg_info
 from setuptools.command.sdist import sdist
 
 # Products are not fused into sums: results equal numpy's to the last bit.
@@ -34,19 +33,6 @@ class BuildKernels(build_ext):
         kind = self.compiler.compiler_type
         ext.extra_compile_args = FLAGS["msvc" if kind == "msvc" else "unix"]
         super().build_extension(ext)
-
-
-class Metadata(egg_info):
-    """Write the metadata, with links that work where README is shown without its project."""
-
-    def run(self):
-        """Replace relative links by those to the release, and go on."""
-        metadata = self.distribution.metadata
-        text = metadata.get_long_description()
-        metadata.long_description = absolute(
-            text, metadata.project_urls["Source"], self.egg_version
-        )
-        super().run()
 
 
 class SourceDistribution(sdist):

@@ -1,7 +1,6 @@
-"""Which files belong to the project, and README as it is shown outside of it."""
+"""Which files belong to the project."""
 
 import os
-import re
 import subprocess
 from pathlib import Path
 
@@ -11,13 +10,6 @@ MADE = {"__pycache__", "build", "dist", "out", "node_modules"}
 HIDDEN = {".backend", ".ci", ".github"}
 
 MADE_FILES = {"PKG-INFO", ".git", ".coverage"}
-
-
-def absolute(text, source, version):
-    """Return a page of Markdown whose relative links lead to a release at the project's address."""
-    raw = source.replace("https://github.com/", "https://raw.githubusercontent.com/")
-    text = re.sub(r"(!\[[^\]]*\]\()(?!\w+:|#)", rf"\g<1>{raw}/v{version}/", text)
-    return re.sub(r"((?<!!)\[[^\]]*\]\()(?!\w+:|#)", rf"\g<1>{source}/blob/v{version}/", text)
 
 
 def project_files(root="."):

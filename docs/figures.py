@@ -79,6 +79,7 @@ class Routes:
 
 
 PICTURES = {
+    "README.md": {"office_reach.png": "out/reach.png"},
     "quickstart.md": {
         "office_esdf.png": "out/quickstart/office/esdf.png",
         "office_cost.png": "out/quickstart/office/cost.png",
@@ -146,7 +147,7 @@ def main() -> None:
 @contextmanager
 def commands_run(page: str) -> Iterator[Path]:
     """Run the commands of a page; give the folder that they have run in."""
-    text = (DOCS / page).read_text()
+    text = (DOCS if (DOCS / page).exists() else DOCS.parent).joinpath(page).read_text()
     blocks = re.findall(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     with tempfile.TemporaryDirectory() as name:
         shutil.copytree(DOCS.parent / "examples", Path(name) / "examples")

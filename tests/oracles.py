@@ -211,7 +211,7 @@ def metric_view(occupancy, occupied, resolution, view_range, strength=1.0):
         elif occupancy[index] == -1:
             result[index] = -1
         elif squared[index] is not None:
-            with localcontext(prec=50):
+            with localcontext(Context(prec=50)):
                 share = min(cell * root(squared[index]), end) / end
                 result[index] = whole_part(100 * (1 - share))
     return result
@@ -223,7 +223,7 @@ def per_map_view(occupancy, occupied, resolution, strength=1.0):
     result = np.zeros(occupancy.shape, dtype=np.int8)
     if occupied.any() and not occupied.all():
         factor = on_paper(strength)
-        with localcontext(prec=50):
+        with localcontext(Context(prec=50)):
             farthest = factor * root(max(outside.ravel()))
             span = farthest - 1 + root(max(inside.ravel()))
             for index in np.ndindex(occupancy.shape):

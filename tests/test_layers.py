@@ -6,15 +6,16 @@ import sys
 
 from sources import MODULES, place_of
 
-FOUNDATION = {"errors", "version", "kernels", "grid", "command"}
+FOUNDATION = {"compatibility", "errors", "version", "kernels", "grid", "command"}
 ON_GRIDS = {"stages", "editing", "planning", "mapping", "compare", "files", "pictures"}
 OF_FILES = {"files", "inputs", "maps", "sensors"}
 MIDDLE = {*FOUNDATION, *ON_GRIDS, *OF_FILES, "bags", "ros", "checks", "report"}
 ALLOWED = {
-    "errors": set(),
+    "compatibility": set(),
+    "errors": {"compatibility"},
     "version": set(),
     "kernels": {"errors", "version"},
-    "grid": {"errors", "kernels"},
+    "grid": {"compatibility", "errors", "kernels"},
     "command": {"errors", "kernels", "grid"},
     **dict.fromkeys(ON_GRIDS, FOUNDATION),
     # what a file is, is asked by its readers, and answered by those of all formats

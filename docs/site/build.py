@@ -13,7 +13,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from collections.abc import Iterator
 from html import escape
 from html.parser import HTMLParser
@@ -28,11 +27,7 @@ from mapdeal.stages.catalogue import STAGES
 SITE = Path(__file__).parent
 DOCS = SITE.parent
 ROOT = DOCS.parent
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-SOURCE = f"{PROJECT['urls']['Source']}/blob/main/"
-RAW = SOURCE.replace("https://github.com/", "https://raw.githubusercontent.com/").replace(
-    "/blob/", "/"
-)
+FILES = "files"  # where the site keeps what pages link to beside pages and pictures
 LOADED = re.compile(r"(?:url\(|@import )[\"']?((?:https?:)?//[^\"')]+)")
 CODE_WITH_BARS = re.compile(r"`([^`\n]*\\\|[^`\n]*)`")
 LINK = re.compile(r"(\]\()([^)\s]+)(\))")
@@ -113,12 +108,10 @@ def write(path: Path, text: str) -> None:
 
 
 def with_site_links(text: str, source: Path, page: Path, pages: Path) -> str:
-    """Return a page for the site: links lead to its pages, or else to the repository."""
+    """Return a page for the site: links lead to its pages, or else to copies of files."""
 
     def led(match: re.Match[str]) -> str:
         target, mark, anchor = match[2].partition("#")
-        for start in (SOURCE, RAW):
-            target = str(ROOT / target.removeprefix(start)) if target.startswith(start) else target
         if not target or "://" in target:
             return match[0]
         path = (source.parent / target).resolve()
@@ -128,7 +121,9 @@ def with_site_links(text: str, source: Path, page: Path, pages: Path) -> str:
         elif path.is_relative_to(DOCS) and path.suffix in (".md", ".png"):
             inside = path.relative_to(DOCS).as_posix()
         else:
-            return f"{match[1]}{SOURCE}{path.relative_to(ROOT).as_posix()}{mark}{anchor}{match[3]}"
+            inside = f"{FILES}/{path.relative_to(ROOT).as_posix()}"
+            inside += ".txt" if path.suffix in (".md", "") else ""  # shown, not rendered
+            write(pages / inside, path.read_text())
         above = "../" * (len(page.relative_to(pages).parts) - 1)
         return f"{match[1]}{above}{inside}{mark}{anchor}{match[3]}"
 
@@ -233,9 +228,8 @@ def foreign_assets(html: Path) -> Iterator[str]:
     for page in html.rglob("*.html"):
         parser = _Assets()
         parser.feed(page.read_text())
-        own = str(PROJECT["urls"]["Documentation"])
         for one in parser.found:
-            if one.startswith(("http:", "https:", "//")) and not one.startswith(own):
+            if one.startswith(("http:", "https:", "//")):
                 yield f"{page.relative_to(html)}: {one}"
     for style in html.rglob("*.css"):
         for one in re.findall(

@@ -68,8 +68,30 @@ def __getattr__(name: str) -> object:
     value = getattr(import_module(home), name)
     if "mapdeal.grid.values" in sys.modules:  # grids lie below what draws them
         import_module("mapdeal.grid.values").draw_with(_draw)
+    if getattr(value, "__annotations__", None) and not isinstance(value, type):
+        _show_plain_types(value)
     globals()[name] = value
     return value
+
+
+def _show_plain_types(function: object) -> None:
+    """Give a function a signature for tooltips, without the marks of its parameters."""
+    import inspect
+    import re
+    import typing
+
+    known: typing.Any = function
+    hints = typing.get_type_hints(inspect.unwrap(known))
+    signature = inspect.signature(known)
+    parameters = [
+        one.replace(
+            annotation=re.sub(r"[\w.]+\.(\w+)", r"\1", inspect.formatannotation(hints[name]))
+        )
+        if name in hints and one.kind is not one.VAR_KEYWORD
+        else one
+        for name, one in signature.parameters.items()
+    ]
+    known.__signature__ = signature.replace(parameters=parameters)
 
 
 def __dir__() -> list[str]:

@@ -318,6 +318,9 @@ def split_optional(hint: Any) -> tuple[Any, bool]:
 
 
 def _split_annotated(hint: Any) -> tuple[Any, tuple[Any, ...]]:
+    inner, is_optional = split_optional(hint)
+    if is_optional and get_origin(inner) is Annotated and split_optional(get_args(inner)[0])[1]:
+        hint = inner  # Python 3.10 wraps what is None by default once more
     if get_origin(hint) is Annotated:
         kind, *marks = get_args(hint)
         return kind, tuple(marks)
@@ -418,6 +421,7 @@ class Stage:
     is_whole: Callable[[Parameters], bool] = lambda _: False
     is_smaller: Callable[[Parameters], bool] = lambda _: False
     hands_on: bool = True
+    minds_mask: bool = False  # whether it has a parameter for the keepout mask of a run
     is_last: bool = False
     robot: RobotShape | None = None
     radius_in: Callable[[Parameters], tuple[str, float]] | None = None
@@ -488,6 +492,7 @@ class Output:
     about: str
     is_required: bool = True
     streams: bool = True
+    ending: str = ".npz"  # of what goes to standard output
     paths: Callable[[Path], Iterable[Path]] = lambda path: [path]
     parameter: str = "output"  # parameter of a function that is given it, and writes itself
 

@@ -12,7 +12,9 @@ from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import ClassVar
+
+from mapdeal.compatibility import Self
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN)
 _MISSING = object()

@@ -190,7 +190,7 @@ def test_what_a_check_says_of_a_pair(tmp_path, check, row, changes, expected):
 
 
 CUT_OFF = "area{} of free space, {} m2, cannot be reached from the largest, 1.5 m2"
-SPECKS = "{} patches of free space are smaller than 1 m2, {} cells"
+SPECKS = "{} of free space below 1 m2, {} cells"
 ACROSS_CORNERS = "..##\n..##\n##..\n##.."
 BORDER = "{} of 10 cells on the border are free; is the map cut off?"
 SMALL = "all that is known lies in {}: try mapdeal active"
@@ -199,7 +199,7 @@ SMALL = "all that is known lies in {}: try mapdeal active"
 # cells of 0.25 m2: areas of a square metre are 4 of them, and the largest is no island
 @pytest.mark.parametrize(("check", "text", "expected"), [
     ("islands", "...#..#...\n...#..####", "1 " + CUT_OFF.format("", 1)),
-    ("specks", "...#..#...\n...#..####", SPECKS.format(1, 3)),
+    ("specks", "...#..#...\n...#..####", SPECKS.format("1 speck", 3)),
     ("islands", "..#..#...\n..#..#...", "2 " + CUT_OFF.format("s", 2)),
     ("islands", "......\n......", None),
     ("specks", "......\n......", None),
@@ -207,7 +207,7 @@ SMALL = "all that is known lies in {}: try mapdeal active"
     ("specks", "....", None),
     ("islands", ACROSS_CORNERS, None),
     ("specks", ".#\n#.", None),
-    ("specks", ".#.\n###\n#..", SPECKS.format(2, 2)),
+    ("specks", ".#.\n###\n#..", SPECKS.format("2 specks", 2)),
     ("inside-out", "##.?", "2 cells are occupied and 1 free; is negate right?"),
     ("inside-out", "##..", None),
     ("inside-out", "#+..", None),
@@ -270,7 +270,7 @@ def test_counts_of_the_readers_are_told(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "body", "told"), [
-    (b"gAMA", (100_000).to_bytes(4), "a gamma of 1: viewers"),
+    (b"gAMA", (100_000).to_bytes(4, "big"), "a gamma of 1: viewers"),
     (b"iCCP", b"profile\0\0" + zlib.compress(bytes(128)), "a colour profile: viewers"),
 ])  # fmt: skip
 def test_a_gamma_is_told_and_changes_no_cell(tmp_path, name, body, told):

@@ -173,6 +173,8 @@ def test_the_text(command, maps):
         "                occupied           1           1           0",
         "                    free           1           4           0",
         "                 unknown           0           0           1",
+        "  added     0.01 m2 at 0.15,0.15",
+        "  removed   0.01 m2 at 0.05,0.15",
         "  walls     directed Hausdorff distance A to B: 0.1 m; 95 % within 0.095 m, mean 0.05 m",
         "  walls     directed Hausdorff distance B to A: 0.1 m; 95 % within 0.095 m, mean 0.05 m",
     ]

@@ -181,7 +181,7 @@ def test_many_specks_have_twenty_places(tmp_path, monkeypatch):
     write_map("a.yaml", OccupancyGrid(cells, RESOLUTION, ORIGIN))
     _, facts, _ = gather(tmp_path / "a.yaml")
     (found,) = specks(facts)
-    assert found.message.startswith("498 patches ")  # 500 cells, of which two became one area
+    assert found.message.startswith("498 specks ")  # 500 cells, of which two became one area
     places = [cell_at(place) for place in found.places]
     # all but the largest, which is the first; of equally large ones those furthest south
     assert places == [(1, col) for col in range(5, 45, 2)]

@@ -647,7 +647,7 @@ def test_the_missing_extra_is_one_line(sh, monkeypatch, name):
     told = "needs the extra 'bags'"
     err = sh.err("convert map.npz -o a.mcap", 2)
     assert told in err
-    assert err.endswith("hint: pip install 'mapdeal[bags]'\n")
+    assert err.endswith("hint: pip install 'rosbags>=0.11'\n")
     reading = (f"info {path}", f"build {path} -o a.yaml", f"convert {path} --topic /scan -o a.yaml",
                f"local --cloud {path} --no-images -o b")  # fmt: skip
     for line in reading:  # which does without apsw

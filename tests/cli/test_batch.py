@@ -146,7 +146,7 @@ def test_without_a_terminal_a_line_tells_now_and_then_how_far_it_is(sh, monkeypa
 def test_on_a_terminal_there_is_a_bar_with_counts(shown_on_terminal):
     shown = shown_on_terminal("run maps -o o -j 2 --no-images")
     assert b"] 5/5, 1 failed" in shown
-    assert b"\x1b[Kerror: " in shown
+    assert b"\x1b[K\x1b[31;1merror:" in shown
 
 
 @pytest.fixture

@@ -193,7 +193,10 @@ def test_no_scheduler_or_no_extra_is_told_in_one_line_f19(sh, maps, monkeypatch,
     told = (4, "error: tcp://127.0.0.1:9: the scheduler does not answer: ")
     if is_missing:
         monkeypatch.setitem(sys.modules, "distributed", None)
-        told = (2, "error: --scheduler: needs dask.distributed: pip install 'mapdeal[cluster]'\n")
+        told = (
+            2,
+            "error: --scheduler: needs dask.distributed: pip install 'distributed>=2024.8'\n",
+        )
     code, out, err = sh("run maps -o o --scheduler tcp://127.0.0.1:9")
     assert (code, out, err[: len(told[1])], err.count("\n")) == (told[0], "", told[1], 1)
     assert not (maps / "o").exists()

@@ -232,7 +232,7 @@ def test_bytes_do_not_depend_on_threads_or_engine(here, points):
 def test_a_bar_is_shown_on_a_terminal_alone(sh, sequence, shown_on_terminal):
     shown = shown_on_terminal(f"{SEQUENCE} scans")
     assert b"12/12" in shown
-    assert b"\x1b[Kwarning: " in shown
+    assert b"\x1b[K\x1b[33mwarning:" in shown
     err = sh.err(f"{SEQUENCE} scans --force")
     assert "12/12" not in err
     assert all(line.startswith("warning: ") for line in err.splitlines())

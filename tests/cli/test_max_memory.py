@@ -141,7 +141,7 @@ def test_a_mask(twice, sh, building, tmp_path, monkeypatch):
     mask = tmp_path / "mask.yaml"
     shape = "--point 12,9 --radius 5 --value 60"
     sh(f"edit circle {building} --blank --background -1 {shape} -o {mask}")
-    assert twice(f"cost --mask {mask}", "out.npz") == ""
+    assert twice(f"cost --inscribed-radius 0 --mask {mask}", "out.npz") == ""
     cost = read_map(tmp_path / "whole" / "out.npz")
     row, col = cost.frame.bounded_rowcol_from_xy([(12.0, 9.0)])[0][0]
     assert cost.cost[row, col] >= 152

@@ -92,7 +92,7 @@ def named(name):
     ("own", "truth", "told"),
     [
         ("other", "own", None),
-        ("own", "other", "aligned.json: leads from the truth to the map; its inverse is used"),
+        ("own", "other", "aligned.json: leads from other to own; its inverse is used"),
         ("far", "own", "aligned.json: is between other maps"),
     ],
 )

@@ -7,7 +7,7 @@ import typer
 from drawn import grid_from_text
 from mapdeal import write_map
 from mapdeal.cli.main import app, command_names
-from mapdeal.cli.options import SHARED_OPTIONS
+from mapdeal.cli.options import OF_IMAGES, SHARED_OPTIONS
 from mapdeal.command import split_optional
 from mapdeal.kernels import threads
 
@@ -39,7 +39,7 @@ def test_every_command_ends_with_strict_quiet_and_verbose(path):
 @pytest.mark.parametrize("path", ALL_COMMANDS, ids=" ".join)
 def test_a_shared_option_is_the_same_in_all_commands(path):
     for parameter in ALL_COMMANDS[path].params:
-        if parameter.name in SHARED_OPTIONS:
+        if parameter.name in set(SHARED_OPTIONS) - set(OF_IMAGES):  # which some have of their own
             shared = SHARED_OPTIONS[parameter.name]
             assert parameter.opts[0] == f"--{parameter.name.replace('_', '-')}"
             assert parameter.default == shared.default
@@ -81,7 +81,7 @@ def test_so_many_threads_are_used(sh, room, monkeypatch, count):
 
 
 def test_a_flag_with_one_name_takes_no_word(sh, room):
-    assert "no: " in sh.err("info --json no room.yaml", 4)
+    assert "no: " in sh.err("info --json no room.yaml", 5)
 
 
 def test_words_behind_two_dashes_are_no_options(sh, room):

@@ -20,6 +20,7 @@ CIRCLE = "--radius 0.2 --value 100"
 # Lines that warn, of every command that can.
 LINES = [
     "info m.yaml",
+    "view m.yaml --no-browser",
     "query m.yaml --at 3,0",
     *(f"{name} m.yaml {OUT}.npz" for name in ("active", "esdf", "cost", "potential")),
     *(f"{name} m.yaml {OUT}.yaml" for name in ("inflate", "shift --origin 2,-1.5")),

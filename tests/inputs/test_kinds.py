@@ -224,7 +224,7 @@ WRONG = [
     ("esdf {} -o o.npz", "a.bag", "is a ROS 1 bag, not a map"),
     ("query {} --at 1,1", "scans.npz", "is laser scans (npz), not a map"),
     ("diff map.yaml {}", "a.mcap", "is a bag (MCAP), not a map"),
-    ("cost map.yaml -o o.npz --mask {}", "r.yaml", "is a recipe, not a map"),
+    ("cost map.yaml -o o.npz --robot-radius 1 --mask {}", "r.yaml", "is a recipe, not a map"),
     ("build {} -o o.yaml", "map.yaml", "is a map, not a log of laser scans"),
     ("build {} -o o.yaml", "map.npz", "is an npz written by mapdeal, not a log of laser scans"),
     ("build {} -o o.yaml", "c.ply", "is a point cloud (PLY), not a log of laser scans"),

@@ -85,7 +85,8 @@ def written(tmp_path_factory):
     grid = grid_from_text(ROOMS, origin=(1.5, -2.0, 0.0))
     cells = grid.occupancy.copy()
     cells[2, 11:13] = 100
-    with contextlib.chdir(tmp_path_factory.mktemp("documents")):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("documents"))
         write_map("a.yaml", grid)
         write_map("b.yaml", type(grid)(cells, grid.resolution, grid.origin))
         for name, words in MADE.items():

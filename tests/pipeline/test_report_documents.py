@@ -140,7 +140,8 @@ def test_a_diff_shows_both_maps_and_what_differs(said, rooms, shut, tmp_path):
     (item,) = entry.items
     x, y = entry.layers[0].frame.xy_from_rowcol(np.argwhere(changes))[0]
     assert item.place == pytest.approx((x, y))
-    assert item.text == f"wall added: 1 cell at {x:.6g}, {y:.6g}"
+    area = entry.layers[0].frame.resolution ** 2
+    assert item.text == f"added: {area:.3g} m2 at {x:.6g},{y:.6g}"
 
 
 def difference(said, tmp_path, before, after):
@@ -156,9 +157,9 @@ def test_groups_of_cells_that_differ_are_listed_by_size(said, tmp_path):
     after[10, 10] = 100
     entry = difference(said, tmp_path, before, after)
     assert [item.text.partition(" at ")[0] for item in entry.items] == [
-        "wall added: 3 cells", "wall added: 1 cell", "wall removed: 5 cells"
+        "removed: 0.312 m2", "added: 0.188 m2", "added: 0.0625 m2"
     ]  # fmt: skip
-    middles = entry.layers[0].frame.xy_from_rowcol([(21, 30), (10, 10), (3, 6)])
+    middles = entry.layers[0].frame.xy_from_rowcol([(3, 6), (21, 30), (10, 10)])
     assert np.allclose([item.place for item in entry.items], middles)
 
 
@@ -166,12 +167,12 @@ def test_of_many_differences_fifty_are_listed(said, tmp_path):
     free, walls = np.zeros((9, 130), np.int8), np.zeros((9, 130), np.int8)
     walls[4, 2::4], walls[3, 2] = 100, 100
     entry = difference(said, tmp_path, free, walls)
-    assert entry.items[0].text.startswith("wall added: 2 cells at ")
+    assert entry.items[0].text.startswith("added: 0.125 m2 at ")
     assert len(entry.items) == 32
     walls[1, 2::4], walls[7, 2:6] = 100, 100  # 32 more, and one
     entry = difference(said, tmp_path, free, walls)
     assert len(entry.items) == 51
-    assert entry.items[-1].text == "wall added: 15 smaller groups not listed"
+    assert entry.items[-1].text == "15 smaller changes not listed"
 
 
 def test_a_diff_of_maps_that_are_gone_or_changed_says_so(said, rooms, shut):
@@ -205,7 +206,7 @@ def test_a_score_is_a_table_of_the_map_that_it_names(said, rooms, shut):
         rows = dict(table.rows)
         assert rows["truth"] == "shut.yaml"
         told = f"{100 * values['coverage']:.1f} %"
-        assert rows["known area of the truth that the map knows (coverage)"] == told
+        assert rows["known area of the true map that the map knows (coverage)"] == told
         far = values["dist_truth_to_est_m"]["mean"]
         assert [text for name, text in table.rows if name == "bound"] == [
             f"coverage at least 0.9: holds, found {values['coverage']:.9g}",

@@ -226,7 +226,7 @@ def needs_bags(source: Path | str, *modules: str) -> None:
             raise  # it is installed, and the system has no room for it
         missing = (error.name or "").partition(".")[0] in ("rosbags", "")
         why = "" if missing else f" ({error})"
-        hint = "pip install 'mapdeal[bags]'"
+        hint = "pip install 'rosbags>=0.11'"
         raise ParameterError(f"needs the extra 'bags'{why}", source=source, hint=hint) from None
 
 

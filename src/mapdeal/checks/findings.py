@@ -189,7 +189,7 @@ def read_lint_config(path: Path) -> LintConfig | None:
 
 
 def _document_of(path: Path) -> dict[str, Any]:
-    import tomllib
+    from mapdeal.compatibility import tomllib
 
     data = read_file(path, limit=_LARGEST)
     try:

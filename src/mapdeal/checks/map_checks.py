@@ -16,6 +16,7 @@ from mapdeal.errors import FileAccessError
 from mapdeal.files.json_values import read_json
 from mapdeal.files.source import contents_of, exists, holds
 from mapdeal.grid.costmap import UNIFORM_SHARE
+from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import kind_of
 from mapdeal.inputs.listing import WholeFolders
 from mapdeal.maps.images import IMAGE_FORMATS
@@ -210,7 +211,7 @@ def specks(facts: GridFacts) -> Iterator[Remark]:
     count = int(counts[is_small].sum())
     if count:
         cells = int((sizes * counts)[is_small].sum())
-        text = f"{count} patches of free space are smaller than 1 m2, {cells} cells"
+        text = f"{count_text(count, 'speck')} of free space below 1 m2, {count_text(cells, 'cell')}"
         places = facts.cells.places_of_components(1, int(sizes[is_small][-1]))
         yield Remark(text, places=facts.places(places))
 

@@ -428,8 +428,8 @@ def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
     radius = facts.value("robot_radius")
     if facts.robot.robot_radius is None and radius is not None:
         footprint = facts.value("footprint")
-        where = f", which stands on line {footprint.line}" if footprint is not None else ""
-        yield Remark(f"robot_radius has no effect: footprint counts{where}", at=radius)
+        where = f", on line {footprint.line}" if footprint is not None else ""
+        yield Remark(f"robot_radius has no effect: the footprint counts{where}", at=radius)
 
 
 @check("params.unknown-is-free", "warning",

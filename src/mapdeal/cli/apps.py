@@ -26,7 +26,7 @@ from mapdeal.cli.options import (
     type_of,
     with_shared_options,
 )
-from mapdeal.cli.terminal import FROM_STDIN, TO_STDOUT
+from mapdeal.cli.terminal import DASH, FROM_STDIN, TO_STDOUT
 from mapdeal.command import Command, Parameter, Result, Stage, commands_named
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.files.json_values import json_of
@@ -38,7 +38,7 @@ from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.png import write_indexed_png
 from mapdeal.pipeline.folder import files_of, step_line, written_line
 from mapdeal.pipeline.inputs import Map, Work, frame_of_file
-from mapdeal.pipeline.recipe import step_for
+from mapdeal.pipeline.recipe import recipe_words, step_for, step_of_recipe
 from mapdeal.pipeline.run import SingleResult, apply_to_file, queue_lines
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step, make_step
@@ -53,11 +53,6 @@ _TAKEN: dict[type[Any], tuple[str, str]] = {
 }
 """What ``--help`` calls grids that some stages take besides maps."""
 
-_MASK = Annotated[
-    Path | None,
-    typer.Option(metavar="MASK", help="Keepout mask, a map: the lower bound of the costs."),
-    FROM_STDIN,
-]
 _ENCODING = Annotated[
     Encoding,
     typer.Option(help="Pixels of a .yaml: the values that ROS publishes, or costmap_2d's bytes."),
@@ -68,6 +63,14 @@ _CURVE = Annotated[
         metavar="FILE.png",
         help="Also plot the cost over the distance from the nearest obstacle, with the robot's "
         "radii.",
+    ),
+]
+_RECIPE = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME|FILE",
+        autocompletion=recipe_words,
+        help="Take the costs of a recipe, as for mapdeal run; options win over it.",
     ),
 ]
 _JSON_OF_COSTS = Annotated[
@@ -96,7 +99,7 @@ def stage_app(name: str) -> typer.Typer:
         footprint: Footprint | None = None,
         robot: RobotParameters | None = None,
         encoding: Encoding = "occupancy",
-        mask: Path | None = None,
+        recipe: str | None = None,
         curve: Path | None = None,
         as_json: bool = False,
         **given: Any,
@@ -105,16 +108,25 @@ def stage_app(name: str) -> typer.Typer:
             terminal.need_stdout("--json")
         read = _read_frames(first, given, settings)
         with _options_named(name, models):
-            if robot is not None:
+            if recipe is not None:
+                step = step_of_recipe(
+                    recipe, name, opt.given(**given), footprint=footprint, robot=robot
+                )
+            elif robot is not None:
                 shaped = robot if footprint is None else robot.with_shape(footprint)
                 step = step_for(name, shaped, opt.given(**given))
                 _warn_of_unused(step, shaped)
             else:
                 step = _step_of(name, models, footprint, given)
+                if first.makes is Costmap and footprint is None and _is_of_point(step, given):
+                    emit_warning(
+                        "no robot is given, by --robot-radius, --footprint, --params-file or "
+                        "--recipe: the costs are those of a point"
+                    )
         terminal.detail(step_line(step))
         started = time.perf_counter()
         made = apply_to_file(
-            source, output, step, settings, encoding=encoding, mask=mask, curve=curve,
+            source, output, step, settings, encoding=encoding, curve=curve,
             with_curve=as_json and first.makes is Costmap, with_sums=as_json,
             also_read=[*([] if robot is None else robot.paths), *read],
         )  # fmt: skip
@@ -138,9 +150,11 @@ def stage_app(name: str) -> typer.Typer:
         shared.insert(shared.index(replaced) + 1, "robot")
     shared.append("files")
     if first.makes is Costmap:
-        own += [_stage_option("mask", _MASK, None), _stage_option("curve", _CURVE, None)]
+        own.append(_stage_option("recipe", _RECIPE, None))
+        own.append(_stage_option("curve", _CURVE, None))
         own.append(_stage_option("encoding", _ENCODING, "occupancy"))
         own.append(_stage_option("as_json", _JSON_OF_COSTS, False))
+        shared.insert(0, "recipe")
         shared[-1:-1] = ["mask", "encoding", "curve", "as_json"]
     elif hasattr(first.returns, "document"):
         own.append(_stage_option("as_json", _JSON, False))
@@ -154,7 +168,7 @@ def stage_app(name: str) -> typer.Typer:
         own,
         shared,
         help_texts=texts,
-        makes_costs=lambda _: first.makes is Costmap,
+        makes_costs=lambda own: first.makes is Costmap and own.get("recipe") is None,
     )
     app.command(rich_help_panel=first.group, epilog=first.example)(made)
     return app
@@ -279,6 +293,12 @@ def _step_of(
     return make_step(name, parameters)
 
 
+def _is_of_point(step: Step, given: Mapping[str, object]) -> bool:
+    """Return whether a step that depends on the robot's shape was given none."""
+    shape = step.stage.robot
+    return shape is not None and given.get(shape.replaces) is None
+
+
 def _warn_of_unused(step: Step, robot: RobotParameters) -> None:
     """Warn of a model, asked for by hand, that costs of a robot do not follow."""
     stage = step.stage
@@ -292,7 +312,7 @@ def _warn_of_unused(step: Step, robot: RobotParameters) -> None:
 _OF_ROBOT = {"footprint": "--footprint, --robot-radius", "robot": "--params-file"}
 """Parameters that options in common stand for, and which these are."""
 
-_OF_SETTINGS = SHARED_OPTIONS.keys() & {one.name for one in fields(Settings)}
+_OF_SETTINGS = SHARED_OPTIONS.keys() & {one.name for one in fields(Settings)} - {*opt.OF_IMAGES}
 """Parameters that get the value of the setting of their name."""
 
 _JSON = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
@@ -314,6 +334,11 @@ def made_command(definition: Command) -> Any:
     def run(*, settings: Settings, **values: Any) -> None:
         as_json = values.pop("as_json", False)
         output = values.get("output")
+        if definition.json == "default":
+            if output == DASH:
+                output, as_json = None, True
+                values["output"] = None
+            as_json = as_json or (output is None and not terminal.has_reader())
         if as_json:
             terminal.need_stdout("--json")
         with ExitStack() as stack:
@@ -337,6 +362,7 @@ def made_command(definition: Command) -> Any:
         [*names, *definition.shared],
         help_texts=definition.texts,
         makes_costs=definition.makes_costs,
+        ending=definition.output.ending if definition.output else ".npz",
     )
 
 
@@ -403,7 +429,7 @@ def _write(result: Result, work: Work, output: Path | None) -> None:
 
 
 def _tell(result: Result, definition: Command, output: Path | None, *, as_json: bool) -> None:
-    if as_json or (definition.json == "default" and output is None):
+    if as_json:
         terminal.stream(result.parts())
     elif output is not None and _is_all(definition):
         terminal.summary(result.summary(output))  # what was asked for is in the file
@@ -441,8 +467,10 @@ def _arguments(definition: Command) -> Iterator[Argument]:
         typed = words.typed or _TYPES.get(kind, kind)
         yield _argument(name, Annotated[(typed, declared, *marks)], default)
     if output is not None:
-        stream = "Or - for stdout." if output.metavar.endswith(".json") else OR_STDOUT
-        text = f"{output.about} {stream}" if output.streams else output.about
+        is_text = output.ending != ".npz" or definition.json == "default"
+        stream = "Or - for stdout." if is_text else OR_STDOUT
+        is_streamed = output.streams or definition.json == "default"
+        text = f"{output.about} {stream}" if is_streamed else output.about
         declared = typer.Option("--output", "-o", metavar=output.metavar, help=text)
         marks = [TO_STDOUT] if output.streams else []
         kind, default = (Path, Argument.empty) if output.is_required else (Path | None, None)
@@ -450,7 +478,7 @@ def _arguments(definition: Command) -> Iterator[Argument]:
     for name, parameter in definition.parameters.items():
         if name not in {*_OF_ROBOT, *_OF_SETTINGS, "output"} and not parameter.from_robot:
             yield _argument(name, _option(parameter, first_sentence(meanings[name])), None)
-    if definition.json == "asked":
+    if definition.json != "never":
         yield _argument("as_json", _JSON, False)
 
 

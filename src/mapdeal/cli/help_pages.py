@@ -24,13 +24,13 @@ _LAST = ("Robot", _COMMON)
 _CONDITIONS = ("With a bag",)
 
 
-def in_groups(group: Any, context: Any) -> dict[str, list[Any]]:
+def in_groups(group: Any, context: Any, names: Iterable[str] | None = None) -> dict[str, list[Any]]:
     """Return the commands of a group by the title below which ``--help`` lists them."""
     found: dict[str, list[Any]] = {title: [] for title in GROUPS}
-    for name in group.list_commands(context):
+    for name in names or group.list_commands(context):
         command = group.get_command(context, name)
         found.setdefault(command.rich_help_panel or "Other commands", []).append(command)
-    return found
+    return {title: members for title, members in found.items() if members}
 
 
 def lay_out(command: Any) -> None:
@@ -40,8 +40,26 @@ def lay_out(command: Any) -> None:
         command.format_epilog = partial(_write_examples, command.epilog)
 
 
-def write_commands(group: Any, context: Any, formatter: Any) -> None:
-    groups = in_groups(group, context)
+FIRST = ("run", "view", "info", "reach", "clean", "diff", "build", "lint")
+"""The commands that ``mapdeal`` alone lists."""
+
+
+def overview(group: Any, context: Any) -> str:
+    """Return what ``mapdeal`` alone prints."""
+    formatter = context.make_formatter()
+    formatter.write("Process robot map files without ROS.\n\n")
+    formatter.write("Start with: mapdeal run MAP.yaml -o out\n")
+    write_commands(group, context, formatter, names=FIRST)
+    formatter.write(
+        "\nmapdeal --help lists all commands, mapdeal help COMMAND shows one with examples.\n"
+    )
+    return str(formatter.getvalue()).removesuffix("\n")
+
+
+def write_commands(
+    group: Any, context: Any, formatter: Any, *, names: Iterable[str] | None = None
+) -> None:
+    groups = in_groups(group, context, names)
     longest = max(len(one.name) for members in groups.values() for one in members)
     for title, members in groups.items():
         with formatter.section(title):

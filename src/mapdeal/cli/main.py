@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperGroup
 
 from mapdeal.cli import terminal
-from mapdeal.cli.help_pages import lay_out, write_commands
+from mapdeal.cli.help_pages import lay_out, overview, write_commands
 from mapdeal.cli.process import begin_work, ending
 from mapdeal.cli.usage import accept_words, usage_error
 from mapdeal.errors import FileAccessError, FindingError, MapdealError, refusal_of_the_system
@@ -113,6 +113,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     terminal.prepare()
     words = list(sys.argv[1:] if arguments is None else arguments)
+    if words[:1] == ["help"]:
+        words = [*words[1:], "--help"]
     try:
         group = typer.main.get_command(app)
         if os.environ.get("_MAPDEAL_COMPLETE"):
@@ -121,8 +123,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             prepare_completion()
             group.main(prog_name="mapdeal")  # answers the shell and ends the process
         # as click's own main, whose silence and exit codes are not ours
-        with group.make_context("mapdeal", words or ["--help"]) as context:
-            group.invoke(context)
+        with group.make_context("mapdeal", words or ["info"]) as context:
+            if words:
+                group.invoke(context)
+            else:
+                terminal.result(overview(group, context))
         code = 0
     except typer.Exit as end:
         code = end.exit_code

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial, wraps
 from inspect import Parameter as Argument
 from inspect import Signature
@@ -14,14 +14,16 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin
 import typer
 
 from mapdeal.cli import terminal
-from mapdeal.cli.terminal import TO_STDOUT, piped, streamed
+from mapdeal.cli.terminal import FROM_STDIN, TO_STDOUT, piped, streamed
 from mapdeal.command import Parameter, Words
 from mapdeal.errors import ParameterError, strict_warnings
 from mapdeal.files.source import size_of
 from mapdeal.grid.footprint import Footprint
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.dialects import Dialect
+from mapdeal.maps.images import IMAGE_SUFFIXES
 from mapdeal.pictures.overlay import ImageExtent
+from mapdeal.pipeline.inputs import numbers_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.ros.robot import INJECTED, CostmapName, RobotParameters
 
@@ -126,6 +128,7 @@ def robot_parameters(
     namespace: str | None,
     dialect: Dialect,
     is_shape: bool = False,
+    has_mask: bool = False,
 ) -> RobotParameters | None:
     """Return the robot that parameter files describe, if there are any, and say what is ignored.
 
@@ -150,7 +153,11 @@ def robot_parameters(
     if not is_shape and any(one.name == INJECTED for one in robot.layers):
         text = "the local costmap has no static layer; the map is put in front of its layers"
         terminal.remark([f"{params_file[-1]}: {text}"])
-    ignored = [f"{one.name} ({one.why_ignored})" for one in robot.ignored]
+    ignored = [
+        f"{one.name} ({one.why_ignored})"
+        for one in robot.ignored
+        if not (has_mask and one.plugin.endswith("KeepoutFilter"))
+    ]
     if ignored and not is_shape:
         terminal.remark([f"{params_file[-1]}: ignored: {', '.join(ignored)}"])
     return robot
@@ -162,6 +169,9 @@ _ROBOT, _ALWAYS = "robot", "always"
 
 _OF_FILES = ("params_file", "costmap", "namespace")
 """The options of the group ``robot`` that are about a robot's own parameters."""
+
+OF_IMAGES = ("resolution", "origin")
+"""The options for images without a YAML file; some commands have others of these names."""
 
 _OF_SETTINGS = {one.name for one in fields(Settings)}
 
@@ -175,6 +185,11 @@ class SharedOption(NamedTuple):
     default: object = None
     group: str | None = "files"
     least: int | None = None
+    marks: tuple[Any, ...] = ()
+
+    @property
+    def panel(self) -> str:
+        return "Robot" if self.group == _ROBOT or self.marks else "Common options"
 
     def parameter(self, name: str, text: str | None) -> Argument:
         flag = [f"--{name.replace('_', '-')}"] if self.kind is bool else []
@@ -185,9 +200,9 @@ class SharedOption(NamedTuple):
             min=self.least,
             help=text or self.text,
             show_default="[default: " not in (text or self.text),
-            rich_help_panel="Robot" if self.group == _ROBOT else "Common options",
+            rich_help_panel=self.panel,
         )
-        kind: Any = Annotated[(self.kind, option)]
+        kind: Any = Annotated[(self.kind, option, *self.marks)]
         return Argument(name, Argument.KEYWORD_ONLY, default=self.default, annotation=kind)
 
 
@@ -226,6 +241,14 @@ SHARED_OPTIONS = {
         "How the image is read: as nav2 (jazzy and newer), humble or ros1.",
         default=Settings.dialect,
     ),
+    "resolution": SharedOption(
+        float | None, "For an image without its .yaml: side of a cell, metres.", "M"
+    ),
+    "origin": SharedOption(
+        str | None,
+        "For an image without its .yaml: pose of its lower left corner.  [default: 0,0,0]",
+        "X,Y,YAW",
+    ),
     "max_cells": SharedOption(
         int | None,
         "Refuse larger images before allocating memory.  [default: 2e8 for compressed images, "
@@ -249,6 +272,13 @@ SHARED_OPTIONS = {
         group=None,
         least=0,
     ),
+    "mask": SharedOption(
+        Path | None,
+        "Keepout mask, a map: the lower bound of the costs; robots stay out of where it is 100.",
+        "MASK",
+        group=None,
+        marks=(FROM_STDIN,),
+    ),
     "no_images": SharedOption(bool, "Write no pictures.", default=False, group=None),
     "strict": _always("Exit with 1, and write nothing, if there is a warning."),
     "quiet": _always("Print only errors and requested results."),
@@ -262,6 +292,9 @@ def expanded(names: Iterable[str]) -> list[str]:
     for name, option in SHARED_OPTIONS.items():
         if option.group is not None:
             groups.setdefault(option.group, []).append(name)
+    names = list(names)
+    own = {*names, *(("origin",) if "resolution" in names else ())}  # of what the command makes
+    groups["files"] = [one for one in groups["files"] if one not in own & {*OF_IMAGES}]
     return [member for name in names for member in groups.get(name, [name])]
 
 
@@ -272,10 +305,15 @@ def with_shared_options(
     *,
     help_texts: Mapping[str, str] | None = None,
     makes_costs: Callable[[Mapping[str, Any]], bool] = lambda _: True,
+    ending: str = ".npz",
 ) -> Command:
     """Return a command that hands a function `Settings`, the robot, and its own options."""
-    parameters = _spliced(function.__name__, {one.name: one for one in own}, names, help_texts)
-    shared = [name for name in SHARED_OPTIONS if name in expanded([*names, _ALWAYS])]
+    by_name = {one.name: one for one in own}
+    parameters = _spliced(function.__name__, by_name, names, help_texts)
+    ordered = expanded([*names, _ALWAYS])
+    shared = [name for name in SHARED_OPTIONS if name in ordered and name not in by_name]
+    of_streams = [name for name in shared if SHARED_OPTIONS[name].marks]
+    shared = [name for name in shared if name not in of_streams]
     robot = [name for name in shared if SHARED_OPTIONS[name].group == _ROBOT]
     marked = streamed(parameters)
 
@@ -293,18 +331,35 @@ def with_shared_options(
             if "params_file" in shared:
                 files = {name: given[name] for name in _OF_FILES}
                 is_shape, dialect = not makes_costs(values), settings.dialect
-                values["robot"] = robot_parameters(**files, dialect=dialect, is_shape=is_shape)
+                values["robot"] = robot_parameters(
+                    **files,
+                    dialect=dialect,
+                    is_shape=is_shape,
+                    has_mask=values.get("mask") is not None,
+                )
+            if settings.resolution is not None and not _names_image(values):
+                rule = "applies to images without their .yaml, and none is named"
+                raise ParameterError(rule, source="--resolution")
             with (
-                settings.memory(anew=True),
+                settings.reading(anew=True),
                 use_threads(settings.threads),
-                piped(values, marked) as piped_values,
+                piped(values, marked, ending=ending) as piped_values,
             ):
-                function(**piped_values)
+                read = {name: piped_values.pop(name) for name in of_streams}
+                function(**{**piped_values, "settings": replace(settings, **read)})
 
     typed: Any = command
     typed.__signature__ = Signature(parameters, return_annotation=None)
     typed.__annotations__ = {one.name: one.annotation for one in parameters} | {"return": None}
     return command
+
+
+def _names_image(values: Mapping[str, Any]) -> bool:
+    """Return whether an input, or one of several, is an image."""
+    named = [value for name, value in values.items() if name != "output"]
+    texts = [one for value in named for one in (value if isinstance(value, list) else [value])]
+    return any(Path(one).suffix.lower() in IMAGE_SUFFIXES for one in texts
+               if isinstance(one, str | Path))  # fmt: skip
 
 
 def _spliced(
@@ -317,7 +372,8 @@ def _spliced(
     for name in ordered:
         if name not in own and name not in SHARED_OPTIONS:
             raise ValueError(f"{command}: no option or group {name!r}")
-        if ordered.count(name) > 1 or (name in own and name in SHARED_OPTIONS):
+        is_twice = name in own and name in SHARED_OPTIONS and name not in OF_IMAGES
+        if ordered.count(name) > 1 or is_twice:
             raise ValueError(f"{command}: option {name!r} comes twice")
     texts = dict(help_texts or {})
     parameters = {name: one for name, one in own.items() if name not in ordered}
@@ -332,6 +388,12 @@ def _spliced(
 
 def _settings_of(given: Mapping[str, Any]) -> Settings:
     values = {name: given[name] for name in given if name in _OF_SETTINGS}
+    if values.get("origin") is None:
+        values.pop("origin", None)
+    elif values.get("resolution") is None:
+        raise ParameterError("needs --resolution", source="--origin")
+    else:
+        values["origin"] = numbers_of(values["origin"], "X,Y,YAW", place="--origin")
     if values.get("max_memory") is not None:
         values["max_memory"] = size_of(values["max_memory"], "--max-memory")
     if "no_images" in given:

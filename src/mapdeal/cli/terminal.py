@@ -14,8 +14,9 @@ from contextlib import ExitStack, contextmanager
 from enum import Enum
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
+from mapdeal.compatibility import Self
 from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, ParameterError, one_line
 
 _CHUNK = 1 << 18
@@ -44,10 +45,15 @@ def configure(*, quiet: bool, verbose: bool, strict: bool = False) -> None:
     _called.clear()
 
 
-def leave_stdout_to_data() -> None:
+def has_reader() -> bool:
+    """Return whether results go to somebody's terminal, not to a file or a program."""
+    return sys.stdout.isatty()
+
+
+def leave_stdout_to_data(*, is_text: bool) -> None:
     """Have all that is said go to stderr: a file goes to stdout."""
     global _is_for_data
-    if sys.stdout.isatty():
+    if has_reader() and not is_text:
         hint = "pipe it into another command, or name a file"
         raise ParameterError("is a terminal, and an npz is not text", source="-o -", hint=hint)
     _is_for_data = True
@@ -240,6 +246,7 @@ def error(problem: MapdealError) -> None:
 
 def prepare() -> None:
     """Print mapdeal's warnings as one line each, and as escapes what a stream cannot encode."""
+    configure(quiet=False, verbose=False)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # files have any names
@@ -286,10 +293,22 @@ def _to_stdout(write: Callable[[], object]) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+_COLOURS = {"error": "31;1", "warning": "33", "hint": "36"}
+
+
 def _say(text: str) -> None:
     # What nobody can read on stderr must not change what is done, nor the exit code.
     with contextlib.suppress(OSError):
-        print(f"{_CLEAR if _has_bar else ''}{_as_called(text)}", file=sys.stderr)  # noqa: T201
+        text = _as_called(text)
+        word, colon, rest = text.partition(":")
+        if colon and word in _COLOURS and _has_colours():
+            text = f"\x1b[{_COLOURS[word]}m{word}:\x1b[0m{rest}"
+        print(f"{_CLEAR if _has_bar else ''}{text}", file=sys.stderr)  # noqa: T201
+
+
+def _has_colours() -> bool:
+    is_dumb = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+    return sys.stderr.isatty() and not is_dumb
 
 
 DASH = Path("-")
@@ -315,7 +334,9 @@ def streamed(parameters: Iterable[Any]) -> dict[str, bool]:
 
 
 @contextmanager
-def piped(values: Mapping[str, Any], marked: Mapping[str, bool]) -> Iterator[dict[str, Any]]:
+def piped(
+    values: Mapping[str, Any], marked: Mapping[str, bool], *, ending: str = ".npz"
+) -> Iterator[dict[str, Any]]:
     """Give the values of a command with files in the place of standard streams.
 
     When the block ends without an error, the file that stands for standard output is sent.
@@ -339,19 +360,19 @@ def piped(values: Mapping[str, Any], marked: Mapping[str, bool]) -> Iterator[dic
     from mapdeal.inputs.kinds import STDOUT, keep_npz
 
     if output is not None:
-        leave_stdout_to_data()
+        leave_stdout_to_data(is_text=ending != ".npz")
     if wanted:
         refuse_keyboard()
     with ExitStack() as stack:
         folder = stack.enter_context(temporary_folder())
-        call_files({folder / f"{STDOUT}.npz": STDOUT})
+        call_files({folder / f"{STDOUT}{ending}": STDOUT})
         files = dict(values)
         for name in wanted:
             kept = keep_npz(input_chunks(), folder)
             call_files({kept: "standard input"})
             files[name] = _replaced(values[name], kept)
         if output is not None:
-            files[output] = folder / f"{STDOUT}.npz"
+            files[output] = folder / f"{STDOUT}{ending}"
         yield files
         if output is not None:
             send(files[output])

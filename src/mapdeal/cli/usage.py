@@ -22,6 +22,14 @@ _NO_CHOICE = re.compile(r": '(?P<word>[^']*)' is not one of ")
 _NUMBERS = ("int", "float")
 _FLAGS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
 _OF_POINTS = {"query": "--at", "edit": "--point", "reach": "--to"}
+_SYNONYMS = {
+    "show": "view", "plot": "view", "open": "view", "display": "view", "crop": "window",
+    "compare": "diff", "inflation": "inflate", "costmap": "cost", "distance": "esdf",
+    "path": "route", "plan": "route", "check": "lint", "validate": "lint", "stats": "info",
+    "fix": "lint", "filter": "clean", "resize": "rescale", "slam": "build", "stitch": "merge",
+}  # fmt: skip
+"""What other programs call what commands do."""
+
 _POINT = re.compile(r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
 
 
@@ -127,7 +135,10 @@ def usage_error(error: Any) -> ParameterError:
 def _meant(word: str, command: Any, context: Any) -> str | None:
     """Return the hint of what was meant by an unknown command or option, if anything is near."""
     if not word.startswith("-"):
-        return meant(word, command.list_commands(context))
+        known = command.list_commands(context)
+        if _SYNONYMS.get(word.lower()) in known:
+            return f"did you mean {_SYNONYMS[word.lower()]}?"
+        return meant(word, known)
     options = [name for one in command.params for name in (*one.opts, *one.secondary_opts)]
     near = nearest(word.lstrip("-"), [name[2:] for name in options if name[:2] == "--"])
     if near is not None or command.name != "run":

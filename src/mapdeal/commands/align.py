@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Unpack
+from typing import Annotated, Any
 
 import numpy as np
 
 from mapdeal.command import Output, Result, Words, command
 from mapdeal.compare.align import Placement, bytes_to_align, placed
 from mapdeal.compare.difference import frame_around
+from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError
 from mapdeal.files.json_values import ALIGNMENT_FORMAT
 from mapdeal.grid.canvas import obstacles_in, sampled
@@ -128,7 +129,12 @@ def _rotations(text: str) -> list[float]:
 
 @command(
     group="Two maps of one place",
-    output=Output("OUT.json", "Write the transform and the figures as JSON.", is_required=False),
+    output=Output(
+        "OUT.json",
+        "Write the transform and the figures as JSON.",
+        is_required=False,
+        ending=".json",
+    ),
     texts={"image": "Write a picture of the first map, placed on the second."},
     example="""\
 mapdeal align examples/maps/office_cartographer.yaml examples/maps/office.yaml \\

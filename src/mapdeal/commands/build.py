@@ -233,7 +233,7 @@ def build_map_from_log(
     settings = Settings(max_memory=max_memory, threads=threads)
     limits = BeamLimits(range_min, range_max, clear_max)
     how = _Building({method: parameters}, limits, resolution, size, origin)
-    with settings.memory(), use_threads(settings.threads):
+    with settings.reading(), use_threads(settings.threads):
         return _built(open_log(Path(path), max_bad=max_bad), how)
 
 
@@ -300,7 +300,7 @@ def build_map_from_bag(
         poses=None if poses is None else Path(poses),
     )
     with (
-        settings.memory(),
+        settings.reading(),
         use_threads(settings.threads),
         scans_of_bag(Path(path), topics, frames, deskew=deskew) as scans,
     ):
@@ -374,7 +374,6 @@ class Comparison(Result):
     output=Output(
         "OUT",
         "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz; with --compare a folder.",
-        streams=False,
     ),
     shared=("image", "force", "threads", "max_memory"),
     also={"With a bag": FrameOptions, **METHODS},

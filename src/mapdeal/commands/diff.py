@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any, Unpack
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Any
 
 from mapdeal.command import (
     AT_LEAST_0,
@@ -18,17 +20,25 @@ from mapdeal.command import (
     command,
     parameters_of,
 )
+from mapdeal.commands import two_maps
 from mapdeal.compare.difference import STATES, Bound, Difference, WallShift, compare, frame_around
-from mapdeal.errors import emit_warning, one_line
-from mapdeal.grid.values import OCCUPIED
+from mapdeal.compatibility import Unpack
+from mapdeal.errors import ParameterError, emit_warning, one_line
+from mapdeal.grid.frame import Transform
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import OCCUPIED, count_text
 from mapdeal.kernels.lookup import histogram
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pipeline.inputs import Map, MapInput, Reading, claim_for, errors_named, opened
+from mapdeal.sensors.points import transform_document
+
+File = str | PathLike[str]
 
 _PER_CELL, _PER_WALL = 30, 75
 """Bytes for each cell of a grid around both maps, and for each occupied cell of one."""
 
+_SHOWN, _LISTED = 5, 20  # changes in the text and in the document
 _METADATA = ("mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
 
 
@@ -62,12 +72,17 @@ class DiffReport(Difference, Result):
         3 different but occupied in neither, 4 occupied in both, 5 only in A, 6 only in B.
     bounds : tuple of Bound
         Result for each bound that was given.
+    beyond : numpy.ndarray of bool, shape of `frame`
+        Cells that differ beyond the tolerance.
     maps : tuple of MapInput
         The two maps.
+    transform : Transform, optional
+        From A's frame to B's, by which they were compared; None if as they lie.
     """
 
     bounds: tuple[Bound, ...]
     maps: tuple[MapInput, MapInput]
+    transform: Transform | None = None
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
@@ -102,6 +117,11 @@ class DiffReport(Difference, Result):
             "known_only_in_first": self.not_compared,
             "confusion": {state: dict(row) for state, row in self.confusion.items()},
             "symmetry": self.symmetry,
+            "transform": self.transform and transform_document(self.transform),
+            "changes": [
+                {"kind": one.kind, "area_m2": one.area, "x": one.x, "y": one.y}
+                for one in self.largest_changes(_LISTED)[0]
+            ],
             "walls": {name: None if one is None else asdict(one) for name, one in shifts.items()},
             "bounds": {
                 bound.name.replace("-", "_"): {
@@ -127,6 +147,14 @@ class DiffReport(Difference, Result):
             yield from self._matrix()
         if self.symmetry is not None:
             yield f"  symmetry  B is much more like A if it is {self.symmetry}"
+        if self.transform is not None:
+            x, y, yaw = (round(value, 4) + 0.0 for value in self.transform.pose)
+            yield f"  moved     A by x {x:g} m, y {y:g} m, yaw {yaw:g} rad"
+        largest, left = self.largest_changes(_SHOWN)
+        for one in largest:
+            yield f"  {one.kind:<9} {one.place}"
+        if left:
+            yield f"  {'':<9} and {count_text(left, 'smaller change')}"
         yield f"  walls     {_shift_text('A to B', self.first_to_second)}"
         yield f"  walls     {_shift_text('B to A', self.second_to_first)}"
         for bound in self.bounds:
@@ -199,6 +227,8 @@ def diff(
     tolerance: Annotated[float, AT_LEAST_0, CELLS] = 0.0,
     max_shift: Annotated[float | None, AT_LEAST_0, METRES] = None,
     max_differing: Annotated[float | None, PERCENT, Words("PERCENT")] = None,
+    align: bool = False,
+    by: Annotated[File | Transform | Sequence[float] | None, Words("FILE", typed=Path)] = None,
     **reading: Unpack[Reading],
 ) -> DiffReport:
     """Compare two maps of one place.
@@ -225,6 +255,11 @@ def diff(
         area to the nearest obstacle of the other map.
     max_differing : float, optional
         Pass if at most this share of the common cells differs beyond the tolerance, percent.
+    align : bool
+        Find where A lies in the frame of B by their walls, and compare them so.
+    by : path, Transform or tuple of float, optional
+        Or apply a transform from A's frame to B's, as align writes it. In Python also a
+        `Transform`, or x, y, yaw.
     **reading
         As for `read_map`; dialect, max_cells and max_memory apply to files.
 
@@ -259,20 +294,35 @@ def diff(
     """
     given = {"tolerance": tolerance, "max_shift": max_shift, "max_differing": max_differing}
     limits = accept_parameters(parameters_of(diff), given, "diff")
-    a, b = opened(first, second, names=("map A", "map B"), **reading)
-    found = compared([a, b], tolerance=limits.pop("tolerance"), **reading)
-    bounds = found.bounds_of(**limits)
+    if align and by is not None:
+        raise ParameterError("cannot be given together with --by", place="align")
+    told, files = two_maps.given_transform(by, place="by")
+    a, b = maps = opened(first, second, names=("map A", "map B"), also=files, **reading)
+    move = None
+    if align:
+        claim_for(maps, two_maps.bytes_to_place(maps), "maps that are aligned", **reading)
+        move = two_maps.aligned(maps, hint="--by FILE uses a transform as it is")
+    elif told is not None:
+        move = two_maps.transform_in(told, files, maps)
+    else:
+        two_maps.warn_of_frames(maps, "--align compares them so")
+    found = compared([a, b], tolerance=limits["tolerance"], move=move, **reading)
+    bounds = found.bounds_of(limits["max_shift"], limits["max_differing"])
     if bounds and found.not_compared:
         text = f"does not cover {found.not_compared} known cells of {a.name}"
         emit_warning(f"{b.name}: {text}, which are not compared", stacklevel=2)
-    return DiffReport(**vars(found), bounds=bounds, maps=(a, b))
+    return DiffReport(**vars(found), bounds=bounds, maps=(a, b), transform=move)
 
 
 def compared(
-    maps: Sequence[MapInput], *, tolerance: float = 0.0, **reading: Unpack[Reading]
+    maps: Sequence[MapInput], *, tolerance: float = 0.0, move: Transform | None = None,
+    **reading: Unpack[Reading],
 ) -> Difference:  # fmt: skip
     """Return what differs between two maps that were read, unless it takes too much memory."""
     grids = [one.occupancy for one in maps]
+    if move is not None:
+        frame = move.inverse().frame(grids[1].frame)
+        grids[1] = OccupancyGrid(grids[1].occupancy, frame.resolution, frame.origin)
     with errors_named(maps[1].name):
         frame = frame_around(*(grid.frame for grid in grids))
         walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime
-from itertools import chain
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from itertools import chain, groupby
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,13 +16,20 @@ from typing import Annotated, Any
 import numpy as np
 
 from mapdeal.command import Result, Words, command
-from mapdeal.errors import FileAccessError, MalformedInputError, kept_warnings
+from mapdeal.errors import (
+    BatchError,
+    FileAccessError,
+    MalformedInputError,
+    MapdealError,
+    kept_warnings,
+)
 from mapdeal.files.source import exists, is_folder, sha256_of, status_of, sums_of_reads
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import PotentialField
 from mapdeal.grid.reach import robot_text
-from mapdeal.grid.values import UNKNOWN
+from mapdeal.grid.values import UNKNOWN, count_text
 from mapdeal.inputs.kinds import BAG, IMAGE, MAP, PARAMETERS, POINTER, kind_of
+from mapdeal.inputs.listing import list_maps
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.npz import holds_reach, read_reach
 from mapdeal.maps.reading import open_map
@@ -78,7 +86,7 @@ def info(
         If the file or folder cannot be read.
     """
     settings = Settings(dialect=dialect, max_cells=max_cells, max_memory=max_memory)
-    with settings.memory():
+    with settings.reading():
         return _described(Path(path), settings)
 
 
@@ -87,6 +95,8 @@ class Descriptions(Result):
     """Descriptions of files, each made when its turn comes."""
 
     reports: Iterator[Report]
+    failed: list[MapdealError] = field(default_factory=list)
+    """Errors of files, one of several, that have been met so far."""
 
     def document(self) -> dict[str, Any]:
         return next(self.reports)
@@ -95,16 +105,21 @@ class Descriptions(Result):
         yield from map(json.dumps, self.reports)
 
     def lines(self) -> Iterator[str]:
-        for index, report in enumerate(self.reports):
+        told = (one for one in self.reports if one["kind"] != "error")  # those are on stderr
+        for index, report in enumerate(told):
             if index:
                 yield ""
             yield from _lines_of(report)
+
+    def check(self) -> None:
+        if self.failed:
+            raise BatchError(f"{count_text(len(self.failed), 'file')} cannot be described")
 
 
 @command(
     name="info",
     group="Questions about a map",
-    shared=("dialect", "max_cells", "max_memory"),
+    shared=("dialect", "resolution", "origin", "max_cells", "max_memory"),
     example="""\
 mapdeal info examples/maps/office.yaml
 mapdeal info examples/robots/nav2_params.yaml --map examples/maps/office.yaml
@@ -123,13 +138,14 @@ def describe(
 
     For maps: size, origin, cell counts, checksum, and the run that made them. For bags: topics and
     transforms. For a robot's parameter files: shape and costmap layers as the robot resolves them;
-    consecutive ROS 1 files belong to one robot. With --json there is one JSON object per file, one
-    per line.
+    consecutive ones belong to one robot, and later files win. A folder stands for the maps in it
+    and below. With --json there is one JSON object per file or robot, one per line. If one of
+    several files cannot be read, the others are described, and the exit code is 5.
 
     Parameters
     ----------
     sources : sequence of path
-        Maps, costmaps, fields, bags, or folders of runs.
+        Maps, costmaps, fields, bags, folders of runs or of maps.
     of_map : path, optional
         With parameter files of one robot: report what they resolve to on this map.
     costmap : {'global', 'local'}, optional
@@ -140,36 +156,50 @@ def describe(
         As for `read_map`.
     """
     settings = Settings(dialect=dialect, max_cells=max_cells)
-    counted = Work.in_shell().counted
-    is_of_robot = any(one is not None for one in (costmap, namespace, of_map))
-    return Descriptions(
-        _describe_robot(group, costmap or "global", namespace, dialect, of_map)
-        if is_robot
-        else _described(group[0], settings, counted)
-        for is_robot, group in _robots_among(sources, is_one=is_of_robot)
-    )
+    work = Work.in_shell()
+    if any(one is not None for one in (costmap, namespace, of_map)):
+        groups = [(True, list(sources))]
+    else:
+        named = [one for source in sources for one in _maps_in(source, work)]
+        groups = [(kind != "", list(group)) for kind, group in groupby(named, _kind_of_robot)]
+        groups = [
+            part
+            for is_robot, group in groups
+            for part in ([(True, group)] if is_robot else [(False, [one]) for one in group])
+        ]
+    failed: list[MapdealError] = []
+
+    def reports() -> Iterator[Report]:
+        for is_robot, group in groups:
+            try:
+                if is_robot:
+                    yield _describe_robot(group, costmap or "global", namespace, dialect, of_map)
+                else:
+                    yield _described(group[0], settings, work.counted)
+            except MapdealError as error:
+                if len(groups) == 1:
+                    raise
+                failed.append(error)
+                work.terminal.error(error)
+                yield {"file": str(group[-1]), "kind": "error", "error": str(error)}
+
+    return Descriptions(reports(), failed)
 
 
-def _robots_among(
-    paths: Sequence[Path], *, is_one: bool
-) -> Iterator[tuple[bool, list[Path]]]:  # fmt: skip
-    """Yield files one by one, and parameter files that are of one robot together."""
-    if is_one:
-        yield True, list(paths)
-        return
-    stack: list[Path] = []
-    for path in paths:
+def _maps_in(path: Path, work: Work) -> list[Path]:
+    """Return the maps in a folder and below, or the file or the run itself."""
+    if not is_folder(path) or exists(path / MANIFEST) or kind_of(path) is not None:
+        return [path]
+    return [one.path for one in list_maps([str(path)], None, work.terminal.input_chunks).maps]
+
+
+def _kind_of_robot(path: Path) -> str:
+    """Return the stack whose parameters a file holds, empty for another file."""
+    with suppress(MapdealError):  # told when it is described
         kind = kind_of(path) if exists(path) and not is_folder(path) else None
-        is_parameters = kind is not None and kind.name == PARAMETERS
-        if is_parameters and not is_ros2(path):
-            stack.append(path)
-            continue
-        if stack:
-            yield True, stack
-            stack = []
-        yield is_parameters, [path]
-    if stack:
-        yield True, stack
+        if kind is not None and kind.name == PARAMETERS:
+            return "nav2" if is_ros2(path) else "ros1"
+    return ""
 
 
 def _describe_robot(
@@ -203,9 +233,6 @@ def _described(
         # an error about a file that a map names is not about what the map is
         kind = kind_of(path) if str(error.source) == str(path) else None
         if kind is None or kind.name in (MAP, IMAGE, POINTER):
-            if kind is None and is_folder(path):
-                rule = f"is a directory without the {MANIFEST} of a run"
-                error = FileAccessError(rule, source=path, hint="name the maps in it")
             raise error from None
     if kind.name == BAG:
         from mapdeal.pipeline.bag_maps import describe_bag  # not loaded for a map
@@ -380,7 +407,9 @@ def _rows_of_bag(report: Report) -> Iterator[Row]:
         messages = f"{report['messages']} in {report['duration_s']:.6g} s"
         seconds = report["start_ns"] / 1e9
         if 0 < seconds <= _LATEST:
-            messages += f", from {datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
+            messages += (
+                f", from {datetime.fromtimestamp(seconds, timezone.utc):%Y-%m-%d %H:%M:%S} UTC"
+            )
     yield "messages", messages
     topics, edges = report["topics"], report["transforms"]
     digits = max((len(str(one["count"])) for one in topics), default=0)

@@ -130,7 +130,7 @@ Checks = Annotated[Names, Words("IDS", _separated, is_repeated=True, completed=_
     group="CI and reports",
     output=Output(
         "OUT", "Where to write the repaired copy: .yaml, .pgm, .png, .npz.",
-        is_required=False, streams=False,
+        is_required=False,
     ),
     shared=(
         "footprint", "robot_radius", "footprint_padding", "robot_16_gon", "max_cells", "force",
@@ -275,7 +275,7 @@ def lint(
     if no_config and not isinstance(config, bool):
         raise ParameterError("cannot be given together with --no-config", place="config")
     nearest = config and not no_config if isinstance(config, bool) else Path(config)
-    with settings.memory():
+    with settings.reading():
         chunks = _no_standard_input if work is None else work.terminal.input_chunks
         listing = list_maps(names, None, chunks, whole_folders=RUN_FOLDERS)
         maps = [one.path for one in listing.maps]
@@ -446,7 +446,7 @@ def _lint_in_processes(
 
 
 def _found_by(settings: Settings, radii: Mapping[Path, float], job: Job) -> checks.Found:
-    with settings.memory(anew=True):
+    with settings.reading(anew=True):
         return checks.found_in(job.path, settings.max_cells, radii.get(job.path))
 
 

@@ -7,15 +7,17 @@ from dataclasses import asdict, dataclass
 from itertools import compress
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, Unpack
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.command import OnlyInPython, Output, Result, Words, command
+from mapdeal.commands import two_maps
 from mapdeal.compare import merge as merging
 from mapdeal.compare.align import bytes_to_align
 from mapdeal.compare.align import placed as placed_on
+from mapdeal.compatibility import Unpack
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.files.source import claim, holding
 from mapdeal.grid.frame import Transform
@@ -268,7 +270,7 @@ def merge(
     inputs = opened(*maps, names=names, also=files, **reading)
     grids = [merging.check_is_map(one.grid, one.name) for one in inputs]
     settings = settings_of(**reading)
-    with settings.memory(), holding(sum(map(bytes_of, grids))):
+    with settings.reading(), holding(sum(map(bytes_of, grids))):
         layers = _evidence_of(inputs, rule, evidence, settings.max_cells)
         if files:
             places = _by_files(files, inputs)
@@ -285,13 +287,16 @@ def merge(
     held = sum(map(bytes_of, grids)) + _bytes_in(layers)
     per_cell = _PER_CELL + len(maps) + _OF_EVIDENCE * (rule == "evidence")
     per_cell += _OF_PICTURE * (settings.image is not None)
-    with settings.memory():
+    with settings.reading():
         what = f"{lattice.width} x {lattice.height} cells around all maps"
         claim(inputs[0].name, held + per_cell * lattice.height * lattice.width, what=what)
     parts = merging.merged_on(lattice, grids, frames, rule, layers)
     placed = tuple(place or Transform() for place in places)
     merged = Merged(*parts, inputs=tuple(inputs), transforms=placed, rule=rule)
     is_advised = transforms is None and Work.current.get() is not None
+    for other in inputs[1:] if transforms is None else ():
+        told = two_maps.warn_of_frames((inputs[0], other), "--by align places maps by their walls")
+        is_advised = is_advised and not told
     advice = "; --by align places maps by their walls" if is_advised else ""
     for text in _remarks_on(merged, [not one for one in layers], advice):
         emit_warning(text, stacklevel=2)

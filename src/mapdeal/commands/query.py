@@ -105,10 +105,12 @@ class Answers(Result):
         return {"answers": list(map(json.loads, lines))}
 
     def lines(self) -> Iterator[str]:
+        for part in self.parts():
+            yield from map(_told, map(json.loads, part.splitlines()))
+
+    def details(self) -> Iterator[str]:
         count, outside = self.counts["all"], self.counts["outside"]
         yield f"{count} {self.what}s, {outside} of them outside of the map"
-
-    details = lines
 
     def check(self) -> None:
         counts, count = self.counts, self.counts["all"]
@@ -120,6 +122,21 @@ class Answers(Result):
         if self.is_strict and counts["outside"]:
             rule = f"{counts['outside']} of {count} {self.what}s are not inside of the map"
             raise FindingError(rule, source=self.map.name)
+
+
+def _told(answer: Mapping[str, Any]) -> str:
+    """Return an answer as people read it."""
+    if "error" in answer:
+        return str(answer["error"])
+    place = ",".join(f"{answer[key]:.10g}" for key in ("x", "y", "yaw") if key in answer)
+    if not answer["inside"]:
+        return f"{place}: outside of the map"
+    if "cost" in answer:
+        return f"{place}: cost {answer['cost']}, {answer['state']}"
+    text = f"{place}: {answer['distance']:.4g} m, {answer['state']}"
+    if answer["gradient"] is not None:
+        text += f", gradient {answer['gradient'][0]:.3f},{answer['gradient'][1]:.3f}"
+    return f"{text}, cell row {answer['row']}, col {answer['col']}"
 
 
 def _with_errors(text: str, asked: NumberLines) -> str:
@@ -137,7 +154,7 @@ def _with_errors(text: str, asked: NumberLines) -> str:
     json="default",
     shared=(
         "footprint", "robot_radius", "footprint_padding", "params_file", "costmap", "namespace",
-        "dialect", "max_cells", "threads", "max_memory",
+        "mask", "dialect", "resolution", "origin", "max_cells", "threads", "max_memory",
     ),
     texts={
         "footprint": "Report the cost of a robot at poses: its corners around its centre, metres.",
@@ -211,6 +228,9 @@ def query(
         what, form, file, read = "pose", "X,Y,YAW", poses, read_pose_lines
     if not at and file is None:
         raise ParameterError("one of the two is required", place=f"at, {what}s")
+    settings = inputs.settings_of()
+    if footprint is None:
+        inputs.refuse("applies to costs of a robot, not to distances", mask=settings.mask)
     first = _rows(at or (), form)
     chunks, asked_in = ((), "--at") if file is None else inputs.text_in(file)
     (one,) = inputs.opened(map, names=("map",))
@@ -220,10 +240,11 @@ def query(
         answer = partial(_answers_of, _field_of(one, given))
     else:
         costs = _costs_of(one, given, robot)
+        mask = inputs.mask_of(settings.mask, settings, one.grid)
+        costs = costs if mask is None else mask.over(costs)
         answer = partial(_answers_at, costs, footprint, rule or "outline")
     asked = chain([first] if at else [], read(chunks, asked_in))
-    is_strict = inputs.settings_of().strict
-    return Answers(one, cast("Any", what), asked, asked_in, answer, is_strict)
+    return Answers(one, cast("Any", what), asked, asked_in, answer, settings.strict)
 
 
 def _rows(at: Sequence[str | Sequence[float]], form: str) -> NumberLines:

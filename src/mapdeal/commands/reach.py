@@ -53,8 +53,23 @@ class Reachability(Spread):
     def parts(self) -> Iterator[str]:
         yield reach_json(self.reach)
 
+    def summary(self, output: Path) -> Iterator[str]:
+        yield f"{output}: {summary_of(self.reach.figures())}"
+
     def lines(self) -> Iterator[str]:
-        yield summary_of(self.reach.figures())
+        yield f"{self.map.name}, {self.title}: {summary_of(self.reach.figures())}"
+        for one in self.reach.goals:
+            goal = one.goal
+            name = "goal" if goal.name is None else f"goal {goal.name}"
+            text = f"  {name} {goal.x + 0.0:.10g},{goal.y + 0.0:.10g}: "
+            text += "reached" if one.reachable else "not reached"
+            if one.limited_by is not None:
+                text += f"; {one.limited_by.text}"
+            yield text
+        for door in self.reach.passages:
+            state = "open" if door.is_open else "closed"
+            text = f"  passage {door.x + 0.0:.4g},{door.y + 0.0:.4g}: {door.width:.4g} m wide, "
+            yield text + f"{state}, {door.cut_off:.4g} m2 behind it"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         from mapdeal.pictures.reach import reach_image
@@ -128,7 +143,7 @@ def _goals_in(path: Path) -> list[Goal]:
     group="Questions about a map",
     output=Output("OUT.json", "Write the result to a file.", is_required=False, streams=False),
     json="default",
-    shared=("robot", "files"),
+    shared=("robot", "mask", "files"),
     also={"": reach},
     words={
         "start": Words("X,Y[,YAW]", _start, "from"),
@@ -188,8 +203,9 @@ def reachability(
     parameters["goals"] = (*parameters.get("goals", ()), *from_file)
     shape = planned_shape(robot) if footprint is None and robot is not None else footprint
     step = make_step("reach", {**parameters, "footprint": shape})
+    mask = inputs.mask_of(work.settings.mask, work.settings)
     also = [*(robot.paths if robot else ()), *([points] if points else ())]
-    (one,) = inputs.opened(map, names=("map",), also=also)
+    (one,) = inputs.opened(map, names=("map",), also=[*also, *(mask.files if mask else ())])
     inputs.claim_cells(one, step.memory + _COSTS_PER_CELL * (robot is not None))
     with inputs.errors_named(one.name):
         grid = one.grid
@@ -198,7 +214,7 @@ def reachability(
             inputs.warn_of_potential(one)
             if robot is not None:
                 grid = _costs_of(robot, one, np.asarray(grid.occupancy))
-        found = step.apply(grid, one.path)
+        found = step.apply(grid, one.path, mask=None if mask is None else mask.grid)
     if not isinstance(found, Reach):
         raise TypeError("the stage reach must make a Reach")
     if "start" not in parameters:

@@ -54,6 +54,7 @@ from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import SHAPES, kind_of
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.dialects import Dialect
+from mapdeal.maps.reading import is_bare_image
 from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST
 from mapdeal.pipeline.settings import Settings, is_whole
@@ -106,8 +107,8 @@ class WrittenReport(Result):
 @command(
     name="report",
     group="CI and reports",
-    output=Output("OUT.html", "Page to write.", streams=False, parameter="path"),
-    shared=("dialect", "max_cells", "force", "threads", "max_memory"),
+    output=Output("OUT.html", "Page to write.", ending=".html", parameter="path"),
+    shared=("dialect", "resolution", "origin", "max_cells", "force", "threads", "max_memory"),
     json="never",
     example="""\
 mapdeal run examples/maps/office.yaml -o out
@@ -193,7 +194,7 @@ def _written(
     """Write a page, see `gathered`; of an error nothing is changed."""
     if output.suffix.lower() not in _ENDINGS:
         raise ParameterError("the page must end in .html", source=output)
-    with settings.memory(), use_threads(settings.threads), Grids(settings) as grids:
+    with settings.reading(), use_threads(settings.threads), Grids(settings) as grids:
         report = gathered(paths, grids, title=title, inputs=inputs)
         read = [*paths, *grids.files]
         with Transaction([output], inputs=read, force=settings.force) as transaction:
@@ -299,7 +300,7 @@ def _is_first(path: Path, seen: set[object]) -> bool:
 
 def _is_grid(path: Path) -> bool:
     if path.suffix.lower() not in NAMED_MAPS:
-        return False
+        return is_bare_image(path)
     kind = kind_of(path)
     return kind is None or kind.name != SHAPES
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mapdeal.checks.findings import SEVERITIES, Finding, Severity
 from mapdeal.compare.bounds import figure_text, figures_named
-from mapdeal.compare.difference import ADDED, REMOVED, Difference
+from mapdeal.compare.difference import Difference
 from mapdeal.errors import MalformedInputError, ParameterError, one_line
 from mapdeal.files.json_values import (
     ALIGNMENT,
@@ -52,7 +52,6 @@ from mapdeal.grid.reach import (
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import SHAPES, recognised
-from mapdeal.kernels.components import touching_groups
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
 from mapdeal.report.document import Item, Table, Tone
 
@@ -438,21 +437,13 @@ def _pairs(one: JsonValue) -> dict[str, str]:
 
 
 def difference_items(found: Difference) -> list[Item]:
-    """Return groups of cells that touch where a wall is new, and where one is gone."""
-    # The largest come first. A group is placed at that of its cells which is nearest to its middle.
-    items = []
-    for kind, what in ((ADDED, "wall added"), (REMOVED, "wall removed")):
-        cells, groups = touching_groups(found.changes == kind)
-        sizes = np.bincount(groups)
-        for group in np.argsort(-sizes, kind="stable")[:_MOST_GROUPS].tolist():
-            own = cells[groups == group]
-            away = np.square(own - own.mean(axis=0)).sum(axis=1)
-            x, y = found.frame.xy_from_rowcol([own[int(np.argmin(away))].tolist()])[0].tolist()
-            text = f"{what}: {count_text(int(sizes[group]), 'cell')} at {x:.6g}, {y:.6g}"
-            items.append(Item("finding", text, "warning", (x, y)))
-        left = len(sizes) - _MOST_GROUPS
-        if left > 0:
-            items.append(Item("finding", f"{what}: {count_text(left, 'smaller group')} not listed"))
+    """Return the places where obstacles are new or gone, the largest first."""
+    largest, left = found.largest_changes(_MOST_GROUPS)
+    items = [
+        Item("finding", f"{one.kind}: {one.place}", "warning", (one.x, one.y)) for one in largest
+    ]
+    if left:
+        items.append(Item("finding", f"{count_text(left, 'smaller change')} not listed"))
     return items
 
 

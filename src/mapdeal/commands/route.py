@@ -8,13 +8,14 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, Unpack
+from typing import Annotated, Any, Literal
 
-from mapdeal.command import FACTOR, METRES, REPULSION, Output, Words, command
+from mapdeal.command import FACTOR, METRES, REPULSION, OnlyInPython, Output, Words, command
+from mapdeal.compatibility import Unpack
 from mapdeal.errors import BatchError, FindingError, MalformedInputError, ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint import Footprint, shape_of
 from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import Method, Route, reach_radius
 from mapdeal.grid.reaching import largest_closed_square, squares_to
@@ -180,8 +181,18 @@ class PairedRoutes(Spread):
     def document(self) -> dict[str, Any]:
         return {"routes": list(map(json.loads, self.parts()))}
 
+    def summary(self, output: Path) -> Iterator[str]:
+        yield f"{output}: {self.counts['pairs']} pairs by {', '.join(self.searches)}"
+
     def lines(self) -> Iterator[str]:
-        yield f"{self.counts['pairs']} pairs by {', '.join(self.searches)}"
+        for one in map(json.loads, self.parts()):
+            text = f"pair {one['pair']}"
+            if "error" in one:
+                yield f"{text}: {one['error']}"
+            elif not one["reached"]:
+                yield f"{text}, {one['method']}: not reached"
+            else:
+                yield f"{text}, {one['method']}: {one['length_m']:.2f} m, cost {one['cost']:.2f}"
 
     def remarks(self) -> Iterator[str]:
         if not self.reached:
@@ -234,7 +245,7 @@ def _point(text: str) -> tuple[float, ...]:
         is_required=False, streams=False,
     ),
     json="default",
-    shared=("robot", "files"),
+    shared=("robot", "mask", "files"),
     example="""\
 mapdeal route examples/maps/office.yaml --from -7.5,2.5 --to 9,5 \\
     -o out/route.json --image out/route.png
@@ -258,7 +269,9 @@ def route(
     repulsive_gain: Annotated[float | None, GAIN, FACTOR] = None,
     repulsive_cap: Annotated[float | None, CAP, REPULSION] = None,
     footprint: Footprint | None = None,
+    robot_radius: Annotated[float | None, OnlyInPython] = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
+    mask: Annotated[inputs.Map | None, Words()] = None,
     **reading: Unpack[inputs.Reading],
 ) -> PlannedRoute | PairedRoutes:
     """Find a route between two points.
@@ -304,6 +317,10 @@ def route(
         descent: upper bound of the repulsion; 1e5 by default.
     footprint, robot : Footprint, RobotParameters, optional
         The robot's shape and own parameters, for the costs of a map.
+    robot_radius : float, optional
+        Radius of a round robot, metres, instead of a footprint.
+    mask : path or grid, optional
+        Keepout mask over the costs, as for `apply_keepout_mask`.
     **reading
         As for `read_map`; dialect, max_cells and max_memory apply to a file.
 
@@ -332,6 +349,7 @@ def route(
     >>> found.reached, round(found.length, 6)
     (True, 2.414214)
     """
+    footprint = shape_of(footprint, robot_radius)
     gains = _given(
         attractive_gain=attractive_gain, repulsive_gain=repulsive_gain, repulsive_cap=repulsive_cap
     )
@@ -355,7 +373,7 @@ def route(
         inputs.need_ending(".jsonl")
         chunks, pairs_in = inputs.text_in(pairs)
         files = [pairs_in] if isinstance(pairs_in, Path) else []
-        one, costs = _costs_of(map, footprint, robot, files, _PER_CELL_OF_PAIRS, reading)
+        one, costs = _costs_of(map, footprint, robot, mask, files, _PER_CELL_OF_PAIRS, reading)
         with inputs.errors_named(one.name):
             terrain = routes.Terrain.of(costs, **weights)
             searches = {way: _search_by(way, terrain, **of_field) for way in ways}
@@ -373,7 +391,7 @@ def route(
         raise ParameterError("applies to heuristic field alone", place="heuristic_weight")
     inputs.need_ending(".json")
     per_cell = _PER_CELL[method] + _OF_HEURISTIC * bool(of_field.get("heuristic_weight"))
-    one, costs = _costs_of(map, footprint, robot, [], per_cell, reading)
+    one, costs = _costs_of(map, footprint, robot, mask, [], per_cell, reading)
     with inputs.errors_named(one.name):
         if method == "astar":
             found = routes.shortest_route(costs, start, goal, **weights, **of_field)
@@ -401,18 +419,19 @@ def _search_by(
 
 def _costs_of(
     map: inputs.Map,  # noqa: A002 - as the command calls it
-    footprint: Footprint | None, robot: RobotParameters | None, files: Sequence[Path],
-    per_cell: float, reading: inputs.Reading,
+    footprint: Footprint | None, robot: RobotParameters | None, mask: inputs.Map | None,
+    files: Sequence[Path], per_cell: float, reading: inputs.Reading,
 ) -> tuple[inputs.MapInput, Costmap]:  # fmt: skip
     """Return a map and its costs: those in the file, the robot's, or the recipe ``nav2``'s."""
-    also = [*(robot.paths if robot else ()), *files]
+    over = inputs.mask_of(mask, inputs.settings_of(**reading))
+    also = [*(robot.paths if robot else ()), *files, *(over.files if over else ())]
     (one,) = inputs.opened(map, names=("map",), also=also, **reading)
     inputs.claim_cells(one, per_cell, **reading)
     grid = one.grid
     if isinstance(grid, Costmap):
         rule = "applies to maps: these costs are already computed"
         inputs.refuse(rule, robot=robot, footprint=footprint)
-        return one, grid
+        return one, grid if over is None else over.over(grid)
     inputs.warn_of_published_costs(one)
     inputs.warn_of_potential(one)
     with inputs.errors_named(one.name):
@@ -422,7 +441,8 @@ def _costs_of(
         if not isinstance(grid, Costmap):
             raise TypeError("the recipe of routes must end in costs")
         shape = planned_shape(robot) if footprint is None and robot is not None else footprint
-        return one, grid if shape is None else _closed_to(shape, grid, obstacles=robot is None)
+        costs = grid if shape is None else _closed_to(shape, grid, obstacles=robot is None)
+        return one, costs if over is None else over.over(costs)
 
 
 def _closed_to(robot: Footprint, costs: Costmap, *, obstacles: bool) -> Costmap:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
 from mapdeal.command import AT_LEAST_1, Output, Words, command, parameters_of, unknown_name
+from mapdeal.compatibility import Unpack
 from mapdeal.errors import (
     FindingError,
     MapdealError,
@@ -30,7 +31,14 @@ from mapdeal.pipeline import batch
 from mapdeal.pipeline import recipe as recipes
 from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden
 from mapdeal.pipeline.inputs import Reading, Terminal, Work, refuse
-from mapdeal.pipeline.run import LOCAL_RECIPE, RunReport, around_in, output_folder, run_map
+from mapdeal.pipeline.run import (
+    LOCAL_RECIPE,
+    RunReport,
+    around_in,
+    check_mask,
+    output_folder,
+    run_map,
+)
 from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.ros.robot import RobotParameters
 
@@ -41,24 +49,34 @@ _LOCAL_SET = "--local-set"
 _OF_LOCAL = f"{LOCAL_RECIPE}."
 
 
+File = str | PathLike[str]
+
+
+@overload
+def run(path: File, output: File, *more: Any, **options: Any) -> RunReport: ...
+@overload
 def run(
-    path: str | PathLike[str], output: str | PathLike[str],
+    path: list[File] | tuple[File, ...], output: File, *more: Any, **options: Any
+) -> list[RunReport]: ...
+def run(
+    path: File | list[File] | tuple[File, ...], output: str | PathLike[str],
     recipe: recipes.RecipeLike = recipes.DEFAULT,
     changes: Mapping[str, object] | Sequence[str] | None = None, *,
     footprint: Footprint | None = None, sim: bool = False, canvas: Canvas = "crop",
     images: bool = True, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = DEFAULT_EXTENT, force: bool = False, strict: bool = False,
-    threads: int | None = None, **reading: Unpack[Reading],
-) -> RunReport:  # fmt: skip
+    threads: int | None = None, mask: File | None = None, robot_radius: float | None = None,
+    **reading: Unpack[Reading],
+) -> RunReport | list[RunReport]:  # fmt: skip
     """Run a recipe on a map and write the results to a folder, like ``mapdeal run MAP -o DIR``.
 
     Parameters
     ----------
-    path : path or str
+    path : path or str, or a sequence of them
         A map_server ``.yaml``, a ``.pbm`` with its ``.yaml`` next to it, or an ``.npz``.
     output : path or str
         Output folder; the results are written to a subfolder named after the map.
-    recipe, changes, footprint, sim
+    recipe, changes, footprint, sim, robot_radius
         As for `load_recipe`.
     canvas : {'crop', 'full'}
         Extent of the outputs: the cells that the stages computed, or the full map extent.
@@ -72,6 +90,8 @@ def run(
         Whether to turn warnings into an error before anything is written.
     threads : int, optional
         Number of threads to compute and write with; by default one per core.
+    mask : path or str, optional
+        Keepout mask, a map, over the costs, as for `apply_keepout_mask`.
     **reading
         As for `read_map`: dialect and max_cells. With max_memory, bytes, a map that needs more is
         processed in blocks of rows, with the same result, or refused; by default it is half of the
@@ -79,8 +99,9 @@ def run(
 
     Returns
     -------
-    RunReport
-        Output folder, whether the outputs were already up to date, and the figures of each stage.
+    RunReport, or a list of them
+        Output folder, whether the outputs were already up to date, and the figures of each stage;
+        of a sequence of maps one each.
 
     Raises
     ------
@@ -102,16 +123,29 @@ def run(
     -----
     Outputs appear together, the manifest last; after an error nothing has changed.
     """
+    if isinstance(path, list | tuple):
+        more: Any = {
+            "footprint": footprint, "sim": sim, "canvas": canvas, "images": images, "mask": mask,
+            "image_max": image_max, "image_extent": image_extent, "force": force,
+            "strict": strict, "threads": threads, "robot_radius": robot_radius,
+        }  # fmt: skip
+        if len({Path(one).stem for one in path}) < len(path):
+            raise ParameterError("must have different names", place="path")
+        return [run(one, output, recipe, changes, **more, **reading) for one in path]
     if not isinstance(path, str | PathLike):
         hint = "apply_recipe takes a grid, write_map writes it to a file"
         raise ParameterError("takes the path of a map", place="run", got=path, hint=hint)
     source = Path(path)
     settings = Settings(
         force=force, strict=strict, threads=threads, images=images, image_max=image_max,
-        image_extent=image_extent, canvas=canvas, **reading,
+        image_extent=image_extent, canvas=canvas, mask=None if mask is None else Path(mask),
+        **reading,
     )  # fmt: skip
     with strict_warnings(strict, source):
-        loaded = recipes.load_recipe(recipe, changes, footprint=footprint, sim=sim)
+        loaded = recipes.load_recipe(
+            recipe, changes, footprint=footprint, sim=sim, robot_radius=robot_radius
+        )
+        check_mask(loaded, mask)
         if not loaded.is_smaller:
             settings = replace(settings, canvas="crop")  # the same, as manifests tell it
         return run_map(source, Path(output) / source.stem, loaded, settings)
@@ -121,8 +155,8 @@ def run(
     name="run",
     group="Maps, distance fields, costmaps",
     output=Output("DIR", "Output folder, with a subfolder for each map.", streams=False),
-    shared=("robot", "image_max", "image_extent", "no_images", "dialect", "max_cells", "force",
-            "threads", "max_memory"),
+    shared=("robot", "mask", "image_max", "image_extent", "no_images", "dialect", "resolution",
+            "origin", "max_cells", "force", "threads", "max_memory"),
     texts={
         "threads": "Threads of each job.  [default: all cores, shared between jobs]",
         "max_memory": "Memory for each job, such as 4G or 500M; maps that need more are "
@@ -217,7 +251,7 @@ def run_maps(
     jobs : int, optional
         Number of maps to run at the same time, each in a process. [default: the cores]
     scheduler : str, optional
-        Have the workers of this dask scheduler run the maps. [needs mapdeal[cluster]]
+        Have the workers of this dask scheduler run the maps. [needs the package distributed]
     report : bool
         Write a page of all that was made, too: DIR/report.html.
     dry_run : bool
@@ -238,6 +272,7 @@ def run_maps(
                 "is not a parameter of a stage", source=recipes.SET, got=text, hint=hint
             )
     loaded = recipes.load_recipe(recipe, changes, footprint=footprint, sim=sim, robot=robot)
+    check_mask(loaded, work.settings.mask)
     for step in loaded.steps:
         terminal.detail(step_line(step))
     if canvas == "full" and not loaded.is_smaller:
@@ -269,6 +304,10 @@ def run_maps(
     size = None
     if scheduler is not None:
         all_jobs = [replace(job, path=absolute_path(job.path)) for job in all_jobs]
+        if settings.mask is not None:
+            map_run = replace(
+                map_run, settings=replace(settings, mask=absolute_path(settings.mask))
+            )
     else:
         size = batch.jobs_at_once(jobs, len(all_jobs), terminal)
         map_run = map_run.sharing(size)
@@ -289,6 +328,7 @@ def run_maps(
         plans.check()  # ends as the run would, as far as that is known
         return
     workers: batch.Workers | None = None
+    is_made = True
     with ExitStack() as stack:
         if scheduler is not None:
             from mapdeal.pipeline.workers import ClusterWorkers, connected, shared_folders
@@ -314,17 +354,31 @@ def run_maps(
             terminal.summary(done.lines())
             done.check()
         else:
-            terminal.summary(_run_one(all_jobs[0], map_run, workers, work).lines())
+            done_alone = _run_one(all_jobs[0], map_run, workers, work)
+            terminal.summary(done_alone.lines())
+            is_made = done_alone.status == "done"
             if robot is not None and workers is None and terminal.is_verbose():
                 from mapdeal.pipeline.run import queue_lines  # few ask
 
                 for line in queue_lines(all_jobs[0].path, loaded.steps, settings):
                     terminal.detail(line)
+    if is_made and recipe is None and footprint is None and robot is None:
+        terminal.summary(_assumed(loaded, changes or []))
     runs = [(job.folder, job.place) for job in all_jobs]
     if around is not None:
         runs += [(around_in(folder), f"{place}/{LOCAL_RECIPE}") for folder, place in runs]
     if golden is not None:
         _compare_with_golden(runs, golden, terminal, update=update_golden)
+
+
+def _assumed(recipe: recipes.Recipe, changes: Sequence[str]) -> Iterator[str]:
+    """Yield which robot a recipe is for if nobody has named one."""
+    radii = [step.parameters["radius"] for step in recipe.steps if step.name == "inflate"]
+    if radii and not any(text.strip().startswith("inflate.") for text in changes):
+        yield (
+            f"no robot is given: walls are inflated by {radii[0]:g} m; --params-file FILE, "
+            "--robot-radius R or --recipe nav2 makes the costmap of a robot"
+        )
 
 
 def _around(

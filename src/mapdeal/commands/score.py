@@ -7,15 +7,16 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, Unpack
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from mapdeal.command import Result, Words, command, is_plain
+from mapdeal.commands import two_maps
 from mapdeal.compare import bounds as score_bounds
 from mapdeal.compare import score as scoring
-from mapdeal.compare.align import bytes_to_align, placed
-from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
+from mapdeal.compatibility import Unpack
+from mapdeal.errors import ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import SCORE_FORMAT
 from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.values import FREE, OCCUPIED, count_text
@@ -23,7 +24,7 @@ from mapdeal.kernels.lookup import histogram
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import ScoredWalls, score_image
 from mapdeal.pipeline import inputs
-from mapdeal.sensors.points import TransformFile, read_transform, transform_document
+from mapdeal.sensors.points import transform_document
 
 Way = Literal["frames", "transform", "align"]
 """How the maps were placed: by their files, by a transform, or by aligning them."""
@@ -300,9 +301,7 @@ def score(
         if truth is None and value is not None:
             raise ParameterError("needs --truth, a map to compare with", place=name)
     limits = score_bounds.checked_bounds(minimum or {}, maximum or {}, with_truth=truth is not None)
-    move: TransformFile | Transform | None
-    files = [Path(transform)] if isinstance(transform, str | PathLike) else []
-    move = read_transform(files[0]) if files else inputs.transform_of(transform, place="transform")
+    told, files = two_maps.given_transform(transform, place="transform")
     given = {"the map": map} if truth is None else {"the map": map, "the truth": truth}
     maps = inputs.opened(*given.values(), names=list(given), also=files, **reading)
     _claim(maps, reading, aligns=align)
@@ -314,12 +313,14 @@ def score(
             if not values["wall_cells"]:
                 emit_warning(f"{maps[0].name}: has no occupied cells", stacklevel=2)
             return Score(values, score_bounds.judged(limits, values), estimate.frame, tuple(maps))
-        way: Way = "align" if align else "frames" if move is None else "transform"
-        if isinstance(move, TransformFile):
-            move = _transform_in(move, files[0], maps)
+        way: Way = "align" if align else "frames" if told is None else "transform"
+        move = Transform()
+        if told is not None:
+            move = two_maps.transform_in(told, files, maps)
         elif align:
-            move = _aligned(maps)
-        move = move or Transform()
+            move = two_maps.aligned(maps, hint="--transform uses a transform as it is")
+        else:
+            two_maps.warn_of_frames(maps, "--align compares them so")
         found = scoring.compare_to_truth(estimate, others[0], move)
         _warn_of(found, maps)
     bounds = score_bounds.judged(limits, found.values)
@@ -336,32 +337,9 @@ def _claim(maps: Sequence[inputs.MapInput], reading: inputs.Reading, *, aligns: 
         needed = scoring.bytes_to_compare(shape, walls)
         of_picture = scoring.bytes_to_compare(shape, walls, is_drawn=True)
     if aligns:
-        needed = max(needed, bytes_to_align([math.prod(grid.shape) for grid in grids]))
+        needed = max(needed, two_maps.bytes_to_place(maps))
     what = f"{shape[1]} x {shape[0]} cells"
     inputs.claim_for(maps, needed, what, of_picture=of_picture, **reading)
-
-
-def _transform_in(told: TransformFile, file: Path, maps: Sequence[inputs.MapInput]) -> Transform:
-    """Return the transform of a file, turned round if it goes the other way between two files."""
-    ends = [set(sums.values()) for sums in (told.first, told.second)]
-    own = [set(one.sums.values()) for one in maps]
-    if not all(ends) or any(one.path is None for one in maps) or ends == own:
-        return told.transform
-    is_other_way = ends == own[::-1]
-    what = "is between other maps: the checksums are not those of these two"
-    if is_other_way:
-        what = "leads from the truth to the map; its inverse is used"
-    emit_warning(f"{file}: {what}", stacklevel=3)
-    return told.transform.inverse() if is_other_way else told.transform
-
-
-def _aligned(maps: Sequence[inputs.MapInput]) -> Transform:
-    found = placed(maps[0].occupancy, maps[1].occupancy)
-    if not found.same_place:
-        rule = f"cannot be aligned to {maps[1].name} with certainty: {found.reason}"
-        hint = "--transform uses a transform as it is"
-        raise FindingError(rule, source=maps[0].name, hint=hint)
-    return found.transform
 
 
 def _warn_of_values(maps: Sequence[inputs.MapInput]) -> None:

@@ -26,31 +26,31 @@ _OF_CONFUSION = {
     "tp": (COUNT, "occupied in both"),
     "tn": (COUNT, "in neither"),
     "fp": (COUNT, "in the map alone"),
-    "fn": (COUNT, "in the truth alone"),
+    "fn": (COUNT, "in the true map alone"),
 }
 _OF_THICKNESS = {name: _OF_DISTANCES[name] for name in ("mean", "median", "p95")} | {
     "max": (METRES, "thickest")
 }
 
 DISTANCES: dict[str, str] = {
-    "dist_est_to_truth_m": "walls of the map to those of the truth",
-    "dist_est_to_truth_where_truth_known_m": "... where the truth is known",
-    "dist_truth_to_est_m": "walls of the truth to those of the map",
+    "dist_est_to_truth_m": "from walls of the map to true walls",
+    "dist_est_to_truth_where_truth_known_m": "... where the true map is known",
+    "dist_truth_to_est_m": "from true walls to walls of the map",
     "dist_truth_to_est_where_est_known_m": "... where the map is known",
 }
 """Groups of figures of distances, in the order in which they are printed."""
 
 CONFUSIONS: dict[str, str] = {
     "confusion_known_in_both": "cells that are known in both",
-    "confusion_whole_lattice": "all cells of the truth",
+    "confusion_whole_lattice": "all cells of the true map",
 }
 
 AGAINST_TRUTH: dict[str, tuple[str, str]] = {
-    "coverage": (SHARE, "known area of the truth that the map knows"),
-    "coverage_free": (SHARE, "free area of the truth that the map knows"),
+    "coverage": (SHARE, "known area of the true map that the map knows"),
+    "coverage_free": (SHARE, "free area of the true map that the map knows"),
     "known_in_both": (COUNT, "cells known in both"),
-    "precision_occupied_known_in_both": (SHARE, "wall cells of the map that the truth has"),
-    "recall_occupied_known_in_both": (SHARE, "wall cells of the truth that the map has"),
+    "precision_occupied_known_in_both": (SHARE, "wall cells of the map that the true map has"),
+    "recall_occupied_known_in_both": (SHARE, "wall cells of the true map that the map has"),
     "iou_occupied": (SHARE, "wall cells: in both, of those in either"),
     "iou_free": (SHARE, "free cells: in both, of those in either"),
     "mcc_known_in_both": (NUMBER, "correlation of walls (MCC), where both are known"),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
+from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.distance import within_distance
 
 STATES = ("occupied", "free", "unknown", "between")
@@ -80,6 +81,33 @@ class Bound:
         return self.found <= self.allowed * (1 + _ROUNDING)  # never true of nan
 
 
+@dataclass(frozen=True)
+class Change:
+    """Cells that touch, obstacles in one of two maps alone.
+
+    Parameters
+    ----------
+    kind : {'added', 'removed'}
+        Whether the second map has them, or the first.
+    area : float
+        Their area, square metres.
+    x, y : float
+        Centre of that of the cells which is nearest to their middle, metres.
+    cells : numpy.ndarray of int64, shape (N, 2)
+        Row and column of each.
+    """
+
+    kind: Literal["added", "removed"]
+    area: float
+    x: float
+    y: float
+    cells: NDArray[np.int64] = field(repr=False, compare=False)
+
+    @property
+    def place(self) -> str:
+        return f"{self.area:.3g} m2 at {self.x + 0.0:.6g},{self.y + 0.0:.6g}"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Difference:
     """Differences between two maps, as `mapdeal.DiffReport` describes them."""
@@ -96,6 +124,26 @@ class Difference:
     tolerance: float
     frame: Frame
     changes: NDArray[np.uint8]
+    beyond: NDArray[np.bool_]
+
+    def largest_changes(self, most: int) -> tuple[list[Change], int]:
+        """Return the largest groups of obstacles that one map alone has, and how many more are."""
+        # Within the tolerance there are none.
+        found, count = [], 0
+        kinds: tuple[tuple[int, Literal["added", "removed"]], ...]
+        kinds = (ADDED, "added"), (REMOVED, "removed")
+        for kind, name in kinds:
+            cells, groups = touching_groups((self.changes == kind) & self.beyond)
+            sizes = np.bincount(groups)
+            count += len(sizes)
+            for group in np.argsort(-sizes, kind="stable")[:most].tolist():
+                own = cells[groups == group]
+                away = np.square(own - own.mean(axis=0)).sum(axis=1)
+                x, y = self.frame.xy_from_rowcol([own[int(np.argmin(away))].tolist()])[0].tolist()
+                area = int(sizes[group]) * self.frame.resolution**2
+                found.append(Change(name, area, x, y, own))
+        found = sorted(found, key=lambda one: -one.area)[:most]
+        return found, count - len(found)
 
     @property
     def is_equal(self) -> bool:
@@ -168,6 +216,7 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
         tolerance=tolerance,
         frame=frame,
         changes=changes_of(state_a, state_b, both),
+        beyond=beyond,
     )
 
 

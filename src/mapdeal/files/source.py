@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
+from mapdeal.compatibility import file_digest
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
 
 YAML, BIT_MAP = (".yaml", ".yml"), ".pbm"
@@ -257,7 +258,7 @@ def joined(chunks: Iterable[bytes], *, limit: int, source: Path | str) -> bytes:
 def sha256_of(path: Path) -> str:
     check_readable(path)
     with access_to(path), path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        return file_digest(file, "sha256").hexdigest()
 
 
 def holds(path: Path, sha256: str) -> bool:

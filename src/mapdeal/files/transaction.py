@@ -21,6 +21,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from mapdeal.compatibility import file_digest
 from mapdeal.errors import FileAccessError, ParameterError, refuse_warnings
 from mapdeal.files.source import holds, is_same_file, real_path
 from mapdeal.kernels.blocks import Layer, swept
@@ -104,7 +105,7 @@ class Temporary:
         file.seek(0)
         if is_small:  # without the buffer of file_digest, which takes longer than the file
             return hashlib.sha256(file.read()).hexdigest()
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        return file_digest(file, "sha256").hexdigest()
 
     def sync(self) -> None:
         if self._file is not None:
@@ -246,6 +247,21 @@ def folder_for_sockets() -> Path:
     return Path(tempfile.gettempdir())
 
 
+def lasting_folder() -> Path:
+    """Return a new private folder among temporary files, which stays."""
+    import tempfile
+
+    try:
+        return Path(tempfile.mkdtemp(prefix="mapdeal-"))
+    except OSError as error:
+        raise _no_folder(error) from None
+
+
+def _no_folder(error: OSError) -> FileAccessError:
+    rule = f"no temporary folder can be made: {error.strerror or error}"
+    return FileAccessError(rule, hint="TMPDIR names where")
+
+
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
     """Yield a private folder in the system's folder for temporary files, removed at the end."""
@@ -257,8 +273,7 @@ def temporary_folder() -> Iterator[Path]:
             remove = partial(shutil.rmtree, folder, ignore_errors=True)
             atexit.register(remove)
     except OSError as error:
-        rule = f"no temporary folder can be made: {error.strerror or error}"
-        raise FileAccessError(rule, hint="TMPDIR names where") from None
+        raise _no_folder(error) from None
     try:
         yield Path(folder)
     finally:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Self, TypeVar, cast
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mapdeal.compatibility import Self
 from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.grid.frame import Figures, Framed, Origin, Point, ValueGrid, as_layer, region_of
 from mapdeal.grid.occupancy import OccupancyGrid

@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Literal, Self, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.compatibility import Self
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Figures, Frame, Framed, Region, ValueGrid
 from mapdeal.grid.occupancy import OccupancyGrid

@@ -386,3 +386,12 @@ def sample_poses(
         places,
         filled=rule == "full",
     )
+
+
+def shape_of(footprint: Footprint | None, robot_radius: float | None) -> Footprint | None:
+    """Return a robot's shape that is given either way."""
+    if robot_radius is None:
+        return footprint
+    if footprint is not None:
+        raise ParameterError("cannot be given together with a footprint", place="robot_radius")
+    return Footprint.circle(robot_radius)

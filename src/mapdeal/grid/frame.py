@@ -7,11 +7,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Self, cast
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mapdeal.compatibility import Self
 from mapdeal.errors import ParameterError
 from mapdeal.grid.values import MOST_COUNTED, Drawn, OneLine, OverlayType, numbers_text
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy

@@ -188,6 +188,8 @@ class Ground:
     occupancy: NDArray[np.int8]
     frame: Frame
     through_unknown: bool
+    keepout: NDArray[np.bool_] | None = None
+    """Cells that the robot's centre must not enter; they are no obstacles to its shape."""
 
     @property
     def obstacles(self) -> NDArray[np.bool_]:
@@ -198,6 +200,14 @@ class Ground:
     @property
     def blocked(self) -> NDArray[np.bool_]:
         """Mask of cells that no way leads through, computed on each access."""
+        blocked = self.untouchable
+        if self.keepout is not None:
+            blocked |= self.keepout
+        return blocked
+
+    @property
+    def untouchable(self) -> NDArray[np.bool_]:
+        """Mask of cells that no part of the robot may touch, computed on each access."""
         blocked = self.obstacles
         if not self.through_unknown:
             for_rows(
@@ -610,7 +620,7 @@ def _stood(
         if start is None:
             widest = _widest_place(ground, ground.ways(), closed_up_to)
         footprints = footprint_spans(robot, ground.frame, heading_count)
-        poses = ConfigurationSpace(ground.blocked, footprints)
+        poses = ConfigurationSpace(ground.untouchable, footprints, closed=ground.keepout)
     if not poses.headings.any():
         raise MalformedInputError(f"no cell is open to {robot_text(robot)}")
     if first is None or start is None:
@@ -671,6 +681,8 @@ def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | Non
         return "outside of the map"
     if ground.occupancy[cell] == OCCUPIED:
         return "an obstacle"
+    if ground.keepout is not None and ground.keepout[cell]:
+        return "in a keepout area"
     if robot is not None and robot.vertices:
         return "too narrow for the robot in every heading"
     if ground.occupancy[cell] == UNKNOWN and not ground.through_unknown:

@@ -211,7 +211,7 @@ def _kind_of_image(path: Path, head: bytes) -> FileKind | None:
         return {"pixels": f"{width} x {height}"}
 
     beside = [p for p in map(path.with_suffix, YAML) if p != path and exists(p)]
-    use = "a map also needs a .yaml with its resolution and origin; pass that"
+    use = "a map also needs a .yaml with its resolution and origin; pass that, or --resolution R"
     if beside:
         use = f"pass the map: {str(beside[0]).replace('{', '{{').replace('}', '}}')}"
     return FileKind(IMAGE, f"an image ({image.name})", use, figures)

@@ -200,9 +200,12 @@ _FEWEST_WAITING = 1024
 class OpenPoses:
     """A bit for each heading of each cell; a word is 64 cells of a row."""
 
-    def __init__(self, blocked: Layer, footprints: Sequence[Spans]) -> None:
+    def __init__(
+        self, blocked: Layer, footprints: Sequence[Spans], closed: Mask | None = None
+    ) -> None:
         self.shape = blocked.shape
         self._count = len(footprints)
+        self._closed = closed
         self._maker = _maker(_packed(blocked), self.shape, footprints)
         self.headings = np.empty(self.shape, dtype=np.uint8)
         self._planes: Words | None = self._made(self.headings)
@@ -234,6 +237,13 @@ class OpenPoses:
             self._maker.make(rows.start, rows.stop, planes, numbers)
 
         for_rows(make, (height, width * self._count), _BAND_ROWS)
+        if self._closed is not None:
+            bits = np.zeros((height, planes.shape[1] * _WORD), dtype=np.bool_)
+            bits[:, :width] = self._closed
+            words = np.packbits(bits, axis=1, bitorder="little").view("<u8")
+            planes &= ~words[:, :, np.newaxis]
+            if numbers is not None:
+                numbers[self._closed] = 0
         return planes
 
 

@@ -245,14 +245,17 @@ class ConfigurationSpace:
     # Of each pose there is one bit, in one plane a heading. Poses that are reached are taken out of
     # the planes, so that there is no second set of them; who asks again has them made again.
 
-    def __init__(self, blocked: Layer, footprints: Sequence[Spans]) -> None:
+    def __init__(
+        self, blocked: Layer, footprints: Sequence[Spans], *, closed: Mask | None = None
+    ) -> None:
+        # in `closed` cells no pose has its centre
         if not 1 <= len(footprints) <= MOST_HEADINGS:
             raise ValueError(f"there must be 1 to {MOST_HEADINGS} headings")
         if not all(len(spans.rows) and (spans.starts < spans.stops).all() for spans in footprints):
             raise ValueError("a footprint without cells, or with an empty run")
         self.shape = blocked.shape
         self._count = len(footprints)
-        self._poses = _engine().OpenPoses(blocked, footprints)
+        self._poses = _engine().OpenPoses(blocked, footprints, closed)
         self.headings: Bytes = self._poses.headings
         """In how many headings each cell is open, shape (H, W)."""
 

@@ -208,10 +208,15 @@ def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: in
 class OpenPoses:
     """A plane of bits for each heading."""
 
-    def __init__(self, blocked: Layer, footprints: Sequence[Spans]) -> None:
+    def __init__(
+        self, blocked: Layer, footprints: Sequence[Spans], closed: Mask | None = None
+    ) -> None:
         self.shape = blocked.shape
         dilations = _Dilations(np.asarray(blocked))
-        self._planes = [np.packbits(dilations.open_cells(spans), axis=1) for spans in footprints]
+        closed = np.zeros(self.shape, dtype=np.bool_) if closed is None else closed
+        self._planes = [
+            np.packbits(dilations.open_cells(spans) & ~closed, axis=1) for spans in footprints
+        ]
         self._all = range(len(footprints))
         self.headings = np.zeros(self.shape, dtype=np.uint8)
         for k in self._all:

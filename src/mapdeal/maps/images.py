@@ -499,7 +499,8 @@ class PillowImage(OpenImage):
         width = self.width
 
         def rows_at(first: int, end: int) -> Picture:  # copied out of Pillow's memory
-            rows = image.crop((0, first, width, end))
+            with damage_refused(path):  # Pillow 12 looks at its limit here, too
+                rows = image.crop((0, first, width, end))
             return _picture_of(rows, name=name, raw_mode=raw_mode, info=info, path=path)
 
         return strips_at_places((self.height, width), 4 * width, rows_at)

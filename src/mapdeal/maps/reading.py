@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -32,7 +33,7 @@ from mapdeal.files.source import (
 from mapdeal.files.transaction import Transaction, locked
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, FieldView, PotentialField
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import Frame, Origin
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import check_choice
@@ -73,7 +74,7 @@ class MapFile:
 
     @cached_property
     def _image(self) -> OpenImage:
-        return self._opened.enter_context(open_image(self.files[1], max_cells=self._max_cells))
+        return self._opened.enter_context(open_image(self.files[-1], max_cells=self._max_cells))
 
     @cached_property
     def _rows(self) -> BinaryRows | None:
@@ -153,6 +154,24 @@ class MapFile:
             check_state(path, state)
 
 
+_bare_images: ContextVar[tuple[float, Origin] | None] = ContextVar("bare_images", default=None)
+
+
+@contextmanager
+def bare_images(resolution: float, origin: Origin) -> Iterator[None]:
+    """Read images named in place of a YAML file as maps, with the usual thresholds."""
+    token = _bare_images.set((resolution, origin))
+    try:
+        yield
+    finally:
+        _bare_images.reset(token)
+
+
+def is_bare_image(path: Path) -> bool:
+    """Return whether a file is read as a map for its image alone."""
+    return _bare_images.get() is not None and path.suffix.lower() in IMAGE_SUFFIXES
+
+
 @contextmanager
 def open_map(
     path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
@@ -164,6 +183,12 @@ def open_map(
             yield MapFile({path: state_of(path)}, opened, max_cells=max_cells)
             return
         bits = path if path.suffix.lower() == BIT_MAP else None
+        bare = _bare_images.get()
+        if bits is None and bare is not None and is_bare_image(path):
+            metadata = MapMetadata(path.name, *bare)
+            states = {path: state_of(path)}
+            yield MapFile(states, opened, dialect=dialect, max_cells=max_cells, metadata=metadata)
+            return
         if bits is None:
             _refuse_image(path)
         else:
@@ -191,7 +216,8 @@ def _refuse_image(path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix in IMAGE_SUFFIXES:
         sibling = path.with_suffix(".yaml")
-        hint = f"pass {sibling}" if exists(sibling) else "pass the .yaml that names the image"
+        hint = "pass the .yaml that names the image, or --resolution R, metres"
+        hint = f"pass {sibling}" if exists(sibling) else hint
         status_of(path)
         raise MalformedInputError("looks like an image, not a map's YAML", source=path, hint=hint)
 

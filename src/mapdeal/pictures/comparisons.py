@@ -85,11 +85,11 @@ UNKNOWN, KNOWN_BY_MAP, FREE, UNCOVERED, FOUND, MISSED = range(6)
 _FIRST, _LEVELS = 6, 100
 
 _LABELS = {
-    MISSED: "wall of the truth, none of the map's within 0.1 m",
-    FOUND: "wall of the truth, with one of the map's",
-    UNCOVERED: "known in the truth, unknown in the map",
-    FREE: "free in the truth",
-    KNOWN_BY_MAP: "unknown in the truth, known in the map",
+    MISSED: "true wall, no wall of the map within 0.1 m",
+    FOUND: "true wall, with a wall of the map",
+    UNCOVERED: "known in the true map alone",
+    FREE: "free in the true map",
+    KNOWN_BY_MAP: "known in the map alone",
     UNKNOWN: "unknown in both",
 }
 _COLOURS = [
@@ -218,14 +218,14 @@ def _bars(
         if is_last or (k % every == 0 and start + widths[k] <= last_free):
             pen.label(start, bottom + int(0.9 * size), names[k])
     pen.sheet[bottom, left - size // 3 : left + bar * len(bins)] = GREY
-    pen.label(left, bottom + int(2.4 * size), "distance to the nearest wall of the truth [m]")
+    pen.label(left, bottom + int(2.4 * size), "distance to the nearest true wall [m]")
 
 
 def _summary(walls: ScoredWalls) -> str:
     if not len(walls.distances):
         return "The map has no walls here."
     if not np.isfinite(walls.distances[0]):
-        return "The truth has no walls."
+        return "The true map has no walls."
     mean, median = float(walls.distances.mean()), float(np.median(walls.distances))
     text = f"{len(walls.distances)} wall cells of the map: mean {mean:.3g} m, median {median:.3g} m"
     if len(walls.missed):

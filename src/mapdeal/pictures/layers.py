@@ -6,11 +6,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypedDict, Unpack, cast
+from typing import Any, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.compatibility import Unpack
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.frame import Framed

@@ -136,7 +136,7 @@ def read_map_from_bag(
         If the bag is damaged; the intact part is read.
     """
     settings = Settings(max_memory=max_memory)
-    with settings.memory(), grid_topic(Path(path), topic, read_as=read_as) as found:
+    with settings.reading(), grid_topic(Path(path), topic, read_as=read_as) as found:
         return found.read(index).grid
 
 

@@ -105,7 +105,7 @@ class MapRun:
 
     def __call__(self, job: Job) -> RunReport:
         settings = replace(self.settings, force=self.settings.force or job.is_new)
-        with settings.memory(anew=True), strict_warnings(settings.strict, job.path):
+        with settings.reading(anew=True), strict_warnings(settings.strict, job.path):
             return run_map(job.path, job.folder, self.recipe, settings, self.around)
 
 

@@ -487,6 +487,8 @@ class Product:
     step: Step
     grid: Grid
     figures: Figures = field(default_factory=dict)
+    mask: str | None = None  # the name of a keepout mask that has been laid over it
+    overlay: Overlay | None = None
 
 
 @dataclass(frozen=True)
@@ -497,6 +499,7 @@ class OutputFolder:
     options: Mapping[str, Any]
     settings: Settings
     robot: Mapping[str, Any] | None = None
+    mask: Mapping[str, str] | None = None
     shows_input: bool = False
 
     def existing(self) -> list[Path]:
@@ -514,7 +517,7 @@ class OutputFolder:
         old = self._stored()
         if any(old.get(key) != value for key, value in self._manifest().items()):
             return None
-        if self.robot is None and "robot" in old:
+        if any(key in old and key not in self._manifest() for key in ("robot", "mask")):
             return None
         outputs, figures = old.get("outputs"), old.get("figures")
         wanted = {path.name for path in self.outputs()} - {MANIFEST}
@@ -571,10 +574,10 @@ class OutputFolder:
                 texts.append(f"{filling.subject}: {remark}")
                 emit_warning(texts[-1], stacklevel=2)
             overlays = robot_overlays(step, filling.robot)
-            if filling.overlay is not None:
-                overlays.insert(0, filling.overlay)
+            overlays[:0] = [one for one in (filling.overlay, product.overlay) if one is not None]
             overlay = together(overlays)
             title = f"{filling.stem}: {step.title}"
+            title += f", with {product.mask}" if product.mask is not None else ""
             with one_pass(transaction, grid) as asked:
                 for path in self._outputs_of(step):
                     if path.suffix == PICTURE:
@@ -605,6 +608,7 @@ class OutputFolder:
             "inputs": dict(self.inputs),
             "options": dict(self.options),
             **({} if self.robot is None else {"robot": dict(self.robot)}),
+            **({} if self.mask is None else {"mask": dict(self.mask)}),
             "stages": [step.described() for step in self.steps],
         }
 

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol, TypedDict, Unpack
+from typing import Any, Protocol, TypedDict
 
 import numpy as np
 
 from mapdeal.command import is_plain
+from mapdeal.compatibility import Unpack
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning, one_line
 from mapdeal.files.source import (
     chunks_of,
@@ -26,6 +27,7 @@ from mapdeal.files.source import (
 )
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import FieldGrid
+from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import FieldView, PotentialField
 from mapdeal.grid.frame import Frame, Framed, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -39,6 +41,7 @@ from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import MapFile, Source, as_occupancy, open_map
 from mapdeal.pipeline.settings import Canvas, ProgressCallback, Settings
 from mapdeal.pipeline.step import Step
+from mapdeal.stages.cost import apply_keepout_mask
 
 _PER_PIXEL = 10  # bytes that pictures take while they are drawn, two at the same time
 _ON_CANVAS = 0.75
@@ -101,7 +104,7 @@ def opened_map(
 ) -> Iterator[Source]:  # fmt: skip
     """Open a map to which stages are to be applied: in memory if it fits, else block by block."""
     with ExitStack() as stack:
-        stack.enter_context(settings.memory())
+        stack.enter_context(settings.reading())
         with sums_of_reads(is_wanted=with_sums) as sums:
             file = stack.enter_context(
                 open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
@@ -279,7 +282,7 @@ def read_input(
 ) -> Source:
     """Return the grid in a file, unless what is done with each cell takes too much memory."""
     with (
-        settings.memory(),
+        settings.reading(),
         use_threads(settings.threads),
         sums_of_reads(is_wanted=with_sums) as sums,
         open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
@@ -294,7 +297,7 @@ def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
     """Return the grids in files with checksums, each counted while the next is read."""
     sources: list[Source] = []
     with ExitStack() as stack:
-        stack.enter_context(settings.memory())
+        stack.enter_context(settings.reading())
         for path in paths:
             sources.append(read_input(path, settings, with_sums=True))
             stack.enter_context(holding(bytes_of(sources[-1].grid)))
@@ -303,7 +306,7 @@ def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
 
 def frame_of_file(path: Path, settings: Settings) -> tuple[Frame, tuple[Path, ...]]:
     """Return where the grid in a file lies, and the files whose headers were read for it."""
-    with settings.memory(), open_map(path, max_cells=settings.max_cells) as file:
+    with settings.reading(), open_map(path, max_cells=settings.max_cells) as file:
         return file.frame(), file.files
 
 
@@ -433,6 +436,39 @@ def opened(
     return found
 
 
+def sums_of(path: Path, settings: Settings) -> dict[str, str]:
+    """Return the checksums of a map's files, by their names."""
+    with settings.reading(), open_map(path, max_cells=settings.max_cells) as file:
+        return file.sums_by_name({})
+
+
+@dataclass(frozen=True, eq=False)
+class KeepoutMask:
+    """A keepout mask, and its files and their checksums."""
+
+    grid: OccupancyGrid
+    path: Path | str = "the mask"
+    files: tuple[Path, ...] = ()
+    sums: Mapping[str, str] = field(default_factory=dict)
+
+    def over(self, costs: Costmap) -> Costmap:
+        with errors_named(self.path):
+            return apply_keepout_mask(costs, self.grid)
+
+
+def mask_of(given: Map | None, settings: Settings, *beside: Framed) -> KeepoutMask | None:
+    """Return a keepout mask that is given as a file or as a grid, read beside other grids."""
+    if given is None:
+        return None
+    if not isinstance(given, str | PathLike):
+        return KeepoutMask(as_occupancy(given, "the mask"))
+    path = Path(given)
+    held = sum(bytes_of(one) for one in beside if not one.is_lazy)
+    with settings.reading(), holding(held):
+        source = read_input(path, settings, with_sums=True)
+    return KeepoutMask(as_occupancy(source.grid, path), path, source.files, source.sums)
+
+
 def refuse(rule: str, /, **given: object) -> None:
     """Raise ParameterError about the first of some parameters that is given."""
     for name, value in given.items():
@@ -471,7 +507,7 @@ def _numbers_in(given: Any, count: int, rule: str, place: str | None) -> tuple[f
 
 def claim_cells(one: MapInput, per_cell: float, **reading: Unpack[Reading]) -> None:
     """Refuse what is about to be done with each cell of a map, if it takes too much memory."""
-    with settings_of(**reading).memory():
+    with settings_of(**reading).reading():
         claim_work(one.name, one.grid, per_cell)
 
 
@@ -484,7 +520,7 @@ def claim_for(
     if settings.image is not None:
         count = max(count, of_picture)
     held = sum(bytes_of(one.grid) for one in maps)
-    with settings.memory():
+    with settings.reading():
         claim(maps[-1].name, held + count, what=what)
 
 

@@ -177,7 +177,7 @@ def read_global_map(path: Path, settings: Settings) -> GlobalMap:
 
 def make_local(job: LocalJob, common: LocalCommon, *, skip: bool = False) -> RunReport:
     """Make a local map of a cloud, apply the recipe and write everything into a folder."""
-    with common.settings.memory(), holding_map(common.global_map):
+    with common.settings.reading(), holding_map(common.global_map):
         filling = local_filling(job, common)
     return fill(job.source(common), [filling], common.settings, skip=skip)[0]
 
@@ -392,7 +392,7 @@ class RollingRun:
             global_map=None if known is None else known.grid,
             lethal_threshold=common.lethal_threshold,
         )  # fmt: skip
-        with common.settings.memory(), holding_map(known):
+        with common.settings.reading(), holding_map(known):
             source = jobs[0].source(common)
             check_window(source, common)
             most = self._mapper.remembered

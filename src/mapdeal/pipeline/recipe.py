@@ -20,7 +20,7 @@ from mapdeal.files.source import YAML, exists, is_folder
 from mapdeal.files.yaml_text import OF_RECIPES, Entry, parse_value, read_mapping
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import View
-from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint import Footprint, shape_of
 from mapdeal.grid.frame import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OneLine, check_choice
@@ -319,6 +319,7 @@ def load_recipe(
     recipe: RecipeLike | None = DEFAULT,
     changes: Mapping[str, object] | Sequence[str] | None = None, *,
     footprint: Footprint | None = None, sim: bool = False, robot: RobotParameters | None = None,
+    robot_radius: float | None = None,
 ) -> Recipe:  # fmt: skip
     """Load a recipe, apply changes to it, and check all its parameters.
 
@@ -341,6 +342,8 @@ def load_recipe(
     robot : RobotParameters, optional
         Robot whose shape a named recipe takes. Stages that pass nothing on to later ones also read
         the map as the robot's static layer does.
+    robot_radius : float, optional
+        Radius of a round robot, metres, instead of a footprint.
 
     Returns
     -------
@@ -368,6 +371,7 @@ def load_recipe(
     if footprint is not None and not isinstance(footprint, Footprint):
         hint = "Footprint.circle(radius) or Footprint.polygon([(x, y), ...]) makes one"
         raise ParameterError("must be a Footprint", place="footprint", got=footprint, hint=hint)
+    footprint = shape_of(footprint, robot_radius)
     if isinstance(recipe, Recipe):
         if changes or footprint is not None or sim or robot is not None:
             rule = "a recipe that was loaded cannot be changed"
@@ -392,20 +396,43 @@ def load_recipe(
             put_map_rules(draft, robot)
     if sim:
         _adapt_to_sim(draft)
+    steps = _steps_of(draft, name, changes, footprint, robot)
+    for text in _remarks_on(steps):
+        emit_warning(text, stacklevel=2)
+    return Recipe(tuple(steps), robot)
+
+
+def _steps_of(
+    draft: Draft, name: str, changes: object, footprint: Footprint | None,
+    robot: RobotParameters | None, *, source: str | None = "changes",
+) -> list[Step]:  # fmt: skip
     if footprint is not None:
         round_one = None if robot is None or robot.robot_radius is None else robot.inscribed_radius
         seen = footprint if round_one is None else Footprint.circle(round_one)
         _adapt_to_footprint(draft, footprint, seen, name)
-    _apply_changes(draft, changes, name)
+    _apply_changes(draft, changes, name, source)
     steps = []
     for stage, given in draft:
         try:
             steps.append(make_step(stage, given))
         except ParameterError as error:
             raise given.located(error, stage) from None
-    for text in _remarks_on(steps):
-        emit_warning(text, stacklevel=2)
-    return Recipe(tuple(steps), robot)
+    return steps
+
+
+def step_of_recipe(
+    recipe: str, name: str, given: Mapping[str, object], *, footprint: Footprint | None = None,
+    robot: RobotParameters | None = None,
+) -> Step:  # fmt: skip
+    """Return one stage as a recipe has it; what is given wins, and the robot is only a shape."""
+    draft = [one for one in _read_draft(recipe) if one[0] == name]
+    if not draft:
+        raise ParameterError(f"has no stage {name}", source=f"recipe {recipe}")
+    if footprint is None and robot is not None:
+        footprint = robot.footprint
+    changes = {f"{name}.{key}": value for key, value in given.items()}
+    (step,) = _steps_of(draft, recipe, changes, footprint, robot, source=None)
+    return step
 
 
 @contextmanager
@@ -467,10 +494,10 @@ def _adapt_to_footprint(draft: Draft, footprint: Footprint, seen: Footprint, nam
         raise ParameterError("the recipe has no stage that uses a robot's shape", source=name)
 
 
-def _apply_changes(draft: Draft, changes: object, name: str) -> None:
+def _apply_changes(draft: Draft, changes: object, name: str, source: str | None) -> None:
     if isinstance(changes, Mapping):
         for target, value in changes.items():
-            _apply_change(draft, target, value, name, "changes")
+            _apply_change(draft, target, value, name, source)
         return
     texts: Any = () if changes is None else changes
     is_list = isinstance(texts, Sequence) and not isinstance(texts, str)
@@ -498,7 +525,12 @@ def _value_of(target: str, text: str) -> object:
 
 
 def _apply_change(
-    draft: Draft, target: str, value: object, name: str, option: str, setting: str | None = None
+    draft: Draft,
+    target: str,
+    value: object,
+    name: str,
+    option: str | None,
+    setting: str | None = None,
 ) -> None:
     """Set ``stage.parameter`` to a value; errors show the setting that asks for it."""
     setting = setting or target

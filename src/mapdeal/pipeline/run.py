@@ -15,17 +15,17 @@ import numpy as np
 from mapdeal.command import Result
 from mapdeal.errors import MapdealError, ParameterError, emit_warning, kept_warnings, one_line
 from mapdeal.files.json_values import read_json
-from mapdeal.files.source import holding
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.costmap import CostCurve, Costmap, InflationLayer
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Figures, Frame
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import count_text
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import Grid
-from mapdeal.maps.reading import as_occupancy, output_paths, read_source, write_grid
+from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import (
@@ -48,7 +48,6 @@ from mapdeal.pipeline.folder import (
 from mapdeal.pipeline.recipe import DEFAULT, Recipe, RecipeLike, load_recipe
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Canvas, Settings, heard, passes_reported
 from mapdeal.pipeline.step import Step, grid_of
-from mapdeal.stages.cost import apply_keepout_mask
 from mapdeal.stages.layered_cost import queue_difference
 
 if TYPE_CHECKING:  # only runs around a robot need what it imports
@@ -142,20 +141,30 @@ def _summary_of_local(local: Figures) -> str:
 
 
 def products_of(
-    recipe: Recipe, grid: Grid, path: Path | None, *, canvas: Frame | None = None
-) -> Iterator[Product]:
+    recipe: Recipe, grid: Grid, path: Path | None, *, canvas: Frame | None = None,
+    mask: inputs.KeepoutMask | None = None,
+) -> Iterator[Product]:  # fmt: skip
     """Yield the product of each step of a recipe; errors name the file of the grid, if any."""
     # With a canvas, each product is extended to it, which does not change what the steps compute. A
-    # stage that moves the map makes a new canvas.
+    # stage that moves the map makes a new canvas. A mask is laid over costs as they are written;
+    # steps after them work on the costs without it, since what it closes is no obstacle.
     is_elsewhere = False
+    keepout = None if mask is None else mask.grid
     for step in recipe.steps:
         is_elsewhere = is_elsewhere or step.stage.moves
         if is_elsewhere and path is not None:
             inputs.claim_step(path, grid, step)
-        made = step.apply(grid, path)
+        made = step.apply(grid, path, mask=keepout)
         if canvas is not None and step.stage.moves:
             canvas = made.frame
-        yield Product(step, made if canvas is None else on_canvas(made, canvas))
+        if mask is None or not isinstance(made, Costmap):
+            yield Product(step, made if canvas is None else on_canvas(made, canvas))
+        else:
+            masked = mask.over(made)
+            before = made if canvas is None else on_canvas(made, canvas)
+            after = masked if canvas is None else on_canvas(masked, canvas)
+            overlay = KeepoutOverlay.of(before, after)
+            yield Product(step, after, mask=Path(mask.path).name, overlay=overlay)
         if step.stage.hands_on:
             grid = made
 
@@ -164,6 +173,7 @@ def apply_recipe(
     grid: Grid, recipe: RecipeLike = DEFAULT,
     changes: Mapping[str, object] | Sequence[str] | None = None, *,
     footprint: Footprint | None = None, sim: bool = False, canvas: Canvas = "crop",
+    mask: OccupancyGrid | None = None, robot_radius: float | None = None,
 ) -> dict[str, Grid]:  # fmt: skip
     """Apply a recipe to a grid in memory; the counterpart of `run` without files.
 
@@ -172,10 +182,12 @@ def apply_recipe(
     grid : OccupancyGrid, Costmap, DistanceField or PotentialField
         Map to process. A costmap is processed as the map that ROS would publish, a field as the
         map that it was computed from.
-    recipe, changes, footprint, sim
+    recipe, changes, footprint, sim, robot_radius
         As for `load_recipe`.
     canvas : {'crop', 'full'}
         Extent of the products: the cells that the stages computed, or the full map extent.
+    mask : OccupancyGrid, optional
+        Keepout mask over the costs, as for `apply_keepout_mask`.
 
     Returns
     -------
@@ -206,10 +218,12 @@ def apply_recipe(
         hint = "mapdeal.run takes the path of a map, read_map reads it"
         raise ParameterError("takes a grid", place="apply_recipe", got=grid, hint=hint)
     canvas = Settings(canvas=canvas).canvas
-    loaded = load_recipe(recipe, changes, footprint=footprint, sim=sim)
+    loaded = load_recipe(recipe, changes, footprint=footprint, sim=sim, robot_radius=robot_radius)
     made = {}
     whole = grid.frame if canvas == "full" else None
-    for product in products_of(loaded, grid, None, canvas=whole):
+    check_mask(loaded, mask)
+    over = inputs.mask_of(mask, DEFAULT_SETTINGS)
+    for product in products_of(loaded, grid, None, canvas=whole, mask=over):
         made[product.step.name] = product.grid
         remark = product.step.remark_on(product.grid.figures())
         if remark is not None:
@@ -231,14 +245,16 @@ def run_map(
                     path, recipe.steps, settings, image_max=settings.picture_size, with_sums=True
                 )
             )
+            mask = inputs.mask_of(settings.mask, settings, source.grid)
         remarks = [*recipe.remarks, *texts]
         target = output_folder(folder, source.sums, recipe, settings)
         canvas = source.grid.frame if settings.canvas == "full" else None
-        products = products_of(recipe, source.grid, path, canvas=canvas)
+        products = products_of(recipe, source.grid, path, canvas=canvas, mask=mask)
+        also = () if mask is None else mask.files
         robot = None if recipe.robot is None else recipe.robot.footprint
         fillings = [
             Filling(
-                target, products, path.stem, (*source.files, *recipe.files), path,
+                target, products, path.stem, (*source.files, *recipe.files, *also), path,
                 by_blocks=source.grid.is_lazy, heard=remarks, read=source.grid, robot=robot,
             )
         ]  # fmt: skip
@@ -288,8 +304,21 @@ def output_folder(
     options = {
         "dialect": settings.dialect, **settings.picture_options, "canvas": settings.canvas
     }  # fmt: skip
+    if settings.resolution is not None:
+        options |= {"resolution": settings.resolution, "origin": list(settings.origin)}
     robot = None if recipe.robot is None else recipe.robot.described()
-    return OutputFolder(folder, recipe.steps, sums, options, settings, robot, shows_input=True)
+    mask = None if settings.mask is None else inputs.sums_of(settings.mask, settings)
+    return OutputFolder(
+        folder, recipe.steps, sums, options, settings, robot, mask, shows_input=True
+    )
+
+
+def check_mask(recipe: Recipe, mask: object) -> None:
+    """Raise ParameterError if a keepout mask has no effect on what a recipe makes."""
+    stages = [step.stage for step in recipe.steps]
+    if mask is not None and not any(one.makes is Costmap or one.minds_mask for one in stages):
+        rule = "the recipe makes no costs, which alone a mask applies to"
+        raise ParameterError(rule, place="mask")
 
 
 @dataclass(frozen=True)
@@ -304,10 +333,10 @@ class SingleResult:
 
 def apply_to_file(
     path: Path, output: Path, step: Step, settings: Settings, *, encoding: Encoding = "occupancy",
-    mask: Path | None = None, curve: Path | None = None, with_curve: bool = False,
+    curve: Path | None = None, with_curve: bool = False,
     with_sums: bool = False, also_read: Sequence[Path] = (),
 ) -> SingleResult:  # fmt: skip
-    # A keepout mask, a map of its own, is laid over the costs that the stage makes. The picture of
+    # The keepout mask of the settings is laid over the costs that the stage makes. The picture of
     # their curve goes to `curve`, if that is given; `with_curve` asks for the curve alone, if there
     # is one. Files that were read for the parameters are no more replaced than the map is.
     stage = step.stage
@@ -316,10 +345,7 @@ def apply_to_file(
     image_max = None if settings.image is None else settings.image_max
     opened = inputs.opened_map(path, [step], settings, image_max=image_max, with_sums=with_sums)
     with use_threads(settings.threads), opened as source:
-        over = None
-        if mask is not None:
-            with holding(0 if source.grid.is_lazy else inputs.bytes_of(source.grid)):
-                over = read_source(mask, dialect=settings.dialect, max_cells=settings.max_cells)
+        over = inputs.mask_of(settings.mask, settings, source.grid)
         read = [*source.files, *(over.files if over else ()), *also_read]
         progress = settings.progress if source.grid.is_lazy else None
         with (
@@ -336,14 +362,10 @@ def apply_to_file(
             if curve is not None and costs is None:
                 raise step.no_curve()
             overlays = robot_overlays(step)
-            if over is not None and mask is not None:
-                occupancy = as_occupancy(over.grid, "the mask")
-                if not isinstance(grid, Costmap):
-                    raise ParameterError("a mask applies to costs only", source=mask)
-                with inputs.errors_named(mask):
-                    masked = apply_keepout_mask(grid, occupancy)
+            if over is not None and isinstance(grid, Costmap):
+                masked = over.over(grid)
                 overlays.insert(0, KeepoutOverlay.of(grid, masked))
-                grid, title = masked, f"{title}, with {mask.name}"
+                grid, title = masked, f"{title}, with {Path(over.path).name}"
             title = f"{path.stem}: {title}"
             with one_pass(transaction, grid) as asked:
                 if stage.edits:
@@ -409,7 +431,7 @@ def queue_lines(path: Path, steps: Sequence[Step], settings: Settings) -> Iterat
         if "exact" not in lookups:
             continue
         try:
-            with settings.memory(), kept_warnings():  # said when the costs were made
+            with settings.reading(), kept_warnings():  # said when the costs were made
                 taken: Any = step.taken(inputs.read_input(path, settings, _PER_CELL).grid)
                 cells, largest = queue_difference(taken, step.parameters)
         except MapdealError as error:

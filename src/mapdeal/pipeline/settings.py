@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
@@ -12,9 +12,11 @@ from typing import Any, Literal, TypeVar
 
 from mapdeal.errors import ParameterError, heard_warnings, one_line
 from mapdeal.files.source import use_memory
+from mapdeal.grid.frame import Origin, check_origin, check_resolution
 from mapdeal.grid.values import check_choice
 from mapdeal.kernels.blocks import rows_reported
 from mapdeal.maps.dialects import Dialect
+from mapdeal.maps.reading import bare_images
 from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
 
 Canvas = Literal["crop", "full"]
@@ -36,10 +38,13 @@ class Settings:
 
     dialect: Dialect = "nav2"
     max_cells: int | None = None
+    resolution: float | None = None  # of an image that is read without its YAML file
+    origin: Origin = (0.0, 0.0, 0.0)
     force: bool = False
     threads: int | None = None
     max_memory: int | None = None
     image: Path | None = None
+    mask: Path | None = None
     images: bool = True
     image_max: int = DEFAULT_IMAGE_MAX
     image_extent: ImageExtent = DEFAULT_EXTENT
@@ -52,15 +57,25 @@ class Settings:
         check_choice(self.dialect, Dialect, "dialect")
         check_choice(self.canvas, Canvas, "canvas")
         check_choice(self.image_extent, ImageExtent, "image_extent")
+        if self.resolution is not None:
+            object.__setattr__(self, "resolution", check_resolution(self.resolution))
+        object.__setattr__(self, "origin", check_origin(self.origin))
         for name, least in (("max_cells", 1), ("threads", 1), ("max_memory", 1), ("image_max", 0)):
             value = getattr(self, name)
             if value is not None and not (is_whole(value) and value >= least):
                 rule = f"must be a whole number, at least {least}"
                 raise ParameterError(rule, place=name, got=value)
 
-    def memory(self, *, anew: bool = False) -> AbstractContextManager[None]:
-        """Hold readers to the memory within a ``with`` block, see `use_memory`."""
-        return use_memory(self.max_memory, is_chosen=self.memory_is_chosen, anew=anew)
+    @contextmanager
+    def reading(self, *, anew: bool = False) -> Iterator[None]:
+        """Hold readers to the memory, and to the resolution of images without a YAML file."""
+        with ExitStack() as stack:
+            stack.enter_context(
+                use_memory(self.max_memory, is_chosen=self.memory_is_chosen, anew=anew)
+            )
+            if self.resolution is not None:
+                stack.enter_context(bare_images(self.resolution, self.origin))
+            yield
 
     @property
     def picture_size(self) -> int | None:

@@ -52,13 +52,17 @@ class Step:
     def is_smaller(self) -> bool:
         return self.stage.is_smaller(self.parameters)
 
-    def apply(self, grid: Grid, source: Path | None) -> Grid:
-        return grid_of(self.result_of(self.taken(grid, source), source))
+    def apply(self, grid: Grid, source: Path | None, *, mask: OccupancyGrid | None = None) -> Grid:
+        return grid_of(self.result_of(self.taken(grid, source), source, mask=mask))
 
-    def result_of(self, taken: Grid, source: Path | None) -> Any:
+    def result_of(
+        self, taken: Grid, source: Path | None, *, mask: OccupancyGrid | None = None
+    ) -> Any:
         """Return what the stage returns; errors name the file that `taken` came from, if any."""
         known = self.stage.own_parameters
         values = {known[key].name: value for key, value in self.parameters.items()}
+        if mask is not None and self.stage.minds_mask:
+            values["mask"] = mask
         try:
             return self.stage.function(taken, **values)
         except MapdealError as error:

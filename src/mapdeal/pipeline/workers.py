@@ -309,7 +309,7 @@ def _client(address: str) -> Any:
     try:
         import distributed
     except ModuleNotFoundError:
-        rule = "needs dask.distributed: pip install 'mapdeal[cluster]'"
+        rule = "needs dask.distributed: pip install 'distributed>=2024.8'"
         raise ParameterError(rule, source="--scheduler") from None
     for name in list(
         logging.root.manager.loggerDict
@@ -334,7 +334,7 @@ def _check_workers(client: Any, address: str, shared: Sequence[Path]) -> None:
         hint = f"dask worker {address} --nthreads 1 starts one"
         raise FileAccessError("the scheduler has no workers", source=address, hint=hint) from None
     # Functions of the standard library, since a worker may lack ours.
-    hint = f"pip install mapdeal=={__version__} on the workers"
+    hint = f"install mapdeal {__version__} on the workers"
     for worker, found in _asked(client, address, "pydoc", "locate", _VERSION):
         if found is None:
             raise ParameterError("has no mapdeal", source=f"worker {worker}", hint=hint)

@@ -15,7 +15,12 @@ from mapdeal.grid.costmap import UNIFORM_SHARE, Costmap
 from mapdeal.grid.field import DistanceField, FieldView
 from mapdeal.grid.frame import Figures, Frame, cells_at
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, INSCRIBED_PUBLISHED, cost_from_occupancy
+from mapdeal.grid.values import (
+    DEFAULT_LETHAL_THRESHOLD,
+    INSCRIBED_PUBLISHED,
+    LETHAL_OBSTACLE,
+    cost_from_occupancy,
+)
 from mapdeal.kernels.blocks import made_by_rows, swept
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import for_rows
@@ -167,6 +172,13 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
         text = f"{sum(freed)} unknown cells became free where the mask is 0, as in Nav2"
         emit_warning(text, stacklevel=2)
     return costmap.with_values(layer)
+
+
+def closed_by(mask: OccupancyGrid, frame: Frame) -> NDArray[np.bool_]:
+    """Return the cells of a frame in which a keepout mask is 100, shape (H, W)."""
+    nothing = Costmap(np.zeros(frame.shape, dtype=np.uint8), frame.resolution, frame.origin)
+    closed: NDArray[np.bool_] = apply_keepout_mask(nothing, mask).cost == LETHAL_OBSTACLE
+    return closed
 
 
 def _cells_at_centres(

@@ -16,6 +16,7 @@ from mapdeal.command import (
     FromRobot,
     InPlaceOf,
     LethalThreshold,
+    OnlyInPython,
     Parameters,
     RobotShape,
     stage,
@@ -28,7 +29,7 @@ from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, reach_radius, robot_text
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
-from mapdeal.stages.cost import check_lethal_threshold, obstacles_of
+from mapdeal.stages.cost import check_lethal_threshold, closed_by, obstacles_of
 from mapdeal.stages.structured import Goals
 
 _SHOWN = 3
@@ -71,6 +72,7 @@ def _remark(_: Parameters, figures: Figures) -> str | None:
     more_memory=_memory_of_headings,
     is_whole=lambda _: True,
     hands_on=False,
+    minds_mask=True,
     remark=_remark,
     robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
     in_place_of={"footprint": InPlaceOf("radius", lambda p: reach_radius(p["footprint"]))},
@@ -87,6 +89,7 @@ def reach(
     margin: Annotated[float, AT_LEAST_0, METRES] = 0.1,
     min_area: Annotated[float, AT_LEAST_0, SQUARE_METRES] = 1.0,
     lethal_threshold: LethalThreshold | None = None,
+    mask: Annotated[OccupancyGrid | None, OnlyInPython] = None,
 ) -> Reach:
     """Compute where a robot can go from a start, and the passages that stop it.
 
@@ -114,6 +117,8 @@ def reach(
         Passages that cut off less than this are left out, square metres.
     lethal_threshold : int, optional
         Least occupancy of an obstacle, 1..100; 100 for a map, the field's own for a field.
+    mask : OccupancyGrid, optional
+        Keepout mask, as for `apply_keepout_mask`: where it is 100 the robot's centre must not be.
 
     Returns
     -------
@@ -150,7 +155,12 @@ def reach(
     from mapdeal.grid.reaching import Ground, reach_on  # of use to few, and slow to import
 
     return reach_on(
-        Ground(_occupancy_of(source, lethal_threshold), source.frame, through_unknown),
+        Ground(
+            _occupancy_of(source, lethal_threshold),
+            source.frame,
+            through_unknown,
+            None if mask is None else closed_by(mask, source.frame),
+        ),
         _shape_of({"footprint": footprint, "radius": radius}),
         start=start,
         goals=goals,

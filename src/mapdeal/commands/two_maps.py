@@ -1,0 +1,105 @@
+"""How two maps lie to each other: as their files say, by a transform, or by their walls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from mapdeal.compare.align import bytes_to_align, placed
+from mapdeal.errors import FindingError, MalformedInputError, emit_warning
+from mapdeal.files.source import claim
+from mapdeal.grid.frame import Transform
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.distance import squared_distance
+from mapdeal.pipeline import inputs
+from mapdeal.sensors.points import TransformFile, read_transform
+
+_NEAR = 0.15
+"""Metres, and at least one and a half cells, within which walls of two maps count as one."""
+
+_MUCH_BETTER = 0.3  # of all walls: the share that must meet more than before
+_MOST_WALLS = 20_000
+_MEET_ANYWAY = 0.7  # share of walls that meet where maps certainly lie in one frame
+
+
+def given_transform(
+    by: str | PathLike[str] | Transform | Sequence[float] | None, *, place: str
+) -> tuple[TransformFile | Transform | None, list[Path]]:
+    """Return a transform from the first map to the second, or the file of one, and the file."""
+    if isinstance(by, str | PathLike):
+        return read_transform(Path(by)), [Path(by)]
+    return inputs.transform_of(by, place=place), []
+
+
+def transform_in(
+    told: TransformFile | Transform, files: Sequence[Path], maps: Sequence[inputs.MapInput]
+) -> Transform:
+    """Return the transform of a file, turned round if it goes the other way between two files."""
+    if isinstance(told, Transform):
+        return told
+    ends = [set(sums.values()) for sums in (told.first, told.second)]
+    own = [set(one.sums.values()) for one in maps]
+    if not all(ends) or any(one.path is None for one in maps) or ends == own:
+        return told.transform
+    is_other_way = ends == own[::-1]
+    what = "is between other maps: the checksums are not those of these two"
+    if is_other_way:
+        what = f"leads from {maps[1].title} to {maps[0].title}; its inverse is used"
+    emit_warning(f"{files[0]}: {what}", stacklevel=3)
+    return told.transform.inverse() if is_other_way else told.transform
+
+
+def aligned(maps: Sequence[inputs.MapInput], *, hint: str) -> Transform:
+    """Return the transform from the first map to the second that their walls show."""
+    found = placed(maps[0].occupancy, maps[1].occupancy)
+    if not found.same_place:
+        rule = f"cannot be aligned to {maps[1].name} with certainty: {found.reason}"
+        raise FindingError(rule, source=maps[0].name, hint=hint)
+    return found.transform
+
+
+def bytes_to_place(maps: Sequence[inputs.MapInput]) -> int:
+    return bytes_to_align([one.grid.shape[0] * one.grid.shape[1] for one in maps])
+
+
+def warn_of_frames(maps: Sequence[inputs.MapInput], advice: str) -> bool:
+    """Warn of two maps whose walls hardly meet where they lie, and do much better once aligned."""
+    first, second = (one.occupancy for one in maps)
+    before = _meeting(first, second, Transform())
+    if before is None or before >= _MEET_ANYWAY:
+        return False
+    found = None
+    with suppress(MalformedInputError):  # who has no memory for it goes without this advice
+        claim(maps[0].name, bytes_to_place(maps))
+        found = placed(first, second)
+    if found is None or not found.same_place:
+        return False
+    after = _meeting(first, second, found.transform) or 0.0
+    if after - before < _MUCH_BETTER:
+        return False
+    x, y, yaw = (round(value, 3) + 0.0 for value in found.transform.pose)
+    emit_warning(
+        f"{maps[0].name}, {maps[1].name}: do not lie in one frame: {100 * before:.0f} % of the "
+        f"walls of the first lie on walls of the second, and {100 * after:.0f} % once it is moved "
+        f"by x {x:g} m, y {y:g} m, yaw {yaw:g} rad; {advice}",
+        stacklevel=3,
+    )
+    return True
+
+
+def _meeting(first: OccupancyGrid, second: OccupancyGrid, transform: Transform) -> float | None:
+    """Return the share of walls of a map that lie on those of another; None without any."""
+    cells = np.argwhere(first.occupied())
+    there = second.occupied()
+    if not len(cells) or not there.any():
+        return None
+    cells = cells[:: -(-len(cells) // _MOST_WALLS)]
+    points = transform.points(first.frame.xy_from_rowcol(cells))
+    at, is_inside = second.frame.bounded_rowcol_from_xy(points)
+    near = max(_NEAR, 1.5 * max(first.resolution, second.resolution)) / second.resolution
+    meets = squared_distance(there)[at[:, 0], at[:, 1]] <= near * near
+    return float(np.mean(meets & is_inside))

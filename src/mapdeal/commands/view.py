@@ -1,0 +1,73 @@
+"""``mapdeal view``: a report, made in a temporary place and opened in the browser."""
+
+from __future__ import annotations
+
+import webbrowser
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from mapdeal.command import Result, Words, command
+from mapdeal.commands.report import write_report
+from mapdeal.files.source import absolute_path, status_of
+from mapdeal.files.transaction import lasting_folder
+from mapdeal.pipeline.inputs import Work
+
+_PAGES = (".html", ".htm")
+
+
+@dataclass(frozen=True, repr=False)
+class Viewed(Result):
+    """A page, and whether a browser shows it."""
+
+    path: Path
+    is_opened: bool
+    is_wanted: bool
+
+    def document(self) -> dict[str, Any]:
+        return {"path": str(self.path), "opened": self.is_opened}
+
+    def lines(self) -> Iterator[str]:
+        yield str(self.path)
+
+    def remarks(self) -> Iterator[str]:
+        if self.is_wanted and not self.is_opened:
+            yield "no browser was found; open the page by hand"
+
+
+@command(
+    group="Questions about a map",
+    shared=("dialect", "resolution", "origin", "max_cells", "threads", "max_memory"),
+    example="""\
+mapdeal view examples/maps/office.yaml --no-browser
+mapdeal run examples/maps/office.yaml -o out
+mapdeal view out/office --no-browser""",
+)
+def view(
+    sources: Annotated[Sequence[Path], Words("MAP|RUN|REPORT...", typed=list[Path])],
+    *,
+    browser: bool = True,
+) -> Viewed:
+    """Show maps, runs and results in the browser.
+
+    Writes the page that `mapdeal report` writes to a temporary folder, and opens it. A report that
+    exists is opened as it is.
+
+    Parameters
+    ----------
+    sources : sequence of path
+        Maps, folders of runs, JSON of reach, route, lint or diff; or one report.
+    browser : bool
+        Open the page, and not only print its path.
+    """
+    first, *others = sources
+    for path in sources:
+        status_of(path)
+    if first.suffix.lower() in _PAGES and not others:
+        page = absolute_path(first)
+    else:
+        settings = Work.in_shell().settings
+        page = lasting_folder() / f"{first.stem or 'report'}.html"
+        write_report(page, sources, dialect=settings.dialect, max_cells=settings.max_cells)
+    return Viewed(page, browser and webbrowser.open(page.as_uri()), browser)

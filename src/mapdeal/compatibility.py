@@ -1,0 +1,25 @@
+"""What Python 3.11 has and 3.10, the Python of ROS 2 Humble, has not."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from typing import Any
+
+if sys.version_info >= (3, 11):
+    from hashlib import file_digest
+    from typing import Self, Unpack
+
+    import tomllib
+else:
+    import tomli as tomllib
+    from typing_extensions import Self, Unpack
+
+    def file_digest(file: Any, name: str) -> Any:
+        digest = hashlib.new(name)
+        while chunk := file.read(1 << 18):
+            digest.update(chunk)
+        return digest
+
+
+__all__ = ["Self", "Unpack", "file_digest", "tomllib"]

@@ -1,0 +1,241 @@
+"""How commands answer: on terminals, in pipes, to words that other programs use."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mapdeal
+from mapdeal import OccupancyGrid
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+OFFICE = EXAMPLES / "maps" / "office.yaml"
+ROOM = np.zeros((8, 12), dtype=np.int8)
+ROOM[[0, -1], :] = ROOM[:, [0, -1]] = 100
+
+
+@pytest.fixture
+def room(here):
+    mapdeal.write_map("room.yaml", OccupancyGrid(ROOM, 0.5, (1.0, 2.0, 0.0)))
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    monkeypatch.setattr("mapdeal.cli.terminal.has_reader", lambda: True)
+
+
+ASKED = {
+    "reach room.yaml --from 2,4 --to dock=5,4 wall=1.2,4 --robot-radius 0.4": [
+        "room.yaml, reach of a robot of radius 0.4 m: from 2, 4 the robot reaches",
+        "  goal dock 5,4: reached; the start is 2 m wide",
+        "  goal wall 1.2,4: not reached",
+    ],
+    "query room.yaml --at 2.25,4.25 9,9": [
+        "2.25,4.25: 1 m, free, gradient 1.000,0.000, cell row 4, col 2",
+        "9,9: outside of the map",
+    ],
+    "query room.yaml --at 2,4,0 --robot-radius 0.3": ["2,4,0: cost 0, free"],
+    "route room.yaml --from 3.25,4 --to 4.75,4": ["1.62 m, cost "],
+}
+
+
+@pytest.mark.parametrize("line", ASKED)
+def test_answers_are_lines_on_a_terminal_and_json_elsewhere(sh, room, terminal, monkeypatch, line):
+    lines = sh(line)[1].splitlines()
+    for line_told, begins in zip(lines, ASKED[line], strict=False):
+        assert line_told.startswith(begins)
+    assert len(lines) >= len(ASKED[line])
+    asked = sh(f"{line} --json")[1]
+    monkeypatch.setattr("mapdeal.cli.terminal.has_reader", lambda: False)
+    piped = sh(line)[1]
+    assert asked == piped
+    assert [json.loads(one) for one in ([piped] if piped.startswith("{\n") else piped.splitlines())]
+
+
+@pytest.mark.parametrize(
+    ("line", "begins"),
+    [
+        ("reach room.yaml --robot-radius 0.3", "{"),
+        ("route room.yaml --from 3,4 --to 4,4", "{"),
+        ("lint room.yaml --fix", "PK"),
+        ("report room.yaml", "<!doctype html>"),
+        (f"align {OFFICE} {OFFICE}", "{"),
+        (f"build {EXAMPLES}/logs/office.log", "PK"),
+    ],
+)
+def test_every_command_that_writes_one_file_writes_to_stdout_too(capfdbinary, room, line, begins):
+    from mapdeal.cli.main import main
+
+    main([*line.split(), "-o", "-"])
+    assert capfdbinary.readouterr().out.startswith(begins.encode())
+
+
+def test_words_that_lead_to_a_command(sh, here):
+    assert sh("help run")[1] == sh("run --help")[1]
+    assert sh("help")[1] == sh("--help")[1]
+    out = sh("")[1]
+    assert out.count("\n  ") == 8
+    assert "mapdeal --help lists all commands" in out
+    for word, meant in (
+        ("show", "view"),
+        ("crop", "window"),
+        ("compare", "diff"),
+        ("costmap", "cost"),
+    ):
+        assert sh.err(word, 2).endswith(f"hint: did you mean {meant}?\n")
+
+
+def test_view_writes_a_page_and_opens_it(sh, room, monkeypatch, tmp_path):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda uri: opened.append(uri) or True)
+    page = Path(sh.ok("view room.yaml").strip())
+    assert opened == [page.as_uri()]
+    assert page.read_bytes().startswith(b"<!doctype html>")
+    assert sh.ok(f"view {page} --no-browser").strip() == str(page)
+    assert len(opened) == 1
+    before = sorted(tmp_path.iterdir())
+    assert "cannot be read" in sh.err("view none.yaml", 4)
+    assert sorted(tmp_path.iterdir()) == before
+    monkeypatch.setattr("webbrowser.open", lambda _: False)
+    assert "no browser was found" in sh(f"view {page}")[2]
+
+
+@pytest.mark.parametrize("no_color", ["", "1"])
+def test_colours_are_for_terminals_alone(sh, here, monkeypatch, no_color):
+    monkeypatch.setenv("NO_COLOR", no_color)
+    monkeypatch.setenv("TERM", "xterm")
+    assert "\x1b" not in sh("rnu")[2]
+    monkeypatch.setattr("mapdeal.cli.terminal.sys", sys)
+    monkeypatch.setattr(type(sys.stderr), "isatty", lambda _: True)
+    assert ("\x1b[31;1merror:\x1b[0m" in sh("rnu")[2]) == (no_color == "")
+
+
+def test_info_describes_what_it_can(sh, room):
+    (Path("maps/inner")).mkdir(parents=True)
+    mapdeal.write_map("maps/inner/a.yaml", OccupancyGrid(ROOM, 0.5))
+    Path("bad.txt").write_text("nothing")
+    code, out, err = sh("info maps bad.txt room.yaml")
+    assert code == 5
+    assert [line for line in out.splitlines() if line and line[0] != " "] == [
+        "maps/inner/a.yaml",
+        "room.yaml",
+    ]
+    assert "error: bad.txt: is not a kind of file" in err
+    assert err.endswith("error: 1 file cannot be described\n")
+    told = [json.loads(line) for line in sh("info maps bad.txt room.yaml --json")[1].splitlines()]
+    assert [one["kind"] for one in told] == ["occupancy grid", "error", "occupancy grid"]
+    assert "is not a kind" in told[1]["error"]
+
+
+COSTMAP = "global_costmap: {{global_costmap: {{ros__parameters: {{{}}}}}}}"
+
+
+def test_parameter_files_of_one_robot_are_shown_as_one(sh, here):
+    layer = "static_layer: {plugin: 'nav2_costmap_2d::StaticLayer'}"
+    base = f"robot_radius: 0.2, plugins: [static_layer], {layer}"
+    Path("base.yaml").write_text(COSTMAP.format(base))
+    Path("own.yaml").write_text(COSTMAP.format("robot_radius: 0.5"))
+    (told,) = map(json.loads, sh("info base.yaml own.yaml --json")[1].splitlines())
+    assert told["robot_radius"] == 0.5
+    assert [one["name"] for one in told["files"]] == ["base.yaml", "own.yaml"]
+
+
+BARE = (
+    "info {}", "cost {} -o c.npz", "run {} -o out", "reach {}", "clean {} -o k.yaml",
+    "diff {} room.yaml", "report {} -o r.html",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("line", BARE)
+def test_an_image_without_its_yaml_is_read_with_a_resolution(sh, room, line):
+    Path("bare.pgm").write_bytes(Path("room.pgm").read_bytes())
+    named = line.format("bare.pgm")
+    assert "--resolution R" in sh.err(named, 3)
+    code, _, err = sh(f"{named} --resolution 0.5 --origin 1,2,0")
+    assert (code, "error" in err) == (0, False)
+
+
+def test_the_geometry_of_a_bare_image_is_that_of_the_options(sh, room):
+    Path("bare.pgm").write_bytes(Path("room.pgm").read_bytes())
+    sh.ok("convert bare.pgm -o c.npz --resolution 0.25 --origin 3,4,0.5")
+    grid = mapdeal.read_map("c.npz")
+    assert (grid.resolution, grid.origin) == (0.25, (3.0, 4.0, 0.5))
+    assert np.array_equal(grid.occupancy, ROOM)
+    sh("run bare.pgm -o out --resolution 0.25")
+    assert "unchanged" in sh("run bare.pgm -o out --resolution 0.25")[1]
+    assert "the output exists" in sh.err("run bare.pgm -o out --resolution 0.5", 4)
+    assert "--origin: needs --resolution" in sh.err("info bare.pgm --origin 1,2,3", 2)
+
+
+def test_who_gives_no_robot_is_told_so(sh, room):
+    assert "no robot is given: walls are inflated by 0.3 m" in sh("run room.yaml -o out")[2]
+    for own in ("--recipe nav2", "--robot-radius 0.2", "--set inflate.radius=0.2"):
+        assert "no robot" not in sh(f"run room.yaml -o out --force {own}")[2]
+    assert "the costs are those of a point" in sh("cost room.yaml -o c.npz")[2]
+    for own in ("--recipe nav2", "--robot-radius 0.2", "--inscribed-radius 0", "--model rings"):
+        assert "no robot" not in sh(f"cost room.yaml -o c.npz --force {own}")[2]
+
+
+def test_cost_takes_the_costs_of_a_recipe(sh, room):
+    sh("run room.yaml -o out --recipe nav2")
+    sh("cost room.yaml -o c.npz --recipe nav2")
+    costs = [mapdeal.read_map(path).cost for path in ("out/room/cost.npz", "c.npz")]
+    assert np.array_equal(*costs)
+    more = "--robot-radius 0.4 --cost-scaling-factor 9"
+    values = sh.json(f"cost room.yaml -o c.npz --force --recipe nav2 {more} --json")["parameters"]
+    assert [
+        values[key] for key in ("inscribed_radius", "inflation_radius", "cost_scaling_factor")
+    ] == [0.4, 0.7, 9.0]
+    Path("only.yaml").write_text("stages: [{inflate: {radius: 0.1}}]")
+    assert "has no stage cost" in sh.err("cost room.yaml -o c.npz --recipe only.yaml", 2)
+    assert "--inflation-radius: must be" in sh.err(
+        "cost room.yaml -o c.npz --recipe nav2 --inflation-radius -1", 2
+    )
+
+
+def test_maps_that_do_not_lie_in_one_frame_are_noticed_and_aligned(sh, here):
+    moved = EXAMPLES / "maps" / "office_cartographer.yaml"
+    for line, advice in (
+        (f"diff {OFFICE} {moved}", "--align"),
+        (f"score {moved} --truth {OFFICE}", "--align"),
+        (f"merge {moved} {OFFICE} -o m.yaml", "--by align"),
+    ):
+        err = sh(line)[2]
+        assert "do not lie in one frame" in err
+        assert "100 % once it is moved by x" in err
+        assert advice in err
+    found = sh.json(f"diff {OFFICE} {moved} --align --json")
+    assert found["transform"]["x"] == pytest.approx(-0.584, abs=0.01)
+    assert found["walls"]["first_to_second"]["percentile_95"] < 0.01
+    sh(f"align {OFFICE} {moved} -o t.json")
+    assert sh.json(f"diff {OFFICE} {moved} --by t.json --json")["changes"] == found["changes"]
+    back = sh.json(f"diff {moved} {OFFICE} --by t.json --json")["transform"]
+    assert back["x"] == pytest.approx(-found["transform"]["x"], abs=1e-4)
+    assert "one frame" not in sh(f"diff {OFFICE} {OFFICE}")[2]
+    assert "cannot be given together" in sh.err(f"diff {OFFICE} {moved} --by t.json --align", 2)
+
+
+def test_diff_says_where_the_largest_changes_are(sh, here):
+    before, after = ROOM.copy(), ROOM.copy()
+    before[3, 3] = 100  # removed
+    after[4:6, 7] = 100  # added, two cells
+    for name, cells in (("a", before), ("b", after)):
+        mapdeal.write_map(f"{name}.yaml", OccupancyGrid(cells, 0.5, (1.0, 2.0, 0.0)))
+    lines = sh("diff a.yaml b.yaml")[1].splitlines()
+    assert [line for line in lines if line.startswith(("  added", "  removed"))] == [
+        "  added     0.5 m2 at 4.75,4.25", "  removed   0.25 m2 at 2.75,3.75",
+    ]  # fmt: skip
+    assert sh.json("diff a.yaml b.yaml --json --tolerance 5")["changes"] == []
+
+
+def test_run_takes_several_maps_from_python(room):
+    mapdeal.write_map("other.yaml", OccupancyGrid(ROOM, 0.5))
+    first, second = mapdeal.run(["room.yaml", "other.yaml"], "out", robot_radius=0.5)
+    assert (first.folder, second.folder) == (Path("out/room"), Path("out/other"))
+    with pytest.raises(mapdeal.ParameterError, match="different names"):
+        mapdeal.run(["room.yaml", "room.yaml"], "out")
+    with pytest.raises(mapdeal.ParameterError, match="robot_radius: cannot be given together"):
+        mapdeal.run("room.yaml", "out", robot_radius=0.2, footprint=mapdeal.Footprint.circle(0.2))
