@@ -1,16 +1,16 @@
-"""A large office-like map of any size: ``python make_map.py SIDE_CELLS OUT.yaml`` (seeded)."""
-
-from __future__ import annotations
+"""Maps of any size, all seeded; ``python make_map.py SIDE_CELLS OUT.yaml`` writes an office's."""
 
 import sys
 from pathlib import Path
 
 import numpy as np
 
+from mapdeal import OccupancyGrid
+
 RESOLUTION = 0.05
 
 
-def pixels_of_map(side: int) -> np.ndarray:
+def office(side: int) -> np.ndarray:
     """Return a map of `side` x `side` pixels: walls, specks, and a tenth of it unknown."""
     rng = np.random.default_rng(side)
     pixels = np.full((side, side), 254, np.uint8)
@@ -29,14 +29,35 @@ def pixels_of_map(side: int) -> np.ndarray:
     return pixels
 
 
-def cells_of_map(side: int) -> np.ndarray:
-    """Return the mask of the map's obstacles, row 0 in the south."""
-    return np.ascontiguousarray(pixels_of_map(side)[::-1] == 0)
+def sparse(side: int) -> np.ndarray:
+    """Return 1,500 obstacles of a cell in the open."""
+    pixels = np.full(side * side, 254, np.uint8)
+    pixels[np.random.default_rng(side).choice(side * side, 1500, replace=False)] = 0
+    return pixels.reshape(side, side)
+
+
+def noise(side: int) -> np.ndarray:
+    """Return a map of which every twentieth cell is an obstacle."""
+    is_obstacle = np.random.default_rng(side).random((side, side)) < 0.05
+    return np.where(is_obstacle, 0, 254).astype(np.uint8)
+
+
+MAPS = {"office": office, "sparse": sparse, "noise": noise}
+
+
+def cells_of_map(side: int, name: str = "office") -> np.ndarray:
+    """Return the mask of a map's obstacles, row 0 in the south."""
+    return np.ascontiguousarray(MAPS[name](side)[::-1] == 0)
+
+
+def grid_of(occupied: np.ndarray, origin: tuple[float, float, float] = (0, 0, 0)) -> OccupancyGrid:
+    """Return the grid of a mask, without unknown cells."""
+    return OccupancyGrid(occupied.astype(np.int8) * 100, RESOLUTION, origin)
 
 
 def make_map(side: int, path: Path) -> None:
-    """Write the map as a pgm and its yaml."""
-    pixels = pixels_of_map(side)
+    """Write an office's map as a pgm and its yaml."""
+    pixels = office(side)
     with path.with_suffix(".pgm").open("wb") as file:
         file.write(b"P5\n%d %d\n255\n" % (side, side))
         file.write(pixels.data)

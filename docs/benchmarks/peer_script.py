@@ -5,8 +5,6 @@ run`` with the default recipe and writes the same kinds of files, without the ch
 damaged input is noticed, and a kill leaves half a set.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -25,12 +23,11 @@ def main(engine: str, source: Path, folder: Path) -> None:
     occupancy = np.full(pixels.shape, -1, np.int8)
     occupancy[dark <= about["free_thresh"]] = 0
     occupancy[dark >= about["occupied_thresh"]] = 100
-
     reach = int(np.ceil(RADIUS / resolution - 1e-9))
     offsets = np.arange(-reach, reach + 1) * resolution
     disc = np.hypot(offsets[:, None], offsets) <= RADIUS + 1e-9
     solid = dilate(occupancy == 100, disc)
-    outside, inside = (d * np.float32(resolution) for d in distances(solid))
+    outside, inside = (distances(side) * np.float32(resolution) for side in (~solid, solid))
     field = np.where(solid, np.float32(resolution) - inside, outside).astype(np.float32)
     cost = (252 * np.exp(-FACTOR * outside)).astype(np.uint8)
     cost[outside > INFLATION_RADIUS] = 0
@@ -57,41 +54,24 @@ def _library(engine: str, image: Path) -> tuple:
     if engine == "opencv":
         import cv2
 
-        def dilate(mask: np.ndarray, disc: np.ndarray) -> np.ndarray:
-            return cv2.dilate(mask.astype(np.uint8), disc.astype(np.uint8)) > 0
-
-        def distances(solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            sides = (~solid, solid)
-            return tuple(
-                cv2.distanceTransform(s.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-                for s in sides
-            )
-
-        def save(path: Path, pixels: np.ndarray) -> None:
-            cv2.imwrite(str(path), pixels)
-
-        def coloured(pixels: np.ndarray) -> np.ndarray:
-            return cv2.applyColorMap(pixels, cv2.COLORMAP_VIRIDIS)
-
-        return cv2.imread(str(image), cv2.IMREAD_GRAYSCALE), dilate, distances, save, coloured
-
+        precise = (cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        return (
+            cv2.imread(str(image), cv2.IMREAD_GRAYSCALE),
+            lambda mask, disc: cv2.dilate(mask.astype(np.uint8), disc.astype(np.uint8)) > 0,
+            lambda mask: cv2.distanceTransform(mask.astype(np.uint8), *precise),
+            lambda path, pixels: cv2.imwrite(str(path), pixels),
+            lambda pixels: cv2.applyColorMap(pixels, cv2.COLORMAP_VIRIDIS),
+        )
     from PIL import Image
     from scipy import ndimage
 
-    def dilate(mask: np.ndarray, disc: np.ndarray) -> np.ndarray:
-        return ndimage.binary_dilation(mask, disc)
-
-    def distances(solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        sides = (~solid, solid)
-        return tuple(ndimage.distance_transform_edt(s).astype(np.float32) for s in sides)
-
-    def save(path: Path, pixels: np.ndarray) -> None:
-        Image.fromarray(pixels).save(path)
-
-    def coloured(pixels: np.ndarray) -> np.ndarray:
-        return np.stack([pixels, pixels // 2, 255 - pixels], axis=2)
-
-    return np.asarray(Image.open(image).convert("L")), dilate, distances, save, coloured
+    return (
+        np.asarray(Image.open(image).convert("L")),
+        ndimage.binary_dilation,
+        lambda mask: ndimage.distance_transform_edt(mask).astype(np.float32),
+        lambda path, pixels: Image.fromarray(pixels).save(path),
+        lambda pixels: np.stack([pixels, pixels // 2, 255 - pixels], axis=2),
+    )
 
 
 if __name__ == "__main__":

@@ -1,72 +1,48 @@
 """Time and peak memory of whole commands against the size of the map, as a table and a plot.
 
-Run it as ``python docs/benchmarks/sizes.py [--sides 1000 2000 ... 30000] [--runs 3]
-[--plot docs/images/sizes.png]``; it needs the extras ``bench`` and ``dev``, 6 GB of disk and, for
-the largest sizes in memory, 12 GB of memory. Commands of a size take turns. Prints a table in
-Markdown; fails on nothing.
+Run it as ``python docs/benchmarks/sizes.py [--sides 1000 ... 30000] [--plot FILE.png]``; it needs
+the extra ``dev``, too, 6 GB of disk and, for the largest sizes in memory, 12 GB of memory.
 """
 
-from __future__ import annotations
-
-import argparse
-import shutil
-import statistics
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-from whole_process import measure
+from turns import Contender, head, in_turns, options, row, write_map
 
-HERE = Path(__file__).parent
+PEER = Path(__file__).parent / "peer_script.py"
 SIDES = [1000, 2000, 4000, 8000, 16000, 20000, 30000]
-LARGEST_OF_PEER = 8000
+LARGEST_OF_PEER = 8000  # and of several turns
 SMALLEST_IN_BLOCKS = 16000
-PLENTY = "1TB"
-
-
-def commands(side: int, source: Path, output: Path, memory: str) -> dict[str, list[str]]:
-    """Return what is measured at a size, by name."""
-    mapdeal = [sys.executable, "-m", "mapdeal"]
-    esdf = [*mapdeal, "esdf", str(source), "-o", str(output / "field.npy"), "-q", "--force"]
-    run = [*mapdeal, "run", str(source), "-o", str(output), "-q", "--force"]
-    made = {
-        "esdf -o .npy": [*esdf, "--max-memory", PLENTY],
-        "run": [*run, "--max-memory", PLENTY],
-    }
-    if side >= SMALLEST_IN_BLOCKS:
-        made[f"esdf -o .npy, --max-memory {memory}"] = [*esdf, "--max-memory", memory]
-        made[f"run, --max-memory {memory}"] = [*run, "--max-memory", memory]
-    if side <= LARGEST_OF_PEER:
-        peer = [sys.executable, str(HERE / "peer_script.py"), "opencv", str(source), str(output)]
-        made["OpenCV script"] = peer
-    return made
-
 
 Results = dict[str, dict[int, tuple[float, float]]]
 
 
+def commands(side: int, source: Path, output: Path) -> dict[str, Contender]:
+    mapdeal = [sys.executable, "-m", "mapdeal"]
+    esdf = [*mapdeal, "esdf", str(source), "-o", str(output / "field.npy"), "-q", "--force"]
+    run = [*mapdeal, "run", str(source), "-o", str(output), "-q", "--force"]
+    made: dict[str, Contender] = {}
+    for name, limit in (("", "1TB"), (", --max-memory 1GB", "1GB")):
+        if not name or side >= SMALLEST_IN_BLOCKS:
+            made[f"esdf -o .npy{name}"] = [*esdf, "--max-memory", limit]
+            made[f"run{name}"] = [*run, "--max-memory", limit]
+    if side <= LARGEST_OF_PEER:
+        made["OpenCV script"] = [sys.executable, str(PEER), "opencv", str(source), str(output)]
+    return made
+
+
 def plot(results: Results, path: Path) -> None:
-    """Draw seconds and memory against size, a line for each command."""
-    import matplotlib as mpl
+    from matplotlib.figure import Figure
 
-    mpl.use("agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
-    colours = {"esdf": "tab:blue", "run": "tab:red", "OpenCV script": "tab:gray"}
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    axes = figure.subplots(1, 2)
+    colours = {"esdf": "tab:blue", "run": "tab:red", "OpenCV": "tab:gray"}
     for name, by_side in results.items():
-        sides = sorted(by_side)
-        in_blocks = "--max-memory" in name
-        style = {
-            "color": colours[name if name in colours else name.split()[0].rstrip(",")],
-            "linestyle": "--" if in_blocks else "-",
-            "marker": "s" if in_blocks else "o",
-            "markersize": 4,
-            "label": name,
-        }
-        for axis, which in zip(axes, (0, 1), strict=True):
-            axis.plot(sides, [by_side[side][which] for side in sides], **style)
+        style = "s--" if "--max-memory" in name else "o-"
+        colour = colours[name.replace(",", " ").split()[0]]
+        for axis, measured in zip(axes, zip(*by_side.values(), strict=True), strict=True):
+            axis.plot(list(by_side), measured, style, color=colour, markersize=4, label=name)
     for axis, title in zip(axes, ("seconds", "peak memory, MiB"), strict=True):
         axis.set(xscale="log", yscale="log", xlabel="cells a side", title=title)
         axis.set_xticks(SIDES, [f"{side:,}" for side in SIDES], rotation=45)
@@ -79,43 +55,21 @@ def plot(results: Results, path: Path) -> None:
     figure.savefig(path, dpi=110, metadata={"Software": None})
 
 
-def main() -> None:
-    """Measure and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sides", type=int, nargs="+", default=SIDES)
-    parser.add_argument("--runs", type=int, default=3)
-    parser.add_argument("--max-memory", default="1GB")
-    parser.add_argument("--plot", type=Path)
-    options = parser.parse_args()
-    results: Results = {}
-    print("| cells a side | command | seconds, median | min..max | peak MiB |")
-    print("|---|---|---|---|---|")
-    for side in options.sides:
-        folder = Path(tempfile.mkdtemp(prefix="mapdeal-benchmark-"))
-        # in a process of its own: what a child's peak is begins with what its parent's was
-        subprocess.run([sys.executable, HERE / "make_map.py", str(side), folder / "map.yaml"])
-        measured: dict[str, list[tuple[float, float]]] = {}
-        for turn in range(options.runs + 1):
-            for name, words in commands(
-                side, folder / "map.yaml", folder / "out", options.max_memory
-            ).items():
-                (folder / "out").mkdir()
-                result = measure(words)
-                shutil.rmtree(folder / "out")
-                if turn > 0 or options.runs == 1:  # the first turn warms the caches
-                    measured.setdefault(name, []).append(result)
-            if options.runs == 1:
-                break
-        shutil.rmtree(folder)
-        for name, pairs in measured.items():
-            seconds, peak = [s for s, _ in pairs], max(m for _, m in pairs)
-            median = statistics.median(seconds)
-            results.setdefault(name, {})[side] = (median, peak)
-            spread = f"{min(seconds):.2f}..{max(seconds):.2f}"
-            print(f"| {side} | {name} | {median:.2f} | {spread} | {peak:.0f} |", flush=True)
-    if options.plot:
-        plot(results, options.plot)
-
-
 if __name__ == "__main__":
-    main()
+    given = options(__doc__, sides=SIDES, plot=None)
+    results: Results = {}
+    head("cells a side", "command", "seconds, median", "min..max", "peak MiB")
+    for side in given.sides:
+        with tempfile.TemporaryDirectory() as name:
+            source = Path(name) / "map.yaml"
+            write_map(side, source)
+            (Path(name) / "out").mkdir()
+            contenders = commands(side, source, Path(name) / "out")
+            several = side <= LARGEST_OF_PEER
+            times = in_turns(contenders, 3 if several else 1, warm_ups=int(several))
+        for name, taken in times.items():
+            peak = max(taken.mebibytes)
+            results.setdefault(name, {})[side] = (taken.median, peak)
+            row(side, name, f"{taken.median:.2f}", taken.spread, f"{peak:.0f}")
+    if given.plot:
+        plot(results, given.plot)
