@@ -29,7 +29,7 @@ def terminal(monkeypatch):
 ASKED = {
     "reach room.yaml --from 2,4 --to dock=5,4 wall=1.2,4 --robot-radius 0.4": [
         "room.yaml, reach of a robot of radius 0.4 m: from 2, 4 the robot reaches",
-        "  goal dock 5,4: reached; the start is 2 m wide",
+        "  goal dock 5,4: reached; the room at the start is 2 m wide",
         "  goal wall 1.2,4: not reached",
     ],
     "query room.yaml --at 2.25,4.25 9,9": [
@@ -171,9 +171,9 @@ def test_the_geometry_of_a_bare_image_is_that_of_the_options(sh, room):
 
 
 def test_who_gives_no_robot_is_told_so(sh, room):
-    assert "no robot is given: walls are inflated by 0.3 m" in sh("run room.yaml -o out")[2]
+    assert "no robot is given: walls are inflated by 0.3 m" in sh("run room.yaml -o out")[1]
     for own in ("--recipe nav2", "--robot-radius 0.2", "--set inflate.radius=0.2"):
-        assert "no robot" not in sh(f"run room.yaml -o out --force {own}")[2]
+        assert "no robot" not in sh(f"run room.yaml -o out --force {own}")[1]
     assert "the costs are those of a point" in sh("cost room.yaml -o c.npz")[2]
     for own in ("--recipe nav2", "--robot-radius 0.2", "--inscribed-radius 0", "--model rings"):
         assert "no robot" not in sh(f"cost room.yaml -o c.npz --force {own}")[2]

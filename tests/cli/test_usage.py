@@ -39,8 +39,6 @@ def small(here):
         ("run m.yaml -o out --set inflate.kernel=sqare", "must be one of", "did you mean square?"),
         # options of something else; there is no --force
         ("reach m.yaml --recipe nav2", "--recipe", "run mapdeal reach --help for usage"),
-        ("run m.yaml -o out --factor 0.1", "--factor",
-         "--set rescale.factor=VALUE sets it"),
         ("run m.yaml -o out --inflation-radius 0.3", "--inflation-radius",
          "--set cost.inflation_radius=VALUE sets it"),
         ("cost m.yaml -o o.npz --margin 0.3", "--margin", "run mapdeal cost --help for usage"),

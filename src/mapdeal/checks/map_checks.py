@@ -19,6 +19,7 @@ from mapdeal.grid.costmap import UNIFORM_SHARE
 from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import kind_of
 from mapdeal.inputs.listing import WholeFolders
+from mapdeal.maps.dialects import MapMetadata
 from mapdeal.maps.images import IMAGE_FORMATS
 from mapdeal.maps.map_server import MAP_SAVER_UNKNOWN, NOTHING_KNOWN, percent, remark_on_freed
 
@@ -122,7 +123,15 @@ def greys(facts: PairFacts) -> Iterator[Remark]:
         shown = ", ".join(f"{grey}: {count}" for grey, count in most)
         rest = f", and {len(others) - len(most)} more greys" if len(others) > len(most) else ""
         text = f"{sum(others.values())} pixels have greys other than 0, 205, 254 ({shown}{rest})"
+        between = sum(n for grey, n in others.items() if _is_between(grey, facts.metadata))
+        if between:
+            text += f"; {between} of them are neither free nor occupied and become unknown"
         yield Remark(text, places=facts.places_of_greys(grey for grey, _ in most))
+
+
+def _is_between(grey: int, metadata: MapMetadata) -> bool:
+    share = (grey if metadata.negate else 255 - grey) / 255
+    return metadata.free_thresh <= share <= metadata.occupied_thresh
 
 
 @check("image.cartographer", "note", "Cartographer's grey for unknown, 128")
@@ -391,6 +400,7 @@ def lint_run(folder: Path) -> list[Finding]:
             text = f"is {kind.what}, not a folder of maps or of a run ({kind.use})"
             return [CHECKS["run.no-manifest"].finding(folder, text)]
         text = f"has no {MANIFEST} of a run, and no map in it or below: no .yaml with the key image"
+        text += "; --params-file checks a robot's parameters"
         if MANIFEST in files:
             text = f"its {MANIFEST} is not that of a run"
         return [CHECKS["run.no-manifest"].finding(folder, text)]

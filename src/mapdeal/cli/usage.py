@@ -27,6 +27,7 @@ _SYNONYMS = {
     "compare": "diff", "inflation": "inflate", "costmap": "cost", "distance": "esdf",
     "path": "route", "plan": "route", "check": "lint", "validate": "lint", "stats": "info",
     "fix": "lint", "filter": "clean", "resize": "rescale", "slam": "build", "stitch": "merge",
+    "version": "--version",
 }  # fmt: skip
 """What other programs call what commands do."""
 
@@ -136,9 +137,9 @@ def _meant(word: str, command: Any, context: Any) -> str | None:
     """Return the hint of what was meant by an unknown command or option, if anything is near."""
     if not word.startswith("-"):
         known = command.list_commands(context)
-        if _SYNONYMS.get(word.lower()) in known:
+        if word.lower() in _SYNONYMS:
             return f"did you mean {_SYNONYMS[word.lower()]}?"
-        return meant(word, known)
+        return meant(word, [*known, "help"])
     options = [name for one in command.params for name in (*one.opts, *one.secondary_opts)]
     near = nearest(word.lstrip("-"), [name[2:] for name in options if name[:2] == "--"])
     if near is not None or command.name != "run":

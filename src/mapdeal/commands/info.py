@@ -160,7 +160,7 @@ def describe(
     if any(one is not None for one in (costmap, namespace, of_map)):
         groups = [(True, list(sources))]
     else:
-        named = [one for source in sources for one in _maps_in(source, work)]
+        named = [one for source in sources for one in maps_in(source, work)]
         groups = [(kind != "", list(group)) for kind, group in groupby(named, _kind_of_robot)]
         groups = [
             part
@@ -186,7 +186,7 @@ def describe(
     return Descriptions(reports(), failed)
 
 
-def _maps_in(path: Path, work: Work) -> list[Path]:
+def maps_in(path: Path, work: Work) -> list[Path]:
     """Return the maps in a folder and below, or the file or the run itself."""
     if not is_folder(path) or exists(path / MANIFEST) or kind_of(path) is not None:
         return [path]

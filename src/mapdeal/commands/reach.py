@@ -20,12 +20,14 @@ from mapdeal.grid.values import UNKNOWN
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
+from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import Spread, reach_document, reach_json, summary_of
 from mapdeal.pipeline.recipe import load_recipe, planned_shape
 from mapdeal.pipeline.step import make_step
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import read_named_points
+from mapdeal.stages.cost import closed_by
 from mapdeal.stages.reach import reach
 
 _COSTS_PER_CELL = 8.0  # bytes for each cell that the costs of a robot's own layers take
@@ -38,6 +40,7 @@ class Reachability(Spread):
     map: inputs.MapInput
     reach: Reach
     title: str
+    keepout: NDArray[np.bool_] | None = None
 
     @property
     def missed(self) -> list[GoalReach]:
@@ -74,7 +77,9 @@ class Reachability(Spread):
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         from mapdeal.pictures.reach import reach_image
 
-        return reach_image(self.reach, title=title or f"{self.map.title}: {self.title}", **look)
+        title = title or f"{self.map.title}: {self.title}"
+        overlay = None if self.keepout is None else KeepoutOverlay(self.keepout)
+        return reach_image(self.reach, title=title, overlay=overlay, **look)
 
     def check(self) -> None:
         if not self.missed:
@@ -82,11 +87,16 @@ class Reachability(Spread):
         first, *others = self.missed
         rule = not_reachable_text(first, self.reach)
         if others:
-            rule += f"; nor are {len(others)} more of {len(self.reach.goals)} goals"
-        hint = "--image shows where the robot can go"
+            verb = "is" if len(others) == 1 else "are"
+            rule += f"; {len(others)} more of {len(self.reach.goals)} goals {verb} not reachable"
+        hint = None
+        if inputs.settings_of().image is None:
+            hint = "--image shows where the robot can go"
         if first.nearest_open is not None:
             x, y = (round(value, 6) + 0.0 for value in first.nearest_open)
             hint = f"the nearest open cell is at {x:.10g},{y:.10g}"
+        elif first.limited_by is None and self.keepout is not None:
+            hint = "the cells of the keepout mask are closed"
         elif first.limited_by is None and not self.reach.through_unknown:
             hint = "unknown cells are closed; --through-unknown opens them"
         raise FindingError(rule, source=self.map.name, hint=hint)
@@ -103,7 +113,9 @@ def not_reachable_text(missed: GoalReach, found: Reach) -> str:
         return f"{text} by any robot, however small: no way leads there"
     needs = 2 * reach_radius(found.robot)
     if limit.width <= needs + 2 * RADIUS_TOLERANCE:
-        return f"{text}: {limit.text}; the robot needs more than {needs:.4g} m"
+        closed = sum(not one.is_open for one in found.passages)
+        others = f", one of {closed} closed passages" if closed > 1 else ""
+        return f"{text}: {limit.text}{others}; the robot needs more than {needs:.4g} m"
     return (
         f"{text} with this footprint, though a round robot of up to {limit.width:.4g} m gets there"
     )
@@ -166,9 +178,9 @@ def reachability(
 
     A round robot fits where the nearest obstacle is farther away than its radius; a robot with
     corners is tried in many headings. Unknown cells and all that lies outside the map are closed.
-    Without -o the result is printed as JSON: areas; for each goal, whether it can be reached, by
-    how wide a robot, and what limits it; and the passages that stop the robot, or nearly do. Exit
-    code 1 if a goal cannot be reached.
+    Without -o the result is printed, on a terminal as lines, elsewhere as JSON: areas; for each
+    goal, whether it can be reached, by how wide a robot, and what limits it; and the passages that
+    stop the robot, or nearly do. Exit code 1 if a goal cannot be reached.
 
     Parameters
     ----------
@@ -224,7 +236,8 @@ def reachability(
         )
     if layers is not None:
         write_grid(work.begin(), layers, found)
-    return Reachability(one, found, step.title)
+    closed = None if mask is None else closed_by(mask.grid, found.frame)
+    return Reachability(one, found, step.title, closed)
 
 
 def _costs_of(robot: RobotParameters, one: inputs.MapInput, occupancy: NDArray[np.int8]) -> Grid:

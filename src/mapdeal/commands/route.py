@@ -278,8 +278,8 @@ def route(
 
     Lethal, inscribed and unknown cells are closed. A map gets the costs of --params-file, or else
     those of the recipe nav2; the shape of a robot replaces its radius of 0.22 m. Without -o the
-    result is printed as JSON. With --pairs, one line of JSON is printed for each pair and method,
-    and their means on stderr.
+    result is printed, on a terminal as lines, elsewhere as JSON. With --pairs, one line is printed
+    for each pair and method, and their means on stderr.
 
     Parameters
     ----------

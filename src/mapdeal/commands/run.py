@@ -376,8 +376,8 @@ def _assumed(recipe: recipes.Recipe, changes: Sequence[str]) -> Iterator[str]:
     radii = [step.parameters["radius"] for step in recipe.steps if step.name == "inflate"]
     if radii and not any(text.strip().startswith("inflate.") for text in changes):
         yield (
-            f"no robot is given: walls are inflated by {radii[0]:g} m; --params-file FILE, "
-            "--robot-radius R or --recipe nav2 makes the costmap of a robot"
+            f"no robot is given: walls are inflated by {radii[0]:g} m; --params-file FILE, or "
+            "--recipe nav2 --robot-radius R, makes the costmap of a robot"
         )
 
 

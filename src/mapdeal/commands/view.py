@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from mapdeal.command import Result, Words, command
+from mapdeal.commands.info import maps_in
 from mapdeal.commands.report import write_report
-from mapdeal.files.source import absolute_path, status_of
+from mapdeal.files.source import absolute_path, is_folder, status_of
 from mapdeal.files.transaction import lasting_folder
 from mapdeal.pipeline.inputs import Work
 
@@ -61,13 +62,17 @@ def view(
     browser : bool
         Open the page, and not only print its path.
     """
-    first, *others = sources
+    work = Work.in_shell()
     for path in sources:
         status_of(path)
+    found = [one for path in sources for one in maps_in(path, work)]
+    # what belongs to a map stands behind it
+    first, *others = sorted(found, key=lambda one: one.suffix.lower() == ".json")
     if first.suffix.lower() in _PAGES and not others:
         page = absolute_path(first)
     else:
-        settings = Work.in_shell().settings
-        page = lasting_folder() / f"{first.stem or 'report'}.html"
-        write_report(page, sources, dialect=settings.dialect, max_cells=settings.max_cells)
+        settings = work.settings
+        name = first.name if is_folder(first) else first.stem
+        page = lasting_folder() / f"{name or 'report'}.html"
+        write_report(page, [first, *others], dialect=settings.dialect, max_cells=settings.max_cells)
     return Viewed(page, browser and webbrowser.open(page.as_uri()), browser)

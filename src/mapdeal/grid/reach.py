@@ -77,10 +77,9 @@ class Bottleneck(OneLine):
     @property
     def text(self) -> str:
         """Short description of the place and its width."""
-        where = {"passage": "a passage", "start": "the start", "goal": "the goal"}[self.at]
-        if self.at == "passage":
-            where += f" at {self.x + 0.0:.4g},{self.y + 0.0:.4g}"
-        return f"{where} is {self.width:.4g} m wide"
+        if self.at != "passage":
+            return f"the room at the {self.at} is {self.width:.4g} m wide"
+        return f"a passage at {self.x + 0.0:.4g},{self.y + 0.0:.4g} is {self.width:.4g} m wide"
 
     def _told(self) -> Iterator[str]:
         yield f"{self.width:.4g} m at {numbers_text((self.x, self.y))}"

@@ -29,6 +29,7 @@ from mapdeal.files.source import (
     state_of,
     status_of,
     use_memory,
+    yaml_at,
 )
 from mapdeal.files.transaction import Transaction, locked
 from mapdeal.grid.costmap import Costmap
@@ -186,6 +187,9 @@ def open_map(
         bare = _bare_images.get()
         if bits is None and bare is not None and is_bare_image(path):
             metadata = MapMetadata(path.name, *bare)
+            if yaml_at(path):
+                text = "is read by --resolution; the .yaml beside it is not read"
+                emit_warning(f"{path}: {text}", stacklevel=3)
             states = {path: state_of(path)}
             yield MapFile(states, opened, dialect=dialect, max_cells=max_cells, metadata=metadata)
             return
@@ -287,7 +291,7 @@ def output_paths(output: Path) -> tuple[Path, ...]:
         return map_server.pair_paths(output)
     rule = "an output must end in .yaml, .npz, .pgm or .png"
     hint = "mapdeal pack makes a bit map of a map" if output.suffix == BIT_MAP else None
-    raise ParameterError(rule, source=output, got=output.suffix, hint=hint)
+    raise ParameterError(rule, source=output, hint=hint)
 
 
 def write_grid(

@@ -108,7 +108,7 @@ def _summary_of_reach(figures: Figures) -> str:
     if goals:
         parts.append(f"{len(goals) - len(missed)} of {count_text(len(goals), 'goal')}")
     if missed:
-        parts[-1] += f", not {_named(missed)}"
+        parts[-1] += f" (not {_named(missed)})"
     if figures.get("passages"):
         text = count_text(figures["passages"], "passage")
         parts.append(f"{text}, {figures['closed_passages']} closed")
