@@ -101,6 +101,7 @@ PICTURES = {
         "office_potential.png": "out/potentials/potential.png",
         "office_descent.png": "out/potentials/descent.png",
     },
+    "route_graphs.md": {"route_graph.png": "out/routes/office.png"},
     "reach.md": {
         "reach_before.png": "out/before.png",
         "reach_after.png": "out/after.png",

@@ -36,7 +36,7 @@ EXIT_CODES = "See [exit codes](../../cli.md#exit-codes)."
 API = {
     "Reading and writing": (
         "read_map", "write_map", "read_bit_map", "write_bit_map", "read_shapes", "read_cloud",
-        "read_poses", "read_map_from_bag",
+        "read_poses", "read_map_from_bag", "read_route_graph",
     ),
     "Stages": (
         "active_region", "inflate", "esdf", "field_view", "exponential_cost", "threshold_cost",
@@ -45,7 +45,7 @@ API = {
     ),
     "As the commands do": (
         "run", "load_recipe", "apply_recipe", "read_robot_parameters", "lint", "diff", "score",
-        "align", "merge", "info", "write_report", "draw_picture", "write_picture",
+        "align", "merge", "graph", "info", "write_report", "draw_picture", "write_picture",
     ),
     "Changing maps": (
         "draw", "blank", "window", "shift_origin", "reset_region", "rotate", "straighten",

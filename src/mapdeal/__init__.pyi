@@ -13,6 +13,8 @@ from mapdeal.commands.diff import diff as diff
 from mapdeal.commands.draw_picture import Picture as Picture
 from mapdeal.commands.draw_picture import draw_picture as draw_picture
 from mapdeal.commands.draw_picture import write_picture as write_picture
+from mapdeal.commands.graph import PlannedGraph as PlannedGraph
+from mapdeal.commands.graph import graph as graph
 from mapdeal.commands.info import info as info
 from mapdeal.commands.lint import lint as lint
 from mapdeal.commands.merge import Merged as Merged
@@ -59,6 +61,9 @@ from mapdeal.grid.reach import GoalReach as GoalReach
 from mapdeal.grid.reach import Passage as Passage
 from mapdeal.grid.reach import Reach as Reach
 from mapdeal.grid.reach import Route as Route
+from mapdeal.grid.route_graph import RouteEdge as RouteEdge
+from mapdeal.grid.route_graph import RouteGraph as RouteGraph
+from mapdeal.grid.route_graph import RouteNode as RouteNode
 from mapdeal.grid.shapes import Circle as Circle
 from mapdeal.grid.shapes import Line as Line
 from mapdeal.grid.shapes import Polygon as Polygon
@@ -77,6 +82,7 @@ from mapdeal.maps.map_server import write_bit_map as write_bit_map
 from mapdeal.maps.npz import Grid as Grid
 from mapdeal.maps.reading import read_map as read_map
 from mapdeal.maps.reading import write_map as write_map
+from mapdeal.maps.route_graphs import read_route_graph as read_route_graph
 from mapdeal.maps.shapes import read_shapes as read_shapes
 from mapdeal.pipeline.bag_maps import read_map_from_bag as read_map_from_bag
 from mapdeal.pipeline.recipe import Recipe as Recipe

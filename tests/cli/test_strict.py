@@ -38,6 +38,7 @@ LINES = [
     f"unpack bits.pbm {OUT}.yaml",
     f"build log.clf {OUT}.yaml",
     f"report m.yaml {OUT}.html",
+    f"graph m.yaml {OUT}.geojson",
     f"reach m.yaml --from 3,0 --to 3.3,0 {OUT}.json {IMAGE}",
     f"route m.yaml --from 3,0 --to 3.3,0 {OUT}.json {IMAGE}",
     *(f"{name} m.yaml m.yaml {IMAGE}" for name in ("diff", "align")),

@@ -92,9 +92,17 @@ def samples():
             ),
             narrow, reached, reached.goal, passage, reach(map_, reached, passage),
             mapdeal.clean(grid_from_text("...#.")),
-            mapdeal.route(costmap, start=start, goal=goal),
+            mapdeal.route(costmap, start=start, goal=goal), *route_graphs(),
         ]
     }  # fmt: skip
+
+
+def route_graphs():
+    nodes = mapdeal.RouteNode(1, 0.5, 1.0), mapdeal.RouteNode(2, 2.0, 1.0)
+    edges = (mapdeal.RouteEdge(3, 1, 2),)
+    room = mapdeal.OccupancyGrid(np.zeros((8, 30), np.int8), 0.25)
+    found = mapdeal.graph(room, footprint=mapdeal.Footprint.circle(0.3))
+    return nodes[0], edges[0], mapdeal.RouteGraph(nodes, edges), found
 
 
 SAMPLES = samples()
@@ -133,6 +141,7 @@ def test_a_value_of_a_public_type_is_shown_in_one_line(name):
          f"{PLACE}, view metric, 0 at 2 m, 12 in 1..99, 2 occupied, 0 free, 1 unknown"),
         ("Transform", "x 1 m, y -2 m, yaw 0.4 rad"),
         ("Merged", "2 maps, 4 x 1 cells, 1 conflict"),
+        ("RouteGraph", "2 nodes, 1 edge"),
         ("MapCounts", "3 known, 3 in common, 1 added, 1 conflict, 1 of 1 walls met"),
         ("Polygon", "[(0, 0), (2, 0), (2, 1)], value 100"),
         ("Line", "[(0, 0), (2, 0.5)], thickness 0.2 m"),

@@ -121,6 +121,23 @@ declare_check("image.dos-header", "warning", "DOS line ends in the header of a P
 declare_check("image.trailing-bytes", "warning", "bytes after the picture")
 declare_check("image.raw-values", "warning", "values without a meaning in mode raw")
 declare_check("map.view", "warning", "a 0..100 view of a distance field, which is not a map")
+declare_check("graph.refused", "error", "a graph that Nav2's route server refuses to load")
+declare_check(
+    "graph.missing-end", "error", "an edge that begins or ends at no node: all is refused"
+)
+declare_check("graph.double-id", "error", "two nodes, or two edges, with the same id")
+declare_check("graph.shared-id", "warning", "a node and an edge with the same id")
+declare_check(
+    "graph.whole-number", "error", "a whole number where a scorer asks for a float: it throws"
+)
+declare_check("graph.mixed-limits", "warning", "speed_limit on some edges and not on all")
+declare_check("graph.other-frame", "error", "coordinates of another frame than the map's")
+declare_check(
+    "graph.node-closed", "error", "a node in an obstacle, in unknown space, or too near to one"
+)
+declare_check("graph.edge-blocked", "error", "an edge on which the robot hits something")
+declare_check("graph.one-way", "warning", "nodes that can be entered, but not left, or the reverse")
+declare_check("graph.parts", "warning", "parts of a graph that are not connected")
 declare_check("lint.not-checked", "error", "a map that could not be checked: no memory, or a bug")
 declare_check(
     "lint.unused-ignore", "note", "a comment that ignores nothing, or names a check that is none"

@@ -163,7 +163,8 @@ class MapReport(OneLine):
     def document(self) -> dict[str, Any]:
         """Return its entry in what ``mapdeal lint --format json`` prints."""
         findings = [
-            {k: v for k, v in asdict(found).items() if k != "file"} for found in self.findings
+            {k: v for k, v in asdict(found).items() if k != "file" or v != self.file}
+            for found in self.findings
         ]
         entry = {"file": self.file, "findings": findings, "suppressed": self.suppressed}
         return {**entry, "repairs": list(self.repairs)} if self.repairs else entry

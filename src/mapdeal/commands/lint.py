@@ -18,7 +18,7 @@ import numpy as np
 
 from mapdeal.checks import lint as checks
 from mapdeal.checks.facts import PairFacts, RoomFacts, gather, without_rounding_noise
-from mapdeal.checks.findings import CHECKS, Selections
+from mapdeal.checks.findings import CHECKS, Finding, Selections
 from mapdeal.checks.lint import LintReport, MapReport, ReportForm, repair_lines
 from mapdeal.checks.map_checks import RUN_FOLDERS
 from mapdeal.checks.parameter_checks import robot_in
@@ -66,7 +66,7 @@ from mapdeal.maps.map_server import (
     write_map_image,
 )
 from mapdeal.maps.npz import read_npz
-from mapdeal.maps.reading import MapFile, open_map, output_paths, write_grid
+from mapdeal.maps.reading import MapFile, as_occupancy, open_map, output_paths, write_grid
 from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch, jobs_at_once
 from mapdeal.pipeline.inputs import Work, errors_named, memory_budget, outputs_of, refuse
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
@@ -91,6 +91,7 @@ _COSTS = "holds costs, which are not repaired"
 
 _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
 
+_PER_CELL_OF_GRAPH = 24  # bytes: distances, what is open, what a robot meets
 _PER_CELL_REPAIRED = 3  # bytes: the cells, and what they become while they are written
 _PER_CELL_OF_TURNED, _PER_NEW_CELL = 5, 3
 """Bytes, of a turned map that is resampled and of the new one."""
@@ -154,6 +155,7 @@ def lint(
     params_file: Annotated[Names, Words("FILE", typed=list[Path])] = (),
     costmap: CostmapName | None = None,
     namespace: Annotated[str | None, Words("NS")] = None,
+    graph: Annotated[str | PathLike[str] | None, Words("GRAPH.geojson", typed=Path)] = None,
     footprint: Footprint | None = None,
     select: Checks = (),
     ignore: Checks = (),
@@ -182,6 +184,9 @@ def lint(
     With --params-file a robot's own parameters are checked as well: what ROS refuses or silently
     ignores, and how shape and costs fit together. A MAP is optional then.
 
+    With --graph a route graph is checked on the MAP, for the robot's shape: what Nav2's route
+    server refuses, nodes and edges on which the robot hits something, and parts without a way back.
+
     With a robot's shape, areas are reported that only passages too narrow for the robot connect.
 
     A comment "# mapdeal: ignore ID, ID" in a map's .yaml or in a parameter file turns these checks
@@ -198,6 +203,8 @@ def lint(
         Costmap of --params-file  [default: both]. Only costmaps that the files define are checked.
     namespace : str, optional
         Robot of --params-file, if it contains several.
+    graph : path or str, optional
+        Route graph to check on the one MAP: a GeoJSON file for Nav2's route server.
     footprint : Footprint, optional
         Shape of a robot that should be able to pass through the maps: areas connected only by
         passages too narrow for its inscribed radius are reported. By default that in the files.
@@ -268,6 +275,8 @@ def lint(
         raise ParameterError("needs -o OUT or --in-place", place="fix")
     if not fix and (output is not None or in_place):
         raise ParameterError("needs --fix", place="in_place" if output is None else "output")
+    if fix:
+        refuse("cannot be given together with --fix", graph=graph)
     if footprint is not None and not names:
         raise ParameterError("needs a MAP", place="footprint")
     if not names and not files:
@@ -279,6 +288,9 @@ def lint(
         chunks = _no_standard_input if work is None else work.terminal.input_chunks
         listing = list_maps(names, None, chunks, whole_folders=RUN_FOLDERS)
         maps = [one.path for one in listing.maps]
+        if graph is not None and len(maps) != 1:
+            rule = f"needs one MAP, not {len(maps)}"
+            raise ParameterError(rule, place="graph")
         if output is not None:
             return _repaired_copy(maps, Path(output), settings)
         at_once = min(jobs or 1, len(maps))
@@ -296,6 +308,7 @@ def lint(
             settings,
             None if footprint is None or not maps else reach_radius(footprint),
             at_once,
+            None if graph is None else (Path(graph), footprint),
         )
         reports = lint_maps.parameters(files, costmap, namespace, maps) if files else []
         with counted(len(maps)) as done:
@@ -322,6 +335,7 @@ class _Lint:
     settings: Settings
     radius: float | None = None
     jobs: int = 1
+    graph: tuple[Path, Footprint | None] | None = None
 
     def parameters(
         self, files: Sequence[Path], costmap: CostmapName | None, namespace: str | None,
@@ -361,7 +375,11 @@ class _Lint:
         for index, path in enumerate(paths):
             is_left_out = any(one.check == checks.LEFT_OUT for one in found[index].findings)
             without = of_robot if is_left_out or path not in radii else ()
-            report = self._report(path, found[index], without)
+            one = found[index]
+            if self.graph is not None:
+                more = _found_on_map(path, *self.graph, self.settings)
+                one = replace(one, findings=(*one.findings, *more))
+            report = self._report(path, one, without)
             reports.append(replace(report, is_folder=is_folder(path)))
         return reports
 
@@ -369,6 +387,21 @@ class _Lint:
         selection = self.selections.of(path)
         judged = selection.judged(path, found.findings, found.comments, without=without)
         return MapReport(str(path), *judged, selection.strict)
+
+
+def _found_on_map(
+    path: Path, graph: Path, robot: Footprint | None, settings: Settings
+) -> Sequence[Finding]:
+    """Return what is wrong with a graph on a map."""
+    from mapdeal.checks.graph_checks import found_in_graph  # of use to few, and slow to import
+
+    try:
+        with kept_warnings(), open_map(path, max_cells=settings.max_cells) as file:
+            height, width = file.shape()
+            claim(path, _PER_CELL_OF_GRAPH * height * width)
+            return found_in_graph(graph, as_occupancy(file.read().grid, path), robot)
+    except MapdealError as error:  # of the map
+        return checks.not_checked(graph, f"its map cannot be read: {error}").findings
 
 
 def _repair_in_place(

@@ -121,11 +121,11 @@ def not_reachable_text(missed: GoalReach, found: Reach) -> str:
     )
 
 
-def _start(text: str) -> tuple[float, ...]:
+def start_of(text: str) -> tuple[float, ...]:
     return inputs.numbers_of(text, "X,Y,YAW" if text.count(",") > 1 else "X,Y")
 
 
-def _goals(texts: Sequence[str]) -> list[Goal]:
+def goals_of(texts: Sequence[str]) -> list[Goal]:
     goals = []
     for text in texts:
         name, equals, place = text.rpartition("=")
@@ -158,8 +158,8 @@ def _goals_in(path: Path) -> list[Goal]:
     shared=("robot", "mask", "files"),
     also={"": reach},
     words={
-        "start": Words("X,Y[,YAW]", _start, "from"),
-        "goals": Words("[NAME=]X,Y", _goals, "to", is_repeated=True),
+        "start": Words("X,Y[,YAW]", start_of, "from"),
+        "goals": Words("[NAME=]X,Y", goals_of, "to", is_repeated=True),
     },
     example="""\
 mapdeal reach examples/maps/office.yaml --from -8,0 --to kitchen=3,-4 lab=9,4 \\
@@ -225,7 +225,7 @@ def reachability(
             inputs.warn_of_published_costs(one)
             inputs.warn_of_potential(one)
             if robot is not None:
-                grid = _costs_of(robot, one, np.asarray(grid.occupancy))
+                grid = lethal_costs(robot, one)
         found = step.apply(grid, one.path, mask=None if mask is None else mask.grid)
     if not isinstance(found, Reach):
         raise TypeError("the stage reach must make a Reach")
@@ -240,13 +240,14 @@ def reachability(
     return Reachability(one, found, step.title, closed)
 
 
-def _costs_of(robot: RobotParameters, one: inputs.MapInput, occupancy: NDArray[np.int8]) -> Grid:
-    """Return what is lethal and what unknown to a robot, and nothing else."""
+def lethal_costs(robot: RobotParameters, one: inputs.MapInput) -> Grid:
+    """Return what is lethal and what unknown to a robot on a map, and nothing else."""
     # Inscribed costs would cover unknown cells.
     layers = (each for each in robot.layers if not isinstance(each.layer, InflationLayer))
     grid = one.grid
     for step in load_recipe(None, robot=replace(robot, layers=tuple(layers))).steps:
         grid = step.apply(grid, one.path)
+    occupancy = np.asarray(one.occupancy.occupancy)
     unknown = np.count_nonzero(occupancy == UNKNOWN)
     if unknown and isinstance(grid, Costmap) and not (grid.cost == grid.unknown_value).any():
         text = (

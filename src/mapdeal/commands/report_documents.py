@@ -28,6 +28,7 @@ from mapdeal.files.json_values import (
     LINT,
     REACH,
     ROUTE,
+    ROUTE_GRAPH,
     SCORE,
     JsonValue,
     NamedMap,
@@ -49,9 +50,11 @@ from mapdeal.grid.reach import (
     Route,
     robot_text,
 )
+from mapdeal.grid.route_graph import RouteNode
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import SHAPES, recognised
+from mapdeal.maps.route_graphs import parsed_graph
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
 from mapdeal.report.document import Item, Table, Tone
 
@@ -322,6 +325,28 @@ def route_items(route: Route) -> list[Item]:
     return [*ends, Item("route", text, tone, (x, y), (points_xy,))]
 
 
+def _route_graph(document: JsonValue) -> Results:
+    graph = parsed_graph(document).graph
+    if not len(graph.edges):
+        return Results(ROUTE_GRAPH)
+    lines = graph.points_xy[np.unique(np.sort(graph.ends, axis=1), axis=0)]
+    nodes, edges = count_text(len(graph.nodes), "node"), count_text(len(graph.edges), "edge")
+    text = f"route graph of {nodes} and {edges}"
+    items = [Item("graph", text, "note", lines=tuple(lines))]
+    items += _shortened((_node_item(one) for one in graph.nodes), "graph")
+    lengths = f"{float(graph.lengths.sum()):.6g} m, each direction by itself"
+    rows = (("nodes", str(len(graph.nodes))), ("edges", str(len(graph.edges))), ("length", lengths))
+    return Results(ROUTE_GRAPH, items, [Table("Route graph", rows)])
+
+
+def _node_item(node: RouteNode) -> Item:
+    told = ", ".join(f"{key} {value}" for key, value in node.metadata.items())
+    text = f"node {node.id} at {_at((node.x, node.y))}" + (f": {told}" if told else "")
+    name = node.metadata.get("name")
+    label = short(str(name)) if name else ""
+    return Item("graph", short(text), "note", (node.x, node.y), label=label)
+
+
 def shape_items(shapes: Iterable[Shape]) -> list[Item]:
     return _shortened((_shape_item(one) for one in shapes), "shape")
 
@@ -555,5 +580,5 @@ def _at(point: Sequence[float]) -> str:
 
 _READERS: dict[str | None, Callable[[JsonValue], Results]] = {
     LINT: _lint, REACH: _reach, ROUTE: _route, DIFF: _diff, COMPARISON: _comparison,
-    SCORE: _score, ALIGNMENT: _alignment,
+    SCORE: _score, ALIGNMENT: _alignment, ROUTE_GRAPH: _route_graph,
 }  # fmt: skip

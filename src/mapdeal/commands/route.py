@@ -19,14 +19,18 @@ from mapdeal.grid.footprint import Footprint, shape_of
 from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import Method, Route, reach_radius
 from mapdeal.grid.reaching import largest_closed_square, squares_to
+from mapdeal.grid.route_graph import RouteGraph
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED
+from mapdeal.maps.route_graphs import read_route_graph
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import cost_image
-from mapdeal.pictures.overlay import RouteOverlay
+from mapdeal.pictures.overlay import Overlays, RouteOverlay
+from mapdeal.pictures.route_graph import GraphOverlay
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import Spread, rounded, spread_json
 from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape
 from mapdeal.planning import routes
+from mapdeal.planning.graph_routes import route_on_graph
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import PairLine, read_pairs
 from mapdeal.stages.potential import CAP, GAIN, potential
@@ -37,7 +41,7 @@ WAYS = ("plain", "cost", "heuristic")
 """Where the distance field acts: nowhere, in the cost of a step, or in the heuristic."""
 
 _RECIPE = "nav2"
-_PER_CELL: dict[Method, float] = {"astar": 36.0, "descent": 126.0}
+_PER_CELL: dict[Method, float] = {"astar": 36.0, "descent": 126.0, "graph": 36.0}
 """Bytes for each cell, those of the recipe included."""
 
 _PER_CELL_OF_PAIRS = 60.0
@@ -67,10 +71,13 @@ class PlannedRoute(Route, Spread):
         The map.
     costs : Costmap
         Costs of the map, or those that were given.
+    graph : RouteGraph, optional
+        The graph that the route goes by.
     """
 
     map: inputs.MapInput
     costs: Costmap
+    graph: RouteGraph | None = None
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
@@ -103,7 +110,9 @@ class PlannedRoute(Route, Spread):
             title = f"{self.map.title}: route, {self.method}"
             has_field = self.method == "astar" and not self.optimal
             title += ", field in the heuristic" if has_field else ""
-        return cost_image(self.costs, title=title, overlay=RouteOverlay(self), **look)
+        below = () if self.graph is None else (GraphOverlay(self.graph, is_below=True),)
+        overlay = Overlays((*below, RouteOverlay(self)))
+        return cost_image(self.costs, title=title, overlay=overlay, **look)
 
     def check(self) -> None:
         """Raise FindingError if the goal is not reached."""
@@ -118,6 +127,9 @@ class PlannedRoute(Route, Spread):
             hint = "every potential may have some; --method astar finds its way around them"
         elif len(self.points_xy):
             rule = f"stopped after {self.length:.4g} m on the way to {goal}"
+        elif self.method == "graph":
+            rule = f"no route on the graph leads to {goal}"
+            hint = "mapdeal lint MAP --graph checks it: parts, one-way edges, nodes in walls"
         else:
             rule = f"no route leads to {goal}"
             hint = "lethal, inscribed and unknown cells are closed; --image shows them, "
@@ -259,7 +271,8 @@ def route(
     goal: Annotated[Point | None, Words("X,Y", _point, "to")] = None,
     pairs: Annotated[Path | None, Words("FILE|-")] = None,
     compare: Annotated[Sequence[str] | None, Words("METHOD,...", lambda t: t.split(","))] = None,
-    method: Method = "astar",
+    method: Method | None = None,
+    graph: Annotated[Path | None, Words("GRAPH.geojson")] = None,
     through_unknown: bool = False,
     cost_travel_multiplier: Annotated[float, FACTOR] = 2.0,
     field_weight: Annotated[float | None, Words("W")] = None,
@@ -295,8 +308,11 @@ def route(
     compare : sequence of {'plain', 'cost', 'heuristic'}, optional
         With pairs: search without the distance field (plain), with it in the cost, or in the
         heuristic; by default all three.
-    method : {'astar', 'descent'}
-        Cheapest route (astar), or steepest descent of the potential (descent).
+    method : {'astar', 'descent', 'graph'}, optional
+        Cheapest route (astar, the default), steepest descent of the potential (descent), or the
+        cheapest on a route graph (graph, the default with one).
+    graph : path, optional
+        Route graph to go by: a GeoJSON file for Nav2's route server.
     through_unknown : bool
         Treat unknown cells as free, at the highest cost.
     cost_travel_multiplier : float
@@ -357,6 +373,12 @@ def route(
     weights: dict[str, Any] = {
         "cost_travel_multiplier": cost_travel_multiplier, "through_unknown": through_unknown
     }  # fmt: skip
+    if method is None:
+        method = "astar" if graph is None else "graph"
+    if method == "graph" and graph is None:
+        raise ParameterError("graph needs --graph, a file", place="method")
+    if method != "graph":
+        inputs.refuse(f"does not apply to method {method}", graph=graph)
     if pairs is not None:
         of_one = {"start": start, "goal": goal, "heuristic": heuristic, **gains}
         image = inputs.settings_of(**reading).image
@@ -381,9 +403,9 @@ def route(
     inputs.refuse("applies to pairs alone", compare=compare)
     if start is None or goal is None:
         raise ParameterError("both are required, unless pairs are given", place="start, goal")
-    if method == "astar":
-        inputs.refuse("does not apply to method astar", **gains)
-    else:
+    if method != "descent":
+        inputs.refuse(f"does not apply to method {method}", **gains)
+    if method != "astar":
         inputs.refuse(f"does not apply to method {method}", **of_field, heuristic=heuristic)
     if heuristic == "field":
         of_field.setdefault("heuristic_weight", _HEURISTIC_WEIGHT)
@@ -391,15 +413,20 @@ def route(
         raise ParameterError("applies to heuristic field alone", place="heuristic_weight")
     inputs.need_ending(".json")
     per_cell = _PER_CELL[method] + _OF_HEURISTIC * bool(of_field.get("heuristic_weight"))
-    one, costs = _costs_of(map, footprint, robot, mask, [], per_cell, reading)
+    followed = None if graph is None else read_route_graph(graph)
+    files = [] if graph is None else [graph]
+    one, costs = _costs_of(map, footprint, robot, mask, files, per_cell, reading)
     with inputs.errors_named(one.name):
-        if method == "astar":
+        if followed is not None:
+            terrain = routes.Terrain.of(costs, **weights)
+            found = route_on_graph(terrain, followed, start, goal)
+        elif method == "astar":
             found = routes.shortest_route(costs, start, goal, **weights, **of_field)
         else:
             published = costs.to_occupancy()
             lethal = published.with_values(published.occupied().astype("int8") * OCCUPIED)
             found = routes.descend(costs, potential(lethal, goal=goal, **gains), start, **weights)
-    return PlannedRoute(**vars(found), map=one, costs=costs)
+    return PlannedRoute(**vars(found), map=one, costs=costs, graph=followed)
 
 
 def _given(**options: Any) -> dict[str, Any]:

@@ -212,6 +212,7 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 SHAPES, MANIFEST, SUMMARY = "shapes", "manifest", "summary"
 ROUTE, REACH, LINT, DIFF, COMPARISON = "route", "reach", "lint", "diff", "comparison"
 SCORE, ALIGNMENT = "score", "alignment"
+ROUTE_GRAPH = "route graph"
 
 COMPARISON_FORMAT = "mapdeal-comparison/1"
 SCORE_FORMAT = "mapdeal-score/1"
@@ -225,10 +226,23 @@ _GEOMETRIES = (
 )  # fmt: skip
 
 
+def is_route_graph(value: Any) -> bool:
+    """Return whether a JSON value is a collection of features of which one is an edge."""
+    features = value.get("features") if isinstance(value, dict) else None
+    return isinstance(features, list) and any(
+        isinstance(one, dict)
+        and isinstance(one.get("properties"), dict)
+        and {"startid", "endid"} <= one["properties"].keys()
+        for one in features
+    )
+
+
 def document_kind(value: Any) -> str | None:
     """Return what a JSON value is; None if it is nothing that is known."""
     if not isinstance(value, dict):
         return None
+    if is_route_graph(value):
+        return ROUTE_GRAPH
     if value.get("type") in _GEOMETRIES:
         return SHAPES
     if isinstance(value.get("outputs"), dict) and isinstance(value.get("stages"), list):

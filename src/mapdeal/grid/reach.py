@@ -17,7 +17,7 @@ from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import UNKNOWN, OneLine, count_text, numbers_text
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
-Method = Literal["astar", "descent"]
+Method = Literal["astar", "descent", "graph"]
 
 _ROUNDING = 12
 """Decimals of widths, so that twice six cells of 0.05 m are 0.6 m and not wider by a last bit."""
@@ -316,7 +316,7 @@ class Route(OneLine):
 
     Parameters
     ----------
-    method : {'astar', 'descent'}
+    method : {'astar', 'descent', 'graph'}
         Search method.
     reached : bool
         Whether the last point is the goal.
@@ -339,7 +339,7 @@ class Route(OneLine):
         Mean distance to obstacles along the route, metres: each segment counts with its length
         and the mean clearance of its two ends; +inf without obstacles, nan without points.
     expanded : int, optional
-        Number of cells that the search expanded; None for a descent.
+        Number of cells, or nodes of a graph, that the search expanded; None for a descent.
     optimal : bool
         Whether the search guarantees the lowest cost.
     """

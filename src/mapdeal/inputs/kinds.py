@@ -69,6 +69,9 @@ _POSES_USE = "--poses {path} gives it to mapdeal build and mapdeal local"
 _BAG_USE = "mapdeal info {path} lists its topics; convert, build and local --cloud take them"
 _PARAMETERS_USE = "mapdeal run MAP -o DIR --params-file {path} takes it"
 _REPORT_USE = "mapdeal report {path} -o OUT.html shows it"
+_GRAPH_USE = (
+    "mapdeal lint MAP --graph {path} checks it, mapdeal route MAP --graph {path} goes by it"
+)
 _OF_A_MAP_USE = "mapdeal report MAP {path} -o OUT.html shows it on its map"
 
 
@@ -253,6 +256,7 @@ _DOCUMENTS = {
     ),
     "score": ("the score of a map (JSON)", "#bounds", _REPORT_USE),
     "comparison": ("methods of mapping compared (JSON)", "", _REPORT_USE),
+    "route graph": ("a route graph (GeoJSON)", "#features", _GRAPH_USE),
 }  # fmt: skip
 """JSON that mapdeal writes: what it is, its figures, of lists (#) the length, and its use."""
 

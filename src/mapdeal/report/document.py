@@ -34,7 +34,7 @@ Points = NDArray[np.float64]
 Tone = Literal["error", "warning", "note", "good", "plain"]
 """Severity of an item: its colour on the page, never the only sign of it."""
 
-ItemKind = Literal["finding", "passage", "start", "goal", "route", "shape"]
+ItemKind = Literal["finding", "passage", "start", "goal", "route", "graph", "shape"]
 
 
 @dataclass(frozen=True, eq=False)

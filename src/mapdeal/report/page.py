@@ -282,6 +282,7 @@ class _Plot(Plot):
 
 _KINDS = {
     "passage": "Passages", "start": "Starts", "goal": "Goals", "route": "Routes",
+    "graph": "Route graphs",
     "finding": "Findings", "shape": "Shapes",
 }  # fmt: skip
 

@@ -29,7 +29,7 @@ function drawItems(items) {
 	const taken = [];
 	for (const item of items.sort((a, b) => (a === selected) - (b === selected))) {
 		const { kind, lines, label, place } = item, chosen = item === selected, colour = TONES[item.tone];
-		const [sx, sy] = toScreen(...(place ?? lines[0]?.[0] ?? [NaN, NaN])), radius = chosen ? 9 : 6;
+		const [sx, sy] = toScreen(...(place ?? lines[0]?.[0] ?? [NaN, NaN])), radius = chosen ? 9 : kind === "graph" ? 3 : 6;
 		item.path = pathOf(lines);
 		strokePath(item.path, colour, (kind === "passage" ? 4 : 2.5) + 2 * chosen, kind === "shape" ? [7, 5] : []);
 		if (place && (chosen || kind !== "passage" || !lines.length)) {

@@ -1,0 +1,249 @@
+"""``mapdeal graph``: a graph of nodes and edges that Nav2's route server follows."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Unpack
+
+from mapdeal.command import ABOVE_0, METRES, POSE, Output, Result, Words, command
+from mapdeal.commands.reach import goals_of, lethal_costs, start_of
+from mapdeal.errors import FindingError, emit_warning
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.reach import Goal, Reach, reach_radius
+from mapdeal.grid.route_graph import RouteGraph
+from mapdeal.maps.route_graphs import graph_text
+from mapdeal.pictures.canvas import Image
+from mapdeal.pictures.layers import occupancy_image
+from mapdeal.pictures.route_graph import GraphOverlay
+from mapdeal.pipeline import inputs
+from mapdeal.pipeline.folder import rounded
+from mapdeal.pipeline.recipe import planned_shape
+from mapdeal.pipeline.step import make_step
+from mapdeal.planning.route_graphs import (
+    Made,
+    OneWay,
+    Wishes,
+    check_wishes,
+    coarse_step,
+    route_graph_of,
+)
+from mapdeal.ros.robot import RobotParameters
+
+_PER_CELL, _PER_COARSE_CELL = 30.0, 70.0
+"""Bytes for each cell, besides those of the reach, and for each of the skeleton."""
+
+_LIBRARIES = 55_000_000  # bytes that parts of scipy take
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlannedGraph(Result):
+    """A route graph of a map, and how much of what the robot reaches it covers.
+
+    Parameters
+    ----------
+    map : MapInput
+        The map.
+    reach : Reach
+        What the robot reaches.
+    made : Made
+        The graph, and areas.
+    cover : float
+        How far a node may be from a cell that it covers, metres.
+    """
+
+    map: inputs.MapInput
+    reach: Reach
+    made: Made
+    cover: float
+
+    @property
+    def graph(self) -> RouteGraph:
+        """The graph."""
+        return self.made.graph
+
+    @property
+    def min_clearance(self) -> float:
+        """Least distance of the edges to what is not free, metres; 0 without edges."""
+        found = (float(edge.metadata["min_clearance"]) for edge in self.graph.edges)
+        return min(found, default=0.0)
+
+    def document(self) -> dict[str, Any]:
+        kinds = Counter(str(node.metadata["kind"]) for node in self.graph.nodes)
+        return {
+            "nodes": len(self.graph.nodes),
+            "edges": len(self.graph.edges),
+            "kinds": dict(sorted(kinds.items())),
+            "reachable_m2": rounded(self.made.reachable),
+            "covered_m2": rounded(self.made.covered),
+            "cover_m": self.cover,
+            "parts": self.made.parts,
+            "min_clearance_m": rounded(self.min_clearance),
+            "length_m": rounded(float(self.graph.lengths.sum())),
+            "tight_ways": self.made.tight,
+        }
+
+    def lines(self) -> Iterator[str]:
+        yield (
+            f"{self.map.title}: {len(self.graph.nodes)} nodes, {len(self.graph.edges)} edges, "
+            f"covers {self.made.covered:.4g} of {self.made.reachable:.4g} m2 within "
+            f"{self.cover:g} m, least clearance {self.min_clearance:.2f} m"
+        )
+
+    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+        """Return the graph over the map."""
+        return occupancy_image(
+            self.reach.grid, title=title or f"{self.map.title}: route graph",
+            **{"image_extent": "known", **look, "overlay": GraphOverlay(self.graph)},
+        )  # fmt: skip
+
+    def write(self, transaction: Any, output: Path) -> None:
+        """Write the graph as GeoJSON."""
+        lines = (f"{line}\n".encode() for line in graph_text(self.graph))
+        transaction.write_parts(output, lines)
+
+
+@command(
+    group="Questions about a map",
+    output=Output("GRAPH.geojson", "Where to write the graph.", streams=False),
+    shared=("robot", "files"),
+    example="""\
+mapdeal graph examples/maps/office.yaml --robot-radius 0.22 \\
+    -o out/graph.geojson --image out/graph.png
+mapdeal graph examples/maps/office.yaml --robot-radius 0.22 \\
+    --to kitchen=3,-4 lab=9,4 --slow-below 0.6 -o out/slow.geojson""",
+)
+def graph(
+    map: inputs.Map,  # noqa: A002 - what it is
+    *,
+    start: Annotated[tuple[float, ...] | None, POSE, Words("X,Y[,YAW]", start_of, "from")] = None,
+    goals: Annotated[tuple[Goal, ...], Words("NAME=X,Y", goals_of, "to", is_repeated=True)] = (),
+    spacing: Annotated[float, ABOVE_0, METRES] = 2.0,
+    hall: Annotated[float, ABOVE_0, METRES] = 4.0,
+    cover: Annotated[float, ABOVE_0, METRES] = 3.0,
+    slow_below: Annotated[float | None, ABOVE_0, METRES] = None,
+    one_way: OneWay | None = None,
+    through_unknown: bool = False,
+    footprint: Footprint | None = None,
+    robot: Annotated[RobotParameters | None, Words()] = None,
+    **reading: Unpack[inputs.Reading],
+) -> PlannedGraph:
+    """Make a graph of nodes and edges for Nav2's route server.
+
+    Nodes lie in the middle of corridors, doors and crossings, and on a lattice in halls. Every edge
+    is straight, and the robot can be driven along it: it is swept along, and hits nothing. Every
+    cell that the robot reaches has a node nearby, and all nodes are connected. The file is GeoJSON
+    as the server's parameter graph_filepath takes it.
+
+    Parameters
+    ----------
+    map : path, str or grid
+        The map, or costs (.npz).
+    start : tuple of float, optional
+        Where the robot starts, metres; by default the widest place of the largest free area. The
+        graph covers what it reaches from there.
+    goals : sequence of Goal, optional
+        Goal that gets a node of its own with its name, metres; more may follow.
+    spacing : float
+        Distance between nodes on straight lines and in halls, metres.
+    hall : float
+        What is at least as wide gets a lattice of nodes, metres.
+    cover : float
+        Longest free path from a reached cell to a node, metres.
+    slow_below : float, optional
+        Give every edge a speed_limit, in percent: below 100 where the clearance is less than this,
+        metres.
+    one_way : {'right'}, optional
+        Lanes on the right side instead of lines for both directions, where there is room for two
+        robots.
+    through_unknown : bool
+        Treat unknown cells as free.
+    footprint, robot : Footprint, RobotParameters, optional
+        The robot's shape and own parameters.
+    **reading
+        As for `read_map`; dialect, max_cells and max_memory apply to a file.
+
+    Returns
+    -------
+    PlannedGraph
+        The graph, as `PlannedGraph.graph`, and how much it covers.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If a file cannot be read, or the robot cannot stand anywhere.
+    ParameterError
+        If the start lies outside the map, or the robot cannot stand there.
+    FindingError
+        If a goal cannot be reached.
+
+    Examples
+    --------
+    >>> from mapdeal import Footprint, OccupancyGrid
+    >>> corridor = OccupancyGrid([[0] * 40] * 8, 0.25)
+    >>> found = graph(corridor, footprint=Footprint.circle(0.3))
+    >>> found.graph, {node.y for node in found.graph.nodes} <= {0.875, 1.125}
+    (RouteGraph(5 nodes, 8 edges), True)
+    """
+    if footprint is None and robot is None:
+        emit_warning(
+            "no robot is given, by --robot-radius, --footprint or --params-file: the graph is that "
+            "of a point"
+        )
+    inputs.need_ending(".geojson")
+    shape = planned_shape(robot) if footprint is None and robot is not None else footprint
+    parameters: dict[str, Any] = {"footprint": shape, "through_unknown": through_unknown}
+    if start is not None:
+        parameters["start"] = start
+    step = make_step("reach", {**parameters, "goals": tuple(goals)})
+    (one,) = inputs.opened(map, names=("map",), also=robot.paths if robot else (), **reading)
+    coarse = coarse_step(reach_radius(shape), one.grid.resolution) ** 2
+    per_cell = step.memory + _PER_CELL + _PER_COARSE_CELL / coarse
+    with inputs.settings_of(**reading).reading():
+        inputs.claim_work(one.name, one.grid, per_cell, besides=_LIBRARIES)
+    wishes = Wishes(spacing, hall, cover, slow_below, one_way)
+    with inputs.errors_named(one.name):
+        grid = one.grid
+        check_wishes(wishes, grid.resolution)
+        if not isinstance(grid, Costmap):
+            inputs.warn_of_published_costs(one)
+            inputs.warn_of_potential(one)
+            if robot is not None:
+                grid = lethal_costs(robot, one)
+        found = step.apply(grid, one.path)
+        if not isinstance(found, Reach):
+            raise TypeError("the stage reach must make a Reach")
+        for goal in found.goals:
+            if not goal.reachable:
+                why = goal.stopped_by or "no way leads there"
+                raise FindingError(f"goal {goal.goal.label} is not reachable: {why}")
+        made = route_graph_of(found, wishes)
+    _warn(made, one.name, cover)
+    return PlannedGraph(one, found, made, cover)
+
+
+def _warn(made: Made, name: str, cover: float) -> None:
+    """Warn of what the graph lacks."""
+    missing = made.reachable - made.covered
+    if missing > _LITTLE * made.reachable:
+        emit_warning(
+            f"{name}: {missing:.3g} of {made.reachable:.4g} m2 that the robot reaches are farther "
+            f"than {cover:g} m from all nodes: it gets there only sideways, or turning as it goes",
+            stacklevel=2,
+        )
+    if made.parts > 1:
+        emit_warning(f"{name}: the graph is in {made.parts} parts that no edge joins", stacklevel=2)
+    if made.missed:
+        emit_warning(f"{name}: no straight edges lead to {', '.join(made.missed)}", stacklevel=2)
+    if made.tight:
+        emit_warning(
+            f"{name}: on {made.tight} ways the outline of the robot touches an obstacle, though "
+            "the costs of their cells are open: it has less than a cell to spare there",
+            stacklevel=2,
+        )
+
+
+_LITTLE = 1e-6  # of the area

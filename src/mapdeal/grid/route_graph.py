@@ -1,0 +1,243 @@
+"""Route graphs, as Nav2's route server follows them, and whether a robot can drive along them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.footprint import Footprint, sample_poses
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION, OneLine, count_text
+
+_SAMPLES = 1 << 20  # positions that are looked at together
+_STEP = 0.5  # of a cell
+_NEAR_EDGE = 2.5e-3  # of a cell: more than coordinates are rounded by
+_ROUNDING = 1e-6  # metres
+_SLACK = 1.5
+"""Cells that a footprint may touch beyond its radius: half the diagonals of its cells and of its
+centre's."""
+
+
+@dataclass(frozen=True, eq=False)
+class RouteNode:
+    """A place of a route graph.
+
+    Parameters
+    ----------
+    id : int
+        Its number, unique over the nodes and edges of a graph.
+    x, y : float
+        Position in `frame`, metres.
+    frame : str
+        Name of the frame of the coordinates.
+    metadata : mapping
+        What else is known of it: of generated ones ``kind``, ``name`` of a goal, ``width`` of a
+        door in metres.
+    """
+
+    id: int
+    x: float
+    y: float
+    frame: str = "map"
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class RouteEdge:
+    """A directed edge of a route graph, which is driven along straight.
+
+    Parameters
+    ----------
+    id : int
+        Its number, unique over the nodes and edges of a graph.
+    start, end : int
+        Numbers of the nodes that it leads from and to.
+    cost : float
+        Its cost, if no scorer may change it.
+    overridable : bool
+        Whether scorers may change the cost.
+    metadata : mapping
+        What else is known of it: of generated ones ``length`` and ``min_clearance`` in metres,
+        ``door_width``, ``speed_limit`` in percent.
+    """
+
+    id: int
+    start: int
+    end: int
+    cost: float = 0.0
+    overridable: bool = True
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RouteGraph(OneLine):
+    """Nodes and directed edges between them.
+
+    Parameters
+    ----------
+    nodes : tuple of RouteNode
+        The nodes.
+    edges : tuple of RouteEdge
+        The edges; both ends of each are among the nodes.
+    """
+
+    nodes: tuple[RouteNode, ...]
+    edges: tuple[RouteEdge, ...]
+
+    def _told(self) -> Iterator[str]:
+        yield count_text(len(self.nodes), "node")
+        yield count_text(len(self.edges), "edge")
+
+    @cached_property
+    def points_xy(self) -> NDArray[np.float64]:
+        """Positions of the nodes, metres, shape (N, 2)."""
+        points = [(node.x, node.y) for node in self.nodes]
+        return np.array(points, dtype=np.float64).reshape(-1, 2)
+
+    @cached_property
+    def ends(self) -> NDArray[np.int64]:
+        """The nodes that each edge joins, by their indices, shape (M, 2)."""
+        index = {node.id: number for number, node in enumerate(self.nodes)}
+        ends = [(index[edge.start], index[edge.end]) for edge in self.edges]
+        return np.array(ends, dtype=np.int64).reshape(-1, 2)
+
+    @cached_property
+    def lengths(self) -> NDArray[np.float64]:
+        """Lengths of the edges, metres, shape (M,)."""
+        starts, ends = self.points_xy[self.ends[:, 0]], self.points_xy[self.ends[:, 1]]
+        return np.asarray(np.hypot(*(ends - starts).T), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Sweeps:
+    """Where a robot's centre may be, and what its footprint hits as it drives along lines.
+
+    Parameters
+    ----------
+    is_open : numpy.ndarray of bool, shape (H, W)
+        Cells that the robot's centre may be in.
+    closed : numpy.ndarray of uint8, shape (H, W)
+        Costs of costmap_2d: 0, 254 in obstacles, 255 in unknown cells.
+    squared : numpy.ndarray of int, shape (H, W)
+        Squared distances to what is not free, in cells.
+    frame : Frame
+        The cells' place.
+    robot : Footprint, optional
+        The robot; None for a point.
+    """
+
+    is_open: NDArray[np.bool_]
+    closed: NDArray[np.uint8]
+    squared: NDArray[Any]
+    frame: Frame
+    robot: Footprint | None
+
+    @cached_property
+    def _costmap(self) -> Costmap:
+        return Costmap(self.closed, self.frame.resolution, self.frame.origin)
+
+    def along(
+        self, starts: NDArray[np.float64], ends: NDArray[np.float64], *, touches: bool = True,
+        step: float = _STEP,
+    ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:  # fmt: skip
+        """Return whether lines can be driven both ways, and their least clearances in cells.
+
+        Lines are given by continuous rows and columns, shape (N, 2) each. The robot looks along
+        its line, and is tried at every `step`, in cells: its centre must be in an open cell, and
+        with `touches` its footprint must be free by the rule of Nav2's collision checker.
+        """
+        if not len(starts):
+            return np.zeros(0, dtype=np.bool_), np.zeros(0)
+        lengths = np.hypot(*(ends - starts).T)
+        counts = np.ceil(lengths / step).astype(np.int64) + 1
+        is_clear = np.ones(len(starts), dtype=np.bool_)
+        least = np.zeros(len(starts))
+        bounds = np.append(0, np.cumsum(counts))
+        first = 0
+        while first < len(starts):
+            stop = int(np.searchsorted(bounds, bounds[first] + _SAMPLES, side="right")) - 1
+            some = slice(first, max(stop, first + 1))
+            is_clear[some], least[some] = self._part(
+                starts[some], ends[some], counts[some], touches
+            )
+            first = some.stop
+        return is_clear, least
+
+    def worst_place(
+        self, start: NDArray[np.float64], end: NDArray[np.float64], *, touches: bool
+    ) -> NDArray[np.float64]:
+        """Return the place with least room among those on a line that the robot cannot pass."""
+        count = math.ceil(float(np.hypot(*(end - start))) / _STEP) + 1
+        places = start + np.linspace(0, 1, count)[:, np.newaxis] * (end - start)
+        # short pieces, so that the robot looks along the line in each
+        is_free, least = self.along(places[:-1], places[1:], touches=touches)
+        found: NDArray[np.float64] = places[np.where(is_free, np.inf, least).argmin()]
+        return found
+
+    def _part(
+        self, starts: NDArray[np.float64], ends: NDArray[np.float64], counts: NDArray[np.int64],
+        touches: bool,
+    ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:  # fmt: skip
+        firsts = np.cumsum(counts) - counts
+        which = np.repeat(np.arange(len(counts)), counts)
+        shares = (np.arange(len(which)) - firsts[which]) / np.maximum(counts - 1, 1)[which]
+        places = starts[which] + shares[:, np.newaxis] * (ends - starts)[which]
+        cells = np.floor(places).astype(np.int64)
+        height, width = self.is_open.shape
+        inside: NDArray[np.bool_] = np.all((cells >= 0) & (cells < (height, width)), axis=1)
+        rows, cols = np.where(inside[:, np.newaxis], cells, 0).T
+        squares = np.where(inside, self.squared[rows, cols], 0)
+        is_free = inside & self.is_open[rows, cols]
+        # what lies on an edge of cells, but for rounding, is in all of them
+        ends_of = np.floor(places - _NEAR_EDGE), np.floor(places + _NEAR_EDGE)
+        near = np.flatnonzero(is_free & (ends_of[0] != ends_of[1]).any(axis=1))
+        both = [np.clip(one[near].astype(np.int64), 0, (height - 1, width - 1)) for one in ends_of]
+        for row, col in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            is_free[near] &= self.is_open[both[row][:, 0], both[col][:, 1]]
+        if touches and self.robot is not None:
+            reach = self.robot.circumscribed_radius / self.frame.resolution + _SLACK
+            tight = np.flatnonzero(is_free & (squares < reach * reach))
+            if len(tight):
+                towards = self.frame.xy_vectors_from_rowcol((ends - starts)[which[tight]])
+                yaws = np.arctan2(towards[:, 1], towards[:, 0])
+                at = self.frame.xy_from_continuous_rowcol(places[tight])
+                is_free[tight] = self._touch_nothing(at, yaws)
+        return (
+            np.logical_and.reduceat(is_free, firsts),
+            np.sqrt(np.minimum.reduceat(squares, firsts)),
+        )
+
+    def _touch_nothing(
+        self, places_xy: NDArray[np.float64], yaws: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Return where the robot is free, looking ahead as well as back."""
+        # A round robot's own cost is that of its centre, which unknown cells beside it do not
+        # raise. A corner that rounding may put into either of two cells has to be free in both.
+        robot = self.robot
+        is_free = np.ones(len(yaws), dtype=np.bool_)
+        if robot is None:
+            return is_free
+        for turn in (0.0, math.pi) if robot.vertices else (0.0,):
+            poses = np.column_stack([places_xy, yaws + turn])
+            for shape in (robot, robot.padded(_ROUNDING)):
+                costs, _ = sample_poses(self._costmap, shape, poses)
+                is_hit = costs == LETHAL_OBSTACLE
+                if robot.vertices:
+                    is_hit |= costs != FREE_SPACE
+                is_free &= ~is_hit
+        return is_free
+
+
+def closed_costs(occupied: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return costs of obstacles and unknown cells alone, which a footprint is tried on."""
+    costs = np.full(occupied.shape, FREE_SPACE, dtype=np.uint8)
+    costs[unknown] = NO_INFORMATION
+    costs[occupied] = LETHAL_OBSTACLE
+    return costs

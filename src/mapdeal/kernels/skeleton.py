@@ -1,0 +1,168 @@
+"""Skeletons: thin lines in the middle of an area, and ways over its cells.
+
+The area shrinks in the order of its cells' squared distances, so what is left lies in the middle,
+and no cell is taken whose removal would part, join or close anything: the lines have the loops and
+the parts of the area.
+
+References
+----------
+C. Pudney, "Distance-ordered homotopic thinning: a skeletonization algorithm for 3D digital images",
+Computer Vision and Image Understanding 72, 1998.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.kernels.arrays import Integers, Mask
+
+RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
+"""Steps to the neighbours of a cell, one after the other around it."""
+
+STRAIGHT, DIAGONAL = 12, 17
+"""Lengths of steps: 17 / 12 is 0.2 % more than the root of 2, so lengths are never too small."""
+
+
+@cache
+def _tables() -> tuple[Mask, NDArray[np.uint8]]:
+    """Return, by the bits of its neighbours, whether a cell can go, and how many there are."""
+    bits = (np.arange(256)[:, np.newaxis] >> np.arange(8)) & 1
+    off = 1 - bits
+    # Yokoi's number for eight neighbours: in how many parts they are, around this cell
+    parts = sum(off[:, k] - off[:, k] * off[:, k + 1] * off[:, (k + 2) % 8] for k in (0, 2, 4, 6))
+    return np.asarray(parts == 1), bits.sum(axis=1).astype(np.uint8)
+
+
+def skeleton(levels: Integers, is_kept: Mask, is_end: Mask) -> Mask:
+    """Return the thin lines in an area, shape (H, W).
+
+    Cells of the area have a level of at least 0, and go in this order; those of `is_kept` stay, and
+    those of `is_end` where a line ends in them.
+    """
+    height, width = levels.shape
+    wide = width + 2
+    area = np.zeros((height + 2, wide), dtype=np.uint8)
+    area[1:-1, 1:-1] = levels >= 0
+    flat = area.reshape(-1)
+    offsets = np.array([row * wide + col for row, col in RING])
+    can_go, count = _tables()
+    ends = np.zeros(area.shape, dtype=np.bool_)
+    ends[1:-1, 1:-1] = is_end
+    ends = ends.reshape(-1)
+    rows, cols = np.nonzero((levels >= 0) & ~is_kept)
+    sorted_levels = levels[rows, cols]
+    if sorted_levels.max(initial=0) < 1 << 16:  # sorted in one go
+        sorted_levels = sorted_levels.astype(np.uint16)
+    order = np.argsort(sorted_levels, kind="stable")
+    rows, cols = rows[order], cols[order]
+    sorted_levels = sorted_levels[order].astype(np.int64)
+    cells = (rows + 1) * wide + cols + 1
+    # cells of one field are no neighbours of each other, so they can go together
+    fields = (rows & 1) * 2 + (cols & 1)
+
+    def thin(some: Integers, of_fields: Integers) -> Integers:
+        """Take away what can go, until nothing can; return what is left."""
+        parts = [some[of_fields == k] for k in range(4)]
+        active = [True] * 4
+        while any(active):
+            for k in range(4):
+                if not active[k]:
+                    continue
+                active[k] = False
+                part = parts[k]
+                if not len(part):
+                    continue
+                code = np.zeros(len(part), dtype=np.uint8)
+                for bit, offset in enumerate(offsets.tolist()):
+                    code |= flat[part + offset] << np.uint8(bit)
+                goes = can_go[code] & ~((count[code] <= 1) & ends[part])
+                if goes.any():
+                    flat[part[goes]] = 0
+                    parts[k] = part[~goes]
+                    active = [True] * 4
+        return np.concatenate(parts)
+
+    steps = np.flatnonzero(np.diff(sorted_levels, prepend=-1, append=-1))
+    left = [np.zeros(0, dtype=np.int64)]
+    for first, stop in zip(steps[:-1].tolist(), steps[1:].tolist(), strict=True):
+        left.append(thin(cells[first:stop], fields[first:stop]))
+    rest = np.concatenate(left)  # what could not go may be able to now
+    thin(rest, ((rest // wide - 1) & 1) * 2 + ((rest % wide - 1) & 1))
+    return area[1:-1, 1:-1].view(np.bool_)
+
+
+def lengths_from(
+    is_open: Mask, sources: Integers, *, given: Integers | None = None, limit: int | None = None
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the length of the shortest way to each open cell, and the source that it is from.
+
+    Sources are flat indices, from each of which a length is `given` or 0. Ways go over eight
+    neighbours, diagonally not between two closed cells, see `STRAIGHT`. Without a way both are -1.
+    """
+    height, width = is_open.shape
+    wide = width + 2
+    openness = np.zeros((height + 2, wide), dtype=np.bool_)
+    openness[1:-1, 1:-1] = is_open
+    flat = openness.reshape(-1)
+    far = np.iinfo(np.int32).max
+    lengths = np.full(len(flat), far, dtype=np.int32)
+    origin = np.full(len(flat), -1, dtype=np.int32)
+    latest = np.empty(len(flat), dtype=np.int32)
+    rows, cols = np.divmod(sources, width)
+    cells = (rows + 1) * wide + cols + 1
+    starts = np.zeros(len(cells), dtype=np.int64) if given is None else given
+    order = np.lexsort((starts, cells))
+    order = order[np.diff(cells[order], prepend=-1) != 0]
+    order = order[flat[cells[order]]]
+    cells, starts = cells[order], starts[order]
+    lengths[cells] = starts
+    origin[cells] = order
+    by_start = np.argsort(starts, kind="stable")
+    values, firsts = np.unique(starts[by_start], return_index=True)
+    waiting: dict[int, list[Integers]] = {
+        value: [some]
+        for value, some in zip(values.tolist(), np.split(cells[by_start], firsts[1:]), strict=True)
+    }
+    length = 0
+    while waiting:
+        if length in waiting:
+            parts = waiting.pop(length)
+            now = np.concatenate(parts) if len(parts) > 1 else parts[0]
+            now = now[lengths[now] == length]
+            if len(parts) > 1:  # each cell once
+                number = np.arange(len(now), dtype=np.int32)
+                latest[now] = number
+                now = now[latest[now] == number]
+            for row, col in RING:
+                following = length + (DIAGONAL if row and col else STRAIGHT)
+                if limit is not None and following > limit:
+                    continue
+                there = now + (row * wide + col)
+                better = flat[there] & (lengths[there] > following)
+                if row and col:
+                    better &= flat[now + row * wide] | flat[now + col]
+                to = there[better]
+                if len(to):
+                    lengths[to] = following
+                    origin[to] = origin[now[better]]
+                    waiting.setdefault(following, []).append(to)
+        length += 1
+    lengths[lengths == far] = -1
+    shape = height + 2, wide
+    return lengths.reshape(shape)[1:-1, 1:-1], origin.reshape(shape)[1:-1, 1:-1]
+
+
+def largest_of_blocks(values: NDArray[Any], step: int, *, beyond: int = -1) -> NDArray[Any]:
+    """Return the largest value of each square of `step` x `step` cells."""
+    if step == 1:
+        return values
+    height, width = (-(-size // step) * step for size in values.shape)
+    padded = np.full((height, width), beyond, dtype=values.dtype)
+    padded[: values.shape[0], : values.shape[1]] = values
+    rows = padded.reshape(height // step, step, width).max(axis=1)
+    blocks: NDArray[Any] = rows.reshape(height // step, width // step, step).max(axis=2)
+    return blocks

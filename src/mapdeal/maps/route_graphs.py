@@ -1,0 +1,254 @@
+"""Route graphs as GeoJSON, as Nav2's route server reads them.
+
+References
+----------
+nav2_route of navigation2 a3a97043ee93: ``GeoJsonGraphFileLoader``, the edge scorers and operations.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.files.json_values import ROUTE_GRAPH, JsonValue, is_route_graph, read_document
+from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
+from mapdeal.inputs.kinds import recognised
+
+_MOST_ID = (1 << 32) - 1  # the server's ids are unsigned int
+FRAME = "map"
+"""The server's route_frame, and the frame of nodes that name none."""
+
+_EDGES = ("LineString", "MultiLineString")
+WHAT = "a route graph (GeoJSON)"
+
+
+@dataclass(frozen=True, eq=False)
+class GraphProblem:
+    """What the server refuses a file for, or what of it means something else than it seems to.
+
+    `check` is the name of lint's check behind ``graph.``, `point` where it is on the map.
+    """
+
+    check: str
+    text: str
+    point: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class GraphFile:
+    """What can be read of a graph, but for edges without ends, and what is wrong with the file."""
+
+    graph: RouteGraph
+    problems: tuple[GraphProblem, ...] = field(default=())
+
+
+def read_route_graph(path: Path | str) -> RouteGraph:
+    """Read a route graph as Nav2's route server does.
+
+    Parameters
+    ----------
+    path : path or str
+        A GeoJSON file: Points are nodes, LineStrings and MultiLineStrings edges.
+
+    Returns
+    -------
+    RouteGraph
+        Nodes and directed edges.
+
+    Raises
+    ------
+    FileAccessError
+        If the file cannot be read.
+    MalformedInputError
+        If the file is malformed, or the server refuses it: it has no node or no edge, an id is
+        missing, or an edge begins or ends nowhere.
+
+    Notes
+    -----
+    Of several nodes with one id the last one counts, as for the server's edges.
+    """
+    path = Path(path)
+    found = read_graph_file(path)
+    for problem in found.problems:
+        if problem.check in REFUSED:
+            raise MalformedInputError(problem.text, source=path)
+    return found.graph
+
+
+REFUSED = ("refused", "missing-end")
+"""Checks of what the server refuses."""
+
+
+def read_graph_file(path: Path) -> GraphFile:
+    """Return all that can be read of a route graph, and what is wrong with it."""
+    with recognised(path, WHAT, ROUTE_GRAPH):
+        return parsed_graph(read_document(path))
+
+
+def parsed_graph(document: JsonValue) -> GraphFile:
+    if not is_route_graph(document.value):
+        rule = "is no route graph: none of its features has a startid and an endid"
+        raise MalformedInputError(rule, source=document.source)
+    try:
+        return _Reader().read(document)
+    except RecursionError:
+        raise MalformedInputError("nested too deep", source=document.source) from None
+
+
+class _Reader:
+    def __init__(self) -> None:
+        self.problems: list[GraphProblem] = []
+        self.nodes: dict[int, RouteNode] = {}
+        self.edges: list[RouteEdge] = []
+        self._seen: dict[int, set[str]] = {}
+
+    def read(self, document: JsonValue) -> GraphFile:
+        lines = []
+        for feature in document["features"].items():
+            kind = feature["geometry"]["type"].text()
+            if kind == "Point":
+                self._node(feature)
+            elif kind in _EDGES:
+                lines.append(feature)  # their ends may stand behind them
+        for feature in lines:
+            self._edge(feature)
+        for what, found in (("node", self.nodes), ("edge", self.edges)):
+            if not found:
+                self.problems.append(GraphProblem("refused", f"the graph has no {what}"))
+        self._keys()
+        graph = RouteGraph(tuple(self.nodes.values()), tuple(self.edges))
+        return GraphFile(graph, tuple(self.problems))
+
+    def _properties(self, feature: JsonValue) -> JsonValue:
+        found = feature.get("properties")
+        return (
+            JsonValue(feature.source, {}, f"{feature.place}.properties") if found is None else found
+        )
+
+    def _id(self, properties: JsonValue, key: str, what: str) -> int | None:
+        found = properties.get(key)
+        if found is None:
+            self.problems.append(
+                GraphProblem("refused", f"{what} ({properties.place}) has no {key}")
+            )
+            return None
+        value = found.value
+        if type(value) is not int or not 0 <= value <= _MOST_ID:
+            rule = f"{key} must be a whole number from 0 on, got {found.shown()}"
+            text = f"{what} ({found.place}): {rule}"
+            self.problems.append(GraphProblem("refused", text))
+            return None
+        return int(value)
+
+    def _take(self, number: int, what: str, point: tuple[float, float] | None) -> None:
+        """Note an id, which nodes and edges should share among them."""
+        others = self._seen.setdefault(number, set())
+        if what in others:
+            self.problems.append(
+                GraphProblem("double-id", f"two {what}s have the id {number}", point)
+            )
+        elif others:
+            text = f"a node and an edge have the id {number}"
+            self.problems.append(GraphProblem("shared-id", text, point))
+        others.add(what)
+
+    def _node(self, feature: JsonValue) -> None:
+        properties = self._properties(feature)
+        coordinates = feature["geometry"]["coordinates"].items()
+        if len(coordinates) not in (2, 3):
+            raise feature["geometry"]["coordinates"].error("must be two numbers [x, y]")
+        x, y = (one.number() for one in coordinates[:2])
+        number = self._id(properties, "id", "a node")
+        if number is None:
+            return
+        self._take(number, "node", (x, y))
+        frame = properties.get("frame")
+        self.nodes[number] = RouteNode(
+            number, x, y, FRAME if frame is None else frame.text(), _metadata(properties)
+        )
+
+    def _edge(self, feature: JsonValue) -> None:
+        properties = self._properties(feature)
+        numbers = [self._id(properties, key, "an edge") for key in ("id", "startid", "endid")]
+        if None in numbers:
+            return
+        number, start, end = (one for one in numbers if one is not None)
+        at = next(((node.x, node.y) for one in (start, end) if (node := self.nodes.get(one))), None)
+        self._take(number, "edge", at)
+        has_ends = True
+        for word, one in (("starts", start), ("ends", end)):
+            if one not in self.nodes:
+                text = f"edge {number} {word} at node {one}, which does not exist"
+                self.problems.append(GraphProblem("missing-end", text, at))
+                has_ends = False
+        if not has_ends:
+            return
+        cost, overridable = properties.get("cost"), properties.get("overridable")
+        self.edges.append(RouteEdge(
+            number, start, end, 0.0 if cost is None else cost.number(),
+            True if overridable is None else overridable.flag(), _metadata(properties),
+        ))  # fmt: skip
+
+    def _keys(self) -> None:
+        """Look at what scorers read by key."""
+        index = {node.id: (node.x, node.y) for node in self.nodes.values()}
+        for edge in self.edges:
+            for key in FLOATS:
+                value = edge.metadata.get(key)
+                if type(value) is int:
+                    text = (f"edge {edge.id}: {key} {value} is a whole number, on which the scorer "
+                            f"throws; write {value}.0")  # fmt: skip
+                    self.problems.append(GraphProblem("whole-number", text, index[edge.start]))
+        with_limit = [edge for edge in self.edges if "speed_limit" in edge.metadata]
+        if 0 < len(with_limit) < len(self.edges):
+            text = (f"{len(with_limit)} of {len(self.edges)} edges have a speed_limit: "
+                    "DistanceScorer divides their lengths by it, so it must stand on all or none; "
+                    "100.0 is no limit")  # fmt: skip
+            self.problems.append(GraphProblem("mixed-limits", text, index[with_limit[0].start]))
+
+
+FLOATS = ("speed_limit", "abs_speed_limit", "penalty")
+"""Keys of an edge's metadata that scorers read as floats."""
+
+
+def _metadata(properties: JsonValue) -> Mapping[str, Any]:
+    found = properties.get("metadata")
+    if found is None or found.is_null:
+        return {}
+    return {key: one.value for key, one in found.fields().items()}
+
+
+def graph_text(graph: RouteGraph) -> Iterator[str]:
+    """Yield the lines of a graph's file, a feature each."""
+    places = {node.id: [node.x, node.y] for node in graph.nodes}
+    features = [
+        _feature(
+            {"id": node.id, "frame": node.frame, **_given(metadata=dict(node.metadata))},
+            {"type": "Point", "coordinates": places[node.id]},
+        )
+        for node in graph.nodes
+    ]
+    features += [
+        _feature(
+            {"id": edge.id, "startid": edge.start, "endid": edge.end, "cost": edge.cost,
+             "overridable": edge.overridable, **_given(metadata=dict(edge.metadata))},
+            {"type": "MultiLineString", "coordinates": [[places[edge.start], places[edge.end]]]},
+        )
+        for edge in graph.edges
+    ]  # fmt: skip
+    yield '{"type": "FeatureCollection", "name": "route_graph", "features": ['
+    for number, feature in enumerate(features, start=1):
+        yield json.dumps(feature, ensure_ascii=False) + ("," if number < len(features) else "")
+    yield "]}"
+
+
+def _given(**values: Any) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if value}
+
+
+def _feature(properties: dict[str, Any], geometry: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "Feature", "properties": properties, "geometry": geometry}

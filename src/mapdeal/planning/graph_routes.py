@@ -1,0 +1,141 @@
+"""Routes on a route graph, as Nav2's route server finds them."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.frame import Point
+from mapdeal.grid.reach import Route
+from mapdeal.grid.route_graph import RouteEdge, RouteGraph
+from mapdeal.planning.routes import Terrain, route_over
+
+_NEAREST = 10  # nodes that are tried as the first, or the last, of a route
+
+
+def route_on_graph(terrain: Terrain, graph: RouteGraph, start_xy: Point, goal_xy: Point) -> Route:
+    """Find the cheapest route on a graph, and the ways to its first node and from its last.
+
+    Parameters
+    ----------
+    terrain : Terrain
+        Costs, for the ways from the start and to the goal, and for what the route is measured by.
+    graph : RouteGraph
+        Nodes and directed edges; coordinates are metres in the map frame.
+    start_xy, goal_xy : tuple of float
+        Start and goal in the map frame, metres.
+
+    Returns
+    -------
+    Route
+        Its points are the start, the nodes, and the goal; where no straight line leads to a node,
+        those of the cheapest route are between. If there is no route it has no points.
+
+    Raises
+    ------
+    ParameterError
+        If start or goal is outside the map or in a closed cell.
+
+    Notes
+    -----
+    An edge costs its length, divided by ``speed_limit`` if it has one, as by Nav2's DistanceScorer;
+    if it is not overridable it costs its own ``cost``. The server begins at the node nearest to the
+    start, and ends at that nearest to the goal; here these are the nearest ones that a straight
+    line through open cells leads to, and that a route connects.
+
+    Edges themselves are taken to be free: ``mapdeal lint --graph`` checks them.
+    """
+    terrain.open_cell_of(start_xy, "start")
+    terrain.open_cell_of(goal_xy, "goal")
+    firsts, lasts = (_nearest(terrain, graph, place) for place in (start_xy, goal_xy))
+    for first, last in _pairs(len(firsts), len(lasts)):
+        nodes, expanded = cheapest_nodes(graph, firsts[first], lasts[last])
+        if not nodes:
+            continue
+        begin = _way(terrain, start_xy, graph, nodes[0])
+        end = _way(terrain, goal_xy, graph, nodes[-1])
+        if begin is None or end is None:
+            continue
+        points = np.concatenate([begin, graph.points_xy[nodes], end[::-1]])
+        points = points[np.append(True, (np.diff(points, axis=0) != 0).any(axis=1))]
+        measures = terrain.measured(points)
+        return Route("graph", True, start_xy, goal_xy, points, **measures, expanded=expanded)
+    nowhere, nan = np.empty((0, 2)), math.nan
+    return Route("graph", False, start_xy, goal_xy, nowhere, nan, nan, nan, expanded=0)
+
+
+def _pairs(first: int, second: int) -> Sequence[tuple[int, int]]:
+    """Return pairs of ranks, those first that are best together."""
+    pairs = ((a, b) for a in range(first) for b in range(second))
+    return sorted(pairs, key=lambda pair: (sum(pair), pair))
+
+
+def _nearest(terrain: Terrain, graph: RouteGraph, point: Point) -> list[int]:
+    """Return the nearest nodes, those before all others that a straight line leads to."""
+    away = np.hypot(*(graph.points_xy - point).T)
+    nearest = np.argsort(away, kind="stable")[:_NEAREST].tolist()
+    return sorted(nearest, key=lambda node: not _is_seen(terrain, point, graph.points_xy[node]))
+
+
+def _is_seen(terrain: Terrain, point: Point, node: NDArray[np.float64]) -> bool:
+    places, inside = terrain.costmap.frame.bounded_continuous_rowcol_from_xy(
+        np.array([point, node])
+    )
+    if not inside.all():
+        return False
+    start, end = ((row, col) for row, col in places.tolist())
+    return terrain.is_clear(start, end)
+
+
+def _way(
+    terrain: Terrain, point: Point, graph: RouteGraph, node: int
+) -> NDArray[np.float64] | None:
+    """Return the points from a place to a node, without the node; None if no way leads there."""
+    end = graph.points_xy[node]
+    if _is_seen(terrain, point, end):
+        return np.array([point])
+    cells, inside = terrain.costmap.frame.bounded_rowcol_from_xy([end])
+    row, col = cells[0].tolist()
+    if not inside[0] or not terrain.is_open((row, col)):
+        return None
+    found = route_over(terrain, point, (float(end[0]), float(end[1])))
+    return found.points_xy[:-1] if found.reached else None
+
+
+def cost_of_edge(edge: RouteEdge, length: float) -> float:
+    """Return what an edge costs Nav2's route server with its default scorer."""
+    if not edge.overridable:
+        return edge.cost
+    limit = edge.metadata.get("speed_limit")
+    return length / limit if isinstance(limit, int | float) and limit > 0 else length
+
+
+def cheapest_nodes(graph: RouteGraph, first: int, last: int) -> tuple[list[int], int]:
+    """Return the nodes of the cheapest route, none if there is none, and how many were expanded."""
+    following: list[list[tuple[int, float]]] = [[] for _ in graph.nodes]
+    for edge, (start, end), length in zip(
+        graph.edges, graph.ends.tolist(), graph.lengths.tolist(), strict=True
+    ):
+        following[start].append((end, cost_of_edge(edge, length)))
+    best, before = {first: 0.0}, {first: first}
+    heap = [(0.0, first)]
+    expanded = 0
+    while heap:
+        cost, node = heapq.heappop(heap)
+        if cost > best[node]:
+            continue
+        if node == last:
+            nodes = [last]
+            while nodes[-1] != first:
+                nodes.append(before[nodes[-1]])
+            return nodes[::-1], expanded
+        expanded += 1
+        for other, more in following[node]:
+            if cost + more < best.get(other, math.inf):
+                best[other], before[other] = cost + more, node
+                heapq.heappush(heap, (cost + more, other))
+    return [], expanded

@@ -1,0 +1,111 @@
+"""Lattices of places in halls, along two directions."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Place = tuple[float, float]  # continuous row and column
+Places = NDArray[np.float64]
+
+_FEW = 2  # places across a narrow part of a hall
+_APART = 0.7  # of the spacing: the least distance of places
+
+
+def lattice_in(
+    hall: Places, along: Places, spacing: float, step: float,
+    is_usable: Callable[[Places], NDArray[np.bool_]],
+) -> list[Place]:  # fmt: skip
+    """Return places in a hall.
+
+    The hall is given by some points of it, shape (N, 2), `along` has the two directions as unit
+    vectors, and `step` is how closely lines are searched for what is usable.
+    """
+    # What is long both ways gets one lattice for all of the hall, so that a pillar only takes
+    # places out of it; what is narrow one way, such as an aisle, is divided evenly across.
+    ticks = []
+    for axis in along:
+        values = (hall * axis).sum(axis=1)
+        ticks.append(_ticks(float(values.min()), float(values.max()), spacing))
+    is_small = all(len(one) <= _FEW for one in ticks)
+    points: list[tuple[bool, float, float, int]] = []
+    for way in (0, 1):
+        runs = []
+        line = np.arange(ticks[way][0] - spacing, ticks[way][-1] + spacing, step)
+        for tick in ticks[1 - way].tolist():
+            places = line[:, np.newaxis] * along[way] + tick * along[1 - way]
+            for first, stop in _runs(is_usable(places)):
+                runs.append(_Run(tick, float(line[first]), float(line[stop - 1])))
+        for run, middle in _levelled(runs, spacing):
+            count = len(_ticks(run.low, run.high, spacing))
+            is_narrow = count <= _FEW and not is_small
+            if is_narrow:
+                own = middle + spacing * (np.arange(count) - (count - 1) / 2)
+                own = np.clip(own, run.low, run.high)
+            else:
+                own = ticks[way][(ticks[way] >= run.low) & (ticks[way] <= run.high)]
+            points += [(not is_narrow, one, run.tick, way) for one in own.tolist()]
+    return _chosen(points, along, spacing)
+
+
+def _chosen(
+    points: Sequence[tuple[bool, float, float, int]], along: Places, spacing: float
+) -> list[Place]:
+    """Return the places of narrow parts, and then all others that are not near them."""
+    chosen: list[Place] = []
+    taken: defaultdict[tuple[int, int], list[Place]] = defaultdict(list)
+    for _, value, tick, way in sorted(points, key=lambda one: one[0]):
+        row, col = (value * along[way] + tick * along[1 - way]).tolist()
+        up, on = int(row // spacing), int(col // spacing)
+        near = (one for u in (-1, 0, 1) for v in (-1, 0, 1) for one in taken[up + u, on + v])
+        if all(math.dist((row, col), one) > _APART * spacing for one in near):
+            chosen.append((row, col))
+            taken[up, on].append((row, col))
+    return chosen
+
+
+def _ticks(low: float, high: float, spacing: float) -> NDArray[np.float64]:
+    """Return numbers at a spacing in the middle between two."""
+    count = int((high - low) / spacing) + 1
+    first = (low + high - (count - 1) * spacing) / 2
+    return np.asarray(first + spacing * np.arange(count), dtype=np.float64)
+
+
+class _Run(NamedTuple):
+    """A part of a line through a hall, and the line's place across."""
+
+    tick: float
+    low: float
+    high: float
+
+
+def _levelled(runs: Sequence[_Run], spacing: float) -> Iterator[tuple[_Run, float]]:
+    """Yield runs and the middle of each, or of all that follow one another about as wide."""
+    groups: list[list[_Run]] = []
+    growing: list[list[_Run]] = []
+    for run in runs:
+        growing = [one for one in growing if one[-1].tick >= run.tick - 1.5 * spacing]
+        for group in growing:
+            last = group[-1]
+            is_like = abs(last.low + last.high - run.low - run.high) < spacing
+            is_like &= min(last.high, run.high) > max(last.low, run.low)
+            if last.tick < run.tick and is_like:
+                group.append(run)
+                break
+        else:
+            groups.append([run])
+            growing.append(groups[-1])
+    for group in groups:
+        middle = float(np.median([(run.low + run.high) / 2 for run in group]))
+        for run in group:
+            yield run, middle
+
+
+def _runs(marked: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(marked.view(np.int8), prepend=0, append=0)).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))

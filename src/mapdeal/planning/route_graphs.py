@@ -1,0 +1,998 @@
+"""Route graphs of what a robot reaches: nodes and straight edges in the middle of free space.
+
+Corridors and doors get the skeleton of the reached cells, wide halls a lattice along the walls.
+Then what is missing is added: the ways between parts that are not connected, short cuts, and nodes
+where cells are too far from any.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.reach import Reach, reach_radius
+from mapdeal.grid.reaching import Ground, squares_to
+from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode, Sweeps, closed_costs
+from mapdeal.grid.values import OCCUPIED, UNKNOWN
+from mapdeal.kernels.components import joined
+from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.paths import cheapest_path
+from mapdeal.kernels.rotations import main_direction
+from mapdeal.kernels.skeleton import STRAIGHT, largest_of_blocks, lengths_from, skeleton
+from mapdeal.planning.hall_lattices import lattice_in
+from mapdeal.planning.skeleton_lines import Cells, Tracing
+
+Kind = Literal["way", "crossing", "door", "end", "hall", "goal"]
+OneWay = Literal["right"]
+
+Place = tuple[float, float]  # continuous row and column
+Places = NDArray[np.float64]
+
+MOST_EDGES = 8  # of a node, each counted once though it leads both ways
+AREA_PER_NODE = 1.5  # square metres of reachable area, at least
+_COARSEST = 0.15  # metres: cells of the skeleton
+_WIDEST_DOOR = 1.6  # metres
+_PROMINENCE = 1.3
+"""How much wider it must be on both sides of a door than in it."""
+
+_SHARE = 0.85
+"""Of the clearance in the middle, what a straight line beside it must have at least."""
+
+_LONGEST = 1.25  # of the spacing: longer lines get a node
+_SHORT_CUT = 1.5
+"""How many times as long as the way between neighbours the way on the graph may be."""
+
+_WITHIN_HALL = 0.75
+"""How far a hall extends around where all of its width is free, of half this width: not to its
+walls, nor into doors, in front of which there is more room, but into its corners."""
+
+_BESIDE_HALL = 2  # edges from the end of a corridor to nodes of a hall
+_NEAR = 0.35  # of the spacing: nodes that are nearer to each other become one
+_LONG_WAY = 1.5  # spacings: in crowded places edges go if there is another way that is not longer
+_SLIVER = 1.05
+"""How many times as long two edges may be that make a third one superfluous."""
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What a graph should be like; lengths are in metres."""
+
+    spacing: float = 2.0
+    hall: float = 4.0
+    cover: float = 3.0
+    slow_below: float | None = None
+    one_way: OneWay | None = None
+
+
+def coarse_step(radius: float, resolution: float) -> int:
+    """Return how many cells of a map make a cell of the skeleton, along each side."""
+    # They keep apart what is apart for the robot, for whose centre walls are as wide as it.
+    return max(1, min(int(radius / resolution / 1.5), int(_COARSEST / resolution)))
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A graph, and what of the robot's reach it covers.
+
+    Areas are in square metres. `tight` counts the ways of a round robot, both directions one, that
+    are open by the costs of their cells, but on which the outline of costmap_2d, with 16 corners,
+    touches an obstacle. `missed` has the goals that no edge leads to.
+    """
+
+    graph: RouteGraph
+    reachable: float
+    covered: float
+    parts: int
+    tight: int
+    missed: tuple[str, ...] = ()
+
+
+def route_graph_of(reach: Reach, wishes: Wishes) -> Made:
+    """Make a graph of the cells that a robot reaches, and of the goals asked for."""
+    making = _Making(_Area.of(reach), wishes)
+    making.add_halls()
+    making.add_skeleton()
+    for one in reach.goals:
+        making.add_goal((one.goal.x, one.goal.y), one.goal.label)
+    making.connect()
+    making.tidy()
+    making.cover_all()
+    if making.is_crowded:
+        making.thin_out()
+        making.cover_all()
+    making.limit_edges()
+    making.drop_blocked()
+    if wishes.one_way is not None:
+        making.part_lanes()
+        making.cover_all()
+    return making.made()
+
+
+class _Area(NamedTuple):
+    """The part of a map around all that is reached; places and lengths are in its cells."""
+
+    sweeps: Sweeps
+    radius: float
+    turning: float
+    reachable: float
+
+    @classmethod
+    def of(cls, reach: Reach) -> _Area:
+        frame = reach.frame
+        ground = Ground(reach.occupancy, frame, reach.through_unknown)
+        robot = reach.robot
+        radius = reach_radius(robot) / frame.resolution
+        turning = radius if robot is None else robot.circumscribed_radius / frame.resolution
+        is_open = reach.reachable > 0
+        rows, cols = (np.flatnonzero(is_open.any(axis=axis)) for axis in (1, 0))
+        low = [max(int(one[0]) - math.ceil(turning) - 3, 0) for one in (rows, cols)]
+        high = [int(one[-1]) + math.ceil(turning) + 4 for one in (rows, cols)]
+        part = slice(low[0], high[0]), slice(low[1], high[1])
+        squared = squares_to(ground.blocked)[part].copy()
+        occupancy = reach.occupancy[part]
+        unknown = (occupancy == UNKNOWN) & (not reach.through_unknown)
+        sweeps = Sweeps(
+            is_open[part].copy(), closed_costs(occupancy == OCCUPIED, unknown), squared,
+            frame.window(*low, *squared.shape), robot,
+        )  # fmt: skip
+        return cls(sweeps, radius, turning, float(np.count_nonzero(is_open)) * reach.cell_area)
+
+
+@dataclass(eq=False)
+class _Making:
+    """A graph in the making: undirected, by the indices of its nodes."""
+
+    area: _Area
+    wishes: Wishes
+    places: list[Place] = field(default_factory=list)
+    kinds: list[Kind] = field(default_factory=list)
+    names: dict[int, str] = field(default_factory=dict)
+    widths: dict[int, float] = field(default_factory=dict)
+    edges: dict[tuple[int, int], float] = field(default_factory=dict)  # least clearances
+    beside: defaultdict[int, set[int]] = field(default_factory=lambda: defaultdict(set))
+    gone: set[int] = field(default_factory=set)  # nodes that are no longer in it
+    lanes: list[tuple[int, int]] = field(default_factory=list)  # edges that lead one way
+
+    def __post_init__(self) -> None:
+        sweeps = self.area.sweeps
+        self.cell = sweeps.frame.resolution
+        self.spacing = self.wishes.spacing / self.cell
+        self.is_open, self.squared = sweeps.is_open, sweeps.squared
+        self.step = coarse_step(self.area.radius * self.cell, self.cell)
+        self.coarse = largest_of_blocks(np.where(self.is_open, self.squared, -1), self.step)
+
+    # the parts
+
+    def add_node(self, place: Place, kind: Kind) -> int:
+        self.places.append(place)
+        self.kinds.append(kind)
+        return len(self.places) - 1
+
+    def add_edge(self, one: int, other: int, clearance: float) -> None:
+        if one != other:
+            self.edges[min(one, other), max(one, other)] = clearance
+            self.beside[one].add(other)
+            self.beside[other].add(one)
+
+    def drop_edge(self, one: int, other: int) -> None:
+        del self.edges[min(one, other), max(one, other)]
+        self.beside[one].discard(other)
+        self.beside[other].discard(one)
+
+    def length(self, one: int, other: int) -> float:
+        return math.dist(self.places[one], self.places[other])
+
+    def at(self, indices: Iterable[int]) -> Places:
+        return np.array([self.places[index] for index in indices]).reshape(-1, 2)
+
+    def clearance_at(self, cells: Cells) -> NDArray[np.float64]:
+        return np.asarray(np.sqrt(self.squared[cells[:, 0], cells[:, 1]]), dtype=np.float64)
+
+    # halls
+
+    def add_halls(self) -> None:
+        """Put a lattice into each wide place, parallel to most walls."""
+        half = self.wishes.hall / 2 / self.cell
+        core = self.coarse >= half * half
+        self.is_hall = np.zeros(core.shape, dtype=np.bool_)
+        if not core.any():
+            return
+        from scipy import ndimage
+
+        reach = _WITHIN_HALL * half / self.step
+        self.is_hall = (squared_distance(core) <= reach * reach) & (self.coarse >= 0)
+        margin = max(self.area.turning + 2, half / 2)
+        labels, count = ndimage.label(self.is_hall, np.ones((3, 3)))
+        usable = np.argwhere(self.is_hall & (self.coarse >= margin * margin))
+        halls = labels[usable[:, 0], usable[:, 1]]
+        direction = main_direction(self.area.sweeps.closed > 0) or 0.0
+        cos, sin = math.cos(direction), math.sin(direction)
+        along = np.array([[sin, cos], [cos, -sin]])  # of rows and columns
+        order = np.argsort(halls, kind="stable")
+        bounds = np.searchsorted(halls[order], np.arange(1, count + 2))
+        for first, stop in pairwise(bounds.tolist()):
+            if first < stop:
+                self._add_lattice(usable[order[first:stop]], along, margin)
+
+    def _add_lattice(self, cells: Cells, along: Places, margin: float) -> None:
+        places = lattice_in(
+            np.asarray((cells + 0.5) * self.step, np.float64), along, self.spacing,
+            float(self.step),
+            lambda places: self._is_usable(places, margin),
+        )  # fmt: skip
+        first = len(self.places)
+        for place in places:
+            self.add_node(place, "hall")
+        if len(places) > 1:
+            from scipy.spatial import cKDTree
+
+            near = cKDTree(np.array(places)).query_pairs(1.5 * self.spacing, output_type="ndarray")
+            pairs = np.sort(near, axis=1)
+            self.add_lines(pairs[np.lexsort(pairs.T[::-1])].astype(np.int64) + first)
+
+    def _is_usable(self, places: Places, margin: float) -> NDArray[np.bool_]:
+        """Return which places lie in a hall, with as much room around them as a margin."""
+        at = np.floor(places).astype(np.int64)
+        inside: NDArray[np.bool_] = np.all((at >= 0) & (at < self.is_open.shape), axis=-1)
+        rows, cols = np.where(inside[..., np.newaxis], at, 0).T
+        inside &= self.is_hall[rows // self.step, cols // self.step]
+        inside &= self.is_open[rows, cols] & (self.squared[rows, cols] >= margin * margin)
+        return inside
+
+    def add_lines(self, pairs: Cells) -> NDArray[np.bool_]:
+        """Join pairs of nodes, shape (N, 2), by the lines that can be driven along."""
+        if not len(pairs):
+            return np.zeros(0, dtype=np.bool_)
+        is_clear, least = self.area.sweeps.along(self.at(pairs[:, 0]), self.at(pairs[:, 1]))
+        for (one, other), clearance in zip(
+            pairs[is_clear].tolist(), least[is_clear].tolist(), strict=True
+        ):
+            self.add_edge(one, other, clearance)
+        return is_clear
+
+    # corridors
+
+    def add_skeleton(self) -> None:
+        """Follow the middle of all that is not a hall."""
+        from scipy import ndimage
+
+        levels = np.sqrt(np.maximum(self.coarse, 0)) / self.step
+        levels = np.where(self.coarse >= 0, levels.astype(np.int64), -1)
+        half = self.wishes.hall / 2 / self.cell
+        is_peak = self.coarse == ndimage.maximum_filter(self.coarse, 3)
+        lines = skeleton(levels, self.coarse >= half * half, is_peak)
+        squares = np.where(self.is_open, self.squared, -1)
+        tracing = Tracing(squares, self.step, lines & ~self.is_hall, lines & self.is_hall)
+        tracing.prune(0.6 * self.wishes.cover / self.cell, self.spacing)
+        paths = []
+        nodes: dict[int, int] = {}
+        for number, chain in tracing.chains.items():
+            cells = tracing.fine[np.array(chain.cells)]
+            ends = []
+            for end in (chain.one, chain.other):
+                if end not in nodes:
+                    degree = len(tracing.chains_of[end])
+                    kind: Kind = "crossing" if degree > 2 else "end" if degree == 1 else "way"
+                    if end in tracing.mouths:
+                        kind = "way"
+                    row, col = tracing.fine[end].tolist()
+                    nodes[end] = self.add_node((row + 0.5, col + 0.5), kind)
+                ends.append(nodes[end])
+            beyond = [
+                math.inf if end in tracing.mouths
+                else tracing.width_around(end, number, self.spacing)
+                for end in (chain.one, chain.other)
+            ]  # fmt: skip
+            paths.append(_Path(cells + 0.5, *ends, *beyond))
+        self.add_paths(paths, with_doors=True)
+        self.join_to_halls([nodes[end] for end in sorted(tracing.mouths) if end in nodes])
+
+    def join_to_halls(self, mouths: Sequence[int]) -> None:
+        """Join the ends of corridors to the nearest nodes of the halls that they lead into."""
+        halls = [index for index, kind in enumerate(self.kinds) if kind == "hall"]
+        if not halls or not mouths:
+            return
+        from scipy.spatial import cKDTree
+
+        tree = cKDTree(self.at(halls))
+        reach = 1.5 * self.spacing + self.wishes.hall / 2 / self.cell
+        pairs = [
+            (mouth, halls[k])
+            for mouth, near in zip(
+                mouths, tree.query_ball_point(self.at(mouths), reach), strict=True
+            )
+            for k in sorted(near, key=lambda k: self.length(mouth, halls[k]))[: 2 * _BESIDE_HALL]
+        ]  # fmt: skip
+        tried = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        is_clear, least = self.area.sweeps.along(self.at(tried[:, 0]), self.at(tried[:, 1]))
+        joins: defaultdict[int, list[int]] = defaultdict(list)
+        for (mouth, node), fits, clearance in zip(pairs, is_clear, least, strict=True):
+            others = joins[mouth]
+            if not fits or len(others) >= _BESIDE_HALL:
+                continue
+            if all(self._is_apart(mouth, node, other) for other in others):
+                others.append(node)
+                self.add_edge(mouth, node, float(clearance))
+
+    def _is_apart(self, node: int, one: int, other: int) -> bool:
+        """Return whether two nodes are seen in clearly different directions, and about as near."""
+        row, col = self.places[node]
+        first, second = (math.atan2(end[0] - row, end[1] - col)
+                         for end in (self.places[one], self.places[other]))  # fmt: skip
+        lengths = self.length(node, one), self.length(node, other)
+        return (
+            abs(math.remainder(first - second, math.tau)) > math.pi / 4
+            and lengths[0] < 2 * lengths[1]
+        )
+
+    def add_paths(self, paths: Sequence[_Path], *, with_doors: bool = False) -> None:
+        """Put nodes onto paths of neighbouring cells so that lines between them can be driven."""
+        pieces = []
+        for path in paths:
+            at = np.floor(path.places).astype(np.int64)
+            clearances = self.clearance_at(at)
+            marks = [(0, path.one), (len(at) - 1, path.other)]
+            for door in self._doors(clearances, path) if with_doors else ():
+                row, col = path.places[door].tolist()
+                node = self.add_node((row, col), "door")
+                self.widths[node] = 2 * float(clearances[door]) * self.cell
+                marks.append((door, node))
+            marks.sort()
+            pieces += [
+                _Piece(path.places, clearances, first, one, last, other)
+                for (first, one), (last, other) in pairwise(marks)
+            ]
+        while pieces:
+            pieces = self._laid(pieces)
+
+    def _laid(self, pieces: Sequence[_Piece]) -> list[_Piece]:
+        """Lay a line over each piece of a path where that can be driven; return the other parts."""
+        starts, ends = self.at([one.one for one in pieces]), self.at([one.other for one in pieces])
+        is_clear, least = self.area.sweeps.along(starts, ends)
+        needed = np.array([_SHARE * float(one.clearances[one.first : one.last + 1].min())
+                           for one in pieces])  # fmt: skip
+        is_loop = np.array([one.one == one.other for one in pieces])
+        fits = is_clear & (least >= needed - 0.5) & ~is_loop
+        parts: list[_Piece] = []
+        steps: list[_Piece] = []
+        for piece, is_fit, clearance in zip(pieces, fits.tolist(), least.tolist(), strict=True):
+            if is_fit:
+                self._lay(piece.one, piece.other, clearance)
+            elif piece.last - piece.first > 1:
+                parts += self._halves(piece)
+            elif piece.one != piece.other:
+                steps.append(piece)
+        # single steps: a round robot may pass where its outline touches something
+        has_corners = self.area.sweeps.robot is not None and bool(self.area.sweeps.robot.vertices)
+        starts, ends = (self.at(getattr(one, end) for one in steps) for end in ("one", "other"))
+        is_clear, least = self.area.sweeps.along(starts, ends, touches=False)
+        for piece, is_fit, clearance in zip(steps, is_clear.tolist(), least.tolist(), strict=True):
+            if is_fit or has_corners:
+                self.add_edge(piece.one, piece.other, clearance)
+        return parts
+
+    def _lay(self, one: int, other: int, clearance: float) -> None:
+        start, end = self.places[one], self.places[other]
+        count = max(1, math.ceil(math.dist(start, end) / self.spacing - (_LONGEST - 1)))
+        nodes = [one]
+        for k in range(1, count):
+            share = k / count
+            row, col = (a + share * (b - a) for a, b in zip(start, end, strict=True))
+            nodes.append(self.add_node((row, col), "way"))
+        for first, second in pairwise([*nodes, other]):
+            self.add_edge(first, second, clearance)
+
+    def _halves(self, piece: _Piece) -> Iterator[_Piece]:
+        """Yield both parts of a piece, cut where it is farthest from its line."""
+        places = piece.places[piece.first : piece.last + 1]
+        start, end = np.array(self.places[piece.one]), np.array(self.places[piece.other])
+        way = end - start
+        length = float(np.hypot(*way))
+        away = places - start
+        if length > 1:
+            off = np.abs(away[:, 0] * way[1] - away[:, 1] * way[0]) / length
+        else:
+            off = np.hypot(*away.T)
+        cut = int(np.argmax(off[1:-1])) + 1
+        if off[cut] < 1:
+            cut = len(places) // 2
+        row, col = places[cut].tolist()
+        middle = self.add_node((row, col), "way")
+        cut += piece.first
+        yield piece._replace(last=cut, other=middle)
+        yield piece._replace(first=cut, one=middle)
+
+    def _doors(self, clearances: NDArray[np.float64], path: _Path) -> Iterator[int]:
+        """Yield where a path is narrow, and wider on both sides."""
+        widest = _WIDEST_DOOR / 2 / self.cell
+        waiting = [(0, len(clearances))]
+        while waiting:
+            first, stop = waiting.pop()
+            is_whole = first == 0 and stop == len(clearances)
+            is_between_halls = is_whole and path.before == path.after == math.inf
+            if stop - first < (1 if is_between_halls else 3):
+                continue
+            part = clearances[first:stop]
+            least = int(part.argmin())
+            narrow = float(part[least])
+            if narrow > widest:
+                continue
+            wide = _PROMINENCE * narrow
+            before, after = (float(side.max(initial=0)) for side in (part[:least], part[least:]))
+            if first == 0 and (least or path.before == math.inf):
+                before = max(before, path.before)
+            if stop == len(clearances) and (least < len(part) - 1 or path.after == math.inf):
+                after = max(after, path.after)
+            if before >= wide and after >= wide:
+                is_beyond = part[least:] > 1.02 * narrow
+                count = int(is_beyond.argmax()) if is_beyond.any() else 1
+                middle = first + least + (count - 1) // 2
+                yield middle
+                waiting += [(first, first + least), (middle + 1, stop)]
+            elif before < wide:
+                waiting.append((first + least + 1, stop))
+                if after < wide and before >= after:
+                    waiting[-1] = (first, first + least)
+            else:
+                waiting.append((first, first + least))
+
+    # what is missing
+
+    def add_goal(self, point: Place, name: str) -> None:
+        """Add a node exactly at a goal."""
+        row, col = self.area.sweeps.frame.continuous_rowcol_from_xy([point])[0].tolist()
+        node = self.add_node((row, col), "goal")
+        self.names[node] = name
+        near = sorted(range(node), key=lambda other: (self.length(node, other), other))[:6]
+        is_clear, least = self.area.sweeps.along(self.at([node] * len(near)), self.at(near))
+        for other, _, clearance in [
+            one for one in zip(near, is_clear, least, strict=True) if one[1]
+        ][:2]:
+            self.add_edge(node, other, float(clearance))
+
+    def connect(self) -> None:
+        """Join parts that belong together, and neighbours that are far apart on the graph."""
+        if not self.places:
+            where = np.unravel_index(np.argmax(np.where(self.is_open, self.squared, -1)),
+                                     self.is_open.shape)  # fmt: skip
+            self.add_node((float(where[0]) + 0.5, float(where[1]) + 0.5), "end")
+        is_open = self.coarse >= 0
+        cells = self._cells_of(self.nodes(), self.step)
+        lengths, origin = lengths_from(is_open, cells)
+        neighbours = _neighbours(lengths, origin, cells)
+        if not len(neighbours.lengths):
+            return
+        order = np.lexsort((neighbours.one, neighbours.lengths))
+        parts = self.parts()
+        scale = self.step / STRAIGHT
+        wanted = []
+        for one, other, length in zip(
+            neighbours.one[order].tolist(), neighbours.other[order].tolist(),
+            (neighbours.lengths[order] * scale).tolist(), strict=True,
+        ):  # fmt: skip
+            if parts[one] != parts[other]:
+                parts = np.where(parts == parts[other], parts[one], parts)
+            elif not self._is_detour(one, other, length):
+                continue
+            wanted.append((one, other))
+            for node, following in ((one, other), (other, one)):
+                self.beside[node].add(following)  # so that it is no detour for others
+        for one, other in wanted:
+            self.beside[one].discard(other)
+            self.beside[other].discard(one)
+        self.add_ways(wanted)
+
+    def parts(self) -> NDArray[np.intp]:
+        """Return which nodes belong together."""
+        ends = np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)
+        return joined(len(self.places), ends[:, 0], ends[:, 1])[0]
+
+    def _is_detour(self, one: int, other: int, length: float) -> bool:
+        if other in self.beside[one]:
+            return False
+        limit = max(_SHORT_CUT * length, length + 2 * self.spacing)
+        between = self.beside[one] & self.beside[other]
+        if any(self.length(one, k) + self.length(k, other) <= limit for k in between):
+            return False
+        return self._length_on_graph(one, other, limit) > limit
+
+    def _length_on_graph(self, one: int, other: int, limit: float) -> float:
+        best = {one: 0.0}
+        heap = [(self.length(one, other), 0.0, one)]
+        while heap:
+            estimate, length, node = heapq.heappop(heap)
+            if node == other:
+                return length
+            if length > best[node]:
+                continue
+            for following in self.beside[node]:
+                total = length + self.length(node, following)
+                if total < best.get(following, math.inf):
+                    best[following] = total
+                    estimate = total + self.length(following, other)
+                    if estimate <= limit:
+                        heapq.heappush(heap, (estimate, total, following))
+        return math.inf
+
+    def add_ways(self, pairs: Sequence[tuple[int, int]], shorts: Sequence[float] = ()) -> None:
+        """Join pairs of nodes by ways that keep to the middle where there is room.
+
+        The second node of each is moved back along its way by a length, but not to the first.
+        """
+        paths = []
+        for number, (one, other) in enumerate(pairs):
+            cells = self._way_between(one, other)
+            if not len(cells):
+                continue
+            short = shorts[number] if len(shorts) else 0.0
+            if short:
+                lengths = np.hypot(*np.diff(cells, axis=0).T)[::-1].cumsum()
+                back = int(np.searchsorted(lengths, min(short, lengths[-1] / 2)))
+                cells = cells[: len(cells) - back]
+                row, col = cells[-1].tolist()
+                self.places[other] = (row + 0.5, col + 0.5)
+            paths.append(_Path(np.asarray(cells + 0.5), one, other))
+        self.add_paths(paths)
+
+    def _way_between(self, one: int, other: int) -> Cells:
+        """Return the cells of a way, shape (N, 2); none if there is no way."""
+        start, end = (np.floor(self.places[index]).astype(np.int64) for index in (one, other))
+        away = max(self.spacing, 0.5 * math.dist(start.tolist(), end.tolist()))
+        while True:
+            low = np.maximum(np.minimum(start, end) - int(away), 0)
+            high = np.maximum(start, end) + int(away) + 1
+            part = slice(low[0], high[0]), slice(low[1], high[1])
+            squares = self.squared[part].astype(np.float64)
+            weights = np.where(self.is_open[part], 1 + 2 * self.spacing / (1 + squares), 0.0)
+            first, last = tuple((start - low).tolist()), tuple((end - low).tolist())
+            if weights[first] and weights[last]:
+                found = cheapest_path(weights, first, last).cells
+                if len(found):
+                    return self._beside_corners(found + low)
+            if away > max(self.is_open.shape):
+                return np.zeros((0, 2), dtype=np.int64)
+            away *= 3
+
+    def _beside_corners(self, cells: Cells) -> Cells:
+        """Return the cells of a way, with one more where a diagonal step passes a closed one."""
+        found = [cells[:1]]
+        for before, after in pairwise(cells):
+            if (before != after).all():
+                sides = np.array([(after[0], before[1]), (before[0], after[1])])
+                is_open = self.is_open[sides[:, 0], sides[:, 1]]
+                if not is_open.all():
+                    found.append(sides[is_open][:1])
+            found.append(after[np.newaxis])
+        return np.concatenate(found).astype(np.int64)
+
+    def cover_all(self) -> None:
+        """Add nodes until none of the reached cells is farther than `cover` from one."""
+        from scipy import ndimage
+
+        self.missing = self.uncovered()
+        for _ in range(_ROUNDS):
+            labels, count = ndimage.label(self.missing, np.ones((3, 3)))
+            if not count:
+                return
+            cells = np.argwhere(self.missing)
+            own = labels[cells[:, 0], cells[:, 1]]
+            order = np.lexsort((-self.squared[cells[:, 0], cells[:, 1]], own))
+            best = cells[order[np.diff(own[order], prepend=0) != 0]].tolist()
+            boxes = ndimage.find_objects(labels)
+            nearest_to, first = self._nearest(best), len(self.places)
+            pairs, shorts = [], []
+            for (row, col), box, nearest in zip(best, boxes, nearest_to, strict=True):
+                size = math.hypot(*(one.stop - one.start for one in box))
+                node = self.add_node((row + 0.5, col + 0.5), "end")
+                if nearest is not None:
+                    pairs.append((nearest, node))
+                    shorts.append(max(0.8 * self.wishes.cover / self.cell - size, 0.0))
+            self.add_ways(pairs, shorts)
+            new = self._cells_of(range(first, len(self.places)))
+            lengths, _ = lengths_from(self.is_open, new, limit=self._limit)
+            self.missing &= lengths < 0
+
+    def _nearest(self, cells: Sequence[Sequence[int]]) -> list[int | None]:
+        """Return for each of some cells a node to which the way is short."""
+        nodes = self.nodes()
+        is_open = self.coarse >= 0
+        at = self._cells_of(nodes, self.step)
+        found: dict[int, int] = {}
+        limit = 2 * self._limit // self.step
+        while len(found) < len(cells) and limit < 4 * STRAIGHT * is_open.size:
+            left = [k for k in range(len(cells)) if k not in found]
+            rows, cols = np.array([cells[k] for k in left]).T // self.step
+            lengths, origin = lengths_from(is_open, rows * is_open.shape[1] + cols, limit=limit)
+            to_nodes, of_nodes = lengths.reshape(-1)[at], origin.reshape(-1)[at]
+            for index in np.argsort(to_nodes, kind="stable").tolist():
+                if to_nodes[index] >= 0:
+                    found.setdefault(left[of_nodes[index]], nodes[index])
+            if len(found) == len(cells) - len(left):  # nothing new: look farther
+                limit *= 8
+        return [found.get(k) for k in range(len(cells))]
+
+    @property
+    def _limit(self) -> int:
+        return int(self.wishes.cover / self.cell * STRAIGHT)
+
+    def nodes(self) -> list[int]:
+        return [node for node in range(len(self.places)) if node not in self.gone]
+
+    def _cells_of(self, nodes: Sequence[int], step: int = 1) -> Cells:
+        cells = np.floor(self.at(nodes) / step).astype(np.int64)
+        flat: Cells = cells[:, 0] * -(-self.is_open.shape[1] // step) + cells[:, 1]
+        return flat
+
+    def uncovered(self) -> NDArray[np.bool_]:
+        """Return the reached cells that are farther than `cover` from all nodes."""
+        step = max(1, int(self.wishes.cover / self.cell / 15))
+        # over blocks of open cells first, which are few: it is at most so far to all of a block
+        whole = largest_of_blocks((~self.is_open).view(np.uint8), step, beyond=1) == 0
+        nodes = self.nodes()
+        rough, _ = lengths_from(whole, self._cells_of(nodes, step), limit=self._limit // step)
+        most = rough.astype(np.int64) * step + 3 * step * STRAIGHT
+        most[(rough < 0) | (most > self._limit)] = -1
+        height, width = self.is_open.shape
+        fine = np.repeat(np.repeat(most, step, axis=0), step, axis=1)[:height, :width]
+        unproven = self.is_open & (fine < 0)
+        if not unproven.any():
+            return unproven
+        around = unproven.copy()
+        around[1:] |= unproven[:-1]
+        around[:-1] |= unproven[1:]
+        around[:, 1:] |= around[:, :-1].copy()
+        around[:, :-1] |= around[:, 1:].copy()
+        borders = np.flatnonzero(around & (fine >= 0) & self.is_open)
+        sources = np.concatenate([self._cells_of(nodes), borders])
+        given = np.concatenate([np.zeros(len(nodes), np.int64), fine.reshape(-1)[borders]])
+        lengths, _ = lengths_from(around & self.is_open, sources, given=given, limit=self._limit)
+        return unproven & (lengths < 0)
+
+    # what is too much
+
+    def tidy(self) -> None:
+        """Make nodes one that are near each other, and drop edges beside which two others lead."""
+        near = _NEAR * self.spacing
+        refused: set[tuple[int, int]] = set()
+        while True:
+            moves: list[tuple[int, int, list[int]]] = []
+            busy: set[int] = set()
+            short = [(self.length(*ends), ends) for ends in self.edges]
+            for _, (one, other) in sorted(entry for entry in short if entry[0] < near):
+                ranks = [(_RANKS.index(self.kinds[node]), node) for node in (one, other)]
+                (_, kept), (rank, gone) = sorted(ranks)
+                around = {kept, gone, *self.beside[gone]}
+                if {self.kinds[kept], self.kinds[gone]} == {"door", "crossing"}:
+                    continue  # the way along the wall would lead through the door
+                if rank and (kept, gone) not in refused and busy.isdisjoint(around):
+                    busy |= around
+                    moves.append(
+                        (gone, kept, sorted(self.beside[gone] - {kept} - self.beside[kept]))
+                    )
+            if not moves:
+                break
+            done = self.move_all(moves)
+            refused |= {(kept, gone) for (gone, kept, _), is_done in zip(moves, done, strict=True)
+                        if not is_done}  # fmt: skip
+        for node in self.nodes():
+            if self.kinds[node] == "door" and self._is_gap(node):
+                self.kinds[node] = "way"
+                del self.widths[node]
+        for one, other in sorted(self.edges, key=lambda ends: (-self.length(*ends), ends)):
+            limit = _SLIVER * self.length(one, other)
+            if any(self.length(one, between) + self.length(between, other) <= limit
+                   for between in self.beside[one] & self.beside[other]):  # fmt: skip
+                self.drop_edge(one, other)
+
+    def move_all(self, moves: Sequence[tuple[int, int, Sequence[int]]]) -> list[bool]:
+        """Drop nodes for others, where lines from there to more nodes can be driven as well.
+
+        A move is the node to drop, that which replaces it, and the nodes that get an edge to it.
+        """
+        lines = [(kept, other) for _, kept, others in moves for other in others]
+        starts, ends = self.at(line[0] for line in lines), self.at(line[1] for line in lines)
+        is_clear, least = self.area.sweeps.along(starts, ends)
+        first, done = 0, []
+        for gone, kept, others in moves:
+            part = slice(first, first := first + len(others))
+            before = [self.edges[min(gone, other), max(gone, other)] for other in others]
+            is_wide = least[part] >= _SHARE * np.array(before) - 0.5
+            fits = bool(is_clear[part].all() and is_wide.all())
+            done.append(fits)
+            if fits:
+                for other in list(self.beside[gone]):
+                    self.drop_edge(gone, other)
+                for other, clearance in zip(others, least[part].tolist(), strict=True):
+                    self.add_edge(kept, other, clearance)
+                self.gone.add(gone)
+        return done
+
+    def thin_out(self) -> None:
+        """Take out what is needed least, as long as there are too many nodes for the area."""
+        self._shorten(("way",))
+        if not self.is_crowded:
+            return
+        alone = _LONG_WAY * self.spacing
+        for one, other in sorted(self.edges, key=lambda ends: (self.edges[ends], ends)):
+            if not self.is_crowded:
+                return
+            if (one, other) not in self.edges:
+                continue
+            clearance = self.edges[one, other]
+            self.drop_edge(one, other)
+            if self._length_on_graph(one, other, alone) > alone:
+                self.add_edge(one, other, clearance)
+                continue
+            for node in (one, other):
+                if self.kinds[node] != "door":
+                    self._shrink(node)
+        self._shorten(("way", "crossing"))
+        self._shorten(("door",))
+
+    @property
+    def is_crowded(self) -> bool:
+        return len(self.places) - len(self.gone) > self.area.reachable / AREA_PER_NODE
+
+    def _shrink(self, node: int) -> None:
+        """Drop a node that leads nowhere any more, and those behind it; or that is on a line."""
+        while len(self.beside[node]) == 1 and self.kinds[node] in ("way", "crossing"):
+            (before,) = self.beside[node]
+            self.drop_edge(node, before)
+            self.gone.add(node)
+            node = before
+        self._straighten(node)
+
+    def _straighten(self, node: int) -> None:
+        if len(self.beside[node]) != 2 or self.kinds[node] in ("goal", "end"):
+            return
+        one, other = sorted(self.beside[node])
+        is_short = self.length(one, other) <= 1.6 * self.wishes.cover / self.cell
+        if is_short and other not in self.beside[one]:
+            self.move_all([(node, one, [other])])
+
+    def _shorten(self, kinds: Sequence[Kind]) -> None:
+        """Take out nodes of some kinds that only divide lines."""
+        waiting = [node for node, beside in self.beside.items()
+                   if len(beside) == 2 and self.kinds[node] in kinds]  # fmt: skip
+        waiting.sort(key=lambda node: (
+            -self.widths.get(node, 0.0), sum(self.length(node, k) for k in self.beside[node]), node
+        ))  # fmt: skip
+        for node in waiting:
+            if not self.is_crowded:
+                return
+            self._straighten(node)
+
+    def _is_gap(self, node: int) -> bool:
+        """Return whether there is a way around a door, so that it does not lead into a room."""
+        beside = sorted(self.beside[node])
+        edges = [(other, self.edges[min(node, other), max(node, other)]) for other in beside]
+        for other in beside:
+            self.drop_edge(node, other)
+        around = 2.5 * self.spacing
+        is_gap = len(beside) == 2 and self._length_on_graph(beside[0], beside[1], around) <= around
+        for other, clearance in edges:
+            self.add_edge(node, other, clearance)
+        return is_gap
+
+    def limit_edges(self) -> None:
+        """Leave no node with too many edges: its longest ones go, if there is another way."""
+        for node in list(self.beside):
+            for other in sorted(self.beside[node], key=lambda other: -self.length(node, other)):
+                if len(self.beside[node]) <= MOST_EDGES:
+                    break
+                clearance = self.edges[min(node, other), max(node, other)]
+                self.drop_edge(node, other)
+                if self._length_on_graph(node, other, 4 * self.spacing) == math.inf:
+                    self.add_edge(node, other, clearance)
+
+    def drop_blocked(self) -> None:
+        """Drop edges on which corners of the robot hit something, and all that only they join."""
+        # Where it passes sideways alone, or turning as it goes, no straight edge leads.
+        robot = self.area.sweeps.robot
+        frame = self.area.sweeps.frame
+        points = frame.xy_from_continuous_rowcol(self.places).round(_DECIMALS)
+        self.places = [(row, col) for row, col in frame.continuous_rowcol_from_xy(points).tolist()]
+        if robot is None or not robot.vertices or not self.edges:
+            return
+        ends = np.array(sorted(self.edges))
+        is_clear, _ = self.area.sweeps.along(
+            self.at(ends[:, 0]), self.at(ends[:, 1]), step=_FINE_STEP
+        )
+        if is_clear.all():
+            return
+        for one, other in ends[~is_clear].tolist():
+            self.drop_edge(one, other)
+        parts, nodes = self.parts(), self.nodes()
+        largest = np.bincount(parts[nodes]).argmax()
+        for node in nodes:
+            if parts[node] != largest:
+                for other in list(self.beside[node]):
+                    self.drop_edge(node, other)
+                self.gone.add(node)
+        self.missing = self.uncovered()
+
+    def part_lanes(self) -> None:
+        """Make two lanes of lines between crossings, each on the right, where there is room."""
+        is_inner = {node for node in self.nodes()
+                    if len(self.beside[node]) == 2 and self.kinds[node] == "way"}  # fmt: skip
+        chains, seen = [], set()
+        for node in sorted(is_inner):
+            if node not in seen:
+                ends = [self._run_on(node, other, is_inner) for other in sorted(self.beside[node])]
+                chain = [*ends[0][::-1], node, *ends[1]]
+                seen.update(chain[1:-1])
+                if chain[0] not in is_inner and chain[0] != chain[-1]:
+                    chains.append(chain)
+        apart = self.area.turning + _APART / 2 / self.cell
+        for chain in chains:
+            clearance = min(self.edges[min(ends), max(ends)] for ends in pairwise(chain))
+            aside = min(clearance / 2, _ASIDE / self.cell)
+            if aside >= apart and clearance - aside >= apart:
+                self._part(chain, aside)
+
+    def _run_on(self, node: int, following: int, is_inner: set[int]) -> list[int]:
+        """Return the nodes that follow on a line, up to the first that is not within it."""
+        found = [following]
+        before = node
+        while found[-1] in is_inner and found[-1] != node:
+            (onward,) = self.beside[found[-1]] - {before}
+            before = found[-1]
+            found.append(onward)
+        return found
+
+    def _part(self, chain: Sequence[int], aside: float) -> None:
+        places = self.at(chain)
+        along = places[2:] - places[:-2]
+        along /= np.maximum(np.hypot(*along.T), 1e-9)[:, np.newaxis]
+        right = along[:, ::-1] * [-1.0, 1.0]  # rows lead north, columns east
+        lanes = [np.concatenate([places[:1], places[1:-1] + side * aside * right, places[-1:]])
+                 for side in (1, -1)]  # fmt: skip
+        starts, ends = (np.concatenate([lane[part] for lane in lanes])
+                        for part in (slice(None, -1), slice(1, None)))  # fmt: skip
+        is_clear, _ = self.area.sweeps.along(starts, ends)
+        if not is_clear.all():
+            return
+        for one, other in pairwise(chain):
+            self.drop_edge(one, other)
+        self.gone.update(chain[1:-1])
+        for lane, is_back in zip(lanes, (False, True), strict=True):
+            new = [self.add_node((row, col), "way") for row, col in lane[1:-1].tolist()]
+            nodes = [chain[0], *new, chain[-1]]
+            self.lanes += list(pairwise(nodes[::-1] if is_back else nodes))
+
+    # the end
+
+    def made(self) -> Made:
+        points = self.area.sweeps.frame.xy_from_continuous_rowcol(self.places).round(_DECIMALS)
+        used = self.nodes()
+        order = sorted(used, key=lambda k: (points[k, 1], points[k, 0]))
+        number = {k: index for index, k in enumerate(order, start=1)}
+        nodes = tuple(
+            RouteNode(number[k], x, y, metadata=self._metadata(k))
+            for k in order
+            for x, y in [(points[k] + 0.0).tolist()]
+        )
+        both = {(min(a, b, key=number.__getitem__), max(a, b, key=number.__getitem__))
+                for a, b in self.edges}  # fmt: skip
+        pairs = sorted({*both, *self.lanes}, key=lambda ends: (number[ends[0]], number[ends[1]]))
+        sweeps = self.area.sweeps
+        at = sweeps.frame.continuous_rowcol_from_xy(points)
+        one, other = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+        is_clear, least = sweeps.along(at[one], at[other])
+        edges: list[RouteEdge] = []
+        for (a, b), clearance in zip(pairs, (least * self.cell).tolist(), strict=True):
+            length = round(math.dist(points[a].tolist(), points[b].tolist()), 3)
+            metadata = self._metadata_of_edge(a, b, length, clearance)
+            for start, end in ((a, b), (b, a)) if (a, b) in both else ((a, b),):
+                of_edge = len(nodes) + len(edges) + 1
+                edges.append(
+                    RouteEdge(of_edge, number[start], number[end], length, metadata=metadata)
+                )
+        missing = float(np.count_nonzero(self.missing)) * self.cell**2
+        covered = self.area.reachable - missing
+        parts = len(np.unique(self.parts()[used]))
+        tight = int(np.count_nonzero(~is_clear))
+        missed = tuple(name for node, name in self.names.items() if node in self.gone)
+        graph = RouteGraph(nodes, tuple(edges))
+        return Made(graph, self.area.reachable, covered, parts, tight, missed)
+
+    def _metadata_of_edge(
+        self, one: int, other: int, length: float, clearance: float
+    ) -> dict[str, Any]:
+        metadata: dict[str, Any] = {"length": length, "min_clearance": round(clearance, 3)}
+        widths = [self.widths[node] for node in (one, other) if node in self.widths]
+        if widths:
+            metadata["door_width"] = round(min(widths), 3)
+        if self.wishes.slow_below is not None:
+            metadata["speed_limit"] = _speed(clearance, self.wishes.slow_below)
+        return metadata
+
+    def _metadata(self, node: int) -> dict[str, Any]:
+        metadata: dict[str, Any] = {"kind": self.kinds[node]}
+        if node in self.names:
+            metadata["name"] = self.names[node]
+        if node in self.widths:
+            metadata["width"] = round(self.widths[node], 3)
+        return metadata
+
+
+_DECIMALS = 4  # of positions: a tenth of a millimetre
+_ROUNDS = 20
+_FINE_STEP = 0.125  # of a cell: whoever tries other places in half steps finds the same
+_APART = 0.2  # metres between two robots on lanes side by side, and from each to walls
+_ASIDE = 1.0  # metres that a lane lies beside the middle, at most
+_RANKS: tuple[Kind, ...] = ("goal", "door", "crossing", "hall", "end", "way")
+"""Of two nodes that become one the first is kept."""
+
+_SLOWEST = 10.0  # percent
+
+
+def _speed(clearance: float, slow_below: float) -> float:
+    return round(min(100.0, max(_SLOWEST, 100.0 * clearance / slow_below)), 1)
+
+
+class _Path(NamedTuple):
+    """Neighbouring cells, by their middles, from one node to another."""
+
+    places: Places
+    one: int
+    other: int
+    before: float = 0.0  # how wide it is beyond its ends, as a clearance
+    after: float = 0.0
+
+
+class _Piece(NamedTuple):
+    """A part of a path between two nodes."""
+
+    places: Places
+    clearances: NDArray[np.float64]
+    first: int
+    one: int
+    last: int
+    other: int
+
+
+class _Neighbours(NamedTuple):
+    one: Cells
+    other: Cells
+    lengths: Cells
+
+
+def _neighbours(lengths: NDArray[np.int32], origin: NDArray[np.int32], cells: Cells) -> _Neighbours:
+    """Return pairs of nodes whose areas touch, and the shortest ways over a border of the two."""
+    # Of several nodes in one cell only the first has an area.
+    order = np.argsort(cells, kind="stable")
+    same = np.flatnonzero(np.diff(cells[order]) == 0)
+    together = np.sort(np.stack([order[same], order[same + 1]], axis=1), axis=1)
+    found = [np.column_stack([together, np.zeros(len(together), dtype=np.int64)])]
+    for here, there in (
+        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
+        ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
+    ):
+        one, other = origin[here], origin[there]
+        at = np.nonzero((one != other) & (one >= 0) & (other >= 0))
+        ends = np.sort(np.stack([one[at], other[at]], axis=1).astype(np.int64), axis=1)
+        total = lengths[here][at].astype(np.int64) + lengths[there][at] + STRAIGHT
+        found.append(np.column_stack([ends, total]))
+    rows = np.concatenate(found)
+    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
+    is_first = (np.diff(rows[:, :2], axis=0, prepend=-1) != 0).any(axis=1)
+    return _Neighbours(*rows[is_first].T)
+
+
+def check_wishes(wishes: Wishes, resolution: float) -> None:
+    """Refuse lengths that are too short for a map's cells."""
+    for name in ("spacing", "hall", "cover"):
+        value = getattr(wishes, name)
+        if value < 4 * resolution:
+            rule = f"must be at least four cells, {4 * resolution:g} m"
+            raise ParameterError(rule, place=name, got=value)

@@ -1,0 +1,244 @@
+"""Lines of a skeleton: chains of cells between crossings, without what nobody would draw."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Cells = NDArray[np.int64]
+
+
+@dataclass
+class Chain:
+    one: int
+    other: int
+    cells: list[int]  # from one to the other, both included
+
+
+class Tracing:
+    """Lines of a skeleton as chains of cells between their ends and crossings."""
+
+    # Nodes and cells are indices into `cells`, which are blocks of `step` x `step` cells of a
+    # map; `mouths` are ends at which a hall begins. Squares are negative where nothing is open.
+
+    def __init__(
+        self, squares: NDArray[Any], step: int, lines: NDArray[np.bool_], halls: NDArray[np.bool_]
+    ) -> None:
+        self.cells = np.argwhere(lines)
+        self.fine = _best_in_blocks(squares, step, self.cells)
+        clearances = np.sqrt(squares[self.fine[:, 0], self.fine[:, 1]])
+        self.clearances: list[float] = clearances.tolist()
+        self._places: list[list[int]] = self.cells.tolist()
+        self.step = step
+        self.mouths: set[int] = set()
+        self.chains: dict[int, Chain] = {}
+        self.chains_of: defaultdict[int, list[int]] = defaultdict(list)
+        self._count = 0
+        self._beside = self._adjacent(lines)
+        if len(self.cells):
+            near_hall = halls.copy()
+            for axis in (0, 1):  # among the eight neighbours
+                moved = near_hall.copy()
+                before = near_hall.swapaxes(0, axis)
+                moved.swapaxes(0, axis)[1:] |= before[:-1]
+                moved.swapaxes(0, axis)[:-1] |= before[1:]
+                near_hall = moved
+            at_hall = near_hall[self.cells[:, 0], self.cells[:, 1]]
+            self.mouths = set(np.flatnonzero(at_hall).tolist())
+        self._trace()
+
+    def _adjacent(self, lines: NDArray[np.bool_]) -> list[list[int]]:
+        """Return the neighbours of each cell, diagonal ones only where no straight steps lead."""
+        height, width = lines.shape
+        index = np.full((height + 2, width + 2), -1)
+        rows, cols = self.cells[:, 0] + 1, self.cells[:, 1] + 1
+        index[rows, cols] = np.arange(len(self.cells))
+        columns = []
+        for row, col in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+            columns.append(index[rows + row, cols + col])
+        for row, col in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
+            there = index[rows + row, cols + col]
+            is_led = (index[rows + row, cols] >= 0) | (index[rows, cols + col] >= 0)
+            columns.append(np.where(is_led, -1, there))
+        table = np.column_stack(columns).tolist()
+        return [[one for one in beside if one >= 0] for beside in table]
+
+    def _trace(self) -> None:
+        degrees = [len(one) for one in self._beside]
+        ends = [k for k, degree in enumerate(degrees) if degree != 2 or k in self.mouths]
+        is_end = set(ends)
+        seen: set[tuple[int, int]] = set()
+        passed = set(ends)
+        for end in ends:
+            for following in self._beside[end]:
+                if (end, following) in seen:
+                    continue
+                cells = self._followed(end, following, is_end)
+                seen.add((cells[-1], cells[-2]))
+                seen.add((end, following))
+                passed.update(cells)
+                self.add(cells)
+        for alone in self.mouths:
+            if not self._beside[alone]:
+                self.add([alone, alone])
+        for start in range(len(self.cells)):  # loops without a crossing
+            if start not in passed and self._beside[start]:
+                cells = self._followed(start, self._beside[start][0], {start})
+                passed.update(cells)
+                self.add(cells)
+
+    def _followed(self, start: int, following: int, ends: set[int]) -> list[int]:
+        cells = [start, following]
+        while cells[-1] not in ends:
+            one, other = self._beside[cells[-1]]
+            cells.append(other if one == cells[-2] else one)
+        return cells
+
+    def add(self, cells: list[int]) -> None:
+        self._count += 1
+        self.chains[self._count] = Chain(cells[0], cells[-1], cells)
+        self.chains_of[cells[0]].append(self._count)
+        self.chains_of[cells[-1]].append(self._count)
+
+    def drop(self, number: int) -> Chain:
+        chain = self.chains.pop(number)
+        self.chains_of[chain.one].remove(number)
+        self.chains_of[chain.other].remove(number)
+        return chain
+
+    def length(self, chain: Chain) -> float:
+        places = [self._places[cell] for cell in chain.cells]
+        return sum(map(math.dist, places, places[1:])) * self.step
+
+    def width_around(self, node: int, besides: int, reach: float) -> float:
+        """Return the largest clearance near a node on its chains but one."""
+        count = max(1, int(reach / self.step))
+        found = 0.0
+        for number in self.chains_of[node]:
+            if number != besides:
+                cells = self.chains[number].cells
+                near = cells[:count] if cells[0] == node else cells[-count:]
+                found = max(found, *(self.clearances[cell] for cell in near))
+        return found
+
+    def prune(self, shortest: float, loop: float) -> None:
+        """Contract crossings that are one, and drop ways around little things and dead ends."""
+        order = sorted(self.chains, key=lambda k: (len(self.chains[k].cells), k))
+        for number in order:
+            if number in self.chains:
+                self._contract(number)
+        self._open_loops(loop)
+        waiting = [(self.length(chain), number) for number, chain in self.chains.items()]
+        heapq.heapify(waiting)
+        while waiting:
+            length, number = heapq.heappop(waiting)
+            if number not in self.chains:
+                continue
+            chain = self.chains[number]
+            for end, base in ((chain.one, chain.other), (chain.other, chain.one)):
+                is_dead = len(self.chains_of[end]) == 1 and end not in self.mouths
+                if not is_dead or base == end or len(self.chains_of[base]) < 2:
+                    continue
+                if length >= max(shortest, self.clearances[base]):
+                    continue
+                self.drop(number)
+                merged = self._merge(base)
+                if merged is not None:
+                    heapq.heappush(waiting, (self.length(self.chains[merged]), merged))
+                break
+
+    def _open_loops(self, most: float) -> None:
+        """Drop the narrower of two ways around something, if the other one is not long."""
+        lengths = {number: self.length(chain) for number, chain in self.chains.items()}
+        narrowest = {number: min(self.clearances[cell] for cell in chain.cells)
+                     for number, chain in self.chains.items()}  # fmt: skip
+        for number in sorted(self.chains, key=lambda k: (narrowest[k], k)):
+            chain = self.chains[number]
+            if chain.one == chain.other:
+                if lengths[number] <= 2 * most and len(self.chains_of[chain.one]) > 2:
+                    self.drop(number)
+            elif lengths[number] <= most and self._other_way(number, lengths, most):
+                self.drop(number)
+        for node in list(self.chains_of):
+            self._merge(node)
+
+    def _other_way(self, number: int, lengths: dict[int, float], most: float) -> bool:
+        chain = self.chains[number]
+        best, heap = {chain.one: 0.0}, [(0.0, chain.one)]
+        while heap:
+            length, node = heapq.heappop(heap)
+            if node == chain.other:
+                return True
+            for other in self.chains_of[node]:
+                total = length + lengths[other]
+                ends = self.chains[other]
+                following = ends.other if ends.one == node else ends.one
+                if other != number and total <= most and total < best.get(following, math.inf):
+                    best[following] = total
+                    heapq.heappush(heap, (total, following))
+        return False
+
+    def _merge(self, node: int) -> int | None:
+        """Make the two chains that are left at a node one."""
+        numbers = self.chains_of[node]
+        if len(numbers) != 2 or numbers[0] == numbers[1] or node in self.mouths:
+            return None
+        first, second = (self.drop(number) for number in list(numbers))
+        head = first.cells if first.other == node else first.cells[::-1]
+        tail = second.cells if second.one == node else second.cells[::-1]
+        self.add([*head, *tail[1:]])
+        return self._count
+
+    def _contract(self, number: int) -> None:
+        """Make two crossings one that are no farther apart than to half of what is around them."""
+        chain = self.chains[number]
+        one, other = chain.one, chain.other
+        if one == other or self.mouths & {one, other}:
+            return
+        if min(len(self.chains_of[one]), len(self.chains_of[other])) < 3:
+            return
+        clearance = max(self.clearances[one], self.clearances[other])
+        if self.length(chain) > max(2 * self.step, 0.5 * clearance):
+            return
+        if min(self.clearances[cell] for cell in chain.cells) < 0.8 * clearance:
+            return  # something narrow lies between them
+        kept, gone = (
+            (one, other) if self.clearances[one] >= self.clearances[other] else (other, one)
+        )
+        self.drop(number)
+        link = chain.cells if chain.one == kept else chain.cells[::-1]  # from the one that stays
+        for other_number in list(self.chains_of[gone]):
+            if other_number not in self.chains:
+                continue
+            moved = self.drop(other_number)
+            cells = moved.cells
+            if moved.one == gone:
+                cells = [*link[:-1], *cells]
+            if moved.other == gone:
+                cells = [*cells, *link[-2::-1]]
+            self.add(cells)
+
+
+def _best_in_blocks(squares: NDArray[Any], step: int, blocks: Cells) -> Cells:
+    """Return of each block of cells the one with the largest square, the middle one of several."""
+    if step == 1 or not len(blocks):
+        return blocks
+    offsets = np.array([(row, col) for row in range(step) for col in range(step)])
+    away = ((offsets - (step - 1) / 2) ** 2).sum(axis=1)
+    best = np.full(len(blocks), -1, dtype=np.int64)
+    found = np.zeros_like(blocks)
+    for offset in offsets[np.argsort(away, kind="stable")]:
+        cells = blocks * step + offset
+        inside = (cells < squares.shape).all(axis=1)
+        rows, cols = np.where(inside[:, np.newaxis], cells, 0).T
+        values = np.where(inside, squares[rows, cols], -1)
+        is_better = values > best
+        best[is_better] = values[is_better]
+        found[is_better] = cells[is_better]
+    return found

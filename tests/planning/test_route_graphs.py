@@ -1,0 +1,322 @@
+"""Route graphs, against floods, sweeps and searches of the tests' own."""
+
+import heapq
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import ndimage
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+import mapdeal
+from drawn import grid_from_text
+from mapdeal import Costmap, Footprint, OccupancyGrid, footprint_costs, reach, shortest_route
+from mapdeal.errors import MalformedInputError
+from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
+from mapdeal.kernels.skeleton import DIAGONAL, STRAIGHT, lengths_from, skeleton
+from mapdeal.maps.route_graphs import graph_text
+from mapdeal.planning.graph_routes import route_on_graph
+from mapdeal.planning.route_graphs import AREA_PER_NODE, MOST_EDGES, Wishes, route_graph_of
+from mapdeal.planning.routes import Terrain
+from strategies import masks
+
+ROOT_OF_2 = math.sqrt(2)
+
+
+@st.composite
+def rooms(draw):
+    """Maps with walls, doors, specks and unknown corners, of some metres."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    height, width = draw(st.integers(20, 50)), draw(st.integers(20, 50))
+    cells = np.zeros((height, width), dtype=np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 100
+    for _ in range(draw(st.integers(0, 5))):
+        row, col, length = (int(rng.integers(1, size)) for size in (height, width, 40))
+        if rng.random() < 0.5:
+            cells[row, col : col + length] = 100
+        else:
+            cells[row : row + length, col] = 100
+    cells[rng.random(cells.shape) < draw(st.sampled_from([0.0, 0.003, 0.02]))] = 100
+    if draw(st.booleans()):
+        cells[: height // 4, : width // 4] = -1
+    return OccupancyGrid(cells, 0.1, (1.5, -2.0, draw(st.sampled_from([0.0, 0.4]))))
+
+
+def flooded(is_open, sources, limit=math.inf):
+    """The length in cells of the shortest way to each cell, by Dijkstra on a dict."""
+    best, heap = dict.fromkeys(sources, 0.0), [(0.0, one) for one in sources]
+    heapq.heapify(heap)
+    while heap:
+        length, (row, col) = heapq.heappop(heap)
+        if length > best[row, col]:
+            continue
+        for up in (-1, 0, 1):
+            for on in (-1, 0, 1):
+                cell = row + up, col + on
+                inside = 0 <= cell[0] < is_open.shape[0] and 0 <= cell[1] < is_open.shape[1]
+                if not inside or not is_open[cell] or (up, on) == (0, 0):
+                    continue
+                if up and on and not (is_open[row + up, col] or is_open[row, col + on]):
+                    continue
+                total = length + (ROOT_OF_2 if up and on else 1.0)
+                if total < best.get(cell, math.inf) and total <= limit:
+                    best[cell] = total
+                    heapq.heappush(heap, (total, cell))
+    return best
+
+
+def parts_of(graph):
+    count, ends = len(graph.nodes), graph.ends
+    links = csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
+    return connected_components(links, connection="strong")[0]
+
+
+def samples(graph, resolution):
+    """Poses along each edge at half a cell or less, looking ahead, and the edge of each."""
+    for start, end in graph.ends.tolist():
+        a, b = graph.points_xy[[start, end]]
+        count = math.ceil(math.dist(a, b) / (resolution / 2)) + 1
+        yaw = math.atan2(*(b - a)[::-1])
+        yield np.column_stack([np.linspace(a, b, count), np.full(count, yaw)])
+
+
+def check_graph(grid, robot, graph, cover):
+    """Check what holds for each graph, by nothing but the map, the robot and the rules."""
+    occupancy = grid.occupancy
+    blocked = np.pad(occupancy == 100, 1, constant_values=True)
+    distance = ndimage.distance_transform_edt(~blocked)[1:-1, 1:-1]
+    is_open = (occupancy != 100) & (occupancy != -1)
+    radius = robot.inscribed_radius / grid.resolution
+    is_open &= distance > radius + 1e-9
+    cells = grid.frame.unbounded_rowcol_from_xy(graph.points_xy)
+    assert all(is_open[row, col] for row, col in cells.tolist())
+    assert parts_of(graph) == 1
+    ids = [one.id for one in (*graph.nodes, *graph.edges)]
+    assert sorted(ids) == list(range(1, len(ids) + 1))
+    assert np.bincount(graph.ends[:, 0], minlength=1).max() <= MOST_EDGES
+    plain = Costmap(np.choose((occupancy == 100) + 2 * (occupancy == -1), [0, 254, 255])
+                    .astype(np.uint8), grid.resolution, grid.origin)  # fmt: skip
+    for edge, poses in zip(graph.edges, samples(graph, grid.resolution), strict=True):
+        passed = grid.frame.unbounded_rowcol_from_xy(poses[:, :2])
+        assert is_open[passed[:, 0], passed[:, 1]].all()
+        if robot.vertices:
+            assert (footprint_costs(plain, robot, poses) == 0).all()
+        assert edge.metadata["length"] == pytest.approx(math.dist(*poses[[0, -1], :2]), abs=2e-3)
+    if robot.vertices:
+        return
+    reached = flooded(is_open, [tuple(cells[0].tolist())])
+    limit = cover / grid.resolution
+    covered = flooded(is_open, list(map(tuple, cells.tolist())), limit)
+    assert reached.keys() <= covered.keys()
+
+
+@given(rooms(), st.sampled_from([0.15, 0.24, 0.4]), st.sampled_from([None, "right"]))
+def test_graphs_of_round_robots_keep_all_promises(grid, radius, one_way):
+    robot = Footprint.circle(radius)
+    try:
+        found = reach(grid, footprint=robot)
+    except MalformedInputError:
+        return  # the robot stands nowhere
+    made = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
+    assert made.parts == 1
+    assert made.covered == pytest.approx(made.reachable)
+    check_graph(grid, robot, made.graph, 2.0)
+
+
+BOX = Footprint.polygon([[0.3, 0.15], [0.3, -0.15], [-0.2, -0.15], [-0.2, 0.15]])
+
+
+@given(rooms())
+def test_robots_with_corners_touch_nothing_on_any_edge(grid):
+    try:
+        found = reach(grid, footprint=BOX)
+    except MalformedInputError:
+        return
+    made = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0))
+    check_graph(grid, BOX, made.graph, 2.0)
+
+
+TWO_ROOMS = """
+    ##############################
+    #.............##.............#
+    #.............##.............#
+    #.............##.............#
+    #............................#
+    #............................#
+    #.............##.............#
+    #.............##.............#
+    #.............##.............#
+    ##############################
+"""
+
+
+def graph_of(text, radius=0.2, resolution=0.25, goals=(), **wishes):
+    found = reach(grid_from_text(text, resolution), radius=radius, goals=goals)
+    return route_graph_of(found, Wishes(**wishes)).graph
+
+
+def test_a_door_has_a_node_in_its_middle_with_its_width():
+    graph = graph_of(TWO_ROOMS, hall=9.0)
+    (door,) = [one for one in graph.nodes if one.metadata["kind"] == "door"]
+    assert door.metadata["width"] == 0.5
+    middle = grid_from_text(TWO_ROOMS).frame.xy_from_continuous_rowcol([[5, 15]])[0]
+    assert math.dist(middle, (door.x, door.y)) < 0.3
+    widths = [
+        one.metadata.get("door_width") for one in graph.edges if door.id in (one.start, one.end)
+    ]
+    assert set(widths) == {0.5}
+
+
+def test_a_corridor_has_its_nodes_in_the_middle_at_the_spacing():
+    graph = graph_of("\n".join(["#" * 80, *["#" + "." * 78 + "#"] * 5, "#" * 80]))
+    places = grid_from_text("\n".join(["." * 80] * 7)).frame.continuous_rowcol_from_xy(
+        graph.points_xy
+    )
+    assert set(places[:, 0].round(2)) == {3.5}
+    steps = np.diff(np.sort(places[:, 1])) * 0.25
+    assert steps.max() <= 2.5
+    assert len(graph.edges) == 2 * (len(graph.nodes) - 1)
+
+
+def test_a_hall_has_a_lattice_and_no_single_line():
+    graph = graph_of("\n".join(["." * 60] * 40))
+    assert {one.metadata["kind"] for one in graph.nodes} == {"hall"}
+    rows = grid_from_text("\n".join(["." * 60] * 40)).frame.continuous_rowcol_from_xy(
+        graph.points_xy
+    )
+    assert len(set(rows[:, 0].round(2))) == 5
+    assert 15.0 * 10.0 / len(graph.nodes) > AREA_PER_NODE
+    inner = np.bincount(graph.ends[:, 0])
+    assert inner.max() == 8
+
+
+def test_goals_get_nodes_of_their_own():
+    from mapdeal import Goal
+
+    x, y = grid_from_text(TWO_ROOMS).frame.xy_from_rowcol([(2, 3)])[0].tolist()
+    graph = graph_of(TWO_ROOMS, goals=(Goal(x, y, "dock"),))
+    (node,) = [one for one in graph.nodes if one.metadata["kind"] == "goal"]
+    assert node.metadata["name"] == "dock"
+    assert math.dist((node.x, node.y), (x, y)) < 1e-3
+    assert any(node.id == one.start for one in graph.edges)
+
+
+def test_lanes_are_on_the_right_and_lead_both_ways():
+    text = "\n".join(["#" * 120, *["#" + "." * 118 + "#"] * 11, "#" * 120])
+    graph = graph_of(text, hall=9.0, one_way="right")
+    both = set(map(tuple, graph.ends.tolist()))
+    alone = [ends for ends in both if ends[::-1] not in both]
+    assert len(alone) > 10
+    frame = grid_from_text(text).frame
+    rows = frame.continuous_rowcol_from_xy(graph.points_xy)
+    for start, end in alone:
+        (row, col), (other_row, other_col) = rows[[start, end]]
+        if abs(other_row - row) < 1e-2:  # within a lane; eastwards it lies in the south
+            assert (other_col > col) == (row < 6.5)
+    assert parts_of(graph) == 1
+
+
+def test_speed_limits_stand_on_all_edges_and_fall_with_the_room():
+    graph = graph_of(TWO_ROOMS, hall=9.0, slow_below=0.6)
+    limits = [edge.metadata["speed_limit"] for edge in graph.edges]
+    assert all(type(one) is float for one in limits)
+    assert min(limits) < max(limits) == 100.0
+    for edge in graph.edges:
+        share = edge.metadata["min_clearance"] / 0.6
+        assert edge.metadata["speed_limit"] == pytest.approx(min(100, 100 * share), abs=0.2)
+
+
+@given(masks(16), st.integers(1, 4), st.integers(0, 2**32 - 1))
+def test_lengths_are_those_of_dijkstra(closed, count, seed):
+    is_open = ~closed
+    places = np.flatnonzero(is_open)
+    if not len(places):
+        return
+    sources = np.random.default_rng(seed).choice(places, count)
+    lengths, origin = lengths_from(is_open, sources)
+    width = is_open.shape[1]
+    expected = flooded(is_open, [divmod(int(one), width) for one in sources])
+    for (row, col), length in np.ndenumerate(lengths):
+        if (row, col) not in expected:
+            assert length == origin[row, col] == -1
+            continue
+        # 17 / 12 is a little more than the root of 2, and other ways may be as short
+        assert expected[row, col] * STRAIGHT <= length + 1e-9
+        assert length <= expected[row, col] * DIAGONAL / ROOT_OF_2 + 1e-9
+        alone = flooded(is_open, [divmod(int(sources[origin[row, col]]), width)])
+        assert alone[row, col] * DIAGONAL / ROOT_OF_2 + 1e-9 >= length
+
+
+@given(masks(14))
+def test_a_skeleton_has_the_parts_and_holes_of_its_area(area):
+    distance = ndimage.distance_transform_edt(np.pad(area, 1))[1:-1, 1:-1]
+    levels = np.where(area, distance.astype(np.int64), -1)
+    peaks = area & (distance == ndimage.maximum_filter(distance, 3))
+    lines = skeleton(levels, np.zeros_like(area), peaks)
+    assert not (lines & ~area).any()
+    eight = np.ones((3, 3))
+    for one in (area, lines):
+        labels, count = ndimage.label(one, eight)
+        holes = ndimage.label(np.pad(~one, 1, constant_values=True))[1]
+        if one is area:
+            whole = labels, count, holes
+    assert (count, holes) == whole[1:]
+    assert len(np.unique(whole[0][lines])) == count
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 12))
+def test_routes_on_graphs_are_the_cheapest_ones(seed, count):
+    rng = np.random.default_rng(seed)
+    points = rng.random((count, 2)) * 8 + 1
+    ends = {(int(a), int(b)) for a, b in rng.integers(0, count, (3 * count, 2)) if a != b}
+    edges = []
+    for number, (a, b) in enumerate(sorted(ends), start=count):
+        kind = rng.integers(0, 3)
+        metadata = {"speed_limit": 50.0} if kind == 1 else {}
+        edges.append(RouteEdge(number, a, b, float(rng.random()), kind != 2, metadata))
+    graph = RouteGraph(
+        tuple(RouteNode(k, *map(float, points[k])) for k in range(count)), tuple(edges)
+    )
+    weights = np.full((count, count), np.inf)
+    for edge in edges:
+        length = math.dist(points[edge.start], points[edge.end])
+        limit = edge.metadata.get("speed_limit", 1.0)
+        weights[edge.start, edge.end] = length / limit if edge.overridable else edge.cost
+    expected = dijkstra(np.where(np.isfinite(weights), weights, 0.0), indices=0)[-1]
+    terrain = Terrain.of(Costmap(np.zeros((100, 100), np.uint8), 0.1))
+    found = route_on_graph(terrain, graph, tuple(points[0]), tuple(points[-1]))
+    if not np.isfinite(expected):
+        return  # it may begin at another node
+    passed = [int(np.flatnonzero((points == one).all(axis=1))[0]) for one in found.points_xy]
+    assert (passed[0], passed[-1]) == (0, count - 1)
+    cost = sum(weights[a, b] for a, b in pairwise(passed))
+    assert cost == pytest.approx(expected)
+
+
+def test_a_route_on_the_graph_is_little_longer_than_without():
+    grid = grid_from_text(TWO_ROOMS)
+    graph = graph_of(TWO_ROOMS, hall=9.0)
+    terrain = Terrain.of(Costmap.from_occupancy(grid))
+    start, goal = grid.frame.xy_from_rowcol([(2, 2), (7, 27)]).tolist()
+    found = route_on_graph(terrain, graph, start, goal)
+    alone = shortest_route(Costmap.from_occupancy(grid), start, goal)
+    assert found.reached
+    assert alone.length <= found.length + 0.5 < 1.4 * alone.length
+
+
+@pytest.mark.parametrize("method", ["astar", "graph"])
+def test_without_obstacles_every_method_goes_straight(tmp_path, method):
+    frame = grid_from_text("\n".join(["." * 24] * 14)).frame
+    start, goal, *nodes = frame.xy_from_rowcol([(4, 2), (4, 20), (4, 4), (4, 18)]).tolist()
+    points = tuple(RouteNode(k, *node) for k, node in enumerate(nodes))
+    graph = RouteGraph(points, (RouteEdge(2, 0, 1),))
+    (tmp_path / "graph.geojson").write_text("\n".join(graph_text(graph)))
+    how = {"graph": tmp_path / "graph.geojson"} if method == "graph" else {}
+    free = Costmap(np.zeros((14, 24), np.uint8), 0.25, (1.5, -2.0, 0.4))
+    found = mapdeal.route(free, start=tuple(start), goal=tuple(goal), method=method, **how)
+    assert (found.method, found.reached) == (method, True)
+    assert found.length == pytest.approx(18 * 0.25)
