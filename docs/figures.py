@@ -197,10 +197,10 @@ def draw_intel(log: Path) -> None:
 
 
 def draw_report() -> None:
-    """Draw the page of a report, if there is a browser; its values are those at a pinned point."""
+    """Draw pages of reports, if there is a browser: values at a pinned point, and zones."""
     browser = shutil.which("chromium")
     if browser is None:
-        print("report.png is left as it is: there is no chromium")
+        print("report.png and report_zones.png are left as they are: there is no chromium")
         return
     from playwright.sync_api import sync_playwright
 
@@ -211,10 +211,18 @@ def draw_report() -> None:
         page.wait_for_timeout(1000)
         page.mouse.click(460, 560)
         page.wait_for_timeout(1000)
-        picture = page.screenshot()
+        pictures = {"report.png": page.screenshot()}
+        page.set_viewport_size({"width": 1200, "height": 700})
+        page.goto((folder / "out" / "report" / "zones.html").as_uri())
+        page.wait_for_timeout(1000)
+        page.locator("#zones li button").first.click()
+        page.locator("label:has([name=draw])").click()
+        page.wait_for_timeout(1000)
+        pictures["report_zones.png"] = page.screenshot()
         chromium.close()
-    with Image.open(io.BytesIO(picture)) as image:
-        image.convert("RGB").quantize(128).save(IMAGES / "report.png", optimize=True)
+    for name, picture in pictures.items():
+        with Image.open(io.BytesIO(picture)) as image:
+            image.convert("RGB").quantize(128).save(IMAGES / name, optimize=True)
 
 
 FLOOR = ("Faro/FMap.yaml", "GMap/GMap.yaml", "2021_10_27/YouBotMap.yaml")

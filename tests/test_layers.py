@@ -23,7 +23,7 @@ ALLOWED = {
     "bags": {*FOUNDATION, "files", "inputs"},
     "ros": {*FOUNDATION, "files", "inputs"},
     "checks": {*FOUNDATION, *OF_FILES, "ros"},
-    "report": {*FOUNDATION, "pictures"},
+    "report": {*FOUNDATION, "compare", "pictures"},
     "pipeline": MIDDLE - {"report", "checks"},
     "commands": {*MIDDLE, "pipeline"},
     "api": {*MIDDLE, "pipeline", "commands"},

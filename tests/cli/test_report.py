@@ -1,5 +1,6 @@
 """``mapdeal report`` and ``run --report``: what is written, what is said, and how they end."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -40,12 +41,74 @@ def test_python_writes_the_bytes_of_the_command(sh, run):
 
 
 def test_a_run_writes_its_page_with_the_map_as_read(sh):
-    assert sh(RUN)[1].splitlines()[-1].startswith("out/report.html: 1 map, ")
-    sh("report out/rooms rooms.yaml -o same.html")
-    first = Path("out/report.html").read_bytes()
-    assert first == Path("same.html").read_bytes()
-    assert sh(RUN)[0] == 0  # unchanged, and written again
-    assert Path("out/report.html").read_bytes() == first
+    line = "run rooms.yaml -o out --report"
+    told = sh(line)[1]
+    assert "out/report.html: 1 map, " in told
+    names = ("report.html", "report.json")
+    first = [Path("out", name).read_bytes() for name in names]
+    assert b"Map as read" in first[0]
+    assert sh(line)[0] == 0  # unchanged, and written again
+    assert [Path("out", name).read_bytes() for name in names] == first
+
+
+def test_a_run_with_a_page_is_checked_by_lint_and_asked_where_the_robot_gets_to(sh):
+    points = mapdeal.read_map("rooms.yaml").frame.xy_from_rowcol([(2, 4), (2, 10)])
+    start, lab = (f"{x:g},{y:g}" for x, y in points.tolist())
+    asked = f"--from {start} --to lab={lab} here={start}"
+    states = {}
+    for radius in (0.1, 0.3):
+        assert sh(f"run rooms.yaml -o r{radius} --robot-radius {radius} --report {asked}")[0] == 0
+        (entry,) = json.loads(Path(f"r{radius}/report.json").read_text())["entries"]
+        states[radius] = {one["about"]: (one["state"], one["text"]) for one in entry["claims"]}
+        page = Path(f"r{radius}/report.html").read_text()
+        assert "goal lab" in page
+        assert "robot of radius" in page or "round robot" in page
+    assert list(states[0.1]) == ["map", "costmap", "goals"]
+    assert states[0.1]["goals"][0] == "good"
+    state, text = states[0.3]["goals"]
+    assert (state, "not lab (a passage at" in text) == ("error", True)
+    found = mapdeal.lint("rooms.yaml", footprint=mapdeal.Footprint.circle(0.3))
+    assert states[0.3]["map"][0] == (
+        "error" if found.errors else "warning" if found.warnings else "good"
+    )
+    # without a robot nobody has looked, which is no error
+    sh("run rooms.yaml -o none --report")
+    (entry,) = json.loads(Path("none/report.json").read_text())["entries"]
+    assert entry["claims"][-1]["state"] == "unknown"
+
+
+def test_a_start_in_a_wall_is_a_problem_of_the_page_and_not_of_the_run(sh):
+    code, _, err = sh("run rooms.yaml -o out --robot-radius 0.1 --report --from 999,0")
+    assert code == 0
+    assert "so where the robot can go is not shown" in err
+    assert json.loads(Path("out/report.json").read_text())["state"] == "error"
+
+
+def test_an_invalid_configuration_of_lint_leaves_the_rest_of_the_page(sh, rooms):
+    Path("mapdeal.toml").write_text("[lint]\nselect = 5\n")
+    code, _, err = sh("run rooms.yaml -o out --report")
+    assert code == 0
+    assert "mapdeal.toml: lint.select: must be a list of names" in err
+    assert "so findings of lint are not shown" in err
+    (entry,) = json.loads(Path("out/report.json").read_text())["entries"]
+    assert {one["about"]: one["state"] for one in entry["claims"]}["map"] == "unknown"
+
+
+def test_the_verdict_as_json(sh, run):
+    assert sh("lint rooms.yaml --format json")[0] == 0
+    Path("lint.json").write_text(sh("lint rooms.yaml --format json")[1])
+    told = json.loads(sh.ok("report out/rooms rooms.yaml lint.json -o page.html --json"))
+    assert (told["format"], told["maps"], told["path"]) == ("mapdeal-report/1", 1, "page.html")
+    assert told["bytes"] == Path("page.html").stat().st_size
+    (entry,) = told["entries"]
+    assert [one["about"] for one in entry["claims"]] == ["map", "costmap"]
+    assert set(entry["claims"][0]) == {"about", "state", "text"}
+    assert told["state"] == "warning"  # the costs are nobody's
+
+
+def test_goals_need_a_page(sh):
+    assert "needs --report" in sh.err("run rooms.yaml -o out --to 1,2", 2)
+    assert not Path("out").exists()
 
 
 def test_a_batch_has_its_page_even_if_maps_fail(sh):
@@ -54,8 +117,12 @@ def test_a_batch_has_its_page_even_if_maps_fail(sh):
     code, told, _ = sh("run maps -o out --report -j 1")
     assert (code, "out/report.html: 2 maps, " in told) == (5, True)
     page = Path("out/report.html").read_text()
-    assert "a/one" in page
+    assert "a/<wbr>one" in page
     assert "failed" in page
+    verdict = json.loads(Path("out/report.json").read_text())
+    assert {one["name"]: one["state"] for one in verdict["entries"]}["bad"] == "error"
+    assert sh("run maps -o out --report")[0] == 5
+    assert Path("out/report.html").read_text() == page  # though one is unchanged now
 
 
 def test_a_run_does_not_replace_what_is_no_page_of_ours(sh):
@@ -63,10 +130,13 @@ def test_a_run_does_not_replace_what_is_no_page_of_ours(sh):
     Path("out/report.html").write_text("<!doctype html><title>my own</title>")
     assert "exists, and is not a page written by mapdeal" in sh.err(RUN, 4)
     assert [one.name for one in Path("out").iterdir()] == ["report.html"]  # nothing was made
+    Path("out/report.html").rename("out/report.json")
+    told = "exists, and is not a verdict written by mapdeal"
+    assert told in sh.err("run rooms.yaml -o out --report", 4)
 
 
 def test_a_dry_run_says_where_the_page_goes(sh):
-    assert "and out/report.html" in sh(f"{RUN} --dry-run")[1]
+    assert "and out/report.html and out/report.json" in sh(f"{RUN} --dry-run")[1]
     assert not Path("out").exists()
 
 

@@ -1,5 +1,6 @@
 """Documents in a report: which entry gets what lint, reach, route, diff, score and align tell."""
 
+import json
 import shutil
 
 import numpy as np
@@ -140,8 +141,38 @@ def test_a_diff_shows_both_maps_and_what_differs(said, rooms, shut, tmp_path):
     (item,) = entry.items
     x, y = entry.layers[0].frame.xy_from_rowcol(np.argwhere(changes))[0]
     assert item.place == pytest.approx((x, y))
-    area = entry.layers[0].frame.resolution ** 2
-    assert item.text == f"added: {area:.3g} m2 at {x:.6g},{y:.6g}"
+    assert (item.kind, item.text) == ("added", f"1. 0.0625 m2 at {x:.2f}, {y:.2f}")
+    assert not entry.opens_swiped  # it opens on what differs
+    ((row, col),) = np.argwhere(changes)
+    (line,) = item.lines
+    corners = entry.layers[0].frame.xy_from_continuous_rowcol(
+        [(row + k, col + j) for k, j in ((0, 0), (0, 1), (1, 1), (1, 0))]
+    )
+    assert {tuple(point) for point in line.round(9).tolist()} == {
+        tuple(point) for point in corners.round(9).tolist()
+    }
+    claims = {claim.about: (claim.state, claim.evidence) for claim in entry.claims}
+    assert claims == {
+        "obstacles": ("warning", "added"), "cells": ("warning", "What differs"),
+        "geometry": ("good", ""),
+    }  # fmt: skip
+
+
+def test_a_diff_with_a_tolerance_or_a_transform_shows_what_it_found(command, rooms, tmp_path):
+    grid = mapdeal.read_map(rooms)
+    x, y, yaw = grid.origin
+    moved = mapdeal.OccupancyGrid(grid.occupancy, grid.resolution, (x + 0.75, y - 0.5, yaw))
+    mapdeal.write_map(tmp_path / "moved.yaml", moved)
+    (tmp_path / "by.json").write_text('{"x": 0.75, "y": -0.5, "yaw": 0}')
+    for words in (["--by", tmp_path / "by.json"], ["--tolerance", "30"]):
+        _, out, _ = command("diff", rooms, tmp_path / "moved.yaml", *words, "--json")
+        (tmp_path / "diff.json").write_text(out)
+        (entry,) = entries_of(tmp_path / "diff.json")
+        assert len(entry.items) == len(json.loads(out)["changes"])
+        claims = {claim.about: claim.state for claim in entry.claims}
+        if "--by" in words:
+            assert {"cells": "good", "obstacles": "good"}.items() <= claims.items()
+            assert np.allclose(entry.layers[1].frame.origin, entry.layers[0].frame.origin)
 
 
 def difference(said, tmp_path, before, after):
@@ -157,22 +188,23 @@ def test_groups_of_cells_that_differ_are_listed_by_size(said, tmp_path):
     after[10, 10] = 100
     entry = difference(said, tmp_path, before, after)
     assert [item.text.partition(" at ")[0] for item in entry.items] == [
-        "removed: 0.312 m2", "added: 0.188 m2", "added: 0.0625 m2"
+        "1. 0.312 m2", "2. 0.188 m2", "3. 0.0625 m2"
     ]  # fmt: skip
+    assert [item.kind for item in entry.items] == ["removed", "added", "added"]
     middles = entry.layers[0].frame.xy_from_rowcol([(3, 6), (21, 30), (10, 10)])
     assert np.allclose([item.place for item in entry.items], middles)
 
 
-def test_of_many_differences_fifty_are_listed(said, tmp_path):
+def test_of_many_differences_twenty_are_listed(said, tmp_path):
     free, walls = np.zeros((9, 130), np.int8), np.zeros((9, 130), np.int8)
     walls[4, 2::4], walls[3, 2] = 100, 100
     entry = difference(said, tmp_path, free, walls)
-    assert entry.items[0].text.startswith("added: 0.125 m2 at ")
-    assert len(entry.items) == 32
+    assert entry.items[0].text.startswith("1. 0.125 m2 at ")
+    assert len(entry.items) == 21
     walls[1, 2::4], walls[7, 2:6] = 100, 100  # 32 more, and one
     entry = difference(said, tmp_path, free, walls)
-    assert len(entry.items) == 51
-    assert entry.items[-1].text == "15 smaller changes not listed"
+    assert len(entry.items) == 21
+    assert entry.items[-1].text == "45 smaller changes not listed"
 
 
 def test_a_diff_of_maps_that_are_gone_or_changed_says_so(said, rooms, shut):

@@ -56,8 +56,12 @@ class Chromium:
         self.page = self._context.new_page()
         self.page.on("console", lambda message: self._hear(message.text))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        self.page.on("dialog", lambda dialog: self.complaints.append(dialog.message))
+        self.page.on("dialog", self._answer)
         self.page.on("request", lambda request: self.requests.append(request.url))
+
+    def _answer(self, dialog):
+        self.complaints.append(dialog.message)
+        dialog.accept()  # else the page is never left
 
     def _hear(self, text):
         if "willReadFrequently" not in text:  # of tests that look at pixels

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mapdeal
-from mapdeal.report.document import Entry, Item, Report, Table, page_layers
+from mapdeal.report.document import Claim, Entry, Item, Report, Table, page_layers
 from mapdeal.report.page import page_of
 from report import browsers
 from report.made import entry_of, layers_of
@@ -317,8 +317,8 @@ def test_two_layers_are_compared_by_a_slider_and_by_blinking(browser, pages):
         known = [255, 255, 255], cost_colour
         seen.append(browsers.pixel_in_time(browser, PIXEL, place, known.__contains__))
     assert seen == [[255, 255, 255], cost_colour, [255, 255, 255]]
-    browser.evaluate(CLICK, "[name=blink]")
-    blinks = "() => document.querySelector('[name=blink]').checked"
+    browser.evaluate(CLICK, "[value=blink]")
+    blinks = "() => document.querySelector('[value=blink]').checked"
     assert browser.evaluate(blinks)
     browser.evaluate(KEY, "Escape")
     assert not browser.evaluate(blinks)
@@ -336,13 +336,13 @@ SHOWN = """() => [...document.querySelectorAll("main > section")]
 def test_the_table_sorts_filters_and_opens(browser, pages):
     path = pages(several())
     browser.open(path)
-    assert browser.evaluate(NAMES) == ["b10", "b9", "a", "bad"]
+    assert browser.evaluate(NAMES) == ["bad", "b10", "b9", "a"]  # what failed is first
     assert not browser.evaluate("() => document.getElementById('map').checkVisibility()")
     sorts = "() => [...document.querySelectorAll('#maps thead th')].map((one) => one.ariaSort)"
-    browser.evaluate(HEAD, "free")
+    browser.evaluate(HEAD, "Free")
     assert browser.evaluate(NAMES) == ["b9", "b10", "a", "bad"]
     assert browser.evaluate(sorts).count("ascending") == 1
-    browser.evaluate(HEAD, "free")
+    browser.evaluate(HEAD, "Free")
     assert browser.evaluate(NAMES) == ["a", "b10", "b9", "bad"]
     assert browser.evaluate(sorts).count("descending") == 1
     browser.evaluate(HEAD, "Map")
@@ -352,7 +352,7 @@ def test_the_table_sorts_filters_and_opens(browser, pages):
       box.value = text;
       box.dispatchEvent(new Event("input", { bubbles: true }));
     }"""
-    browser.evaluate(write, "b1 DONE")
+    browser.evaluate(write, "b1 CHECKED")
     assert browser.evaluate(NAMES) == ["b10"]
     assert browser.evaluate(TEXTS, "#count") == ["1 of 4 maps"]
     browser.evaluate(CLICK, "#maps tbody a[href='#entry-0']")
@@ -481,3 +481,203 @@ def test_axe_finds_nothing_serious(chromium, pages, make, look):
     assert bad == {}
     across = chromium.page.evaluate("document.documentElement.scrollWidth")
     assert across <= look.get("width", 1400)
+
+
+POINTS = {
+    "hall": [(-4.0, 16.0), (6.0, 17.0), (5.0, 26.0), (-3.0, 25.0)],
+    "b": [(0, 8), (3, 8), (1, 12)],
+}
+SCREEN = """([x, y]) => {
+  const { view } = mapdeal.state(), box = document.getElementById("map").getBoundingClientRect();
+  return [box.left + 1 + view.width / 2 + (x - view.x) * view.scale,
+          box.top + 1 + view.height / 2 - (y - view.y) * view.scale];
+}"""
+TYPE = """([name, text]) => {
+  const field = document.querySelector(`#zones [name=${name}]`);
+  field.value = text;
+  field.dispatchEvent(new Event("input", { bubbles: true }));
+}"""
+ZONES = (
+    "() => mapdeal.state().zones.map(({ kind, speed, name, rings }) => [kind, speed, name, rings])"
+)
+
+
+def drawn_zone(browser, points, *, tap=False):
+    """Draw a polygon by clicks or taps; the last one is on the first corner."""
+    for x, y in [*points, points[0]]:
+        place = browser.evaluate(SCREEN, [x, y])
+        (browser.page.touchscreen.tap if tap else browser.page.mouse.click)(*place)
+
+
+@pytest.mark.parametrize("phone", [False, True])
+def test_zones_are_drawn_saved_and_drawn_into_a_map(chromium, pages, tmp_path, phone):
+    browsers.show(chromium, pages(one()), **(PHONE if phone else {}))
+    chromium.evaluate("() => document.getElementById('viewer').scrollIntoView()")
+    chromium.evaluate(CLICK, "[name=draw]")
+    drawn_zone(chromium, POINTS["hall"], tap=phone)
+    chromium.evaluate(TYPE, ["name", "<b>hall</b>"])
+    (zone,) = chromium.evaluate(ZONES)
+    assert zone[:3] == ["keepout", None, "<b>hall</b>"]
+    near = 1.0 if phone else 0.1  # pixels are larger there
+    assert np.allclose(zone[3][0], POINTS["hall"], atol=near)
+    with chromium.page.expect_download() as download:
+        chromium.page.get_by_text("Save 1 keepout zone").click()
+    assert download.value.suggested_filename == "scattered_keepout.geojson"
+    saved = tmp_path / "zones.geojson"
+    download.value.save_as(saved)
+    (shape,) = mapdeal.read_shapes(saved)
+    assert shape.value == 100
+    assert np.allclose(shape.points_xy, zone[3][0], atol=1e-4)  # counterclockwise as it was drawn
+    mask = mapdeal.draw(mapdeal.blank(GRID, -1), [shape])
+    cells = np.argwhere(mask.occupancy == 100)
+    area = len(cells) * GRID.resolution**2
+    assert area == pytest.approx(
+        float(chromium.evaluate(TEXTS, "#zones li")[0].split(", ")[1][:-3]), rel=0.02
+    )
+    assert chromium.complaints == []
+    # and they come back on a page, where they can be changed
+    path = tmp_path / "map.yaml"
+    mapdeal.write_map(path, GRID)
+    made = mapdeal.write_report(tmp_path / "again.html", [path, saved])
+    browsers.show(chromium, made.path)
+    (again,) = chromium.evaluate(ZONES)
+    assert again[:3] == zone[:3]
+    assert np.allclose(again[3][0], zone[3][0], atol=1e-4)
+    assert "<b>hall</b>: keepout zone" in chromium.evaluate(TEXTS, "[data-item]")[0]
+
+
+def test_zones_by_keys_undo_delete_and_what_crosses_itself(browser, pages):
+    browsers.show(browser, pages(one()))
+    for key in ("z", "Enter", "ArrowRight", "Enter", "ArrowUp", "Enter", "ArrowLeft", "Enter"):
+        browser.evaluate(KEY, key)
+    assert len(browser.evaluate(VIEW)["ring"]) == 4
+    browser.evaluate(KEY, "u")
+    assert len(browser.evaluate(VIEW)["ring"]) == 3
+    browser.evaluate(KEY, "c")
+    ((kind, _, _, [points]),) = browser.evaluate(ZONES)
+    step = 60 / browser.evaluate(VIEW)["view"]["scale"]
+    offsets = np.diff(points, axis=0)
+    assert kind == "keepout"
+    assert np.allclose(offsets, [[step, 0], [0, step]])
+    browser.evaluate(TYPE, ["kind", "speed"])
+    browser.evaluate(TYPE, ["speed", "0.3"])
+    assert browser.evaluate(ZONES)[0][:2] == ["speed", 0.3]
+    assert '"speed":0.3' in browser.evaluate("() => mapdeal.geojson()")
+    browser.evaluate(KEY, "Delete")
+    assert browser.evaluate(ZONES) == []
+    browser.evaluate(KEY, "u")
+    assert len(browser.evaluate(ZONES)) == 1
+    # an hourglass
+    for key in ("Enter", "ArrowRight", "Enter", "ArrowUp", "ArrowLeft", "Enter", "ArrowRight"):
+        browser.evaluate(KEY, key)
+    browser.evaluate(KEY, "Enter")
+    browser.evaluate(KEY, "c")
+    assert browser.evaluate(TEXTS, "#status") == ["The outline crosses itself: undo a corner."]
+    browser.evaluate(KEY, "Escape")
+    assert browser.evaluate(VIEW).get("ring") is None
+    assert browser.complaints == []
+
+
+def test_a_corner_of_a_zone_can_be_dragged(chromium, pages):
+    browsers.show(chromium, pages(one()))
+    chromium.evaluate(CLICK, "[name=draw]")
+    drawn_zone(chromium, POINTS["b"])
+    before = chromium.evaluate(VIEW)["view"]
+    mouse = chromium.page.mouse
+    mouse.move(*chromium.evaluate(SCREEN, POINTS["b"][1]))
+    mouse.down()
+    mouse.move(*chromium.evaluate(SCREEN, [5.0, 9.0]), steps=4)
+    mouse.up()
+    (zone,) = chromium.evaluate(ZONES)
+    assert np.allclose(zone[3][0], [POINTS["b"][0], (5.0, 9.0), POINTS["b"][2]], atol=0.1)
+    assert chromium.evaluate(VIEW)["view"] == before  # and the map has not moved
+    chromium.evaluate(CLICK, "[data-action=undo]")
+    (zone,) = chromium.evaluate(ZONES)
+    assert np.allclose(zone[3][0], POINTS["b"], atol=0.1)
+
+
+@pytest.mark.parametrize(("text", "told"), [
+    (('{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {"kind": '
+     '"<i>odd", "speed": "x", "name": 5}, "geometry": {"type": "Polygon", "coordinates": '
+     '[[[0, 8], [3, 8], [1, 12], [0, 8]]]}}]}'), "f.geojson: 1 zones."),
+    ('{"features": [{"geometry": {"type": "Point", "coordinates": [[[0, 1]]]}}]}', "not opened"),
+    (('{"features": [{"geometry": {"type": "Polygon", "coordinates": [[[0, 1], ["a", 2], [1, 1], '
+     '[0, 1]]]}}]}'), "not opened"),
+    ("[]", "not opened"),
+    ("{", "not opened"),
+])  # fmt: skip
+def test_files_of_zones_are_opened_or_refused(chromium, pages, text, told):
+    browsers.show(chromium, pages(one()))
+    file = {"name": "f.geojson", "mimeType": "application/json", "buffer": text.encode()}
+    chromium.page.locator("#zones [type=file]").set_input_files(file)
+    chromium.page.wait_for_function("() => document.getElementById('status').textContent")
+    assert told in chromium.evaluate(TEXTS, "#status")[0]
+    zones = chromium.evaluate(ZONES)
+    assert [zone[:3] for zone in zones] == ([] if "not" in told else [["<i>odd", None, "5"]])
+    assert chromium.complaints == []
+
+
+def test_a_page_is_left_without_a_question_unless_zones_are_not_saved(chromium, pages):
+    browsers.show(chromium, pages(one()))
+    questions = []
+    chromium.page.on("dialog", lambda dialog: (questions.append(dialog.type), dialog.accept()))
+    for key in ("z", "Enter", "ArrowRight", "Enter", "ArrowUp", "Enter", "c"):
+        chromium.page.locator("#map").press(key)
+    with chromium.page.expect_download():
+        chromium.page.get_by_text("Save 1 keepout zone").click()
+    chromium.page.reload()
+    assert questions == []
+    browsers.settle(chromium)
+    for key in ("z", "Enter", "ArrowRight", "Enter", "ArrowUp", "Enter", "c"):
+        chromium.page.locator("#map").press(key)
+    chromium.page.reload()
+    assert questions == ["beforeunload"]
+    chromium.complaints.clear()  # the question is heard there, too
+
+
+def test_side_by_side_shows_the_same_place_twice(chromium, pages):
+    entry = Entry("both", LAYERS, compared=("occupancy", "cost"), opens_swiped=False)
+    browsers.show(chromium, pages(Report("beside", (entry,), "1.0")))
+    assert not chromium.evaluate("() => document.getElementById('divider').checkVisibility()")
+    width = chromium.evaluate(VIEW)["view"]["width"]
+    chromium.evaluate(CLICK, "[value=beside]")
+    assert chromium.evaluate(VIEW)["view"]["width"] == pytest.approx(width / 2)
+    chromium.evaluate("([x, y]) => { location.hash = `#entry-0/${x},${y},300`; }", CENTRE)
+    box = chromium.page.locator("#map").bounding_box()
+    colours = []
+    row, col = GRID.frame.bounded_rowcol_from_xy([CENTRE])[0][0].tolist()
+    for layer, values in ((LAYERS[0], GRID.occupancy.view(np.uint8)), (LAYERS[2], COSTS.cost)):
+        colours.append(layer.style.colours[layer.style.by_value[values[row, col]]].tolist())
+    look = """(k) => {
+      const canvas = document.getElementById("map"), { width, height } = mapdeal.state().view;
+      const [x, y] = [(k + 0.5) * width, height / 2 - 4];
+      const ratio = canvas.width / canvas.clientWidth;
+      return [...canvas.getContext("2d").getImageData(x * ratio, y * ratio, 1, 1).data];
+    }"""
+    for k, colour in enumerate(colours):
+        assert browsers.pixel_in_time(chromium, look, k, colour.__eq__) == colour
+    for k in range(2):  # a click in either half pins the same place
+        chromium.page.mouse.click(box["x"] + 1 + (k + 0.5) * width / 2, box["y"] + 1 + 100)
+        pinned = chromium.evaluate(VIEW)["pinned"]
+        assert pinned[0] == pytest.approx(chromium.evaluate(VIEW)["view"]["x"], abs=0.02)
+
+
+def test_evidence_is_a_click_away_and_values_stand_with_the_map(chromium, pages):
+    table = Table("Robot", (("radius", "0.3"),))
+    claims = (Claim("costmap", "good", "own", "Robot"), Claim("map", "error", "bad", "finding"))
+    entry = Entry("claimed", LAYERS, ITEMS, (Table("Run", ()), table), claims=claims)
+    browsers.show(chromium, pages(Report("claims", (entry,), "1.0")), **PHONE)
+    details = "() => [...document.querySelectorAll('details')].map((one) => one.open)"
+    assert chromium.evaluate(details) == [False, False]
+    chromium.page.get_by_role("link", name="Robot").click()
+    chromium.page.wait_for_timeout(100)
+    assert chromium.evaluate(details) == [False, True]
+    assert chromium.page.get_by_role("cell", name="0.3").is_visible()
+    chromium.page.get_by_role("link", name="Findings").click()
+    place = (
+        chromium.page.locator("#map").bounding_box(),
+        chromium.page.locator(".readout").bounding_box(),
+    )
+    assert 0 < place[1]["y"] - place[0]["y"] - place[0]["height"] < 60
+    titles = chromium.evaluate(TEXTS, ".readout tbody th")[2:]
+    assert titles == [layer.title for layer in LAYERS]

@@ -5,8 +5,9 @@ import json
 import numpy as np
 
 from drawn import grid_from_text
-from mapdeal.report.document import Entry, Item, Report, Table
+from mapdeal.report.document import Claim, Entry, Item, Report, Table
 from mapdeal.report.page import page_of, script_text
+from mapdeal.report.verdict import verdicts_of
 from report.made import entry_of, layers_of
 from report.test_markup import Reader
 
@@ -68,7 +69,7 @@ def test_the_policy_allows_what_the_page_holds_and_nothing_else():
 
 
 def test_markup_in_names_adds_no_element():
-    nasty, tame = nasty_report(), report_saying(*["plain words"] * len(ATTACKS))
+    nasty, tame = nasty_report(), report_saying(*["plain/words"] * len(ATTACKS))
     page = parsed(nasty)
     counts = [[tag for tag, _ in one.tags] for one in (page, parsed(tame))]
     assert set(counts[0]) == set(counts[1])
@@ -126,6 +127,72 @@ def test_an_entry_without_layers_and_a_page_without_its_script_have_words():
     text = "".join(parsed(Report("broken", (Entry("broken", warnings=("no",)),), "1.0")).text)
     for words in ("This map has no layer to show.", "1 warning", "The maps are drawn by a script"):
         assert words in text
+
+
+def test_findings_of_a_kind_are_one_line_with_their_places_behind_it():
+    places = [(0.1 * k, 0.25) for k in range(20)]
+    items = [
+        Item(
+            "finding",
+            f"x.y: place {k + 1} of 20" if k else "x.y: 20 specks",
+            "warning",
+            place,
+            group="x.y",
+        )
+        for k, place in enumerate(places)
+    ]
+    items += [Item("finding", "a.b: alone", "error", (0.0, 0.0), group="a.b")]
+    items += [Item("finding", f"c.d: door {k}", "error", (0.0, 0.0), group="c.d") for k in "ab"]
+    page = parsed(Report("one", (entry_of(GRID, items=tuple(items)),), "1.0"))
+    text = "".join(page.text)
+    assert text.count("20 specks") == 1
+    assert "(20 places)" in text
+    assert "place 1 at 0, 0.25place 2 of 20 at 0.1, 0.25" in text
+    assert text.count("alone") == 1
+    numbers = [attrs["data-item"] for _, attrs in page.tags if "data-item" in attrs]
+    assert numbers == [str(k) for k in range(23)]  # each can be gone to
+    assert "c.d: door a (2 findings)door adoor b" in text
+
+
+def test_a_claim_leads_to_its_evidence():
+    items = (Item("goal", "g", "good", (0.0, 0.0)), Item("finding", "f", "error"))
+    claims = (
+        Claim("map", "error", "A", "finding"), Claim("costmap", "good", "B", "Robot"),
+        Claim("goals", "unknown", "C", "goal"), Claim("cells", "good", "D", "nothing"),
+    )  # fmt: skip
+    tables = (Table("Run", (("a", "b"),)), Table("Robot", (("a", "b"),)))
+    entry = entry_of(GRID, items=items, claims=claims, tables=tables)
+    page = parsed(Report("one", (entry,), "1.0"))
+    links = [attrs["href"][1:] for tag, attrs in page.tags if attrs.get("class") == "evidence"]
+    by_id = {attrs["id"]: (tag, attrs) for tag, attrs in page.tags if "id" in attrs}
+    assert [by_id[link][0] for link in links] == ["ul", "details", "ul"]
+    assert [by_id[link][1].get("aria-label") for link in links] == ["Findings", None, "Goals"]
+    text = " ".join("".join(page.text).split())
+    for words in ("Problem A.", "OK B.", "Not checked C.", "OK D."):  # never colour alone
+        assert words in text
+
+
+def test_a_batch_begins_with_what_failed_and_names_what_holds_for_all_once():
+    shared = Claim("costmap", "warning", "nobody's costs", "cost: parameters")
+    sound, bad = Claim("map", "good", "sound"), Claim("map", "error", "1 error: a hole")
+    failed = Entry("a/f", status="failed", claims=(Claim("run", "error", "no image"),))
+    entries = (
+        entry_of(GRID, "a/good", claims=(sound, shared), figures={"x": 1.0, "y": 1.0, "z": 2.0}),
+        entry_of(GRID, "a/bad", claims=(bad, shared), figures={"x": 3.0, "y": 3.0, "z": 2.0}),
+        failed,
+    )
+    page = parsed(Report("three", entries, "1.0"))
+    text = " ".join("".join(page.text).split())
+    table = text[text.index("Filter") :]
+    assert table.index("a/f") < table.index("a/bad") < table.index("a/good")
+    assert "Problem 2 of 3 maps have a problem (1 failed): a/f, a/bad." in text
+    assert "Check All maps: nobody's costs." in text
+    assert "Failed" in table
+    assert "a hole" in table[: table.index("a/good")]
+    assert {"X", "Z"} <= set(page.text)
+    assert "Y" not in page.text  # which is X
+    assert any(tag == "wbr" for tag, _ in page.tags)
+    assert [one.state for one in verdicts_of(entries)] == ["good", "error", "error"]
 
 
 def test_several_entries_have_a_table_that_leads_to_each():

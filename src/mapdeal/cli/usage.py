@@ -21,7 +21,9 @@ _UNKNOWN = re.compile(r"no such (option|command):? '?(?P<name>(?<=')[^']*|[^ ']*
 _NO_CHOICE = re.compile(r": '(?P<word>[^']*)' is not one of ")
 _NUMBERS = ("int", "float")
 _FLAGS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
-_OF_POINTS = {"query": "--at", "edit": "--point", "reach": "--to", "graph": "--to"}
+_OF_POINTS = {
+    "query": "--at", "edit": "--point", "reach": "--to", "run": "--to", "graph": "--to"
+}  # fmt: skip
 _SYNONYMS = {
     "show": "view", "plot": "view", "open": "view", "display": "view", "crop": "window",
     "compare": "diff", "inflation": "inflate", "costmap": "cost", "distance": "esdf",

@@ -114,6 +114,7 @@ class DiffReport(Difference, Result):
             "common_cells": self.common_cells,
             "differing": self.differing,
             "beyond_tolerance": self.beyond_tolerance,
+            "tolerance": self.tolerance,
             "known_only_in_first": self.not_compared,
             "confusion": {state: dict(row) for state, row in self.confusion.items()},
             "symmetry": self.symmetry,

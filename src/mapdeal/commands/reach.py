@@ -24,7 +24,7 @@ from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import Spread, reach_document, reach_json, summary_of
 from mapdeal.pipeline.recipe import load_recipe, planned_shape
-from mapdeal.pipeline.step import make_step
+from mapdeal.pipeline.step import Step, make_step
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import read_named_points
 from mapdeal.stages.cost import closed_by
@@ -138,7 +138,7 @@ def goals_of(texts: Sequence[str]) -> list[Goal]:
     return goals
 
 
-def _goals_in(path: Path) -> list[Goal]:
+def goals_in(path: Path) -> list[Goal]:
     chunks, name = inputs.text_in(path)
     found = []
     for one in read_named_points(chunks, name):
@@ -211,13 +211,30 @@ def reachability(
         if layers.suffix != ".npz":
             raise ParameterError("must end in .npz", place="layers", got=str(layers))
         work.outputs.append(layers)
-    from_file = [] if points is None else _goals_in(points)
+    from_file = [] if points is None else goals_in(points)
     parameters["goals"] = (*parameters.get("goals", ()), *from_file)
     shape = planned_shape(robot) if footprint is None and robot is not None else footprint
     step = make_step("reach", {**parameters, "footprint": shape})
     mask = inputs.mask_of(work.settings.mask, work.settings)
     also = [*(robot.paths if robot else ()), *([points] if points else ())]
     (one,) = inputs.opened(map, names=("map",), also=[*also, *(mask.files if mask else ())])
+    found = reach_on_input(one, step, robot, mask)
+    if "start" not in parameters:
+        x, y = found.start[:2]
+        emit_warning(
+            f"no start is given: it is {x:.10g},{y:.10g}, the widest place of the largest open area"
+        )
+    if layers is not None:
+        write_grid(work.begin(), layers, found)
+    closed = None if mask is None else closed_by(mask.grid, found.frame)
+    return Reachability(one, found, step.title, closed)
+
+
+def reach_on_input(
+    one: inputs.MapInput, step: Step, robot: RobotParameters | None,
+    mask: inputs.KeepoutMask | None,
+) -> Reach:  # fmt: skip
+    """Return what the stage finds on a map, or on the costs that a robot's layers make of it."""
     inputs.claim_cells(one, step.memory + _COSTS_PER_CELL * (robot is not None))
     with inputs.errors_named(one.name):
         grid = one.grid
@@ -229,15 +246,7 @@ def reachability(
         found = step.apply(grid, one.path, mask=None if mask is None else mask.grid)
     if not isinstance(found, Reach):
         raise TypeError("the stage reach must make a Reach")
-    if "start" not in parameters:
-        x, y = found.start[:2]
-        emit_warning(
-            f"no start is given: it is {x:.10g},{y:.10g}, the widest place of the largest open area"
-        )
-    if layers is not None:
-        write_grid(work.begin(), layers, found)
-    closed = None if mask is None else closed_by(mask.grid, found.frame)
-    return Reachability(one, found, step.title, closed)
+    return found
 
 
 def lethal_costs(robot: RobotParameters, one: inputs.MapInput) -> Grid:

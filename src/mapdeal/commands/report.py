@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
 from mapdeal.command import Output, Result, Words, command
 from mapdeal.commands.build import DOCUMENT
+from mapdeal.commands.report_checks import Asked
 from mapdeal.commands.report_documents import Results, read_results
 from mapdeal.commands.report_entries import (
     NOT_SHOWN,
@@ -58,14 +59,16 @@ from mapdeal.maps.reading import is_bare_image
 from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST
 from mapdeal.pipeline.settings import Settings, is_whole
-from mapdeal.report.document import Report, Table
+from mapdeal.report.document import Report, State, Table, Verdict, worst_of
 from mapdeal.report.page import page_of
+from mapdeal.report.verdict import on_no_lint, verdicts_of
 from mapdeal.version import __version__
 
 File = str | PathLike[str]
 
 LARGEST_PAGE = 25_000_000  # bytes of a page: what goes into an e-mail
-_PAGE = "report.html"
+_PAGE, VERDICT = "report.html", "report.json"
+_VERDICT_FORMAT = "mapdeal-report/1"
 _SMALLEST_PAGE = 100_000
 _ENDINGS = (".html", ".htm")
 _GENERATOR, _HEAD = b'<meta name="generator" content="mapdeal', 1 << 12
@@ -84,11 +87,20 @@ class WrittenReport(Result):
         Number of maps on the page.
     size : int
         File size, bytes.
+    verdicts : tuple of Verdict
+        What the page concludes about each map.
     """
 
     path: Path
     maps: int
     size: int
+    verdicts: tuple[Verdict, ...] = ()
+
+    @property
+    def state(self) -> State:
+        """The worst that is claimed of a map."""
+        claims = (claim.state for one in self.verdicts for claim in one.claims)
+        return worst_of([*claims, *(one.state for one in self.verdicts)]) or "unknown"
 
     def _told(self) -> Iterator[str]:
         yield str(self.path)
@@ -96,8 +108,14 @@ class WrittenReport(Result):
         yield f"{self.size} bytes"
 
     def document(self) -> dict[str, Any]:
-        """Return its path, the number of maps, and its size in bytes."""
-        return {"path": str(self.path), "maps": self.maps, "bytes": self.size}
+        """Return what ``--json`` prints: the page, and what it concludes about each map."""
+        entries = [asdict(one) for one in self.verdicts]
+        for claim in (claim for entry in entries for claim in entry["claims"]):
+            del claim["evidence"]  # a place on the page
+        return {
+            "format": _VERDICT_FORMAT, "path": str(self.path), "maps": self.maps,
+            "bytes": self.size, "state": self.state, "entries": entries,
+        }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
         """Yield what ``mapdeal report`` prints."""
@@ -109,7 +127,6 @@ class WrittenReport(Result):
     group="CI and reports",
     output=Output("OUT.html", "Page to write.", ending=".html", parameter="path"),
     shared=("dialect", "resolution", "origin", "max_cells", "force", "threads", "max_memory"),
-    json="never",
     example="""\
 mapdeal run examples/maps/office.yaml -o out
 mapdeal report out/office examples/maps/office.yaml -o out/report.html""",
@@ -123,9 +140,10 @@ def write_report(
 ) -> WrittenReport:  # fmt: skip
     """Write one HTML page about runs, maps, findings and routes.
 
-    The page is a single file that needs no network: all layers to zoom and pan, with the values
-    under the pointer; findings, passages and routes in their places; parameters, figures and
-    checksums. Several maps become a table with thumbnails.
+    The page is a single file that needs no network. It begins with a verdict on each map. Below are
+    all layers to zoom and pan, with the values under the pointer; findings, passages and routes in
+    their places; parameters, figures and checksums. Several maps become a table with thumbnails.
+    Polygons drawn over a map are saved as zones for mapdeal edit --file.
 
     Each run and each map is an entry of its own. The map that a run was made from joins that run;
     a field or costmap joins the entry named before it, if it covers the same cells. JSON of reach
@@ -154,7 +172,7 @@ def write_report(
     Returns
     -------
     WrittenReport
-        Path and size of the page, and the number of maps on it.
+        Path and size of the page, the number of maps on it, and the verdict on each.
 
     Raises
     ------
@@ -189,15 +207,18 @@ def write_report(
 
 def _written(
     output: Path, paths: Sequence[Path], settings: Settings, *, title: str | None = None,
-    size: int = LARGEST_PAGE, inputs: Sequence[Path] = (),
+    size: int = LARGEST_PAGE, inputs: Sequence[Path] = (), asked: Asked | None = None,
 ) -> WrittenReport:  # fmt: skip
     """Write a page, see `gathered`; of an error nothing is changed."""
+    # With what a run has asked of its maps, the verdict goes beside the page as JSON.
     if output.suffix.lower() not in _ENDINGS:
         raise ParameterError("the page must end in .html", source=output)
     with settings.reading(), use_threads(settings.threads), Grids(settings) as grids:
-        report = gathered(paths, grids, title=title, inputs=inputs)
+        report = gathered(paths, grids, title=title, inputs=inputs, asked=asked)
         read = [*paths, *grids.files]
-        with Transaction([output], inputs=read, force=settings.force) as transaction:
+        verdict = [] if asked is None else [output.with_name(VERDICT)]
+        verdicts = verdicts_of(report.entries)
+        with Transaction([output, *verdict], inputs=read, force=settings.force) as transaction:
             sizes: list[int] = []
 
             def measured() -> Iterator[bytes]:
@@ -206,7 +227,10 @@ def _written(
                     yield part
 
             transaction.write_parts(output, measured())
-    return WrittenReport(output, len(report.entries), sum(sizes))
+            made = WrittenReport(output, len(report.entries), sum(sizes), verdicts)
+            for path in verdict:
+                transaction.write_json(path, made.document())
+    return made
 
 
 def page_in(folder: Path) -> Path:
@@ -215,28 +239,33 @@ def page_in(folder: Path) -> Path:
     if exists(page) and _GENERATOR not in head_of(page, _HEAD):
         rule = "exists, and is not a page written by mapdeal"
         raise FileAccessError(rule, source=page, hint="move it: --report writes there")
+    verdict = folder / VERDICT
+    if exists(verdict) and _VERDICT_FORMAT.encode() not in head_of(verdict, _HEAD):
+        rule = "exists, and is not a verdict written by mapdeal"
+        raise FileAccessError(rule, source=verdict, hint="move it: --report writes there")
     return page
 
 
 @contextmanager
 def reported(
-    page: Path, paths: Sequence[Path], inputs: Sequence[Path], settings: Settings, *,
+    page: Path, paths: Sequence[Path], inputs: Sequence[Path], asked: Asked, *,
     on_made: Callable[[WrittenReport], object],
 ) -> Iterator[None]:  # fmt: skip
     """Write a page of the runs that are made within a ``with`` block, even if some have failed."""
     # `on_made` is called with it. Of `inputs` are the runs made, which they join.
-    settings = replace(settings, force=True)
+    settings = replace(asked.settings, force=True)
     try:
         yield
     except BatchError:
-        on_made(_written(page, paths, settings, inputs=inputs))
+        on_made(_written(page, paths, settings, inputs=inputs, asked=asked))
         raise
-    on_made(_written(page, paths, settings, inputs=inputs))
+    on_made(_written(page, paths, settings, inputs=inputs, asked=asked))
 
 
 def gathered(
-    paths: Sequence[Path], grids: Grids, *, title: str | None = None, inputs: Sequence[Path] = ()
-) -> Report:
+    paths: Sequence[Path], grids: Grids, *, title: str | None = None, inputs: Sequence[Path] = (),
+    asked: Asked | None = None,
+) -> Report:  # fmt: skip
     """Return the content of a page; maps among `inputs` join the runs that were made of them."""
     gathering = _Gathering(grids)
     first_names: dict[object, Path] = {}
@@ -256,7 +285,14 @@ def gathered(
             gathering.add_document(path)
     for path in inputs:
         with suppress(MapdealError):  # whoever made the run has told of it
-            gathering.add_input(grids.open(path, quietly=True))
+            runs = gathering.add_input(grids.open(path, quietly=True))
+            for run in runs:
+                if asked is not None:
+                    asked.add_reach(
+                        run, path, with_layer=len(inputs) == 1, held=grids.held
+                    )  # fmt: skip
+    if asked is not None:
+        gathering.add_lint(inputs, asked)
     gathering.settle(paths[0])
     files = {*paths, *grids.files, *(one for draft in gathering.drafts for one in draft.places)}
     names = {*gathering.named, *map(str, files)}
@@ -339,8 +375,8 @@ class _Gathering:
         ]
         draft.warn(opened.heard, opened.files)
 
-    def add_input(self, opened: Opened) -> bool:
-        """Add a map to the runs that were made of it; return whether there are any."""
+    def add_input(self, opened: Opened) -> list[Draft]:
+        """Add a map to the runs that were made of it, and return these."""
         runs = [run for run in self.runs if run.takes(opened.sums.values())]
         for run in runs:
             name = run.free_name(_INPUT)
@@ -351,7 +387,7 @@ class _Gathering:
             run.figures = {**of_map, **{k: v for k, v in run.figures.items() if k not in of_map}}
             run.paths.append(opened.path)
             run.warn(opened.heard, opened.files)
-        return bool(runs)
+        return runs
 
     def add_document(self, path: Path) -> None:
         """Read a document; its content goes where it belongs, at the end."""
@@ -381,7 +417,7 @@ class _Gathering:
             if results.kind not in (LINT, SCORE):
                 (draft or self.drafts[0]).add(results)
         for path, results in linted:
-            self._add_findings(path, results)
+            self.add_findings(path, results)
         for path, results in scored:
             give_score(path, results, self.drafts, self._grids)
 
@@ -393,7 +429,22 @@ class _Gathering:
                 self.drafts.append(Draft(path.stem, path))
                 self.drafts[-1].lacks("this map", path, error)
 
-    def _add_findings(self, path: Path, results: Results) -> None:
+    def add_lint(self, paths: Sequence[Path], asked: Asked) -> None:
+        """Add what lint finds in the maps of a run, unless its configuration is invalid."""
+        try:
+            results = asked.findings(paths)
+        except MapdealError as error:
+            text = f"{one_line(str(error))}, so findings of lint are not shown"
+            emit_warning(text, stacklevel=2)
+            for draft in self.drafts:
+                draft.warn([text])
+                draft.claims.append(on_no_lint())
+        else:
+            self.add_findings(Path(LINT), results)
+
+    def add_findings(self, path: Path, results: Results) -> None:
+        """Add what lint has found to the entries of the maps that it names."""
+        self.named |= set(results.files)
         lost = []
         for part in results.parts:
             drafts = drafts_about(part.name, self.drafts)

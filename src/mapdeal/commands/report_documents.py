@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import cast, get_args
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mapdeal.checks.findings import SEVERITIES, Finding, Severity
 from mapdeal.compare.bounds import figure_text, figures_named
-from mapdeal.compare.difference import Difference
+from mapdeal.compare.difference import Change
 from mapdeal.errors import MalformedInputError, ParameterError, one_line
 from mapdeal.files.json_values import (
     ALIGNMENT,
@@ -38,7 +38,7 @@ from mapdeal.files.json_values import (
 )
 from mapdeal.files.source import head_of
 from mapdeal.grid.footprint import Footprint, checked_corners
-from mapdeal.grid.frame import FARTHEST, Point, Transform
+from mapdeal.grid.frame import FARTHEST, Frame, Point, Transform
 from mapdeal.grid.reach import (
     MOST_HEADINGS,
     Bottleneck,
@@ -56,7 +56,9 @@ from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import SHAPES, recognised
 from mapdeal.maps.route_graphs import parsed_graph
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
-from mapdeal.report.document import Item, Table, Tone
+from mapdeal.report.document import Claim, Item, ItemKind, Table, Tone, Zone
+from mapdeal.report.outlines import outlines_of
+from mapdeal.report.verdict import on_findings, on_goals
 
 MOST_ITEMS = 1000
 """Of one kind: nobody looks through more, and a page with a million of them opens nowhere."""
@@ -64,7 +66,7 @@ MOST_ITEMS = 1000
 MOST_POINTS = 20_000
 """Of a route on a page, which would grow by some megabytes for a million of them."""
 
-_MOST_GROUPS = 50  # groups that are listed of new walls, and of those that are gone
+MOST_CHANGES = 20  # places that are listed of obstacles that are new, or gone
 _MOST_ROWS = 200
 _LONGEST = 400
 _CORNERS_OF_CIRCLE = 64
@@ -88,6 +90,7 @@ class Part:
     tables: list[Table]
     is_map: bool = True
     is_clean: bool = False
+    claims: tuple[Claim, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,8 @@ class Results:
     files: tuple[str, ...] = ()  # names of files in it
 
     transform: Transform | None = None
+    tolerance: float = 0.0  # cells
+    claims: tuple[Claim, ...] = ()
 
 
 def read_results(path: Path) -> Results:
@@ -111,14 +116,19 @@ def read_results(path: Path) -> Results:
     document = read_document(path)
     name = document_kind(document.value)
     if name == SHAPES:
-        return Results(SHAPES, shape_items(geojson_shapes(document)))
+        return Results(SHAPES, shape_items(geojson_shapes(document), zones_in(document.value)))
     if name not in _READERS:
         with recognised(path, _WANTED):
             raise MalformedInputError(f"is not {_WANTED}", source=path)
+    return results_of(document)
+
+
+def results_of(document: JsonValue) -> Results:
+    """Return what a document says that a command has written, or would write."""
     try:
-        return _READERS[name](document)
+        return _READERS[document_kind(document.value)](document)
     except RecursionError:  # a value that is shown, or kept as it is
-        raise MalformedInputError("nested too deep", source=path) from None
+        raise MalformedInputError("nested too deep", source=document.source) from None
 
 
 def _lint(document: JsonValue) -> Results:
@@ -139,7 +149,13 @@ def _linted(one: JsonValue, *, is_map: bool) -> Part:
     for number, repair in enumerate([] if repairs is None else repairs.items(), start=1):
         rows.append((f"repair {number}", short(repair.text())))
     items = _shortened((item for found in findings for item in _items_of(found)), "finding")
-    return Part(file, items, [Table("Lint", tuple(rows))], is_map, is_clean=not findings)
+    texts: dict[str, list[str]] = {
+        severity: [short(one.message) for one in findings if one.severity == severity]
+        for severity in SEVERITIES
+    }
+    claims = (on_findings(texts),) if is_map else ()
+    table = Table("Lint", tuple(rows))
+    return Part(file, items, [table], is_map, is_clean=not findings, claims=claims)
 
 
 def _finding(one: JsonValue, file: str) -> Finding:
@@ -152,10 +168,13 @@ def _finding(one: JsonValue, file: str) -> Finding:
 def _items_of(found: Finding) -> Iterator[Item]:
     line = f" (line {found.line})" if found.line is not None else ""
     text = short(f"{found.check}: {found.message}{line}")
-    yield Item("finding", text, found.severity, found.places[0] if found.places else None)
+    # Findings of one check are one line, and so are the places of one finding.
+    group = short(f"{found.severity} {found.check}")
+    first = found.places[0] if found.places else None
+    yield Item("finding", text, found.severity, first, group=group)
     for index, place in enumerate(found.places[1:], start=2):
         text = short(f"{found.check}: place {index} of {len(found.places)}")
-        yield Item("finding", text, found.severity, place)
+        yield Item("finding", text, found.severity, place, group=group)
 
 
 def _reach(document: JsonValue) -> Results:
@@ -183,7 +202,9 @@ def _reach(document: JsonValue) -> Results:
     text = f"start at {_at(place)}{heading}: {robot_text(robot)}"
     start = Item("start", text, place=place, label="start")
     items = [start, *goal_items(goals, robot, headings), *passage_items(passages)]
-    return Results(REACH, items, [Table("What the robot can reach", rows)])
+    fits = min(areas[0] / areas[1], 1.0) if areas[1] else 1.0
+    claims = (on_goals(goals, passages, robot, share=fits),)
+    return Results(REACH, items, [Table("What the robot can reach", rows)], claims=claims)
 
 
 def _robot(robot: JsonValue) -> Footprint | None:
@@ -347,8 +368,36 @@ def _node_item(node: RouteNode) -> Item:
     return Item("graph", short(text), "note", (node.x, node.y), label=label)
 
 
-def shape_items(shapes: Iterable[Shape]) -> list[Item]:
-    return _shortened((_shape_item(one) for one in shapes), "shape")
+def shape_items(shapes: Sequence[Shape], zones: Sequence[Zone] = ()) -> list[Item]:
+    """Return the shapes of a file; if they are all polygons, `zones` says what each is for."""
+    found = (_shape_item(one) for one in shapes)
+    if len(zones) == len(shapes):
+        found = (_zone_item(*one) for one in zip(found, zones, strict=True))
+    return _shortened(found, "shape")
+
+
+def _zone_item(item: Item, zone: Zone) -> Item:
+    speed = "" if zone.speed is None else f", speed {zone.speed:g}"
+    kind = f"{zone.kind} zone{speed}" if zone.kind else "zone"
+    text = f"{zone.name}: {kind}, {item.text}" if zone.name else f"{kind}, {item.text}"
+    return replace(item, text=short(text), label=zone.name or zone.kind, zone=zone)
+
+
+def zones_in(document: object) -> list[Zone]:
+    """Return what the polygons of a file are for; none if it holds anything else."""
+    features = document.get("features") if isinstance(document, dict) else None
+    zones = []
+    for one in features if isinstance(features, list) else ():
+        geometry, known = (one.get(name) for name in ("geometry", "properties"))
+        if not isinstance(geometry, dict) or geometry.get("type") != "Polygon":
+            return []
+        known = known if isinstance(known, dict) else {}
+        kind, name, speed = (known.get(key) for key in ("kind", "name", "speed"))
+        number = None if isinstance(speed, bool) or not isinstance(speed, int | float) else speed
+        texts = [short(text) if isinstance(text, str) else "" for text in (kind, name)]
+        is_speed = number is not None and abs(number) <= _LARGEST
+        zones.append(Zone(texts[0], number if is_speed else None, texts[1]))
+    return zones
 
 
 def _shape_item(shape: Shape) -> Item:
@@ -383,20 +432,25 @@ def _named(document: JsonValue, *keys: str) -> tuple[tuple[NamedMap | None, ...]
 
 def _alignment(document: JsonValue) -> Results:
     maps, files = _named(document, "first", "second")
-    x, y, yaw = (document["transform"][key].number() for key in ("x", "y", "yaw"))
+    transform = _transform(document["transform"])
     is_same = document["same_place"].flag()
     reason = document["reason"].or_none(JsonValue.text)
     shares = [document[key].number(least=0, most=1) for key in ("overlap", "agreement")]
     rows = (
         ("same place", "yes" if is_same else f"not sure: {short(reason or '')}"),
-        ("transform", f"x {x:.4g} m, y {y:.4g} m, yaw {math.degrees(yaw):.4g} degrees"),
+        ("transform", _transform_text(transform)),
         ("score", f"{document['score'].number(least=0):.2f}"),
         ("best score elsewhere", f"{document['runner_up'].number(least=0):.2f}"),
         ("overlap", f"{100 * shares[0]:.0f} %"),
         ("walls in common that agree", f"{100 * shares[1]:.0f} %"),
     )
     table = Table("Alignment", rows)
-    return Results(ALIGNMENT, [], [table], [], maps, files, Transform(x, y, yaw))
+    words = f"The two maps overlap by {100 * shares[0]:.0f} %, "
+    words += f"and {100 * shares[1]:.0f} % of their common walls agree"
+    if not is_same:
+        words = f"It is not sure that the two maps show the same place: {short(reason or '')}"
+    claims = (Claim("geometry", "good" if is_same else "warning", words, table.title),)
+    return Results(ALIGNMENT, [], [table], [], maps, files, transform, claims=claims)
 
 
 def _diff(document: JsonValue) -> Results:
@@ -430,7 +484,23 @@ def _diff(document: JsonValue) -> Results:
     ]
     counted = tuple((what, str(count)) for what, count in cells if count)
     tables.append(Table("Cells, first → second", counted))
-    return Results(DIFF, [], tables, [], maps, files)
+    moved, tolerance = document.get("transform"), document.get("tolerance")
+    missed = [name for name, one in document["bounds"].fields().items() if not one["holds"].flag()]
+    text = f"The bound on {short(' and '.join(missed))} does not hold"
+    return Results(
+        DIFF, [], tables, [], maps, files,
+        transform=None if moved is None else moved.or_none(_transform),
+        tolerance=0.0 if tolerance is None else tolerance.number(least=0),
+        claims=(Claim("obstacles", "error", text, tables[0].title),) if missed else (),
+    )  # fmt: skip
+
+
+def _transform_text(one: Transform) -> str:
+    return f"x {one.x:.4g} m, y {one.y:.4g} m, yaw {math.degrees(one.yaw):.4g} degrees"
+
+
+def _transform(one: JsonValue) -> Transform:
+    return Transform(*(one[key].number() for key in ("x", "y", "yaw")))
 
 
 def _shift(one: JsonValue) -> str:
@@ -461,14 +531,22 @@ def _pairs(one: JsonValue) -> dict[str, str]:
     return found
 
 
-def difference_items(found: Difference) -> list[Item]:
-    """Return the places where obstacles are new or gone, the largest first."""
-    largest, left = found.largest_changes(_MOST_GROUPS)
-    items = [
-        Item("finding", f"{one.kind}: {one.place}", "warning", (one.x, one.y)) for one in largest
-    ]
+def change_items(changes: Sequence[Change], left: int, frame: Frame) -> list[Item]:
+    """Return the places where obstacles are new or gone, the largest first, as outlines."""
+    items = []
+    room = MOST_POINTS
+    for number, one in enumerate(changes, start=1):
+        lines = outlines_of(one.cells, frame)
+        count = sum(map(len, lines))
+        lines = lines if count <= room else []  # of a map that has nothing in common with the other
+        room -= count if lines else 0
+        kind: ItemKind = one.kind
+        place = one.x, one.y
+        at = ", ".join(f"{round(part, 2) + 0.0:.6g}" for part in place)
+        text, label = f"{number}. {one.area:.3g} m2 at {at}", str(number)
+        items.append(Item(kind, text, "plain", place, tuple(lines), label))
     if left:
-        items.append(Item("finding", f"{count_text(left, 'smaller change')} not listed"))
+        items.append(Item(changes[-1].kind, f"{count_text(left, 'smaller change')} not listed"))
     return items
 
 
@@ -498,7 +576,8 @@ def _method(name: str, one: JsonValue) -> Part:
     for place in one["vanished"].items():
         count = count_text(place["cells"].whole(), "cell")
         text = short(f"{name}: {count} with hits vanished")
-        items.append(Item("finding", text, "note", _place(place)))
+        group = short(f"{name}: hits vanished")
+        items.append(Item("finding", text, "note", _place(place), group=group))
     table = Table(short(f"Method {name}"), tuple(rows))
     return Part(name, _shortened(items, "group of hits"), [table])
 

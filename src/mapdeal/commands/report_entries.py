@@ -16,9 +16,10 @@ import numpy as np
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.diff import compared
 from mapdeal.commands.report_documents import (
+    MOST_CHANGES,
     Part,
     Results,
-    difference_items,
+    change_items,
     read_results,
     short,
 )
@@ -53,8 +54,9 @@ from mapdeal.pipeline.folder import MANIFEST, manifest_in, product_of, said
 from mapdeal.pipeline.inputs import bytes_of, map_input, read_together
 from mapdeal.pipeline.settings import Settings, heard, portable
 from mapdeal.pipeline.step import Step, make_step
-from mapdeal.report.document import MAP, Entry, Item, PageLayer, Table, kinds_of
+from mapdeal.report.document import MAP, Claim, Entry, Item, PageLayer, Table, kinds_of
 from mapdeal.report.tiles import extent_of
+from mapdeal.report.verdict import on_costs, on_difference, on_failure, settled
 
 Kind = TypeVar("Kind")
 
@@ -85,6 +87,8 @@ class Draft:
     figures: dict[str, str | float] = field(default_factory=dict)
     curve: CostCurve | None = None
     compared: tuple[str, str] | None = None
+    opens_swiped: bool = True
+    claims: list[Claim] = field(default_factory=list)
 
     @property
     def places(self) -> tuple[Path, ...]:
@@ -116,6 +120,7 @@ class Draft:
     def add(self, one: Part | Results) -> None:
         self.items += one.items
         self.tables += one.tables
+        self.claims += one.claims
 
     def free_name(self, name: str) -> str:
         taken = {layer.name for layer in self.layers}
@@ -139,6 +144,8 @@ class Draft:
             tuple(replace(one, text=shown(one.text)) for one in items), tuple(tables),
             tuple(map(shown, _first(tuple(self.warnings), str))), self.status,
             dict(self.figures), self.curve, self.compared, extent_of(self.layers, self.items),
+            tuple(replace(one, text=shown(one.text)) for one in settled(self.claims)),
+            self.opens_swiped,
         )  # fmt: skip
 
 
@@ -205,6 +212,11 @@ class Grids:
     @property
     def files(self) -> tuple[Path, ...]:
         return tuple(file for opened in self._opened.values() for file in opened.files)
+
+    @property
+    def held(self) -> int:
+        """Bytes of the grids in memory."""
+        return sum(0 if grid.is_lazy else bytes_of(grid) for grid in self._kept.values())
 
     def open(self, path: Path, *, quietly: bool = False) -> Opened:
         """Read a file for the first time; what reading warns of is given, unless `quietly`."""
@@ -286,9 +298,8 @@ class Grids:
     def _keep(self, path: Path, grid: Grid) -> None:
         """Keep a grid, and let those go that were asked for longest ago."""
         self._kept[path] = grid
-        held = {one: 0 if own.is_lazy else bytes_of(own) for one, own in self._kept.items()}
-        while len(held) > 1 and sum(held.values()) > self._room:
-            del held[self._kept.popitem(last=False)[0]]
+        while len(self._kept) > 1 and self.held > self._room:
+            self._kept.popitem(last=False)
 
 
 NOT_SHOWN = "not shown"  # the status of a run of a batch that is in no folder of it
@@ -328,10 +339,14 @@ def _drafts_of_batch(folder: Path, told: Mapping[str, Any]) -> Iterator[Draft]:
         draft.miss(f"{folder / SUMMARY}: {one_line(place)} {rule}", folder / SUMMARY)
         yield draft
         return
+    # a run that was there already is the same run
+    status = _DONE[0] if status in _DONE else status
     draft = Draft(place, folder / place, status=status, names={name})
     if status not in _DONE:
         draft.tables.append(Table("Input", (("map", name),)))
-        draft.warn([str(told["error"])] if "error" in told else ())
+        reason = str(told.get("error", status))
+        draft.warn([reason])
+        draft.claims.append(on_failure(short(reason).removeprefix(f"{one_line(name)}: ")))
     yield draft
     if "local" in told:
         yield Draft(f"{place}/local", folder / place / "local", status=status)
@@ -370,6 +385,8 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     draft.figures |= {name: value for name, value in made.items() if name not in _OF_MAPS}
     warnings = manifest.get("warnings")
     draft.warn(map(str, warnings if isinstance(warnings, list) else ()))
+    if (costs := on_costs(manifest)) is not None:
+        draft.claims.append(replace(costs, text=short(costs.text)))
 
 
 def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:
@@ -491,7 +508,22 @@ def _is_figure(value: object) -> TypeGuard[int | float]:
 def rows_of(values: object) -> tuple[tuple[str, str], ...]:
     if not isinstance(values, dict):
         return ()
-    return tuple((str(name), one_line(said(value))) for name, value in values.items())
+    return tuple((str(name), one_line(said(_as_written(value)))) for name, value in values.items())
+
+
+_DIGITS = 6  # of numbers as people write them: ROS's float32 has 0.19 as 0.19000000692903996
+_LARGEST_ROUNDED = 1e6
+
+
+def _as_written(value: object) -> object:
+    """Return a value of a manifest with its numbers rounded, not so that a page must be long."""
+    if isinstance(value, dict):
+        return {key: _as_written(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_as_written(one) for one in value]
+    if isinstance(value, float) and abs(value) < _LARGEST_ROUNDED:
+        return float(f"{value:.{_DIGITS}g}")
+    return value
 
 
 def drafts_about(file: str, drafts: Sequence[Draft]) -> list[Draft]:
@@ -578,7 +610,9 @@ def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
         found.append(place)
         sums = grids.open(place).sums
         draft.compare_sums(place, dict(sums), dict(named.sha256), f"{path.name} names")
-        moved = results.transform if named is first else None
+        moved = results.transform if (named is second) == is_diff else None
+        if moved is not None and is_diff:  # what differs is in the cells of the first
+            moved = moved.inverse()
         title = f"{name.capitalize()} map{'' if moved is None else ', moved'}: {place.name}"
         layers = grids.layers(place, name, title)
         if moved is not None:
@@ -591,17 +625,26 @@ def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
         draft.layers += layers
     if len(draft.layers) > 1:
         draft.compared = draft.layers[0].name, draft.layers[-1].name
+        draft.opens_swiped = not is_diff
     if is_diff and len(found) == 2:
-        _add_difference(draft, found, grids)
+        _add_difference(draft, found, grids, results)
+    draft.claims += results.claims
     return draft
 
 
-def _add_difference(draft: Draft, paths: Sequence[Path], grids: Grids) -> None:
+def _add_difference(
+    draft: Draft, paths: Sequence[Path], grids: Grids, results: Results
+) -> None:  # fmt: skip
     settings = grids.settings
     with kept_warnings():  # they were given when the maps were opened
         sources = zip(paths, read_together(paths, settings), strict=True)
         maps = [map_input(one, path) for path, one in sources]
-        found = compared(maps, max_memory=settings.max_memory)
+        found = compared(
+            maps, tolerance=results.tolerance, move=results.transform,
+            max_memory=settings.max_memory,
+        )  # fmt: skip
     style, title = difference_style(), "What differs"
     draft.layers.append(PageLayer("difference", title, found.frame, found.changes, style))
-    draft.items += difference_items(found)
+    changes, left = found.largest_changes(MOST_CHANGES)
+    draft.items += change_items(changes, left, found.frame)
+    draft.claims += on_difference(found, changes, left)

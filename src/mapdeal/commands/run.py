@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, overload
 
 from mapdeal.command import AT_LEAST_1, Output, Words, command, parameters_of, unknown_name
+from mapdeal.commands.reach import goals_in, goals_of, start_of
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import (
     FindingError,
@@ -22,6 +23,7 @@ from mapdeal.errors import (
 )
 from mapdeal.files.source import absolute_path
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.reach import Goal
 from mapdeal.grid.values import count_text
 from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.local_map import CloudFrame, LocalOptions
@@ -192,6 +194,9 @@ def run_maps(
     jobs: Annotated[int | None, AT_LEAST_1, Words("N", short="j")] = None,
     scheduler: Annotated[str | None, Words("tcp://HOST:PORT")] = None,
     report: bool = False,
+    start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
+    goals: Annotated[Sequence[Goal], Words("[NAME=]X,Y", goals_of, "to", is_repeated=True)] = (),
+    points: Annotated[Path | None, Words("FILE|-")] = None,
     dry_run: Annotated[bool, Words(short="n")] = False,
     footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
@@ -253,7 +258,15 @@ def run_maps(
     scheduler : str, optional
         Have the workers of this dask scheduler run the maps. [needs the package distributed]
     report : bool
-        Write a page of all that was made, too: DIR/report.html.
+        Write a page of all that was made, too, with a verdict on each map: DIR/report.html, and the
+        verdict as DIR/report.json. Maps are checked by lint, and if there is a robot or a goal by
+        reach.
+    start : tuple of float, optional
+        For --report: where the robot starts, metres and radians, as for `mapdeal reach`.
+    goals : sequence of Goal
+        For --report: goal that the robot must reach, metres; more may follow.
+    points : path, optional
+        For --report: file of goals, one [NAME=]x,y or JSON object per line; - reads standard input.
     dry_run : bool
         Say what would be read, written, skipped and refused, and the memory it takes.
     """
@@ -271,6 +284,8 @@ def run_maps(
             raise ParameterError(
                 "is not a parameter of a stage", source=recipes.SET, got=text, hint=hint
             )
+    if not report:
+        refuse("needs --report", start=start, goals=goals or None, points=points)
     loaded = recipes.load_recipe(recipe, changes, footprint=footprint, sim=sim, robot=robot)
     check_mask(loaded, work.settings.mask)
     for step in loaded.steps:
@@ -280,6 +295,7 @@ def run_maps(
         canvas = "crop"
     # progress: of a single map alone, see `_run_one`
     settings = replace(work.settings, canvas=canvas, progress=None)
+    shape = footprint
     if footprint is None and robot is not None:
         footprint = robot.footprint
     around = None
@@ -313,11 +329,15 @@ def run_maps(
         map_run = map_run.sharing(size)
     page = None
     if report:
-        from mapdeal.commands.report import page_in, reported
+        from mapdeal.commands.report import VERDICT, page_in, reported
+        from mapdeal.commands.report_checks import Asked
 
         page = page_in(output)
+        listed = [*goals, *([] if points is None else goals_in(points))]
+        asked = Asked(settings, shape, robot, start, listed)
     if dry_run:
-        others = [*([output / batch.SUMMARY] if is_batch else []), *([page] if page else [])]
+        others = [*([output / batch.SUMMARY] if is_batch else [])]
+        others += [page, output / VERDICT] if page else []
         plans = batch.Plans([batch.plan_of(job, map_run) for job in all_jobs], size, others)
         error = plans.plans[0].error
         if not is_batch and error is not None:
@@ -345,7 +365,7 @@ def run_maps(
             maps = [job.path for job in all_jobs]
             tell = terminal.summary
             stack.enter_context(
-                reported(page, made, maps, settings, on_made=lambda one: tell(one.lines()))
+                reported(page, made, maps, asked, on_made=lambda one: tell(one.lines()))
             )
         if is_batch:
             done = batch.run_and_report(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,40 @@ Points = NDArray[np.float64]
 Tone = Literal["error", "warning", "note", "good", "plain"]
 """Severity of an item: its colour on the page, never the only sign of it."""
 
-ItemKind = Literal["finding", "passage", "start", "goal", "route", "graph", "shape"]
+ItemKind = Literal[
+    "finding", "passage", "start", "goal", "route", "graph", "shape", "added", "removed"
+]
+
+State = Literal["error", "warning", "unknown", "good"]
+"""What a claim comes to, the worst first; ``unknown`` if nobody has looked."""
+
+About = Literal["run", "map", "costmap", "goals", "obstacles", "cells", "geometry"]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One sentence of a verdict, and where on the page its evidence is.
+
+    Parameters
+    ----------
+    about : str
+        What it is about; an entry has one claim about each, the worst.
+    state : {'error', 'warning', 'unknown', 'good'}
+        What it comes to.
+    text : str
+        The sentence.
+    evidence : str
+        Kind of items, or title of a table, that shows why; empty if there is none.
+    """
+
+    about: About
+    state: State
+    text: str
+    evidence: str = ""
+
+
+def worst_of(states: Iterable[State]) -> State | None:
+    return min(states, key=get_args(State).index, default=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +99,20 @@ class PageLayer:
         return bool(self.values.dtype == np.uint8)
 
 
+@dataclass(frozen=True)
+class Zone:
+    """What a polygon of a file is for, so that it can be edited on the page."""
+
+    kind: str = ""
+    speed: float | None = None
+    name: str = ""
+
+
 @dataclass(frozen=True, eq=False)
 class Item:
     """Something to be listed beside the map and, if it has a place, to be shown on it."""
+
+    # Items of one kind and `group` are one line of the list, which opens to show each of them.
 
     kind: ItemKind
     text: str
@@ -76,6 +120,8 @@ class Item:
     place: tuple[float, float] | None = None
     lines: tuple[Points, ...] = ()
     label: str = ""
+    group: str = ""
+    zone: Zone | None = None
 
 
 @dataclass(frozen=True)
@@ -100,6 +146,17 @@ class Entry:
     curve: CostCurve | None = None
     compared: tuple[str, str] | None = None
     extent: tuple[float, float, float, float] | None = None
+    claims: tuple[Claim, ...] = ()
+    opens_swiped: bool = True  # where two layers are compared
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is claimed of a map, and what it comes to."""
+
+    name: str
+    state: State
+    claims: tuple[Claim, ...]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,10 +12,10 @@ import json
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from string import Template
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +26,14 @@ from mapdeal.grid.values import count_text
 from mapdeal.pictures.canvas import round_step
 from mapdeal.pictures.colours import ColourBar, LayerStyle
 from mapdeal.pictures.cost_curve import ZONE_COLOURS, Plot, described
-from mapdeal.report.document import Entry, Item, PageLayer, Report, Table
+from mapdeal.report.document import Claim, Entry, Item, PageLayer, Report, State, Table
 from mapdeal.report.tiles import TILE, encoded
+from mapdeal.report.verdict import MOST_CLAIMS, shared_by, state_of
 
 Value = str | int | float | bool | None
 """Of an attribute: True for its name alone, False and None for no attribute."""
 
-_VOID = {"input", "meta", "br", "rect", "line", "circle", "path", "polyline", "stop"}
+_VOID = {"input", "meta", "br", "wbr", "rect", "line", "circle", "path", "polyline", "stop"}
 _RAW = {"script", "style"}
 
 
@@ -52,7 +53,7 @@ def element(name: str, /, *content: Content, **attributes: Value) -> Markup:
     parts = (_attribute(k.rstrip("_").replace("_", "-"), v) for k, v in attributes.items())
     start = f"<{name}{''.join(parts)}"
     if name in _VOID:
-        return Markup(f"{start}{'>' if name in ('input', 'meta', 'br') else '/>'}")
+        return Markup(f"{start}{'>' if name in ('input', 'meta', 'br', 'wbr') else '/>'}")
     return Markup(f"{start}>{joined(content).text}</{name}>")
 
 
@@ -281,13 +282,20 @@ class _Plot(Plot):
 
 
 _KINDS = {
-    "passage": "Passages", "start": "Starts", "goal": "Goals", "route": "Routes",
-    "graph": "Route graphs",
-    "finding": "Findings", "shape": "Shapes",
+    "added": "Added", "removed": "Removed", "passage": "Passages", "start": "Starts",
+    "goal": "Goals", "route": "Routes", "graph": "Route graphs", "finding": "Findings",
+    "shape": "Shapes",
 }  # fmt: skip
+"""What items are called, in the order in which they are listed."""
+
+_IN_ONE_LIST = dict.fromkeys(("added", "removed"), "Largest changes")
+
+_STATES = {"error": "Problem", "warning": "Check", "unknown": "Not checked", "good": "OK"}
+"""What a verdict says of its states: they have colours, but nobody needs to see these."""
 
 _FAILED = "failed"
 _TOLD_BY_SIZE = ("cells", "m per cell")
+_NAMED = 3  # maps that a line of the verdict on several maps names
 
 
 def body_of(report: Report) -> Markup:
@@ -308,7 +316,10 @@ def subtitle_of(report: Report) -> str:
         bare = sum(not entry.layers for entry in report.entries if entry.status != _FAILED)
         told += [f"{failed} failed"] if failed else []
         told += [f"{bare} without layers"] if bare else []
-        return ", ".join([f"{len(report.entries)} maps", *told])
+        shared = shared_by(report.entries)
+        sound = sum(state_of(entry, shared) == "good" for entry in report.entries)
+        told += [f"{sound} sound"] if sound else []
+        return ", ".join([count_text(len(report.entries), "map"), *told])
     entry = report.entries[0]
     figures = [_figure(k, v) for k, v in entry.figures.items() if k not in _TOLD_BY_SIZE]
     return ", ".join([_size_text(entry), *figures])
@@ -342,22 +353,92 @@ def _counts(entry: Entry) -> tuple[int, int]:
     errors = sum(item.tone == "error" for item in entry.items)
     warnings = sum(item.tone == "warning" for item in entry.items)
     if entry.status == _FAILED:  # what is listed as a warning is why
-        return errors + max(1, len(entry.warnings)), warnings
+        return errors or max(1, len(entry.warnings)), warnings
     return errors, warnings + len(entry.warnings)
 
 
+def _verdict(claims: Iterable[Content]) -> Markup:
+    lines = element("ul", *claims)
+    return element("section", lines, class_="verdict", aria_label="Verdict")
+
+
+def _claim(state: State, *content: Content) -> Markup:
+    return element("li", _sign(state), " ", element("span", *content), class_=f"claim {state}")
+
+
+def _sign(state: State) -> Markup:
+    return element("b", _STATES[state], class_=f"sign {state}")
+
+
+def _verdict_on(entry: Entry, number: int) -> Markup:
+    """Return the claims about an entry, each with a link to where its evidence is."""
+    places = {kind: (f"list-{number}-{k}", title) for k, (title, kinds) in enumerate(_lists(entry))
+              for kind in kinds}  # fmt: skip
+    tables = {one.title: (f"table-{number}-{k}", one.title) for k, one in enumerate(entry.tables)}
+    claims: list[Content] = []
+    for one in entry.claims:
+        place, title = (tables | places).get(one.evidence, ("", ""))
+        link: list[Content] = (
+            [" ", element("a", title, href=f"#{place}", class_="evidence")] if place else []
+        )
+        claims.append(_claim(one.state, f"{one.text}.", *link))
+    return _verdict(claims)
+
+
+def _verdict_on_all(entries: tuple[Entry, ...]) -> Markup:
+    """Return what the states of several entries come to, in three lines at most."""
+    shared = shared_by(entries)
+    numbers: dict[str, list[int]] = {state: [] for state in _STATES}
+    for k in _by_urgency(entries):
+        numbers[state_of(entries[k], shared)].append(k)
+    failed = sum(entry.status == _FAILED for entry in entries)
+    claims = []
+    for state, words in (("error", "has a problem"), ("warning", "should be checked")):
+        if found := numbers[state]:
+            what = words if len(found) == 1 else words.replace("has", "have")
+            also = f" ({failed} failed)" if failed and state == "error" else ""
+            text = f"{len(found)} of {count_text(len(entries), 'map')} {what}{also}: "
+            claims.append(_claim(cast("State", state), text, *_links(found, entries)))
+    claims += [_claim(one.state, f"All maps: {one.text}.") for one in shared]
+    good, unknown = len(numbers["good"]), len(numbers["unknown"])
+    told = [f"{good} {'is' if good == 1 else 'are'} sound"] if good else []
+    told += [f"{unknown} {'was' if unknown == 1 else 'were'} not checked"] if unknown else []
+    if told:
+        claims.append(_claim("good" if good else "unknown", f"{', '.join(told)}."))
+    return _verdict(claims[:MOST_CLAIMS])
+
+
+def _links(numbers: Sequence[int], entries: tuple[Entry, ...]) -> Iterator[Content]:
+    for place, k in enumerate(numbers[:_NAMED]):
+        yield ", " if place else ""
+        yield element("a", *_broken(entries[k].name), href=f"#entry-{k}")
+    if len(numbers) > _NAMED:
+        yield f" and {len(numbers) - _NAMED} more."
+    else:
+        yield "."
+
+
+def _broken(name: str) -> Iterator[Content]:
+    """Yield the name of a file, which may go on in a new line behind each slash."""
+    for place, part in enumerate(name.split("/")):
+        if place:
+            yield joined(["/", element("wbr")])
+        yield part
+
+
 def _maps(entries: tuple[Entry, ...]) -> Markup:
-    names = list(dict.fromkeys(name for entry in entries for name in entry.figures))
-    has_status = any(entry.status for entry in entries)
-    heads = ["Map", *(["Status"] if has_status else []), "Errors", "Warnings", *names]
+    names = _columns(entries)
+    heads = ["Map", "Verdict", "Errors", "Warnings", *names]
     cells = [_head(name, entries) for name in heads]
-    rows = [_row(entry, k, names, has_status=has_status) for k, entry in enumerate(entries)]
+    shared = shared_by(entries)
+    rows = [_row(entries[k], k, names, shared) for k in _by_urgency(entries)]
     search = element(
         "label", "Filter ", element("input", type="search", id="filter", autocomplete="off")
     )
     count = element("span", f"{len(entries)} maps", id="count", role="status")
     return element(
         "section",
+        _verdict_on_all(entries),
         element("h2", "Maps", id="maps-title", tabindex=-1),
         element("p", search, " ", count, class_="search"),
         element(
@@ -366,6 +447,27 @@ def _maps(entries: tuple[Entry, ...]) -> Markup:
         ),
         id="maps", aria_labelledby="maps-title",
     )  # fmt: skip
+
+
+def _columns(entries: tuple[Entry, ...]) -> list[str]:
+    """Return the names of figures, but of those that are equal in all entries the first."""
+    columns: dict[tuple[object, ...], str] = {}
+    for name in dict.fromkeys(name for entry in entries for name in entry.figures):
+        columns.setdefault(tuple(entry.figures.get(name) for entry in entries), name)
+    return list(columns.values())
+
+
+def _by_urgency(entries: tuple[Entry, ...]) -> list[int]:
+    """Return the numbers of the entries, those first that somebody must look at."""
+    shared = shared_by(entries)
+
+    def urgency(number: int) -> tuple[bool, int, int, int]:
+        entry = entries[number]
+        errors, warnings = _counts(entry)
+        state = list(_STATES).index(state_of(entry, shared))
+        return entry.status != _FAILED, state, -errors, -warnings
+
+    return sorted(range(len(entries)), key=urgency)
 
 
 def _with_heads(heads: list[Markup], rows: list[Markup]) -> Markup:
@@ -379,68 +481,101 @@ def _section(heading: str, *content: Content, label: str = "", **attributes: Val
 
 
 def _head(name: str, entries: tuple[Entry, ...]) -> Markup:
-    button = element("button", name, type="button", data_sort=True)
+    words = _HEADS.get(name, f"{name[:1].upper()}{name[1:]}")
+    button = element("button", words, type="button", data_sort=True)
     values = [entry.figures[name] for entry in entries if name in entry.figures]
-    is_number = name in ("Errors", "Warnings") or any(not isinstance(v, str) for v in values)
-    return element("th", button, scope="col", class_="number" if is_number else None)
+    css = _css(number=_is_number(name, values), more=bool(values))
+    return element("th", button, scope="col", class_=css)
 
 
-def _row(entry: Entry, number: int, names: list[str], *, has_status: bool) -> Markup:
-    thumb = element(
+_COUNTS = ("Errors", "Warnings")
+_HEADS = {"cells": "Cells", "m per cell": "Cell, m"}
+
+
+def _is_number(name: str, values: Sequence[object]) -> bool:
+    return name in (*_COUNTS, "cells") or any(not isinstance(value, str) for value in values)
+
+
+def _css(**classes: bool) -> str | None:
+    return " ".join(name for name, is_given in classes.items() if is_given) or None
+
+
+def _row(entry: Entry, number: int, names: list[str], shared: Sequence[Claim]) -> Markup:
+    thumb: Content = "" if not entry.layers else element(
         "canvas", width=144, height=108, data_entry=number, role="img",
         aria_label=f"Thumbnail of {entry.name}",
     )  # fmt: skip
-    link = element("a", entry.name, href=f"#entry-{number}")
-    cells = [element("td", thumb), element("th", link, scope="row")]
-    cells += [element("td", entry.status)] if has_status else []
+    link = element("a", *_broken(entry.name), href=f"#entry-{number}")
+    by_state = [one for state in ("error", "warning") for one in entry.claims if one.state == state]
+    reasons = [_reason(one) for one in by_state if one not in shared]
+    reason = [element("span", reasons[0], class_="reason")] if reasons else []
+    head = element("th", link, *reason, scope="row", data_value=entry.name)
+    state = state_of(entry, shared)
+    words: Content = _sign(state)
+    if entry.status == _FAILED:
+        words = element("b", "Failed", class_=f"sign {state}")
+    rank = list(_STATES).index(state) - (entry.status == _FAILED)
+    cells = [element("td", thumb, class_="thumb"), head]
+    cells.append(element("td", words, data_value=str(rank)))
     cells += [
-        element("td", str(count), class_="number" if count else "number none")
-        for count in _counts(entry)
+        element("td", str(count), class_=_css(number=True, none=not count), data_count=name)
+        for name, count in zip(_COUNTS, _counts(entry), strict=True)
     ]
     for name in names:
         value = entry.figures.get(name, "")
-        is_number = not isinstance(value, str)
-        data = repr(float(value)) if is_number else value
-        css = "number" if is_number else None
+        data = value if isinstance(value, str) else repr(float(value))
+        css = _css(number=_is_number(name, [value]), more=True)
         cells.append(element("td", _text(value), data_value=data, class_=css))
     return element("tr", *cells)
+
+
+def _reason(claim: Claim) -> str:
+    """Return why a map is to be looked at, without the counts that are in the row anyhow."""
+    return claim.text.partition(": ")[2] if claim.about == "map" else claim.text
 
 
 def _entry(entry: Entry, number: int, *, several: bool) -> Markup:
     parts: list[Content] = []
     if several:
         parts.append(element("p", element("a", "\u2190 All maps", href="#maps"), class_="back"))
-        parts.append(element("h2", entry.name, tabindex=-1))
-        status = ", ".join(filter(None, (entry.status, _size_text(entry))))
+        parts.append(element("h2", *_broken(entry.name), tabindex=-1))
+        size = _size_text(entry) if entry.layers or not entry.status else ""
+        status = ", ".join(filter(None, (entry.status, size)))
         parts.append(element("p", status, class_="subtitle"))
-    if entry.warnings:
+    else:
+        parts.append(element("h2", entry.name, class_="unseen"))  # between headings 1 and 3
+    if entry.claims:
+        parts.append(_verdict_on(entry, number))
+    if entry.warnings and not (entry.status == _FAILED and entry.claims):  # which is the verdict
         lines = element("ul", *(element("li", text) for text in entry.warnings))
-        title = count_text(len(entry.warnings), "warning")
-        parts.append(_section(title, lines, class_="warnings"))
-    rest = element("div", *_below(entry), class_="rest")
+        what = "error" if entry.status == _FAILED else "warning"
+        title = count_text(len(entry.warnings), what)
+        parts.append(_section(title, lines, class_=f"warnings {what}"))
+    rest = element("div", *_below(entry, number), class_="rest")
     if entry.layers:
         slot = element("div", class_="slot")
         parts.append(element("div", slot, _panels(entry, number), rest, class_="work"))
     else:
         parts.append(element("p", "This map has no layer to show.", class_="notice"))
-        parts += [_items(entry.items), rest]
+        parts += [_items(entry, number), rest]
     return element("section", *parts, class_="entry", id=f"entry-{number}", aria_label=entry.name)
 
 
-def _below(entry: Entry) -> Iterator[Markup]:
+def _below(entry: Entry, number: int) -> Iterator[Markup]:
     if entry.curve is not None:
         yield _section("Costs over distance", curve_figure(entry.curve), label="Cost curve")
-    for table in entry.tables:
-        yield _table(table)
+    for k, table in enumerate(entry.tables):
+        yield _table(table, f"table-{number}-{k}")
 
 
 def _panels(entry: Entry, number: int) -> Markup:
     count = len(entry.layers)
     rows = [_layer(entry.layers[k], k, number, count) for k in reversed(range(count))]
     parts = [_section("Layers", element("ul", *rows), class_="layers")]
+    below = [_readout(entry.layers), _items(entry, number)]
+    parts += below if entry.compared is None or entry.opens_swiped else below[::-1]
     if count > 1:
-        parts.append(_compare(entry))
-    parts += [_readout(entry.layers), _items(entry.items)]
+        parts.append(_compare(entry, number))
     return element("div", *parts, class_="panels")
 
 
@@ -460,7 +595,13 @@ def _layer(layer: PageLayer, k: int, number: int, count: int) -> Markup:
     return element("li", head, legend, class_="layer", data_layer=k)
 
 
-def _compare(entry: Entry) -> Markup:
+_MODES = {
+    "layers": "Layers", "swipe": "Swipe", "beside": "Side by side", "blink": "Blink"
+}  # fmt: skip
+"""Ways to look at two layers, and what they are called."""
+
+
+def _compare(entry: Entry, number: int) -> Markup:
     names = [layer.name for layer in entry.layers]
     pair = entry.compared or (names[-2], names[-1])
     selects = []
@@ -471,24 +612,25 @@ def _compare(entry: Entry) -> Markup:
         ]
         select = element("select", *options, autocomplete="off")
         selects.append(element("label", f"{side} ", select))
-    toggles = [
+    first = "swipe" if entry.compared is not None and entry.opens_swiped else "layers"
+    modes = [
         element(
             "label",
             element(
-                "input", type="checkbox", name=name, autocomplete="off",
-                checked=name == "compare" and entry.compared is not None,
+                "input", type="radio", name=f"view-{number}", value=mode, autocomplete="off",
+                checked=mode == first,
             ),
             f" {text}",
             class_="toggle",
         )
-        for text, name in (("Side by side", "compare"), ("Blink", "blink"))
+        for mode, text in _MODES.items()
     ]  # fmt: skip
-    row = element("p", *toggles, class_="toggles")
-    return _section("Compare", *selects, row, class_="compare scripted-only")
+    row = element("p", *modes, class_="toggles modes", role="group", aria_label="View")
+    return _section("Compare", row, *selects, class_="compare scripted-only")
 
 
 def _readout(layers: tuple[PageLayer, ...]) -> Markup:
-    names = ["x, y [m]", "row, column", *(layer.name for layer in layers)]
+    names = ["x, y [m]", "row, column", *(layer.title for layer in layers)]
     rows = [
         element("tr", element("th", name, scope="row"), element("td"), element("td"))
         for name in names
@@ -497,46 +639,100 @@ def _readout(layers: tuple[PageLayer, ...]) -> Markup:
     return _section("Values", _with_heads(heads, rows), class_="readout scripted-only")
 
 
-def _items(items: tuple[Item, ...]) -> Markup:
+def _lists(entry: Entry) -> list[tuple[str, list[str]]]:
+    """Return the titles of the lists of an entry, and which kinds of items are in each."""
+    lists: dict[str, list[str]] = {}
+    kinds = {item.kind for item in entry.items}
+    for kind in (kind for kind in _KINDS if kind in kinds):
+        lists.setdefault(_IN_ONE_LIST.get(kind, _KINDS[kind]), []).append(kind)
+    return list(lists.items())
+
+
+def _items(entry: Entry, number: int) -> Markup:
+    items = entry.items
     if not items:
         return joined([])
-    kinds = [kind for kind in _KINDS if any(item.kind == kind for item in items)]
     boxes = [
         element(
             "label",
             element("input", type="checkbox", value=kind, checked=True, autocomplete="off"),
-            f" {_KINDS[kind]} ({sum(item.kind == kind for item in items)})",
+            f" {_KINDS[kind]} ({_count(items, kind)})",
         )
+        for _, kinds in _lists(entry)
         for kind in kinds
     ]
     lists = []
-    for kind in kinds:
-        rows = [_item(item, k) for k, item in enumerate(items) if item.kind == kind]
-        lists.append(element("ul", *rows, aria_label=_KINDS[kind], data_kind=kind))
+    for index, (title, kinds) in enumerate(_lists(entry)):
+        groups: dict[object, list[int]] = {}
+        for k, item in enumerate(items):
+            if item.kind in kinds:
+                groups.setdefault(item.group or k, []).append(k)
+        rows = [_group(items, group) for group in groups.values()]
+        name = f"list-{number}-{index}"
+        lists.append(element("ul", *rows, aria_label=title, id=name, tabindex=-1))
     return _section("On the map", element("p", *boxes, class_="kinds"), *lists, class_="items")
 
 
-def _item(item: Item, number: int) -> Markup:
-    text: Content = item.text
-    if item.tone in ("error", "warning", "note"):
-        text = joined([element("b", item.tone, class_=f"tone {item.tone}"), " ", item.text])
+def _count(items: Sequence[Item], kind: str) -> int:
+    """Return the number of items of a kind, without the line about changes that are left out."""
+    own = [item for item in items if item.kind == kind]
+    return sum(item.place is not None for item in own) if kind in _IN_ONE_LIST else len(own)
+
+
+def _group(items: Sequence[Item], group: Sequence[int]) -> Markup:
+    """Return an item, or a line that opens to show each of several."""
+    first = items[group[0]]
+    if len(group) == 1:
+        return _item(first, group[0], first.text)
+    words = [items[k].text.partition(": ")[2] or items[k].text for k in group]
+    own = sum(not one.startswith(_PLACE) for one in words)  # findings, each at its first place
+    count = count_text(len(group), "place") if own == 1 else count_text(own, "finding")
+    if words[1].startswith(_PLACE):
+        words[0] = f"{_PLACE}1"  # what it says is in the line above
+    rows = []
+    for k, text in zip(group, words, strict=True):
+        place = items[k].place
+        is_bare = place is not None and text.startswith(_PLACE)
+        shown = f"{text} at {_at(place)}" if place is not None and is_bare else text
+        rows.append(_item(items[k], k, shown, is_told=False))
+    head = element("summary", _told(first, first.text), " ", element("i", f"({count})"))
+    return element("li", element("details", head, element("ul", *rows)))
+
+
+_PLACE = "place "  # what the text of a further place of a finding begins with
+
+
+def _at(place: tuple[float, float]) -> str:
+    return ", ".join(f"{part + 0.0:.6g}" for part in place)
+
+
+def _item(item: Item, number: int, words: str, *, is_told: bool = True) -> Markup:
+    text: Content = _told(item, words) if is_told else words
     if item.place is None and not item.lines:
         return element("li", element("span", text))
     return element("li", element("button", text, type="button", data_item=number))
 
 
-def _table(table: Table) -> Markup:
+def _told(item: Item, words: str) -> Content:
+    """Return a text behind the word for its severity, or for its kind."""
+    tone = item.kind if item.kind in _IN_ONE_LIST else item.tone
+    if tone in ("good", "plain"):
+        return words
+    return joined([element("b", tone, class_=f"tone {tone}"), " ", words])
+
+
+def _table(table: Table, name: str) -> Markup:
     rows = [
         element("tr", element("th", name, scope="row"), element("td", value))
         for name, value in table.rows
     ]
     body = element("table", element("tbody", *rows))
-    return element("details", element("summary", table.title), body)
+    return element("details", element("summary", table.title), body, id=name)
 
 
 SCRIPTS = (
     "start.js", "decode.js", "geometry.js", "tiles.js", "draw.js", "readout.js", "overlay.js",
-    "viewer.js", "main.js",
+    "viewer.js", "zones.js", "main.js",
 )  # fmt: skip
 """Parts of a page's script, in order."""
 
@@ -641,6 +837,7 @@ def _page_layer(layer: PageLayer) -> dict[str, Any]:
     x, y, yaw = frame.origin
     return {
         "name": one_line(layer.name),
+        "title": one_line(layer.title),
         "unit": one_line(layer.unit),
         "frame": {
             "width": frame.width, "height": frame.height, "resolution": frame.resolution,
@@ -683,5 +880,6 @@ def _page_item(item: Item) -> dict[str, Any]:
         "place": None if item.place is None else [float(part) for part in item.place],
         "lines": [np.round(line, 4).tolist() for line in item.lines],
         "label": one_line(item.label),
+        **({} if item.zone is None else {"zone": asdict(item.zone)}),
         "box": _box(np.vstack(points)) if points else None,
     }

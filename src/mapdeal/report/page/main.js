@@ -5,13 +5,15 @@ const actions = {
 	out: () => zoom(1 / 1.5),
 	fit: () => goTo(entry.extent, 0.96),
 	clear,
+	undo, closeZone, deleteZone,
 };
 
 function changed() {
 	clearInterval(beat);
 	if (!entry) return;
-	if (box("blink").checked) beat = setInterval(() => redraw(blinks++), 800);
+	if (mode() === "blink") beat = setInterval(() => redraw(blinks++), 800);
 	tell(2, pinned);
+	if (view && abs(view.width * panes() - canvas.clientWidth) > 1) resize();
 	redraw();
 }
 
@@ -32,6 +34,8 @@ document.onclick = ({ target }) => {
 };
 document.oninput = ({ target: { id, name, value, checked } }) => {
 	if (id === "filter") filter(value);
+	else if (["kind", "speed", "name"].includes(name)) zoneTyped();
+	else if (name === "draw") drawMode(checked);
 	else if (name === "measure") checked ? measure() : clear();
 	else changed();
 };
@@ -40,17 +44,21 @@ document.oninput = ({ target: { id, name, value, checked } }) => {
 const held = new Map();
 let moved;
 
-function point({ offsetX, offsetY }) {
+// Where a pointer is within its pane.
+const placeIn = ({ offsetX, offsetY }) => [offsetX % view.width, offsetY];
+
+function point(event) {
 	byKeys = false;
-	pointer = toMap(view, offsetX, offsetY);
+	pointer = toMap(view, ...placeIn(event));
 	tell(1, pointer);
-	if (ends) redraw();
+	if (ends || ring) redraw();
 }
 
 canvas.onpointerdown = ({ pointerId, offsetX, offsetY }) => {
 	canvas.setPointerCapture(pointerId);
 	held.set(pointerId, [offsetX, offsetY]);
 	moved = held.size > 1;
+	dragged = isDrawing() && !moved ? cornerAt(...placeIn({ offsetX, offsetY })) : null;
 };
 canvas.onpointermove = (event) => {
 	const { pointerId, offsetX: sx, offsetY: sy } = event, before = held.get(pointerId);
@@ -58,19 +66,30 @@ canvas.onpointermove = (event) => {
 		moved ||= hypot(sx - before[0], sy - before[1]) > 4;
 		if (!moved) return;
 		held.set(pointerId, [sx, sy]);
+		if (dragged) {
+			const [points, number] = dragged;
+			if (dragged.length < 3) dragged.push(remember());
+			points[number] = toMap(view, ...placeIn(event));
+			return redraw();
+		}
 		const by = view.scale * held.size;
 		moveTo(view.x - (sx - before[0]) / by, view.y + (sy - before[1]) / by);
 		for (const [id, [x, y]] of held)
-			if (id !== pointerId) zoom(hypot(sx - x, sy - y) / hypot(before[0] - x, before[1] - y) || 1, (sx + x) / 2, (sy + y) / 2);
+			if (id !== pointerId) zoom(hypot(sx - x, sy - y) / hypot(before[0] - x, before[1] - y) || 1, ((sx + x) / 2) % view.width, (sy + y) / 2);
 	}
 	point(event);
 };
 canvas.onpointerup = (event) => {
-	if (!held.delete(event.pointerId) || moved) return;
+	if (!held.delete(event.pointerId)) return;
+	if (moved) return dragged && listZones(zoneWith(dragged[0]));
 	point(event);
 	if (box("measure").checked) return measure(pointer);
-	const at = [event.offsetX, event.offsetY].map((one) => (one * canvas.width) / view.width);
+	if (isDrawing()) return dragged && dragged[0] !== ring ? listZones(zoneWith(dragged[0])) : addCorner(pointer);
+	const ratio = canvas.width / view.width / panes(), at = placeIn(event).map((one) => one * ratio);
+	context.setTransform(ratio, 0, 0, ratio, 0, 0);
 	context.lineWidth = 14;
+	const zone = entry.zones.findLast(({ path }) => path && context.isPointInPath(path(), ...at, "evenodd"));
+	if (zone || chosen) listZones(zone ?? null);
 	const item = shownItems().find(({ path }) => context.isPointInStroke(path, ...at) || context.isPointInPath(path, ...at));
 	if (item) select(item);
 	pin(pointer);
@@ -79,7 +98,7 @@ canvas.onpointercancel = ({ pointerId }) => held.delete(pointerId);
 canvas.onpointerleave = () => tell(1, (pointer = null));
 canvas.onwheel = (event) => {
 	event.preventDefault();
-	zoom(Math.exp(-limited(event.deltaY * (event.deltaMode ? 30 : 1), -240, 240) / 400), event.offsetX, event.offsetY);
+	zoom(Math.exp(-limited(event.deltaY * (event.deltaMode ? 30 : 1), -240, 240) / 400), ...placeIn(event));
 	point(event);
 };
 
@@ -91,12 +110,16 @@ const pan = (x, y) => ({ shiftKey }) => {
 const keys = {
 	ArrowLeft: pan(-1, 0), ArrowRight: pan(1, 0), ArrowUp: pan(0, 1), ArrowDown: pan(0, -1),
 	"+": actions.in, "=": actions.in, "-": actions.out, f: actions.fit, 0: actions.fit,
-	m: () => measure(cursor()), p: () => pin(cursor()), Enter: () => (ends?.length === 1 ? measure : pin)(cursor()), Escape: clear,
+	m: () => measure(cursor()), p: () => pin(cursor()), Escape: () => (ring ? deleteZone : clear)(),
+	Enter: () => (isDrawing() ? addCorner : ends?.length === 1 ? measure : pin)(cursor()),
+	z: () => drawMode(!isDrawing()), c: closeZone, u: undo, Backspace: undo, Delete: deleteZone,
 };
 
 canvas.onkeydown = (event) => {
-	const { key } = event, act = keys[key] ?? (entry.layers[key - 1] && (() => showOnly(key - 1)));
-	if (event.ctrlKey || event.metaKey || !act) return;
+	const { key, ctrlKey, metaKey } = event;
+	if ((ctrlKey || metaKey) && key === "z") return event.preventDefault(undo());
+	const act = keys[key] ?? (entry.layers[key - 1] && (() => showOnly(key - 1)));
+	if (ctrlKey || metaKey || !act) return;
 	event.preventDefault();
 	act(event);
 	if (byKeys) tell(1, cursor());
@@ -107,7 +130,7 @@ const table = find("#maps");
 
 function open() {
 	const [id, place = ""] = location.hash.slice(1).split("/"), sections = every(".entry", document);
-	const next = sections.find((one) => one.id === id) ?? (table || sections[0]), [x, y, scale] = place.split(",").map(Number);
+	const target = id && document.getElementById(id), next = (target || document).closest?.(".entry") ?? (table || sections[0]), [x, y, scale] = place.split(",").map(Number);
 	if (next !== section) {
 		if (entry) clear();
 		for (const one of sections) one.hidden = one !== next;
@@ -116,12 +139,22 @@ function open() {
 		view = null;
 		entry = report.entries[sections.indexOf(next)];
 		if (!entry?.layers.length) entry = null;
-		else find(".slot").append(find("#viewer", document));
+		else {
+			find(".slot").append(find("#viewer", document));
+			find(".panels").append(zonesPanel);
+			entry.zones ??= entry.items.filter(({ zone }) => zone).map(({ zone, lines }) => ({ ...zone, rings: lines.map((points) => points.slice(0, -1)) }));
+			steps = [];
+			listZones(null);
+		}
 		if (table) find("h2").focus();
 	}
 	changed();
 	resize();
 	if (entry && scale > 0) moveTo(x, y, scale);
+	if (target && target !== next && target !== table) {
+		if (target.tagName === "DETAILS") target.open = true;
+		target.scrollIntoView({ block: "nearest" });
+	}
 }
 
 // The table of several: thumbnails, sorting and filtering.
@@ -156,7 +189,7 @@ function filter(text) {
 	find("#count").textContent = `${rows.filter(({ hidden }) => !hidden).length} of ${rows.length} maps`;
 }
 
-window.mapdeal = { readout: (x, y) => readout(entry, x, y), state: () => ({ view, pinned, ends, selected }) };
+window.mapdeal = { readout: (x, y) => readout(entry, x, y), state: () => ({ view, pinned, ends, selected, ring, zones: entry?.zones }), geojson: () => geojsonOf(entry.zones) };
 
 if (!window.DecompressionStream) find("#unsupported").hidden = false;
 else {

@@ -2,6 +2,8 @@
 
 const DARK = "#1f2937", TONES = { error: "#c4122f", warning: "#b45309", note: "#0b57c0", good: "#0a7a4b", plain: DARK };
 
+const CHANGES = { added: "#0078dc", removed: "#e11e3c" }; // as the layer of what differs has them
+
 function strokePath(path, colour, width, dash = []) {
 	context.lineJoin = context.lineCap = "round";
 	for (const [strokeStyle, more, pattern] of [["#fff", 3, []], [colour, 0, dash]]) {
@@ -28,11 +30,11 @@ function drawText(text, sx, sy, fillStyle = DARK) {
 function drawItems(items) {
 	const taken = [];
 	for (const item of items.sort((a, b) => (a === selected) - (b === selected))) {
-		const { kind, lines, label, place } = item, chosen = item === selected, colour = TONES[item.tone];
-		const [sx, sy] = toScreen(...(place ?? lines[0]?.[0] ?? [NaN, NaN])), radius = chosen ? 9 : kind === "graph" ? 3 : 6;
+		const { kind, lines, label, place } = item, chosen = item === selected, colour = CHANGES[kind] ?? TONES[item.tone];
+		const [sx, sy] = toScreen(...(place ?? lines[0]?.[0] ?? [NaN, NaN])), radius = chosen ? 9 : kind === "graph" ? 3 : item.tone === "note" ? 4 : 6;
 		item.path = pathOf(lines);
-		strokePath(item.path, colour, (kind === "passage" ? 4 : 2.5) + 2 * chosen, kind === "shape" ? [7, 5] : []);
-		if (place && (chosen || kind !== "passage" || !lines.length)) {
+		strokePath(item.path, colour, (kind === "passage" ? 4 : 2.5) + 2 * chosen, kind === "shape" ? [7, 5] : kind === "removed" ? [5, 3] : []);
+		if (place && !(lines.length && (CHANGES[kind] || (kind === "passage" && !chosen)))) {
 			const mark = new Path2D();
 			if (kind === "goal") mark.rect(sx - radius, sy - radius, 2 * radius, 2 * radius);
 			else mark.arc(sx, sy, radius, 0, 7);

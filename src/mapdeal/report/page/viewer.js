@@ -9,6 +9,11 @@ const canvas = find("#map"), context = canvas.getContext("2d");
 const box = (name) => find(`[name=${name}]`) ?? {};
 const say = (text) => (find("#status", document).textContent = text);
 const fail = ({ message }) => say(`Not shown: ${message}`);
+
+// How layers are shown: all of them, or two of them in one of three ways.
+const mode = () => find(".modes :checked")?.value ?? "layers";
+const panes = () => (mode() === "beside" ? 2 : 1);
+const setMode = (name) => (find(`.modes [value=${name}]`) ?? {}).checked = true;
 const divider = () => (view.width * find("#divider").value) / 100;
 const redraw = () => (asked ??= requestAnimationFrame(draw));
 
@@ -16,41 +21,56 @@ const redraw = () => (asked ??= requestAnimationFrame(draw));
 const stackOf = () => every(".layer").reverse().map((row, k) =>
 	[entry.layers[k], find(":checked", row) ? find("[type=range]", row).value / 100 : 0]);
 
-const comparedPair = () => every("select").map(({ value }) => entry.layers[value]);
+const comparedPair = () => every(".compare select").map(({ value }) => entry.layers[value]);
 
 function shownItems() {
 	const kinds = every(".kinds :checked").map(({ value }) => value);
-	return entry.items.filter(({ kind }) => kinds.includes(kind));
+	return entry.items.filter(({ kind, zone }) => kinds.includes(kind) && !zone);
 }
 
 function draw() {
 	asked = null;
 	if (!entry) return;
 	frameNumber++;
-	const ratio = canvas.width / view.width, pair = comparedPair(), shown = pair[blinks % 2];
+	const how = mode(), ratio = canvas.width / view.width / panes(), pair = comparedPair(), shown = pair[blinks % 2];
 	context.setTransform(ratio, 0, 0, ratio, 0, 0);
-	context.clearRect(0, 0, view.width, view.height);
+	context.clearRect(0, 0, view.width * panes(), view.height);
 	context.font = "600 13px system-ui, sans-serif";
-	if (box("blink").checked) wanted = drawStack(context, [[shown, 1]], view, ratio);
-	else if (!box("compare").checked) wanted = drawStack(context, stackOf(), view, ratio);
+	if (how === "blink") wanted = drawStack(context, [[shown, 1]], view, ratio);
+	else if (how === "layers") wanted = drawStack(context, stackOf(), view, ratio);
 	else wanted = pair.flatMap((layer, k) => {
-		context.save();
-		context.beginPath();
-		context.rect(k ? divider() : 0, 0, k ? view.width : divider(), view.height);
-		context.clip();
-		const missing = drawLayer(context, layer, view, ratio);
-		context.restore();
-		return missing;
+		const [left, width] = how === "beside" ? [0, view.width] : k ? [divider(), view.width] : [0, divider()];
+		return inPane(how === "beside" ? k : 0, ratio, left, width, () => drawLayer(context, layer, view, ratio));
 	});
 	pump();
+	for (let k = 0; k < panes(); k++) inPane(k, ratio, 0, view.width, () => drawOver(how, how === "beside" ? [pair[k]] : pair, shown));
+	context.setTransform(ratio, 0, 0, ratio, 0, 0);
+	if (how === "swipe" || how === "beside") strokePath(new Path2D(`M${how === "swipe" ? divider() : view.width} 0v${view.height}`), DARK, 2);
+	if (!wanted.length && !busy) performance.mark("mapdeal");
+}
+
+// Draw within a part of one of the panes beside each other.
+function inPane(k, ratio, left, width, draw) {
+	context.save();
+	context.setTransform(ratio, 0, 0, ratio, k * view.width * ratio, 0);
+	context.beginPath();
+	context.rect(left, 0, width - left, view.height);
+	context.clip();
+	const found = draw();
+	context.restore();
+	return found;
+}
+
+function drawOver(how, pair, shown) {
 	drawItems(shownItems());
+	drawZones();
 	if (ends?.[0]) drawMeasure(ends[1] || !pointer ? ends : [...ends, pointer]);
 	if (pinned) drawCross(toScreen(...pinned), TONES.error);
-	if (byKeys) drawCross([view.width / 2, view.height / 2], DARK);
+	if (byKeys || (isDrawing() && !pointer)) drawCross([view.width / 2, view.height / 2], DARK);
 	drawScaleBar(view);
-	if (box("blink").checked) drawText(shown.name, 14, 24);
-	else if (box("compare").checked) strokePath(new Path2D(`M${divider()} 0v${view.height}`), DARK, 2);
-	if (!wanted.length && !busy) performance.mark("mapdeal");
+	if (how === "layers") return;
+	const names = how === "blink" ? [shown] : pair;
+	names.forEach(({ title }, k) => drawText(title, k ? max(14, view.width - 14 - context.measureText(title).width) : 14, view.height - 52));
 }
 
 // Make images that the last drawing missed, a few at a time.
@@ -67,9 +87,9 @@ function pump() {
 }
 
 function resize() {
-	const { clientWidth: width, clientHeight: height } = canvas, ratio = min(devicePixelRatio, 2);
-	if (!entry || !width) return;
-	Object.assign(canvas, { width: round(width * ratio), height: round(height * ratio) });
+	const { clientWidth, clientHeight: height } = canvas, ratio = min(devicePixelRatio, 2), width = clientWidth / panes();
+	if (!entry || !clientWidth) return;
+	Object.assign(canvas, { width: round(clientWidth * ratio), height: round(height * ratio) });
 	view = view ? { ...view, width, height } : fitted(entry.extent, { width, height });
 	cancelAnimationFrame(asked);
 	draw();
@@ -118,6 +138,7 @@ const cursor = () => (byKeys || !pointer ? [view.x, view.y] : pointer);
 
 // Begin to measure, or end it, at a point; without one the next click tells it.
 function measure(point) {
+	if (isDrawing()) drawMode(false);
 	ends = ends?.length === 1 && point ? [...ends, point] : point ? [point] : [];
 	const [a, b] = ends;
 	box("measure").checked = !b;
@@ -129,14 +150,19 @@ function select(item) {
 	selected = item;
 	for (const one of every("[data-item]")) {
 		one.ariaCurrent = entry.items[one.dataset.item] === item || null;
-		if (one.ariaCurrent) one.scrollIntoView({ block: "nearest" });
+		if (!one.ariaCurrent) continue;
+		one.closest("details")?.setAttribute("open", "");
+		one.scrollIntoView({ block: "nearest" });
 	}
 	redraw();
 }
 
 function clear() {
 	ends = null;
-	box("measure").checked = box("blink").checked = false;
+	box("measure").checked = false;
+	if (mode() === "blink") setMode("layers");
+	drawMode(false);
+	listZones(null);
 	changed();
 	select(null);
 	pin(null);

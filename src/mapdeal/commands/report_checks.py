@@ -1,0 +1,123 @@
+"""What ``run --report`` asks of its maps: what is wrong with them, and where the robot can go."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextvars import copy_context
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from mapdeal.checks.lint import LintReport
+from mapdeal.commands.lint import lint
+from mapdeal.commands.reach import reach_on_input
+from mapdeal.commands.report_documents import Results, results_of, short
+from mapdeal.commands.report_entries import Draft
+from mapdeal.errors import MapdealError, one_line
+from mapdeal.files.json_values import JsonValue, json_of
+from mapdeal.files.source import holding
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.reach import Goal, Reach
+from mapdeal.pipeline.folder import reach_document
+from mapdeal.pipeline.inputs import KeepoutMask, Work, map_input, mask_of, read_input
+from mapdeal.pipeline.recipe import planned_shape
+from mapdeal.pipeline.settings import Settings, heard
+from mapdeal.pipeline.step import Step, make_step
+from mapdeal.report.document import Claim, PageLayer, State, page_layers
+from mapdeal.report.verdict import on_no_robot
+from mapdeal.ros.robot import RobotParameters
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Who is to go where on the maps of a run.
+
+    Parameters
+    ----------
+    settings : Settings
+        Of the run.
+    footprint : Footprint, optional
+        The robot's shape, instead of that of `robot`.
+    robot : RobotParameters, optional
+        The robot's own parameters.
+    start : tuple of float, optional
+        Where it starts, as for `reach`.
+    goals : sequence of Goal
+        Where it must get to.
+    """
+
+    settings: Settings
+    footprint: Footprint | None = None
+    robot: RobotParameters | None = None
+    start: tuple[float, ...] | None = None
+    goals: Sequence[Goal] = field(default=())
+    _done: set[int] = field(default_factory=set)
+
+    @property
+    def has_goals(self) -> bool:
+        return bool(self.goals) or self.start is not None
+
+    @property
+    def _shape(self) -> Footprint | None:
+        if self.footprint is None and self.robot is not None:
+            return planned_shape(self.robot)
+        return self.footprint
+
+    @cached_property
+    def _mask(self) -> KeepoutMask | None:
+        return mask_of(self.settings.mask, self.settings)
+
+    @cached_property
+    def _step(self) -> Step:
+        start = {} if self.start is None else {"start": self.start}
+        return make_step(
+            "reach", {**start, "goals": tuple(self.goals), "footprint": self._shape}
+        )  # fmt: skip
+
+    def findings(self, paths: Sequence[Path]) -> Results:
+        """Return what lint finds in maps."""
+
+        def linted() -> LintReport:
+            Work.current.set(None)  # lint is not the command under way
+            settings = self.settings
+            return lint(
+                paths, footprint=self._shape, max_cells=settings.max_cells,
+                max_memory=settings.max_memory,
+            )  # fmt: skip
+
+        document = json.loads(json_of(copy_context().run(linted).document()))
+        return results_of(JsonValue(Path("lint"), document))
+
+    def add_reach(self, draft: Draft, path: Path, *, with_layer: bool, held: int) -> None:
+        """Add where the robot can go on a map to its draft, unless its own recipe has asked."""
+        # `held` are the bytes of what is in memory beside it.
+        has_asked = any(one.about == "goals" for one in draft.claims)
+        if has_asked and (not self.has_goals or id(draft) in self._done):
+            return
+        self._done.add(id(draft))
+        if self._shape is None and not self.has_goals:
+            draft.claims.append(on_no_robot())
+            return
+        texts: list[str] = []
+        try:
+            with heard(texts), holding(held):
+                one = map_input(read_input(path, self.settings), path)
+                found = reach_on_input(one, self._step, self.robot, self._mask)
+        except MapdealError as error:
+            draft.lacks("where the robot can go", path, error)
+            is_too_large = error.hint is not None and "--max-memory" in error.hint
+            state: State = "unknown" if is_too_large else "error"
+            rule = ": ".join(filter(None, (error.place, error.rule)))
+            words = f"Where the robot can go was not found: {rule}"
+            draft.claims.append(Claim("goals", state, short(one_line(words))))
+            return
+        draft.warn(texts, [path])
+        draft.add(results_of(JsonValue(path, reach_document(found))))
+        if with_layer:
+            draft.layers += _layers_of(found, draft.free_name("reach"), self._step.title)
+
+
+def _layers_of(found: Reach, name: str, title: str) -> list[PageLayer]:
+    """Return the layer that shows where the robot gets to; not its distances, which take room."""
+    return page_layers(found, name, title[:1].upper() + title[1:])[-1:]

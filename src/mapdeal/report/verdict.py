@@ -1,0 +1,222 @@
+"""What follows from a report: a few sentences on each map, in words that need no robotics."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, get_args
+
+from mapdeal.compare.difference import Change, Difference
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import RADIUS_TOLERANCE
+from mapdeal.grid.reach import GoalReach, Passage, reach_radius
+from mapdeal.grid.values import count_text
+from mapdeal.report.document import About, Claim, Entry, State, Verdict, worst_of
+
+MOST_CLAIMS = 3
+"""Claims of an entry, and names in one of them: more is not read."""
+
+_NEARLY_ALL = 0.9
+"""Share of the area that a robot fits in: what is left are corners behind shelves, not rooms."""
+
+_FEWEST_SHARING = 2
+
+_OF_SENSORS = "reads sensors"
+"""Why a map's costs lack a layer of a robot's costmap: it would add nothing to them."""
+
+_ABOUT_COSTS = {
+    "inscribed_radius": "inscribed radius {:.4g} m",
+    "inflation_radius": "inflation radius {:.4g} m",
+    "cost_scaling_factor": "cost scaling factor {:.4g}",
+}
+
+
+def settled(claims: Iterable[Claim]) -> tuple[Claim, ...]:
+    """Return at most three claims, of those about the same the worst, in the order of `About`."""
+    chosen: dict[About, Claim] = {}
+    for one in claims:
+        known = chosen.get(one.about)
+        if known is None or worst_of([one.state, known.state]) != known.state:
+            chosen[one.about] = one
+    return tuple(sorted(chosen.values(), key=lambda one: get_args(About).index(one.about)))[
+        :MOST_CLAIMS
+    ]
+
+
+def on_failure(reason: str) -> Claim:
+    return Claim("run", "error", f"Nothing was made of this map: {reason}")
+
+
+def on_findings(messages: Mapping[str, Sequence[str]]) -> Claim:
+    """Return what lint's messages come to, by severity."""
+    errors, warnings = messages.get("error", ()), messages.get("warning", ())
+    if errors:
+        text = f"The map has {count_text(len(errors), 'error')}"
+        text += f" and {count_text(len(warnings), 'warning')}" if warnings else ""
+        return Claim("map", "error", f"{text}: {errors[0]}", "finding")
+    if warnings:
+        text = f"The map has no errors, but {count_text(len(warnings), 'warning')}"
+        return Claim("map", "warning", f"{text}: {warnings[0]}", "finding")
+    notes = len(messages.get("note", ()))
+    also = f" ({count_text(notes, 'note')})" if notes else ""
+    text = f"The map is sound: no errors, no warnings{also}"
+    return Claim("map", "good", text, "finding" if notes else "")
+
+
+def on_no_lint() -> Claim:
+    return Claim("map", "unknown", "The map was not checked: the configuration of lint is invalid")
+
+
+def on_costs(manifest: Mapping[str, Any]) -> Claim | None:
+    """Return whose costs a run has made, and what was assumed; None if it made none."""
+    stages = {name: values for stage in manifest["stages"] for name, values in stage.items()}
+    costs, robot = stages.get("cost"), manifest.get("robot")
+    if not isinstance(costs, dict):
+        return None
+    if isinstance(robot, dict):
+        return _on_robot(robot, has_mask=bool(manifest.get("mask")))
+    parts = []
+    radius = stages.get("inflate", {})
+    radius = radius.get("radius") if isinstance(radius, dict) else None
+    if _is_number(radius) and radius:
+        parts.append(f"walls inflated by {radius:.4g} m")
+    parts += [text.format(costs[name]) for name, text in _ABOUT_COSTS.items()
+              if _is_number(costs.get(name)) and costs[name]]  # fmt: skip
+    given = f", but with {', '.join(parts)}" if parts else ""
+    text = f"The costmap is not made from the robot's own parameter file{given}"
+    return Claim("costmap", "warning", text, "cost: parameters")
+
+
+def _on_robot(robot: Mapping[str, Any], *, has_mask: bool) -> Claim:
+    files = [str(one.get("name")) for one in _dicts_in(robot.get("files"))]
+    text = f"The costmap is the robot's own: {robot.get('costmap')} costmap"
+    text += f" of {', '.join(files)}" if files else ""
+    left_out = [
+        f"{one.get('name')}, whose mask was not given (--mask)"
+        if one.get("filter")
+        else f"{one.get('name')} ({one.get('ignored')})"
+        for one in _dicts_in(robot.get("layers"))
+        if one.get("ignored") not in (None, _OF_SENSORS) and not (has_mask and one.get("filter"))
+    ]
+    if left_out:
+        text += f", but lacks {', '.join(left_out)}"
+        return Claim("costmap", "warning", text, "Robot")
+    return Claim("costmap", "good", text, "Robot")
+
+
+def _dicts_in(value: object) -> list[dict[str, Any]]:
+    listed = value if isinstance(value, list) else []  # anybody may have written it
+    return [one for one in listed if isinstance(one, dict)]
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def on_goals(
+    goals: Sequence[GoalReach], passages: Sequence[Passage], robot: Footprint | None, *,
+    share: float,
+) -> Claim:  # fmt: skip
+    """Return whether a robot gets where it must, and the passages that stop it."""
+    # `share` is the part that it reaches of the area in which it can stand.
+    who = "The robot" if robot is not None else "A point, as no robot was given,"
+    missed = [one for one in goals if not one.reachable]
+    closed = [one for one in passages if not one.is_open]
+    if missed:
+        text = f"{who} reaches {len(goals) - len(missed)} of {count_text(len(goals), 'goal')}; not "
+        names = [_named(one, robot) for one in missed[:MOST_CLAIMS]]
+        more = [f"{len(missed) - MOST_CLAIMS} more"] if len(missed) > MOST_CLAIMS else []
+        return Claim("goals", "error", text + "; ".join([*names, *more]), "goal")
+    shut = f"{count_text(len(closed), 'closed passage')} cut{'s' * (len(closed) == 1)} off "
+    shut += f"{sum(one.cut_off for one in closed):.3g} m2"
+    state: State = "good" if robot is not None else "warning"
+    if goals:
+        every = {1: "its goal", 2: "both goals"}.get(len(goals), f"all {len(goals)} goals")
+        widths = [one.limited_by.width for one in goals if one.limited_by is not None]
+        text = f"{who} reaches {every}"
+        if widths and math.isfinite(min(widths)):
+            text += f"; the narrowest place on the way is {min(widths):.3g} m wide"
+        return Claim("goals", state, f"{text}; {shut}" if closed else text, "goal")
+    if closed:
+        text = f"{who} does not get everywhere: {shut}"
+        return Claim("goals", "warning", text, "passage")
+    text = f"{who} gets to {100 * share:.3g} % of the area that it fits in; no goals were given"
+    return Claim("goals", state if share >= _NEARLY_ALL else "warning", text, "start")
+
+
+def _named(one: GoalReach, robot: Footprint | None) -> str:
+    name = one.goal.label
+    if one.reason is not None or one.limited_by is None:
+        return f"{name} ({one.stopped_by or 'no way leads there'})"
+    needs = 2 * reach_radius(robot)
+    if one.limited_by.width <= needs + 2 * RADIUS_TOLERANCE:
+        return f"{name} ({one.limited_by.text}, the robot needs {needs:.4g} m)"
+    return f"{name} (it cannot turn on the way)"
+
+
+def on_no_robot() -> Claim:
+    text = "Where a robot can go was not checked: no robot and no goals were given"
+    return Claim("goals", "unknown", text)
+
+
+def on_difference(found: Difference, changes: Sequence[Change], left: int) -> list[Claim]:
+    """Return how much two maps differ: obstacles, all cells, and geometry."""
+    cell = found.frame.resolution**2
+    if not found.common_cells:
+        return [Claim("obstacles", "error", "The maps have no cell in common")]
+    claims = []
+    if changes:
+        count = Counter(one.kind for one in changes)
+        areas = {kind: sum(one.area for one in changes if one.kind == kind) for kind in count}
+        parts = [
+            f"{areas[kind]:.3g} m2 {kind} in {count_text(count[kind], 'place')}" for kind in count
+        ]
+        more = f", and {count_text(left, 'smaller change')}" if left else ""
+        text = f"Obstacles differ: {' and '.join(parts)}{more}"
+        evidence = changes[0].kind
+        claims.append(Claim("obstacles", "warning", text, evidence))
+    else:
+        claims.append(Claim("obstacles", "good", "All obstacles are in the same places"))
+    share = 100 * found.beyond_tolerance / found.common_cells
+    alone = found.not_compared
+    text = f"{share:.3g} % of the common cells differ" if share else "All common cells are equal"
+    text += f"; {alone * cell:.3g} m2 are known in the first map alone" if alone else ""
+    claims.append(Claim("cells", "warning" if share or alone else "good", text, "What differs"))
+    if found.symmetry is not None:
+        text = f"The second map would be much more like the first if {found.symmetry}"
+        claims.append(Claim("geometry", "error", text, "What differs"))
+    elif found.geometry:
+        names = ", ".join(found.geometry)
+        text = f"The maps do not cover the same cells: {names} differ{'s' * (',' not in names)}"
+        title = "Geometry and metadata, first \u2192 second"
+        claims.append(Claim("geometry", "warning", text, title))
+    else:
+        claims.append(Claim("geometry", "good", "Both maps cover the same cells"))
+    return claims
+
+
+def verdicts_of(entries: Sequence[Entry]) -> tuple[Verdict, ...]:
+    shared = shared_by(entries)
+    return tuple(Verdict(one.name, state_of(one, shared), one.claims) for one in entries)
+
+
+def shared_by(entries: Sequence[Entry]) -> tuple[Claim, ...]:
+    """Return the claims that hold alike for all of several maps on which anything was found."""
+    found = [entry.claims for entry in entries if entry.layers and entry.claims]
+    if len(found) < _FEWEST_SHARING:
+        return ()
+    return tuple(one for one in found[0] if all(one in claims for claims in found))
+
+
+def state_of(entry: Entry, shared: Sequence[Claim] = ()) -> State:
+    """Return what an entry comes to, leaving out what holds for all; by its items if without."""
+    own = worst_of(one.state for one in entry.claims if one not in shared)
+    if own is not None:
+        return own
+    if shared and entry.claims:
+        return "good"
+    tones = {item.tone for item in entry.items}
+    if "error" in tones:
+        return "error"
+    return "warning" if "warning" in tones or entry.warnings else "unknown"
