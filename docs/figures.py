@@ -111,6 +111,7 @@ PICTURES = {
     "guides/gmapping_cartographer.md": {"merged_office.png": "out/slam/merged.png"},
     "guides/simulation.md": {"simulated_cost.png": "out/sim/full/arena/cost.png"},
     "editing.md": {"office_mask.png": "out/editing/cost.png"},
+    "filters.md": {"office_filters.png": "out/filters.png"},
     "local_maps.md": {
         "local_map.png": "out/local/local.png",
         "local_cost.png": "out/local/cost.png",

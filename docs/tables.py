@@ -31,7 +31,7 @@ from mapdeal.cli.help_pages import in_groups
 from mapdeal.cli.main import app
 from mapdeal.cli.options import SHARED_OPTIONS, expanded
 from mapdeal.command import Parameter, Stage, meanings_of
-from mapdeal.grid.costmap import Costmap, InflationLayer, StaticLayer
+from mapdeal.grid.costmap import Costmap, DenoiseLayer, InflationLayer, StaticLayer
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.folder import paths_of
@@ -165,7 +165,7 @@ def parameters_of(words: str) -> str:
 def layers_of_costmaps(_: str) -> str:
     """Return the table of the layers that a costmap can have, and what can be set of each."""
     rows = []
-    for layer in (StaticLayer(), InflationLayer()):
+    for layer in (StaticLayer(), DenoiseLayer(), InflationLayer()):
         ((kind, values),) = described_layer(layer).items()
         meanings = meanings_of(type(layer))
         for name, default in values.items():

@@ -172,6 +172,16 @@ def master_grid(occupancy, resolution, layers, default_cost):
                 lookup=layer.lookup, float32=True,
             )  # fmt: skip
             continue
+        if hasattr(layer, "minimal_group_size"):
+            unknown = [255] if default_cost != 255 else []
+            cells = {
+                i for i in np.ndindex(occupancy.shape) if int(master[i]) in (253, 254, *unknown)
+            }
+            for group in groups_of(cells, layer.group_connectivity_type):
+                if len(group) < layer.minimal_group_size:
+                    for index in group:
+                        master[index] = 0
+            continue
         for index in np.ndindex(occupancy.shape):
             cost = static_layer_cost(
                 int(occupancy[index]), layer.lethal_cost_threshold, trinary=layer.trinary_costmap,
@@ -182,6 +192,21 @@ def master_grid(occupancy, resolution, layers, default_cost):
             if not layer.use_maximum or (cost != 255 and (old == 255 or old < cost)):
                 master[index] = cost
     return master
+
+
+def groups_of(cells, connectivity):
+    """Groups of cells (row, col) that are neighbours, by walking from one to the next."""
+    steps = [(0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)][:connectivity]
+    left = set(cells)
+    while left:
+        group, waiting = [], [left.pop()]
+        while waiting:
+            row, col = waiting.pop()
+            group.append((row, col))
+            near = {(row + down, col + right) for down, right in steps} & left
+            left -= near
+            waiting += near
+        yield group
 
 
 def on_paper(number):

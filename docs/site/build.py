@@ -40,7 +40,8 @@ API = {
     ),
     "Stages": (
         "active_region", "inflate", "esdf", "field_view", "exponential_cost", "threshold_cost",
-        "ring_cost", "layered_cost", "StaticLayer", "InflationLayer", "apply_keepout_mask",
+        "ring_cost", "layered_cost", "StaticLayer", "InflationLayer", "DenoiseLayer",
+        "apply_keepout_mask",
         "potential", "reach", "footprint_costs", "cost_curve", "shortest_route", "descend",
     ),
     "As the commands do": (

@@ -42,6 +42,7 @@ from mapdeal.grid.bit_map import draw as draw
 from mapdeal.grid.bit_map import reset_region as reset_region
 from mapdeal.grid.costmap import CostCurve as CostCurve
 from mapdeal.grid.costmap import Costmap as Costmap
+from mapdeal.grid.costmap import DenoiseLayer as DenoiseLayer
 from mapdeal.grid.costmap import InflationLayer as InflationLayer
 from mapdeal.grid.costmap import StaticLayer as StaticLayer
 from mapdeal.grid.field import DistanceField as DistanceField

@@ -258,6 +258,7 @@ def test_every_check_is_tried_here_or_elsewhere():
     tried |= {"lint.not-checked", "lint.unused-ignore"}  # tests/commands/test_lint.py
     tried |= {name for name in CHECKS if name.startswith("params.")}  # test_lint_parameters.py
     tried |= {name for name in CHECKS if name.startswith("graph.")}  # test_graphs.py
+    tried |= {name for name in CHECKS if name.startswith("mask.")}  # test_mask_checks.py
     assert set(CHECKS) <= tried
     assert all(re.fullmatch(r"[a-z]+\.[a-z-]+", name) for name in CHECKS)
 

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import pytest
 import yaml
 
 import mapdeal
@@ -11,11 +12,48 @@ from mapdeal.checks.parameter_checks import lint_parameters
 
 CASES = Path(__file__).parents[1] / "ros" / "cases"
 
+SERVERS = """\
+global_costmap:
+  global_costmap:
+    ros__parameters:
+      robot_radius: 0.3
+      track_unknown_space: true
+      plugins: ["static_layer"]
+      static_layer: {plugin: "nav2_costmap_2d::StaticLayer"}
+      filters: [keep]
+      keep: {plugin: "nav2_costmap_2d::KeepoutFilter", filter_info_topic: /zones}
+mask: {ros__parameters: {topic_name: /mask}}
+all: {ros__parameters: {node_names: [mask, info]}}
+info: {ros__parameters: {type: 1, filter_info_topic: /info, mask_topic: /mask}}
+"""
+FILTERS = [
+    ("params.filter-topic", {}, 9, "waits for /zones, and the servers here publish info"),
+    ("params.filter-topic", {"name: /mask": "name: /other"}, 12, "names the mask /mask"),
+    ("params.filter-topic", {"filter_info_topic: /zones": "a: 1"}, 9, "has no filter_info_topic"),
+    ("params.filter-type", {"/zones": "info"}, 12, "has type 1, and KeepoutFilter"),
+    ("params.filter-type", {"/zones": "info", "type: 1": "base: 2.0"}, 12,
+     "takes base 0.0 and multiplier 1.0 only"),
+    ("params.filter-lifecycle", {"/zones": "info", "[mask, info]": "[mask]"}, 12,
+     "in no node_names"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("check", "changes", "line", "words"), FILTERS)
+def test_filters_and_their_servers_go_together(tmp_path, check, changes, line, words):
+    text = SERVERS
+    for before, after in changes.items():
+        text = text.replace(before, after)
+    (tmp_path / "nav2.yaml").write_text(text)
+    found = [one for one in lint_parameters([tmp_path / "nav2.yaml"])[tmp_path / "nav2.yaml"]
+             if one.check == check and words in one.message]  # fmt: skip
+    assert [one.line for one in found] == [line]
+
 
 def test_every_check_has_a_case():
     text = "".join(path.read_text("utf-8") for path in CASES.glob("lint_*.yaml"))
     covered = {f"params.{name}" for name in re.findall(r"- '?params\.([a-z-]+) at ", text)}
     covered.add("params.other-costmap")  # below
+    covered |= {row[0] for row in FILTERS}
     assert covered == {name for name in CHECKS if name.startswith("params.")}
 
 

@@ -39,6 +39,7 @@ LINES = [
     f"build log.clf {OUT}.yaml",
     f"report m.yaml {OUT}.html",
     f"graph m.yaml {OUT}.geojson",
+    f"mask m.yaml --file zone.geojson --kind binary {OUT}",
     f"reach m.yaml --from 3,0 --to 3.3,0 {OUT}.json {IMAGE}",
     f"route m.yaml --from 3,0 --to 3.3,0 {OUT}.json {IMAGE}",
     *(f"{name} m.yaml m.yaml {IMAGE}" for name in ("diff", "align")),
@@ -74,6 +75,9 @@ def maps(here):
             f"image: {name}.pgm\nresolution: 0.1\norigin: [1.5, -2.0, 0.4]\nnegate: 0\n"
             f"occupied_thresh: 0.65\nfree_thresh: {free}\n"
         )
+    point = {"type": "Point", "coordinates": [3, 0]}
+    zone = {"type": "Feature", "properties": {"radius": 0.2}, "geometry": point}
+    Path("zone.geojson").write_text(json.dumps(zone))
     return here
 
 

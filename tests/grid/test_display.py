@@ -83,6 +83,7 @@ def samples():
             mapdeal.ScoreBound("coverage", "min", 0.9, None),
             mapdeal.WallShift(1.0, 0.5, 0.25), mapdeal.Bound("max-shift", "m", 0.5, 0.25),
             mapdeal.LintReport((checked,), "1"), mapdeal.StaticLayer(), inflation,
+             mapdeal.DenoiseLayer(),
             mapdeal.RunReport(Path("out/a"), "done", {"esdf": field.figures()}, Path("a.yaml")),
             mapdeal.WrittenReport(Path("out/a.html"), 2, 61234),
             mapdeal.Transform(1.0, -2.0, 0.4), merged, merged.maps[1],

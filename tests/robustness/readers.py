@@ -208,6 +208,8 @@ READERS = [
     _file("shapes yaml", _stored("shapes", "s.yaml"), reading.read_all_shapes, YAML_WORDS,
           share=0.4),
     _file("GeoJSON", _documents("geojson"), reading.read_all_shapes, JSON_WORDS),
+    _file("route graph", _documents("route_graphs"), reading.read_one_graph, JSON_WORDS, share=0.5),
+    _file("zones", _documents("geojson"), reading.read_all_zones, JSON_WORDS, share=0.5),
     _file("answers", _documents("answers"), reading.read_one_answer, JSON_WORDS, share=0.5),
     _file("transform", _documents("transforms"), reading.read_one_transform, JSON_WORDS,
           share=0.5),

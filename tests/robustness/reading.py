@@ -32,6 +32,7 @@ from mapdeal.maps.dialects import DIALECTS, MapMetadata, read_metadata, yaml_of
 from mapdeal.maps.npz import npz_frame, open_npz, read_evidence, read_npz, read_reach
 from mapdeal.maps.picture import opened
 from mapdeal.maps.reading import open_map
+from mapdeal.maps.zones import read_zones
 from mapdeal.pipeline.bag_maps import clouds_of_bag, describe_bag
 from mapdeal.pipeline.folder import differences_from_golden
 from mapdeal.pipeline.inputs import numbers_of
@@ -471,6 +472,21 @@ def read_one_answer(path, data):
     told = [item.text + item.label for item in items]
     told += [text for table in tables for row in table.rows for text in row]
     assert all(not text or text.isprintable() for text in told)
+
+
+def read_all_zones(path, data):
+    zones = read_zones(path, "keepout")
+    assert 0 < len(zones) <= len(data)
+    for zone in zones:
+        assert zone.kind == "keepout"
+        assert zone.speed is None
+        assert zone.shapes
+
+
+def read_one_graph(path, data):
+    graph = mapdeal.read_route_graph(path)
+    assert len(graph.nodes) + len(graph.edges) <= len(data)
+    assert np.isfinite(graph.points_xy).all()
 
 
 def read_all_shapes(path, data):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mapdeal import Footprint, RobotParameters
-from mapdeal.grid.costmap import InflationLayer, StaticLayer
+from mapdeal.grid.costmap import DenoiseLayer, InflationLayer, StaticLayer
 from mapdeal.ros.robot import ListedLayer, effect_of, on_map, reach_of
 
 
@@ -48,6 +48,15 @@ def test_what_a_static_layer_replaces_has_no_effect():
     two = StaticLayer("two", use_maximum=True)
     assert not any(_no_effects(StaticLayer("one"), below, two))
     assert _effects(StaticLayer("one"), below, two)[2].endswith("costs are only raised")
+
+
+def test_denoise_layers_say_which_groups_go():
+    effects = _effects(StaticLayer(), DenoiseLayer(), DenoiseLayer("b", 5, 4), DenoiseLayer("c", 1))
+    assert effects[1:] == [
+        "frees groups of fewer than 2 obstacle cells that share an edge or a corner",
+        "frees groups of fewer than 5 obstacle cells that share an edge",
+        "no effect: minimal_group_size is 1",
+    ]
 
 
 def test_layers_that_are_off_ignored_or_put_there_say_so():

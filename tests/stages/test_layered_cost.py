@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import mapdeal
 import oracles
 from drawn import grid_from_text
 from engines import ENGINES
 from mapdeal import MapdealWarning, OccupancyGrid, esdf, exponential_cost, layered_cost
-from mapdeal.grid.costmap import InflationLayer, StaticLayer
+from mapdeal.grid.costmap import DenoiseLayer, InflationLayer, StaticLayer
 from mapdeal.kernels import engine
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.pipeline.recipe import load_recipe
@@ -53,6 +54,22 @@ def test_costs_are_those_that_the_real_code_has_made_of_robots_files(real_maps, 
     assert seen >= 240
 
 
+def test_small_groups_go_as_the_real_denoise_layer_takes_them(real_maps, tmp_path):
+    cases = json.loads((real_maps / "expected" / "denoise.json").read_text())["cases"]
+    grids = {name: mapdeal.read_map(real_maps / name) for name in {one["map"] for one in cases}}
+    for number, case in enumerate(cases):
+        grid = grids[case["map"]]
+        path = tmp_path / "nav2.yaml"
+        path.write_text(case["params"])
+        layers = mapdeal.read_robot_parameters(path).costmap_layers
+        if number % 5 == 0:
+            lazy = lazy_layer(grid.shape, np.int8, grid.occupancy.__getitem__, block_height=37)
+            grid = OccupancyGrid(lazy, grid.resolution, grid.origin)
+        made = layered_cost(grid, layers=layers.layers, default_cost=layers.default_cost)
+        assert sum_of(np.asarray(made.cost)) == case["sha256"], case["params"]
+    assert len(cases) == 88
+
+
 STATIC = st.builds(
     StaticLayer, name=st.just("static_layer"), track_unknown_space=st.booleans(),
     lethal_cost_threshold=st.sampled_from([0, 1, 50, 65, 100]), trinary_costmap=st.booleans(),
@@ -67,12 +84,17 @@ INFLATION = st.builds(
     inflate_around_unknown=st.booleans(), lookup=st.sampled_from(["exact", "nav2"]),
 )  # fmt: skip
 
+DENOISE = st.builds(
+    DenoiseLayer, minimal_group_size=st.sampled_from([1, 2, 3, 5, 100]),
+    group_connectivity_type=st.sampled_from([4, 8]),
+)  # fmt: skip
+
 
 @pytest.mark.slow
 @settings(max_examples=80)
 @given(
     occupancies(), st.sampled_from([0.04, 0.1, 0.25, 0.7]),
-    st.lists(st.one_of(STATIC, INFLATION), max_size=4), st.sampled_from([0, 255]),
+    st.lists(st.one_of(STATIC, INFLATION, DENOISE), max_size=4), st.sampled_from([0, 255]),
     st.integers(1, 13),
 )  # fmt: skip
 def test_any_sequence_of_layers_equals_brute_force(

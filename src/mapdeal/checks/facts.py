@@ -24,8 +24,11 @@ from mapdeal.files.source import BIT_MAP, claim
 from mapdeal.files.yaml_text import Entry, read_mapping
 from mapdeal.grid.costmap import Costmap, figures_of_costs
 from mapdeal.grid.field import FieldView, ViewScale
+from mapdeal.grid.filters import FilterInfo
+from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame, Point
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.reach import Goal, Reach
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.inputs.kinds import MAP, recognised
 from mapdeal.kernels.arrays import Integers
@@ -39,6 +42,7 @@ from mapdeal.maps.images import IMAGE_FORMATS, open_passing
 from mapdeal.maps.npz import read_npz
 from mapdeal.maps.picture import Picture, Samples, Strips
 from mapdeal.maps.reading import as_occupancy, open_map
+from mapdeal.ros.filters import FilterServers
 from mapdeal.ros.load import Name
 from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, RobotParameters
 
@@ -457,6 +461,62 @@ class RoomFacts:
 
 
 @dataclass(frozen=True, eq=False)
+class MaskFacts:
+    """The mask of a costmap filter, the map that it is for, and the robot that is to get about."""
+
+    pair: PairFacts | None  # none yet of a mask that is being made
+    mask: OccupancyGrid
+    info: FilterInfo
+    grid: OccupancyGrid
+    map_name: str
+    closed: NDArray[np.bool_]
+    """Which cells of the map the mask forbids."""
+
+    covered: float
+    """The share of the map's known cells that the mask covers, 0..1."""
+
+    robot: Footprint | None = None
+    start: tuple[float, ...] | None = None
+    goals: tuple[Goal, ...] = ()
+    name_of: Callable[[Point], str | None] = lambda _: None
+    """Returns the name of the zone at a point, if it is known."""
+
+    @property
+    def start_is_closed(self) -> bool:
+        if self.start is None or self.info.kind != "keepout":
+            return False
+        cells, inside = self.grid.frame.bounded_rowcol_from_xy([self.start[:2]])
+        row, col = cells[0].tolist()
+        return bool(inside[0] and self.closed[row, col])
+
+    @cached_property
+    def ways(self) -> tuple[Reach, Reach] | None:
+        """What the robot reaches without the mask and with it; None if that cannot differ."""
+        from mapdeal.grid.reaching import Ground, reach_on  # slow to import
+
+        if self.info.kind != "keepout" or self.start_is_closed or not self.closed.any():
+            return None
+
+        def found(start: Sequence[float] | None, keepout: NDArray[np.bool_] | None) -> Reach:
+            ground = Ground(np.asarray(self.grid.occupancy), self.grid.frame, False, keepout)
+            return reach_on(
+                ground, self.robot, start=start, goals=self.goals, headings=72, margin=0.0,
+                min_area=1.0,
+            )  # fmt: skip
+
+        after = found(self.start, self.closed)  # whose start, if none is given, is in no zone
+        return found(after.start if self.start is None else self.start, None), after
+
+
+@dataclass(frozen=True, eq=False)
+class FilterFacts:
+    """The filters of a robot's costmap, and the servers for them in the same files."""
+
+    robot: RobotFacts
+    servers: FilterServers
+
+
+@dataclass(frozen=True, eq=False)
 class PairFacts:
     path: Path
     entries: dict[str, Entry]
@@ -614,7 +674,7 @@ def _line_in(place: str) -> tuple[int | None, str]:
     return (int(number), others) if number.isdecimal() else (None, place)
 
 
-_FACTS = (PairFacts, GridFacts, RoomFacts, ParameterFacts, RobotFacts)
+_FACTS = (PairFacts, GridFacts, RoomFacts, MaskFacts, ParameterFacts, RobotFacts, FilterFacts)
 CheckFunction = TypeVar("CheckFunction", bound=Callable[[Any], Iterator[Remark | str]])
 
 

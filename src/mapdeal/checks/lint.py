@@ -18,7 +18,7 @@ from pathlib import Path, PurePath
 from typing import Any, Literal, overload
 from urllib.parse import quote_from_bytes
 
-from mapdeal.checks.facts import RoomFacts, gather, gather_rooms
+from mapdeal.checks.facts import MaskFacts, RoomFacts, gather, gather_rooms
 from mapdeal.checks.findings import (
     CHECKS,
     SEVERITIES,
@@ -29,6 +29,7 @@ from mapdeal.checks.findings import (
     read_ignore_comments,
 )
 from mapdeal.checks.map_checks import lint_run
+from mapdeal.checks.mask_checks import filter_topic as _  # noqa: F401 - they are listed
 from mapdeal.checks.parameter_checks import lint_parameters
 from mapdeal.command import Result
 from mapdeal.errors import (
@@ -75,6 +76,16 @@ def lint_file(
                     line = entries[remark.key].node.start_mark.line + 1
                 findings.append(check.finding(path, remark.message, line, remark.places))
     return sorted(dict.fromkeys(findings), key=lambda found: SEVERITIES.index(found.severity))
+
+
+def lint_mask(path: Path, facts: MaskFacts) -> Iterator[Finding]:
+    """Yield what checks find in the mask of a costmap filter that is for some map."""
+    entries = {} if facts.pair is None else facts.pair.entries
+    for check in CHECKS.values():
+        if check.facts is MaskFacts:
+            for remark in check.remarks(facts):
+                line = entries[remark.key].line if remark.key in entries else None
+                yield check.finding(path, remark.message, line, remark.places)
 
 
 def checks_of(facts: type) -> list[str]:

@@ -16,6 +16,7 @@ from mapdeal.errors import FileAccessError
 from mapdeal.files.json_values import read_json
 from mapdeal.files.source import contents_of, exists, holds
 from mapdeal.grid.costmap import UNIFORM_SHARE
+from mapdeal.grid.filters import FILTER_KEYS
 from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import kind_of
 from mapdeal.inputs.listing import WholeFolders
@@ -272,6 +273,8 @@ _STRING = "tag:yaml.org,2002:str"
 @check("yaml.unknown-key", "warning", "a key that map_server does not know")
 def unknown_key(facts: PairFacts) -> Iterator[Remark]:
     for key in facts.metadata.extra:
+        if key in FILTER_KEYS:  # of a mask that mapdeal has made
+            continue
         near = difflib.get_close_matches(key, _KNOWN, n=1)
         meant = f"; did you mean {near[0]}?" if near else ""
         yield Remark(f"unknown key '{key}', which map_server ignores{meant}", key)

@@ -18,10 +18,11 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from mapdeal.checks.facts import ParameterFacts, RobotFacts, check
+from mapdeal.checks.facts import FilterFacts, ParameterFacts, RobotFacts, check
 from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, declare_check
 from mapdeal.errors import MapdealError
 from mapdeal.grid.costmap import InflationLayer
+from mapdeal.ros.filters import filter_servers
 from mapdeal.ros.load import Name, costmap_values, costmaps_in, flavour_of, found_in
 from mapdeal.ros.robot import (
     INJECTED,
@@ -31,6 +32,7 @@ from mapdeal.ros.robot import (
     Problem,
     RobotParameters,
 )
+from mapdeal.ros.ros2_files import read_ros2
 
 _COSTMAP = {
     "always_send_full_costmap", "footprint", "footprint_padding", "footprint_topic",
@@ -72,6 +74,7 @@ _ASYMMETRIC = _INFLATION - {"cost_scaling_factor", "custom_inscribed_radius"} | 
     "cost_scaling_factor_left", "cost_scaling_factor_right", "goal_distance_threshold",
     "plan_topic",
 }  # fmt: skip
+_DENOISE = {"enabled", "group_connectivity_type", "minimal_group_size", "plugin"}
 _OBSTACLE = {
     "clearing", "combination_method", "data_type", "enabled", "footprint_clearing_enabled",
     "inf_is_valid", "mark_threshold", "marking", "max_obstacle_height", "max_obstacle_range",
@@ -85,6 +88,7 @@ _OBSTACLE = {
 _BY_CLASS = {
     "StaticLayer": _STATIC, "InflationLayer": _INFLATION, "LegacyInflationLayer": _INFLATION,
     "AsymmetricInflationLayer": _ASYMMETRIC, "ObstacleLayer": _OBSTACLE, "VoxelLayer": _OBSTACLE,
+    "DenoiseLayer": _DENOISE,
 }  # fmt: skip
 
 LOOKS_LIKE_A_LAYER = frozenset(
@@ -565,6 +569,9 @@ def _checked(
         facts[RobotFacts] = RobotFacts(
             one.robot, facts[ParameterFacts], other, tuple(map_resolutions)
         )
+        if flavour == "nav2":
+            servers = filter_servers(read_ros2(paths))
+            facts[FilterFacts] = FilterFacts(facts[RobotFacts], servers)
     for known in CHECKS.values():
         if known.facts in facts:
             for remark in known.remarks(facts[known.facts]):

@@ -8,19 +8,30 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
 from mapdeal.bags.bag import BAG_OUTPUTS, bag_paths
-from mapdeal.command import Output, Result, Words, command
+from mapdeal.command import Output, Result, Words, command, parameters_of
+from mapdeal.commands.convert_shapes import (
+    AREA_ENDINGS,
+    SHAPE_ENDINGS,
+    Shapes,
+    convert_area,
+    convert_world,
+)
 from mapdeal.commands.pack import Made
 from mapdeal.errors import ParameterError
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, FieldView, PotentialField
+from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.inputs.kinds import is_bag
 from mapdeal.maps.dialects import Mode
 from mapdeal.maps.map_server import Encoding, in_trinary, warn_of_nothing_known, warn_of_one_cost
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, output_paths, write_grid
+from mapdeal.maps.world import WORLD_ENDINGS
 from mapdeal.pipeline.inputs import Work, claim_work, errors_named, read_input, refuse
+from mapdeal.pipeline.recipe import planned_shape
+from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.esdf import field_view
 
 ReadAs = Literal["map", "costs"]
@@ -47,9 +58,16 @@ class Conversions(Result):
     output=Output(
         "OUT",
         "The result: .yaml or .pgm (a pgm pair), .png (a png pair), or .npz; for a bag to replay "
-        ".mcap, .db3 (a folder of ROS 2) or .bag (ROS 1); with --all a folder.",
+        ".mcap, .db3 (a folder of ROS 2) or .bag (ROS 1); polygons .geojson or .svg; a world for "
+        "simulators .sdf, .stl or .obj; with --all a folder.",
     ),
-    also={"With --static-layer": Costmap.from_static_layer},
+    shared=("robot", "files"),
+    makes_costs=lambda _: False,
+    also={
+        "With --static-layer": Costmap.from_static_layer,
+        "With .geojson or .svg": convert_area,
+        "With .sdf, .stl or .obj": convert_world,
+    },
     words={
         "lethal_threshold": Words("N"),
         "trinary": Words(name="trinary-costmap"),
@@ -59,7 +77,9 @@ class Conversions(Result):
     example="""\
 mapdeal convert examples/maps/office.yaml -o out/office.png
 mapdeal convert examples/maps/office.yaml -o out/office.mcap --topic /map
-mapdeal convert examples/bags/office.mcap -o out/from_bag.yaml""",
+mapdeal convert examples/bags/office.mcap -o out/from_bag.yaml
+mapdeal convert examples/maps/office.yaml -o out/area.geojson --robot-radius 0.2
+mapdeal convert examples/maps/office.yaml -o out/office.sdf --wall-height 2.5""",
 )
 def convert(
     source: Annotated[Path, Words("MAP", streams=True)],
@@ -73,9 +93,11 @@ def convert(
     encoding: Scale | None = None,
     mode: Mode | None = None,
     static_layer: bool = False,
-    **layer: Any,
-) -> Made | Conversions:
-    """Convert a map to another format or scale, or from or to a bag.
+    footprint: Footprint | None = None,
+    robot: Annotated[RobotParameters | None, Words()] = None,
+    **more: Any,
+) -> Made | Conversions | Shapes:
+    """Convert a map to another format or scale, from or to a bag, to polygons or to a world.
 
     Parameters
     ----------
@@ -101,10 +123,24 @@ def convert(
     static_layer : bool
         With --encoding costmap2d: compute costs as costmap_2d's static layer does, instead of
         round(2.54 v).
-    **layer
-        As for `Costmap.from_static_layer`.
+    footprint : Footprint, optional
+        The robot's shape, instead of that of `robot`.
+    **more
+        As for `Costmap.from_static_layer`, `convert_area` and `convert_world`.
     """
     work = Work.in_shell()
+    areas, worlds = (
+        {name: more.pop(name) for name in parameters_of(one) if name in more}
+        for one in (convert_area, convert_world)
+    )
+    layer, ending = more, "" if takes_all else output.suffix.lower()
+    if ending not in AREA_ENDINGS:
+        refuse("applies to .geojson and .svg", footprint=footprint, robot=robot, **areas)
+    if ending not in WORLD_ENDINGS:
+        refuse("applies to .sdf, .stl and .obj", **worlds)
+    if ending in SHAPE_ENDINGS:
+        refuse("applies to maps", mode=mode, encoding=encoding, static_layer=static_layer)
+        refuse("has no picture of its own", image=work.settings.image)
     if layer and not static_layer:
         raise ParameterError("needs --static-layer", place=next(iter(layer)))
     not_with_all = "cannot be given together with --all"
@@ -113,7 +149,8 @@ def convert(
         refuse(not_with_all, mode=mode, static_layer=static_layer, image=image, encoding=is_amcl)
     reads_bag, writes_bag = is_bag(source), output.suffix in BAG_OUTPUTS and not takes_all
     if not takes_all:
-        work.outputs += bag_paths(output) if writes_bag else output_paths(output)
+        paths = bag_paths if writes_bag else output_paths
+        work.outputs += [output] if ending in SHAPE_ENDINGS else paths(output)
     if not reads_bag:
         refuse("applies to reading bags", index=index, read_as=read_as)
     if not writes_bag:
@@ -132,6 +169,12 @@ def convert(
         read = _read_bag(source, topic, -1 if index is None else index, read_as)
     else:
         read = read_input(source, work.settings)
+    if ending in SHAPE_ENDINGS:
+        transaction = work.begin([*read.files, *(robot.paths if robot else ())])
+        if ending in WORLD_ENDINGS:
+            return convert_world(source, read, output, transaction, **worlds)
+        shape = planned_shape(robot) if footprint is None and robot is not None else footprint
+        return convert_area(source, read, output, transaction, footprint=shape, **areas)
     per_cell = 12.0 if mode == "scale" else 5.0
     if isinstance(read.grid, PotentialField):  # most of its layers are made when they are written
         per_cell = 76.0 if work.settings.image is None else 130.0
@@ -148,12 +191,12 @@ def convert(
         grid = grid.as_map()
     if isinstance(grid, OccupancyGrid) and mode == "trinary":
         grid = in_trinary(grid)
-    more = None
+    states = None
     if encoding == "amcl" and isinstance(grid, OccupancyGrid):
-        more = {"amcl": grid.amcl_states()}
+        states = {"amcl": grid.amcl_states()}
     extra = dict(read.metadata.extra) if read.metadata else {}
     pixels: Encoding = "costmap2d" if encoding == "costmap2d" else "occupancy"
-    write_grid(transaction, output, grid, mode=mode, encoding=pixels, extra=extra, more=more)
+    write_grid(transaction, output, grid, mode=mode, encoding=pixels, extra=extra, more=states)
     return Made(grid, source.stem)
 
 

@@ -26,6 +26,8 @@ from mapdeal.errors import (
 from mapdeal.files.source import exists, is_folder, sha256_of, status_of, sums_of_reads
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import PotentialField
+from mapdeal.grid.filters import FilterInfo, described_mask, mask_rows
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import robot_text
 from mapdeal.grid.values import UNKNOWN, count_text
 from mapdeal.inputs.kinds import BAG, IMAGE, MAP, PARAMETERS, POINTER, kind_of
@@ -254,6 +256,9 @@ def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report
     if source.metadata is not None:
         report["dialect"] = dialect
         report |= {key: getattr(source.metadata, key) for key in _SHOWN_KEYS}
+        info = FilterInfo.of(source.metadata.extra)
+        if info is not None and isinstance(grid, OccupancyGrid):
+            report["filter"] = described_mask(info, grid)
     return report | _origin_of(path, grid, named)
 
 
@@ -395,6 +400,8 @@ def _rows_of_map(report: Report) -> Iterator[Row]:
         how += ", negate" if report["negate"] else ""
         yield "image", str(report["image"])
         yield "read as", f"{how}, dialect {report['dialect']}"
+    if "filter" in report:
+        yield from mask_rows(report["filter"])
     for name, parameters in chain.from_iterable(map(dict.items, report.get("made_by", ()))):
         yield "made by", f"{name}: {_listed(parameters)}"
     yield "sha256", report["sha256"]

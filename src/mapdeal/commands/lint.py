@@ -18,11 +18,13 @@ import numpy as np
 
 from mapdeal.checks import lint as checks
 from mapdeal.checks.facts import PairFacts, RoomFacts, gather, without_rounding_noise
-from mapdeal.checks.findings import CHECKS, Finding, Selections
+from mapdeal.checks.findings import CHECKS, Finding, Selections, read_ignore_comments
 from mapdeal.checks.lint import LintReport, MapReport, ReportForm, repair_lines
 from mapdeal.checks.map_checks import RUN_FOLDERS
 from mapdeal.checks.parameter_checks import robot_in
 from mapdeal.command import AT_LEAST_1, Output, Words, command
+from mapdeal.commands.mask_facts import info_of, mask_facts, read_mask
+from mapdeal.commands.reach import goals_of, start_of
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
@@ -49,10 +51,11 @@ from mapdeal.files.transaction import Transaction
 from mapdeal.files.yaml_text import edited, parse_mapping, read_mapping
 from mapdeal.grid.canvas import is_turned, resampled
 from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.filters import FilterKind
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import reach_radius
+from mapdeal.grid.reach import Goal, reach_radius
 from mapdeal.grid.values import check_choice
 from mapdeal.inputs.listing import list_maps
 from mapdeal.kernels.threads import use_threads
@@ -68,7 +71,16 @@ from mapdeal.maps.map_server import (
 from mapdeal.maps.npz import read_npz
 from mapdeal.maps.reading import MapFile, as_occupancy, open_map, output_paths, write_grid
 from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch, jobs_at_once
-from mapdeal.pipeline.inputs import Work, errors_named, memory_budget, outputs_of, refuse
+from mapdeal.pipeline.inputs import (
+    MapInput,
+    Work,
+    errors_named,
+    map_input,
+    memory_budget,
+    outputs_of,
+    read_input,
+    refuse,
+)
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
 from mapdeal.ros.robot import CostmapName
 from mapdeal.version import __version__
@@ -124,6 +136,7 @@ def _check_words(incomplete: str) -> Iterable[str]:
     return [f"{listed},{name}" if listed else name for name in sorted(CHECKS)]
 
 
+MaskFile = Annotated[str | PathLike[str], Words("MASK", name="mask", typed=Path)]
 Checks = Annotated[Names, Words("IDS", _separated, is_repeated=True, completed=_check_words)]
 
 
@@ -157,6 +170,10 @@ def lint(
     namespace: Annotated[str | None, Words("NS")] = None,
     graph: Annotated[str | PathLike[str] | None, Words("GRAPH.geojson", typed=Path)] = None,
     footprint: Footprint | None = None,
+    filter_mask: MaskFile | None = None,
+    mask_kind: FilterKind | None = None,
+    start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
+    goals: Annotated[Sequence[Goal], Words("[NAME=]X,Y", goals_of, "to", is_repeated=True)] = (),
     select: Checks = (),
     ignore: Checks = (),
     strict: bool = False,
@@ -189,6 +206,9 @@ def lint(
 
     With a robot's shape, areas are reported that only passages too narrow for the robot connect.
 
+    With --mask the mask of a costmap filter is checked against one MAP: whether it lies on the map,
+    what its mode and thresholds make of it, and which ways a keepout zone closes.
+
     A comment "# mapdeal: ignore ID, ID" in a map's .yaml or in a parameter file turns these checks
     off for that file.
 
@@ -208,6 +228,15 @@ def lint(
     footprint : Footprint, optional
         Shape of a robot that should be able to pass through the maps: areas connected only by
         passages too narrow for its inscribed radius are reported. By default that in the files.
+    filter_mask : path or str, optional
+        Mask of a costmap filter for the one map, to be checked as well.
+    mask_kind : {'keepout', 'speed', 'binary'}, optional
+        Kind of the mask. [default: as its .yaml says, else speed in mode scale, keepout otherwise]
+    start : tuple of float, optional
+        With a keepout mask: start of the robot, metres and radians. [default: the widest place of
+        the largest free area]
+    goals : sequence of Goal
+        With a keepout mask: place that must stay reachable, such as a dock; more may follow.
     select : str or several
         Checks, or areas of checks such as image, to run; separated by commas  [default: all].
         In Python several names are a list.
@@ -279,6 +308,10 @@ def lint(
         refuse("cannot be given together with --fix", graph=graph)
     if footprint is not None and not names:
         raise ParameterError("needs a MAP", place="footprint")
+    if filter_mask is None:
+        refuse("needs --mask", mask_kind=mask_kind, start=start, goals=tuple(goals))
+    elif fix:
+        raise ParameterError("cannot be given together with --fix", place="filter_mask")
     if not names and not files:
         raise ParameterError("names no map: needs a MAP, or --params-file", source="lint")
     if no_config and not isinstance(config, bool):
@@ -291,6 +324,8 @@ def lint(
         if graph is not None and len(maps) != 1:
             rule = f"needs one MAP, not {len(maps)}"
             raise ParameterError(rule, place="graph")
+        if filter_mask is not None and len(maps) != 1:
+            raise ParameterError("needs one MAP, which the mask is for", place="filter_mask")
         if output is not None:
             return _repaired_copy(maps, Path(output), settings)
         at_once = min(jobs or 1, len(maps))
@@ -313,6 +348,11 @@ def lint(
         reports = lint_maps.parameters(files, costmap, namespace, maps) if files else []
         with counted(len(maps)) as done:
             reports += lint_maps(maps, done)
+        if filter_mask is not None:
+            with kept_warnings():  # which are among the findings
+                given = map_input(read_input(maps[0], settings), maps[0])
+            path = Path(filter_mask)
+            reports.append(lint_maps.mask(path, given, mask_kind, footprint, start, goals))
         problems = _repair_in_place(maps, reports, lint_maps) if in_place else []
     report = LintReport(tuple(reports), __version__, form, tuple(problems))
     if work is not None:
@@ -382,6 +422,19 @@ class _Lint:
             report = self._report(path, one, without)
             reports.append(replace(report, is_folder=is_folder(path)))
         return reports
+
+    def mask(
+        self, path: Path, given: MapInput, kind: FilterKind | None, robot: Footprint | None,
+        start: tuple[float, ...] | None, goals: Sequence[Goal],
+    ) -> MapReport:  # fmt: skip
+        """Return what is wrong with the mask of a costmap filter for a map."""
+        mask, pair = read_mask(path, self.settings, given)
+        info = info_of(pair.metadata, kind)
+        if info.kind != "keepout":
+            refuse(f"applies to keepout masks, not to {info.kind}", start=start, goals=tuple(goals))
+        facts = mask_facts(given, mask.grid, info, pair=pair, robot=robot, start=start, goals=goals)
+        findings = tuple(checks.lint_mask(path, facts))
+        return self._report(path, checks.Found(findings, tuple(read_ignore_comments(path))))
 
     def _report(self, path: Path, found: checks.Found, without: Iterable[str] = ()) -> MapReport:
         selection = self.selections.of(path)

@@ -36,11 +36,13 @@ from mapdeal.errors import (
     MapdealError,
     ParameterError,
     emit_warning,
+    kept_warnings,
     one_line,
 )
 from mapdeal.files.json_values import ALIGNMENT, COMPARISON, DIFF, LINT, SCORE
 from mapdeal.files.source import (
     NAMED_MAPS,
+    YAML,
     exists,
     head_of,
     identity_of,
@@ -50,11 +52,12 @@ from mapdeal.files.source import (
     status_of,
 )
 from mapdeal.files.transaction import Transaction
+from mapdeal.grid.filters import FilterInfo, described_mask, mask_rows
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import SHAPES, kind_of
 from mapdeal.kernels.threads import use_threads
-from mapdeal.maps.dialects import Dialect
+from mapdeal.maps.dialects import Dialect, read_metadata
 from mapdeal.maps.reading import is_bare_image
 from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST
@@ -327,6 +330,14 @@ def _entries_of(path: Path, grids: Grids, seen: set[object]) -> list[Draft] | No
     return found
 
 
+def _filter_of(path: Path) -> FilterInfo | None:
+    """Return how the filter reads a mask that mapdeal has made; None of another file."""
+    if path.suffix not in YAML:
+        return None
+    with kept_warnings():  # said when the map was read
+        return FilterInfo.of(read_metadata(path).extra)
+
+
 def _is_first(path: Path, seen: set[object]) -> bool:
     key = identity_of(path) or path
     is_first = key not in seen
@@ -369,6 +380,10 @@ class _Gathering:
         draft.paths.append(path)
         figures = grid.figures()
         draft.figures |= {**columns_of({name: figures}), **draft.figures}
+        info = _filter_of(path)
+        if info is not None and isinstance(grid, OccupancyGrid):
+            rows = tuple(mask_rows(described_mask(info, grid)))
+            draft.tables.append(Table(f"{name}: zones", rows))
         draft.tables += [
             Table(f"{name}: figures", rows_of(figures)),
             Table(f"{name}: SHA-256", rows_of(opened.sums)),

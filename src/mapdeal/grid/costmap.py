@@ -304,7 +304,37 @@ class InflationLayer(OneLine):
         yield f"cost_scaling_factor {self.cost_scaling_factor:.6g}"
 
 
-CostmapLayer = StaticLayer | InflationLayer
+@dataclass(frozen=True, repr=False)
+class DenoiseLayer(OneLine):
+    """Settings of Nav2's denoise layer, which frees small groups of obstacles.
+
+    Parameters
+    ----------
+    name : str
+        Name in the list of plugins.
+    minimal_group_size : int
+        Number of cells that a group needs to stay; with 1 or less the layer has no effect.
+    group_connectivity_type : int
+        8 if cells that share a corner are one group, 4 if only those that share an edge are.
+    """
+
+    name: str = "denoise_layer"
+    minimal_group_size: int = 2
+    group_connectivity_type: int = 8
+
+    def _told(self) -> Iterator[str]:
+        yield self.name
+        yield f"minimal_group_size {self.minimal_group_size}"
+        yield f"group_connectivity_type {self.group_connectivity_type}"
+
+
+CostmapLayer = StaticLayer | InflationLayer | DenoiseLayer
+
+
+def _has_effect(layer: CostmapLayer) -> bool:
+    if isinstance(layer, InflationLayer):
+        return bool(layer.inflation_radius)
+    return isinstance(layer, StaticLayer) or layer.minimal_group_size > 1
 
 
 @dataclass(frozen=True)
@@ -318,14 +348,14 @@ class CostmapLayers:
     @property
     def that_count(self) -> tuple[CostmapLayer, ...]:
         # Layers below a static layer that replaces all costs have none, nor does an inflation layer
-        # whose range is less than one cell.
+        # whose range is less than one cell, or a denoise layer that no group is too small for.
         replacing = [
             index
             for index, one in enumerate(self.layers)
             if isinstance(one, StaticLayer) and not one.use_maximum
         ]
         above = self.layers[replacing[-1] if replacing else 0 :]
-        return tuple(one for one in above if isinstance(one, StaticLayer) or one.inflation_radius)
+        return tuple(one for one in above if _has_effect(one))
 
     @property
     def static_and_inflation(self) -> tuple[StaticLayer, InflationLayer | None] | None:

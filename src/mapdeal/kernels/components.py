@@ -23,11 +23,11 @@ from mapdeal.kernels.threads import for_rows
 _LABELS_TOGETHER = 1 << 20
 
 
-def drop_small_groups(marked: Mask, min_cells: int) -> Mask:
-    """Return `marked` without its 8-connected groups of fewer than `min_cells` cells."""
+def drop_small_groups(marked: Mask, min_cells: int, *, corners: bool = True) -> Mask:
+    """Return `marked` without its groups of fewer than `min_cells` cells, 8- or 4-connected."""
     if min_cells <= 1:
         return marked
-    groups = labelled(marked, corners=True)
+    groups = labelled(marked, corners=corners)
     return groups.cells_of(groups.sizes >= min_cells)  # of no group there are 0
 
 

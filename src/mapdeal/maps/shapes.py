@@ -20,8 +20,13 @@ def geojson_shapes(document: JsonValue) -> list[Shape]:
     # A Polygon is one, its inner rings are holes; a LineString is a line with the thickness that
     # property ``thickness`` says; a Point is a circle with the radius that property ``radius``
     # says. Property ``value`` is what they are drawn with. Other properties mean nothing.
+    return [shape for _, shapes in geojson_features(document) for shape in shapes]
+
+
+def geojson_features(document: JsonValue) -> list[tuple[Mapping[str, Any], list[Shape]]]:
+    """Return the properties and the shapes of each feature, in order."""
     try:
-        return _Reader(document.source).shapes(document.value)
+        return _Reader(document.source).features(document.value)
     except RecursionError:
         raise MalformedInputError("nested too deep", source=document.source) from None
 
@@ -35,30 +40,26 @@ class _Reader:
     def error(self, rule: str, place: str, **more: object) -> MalformedInputError:
         return MalformedInputError(rule, source=self._path, place=place, **more)  # type: ignore[arg-type]
 
-    def shapes(self, document: Any) -> list[Shape]:
+    def features(self, document: Any) -> list[tuple[Mapping[str, Any], list[Shape]]]:
         if not isinstance(document, dict):
             raise self.error("must be an object with a type", "the file")
         if document.get("type") != "FeatureCollection":
-            return list(self.feature(document, "feature 1"))
+            return [self._feature(document, "feature 1")]
         features = self._list(document.get("features"), "features")
-        found: list[Shape] = []
-        for number, feature in enumerate(features, 1):
-            found += self.feature(feature, f"feature {number}")
-        return found
+        return [self._feature(one, f"feature {number}") for number, one in enumerate(features, 1)]
 
-    def feature(self, feature: Any, place: str) -> Iterator[Shape]:
+    def _feature(self, feature: Any, place: str) -> tuple[Mapping[str, Any], list[Shape]]:
         if not isinstance(feature, dict):
             raise self.error("must be an object with a type", place)
         if feature.get("type") != "Feature":
-            yield from self._geometry(feature, {}, place)
-            return
+            return {}, list(self._geometry(feature, {}, place))
         properties = feature.get("properties") or {}
         if not isinstance(properties, dict):
             raise self.error("properties must be an object", place)
         if feature.get("geometry") is None:
             emit_warning(f"{self._path}: {place}: has no geometry, it was left out", stacklevel=2)
-            return
-        yield from self._geometry(feature["geometry"], properties, place)
+            return properties, []
+        return properties, list(self._geometry(feature["geometry"], properties, place))
 
     def _geometry(
         self, geometry: Any, properties: Mapping[str, Any], place: str

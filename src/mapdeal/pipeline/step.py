@@ -11,7 +11,7 @@ from typing import Any
 from mapdeal.command import Stage, accept_parameters, unknown_name, unknown_parameter
 from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.grid.canvas import FieldGrid
-from mapdeal.grid.costmap import CostCurve, InflationLayer, StaticLayer
+from mapdeal.grid.costmap import CostCurve, CostmapLayer
 from mapdeal.grid.field import DistanceField, FieldView
 from mapdeal.grid.frame import Figures, Frame
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -164,7 +164,7 @@ def _plain(value: Any) -> Any:
         return [list(vertex) for vertex in value.vertices] or {"radius": value.radius}
     if isinstance(value, Frame):
         return {key: _plain(one) for key, one in asdict(value).items()}
-    if isinstance(value, (StaticLayer, InflationLayer)):
+    if isinstance(value, CostmapLayer):
         return described_layer(value)
     if isinstance(value, tuple) and value and all(isinstance(one, Goal) for one in value):
         return described_goals(value)

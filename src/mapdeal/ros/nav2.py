@@ -3,7 +3,7 @@
 References
 ----------
 costmap_2d_ros.cpp, static_layer.cpp, inflation_layer.cpp, legacy_inflation_layer.cpp,
-asymmetric_inflation_layer.cpp and costmap_plugins.xml of nav2_costmap_2d;
+asymmetric_inflation_layer.cpp, denoise_layer.cpp and costmap_plugins.xml of nav2_costmap_2d;
 ``Costmap2DROS::init``, ``getParameters`` and ``setRobotFootprint`` of costmap_2d_ros.cpp;
 rclcpp's declaration of parameters, which refuses values of another type.
 """
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.grid.costmap import InflationLayer, StaticLayer
+from mapdeal.grid.costmap import DenoiseLayer, InflationLayer, StaticLayer
 from mapdeal.grid.frame import as_float32
 from mapdeal.ros.robot import (
     INJECTED,
@@ -159,16 +159,13 @@ _INFLATIONS = (_INFLATION, _LEGACY, _ASYMMETRIC)
 _OBSTACLE, _VOXEL, _RANGE = (
     _OWN + name for name in ("ObstacleLayer", "VoxelLayer", "RangeSensorLayer")
 )
-_CONTAINER = _OWN + "PluginContainerLayer"
-_UNMODELLED = {
-    _OWN + "DenoiseLayer": "removes small groups of obstacles",
-    _CONTAINER: "contains layers of its own",
-}
+_DENOISE, _CONTAINER = _OWN + "DenoiseLayer", _OWN + "PluginContainerLayer"
+_UNMODELLED = {_CONTAINER: "contains layers of its own"}
 _FILTERS = tuple(
     _OWN + name for name in ("KeepoutFilter", "SpeedFilter", "BinaryFilter", "ZoneParameterFilter")
 )
 _GUESSED = (_STATIC, _INFLATION, _OBSTACLE, _VOXEL, *_FILTERS)
-_LAYERS = (_STATIC, *_INFLATIONS, _OBSTACLE, _VOXEL, _RANGE, *_UNMODELLED)
+_LAYERS = (_STATIC, *_INFLATIONS, _DENOISE, _OBSTACLE, _VOXEL, _RANGE, *_UNMODELLED)
 _LONGEST = 100  # characters of a name that are compared with names of classes
 _MOST_LAYERS = 200
 
@@ -307,6 +304,8 @@ def _layer(values: Nav2Values, name: str, kind: str, inscribed: float) -> Listed
     if kind in _INFLATIONS:
         layer = _inflation(values, name, kind, inscribed)
         return ListedLayer(name, kind, layer, values.flag(f"{name}.enabled", True))
+    if kind == _DENOISE:
+        return ListedLayer(name, kind, _denoise(values, name), values.flag(f"{name}.enabled", True))
     if kind in (_OBSTACLE, _VOXEL, _RANGE):
         return ListedLayer(name, kind, None, _sensor(values, name), why_ignored=_SENSES)
     return _foreign(values, name, kind)
@@ -351,6 +350,17 @@ def _inflation(values: Nav2Values, name: str, kind: str, inscribed: float) -> In
         inflate_around_unknown=values.flag(f"{name}.inflate_around_unknown"),
         lookup="exact" if older else "nav2",
     )
+
+
+def _denoise(values: Nav2Values, name: str) -> DenoiseLayer:
+    size, joined = f"{name}.minimal_group_size", f"{name}.group_connectivity_type"
+    minimal, connectivity = values.get(size, "integer", 2), values.get(joined, "integer", 8)
+    if minimal <= 1:
+        values.problem("params.range", "warning", "must be above 1; the layer has no effect", size)
+    if connectivity not in (4, 8):
+        values.problem("params.range", "warning", "must be 4 or 8; Nav2 uses 8", joined)
+        connectivity = 8
+    return DenoiseLayer(name, max(minimal, 1), connectivity)
 
 
 def _factor_without_path(values: Nav2Values, name: str) -> float:

@@ -20,7 +20,13 @@ from typing import Any, Literal
 import numpy as np
 
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.grid.costmap import CostmapLayer, CostmapLayers, InflationLayer, StaticLayer
+from mapdeal.grid.costmap import (
+    CostmapLayer,
+    CostmapLayers,
+    DenoiseLayer,
+    InflationLayer,
+    StaticLayer,
+)
 from mapdeal.grid.footprint import Footprint, check_simple, contains_centre
 from mapdeal.grid.frame import as_float32
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OneLine
@@ -393,10 +399,16 @@ def effect_of(one: ListedLayer, robot: RobotParameters) -> str:
         return "switched off"
     if isinstance(one.layer, InflationLayer) and one.layer.inflation_radius <= 0:
         return "no effect: inflation_radius is 0"
+    if isinstance(one.layer, DenoiseLayer) and one.layer.minimal_group_size <= 1:
+        return "no effect: minimal_group_size is 1"
     if all(one.layer is not other for other in robot.costmap_layers.that_count):
         return "no effect: a static layer above it replaces all costs"
     if isinstance(one.layer, StaticLayer):
         effect = _effect_of_static(one.layer)
+    elif isinstance(one.layer, DenoiseLayer):
+        joined = "an edge or a corner" if one.layer.group_connectivity_type == 8 else "an edge"
+        effect = f"frees groups of fewer than {one.layer.minimal_group_size} obstacle cells that "
+        effect += f"share {joined}"
     else:
         effect = _effect_of_inflation(one.layer)
     return f"not in the file, put in front: {effect}" if one.name == INJECTED else effect

@@ -15,6 +15,7 @@ from mapdeal.grid.costmap import (
     Costmap,
     CostmapLayer,
     CostmapLayers,
+    DenoiseLayer,
     InflationLayer,
     StaticLayer,
 )
@@ -29,6 +30,7 @@ from mapdeal.grid.values import (
     static_layer_cost_from_occupancy,
 )
 from mapdeal.kernels.blocks import made_by_windows
+from mapdeal.kernels.components import drop_small_groups
 from mapdeal.kernels.distance import unreachable
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.kernels.threads import for_rows
@@ -77,6 +79,12 @@ def _curve(source: Framed, parameters: Parameters) -> CostCurve | None:
     )
 
 
+def _more_memory(parameters: Parameters) -> float:
+    """Return the bytes of each cell that labels of groups take, with their sizes and masks."""
+    layers = CostmapLayers(parameters["layers"]).that_count
+    return 14.0 if any(isinstance(one, DenoiseLayer) for one in layers) else 0.0
+
+
 def _radius_in(parameters: Parameters) -> tuple[str, float]:
     layers = (one for one in parameters["layers"] if isinstance(one, InflationLayer))
     return "inscribed_radius", max((one.inscribed_radius for one in layers), default=0.0)
@@ -86,6 +94,7 @@ def _radius_in(parameters: Parameters) -> tuple[str, float]:
     "layers",
     title=lambda given: f"cost, {', '.join(one.name for one in given['layers']) or 'no layers'}",
     memory=3.0,
+    more_memory=_more_memory,
     advice=_advice,
     when_closed="lower inscribed_radius, or the radius of inflate",
     of_layers=_of_layers,
@@ -106,7 +115,7 @@ def layered_cost(
     source : OccupancyGrid or DistanceField
         The map that all static layers receive, or its distance field.
     layers : list of layers
-        Static and inflation layers, the lowest first.
+        Static, denoise and inflation layers, the lowest first.
     default_cost : int
         Cost of an empty costmap, 0 or 255. ROS uses 255 with track_unknown_space.
     circumscribed_radius : float, optional
@@ -135,7 +144,9 @@ def layered_cost(
     A static layer replaces all costs below it. With ``use_maximum`` it only raises them: its own
     unknown cells have no effect, and unknown costs below it are replaced. An inflation layer
     spreads costs, in place, around the cells that are 254 after the layers below it. Lengths are
-    counted in cells of the float32 resolution of a map message, without a tolerance.
+    counted in cells of the float32 resolution of a map message, without a tolerance. A denoise
+    layer frees the groups of fewer than ``minimal_group_size`` cells that are 253 or 254; unknown
+    cells belong to them where `default_cost` is not 255.
 
     Unknown cells that a field counts as obstacles have value 100 for the layers; the field's
     distances are not used.
@@ -143,7 +154,8 @@ def layered_cost(
     References
     ----------
     ``updateWithTrueOverwrite`` and ``updateWithMax`` in ``costmap_layer.cpp``, ``interpretValue``
-    in ``static_layer.cpp``, ``updateCosts`` in ``inflation_layer.cpp`` of nav2_costmap_2d.
+    in ``static_layer.cpp``, ``updateCosts`` in ``inflation_layer.cpp`` and ``denoise_layer.cpp`` of
+    nav2_costmap_2d.
 
     Examples
     --------
@@ -180,17 +192,27 @@ class _MasterGrid:
         spread: Spread = CostProfile.raise_around_seeds,
     ) -> None:
         self._source, self._default_cost, self._spread = source, default_cost, spread
-        self.laid: list[tuple[StaticLayer, Master] | CostProfile] = [
-            (layer, _costs_of_values(layer))
-            if isinstance(layer, StaticLayer)
-            else CostProfile(source, layer, float32_resolution=True)
-            for layer in CostmapLayers(tuple(layers)).that_count
+        self.laid = [
+            self._laid(layer) for layer in CostmapLayers(tuple(layers), default_cost).that_count
         ]
+
+    def _laid(self, layer: CostmapLayer) -> tuple[StaticLayer, Master] | CostProfile | DenoiseLayer:
+        if isinstance(layer, StaticLayer):
+            return layer, _costs_of_values(layer)
+        if isinstance(layer, InflationLayer):
+            return CostProfile(self._source, layer, float32_resolution=True)
+        return layer
 
     @property
     def halo(self) -> int:
         """Largest number of rows between a cell and another one that it affects."""
-        return sum(one.cells for one in self.laid if isinstance(one, CostProfile))
+        # A group that the edge of a window cuts, a denoise layer's size away, is not small.
+        rows = self._source.shape[0]
+        return sum(
+            one.cells if isinstance(one, CostProfile) else min(one.minimal_group_size, rows)
+            for one in self.laid
+            if not isinstance(one, tuple)
+        )
 
     def costs(self, rows: slice) -> Master:
         values = self._source.occupancy[rows]
@@ -202,6 +224,9 @@ class _MasterGrid:
             if isinstance(layer, CostProfile):
                 _spread_with(self._spread, layer, master)
                 continue
+            if isinstance(layer, DenoiseLayer):
+                _free_small_groups(layer, master, with_unknown=self._default_cost != NO_INFORMATION)
+                continue
             static, table = layer
             costs: Master = look_up(values, table)
             if static.use_maximum:
@@ -209,6 +234,15 @@ class _MasterGrid:
             else:
                 master = costs
         return master
+
+
+def _free_small_groups(layer: DenoiseLayer, master: Master, *, with_unknown: bool) -> None:
+    obstacles = master >= INSCRIBED_INFLATED_OBSTACLE
+    if not with_unknown:
+        obstacles &= master != NO_INFORMATION
+    corners = layer.group_connectivity_type == 8
+    kept = drop_small_groups(obstacles, layer.minimal_group_size, corners=corners)
+    set_where(master, obstacles & ~kept, FREE_SPACE)
 
 
 def _costs_of_values(layer: StaticLayer) -> NDArray[np.uint8]:

@@ -4,6 +4,7 @@ Layers of costmap_2d form a list of mappings, each with one key, the kind of the
 settings below::
 
     - static: {track_unknown_space: no}
+    - denoise: {minimal_group_size: 2}
     - inflation: {inflation_radius: 0.7, cost_scaling_factor: 3.0}
 """
 
@@ -25,7 +26,7 @@ from mapdeal.command import (
     unknown_name,
 )
 from mapdeal.errors import ParameterError
-from mapdeal.grid.costmap import CostmapLayer, InflationLayer, StaticLayer
+from mapdeal.grid.costmap import CostmapLayer, DenoiseLayer, InflationLayer, StaticLayer
 from mapdeal.grid.frame import MOST_CELLS, Frame, check_origin, check_resolution
 from mapdeal.grid.reach import Goal
 
@@ -125,9 +126,11 @@ Goals = tuple[Goal, ...]  # places that a robot should get to, as a parameter of
 structured(Goals, accept_goals)
 
 
-_KINDS: dict[str, type[StaticLayer] | type[InflationLayer]] = {
+_Kind = type[StaticLayer] | type[InflationLayer] | type[DenoiseLayer]
+_KINDS: dict[str, _Kind] = {
     "static": StaticLayer,
     "inflation": InflationLayer,
+    "denoise": DenoiseLayer,
 }
 _BYTE = Condition("a byte, 0 to 255, or -1 for 255", lambda value: -1 <= value <= 255)
 _BOUNDS = {
@@ -137,6 +140,8 @@ _BOUNDS = {
     "inscribed_radius": AT_LEAST_0,
     "inflation_radius": AT_LEAST_0,
     "cost_scaling_factor": AT_LEAST_0,
+    "minimal_group_size": AT_LEAST_0,
+    "group_connectivity_type": Condition("4 or 8", lambda value: value in (4, 8)),
 }
 _LAYERS_LOOK = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
 
@@ -149,7 +154,7 @@ def accept_layers(name: str, value: object) -> tuple[CostmapLayer, ...]:
 
 
 def described_layer(layer: CostmapLayer) -> dict[str, dict[str, Any]]:
-    return {"static" if isinstance(layer, StaticLayer) else "inflation": asdict(layer)}
+    return {next(key for key, kind in _KINDS.items() if type(layer) is kind): asdict(layer)}
 
 
 def layers_with(
@@ -174,7 +179,7 @@ def layers_with(
 
 def _layer(place: str, item: object) -> CostmapLayer:
     given: object = None
-    if isinstance(item, (StaticLayer, InflationLayer)):
+    if isinstance(item, CostmapLayer):
         item = described_layer(item)
     if isinstance(item, Mapping) and len(item) == 1:
         ((item, given),) = item.items()
@@ -206,7 +211,7 @@ def _layer(place: str, item: object) -> CostmapLayer:
     return made(**values)
 
 
-def _parameters_of(made: type[StaticLayer] | type[InflationLayer]) -> dict[str, Parameter]:
+def _parameters_of(made: _Kind) -> dict[str, Parameter]:
     hints = get_type_hints(made)
     found = {}
     for one in fields(made):

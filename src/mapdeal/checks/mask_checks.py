@@ -1,0 +1,271 @@
+"""Checks of costmap filters: a mask against its map, and the parameters of the servers.
+
+References
+----------
+``costmap_filter.cpp``, ``keepout_filter.cpp``, ``speed_filter.cpp``, ``binary_filter.cpp`` and
+``costmap_filter_info_server.cpp`` of navigation2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from mapdeal.checks.facts import FilterFacts, MaskFacts, check
+from mapdeal.checks.findings import Remark, places_of
+from mapdeal.grid.filters import limits_in
+from mapdeal.grid.frame import Frame, Point
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text
+from mapdeal.kernels.arrays import Mask
+from mapdeal.kernels.components import Labels, labelled
+from mapdeal.kernels.distance import dilate_square
+from mapdeal.kernels.lookup import histogram
+from mapdeal.ros.filters import TYPES_OF_PLUGIN, InfoServer, topic_of
+from mapdeal.ros.robot import ListedLayer
+
+_SAME = 1e-6  # metres, and radians
+_LEAST_AREA = 1.0  # m2 behind a door that are worth a finding
+_MOST_ZONES = 50
+_SHOWN = 10
+
+
+@check("mask.geometry", "warning", "a mask of another resolution, size or origin than its map")
+def geometry(facts: MaskFacts) -> Iterator[Remark]:
+    mask, grid = facts.mask.frame, facts.grid.frame
+    if not math.isclose(mask.resolution, grid.resolution, rel_tol=_SAME):
+        text = f"resolution {mask.resolution:g} m; the map has {grid.resolution:g} m"
+        yield Remark(text, "resolution")
+    sizes = [f"{one.width} x {one.height} cells" for one in (mask, grid)]
+    if mask.shape != grid.shape:
+        yield Remark(f"{sizes[0]}; the map has {sizes[1]}", "image")
+    origins = zip(mask.origin, grid.origin, strict=True)
+    if any(abs(own - other) > _SAME for own, other in origins):
+        texts = [", ".join(f"{v:g}" for v in one.origin) for one in (mask, grid)]
+        yield Remark(f"origin {texts[0]}; the map has {texts[1]}", "origin")
+    if abs(math.remainder(mask.origin[2], math.tau)) > _SAME:
+        yield Remark(f"yaw {mask.origin[2]:g}, which Nav2 takes for 0", "origin")
+
+
+@check("mask.elsewhere", "error", "a mask without any cell where the map is known")
+def elsewhere(facts: MaskFacts) -> Iterator[Remark]:
+    if not facts.covered:
+        yield Remark(f"covers no known cell of {facts.map_name}: it lies elsewhere", "origin")
+
+
+@check("mask.part", "warning", "a mask that does not cover all that the map knows")
+def part(facts: MaskFacts) -> Iterator[Remark]:
+    if 0 < facts.covered < 1:
+        share = f"{math.floor(1000 * facts.covered) / 10:g} %"
+        yield Remark(f"covers {share} of the known cells of {facts.map_name}", "image")
+
+
+@check("mask.nothing", "error", "a mask that its mode and thresholds turn into nothing")
+def nothing(facts: MaskFacts) -> Iterator[Remark]:
+    counts = histogram(facts.mask.occupancy)
+    if counts[FREE + 1 : OCCUPIED + 1].any():
+        return
+    if facts.pair is None:
+        yield Remark(f"the {facts.info.kind} mask has no zone on the map")
+        return
+    metadata, greys = facts.pair.metadata, facts.pair.pixels.greys
+    if len(greys) < 2:
+        yield Remark(f"the {facts.info.kind} mask has no zone: all pixels are alike", "image")
+        return
+    how = f"mode {metadata.mode}"
+    if metadata.mode != "raw":
+        how += f" with occupied_thresh {metadata.occupied_thresh:g}"
+    text = f"its image has {len(greys)} greys, but {how} makes no cell of them more than 0"
+    yield Remark(text, "occupied_thresh", places=facts.pair.places_of_greys(list(greys)[:_SHOWN]))
+
+
+@check("mask.all-or-nothing", "warning", "a speed mask in mode trinary: full speed or one limit")
+def all_or_nothing(facts: MaskFacts) -> Iterator[Remark]:
+    is_trinary = facts.pair is not None and facts.pair.metadata.mode == "trinary"
+    if facts.info.kind == "speed" and is_trinary:
+        limit = facts.info.limit_of(OCCUPIED)
+        told = "no limit" if limit is None else f"{limit:g} {facts.info.sign}"
+        text = f"mode trinary knows 0 and 100 only: every zone gets {told}"
+        yield Remark(f"{text}; write mode: scale, with thresholds 1.0 and 0.0", "mode")
+
+
+@check("mask.no-limit", "warning", "zones of a speed mask that Nav2 takes for no limit")
+def no_limit(facts: MaskFacts) -> Iterator[Remark]:
+    if facts.info.kind != "speed":
+        return
+    occupancy = np.asarray(facts.mask.occupancy)
+    for value, limit, cells in limits_in(facts.info, histogram(occupancy)):
+        if limit is None:
+            found = facts.info.base + value * facts.info.multiplier
+            text = f"{count_text(cells, 'cell')} of value {value}: {found:g} {facts.info.sign} "
+            places = _places(facts.mask.frame, occupancy == value)
+            yield Remark(f"{text}is no limit to Nav2", places=places)
+
+
+@check("mask.unknown", "warning", "unknown cells in a speed mask, in which the last limit stays")
+def unknown_in_mask(facts: MaskFacts) -> Iterator[Remark]:
+    unknown = np.asarray(facts.mask.occupancy) == UNKNOWN
+    count = int(np.count_nonzero(unknown))
+    if facts.info.kind == "speed" and count:
+        text = f"{count_text(count, 'cell')} are unknown: there the last limit stays, with an error"
+        yield Remark(text, places=_places(facts.mask.frame, unknown))
+
+
+@check(
+    "mask.frees-unknown", "warning", "a keepout mask of 0 where the map is unknown: free to Nav2"
+)
+def frees_unknown(facts: MaskFacts) -> Iterator[Remark]:
+    if facts.info.kind != "keepout" or facts.mask.frame != facts.grid.frame:
+        return
+    freed = np.asarray(facts.mask.occupancy) == FREE
+    freed &= np.asarray(facts.grid.occupancy) == UNKNOWN
+    count = int(np.count_nonzero(freed))
+    if count:
+        text = (
+            f"{count_text(count, 'cell')} of 0 are unknown in the map: the filter makes them free"
+        )
+        places = _places(facts.grid.frame, freed)
+        yield Remark(f"{text}; unknown cells of a mask change nothing", places=places)
+
+
+@check("mask.start", "error", "a start that a keepout mask covers")
+def start(facts: MaskFacts) -> Iterator[Remark]:
+    if facts.start_is_closed and facts.start is not None:
+        x, y = facts.start[:2]
+        yield Remark(f"the start {x:g},{y:g} lies in a keepout zone", places=places_of([(x, y)]))
+
+
+@check("mask.goal", "error", "a place, such as a dock, that a keepout mask covers or cuts off")
+def goal(facts: MaskFacts) -> Iterator[Remark]:
+    if facts.ways is None:
+        return
+    before, after = (one.goals for one in facts.ways)
+    for free, kept in zip(before, after, strict=True):
+        if not free.reachable or kept.reachable:
+            continue
+        xy = (kept.goal.x, kept.goal.y)
+        row, col = facts.grid.frame.unbounded_rowcol_from_xy([xy])[0].tolist()
+        how = "lies in a keepout zone" if facts.closed[row, col] else "is cut off by keepout zones"
+        yield Remark(f"{kept.goal.label} {how}", places=places_of([xy]))
+
+
+@check("mask.closes", "warning", "a keepout zone that closes the only way to a part of the map")
+def closes(facts: MaskFacts) -> Iterator[Remark]:
+    """Compare what the robot reaches without the mask and with it."""
+    if facts.ways is None:
+        return
+    before, after = facts.ways
+    reachable, kept = before.reachable.view(np.bool_), after.reachable.view(np.bool_)
+    parts = labelled(reachable & ~kept & ~facts.closed, corners=True)
+    areas = parts.sizes * before.cell_area
+    zones = labelled(facts.closed & reachable, corners=True)
+    for number in (np.argsort(-areas[1:], kind="stable")[:_SHOWN] + 1).tolist():
+        if areas[number] < _LEAST_AREA:
+            break
+        cells = parts.cells == number
+        blocking = _blocking(facts, zones, cells, reachable, kept)
+        places = [_middle(facts.grid.frame, zones.cells == one) for one in blocking]
+        x, y = _middle(facts.grid.frame, cells)
+        told = (f"{facts.name_of(xy) or 'the zone'} at {_text_of(xy)}" for xy in places[:3])
+        who = " and ".join(told) + (" cuts" if len(places) == 1 else " together cut")
+        text = f"{who} off {areas[number]:.4g} m2 around {_text_of((x, y))}; reachable are "
+        text += f"{before.reachable_area:.4g} m2 without the mask, {after.reachable_area:.4g} m2 "
+        yield Remark(f"{text}with it", places=places_of([*places, (x, y)]))
+
+
+def _blocking(
+    facts: MaskFacts, zones: Labels, cells: Mask, reachable: Mask, kept: Mask
+) -> list[int]:
+    """Return the zone that alone cuts some cells off, or else all zones beside them."""
+    near = np.unique(zones.cells[dilate_square(cells, 1)])
+    beside: list[int] = near[near > 0][:_MOST_ZONES].tolist()
+    for one in beside:
+        without = labelled(reachable & (~facts.closed | (zones.cells == one)), corners=False)
+        joined = np.zeros(len(without.sizes), dtype=np.bool_)
+        joined[without.cells[kept]] = True
+        if joined[without.cells[cells]].any():
+            return [one]
+    return beside
+
+
+def _middle(frame: Frame, cells: Mask) -> tuple[float, float]:
+    """Return the centre of the cell that is nearest to the middle of some cells."""
+    found = np.argwhere(cells)
+    off = np.square(found - found.mean(axis=0)).sum(axis=1)
+    x, y = frame.xy_from_rowcol([found[int(off.argmin())]])[0].tolist()
+    return x, y
+
+
+def _text_of(xy: tuple[float, float]) -> str:
+    return ",".join(f"{round(v, 3) + 0.0:g}" for v in xy)
+
+
+def _places(frame: Frame, cells: Mask) -> tuple[Point, ...]:
+    """Return the middle of the cells that have to do with a finding."""
+    return places_of([_middle(frame, cells)])
+
+
+@check("params.filter-topic", "warning",
+       "a topic of a filter or its info server that no server in the files publishes")  # fmt: skip
+def filter_topic(facts: FilterFacts) -> Iterator[Remark]:
+    servers = facts.servers
+    published = {
+        topic_of(one.of("filter_info_topic", "costmap_filter_info")) for one in servers.info
+    }
+    for one in _filters(facts):
+        value = facts.robot.value(one.name, "filter_info_topic")
+        if value is None:
+            text = f"{one.name} has no filter_info_topic; Nav2 does not start"
+            yield Remark(text, at=facts.robot.value(one.name, "plugin"))
+        elif published and topic_of(value.value) not in published:
+            listed = ", ".join(sorted(published))
+            text = f"{one.name} waits for {value.value}, and the servers here publish {listed}"
+            yield Remark(text, at=value)
+    masks = {topic_of(one) for one in servers.mask_topics}
+    for server in servers.info:
+        topic = server.of("mask_topic", "filter_mask")
+        if masks and topic_of(topic) not in masks:
+            text = f"{server.name} names the mask {topic}, which no map server here publishes"
+            yield Remark(text, at=server.values["mask_topic"])
+
+
+@check("params.filter-type", "error", "an info server of a type that the filter refuses")
+def filter_type(facts: FilterFacts) -> Iterator[Remark]:
+    for one, server in _served(facts):
+        plugin = one.plugin.rpartition(":")[2]
+        types, own = TYPES_OF_PLUGIN.get(plugin), server.of("type", 0)
+        at = server.values.get("type", server.at)
+        if types is not None and own not in types:
+            wanted = " or ".join(map(str, types))
+            yield Remark(f"{server.name} has type {own}, and {plugin} needs {wanted}", at=at)
+        scale = server.of("base", 0.0), server.of("multiplier", 1.0)
+        if plugin == "KeepoutFilter" and scale != (0.0, 1.0):
+            text = f"{plugin} takes base 0.0 and multiplier 1.0 only, and {server.name} has others"
+            yield Remark(text, at=server.values.get("base", server.values.get("multiplier", at)))
+
+
+@check("params.filter-lifecycle", "warning",
+       "a server of a filter that no lifecycle manager in the files activates")  # fmt: skip
+def filter_lifecycle(facts: FilterFacts) -> Iterator[Remark]:
+    managed = facts.servers.managed
+    for server in facts.servers.info if managed else ():
+        name = server.name.rpartition("/")[2]
+        if name not in managed:
+            yield Remark(f"{name} is in no node_names: it stays unconfigured", at=server.at)
+
+
+def _filters(facts: FilterFacts) -> Iterator[ListedLayer]:
+    for one in facts.robot.robot.layers:
+        if one.is_enabled and one.plugin.rpartition(":")[2] in TYPES_OF_PLUGIN:
+            yield one
+
+
+def _served(facts: FilterFacts) -> Iterator[tuple[ListedLayer, InfoServer]]:
+    """Yield each filter with the server in the files that publishes its topic."""
+    for one in _filters(facts):
+        value = facts.robot.value(one.name, "filter_info_topic")
+        for server in facts.servers.info:
+            topic = server.of("filter_info_topic", "costmap_filter_info")
+            if value is not None and topic_of(value.value) == topic_of(topic):
+                yield one, server

@@ -1,0 +1,197 @@
+"""``mapdeal mask``: masks of Nav2's costmap filters, of zones, with all that loads them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from mapdeal.checks.lint import lint_mask
+from mapdeal.command import Condition, Output, Result, Words, command
+from mapdeal.commands.mask_facts import PER_CELL, mask_facts
+from mapdeal.commands.reach import goals_of, start_of
+from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.grid.filters import KINDS, FilterInfo, FilterKind, SpeedUnit, described_mask
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.reach import Goal
+from mapdeal.grid.values import OCCUPIED, count_text
+from mapdeal.kernels.lookup import histogram
+from mapdeal.maps.dialects import Mode
+from mapdeal.maps.map_server import pair_paths
+from mapdeal.maps.reading import write_grid
+from mapdeal.maps.zones import Zone, filter_mask, read_zones
+from mapdeal.pictures.canvas import Image
+from mapdeal.pipeline.inputs import MapInput, Work, claim_cells, errors_named, opened, refuse
+from mapdeal.pipeline.recipe import planned_shape
+from mapdeal.ros.filters import filter_launch, filter_parameters
+from mapdeal.ros.robot import RobotParameters
+
+_PARAMETERS, _LAUNCH = "filters.yaml", "filters.launch.py"
+_NOT_0 = Condition("other than 0", lambda value: value != 0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FilterMask:
+    """A mask, how its filter reads it, and the zones that it is made of."""
+
+    grid: OccupancyGrid
+    info: FilterInfo
+    zones: tuple[Zone, ...]
+    path: Path
+
+    @property
+    def kind(self) -> FilterKind:
+        return self.info.kind
+
+    @property
+    def mode(self) -> Mode:
+        if self.kind == "speed":
+            return "scale"  # greys that all readers take for 0..100, with thresholds 1 and 0
+        is_graded = histogram(self.grid.occupancy)[1:OCCUPIED].any()
+        return "raw" if is_graded else "trinary"
+
+    def document(self) -> dict[str, Any]:
+        zones = [
+            {"name": one.name, **({} if one.speed is None else {"speed": one.speed})}
+            for one in self.zones
+        ]
+        named = {"file": self.path.name, "mode": self.mode, "zones": zones}
+        return described_mask(self.info, self.grid) | named
+
+    def line(self) -> str:
+        document = self.document()
+        text = f"{self.path.name}: {count_text(len(self.zones), f'{self.kind} zone')}, "
+        text += f"{document['area_m2']:.4g} m2"
+        if self.kind == "speed":
+            limits = sorted(one["limit"] for one in document["limits"] if one["limit"] is not None)
+            listed = ", ".join(f"{one:.4g} {self.info.sign}" for one in limits)
+            text += f", limited to {listed}" if listed else ""
+        return text
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FilterMasks(Result):
+    """Masks of costmap filters for one map, and the folder that they are written to."""
+
+    map: MapInput
+    masks: tuple[FilterMask, ...]
+    folder: Path
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "map": self.map.name,
+            "masks": [one.document() for one in self.masks],
+            "parameters": _PARAMETERS,
+            "launch": _LAUNCH,
+        }
+
+    def lines(self) -> Iterator[str]:
+        yield f"{self.folder}:"
+        yield from (f"  {one.line()}" for one in self.masks)
+        yield f"  {_LAUNCH}: starts their servers, with the parameters in {_PARAMETERS}"
+
+    def drawn(self, **look: Any) -> Image:
+        from mapdeal.pictures.zones import zones_image
+
+        masks = [(one.grid, one.info) for one in self.masks]
+        return zones_image(self.map.occupancy, masks, title=f"{self.map.title}: zones", **look)
+
+
+@command(
+    group="Changing a map",
+    output=Output("DIR", "Folder for masks, parameters and launch file.", streams=False),
+    shared=("robot", "files"),
+    makes_costs=lambda _: False,
+    words={"start": Words("X,Y[,YAW]", start_of, "from")},
+    example="""\
+mapdeal mask examples/maps/office.yaml -o out/filters --image out/filters.png \\
+    --file examples/shapes/office_filters.geojson
+mapdeal mask examples/maps/office.yaml --kind keepout \\
+    --file examples/shapes/office_filters.geojson --robot-radius 0.22 \\
+    --from -8,0 --to dock=9,4 -o out/keepout""",
+)
+def mask(
+    source: Annotated[Path, Words("MAP", streams=True)],
+    *,
+    output: Path,
+    file: Annotated[Path | None, Words("ZONES")] = None,
+    kind: FilterKind | None = None,
+    speed_unit: SpeedUnit = "percent",
+    base: float | None = None,
+    multiplier: Annotated[float, _NOT_0] | None = None,
+    start: tuple[float, ...] | None = None,
+    goals: Annotated[Sequence[Goal], Words("[NAME=]X,Y", goals_of, "to", is_repeated=True)] = (),
+    footprint: Footprint | None = None,
+    robot: Annotated[RobotParameters | None, Words()] = None,
+) -> FilterMasks:
+    """Make masks for Nav2's costmap filters of zones in GeoJSON.
+
+    Writes a mask for each kind of zone, as an image with its .yaml, and for all of them together
+    filters.yaml, with the parameters of the servers and the filters of the costmaps, and
+    filters.launch.py, which starts the servers. Each zone is a polygon, with the property kind
+    (keepout, speed or binary), for a speed zone the property speed, and optionally a name.
+
+    Keepout zones are compared with what the robot reaches: zones that close the only way to a part
+    of the map, or to a place given with --to, are warned of.
+
+    Parameters
+    ----------
+    source : path
+        A map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal.
+    output : path
+        Folder for masks, parameters and launch file.
+    file : path
+        GeoJSON file of the zones, metres in the map frame.
+    kind : {'keepout', 'speed', 'binary'}, optional
+        Make the mask of this kind only; zones without a kind are of it. [default: all kinds in the
+        file]
+    speed_unit : {'percent', 'm/s'}
+        Unit of the zones' speeds: percent of the robot's maximum, or m/s.
+    base, multiplier : float, optional
+        Of a speed filter: the limit is base + v x multiplier for a mask value v of 1..100.
+        [default: 100 and -1 for percent; 0 and the finest step that fits for m/s]
+    start : tuple of float, optional
+        With keepout zones: start of the robot, metres and radians. [default: the widest place of
+        the largest free area]
+    goals : sequence of Goal
+        With keepout zones: place that must stay reachable, such as a dock; more may follow.
+    footprint : Footprint, optional
+        The robot's shape, instead of that of `robot`.
+    """
+    work = Work.in_shell()
+    if file is None:
+        raise ParameterError("is required", place="file")
+    zones = read_zones(file, kind)
+    kinds = [one for one in KINDS if any(zone.kind == one for zone in zones)]
+    if "speed" not in kinds:
+        refuse("applies to speed zones, and there are none", base=base, multiplier=multiplier)
+    if "keepout" not in kinds:
+        refuse("applies to keepout zones, and there are none", start=start, goals=tuple(goals))
+    paths = [output / f"{one}_mask.yaml" for one in kinds]
+    work.outputs += [one for path in paths for one in pair_paths(path)]
+    work.outputs += [output / _PARAMETERS, output / _LAUNCH]
+    (given,) = opened(source, names=("the map",), also=[file, *(robot.paths if robot else ())])
+    claim_cells(given, PER_CELL)
+    shape = planned_shape(robot) if footprint is None and robot is not None else footprint
+    masks = []
+    with errors_named(given.name):
+        for one, path in zip(kinds, paths, strict=True):
+            own = tuple(zone for zone in zones if zone.kind == one)
+            grid, info = filter_mask(
+                given.occupancy, one, own, unit=speed_unit, base=base, multiplier=multiplier
+            )
+            masks.append(FilterMask(grid, info, own, path))
+            facts = mask_facts(given, grid, info, robot=shape, start=start, goals=goals, zones=own)
+            for found in lint_mask(path, facts):
+                emit_warning(f"{path}: {found.message}", stacklevel=2)
+    transaction = work.begin()
+    for made in masks:
+        entries = made.info.entries()
+        write_grid(transaction, made.path, made.grid, mode=made.mode, extra=entries)
+    infos = [one.info for one in masks]
+    names = [path.name for path in paths]
+    transaction.write_bytes(output / _PARAMETERS, filter_parameters(infos).encode())
+    transaction.write_bytes(output / _LAUNCH, filter_launch(kinds, _PARAMETERS, names).encode())
+    return FilterMasks(given, tuple(masks), output)

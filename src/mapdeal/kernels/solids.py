@@ -1,0 +1,153 @@
+"""Solids of marked cells, in cells: few boxes, or one closed surface of triangles.
+
+Runs of marked cells along rows that are alike from row to row are one rectangle. Its upper and
+lower edges are divided where rectangles beside it have corners, so that triangles meet edge to edge
+and the surface is closed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.kernels.arrays import Integers, Mask
+from mapdeal.kernels.components import labelled
+from mapdeal.kernels.polygons import enumerated
+
+
+def run_count(marked: Mask) -> int:
+    """Return how many runs along rows the marked cells have."""
+    starts = marked[:, 1:] & ~marked[:, :-1]
+    return int(np.count_nonzero(marked[:, 0]) + np.count_nonzero(starts))
+
+
+class Rectangles(NamedTuple):
+    """Rows and columns of rectangles, half open, each shape (N,)."""
+
+    first_row: Integers
+    end_row: Integers
+    first_col: Integers
+    end_col: Integers
+
+
+def rectangles(marked: Mask) -> Rectangles:
+    """Return rectangles that together are the marked cells: of each component along one axis."""
+    # A straight wall across the rows is many short runs, and one long run of columns.
+    across = _rectangles_by_rows(marked)
+    first_col, end_col, first_row, end_row = _rectangles_by_rows(np.ascontiguousarray(marked.T))
+    along = Rectangles(first_row, end_row, first_col, end_col)
+    components = labelled(marked, corners=False)
+    count = len(components.sizes)
+    owners = [components.cells[one.first_row, one.first_col] for one in (across, along)]
+    few = np.bincount(owners[0], minlength=count) <= np.bincount(owners[1], minlength=count)
+    kept = few[owners[0]], ~few[owners[1]]
+    both = [
+        np.concatenate([one[kept[0]], other[kept[1]]])
+        for one, other in zip(across, along, strict=True)
+    ]
+    order = np.lexsort(both[2::-2])
+    return Rectangles(*(one[order] for one in both))
+
+
+def _rectangles_by_rows(marked: Mask) -> Rectangles:
+    width = marked.shape[1]
+    edges = np.diff(np.pad(marked, ((0, 0), (1, 1))).view(np.int8), axis=1)
+    row, start = np.nonzero(edges == 1)
+    _, stop = np.nonzero(edges == -1)
+    order = np.lexsort([row, stop, start])
+    row, start, stop = row[order], start[order], stop[order]
+    key = start * (width + 1) + stop
+    is_first = np.ones(len(row), dtype=np.bool_)
+    is_first[1:] = (key[1:] != key[:-1]) | (row[1:] != row[:-1] + 1)
+    is_last = np.roll(is_first, -1)
+    if len(row):
+        is_last[-1] = True
+    return Rectangles(row[is_first], row[is_last] + 1, start[is_first], stop[is_first])
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A closed surface: corners (row, col) in cells, the level of each, and triangles.
+
+    Level 0 is the floor, 2 the top, 1 half-way; triangles run anticlockwise seen from outside.
+    """
+
+    corners: Integers  # shape (N, 2)
+    levels: NDArray[np.uint8]  # shape (N,)
+    triangles: Integers  # shape (M, 3)
+
+
+def surface(marked: Mask) -> Surface:
+    """Return the surface of walls on the marked cells.
+
+    Each edge belongs to two triangles. Where four walls meet at a corner that two marked cells
+    share, the edges of one of them are divided at half height, so that this holds there, too.
+    """
+    found = _rectangles_by_rows(marked)
+    stride = marked.shape[1] + 1
+    lower, upper = found.first_row * stride, found.end_row * stride
+    keys = np.unique(
+        np.concatenate([
+            lower + found.first_col, lower + found.end_col,
+            upper + found.first_col, upper + found.end_col,
+        ])
+    )  # fmt: skip
+    points = np.stack([keys // stride, keys % stride], axis=1)
+    # of each rectangle the numbers, in `points`, of the ends of its lower and its upper edge
+    low, low_end = (np.searchsorted(keys, lower + one) for one in found[2:])
+    top, top_end = (np.searchsorted(keys, upper + one) for one in found[2:])
+    caps = np.concatenate([_fan(low, low_end, top), _fan(top, top_end, low_end, turned=True)])
+    count = len(keys)
+    cells = np.pad(marked, 1)
+    rows, cols = points.T
+    south_west, south_east = cells[rows, cols], cells[rows, cols + 1]
+    north_west, north_east = cells[rows + 1, cols], cells[rows + 1, cols + 1]
+    pinched = (south_west == north_east) & (south_east == north_west) & (south_west != south_east)
+    # walls, with the marked cells on their left: from, to, and whether each end is divided
+    _, bottom = enumerated(low, low_end)
+    _, above = enumerated(top, top_end)
+    bottom = bottom[~cells[rows[bottom], cols[bottom] + 1]]
+    above = above[~cells[rows[above] + 1, cols[above] + 1]]
+    begin = np.concatenate([bottom, low_end, above + 1, top])
+    end = np.concatenate([bottom + 1, top_end, above, low])
+    of_bottom, of_side = np.zeros(len(bottom), np.bool_), np.zeros(len(top), np.bool_)
+    begin_divided = np.concatenate([of_bottom, of_side, pinched[above + 1], pinched[top]])
+    end_divided = np.concatenate([of_bottom, pinched[top_end], pinched[above], of_side])
+    middles = np.flatnonzero(pinched)
+    middle_of = np.zeros(count, dtype=np.int64)
+    middle_of[middles] = 2 * count + np.arange(len(middles))
+    walls = _walls(begin, end, begin_divided, end_divided, count, middle_of)
+    levels = np.repeat(np.array([0, 2, 1], dtype=np.uint8), [count, count, len(middles)])
+    triangles = np.concatenate([caps[:, ::-1], caps + count, walls])
+    return Surface(np.concatenate([points, points, points[middles]]), levels, triangles)
+
+
+def _fan(first: Integers, last: Integers, apex: Integers, *, turned: bool = False) -> Integers:
+    """Return triangles from each stretch of an edge to a point beyond it, anticlockwise."""
+    whose, number = enumerated(first, last)
+    ends = (number + 1, number) if turned else (number, number + 1)
+    return np.stack([*ends, apex[whose]], axis=1)
+
+
+def _walls(
+    begin: Integers, end: Integers, begin_divided: Mask, end_divided: Mask, count: int,
+    middle_of: Integers,
+) -> Integers:  # fmt: skip
+    """Return the triangles of walls, divided at half height where their ends are."""
+    parts = []
+    for from_middle, to_middle in ((False, False), (True, False), (False, True), (True, True)):
+        some = (begin_divided == from_middle) & (end_divided == to_middle)
+        p, q = begin[some], end[some]
+        p_top, q_top, p_mid, q_mid = p + count, q + count, middle_of[p], middle_of[q]
+        corners = {
+            (False, False): [(p, q, q_top), (p, q_top, p_top)],
+            (True, False): [(p, q, p_mid), (p_mid, q, q_top), (p_mid, q_top, p_top)],
+            (False, True): [(p, q, q_mid), (p, q_mid, p_top), (p_top, q_mid, q_top)],
+            (True, True): [(p, q, q_mid), (p, q_mid, p_mid), (p_mid, q_mid, q_top),
+                           (p_mid, q_top, p_top)],
+        }[from_middle, to_middle]  # fmt: skip
+        parts += [np.stack(one, axis=1) for one in corners]
+    return np.concatenate(parts)

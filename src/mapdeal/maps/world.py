@@ -1,0 +1,151 @@
+"""Worlds for simulators: the walls of a map as boxes in SDF, or as one mesh in STL or OBJ.
+
+All are in the map frame, with its origin and yaw, so that a simulated robot localises on the map.
+
+References
+----------
+SDFormat 1.7, which Gazebo 11 and all releases of Gazebo since read.
+"StL Format Specification", binary, 3D Systems; "Object Files (.obj)", Wavefront.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.frame import Frame
+from mapdeal.kernels.arrays import Integers
+from mapdeal.kernels.solids import Rectangles, Surface
+
+WORLD_ENDINGS = (".sdf", ".stl", ".obj")
+
+_DECIMALS = 9  # so that volumes are exact
+_AROUND = 1.0  # metres of floor around the map
+_TOGETHER = 1 << 14
+
+_BEGIN = """\
+<?xml version="1.0"?>
+<sdf version="1.7">
+<world name="{name}">
+<gravity>0 0 -9.8</gravity>
+<magnetic_field>5.5645e-6 22.8758e-6 -42.3884e-6</magnetic_field>
+<atmosphere type="adiabatic"/>
+<physics type="ode">
+<max_step_size>0.001</max_step_size>
+<real_time_factor>1</real_time_factor>
+<real_time_update_rate>1000</real_time_update_rate>
+</physics>
+<scene>
+<ambient>0.5 0.5 0.5 1</ambient>
+<background>0.8 0.8 0.8 1</background>
+<shadows>true</shadows>
+</scene>
+<light name="sun" type="directional">
+<cast_shadows>true</cast_shadows>
+<pose>0 0 10 0 0 0</pose>
+<diffuse>0.8 0.8 0.8 1</diffuse>
+<specular>0.2 0.2 0.2 1</specular>
+<direction>-0.5 0.1 -0.9</direction>
+</light>
+<model name="floor">
+<static>true</static>
+<pose>{centre} 0 0 0 {yaw}</pose>
+<link name="link">
+<collision name="collision"><geometry><plane><normal>0 0 1</normal><size>{size}</size></plane>\
+</geometry></collision>
+<visual name="visual"><geometry><plane><normal>0 0 1</normal><size>{size}</size></plane>\
+</geometry><material><ambient>0.6 0.6 0.6 1</ambient><diffuse>0.6 0.6 0.6 1</diffuse></material>\
+</visual>
+</link>
+</model>
+<model name="walls">
+<static>true</static>
+<pose>{origin} 0 0 0 {yaw}</pose>
+<link name="link">
+"""
+_END = "</link>\n</model>\n</world>\n</sdf>\n"
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Corners of a surface in the map frame, shape (N, 3), metres, and its triangles, (M, 3)."""
+
+    corners: NDArray[np.float64]
+    triangles: Integers
+
+
+def mesh_of(surface: Surface, frame: Frame, wall_height: float) -> Mesh:
+    corners = np.empty((len(surface.corners), 3))
+    corners[:, :2] = frame.xy_from_continuous_rowcol(surface.corners)
+    corners[:, 2] = surface.levels * (wall_height / 2)
+    return Mesh(corners, surface.triangles)
+
+
+def sdf_parts(
+    boxes: Rectangles, frame: Frame, wall_height: float, name: str
+) -> Iterator[bytes]:  # fmt: skip
+    """Yield a world with a floor, a sun, and a static model of the walls, a box each."""
+    cell = frame.resolution
+    x, y, yaw = frame.origin
+    centre = frame.xy_from_continuous_rowcol([[frame.height / 2, frame.width / 2]])[0]
+    size = (frame.width * cell + 2 * _AROUND, frame.height * cell + 2 * _AROUND)
+    yield _BEGIN.format(
+        name=escape(name), centre=_numbers(centre), yaw=_number(yaw), size=_numbers(size),
+        origin=_numbers((x, y)),
+    ).encode()  # fmt: skip
+    rows = np.stack([boxes.first_row, boxes.end_row], axis=1) * cell
+    cols = np.stack([boxes.first_col, boxes.end_col], axis=1) * cell
+    table = np.stack(
+        [cols.mean(axis=1), rows.mean(axis=1), np.diff(cols)[:, 0], np.diff(rows)[:, 0]], axis=1
+    )
+    middle, height = _number(wall_height / 2), _number(wall_height)
+    for first in range(0, len(table), _TOGETHER):
+        text = ""
+        for number, (at_x, at_y, wide, deep) in enumerate(
+            table[first : first + _TOGETHER].tolist(), first
+        ):
+            box = (
+                f"<pose>{_number(at_x)} {_number(at_y)} {middle} 0 0 0</pose><geometry><box><size>"
+                f"{_number(wide)} {_number(deep)} {height}</size></box></geometry>"
+            )
+            text += f'<collision name="c{number}">{box}</collision>'
+            text += f'<visual name="v{number}">{box}</visual>\n'
+        yield text.encode()
+    yield _END.encode()
+
+
+def stl_parts(mesh: Mesh, name: str) -> Iterator[bytes]:
+    """Yield a binary STL file; its coordinates are float32."""
+    title = f"mapdeal {name}, metres, z up".encode("ascii", "replace")[:80]
+    yield title.ljust(80) + len(mesh.triangles).to_bytes(4, "little")
+    layout = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+    for first in range(0, len(mesh.triangles), _TOGETHER):
+        corners = mesh.corners[mesh.triangles[first : first + _TOGETHER]]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        part = np.zeros(len(corners), dtype=layout)
+        part["normal"], part["corners"] = normals, corners
+        yield part.tobytes()
+
+
+def obj_parts(mesh: Mesh, name: str) -> Iterator[bytes]:
+    yield f"# mapdeal, metres, z up\no {'_'.join(name.split())}\n".encode()
+    for first in range(0, len(mesh.corners), _TOGETHER):
+        rows = mesh.corners[first : first + _TOGETHER].tolist()
+        yield "".join(f"v {_numbers(one)}\n" for one in rows).encode()
+    for first in range(0, len(mesh.triangles), _TOGETHER):
+        rows = (mesh.triangles[first : first + _TOGETHER] + 1).tolist()
+        yield "".join(f"f {a} {b} {c}\n" for a, b, c in rows).encode()
+
+
+def _numbers(values: object) -> str:
+    return " ".join(map(_number, values))  # type: ignore[call-overload]
+
+
+def _number(value: float) -> str:
+    text = f"{value:.{_DECIMALS}f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text

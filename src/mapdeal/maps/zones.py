@@ -1,0 +1,185 @@
+"""Zones for costmap filters: GeoJSON features with a kind, and the masks that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mapdeal.errors import (
+    MalformedInputError,
+    ParameterError,
+    emit_warning,
+    kept_warnings,
+    meant,
+)
+from mapdeal.files.json_values import read_document
+from mapdeal.grid.bit_map import blank, draw
+from mapdeal.grid.filters import KINDS, FilterInfo, FilterKind, SpeedUnit, info_for
+from mapdeal.grid.frame import Point
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.shapes import Shape
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.inputs.kinds import SHAPES, recognised
+from mapdeal.maps.shapes import geojson_features
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A zone of a filter: its shapes in the map frame, and the speed that is allowed there."""
+
+    name: str
+    kind: FilterKind
+    shapes: tuple[Shape, ...]
+    speed: float | None = None
+    source: str = ""
+
+    def drawn_with(self, value: int) -> list[Shape]:
+        """Return the shapes with a value; a keepout zone may have its own, which is a cost."""
+        own = self.kind == "keepout"
+        return [one if own and one.value else replace(one, value=value) for one in self.shapes]
+
+
+def read_zones(path: Path, kind: FilterKind | None = None) -> list[Zone]:
+    """Read zones from GeoJSON: features with the properties ``kind``, ``name`` and ``speed``.
+
+    Parameters
+    ----------
+    path : Path
+        The file; coordinates are in metres in the map frame.
+    kind : {'keepout', 'speed', 'binary'}, optional
+        Kind of the zones wanted, which features without one are. By default all kinds.
+
+    Returns
+    -------
+    list of Zone
+        The zones of the kind, in order.
+
+    Raises
+    ------
+    FileAccessError
+        If the file cannot be read.
+    MalformedInputError
+        If it is malformed, or has no zone of the kind.
+    """
+    with recognised(path, "a file of zones", SHAPES):
+        features = geojson_features(read_document(path))
+    zones = [
+        _zone(path, number, properties, shapes, kind)
+        for number, (properties, shapes) in enumerate(features, 1)
+        if shapes
+    ]
+    found = [one for one in zones if kind in (None, one.kind)]
+    if not found:
+        rule = "holds no zone" if kind is None else f"holds no {kind} zone"
+        others = ", ".join(dict.fromkeys(one.kind for one in zones))
+        hint = f"its zones are of the kind {others}" if others else None
+        raise MalformedInputError(rule, source=path, hint=hint)
+    return found
+
+
+def _zone(
+    path: Path, number: int, properties: Mapping[str, Any], shapes: Sequence[Shape],
+    wanted: FilterKind | None,
+) -> Zone:  # fmt: skip
+    name = properties.get("name")
+    name = f"zone {number}" if name in (None, "") else str(name)
+    place = f"feature {number} ({name})"
+    speed, kind = properties.get("speed"), properties.get("kind")
+    if kind is None:
+        kind = "speed" if speed is not None else wanted
+    if kind not in KINDS:
+        rule = f"needs a property kind: {', '.join(KINDS)}"
+        hint = meant(str(kind), KINDS) if kind is not None else "or choose one with --kind"
+        raise MalformedInputError(rule, source=path, place=place, got=kind, hint=hint)
+    if kind == "speed":
+        speed = _speed(path, place, speed)
+    return Zone(name, kind, tuple(shapes), speed if kind == "speed" else None, f"{path}: {place}")
+
+
+def _speed(path: Path, place: str, speed: object) -> float:
+    if isinstance(speed, bool) or not isinstance(speed, int | float):
+        rule = "a speed zone needs a property speed, a number"
+        raise MalformedInputError(rule, source=path, place=place, got=speed)
+    if not speed > 0:
+        rule = "speed must be above 0: to Nav2, 0 is no limit"
+        hint = "a zone that nobody may enter is of the kind keepout"
+        raise MalformedInputError(rule, source=path, place=place, got=speed, hint=hint)
+    return float(speed)
+
+
+def filter_mask(
+    grid: OccupancyGrid, kind: FilterKind, zones: Sequence[Zone], *,
+    unit: SpeedUnit = "percent", base: float | None = None, multiplier: float | None = None,
+) -> tuple[OccupancyGrid, FilterInfo]:  # fmt: skip
+    """Return the mask of zones of one kind on a map's cells, and how the filter reads it.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map, of which resolution, origin and size are taken.
+    kind : {'keepout', 'speed', 'binary'}
+        Kind of all the zones.
+    zones : sequence of Zone
+        The zones. Where speed zones overlap, the lower limit counts.
+    unit : {'percent', 'm/s'}
+        Unit of the speeds.
+    base, multiplier : float, optional
+        Of the filter; by default 100 and -1 for percent, and 0 and a round multiplier for m/s.
+
+    Returns
+    -------
+    OccupancyGrid, FilterInfo
+        The mask: 100 in keepout and binary zones, the value of the limit in speed zones. Outside
+        it is 0, or for keepout -1, since 0 would make the unknown cells of a costmap free.
+
+    Raises
+    ------
+    ParameterError
+        If a speed cannot be represented.
+
+    Warns
+    -----
+    MapdealWarning
+        If a speed is rounded down, or a zone is clipped.
+    """
+    speeds = [one.speed for one in zones if one.speed is not None]
+    info = info_for(kind, speeds, unit=unit, base=base, multiplier=multiplier)
+    shapes = [shape for one in zones for shape in one.drawn_with(_value_of(one, info))]
+    # of overlapping limits the lower one counts: of the values, where more is faster, the least
+    is_reversed = kind == "speed" and info.multiplier > 0
+    values = draw(blank(grid, UNKNOWN), shapes, overlay="min" if is_reversed else "max").occupancy
+    if kind != "keepout":
+        values = np.where(values == UNKNOWN, np.int8(FREE), values)
+    return OccupancyGrid(values, grid.resolution, grid.origin), info
+
+
+def _value_of(zone: Zone, info: FilterInfo) -> int:
+    if zone.speed is None:
+        return OCCUPIED
+    if info.unit == "percent" and zone.speed == OCCUPIED and info.base == OCCUPIED:
+        emit_warning(f"{zone.source}: speed 100 % is no limit", stacklevel=3)
+        return FREE
+    try:
+        value, is_exact = info.value_of(zone.speed)
+    except ParameterError as error:
+        raise error.found_in(zone.source) from None
+    if not is_exact:
+        limit = info.base + value * info.multiplier
+        text = f"{zone.source}: speed {zone.speed:g} becomes {limit:.6g} {info.sign}"
+        emit_warning(f"{text}, the next lower one that the mask can hold", stacklevel=3)
+    return value
+
+
+def name_at(zones: Sequence[Zone], grid: OccupancyGrid, xy: Point) -> str | None:
+    """Return the name of the first zone that covers the cell of a point on a map."""
+    row, col = grid.frame.unbounded_rowcol_from_xy([xy])[0].tolist()
+    for zone in zones:
+        with kept_warnings():  # said when the mask was drawn
+            drawn = draw(blank(grid, FREE), zone.drawn_with(OCCUPIED)).occupancy
+        if drawn[row, col]:
+            return zone.name
+    return None

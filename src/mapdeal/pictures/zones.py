@@ -1,0 +1,101 @@
+"""Pictures of the zones of costmap filters on their map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.filters import FilterInfo
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.kernels.lookup import histogram
+from mapdeal.pictures.canvas import Image
+from mapdeal.pictures.colours import (
+    CHANGED,
+    CLOSED_PASSAGE,
+    KEEPOUT,
+    RVIZ_UNKNOWN,
+    TIGHT_PASSAGE,
+    Colour,
+    Swatch,
+    interpolated,
+    mixed,
+)
+from mapdeal.pictures.layers import occupancy_image
+from mapdeal.pictures.overlay import Overlay, Surface, inner_outline
+
+_BINARY = (140, 92, 200)
+_SLOW_TO_FAST = [CLOSED_PASSAGE, TIGHT_PASSAGE, CHANGED]
+_MOST_LIMITS = 12  # colours of limits; more share them
+
+
+@dataclass(frozen=True, eq=False)
+class _Zones:
+    """The cells of one colour: those of a limit, or of another filter."""
+
+    cells: NDArray[np.bool_]
+    colour: Colour
+    label: str
+
+
+@dataclass(frozen=True, eq=False)
+class ZonesOverlay(Overlay):
+    """Zones over a map: filled where it is free or unknown, with an outline."""
+
+    grid: OccupancyGrid
+    masks: Sequence[tuple[OccupancyGrid, FilterInfo]]
+
+    @cached_property
+    def _zones(self) -> list[_Zones]:
+        return [one for grid, info in self.masks for one in _zones_in(grid, info)]
+
+    @property
+    def colours(self) -> list[Colour]:
+        found: list[Colour] = []
+        for one in self._zones:
+            colour = np.array([one.colour])
+            free, unknown = mixed(colour, (255, 255, 255), 0.55), mixed(colour, RVIZ_UNKNOWN, 0.6)
+            found += [tuple(map(int, each[0])) for each in (free, unknown, colour)]  # type: ignore[misc]
+        return found
+
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
+        values = np.asarray(self.grid.occupancy)
+        free = on.raster.enlarged(on.raster.largest(values) <= FREE)
+        unknown = on.raster.enlarged(on.raster.largest(values) == UNKNOWN)
+        swatches = []
+        for number, one in enumerate(self._zones):
+            index = first_index + 3 * number
+            cells = on.raster.enlarged(on.raster.largest(one.cells))
+            on.pixels[cells & free] = index
+            on.pixels[cells & unknown] = index + 1
+            on.pixels[inner_outline(cells)] = index + 2
+            swatches.append(Swatch(index, one.label))
+        return swatches
+
+
+def _zones_in(grid: OccupancyGrid, info: FilterInfo) -> Iterator[_Zones]:
+    values = np.asarray(grid.occupancy)
+    if info.kind != "speed":
+        colour = KEEPOUT if info.kind == "keepout" else _BINARY
+        yield _Zones(values > FREE, colour, info.kind)
+        return
+    found = np.flatnonzero(histogram(values)[FREE + 1 : OCCUPIED + 1]) + 1
+    limits = sorted((info.limit_of(v) or 0.0, v) for v in found.tolist())
+    scale = interpolated(_SLOW_TO_FAST, min(max(len(limits), 2), _MOST_LIMITS))
+    for number, (limit, value) in enumerate(limits):
+        colour = scale[number * (len(scale) - 1) // max(len(limits) - 1, 1)].tolist()
+        label = f"{limit:.4g} {info.sign}" if limit else "no limit"
+        yield _Zones(values == value, (colour[0], colour[1], colour[2]), label)
+
+
+def zones_image(
+    grid: OccupancyGrid, masks: Sequence[tuple[OccupancyGrid, FilterInfo]], *, title: str,
+    **look: Any,
+) -> Image:  # fmt: skip
+    """Return a map in greys with the zones of masks on its cells in colours."""
+    return occupancy_image(grid, title=title, **look | {"overlay": ZonesOverlay(grid, masks)})

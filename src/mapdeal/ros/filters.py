@@ -1,0 +1,195 @@
+"""Costmap filters in parameter files of Nav2: written for masks, and read to be checked.
+
+A filter needs three nodes that agree: a map_server for the mask, a ``costmap_filter_info_server``
+that says how to read it, and a lifecycle manager that activates both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from mapdeal.grid.filters import FilterInfo, FilterKind
+from mapdeal.ros.robot import ParameterValue
+from mapdeal.ros.ros2_files import Ros2Parameters
+
+_PLUGINS: dict[FilterKind, str] = {
+    "keepout": "KeepoutFilter", "speed": "SpeedFilter", "binary": "BinaryFilter"
+}  # fmt: skip
+TYPES_OF_PLUGIN = {
+    "KeepoutFilter": (0,), "SpeedFilter": (1, 2), "BinaryFilter": (3,), "ZoneParameterFilter": (4,)
+}  # fmt: skip
+_OWN: dict[FilterKind, str] = {
+    "keepout": "",
+    "speed": '        speed_limit_topic: "/speed_limit"\n',
+    "binary": "        default_state: false\n"
+    '        binary_state_topic: "/binary_state"\n'
+    "        flip_threshold: 50.0\n",
+}
+_COSTMAPS: dict[FilterKind, tuple[str, ...]] = {
+    "keepout": ("global", "local"), "speed": ("global",), "binary": ("global",)
+}  # fmt: skip
+MANAGER = "lifecycle_manager_costmap_filters"
+
+
+def servers_of(kind: FilterKind) -> tuple[str, str]:
+    """Return the names of the map_server of a mask and of its info server."""
+    return f"{kind}_filter_mask_server", f"{kind}_costmap_filter_info_server"
+
+
+def filter_parameters(infos: Sequence[FilterInfo]) -> str:
+    """Return the parameter file of the servers of some masks, and of the costmaps' filters."""
+    # Topics are absolute: Humble takes relative ones in the namespace of the costmap, and newer
+    # releases in that above it.
+    kinds = [one.kind for one in infos]
+    nodes = [node for kind in kinds for node in servers_of(kind)]
+    parts = ["# The servers of the masks. The launch file beside this one adds yaml_filename.\n"]
+    for info in infos:
+        mask_server, info_server = servers_of(info.kind)
+        parts.append(f"""\
+{mask_server}:
+  ros__parameters:
+    topic_name: "/{info.kind}_filter_mask"
+
+{info_server}:
+  ros__parameters:
+    type: {info.type}
+    filter_info_topic: "/{info.kind}_costmap_filter_info"
+    mask_topic: "/{info.kind}_filter_mask"
+    base: {float(info.base)!r}
+    multiplier: {float(info.multiplier)!r}
+""")
+    listed = ", ".join(f'"{node}"' for node in nodes)
+    parts.append(f"{MANAGER}:\n  ros__parameters:\n    autostart: true\n")
+    parts[-1] += f"    node_names: [{listed}]\n"
+    parts.append("# The filters, for the costmaps of the robot's own parameter file.\n")
+    for costmap in ("global", "local"):
+        own = [kind for kind in kinds if costmap in _COSTMAPS[kind]]
+        if own:
+            parts.append(_costmap(costmap, own))
+    return "\n".join(parts)
+
+
+def _costmap(costmap: str, kinds: Sequence[FilterKind]) -> str:
+    text = f"{costmap}_costmap:\n  {costmap}_costmap:\n    ros__parameters:\n"
+    return text + filters_block(kinds)
+
+
+def filters_block(kinds: Sequence[FilterKind]) -> str:
+    listed = ", ".join(f'"{kind}_filter"' for kind in kinds)
+    text = f"      filters: [{listed}]\n"
+    for kind in kinds:
+        text += f"""\
+      {kind}_filter:
+        plugin: "nav2_costmap_2d::{_PLUGINS[kind]}"
+        enabled: true
+        filter_info_topic: "/{kind}_costmap_filter_info"
+        transform_tolerance: 0.1
+{_OWN[kind]}"""
+    return text
+
+
+def filter_launch(kinds: Sequence[FilterKind], parameters: str, masks: Sequence[str]) -> str:
+    """Return a launch file for the servers, given the names of the files beside it."""
+    nodes = ""
+    for kind, mask in zip(kinds, masks, strict=True):
+        mask_server, info_server = servers_of(kind)
+        nodes += f"""\
+            Node(
+                package="nav2_map_server",
+                executable="map_server",
+                name="{mask_server}",
+                parameters=[parameters, clock, {{"yaml_filename": str(FOLDER / "{mask}")}}],
+                output="screen",
+            ),
+            Node(
+                package="nav2_map_server",
+                executable="costmap_filter_info_server",
+                name="{info_server}",
+                parameters=[parameters, clock],
+                output="screen",
+            ),
+"""
+    return f'''\
+"""Start the servers of the costmap filters."""
+
+from pathlib import Path
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+FOLDER = Path(__file__).parent
+
+
+def generate_launch_description():
+    parameters = str(FOLDER / "{parameters}")
+    clock = {{"use_sim_time": LaunchConfiguration("use_sim_time")}}
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("use_sim_time", default_value="false"),
+{nodes}\
+            Node(
+                package="nav2_lifecycle_manager",
+                executable="lifecycle_manager",
+                name="{MANAGER}",
+                parameters=[parameters, clock],
+                output="screen",
+            ),
+        ]
+    )
+'''
+
+
+@dataclass(frozen=True)
+class InfoServer:
+    """Parameters of a node that says how a mask is to be read, and of others around it."""
+
+    name: str
+    values: Mapping[str, ParameterValue]
+
+    def of(self, name: str, default: object = None) -> object:
+        found = self.values.get(name)
+        return default if found is None else found.value
+
+    @property
+    def at(self) -> ParameterValue:
+        return next(iter(self.values.values()))
+
+
+@dataclass(frozen=True)
+class FilterServers:
+    """What parameter files hold for filters besides the costmaps."""
+
+    info: tuple[InfoServer, ...]
+    mask_topics: tuple[str, ...]
+    managed: tuple[str, ...]
+    """Names of the nodes that lifecycle managers in the files activate."""
+
+
+def filter_servers(parameters: Ros2Parameters) -> FilterServers:
+    info: list[InfoServer] = []
+    topics: list[str] = []
+    managed: list[str] = []
+    for node in parameters.nodes:
+        if "*" in node.name:
+            continue
+        values = parameters.for_node(node.name)
+        if "mask_topic" in values:
+            info.append(InfoServer(node.name, values))
+        if "topic_name" in values:
+            topics.append(str(values["topic_name"].value))
+        if "node_names" in values:
+            managed += _texts(values["node_names"].value)
+    return FilterServers(tuple(info), tuple(topics), tuple(managed))
+
+
+def _texts(value: object) -> Iterator[str]:
+    if isinstance(value, list | tuple):
+        yield from map(str, value)
+
+
+def topic_of(text: object) -> str:
+    """Return a topic as it is compared: relative ones are in the namespace above the costmap."""
+    return str(text).strip("/")

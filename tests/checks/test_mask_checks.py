@@ -1,0 +1,129 @@
+"""Each check of a filter's mask on one that it is about, and none on a good one."""
+
+import numpy as np
+import pytest
+
+import mapdeal
+from drawn import grid_from_text
+from mapdeal import Goal, OccupancyGrid, write_map
+from mapdeal.checks.findings import CHECKS
+from mapdeal.maps.dialects import MapMetadata
+from mapdeal.maps.map_server import yaml_of
+
+ROOMS = """\
+#############
+#.....#.....#
+#.....#.....#
+#...........#
+#.....#.....#
+#.....#.....#
+######?######"""
+MAP = grid_from_text(ROOMS, resolution=0.5, origin=(1.0, 2.0, 0.0))
+DOOR, DOCK = (3, 6), (5, 10)  # row from the south, column
+
+
+def mask_of(*cells, value=100, outside=-1):
+    values = np.full(MAP.shape, outside, np.int8)
+    for cell in cells:
+        values[cell] = value
+    return values
+
+
+@pytest.fixture
+def found(tmp_path):
+    """Lint a mask against the rooms; return its findings by check."""
+
+    def run(values=None, pixels=None, *, mode=None, frame=MAP.frame, extra=None, **options):
+        write_map(tmp_path / "map.yaml", MAP, force=True)
+        values = mask_of((5, 2)) if values is None else values
+        grid = OccupancyGrid(values, frame.resolution, frame.origin)
+        path = tmp_path / "mask.yaml"
+        write_map(path, grid, mode=mode, force=True)
+        if extra is not None:
+            path.write_bytes(yaml_of(MapMetadata("mask.pgm", 0.5, frame.origin, **extra)))
+        if pixels is not None:
+            height, width = pixels.shape
+            head = b"P5\n%d %d\n255\n" % (width, height)
+            (tmp_path / "mask.pgm").write_bytes(head + pixels.astype(np.uint8).tobytes())
+        report = mapdeal.lint(tmp_path / "map.yaml", filter_mask=path, select="mask", **options)
+        assert all(one.file == str(path) for one in report)
+        return {one.check: one for one in report}
+
+    return run
+
+
+def moved(x=1.0, y=2.0, yaw=0.0):
+    return mapdeal.Frame(*MAP.shape, 0.5, (x, y, yaw))
+
+
+SPEED = {"filter": "speed", "speed_unit": "percent", "filter_base": 100.0,
+         "filter_multiplier": -1.0}  # fmt: skip
+SCALE = {"mode": "scale", "occupied_thresh": 1.0, "free_thresh": 0.0, "extra": SPEED}
+ALL_GREY = np.full(MAP.shape, 150)
+ALL_GREY[2] = 160
+
+CASES = [
+    ("mask.geometry", {"frame": moved(x=1.25)}, "origin 1.25, 2, 0; the map has 1, 2, 0"),
+    ("mask.geometry", {"frame": moved(yaw=0.1)}, "yaw 0.1, which Nav2 takes for 0"),
+    ("mask.geometry", {"values": mask_of((5, 2))[:, :-1]}, "12 x 7 cells; the map has 13 x 7"),
+    ("mask.geometry", {"frame": mapdeal.Frame(*MAP.shape, 0.25, (1.0, 2.0, 0.0))}, "0.25 m; the"),
+    ("mask.part", {"values": mask_of((5, 2))[:, :-1]}, "of the known cells of"),
+    ("mask.elsewhere", {"frame": moved(x=100.0)}, "covers no known cell"),
+    ("mask.nothing", {"pixels": ALL_GREY, "extra": {"occupied_thresh": 0.65}},
+     "2 greys, but mode trinary with occupied_thresh 0.65"),
+    ("mask.nothing", {"values": mask_of(outside=0)}, "no zone: all pixels are alike"),
+    ("mask.all-or-nothing", {"mask_kind": "speed", "values": mask_of((3, 3), outside=0)},
+     "every zone gets no limit"),
+    ("mask.no-limit", {"values": mask_of((3, 3), outside=0), "mode": "scale", "extra": SCALE},
+     "1 cell of value 100: 0 % is no limit"),
+    ("mask.unknown", {"mask_kind": "speed"}, "90 cells are unknown"),
+    ("mask.frees-unknown", {"values": mask_of((5, 2), outside=0)}, "1 cell of 0"),
+    ("mask.goal", {"values": mask_of(DOCK), "goals": [Goal(6.25, 4.75, "dock")]},
+     "dock lies in a keepout zone"),
+    ("mask.goal", {"values": mask_of(DOOR), "start": (2.0, 3.0), "goals": [Goal(6.25, 4.75)]},
+     "6.25,4.75 is cut off"),
+    ("mask.start", {"values": mask_of(DOOR), "start": (4.25, 3.75)}, "lies in a keepout zone"),
+    ("mask.closes", {"values": mask_of(DOOR), "start": (2.0, 3.0)},
+     "4.25,3.75 cuts off 6.25 m2 around 5.75,3.75; reachable are 12.75 m2 without the mask, 6.25"),
+]  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "given", "words"), CASES)
+def test_a_check_finds_what_it_is_about(found, name, given, words):
+    given = dict(given)
+    if "mode" in (given.get("extra") or {}):
+        given["mode"] = "scale"
+    one = found(**given)[name]
+    assert words in one.message
+    assert one.severity == CHECKS[name].severity
+    assert one.message.isprintable()
+
+
+@pytest.mark.slow
+def test_a_good_mask_has_no_finding(found):
+    assert found(mask_of((5, 2)), goals=[Goal(6.25, 4.75, "dock")]) == {}
+    good = mask_of((3, 3), value=60, outside=0)
+    assert found(good, mode="scale", extra=SCALE) == {}
+
+
+@pytest.mark.slow
+def test_a_robot_that_is_too_wide_without_the_mask_is_no_fault_of_it(found):
+    wide = mapdeal.Footprint.circle(0.6)
+    assert found(mask_of(DOOR), footprint=wide, start=(2.0, 3.5)) == {}
+
+
+@pytest.mark.slow
+def test_the_kind_is_that_of_the_yaml_of_the_mode_or_as_asked(found):
+    door = {"values": mask_of(DOOR, outside=0), "start": (2.0, 3.0)}
+    assert "mask.closes" in found(**door)
+    assert "mask.closes" in found(**door, mode="scale", mask_kind="keepout")
+    values = door["values"]
+    assert "mask.no-limit" in found(values, mode="scale")
+    assert found(values, mask_kind="binary") == {}
+    binary = {"filter": "binary"}
+    assert found(values, extra={"extra": binary}) == {}
+
+
+def test_every_check_has_a_case():
+    assert {name for name, *_ in CASES} == {one for one in CHECKS if one.startswith("mask.")}

@@ -1,0 +1,161 @@
+"""Masks of costmap filters from the shell: what Nav2 is to start with."""
+
+import json
+import runpy
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import yaml
+
+import mapdeal
+from mapdeal.ros.ros2_files import read_ros2
+
+ROOT = Path(__file__).parents[2]
+OFFICE = ROOT / "examples" / "maps" / "office.yaml"
+ZONES = ROOT / "examples" / "shapes" / "office_filters.geojson"
+ROBOT = ROOT / "examples" / "robots" / "nav2_params.yaml"
+
+
+@pytest.fixture
+def folder(tmp_path, command):
+    """All that is made of the office's zones, and what the command says of it."""
+    code, out, err = command("mask", OFFICE, "--file", ZONES, "-o", tmp_path / "f", "--json")
+    assert (code, err) == (0, "")
+    return tmp_path / "f", json.loads(out)
+
+
+def test_the_folder_has_masks_parameters_and_a_launch_file(folder):
+    path, document = folder
+    assert sorted(one.name for one in path.iterdir()) == [
+        "binary_mask.pgm", "binary_mask.yaml", "filters.launch.py", "filters.yaml",
+        "keepout_mask.pgm", "keepout_mask.yaml", "speed_mask.pgm", "speed_mask.yaml",
+    ]  # fmt: skip
+    keepout, speed, binary = document["masks"]
+    assert [one["type"] for one in (keepout, speed, binary)] == [0, 1, 3]
+    assert {(one["limit"]) for one in speed["limits"]} == {20, 40}
+    assert [one["name"] for one in speed["zones"]] == ["corridor", "crossing"]
+
+
+@pytest.mark.parametrize("dialect", ["nav2", "humble"])
+def test_map_server_serves_the_values_that_the_filters_need(folder, dialect):
+    path, _ = folder
+    grids = {
+        kind: mapdeal.read_map(path / f"{kind}_mask.yaml", dialect=dialect)
+        for kind in ("keepout", "speed", "binary")
+    }
+    values = {kind: set(one.occupancy.ravel().tolist()) for kind, one in grids.items()}
+    assert values == {"keepout": {-1, 100}, "speed": {0, 60, 80}, "binary": {0, 100}}
+    office = mapdeal.read_map(OFFICE)
+    assert all(one.frame == office.frame for one in grids.values())
+
+
+def test_servers_and_filters_agree(folder):
+    """By the types that the nodes of Nav2 declare, and by the names that they look up."""
+    path, _ = folder
+    read = read_ros2([path / "filters.yaml"])
+    nodes = {one.name: read.for_node(one.name) for one in read.nodes}
+    (managed,) = (one["node_names"].value for one in nodes.values() if "node_names" in one)
+    for kind, number in {"keepout": 0, "speed": 1, "binary": 3}.items():
+        server, info = (
+            nodes[f"/{kind}_filter_mask_server"],
+            nodes[f"/{kind}_costmap_filter_info_server"],
+        )
+        kinds = {name: (one.kind, one.value) for name, one in info.items()}
+        assert kinds["type"] == ("integer", number)
+        assert kinds["base"][0] == kinds["multiplier"][0] == "double"
+        assert kinds["mask_topic"][1] == server["topic_name"].value
+        assert {f"{kind}_filter_mask_server", f"{kind}_costmap_filter_info_server"} < set(managed)
+        costmap = nodes["/global_costmap/global_costmap"]
+        assert f"{kind}_filter" in costmap["filters"].value
+        assert costmap[f"{kind}_filter.filter_info_topic"].value == kinds["filter_info_topic"][1]
+
+
+def test_lint_finds_nothing_in_the_parameters_with_a_robots_own(folder, command, real_maps):
+    path, _ = folder
+    nav2 = real_maps / "params/ros-navigation__navigation2/nav2_bringup/params/nav2_params.yaml"
+    for own in (ROBOT, nav2):
+        before = command("lint", "--params-file", own)[1].count("\n")
+        words = ("lint", "--params-file", own, "--params-file", path / "filters.yaml")
+        code, out, _ = command(*words, "--ignore", "params.layer-disabled")
+        assert code == 0, out
+        assert "filter" not in out
+        assert out.count("\n") <= before + 1
+
+
+def test_the_launch_file_starts_all_nodes_of_the_parameters(folder, monkeypatch):
+    path, _ = folder
+
+    def made(*entities, **given):
+        return SimpleNamespace(entities=entities, **given)
+
+    modules = {
+        "launch": {"LaunchDescription": list},
+        "launch.actions": {"DeclareLaunchArgument": made},
+        "launch.substitutions": {"LaunchConfiguration": str},
+        "launch_ros": {},
+        "launch_ros.actions": {"Node": made},
+    }
+    for name, contents in modules.items():
+        monkeypatch.setitem(sys.modules, name, SimpleNamespace(**contents))
+    description = runpy.run_path(str(path / "filters.launch.py"))["generate_launch_description"]()
+    nodes = {one.name: one for one in description if hasattr(one, "executable")}
+    parameters = yaml.safe_load((path / "filters.yaml").read_text())
+    servers = {name for name in parameters if not name.endswith("_costmap")}
+    assert set(nodes) == servers
+    for name, node in nodes.items():
+        assert node.parameters[0] == str(path / "filters.yaml")
+        assert (node.executable == "map_server") == (len(node.parameters) == 3)
+        if node.executable == "map_server":
+            file = Path(node.parameters[2]["yaml_filename"])
+            assert file.name == f"{name.partition('_')[0]}_mask.yaml"
+            assert file.exists()
+
+
+def test_a_zone_in_a_door_is_named(tmp_path, command):
+    door = [[[-8.2, -1.0], [-6.8, -1.0], [-6.8, -0.6], [-8.2, -0.6], [-8.2, -1.0]]]
+    geometry = {"type": "Polygon", "coordinates": door}
+    zone = {"type": "Feature", "properties": {"name": "paint"}, "geometry": geometry}
+    (tmp_path / "z.geojson").write_text(json.dumps(zone))
+    words = ["mask", OFFICE, "--file", tmp_path / "z.geojson", "--kind", "keepout"]
+    words += ["-o", tmp_path / "f", "--robot-radius", "0.22", "--from", "0,0.9"]
+    words += ["--to", "room=-7,-3"]
+    code, _, err = command(*words)
+    assert code == 0
+    assert "paint at -7.525,-0.775 cuts off 12.98 m2" in err
+    assert "room is cut off by keepout zones" in err
+    code, _, err = command(*words, "--strict", "--force")
+    assert code == 1
+
+
+def test_info_and_report_show_the_limits(folder, tmp_path, command):
+    path, _ = folder
+    _, out, _ = command("info", path / "speed_mask.yaml")
+    assert "limit 20 %  6.253 m2" in out
+    _, out, _ = command("info", path / "keepout_mask.yaml", "--json")
+    assert json.loads(out)["filter"]["area_m2"] == pytest.approx(12.9625)
+    command("report", path / "speed_mask.yaml", "-o", tmp_path / "r.html")
+    assert '<th scope="row">limit 20 %</th><td>6.253 m2</td>' in (tmp_path / "r.html").read_text()
+    _, out, _ = command("lint", path / "speed_mask.yaml", "--select", "yaml")
+    assert "unknown" not in out
+
+
+REFUSED = [
+    ((), 2, "--file: is required"),
+    (("--file", ZONES, "--kind", "other"), 2, "must be one of keepout, speed, binary"),
+    (("--file", ZONES, "--kind", "binary", "--base", "1"), 2, "--base: applies to speed zones"),
+    (("--file", ZONES, "--kind", "speed", "--to", "1,2"), 2, "--to: applies to keepout zones"),
+    (("--file", ZONES, "--multiplier", "0"), 2, "other than 0"),
+    (("--file", OFFICE), 3, "not a file of zones"),
+    (("--file", "missing.geojson"), 4, "missing.geojson"),
+    (("--file", ZONES, "--from", "99,99"), 2, "start"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("words", "code", "text"), REFUSED)
+def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, command, words, code, text):
+    found, _, err = command("mask", OFFICE, *words, "-o", tmp_path / "f")
+    assert found == code, err
+    assert text in err.partition("\n")[0]
+    assert not list(tmp_path.iterdir())

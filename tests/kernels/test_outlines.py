@@ -1,0 +1,80 @@
+"""Outlines of cells, held against shapely."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mapdeal.kernels.outlines import corner_count, outlines
+
+shapely = pytest.importorskip("shapely")
+
+
+@st.composite
+def masks(draw, largest=18):
+    shape = draw(st.integers(1, largest)), draw(st.integers(1, largest))
+    share, seed = draw(st.sampled_from([0.1, 0.4, 0.6, 0.9])), draw(st.integers(0, 10**6))
+    return np.random.default_rng(seed).random(shape) < share
+
+
+def polygon(one):
+    return shapely.Polygon(one.shell[:, ::-1], [hole[:, ::-1] for hole in one.holes])
+
+
+def union_of_cells(mask):
+    return shapely.union_all([shapely.box(c, r, c + 1, r + 1) for r, c in np.argwhere(mask)])
+
+
+@given(masks())
+def test_exact_outlines_are_the_union_of_the_cells(mask):
+    found = outlines(mask)
+    polygons = [polygon(one) for one in found]
+    assert all(one.is_valid and shapely.is_ccw(one.exterior) for one in polygons)
+    assert all(not shapely.is_ccw(ring) for one in polygons for ring in one.interiors)
+    assert sum(one.area for one in polygons) == mask.sum()
+    cells = union_of_cells(mask)
+    assert shapely.equals(shapely.union_all(polygons), cells)
+    own = list(cells.geoms) if hasattr(cells, "geoms") else [cells] * bool(mask.any())
+    assert sorted(one.cells for one in found) == sorted(one.area for one in own)
+    assert [one.cells for one in found] == sorted((one.cells for one in found), reverse=True)
+    corners = sum(len(ring) for one in found for ring in one.rings)
+    assert corners <= corner_count(mask) <= 4 * mask.sum()
+
+
+@given(masks(), st.sampled_from([0.1, 0.36, 0.5]))
+def test_simpler_outlines_stay_near_valid_and_as_large(mask, tolerance):
+    found = outlines(mask, tolerance)
+    polygons = [polygon(one) for one in found]
+    together = shapely.MultiPolygon(polygons)
+    assert together.is_valid, shapely.is_valid_reason(together)
+    for one, own in zip(polygons, found, strict=True):
+        assert abs(one.area - own.cells) <= 0.01 * own.cells
+        assert own.area == pytest.approx(one.area)
+        assert shapely.is_ccw(one.exterior)
+    if polygons:
+        exact = union_of_cells(mask).boundary
+        distance = shapely.hausdorff_distance(together.boundary, exact, densify=0.1)
+        assert distance <= tolerance + 1e-9
+
+
+def test_slanted_lines_become_straight_and_rooms_keep_their_corners():
+    rows, cols = np.indices((60, 90))
+    (slanted,) = outlines(rows < cols + 10, 0.5)
+    (exact,) = outlines(rows < cols + 10)
+    assert len(slanted.shell) <= 8 < 100 < len(exact.shell)
+    (gentle,) = outlines(rows < cols * 0.4 + 10, 0.5)
+    assert len(gentle.shell) <= 40
+    room = np.zeros((30, 40), bool)
+    room[5:25, 3:35] = True
+    room[10:20, 15:16] = False  # a wall
+    (found,) = outlines(room, 0.5)
+    assert sorted(map(tuple, found.shell.tolist())) == [(5, 3), (5, 35), (25, 3), (25, 35)]
+    assert [len(hole) for hole in found.holes] == [4]
+
+
+def test_a_ring_that_touches_itself_is_an_outline_and_a_hole():
+    mask = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 0]], bool)
+    (one,) = outlines(mask)
+    assert [len(ring) for ring in one.rings] == [6, 4]
+    assert polygon(one).is_valid
+    assert outlines(np.zeros((3, 4), bool), 0.5) == []

@@ -1,0 +1,169 @@
+"""Polygons and drawings of maps: read again by others, and rasterised again."""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+from drawn import grid_from_text
+from mapdeal import read_map, write_map
+
+shapely = pytest.importorskip("shapely")
+
+ROOMS = """\
+#########
+#..#....?
+#..#....?
+#.......#
+#..#..#.#
+#########"""
+GRID = grid_from_text(ROOMS, resolution=0.25, origin=(1.5, -2.0, 0.4))
+REAL = {
+    "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml": 0.3,
+    "turtlebot__turtlebot_simulator/turtlebot_stdr/maps/frieburg.yaml": 0.2,
+    "mit-racecar__racecar_simulator/maps/stata_basement.yaml": 0.3,
+}
+
+
+@pytest.fixture
+def converted(tmp_path, command):
+    """Return what converts a map, and reads what was written."""
+
+    def run(source, name, *words):
+        if not hasattr(source, "suffix"):
+            write_map(tmp_path / "map.yaml", source, force=True)
+            source = tmp_path / "map.yaml"
+        code, _, err = command("convert", source, "-o", tmp_path / name, *words, "--force")
+        assert code == 0, err
+        return (tmp_path / name).read_text()
+
+    return run
+
+
+def polygons_in(text):
+    document = json.loads(text)
+    return [shapely.geometry.shape(one["geometry"]) for one in document["features"]]
+
+
+def cells_in(polygons, grid):
+    """Rasterise polygons: the cells whose centres they hold."""
+    found = np.zeros(grid.shape, bool)
+    for one in polygons:
+        in_cells = shapely.transform(one, grid.frame.continuous_rowcol_from_xy)
+        low, left, high, right = (round(bound) for bound in in_cells.bounds)
+        rows, cols = np.indices((high - low, right - left))
+        shapely.prepare(in_cells)
+        held = shapely.contains_xy(in_cells, rows + low + 0.5, cols + left + 0.5)
+        found[low:high, left:right] |= held
+    return found
+
+
+@pytest.mark.parametrize(("of", "value"), [("free", 0), ("obstacles", 100)])
+def test_polygons_rasterised_again_are_the_cells(converted, of, value):
+    polygons = polygons_in(converted(GRID, "a.geojson", "--of", of, "--tolerance", "0"))
+    assert np.array_equal(cells_in(polygons, GRID), GRID.occupancy == value)
+    assert all(one.is_valid for one in polygons)
+    area = (GRID.occupancy == value).sum() * 0.25**2
+    assert sum(one.area for one in polygons) == pytest.approx(area, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_polygons_of_real_maps(real_maps, converted, name, mapdeal_warnings):
+    grid = read_map(real_maps / name)
+    for of, value in (("free", 0), ("obstacles", 100)):
+        cells = grid.occupancy == value
+        exact = polygons_in(
+            converted(real_maps / name, "a.geojson", "--of", of, "--tolerance", "0")
+        )
+        assert np.count_nonzero(cells_in(exact, grid) != cells) == 0
+        text = converted(real_maps / name, "b.geojson", "--of", of)
+        simple = polygons_in(text)
+        assert all(one.is_valid and shapely.is_ccw(one.exterior) for one in simple)
+        area = cells.sum() * grid.resolution**2
+        assert sum(one.area for one in simple) == pytest.approx(area, rel=0.01)
+        corners = [sum(map(shapely.get_num_coordinates, many)) for many in (exact, simple)]
+        assert corners[1] < corners[0]
+        areas = [one["properties"]["area"] for one in json.loads(text)["features"]]
+        assert areas == pytest.approx([one.area for one in simple], abs=1e-5)
+
+
+def test_of_a_robot_it_is_what_it_reaches(converted):
+    whole = polygons_in(converted(GRID, "a.geojson", "--tolerance", "0"))
+    x, y = GRID.frame.xy_from_rowcol([[3, 5]])[0]
+    start = f"{x},{y}"
+    reached = polygons_in(converted(GRID, "b.geojson", "--tolerance", "0", "--from", start))
+    assert [one.area for one in reached] == pytest.approx([one.area for one in whole])
+    narrow = polygons_in(
+        converted(GRID, "c.geojson", "--tolerance", "0", "--from", start, "--robot-radius", "0.26")
+    )
+    assert sum(one.area for one in narrow) < sum(one.area for one in whole) / 2
+
+
+def test_shapes_of_polygons_are_drawn_again_by_edit(converted, tmp_path, command):
+    converted(GRID, "a.geojson", "--of", "obstacles")
+    words = ("edit", "polygon", tmp_path / "map.yaml", "--blank", "--value", "100")
+    code, _, err = command(*words, "--file", tmp_path / "a.geojson", "-o", tmp_path / "again.yaml")
+    assert code == 0, err
+    again = read_map(tmp_path / "again.yaml")
+    assert (again.occupancy[GRID.occupancy == 100] == 100).all()
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("mm", 1000.0), ("m", 1.0)])
+def test_drawings_are_to_scale(converted, unit, scale):
+    text = converted(GRID, "a.svg", "--tolerance", "0", "--unit", unit)
+    root = ET.fromstring(text)  # noqa: S314 - our own
+    size = [float(root.get(name).removesuffix("mm")) for name in ("width", "height")]
+    view = [float(one) for one in root.get("viewBox").split()]
+    assert view[2:] == pytest.approx([one / 1000 * scale for one in size])
+    x, y = map(float, re.search(r"\(0, 0\) is (\S+), (\S+) m", text).groups())
+    layers = {one.get("id"): one for one in root.iter("{http://www.w3.org/2000/svg}g")}
+    for name, cells in (("known", GRID.occupancy >= 0), ("obstacles", GRID.occupancy == 100)):
+        rings = [
+            shapely.Polygon([tuple(map(float, point.split())) for point in part.split(" L")])
+            for path in layers[name]
+            for part in path.get("d")[1:-1].split("ZM")
+        ]
+        area = rings[0]
+        for ring in rings[1:]:
+            area = shapely.symmetric_difference(area, ring)
+        in_map = shapely.transform(area, lambda p: p / scale * (1, -1) + (x, y))
+        assert np.array_equal(cells_in([in_map], GRID), cells)
+
+
+REFUSED = [
+    (("x.geojson", "--tolerance", "0.2"), 2, "--tolerance: must be at most half a cell, 0.125 m"),
+    (("x.geojson", "--tolerance", "-1"), 2, "at least 0"),
+    (("x.geojson", "--unit", "m"), 2, "--unit: applies to .svg"),
+    (("x.svg", "--of", "obstacles", "--robot-radius", "0.1"), 2, "applies to free space"),
+    (("x.svg", "--mode", "raw"), 2, "--mode: applies to maps"),
+    (("x.svg", "--wall-height", "1"), 2, "--wall-height: applies to .sdf, .stl and .obj"),
+    (("x.yaml", "--of", "free"), 2, "--of: applies to .geojson and .svg"),
+    (("x.yaml", "--robot-radius", "1"), 2, "applies to .geojson and .svg"),
+    (("x.stl", "--wall-height", "0"), 2, "above 0"),
+    (("x.stl", "--tolerance", "0"), 2, "--tolerance: applies to"),
+    (("x.kml",), 2, "must end in"),
+    (("x.geojson", "--from", "99,99"), 2, "--from: lies outside of the map"),
+]
+
+
+@pytest.mark.parametrize(("words", "code", "text"), REFUSED)
+def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, command, words, code, text):
+    write_map(tmp_path / "map.yaml", GRID)
+    before = sorted(tmp_path.iterdir())
+    name, *options = words
+    found, _, err = command("convert", tmp_path / "map.yaml", "-o", tmp_path / name, *options)
+    assert found == code, err
+    assert text in err.partition("\n")[0]
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(("name", "text"), [("x.geojson", "free"), ("x.stl", "occupied"),
+                                            ("x.svg", "known")])  # fmt: skip
+def test_a_map_without_such_cells_is_refused(tmp_path, command, name, text):
+    write_map(tmp_path / "map.yaml", grid_from_text("??\n??", resolution=0.5))
+    code, _, err = command("convert", tmp_path / "map.yaml", "-o", tmp_path / name)
+    assert code == 3
+    assert f"has no {text} cell" in err
+    assert not (tmp_path / name).exists()

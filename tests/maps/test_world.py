@@ -1,0 +1,217 @@
+"""Worlds for simulators: measured by trimesh, looked at from above, valid by SDFormat's rules."""
+
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+from PIL import Image, ImageDraw
+
+from drawn import grid_from_text
+from mapdeal import OccupancyGrid, read_map, write_map
+
+trimesh = pytest.importorskip("trimesh")
+
+TEXT = """\
+########
+#.#...?#
+#..#.#.#
+########"""
+GRID = grid_from_text(TEXT, resolution=0.25, origin=(1.5, -2.0, 0.4))
+REAL = [
+    "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml",
+    "mit-racecar__racecar_simulator/maps/stata_basement.yaml",
+    "avidbots__flatland/conestogo_office_test/map.yaml",
+]
+
+
+@pytest.fixture
+def made(tmp_path, command):
+    """Return what makes a world of a map, and its path."""
+
+    def run(source, ending, *words):
+        if not hasattr(source, "suffix"):
+            write_map(tmp_path / "map.yaml", source, force=True)
+            source = tmp_path / "map.yaml"
+        path = tmp_path / f"world{ending}"
+        code, _, err = command("convert", source, "-o", path, *words, "--force")
+        assert code == 0, err
+        return path
+
+    return run
+
+
+def parsed(path):
+    return ET.parse(path).getroot()  # noqa: S314 - our own
+
+
+def numbers(text):
+    return [float(one) for one in text.split()]
+
+
+def boxes_in(path, name="collision"):
+    """The boxes of the walls: centres in the map frame, (N, 3), and sizes."""
+    (walls,) = (one for one in parsed(path).iter("model") if one.get("name") == "walls")
+    x, y, *_, yaw = numbers(walls.find("pose").text)
+    found = walls.findall(f"link/{name}")
+    at = np.array([numbers(one.find("pose").text)[:3] for one in found])
+    sizes = np.array([numbers(one.find("geometry/box/size").text) for one in found])
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return at @ [[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]] + np.array([x, y, 0]), sizes
+
+
+def seen_from_above(mesh, grid):
+    """Draw the faces that look up onto the map's cells, four pixels each; return those covered."""
+    up = mesh.face_normals[:, 2] > 0.5
+    corners = mesh.triangles[up][:, :, :2].reshape(-1, 2)
+    at = grid.frame.continuous_rowcol_from_xy(corners).reshape(-1, 3, 2)[:, :, ::-1] * 4 - 0.5
+    image = Image.new("1", (grid.shape[1] * 4, grid.shape[0] * 4))
+    draw = ImageDraw.Draw(image)
+    for one in np.round(at, 4).reshape(len(at), 6).tolist():
+        draw.polygon(one, fill=1)
+    return np.asarray(image)[2::4, 2::4]
+
+
+def looked_at(mesh, side=900):
+    """Render a mesh from the south-west and above, by painting its faces from back to front."""
+    centred = mesh.triangles - mesh.bounds.mean(axis=0)
+    a, b = np.radians(-20), np.radians(50)
+    turn = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    tilt = np.array([[1, 0, 0], [0, np.sin(b), np.cos(b)], [0, -np.cos(b), np.sin(b)]])
+    seen = centred @ turn.T @ tilt.T
+    normals = mesh.face_normals @ turn.T @ tilt.T
+    scale = side * 0.95 / np.ptp(seen[..., :2].reshape(-1, 2), axis=0).max()
+    image = Image.new("L", (side, side), 255)
+    draw = ImageDraw.Draw(image)
+    for index in np.argsort(seen[..., 2].mean(axis=1)):
+        if normals[index, 2] > 0:
+            points = seen[index, :, :2] * (scale, -scale) + side / 2
+            light = int(40 + 170 * abs(normals[index] @ (0.3, 0.5, 0.8)))
+            draw.polygon([tuple(one) for one in points], fill=min(light, 235))
+    return image
+
+
+@pytest.mark.parametrize("ending", [".stl", ".obj"])
+def test_meshes_are_closed_solids_of_the_walls_in_the_map_frame(made, ending):
+    mesh = trimesh.load_mesh(made(GRID, ending, "--wall-height", "1.5"))
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    cells = (GRID.occupancy == 100).sum()
+    tolerance = 1e-8 if ending == ".obj" else 1e-5  # STL has float32
+    assert mesh.volume == pytest.approx(cells * 0.25**2 * 1.5, rel=tolerance)
+    assert mesh.bounds[:, 2].tolist() == [0, 1.5]
+    corners = GRID.frame.xy_from_continuous_rowcol([[0, 0], [0, 8], [4, 8], [4, 0]])
+    assert mesh.bounds[0, :2] == pytest.approx(corners.min(axis=0), abs=1e-5)
+    assert mesh.bounds[1, :2] == pytest.approx(corners.max(axis=0), abs=1e-5)
+
+
+def test_unknown_cells_are_walls_if_asked_for(made):
+    height = {"free": 2.0, "occupied": 2.0}
+    volumes = {
+        how: trimesh.load_mesh(made(GRID, ".obj", "--unknown", how)).volume for how in height
+    }
+    assert volumes["occupied"] - volumes["free"] == pytest.approx(0.25**2 * 2, rel=1e-4)
+
+
+def test_boxes_are_the_walls_where_the_map_has_them(made):
+    path = made(GRID, ".sdf", "--wall-height", "1.5")
+    at, sizes = boxes_in(path)
+    assert sizes.prod(axis=1).sum() == pytest.approx((GRID.occupancy == 100).sum() * 0.25**2 * 1.5)
+    assert (sizes[:, 2] == 1.5).all()
+    assert (at[:, 2] == 0.75).all()
+    places = GRID.frame.continuous_rowcol_from_xy(at[:, :2])
+    covered = np.zeros(GRID.shape, int)
+    for (row, col), (wide, deep, _) in zip(places, sizes / 0.25, strict=True):
+        rows, cols = (
+            slice(round(v - d / 2), round(v + d / 2)) for v, d in ((row, deep), (col, wide))
+        )
+        covered[rows, cols] += 1
+    assert np.array_equal(covered, GRID.occupancy == 100)
+    assert np.array_equal(boxes_in(path, "visual")[0], at)
+
+
+NUMBER = r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?"
+# Of SDFormat 1.7, what a world uses: children with how often they may occur, or a value's form.
+SDF = {
+    "sdf": ({"world": "+"}, ["version"]),
+    "world": ({"gravity": "1", "magnetic_field": "1", "atmosphere": "1", "physics": "+",
+               "scene": "1", "light": "*", "model": "*"}, ["name"]),
+    "physics": ({"max_step_size": "1", "real_time_factor": "1", "real_time_update_rate": "1"},
+                ["type"]),
+    "scene": ({"ambient": "1", "background": "1", "shadows": "1"}, []),
+    "light": ({"cast_shadows": "0", "pose": "0", "diffuse": "0", "specular": "0",
+               "direction": "1"}, ["name", "type"]),
+    "model": ({"static": "0", "pose": "0", "link": "*"}, ["name"]),
+    "link": ({"collision": "*", "visual": "*"}, ["name"]),
+    "collision": ({"pose": "0", "geometry": "1"}, ["name"]),
+    "visual": ({"pose": "0", "geometry": "1", "material": "0"}, ["name"]),
+    "geometry": ({"box": "0", "plane": "0"}, []),
+    "box": ({"size": "1"}, []), "plane": ({"normal": "1", "size": "1"}, []),
+    "material": ({"ambient": "0", "diffuse": "0"}, []),
+    "atmosphere": ({}, ["type"]),
+    **dict.fromkeys(["max_step_size", "real_time_factor", "real_time_update_rate"], 1),
+    **dict.fromkeys(["gravity", "magnetic_field", "direction", "normal"], 3),
+    **dict.fromkeys(["ambient", "background", "diffuse", "specular"], 4),
+    "pose": 6, "static": "(true|false)", "shadows": "(true|false)", "cast_shadows": "(true|false)",
+}  # fmt: skip
+
+
+def check_element(one, parent=""):
+    rule = SDF[one.tag]
+    if not isinstance(rule, tuple):
+        count = {"box": 3, "plane": 2}.get(parent, rule) if one.tag == "size" else rule
+        form = " ".join([NUMBER] * count) if isinstance(count, int) else count
+        assert re.fullmatch(form, one.text), (one.tag, one.text)
+        return
+    children, attributes = rule
+    assert sorted(one.attrib) == attributes
+    tags = [child.tag for child in one]
+    for tag in tags:
+        assert tag in children or tag == "size", (one.tag, tag)
+    for tag, often in children.items():
+        least, most = {"1": (1, 1), "0": (0, 1), "+": (1, 1 << 30), "*": (0, 1 << 30)}[often]
+        assert least <= tags.count(tag) <= most, (one.tag, tag)
+    names = [child.get("name") for child in one if child.get("name")]
+    assert len(names) == len(set(names))
+    for child in one:
+        check_element(child, one.tag)
+
+
+SDF["size"] = 3
+
+
+def test_worlds_follow_the_rules_of_sdformat(made):
+    root = parsed(made(GRID, ".sdf"))
+    assert root.get("version") == "1.7"
+    check_element(root)
+    floor = next(one for one in root.iter("model") if one.get("name") == "floor")
+    x, y, z, *_, yaw = numbers(floor.find("pose").text)
+    middle = GRID.frame.xy_from_continuous_rowcol([[2, 4]])[0]
+    assert (x, y, z, yaw) == pytest.approx((*middle, 0, 0.4), abs=1e-5)
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_worlds_of_real_maps(real_maps, made, name, mapdeal_warnings):
+    grid = read_map(real_maps / name)
+    walls = grid.occupancy == 100
+    volume = walls.sum() * grid.resolution**2 * 2.0
+    mesh = trimesh.load_mesh(made(real_maps / name, ".obj"))
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(volume, rel=1e-9)
+    assert np.array_equal(seen_from_above(mesh, grid), walls)
+    _, sizes = boxes_in(made(real_maps / name, ".sdf"))
+    assert sizes.prod(axis=1).sum() == pytest.approx(volume, rel=1e-9)
+    shown = np.asarray(looked_at(mesh))
+    assert 0.02 < (shown < 250).mean() < 0.7
+
+
+@pytest.mark.slow
+def test_large_worlds_take_few_bytes(made):
+    rng = np.random.default_rng(4)
+    values = np.zeros((4000, 4000), np.int8)
+    for row, col in rng.integers(0, 3900, (400, 2)).tolist():
+        values[row : row + 4, col : col + 100] = values[row : row + 100, col : col + 4] = 100
+    grid = OccupancyGrid(values, 0.05, (-100.0, -100.0, 0.0))
+    count = int((values == 100).sum())
+    for ending in (".sdf", ".stl", ".obj"):
+        assert made(grid, ending).stat().st_size <= 40 * count
