@@ -117,6 +117,7 @@ PICTURES = {
         "local_cost.png": "out/local/cost.png",
         "local_rolling.png": "out/rolling/0003/local.png",
     },
+    "mapping.md": {"cloud_ramp.png": "out/mapping/ramp.png"},
     "bags.md": {"bag_corridor.png": "out/bags/corridor.png"},
 }
 """Files that the commands of a page write, by the picture of docs/images that they are."""

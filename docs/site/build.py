@@ -54,7 +54,8 @@ API = {
     ),
     "Maps from sensors": (
         "local_map", "LocalMapper", "RollingMapper", "LocalOptions", "build_map",
-        "build_map_from_log", "build_map_from_bag", "MapBuilder", "BeamLimits", "Scans",
+        "build_map_from_log", "build_map_from_bag", "cloud_map", "build_map_from_clouds",
+        "CloudMapper", "CloudMap", "CloudOptions", "MapBuilder", "BeamLimits", "Scans",
     ),
 }  # fmt: skip
 """Public names by the title of their page; all others are types and errors."""

@@ -8,6 +8,7 @@ from mapdeal.commands.align import Alignment as Alignment
 from mapdeal.commands.align import align as align
 from mapdeal.commands.build import build_map_from_bag as build_map_from_bag
 from mapdeal.commands.build import build_map_from_log as build_map_from_log
+from mapdeal.commands.build_cloud import build_map_from_clouds as build_map_from_clouds
 from mapdeal.commands.diff import DiffReport as DiffReport
 from mapdeal.commands.diff import diff as diff
 from mapdeal.commands.draw_picture import Picture as Picture
@@ -71,6 +72,10 @@ from mapdeal.grid.shapes import Polygon as Polygon
 from mapdeal.mapping.build import BuiltMap as BuiltMap
 from mapdeal.mapping.build import MapBuilder as MapBuilder
 from mapdeal.mapping.build import build_map as build_map
+from mapdeal.mapping.cloud_map import CloudMap as CloudMap
+from mapdeal.mapping.cloud_map import CloudMapper as CloudMapper
+from mapdeal.mapping.cloud_map import CloudOptions as CloudOptions
+from mapdeal.mapping.cloud_map import cloud_map as cloud_map
 from mapdeal.mapping.evidence import BeamLimits as BeamLimits
 from mapdeal.mapping.evidence import Scans as Scans
 from mapdeal.mapping.local_map import LocalMap as LocalMap

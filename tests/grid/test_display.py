@@ -60,6 +60,7 @@ def samples():
     reached = mapdeal.GoalReach(mapdeal.Goal(2.0, -1.5, "hall"), False, 0, 0.4, narrow)
     passage = mapdeal.Passage(1.5, -2.0, 0.8, 12.25, False, ((1.0, -2.0), (2.0, -2.0)))
     merged = mapdeal.merge(shared_maps())
+    above = np.array([[0.1 * x, 0.1 * y, 1.0 * (x == 20)] for x in range(21) for y in range(20)])
     inflation = InflationLayer("inflation", 0.2)
     layers = (
         ListedLayer("static", "costmap_2d::StaticLayer", StaticLayer("static")),
@@ -71,6 +72,7 @@ def samples():
             map_, field, costmap, mapdeal.field_view(field), mapdeal.potential(map_),
             mapdeal.BitMap.from_occupancy(map_), map_.frame, built, mapper.result(), options,
             mapdeal.shortest_route(costmap, start, goal), field.query([start, goal]),
+            mapdeal.cloud_map(above, resolution=0.2), mapdeal.CloudOptions(), mapdeal.CloudMapper(),
             mapdeal.ViewScale(), robot_shape, mapdeal.BeamLimits(),
             mapdeal.Polygon([(0, 0), (2, 0), (2, 1)], value=100),
             mapdeal.Line([(0, 0), (2, 0.5)], thickness=0.2), mapdeal.Circle((0.5, 1), 2.0),

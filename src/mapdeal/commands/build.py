@@ -1,4 +1,4 @@
-"""``mapdeal build``: maps from laser scans."""
+"""``mapdeal build``: maps from laser scans, and from point clouds (`build_cloud`)."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.command import AT_LEAST_0, METRES, Output, Result, Words, command, parameters_of
+from mapdeal.commands.build_cloud import CloudBuild, build_from_clouds
 from mapdeal.commands.pack import Made
 from mapdeal.compare.difference import STATES, changes_of, confusion_of, states_of
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, one_line
@@ -38,6 +39,7 @@ from mapdeal.mapping.build import (
     frame_of,
     reach_behind,
 )
+from mapdeal.mapping.cloud_map import CloudOptions
 from mapdeal.mapping.evidence import NEAR, OFTEN, BeamCounts, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.transforms import FrameOptions, Pose, Topics, check_pose
 from mapdeal.maps.npz import write_npz
@@ -376,16 +378,18 @@ class Comparison(Result):
         "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz; with --compare a folder.",
     ),
     shared=("image", "force", "threads", "max_memory"),
-    also={"With a bag": FrameOptions, **METHODS},
+    also={"With a bag": FrameOptions, **METHODS, "With --cloud": CloudOptions},
     example="""\
 mapdeal build examples/logs/office.log -o out/scanned.yaml --method counting
 mapdeal build examples/logs/office.log --compare -o out/methods
-mapdeal build examples/bags/office.mcap -o out/corridor.yaml""",
+mapdeal build examples/bags/office.mcap -o out/corridor.yaml
+mapdeal build --cloud examples/clouds/ramp.pcd -o out/ramp.yaml""",
 )
 def build(
     log: Annotated[Path | None, Words("LOG")] = None,
     *,
     output: Path,
+    clouds: Annotated[list[str] | None, Words("FILE", name="cloud")] = None,
     poses: Annotated[Path | None, Words("FILE")] = None,
     angles: Annotated[Path | None, Words("FILE")] = None,
     ranges: Annotated[Path | None, Words("FILE")] = None,
@@ -394,7 +398,7 @@ def build(
     deskew: bool = False,
     method: Method | None = None,
     compare: bool = False,
-    resolution: Annotated[float, Words("R")] = 0.05,
+    resolution: Annotated[float | None, Words("R")] = None,
     size: Annotated[Point | None, Words("WX,WY")] = None,
     origin: Annotated[Point | None, Words("X,Y")] = None,
     range_min: Annotated[float, METRES] = 0.0,
@@ -404,21 +408,27 @@ def build(
     layers: Annotated[Path | None, Words("OUT.npz")] = None,
     max_bad: Annotated[int, AT_LEAST_0, Words("N")] = DEFAULT_MAX_BAD,
     **more: Any,
-) -> Build | Comparison:
-    """Make a map from laser scans with known poses.
+) -> Build | Comparison | CloudBuild:
+    """Make a map from laser scans with known poses, or from point clouds.
 
     With a bag, the poses come from its transforms or its odometry.
 
     Cells that a beam passes become free, and cells where a beam ends become occupied; cells that
     no beam reaches stay unknown. --compare shows what each method makes of a log.
 
+    With --cloud the floor is found in a point cloud: it is free, with ramps and low steps, and what
+    stands on it is occupied, up to the height of the robot.
+
     Parameters
     ----------
     log : path, optional
         A CARMEN log (also .gz), an .npz of scans, or a bag of ROS 1 or ROS 2.
+    clouds : list of str, optional
+        A cloud instead of a LOG: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz, or a bag; can be
+        repeated, or a folder, or a quoted pattern.
     poses : path, optional
         Text file with one x,y,yaw per scan; with a bag, the robot's poses, one t x y z qx qy qz
-        qw per line, instead of transforms.
+        qw per line, instead of transforms; with --cloud, either of them, for each cloud.
     angles : path, optional
         Text file with the angles of the beams, radians.
     ranges : path, optional
@@ -434,8 +444,8 @@ def build(
     compare : bool
         Run all methods on one grid and compare them: maps, figures, and pictures of the
         differences.
-    resolution : float
-        Side of a cell, metres.
+    resolution : float, optional
+        Side of a cell, metres. [default: 0.05; with --cloud up to 0.2, if points lie apart]
     size : tuple of float, optional
         Extent along x and y, metres. [default: what contains all scans]
     origin : tuple of float, optional
@@ -454,10 +464,26 @@ def build(
     max_bad : int
         Malformed lines of a log to tolerate.
     **more
-        Parameters of the method, and of `FrameOptions`.
+        Parameters of the method, and of `FrameOptions` and `CloudOptions`.
     """
     work = Work.in_shell()
     frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
+    of_cloud = {name: more.pop(name) for name in parameters_of(CloudOptions) if name in more}
+    if clouds:
+        ranged = {"range_min": (range_min, 0.0), "range_max": (range_max, 30.0),
+                  "clear_max": (clear_max, 0.0), "max_bad": (max_bad, DEFAULT_MAX_BAD)}  # fmt: skip
+        changed = {name: one for name, (one, usual) in ranged.items() if one != usual}
+        refuse(
+            "applies to laser scans, not to clouds", log=log, angles=angles, ranges=ranges,
+            flip_y=flip_y, deskew=deskew, method=method, compare=compare, as_written=as_written,
+            **changed, **more,
+        )  # fmt: skip
+        return build_from_clouds(
+            clouds, output, work, options=CloudOptions(**of_cloud), resolution=resolution,
+            size=size, origin=origin, layers=layers, poses=poses, topics=topics, frames=frames,
+        )  # fmt: skip
+    refuse("applies to clouds: it needs --cloud", **of_cloud)
+    resolution = 0.05 if resolution is None else resolution
     chosen: dict[Method, dict[str, Any]] = {method or "log-odds": more}
     if compare:
         refuse(

@@ -475,6 +475,22 @@ class BagClouds:
                 emit_warning(text, stacklevel=2)
         return found
 
+    def sensors(self) -> Posed:
+        """Return where the sensor was at each of all clouds, in the fixed frame."""
+        headers = [self._header(number) for number in range(len(self))]
+        times = np.array([time for time, _ in headers], np.int64)
+        frames = np.array([frame for _, frame in headers])
+        translations, quaternions = np.empty((len(times), 3)), np.empty((len(times), 4))
+        known = np.empty(len(times), np.bool_)
+        for frame in dict.fromkeys(frames.tolist()):
+            ours = frames == frame
+            with errors_named(self.bag.path):
+                posed = self._frames.at(frame, times[ours])
+            translations[ours], quaternions[ours], known[ours] = (
+                posed.translations, posed.quaternions, posed.known
+            )  # fmt: skip
+        return Posed(translations, quaternions, known)
+
     def pose(self, number: int) -> Pose:
         (pose,) = self.poses([number])
         if pose is None:

@@ -1,0 +1,326 @@
+"""``mapdeal build --cloud``: maps from point clouds, a part of ``mapdeal build``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.commands.pack import Made
+from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
+from mapdeal.files.source import check_state, claim, is_same_file, state_of
+from mapdeal.grid.frame import Figures, Point
+from mapdeal.inputs.kinds import is_bag
+from mapdeal.inputs.listing import list_files
+from mapdeal.kernels.rotations import from_yaw, rotated
+from mapdeal.kernels.threads import use_threads
+from mapdeal.mapping.build import frame_of
+from mapdeal.mapping.cloud_map import CloudMap, CloudMapper, CloudOptions
+from mapdeal.mapping.transforms import FrameOptions
+from mapdeal.mapping.voxels import FINEST, Tilt, levelled
+from mapdeal.maps.npz import write_npz
+from mapdeal.maps.reading import output_paths, write_grid
+from mapdeal.pipeline.folder import written_line
+from mapdeal.pipeline.inputs import Work, errors_named
+from mapdeal.pipeline.settings import Settings
+from mapdeal.sensors.clouds import CLOUD_SUFFIXES, cloud_chunks
+from mapdeal.sensors.points import has_times, read_poses, read_trajectory
+
+Points = NDArray[np.float64]
+Advance = Callable[[int], object]
+
+_TILTED = 1.0  # degrees of tilt that are worth a warning
+_KIB, _OF_POINT = 1024, 16  # bytes that a point has in most files: for the progress
+_OF_SCAN = 200  # bytes for each point of a cloud whose beams are followed
+
+
+class _Placed(NamedTuple):
+    """One cloud, and where the sensor was: a translation and a quaternion, if that is known."""
+
+    chunks: Callable[[Advance], Iterator[Points]]
+    move: Points | None
+    turn: Points | None
+
+    def points(self, up: Points | None, advance: Advance, source: Path) -> Iterator[Points]:
+        """Yield the points in the frame of the map, some at a time."""
+        for chunk in self.chunks(advance):
+            if chunk.shape[1] < 3:
+                rule = "the cloud has no heights: points need x, y and z"
+                raise MalformedInputError(rule, source=source)
+            points = chunk[:, :3]
+            if self.move is not None and self.turn is not None:
+                with np.errstate(invalid="ignore", over="ignore"):
+                    points = rotated(self.turn, points) + self.move
+            yield points if up is None else levelled(points, up)
+
+    def place(self, up: Points | None) -> Points | None:
+        """Return where the sensor was, shape (3,)."""
+        if self.move is None or up is None:
+            return self.move
+        place: Points = levelled(self.move[np.newaxis], up)[0]
+        return place
+
+
+class _Clouds(NamedTuple):
+    """The clouds that a map is made of."""
+
+    named: Path
+    files: tuple[Path, ...]
+    steps: int  # of one pass, for the progress
+    placed: Callable[[], Iterator[_Placed]]
+    places: Points | None = None  # of a robot, if clouds have no places of their own
+    has_places: bool = False
+
+
+def _of_files(names: Sequence[str], poses: Path | None) -> _Clouds:
+    paths = [
+        path
+        for path in list_files(names, CLOUD_SUFFIXES, not_in_folders=(".txt",))
+        if poses is None or not is_same_file(path, poses)
+    ]
+    if not paths:
+        raise MalformedInputError("there are no clouds", source=names[0])
+    moves = turns = places = None
+    if poses is not None:
+        moves, turns = _poses_in(poses)
+        if len(paths) == 1 and len(moves) > 1:  # a whole map, and where the robot was in it
+            moves, turns, places = None, None, moves
+        elif len(moves) != len(paths):
+            rule = f"must have a pose for each of {len(paths)} clouds"
+            raise MalformedInputError(rule, source=poses, got=len(moves))
+    states = {path: state_of(path) for path in paths}
+
+    def chunks(path: Path) -> Callable[[Advance], Iterator[Points]]:
+        def read(advance: Advance) -> Iterator[Points]:
+            left = states[path].size // _KIB
+            for points in cloud_chunks(path):
+                yield points
+                step = min(left, len(points) * _OF_POINT // _KIB)
+                left -= step
+                advance(step)
+            check_state(path, states[path])
+            advance(left)
+
+        return read
+
+    def placed() -> Iterator[_Placed]:
+        for k, path in enumerate(paths):
+            if moves is None or turns is None:
+                yield _Placed(chunks(path), None, None)
+            else:
+                yield _Placed(chunks(path), moves[k], turns[k])
+
+    steps = sum(state.size // _KIB for state in states.values())
+    named = paths[0] if len(paths) == 1 else Path(f"{paths[0]} and {len(paths) - 1} more")
+    files = (*paths, *([] if poses is None else [poses]))
+    return _Clouds(named, files, steps, placed, places, has_places=moves is not None)
+
+
+def _poses_in(path: Path) -> tuple[Points, Points]:
+    """Return the translations and quaternions of poses in a file."""
+    if has_times(path):
+        _, moves, quaternions = read_trajectory(path)
+        return moves, quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    planar = read_poses(path)
+    return np.column_stack([planar[:, :2], np.zeros(len(planar))]), from_yaw(planar[:, 2])
+
+
+def _of_bag(
+    path: Path, topics: Sequence[str], frames: FrameOptions, stack: ExitStack, advance: Advance
+) -> _Clouds:
+    from mapdeal.pipeline.bag_maps import clouds_of_bag  # of use to bags alone
+
+    bag = stack.enter_context(clouds_of_bag(path, topics, frames, has_poses=False, is_raw=True))
+    bag.prepare(advance)
+    posed = bag.sensors()
+    numbers = np.flatnonzero(posed.known)
+    if not len(numbers):
+        rule = "of no cloud it is known where the sensor was"
+        raise MalformedInputError(rule, source=path)
+    missing = len(posed.known) - len(numbers)
+    if missing:
+        text = f"{path}: {missing} of {len(posed.known)} clouds are left out: where the sensor was"
+        emit_warning(f"{text} is not known", stacklevel=2)
+
+    def placed() -> Iterator[_Placed]:
+        for number in numbers.tolist():
+
+            def read(advance: Advance, number: int = number) -> Iterator[Points]:
+                yield bag.points(number)
+                advance(1)
+
+            yield _Placed(read, posed.translations[number], posed.quaternions[number])
+
+    return _Clouds(path, bag.files, len(numbers), placed, has_places=True)
+
+
+def _mapped(
+    clouds: _Clouds, options: CloudOptions, resolution: float | None,
+    size: Point | None, origin: Point | None, advance: Advance,
+) -> CloudMap:  # fmt: skip
+    frame = frame_of(size, origin, FINEST if resolution is None else resolution)
+
+    def claimed(count: int, what: str) -> None:
+        claim(clouds.named, count, what=what, hint="--size and --origin bound the map")
+
+    mapper = CloudMapper(options, resolution=resolution, frame=frame, claim=claimed)
+    up = None
+    with errors_named(clouds.named):
+        if options.level:
+            tilt = Tilt()
+            for one in clouds.placed():
+                for points in one.points(None, advance, clouds.named):
+                    tilt.add(points)
+            up = mapper.turn(tilt)
+        for one in clouds.placed():
+            mapper.add_place(one.place(up))
+            for points in one.points(up, advance, clouds.named):
+                mapper.add(points)
+        for place in () if clouds.places is None else clouds.places:
+            mapper.add_place(place if up is None else levelled(place[np.newaxis], up)[0])
+        mapper.settle(follows_beams=clouds.has_places)
+        for one in clouds.placed() if clouds.has_places else ():
+            place = one.place(up)
+            parts = list(one.points(up, advance, clouds.named))
+            count = sum(map(len, parts))
+            claim(clouds.named, _OF_SCAN * count, what=f"a cloud of {count} points")
+            if place is not None and parts:
+                mapper.clear(np.concatenate(parts), place)
+        made = mapper.result()
+    _warn(made, options, clouds.named)
+    return made
+
+
+def _warn(made: CloudMap, options: CloudOptions, named: Path) -> None:
+    if made.tilt > _TILTED and not options.level:
+        text = f"{named}: the floor is tilted by {made.tilt:.1f} degrees: --level turns the cloud"
+        emit_warning(text, stacklevel=2)
+    if made.overlaid_m2 > 0:
+        text = f"{named}: floors lie above each other on {made.overlaid_m2:.3g} m2"
+        emit_warning(f"{text}: the map shows the lowest", stacklevel=2)
+    if made.beyond:
+        text = f"{named}: {made.beyond} points are too far from the others, and are ignored"
+        emit_warning(text, stacklevel=2)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class CloudBuild(Made):
+    """A map made of point clouds."""
+
+    made: CloudMap
+
+    def document(self) -> Figures:
+        return {**super().document(), **self.made.figures()}
+
+    def summary(self, output: Path) -> Iterator[str]:
+        figures = self.document()
+        yield written_line(output, figures, with_origin=True)
+        yield from self._about(figures)
+
+    def lines(self) -> Iterator[str]:
+        yield from super().lines()
+        yield from self._about(self.document())
+
+    def _about(self, figures: Figures) -> Iterator[str]:
+        shares = (f"{100 * figures[f'{one}_share']:.1f} %" for one in ("floor", "obstacle"))
+        floor, obstacle = shares
+        yield (
+            f"  {figures['points']} points: floor {figures['floor_m2']:.5g} m2 ({floor}), "
+            f"obstacles {figures['obstacle_m2']:.5g} m2 ({obstacle})"
+        )
+        low, high = figures["floor_height_min"], figures["floor_height_max"]
+        yield (
+            f"  floor at {low:.2f} to {high:.2f} m, tilted by {figures['tilt_deg']:.2f} degrees; "
+            f"noise {figures['noise']:.3f} m, obstacles from {figures['clearance']:.2f} m above it"
+        )
+
+
+def build_from_clouds(
+    names: Sequence[str], output: Path, work: Work, *, options: CloudOptions,
+    resolution: float | None, size: Point | None, origin: Point | None, layers: Path | None,
+    poses: Path | None, topics: Sequence[str], frames: dict[str, Any],
+) -> CloudBuild:  # fmt: skip
+    """Make a map of clouds in the shell."""
+    frame_of(size, origin, resolution or FINEST)  # what is wrong is said before anything is read
+    if layers is not None and layers.suffix != ".npz":
+        raise ParameterError("layers are written as .npz", source=layers)
+    with ExitStack() as stack:
+        if len(names) == 1 and is_bag(Path(names[0])):
+            given = FrameOptions(poses=poses, **frames)
+            clouds = _of_bag(Path(names[0]), topics, given, stack, lambda _: None)
+        else:
+            if topics or frames:
+                rule = "needs a bag for --cloud"
+                raise ParameterError(rule, place="topics" if topics else next(iter(frames)))
+            clouds = _of_files(names, poses)
+        passes = 1 + options.level + clouds.has_places
+        work.outputs += [*output_paths(output), *([layers] if layers is not None else [])]
+        transaction = work.begin(clouds.files)
+        with work.counted(passes * clouds.steps) as advance:
+            made = _mapped(clouds, options, resolution, size, origin, advance)
+    write_grid(transaction, output, made.grid)
+    if layers is not None:
+        transaction.write(layers, lambda file: write_npz(file, made.grid, more=made.layers))
+    return CloudBuild(made.grid, f"{output.stem}: map of a cloud", made=made)
+
+
+def build_map_from_clouds(
+    paths: str | PathLike[str] | Sequence[str | PathLike[str]], *,
+    poses: str | PathLike[str] | None = None, topics: Sequence[str] = (),
+    resolution: float | None = None, size: Point | None = None, origin: Point | None = None,
+    max_memory: int | None = None, threads: int | None = None, **options: Any,
+) -> CloudMap:  # fmt: skip
+    """Build a map from point clouds in files, like ``mapdeal build --cloud``.
+
+    Parameters
+    ----------
+    paths : path, str or sequence of them
+        Clouds, folders of them, patterns, or one bag.
+    poses : path or str, optional
+        Poses of the clouds, one each: x y yaw, or t x y z qx qy qz qw. For a single cloud, any
+        number of places at which the robot was. For a bag, the robot's poses with their times.
+    topics : sequence of str
+        Topic of a bag that has several.
+    resolution : float, optional
+        Side of a cell, metres; by default 0.05, or 0.1 or 0.2 if points lie farther apart.
+    size, origin : tuple of float, optional
+        Extent and lower left corner of the map, metres; by default what contains all that is known.
+    max_memory, threads
+        As for `run`.
+    **options
+        Fields of `CloudOptions`.
+
+    Returns
+    -------
+    CloudMap
+        The map, and the height of the floor and of what stands on it.
+
+    Raises
+    ------
+    ParameterError
+        If an option is invalid.
+    FileAccessError, MalformedInputError
+        If a cloud cannot be read, has no heights, or no floor is found in it.
+
+    Warns
+    -----
+    MapdealWarning
+        If the floor is tilted or lies above itself, or points or clouds were left out.
+    """
+    given = CloudOptions(**options)
+    names = [str(paths)] if isinstance(paths, (str, PathLike)) else [str(one) for one in paths]
+    settings = Settings(max_memory=max_memory, threads=threads)
+    pose_file = None if poses is None else Path(poses)
+    with settings.reading(), use_threads(settings.threads), ExitStack() as stack:
+        if len(names) == 1 and is_bag(Path(names[0])):
+            frames = FrameOptions(poses=pose_file)
+            clouds = _of_bag(Path(names[0]), topics, frames, stack, lambda _: None)
+        else:
+            clouds = _of_files(names, pose_file)
+        return _mapped(clouds, given, resolution, size, origin, lambda _: None)

@@ -1,0 +1,360 @@
+"""The floor of a building in its point cloud: level patches that a robot can drive between.
+
+Thin layers of voxels with room above them become patches, planes over tiles of some cells. Those
+that meet within a step and a slope that a robot drives over make floors; one of these is chosen.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels.components import least_joined
+from mapdeal.kernels.polygons import enumerated
+from mapdeal.mapping.voxels import Claim, Columns
+
+_RUN_GAP = 0.12  # metres between voxels of a column that belong together
+_THIN = 0.05  # standard deviation of the heights of a surface within a cell, metres, at most
+TILE = 0.25  # metres: side of a tile, about
+_SHARE_OF_MOST = 0.2  # of the cells of the largest patch of a tile, that others have
+_FAR = 1.0  # metres between patches of floor that may belong together
+_REACH = 3.0  # metres around the floor at which its height is still known
+
+
+class Limits(NamedTuple):
+    """What a robot drives over and under, metres, and up, degrees."""
+
+    climb: float
+    robot_height: float
+    max_slope: float
+    steps: float  # in which heights come, out of a voxel filter: next to nothing otherwise
+
+    @property
+    def gap(self) -> float:
+        """Difference of height between two levels."""
+        return max(self.climb, 1.2 * self.steps)
+
+
+class Patches(NamedTuple):
+    """Patches of level surface: planes over tiles."""
+
+    row: Integers
+    col: Integers
+    z: Floats  # in the middle of the tile
+    along_x: Floats  # rise over run
+    along_y: Floats
+    support: Floats  # cells
+
+    def chosen(self, which: Any) -> Patches:
+        return Patches(*(one[which] for one in self))
+
+
+def patches_of(columns: Columns, tile: int, limits: Limits) -> Patches:
+    """Return the thin layers of voxels that have room above them, as planes."""
+    row, col, z, _ = _thin_layers(columns, limits)
+    if not len(z):
+        return Patches(*(np.zeros(0, np.int64),) * 2, *(np.zeros(0),) * 4)
+    tile_row, tile_col = row // tile, col // tile
+    key = (tile_row - tile_row.min()) * (tile_col.max() - tile_col.min() + 1)
+    key += tile_col - tile_col.min()
+    order = np.lexsort((z, key))
+    key, z = key[order], z[order]
+    # a level ends where the next layer is higher than a robot climbs
+    is_new = (np.diff(key, prepend=-1) != 0) | (np.diff(z, prepend=z[0]) > limits.gap)
+    whose = np.cumsum(is_new) - 1
+    at = np.flatnonzero(is_new)
+    row, col, tile_row, tile_col = row[order], col[order], tile_row[order][at], tile_col[order][at]
+    middle = (tile - 1) / 2
+    x = (col - tile_col[whose] * tile - middle) * columns.cell
+    y = (row - tile_row[whose] * tile - middle) * columns.cell
+
+    def total(values: Floats) -> Floats:
+        return np.bincount(whose, values, len(at)).astype(np.float64)
+
+    n = np.bincount(whose, minlength=len(at)).astype(np.float64)
+    mx, my, mz = total(x) / n, total(y) / n, total(z) / n
+    dx, dy, dz = x - mx[whose], y - my[whose], z - mz[whose]
+    # a weight that holds planes level which few cells tell about, in cells of half a tile away
+    weight = 4.0 * (columns.cell * tile / 4) ** 2
+    xx, yy, xy = total(dx * dx) + weight, total(dy * dy) + weight, total(dx * dy)
+    xz, yz, zz = total(dx * dz), total(dy * dz), total(dz * dz)
+    determinant = xx * yy - xy * xy
+    along_x = (xz * yy - yz * xy) / determinant
+    along_y = (yz * xx - xz * xy) / determinant
+    spread = np.sqrt(np.maximum(zz - along_x * xz - along_y * yz, 0.0) / n)
+    steep = np.hypot(along_x, along_y) > math.tan(math.radians(limits.max_slope))
+    # a few points above or below a surface are none
+    in_tile = np.cumsum(np.diff(key[at], prepend=-1) != 0) - 1
+    most = np.zeros(len(at))
+    np.maximum.at(most, in_tile, n)
+    kept = (
+        (n >= 2)
+        & (n >= _SHARE_OF_MOST * most[in_tile])
+        & (spread <= _thin(spread[n >= _FEW], limits.steps))
+        & ~steep
+    )
+    middle_z = mz - along_x * mx - along_y * my
+    return Patches(tile_row, tile_col, middle_z, along_x, along_y, n).chosen(kept)
+
+
+def _thin_layers(columns: Columns, limits: Limits) -> tuple[Integers, Integers, Floats, Floats]:
+    """Return row, column, height and variance of the layers that may be a surface to drive on."""
+    whose, z, n = columns.of_voxels(), columns.heights, columns.counts
+    begins = np.diff(whose, prepend=-1) != 0
+    gaps = np.diff(z, prepend=z[0])
+    at = np.flatnonzero(begins | (gaps > _RUN_GAP))
+    weights = np.add.reduceat(n, at).astype(np.float64)
+    means = np.add.reduceat(n * z, at) / weights
+    run = np.repeat(np.arange(len(at)), np.diff(at, append=len(z)))
+    variances = np.add.reduceat(n * (z - means[run]) ** 2, at) / weights
+    column = whose[at]
+    tops, bottoms = z[np.append(at[1:], len(z)) - 1], z[at]
+    above = np.full(len(at), np.inf)
+    above[:-1] = np.where(column[1:] == column[:-1], bottoms[1:] - tops[:-1], np.inf)
+    thin = _thin(
+        np.sqrt(variances[(weights >= _FEW) & (above >= limits.robot_height)]), limits.steps
+    )
+    good = (variances <= thin**2) & (above >= limits.robot_height)
+    column = column[good]
+    return columns.row[column], columns.col[column], means[good], variances[good]
+
+
+def _thin(spreads: Floats, steps: float) -> float:
+    """Return up to which spread of heights a layer is level: faces of low steps are not."""
+    typical = float(np.median(spreads)) if len(spreads) else _THIN
+    return max(0.6 * steps, min(_THIN, max(_LEAST_THIN, _TIMES_TYPICAL * typical)))
+
+
+_FEW = 5  # points or cells, from which a spread says something
+_LEAST_THIN, _TIMES_TYPICAL = 0.02, 2.5
+
+
+def _joined(patches: Patches, side: float, climb: float) -> Integers:
+    """Return for each patch the first of all that can be reached from it over patches."""
+    far = max(1, round(_FAR / side))
+    width = int(patches.col.max() - patches.col.min()) + 1 + 2 * far
+    key = (patches.row - patches.row.min()) * width + patches.col - patches.col.min()
+    tiles, firsts = np.unique(key, return_index=True)
+    stops = np.append(firsts[1:], len(key))
+
+    def pairs(of: Integers, down: int, across: int) -> tuple[Integers, Integers]:
+        wanted = key[of] + down * width + across
+        found = np.minimum(np.searchsorted(tiles, wanted), len(tiles) - 1)
+        is_there = tiles[found] == wanted
+        of, found = of[is_there], found[is_there]
+        whose, other = enumerated(firsts[found], stops[found])
+        one = of[whose]
+        first, second = (
+            (patches.along_x[at] * across + patches.along_y[at] * down) * side
+            for at in (one, other)
+        )
+        rise = patches.z[other] - patches.z[one] - (first + second) / 2
+        close = np.abs(rise) <= climb
+        if max(down, abs(across)) > 1:  # over a gap, a slope must be that of both ends
+            close &= np.abs(first - second) <= climb
+        return one[close], other[close]
+
+    every = np.arange(len(key))
+    found = [pairs(every, *step) for step in ((0, 1), (1, -1), (1, 0), (1, 1))]
+    one, other = (np.concatenate(part) for part in zip(*found, strict=True))
+    # gaps are bridged from the rim of what hangs together
+    rim = np.flatnonzero(np.bincount(np.append(one, other), minlength=len(key)) < 8)
+    found = [
+        pairs(rim, down, across)
+        for down in range(far + 1)
+        for across in range(-far, far + 1)
+        if (down, across) > (0, 0) and 1 < math.hypot(down, across) <= far
+        and max(down, abs(across)) > 1
+    ]  # fmt: skip
+    one = np.concatenate([one, *(a for a, _ in found)])
+    other = np.concatenate([other, *(b for _, b in found)])
+    return least_joined(one, other, len(key))
+
+
+class Tiles(NamedTuple):
+    """The floor as a plane for each tile of a box; nan where it is not known."""
+
+    first_row: int
+    first_col: int
+    z: Floats
+    along_x: Floats
+    along_y: Floats
+    upper: Floats  # of a second floor within the robot's height, at a ledge; else nan
+
+    def box(self, tile: int) -> tuple[int, int, int, int]:
+        """Return the first row and column of cells, and those behind the last."""
+        height, width = self.z.shape
+        row, col = self.first_row * tile, self.first_col * tile
+        return row, col, row + height * tile, col + width * tile
+
+
+def floor_of(
+    patches: Patches, side: float, limits: Limits, places: Floats | None, claim: Claim
+) -> tuple[Tiles, float, float]:
+    """Return the floor, the share of it that lies above itself, and its tilt in radians."""
+    if not len(patches.z):
+        rule = "no floor found: nothing in it is level and has room above it"
+        hint = "heights must be along z, in metres; --level turns a tilted cloud"
+        raise MalformedInputError(rule, hint=hint)
+    claim(400 * len(patches.z), f"{len(patches.z)} patches of surfaces")
+    order = np.lexsort((patches.z, patches.col, patches.row))
+    patches = patches.chosen(order)
+    label = _joined(patches, side, max(limits.climb, 0.7 * limits.steps))
+    main = label == _level_of(patches, label, side, places)
+    for _ in range(_ROUNDS):
+        tiles = _raster(patches.chosen(main), side, limits, claim)
+        at = patches.row - tiles.first_row, patches.col - tiles.first_col
+        inside = ~main & (at[0] >= 0) & (at[1] >= 0)
+        inside &= (at[0] < tiles.z.shape[0]) & (at[1] < tiles.z.shape[1])
+        some = np.flatnonzero(inside)
+        rise = np.abs(patches.z[some] - tiles.z[at[0][some], at[1][some]])
+        more = some[rise <= limits.climb]
+        if not len(more):
+            break
+        main[more] = True
+    own = patches.chosen(main)
+    same = (np.diff(own.row) == 0) & (np.diff(own.col) == 0)
+    overlaid = int((same & (np.diff(own.z) > limits.robot_height)).sum())
+    tilt = math.atan(math.hypot(float(np.median(own.along_x)), float(np.median(own.along_y))))
+    return tiles, overlaid * side * side, tilt
+
+
+_ROUNDS = 5
+
+
+def _level_of(patches: Patches, label: Integers, side: float, places: Floats | None) -> int:
+    """Return the label of the floor: what is under the robot, or the largest with nothing below."""
+    support = np.bincount(label, patches.support)
+    if places is not None and len(places):
+        rows, cols = (places[:, 1] / side, places[:, 0] / side)
+        under = np.zeros(len(support))
+        for row, col, z in zip(rows.tolist(), cols.tolist(), places[:, 2].tolist(), strict=True):
+            near = (np.abs(patches.row + 0.5 - row) <= 4) & (np.abs(patches.col + 0.5 - col) <= 4)
+            near &= (patches.z <= z + _ABOVE) & (patches.z >= z - _BELOW)
+            under += np.bincount(label[near], patches.support[near], len(support))
+        if under.any():
+            return int(under.argmax())
+    # ceilings, and upper storeys, have a large level below them; patches are in order of height
+    large = np.flatnonzero((support >= _LARGE * support.max())[label])
+    is_new = (np.diff(patches.row[large], prepend=patches.row[large[0]] - 1) != 0) | (
+        np.diff(patches.col[large], prepend=0) != 0
+    )
+    lowest = label[large][np.flatnonzero(is_new)][np.cumsum(is_new) - 1]
+    other = large[lowest != label[large]]
+    above = np.bincount(label[other], patches.support[other], len(support))
+    ground = np.where(above <= _OVER_OTHERS * support, support, 0.0)
+    if ground.any():
+        return int(ground.argmax())
+    return int(np.bincount(lowest).argmax())
+
+
+_LARGE = 0.1  # of the cells of the largest level
+_OVER_OTHERS = 0.1  # of the cells of a level that may lie above another one
+
+_ABOVE = 0.3  # metres of the floor above a sensor: poses may be those of the robot's base
+_BELOW = 3.0  # metres from a sensor down to the floor that its robot stands on, at most
+
+
+def _raster(patches: Patches, side: float, limits: Limits, claim: Claim) -> Tiles:
+    from scipy.ndimage import distance_transform_edt  # heavy to import
+
+    margin = math.ceil(_REACH / side)
+    first_row, first_col = int(patches.row.min()) - margin, int(patches.col.min()) - margin
+    height = int(patches.row.max()) + margin + 1 - first_row
+    width = int(patches.col.max()) + margin + 1 - first_col
+    claim(120 * height * width, f"a floor of {width * side:.0f} x {height * side:.0f} m")
+    r, c = patches.row - first_row, patches.col - first_col
+    layers = np.full((4, height, width), np.nan)
+    # of several patches in a tile the last one that is written counts: the lowest
+    for layer, values in zip(layers, (patches.z, patches.along_x, patches.along_y), strict=False):
+        layer[r[::-1], c[::-1]] = values[::-1]
+    above = patches.z - layers[0][r, c]
+    ledge = (above > limits.gap) & (above <= limits.robot_height)
+    layers[3][r[ledge], c[ledge]] = patches.z[ledge]
+    lowest, highest = _around(layers, side)
+    unknown = np.isnan(layers[0])
+    away, (near_r, near_c) = distance_transform_edt(unknown, return_indices=True)
+    rows, cols = np.indices((height, width))
+    z, along_x, along_y = (layer[near_r, near_c] for layer in layers[:3])
+    # planes go on for a little, and then level
+    share = np.minimum(1.0, _CONTINUED / np.maximum(away * side, _CONTINUED)) * side
+    z = z + (along_x * (cols - near_c) + along_y * (rows - near_r)) * share
+    z[away * side > _REACH] = np.nan
+    flat = away * side > _CONTINUED
+    along_x[flat] = along_y[flat] = 0.0
+    between = unknown & np.isfinite(lowest)
+    z[between] = lowest[between]
+    # the upper floor of a ledge reaches into the tiles beside it
+    upper = np.fmax(layers[3], highest)
+    with np.errstate(invalid="ignore"):
+        is_ledge = (upper - z > _LEDGE * limits.gap) & (upper - z <= limits.robot_height)
+    return Tiles(first_row, first_col, z, along_x, along_y, np.where(is_ledge, upper, np.nan))
+
+
+_LEDGE = 1.5  # times the gap between levels: what is less is noise, or an obstacle
+_CONTINUED = 0.5  # metres
+
+
+def _around(layers: Floats, side: float) -> tuple[Floats, Floats]:
+    """Return the lowest and the highest that a tile or one beside it makes of the tile's middle."""
+    height, width = layers[0].shape
+    padded = np.pad(layers[:3], ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
+    lowest, highest = layers[0].copy(), layers[0].copy()
+    for down in (-1, 0, 1):
+        for across in (-1, 0, 1):
+            rows, cols = slice(1 + down, 1 + down + height), slice(1 + across, 1 + across + width)
+            z, along_x, along_y = padded[:, rows, cols]
+            z = z - (along_x * across + along_y * down) * side
+            lowest, highest = np.fmin(lowest, z), np.fmax(highest, z)
+    return lowest, highest
+
+
+def heights_of(
+    tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Integers, climb: float
+) -> tuple[Floats, Floats]:
+    """Return the floor's height in cells, nan where unknown, and that of an upper one at ledges."""
+    height, width = tiles.z.shape
+    rows, cols = rows - tiles.first_row * tile, cols - tiles.first_col * tile
+    own_r, own_c = rows // tile, cols // tile
+    inside = (rows >= 0) & (cols >= 0) & (own_r < height) & (own_c < width)
+    own_r, own_c = np.where(inside, own_r, 0), np.where(inside, own_c, 0)
+    middle = (tile - 1) / 2
+
+    def plane(r: Integers, c: Integers) -> Floats:
+        y, x = (rows - r * tile - middle) * cell, (cols - c * tile - middle) * cell
+        return np.asarray(tiles.z[r, c] + tiles.along_x[r, c] * x + tiles.along_y[r, c] * y)
+
+    own = plane(own_r, own_c)
+    own[~inside] = np.nan
+    down = np.where(rows - own_r * tile >= middle, 1, -1)
+    across = np.where(cols - own_c * tile >= middle, 1, -1)
+    share_r = np.abs(rows - own_r * tile - middle) / tile
+    share_c = np.abs(cols - own_c * tile - middle) / tile
+    total, weights = own * (1 - share_r) * (1 - share_c), (1 - share_r) * (1 - share_c)
+    for step_r, step_c, weight in (
+        (down, 0, share_r * (1 - share_c)),
+        (0, across, (1 - share_r) * share_c),
+        (down, across, share_r * share_c),
+    ):
+        r, c = np.clip(own_r + step_r, 0, height - 1), np.clip(own_c + step_c, 0, width - 1)
+        beside = plane(r, c)
+        agrees = np.abs(beside - own) <= climb
+        total += np.where(agrees, weight * beside, 0.0)
+        weights += np.where(agrees, weight, 0.0)
+    upper = tiles.upper[own_r, own_c]
+    upper = np.where(inside, upper + plane(own_r, own_c) - tiles.z[own_r, own_c], np.nan)
+    return total / weights, upper
+
+
+def slopes_of(tiles: Tiles, tile: int, rows: Integers, cols: Integers) -> NDArray[np.float32]:
+    height, width = tiles.z.shape
+    r, c = rows // tile - tiles.first_row, cols // tile - tiles.first_col
+    inside = (r >= 0) & (c >= 0) & (r < height) & (c < width)
+    r, c = np.where(inside, r, 0), np.where(inside, c, 0)
+    rise = np.hypot(tiles.along_x[r, c], tiles.along_y[r, c])
+    return np.where(inside, rise, np.nan).astype(np.float32)

@@ -1,0 +1,608 @@
+"""Maps for robots from point clouds of whole buildings: the floor first, and what stands on it.
+
+Points are counted in voxels, so memory grows with the surfaces that were seen and not with the
+points. Thin layers of voxels with room above them become patches of surface, one for each tile of
+some cells and each level; patches that a robot could drive between make the floor. All else is
+measured from the floor next to it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mapdeal.command import ABOVE_0, AT_LEAST_0, AT_LEAST_1, METRES, Condition, Unit, parameters_of
+from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.grid.frame import Figures, Frame, Region
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, Drawn
+from mapdeal.kernels.arrays import Floats, Mask
+from mapdeal.kernels.sensing import count_rays
+from mapdeal.mapping.cloud_floor import (
+    TILE,
+    Limits,
+    Tiles,
+    floor_of,
+    heights_of,
+    patches_of,
+    slopes_of,
+)
+from mapdeal.mapping.voxels import (
+    FINEST,
+    Claim,
+    Columns,
+    Tilt,
+    Voxels,
+    check_extent,
+    fitting,
+    levelled,
+    steps_of,
+)
+
+Drops = Literal["occupied", "unknown"]
+DEGREES = Unit("degrees", "DEGREES")
+_SLOPE = Condition("above 0 and below 60", lambda value: 0 < value < 60)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloudOptions:
+    """What a map of a cloud shows as free and as occupied.
+
+    Parameters
+    ----------
+    climb : float
+        Highest step that the robot drives over, metres; what is lower is floor.
+    robot_height : float
+        What is higher above the floor is no obstacle, metres.
+    max_slope : float
+        Steepest ramp that the robot drives on, degrees.
+    drops : {'occupied', 'unknown'}
+        What places below the floor become where something was seen there.
+    min_points : int
+        Points that an obstacle has in a cell and its 8 neighbours, at least.
+    fill : float
+        Widest gap between seen pieces of floor that becomes free, metres.
+    level : bool
+        Turn the cloud so that its floor is level; by up to 40 degrees.
+    """
+
+    climb: Annotated[float, ABOVE_0, METRES] = 0.05
+    robot_height: Annotated[float, ABOVE_0, METRES] = 1.0
+    max_slope: Annotated[float, _SLOPE, DEGREES] = 20.0
+    drops: Drops = "occupied"
+    min_points: Annotated[int, AT_LEAST_1] = 3
+    fill: Annotated[float, AT_LEAST_0, METRES] = 0.15
+    level: bool = False
+
+    def __post_init__(self) -> None:
+        for name, one in parameters_of(CloudOptions).items():
+            object.__setattr__(self, name, one.accept(getattr(self, name)))
+        if self.robot_height <= self.climb:
+            rule = f"must be above climb, {self.climb:g}"
+            raise ParameterError(rule, place="robot_height", got=self.robot_height)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CloudMap(Drawn):
+    """Map made of a point cloud.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        0 where the floor was seen, 100 where something stands on it, -1 elsewhere.
+    layers : dict of str to numpy.ndarray
+        ``floor_height`` and ``slope`` (metres, and rise over run; nan where the floor is not
+        known), ``obstacle_height`` (of the highest obstacle above the floor, metres; 0 for none),
+        ``points`` (in the cell, at any height): float32 and int32 of the shape of the grid.
+    points, not_finite, beyond : int
+        Number of points; of those that are not finite, and of those too far away for a map.
+    tilt : float
+        Angle between the floor and the horizontal, degrees; the cloud was turned by it if
+        `CloudOptions.level` asked for that.
+    noise : float
+        Standard deviation of the points from the floor, metres.
+    clearance : float
+        Height above the floor from which points are obstacles, metres.
+    overlaid_m2 : float
+        Where floors lie above each other, square metres; the map shows the lowest.
+    cleared : int
+        Cells whose points were cleared by beams that passed later or more often.
+    """
+
+    grid: OccupancyGrid
+    layers: dict[str, NDArray[Any]]
+    points: int
+    not_finite: int
+    beyond: int
+    tilt: float
+    noise: float
+    clearance: float
+    overlaid_m2: float
+    cleared: int = 0
+
+    def figures(self) -> Figures:
+        values = np.asarray(self.grid.occupancy)
+        area = self.grid.resolution**2
+        counts = {
+            "floor": int((values == FREE).sum()),
+            "obstacle": int((values == OCCUPIED).sum()),
+            "unknown": int((values == UNKNOWN).sum()),
+        }
+        floor = self.layers["floor_height"][values != UNKNOWN]
+        least, most = (float(np.nanmin(floor)), float(np.nanmax(floor))) if floor.size else (0, 0)
+        return {
+            "points": self.points,
+            "not_finite": self.not_finite,
+            "beyond": self.beyond,
+            **{f"{name}_share": round(n / max(values.size, 1), 6) for name, n in counts.items()},
+            **{f"{name}_m2": round(n * area, 4) for name, n in counts.items()},
+            "floor_height_min": round(least, 4),
+            "floor_height_max": round(most, 4),
+            "tilt_deg": round(self.tilt, 3),
+            "noise": round(self.noise, 4),
+            "clearance": round(self.clearance, 4),
+            "overlaid_m2": round(self.overlaid_m2, 4),
+            "cleared": self.cleared,
+        }
+
+    def _told(self) -> Iterator[str]:
+        yield repr(self.grid)
+        yield f"{self.points} points, noise {self.noise:.3g} m"
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What was seen in the cells of a frame, by its height above the floor."""
+
+    frame: Frame
+    floor: NDArray[np.float32]
+    slope: NDArray[np.float32]
+    on_floor: NDArray[np.int32]
+    below: NDArray[np.int32]
+    points: NDArray[np.int32]
+    obstacles: NDArray[np.int32]  # of each slab of height
+    highest: NDArray[np.float32]  # of each slab of height
+    clearance: float
+    noise: float
+
+
+_SEEDS = 200  # places of the robot that are looked under
+_SLAB = 0.2  # metres of height whose points beams clear together
+_LOW = 0.4  # metres above the floor, below which all that moves has a part
+_SHORTEST = 2.0  # cells: shorter beams clear nothing
+_LEVEL = 1e-6
+_PER_CELL = 80
+_PER_SLAB = 24
+
+
+class CloudMapper:
+    """Maker of a map from a point cloud that comes in parts.
+
+    Parameters
+    ----------
+    options : CloudOptions, optional
+        What is free and what is occupied.
+    resolution : float, optional
+        Side of a cell, metres; by default 0.05, or up to 0.2 if points lie farther apart.
+    frame : Frame, optional
+        Cells of the map, without a yaw; by default those that hold what is known.
+    claim : callable, optional
+        What is told of bytes that are about to be taken, and what for; it may raise an error.
+    """
+
+    def __init__(
+        self,
+        options: CloudOptions | None = None,
+        *,
+        resolution: float | None = None,
+        frame: Frame | None = None,
+        claim: Claim | None = None,
+    ) -> None:
+        self.options = options or CloudOptions()
+        self._frame, self._claim = frame, claim or (lambda *_: None)
+        self._may_choose = resolution is None and frame is None
+        cell = (resolution or FINEST) if frame is None else frame.resolution
+        corner = None if frame is None else frame.origin[:2]
+        step = min(max(self.options.climb / 4, 0.01), 0.05)
+        self._voxels = Voxels(cell, step, corner, claim)
+        self._seen: _Seen | None = None
+        self._places: list[Floats] = []
+        self._scans: NDArray[np.int32] | None = None  # that hit, and that passed, of each slab
+        self._turned: float | None = None
+        self._tilt = self._overlaid_m2 = 0.0
+
+    def turn(self, tilt: Tilt) -> Floats:
+        """Return which way is up, for `levelled`, and remember by how much points are turned."""
+        up = tilt.up()
+        self._turned = math.acos(min(1.0, float(up[2])))
+        return up
+
+    def add_place(self, place: ArrayLike | None) -> None:
+        """Add a place at which the sensor was, shape (3,): the floor is below it."""
+        if place is not None:
+            self._places.append(np.asarray(place, dtype=np.float64))
+
+    def add(self, points: ArrayLike) -> None:
+        """Add points, shape (N, 3), metres."""
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] < 3:
+            rule = "the cloud has no heights: points need x, y and z"
+            raise MalformedInputError(rule)
+        self._voxels.add(points)
+
+    def settle(self, *, follows_beams: bool = False) -> None:
+        """Find the floor, and what stands on it; no more points can be added.
+
+        Parameters
+        ----------
+        follows_beams : bool
+            Whether `clear` will be called: it takes more memory.
+        """
+        if self._seen is None:
+            self._seen = self._found(follows_beams=follows_beams)
+
+    def _found(self, *, follows_beams: bool) -> _Seen:
+        voxels, options = self._voxels, self.options
+        columns = voxels.columns()
+        bad, far = voxels.not_finite, voxels.beyond
+        if 2 * far > voxels.points - bad:
+            rule = f"{far} of {voxels.points} points are far apart"
+            hint = "are its coordinates in millimetres? they must be metres"
+            raise MalformedInputError(rule, hint=hint)
+        if columns is None:
+            rule = "holds no points" if not voxels.points else "holds no points that are finite"
+            raise MalformedInputError(rule)
+        check_extent(columns)
+        if self._may_choose:
+            columns = fitting(columns)
+        # heights out of a voxel filter come in steps, and so does the floor
+        steps = steps_of(columns)
+        limits = Limits(options.climb, options.robot_height, options.max_slope, steps)
+        tile = max(3, round(TILE / columns.cell))
+        side = tile * columns.cell
+        patches = patches_of(columns, tile, limits)
+        places = None
+        if self._places:
+            chosen = np.array(self._places[:: max(1, len(self._places) // _SEEDS)])
+            places = chosen - np.array([*columns.corner, 0.0])
+        tiles, self._overlaid_m2, self._tilt = floor_of(patches, side, limits, places, self._claim)
+        return self._measured(columns, tiles, tile, limits.gap, follows_beams=follows_beams)
+
+    def _measured(
+        self, columns: Columns, tiles: Tiles, tile: int, gap: float, *, follows_beams: bool
+    ) -> _Seen:
+        options, cell = self.options, columns.cell
+        if self._frame is None:
+            row, col, last_row, last_col = tiles.box(tile)
+            row, col = max(row, int(columns.row.min())), max(col, int(columns.col.min()))
+            last_row = min(last_row, int(columns.row.max()) + 1)
+            last_col = min(last_col, int(columns.col.max()) + 1)
+            lattice = Frame(1, 1, cell, (*columns.corner.tolist(), 0.0))
+            frame = Region(row, col, last_row - row, last_col - col).frame_in(lattice)
+        else:
+            row = col = 0
+            frame = self._frame
+        height, width = frame.shape
+        slabs = max(1, math.ceil((options.robot_height - gap) / _SLAB)) if follows_beams else 1
+        what = f"{width} x {height} cells"
+        each = _PER_CELL + _PER_SLAB * slabs
+        self._claim(each * height * width, what)
+        rows, cols = columns.row - row, columns.col - col
+        inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)
+        floor, upper = heights_of(tiles, tile, cell, columns.row, columns.col, options.climb)
+        flat = np.where(inside, rows * width + cols, 0)
+        whose = columns.of_voxels()
+        counts = columns.counts
+        is_ledge = np.flatnonzero(np.isfinite(upper)[whose])
+        on_top, on_foot = (
+            np.bincount(
+                whose[is_ledge],
+                np.where(
+                    np.abs(columns.heights[is_ledge] - level[whose[is_ledge]]) <= options.climb,
+                    counts[is_ledge], 0,
+                ),
+                len(floor),
+            )
+            for level in (upper, floor)
+        )  # fmt: skip
+        # a cell with both is the edge: what is up there stands on the lower floor
+        is_upper = (on_top > 0) & (on_foot <= _SHARE_OF_EDGE * on_top)
+        floor[is_upper] = upper[is_upper]
+        known = inside & np.isfinite(floor)
+        heights = columns.heights - floor[whose]
+        noise = _noise(heights, counts)
+        clear = max(gap, 3 * noise)
+        useful = known[whose]
+
+        def counted(which: Mask) -> NDArray[np.int32]:
+            at = flat[whose[which]]
+            found = np.bincount(at, counts[which], height * width).astype(np.int32)
+            return found.reshape(height, width)
+
+        with np.errstate(invalid="ignore"):
+            is_floor = useful & (np.abs(heights) <= clear)
+            stands = useful & (heights > clear) & (heights <= options.robot_height)
+            is_below = useful & (heights < -clear)
+        obstacles = np.zeros((slabs, height * width), np.int32)
+        highest = np.zeros((slabs, height * width), np.float32)
+        tall = (options.robot_height - clear) / slabs
+        at, above = flat[whose[stands]], heights[stands]
+        slab = np.minimum(((above - clear) / tall).astype(np.int64), slabs - 1)
+        np.add.at(obstacles, (slab, at), counts[stands])
+        np.maximum.at(highest, (slab, at), above.astype(np.float32))
+        on_floor, below, points = counted(is_floor), counted(is_below), counted(inside[whose])
+        # cells without points have a floor, too: it is needed where beams pass
+        r, c = (part.ravel() for part in np.indices((height, width)))
+        surface, _ = heights_of(tiles, tile, cell, r + row, c + col, options.climb)
+        surface[flat[known]] = floor[known]
+        slope = slopes_of(tiles, tile, r + row, c + col)
+        return _Seen(
+            frame, surface.reshape(height, width).astype(np.float32),
+            slope.reshape(height, width), on_floor, below, points,
+            obstacles.reshape(slabs, height, width), highest.reshape(slabs, height, width),
+            clear, noise,
+        )  # fmt: skip
+
+    def clear(self, points: ArrayLike, place: ArrayLike) -> None:
+        """Take note of what the beams of one cloud passed.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (N, 3)
+            Points that have been added, metres.
+        place : array_like of float, shape (3,)
+            Where the sensor was.
+        """
+        self.settle(follows_beams=True)
+        seen = self._seen
+        assert seen is not None  # noqa: S101 - settled
+        ends, start = np.asarray(points, dtype=np.float64)[:, :3], np.asarray(place, np.float64)
+        frame, cell = seen.frame, seen.frame.resolution
+        corner = np.array(frame.origin[:2])
+        ends = ends[np.isfinite(ends).all(axis=1)]
+        begin = ((start[:2] - corner) / cell)[::-1]
+        at = ((ends[:, :2] - corner) / cell)[:, ::-1]
+        shape = np.array(frame.shape)
+        cells, here = np.floor(at).astype(np.int64), np.floor(begin).astype(np.int64)
+        inside = ((cells >= 0) & (cells < shape)).all(axis=1)
+        if not ((here >= 0) & (here < shape)).all():
+            return
+        at, cells, z = at[inside], cells[inside], ends[inside, 2]
+        # heights above the floor along a beam: between those at its ends
+        z0 = float(start[2] - seen.floor[here[0], here[1]])
+        z1 = z - seen.floor[cells[:, 0], cells[:, 1]]
+        along = at - begin
+        length = np.hypot(along[:, 0], along[:, 1])
+        useful = np.isfinite(z1) & (length > _SHORTEST)
+        if not math.isfinite(z0) or not useful.any():
+            return
+        along, cells, z1, length = along[useful], cells[useful], z1[useful], length[useful]
+        low = np.minimum(cells.min(axis=0), here)
+        window = np.maximum(cells.max(axis=0), here) + 1 - low
+        if self._scans is None:
+            self._scans = np.zeros((2, *seen.obstacles.shape), np.int32)
+        rows, cols = (slice(low[k], low[k] + window[k]) for k in (0, 1))
+        slabs = len(seen.obstacles)
+        tall = (self.options.robot_height - seen.clearance) / slabs
+        stop = 1.0 - (1.5 + 2 * seen.noise / cell) / length
+        rise = np.where(np.abs(z1 - z0) < _LEVEL, _LEVEL, z1 - z0)
+        for slab, (hits, misses) in enumerate(zip(*self._scans, strict=True)):
+            bottom = seen.clearance + slab * tall
+            is_hit = np.zeros(window, np.bool_)
+            inside = (z1 > bottom) & (z1 <= bottom + tall)
+            is_hit[tuple((cells[inside] - low).T)] = True
+            one, other = (bottom - z0) / rise, (bottom + tall - z0) / rise
+            enter = np.maximum(np.minimum(one, other), 0.0)
+            leave = np.minimum(np.maximum(one, other), stop)
+            passes = np.flatnonzero(leave > enter)
+            first, last = (
+                np.floor(begin + along[passes] * share[passes, np.newaxis]).astype(np.int64) - low
+                for share in (enter, leave)
+            )
+            nothing, passed = np.zeros((2, *window), np.int32)
+            count_rays(first, last, np.zeros(len(passes), np.bool_), nothing, passed)
+            hits[rows, cols] += is_hit
+            misses[rows, cols] += (passed > 0) & ~is_hit
+
+    def result(self) -> CloudMap:
+        """Return the map.
+
+        Raises
+        ------
+        MalformedInputError
+            If there are no points, or no floor is found.
+        """
+        self.settle()
+        seen, options, voxels = self._seen, self.options, self._voxels
+        assert seen is not None  # noqa: S101 - settled
+        counts = seen.obstacles.sum(axis=0, dtype=np.int32)
+        highest, cleared = seen.highest.max(axis=0), 0
+        passed = np.zeros(seen.frame.shape, np.bool_)
+        if self._scans is not None:
+            hits, misses = self._scans
+            # what moves stands on the floor; beams pass below tables, and these stay
+            low = max(1, round(_LOW / _SLAB))
+            is_left = (misses <= _PASSES * hits) | (hits[:low] == 0).all(axis=0)
+            left = np.where(is_left, seen.obstacles, 0).sum(axis=0, dtype=np.int32)
+            cleared = int(((left == 0) & (counts > 0)).sum())
+            counts, highest = left, np.where(is_left, seen.highest, 0).max(axis=0)
+            passed = misses.sum(axis=0) >= options.min_points
+        occupied, floor = _states(seen, counts, passed, options)
+        values = np.full(seen.frame.shape, UNKNOWN, np.int8)
+        values[floor], values[occupied] = FREE, OCCUPIED
+        whole = Region(0, 0, *seen.frame.shape)
+        box = _box_of(values != UNKNOWN) if self._frame is None else whole
+        rows, cols = (slice(box.row, box.row + box.height), slice(box.col, box.col + box.width))
+        frame = box.frame_in(seen.frame)
+        grid = OccupancyGrid(values[rows, cols].copy(), frame.resolution, frame.origin)
+        known = values != UNKNOWN
+        layers = {
+            "floor_height": np.where(known, seen.floor, np.nan).astype(np.float32),
+            "obstacle_height": np.where(occupied, highest, 0).astype(np.float32),
+            "slope": np.where(known, seen.slope, np.nan).astype(np.float32),
+            "points": seen.points,
+        }
+        layers = {name: layer[rows, cols].copy() for name, layer in layers.items()}
+        return CloudMap(
+            grid, layers, voxels.points, voxels.not_finite, voxels.beyond,
+            math.degrees(self._tilt if self._turned is None else self._turned),
+            seen.noise, seen.clearance, self._overlaid_m2, cleared,
+        )  # fmt: skip
+
+
+_PASSES = 10  # clouds whose beams pass a place, for each that has points there, to clear it
+
+
+def _states(
+    seen: _Seen, counts: NDArray[np.int32], passed: Mask, options: CloudOptions
+) -> tuple[Mask, Mask]:
+    """Return which cells are occupied and which are free."""
+    from scipy.ndimage import binary_closing, maximum_filter  # heavy to import
+
+    on_floor = seen.on_floor
+    occupied = (counts > 0) & (_sums_around(counts) >= options.min_points)
+    # the tails of the floor's own noise, and of that of a wall in the next cell
+    occupied &= counts >= _SHARE_OF_FLOOR * on_floor
+    most = maximum_filter(counts, 3)
+    occupied &= (counts >= _SHARE_OF_NEXT * most) | (most < _DENSE)
+    _drop_lone(occupied, counts, on_floor, 3 * options.min_points)
+    occupied |= (_sums_around(occupied.astype(np.int32)) >= _ENCLOSED) & ~occupied
+    floor = (on_floor > 0) & ~occupied
+    lower = (seen.below > 0) & (on_floor == 0) & ~occupied
+    lower &= _sums_around(seen.below) >= options.min_points
+    _drop_lone(lower, seen.below, on_floor, 3 * options.min_points)
+    if options.drops == "occupied":
+        occupied |= lower | (_ledges(seen.floor, floor, seen.clearance) & floor)
+        floor &= ~occupied
+    gap = math.floor(options.fill / seen.frame.resolution + 1e-6)
+    for wide, where in ((gap, ~lower), (3 * gap, passed & ~lower)):
+        if wide:
+            reach = -(-wide // 2)
+            padded = np.pad(floor, reach)
+            box = np.ones((wide + 1, wide + 1), np.bool_)
+            closed = binary_closing(padded, box)[reach:-reach, reach:-reach]
+            floor |= closed & where & ~occupied & np.isfinite(seen.floor)
+    return occupied, floor
+
+
+def _drop_lone(
+    occupied: Mask, counts: NDArray[np.int32], on_floor: NDArray[np.int32], least: int
+) -> None:
+    """Take away, in place, groups of a few cells that are seen much less than the floor there."""
+    from scipy.ndimage import label
+
+    groups, count = label(occupied, np.ones((3, 3), np.int8))
+    if not count:
+        return
+    at = np.flatnonzero(occupied)
+    whose = groups.ravel()[at]
+    cells = np.bincount(whose, minlength=count + 1)
+    seen = np.bincount(whose, counts.ravel()[at], count + 1)
+    around = np.bincount(whose, _sums_around(on_floor).ravel()[at] / 9, count + 1)
+    lone = (cells <= _LONE) & (seen < np.maximum(least, around))
+    occupied.ravel()[at[lone[whose]]] = False
+
+
+_LONE = 4  # cells
+_SHARE_OF_FLOOR = 0.02
+_SHARE_OF_NEXT, _DENSE = 0.12, 30  # points
+_SHARE_OF_EDGE = 0.1
+_ENCLOSED = 5  # of 8 neighbours, with which a cell is occupied, too
+
+
+def _sums_around(counts: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the sums over each cell and its 8 neighbours."""
+    padded = np.pad(counts, 1)
+    rows = padded[:-2] + padded[1:-1] + padded[2:]
+    return np.asarray(rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:])
+
+
+def _ledges(floor: NDArray[np.float32], is_floor: Mask, climb: float) -> Mask:
+    """Return the cells of the floor beside which it is lower by more than a robot climbs."""
+    found = np.zeros(floor.shape, np.bool_)
+    for axis in (0, 1):
+        step = np.diff(floor, axis=axis)
+        first: tuple[slice, ...] = (slice(None, -1), slice(None))[:: 1 - 2 * axis]
+        other: tuple[slice, ...] = (slice(1, None), slice(None))[:: 1 - 2 * axis]
+        both = is_floor[first] & is_floor[other]
+        with np.errstate(invalid="ignore"):
+            found[first] |= both & (step < -climb)
+            found[other] |= both & (step > climb)
+    return found
+
+
+def _box_of(known: Mask) -> Region:
+    """Return the box around what is known, and a margin."""
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    if not len(rows):
+        raise MalformedInputError("no floor found: nothing is known of any cell")
+    row, col = int(rows[0]) - MARGIN, int(cols[0]) - MARGIN
+    row, col = max(row, 0), max(col, 0)
+    last_row = min(int(rows[-1]) + 1 + MARGIN, known.shape[0])
+    last_col = min(int(cols[-1]) + 1 + MARGIN, known.shape[1])
+    return Region(row, col, last_row - row, last_col - col)
+
+
+MARGIN = 2  # cells around what is known, where there are any
+
+
+def _noise(heights: Floats, counts: NDArray[np.int32]) -> float:
+    """Return the standard deviation of points from the floor that they lie on, metres."""
+    near = np.abs(heights) < _NEAR_FLOOR
+    if not near.any():
+        return 0.0
+    bins = (np.abs(heights[near]) * (_BINS / _NEAR_FLOOR)).astype(np.int64)
+    below = np.cumsum(np.bincount(bins, counts[near], _BINS + 1))
+    median = float(np.searchsorted(below, below[-1] / 2) + 0.5) * _NEAR_FLOOR / _BINS
+    return median * 1.4826  # of a normal distribution
+
+
+_NEAR_FLOOR, _BINS = 0.15, 300
+
+
+def cloud_map(
+    points: ArrayLike,
+    *,
+    resolution: float | None = None,
+    frame: Frame | None = None,
+    **options: Any,
+) -> CloudMap:
+    """Make a map for robots from a point cloud.
+
+    Parameters
+    ----------
+    points : array_like of float, shape (N, 3)
+        x, y and z, metres, with z up.
+    resolution : float, optional
+        Side of a cell, metres; by default 0.05, or 0.1 or 0.2 if points lie farther apart.
+    frame : Frame, optional
+        Cells of the map, without a yaw; by default those that hold what is known.
+    **options
+        Fields of `CloudOptions`.
+
+    Returns
+    -------
+    CloudMap
+        The map, and the height of the floor and of what stands on it.
+
+    Raises
+    ------
+    ParameterError
+        If an option is not allowed.
+    MalformedInputError
+        If the points have no heights, are not finite, or no floor is found among them.
+    """
+    given = CloudOptions(**options)
+    points = np.asarray(points, dtype=np.float64)
+    mapper = CloudMapper(given, resolution=resolution, frame=frame)
+    if given.level and points.ndim == 2 and points.shape[1] >= 3:
+        tilt = Tilt()
+        tilt.add(points)
+        points = levelled(points, mapper.turn(tilt))
+    mapper.add(points)
+    return mapper.result()

@@ -1,0 +1,317 @@
+"""Points of clouds in voxels, and which way is up among them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.kernels.arrays import Floats, Integers
+
+Claim = Callable[[int, str], object]
+"""What is told of bytes that are about to be taken, and what for; it may raise an error."""
+
+FINEST = 0.05  # metres: cells, unless a resolution is asked for
+_COARSEST = 4  # times that, where points lie farther apart
+_TOGETHER = 1 << 20  # points that are sorted at once
+_TO_PLACE = 1 << 16  # points that tell where cells lie
+_X_BITS, _Z_BITS = 24, 16
+_FARTHEST_INDEX = 1 << 22  # cells
+_HIGHEST_INDEX = 1 << (_Z_BITS - 1)
+_PER_VOXEL = 64  # bytes, while voxels are merged, at most
+
+
+class Voxels:
+    """Counts of points in voxels: columns of square cells, cut into steps of height."""
+
+    def __init__(
+        self, cell: float, step: float, corner: tuple[float, float] | None = None,
+        claim: Claim | None = None,
+    ) -> None:  # fmt: skip
+        self.cell, self.step = cell, step
+        self.corner = np.zeros(2) if corner is None else np.array(corner)
+        self.points = self.not_finite = self.beyond = 0
+        self._is_placed = corner is not None
+        self._anchor: Integers | None = None
+        self._waiting: list[Integers] = []
+        self._count = 0
+        self._parts: list[tuple[Integers, NDArray[np.int32]]] = []
+        self._claim = claim or (lambda *_: None)
+
+    def add(self, points: Floats) -> None:
+        self.points += len(points)
+        finite = np.isfinite(points[:, 0]) & np.isfinite(points[:, 1]) & np.isfinite(points[:, 2])
+        if not finite.all():
+            points = points[finite]
+            self.not_finite += int(len(finite) - len(points))
+        if not len(points):
+            return
+        if self._anchor is None:
+            self._anchor = self._place(points[:_TO_PLACE])
+        near = np.ones(len(points), np.bool_)
+        key = np.zeros(len(points), np.int64)
+        x0, y0 = self.corner.tolist()
+        for axis, low, size, most, bits in (
+            (1, y0, self.cell, _FARTHEST_INDEX, _X_BITS),
+            (0, x0, self.cell, _FARTHEST_INDEX, _Z_BITS),
+            (2, 0.0, self.step, _HIGHEST_INDEX, 0),
+        ):
+            with np.errstate(over="ignore", invalid="ignore"):
+                place = np.floor((points[:, axis] - low) / size + 1e-9) - self._anchor[axis]
+                near &= np.abs(place) < most
+                key += place.astype(np.int64) + most
+            key <<= bits
+        self.beyond += int(len(near) - np.count_nonzero(near))
+        self._waiting.append(key if near.all() else key[near])
+        self._count += len(points)
+        if self._count >= _TOGETHER:
+            self._sort()
+
+    def _place(self, points: Floats) -> Integers:
+        """Choose where cells lie; return the voxel that others are counted from."""
+        # Clouds out of a voxel filter lie on a lattice. If that falls onto the edges of cells,
+        # rounding puts points on either side: the cells are moved by half a cell then.
+        if not self._is_placed:
+            for axis in (0, 1):
+                turns = 2 * math.pi * (points[:, axis] / self.cell % 1.0)
+                if math.hypot(np.cos(turns).mean(), np.sin(turns).mean()) > 0.9:
+                    phase = math.atan2(np.sin(turns).mean(), np.cos(turns).mean()) / (2 * math.pi)
+                    self.corner[axis] = (round((phase + 0.5) % 1.0, 3) % 1.0) * self.cell
+        middle = np.median(points[:, :3], axis=0)
+        low = np.array([*self.corner, 0.0])
+        sizes = np.array([self.cell, self.cell, self.step])
+        return np.asarray(np.floor((middle - low) / sizes), dtype=np.int64)
+
+    def _sort(self) -> None:
+        keys = np.sort(np.concatenate(self._waiting))
+        self._waiting, self._count = [], 0
+        starts = np.flatnonzero(np.diff(keys, prepend=-1))
+        counts = np.diff(starts, append=len(keys)).astype(np.int32)
+        self._parts.append((keys[starts], counts))
+        if len(self._parts) > 1:
+            later = sum(len(one) for one, _ in self._parts[1:])
+            if later >= len(self._parts[0][0]):
+                self._merge()
+
+    def _merge(self) -> None:
+        total = sum(len(one) for one, _ in self._parts)
+        self._claim(_PER_VOXEL * total, f"{total} voxels of the cloud")
+        keys = np.concatenate([one for one, _ in self._parts])
+        counts = np.concatenate([one for _, one in self._parts])
+        self._parts = []
+        order = np.argsort(keys, kind="stable")
+        keys, counts = keys[order], counts[order]
+        starts = np.flatnonzero(np.diff(keys, prepend=-1))
+        self._parts = [(keys[starts], np.add.reduceat(counts, starts))]
+
+    def columns(self) -> Columns | None:
+        """Return all voxels in their order; None if there are none. Nothing is left here."""
+        if self._waiting:
+            self._sort()
+        if self._anchor is None or not any(len(keys) for keys, _ in self._parts):
+            return None
+        if len(self._parts) > 1:
+            self._merge()
+        ((keys, counts),) = self._parts
+        self._parts = []
+        self._claim(_PER_VOXEL * len(keys), f"{len(keys)} voxels of the cloud")
+        z = (keys & ((1 << _Z_BITS) - 1)) - _HIGHEST_INDEX + self._anchor[2]
+        keys >>= _Z_BITS
+        starts = np.flatnonzero(np.diff(keys, prepend=-1))
+        of_column = keys[starts]
+        col = (of_column & ((1 << _X_BITS) - 1)) - _FARTHEST_INDEX + self._anchor[0]
+        row = (of_column >> _X_BITS) - _FARTHEST_INDEX + self._anchor[1]
+        heights = (z + 0.5) * self.step
+        return Columns(row, col, starts, heights, counts, self.cell, self.corner)
+
+
+class Columns(NamedTuple):
+    """Columns of voxels, ordered by row and column, and within each by height."""
+
+    row: Integers
+    col: Integers
+    starts: Integers  # of each column, the number of its first voxel
+    heights: Floats
+    counts: NDArray[np.int32]
+    cell: float
+    corner: Floats
+
+    def of_voxels(self) -> Integers:
+        """Return the column of each voxel."""
+        lengths = np.diff(self.starts, append=len(self.heights))
+        return np.repeat(np.arange(len(self.starts)), lengths)
+
+    def coarser(self, times: int) -> Columns:
+        """Return the columns of cells some times as large, on the lattice of the small ones."""
+        whose = self.of_voxels()
+        row, col = self.row // times, self.col // times
+        order = np.lexsort((self.heights, col[whose], row[whose]))
+        r, c = row[whose][order], col[whose][order]
+        heights, counts = self.heights[order], self.counts[order]
+        is_new = (np.diff(r, prepend=r[0] - 1) != 0) | (np.diff(c, prepend=c[0]) != 0)
+        is_other = is_new | (np.diff(heights, prepend=heights[0]) != 0)
+        at = np.flatnonzero(is_other)
+        starts = np.flatnonzero(is_new[at])
+        return Columns(
+            r[at][starts], c[at][starts], starts, heights[at], np.add.reduceat(counts, at),
+            self.cell * times, self.corner,
+        )  # fmt: skip
+
+
+_TALLEST = 200.0  # metres that a cloud extends over in height
+_WIDEST = 20_000.0
+_SMALLEST = 1.0
+
+
+def check_extent(columns: Columns) -> None:
+    whose = columns.of_voxels()
+    order = np.sort(columns.heights)
+    if order[0] == order[-1]:
+        rule = f"all points lie at one height, {order[0]:.2f} m: it has no walls"
+        raise MalformedInputError(rule, hint="a scan of a plane is no cloud of a building")
+    tall = float(order[int(0.99 * (len(order) - 1))] - order[int(0.01 * (len(order) - 1))])
+    sides = []
+    for one in (columns.col[whose], columns.row[whose]):
+        along = np.sort(one)
+        ends = along[int(0.99 * (len(along) - 1))] - along[int(0.01 * (len(along) - 1))]
+        sides.append(float(ends + 1) * columns.cell)
+    told = f"{sides[0]:.3g} x {sides[1]:.3g} x {tall:.3g} m"
+    if tall > _TALLEST or max(sides) > _WIDEST:
+        rule = f"extends over {told}: are its coordinates in millimetres?"
+        raise MalformedInputError(rule, hint="they must be metres")
+    if max(sides) < _SMALLEST:
+        rule = f"extends over {told} only: are its coordinates in metres?"
+        raise MalformedInputError(rule)
+
+
+_FILLED = 0.45  # of the cells of a surface in which there are points
+
+
+def fitting(columns: Columns) -> Columns:
+    """Return columns of cells so large that most of a surface has points."""
+    times = 1
+    while times < _COARSEST:
+        coarser = len(np.unique((columns.row // 2 << 32) + columns.col // 2))
+        if len(columns.row) >= _FILLED * 4 * coarser:
+            break
+        columns, times = columns.coarser(2), 2 * times
+    return columns
+
+
+def steps_of(columns: Columns) -> float:
+    """Return the distance between the heights of points that a filter has put on a lattice."""
+    levels = np.unique(columns.heights)
+    levels = levels[len(levels) // 20 : len(levels) - len(levels) // 20]
+    if len(levels) < _LEVELS:
+        return 0.0
+    return min(float(np.median(np.diff(levels))), _LARGEST_STEP)
+
+
+_LEVELS = 8  # from which on they tell about a lattice
+_LARGEST_STEP = 0.25  # metres
+
+
+class Tilt:
+    """Estimate of which way is up in a cloud that comes in parts."""
+
+    # Planes are fitted to cubes of half a metre; what most of them agree on is the floor, and
+    # ceilings and tables are parallel to it.
+
+    def __init__(self) -> None:
+        self._kept: list[Floats] = []
+        self._every = 1
+        self._seen = self._count = 0
+
+    def add(self, points: Floats) -> None:
+        points = points[np.isfinite(points).all(axis=1)]
+        first = -self._seen % self._every
+        self._seen += len(points)
+        self._kept.append(points[first :: self._every, :3].copy())
+        self._count += len(self._kept[-1])
+        while self._count > _MOST_SAMPLED:
+            whole = np.concatenate(self._kept)[::2]
+            self._kept, self._count, self._every = [whole], len(whole), 2 * self._every
+
+    def up(self) -> Floats:
+        """Return the unit vector that is normal to the floor, shape (3,)."""
+        best = np.array([0.0, 0.0, 1.0])
+        if not self._count:
+            return best
+        points = np.concatenate(self._kept)
+        points = points[(np.abs(points) < _FARTHEST_SAMPLE).all(axis=1)]
+        cells = np.floor(points / _SAMPLE_VOXEL).astype(np.int64)
+        _, first = np.unique(cells, axis=0, return_index=True)
+        points = points[np.sort(first)]
+        cubes = np.floor(points / _CUBE).astype(np.int64)
+        _, whose = np.unique(cubes, axis=0, return_inverse=True)
+        whose = whose.ravel()
+        n = np.bincount(whose).astype(np.float64)
+        means = np.stack([np.bincount(whose, one) for one in points.T], axis=1) / n[:, np.newaxis]
+        x, y, z = (points - means[whose]).T
+        xx, xy, yy, xz, yz, zz = (
+            np.bincount(whose, one) for one in (x * x, x * y, y * y, x * z, y * z, z * z)
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            determinant = xx * yy - xy * xy
+            a, b = (xz * yy - yz * xy) / determinant, (yz * xx - xz * xy) / determinant
+            rest = (zz - a * xz - b * yz) / n
+        good = (n >= _LEAST_IN_CUBE) & (determinant > 1e-6 * n**2) & (rest < _FLAT**2)
+        if not good.any():
+            return best
+        a, b, weights = a[good], b[good], n[good] / (rest[good] + _CLEAN**2)
+        length = np.sqrt(a * a + b * b + 1)
+        normals = np.stack([-a, -b, np.ones(len(a))], axis=1) / length[:, np.newaxis]
+        for degrees in np.repeat(_WINDOWS, 4).tolist():
+            near = (normals * best).sum(axis=1) > math.cos(math.radians(degrees))
+            if not near.any():
+                break
+            mean = (normals[near] * weights[near, np.newaxis]).sum(axis=0)
+            best = mean / math.sqrt(float((mean * mean).sum()))
+        near = (normals * best).sum(axis=1) > math.cos(math.radians(_WINDOWS[-2]))
+        return _refined(best, means[good][near], n[good][near])
+
+
+def _refined(up: Floats, places: Floats, weights: Floats) -> Floats:
+    """Return the normal of the plane through the places that are at the most frequent height."""
+    for _ in range(_REFINEMENTS):
+        x, y, z = levelled(places, up).T
+        bins = np.floor((z - z.min()) / _SAME_LEVEL).astype(np.int64)
+        peak = z.min() + (int(np.bincount(bins, weights).argmax()) + 0.5) * _SAME_LEVEL
+        near = np.abs(z - peak) < _SAME_LEVEL
+        w = weights[near] / weights[near].sum()
+        x, y, z = (one[near] - (w * one[near]).sum() for one in (x, y, z))
+        xx, xy, yy = (w * x * x).sum(), (w * x * y).sum(), (w * y * y).sum()
+        determinant = xx * yy - xy * xy
+        if np.count_nonzero(near) < _LEAST_PLACES or determinant < _CUBE**4:
+            break
+        xz, yz = (w * x * z).sum(), (w * y * z).sum()
+        a, b = (xz * yy - yz * xy) / determinant, (yz * xx - xz * xy) / determinant
+        normal = np.array([[-a, -b, 1.0]]) / math.sqrt(a * a + b * b + 1)
+        up = levelled(normal, up * np.array([-1.0, -1.0, 1.0]))[0]  # turned back
+    return up
+
+
+_REFINEMENTS, _SAME_LEVEL, _LEAST_PLACES = 8, 0.15, 10
+_MOST_SAMPLED = 400_000
+_WINDOWS = (40.0, 20.0, 10.0, 5.0, 3.0, 2.0)  # degrees around what is the best so far
+_CLEAN = 0.01  # metres: noise of a plane that counts fully
+_FLAT = 0.05  # standard deviation from a plane, metres, at most
+_SAMPLE_VOXEL, _CUBE, _LEAST_IN_CUBE = 0.05, 0.5, 8
+_FARTHEST_SAMPLE = 1e5
+
+
+def levelled(points: Floats, up: Floats) -> Floats:
+    """Return points turned about the origin by the smallest angle that takes `up` to z."""
+    x, y, z = up.tolist()
+    share = 1.0 / (1.0 + z)
+    px, py, pz = points[:, 0], points[:, 1], points[:, 2]
+    turned = np.empty((len(points), 3))
+    with np.errstate(over="ignore", invalid="ignore"):
+        turned[:, 0] = px * (1 - x * x * share) - py * (x * y * share) - pz * x
+        turned[:, 1] = py * (1 - y * y * share) - px * (x * y * share) - pz * y
+        turned[:, 2] = px * x + py * y + pz * z
+    return turned

@@ -1,0 +1,407 @@
+"""Maps of clouds: against solids measured cell by cell, and a naive rule on levelled points."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks.clouds import (
+    WORLDS,
+    Solid,
+    World,
+    box,
+    ground,
+    ours,
+    ours_with_poses,
+    peer,
+    placed,
+    post,
+    room,
+    rooms,
+    scores,
+    table,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mapdeal
+from mapdeal import CloudMapper, CloudOptions, Frame, MalformedInputError, cloud_map
+from mapdeal.mapping.voxels import Tilt, Voxels, levelled
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+RAMP = EXAMPLES / "clouds" / "ramp.pcd"
+SLOTS, PITCH = (3, 4), 12  # places for blocks, and the cells from one to the next
+
+
+def small(world: World, **more) -> World:
+    """Return a world that is scanned from fewer places."""
+    world.steps, world.azimuths = 20, 360
+    for name, value in more.items():
+        setattr(world, name, value)
+    return world
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    st.lists(st.just(0.0) | st.floats(0.25, 1.6), min_size=12, max_size=12),
+    st.floats(-0.15, 0.15), st.floats(-0.15, 0.15), st.floats(-30, 30),
+    st.sampled_from([0.05, 0.1]), st.tuples(st.floats(-400, 400), st.floats(-400, 400)),
+)  # fmt: skip
+def test_what_stands_on_a_sloping_floor_is_measured_from_it(
+    heights, along_x, along_y, base, cell, corner
+):
+    height, width = (PITCH * (slots + 1) for slots in SLOTS)
+    rows, cols = np.indices((height, width))
+    stands = np.zeros((height, width))
+    for k, one in enumerate(heights):
+        row, col = PITCH * (k // SLOTS[1] + 1), PITCH * (k % SLOTS[1] + 1)
+        stands[row : row + 3, col : col + 3] = one
+    x, y = (corner[0] + (cols + 0.5) * cell, corner[1] + (rows + 0.5) * cell)
+    floor = base + along_x * (cols - width / 2) * cell + along_y * (rows - height / 2) * cell
+    is_block = stands > 0
+    layers = [np.stack([x, y, floor], -1).reshape(-1, 3)] * 3
+    layers += [np.stack([x, y, floor + stands], -1)[is_block]] * 4
+    frame = Frame(height, width, cell, (*corner, 0.0))
+    points = np.concatenate(layers)
+    points[:, 2] += np.random.default_rng(3).normal(0, 0.005, len(points))
+    made = cloud_map(points, frame=frame, climb=0.06, robot_height=1.0)
+    # a cell has what is in it: heights are counted in steps of a centimetre and a half
+    surely = (stands > 0) & (stands < 0.95)
+    maybe = (stands >= 0.95) & (stands < 1.05)
+    occupied = made.grid.occupancy == 100
+    assert occupied[surely].all()
+    assert not occupied[~surely & ~maybe].any()
+    assert (made.grid.occupancy[~occupied] == 0).all()
+    assert np.nanmax(np.abs(made.layers["floor_height"] - floor)) < 0.04
+    assert np.abs(made.layers["obstacle_height"][surely] - stands[surely]).max(initial=0) < 0.04
+    rise = np.hypot(along_x, along_y)
+    inner = made.layers["slope"][PITCH:-PITCH, PITCH:-PITCH]
+    assert np.abs(inner - rise).max() < 0.25 * rise + 0.04
+
+
+LEAST = {
+    "rooms": (0.6, 0.93), "ramp of 10 degrees": (0.5, 0.93), "drops": (0.6, 0.9),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.thorough] * (name != "rooms")) for name in LEAST]
+)
+def test_maps_are_those_of_the_world_and_better_than_a_band_of_heights(name):
+    world = small(WORLDS[name]())
+    points, truth = world.cloud(), world.truth()
+    obstacles, free = scores(ours(world, points, truth), truth)
+    assert (obstacles, free) > LEAST[name]
+    assert free > LEAST[name][1]
+    usual = scores(peer(points, truth), truth)
+    assert obstacles > usual[0]
+    assert free > usual[1]
+
+
+def hall(*solids: Solid, **more) -> World:
+    path = [(1, 1, 0.6), (4, 1, 0.6), (4, 3, 0.6), (1, 3, 0.6)]
+    world = small(World([ground(0, 5, 0, 4), *room(0, 5, 0, 4), *solids], path))
+    for name, value in {"steps": 12, **more}.items():
+        setattr(world, name, value)
+    return world
+
+
+def state_at(made, x, y):
+    (cell,) = made.grid.frame.unbounded_rowcol_from_xy([[x, y]])
+    return int(made.grid.occupancy[tuple(cell)])
+
+
+PLACES = {
+    "floor": ([], 0),
+    "a post": ([post(2.51, 2.01, 0.05, 0.5)], 100),
+    "a table's middle": (table(2.5, 2.0), 100),
+    "a lamp above the robot": ([box(2.3, 2.7, 1.8, 2.2, 1.3, 1.4)], 0),
+    "a mat that it climbs": ([box(2.3, 2.7, 1.8, 2.2, 0, 0.025)], 0),
+}
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_obstacles_are_what_the_robot_meets(name):
+    solids, state = PLACES[name]
+    assert state_at(cloud_map(hall(*solids).cloud()), 2.51 + 0.013, 2.01 + 0.021) == state
+
+
+def test_a_lower_robot_passes_below_a_table_and_a_taller_one_meets_the_lamp():
+    points = hall(*table(2.5, 2.0), box(3.4, 3.8, 1.8, 2.2, 1.3, 1.4)).cloud()
+    assert state_at(cloud_map(points, robot_height=0.5), 2.5, 2.0) == 0
+    assert state_at(cloud_map(points, robot_height=1.6), 3.6, 2.0) == 100
+
+
+@pytest.mark.parametrize(("drops", "state"), [("occupied", 100), ("unknown", -1)])
+def test_drops_are_never_free(drops, state):
+    world = small(WORLDS["drops"]())
+    made = cloud_map(world.cloud(), drops=drops)
+    assert state_at(made, 2.7, 2.7) == state  # the pit
+    assert state_at(made, 5.3, 4.7) == 0
+
+
+def test_what_was_not_seen_is_unknown():
+    points = hall().cloud()
+    hole = (np.abs(points[:, 0] - 2.5) < 0.4) & (np.abs(points[:, 1] - 2.0) < 0.4)
+    made = cloud_map(points[~hole | (points[:, 2] > 1.5)])
+    assert state_at(made, 2.5, 2.0) == -1
+    assert state_at(cloud_map(points), 2.5, 2.0) == 0
+
+
+def test_the_floor_is_that_under_the_robot():
+    storeys = [ground(0, 5, 0, 4), box(0, 5, 0, 4, 2.5, 2.8), box(0, 5, 0, 4, 5.3, 5.5)]
+    below = World([*storeys, *room(0, 5, 0, 4, 5.3, ceiling=False)], [(1, 1, 0.6), (4, 3, 0.6)])
+    above = World(below.solids, [(1, 1, 3.4), (4, 3, 3.4)])
+    points = np.concatenate([small(below).cloud(), small(above).cloud()])
+    heights = []
+    for z in (0.6, 3.4):
+        mapper = CloudMapper()
+        mapper.add(points)
+        mapper.add_place([1.0, 1.0, z])
+        heights.append(float(np.nanmedian(mapper.result().layers["floor_height"])))
+    assert heights == pytest.approx([0.0, 2.8], abs=0.03)
+    assert np.nanmedian(cloud_map(points).layers["floor_height"]) == pytest.approx(0.0, abs=0.03)
+
+
+@pytest.mark.thorough
+def test_beams_clear_people_that_walked_on_and_nothing_else():
+    walker = post(0, 0, 0.2, 1.7)
+    trail = [
+        Solid(one.normals, one.offsets, only_in=(0.2 + k / 40, 0.22 + k / 40))
+        for k in range(8)
+        for one in [post(1.0 + 0.3 * k, 2.0, 0.2, 1.7)]
+    ]
+    assert walker.ball is not None
+    world = hall(*trail, *table(3.0, 3.2), post(1.7, 3.3, 0.03, 1.2), steps=60)
+    truth = world.truth()
+    without = ours(world, world.cloud(), truth)
+    posed = ours_with_poses(world, truth)
+    row, first, last = (
+        int((2.0 - truth.origin[1]) / 0.05),
+        int((0.8 - truth.origin[0]) / 0.05),
+        int((3.5 - truth.origin[0]) / 0.05),
+    )
+    path = slice(row - 5, row + 5), slice(first, last)
+    assert (without[path] == 100).sum() > 50
+    assert (posed[path] == 100).sum() < 5
+    elsewhere = np.ones(without.shape, bool)
+    elsewhere[path] = False
+    kept = (posed == 100) & (without == 100) & elsewhere
+    assert kept.sum() > 0.95 * ((without == 100) & elsewhere).sum()
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(0, 2 * np.pi), st.floats(0, np.radians(25)))
+def test_the_tilt_of_a_cloud_is_found(azimuth, angle):
+    points = room_points()
+    axis = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    cos, sin = np.cos(angle), np.sin(angle)
+    along = (points @ axis)[:, np.newaxis] * axis
+    turned = points * cos + np.cross(axis, points) * sin + along * (1 - cos)
+    tilt = Tilt()
+    for part in np.array_split(turned, 3):
+        tilt.add(part)
+    up = tilt.up()
+    assert (
+        np.degrees(np.arccos(min(1.0, up @ (np.cross(axis, [0, 0, 1]) * sin + [0, 0, cos])))) < 0.5
+    )
+    assert np.abs(levelled(turned, up) - points).max() < 0.12
+
+
+@cache
+def room_points():
+    return small(rooms()).cloud()[::4]
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 5000), st.sampled_from([0.03, 0.05, 0.4]), st.booleans())
+def test_voxels_are_counted_as_one_by_one(piece, cell, is_shifted):
+    points = room_points()[:4000] + (np.array([5e5, 4.5e6, -80.0]) if is_shifted else 0.0)
+    points[7, 2] = np.nan
+    voxels = Voxels(cell, 0.025, corner=(0.0, 0.0))
+    for first in range(0, len(points), piece):
+        voxels.add(points[first : first + piece])
+    columns = voxels.columns()
+    good = np.delete(points, 7, axis=0)
+    keys = np.floor(good / [cell, cell, 0.025] + 1e-9).astype(int)
+    wanted, counts = np.unique(keys[:, [1, 0, 2]], axis=0, return_counts=True)
+    whose = columns.of_voxels()
+    levels = np.round(columns.heights / 0.025 - 0.5).astype(int)
+    found = np.stack([columns.row[whose], columns.col[whose], levels], axis=1)
+    assert np.array_equal(found, wanted)
+    assert np.array_equal(columns.counts, counts)
+    assert (voxels.points, voxels.not_finite) == (4000, 1)
+
+
+def test_the_resolution_is_that_of_a_voxel_filter_even_if_its_lattice_is_that_of_cells():
+    points = small(rooms(), noise=0.0, outliers=0.0).cloud()
+    jitter = np.random.default_rng(2).normal(0, 1e-7, (1, 3))
+    filtered = np.unique(np.round(points / 0.1), axis=0) * 0.1
+    made = cloud_map(filtered + jitter * np.sign(filtered))
+    assert made.grid.resolution == pytest.approx(0.1)
+    values = made.grid.occupancy[25:35, 10:40]
+    assert (values == 0).mean() > 0.9
+    assert cloud_map(points).grid.resolution == 0.05
+
+
+BAD = {
+    "flat.csv": ("1,2\n3,4\n", "the cloud has no heights"),
+    "plane.csv": (
+        "".join(f"{i / 10},{k / 10},0\n" for i in range(40) for k in range(30)),
+        "all points lie at one height",
+    ),
+    "empty.csv": ("x,y,z\n", "holds no points"),
+    "nan.csv": ("x,y,z\nnan,1,2\n1,inf,2\n", "holds no points that are finite"),
+    "wall.csv": (
+        "".join(f"{0.02 * i},1,{0.02 * k}\n" for i in range(100) for k in range(100)),
+        "no floor found",
+    ),
+    "millimetres.csv": (
+        "".join(
+            f"{40 * i},{40 * k},{z}\n" for i in range(99) for k in range(99) for z in (0, 2500)
+        ),
+        "are its coordinates in millimetres?",
+    ),
+    "kilometres.csv": (
+        "".join(f"{i / 3e4},{k / 3e4},{i % 2}\n" for i in range(99) for k in range(99)),
+        "are its coordinates in metres?",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_clouds_are_refused_in_one_line(tmp_path, command, name):
+    text, why = BAD[name]
+    (tmp_path / name).write_text(text)
+    out = tmp_path / "map.yaml"
+    code, _, err = command("build", "--cloud", tmp_path / name, "-o", out)
+    assert code == 3, err
+    assert why in err
+    assert len([line for line in err.splitlines() if line.startswith("error")]) == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(("words", "why"), [
+    (["--cloud", RAMP, "--method", "tsdf"], "applies to laser scans"),
+    (["--cloud", RAMP, "--range-max", "9"], "--range-max: applies to laser scans"),
+    (["--cloud", RAMP, "--topic", "/points"], "needs a bag"),
+    (["--cloud", RAMP, "--climb", "2"], "must be above climb"),
+    (["--cloud", RAMP, "--size", "3,3"], "must be given together"),
+    (["--cloud", RAMP, "--layers", "out.csv"], "layers are written as .npz"),
+    ([EXAMPLES / "logs" / "office.log", "--climb", "0.1"], "it needs --cloud"),
+])  # fmt: skip
+def test_options_that_do_not_fit_are_refused(tmp_path, command, words, why):
+    code, _, err = command("build", *words, "-o", tmp_path / "map.yaml")
+    assert code == 2, err
+    assert why in err
+
+
+def test_the_command_makes_the_map_of_python(tmp_path, command):
+    out, layers, image = (tmp_path / name for name in ("map.yaml", "layers.npz", "map.png"))
+    code, text, err = command(
+        "build", "--cloud", RAMP, "-o", out, "--layers", layers, "--image", image, "--json"
+    )
+    assert code == 0, err
+    document = json.loads(text)
+    made = mapdeal.build_map_from_clouds(RAMP)
+    assert np.array_equal(mapdeal.read_map(out).occupancy, made.grid.occupancy)
+    assert document["points"] == 21444
+    shares = [document[f"{one}_share"] for one in ("floor", "obstacle", "unknown")]
+    assert sum(shares) == pytest.approx(1.0, abs=1e-5)
+    assert document["floor_height_max"] - document["floor_height_min"] == pytest.approx(
+        0.36, abs=0.07
+    )
+    with np.load(layers) as stored:
+        for name, layer in made.layers.items():
+            assert np.array_equal(stored[name], layer, equal_nan=True)
+    assert image.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_sequence_with_poses_makes_the_map_of_its_points(tmp_path, command):
+    world = hall(*table(3.0, 3.2))
+    lines = []
+    for k, scan in enumerate(world.scan()):
+        np.save(tmp_path / f"scan{k:02}.npy", scan.points.astype(np.float32))
+        x, y, z, yaw = scan.pose
+        lines.append(f"{k} {x} {y} {z} 0 0 {np.sin(yaw / 2)} {np.cos(yaw / 2)}")
+    poses = tmp_path / "poses.txt"
+    poses.write_text("\n".join(lines))
+    code, _, err = command(
+        "build", "--cloud", tmp_path, "--poses", poses, "-o", tmp_path / "map.yaml"
+    )
+    assert code == 0, err
+    mapper = CloudMapper()
+    for scan in world.scan():
+        mapper.add(placed(scan))
+        mapper.add_place(scan.pose[:3])
+    mapper.settle(follows_beams=True)
+    for scan in world.scan():
+        mapper.clear(placed(scan), scan.pose[:3])
+    wanted, found = mapper.result().grid, mapdeal.read_map(tmp_path / "map.yaml")
+    assert found.occupancy.shape == wanted.occupancy.shape
+    assert (found.occupancy == wanted.occupancy).mean() > 0.995  # float32, and rounded poses
+    poses.write_text("\n".join(lines[1:]))
+    code, _, err = command(
+        "build", "--cloud", tmp_path, "--poses", poses, "-o", tmp_path / "m.yaml"
+    )
+    assert code == 3
+    assert "must have a pose for each of 12 clouds" in err
+
+
+def test_a_bag_makes_the_map_of_its_clouds_where_its_transforms_place_them(tmp_path):
+    pytest.importorskip("rosbags")
+    from bags.making import (
+        START,
+        Maker,
+        tf,
+    )
+    from bags.making import cloud as message
+
+    maker, every = Maker(), []
+    fields = [("x", 0, 7), ("y", 4, 7), ("z", 8, 7)]
+    move = (0.1, 0.0, 0.35)  # of the lidar on a robot that turns
+    maker.add("/tf_static", "tf2_msgs/msg/TFMessage", START,
+              tf(START, ("base_link", "lidar", move, (0, 0, 0, 1))))  # fmt: skip
+    for k, scan in enumerate(hall(*table(3.0, 3.2)).scan()):
+        time, yaw = START + k * 10**8, 0.3 * k
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        x, y = scan.points[:, :2].T
+        points = np.stack([x * cos + y * sin, y * cos - x * sin, scan.points[:, 2]], axis=1)
+        data = points.astype("<f4")
+        every.append(placed(scan))
+        base = scan.pose[:3] - np.array([cos * move[0], sin * move[0], move[2]])
+        turn = (0, 0, np.sin(yaw / 2), np.cos(yaw / 2))
+        maker.add("/tf", "tf2_msgs/msg/TFMessage", time, tf(time, ("map", "base_link", base, turn)))
+        maker.add("/points", "sensor_msgs/msg/PointCloud2", time,
+                  message(time, data.tobytes(), fields, width=len(data), step=12,
+                          frame="lidar"))  # fmt: skip
+    made = mapdeal.build_map_from_clouds(maker.write(tmp_path, "mcap"))
+    wanted = cloud_map(np.concatenate(every))
+    assert made.points == wanted.points
+    assert made.grid.shape == wanted.grid.shape
+    assert made.grid.origin == pytest.approx(wanted.grid.origin)
+    assert (made.grid.occupancy == wanted.grid.occupancy).mean() > 0.98
+
+
+def test_a_tilted_floor_is_warned_of_and_levelled():
+    points = hall(tilt=(1, 0.5, 3)).cloud()
+    made = cloud_map(points, level=True)
+    assert made.tilt == pytest.approx(3.0, abs=0.3)
+    assert cloud_map(points).tilt == pytest.approx(3.0, abs=0.5)
+    flat = np.nanstd(made.layers["floor_height"])
+    assert flat < 0.015 < np.nanstd(cloud_map(points).layers["floor_height"])
+
+
+def test_points_without_heights_are_refused_in_python():
+    with pytest.raises(MalformedInputError, match="no heights"):
+        cloud_map(np.zeros((5, 2)))
+    assert CloudOptions().climb == 0.05
+
+
+def test_a_real_building_is_mapped(real_maps):
+    made = mapdeal.build_map_from_clouds(real_maps / "KevinLADLee__invs_bringup" / "dufomap.pcd")
+    assert made.grid.resolution == pytest.approx(0.1)
+    figures = made.figures()
+    assert 330 < figures["floor_m2"] < 420
+    assert 200 < figures["obstacle_m2"] < 280
