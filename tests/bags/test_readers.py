@@ -209,6 +209,8 @@ ENCRYPTED = ros1_record(b"op=\x03", b"encryptor=rosbag/AesCbcEncryptor", b"index
 
 @pytest.mark.parametrize(("name", "data", "told"), [
     ("a.bag", b"#ROSBAG V1.2\n" + b"\0" * 9, r"is a bag of version 1\.2; 2\.0 is read"),
+    ("a.bag", b"#ROSRECORD V1.2\n" + b"\0" * 9, r"is a bag of version 1\.2; 2\.0 is read"),
+    ("a.bag", b"#ROSLOG V1.1\n" + b"\0" * 9, r"is a bag of version 1\.1; 2\.0 is read"),
     ("a.bag", b"#ROSBAG Vx.y\n" + b"\0" * 9, "must begin with #ROSBAG"),
     ("a.bag", b"#ROSBAG V2.0\n" + ENCRYPTED, "is encrypted"),
     ("a.mcap", b"", r"a\.mcap: "),

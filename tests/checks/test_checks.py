@@ -89,6 +89,7 @@ CASES = [
     ("image.ending", {"image": png(ROOM)}),
     ("image.maxval", {"image": pgm(ROOM // 2, maxval=127)}),
     ("image.gamma", {"image": with_chunk(png(ROOM), b"gAMA", bytes(4)), "name": "m.png"}),
+    ("map.faded-walls", {"image": pgm(np.where(ROOM == 0, 110, ROOM).astype("u1"))}),
     ("image.palette", {"image": png(Image.fromarray(ROOM).convert("P")), "name": "m.png"}),
     *[("image.absolute-path", {"text": f"image: {name}\n{BARE}"})
       for name in ("/a/m.pgm", "'C:\\maps\\m.pgm'")],

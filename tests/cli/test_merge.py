@@ -55,22 +55,29 @@ def same(name, expected):
     np.testing.assert_array_equal(read_map(name).occupancy, expected.grid.occupancy)
 
 
-def test_maps_of_one_frame_are_merged(sh, folder):
+@pytest.mark.parametrize("rule", ["occupied", "newest"])
+def test_maps_of_one_frame_are_merged(sh, folder, rule):
     for name in "ab":
         with open(f"{name}.yaml", "a") as file:
             file.write(f"building: hall {name}\n")
-    out = sh.ok("merge a.yaml b.yaml c.yaml -o o.yaml --rule newest")
-    expected = merge(maps("a", "b", "c"), rule="newest")
+    out = sh.ok(f"merge a.yaml b.yaml c.yaml -o o.yaml --rule {rule}")
+    told = out.splitlines()
+    expected = merge(maps("a", "b", "c"), rule=rule)
     same("o.yaml", expected)
     assert read_map("o.yaml").origin == expected.grid.origin
     assert "building: hall a\n" in Path("o.yaml").read_text()
     assert out.startswith("o.yaml: 9 x 4 cells at 1.5, -2, yaw 0.4, ")
-    assert len(out.splitlines()) == 5
+    assert len(told) == 8 + (rule == "newest")
+    walls = [line for line in told if " thick on average, " in line]
+    assert [line.split(":")[0].strip() for line in walls] == ["a.yaml", "b.yaml", "c.yaml"]
+    kept = expected.grid.occupancy.size - np.count_nonzero(expected.grid.occupancy == -1)
+    assert 0 < expected.kept < kept
+    assert (f"{expected.kept} cells are from before it" in out) == (rule == "newest")
 
 
 def test_by_hand_what_is_told(sh, folder):
     """Of a and b: HALL's columns 2.. and rows 1.. under PART's, cell by cell."""
-    document = sh.json("merge a.yaml b.yaml -o o.yaml --json")
+    document = sh.json("merge a.yaml b.yaml -o o.yaml --same-wall 0 --json")
     # north to south, HALL above and PART below: "#####" ....#  known by both: 1, occupied in both
     #   "....#" .:  "?...#", the first column is unknown; the last is occupied in both
     #   ".#..#" :   "?..#.", occupied in a, free in b: columns 3, 6; the other way round: 5
@@ -236,7 +243,7 @@ def test_a_map_without_evidence_is_warned_of(sh, folder):
 
 
 def test_the_picture_shows_conflicts(sh, folder):
-    sh("merge a.yaml b.yaml -o o.yaml --image o.png --image-extent all")
+    sh("merge a.yaml b.yaml -o o.yaml --same-wall 0 --image o.png --image-extent all")
     with Image.open("o.png") as image:
         shown = {colour for _, colour in image.convert("RGB").getcolors(1 << 20)}
     assert {colours.REMOVED, colours.ADDED, colours.RVIZ_OCCUPIED, colours.RVIZ_FREE} <= shown

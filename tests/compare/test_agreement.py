@@ -65,7 +65,6 @@ def test_evidence_is_the_divergence_from_chance_times_the_pieces_of_wall():
 
     expected = [10 * divergence(0.9), 0.5 * 5 * divergence(0.5), 0.0]  # little overlap, no more
     np.testing.assert_allclose(found.evidence(chance), expected)
-    np.testing.assert_allclose(found.quality(chance), [divergence(0.9), divergence(0.5), 0.0])
 
 
 def test_chance_is_the_mean_of_wrong_places_that_have_much_in_common():

@@ -5,12 +5,13 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import oracles
 from drawn import cells, grid_from_text
 from mapdeal import MapdealWarning, OccupancyGrid, Transform, merge
+from mapdeal.compare.merge import snapped
 from strategies import occupancies
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
@@ -66,6 +67,9 @@ def placed_maps(draw, longest=5):
         if number:
             shift = draw(st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)))
             transforms.append(Transform(*shift, draw(YAWS)))
+            frame = transforms[-1].inverse().frame(maps[number].frame)
+            on_cells = snapped(frame, maps[0].frame)
+            assume(math.dist(on_cells.origin, frame.origin) < EDGE / 100)
     return maps, transforms
 
 
@@ -73,7 +77,7 @@ def placed_maps(draw, longest=5):
 @given(placed_maps(), st.sampled_from(["occupied", "newest"]))
 def test_cells_are_what_plain_python_makes_of_them(case, rule):
     maps, transforms = case
-    grid = merge(maps, transforms=transforms, rule=rule).grid
+    grid = merge(maps, transforms=transforms, rule=rule, same_wall=0).grid
     for row, col in np.ndindex(grid.shape):
         wanted = -1
         for number, one in enumerate(maps):
@@ -93,7 +97,7 @@ def test_cells_are_what_plain_python_makes_of_them(case, rule):
 @given(placed_maps(), st.sampled_from(["occupied", "newest", "evidence"]))
 def test_the_first_maps_cells_stay_and_the_lattice_is_no_larger_than_needed(case, rule):
     maps, transforms = case
-    first, merged = maps[0], merge(maps, transforms=transforms, rule=rule).grid
+    first, merged = maps[0], merge(maps, transforms=transforms, rule=rule, same_wall=0).grid
     assert merged.resolution == first.resolution
     assert merged.origin[2] == first.origin[2]
     corner = place_in(first, merged.origin[:2])
@@ -145,7 +149,7 @@ def test_counts_rules_and_conflicts_on_one_lattice_by_hand(arrays, data):
         return max(values) if sum_ == 0 else 100 * (sum_ > 0)
 
     for rule, decide in (("occupied", max), ("newest", newest), ("evidence", votes)):
-        merged = merge(maps, rule=rule)
+        merged = merge(maps, rule=rule, same_wall=0)
         decided = {cell: decide(values) for cell, values in told.items()}
         wanted = {cell: value for cell, value in decided.items() if value >= 0}
         assert known_places(merged.grid, lattice) == wanted
@@ -202,9 +206,15 @@ def test_walls_that_two_maps_see_a_cell_apart_are_no_thicker_in_conflicts():
     first = OccupancyGrid(np.zeros((3, 7), np.int8), 0.5, (1.0, 2.0, 0.0))
     wall = np.zeros((3, 7), np.int8)
     wall[:, 3] = 100
-    merged = merge([first, OccupancyGrid(wall, 0.5, (1.2, 2.0, 0.0))])
+    merged = merge([first, OccupancyGrid(wall, 0.5, (1.2, 2.0, 0.0))], same_wall=0)
     assert np.count_nonzero(merged.grid.occupancy == 100) == 6
     assert merged.conflict_count == 3
+
+
+def room(height=40, width=60, wall=100):
+    values = np.zeros((height, width), np.int8)
+    values[[0, -1]] = values[:, [0, -1]] = values[:, width // 3] = wall
+    return values
 
 
 def said(maps, **options):
@@ -227,7 +237,7 @@ def test_what_is_odd_is_warned_of():
     ]
     assert said([first, shifted(400)]) == ["map 2: knows no cell that another map knows"]
     assert said([first, shifted(1)]) == []
-    (text,) = said([first, shifted(5)])
+    (text,) = said([first, shifted(5)], same_wall=0)
     # 35 x 55 cells in common. Of either map two edges and the wall between them lie there, which
     # meet in two cells, and meet the other map's in four.
     conflicts, shared = 2 * (55 + 35 + 35 - 2 - 4), 35 * 55
@@ -235,3 +245,69 @@ def test_what_is_odd_is_warned_of():
     assert said([first, shifted(1)], rule="evidence") == [
         "no map has evidence layers; each of their cells counts as one vote"
     ]
+
+
+def seen_by(grid, cells):
+    """Cells within so many cells of an obstacle, by brute force."""
+    walls = np.argwhere(np.asarray(grid) == 100)
+    return np.array(
+        [[min((math.dist(at, wall) for wall in walls), default=math.inf) <= cells
+          for at in ((row, col) for col in range(grid.shape[1]))]
+         for row in range(grid.shape[0])]
+    )  # fmt: skip
+
+
+@given(st.data(), st.sampled_from(["occupied", "newest"]), st.sampled_from([1.0, 1.5, 2.3]))
+@settings(max_examples=40)
+def test_walls_of_two_maps_are_one_within_a_distance(data, rule, reach):
+    """The cells that go are those near the other map's walls, and far from what stands out."""
+    shape = data.draw(st.tuples(st.integers(3, 9), st.integers(3, 9)))
+    values = st.lists(st.sampled_from([-1, 0, 0, 0, 100]), min_size=81, max_size=81)
+    first, second = (
+        np.array(data.draw(values), np.int8)[: shape[0] * shape[1]].reshape(shape) for _ in range(2)
+    )
+    merged = merge([OccupancyGrid(one, 1.0) for one in (first, second)], rule=rule, same_wall=reach)
+    kept, dropped = (first, second) if rule == "occupied" else (second, first)
+    own = dropped == 100
+    alone = np.where(own & ~seen_by(kept, 2 * reach), 100, 0)
+    goes = own & seen_by(kept, reach) & ~seen_by(alone, 2 * reach + 1) & (kept != 100)
+    rest = np.where(goes, -1, dropped)
+    newest = np.where(kept == -1, rest, kept)
+    expected = np.maximum(kept, rest) if rule == "occupied" else newest
+    np.testing.assert_array_equal(merged.grid.occupancy, expected)
+    for one, counts in zip((first, second), merged.maps, strict=True):
+        walls = one == 100
+        share = {
+            cells: float((seen_by(expected, cells) & walls).sum() / walls.sum())
+            if walls.any()
+            else None
+            for cells in (math.sqrt(2), reach)
+        }
+        assert counts.within_cell == pytest.approx(share[math.sqrt(2)])
+        assert counts.within_same_wall == pytest.approx(share[reach])
+
+
+def test_a_map_and_itself_less_than_a_tenth_of_a_cell_off_are_that_map():
+    first = OccupancyGrid(room(), 0.05, (1.3, -0.2, 0.7))
+    for shift, yaw in ((0.0004, 0.0), (-0.003, 0.00002)):
+        merged = merge([first, first], transforms=[Transform(shift, shift, yaw)])
+        np.testing.assert_array_equal(merged.grid.occupancy, first.occupancy)
+        assert merged.grid.origin == first.origin
+        assert merged.conflict_count == 0
+    off = merge([first, first], transforms=[Transform(0.01, 0.0, 0.0)], same_wall=0).grid
+    assert off.shape != first.shape
+
+
+def test_a_wall_is_as_thin_as_before_and_a_closed_door_stays_closed():
+    """Two walls a cell and a half apart; in the second map the door between rooms is closed."""
+    first, second = (OccupancyGrid(room(), 0.05, (x, 0.0, 0.0)) for x in (0.0, 0.075))
+    values = np.array(first.occupancy)
+    values[10:26, 20] = 0
+    first = first.with_values(values)
+    merged = merge([first, second])
+    assert merged.maps[1].same_wall == pytest.approx(0.05 * 2)  # a cell, where cells are sampled
+    door = np.asarray(merged.grid.occupancy)[10:26, 20:23]
+    assert (door == 100).any(axis=1).all()
+    assert merged.thickness < 1.3 * merged.maps[0].thickness
+    assert merge([first, second], same_wall=0).thickness > 2 * merged.maps[0].thickness
+    assert all(counts.within_same_wall == 1 for counts in merged.maps)

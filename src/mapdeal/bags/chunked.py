@@ -228,7 +228,7 @@ class ChunkedBag(Bag):
         return data
 
 
-_ROS1_MAGIC = re.compile(rb"#ROSBAG V(\d+)\.(\d+)\n")
+_ROS1_MAGIC = re.compile(rb"#ROS(?:BAG|RECORD|LOG) V(\d+)\.(\d+)\n")
 _ROS1_MESSAGE, _ROS1_BAG, _ROS1_INDEX, _ROS1_CHUNK, _ROS1_CHUNK_INFO, _ROS1_CONNECTION = (
     bytes([op]) for op in range(2, 8)
 )

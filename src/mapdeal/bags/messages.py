@@ -25,6 +25,7 @@ from mapdeal.bags.bag import (
     check_topic,
     name_inside,
 )
+from mapdeal.bags.checksums import add_checksums
 from mapdeal.bags.reader import needs_bags
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import access_to, chunks_of, claim
@@ -431,6 +432,8 @@ def _write_ros2(
         message = _message(store.types, grid, frame, is_ros1=False)
         writer.write(connection, _NANOSECONDS, store.serialize_cdr(message, name))
     file = bag / f"{bag.name}{suffix}"
+    if plugin is StoragePlugin.MCAP:
+        add_checksums(file)
     return (file,) if suffix == ".mcap" else (file, bag / METADATA)
 
 

@@ -46,7 +46,8 @@ _ZSTD_SUFFIXES = (".zstd", ".zst")
 _LIMITS = YamlLimits(bytes=1 << 22, nodes=100_000, aliases=1000)
 _STORAGES: dict[str, Callable[[Path], Bag]] = {"sqlite3": SqliteBag, "mcap": McapBag}
 _KINDS: dict[bytes, Callable[[Path], Bag]] = {
-    b"#ROSBAG V": Ros1Bag, MCAP_MAGIC: McapBag, SQLITE_MAGIC: SqliteBag,
+    b"#ROSBAG V": Ros1Bag, b"#ROSRECORD V": Ros1Bag, b"#ROSLOG V": Ros1Bag,  # old ones, too
+    MCAP_MAGIC: McapBag, SQLITE_MAGIC: SqliteBag,
 }  # fmt: skip
 _SUFFIXES = {".db3": "sqlite3", ".mcap": "mcap"}
 _PIECE = 1 << 20

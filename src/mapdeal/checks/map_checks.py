@@ -24,6 +24,7 @@ from mapdeal.maps.dialects import MapMetadata
 from mapdeal.maps.images import IMAGE_FORMATS
 from mapdeal.maps.map_server import MAP_SAVER_UNKNOWN, NOTHING_KNOWN, percent, remark_on_freed
 
+_UNKNOWN_SHADE = 127 / 255  # the darkest grey that is used for unknown, Cartographer's
 _CARTOGRAPHER_UNKNOWN = 128
 _TRINARY = {0, MAP_SAVER_UNKNOWN, 254, 255}
 # A number begins where none is before it and has an end, in a long comment of digits, too.
@@ -133,6 +134,32 @@ def greys(facts: PairFacts) -> Iterator[Remark]:
 def _is_between(grey: int, metadata: MapMetadata) -> bool:
     share = (grey if metadata.negate else 255 - grey) / 255
     return metadata.free_thresh <= share <= metadata.occupied_thresh
+
+
+_DARKER = 0.05  # in shade: what is so much darker than all greys for unknown is a wall
+_MOST_FADED = 0.25
+
+
+@check("map.faded-walls", "warning", "walls that are too light to be obstacles, a quarter or more")
+def faded_walls(facts: PairFacts) -> Iterator[Remark]:
+    """Count the pixels that are darker than any grey for unknown, and not read as occupied."""
+    if facts.metadata.mode != "trinary":
+        return
+    faded: dict[int, int] = {}
+    walls = 0
+    for grey, count in facts.pixels.greys.items():
+        shade = (grey if facts.metadata.negate else 255 - grey) / 255
+        if shade >= facts.metadata.occupied_thresh:
+            walls += count
+        elif shade > _UNKNOWN_SHADE + _DARKER:
+            faded[grey] = count
+    count = sum(faded.values())
+    if count > _MOST_FADED * (count + walls):
+        share = percent(count, count + walls)
+        text = f"{count} pixels ({share} of the dark ones) are walls by their grey, and too light"
+        text += f" for occupied_thresh {facts.metadata.occupied_thresh:g}: they are no obstacles"
+        places = facts.places_of_greys(sorted(faded, key=lambda grey: -faded[grey])[:5])
+        yield Remark(text, "occupied_thresh", places=places)
 
 
 @check("image.cartographer", "note", "Cartographer's grey for unknown, 128")

@@ -12,6 +12,7 @@ import numpy as np
 from mapdeal.command import Output, Result, Words, command
 from mapdeal.compare.align import Placement, bytes_to_align, placed
 from mapdeal.compare.difference import frame_around
+from mapdeal.compare.places import place_text
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError
 from mapdeal.files.json_values import ALIGNMENT_FORMAT
@@ -24,6 +25,8 @@ from mapdeal.pipeline import inputs
 from mapdeal.sensors.points import transform_document
 
 _OF_PICTURE = 16  # bytes for each cell of both maps while one is drawn on the other
+_SEEN = 0.05  # metres of a bend that are told
+
 _UNKNOWN, _FREE = 1, 2
 """Kinds of cells in a picture: 3 is a wall of the first map, 4 of the second, 5 of both."""
 
@@ -50,6 +53,10 @@ class Alignment(Placement, Result):
     agreement : float
         Share of the walls that lie within 0.25 m of a wall of the other map, among those that
         lie there or in its free space.
+    bend : float
+        How far the walls of the maps are apart where one is bent most against the other, metres.
+    bend_xy : tuple of float or None
+        Where that is, in the second map's frame; None if no walls agree.
     maps : tuple of MapInput
         The two maps.
     """
@@ -76,6 +83,8 @@ class Alignment(Placement, Result):
             "runner_up_transform": None if other is None else transform_document(other),
             "overlap": self.overlap,
             "agreement": self.agreement,
+            "bend": self.bend,
+            "bend_xy": None if self.bend_xy is None else list(self.bend_xy),
         }
 
     def lines(self) -> Iterator[str]:
@@ -91,6 +100,9 @@ class Alignment(Placement, Result):
         yield f"  score      {self.score:.2f}, {other}"
         yield f"  overlap    {100 * self.overlap:.0f} % of the free space of the map that has less"
         yield f"  walls      {100 * self.agreement:.0f} % of those in common agree within 0.25 m"
+        if self.bend_xy is not None and self.bend >= _SEEN:
+            where = place_text(self.maps[1].occupancy, self.bend_xy)
+            yield f"  bend       walls disagree by up to {self.bend:.2g} m, {where}"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         """Return the first map at its place over the second, on the second's cells."""
@@ -188,12 +200,15 @@ def align(
     -----
     Candidates are peaks of correlations over all shifts, at the rotations that make the walls
     parallel and, on coarser cells, at all others. Each is refined by minimising the distances
-    between walls, and judged by wall faces: a face agrees if it lies on a wall of the other map
-    with free space on the same side, and contradicts if it lies in the other map's free space. The
-    score is the Kullback-Leibler divergence of the share that agrees from that at wrong
-    alignments, for each 2 m of wall (less in small maps). An alignment is certain if its score is
-    at least 3, the maps overlap by a tenth, and no other one reaches 0.75 of its score, or 0.35
-    where walls agree as well.
+    between walls. The best are bent, stiffly, to where walls lie on walls, as sensor maps drift,
+    and judged by wall faces: a face agrees if it lies on a wall of the other map with free space on
+    the same side, and contradicts if it lies in the other map's free space. The score is the
+    Kullback-Leibler divergence of the share that agrees from that where the map is shifted along
+    its walls, for each 2 m of wall (less in small maps), less what the bend costs: the length of a
+    corridor is no evidence, its doors and cross walls are. Of one straight line of walls four
+    metres count at most. An alignment is certain if its score is at least 4.5 and 4.5 above all
+    others, the maps overlap by a tenth, and no other one reaches 0.62 of the score. With a prior,
+    three quarters of the walls in common must agree, and all else does not count.
 
     References
     ----------

@@ -21,12 +21,15 @@ from mapdeal.command import (
     parameters_of,
 )
 from mapdeal.commands import two_maps
+from mapdeal.compare import faults as finding
 from mapdeal.compare.difference import STATES, Bound, Difference, WallShift, compare, frame_around
+from mapdeal.compare.score import states_of
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError, emit_warning, one_line
+from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import OCCUPIED, count_text
+from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text
 from mapdeal.kernels.lookup import histogram
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
@@ -78,11 +81,14 @@ class DiffReport(Difference, Result):
         The two maps.
     transform : Transform, optional
         From A's frame to B's, by which they were compared; None if as they lie.
+    faults : tuple of Fault
+        What is wrong with B if A is right, the worst first, as `score` says it.
     """
 
     bounds: tuple[Bound, ...]
     maps: tuple[MapInput, MapInput]
     transform: Transform | None = None
+    faults: tuple[finding.Fault, ...] = ()
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
@@ -118,6 +124,7 @@ class DiffReport(Difference, Result):
             "known_only_in_first": self.not_compared,
             "confusion": {state: dict(row) for state, row in self.confusion.items()},
             "symmetry": self.symmetry,
+            "faults": finding.document_of(self.faults),
             "transform": self.transform and transform_document(self.transform),
             "changes": [
                 {"kind": one.kind, "area_m2": one.area, "x": one.x, "y": one.y}
@@ -151,6 +158,8 @@ class DiffReport(Difference, Result):
         if self.transform is not None:
             x, y, yaw = (round(value, 4) + 0.0 for value in self.transform.pose)
             yield f"  moved     A by x {x:g} m, y {y:g} m, yaw {yaw:g} rad"
+        for number, fault in enumerate(self.faults):
+            yield f"  {'and' if number else 'B has':<9} {fault.text}"
         largest, left = self.largest_changes(_SHOWN)
         for one in largest:
             yield f"  {one.kind:<9} {one.place}"
@@ -312,7 +321,17 @@ def diff(
     if bounds and found.not_compared:
         text = f"does not cover {found.not_compared} known cells of {a.name}"
         emit_warning(f"{b.name}: {text}, which are not compared", stacklevel=2)
-    return DiffReport(**vars(found), bounds=bounds, maps=(a, b), transform=move)
+    faults = () if found.is_equal else _faults(a, b, move)
+    return DiffReport(**vars(found), bounds=bounds, maps=(a, b), transform=move, faults=faults)
+
+
+def _faults(a: MapInput, b: MapInput, move: Transform | None) -> tuple[finding.Fault, ...]:
+    """Return what is wrong with B if A is right, on the cells of A."""
+    truth = a.occupancy
+    lies_in = (move or Transform()).inverse().frame(b.occupancy.frame)
+    values, inside = sampled(truth.frame, b.occupancy.occupancy, lies_in)
+    values[~inside] = UNKNOWN
+    return finding.faults_of(states_of(values), states_of(truth.occupancy), truth.frame)
 
 
 def compared(

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import OnlyInPython, Output, Result, Words, command
+from mapdeal.command import AT_LEAST_0, METRES, OnlyInPython, Output, Result, Words, command
 from mapdeal.commands import two_maps
 from mapdeal.compare import merge as merging
 from mapdeal.compare.align import bytes_to_align
@@ -41,8 +41,9 @@ from mapdeal.pipeline.inputs import (
 )
 from mapdeal.sensors.points import read_transform, transform_document
 
-_PER_CELL, _OF_EVIDENCE = 22, 26
-"""Bytes for each cell of the result, and more of them for sums; each map takes another one."""
+_PER_CELL, _OF_EVIDENCE, _PER_WALL = 26, 26, 60
+"""Bytes for each cell of the result, more of them for sums, and for each wall cell of a map; each
+map takes another one for each cell."""
 
 _OF_PICTURE = 2  # bytes more for a picture, besides its own
 
@@ -73,6 +74,10 @@ class Merged(Result):
         From the first map's frame to the frame of each map.
     rule : {'occupied', 'newest', 'evidence'}
         How the values were combined.
+    thickness : float or None
+        Mean thickness of the walls of the result, metres.
+    kept : int
+        Number of cells of the result that the last map does not know.
     """
 
     grid: OccupancyGrid
@@ -83,6 +88,8 @@ class Merged(Result):
     inputs: tuple[MapInput, ...]
     transforms: tuple[Transform, ...]
     rule: merging.Rule
+    thickness: float | None = None
+    kept: int = 0
 
     def _told(self) -> Iterator[str]:
         height, width = self.grid.shape
@@ -109,6 +116,8 @@ class Merged(Result):
             ],
             "common": self.common,
             "conflicts": self.conflict_count,
+            "thickness": self.thickness,
+            "kept": self.kept,
             "figures": self.grid.figures(),
         }
 
@@ -132,6 +141,19 @@ class Merged(Result):
             if counts.common and counts.walls:
                 share = 100 * counts.met / counts.walls
                 text += f"; {share:.0f} % of its walls there are also in others"
+            yield text
+        if self.rule == "newest":
+            last, count = self.inputs[-1].name, self.kept
+            yield f"  {last} decides where it knows a cell; {count} cells are from before it"
+        for one, counts in zip(self.inputs, self.maps, strict=True):
+            if counts.thickness is None or counts.within_cell is None:
+                continue
+            thick = "none left" if self.thickness is None else f"{self.thickness:.3g} m"
+            text = f"  {one.name}: walls {counts.thickness:.3g} m thick on average, {thick} in the"
+            text += f" result, which has {100 * counts.within_cell:.1f} % of them within a cell"
+            if counts.same_wall:
+                share = 100 * (counts.within_same_wall or 0.0)
+                text += f", {share:.1f} % within {counts.same_wall:.3g} m"
             yield text
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
@@ -175,6 +197,7 @@ def merge(
         Words("frames|align|FILE.json", _placing, "by", is_repeated=True),
     ] = None,
     rule: merging.Rule = "occupied",
+    same_wall: Annotated[float | None, AT_LEAST_0, METRES] = None,
     evidence: Annotated[Sequence[merging.Layers | None] | None, OnlyInPython] = None,
     **reading: Unpack[Reading],
 ) -> Merged:
@@ -204,6 +227,9 @@ def merge(
     rule : {'occupied', 'newest', 'evidence'}
         Which value wins where maps differ: the largest, that of the last map that knows the cell,
         or the sum of the evidence.
+    same_wall : float, optional
+        Walls of two maps within this distance are one wall, metres. By default the
+        distance that 85 % of their walls have and a cell, at most 0.3 m; 0 draws all of them.
     evidence : sequence of mapping, optional
         Layers of each map for rule ``evidence``, as returned by `build_map`: ``log_odds``, or
         ``hits`` and ``misses``; none for a map without. By default those in the maps' files.
@@ -282,6 +308,7 @@ def merge(
         grid.frame if place is None else place.inverse().frame(grid.frame)
         for grid, place in zip(grids, places, strict=True)
     ]
+    frames[1:] = [merging.snapped(frame, frames[0]) for frame in frames[1:]]
     with errors_named(inputs[0].name):
         lattice = merging.lattice_around(grids, frames)
     held = sum(map(bytes_of, grids)) + _bytes_in(layers)
@@ -289,10 +316,11 @@ def merge(
     per_cell += _OF_PICTURE * (settings.image is not None)
     with settings.reading():
         what = f"{lattice.width} x {lattice.height} cells around all maps"
-        claim(inputs[0].name, held + per_cell * lattice.height * lattice.width, what=what)
-    parts = merging.merged_on(lattice, grids, frames, rule, layers)
+        walls = _PER_WALL * sum(int(np.count_nonzero(grid.occupied())) for grid in grids)
+        claim(inputs[0].name, held + per_cell * lattice.height * lattice.width + walls, what=what)
+    parts = merging.merged_on(lattice, grids, frames, rule, layers, same_wall)
     placed = tuple(place or Transform() for place in places)
-    merged = Merged(*parts, inputs=tuple(inputs), transforms=placed, rule=rule)
+    merged = Merged(**vars(parts), inputs=tuple(inputs), transforms=placed, rule=rule)
     is_advised = transforms is None and Work.current.get() is not None
     for other in inputs[1:] if transforms is None else ():
         told = two_maps.warn_of_frames((inputs[0], other), "--by align places maps by their walls")

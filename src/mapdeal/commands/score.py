@@ -14,6 +14,7 @@ import numpy as np
 from mapdeal.command import Result, Words, command, is_plain
 from mapdeal.commands import two_maps
 from mapdeal.compare import bounds as score_bounds
+from mapdeal.compare import faults as finding
 from mapdeal.compare import score as scoring
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError, emit_warning, one_line
@@ -67,6 +68,9 @@ class Score(Result):
         aligning them.
     comparison : Comparison or None
         The cells of both maps, and the distances between their walls; None without a truth.
+    faults : tuple of Fault
+        What is wrong with the map, the worst first: ghost walls, missing area, faded walls, noise,
+        or a bend. None without a truth, nor where a map has no walls.
     """
 
     values: dict[str, Any]
@@ -76,6 +80,7 @@ class Score(Result):
     transform: tuple[float, float, float] | None = None
     way: Way = "frames"
     comparison: scoring.Comparison | None = None
+    faults: tuple[finding.Fault, ...] = ()
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
@@ -104,6 +109,8 @@ class Score(Result):
                 "resolution": self.frame.resolution,
                 "origin": list(self.frame.origin),
             },
+            "verdict": finding.verdict(self.faults) if self.is_drawn else None,
+            "faults": finding.document_of(self.faults),
             "values": self.values,
             "bounds": [{**asdict(bound), "holds": bound.holds} for bound in self.bounds],
             "passes": self.passes,
@@ -115,6 +122,7 @@ class Score(Result):
         yield f"{' against '.join(one.name for one in self.maps)}: {size}"
         if self.transform is not None:
             yield f"  transform  {_transform_text(self.transform, self.way)}"
+            yield from finding.lines_of(self.faults)
             yield from self._distances()
         yield from self._figures()
         for bound in self.bounds:
@@ -281,6 +289,12 @@ def score(
     - ``iou_``..., ``precision_``..., ``recall_``..., ``mcc_``... and ``confusion_``...: agreement
       of cells; ``coverage``: share of the cells known in the truth that are known in both.
 
+    The verdict names the worst of these faults, relative to what is one: ghost walls (5 % of the
+    map's walls in free space of the truth), missing area (5 % of its known cells unknown), faded
+    walls (10 % of its walls that the map has seen and has no wall near), noise (components of less
+    than 5 cells in its free space, 3 % of the walls), and a bend (0.1 m or two cells; what it
+    displaces is no ghost).
+
     Without a truth: figures after Filatov et al., "2D SLAM quality evaluation methods" (2017).
 
     Examples
@@ -324,7 +338,8 @@ def score(
         found = scoring.compare_to_truth(estimate, others[0], move)
         _warn_of(found, maps)
     bounds = score_bounds.judged(limits, found.values)
-    return Score(found.values, bounds, found.frame, tuple(maps), move.pose, way, found)
+    faults = finding.faults_of(found.estimate, found.truth, found.frame)
+    return Score(found.values, bounds, found.frame, tuple(maps), move.pose, way, found, faults)
 
 
 def _claim(maps: Sequence[inputs.MapInput], reading: inputs.Reading, *, aligns: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -15,7 +16,8 @@ from mapdeal.grid.field import FieldView
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLine, count_text
-from mapdeal.kernels.distance import within_distance
+from mapdeal.kernels.components import thickness_of
+from mapdeal.kernels.distance import squared_distance, unreachable, within_distance
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import for_rows
 
@@ -58,6 +60,13 @@ class MapCounts(OneLine):
     met : int
         Cells of `walls` with an obstacle of another map within two cells; most of them, if the
         maps are aligned.
+    same_wall : float
+        Distance within which walls of this map and of those before it are taken for one, metres.
+    within_cell, within_same_wall : float or None
+        Share of this map's obstacles of which an obstacle of the result is within a cell, and
+        within `same_wall` (of the first map the largest); None if it has none.
+    thickness : float or None
+        Mean thickness of its walls before, metres.
     """
 
     known: int
@@ -67,6 +76,10 @@ class MapCounts(OneLine):
     free_here: int
     walls: int
     met: int
+    same_wall: float = 0.0
+    within_cell: float | None = None
+    within_same_wall: float | None = None
+    thickness: float | None = None
 
     def _told(self) -> Iterator[str]:
         yield f"{self.known} known"
@@ -104,17 +117,29 @@ def states_of(values: NDArray[np.int8]) -> States:
     return look_up(values, table)
 
 
-def compared(states: Sequence[States]) -> tuple[States, tuple[MapCounts, ...], int]:
+def compared(
+    states: Sequence[States], reach: float = 0.0
+) -> tuple[States, tuple[MapCounts, ...], int]:
     """Return the conflicts of maps, the counts of each, and how many cells several know."""
+    # A cell that is free in a map does not contradict a wall that this map has within the reach.
     shape = states[0].shape
     occupied = _maps_with((one == _IS_OCCUPIED for one in states), shape)
-    free = _maps_with((one == _IS_FREE for one in states), shape)
+    free = _maps_with((_clear(one, reach) for one in states), shape)
     known = _maps_with((one != NOTHING for one in states), shape)
     differ = (occupied > 0) & (free > 0)
     conflicts = np.where(differ, np.uint8(AMONG_OTHERS), np.uint8(NO_CONFLICT))
     conflicts[differ & (states[0] == _IS_OCCUPIED)] = BY_FIRST
     conflicts[differ & (states[0] == _IS_FREE)] = BY_OTHERS
-    return conflicts, tuple(_counts(states, occupied, free, known)), _count(known > 1)
+    counts = tuple(_counts(states, reach, occupied, free, known))
+    return conflicts, counts, _count(known > 1)
+
+
+def _clear(states: States, reach: float) -> Mask:
+    """Return the free cells of a map that are farther than the reach, cells, from its walls."""
+    free: Mask = states == _IS_FREE
+    if reach > 0:
+        free &= ~within_distance(states == _IS_OCCUPIED, int(reach * reach))
+    return free
 
 
 def _maps_with(masks: Iterable[Mask], shape: tuple[int, ...]) -> Numbers:
@@ -130,11 +155,11 @@ def _count(mask: Mask) -> int:
 
 
 def _counts(
-    states: Sequence[States], occupied: Numbers, free: Numbers, known: Numbers
+    states: Sequence[States], reach: float, occupied: Numbers, free: Numbers, known: Numbers
 ) -> Iterator[MapCounts]:
     known_before, occupied_before = np.zeros((2, *states[0].shape), dtype=np.bool_)
     for one in states:
-        own_known, own_occupied, own_free = one != NOTHING, one == _IS_OCCUPIED, one == _IS_FREE
+        own_known, own_occupied, own_free = one != NOTHING, one == _IS_OCCUPIED, _clear(one, reach)
         shared = own_known & (known > own_known)
         other_occupied = occupied > own_occupied
         walls = own_occupied & shared
@@ -233,8 +258,29 @@ Rule = Literal["occupied", "newest", "evidence"]
 
 FEWEST = 2  # maps that can be merged
 _TOUCHING = 1e-6  # in cells: borders that differ by less are the same on paper
+_SNAPPED = 0.1
+"""Cells: a map that lies so near to the first one's cells, up to its corners, is put on them."""
+
+_MOST_PAIRED, _LEAST_APART, _MOST_APART = 85, 1.5, 0.3
+"""Walls of two maps are one if they are within the distance that 85 % of them have, and a cell; at
+least within one and a half cells, at most within 0.3 m."""
+
+_LOOKED_AT = 0.5  # metres, and at least three cells, within which walls are paired for that
 
 Values = NDArray[np.int8]
+
+
+def snapped(frame: Frame, lattice: Frame) -> Frame:
+    """Return a frame, or the cells of a lattice that it differs from by less than can be seen."""
+    if not math.isclose(frame.resolution, lattice.resolution, rel_tol=1e-9):
+        return frame
+    height, width = frame.shape
+    corners = np.array([[0, 0], [0, width], [height, 0], [height, width]])
+    places = lattice.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
+    first = np.rint(places[0])
+    if np.abs(places - (first + corners)).max() >= _SNAPPED:
+        return frame
+    return lattice.window(int(first[0]), int(first[1]), height, width)
 
 
 def lattice_around(maps: Sequence[OccupancyGrid], frames: Sequence[Frame]) -> Frame:
@@ -255,21 +301,40 @@ def lattice_around(maps: Sequence[OccupancyGrid], frames: Sequence[Frame]) -> Fr
     return Region(row, col, height, width).frame_in(first)
 
 
+@dataclass(frozen=True, eq=False)
+class OneMap:
+    """Maps as one: the parts of a `Merged`, but for how it was asked for."""
+
+    grid: OccupancyGrid
+    conflicts: NDArray[np.uint8]
+    maps: tuple[MapCounts, ...]
+    common: int
+    log_odds: NDArray[np.float64] | None
+    thickness: float | None
+    kept: int
+
+
 def merged_on(
     lattice: Frame,
     maps: Sequence[OccupancyGrid],
     frames: Sequence[Frame],
     rule: Rule,
     evidence: Sequence[ChosenLayers],
-) -> tuple[
-    OccupancyGrid, NDArray[np.uint8], tuple[MapCounts, ...], int, NDArray[np.float64] | None
-]:
+    same_wall: float | None,
+) -> OneMap:
     """Return maps, each at its place, as one on a lattice, and how they compare; see `merge`."""
     values = np.full(lattice.shape, UNKNOWN, dtype=np.int8)
-    states = []
+    states: list[States] = []
+    apart = [0.0]  # cells within which walls of a map and of those before it are one
     for grid, frame in zip(maps, frames, strict=True):
         kept, said = _brought(lattice, grid, frame)
-        states.append(states_of(said))
+        state = states_of(said)
+        if states:
+            apart.append(_apart(states, state, lattice.resolution, same_wall))
+            if rule != "evidence":
+                kept = kept if kept.flags.writeable else kept.copy()
+                _drop_doubled(values, kept, apart[-1], keeps_new=rule == "newest")
+        states.append(state)
         if rule == "newest":
             np.copyto(values, kept, where=kept != UNKNOWN)
         else:
@@ -284,9 +349,71 @@ def merged_on(
         del total
         log_odds += EVEN
         log_odds[values == UNKNOWN] = np.nan
-    conflicts, counts, common = compared(states)
+    widest = max(apart)
+    conflicts, counts, common = compared(states, widest if widest > _LEAST_APART else 0.0)
     grid = OccupancyGrid(values, lattice.resolution, lattice.origin)
-    return grid, conflicts, counts, common, log_odds
+    walls = values >= OCCUPIED_FROM
+    told = []
+    for one, count, state, reach in zip(maps, counts, states, [widest, *apart[1:]], strict=True):
+        own = state == _IS_OCCUPIED
+        near, nearest = (_share_within(own, walls, cells) for cells in (math.sqrt(2), reach))
+        told.append(
+            replace(
+                count,
+                same_wall=reach * lattice.resolution,
+                within_cell=near,
+                within_same_wall=nearest,
+                thickness=thickness(one),
+            )
+        )
+    last = states[-1] == NOTHING
+    kept_cells = _count(last & (values != UNKNOWN))
+    return OneMap(grid, conflicts, tuple(told), common, log_odds, thickness(grid), kept_cells)
+
+
+def _apart(
+    before: Sequence[States], state: States, resolution: float, same_wall: float | None
+) -> float:
+    """Return within how many cells walls of a map and of those before it are one wall."""
+    if same_wall is not None:
+        return same_wall / resolution
+    walls = np.zeros(state.shape, dtype=np.bool_)
+    for one in before:
+        walls |= one == _IS_OCCUPIED
+    reach = max(_LOOKED_AT / resolution, 3.0)
+    squares = squared_distance(walls, limit=int(reach * reach))[state == _IS_OCCUPIED]
+    squares = squares[squares != unreachable(squares)]
+    found = math.sqrt(np.percentile(squares, _MOST_PAIRED)) if len(squares) else 0.0
+    most = max(_MOST_APART / resolution, _LEAST_APART)
+    return min(max(found + 1, _LEAST_APART), most)
+
+
+def _drop_doubled(values: Values, kept: Values, reach: float, *, keeps_new: bool) -> None:
+    """Take walls that are in both of two maps out of one of them."""
+    if reach <= 0:
+        return
+    base, other = (kept, values) if keeps_new else (values, kept)
+    own = other >= OCCUPIED_FROM
+    walls = base >= OCCUPIED_FROM
+    doubled = own & within_distance(walls, int(reach * reach))
+    # What stands out from the walls of the base is another thing, such as a door that is closed:
+    # it stays up to where it touches them.
+    stands_out = own & ~within_distance(walls, int(4 * reach * reach))
+    doubled &= ~within_distance(stands_out, int((2 * reach + 1) ** 2))
+    # The base's own word counts there: an obstacle of its own, free space, or unknown.
+    other[doubled & ~walls] = UNKNOWN
+
+
+def _share_within(own: Mask, walls: Mask, cells: float) -> float | None:
+    count = _count(own)
+    square = int(cells * cells + _TOUCHING)
+    return _count(own & within_distance(walls, square)) / count if count else None
+
+
+def thickness(grid: OccupancyGrid) -> float | None:
+    """Return the mean thickness of a map's walls, metres; None if it has none."""
+    cells = thickness_of(np.asarray(grid.occupancy) >= OCCUPIED_FROM)
+    return float(cells.mean()) * grid.resolution if len(cells) else None
 
 
 def check_is_map(grid: object, name: str) -> OccupancyGrid:

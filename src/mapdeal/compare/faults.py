@@ -1,0 +1,189 @@
+"""What is wrong with a map beside a true one, in words, with place and amount."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.compare.align import bend_between
+from mapdeal.compare.places import place_text
+from mapdeal.compare.score import FREE, LEAST_PIECE, OCCUPIED, UNKNOWN, States, label_sizes
+from mapdeal.grid import values as map_values
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.components import touching_groups
+from mapdeal.kernels.distance import within_distance
+
+_Mask = NDArray[np.bool_]
+
+NO_FAULT = "no fault found"
+
+_LEAST = {
+    "ghost walls": 0.05,
+    "missing area": 0.05,
+    "faded walls": 0.1,
+    "noisy": 0.03,
+    "bent": 1.0,
+}
+"""Share of the walls, of the known area, of the true walls and of the walls again from which on
+that is a fault; of bent maps the bend in `_LEAST_BEND`. The largest multiple names the verdict."""
+
+_NEAR, _CELLS = 0.15, 1.5
+"""Metres, and at least cells, within which walls are the same."""
+
+_LEAST_BEND, _BETTER = 0.1, 0.08
+"""Metres, and at least two cells, of a bend that is one; and which share of the walls more lies on
+walls once the map is bent back."""
+
+_MAPPED = 2.0  # cells from free space within which a map has seen a wall, or should have
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong with a map.
+
+    Parameters
+    ----------
+    kind : str
+        ghost walls, missing area, faded walls, noisy or bent.
+    amount : float
+        How much: metres of wall, square metres, small components, or metres of displacement.
+    unit : str
+        m, m2 or an empty string.
+    share : float or None
+        The same as a share of the walls, the known area or the true walls; None of a bend.
+    x, y : float
+        Where most of it is, metres.
+    place : str
+        The same in words.
+    severity : float
+        Multiple of the least share that is a fault.
+    """
+
+    kind: str
+    amount: float
+    unit: str
+    share: float | None
+    x: float
+    y: float
+    place: str
+    severity: float
+
+    @property
+    def text(self) -> str:
+        amount = f"{self.amount:.0f}" if not self.unit else f"{self.amount:.3g} {self.unit}"
+        if self.share is None:
+            return f"{self.kind}: by up to {amount}, most {self.place}"
+        of = {
+            "missing area": "of what the other map knows",
+            "faded walls": "of the other map's walls",
+        }.get(self.kind, "of the map's walls")
+        what = "" if self.unit else " small components"
+        share = f"{100 * self.share:.3g} % {of}"
+        return f"{self.kind}: {amount}{what} ({share}), most of it {self.place}"
+
+
+def faults_of(estimate: States, truth: States, frame: Frame) -> tuple[Fault, ...]:
+    """Return what is wrong with a map on the lattice of a true one, the worst first."""
+    if not (estimate == OCCUPIED).any() or not (truth == OCCUPIED).any():
+        return ()
+    found = [*_found(estimate, truth, frame)]
+    return tuple(sorted(found, key=lambda one: -one.severity))
+
+
+def verdict(faults: tuple[Fault, ...]) -> str:
+    return faults[0].kind if faults else NO_FAULT
+
+
+def _found(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]:
+    maps = [_grid_of(states, frame) for states in (estimate, truth)]
+    cell = frame.resolution
+    near = max(_NEAR, _CELLS * cell)
+
+    def fault(kind: str, cells: _Mask, amount: float, unit: str, whole: int) -> Iterator[Fault]:
+        share = float(np.count_nonzero(cells) / whole) if whole else 0.0
+        if share >= _LEAST[kind]:
+            x, y = _most_of(cells, frame)
+            place = place_text(maps[1], (x, y))
+            yield Fault(kind, amount, unit, share, x, y, place, share / _LEAST[kind])
+
+    bend = bend_between(*maps)
+    least = max(_LEAST_BEND, 2 * cell)
+    if bend.metres >= least and bend.share_bent - bend.share >= _BETTER:
+        place = place_text(maps[1], bend.point_xy)
+        severity = bend.metres / least
+        yield Fault("bent", bend.metres, "m", None, *bend.point_xy, place, severity)
+        near += bend.metres
+    walls, true_walls = estimate == OCCUPIED, truth == OCCUPIED
+    square = int((near / cell) ** 2)
+    astray = walls & (truth == FREE) & ~within_distance(true_walls, square)
+    specks = astray & _specks(walls)
+    ghosts = astray & ~specks
+    count = int(np.count_nonzero(walls))
+    yield from fault("ghost walls", ghosts, float(np.count_nonzero(ghosts)) * cell, "m", count)
+    pieces = float(touching_groups(specks)[1].max() + 1) if specks.any() else 0.0
+    yield from fault("noisy", specks, pieces, "", count)
+    missing = (truth != UNKNOWN) & (estimate == UNKNOWN) & ~true_walls
+    area = float(np.count_nonzero(missing)) * cell**2
+    known = int(np.count_nonzero((truth != UNKNOWN) & ~true_walls))
+    yield from fault("missing area", missing, area, "m2", known)
+    mapped = true_walls & within_distance(estimate == FREE, int(_MAPPED**2))
+    faded = mapped & ~within_distance(walls, square)
+    metres = float(np.count_nonzero(faded)) * cell
+    yield from fault("faded walls", faded, metres, "m", int(np.count_nonzero(mapped)))
+
+
+def _grid_of(states: States, frame: Frame) -> OccupancyGrid:
+    table = np.array([map_values.UNKNOWN, map_values.FREE, map_values.OCCUPIED], dtype=np.int8)
+    return OccupancyGrid(table[states], frame.resolution, frame.origin)
+
+
+def _specks(walls: _Mask) -> _Mask:
+    from scipy.ndimage import label
+
+    labels, count = label(walls, np.ones((3, 3)))
+    small = label_sizes(labels, count) < LEAST_PIECE
+    small[0] = False
+    found: _Mask = small[labels]
+    return found
+
+
+_AROUND = 1.0
+"""Metres: what lies so near together is at one place."""
+
+
+def _most_of(cells: _Mask, frame: Frame) -> tuple[float, float]:
+    """Return the middle of the part of some cells that lies together and is largest."""
+    factor = max(1, round(_AROUND / frame.resolution))
+    height, width = (-(-side // factor) for side in cells.shape)
+    padded = np.zeros((height * factor, width * factor), dtype=np.bool_)
+    padded[: cells.shape[0], : cells.shape[1]] = cells
+    counts = padded.reshape(height, factor, width, factor).sum(axis=(1, 3))
+    blocks, groups = touching_groups(counts > 0)
+    sizes = np.bincount(groups, counts[tuple(blocks.T)])
+    own = blocks[groups == sizes.argmax()]
+    in_part = np.zeros((height, width), dtype=np.bool_)
+    in_part[tuple(own.T)] = True
+    at = np.argwhere(padded & np.repeat(np.repeat(in_part, factor, 0), factor, 1))
+    nearest = at[np.square(at - at.mean(axis=0)).sum(axis=1).argmin()]  # which is one of them
+    point = frame.xy_from_rowcol(nearest[None])[0]
+    return float(point[0]), float(point[1])
+
+
+def document_of(faults: tuple[Fault, ...]) -> list[dict[str, Any]]:
+    return [
+        {"kind": one.kind, "amount": one.amount, "unit": one.unit, "share": one.share,
+         "x": one.x, "y": one.y}
+        for one in faults
+    ]  # fmt: skip
+
+
+def lines_of(faults: tuple[Fault, ...]) -> Iterator[str]:
+    if not faults:
+        yield f"  verdict   {NO_FAULT}"
+    for number, one in enumerate(faults):
+        yield f"  {'and' if number else 'verdict':<9} {one.text}"

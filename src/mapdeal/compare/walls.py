@@ -1,0 +1,193 @@
+"""The walls of a map, where they come to lie at places, and how far they are from others."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.frame import Frame, Transform
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import UNKNOWN
+from mapdeal.kernels.distance import squared_distance
+
+Floats = NDArray[np.floating[Any]]
+Mask = NDArray[np.bool_]
+Poses = NDArray[np.float64]  # each yaw, x, y along the cells of both maps, shape (K, 3) or (3,)
+Singles = NDArray[np.float32]
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+MOST_CELLS_A_SIDE = 1000
+"""Larger maps are aligned on coarser cells: walls are found to a fraction of a cell anyway."""
+
+_MOST_FREE = 25
+"""Occupancy up to which a cell counts as free: map_server's default threshold of 0.25."""
+
+_LEAST_FREE = 0.1  # free cells of a map, for each obstacle cell, that is not one of walls alone
+_REACH = 2  # cells within which a wall looks for free space to face
+_FEWEST_FACING = 0.25
+"""Share of the walls that must face free space; else walls that face unknown space count, too."""
+
+
+@dataclass(frozen=True, eq=False)
+class WallMap:
+    """The walls of a map, on its own lattice, of which the rows and columns around are cut off."""
+
+    frame: Frame
+    free: Mask
+    known: Mask
+    distance: Singles
+    faces_xy: Singles
+    normals_xy: Singles
+
+    @property
+    def resolution(self) -> float:
+        return self.frame.resolution
+
+    @property
+    def wall_length(self) -> float:
+        """Faces of walls, metres: a cell's side for each."""
+        return len(self.faces_xy) * self.resolution
+
+    @property
+    def free_area(self) -> float:
+        return float(np.count_nonzero(self.free)) * self.resolution**2
+
+    @property
+    def middle_xy(self) -> NDArray[np.float64]:
+        """The middle of the cells, metres from their corner."""
+        return np.array(self.frame.size_xy) / 2
+
+    def some_faces(self, most: int) -> tuple[Singles, Singles]:
+        """Return at most so many faces, evenly chosen, and their normals."""
+        return some_of(self.faces_xy, most), some_of(self.normals_xy, most)
+
+    def map_from_cells(self) -> Transform:
+        """Return the transform from metres along the cells' axes to the map frame."""
+        return Transform.from_pose(self.frame.origin)
+
+
+def some_of(values: NDArray[Scalar], most: int) -> NDArray[Scalar]:
+    if len(values) <= most:
+        return values
+    return values[np.arange(most) * len(values) // most]
+
+
+def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | None:
+    # A map that knows hardly any free space is one of walls alone, such as a drawing: all that is
+    # no obstacle counts as free.
+    occupied = grid.occupied()
+    values = grid.occupancy
+    free = (values > UNKNOWN) & (values < _MOST_FREE)
+    rows, cols = (np.flatnonzero((occupied | free).any(axis=axis)) for axis in (1, 0))
+    if not occupied.any():
+        return None
+    part = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+    occupied, free = occupied[part], free[part]
+    if np.count_nonzero(free) < _LEAST_FREE * np.count_nonzero(occupied):
+        free = ~occupied
+    frame = grid.frame.window(int(rows[0]), int(cols[0]), *occupied.shape)
+    factor = math.ceil(max(frame.shape) / most)
+    if factor > 1:
+        occupied = pooled(occupied, factor) > 0
+        free = (pooled(free, factor) >= factor * factor / 2) & ~occupied
+        height, width = occupied.shape
+        frame = Frame(height, width, grid.resolution * factor, frame.origin)
+    faces = _faces(occupied, free)
+    cells = np.argwhere(faces)
+    distance = np.sqrt(squared_distance(faces), dtype=np.float32) * np.float32(frame.resolution)
+    centres = ((cells[:, ::-1] + 0.5) * frame.resolution).astype(np.float32)
+    return WallMap(frame, free, occupied | free, distance, centres, _normals(cells, free))
+
+
+def pooled(cells: Mask, factor: int) -> NDArray[np.int64]:
+    height, width = (-(-side // factor) for side in cells.shape)
+    padded = np.zeros((height * factor, width * factor), dtype=cells.dtype)
+    padded[: cells.shape[0], : cells.shape[1]] = cells
+    counts: NDArray[np.int64] = padded.reshape(height, factor, width, factor).sum(axis=(1, 3))
+    return counts
+
+
+def _faces(occupied: Mask, free: Mask) -> Mask:
+    """Return the obstacle cells that a sensor sees: those beside free ones."""
+    # What is behind them depends on how a map was made. Maps that know little free space, as those
+    # of walls alone, have their walls counted from all sides.
+    sides = np.pad(occupied, 1, mode="edge")
+    inside = sides[:-2, 1:-1] & sides[2:, 1:-1] & sides[1:-1, :-2] & sides[1:-1, 2:]
+    edges = occupied & ~inside
+    padded = np.pad(free, 1)
+    across = padded[:, :-2] | padded[:, 1:-1] | padded[:, 2:]
+    facing: Mask = occupied & (across[:-2] | across[1:-1] | across[2:])
+    if np.count_nonzero(facing) >= _FEWEST_FACING * np.count_nonzero(edges) and facing.any():
+        return facing
+    return edges if edges.any() else occupied
+
+
+def _normals(cells: NDArray[np.int64], free: Mask) -> Singles:
+    padded = np.pad(free, _REACH)
+    total = np.zeros((len(cells), 2), dtype=np.float32)
+    around = range(-_REACH, _REACH + 1)
+    for row, col in product(around, around):
+        if row or col:
+            is_free = padded[cells[:, 0] + _REACH + row, cells[:, 1] + _REACH + col]
+            total += is_free[:, None] * (np.array([col, row], np.float32) / math.hypot(row, col))
+    length = np.hypot(total[:, 0], total[:, 1])[:, None]
+    return np.divide(total, length, out=np.zeros_like(total), where=length > 0.5)
+
+
+FAR = 3.0  # in scales: walls farther than this from any other do not pull
+
+
+def moved(poses: Poses, points_xy: Floats) -> Floats:
+    """Return points, shape (N, 2), at each of some poses yaw, x, y: shape (K, N, 2)."""
+    cos, sin = np.cos(poses[:, :1]), np.sin(poses[:, :1])
+    x, y = points_xy[:, 0], points_xy[:, 1]
+    result = np.empty((len(poses), len(points_xy), 2), dtype=points_xy.dtype)
+    result[..., 0] = cos * x - sin * y + poses[:, 1:2]
+    result[..., 1] = sin * x + cos * y + poses[:, 2:3]
+    return result
+
+
+def moved_back(poses: Poses, points_xy: Floats) -> Floats:
+    """Return points of the second map in the first, shape (K, N, 2)."""
+    cos, sin = np.cos(poses[:, :1]), np.sin(poses[:, :1])
+    x, y = points_xy[:, 0] - poses[:, 1:2], points_xy[:, 1] - poses[:, 2:3]
+    result = np.empty((*x.shape, 2), dtype=points_xy.dtype)
+    result[..., 0] = cos * x + sin * y
+    result[..., 1] = cos * y - sin * x
+    return result
+
+
+def slopes(walls: WallMap, points_xy: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the distance to a wall and its slopes along x and y, between the cells' centres."""
+    # Outside of the map the distance is infinite.
+    height, width = walls.frame.shape
+    places = points_xy / np.float32(walls.resolution) - np.float32(0.5)
+    corner = np.floor(places)
+    x, y = (places - corner)[..., 0], (places - corner)[..., 1]
+    col, row = corner[..., 0].astype(np.int32), corner[..., 1].astype(np.int32)
+    inside = (col >= 0) & (row >= 0) & (col < width - 1) & (row < height - 1)
+    at = np.where(inside, row * width + col, 0)
+    right, up = (1 if width > 1 else 0), (width if height > 1 else 0)
+    values = walls.distance.ravel()
+    low, lower = values[at], values[at + right]
+    high, upper = values[at + up], values[at + up + right]
+    south, north = low + (lower - low) * x, high + (upper - high) * x
+    found = np.where(inside, south + (north - south) * y, np.inf)
+    along = np.where(inside, (lower - low) * (1 - y) + (upper - high) * y, 0)
+    across = np.where(inside, north - south, 0)
+    return found, along / walls.resolution, across / walls.resolution
+
+
+def looked_up(walls: WallMap, points_xy: Floats) -> tuple[Floats, Mask, Mask]:
+    height, width = walls.frame.shape
+    cells = np.floor(points_xy / np.float32(walls.resolution)).astype(np.int32)
+    col, row = cells[..., 0], cells[..., 1]
+    inside = (col >= 0) & (row >= 0) & (col < width) & (row < height)
+    at = np.where(inside, row * width + col, 0)
+    distance = np.where(inside, walls.distance.ravel()[at], np.inf)
+    return distance, inside & walls.free.ravel()[at], inside & walls.known.ravel()[at]
