@@ -119,7 +119,7 @@ def test_found_where_a_flood_of_the_robot_s_size_finds_two_rooms(seed, height, w
         assert texts
     if all(sum(sizes) - max(sizes, default=0) < 4 for sizes in parts):
         assert not texts
-    for text in texts:
+    for text in texts[:10]:  # what is left is counted in the last one
         found = re.match(r"(.*) m2 are cut off by a passage of (.*) m at", text)
         assert float(found[1]) >= 4
         assert float(found[2]) <= 2 * radius + 1e-9

@@ -348,7 +348,8 @@ def run_maps(
         plans.check()  # ends as the run would, as far as that is known
         return
     workers: batch.Workers | None = None
-    is_made = True
+    is_of_nobody = recipe is None and footprint is None and robot is None
+    assumed = list(_assumed(loaded, changes or [])) if is_of_nobody else []
     with ExitStack() as stack:
         if scheduler is not None:
             from mapdeal.pipeline.workers import ClusterWorkers, connected, shared_folders
@@ -371,19 +372,17 @@ def run_maps(
             done = batch.run_and_report(
                 all_jobs, output, map_run, batch.Batch, terminal, workers=workers
             )
-            terminal.summary(done.lines())
+            terminal.summary([*assumed, *done.lines()])
             done.check()
         else:
             done_alone = _run_one(all_jobs[0], map_run, workers, work)
-            terminal.summary(done_alone.lines())
-            is_made = done_alone.status == "done"
+            made = assumed if done_alone.status == "done" else []
+            terminal.summary([*done_alone.lines(), *made])
             if robot is not None and workers is None and terminal.is_verbose():
                 from mapdeal.pipeline.run import queue_lines  # few ask
 
                 for line in queue_lines(all_jobs[0].path, loaded.steps, settings):
                     terminal.detail(line)
-    if is_made and recipe is None and footprint is None and robot is None:
-        terminal.summary(_assumed(loaded, changes or []))
     runs = [(job.folder, job.place) for job in all_jobs]
     if around is not None:
         runs += [(around_in(folder), f"{place}/{LOCAL_RECIPE}") for folder, place in runs]
