@@ -376,8 +376,8 @@ def run_maps(
             done.check()
         else:
             done_alone = _run_one(all_jobs[0], map_run, workers, work)
-            made = assumed if done_alone.status == "done" else []
-            terminal.summary([*done_alone.lines(), *made])
+            told = assumed if done_alone.status == "done" else []
+            terminal.summary([*done_alone.lines(), *told])
             if robot is not None and workers is None and terminal.is_verbose():
                 from mapdeal.pipeline.run import queue_lines  # few ask
 

@@ -645,12 +645,13 @@ def _weights(walls: WallMap, axes: Floats) -> Singles:
     weights = np.ones(len(walls.faces_xy), dtype=np.float32)
     width = max(_LINE_WIDTH, walls.resolution)
     for across in axes:
-        side = walls.normals_xy @ across.astype(np.float32)
+        # sums, not products of matrices, for which OpenBLAS would map memory in each thread
+        side = (walls.normals_xy * across.astype(np.float32)).sum(axis=1)
         for sign in (1, -1):
             faces = np.flatnonzero(sign * side > _FACING)
             if not len(faces):
                 continue
-            strips = np.floor(walls.faces_xy[faces] @ across / width).astype(np.int64)
+            strips = np.floor((walls.faces_xy[faces] * across).sum(axis=1) / width).astype(np.int64)
             strips -= strips.min() - 1
             counts = np.bincount(strips, minlength=int(strips.max()) + 2)
             lengths = (counts[strips - 1] + counts[strips] + counts[strips + 1]) * walls.resolution
