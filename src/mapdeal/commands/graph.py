@@ -6,10 +6,11 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Unpack
+from typing import Annotated, Any
 
 from mapdeal.command import ABOVE_0, METRES, POSE, Output, Result, Words, command
 from mapdeal.commands.reach import goals_of, lethal_costs, start_of
+from mapdeal.compatibility import Unpack
 from mapdeal.errors import FindingError, emit_warning
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
