@@ -146,7 +146,8 @@ def _spanning(one: Basins, other: Basins, count: int) -> Integers:
     low, high = np.minimum(one, other).astype(np.int64), np.maximum(one, other)
     _, first = np.unique(low * count + high, return_index=True)
     weights = first + 1.0  # 0 would be no edge
-    graph = coo_array((weights, (low[first], high[first])), shape=(count, count))
+    ends = low[first].astype(np.int32), high[first].astype(np.int32)  # all that older scipy takes
+    graph = coo_array((weights, ends), shape=(count, count))
     kept = minimum_spanning_tree(graph.tocsr()).data
     return np.sort(kept.astype(np.int64)) - 1
 
