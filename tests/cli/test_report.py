@@ -66,7 +66,7 @@ def test_a_run_with_a_page_is_checked_by_lint_and_asked_where_the_robot_gets_to(
     assert list(states[0.1]) == ["map", "costmap", "goals"]
     assert states[0.1]["goals"][0] == "good"
     state, text = states[0.3]["goals"]
-    assert (state, "not lab (a passage at" in text) == ("error", True)
+    assert (state, "Not reached: lab (a passage at" in text) == ("error", True)
     found = mapdeal.lint("rooms.yaml", footprint=mapdeal.Footprint.circle(0.3))
     assert states[0.3]["map"][0] == (
         "error" if found.errors else "warning" if found.warnings else "good"

@@ -165,8 +165,12 @@ def test_a_claim_leads_to_its_evidence():
     page = parsed(Report("one", (entry,), "1.0"))
     links = [attrs["href"][1:] for tag, attrs in page.tags if attrs.get("class") == "evidence"]
     by_id = {attrs["id"]: (tag, attrs) for tag, attrs in page.tags if "id" in attrs}
-    assert [by_id[link][0] for link in links] == ["ul", "details", "ul"]
-    assert [by_id[link][1].get("aria-label") for link in links] == ["Findings", None, "Goals"]
+    assert [by_id[link][0] for link in links] == ["ul", "ul", "details"]
+    assert [by_id[link][1].get("aria-label") for link in links] == [
+        "Findings",
+        "Goals",
+        None,
+    ]  # the worst first
     text = " ".join("".join(page.text).split())
     for words in ("Problem A.", "OK B.", "Not checked C.", "OK D."):  # never colour alone
         assert words in text

@@ -32,12 +32,12 @@ def test_findings(messages, state, text):
     ([THERE], [], ROBOT, 1.0, "good",
      "The robot reaches its goal; the narrowest place on the way is 0.8 m wide"),
     ([THERE, STOPPED], [SHUT], ROBOT, 1.0, "error",
-     ("The robot reaches 1 of 2 goals; not store (a passage at 1,2 is 0.5 m wide, "
+     ("The robot reaches 1 of 2 goals. Not reached: store (a passage at 1,2 is 0.5 m wide, "
      "the robot needs 0.6 m)")),
     ([CORNERED], [], ROBOT, 1.0, "error",
-     "The robot reaches 0 of 1 goal; not store (it cannot turn on the way)"),
+     "The robot reaches 0 of 1 goal. Not reached: store (it cannot turn on the way)"),
     ([WALLED, IN_WALL], [], ROBOT, 1.0, "error",
-     "The robot reaches 0 of 2 goals; not 5,6 (no way leads there); 5,6 (its cell is an obstacle)"),
+     "The robot reaches 0 of 2 goals. Not reached: 5,6 (no way leads there); 5,6 (its cell is an obstacle)"),
     ([], [SHUT], ROBOT, 1.0, "warning",
      "The robot does not get everywhere: 1 closed passage cuts off 7 m2"),
     ([], [], ROBOT, 0.97, "good",

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from string import Template
-from typing import Any, cast
+from typing import Any, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -376,7 +376,8 @@ def _verdict_on(entry: Entry, number: int) -> Markup:
               for kind in kinds}  # fmt: skip
     tables = {one.title: (f"table-{number}-{k}", one.title) for k, one in enumerate(entry.tables)}
     claims: list[Content] = []
-    for one in entry.claims:
+    worst_first = sorted(entry.claims, key=lambda one: get_args(State).index(one.state))
+    for one in worst_first:
         place, title = (tables | places).get(one.evidence, ("", ""))
         link: list[Content] = (
             [" ", element("a", title, href=f"#{place}", class_="evidence")] if place else []

@@ -124,7 +124,10 @@ def on_goals(
     missed = [one for one in goals if not one.reachable]
     closed = [one for one in passages if not one.is_open]
     if missed:
-        text = f"{who} reaches {len(goals) - len(missed)} of {count_text(len(goals), 'goal')}; not "
+        text = f"{who} reaches {len(goals) - len(missed)} of {count_text(len(goals), 'goal')}. "
+        if len(closed) > 1:
+            text += f"{len(closed)} passages are closed to it. "
+        text += "Not reached: "
         names = [_named(one, robot) for one in missed[:MOST_CLAIMS]]
         more = [f"{len(missed) - MOST_CLAIMS} more"] if len(missed) > MOST_CLAIMS else []
         return Claim("goals", "error", text + "; ".join([*names, *more]), "goal")
