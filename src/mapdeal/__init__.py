@@ -84,9 +84,7 @@ def _show_plain_types(function: object) -> None:
     hints = typing.get_type_hints(inspect.unwrap(known))
     signature = inspect.signature(known)
     parameters = [
-        one.replace(
-            annotation=re.sub(r"[\w.]+\.(\w+)", r"\1", inspect.formatannotation(hints[name]))
-        )
+        one.replace(annotation=re.sub(r"\b[\w.]*\.", "", inspect.formatannotation(hints[name])))
         if name in hints and one.kind is not one.VAR_KEYWORD
         else one
         for name, one in signature.parameters.items()

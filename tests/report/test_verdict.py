@@ -37,7 +37,8 @@ def test_findings(messages, state, text):
     ([CORNERED], [], ROBOT, 1.0, "error",
      "The robot reaches 0 of 1 goal. Not reached: store (it cannot turn on the way)"),
     ([WALLED, IN_WALL], [], ROBOT, 1.0, "error",
-     "The robot reaches 0 of 2 goals. Not reached: 5,6 (no way leads there); 5,6 (its cell is an obstacle)"),
+     ("The robot reaches 0 of 2 goals. Not reached: 5,6 (no way leads there); "
+      "5,6 (its cell is an obstacle)")),
     ([], [SHUT], ROBOT, 1.0, "warning",
      "The robot does not get everywhere: 1 closed passage cuts off 7 m2"),
     ([], [], ROBOT, 0.97, "good",

@@ -34,7 +34,7 @@ from mapdeal.planning.route_graphs import (
 )
 from mapdeal.ros.robot import RobotParameters
 
-_PER_CELL, _PER_COARSE_CELL = 30.0, 70.0
+_PER_CELL, _PER_COARSE_CELL = 46.0, 70.0
 """Bytes for each cell, besides those of the reach, and for each of the skeleton."""
 
 _LIBRARIES = 55_000_000  # bytes that parts of scipy take

@@ -192,7 +192,7 @@ class CloudMapper:
     frame : Frame, optional
         Cells of the map, without a yaw; by default those that hold what is known.
     claim : callable, optional
-        What is told of bytes that are about to be taken, and what for; it may raise an error.
+        Called with bytes that are about to be taken, and what for; it may raise an error.
     """
 
     def __init__(

@@ -13,7 +13,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.kernels.arrays import Floats, Integers
 
 Claim = Callable[[int, str], object]
-"""What is told of bytes that are about to be taken, and what for; it may raise an error."""
+"""Called with bytes that are about to be taken, and what for; it may raise an error."""
 
 FINEST = 0.05  # metres: cells, unless a resolution is asked for
 _COARSEST = 4  # times that, where points lie farther apart
@@ -179,12 +179,12 @@ def check_extent(columns: Columns) -> None:
         along = np.sort(one)
         ends = along[int(0.99 * (len(along) - 1))] - along[int(0.01 * (len(along) - 1))]
         sides.append(float(ends + 1) * columns.cell)
-    told = f"{sides[0]:.3g} x {sides[1]:.3g} x {tall:.3g} m"
+    size = f"{sides[0]:.3g} x {sides[1]:.3g} x {tall:.3g} m"
     if tall > _TALLEST or max(sides) > _WIDEST:
-        rule = f"extends over {told}: are its coordinates in millimetres?"
+        rule = f"extends over {size}: are its coordinates in millimetres?"
         raise MalformedInputError(rule, hint="they must be metres")
     if max(sides) < _SMALLEST:
-        rule = f"extends over {told} only: are its coordinates in metres?"
+        rule = f"extends over {size} only: are its coordinates in metres?"
         raise MalformedInputError(rule)
 
 
