@@ -73,11 +73,11 @@ def test_what_stands_on_a_sloping_floor_is_measured_from_it(
     assert occupied[surely].all()
     assert not occupied[~surely & ~maybe].any()
     assert (made.grid.occupancy[~occupied] == 0).all()
-    assert np.nanmax(np.abs(made.layers["floor_height"] - floor)) < 0.04
-    assert np.abs(made.layers["obstacle_height"][surely] - stands[surely]).max(initial=0) < 0.04
+    assert np.nanmax(np.abs(made.layers["floor_height"] - floor)) < 0.06
+    assert np.abs(made.layers["obstacle_height"][surely] - stands[surely]).max(initial=0) < 0.08
     rise = np.hypot(along_x, along_y)
     inner = made.layers["slope"][PITCH:-PITCH, PITCH:-PITCH]
-    assert np.abs(inner - rise).max() < 0.25 * rise + 0.04
+    assert np.abs(inner - rise).max() < 0.3 * rise + 0.08
 
 
 LEAST = {
