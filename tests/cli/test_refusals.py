@@ -27,7 +27,6 @@ ROWS = [
     ("inflate m.yaml -o o.yaml --radius 1 --robot-radius 1", "--radius: cannot be given together"),
     ("inflate m.yaml -o o.yaml --footprint-padding 0.1", "--footprint-padding"),
     ("inflate m.yaml -o o.yaml -q -v", "--verbose: cannot be given together"),
-    ("inflate m.yaml -o o.yaml --json", "no such option"),
     ("cost m.yaml -o o.yaml --model rings --down 3", "down"),
     ("cost m.yaml -o o.yaml --model rings --encoding costmap2d", "costmap2d"),
     ("cost m.yaml -o o.npz --circumscribed-radius 0.3", "no such option"),

@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 from typing import get_args
 
@@ -45,6 +46,27 @@ def test_a_shared_option_is_the_same_in_all_commands(path):
             assert parameter.default == shared.default
             choices = "|".join(map(str, get_args(split_optional(shared.kind)[0])))
             assert parameter.metavar in (shared.metavar, choices)
+
+
+def test_what_prints_json_and_what_writes_it_to_files():
+    without = {" ".join(path) for path, one in ALL_COMMANDS.items() if not _has(one, "as_json")}
+    assert without == {"completion", "lint", "run"}  # lint --format json; run: manifests
+
+
+def test_json_of_commands_that_write_a_map_counts_its_cells(command, room):
+    for line in (
+        "inflate room.yaml --robot-radius 0.1 -o a.yaml", "esdf room.yaml -o b.npz",
+        "active room.yaml -o c.yaml",
+    ):  # fmt: skip
+        figures = json.loads(command(*line.split(), "--json")[1])["figures"]
+        assert (figures["width"], figures["height"]) == (4, 3)
+    for line in ("convert room.yaml -o d.png", "pack room.yaml -o e.pbm", "unpack e.pbm -o f.yaml"):
+        told = json.loads(command(*line.split(), "--json")[1])
+        assert (told["width"], told["height"], told["occupied"]) == (4, 3, 1)
+
+
+def _has(command, name):
+    return any(parameter.name == name for parameter in command.params)
 
 
 FLAGS = [

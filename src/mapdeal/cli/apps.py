@@ -156,7 +156,7 @@ def stage_app(name: str) -> typer.Typer:
         own.append(_stage_option("as_json", _JSON_OF_COSTS, False))
         shared.insert(0, "recipe")
         shared[-1:-1] = ["mask", "encoding", "curve", "as_json"]
-    elif hasattr(first.returns, "document"):
+    else:
         own.append(_stage_option("as_json", _JSON, False))
         shared.insert(-1, "as_json")
     texts = {} if first.edits else {"max_memory": _MEMORY}
@@ -266,8 +266,10 @@ def first_sentence(text: str) -> str:
 def _document(source: Path, step: Step, made: SingleResult) -> dict[str, Any]:
     if hasattr(made.made, "document"):
         return {"map": {"file": str(source), "sha256": made.sums}, **made.made.document()}
-    curve = {"curve": None} if made.curve is None else made.curve.document()
-    return {"parameters": step.described()[step.name], "figures": made.figures, **curve}
+    document = {"parameters": step.described()[step.name], "figures": made.figures}
+    if step.stage.makes is not Costmap:
+        return document
+    return {**document, **({"curve": None} if made.curve is None else made.curve.document())}
 
 
 def _step_of(

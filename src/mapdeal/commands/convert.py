@@ -73,7 +73,6 @@ class Conversions(Result):
         "trinary": Words(name="trinary-costmap"),
         "inscribed_value": Words("N|none"),
     },
-    json="never",
     example="""\
 mapdeal convert examples/maps/office.yaml -o out/office.png
 mapdeal convert examples/maps/office.yaml -o out/office.mcap --topic /map

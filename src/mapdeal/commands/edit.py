@@ -67,7 +67,6 @@ def _edits(
         group="Changing a map",
         output=output,
         also={} if also is None else {"": also},
-        json="never",
         example=example,
     )
 

@@ -109,7 +109,7 @@ class PlannedGraph(Result):
 
 @command(
     group="Questions about a map",
-    output=Output("GRAPH.geojson", "Where to write the graph.", streams=False),
+    output=Output("GRAPH.geojson", "Where to write the graph.", ending=".geojson"),
     shared=("robot", "files"),
     example="""\
 mapdeal graph examples/maps/office.yaml --robot-radius 0.22 \\

@@ -53,7 +53,6 @@ def _keep(text: str) -> local_maps.Keep:
     shared=("robot", "image_max", "image_extent", "no_images", "dialect", "max_cells", "force",
             "threads", "max_memory"),
     also={"With a bag": FrameOptions, "": LocalOptions},
-    json="never",
     makes_costs=lambda _: False,
     example="""\
 mapdeal local --cloud examples/clouds/corridor2.pcd --pose -1,0.35,0.3 \\

@@ -77,7 +77,6 @@ def read_bits(
         streams=False,
         paths=lambda path: list(bit_map_paths(path)),
     ),
-    json="never",
     example="mapdeal pack examples/maps/office.yaml -o out/office.pbm",
 )
 def pack(source: Map, *, lethal_threshold: LethalThreshold | None = None) -> Made:

@@ -19,7 +19,6 @@ from mapdeal.pipeline.inputs import Work
         paths=lambda path: list(output_paths(path)),
     ),
     shared=("image", "max_cells", "force", "threads", "max_memory"),
-    json="never",
     example="""\
 mapdeal pack examples/maps/office.yaml -o out/office.pbm
 mapdeal unpack out/office.pbm -o out/unpacked.yaml""",
