@@ -12,6 +12,7 @@ from hypothesis import settings
 
 from mapdeal import MapdealWarning
 from mapdeal.cli.main import main
+from mapdeal.kernels import threads
 
 ROOT = Path(__file__).parents[1]
 
@@ -116,16 +117,19 @@ def one_core(monkeypatch):
 def scarce_threads(monkeypatch):
     """Return what lets only so many threads be started from then on."""
     left = [0]
-    start = threading.Thread.start
 
-    def start_if_any(thread):
-        if left[0] == 0:
-            raise RuntimeError("can't start new thread")
-        left[0] -= 1
-        start(thread)
+    def limited(start):
+        def start_if_any(*arguments):
+            if left[0] == 0:
+                raise RuntimeError("can't start new thread")
+            left[0] -= 1
+            return start(*arguments)
+
+        return start_if_any
 
     def allow(count):
         left[0] = count
-        monkeypatch.setattr(threading.Thread, "start", start_if_any)
+        for owner, name in ((threading.Thread, "start"), (threads, "start_new_thread")):
+            monkeypatch.setattr(owner, name, limited(getattr(owner, name)))
 
     return allow

@@ -7,6 +7,7 @@ import pytest
 from mapdeal.kernels.threads import (
     CELLS_WORTH_A_THREAD,
     ThreadPool,
+    Worker,
     for_rows,
     in_parallel,
     thread_count,
@@ -122,13 +123,15 @@ def test_what_is_not_begun_can_be_dropped():
 
 @pytest.mark.parametrize("starts_first", [True, False])
 def test_an_interrupt_while_a_thread_is_started_does_not_hang_the_end(monkeypatch, starts_first):
+    start = Worker.start
+
     def interrupted(thread):
         if starts_first:
-            thread.start()
+            start(thread)
         raise KeyboardInterrupt
 
     pool, first, may_end = busy(3)
-    monkeypatch.setattr("mapdeal.kernels.threads.is_started", interrupted)
+    monkeypatch.setattr(Worker, "start", interrupted)
     with pytest.raises(KeyboardInterrupt):
         pool.submit(int)
     threading.Timer(0.1, may_end.set).start()
@@ -148,3 +151,24 @@ def test_no_thread_is_started_that_would_have_no_memory_to_begin(monkeypatch):
     with use_threads(4):
         in_parallel(lambda *_: names.append(threading.current_thread().name), 8)
     assert set(names) == {threading.current_thread().name}
+
+
+def test_a_thread_that_finds_no_memory_to_begin_with_is_not_waited_for(monkeypatch):
+    started = []
+    monkeypatch.setattr(
+        "mapdeal.kernels.threads.start_new_thread", lambda *_: started.append(threading.get_ident())
+    )
+    done = []
+
+    def all_of_it():
+        with use_threads(4):
+            in_parallel(lambda first, end: done.extend(range(first, end)), 64)
+        with ThreadPool(2) as pool:
+            done.append(pool.submit(int, "64").result(20))
+
+    other = threading.Thread(target=all_of_it, daemon=True)
+    other.start()
+    other.join(20)
+    assert not other.is_alive()
+    assert done == list(range(65))
+    assert len(started) == 2

@@ -211,7 +211,7 @@ def signals_put_off() -> Iterator[None]:
     # Python handles signals in the main thread only: in other threads there is nothing to delay.
     # The effect of a signal, an exception or the end of the process, then follows the block.
     # SIGKILL cannot be delayed.
-    if threading.current_thread() is not threading.main_thread():
+    if threading.get_ident() != threading.main_thread().ident:
         yield
         return
     handlers: dict[int, Any] = {}

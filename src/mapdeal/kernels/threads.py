@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from _thread import start_new_thread
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
@@ -11,7 +12,7 @@ from contextvars import ContextVar, copy_context
 from functools import partial
 from itertools import pairwise, takewhile
 from queue import Empty, SimpleQueue
-from threading import Semaphore, Thread
+from threading import Lock, Semaphore
 from typing import Any, TypeVar
 
 from mapdeal.kernels.engine import check_room
@@ -52,14 +53,46 @@ def use_threads(count: int | None) -> Iterator[None]:
         _chosen.reset(token)
 
 
-def is_started(thread: Thread) -> bool:
-    """Start a thread; return whether the system has one to give."""
-    try:
-        check_room(_STACK)  # Python waits for ever for a thread that begins without memory
-        thread.start()
-    except (OSError, RuntimeError):
-        return False
-    return True
+class Worker:
+    """A thread; `threading.Thread` waits for ever for one that finds no memory to begin with."""
+
+    def __init__(self, work: Callable[[], object]) -> None:
+        self._work = work
+        self._ended = Lock()
+        self.has_begun = False
+
+    def start(self) -> bool:
+        """Return whether the system has a thread to give, and memory for it to begin with."""
+        told = Lock()
+        try:
+            check_room(_STACK)
+            told.acquire()
+            start_new_thread(self._begin, ([_Releaser(told)],))
+        except (OSError, RuntimeError, MemoryError):
+            return False
+        told.acquire()
+        return self.has_begun
+
+    def join(self) -> None:
+        """Wait until a thread that has begun is done."""
+        with self._ended:
+            pass
+
+    def _begin(self, token: list[_Releaser]) -> None:
+        with self._ended:
+            self.has_begun = True
+            token.clear()
+            self._work()
+
+
+class _Releaser:
+    """Releases a lock when nothing holds it: of a thread that failed at once, all that is seen."""
+
+    def __init__(self, lock: Lock) -> None:
+        self._lock = lock
+
+    def __del__(self) -> None:
+        self._lock.release()
 
 
 def in_parallel(work: Callable[[int, int], object], count: int) -> None:
@@ -85,8 +118,8 @@ def in_parallel(work: Callable[[int, int], object], count: int) -> None:
             except BaseException as error:  # noqa: BLE001 - raised again in the caller's thread
                 errors.append(error)
 
-    others = [Thread(target=copy_context().run, args=(take_parts,)) for _ in range(threads - 1)]
-    others = list(takewhile(is_started, others))
+    others = [Worker(partial(copy_context().run, take_parts)) for _ in range(threads - 1)]
+    others = list(takewhile(Worker.start, others))
     take_parts()
     for thread in others:
         thread.join()
@@ -127,7 +160,7 @@ class ThreadPool(Executor):
 
     def __init__(self, size: int) -> None:
         self._size = size
-        self._threads: list[Thread] = []
+        self._threads: list[Worker] = []
         self._waiting: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None] = SimpleQueue()
         self._idle = Semaphore(0)
 
@@ -135,9 +168,9 @@ class ThreadPool(Executor):
         future: Future[_T] = Future()
         work = partial(function, *args, **kwargs)
         if not self._idle.acquire(blocking=False) and len(self._threads) < self._size:
-            thread = Thread(target=self._serve, daemon=True)
+            thread = Worker(self._serve)
             self._threads.append(thread)  # first: Ctrl-C may come as soon as it runs
-            if not is_started(thread):
+            if not thread.start():
                 self._threads.remove(thread)
                 self._size = len(self._threads)
         if self._threads:
@@ -157,7 +190,7 @@ class ThreadPool(Executor):
                 task[0].cancel()
         self._waiting.put(None)
         for thread in self._threads if wait else ():
-            if thread.ident is not None:  # else it had not begun when Ctrl-C came
+            if thread.has_begun:  # else it had not begun when Ctrl-C came
                 thread.join()
 
     def _serve(self) -> None:

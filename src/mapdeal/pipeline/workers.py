@@ -18,6 +18,7 @@ from concurrent.futures import wait as wait_for
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
 from pathlib import Path
@@ -27,7 +28,7 @@ from mapdeal.errors import FileAccessError, MapdealError, ParameterError
 from mapdeal.files.source import exists
 from mapdeal.files.transaction import folder_for_sockets, signals_put_off
 from mapdeal.kernels.engine import VARIABLE
-from mapdeal.kernels.threads import is_started, use_threads
+from mapdeal.kernels.threads import Worker, use_threads
 from mapdeal.pipeline.batch import TOO_LARGE, Job, Outcome, Submit, Work, WorkerDiedError
 from mapdeal.version import __version__
 
@@ -194,7 +195,7 @@ def _set_up(lifeline: Connection, engine: str | None) -> None:
         os.environ[VARIABLE] = engine
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _stop)
-    if not is_started(threading.Thread(target=_watch, args=(lifeline,), daemon=True)):
+    if not Worker(partial(_watch, lifeline)).start():
         os._exit(_STOPPED)  # rather than outlive the command
 
 
