@@ -526,7 +526,11 @@ class Result(Drawn):
         return ()
 
     def closing(self) -> Iterable[str]:
-        """Return what is printed below the lines unless the command is quiet, a line each."""
+        """Return what is printed below the lines, without ``--json``, unless it is quiet."""
+        return ()
+
+    def found(self) -> Iterable[str]:
+        """Return what is printed below the summary even if the command is quiet, a line each."""
         return ()
 
     def remarks(self) -> Iterable[str]:

@@ -101,6 +101,11 @@ def test_stdout_holds_the_report_alone(sh, maps, form, start, end):
         json.loads(out)
     said = "1 map was named more than once, and is checked once" in err
     assert said == (form != "json -q")
+    if form.startswith("json"):
+        assert sh("lint maps maps/good.yaml --strict --json")[:2] == (1, out)
+    else:
+        line = f"lint maps maps/good.yaml --json --format {form}"
+        assert "--format: cannot be given together with --json" in sh.err(line, 2)
 
 
 def test_a_link_to_nothing_beside_a_good_map_is_an_error(sh, maps):

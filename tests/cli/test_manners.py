@@ -145,7 +145,7 @@ def test_parameter_files_of_one_robot_are_shown_as_one(sh, here):
 
 BARE = (
     "info {}", "cost {} -o c.npz", "run {} -o out", "reach {}", "clean {} -o k.yaml",
-    "diff {} room.yaml", "report {} -o r.html",
+    "diff {} room.yaml", "report {} -o r.html", "lint {} --fix -o k.yaml",
 )  # fmt: skip
 
 
@@ -168,6 +168,13 @@ def test_the_geometry_of_a_bare_image_is_that_of_the_options(sh, room):
     assert "unchanged" in sh("run bare.pgm -o out --resolution 0.25")[1]
     assert "the output exists" in sh.err("run bare.pgm -o out --resolution 0.5", 4)
     assert "--origin: needs --resolution" in sh.err("info bare.pgm --origin 1,2,3", 2)
+    sh.ok("lint bare.pgm --fix -o fixed.yaml --resolution 0.25 --origin 3,4,0")
+    assert np.array_equal(mapdeal.read_map("fixed.yaml").occupancy, ROOM)
+    assert mapdeal.read_map("fixed.yaml").origin == (3.0, 4.0, 0.0)
+    before = Path("bare.pgm").read_bytes()
+    assert "an image alone" in sh.err("lint bare.pgm --fix --in-place --resolution 0.25", 2)
+    assert Path("bare.pgm").read_bytes() == before
+    assert "yaml.resolution-noise" in sh("lint bare.pgm --resolution 0.05000000074505806")[1]
 
 
 def test_who_gives_no_robot_is_told_so(sh, room):

@@ -19,6 +19,28 @@ def test_a_map_that_is_named_twice_is_run_once_and_said(sh, here):
     assert Path("o/m/manifest.json").exists()
 
 
+def test_json_of_a_run_says_what_its_files_do(sh, here):
+    for name in "ab":
+        write_map(f"{name}.yaml", grid_from_text(ROOM))
+    plan = sh.json("run a.yaml -o alone --dry-run --json")
+    alone = sh.json("run a.yaml -o alone --json")
+    wrote = sorted(str(path) for path in Path("alone").rglob("*") if path.is_file())
+    assert sorted(plan["maps"][0]["writes"]) == wrote
+    assert plan["maps"][0]["reads"] == ["a.yaml", "a.pgm"]
+    told = sh.json("run a.yaml b.yaml -o o --no-images --json")
+    assert told == json.loads(Path("o/summary.json").read_text())
+    assert told["maps"][0] == alone["maps"][0]
+    assert sh.json("run a.yaml -o alone --json")["maps"][0]["status"] == "unchanged"
+    page = sh.json("run a.yaml -o o --no-images --report --json")["report"]
+    assert page == json.loads(Path("o/report.json").read_text())
+    sh("run a.yaml -o alone --golden kept --update-golden")
+    line = "run a.yaml -o alone --force --golden kept --set cost.inflation_radius=0.2"
+    code, out, err = sh(f"{line} --json")
+    differing = json.loads(out)["differing"]
+    assert (code, len(differing), differing[0][:7]) == (1, 1, "a: cost")
+    assert sh(f"{line} -q") == (code, f"{differing[0]}\n", err)
+
+
 def test_the_radius_of_a_footprint_is_told_everywhere(sh, here):
     """0.5 m, by hand: the corner lies 0.3 and 0.4 m from the centre."""
     write_map("m.yaml", grid_from_text(ROOM))

@@ -50,7 +50,7 @@ def test_a_shared_option_is_the_same_in_all_commands(path):
 
 def test_what_prints_json_and_what_writes_it_to_files():
     without = {" ".join(path) for path, one in ALL_COMMANDS.items() if not _has(one, "as_json")}
-    assert without == {"completion", "lint", "run"}  # lint --format json; run: manifests
+    assert without == {"completion"}  # a script for a shell
 
 
 def test_json_of_commands_that_write_a_map_counts_its_cells(command, room):

@@ -36,7 +36,7 @@ PLY = (
 ROUTE = {"reached": True, "start": [0, 0], "length_m": 1.5, "points": [[0, 0], [1, 1], [2, 1]]}
 NAV2 = b"amcl:\n  ros__parameters:\n    alpha1: 0.2\nglobal_costmap: {}\n"
 
-CLOUD, INFO, BUILD = "mapdeal local --cloud", "mapdeal info", "mapdeal build"
+CLOUD, INFO, BUILD = "mapdeal build --cloud", "mapdeal info", "mapdeal build"
 EDIT, REPORT = "mapdeal edit polygon", "mapdeal report MAP "
 
 # Name and contents of a file; its kind; words of what it is; figures; a command that takes it.
@@ -261,7 +261,7 @@ def test_a_recipe_that_is_a_map_is_usage_and_lint_finds_what_files_and_folders_a
     write(here / "bag", "metadata.yaml")
     code, out, _ = command("lint", "c.pcd", "bag")
     assert code == 1
-    assert "is a point cloud (PCD), not a map (mapdeal local --cloud c.pcd" in out
+    assert "is a point cloud (PCD), not a map (mapdeal build --cloud c.pcd" in out
     assert "bag: error: run.no-manifest: is a folder with a ROS 2 bag, not a folder of maps" in out
 
 
@@ -280,7 +280,7 @@ def test_commands_that_are_proposed_can_be_typed(command, tmp_path):
     path = tmp_path / "it's one $cloud; and more.pcd"
     path.write_bytes(PCD)
     use = json.loads(command("info", path, "--json")[1])["use"]
-    assert shlex.split(use)[:4] == ["mapdeal", "local", "--cloud", str(path)]
+    assert shlex.split(use)[:4] == ["mapdeal", "build", "--cloud", str(path)]
 
 
 @pytest.mark.parametrize(("name", "stack"), [("nav2.yaml", "Nav2"), ("ros1.yaml", "ROS 1")])

@@ -21,7 +21,7 @@ from mapdeal.errors import (
     kept_warnings,
 )
 from mapdeal.files.source import BIT_MAP, claim
-from mapdeal.files.yaml_text import Entry, read_mapping
+from mapdeal.files.yaml_text import Entry, parse_mapping, read_mapping
 from mapdeal.grid.costmap import Costmap, figures_of_costs
 from mapdeal.grid.field import FieldView, ViewScale
 from mapdeal.grid.filters import FilterInfo
@@ -37,11 +37,19 @@ from mapdeal.kernels.components import MOST_PLACES, Components
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import histogram
 from mapdeal.maps import map_server
-from mapdeal.maps.dialects import DIALECTS, Dialect, MapMetadata, cells_of, metadata_of, reader_of
+from mapdeal.maps.dialects import (
+    DIALECTS,
+    Dialect,
+    MapMetadata,
+    cells_of,
+    metadata_of,
+    reader_of,
+    yaml_of,
+)
 from mapdeal.maps.images import IMAGE_FORMATS, open_passing
 from mapdeal.maps.npz import read_npz
 from mapdeal.maps.picture import Picture, Samples, Strips
-from mapdeal.maps.reading import as_occupancy, open_map
+from mapdeal.maps.reading import as_occupancy, bare_image, open_map
 from mapdeal.ros.filters import FilterServers
 from mapdeal.ros.load import Name
 from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, RobotParameters
@@ -584,8 +592,9 @@ def _of_pair(
 ) -> tuple[PairFacts, GridFacts | None]:
     """Return the facts of a YAML file, which must name the bit map that was asked for, if any."""
     # Its keys are put into `entries` as soon as they are known, for what is found after that.
+    bare = None if bits is not None else bare_image(path)
     with recognised(path, "a map", MAP):
-        entries.update(read_mapping(path))
+        entries.update(read_mapping(path) if bare is None else parse_mapping(path, yaml_of(bare)))
         metadata = metadata_of(entries, path, mend=True)
     if bits is None:
         image = map_server.find_image(path, metadata.image)

@@ -36,6 +36,7 @@ from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
     MapdealError,
+    ParameterError,
     one_line,
     refusal_of_the_system,
 )
@@ -294,6 +295,12 @@ class LintReport(Result, Sequence[Finding]):
             **{f"{severity}s": count for severity, count in self.counts.items()},
             "suppressed": self.suppressed,
         }
+
+    def parts(self) -> Iterable[str]:
+        if self.form not in ("text", "json"):
+            rule = "cannot be given together with --json"
+            raise ParameterError(rule, source="--format", got=self.form)
+        return super().parts()
 
     def lines(self) -> Iterator[str]:
         """Yield what ``mapdeal lint`` prints in its format."""

@@ -435,9 +435,10 @@ def _tell(result: Result, definition: Command, output: Path | None, *, as_json: 
         terminal.stream(result.parts())
     elif output is not None and _is_all(definition):
         terminal.summary(result.summary(output))  # what was asked for is in the file
+        terminal.summary(result.found(), is_asked_for=True)
     else:
         terminal.summary(result.lines(), is_asked_for=True)
-    terminal.summary(result.closing())
+        terminal.summary(result.closing())
     for line in result.details():
         terminal.detail(line)
     terminal.remark(result.remarks())

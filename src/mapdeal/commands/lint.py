@@ -69,7 +69,14 @@ from mapdeal.maps.map_server import (
     write_map_image,
 )
 from mapdeal.maps.npz import read_npz
-from mapdeal.maps.reading import MapFile, as_occupancy, open_map, output_paths, write_grid
+from mapdeal.maps.reading import (
+    MapFile,
+    as_occupancy,
+    is_bare_image,
+    open_map,
+    output_paths,
+    write_grid,
+)
 from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch, jobs_at_once
 from mapdeal.pipeline.inputs import (
     MapInput,
@@ -147,8 +154,8 @@ Checks = Annotated[Names, Words("IDS", _separated, is_repeated=True, completed=_
         is_required=False,
     ),
     shared=(
-        "footprint", "robot_radius", "footprint_padding", "robot_16_gon", "max_cells", "force",
-        "max_memory",
+        "footprint", "robot_radius", "footprint_padding", "robot_16_gon", "resolution", "origin",
+        "max_cells", "force", "max_memory",
     ),
     texts={
         "footprint": "Corners of the robot around its centre, metres: find rooms that it "
@@ -156,7 +163,6 @@ Checks = Annotated[Names, Words("IDS", _separated, is_repeated=True, completed=_
         "robot_radius": "Radius of a round robot, metres: find rooms that it cannot enter.",
         "strict": "Exit with 1 for warnings as well.",
     },
-    json="never",
     example="""\
 mapdeal lint examples/maps --strict
 mapdeal lint examples/maps --format sarif > lint.sarif
@@ -286,8 +292,10 @@ def lint(
             print(finding)
         sys.exit(0 if report.passes else 1)
     """
-    settings = Settings(max_cells=max_cells, max_memory=max_memory, force=force)
     work = Work.current.get()
+    settings = Settings(max_cells=max_cells, max_memory=max_memory, force=force)
+    if work is not None:  # also how images without a YAML file are read
+        settings = work.settings
     names, files = _several(paths), tuple(map(Path, _several(params_file)))
     if not files:
         refuse("needs --params-file", costmap=costmap, namespace=namespace)
@@ -326,6 +334,8 @@ def lint(
             raise ParameterError(rule, place="graph")
         if filter_mask is not None and len(maps) != 1:
             raise ParameterError("needs one MAP, which the mask is for", place="filter_mask")
+        if in_place and any(map(is_bare_image, maps)):
+            raise ParameterError("cannot repair an image alone", place="in_place", hint=_COPY)
         if output is not None:
             return _repaired_copy(maps, Path(output), settings)
         at_once = min(jobs or 1, len(maps))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -31,7 +31,6 @@ from mapdeal.commands.report_entries import (
     two_maps,
 )
 from mapdeal.errors import (
-    BatchError,
     FileAccessError,
     MapdealError,
     ParameterError,
@@ -249,20 +248,11 @@ def page_in(folder: Path) -> Path:
     return page
 
 
-@contextmanager
-def reported(
-    page: Path, paths: Sequence[Path], inputs: Sequence[Path], asked: Asked, *,
-    on_made: Callable[[WrittenReport], object],
-) -> Iterator[None]:  # fmt: skip
-    """Write a page of the runs that are made within a ``with`` block, even if some have failed."""
-    # `on_made` is called with it. Of `inputs` are the runs made, which they join.
-    settings = replace(asked.settings, force=True)
-    try:
-        yield
-    except BatchError:
-        on_made(_written(page, paths, settings, inputs=inputs, asked=asked))
-        raise
-    on_made(_written(page, paths, settings, inputs=inputs, asked=asked))
+def report_of_runs(
+    page: Path, paths: Sequence[Path], inputs: Sequence[Path], asked: Asked
+) -> WrittenReport:
+    """Write a page of the runs that have been made; their `inputs` join them."""
+    return _written(page, paths, replace(asked.settings, force=True), inputs=inputs, asked=asked)
 
 
 def gathered(

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, overload
 
-from mapdeal.command import AT_LEAST_1, Output, Words, command, parameters_of, unknown_name
+from mapdeal.command import AT_LEAST_1, Output, Result, Words, command, parameters_of, unknown_name
 from mapdeal.commands.reach import goals_in, goals_of, start_of
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import (
@@ -18,7 +18,6 @@ from mapdeal.errors import (
     MapdealError,
     ParameterError,
     emit_warning,
-    one_line,
     strict_warnings,
 )
 from mapdeal.files.source import absolute_path
@@ -32,7 +31,7 @@ from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExt
 from mapdeal.pipeline import batch
 from mapdeal.pipeline import recipe as recipes
 from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden
-from mapdeal.pipeline.inputs import Reading, Terminal, Work, refuse
+from mapdeal.pipeline.inputs import Reading, Work, refuse
 from mapdeal.pipeline.run import (
     LOCAL_RECIPE,
     RunReport,
@@ -45,6 +44,7 @@ from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.ros.robot import RobotParameters
 
 if TYPE_CHECKING:
+    from mapdeal.commands.report import WrittenReport
     from mapdeal.pipeline.local import Around
 
 _LOCAL_SET = "--local-set"
@@ -165,7 +165,6 @@ def run(
                       "processed in blocks of rows.  [default: half of the free memory, shared "
                       "between jobs]",
     },
-    json="never",
     makes_costs=lambda own: own["recipe"] is None,
     example="""\
 mapdeal run examples/maps/office.yaml -o out
@@ -200,7 +199,7 @@ def run_maps(
     dry_run: Annotated[bool, Words(short="n")] = False,
     footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
-) -> None:
+) -> RunAnswer:
     """Run maps through a recipe: inflation, distance field, costmap.
 
     Each map gets its own folder: a pgm, yaml and png file of every stage, npz files of field and
@@ -233,9 +232,8 @@ def run_maps(
     changes : list of str, optional
         Set a parameter of a stage; can be repeated.
     canvas : {'crop', 'full'}
-        Extent of the outputs: the active region (crop), or the full map extent (full), unknown
-        outside the region; stages compute on the region in either case, unless active.canvas=full
-        is --set.
+        Extent of the outputs: the active region, or the whole map, unknown outside the region;
+        stages compute on the region in either case, unless active.canvas=full is --set.
     pose : tuple of float, optional
         Also make the local map around a robot at this pose, as `mapdeal local` does, in the
         subfolder local of the map's folder.
@@ -329,7 +327,7 @@ def run_maps(
         map_run = map_run.sharing(size)
     page = None
     if report:
-        from mapdeal.commands.report import VERDICT, page_in, reported
+        from mapdeal.commands.report import VERDICT, page_in, report_of_runs
         from mapdeal.commands.report_checks import Asked
 
         page = page_in(output)
@@ -342,11 +340,7 @@ def run_maps(
         error = plans.plans[0].error
         if not is_batch and error is not None:
             raise error
-        terminal.summary(plans.lines())
-        for line in plans.details():
-            terminal.detail(line)
-        plans.check()  # ends as the run would, as far as that is known
-        return
+        return RunAnswer(plans)  # ends as the run would, as far as that is known
     workers: batch.Workers | None = None
     is_of_nobody = recipe is None and footprint is None and robot is None
     assumed = list(_assumed(loaded, changes or [])) if is_of_nobody else []
@@ -361,33 +355,89 @@ def run_maps(
             from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
 
             workers = ProcessWorkers(size)
-        if page is not None:
-            made = [output] if is_batch else [all_jobs[0].folder]
-            maps = [job.path for job in all_jobs]
-            tell = terminal.summary
-            stack.enter_context(
-                reported(page, made, maps, asked, on_made=lambda one: tell(one.lines()))
-            )
         if is_batch:
-            done = batch.run_and_report(
-                all_jobs, output, map_run, batch.Batch, terminal, workers=workers
+            answer = RunAnswer(
+                batch.run_and_report(
+                    all_jobs, output, map_run, batch.Batch, terminal, workers=workers
+                ),
+                assumed,
             )
-            terminal.summary([*assumed, *done.lines()])
-            done.check()
         else:
-            done_alone = _run_one(all_jobs[0], map_run, workers, work)
-            told = assumed if done_alone.status == "done" else []
-            terminal.summary([*done_alone.lines(), *told])
+            done = _run_one(all_jobs[0], map_run, workers, work)
+            answer = RunAnswer(done, assumed if done.status == "done" else [], all_jobs[0])
             if robot is not None and workers is None and terminal.is_verbose():
                 from mapdeal.pipeline.run import queue_lines  # few ask
 
                 for line in queue_lines(all_jobs[0].path, loaded.steps, settings):
                     terminal.detail(line)
+    if page is not None:
+        made = [output] if is_batch else [all_jobs[0].folder]
+        answer = replace(
+            answer, page=report_of_runs(page, made, [job.path for job in all_jobs], asked)
+        )
+    if golden is None or answer.has_failed:
+        return answer
     runs = [(job.folder, job.place) for job in all_jobs]
     if around is not None:
         runs += [(around_in(folder), f"{place}/{LOCAL_RECIPE}") for folder, place in runs]
-    if golden is not None:
-        _compare_with_golden(runs, golden, terminal, update=update_golden)
+    if update_golden:
+        stored = [f"{store_golden(folder, golden, place)}: stored" for folder, place in runs]
+        return replace(answer, stored=stored)
+    differing = [
+        line for folder, place in runs for line in differences_from_golden(folder, golden, place)
+    ]
+    return replace(answer, golden=golden, differing=differing)
+
+
+@dataclass(frozen=True, repr=False)
+class RunAnswer(Result):
+    """What the command says: what was made or would be, the page, and what differs from before."""
+
+    made: RunReport | batch.Batch | batch.Plans
+    assumed: Sequence[str] = ()
+    job: batch.Job | None = None  # of the only map
+    page: WrittenReport | None = None
+    golden: Path | None = None
+    stored: Sequence[str] = ()
+    differing: Sequence[str] = ()
+
+    @property
+    def has_failed(self) -> bool:
+        return isinstance(self.made, batch.Batch) and self.made.count("failed") > 0
+
+    def document(self) -> dict[str, Any]:
+        document = self.made.document()
+        if self.job is not None:
+            head = {"map": self.job.name, "folder": self.job.place}
+            document = {"maps": [{**head, **batch.Outcome(self.made).document(self.job)}]}
+        if self.page is not None:
+            document["report"] = self.page.document()
+        if self.golden is not None:
+            document["differing"] = list(self.differing)
+        return document
+
+    def lines(self) -> Iterator[str]:
+        lines = [self.assumed, self.made.lines()]  # of many maps the last line counts them
+        for some in lines if self.job is None else reversed(lines):
+            yield from some
+        if self.page is not None:
+            yield from self.page.lines()
+        yield from self.stored
+        if self.golden is not None and not self.differing:
+            yield f"{self.golden}: all stages as stored"
+
+    def details(self) -> Iterable[str]:
+        return self.made.details()
+
+    def found(self) -> Iterable[str]:
+        return self.differing
+
+    def check(self) -> None:
+        self.made.check()
+        if self.differing:
+            verb = "differs" if len(self.differing) == 1 else "differ"
+            rule = f"{count_text(len(self.differing), 'stage')} {verb} from the golden run"
+            raise FindingError(rule, source=self.golden, hint="--update-golden accepts them")
 
 
 def _assumed(recipe: recipes.Recipe, changes: Sequence[str]) -> Iterator[str]:
@@ -461,23 +511,3 @@ def _run_one(
         raise outcome.result
     report: RunReport = outcome.result
     return report
-
-
-def _compare_with_golden(
-    runs: Sequence[tuple[Path, str]], golden: Path, terminal: Terminal, *, update: bool
-) -> None:
-    """Store the runs, or tell what differs from those that are stored."""
-    if update:
-        stored = [store_golden(folder, golden, place) for folder, place in runs]
-        terminal.summary([f"{path}: stored" for path in stored])
-        return
-    lines = [
-        line for folder, place in runs for line in differences_from_golden(folder, golden, place)
-    ]
-    for line in lines:
-        terminal.result(one_line(line))
-    if lines:
-        verb = "differs" if len(lines) == 1 else "differ"
-        rule = f"{count_text(len(lines), 'stage')} {verb} from the golden run"
-        raise FindingError(rule, source=golden, hint="--update-golden accepts them")
-    terminal.summary([f"{golden}: all stages as stored"])

@@ -63,7 +63,10 @@ _UNKNOWN = "is not a kind of file that mapdeal knows"
 _MAPS_ARE = "a map is a map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal"
 
 _MAP_USE = "mapdeal info {path} describes it, mapdeal run {path} -o DIR processes it"
-_CLOUD_USE = "mapdeal local --cloud {path} --pose X,Y,YAW -o DIR makes a map of it"
+_CLOUD_USE = (
+    "mapdeal build --cloud {path} -o MAP.yaml makes a map of it, mapdeal local the map around a "
+    "robot"
+)
 _SCANS_USE = "mapdeal build {path} -o OUT.yaml makes a map of it"
 _POSES_USE = "--poses {path} gives it to mapdeal build and mapdeal local"
 _BAG_USE = "mapdeal info {path} lists its topics; convert, build and local --cloud take them"
@@ -216,7 +219,9 @@ def _kind_of_image(path: Path, head: bytes) -> FileKind | None:
         return {"pixels": f"{width} x {height}"}
 
     beside = [p for p in map(path.with_suffix, YAML) if p != path and exists(p)]
-    use = "a map also needs a .yaml with its resolution and origin; pass that, or --resolution R"
+    use = (
+        "pass its .yaml; mapdeal convert {path} --resolution R -o MAP.yaml makes a map without one"
+    )
     if beside:
         use = f"pass the map: {str(beside[0]).replace('{', '{{').replace('}', '}}')}"
     return FileKind(IMAGE, f"an image ({image.name})", use, figures)

@@ -173,6 +173,17 @@ def is_bare_image(path: Path) -> bool:
     return _bare_images.get() is not None and path.suffix.lower() in IMAGE_SUFFIXES
 
 
+def bare_image(path: Path) -> MapMetadata | None:
+    """Return what is given of a map that is an image alone, None of another file."""
+    bare = _bare_images.get()
+    if bare is None or not is_bare_image(path):
+        return None
+    if yaml_at(path):
+        text = "is read by --resolution; the .yaml beside it is not read"
+        emit_warning(f"{path}: {text}", stacklevel=4)
+    return MapMetadata(path.name, *bare)
+
+
 @contextmanager
 def open_map(
     path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
@@ -184,12 +195,7 @@ def open_map(
             yield MapFile({path: state_of(path)}, opened, max_cells=max_cells)
             return
         bits = path if path.suffix.lower() == BIT_MAP else None
-        bare = _bare_images.get()
-        if bits is None and bare is not None and is_bare_image(path):
-            metadata = MapMetadata(path.name, *bare)
-            if yaml_at(path):
-                text = "is read by --resolution; the .yaml beside it is not read"
-                emit_warning(f"{path}: {text}", stacklevel=3)
+        if bits is None and (metadata := bare_image(path)) is not None:
             states = {path: state_of(path)}
             yield MapFile(states, opened, dialect=dialect, max_cells=max_cells, metadata=metadata)
             return
@@ -220,8 +226,8 @@ def _refuse_image(path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix in IMAGE_SUFFIXES:
         sibling = path.with_suffix(".yaml")
-        hint = "pass the .yaml that names the image, or --resolution R, metres"
-        hint = f"pass {sibling}" if exists(sibling) else hint
+        hint = f"mapdeal convert {path} --resolution R -o MAP.yaml makes a map without a .yaml"
+        hint = f"pass {sibling}" if exists(sibling) else f"pass its .yaml; {hint}"
         status_of(path)
         raise MalformedInputError("looks like an image, not a map's YAML", source=path, hint=hint)
 

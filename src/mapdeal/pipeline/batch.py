@@ -190,6 +190,16 @@ class Plan:
         where = f"{self.job.name} -> {self.job.folder}"
         return self.what, str(len(self.writes)) if self.writes else "-", size, memory, where
 
+    def document(self) -> dict[str, Any]:
+        document: dict[str, Any] = {"map": self.job.name, "folder": self.job.place}
+        document |= {"status": self.what, "width": self.width, "height": self.height}
+        if self.need is not None:
+            document |= {"memory": self.need.memory, "in_blocks": self.need.by_blocks}
+        document |= {"reads": list(map(str, self.reads)), "writes": list(map(str, self.writes))}
+        if self.error is None:
+            return document
+        return document | {"exit_code": self.error.exit_code, "error": str(self.error)}
+
 
 def plan_of(job: Job, run: MapRun) -> Plan:
     """Return what a run would do with a map, from headers, checksums and the manifest."""
@@ -232,13 +242,20 @@ def plan_of(job: Job, run: MapRun) -> Plan:
     return Plan(job, "replace" if existing else "new", *size, need, files, outputs)
 
 
-@dataclass(frozen=True)
-class Plans:
+@dataclass(frozen=True, repr=False)
+class Plans(Result):
     """What a run would do with all of its maps, so many at the same time."""
 
     plans: Sequence[Plan]
     at_once: int | None  # number of jobs, None on a cluster
     others: Sequence[Path]
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "dry_run": True,
+            "maps": [plan.document() for plan in self.plans],
+            "also_writes": list(map(str, self.others)),
+        }
 
     def lines(self) -> Iterator[str]:
         """Yield a line a map, those that would fail at the end, and the totals."""
