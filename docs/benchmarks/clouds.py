@@ -31,7 +31,8 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from mapdeal.grid.frame import Frame
-from mapdeal.mapping.cloud_map import CloudMapper, CloudOptions, cloud_map
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.mapping.cloud_map import CloudMapper, cloud_map
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 SAMPLES = 6  # a side, in each cell of a true map, with its edges
@@ -479,15 +480,15 @@ def ours(world: World, points: np.ndarray, truth: Truth) -> np.ndarray:
     return np.asarray(made.grid.occupancy)
 
 
-def ours_with_poses(world: World, truth: Truth) -> np.ndarray:
-    mapper = CloudMapper(CloudOptions(), frame=frame_of(truth))
+def ours_with_poses(world: World, frame: Frame | None = None) -> OccupancyGrid:
+    mapper = CloudMapper(frame=frame)
     for scan in world.scan():
         mapper.add(placed(scan))
         mapper.add_place(scan.pose[:3])
     mapper.settle(follows_beams=True)
     for scan in world.scan():
         mapper.clear(placed(scan), scan.pose[:3])
-    return np.asarray(mapper.result().grid.occupancy)
+    return mapper.result().grid
 
 
 def drawn(values: np.ndarray) -> Image.Image:
@@ -508,7 +509,7 @@ def print_worlds(names: list[str], images: Path | None) -> None:
         cells = [scores(default, truth), best, scores(made, truth)]
         posed = None
         if not world.tilt[2]:
-            posed = ours_with_poses(world, truth)
+            posed = np.asarray(ours_with_poses(world, frame_of(truth)).occupancy)
             cells.append(scores(posed, truth))
         told = " | ".join(f"{occupied:.2f} / {free:.2f}" for occupied, free in cells)
         print(f"| {name} | {len(points)} | {told} |{'' if posed is not None else ' |'}", flush=True)
