@@ -17,7 +17,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.components import least_joined
 from mapdeal.kernels.polygons import enumerated
-from mapdeal.mapping.voxels import AT_ONCE, Claim, Columns
+from mapdeal.mapping.voxels import AT_ONCE, Claim, Columns, median
 
 _RUN_GAP = 0.12  # metres between voxels of a column that belong together
 _THIN = 0.05  # standard deviation of the heights of a surface within a cell, metres, at most
@@ -155,7 +155,7 @@ def _open_layers(
 
 def _thin(spreads: Floats, steps: float) -> float:
     """Return up to which spread of heights a layer is level: faces of low steps are not."""
-    typical = float(np.median(spreads)) if len(spreads) else _THIN
+    typical = median(spreads) if len(spreads) else _THIN
     return max(0.6 * steps, min(_THIN, max(_LEAST_THIN, _TIMES_TYPICAL * typical)))
 
 
@@ -249,7 +249,7 @@ def floor_of(
     own = patches.chosen(main)
     same = (np.diff(own.row) == 0) & (np.diff(own.col) == 0)
     overlaid = int((same & (np.diff(own.z) > limits.robot_height)).sum())
-    tilt = math.atan(math.hypot(float(np.median(own.along_x)), float(np.median(own.along_y))))
+    tilt = math.atan(math.hypot(median(own.along_x), median(own.along_y)))
     return tiles, overlaid * side * side, tilt
 
 
