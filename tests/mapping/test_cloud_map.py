@@ -11,6 +11,7 @@ from benchmarks.clouds import (
     Solid,
     World,
     box,
+    frame_of,
     ground,
     ours,
     ours_with_poses,
@@ -24,9 +25,14 @@ from benchmarks.clouds import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import ndimage
 
 import mapdeal
 from mapdeal import CloudMapper, CloudOptions, Frame, MalformedInputError, cloud_map
+from mapdeal.mapping import cloud_floor, voxels
+from mapdeal.mapping.cloud_floor import _nearest
+from mapdeal.mapping.cloud_map import _closed, _drop_lone
 from mapdeal.mapping.voxels import Tilt, Voxels, levelled
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -176,7 +182,7 @@ def test_beams_clear_people_that_walked_on_and_nothing_else():
     world = hall(*trail, *table(3.0, 3.2), post(1.7, 3.3, 0.03, 1.2), steps=60)
     truth = world.truth()
     without = ours(world, world.cloud(), truth)
-    posed = ours_with_poses(world, truth)
+    posed = ours_with_poses(world, frame_of(truth)).occupancy
     row, first, last = (
         int((2.0 - truth.origin[1]) / 0.05),
         int((0.8 - truth.origin[0]) / 0.05),
@@ -219,10 +225,10 @@ def room_points():
 def test_voxels_are_counted_as_one_by_one(piece, cell, is_shifted):
     points = room_points()[:4000] + (np.array([5e5, 4.5e6, -80.0]) if is_shifted else 0.0)
     points[7, 2] = np.nan
-    voxels = Voxels(cell, 0.025, corner=(0.0, 0.0))
+    counted = Voxels(cell, 0.025, corner=(0.0, 0.0))
     for first in range(0, len(points), piece):
-        voxels.add(points[first : first + piece])
-    columns = voxels.columns()
+        counted.add(points[first : first + piece])
+    columns = counted.columns()
     good = np.delete(points, 7, axis=0)
     keys = np.floor(good / [cell, cell, 0.025] + 1e-9).astype(int)
     wanted, counts = np.unique(keys[:, [1, 0, 2]], axis=0, return_counts=True)
@@ -231,7 +237,64 @@ def test_voxels_are_counted_as_one_by_one(piece, cell, is_shifted):
     found = np.stack([columns.row[whose], columns.col[whose], levels], axis=1)
     assert np.array_equal(found, wanted)
     assert np.array_equal(columns.counts, counts)
-    assert (voxels.points, voxels.not_finite) == (4000, 1)
+    assert (counted.points, counted.not_finite) == (4000, 1)
+
+
+@pytest.mark.parametrize("level", [False, True])
+def test_no_map_depends_on_how_much_is_worked_on_at_once(monkeypatch, level):
+    points = room_points()[::3]
+    wanted = cloud_map(points, level=level)
+    for module, name, count in (
+        (voxels, "AT_ONCE", 100), (cloud_floor, "AT_ONCE", 100), (voxels, "_TOGETHER", 1000)
+    ):  # fmt: skip
+        monkeypatch.setattr(module, name, count)
+    made = cloud_map(points, level=level)
+    assert made.figures() == wanted.figures()
+    assert np.array_equal(made.grid.occupancy, wanted.grid.occupancy)
+    for name, layer in wanted.layers.items():
+        assert np.array_equal(made.layers[name], layer, equal_nan=True)
+
+
+MARKED = st.tuples(st.integers(1, 20), st.integers(1, 20)).flatmap(
+    lambda shape: arrays(np.bool_, shape, elements=st.booleans())
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(MARKED, st.integers(1, 9))
+def test_gaps_are_closed_as_scipy_does(marked, wide):
+    padded = np.pad(marked, wide)
+    wanted = ndimage.binary_closing(padded, np.ones((wide + 1, wide + 1)))
+    assert np.array_equal(_closed(marked, wide), wanted[wide:-wide, wide:-wide])
+
+
+@settings(max_examples=100, deadline=None)
+@given(MARKED, st.integers(1, 9))
+def test_the_nearest_tiles_are_those_of_scipy(known, reach):
+    known[0, 0] = True
+    known = np.pad(known, reach)
+    far, (rows, cols) = ndimage.distance_transform_edt(~known, return_indices=True)
+    near = far <= reach
+    away, *found = _nearest(known, reach)
+    assert np.array_equal(away, np.where(near, far, np.inf))
+    for one, wanted in zip(found, (rows, cols), strict=True):
+        assert np.array_equal(one[near], wanted[near])
+
+
+@settings(max_examples=100, deadline=None)
+@given(MARKED, st.integers(0, 2**32))
+def test_groups_of_a_few_cells_are_dropped_if_little_was_seen_of_them(marked, seed):
+    counts, on_floor = np.random.default_rng(seed).integers(1, 9, (2, *marked.shape)).astype("i4")
+    groups, count = ndimage.label(marked, np.ones((3, 3)))
+    wanted, floor = (
+        marked.copy(),
+        ndimage.convolve(on_floor, np.ones((3, 3), "i4"), mode="constant"),
+    )
+    for cells in (groups == k + 1 for k in range(count)):
+        if cells.sum() <= 4 and counts[cells].sum() < max(9, sum(floor[cells] / 9)):
+            wanted[cells] = False
+    _drop_lone(marked, counts, on_floor, 9)
+    assert np.array_equal(marked, wanted)
 
 
 def test_the_resolution_is_that_of_a_voxel_filter_even_if_its_lattice_is_that_of_cells():
@@ -331,14 +394,7 @@ def test_a_sequence_with_poses_makes_the_map_of_its_points(tmp_path, command):
         "build", "--cloud", tmp_path, "--poses", poses, "-o", tmp_path / "map.yaml"
     )
     assert code == 0, err
-    mapper = CloudMapper()
-    for scan in world.scan():
-        mapper.add(placed(scan))
-        mapper.add_place(scan.pose[:3])
-    mapper.settle(follows_beams=True)
-    for scan in world.scan():
-        mapper.clear(placed(scan), scan.pose[:3])
-    wanted, found = mapper.result().grid, mapdeal.read_map(tmp_path / "map.yaml")
+    wanted, found = ours_with_poses(world), mapdeal.read_map(tmp_path / "map.yaml")
     assert found.occupancy.shape == wanted.occupancy.shape
     assert (found.occupancy == wanted.occupancy).mean() > 0.995  # float32, and rounded poses
     poses.write_text("\n".join(lines[1:]))

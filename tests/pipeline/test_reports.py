@@ -29,6 +29,7 @@ from pipeline.reported import (
 )  # fmt: skip
 
 OTHER = grid_from_text("#####\n#...#\n#####")
+EXAMPLES = Path(__file__).parents[2] / "examples"
 STAGES = ["inflated", "esdf", "cost"]
 
 
@@ -156,6 +157,23 @@ def test_layers_hold_what_the_files_hold_whether_they_fit_the_memory_or_not(
         assert values[2].tobytes() == field["distance"].tobytes()
         assert values[3].tobytes() == costs["cost"].tobytes()
         assert layers[1].frame.origin == tuple(field["origin"])
+
+
+def test_layers_of_a_cloud_lie_on_its_map_with_their_units(command, tmp_path):
+    cloud, map_, layers = EXAMPLES / "clouds/ramp.pcd", tmp_path / "m.yaml", tmp_path / "l.npz"
+    code, _, err = command("build", "--cloud", cloud, "-o", map_, "--layers", layers)
+    assert code == 0, err
+    units = {"points": "points", "slope": "m/m", "obstacle_height": "m", "floor_height": "m"}
+    with Grids(DEFAULT_SETTINGS) as grids, np.load(layers) as stored:
+        (entry,) = gathered([map_, layers], grids).entries
+        assert layer_names(entry) == ["m", *(f"l-{name}" for name in units)]
+        for layer, (name, unit) in zip(entry.layers[1:], units.items(), strict=True):
+            assert layer.unit == layer.style.bar.unit == unit
+            assert np.array_equal(layer.values[:], stored[name], equal_nan=True)
+            assert layer.style.scale.high == pytest.approx(np.nanmax(stored[name]))
+        assert entry.layers[-1].style.scale.low == pytest.approx(np.nanmin(stored["floor_height"]))
+    (alone,) = entries_of(layers)
+    assert layer_names(alone) == ["l-map", *(f"l-{name}" for name in units)]
 
 
 def test_layers_of_one_file_may_be_read_in_turns(rooms, tmp_path):

@@ -46,7 +46,7 @@ from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.inputs.listing import folders_below
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy, lazy_layer
-from mapdeal.maps.npz import Grid, holds_reach, open_npz, read_reach
+from mapdeal.maps.npz import Grid, holds_reach, open_npz, read_cloud_layers, read_reach
 from mapdeal.maps.reading import MapFile, open_map
 from mapdeal.pictures.styles import difference_style
 from mapdeal.pipeline.batch import SUMMARY
@@ -272,6 +272,8 @@ class Grids:
             is_npz = path.suffix.lower() == ".npz"
             if is_npz and holds_reach(path):
                 return read_reach(path, max_cells=settings.max_cells), file
+            if is_npz and (of_cloud := read_cloud_layers(path, max_cells=settings.max_cells)):
+                return of_cloud, file
             if file.memory_to_read() <= self._room:
                 return file.read().grid, file
             if is_npz:

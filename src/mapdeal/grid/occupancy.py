@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,7 +43,7 @@ class OccupancyGrid(ValueGrid):
     """
 
     kind = "occupancy grid"
-    layer_names = ("occupancy",)
+    layer_names: ClassVar[tuple[str, ...]] = ("occupancy",)
 
     occupancy: NDArray[np.int8]
     resolution: float
@@ -100,6 +100,23 @@ class OccupancyGrid(ValueGrid):
     def unknown(self) -> NDArray[np.bool_]:
         """Return the mask of unknown cells."""
         return mapped(self.occupancy, bool, lambda values: values == UNKNOWN)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class CloudLayers(OccupancyGrid):
+    """A map made of point clouds, with the layers that ``CloudMap.layers`` has."""
+
+    kind = "map of a cloud"
+    layer_names = ("occupancy", "floor_height", "obstacle_height", "slope", "points")
+
+    floor_height: NDArray[np.float32]
+    obstacle_height: NDArray[np.float32]
+    slope: NDArray[np.float32]
+    points: NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._freeze(**{name: getattr(self, name) for name in self.layer_names})
 
 
 def occupancy_figures(counts: NDArray[np.int64]) -> Figures:

@@ -7,16 +7,17 @@ that meet within a step and a slope that a robot drives over make floors; one of
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.components import least_joined
 from mapdeal.kernels.polygons import enumerated
-from mapdeal.mapping.voxels import Claim, Columns
+from mapdeal.mapping.voxels import AT_ONCE, Claim, Columns, median
 
 _RUN_GAP = 0.12  # metres between voxels of a column that belong together
 _THIN = 0.05  # standard deviation of the heights of a surface within a cell, metres, at most
@@ -56,31 +57,45 @@ class Patches(NamedTuple):
 
 def patches_of(columns: Columns, tile: int, limits: Limits) -> Patches:
     """Return the thin layers of voxels that have room above them, as planes."""
-    row, col, z, _ = _thin_layers(columns, limits)
+    row, col, z = _thin_layers(columns, limits)
     if not len(z):
         return Patches(*(np.zeros(0, np.int64),) * 2, *(np.zeros(0),) * 4)
+    # whole rows of tiles at a time, so that arrays stay in the cache
+    cuts = np.searchsorted(row, row[AT_ONCE::AT_ONCE] // tile * tile).tolist()
+    found = [
+        _planes(row[first:end], col[first:end], z[first:end], tile, columns.cell, limits)
+        for first, end in pairwise([0, *cuts, len(z)])
+        if first < end
+    ]
+    *parts, spread, good = (np.concatenate(one) for one in zip(*found, strict=True))
+    patches = Patches(*parts)
+    return patches.chosen(good & (spread <= _thin(spread[patches.support >= _FEW], limits.steps)))
+
+
+def _planes(
+    row: Integers, col: Integers, z: Floats, tile: int, cell: float, limits: Limits
+) -> tuple[NDArray[Any], ...]:
+    """Return the fields of `Patches` from layers, their spreads, and which may be floor."""
     tile_row, tile_col = row // tile, col // tile
     key = (tile_row - tile_row.min()) * (tile_col.max() - tile_col.min() + 1)
     key += tile_col - tile_col.min()
-    order = np.lexsort((z, key))
-    key, z = key[order], z[order]
+    order = _ordered(np.unique(z, return_inverse=True)[1], key)
+    key, z, row, col = key[order], z[order], row[order], col[order]
     # a level ends where the next layer is higher than a robot climbs
     is_new = (np.diff(key, prepend=-1) != 0) | (np.diff(z, prepend=z[0]) > limits.gap)
     whose = np.cumsum(is_new) - 1
     at = np.flatnonzero(is_new)
-    row, col, tile_row, tile_col = row[order], col[order], tile_row[order][at], tile_col[order][at]
     middle = (tile - 1) / 2
-    x = (col - tile_col[whose] * tile - middle) * columns.cell
-    y = (row - tile_row[whose] * tile - middle) * columns.cell
+    x, y = (col % tile - middle) * cell, (row % tile - middle) * cell
 
-    def total(values: Floats) -> Floats:
+    def total(values: NDArray[Any]) -> Floats:
         return np.bincount(whose, values, len(at)).astype(np.float64)
 
-    n = np.bincount(whose, minlength=len(at)).astype(np.float64)
+    n = np.diff(at, append=len(z)).astype(np.float64)
     mx, my, mz = total(x) / n, total(y) / n, total(z) / n
     dx, dy, dz = x - mx[whose], y - my[whose], z - mz[whose]
     # a weight that holds planes level which few cells tell about, in cells of half a tile away
-    weight = 4.0 * (columns.cell * tile / 4) ** 2
+    weight = 4.0 * (cell * tile / 4) ** 2
     xx, yy, xy = total(dx * dx) + weight, total(dy * dy) + weight, total(dx * dy)
     xz, yz, zz = total(dx * dz), total(dy * dz), total(dz * dz)
     determinant = xx * yy - xy * xy
@@ -92,41 +107,55 @@ def patches_of(columns: Columns, tile: int, limits: Limits) -> Patches:
     in_tile = np.cumsum(np.diff(key[at], prepend=-1) != 0) - 1
     most = np.zeros(len(at))
     np.maximum.at(most, in_tile, n)
-    kept = (
-        (n >= 2)
-        & (n >= _SHARE_OF_MOST * most[in_tile])
-        & (spread <= _thin(spread[n >= _FEW], limits.steps))
-        & ~steep
-    )
+    good = (n >= 2) & (n >= _SHARE_OF_MOST * most[in_tile]) & ~steep
     middle_z = mz - along_x * mx - along_y * my
-    return Patches(tile_row, tile_col, middle_z, along_x, along_y, n).chosen(kept)
+    return row[at] // tile, col[at] // tile, middle_z, along_x, along_y, n, spread, good
 
 
-def _thin_layers(columns: Columns, limits: Limits) -> tuple[Integers, Integers, Floats, Floats]:
-    """Return row, column, height and variance of the layers that may be a surface to drive on."""
-    whose, z, n = columns.of_voxels(), columns.heights, columns.counts
-    begins = np.diff(whose, prepend=-1) != 0
-    gaps = np.diff(z, prepend=z[0])
-    at = np.flatnonzero(begins | (gaps > _RUN_GAP))
-    weights = np.add.reduceat(n, at).astype(np.float64)
+def _ordered(*keys: Integers) -> Integers:
+    """Return the order that `numpy.lexsort` finds, of keys that are not negative."""
+    # words of 16 bits are sorted by counting
+    words = [
+        (key >> shift).astype(np.uint16)
+        for key in keys
+        for shift in range(0, max(1, int(key.max()).bit_length()), 16)
+    ]
+    return np.lexsort(words)
+
+
+def _thin_layers(columns: Columns, limits: Limits) -> tuple[Integers, Integers, Floats]:
+    """Return row, column and height of the layers that may be a surface to drive on."""
+    found = [_open_layers(part, limits.robot_height) for _, part in columns.parts()]
+    row, col, z, weights, variances = (np.concatenate(one) for one in zip(*found, strict=True))
+    thin = _thin(np.sqrt(variances[weights >= _FEW]), limits.steps)
+    good = variances <= thin**2
+    return row[good], col[good], z[good]
+
+
+def _open_layers(
+    columns: Columns, room: float
+) -> tuple[Integers, Integers, Floats, Floats, Floats]:
+    """Return row, column, height, points and variance of the layers with some room above them."""
+    z, n = columns.heights, columns.counts.astype(np.float64)
+    begins = np.zeros(len(z), np.bool_)
+    begins[columns.starts] = True
+    at = np.flatnonzero(np.append(True, np.diff(z) > _RUN_GAP) | begins)
+    weights = np.add.reduceat(n, at)
     means = np.add.reduceat(n * z, at) / weights
-    run = np.repeat(np.arange(len(at)), np.diff(at, append=len(z)))
-    variances = np.add.reduceat(n * (z - means[run]) ** 2, at) / weights
-    column = whose[at]
-    tops, bottoms = z[np.append(at[1:], len(z)) - 1], z[at]
-    above = np.full(len(at), np.inf)
-    above[:-1] = np.where(column[1:] == column[:-1], bottoms[1:] - tops[:-1], np.inf)
-    thin = _thin(
-        np.sqrt(variances[(weights >= _FEW) & (above >= limits.robot_height)]), limits.steps
-    )
-    good = (variances <= thin**2) & (above >= limits.robot_height)
-    column = column[good]
-    return columns.row[column], columns.col[column], means[good], variances[good]
+    rest = z - np.repeat(means, np.diff(at, append=len(z)))
+    variances = np.add.reduceat(n * rest**2, at) / weights
+    column = np.cumsum(begins[at]) - 1
+    is_open = np.append((z[at[1:]] - z[at[1:] - 1] >= room) | begins[at[1:]], True)
+    column = column[is_open]
+    return (
+        columns.row[column], columns.col[column],
+        means[is_open], weights[is_open], variances[is_open],
+    )  # fmt: skip
 
 
 def _thin(spreads: Floats, steps: float) -> float:
     """Return up to which spread of heights a layer is level: faces of low steps are not."""
-    typical = float(np.median(spreads)) if len(spreads) else _THIN
+    typical = median(spreads) if len(spreads) else _THIN
     return max(0.6 * steps, min(_THIN, max(_LEAST_THIN, _TIMES_TYPICAL * typical)))
 
 
@@ -220,7 +249,7 @@ def floor_of(
     own = patches.chosen(main)
     same = (np.diff(own.row) == 0) & (np.diff(own.col) == 0)
     overlaid = int((same & (np.diff(own.z) > limits.robot_height)).sum())
-    tilt = math.atan(math.hypot(float(np.median(own.along_x)), float(np.median(own.along_y))))
+    tilt = math.atan(math.hypot(median(own.along_x), median(own.along_y)))
     return tiles, overlaid * side * side, tilt
 
 
@@ -261,8 +290,6 @@ _BELOW = 3.0  # metres from a sensor down to the floor that its robot stands on,
 
 
 def _raster(patches: Patches, side: float, limits: Limits, claim: Claim) -> Tiles:
-    from scipy.ndimage import distance_transform_edt  # heavy to import
-
     margin = math.ceil(_REACH / side)
     first_row, first_col = int(patches.row.min()) - margin, int(patches.col.min()) - margin
     height = int(patches.row.max()) + margin + 1 - first_row
@@ -278,7 +305,7 @@ def _raster(patches: Patches, side: float, limits: Limits, claim: Claim) -> Tile
     layers[3][r[ledge], c[ledge]] = patches.z[ledge]
     lowest, highest = _around(layers, side)
     unknown = np.isnan(layers[0])
-    away, (near_r, near_c) = distance_transform_edt(unknown, return_indices=True)
+    away, near_r, near_c = _nearest(~unknown, margin)
     rows, cols = np.indices((height, width))
     z, along_x, along_y = (layer[near_r, near_c] for layer in layers[:3])
     # planes go on for a little, and then level
@@ -294,6 +321,26 @@ def _raster(patches: Patches, side: float, limits: Limits, claim: Claim) -> Tile
     with np.errstate(invalid="ignore"):
         is_ledge = (upper - z > _LEDGE * limits.gap) & (upper - z <= limits.robot_height)
     return Tiles(first_row, first_col, z, along_x, along_y, np.where(is_ledge, upper, np.nan))
+
+
+def _nearest(known: Mask, reach: int) -> tuple[Floats, Integers, Integers]:
+    """Return how far the nearest known tile is, inf beyond some, and its row and column."""
+    # scipy.ndimage has this for any distance, but takes long to import
+    height, width = known.shape
+    rows, far = np.arange(height)[:, np.newaxis], height + width
+    below = np.maximum.accumulate(np.where(known, rows, -far))
+    above = np.minimum.accumulate(np.where(known, rows, 2 * far)[::-1])[::-1]
+    in_column = np.where(rows - below <= above - rows, below, above)
+    squares = (in_column - rows) ** 2
+    least, near_c = np.full(known.shape, reach * reach + 1), np.zeros(known.shape, np.int64)
+    for across in range(-reach, reach + 1):
+        first, last = max(0, -across), width - max(0, across)
+        beside = squares[:, first + across : last + across] + across * across
+        is_nearer = beside < least[:, first:last]
+        np.copyto(least[:, first:last], beside, where=is_nearer)
+        np.copyto(near_c[:, first:last], np.arange(first, last) + across, where=is_nearer)
+    away = np.where(least <= reach * reach, np.sqrt(least), np.inf)
+    return away, np.where(least <= reach * reach, in_column[rows, near_c], 0), near_c
 
 
 _LEDGE = 1.5  # times the gap between levels: what is less is noise, or an obstacle
@@ -316,45 +363,65 @@ def _around(layers: Floats, side: float) -> tuple[Floats, Floats]:
 
 def heights_of(
     tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Integers, climb: float
-) -> tuple[Floats, Floats]:
-    """Return the floor's height in cells, nan where unknown, and that of an upper one at ledges."""
+) -> Floats:
+    """Return the floor's height in cells of rows and columns, nan where it is not known."""
     height, width = tiles.z.shape
-    rows, cols = rows - tiles.first_row * tile, cols - tiles.first_col * tile
-    own_r, own_c = rows // tile, cols // tile
-    inside = (rows >= 0) & (cols >= 0) & (own_r < height) & (own_c < width)
-    own_r, own_c = np.where(inside, own_r, 0), np.where(inside, own_c, 0)
-    middle = (tile - 1) / 2
-
-    def plane(r: Integers, c: Integers) -> Floats:
-        y, x = (rows - r * tile - middle) * cell, (cols - c * tile - middle) * cell
-        return np.asarray(tiles.z[r, c] + tiles.along_x[r, c] * x + tiles.along_y[r, c] * y)
-
-    own = plane(own_r, own_c)
+    own_r, own_c, inside = _tile_of(tiles, tile, rows, cols)
+    own = _plane(tiles, tile, cell, rows, cols, own_r, own_c)
     own[~inside] = np.nan
-    down = np.where(rows - own_r * tile >= middle, 1, -1)
-    across = np.where(cols - own_c * tile >= middle, 1, -1)
-    share_r = np.abs(rows - own_r * tile - middle) / tile
-    share_c = np.abs(cols - own_c * tile - middle) / tile
-    total, weights = own * (1 - share_r) * (1 - share_c), (1 - share_r) * (1 - share_c)
+    up, right = (
+        (one - first * tile) - at * tile - (tile - 1) / 2
+        for one, first, at in ((rows, tiles.first_row, own_r), (cols, tiles.first_col, own_c))
+    )
+    down, across = np.where(up >= 0, 1, -1), np.where(right >= 0, 1, -1)
+    share_r, share_c = np.abs(up) / tile, np.abs(right) / tile
+    weights = (1 - share_r) * (1 - share_c)
+    total = own * (1 - share_r) * (1 - share_c)
     for step_r, step_c, weight in (
         (down, 0, share_r * (1 - share_c)),
         (0, across, (1 - share_r) * share_c),
         (down, across, share_r * share_c),
     ):
         r, c = np.clip(own_r + step_r, 0, height - 1), np.clip(own_c + step_c, 0, width - 1)
-        beside = plane(r, c)
+        beside = _plane(tiles, tile, cell, rows, cols, r, c)
         agrees = np.abs(beside - own) <= climb
         total += np.where(agrees, weight * beside, 0.0)
         weights += np.where(agrees, weight, 0.0)
-    upper = tiles.upper[own_r, own_c]
-    upper = np.where(inside, upper + plane(own_r, own_c) - tiles.z[own_r, own_c], np.nan)
-    return total / weights, upper
+    return np.asarray(total / weights)
+
+
+def uppers_of(tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Integers) -> Floats:
+    """Return the height of a second floor at ledges, nan elsewhere."""
+    r, c, inside = _tile_of(tiles, tile, rows, cols)
+    upper = np.where(inside, tiles.upper[r, c], np.nan)
+    at = np.flatnonzero(np.isfinite(upper))
+    r, c = r[at], c[at]
+    upper[at] += _plane(tiles, tile, cell, rows[at], cols[at], r, c)
+    upper[at] -= tiles.z[r, c]
+    return upper
 
 
 def slopes_of(tiles: Tiles, tile: int, rows: Integers, cols: Integers) -> NDArray[np.float32]:
-    height, width = tiles.z.shape
+    r, c, inside = _tile_of(tiles, tile, rows, cols)
+    rise = np.hypot(tiles.along_x, tiles.along_y).astype(np.float32)
+    return np.where(inside, rise[r, c], np.float32(np.nan))
+
+
+def _tile_of(
+    tiles: Tiles, tile: int, rows: Integers, cols: Integers
+) -> tuple[Integers, Integers, Mask]:
+    """Return row and column of the tile of each cell, and whether there is one."""
     r, c = rows // tile - tiles.first_row, cols // tile - tiles.first_col
-    inside = (r >= 0) & (c >= 0) & (r < height) & (c < width)
-    r, c = np.where(inside, r, 0), np.where(inside, c, 0)
-    rise = np.hypot(tiles.along_x[r, c], tiles.along_y[r, c])
-    return np.where(inside, rise, np.nan).astype(np.float32)
+    height, width = tiles.z.shape
+    inside = (r >= 0) & (r < height) & (c >= 0) & (c < width)
+    return np.clip(r, 0, height - 1), np.clip(c, 0, width - 1), inside
+
+
+def _plane(
+    tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Integers, r: Integers, c: Integers
+) -> Floats:
+    """Return the heights in cells of the planes of some tiles."""
+    middle = (tile - 1) / 2
+    y = (rows - (r + tiles.first_row) * tile - middle) * cell
+    x = (cols - (c + tiles.first_col) * tile - middle) * cell
+    return np.asarray(tiles.z[r, c] + tiles.along_x[r, c] * x + tiles.along_y[r, c] * y)

@@ -22,7 +22,9 @@ from mapdeal.grid.frame import Figures, Frame, Region
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, Drawn
 from mapdeal.kernels.arrays import Floats, Mask
+from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.sensing import count_rays
+from mapdeal.kernels.threads import for_rows
 from mapdeal.mapping.cloud_floor import (
     TILE,
     Limits,
@@ -31,6 +33,7 @@ from mapdeal.mapping.cloud_floor import (
     heights_of,
     patches_of,
     slopes_of,
+    uppers_of,
 )
 from mapdeal.mapping.voxels import (
     FINEST,
@@ -294,8 +297,21 @@ class CloudMapper:
         self._claim(each * height * width, what)
         rows, cols = columns.row - row, columns.col - col
         inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)
-        floor, upper = heights_of(tiles, tile, cell, columns.row, columns.col, options.climb)
         flat = np.where(inside, rows * width + cols, 0)
+        surface = np.empty((height, width))
+        slope = np.empty((height, width), np.float32)
+        all_cols = np.arange(col, col + width)
+
+        def fill(part: slice) -> None:
+            some = np.arange(part.start + row, part.stop + row)[:, np.newaxis]
+            surface[part] = heights_of(tiles, tile, cell, some, all_cols, options.climb)
+            slope[part] = slopes_of(tiles, tile, some, all_cols)
+
+        for_rows(fill, (height, width))
+        floor, out = surface.ravel()[flat], np.flatnonzero(~inside)
+        beyond = columns.row[out], columns.col[out]
+        floor[out] = heights_of(tiles, tile, cell, *beyond, options.climb)
+        upper = uppers_of(tiles, tile, cell, columns.row, columns.col)
         whose = columns.of_voxels()
         counts = columns.counts
         is_ledge = np.flatnonzero(np.isfinite(upper)[whose])
@@ -314,38 +330,32 @@ class CloudMapper:
         is_upper = (on_top > 0) & (on_foot <= _SHARE_OF_EDGE * on_top)
         floor[is_upper] = upper[is_upper]
         known = inside & np.isfinite(floor)
-        heights = columns.heights - floor[whose]
-        noise = _noise(heights, counts)
+        surface.ravel()[flat[known]] = floor[known]
+        noise = _noise(columns, floor)
         clear = max(gap, 3 * noise)
-        useful = known[whose]
-
-        def counted(which: Mask) -> NDArray[np.int32]:
-            at = flat[whose[which]]
-            found = np.bincount(at, counts[which], height * width).astype(np.int32)
-            return found.reshape(height, width)
-
-        with np.errstate(invalid="ignore"):
-            is_floor = useful & (np.abs(heights) <= clear)
-            stands = useful & (heights > clear) & (heights <= options.robot_height)
-            is_below = useful & (heights < -clear)
-        obstacles = np.zeros((slabs, height * width), np.int32)
-        highest = np.zeros((slabs, height * width), np.float32)
         tall = (options.robot_height - clear) / slabs
-        at, above = flat[whose[stands]], heights[stands]
-        slab = np.minimum(((above - clear) / tall).astype(np.int64), slabs - 1)
-        np.add.at(obstacles, (slab, at), counts[stands])
-        np.maximum.at(highest, (slab, at), above.astype(np.float32))
-        on_floor, below, points = counted(is_floor), counted(is_below), counted(inside[whose])
-        # cells without points have a floor, too: it is needed where beams pass
-        r, c = (part.ravel() for part in np.indices((height, width)))
-        surface, _ = heights_of(tiles, tile, cell, r + row, c + col, options.climb)
-        surface[flat[known]] = floor[known]
-        slope = slopes_of(tiles, tile, r + row, c + col)
+        on_floor, below, points = np.zeros((3, height, width), np.int32)
+        obstacles = np.zeros((slabs, height, width), np.int32)
+        highest = np.zeros(obstacles.shape, np.float32)
+        for which, part in columns.parts():
+            heights, kept = part.above(floor[which]), inside[which]
+            cells = flat[which][kept]
+            for layer, counted in (
+                (on_floor, part.counts * (np.abs(heights) <= clear)),
+                (below, part.counts * (heights < -clear)),
+                (points, part.counts),
+            ):
+                layer.ravel()[cells] = np.add.reduceat(counted, part.starts)[kept]
+            is_high = (heights > clear) & (heights <= options.robot_height)
+            stands = np.flatnonzero(is_high & np.repeat(kept, part.lengths()))
+            above = heights[stands]
+            slab = np.minimum(((above - clear) / tall).astype(np.int64), slabs - 1)
+            at = slab * (height * width) + flat[which][part.of_voxels()[stands]]
+            np.add.at(obstacles.ravel(), at, part.counts[stands])
+            highest.ravel()[at] = above  # the last, and so the highest voxel of a column stays
         return _Seen(
-            frame, surface.reshape(height, width).astype(np.float32),
-            slope.reshape(height, width), on_floor, below, points,
-            obstacles.reshape(slabs, height, width), highest.reshape(slabs, height, width),
-            clear, noise,
+            frame, surface.astype(np.float32), slope, on_floor, below, points,
+            obstacles, highest, clear, noise,
         )  # fmt: skip
 
     def clear(self, points: ArrayLike, place: ArrayLike) -> None:
@@ -462,31 +472,25 @@ def _states(
     seen: _Seen, counts: NDArray[np.int32], passed: Mask, options: CloudOptions
 ) -> tuple[Mask, Mask]:
     """Return which cells are occupied and which are free."""
-    from scipy.ndimage import binary_closing, maximum_filter  # heavy to import
-
     on_floor = seen.on_floor
-    occupied = (counts > 0) & (_sums_around(counts) >= options.min_points)
+    occupied = (counts > 0) & (_around(counts) >= options.min_points)
     # the tails of the floor's own noise, and of that of a wall in the next cell
     occupied &= counts >= _SHARE_OF_FLOOR * on_floor
-    most = maximum_filter(counts, 3)
+    most = _around(counts, np.maximum)
     occupied &= (counts >= _SHARE_OF_NEXT * most) | (most < _DENSE)
     _drop_lone(occupied, counts, on_floor, 3 * options.min_points)
-    occupied |= (_sums_around(occupied.astype(np.int32)) >= _ENCLOSED) & ~occupied
+    occupied |= _around(occupied.astype(np.int32)) >= _ENCLOSED
     floor = (on_floor > 0) & ~occupied
     lower = (seen.below > 0) & (on_floor == 0) & ~occupied
-    lower &= _sums_around(seen.below) >= options.min_points
+    lower &= _around(seen.below) >= options.min_points
     _drop_lone(lower, seen.below, on_floor, 3 * options.min_points)
     if options.drops == "occupied":
         occupied |= lower | (_ledges(seen.floor, floor, seen.clearance) & floor)
         floor &= ~occupied
     gap = math.floor(options.fill / seen.frame.resolution + 1e-6)
     for wide, where in ((gap, ~lower), (3 * gap, passed & ~lower)):
-        if wide:
-            reach = -(-wide // 2)
-            padded = np.pad(floor, reach)
-            box = np.ones((wide + 1, wide + 1), np.bool_)
-            closed = binary_closing(padded, box)[reach:-reach, reach:-reach]
-            floor |= closed & where & ~occupied & np.isfinite(seen.floor)
+        if wide and where.any():
+            floor |= _closed(floor, wide) & where & ~occupied & np.isfinite(seen.floor)
     return occupied, floor
 
 
@@ -494,18 +498,16 @@ def _drop_lone(
     occupied: Mask, counts: NDArray[np.int32], on_floor: NDArray[np.int32], least: int
 ) -> None:
     """Take away, in place, groups of a few cells that are seen much less than the floor there."""
-    from scipy.ndimage import label
-
-    groups, count = label(occupied, np.ones((3, 3), np.int8))
-    if not count:
+    is_inner = occupied & (_around(occupied.astype(np.int32)) > _LONE)
+    loose = occupied & ~is_inner
+    if not loose.any():
         return
-    at = np.flatnonzero(occupied)
-    whose = groups.ravel()[at]
-    cells = np.bincount(whose, minlength=count + 1)
-    seen = np.bincount(whose, counts.ravel()[at], count + 1)
-    around = np.bincount(whose, _sums_around(on_floor).ravel()[at] / 9, count + 1)
-    lone = (cells <= _LONE) & (seen < np.maximum(least, around))
-    occupied.ravel()[at[lone[whose]]] = False
+    cells, whose = touching_groups(loose)
+    at = tuple(cells.T)
+    lone = np.bincount(whose, 1 + _LONE * _around(is_inner.astype(np.int32))[at]) <= _LONE
+    seen = np.bincount(whose, counts[at])
+    around = np.bincount(whose, _around(on_floor)[at] / 9)
+    occupied[at] = ~(lone & (seen < np.maximum(least, around)))[whose]
 
 
 _LONE = 4  # cells
@@ -515,11 +517,24 @@ _SHARE_OF_EDGE = 0.1
 _ENCLOSED = 5  # of 8 neighbours, with which a cell is occupied, too
 
 
-def _sums_around(counts: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the sums over each cell and its 8 neighbours."""
+def _around(counts: NDArray[np.int32], join: np.ufunc = np.add) -> NDArray[np.int32]:
+    """Return the sums, or what else joins two, over each cell and its 8 neighbours."""
     padded = np.pad(counts, 1)
-    rows = padded[:-2] + padded[1:-1] + padded[2:]
-    return np.asarray(rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:])
+    rows = join(join(padded[:-2], padded[1:-1]), padded[2:])
+    return np.asarray(join(join(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:]))
+
+
+def _closed(marked: Mask, wide: int) -> Mask:
+    """Return the cells that no square of wide + 1 cells covers without covering a marked one."""
+    found = np.pad(marked, wide)
+    for join in (np.logical_or, np.logical_and):
+        for _ in range(2):  # along each axis
+            last = len(found) - wide
+            along = found[:last].copy()
+            for k in range(1, wide + 1):
+                join(along, found[k : k + last], out=along)
+            found = along.T
+    return found
 
 
 def _ledges(floor: NDArray[np.float32], is_floor: Mask, climb: float) -> Mask:
@@ -551,13 +566,17 @@ def _box_of(known: Mask) -> Region:
 MARGIN = 2  # cells around what is known, where there are any
 
 
-def _noise(heights: Floats, counts: NDArray[np.int32]) -> float:
+def _noise(columns: Columns, floor: Floats) -> float:
     """Return the standard deviation of points from the floor that they lie on, metres."""
-    near = np.abs(heights) < _NEAR_FLOOR
-    if not near.any():
+    found = np.zeros(_BINS + 1)
+    for which, part in columns.parts():
+        away = np.abs(part.above(floor[which]))
+        near = np.flatnonzero(away < _NEAR_FLOOR)
+        bins = (away[near] * (_BINS / _NEAR_FLOOR)).astype(np.int64)
+        found += np.bincount(bins, part.counts[near], len(found))
+    if not found.any():
         return 0.0
-    bins = (np.abs(heights[near]) * (_BINS / _NEAR_FLOOR)).astype(np.int64)
-    below = np.cumsum(np.bincount(bins, counts[near], _BINS + 1))
+    below = np.cumsum(found)
     median = float(np.searchsorted(below, below[-1] / 2) + 0.5) * _NEAR_FLOOR / _BINS
     return median * 1.4826  # of a normal distribution
 

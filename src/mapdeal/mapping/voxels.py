@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ Claim = Callable[[int, str], object]
 FINEST = 0.05  # metres: cells, unless a resolution is asked for
 _COARSEST = 4  # times that, where points lie farther apart
 _TOGETHER = 1 << 20  # points that are sorted at once
+AT_ONCE = 1 << 14  # points or voxels that are worked on together: they stay in the cache
 _TO_PLACE = 1 << 16  # points that tell where cells lie
 _X_BITS, _Z_BITS = 24, 16
 _FARTHEST_INDEX = 1 << 22  # cells
@@ -44,14 +46,19 @@ class Voxels:
 
     def add(self, points: Floats) -> None:
         self.points += len(points)
-        finite = np.isfinite(points[:, 0]) & np.isfinite(points[:, 1]) & np.isfinite(points[:, 2])
-        if not finite.all():
-            points = points[finite]
-            self.not_finite += int(len(finite) - len(points))
-        if not len(points):
-            return
         if self._anchor is None:
-            self._anchor = self._place(points[:_TO_PLACE])
+            finite = points[np.isfinite(points[:, :3]).all(axis=1)]
+            if not len(finite):
+                self.not_finite += len(points)
+                return
+            self._anchor = self._place(finite[:_TO_PLACE])
+        for first in range(0, len(points), AT_ONCE):
+            self._waiting.append(self._keys(points[first : first + AT_ONCE], self._anchor))
+        self._count += len(points)
+        if self._count >= _TOGETHER:
+            self._sort()
+
+    def _keys(self, points: Floats, anchor: Integers) -> Integers:
         near = np.ones(len(points), np.bool_)
         key = np.zeros(len(points), np.int64)
         x0, y0 = self.corner.tolist()
@@ -61,15 +68,20 @@ class Voxels:
             (2, 0.0, self.step, _HIGHEST_INDEX, 0),
         ):
             with np.errstate(over="ignore", invalid="ignore"):
-                place = np.floor((points[:, axis] - low) / size + 1e-9) - self._anchor[axis]
-                near &= np.abs(place) < most
-                key += place.astype(np.int64) + most
+                place = points[:, axis] - low
+                place /= size
+                place += 1e-9
+                np.floor(place, out=place)
+                place -= anchor[axis] - most
+                near &= (place > 0) & (place < 2 * most)
+                key += place.astype(np.int64)
             key <<= bits
-        self.beyond += int(len(near) - np.count_nonzero(near))
-        self._waiting.append(key if near.all() else key[near])
-        self._count += len(points)
-        if self._count >= _TOGETHER:
-            self._sort()
+        if not near.all():
+            is_far = np.isfinite(points[~near, :3]).all(axis=1)
+            self.beyond += int(np.count_nonzero(is_far))
+            self.not_finite += int(np.count_nonzero(~is_far))
+            key = key[near]
+        return key
 
     def _place(self, points: Floats) -> Integers:
         """Choose where cells lie; return the voxel that others are counted from."""
@@ -81,7 +93,7 @@ class Voxels:
                 if math.hypot(np.cos(turns).mean(), np.sin(turns).mean()) > 0.9:
                     phase = math.atan2(np.sin(turns).mean(), np.cos(turns).mean()) / (2 * math.pi)
                     self.corner[axis] = (round((phase + 0.5) % 1.0, 3) % 1.0) * self.cell
-        middle = np.median(points[:, :3], axis=0)
+        middle = np.array([median(one) for one in points[:, :3].T])
         low = np.array([*self.corner, 0.0])
         sizes = np.array([self.cell, self.cell, self.step])
         return np.asarray(np.floor((middle - low) / sizes), dtype=np.int64)
@@ -89,7 +101,7 @@ class Voxels:
     def _sort(self) -> None:
         keys = np.sort(np.concatenate(self._waiting))
         self._waiting, self._count = [], 0
-        starts = np.flatnonzero(np.diff(keys, prepend=-1))
+        starts = _starts(keys)
         counts = np.diff(starts, append=len(keys)).astype(np.int32)
         self._parts.append((keys[starts], counts))
         if len(self._parts) > 1:
@@ -100,13 +112,20 @@ class Voxels:
     def _merge(self) -> None:
         total = sum(len(one) for one, _ in self._parts)
         self._claim(_PER_VOXEL * total, f"{total} voxels of the cloud")
-        keys = np.concatenate([one for one, _ in self._parts])
-        counts = np.concatenate([one for _, one in self._parts])
-        self._parts = []
-        order = np.argsort(keys, kind="stable")
-        keys, counts = keys[order], counts[order]
-        starts = np.flatnonzero(np.diff(keys, prepend=-1))
-        self._parts = [(keys[starts], np.add.reduceat(counts, starts))]
+        cuts = self._parts[0][0][AT_ONCE::AT_ONCE]
+        split = [
+            zip(*(np.split(one, np.searchsorted(part[0], cuts)) for one in part), strict=True)
+            for part in self._parts
+        ]
+        merged = []
+        for some in zip(*split, strict=True):
+            keys, counts = (np.concatenate(one) for one in zip(*some, strict=True))
+            order = np.argsort(keys, kind="stable")
+            keys, counts = keys[order], counts[order]
+            starts = _starts(keys)
+            merged.append((keys[starts], np.add.reduceat(counts, starts, dtype=np.int32)))
+        keys, counts = (np.concatenate(one) for one in zip(*merged, strict=True))
+        self._parts = [(keys, counts)]
 
     def columns(self) -> Columns | None:
         """Return all voxels in their order; None if there are none. Nothing is left here."""
@@ -119,13 +138,14 @@ class Voxels:
         ((keys, counts),) = self._parts
         self._parts = []
         self._claim(_PER_VOXEL * len(keys), f"{len(keys)} voxels of the cloud")
-        z = (keys & ((1 << _Z_BITS) - 1)) - _HIGHEST_INDEX + self._anchor[2]
+        heights = (keys & ((1 << _Z_BITS) - 1)).astype(np.float64)
+        heights += self._anchor[2] - _HIGHEST_INDEX + 0.5
+        heights *= self.step
         keys >>= _Z_BITS
-        starts = np.flatnonzero(np.diff(keys, prepend=-1))
+        starts = _starts(keys)
         of_column = keys[starts]
         col = (of_column & ((1 << _X_BITS) - 1)) - _FARTHEST_INDEX + self._anchor[0]
         row = (of_column >> _X_BITS) - _FARTHEST_INDEX + self._anchor[1]
-        heights = (z + 0.5) * self.step
         return Columns(row, col, starts, heights, counts, self.cell, self.corner)
 
 
@@ -140,26 +160,56 @@ class Columns(NamedTuple):
     cell: float
     corner: Floats
 
+    def parts(self) -> Iterator[tuple[slice, Columns]]:
+        """Yield some columns at a time, and which they are."""
+        voxels = np.arange(AT_ONCE, len(self.heights), AT_ONCE)
+        ends = np.searchsorted(self.starts, voxels).tolist()
+        for first, end in pairwise([0, *ends, len(self.starts)]):
+            if first < end:
+                which, starts = slice(first, end), self.starts[first:end]
+                last = self.starts[end] if end < len(self.starts) else len(self.heights)
+                own = slice(starts[0], last)
+                yield which, self._replace(
+                    row=self.row[which], col=self.col[which], starts=starts - starts[0],
+                    heights=self.heights[own], counts=self.counts[own],
+                )  # fmt: skip
+
+    def above(self, floor: Floats) -> Floats:
+        """Return the heights of voxels above the floor of their columns."""
+        return self.heights - np.repeat(floor, self.lengths())
+
     def of_voxels(self) -> Integers:
         """Return the column of each voxel."""
-        lengths = np.diff(self.starts, append=len(self.heights))
-        return np.repeat(np.arange(len(self.starts)), lengths)
+        return np.repeat(np.arange(len(self.starts)), self.lengths())
+
+    def lengths(self) -> Integers:
+        return np.diff(self.starts, append=len(self.heights))
 
     def coarser(self, times: int) -> Columns:
         """Return the columns of cells some times as large, on the lattice of the small ones."""
-        whose = self.of_voxels()
         row, col = self.row // times, self.col // times
-        order = np.lexsort((self.heights, col[whose], row[whose]))
-        r, c = row[whose][order], col[whose][order]
-        heights, counts = self.heights[order], self.counts[order]
-        is_new = (np.diff(r, prepend=r[0] - 1) != 0) | (np.diff(c, prepend=c[0]) != 0)
-        is_other = is_new | (np.diff(heights, prepend=heights[0]) != 0)
-        at = np.flatnonzero(is_other)
-        starts = np.flatnonzero(is_new[at])
+        first_row, first_col = row.min(), col.min()
+        levels, level = np.unique(self.heights, return_inverse=True)
+        keys = (((row - first_row) << _X_BITS) + col - first_col)[self.of_voxels()]
+        keys = (keys << _Z_BITS) + level
+        order = np.argsort(keys)
+        keys = keys[order]
+        at = _starts(keys)
+        counts = np.add.reduceat(self.counts[order], at, dtype=np.int32)
+        heights, keys = levels[keys[at] & ((1 << _Z_BITS) - 1)], keys[at] >> _Z_BITS
+        starts = _starts(keys)
+        row, col = keys[starts] >> _X_BITS, keys[starts] & ((1 << _X_BITS) - 1)
         return Columns(
-            r[at][starts], c[at][starts], starts, heights[at], np.add.reduceat(counts, at),
+            row + first_row, col + first_col, starts, heights, counts,
             self.cell * times, self.corner,
         )  # fmt: skip
+
+
+def _starts(keys: NDArray[Any]) -> Integers:
+    """Return where another key begins, in an array that is ordered."""
+    is_new = np.ones(len(keys), np.bool_)
+    np.not_equal(keys[1:], keys[:-1], out=is_new[1:])
+    return np.flatnonzero(is_new)
 
 
 _TALLEST = 200.0  # metres that a cloud extends over in height
@@ -168,17 +218,17 @@ _SMALLEST = 1.0
 
 
 def check_extent(columns: Columns) -> None:
-    whose = columns.of_voxels()
     order = np.sort(columns.heights)
     if order[0] == order[-1]:
         rule = f"all points lie at one height, {order[0]:.2f} m: it has no walls"
         raise MalformedInputError(rule, hint="a scan of a plane is no cloud of a building")
-    tall = float(order[int(0.99 * (len(order) - 1))] - order[int(0.01 * (len(order) - 1))])
-    sides = []
-    for one in (columns.col[whose], columns.row[whose]):
-        along = np.sort(one)
-        ends = along[int(0.99 * (len(along) - 1))] - along[int(0.01 * (len(along) - 1))]
-        sides.append(float(ends + 1) * columns.cell)
+    low, high = ends = [int(share * (len(order) - 1)) for share in (0.01, 0.99)]
+    tall, sides = float(order[high] - order[low]), []
+    for one in (columns.col, columns.row):
+        along = np.argsort(one)
+        voxels = np.cumsum(columns.lengths()[along])
+        first, last = one[along][np.searchsorted(voxels, ends, side="right")]
+        sides.append(float(last - first + 1) * columns.cell)
     size = f"{sides[0]:.3g} x {sides[1]:.3g} x {tall:.3g} m"
     if tall > _TALLEST or max(sides) > _WIDEST:
         rule = f"extends over {size}: are its coordinates in millimetres?"
@@ -195,8 +245,8 @@ def fitting(columns: Columns) -> Columns:
     """Return columns of cells so large that most of a surface has points."""
     times = 1
     while times < _COARSEST:
-        coarser = len(np.unique((columns.row // 2 << 32) + columns.col // 2))
-        if len(columns.row) >= _FILLED * 4 * coarser:
+        coarser = np.sort((columns.row // 2 << 32) + columns.col // 2)
+        if len(columns.row) >= _FILLED * 4 * len(_starts(coarser)):
             break
         columns, times = columns.coarser(2), 2 * times
     return columns
@@ -204,11 +254,18 @@ def fitting(columns: Columns) -> Columns:
 
 def steps_of(columns: Columns) -> float:
     """Return the distance between the heights of points that a filter has put on a lattice."""
-    levels = np.unique(columns.heights)
+    heights = np.sort(columns.heights)
+    levels = heights[_starts(heights)]
     levels = levels[len(levels) // 20 : len(levels) - len(levels) // 20]
     if len(levels) < _LEVELS:
         return 0.0
-    return min(float(np.median(np.diff(levels))), _LARGEST_STEP)
+    return min(median(np.diff(levels)), _LARGEST_STEP)
+
+
+def median(values: Floats) -> float:
+    # `numpy.median`, and `numpy.unique` of nothing else, import masked arrays: a tenth of start-up
+    middle = np.sort(values)[(len(values) - 1) // 2 : len(values) // 2 + 1]
+    return float(middle.mean())
 
 
 _LEVELS = 8  # from which on they tell about a lattice

@@ -29,7 +29,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import ESDF_VIEW, DistanceField, FieldView, PotentialField, View, ViewScale
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame, Origin, check_origin, check_resolution
-from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, Convention
 from mapdeal.inputs.kinds import MAP, recognised
@@ -319,7 +319,6 @@ _BLOCK_HEIGHT = 512
 _OF_EVIDENCE: dict[str, type[np.generic]] = {
     "log_odds": np.float64, "hits": np.int32, "misses": np.int32
 }  # fmt: skip
-
 Grid = OccupancyGrid | Costmap | DistanceField | PotentialField | Reach
 
 
@@ -424,6 +423,20 @@ def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
             heading_count=reader.whole_number("heading_count"),
             through_unknown=bool(reader.whole_number("through_unknown")),
         )  # fmt: skip
+
+
+def read_cloud_layers(path: Path, *, max_cells: int | None = None) -> CloudLayers | None:
+    """Return the map of a cloud in an ``.npz`` file with its layers; None if it has none."""
+    with NpzReader(path, max_cells) as reader:
+        if not reader.names() >= set(CloudLayers.layer_names):
+            return None
+        with _geometry_in(reader) as (resolution, origin):
+            return CloudLayers(
+                reader.layer("occupancy", np.int8), resolution, origin,
+                floor_height=reader.layer("floor_height", np.float32),
+                obstacle_height=reader.layer("obstacle_height", np.float32),
+                slope=reader.layer("slope", np.float32), points=reader.layer("points", np.int32),
+            )  # fmt: skip
 
 
 def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, NDArray[Any]]:

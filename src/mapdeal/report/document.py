@@ -13,7 +13,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import DistanceField, FieldView, PotentialField
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import FREE, OCCUPIED, Convention
 from mapdeal.kernels.blocks import Layer, counts_of, mapped
@@ -242,15 +242,14 @@ def _potential(field: PotentialField) -> dict[str, Any]:
     return {"style": replace(potential_style(field), line=POTENTIAL_OBSTACLE)}
 
 
-def _metres(name: str, title: str) -> LayerKind:
+def _numbers(name: str, title: str, unit: str = "m", *, is_from_0: bool = True) -> LayerKind:
     def values(grid: Any) -> Layer:
-        layer: Layer = getattr(grid, name)
-        return layer
+        return np.asarray(getattr(grid, name), np.float32)
 
     def about(grid: Any) -> dict[str, Any]:
         finite = values(grid)[np.isfinite(values(grid))]
-        high = float(finite.max()) if finite.size else 0.0
-        return {"style": number_style(0.0, high, "m"), "unit": "m"}
+        low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+        return {"style": number_style(0.0 if is_from_0 else low, high, unit), "unit": unit}
 
     return LayerKind(name, title, values, about)
 
@@ -266,9 +265,16 @@ _KINDS: dict[type[Any], tuple[LayerKind, ...]] = {
         _ITS_MAP,
         LayerKind("", "", lambda field: field.normalised.astype(np.float32), _potential),
     ),
+    CloudLayers: (
+        _ITS_MAP,
+        _numbers("points", "points in the cell", "points"),
+        _numbers("slope", "slope of the floor", "m/m"),
+        _numbers("obstacle_height", "highest obstacle above the floor"),
+        _numbers("floor_height", "height of the floor", is_from_0=False),
+    ),
     Reach: (
-        _metres("clearance", "distance to the nearest obstacle"),
-        _metres("widest", "radius of the largest round robot that gets here"),
+        _numbers("clearance", "distance to the nearest obstacle"),
+        _numbers("widest", "radius of the largest round robot that gets here"),
         LayerKind(
             "", "", lambda reach: reach_codes(reach)[0],
             lambda reach: {"style": reach_codes(reach)[1]},
