@@ -106,7 +106,7 @@ class OccupancyGrid(ValueGrid):
 class CloudLayers(OccupancyGrid):
     """A map made of point clouds, with the layers that ``CloudMap.layers`` has."""
 
-    kind = "map of a cloud"
+    kind = "cloud"
     layer_names = ("occupancy", "floor_height", "obstacle_height", "slope", "points")
 
     floor_height: NDArray[np.float32]

@@ -267,10 +267,10 @@ _KINDS: dict[type[Any], tuple[LayerKind, ...]] = {
     ),
     CloudLayers: (
         _ITS_MAP,
-        _numbers("points", "points in the cell", "points"),
-        _numbers("slope", "slope of the floor", "m/m"),
-        _numbers("obstacle_height", "highest obstacle above the floor"),
-        _numbers("floor_height", "height of the floor", is_from_0=False),
+        _numbers("points", "points", "points"),
+        _numbers("slope", "slope", "m/m"),
+        _numbers("obstacle_height", "highest obstacle"),
+        _numbers("floor_height", "floor height", is_from_0=False),
     ),
     Reach: (
         _numbers("clearance", "distance to the nearest obstacle"),
