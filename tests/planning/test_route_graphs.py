@@ -14,9 +14,11 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 import mapdeal
 from drawn import grid_from_text
+from engines import needs_compiled
 from mapdeal import Costmap, Footprint, OccupancyGrid, footprint_costs, reach, shortest_route
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
+from mapdeal.kernels.engine import VARIABLE
 from mapdeal.kernels.skeleton import DIAGONAL, STRAIGHT, lengths_from, skeleton
 from mapdeal.maps.route_graphs import graph_text
 from mapdeal.planning.graph_routes import route_on_graph
@@ -249,6 +251,22 @@ def test_lengths_are_those_of_dijkstra(closed, count, seed):
         assert length <= expected[row, col] * DIAGONAL / ROOT_OF_2 + 1e-9
         alone = flooded(is_open, [divmod(int(sources[origin[row, col]]), width)])
         assert alone[row, col] * DIAGONAL / ROOT_OF_2 + 1e-9 >= length
+
+
+@needs_compiled
+@given(masks(16), st.integers(0, 4), st.integers(0, 2**32 - 1))
+def test_both_engines_give_the_same_lengths_and_sources(closed, count, seed):
+    rng = np.random.default_rng(seed)
+    sources = rng.integers(0, closed.size, count)
+    given = rng.integers(0, 60, count) if seed % 2 else None
+    limit = int(rng.integers(0, 200)) if seed % 3 else None
+    found = []
+    for engine in ("compiled", "scipy"):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv(VARIABLE, engine)
+            found.append(lengths_from(~closed, sources, given=given, limit=limit))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @given(masks(14))
