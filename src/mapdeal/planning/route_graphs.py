@@ -110,10 +110,10 @@ def route_graph_of(reach: Reach, wishes: Wishes) -> Made:
         making.thin_out()
         making.cover_all()
     making.limit_edges()
-    making.drop_blocked()
     if wishes.one_way is not None:
         making.part_lanes()
         making.cover_all()
+    making.mend_blocked()
     return making.made()
 
 
@@ -158,7 +158,7 @@ class _Making:
     names: dict[int, str] = field(default_factory=dict)
     widths: dict[int, float] = field(default_factory=dict)
     edges: dict[tuple[int, int], float] = field(default_factory=dict)  # least clearances
-    beside: defaultdict[int, set[int]] = field(default_factory=lambda: defaultdict(set))
+    beside: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
     gone: set[int] = field(default_factory=set)  # nodes that are no longer in it
     lanes: list[tuple[int, int]] = field(default_factory=list)  # edges that lead one way
 
@@ -167,8 +167,10 @@ class _Making:
         self.cell = sweeps.frame.resolution
         self.spacing = self.wishes.spacing / self.cell
         self.is_open, self.squared = sweeps.is_open, sweeps.squared
+        self.has_corners = sweeps.robot is not None and bool(sweeps.robot.vertices)
         self.step = coarse_step(self.area.radius * self.cell, self.cell)
-        self.coarse = largest_of_blocks(np.where(self.is_open, self.squared, -1), self.step)
+        self.squares = np.where(self.is_open, self.squared, -1)
+        self.coarse = largest_of_blocks(self.squares, self.step)
 
     # the parts
 
@@ -180,16 +182,21 @@ class _Making:
     def add_edge(self, one: int, other: int, clearance: float) -> None:
         if one != other:
             self.edges[min(one, other), max(one, other)] = clearance
-            self.beside[one].add(other)
-            self.beside[other].add(one)
+            self.beside[one][other] = self.beside[other][one] = self.length(one, other)
 
-    def drop_edge(self, one: int, other: int) -> None:
-        del self.edges[min(one, other), max(one, other)]
-        self.beside[one].discard(other)
-        self.beside[other].discard(one)
+    def drop_edge(self, one: int, other: int) -> float:
+        """Drop an edge, and return its clearance."""
+        del self.beside[one][other], self.beside[other][one]
+        return self.edges.pop((min(one, other), max(one, other)))
 
     def length(self, one: int, other: int) -> float:
         return math.dist(self.places[one], self.places[other])
+
+    def rounded(self, places: Any) -> Places:
+        """Return places as they are written."""
+        frame = self.area.sweeps.frame
+        points = frame.xy_from_continuous_rowcol(places).round(_DECIMALS)
+        return np.asarray(frame.continuous_rowcol_from_xy(points), dtype=np.float64)
 
     def at(self, indices: Iterable[int]) -> Places:
         return np.array([self.places[index] for index in indices]).reshape(-1, 2)
@@ -241,9 +248,10 @@ class _Making:
 
     def _is_usable(self, places: Places, margin: float) -> NDArray[np.bool_]:
         """Return which places lie in a hall, with as much room around them as a margin."""
-        at = np.floor(places).astype(np.int64)
-        inside: NDArray[np.bool_] = np.all((at >= 0) & (at < self.is_open.shape), axis=-1)
-        rows, cols = np.where(inside[..., np.newaxis], at, 0).T
+        rows, cols = np.floor(places).astype(np.int64).T
+        height, width = self.is_open.shape
+        inside: NDArray[np.bool_] = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
+        rows, cols = np.where(inside, rows, 0), np.where(inside, cols, 0)
         inside &= self.is_hall[rows // self.step, cols // self.step]
         inside &= self.is_open[rows, cols] & (self.squared[rows, cols] >= margin * margin)
         return inside
@@ -270,8 +278,7 @@ class _Making:
         half = self.wishes.hall / 2 / self.cell
         is_peak = self.coarse == ndimage.maximum_filter(self.coarse, 3)
         lines = skeleton(levels, self.coarse >= half * half, is_peak)
-        squares = np.where(self.is_open, self.squared, -1)
-        tracing = Tracing(squares, self.step, lines & ~self.is_hall, lines & self.is_hall)
+        tracing = Tracing(self.squares, self.step, lines & ~self.is_hall, lines & self.is_hall)
         tracing.prune(0.6 * self.wishes.cover / self.cell, self.spacing)
         paths = []
         nodes: dict[int, int] = {}
@@ -372,11 +379,10 @@ class _Making:
             elif piece.one != piece.other:
                 steps.append(piece)
         # single steps: a round robot may pass where its outline touches something
-        has_corners = self.area.sweeps.robot is not None and bool(self.area.sweeps.robot.vertices)
         starts, ends = (self.at(getattr(one, end) for one in steps) for end in ("one", "other"))
         is_clear, least = self.area.sweeps.along(starts, ends, touches=False)
         for piece, is_fit, clearance in zip(steps, is_clear.tolist(), least.tolist(), strict=True):
-            if is_fit or has_corners:
+            if is_fit or self.has_corners:
                 self.add_edge(piece.one, piece.other, clearance)
         return parts
 
@@ -462,8 +468,7 @@ class _Making:
     def connect(self) -> None:
         """Join parts that belong together, and neighbours that are far apart on the graph."""
         if not self.places:
-            where = np.unravel_index(np.argmax(np.where(self.is_open, self.squared, -1)),
-                                     self.is_open.shape)  # fmt: skip
+            where = np.unravel_index(np.argmax(self.squares), self.squares.shape)
             self.add_node((float(where[0]) + 0.5, float(where[1]) + 0.5), "end")
         is_open = self.coarse >= 0
         cells = self._cells_of(self.nodes(), self.step)
@@ -484,11 +489,9 @@ class _Making:
             elif not self._is_detour(one, other, length):
                 continue
             wanted.append((one, other))
-            for node, following in ((one, other), (other, one)):
-                self.beside[node].add(following)  # so that it is no detour for others
+            self.add_edge(one, other, 0.0)  # so that it is no detour for others
         for one, other in wanted:
-            self.beside[one].discard(other)
-            self.beside[other].discard(one)
+            self.drop_edge(one, other)
         self.add_ways(wanted)
 
     def parts(self) -> NDArray[np.intp]:
@@ -500,13 +503,20 @@ class _Making:
         if other in self.beside[one]:
             return False
         limit = max(_SHORT_CUT * length, length + 2 * self.spacing)
-        between = self.beside[one] & self.beside[other]
-        if any(self.length(one, k) + self.length(k, other) <= limit for k in between):
+        if self._is_near_by(one, other, limit):
             return False
         return self._length_on_graph(one, other, limit) > limit
 
-    def _length_on_graph(self, one: int, other: int, limit: float) -> float:
-        best = {one: 0.0}
+    def _is_near_by(self, one: int, other: int, limit: float) -> bool:
+        """Return whether some two edges that lead from a node to another are not longer."""
+        beside, beyond = self.beside[one], self.beside[other]
+        return any(beside[k] + beyond[k] <= limit for k in beside.keys() & beyond.keys())
+
+    def _length_on_graph(
+        self, one: int, other: int, limit: float, without: int | None = None
+    ) -> float:
+        """Return the length of the shortest way that does not lead through a node."""
+        best: dict[int | None, float] = {one: 0.0, without: 0.0}
         heap = [(self.length(one, other), 0.0, one)]
         while heap:
             estimate, length, node = heapq.heappop(heap)
@@ -514,8 +524,8 @@ class _Making:
                 return length
             if length > best[node]:
                 continue
-            for following in self.beside[node]:
-                total = length + self.length(node, following)
+            for following, step in self.beside[node].items():
+                total = length + step
                 if total < best.get(following, math.inf):
                     best[following] = total
                     estimate = total + self.length(following, other)
@@ -640,10 +650,10 @@ class _Making:
         nodes = self.nodes()
         rough, _ = lengths_from(whole, self._cells_of(nodes, step), limit=self._limit // step)
         most = rough.astype(np.int64) * step + 3 * step * STRAIGHT
-        most[(rough < 0) | (most > self._limit)] = -1
+        is_near = (rough >= 0) & (most <= self._limit)
         height, width = self.is_open.shape
-        fine = np.repeat(np.repeat(most, step, axis=0), step, axis=1)[:height, :width]
-        unproven = self.is_open & (fine < 0)
+        is_proven = is_near.repeat(step, axis=0)[:height].repeat(step, axis=1)[:, :width]
+        unproven = self.is_open & ~is_proven
         if not unproven.any():
             return unproven
         around = unproven.copy()
@@ -651,10 +661,12 @@ class _Making:
         around[:-1] |= unproven[1:]
         around[:, 1:] |= around[:, :-1].copy()
         around[:, :-1] |= around[:, 1:].copy()
-        borders = np.flatnonzero(around & (fine >= 0) & self.is_open)
-        sources = np.concatenate([self._cells_of(nodes), borders])
-        given = np.concatenate([np.zeros(len(nodes), np.int64), fine.reshape(-1)[borders]])
-        lengths, _ = lengths_from(around & self.is_open, sources, given=given, limit=self._limit)
+        around &= self.is_open
+        rows, cols = np.nonzero(around & is_proven)
+        sources = np.concatenate([self._cells_of(nodes), rows * width + cols])
+        known = most[rows // step, cols // step]
+        given = np.concatenate([np.zeros(len(nodes), np.int64), known])
+        lengths, _ = lengths_from(around, sources, given=given, limit=self._limit)
         return unproven & (lengths < 0)
 
     # what is too much
@@ -666,8 +678,8 @@ class _Making:
         while True:
             moves: list[tuple[int, int, list[int]]] = []
             busy: set[int] = set()
-            short = [(self.length(*ends), ends) for ends in self.edges]
-            for _, (one, other) in sorted(entry for entry in short if entry[0] < near):
+            lengths = ((self.beside[one][other], (one, other)) for one, other in self.edges)
+            for _, (one, other) in sorted(entry for entry in lengths if entry[0] < near):
                 ranks = [(_RANKS.index(self.kinds[node]), node) for node in (one, other)]
                 (_, kept), (rank, gone) = sorted(ranks)
                 around = {kept, gone, *self.beside[gone]}
@@ -676,7 +688,7 @@ class _Making:
                 if rank and (kept, gone) not in refused and busy.isdisjoint(around):
                     busy |= around
                     moves.append(
-                        (gone, kept, sorted(self.beside[gone] - {kept} - self.beside[kept]))
+                        (gone, kept, sorted(self.beside[gone].keys() - {kept} - self.beside[kept].keys()))
                     )
             if not moves:
                 break
@@ -687,10 +699,9 @@ class _Making:
             if self.kinds[node] == "door" and self._is_gap(node):
                 self.kinds[node] = "way"
                 del self.widths[node]
-        for one, other in sorted(self.edges, key=lambda ends: (-self.length(*ends), ends)):
-            limit = _SLIVER * self.length(one, other)
-            if any(self.length(one, between) + self.length(between, other) <= limit
-                   for between in self.beside[one] & self.beside[other]):  # fmt: skip
+        lengths = ((self.beside[one][other], one, other) for one, other in self.edges)
+        for length, one, other in sorted(lengths, key=lambda edge: (-edge[0], *edge[1:])):
+            if self._is_near_by(one, other, _SLIVER * length):
                 self.drop_edge(one, other)
 
     def move_all(self, moves: Sequence[tuple[int, int, Sequence[int]]]) -> list[bool]:
@@ -727,8 +738,7 @@ class _Making:
                 return
             if (one, other) not in self.edges:
                 continue
-            clearance = self.edges[one, other]
-            self.drop_edge(one, other)
+            clearance = self.drop_edge(one, other)
             if self._length_on_graph(one, other, alone) > alone:
                 self.add_edge(one, other, clearance)
                 continue
@@ -764,7 +774,7 @@ class _Making:
         waiting = [node for node, beside in self.beside.items()
                    if len(beside) == 2 and self.kinds[node] in kinds]  # fmt: skip
         waiting.sort(key=lambda node: (
-            -self.widths.get(node, 0.0), sum(self.length(node, k) for k in self.beside[node]), node
+            -self.widths.get(node, 0.0), sum(self.beside[node].values()), node
         ))  # fmt: skip
         for node in waiting:
             if not self.is_crowded:
@@ -773,44 +783,42 @@ class _Making:
 
     def _is_gap(self, node: int) -> bool:
         """Return whether there is a way around a door, so that it does not lead into a room."""
-        beside = sorted(self.beside[node])
-        edges = [(other, self.edges[min(node, other), max(node, other)]) for other in beside]
-        for other in beside:
-            self.drop_edge(node, other)
+        if len(self.beside[node]) != 2:
+            return False
         around = 2.5 * self.spacing
-        is_gap = len(beside) == 2 and self._length_on_graph(beside[0], beside[1], around) <= around
-        for other, clearance in edges:
-            self.add_edge(node, other, clearance)
-        return is_gap
+        return self._length_on_graph(*self.beside[node], around, without=node) <= around
 
     def limit_edges(self) -> None:
         """Leave no node with too many edges: its longest ones go, if there is another way."""
         for node in list(self.beside):
-            for other in sorted(self.beside[node], key=lambda other: -self.length(node, other)):
+            lengths = self.beside[node].copy()
+            for other in sorted(lengths, key=lambda other: (-lengths[other], other)):
                 if len(self.beside[node]) <= MOST_EDGES:
                     break
-                clearance = self.edges[min(node, other), max(node, other)]
-                self.drop_edge(node, other)
+                clearance = self.drop_edge(node, other)
                 if self._length_on_graph(node, other, 4 * self.spacing) == math.inf:
                     self.add_edge(node, other, clearance)
 
-    def drop_blocked(self) -> None:
-        """Drop edges on which corners of the robot hit something, and all that only they join."""
-        # Where it passes sideways alone, or turning as it goes, no straight edge leads.
-        robot = self.area.sweeps.robot
-        frame = self.area.sweeps.frame
-        points = frame.xy_from_continuous_rowcol(self.places).round(_DECIMALS)
-        self.places = [(row, col) for row, col in frame.continuous_rowcol_from_xy(points).tolist()]
-        if robot is None or not robot.vertices or not self.edges:
-            return
-        ends = np.array(sorted(self.edges))
-        is_clear, _ = self.area.sweeps.along(
-            self.at(ends[:, 0]), self.at(ends[:, 1]), step=_FINE_STEP
-        )
-        if is_clear.all():
-            return
-        for one, other in ends[~is_clear].tolist():
-            self.drop_edge(one, other)
+    def mend_blocked(self) -> None:
+        """Lead edges around what is hit, or drop them and all that only they join."""
+        # Places are rounded, and edges are parts of the lines that were tried: other positions are
+        # tried on them. Where a robot with corners passes sideways alone, or turning as it goes, no
+        # straight edge leads.
+        for _ in range(_ROUNDS):
+            self.places = [(row, col) for row, col in self.rounded(self.places).tolist()]
+            ends = np.array(sorted(self.edges), dtype=np.int64).reshape(-1, 2)
+            is_clear, _ = self.area.sweeps.along(
+                self.at(ends[:, 0]), self.at(ends[:, 1]), touches=self.has_corners,
+                step=_FINE_STEP if self.has_corners else _HALF_CELL,
+            )  # fmt: skip
+            blocked = ends[~is_clear].tolist()
+            if not blocked:
+                return
+            for one, other in blocked:
+                self.drop_edge(one, other)
+            if self.has_corners:
+                break
+            self.add_ways(blocked)
         parts, nodes = self.parts(), self.nodes()
         largest = np.bincount(parts[nodes]).argmax()
         for node in nodes:
@@ -844,7 +852,7 @@ class _Making:
         found = [following]
         before = node
         while found[-1] in is_inner and found[-1] != node:
-            (onward,) = self.beside[found[-1]] - {before}
+            (onward,) = self.beside[found[-1]].keys() - {before}
             before = found[-1]
             found.append(onward)
         return found
@@ -854,11 +862,13 @@ class _Making:
         along = places[2:] - places[:-2]
         along /= np.maximum(np.hypot(*along.T), 1e-9)[:, np.newaxis]
         right = along[:, ::-1] * [-1.0, 1.0]  # rows lead north, columns east
-        lanes = [np.concatenate([places[:1], places[1:-1] + side * aside * right, places[-1:]])
-                 for side in (1, -1)]  # fmt: skip
+        lanes = [
+            self.rounded(np.concatenate([places[:1], places[1:-1] + side * right, places[-1:]]))
+            for side in (aside, -aside)
+        ]
         starts, ends = (np.concatenate([lane[part] for lane in lanes])
                         for part in (slice(None, -1), slice(1, None)))  # fmt: skip
-        is_clear, _ = self.area.sweeps.along(starts, ends)
+        is_clear, _ = self.area.sweeps.along(starts, ends, step=_FINE_STEP)
         if not is_clear.all():
             return
         for one, other in pairwise(chain):
@@ -927,7 +937,8 @@ class _Making:
 
 _DECIMALS = 4  # of positions: a tenth of a millimetre
 _ROUNDS = 20
-_FINE_STEP = 0.125  # of a cell: whoever tries other places in half steps finds the same
+_HALF_CELL, _FINE_STEP = 0.5, 0.125
+"""Steps of positions, in cells: by the fine one, whoever tries other places finds the same."""
 _APART = 0.2  # metres between two robots on lanes side by side, and from each to walls
 _ASIDE = 1.0  # metres that a lane lies beside the middle, at most
 _RANKS: tuple[Kind, ...] = ("goal", "door", "crossing", "hall", "end", "way")
