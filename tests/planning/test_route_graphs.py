@@ -132,14 +132,37 @@ def test_graphs_of_round_robots_keep_all_promises(grid, radius, one_way):
 BOX = Footprint.polygon([[0.3, 0.15], [0.3, -0.15], [-0.2, -0.15], [-0.2, 0.15]])
 
 
-@given(rooms())
-def test_robots_with_corners_touch_nothing_on_any_edge(grid):
+@given(rooms(), st.sampled_from([None, "right"]))
+def test_robots_with_corners_touch_nothing_on_any_edge(grid, one_way):
     try:
         found = reach(grid, footprint=BOX)
     except MalformedInputError:
         return
-    made = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0))
+    made = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
     check_graph(grid, BOX, made.graph, 2.0)
+
+
+def cluttered(size, share, seed):
+    cells = np.zeros((size, size), dtype=np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 100
+    cells[np.random.default_rng(seed).random(cells.shape) < share] = 100
+    return OccupancyGrid(cells, 0.1, (1.5, -2.0, 0.4))
+
+
+@pytest.mark.parametrize("one_way", [None, "right"])
+def test_nothing_leads_where_a_robot_gets_only_sideways(one_way):
+    grid = cluttered(30, 0.03, 4)
+    found = reach(grid, footprint=BOX)
+    made = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
+    assert made.covered < made.reachable
+    check_graph(grid, BOX, made.graph, 2.0)
+
+
+def test_crowded_places_have_few_nodes():
+    grid, robot = cluttered(80, 0.01, 1), Footprint.circle(0.15)
+    made = route_graph_of(reach(grid, footprint=robot), Wishes())
+    assert made.reachable / len(made.graph.nodes) >= AREA_PER_NODE
+    check_graph(grid, robot, made.graph, 3.0)
 
 
 TWO_ROOMS = """

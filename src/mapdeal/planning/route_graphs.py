@@ -29,6 +29,7 @@ from mapdeal.kernels.paths import cheapest_path
 from mapdeal.kernels.rotations import main_direction
 from mapdeal.kernels.skeleton import STRAIGHT, largest_of_blocks, lengths_from, skeleton
 from mapdeal.planning.hall_lattices import lattice_in
+from mapdeal.planning.node_areas import far_from, flat_cells, neighbouring
 from mapdeal.planning.skeleton_lines import Cells, Tracing
 
 Kind = Literal["way", "crossing", "door", "end", "hall", "goal"]
@@ -57,7 +58,9 @@ walls, nor into doors, in front of which there is more room, but into its corner
 
 _BESIDE_HALL = 2  # edges from the end of a corridor to nodes of a hall
 _NEAR = 0.35  # of the spacing: nodes that are nearer to each other become one
-_LONG_WAY = 1.5  # spacings: in crowded places edges go if there is another way that is not longer
+_THINNER = ((1.5, 0.85), (2.0, 0.7), (2.0, 0.5), (2.0, 0.0), (2.0, 0.0), (3.0, 0.0), (4.0, 0.0))
+"""Step by step in crowded places: edges go if there is another way of so many spacings at most, and
+straight lines instead of others must have such a share of their clearance."""
 _SLIVER = 1.05
 """How many times as long two edges may be that make a third one superfluous."""
 
@@ -108,7 +111,6 @@ def route_graph_of(reach: Reach, wishes: Wishes) -> Made:
     making.cover_all()
     if making.is_crowded:
         making.thin_out()
-        making.cover_all()
     making.limit_edges()
     if wishes.one_way is not None:
         making.part_lanes()
@@ -160,6 +162,7 @@ class _Making:
     edges: dict[tuple[int, int], float] = field(default_factory=dict)  # least clearances
     beside: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
     gone: set[int] = field(default_factory=set)  # nodes that are no longer in it
+    share: float = _SHARE
     lanes: list[tuple[int, int]] = field(default_factory=list)  # edges that lead one way
 
     def __post_init__(self) -> None:
@@ -473,7 +476,7 @@ class _Making:
         is_open = self.coarse >= 0
         cells = self._cells_of(self.nodes(), self.step)
         lengths, origin = lengths_from(is_open, cells)
-        neighbours = _neighbours(lengths, origin, cells)
+        neighbours = neighbouring(lengths, origin, cells)
         if not len(neighbours.lengths):
             return
         order = np.lexsort((neighbours.one, neighbours.lengths))
@@ -574,25 +577,23 @@ class _Making:
 
     def _beside_corners(self, cells: Cells) -> Cells:
         """Return the cells of a way, with one more where a diagonal step passes a closed one."""
-        found = [cells[:1]]
-        for before, after in pairwise(cells):
-            if (before != after).all():
-                sides = np.array([(after[0], before[1]), (before[0], after[1])])
-                is_open = self.is_open[sides[:, 0], sides[:, 1]]
-                if not is_open.all():
-                    found.append(sides[is_open][:1])
-            found.append(after[np.newaxis])
-        return np.concatenate(found).astype(np.int64)
+        before, after = cells[:-1], cells[1:]
+        sides = [np.stack([one[:, 0], other[:, 1]], axis=1)
+                 for one, other in ((after, before), (before, after))]  # fmt: skip
+        is_open = [self.is_open[side[:, 0], side[:, 1]] for side in sides]
+        passes = (before != after).all(axis=1) & ~(is_open[0] & is_open[1])
+        beside = np.where(is_open[0][:, np.newaxis], *sides)[passes]
+        return np.insert(cells, np.flatnonzero(passes) + 1, beside, axis=0)
 
     def cover_all(self) -> None:
         """Add nodes until none of the reached cells is farther than `cover` from one."""
         from scipy import ndimage
 
-        self.missing = self.uncovered()
+        self.missing = self.uncovered(self.nodes())
         for _ in range(_ROUNDS):
-            labels, count = ndimage.label(self.missing, np.ones((3, 3)))
-            if not count:
+            if not self.missing.any():
                 return
+            labels, _ = ndimage.label(self.missing, np.ones((3, 3)))
             cells = np.argwhere(self.missing)
             own = labels[cells[:, 0], cells[:, 1]]
             order = np.lexsort((-self.squared[cells[:, 0], cells[:, 1]], own))
@@ -638,42 +639,28 @@ class _Making:
         return [node for node in range(len(self.places)) if node not in self.gone]
 
     def _cells_of(self, nodes: Sequence[int], step: int = 1) -> Cells:
-        cells = np.floor(self.at(nodes) / step).astype(np.int64)
-        flat: Cells = cells[:, 0] * -(-self.is_open.shape[1] // step) + cells[:, 1]
-        return flat
+        return flat_cells(self.at(nodes), self.is_open.shape, step)
 
-    def uncovered(self) -> NDArray[np.bool_]:
-        """Return the reached cells that are farther than `cover` from all nodes."""
-        step = max(1, int(self.wishes.cover / self.cell / 15))
-        # over blocks of open cells first, which are few: it is at most so far to all of a block
-        whole = largest_of_blocks((~self.is_open).view(np.uint8), step, beyond=1) == 0
-        nodes = self.nodes()
-        rough, _ = lengths_from(whole, self._cells_of(nodes, step), limit=self._limit // step)
-        most = rough.astype(np.int64) * step + 3 * step * STRAIGHT
-        is_near = (rough >= 0) & (most <= self._limit)
-        height, width = self.is_open.shape
-        is_proven = is_near.repeat(step, axis=0)[:height].repeat(step, axis=1)[:, :width]
-        unproven = self.is_open & ~is_proven
-        if not unproven.any():
-            return unproven
-        around = unproven.copy()
-        around[1:] |= unproven[:-1]
-        around[:-1] |= unproven[1:]
-        around[:, 1:] |= around[:, :-1].copy()
-        around[:, :-1] |= around[:, 1:].copy()
-        around &= self.is_open
-        rows, cols = np.nonzero(around & is_proven)
-        sources = np.concatenate([self._cells_of(nodes), rows * width + cols])
-        known = most[rows // step, cols // step]
-        given = np.concatenate([np.zeros(len(nodes), np.int64), known])
-        lengths, _ = lengths_from(around, sources, given=given, limit=self._limit)
-        return unproven & (lengths < 0)
+    def uncovered(self, nodes: Sequence[int]) -> NDArray[np.bool_]:
+        """Return the reached cells that are farther than `cover` from some nodes."""
+        return far_from(self.is_open, self.at(nodes), self._limit)
 
     # what is too much
 
     def tidy(self) -> None:
         """Make nodes one that are near each other, and drop edges beside which two others lead."""
-        near = _NEAR * self.spacing
+        self._merge(_NEAR * self.spacing, len(self.places))
+        for node in self.nodes():
+            if self.kinds[node] == "door" and self._is_gap(node):
+                self.kinds[node] = "way"
+                del self.widths[node]
+        lengths = ((self.beside[one][other], one, other) for one, other in self.edges)
+        for length, one, other in sorted(lengths, key=lambda edge: (-edge[0], *edge[1:])):
+            if self._is_near_by(one, other, _SLIVER * length):
+                self.drop_edge(one, other)
+
+    def _merge(self, near: float, most: int) -> None:
+        """Take out nodes, but not too many, of which others are near that serve as well."""
         refused: set[tuple[int, int]] = set()
         while True:
             moves: list[tuple[int, int, list[int]]] = []
@@ -687,22 +674,15 @@ class _Making:
                     continue  # the way along the wall would lead through the door
                 if rank and (kept, gone) not in refused and busy.isdisjoint(around):
                     busy |= around
-                    moves.append(
-                        (gone, kept, sorted(self.beside[gone].keys() - {kept} - self.beside[kept].keys()))
-                    )
-            if not moves:
+                    others = self.beside[gone].keys() - {kept} - self.beside[kept].keys()
+                    moves.append((gone, kept, sorted(others)))
+            if not moves or most <= 0:
                 break
+            del moves[most:]
             done = self.move_all(moves)
+            most -= sum(done)
             refused |= {(kept, gone) for (gone, kept, _), is_done in zip(moves, done, strict=True)
                         if not is_done}  # fmt: skip
-        for node in self.nodes():
-            if self.kinds[node] == "door" and self._is_gap(node):
-                self.kinds[node] = "way"
-                del self.widths[node]
-        lengths = ((self.beside[one][other], one, other) for one, other in self.edges)
-        for length, one, other in sorted(lengths, key=lambda edge: (-edge[0], *edge[1:])):
-            if self._is_near_by(one, other, _SLIVER * length):
-                self.drop_edge(one, other)
 
     def move_all(self, moves: Sequence[tuple[int, int, Sequence[int]]]) -> list[bool]:
         """Drop nodes for others, where lines from there to more nodes can be driven as well.
@@ -716,7 +696,7 @@ class _Making:
         for gone, kept, others in moves:
             part = slice(first, first := first + len(others))
             before = [self.edges[min(gone, other), max(gone, other)] for other in others]
-            is_wide = least[part] >= _SHARE * np.array(before) - 0.5
+            is_wide = least[part] >= self.share * np.array(before) - 0.5
             fits = bool(is_clear[part].all() and is_wide.all())
             done.append(fits)
             if fits:
@@ -730,31 +710,62 @@ class _Making:
     def thin_out(self) -> None:
         """Take out what is needed least, as long as there are too many nodes for the area."""
         self._shorten(("way",))
-        if not self.is_crowded:
-            return
-        alone = _LONG_WAY * self.spacing
+        for long_way, self.share in _THINNER:
+            self._drop_dead_ends()
+            self._shorten(("way", "crossing"))
+            self._merge(0.4 * long_way * self.spacing, self.excess)
+            self._drop_edges(long_way * self.spacing)
+            self._shorten(("way", "crossing"))
+            self._shorten(("door",))
+            self.cover_all()
+            if not self.is_crowded:
+                return
+
+    def _drop_edges(self, long_way: float) -> None:
+        """Drop the narrowest edges where there is another way that is not longer."""
         for one, other in sorted(self.edges, key=lambda ends: (self.edges[ends], ends)):
             if not self.is_crowded:
                 return
             if (one, other) not in self.edges:
                 continue
             clearance = self.drop_edge(one, other)
-            if self._length_on_graph(one, other, alone) > alone:
+            if self._length_on_graph(one, other, long_way) > long_way:
                 self.add_edge(one, other, clearance)
                 continue
             for node in (one, other):
                 if self.kinds[node] != "door":
                     self._shrink(node)
-        self._shorten(("way", "crossing"))
-        self._shorten(("door",))
+
+    def _drop_dead_ends(self) -> None:
+        """Drop dead ends all of which is near other nodes."""
+        while self.is_crowded:
+            ends = [node for node, beside in self.beside.items()
+                    if len(beside) == 1 and self.kinds[node] != "goal"]  # fmt: skip
+            missing = self.uncovered(sorted(set(self.nodes()).difference(ends)))
+            _, nearest = lengths_from(self.is_open, self._cells_of(ends), limit=self._limit)
+            needed = set(nearest[missing].tolist())
+            free = [node for k, node in enumerate(ends) if k not in needed]
+            for node in free[: self.excess]:
+                for before in list(self.beside[node]):
+                    self.drop_edge(node, before)
+                self.gone.add(node)
+            if not free:
+                return
+
+    @property
+    def excess(self) -> int:
+        """How many nodes more there are than the area is to have."""
+        return len(self.places) - len(self.gone) - int(self.area.reachable / AREA_PER_NODE)
 
     @property
     def is_crowded(self) -> bool:
-        return len(self.places) - len(self.gone) > self.area.reachable / AREA_PER_NODE
+        return self.excess > 0
 
     def _shrink(self, node: int) -> None:
         """Drop a node that leads nowhere any more, and those behind it; or that is on a line."""
-        while len(self.beside[node]) == 1 and self.kinds[node] in ("way", "crossing"):
+        while self.is_crowded and len(self.beside[node]) == 1:
+            if self.kinds[node] not in ("way", "crossing"):
+                return
             (before,) = self.beside[node]
             self.drop_edge(node, before)
             self.gone.add(node)
@@ -785,8 +796,9 @@ class _Making:
         """Return whether there is a way around a door, so that it does not lead into a room."""
         if len(self.beside[node]) != 2:
             return False
+        one, other = self.beside[node]
         around = 2.5 * self.spacing
-        return self._length_on_graph(*self.beside[node], around, without=node) <= around
+        return self._length_on_graph(one, other, around, without=node) <= around
 
     def limit_edges(self) -> None:
         """Leave no node with too many edges: its longest ones go, if there is another way."""
@@ -826,7 +838,7 @@ class _Making:
                 for other in list(self.beside[node]):
                     self.drop_edge(node, other)
                 self.gone.add(node)
-        self.missing = self.uncovered()
+        self.missing = self.uncovered(self.nodes())
 
     def part_lanes(self) -> None:
         """Make two lanes of lines between crossings, each on the right, where there is room."""
@@ -970,34 +982,6 @@ class _Piece(NamedTuple):
     one: int
     last: int
     other: int
-
-
-class _Neighbours(NamedTuple):
-    one: Cells
-    other: Cells
-    lengths: Cells
-
-
-def _neighbours(lengths: NDArray[np.int32], origin: NDArray[np.int32], cells: Cells) -> _Neighbours:
-    """Return pairs of nodes whose areas touch, and the shortest ways over a border of the two."""
-    # Of several nodes in one cell only the first has an area.
-    order = np.argsort(cells, kind="stable")
-    same = np.flatnonzero(np.diff(cells[order]) == 0)
-    together = np.sort(np.stack([order[same], order[same + 1]], axis=1), axis=1)
-    found = [np.column_stack([together, np.zeros(len(together), dtype=np.int64)])]
-    for here, there in (
-        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
-        ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
-    ):
-        one, other = origin[here], origin[there]
-        at = np.nonzero((one != other) & (one >= 0) & (other >= 0))
-        ends = np.sort(np.stack([one[at], other[at]], axis=1).astype(np.int64), axis=1)
-        total = lengths[here][at].astype(np.int64) + lengths[there][at] + STRAIGHT
-        found.append(np.column_stack([ends, total]))
-    rows = np.concatenate(found)
-    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
-    is_first = (np.diff(rows[:, :2], axis=0, prepend=-1) != 0).any(axis=1)
-    return _Neighbours(*rows[is_first].T)
 
 
 def check_wishes(wishes: Wishes, resolution: float) -> None:
