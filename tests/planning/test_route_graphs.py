@@ -14,9 +14,11 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 import mapdeal
 from drawn import grid_from_text
+from engines import needs_compiled
 from mapdeal import Costmap, Footprint, OccupancyGrid, footprint_costs, reach, shortest_route
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
+from mapdeal.kernels.engine import VARIABLE
 from mapdeal.kernels.skeleton import DIAGONAL, STRAIGHT, lengths_from, skeleton
 from mapdeal.maps.route_graphs import graph_text
 from mapdeal.planning.graph_routes import route_on_graph
@@ -130,14 +132,37 @@ def test_graphs_of_round_robots_keep_all_promises(grid, radius, one_way):
 BOX = Footprint.polygon([[0.3, 0.15], [0.3, -0.15], [-0.2, -0.15], [-0.2, 0.15]])
 
 
-@given(rooms())
-def test_robots_with_corners_touch_nothing_on_any_edge(grid):
+@given(rooms(), st.sampled_from([None, "right"]))
+def test_robots_with_corners_touch_nothing_on_any_edge(grid, one_way):
     try:
         found = reach(grid, footprint=BOX)
     except MalformedInputError:
         return
-    made = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0))
+    made = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
     check_graph(grid, BOX, made.graph, 2.0)
+
+
+def cluttered(size, share, seed):
+    cells = np.zeros((size, size), dtype=np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 100
+    cells[np.random.default_rng(seed).random(cells.shape) < share] = 100
+    return OccupancyGrid(cells, 0.1, (1.5, -2.0, 0.4))
+
+
+@pytest.mark.parametrize("one_way", [None, "right"])
+def test_nothing_leads_where_a_robot_gets_only_sideways(one_way):
+    grid = cluttered(30, 0.03, 4)
+    found = reach(grid, footprint=BOX)
+    made = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
+    assert made.covered < made.reachable
+    check_graph(grid, BOX, made.graph, 2.0)
+
+
+def test_crowded_places_have_few_nodes():
+    grid, robot = cluttered(80, 0.01, 1), Footprint.circle(0.15)
+    made = route_graph_of(reach(grid, footprint=robot), Wishes())
+    assert made.reachable / len(made.graph.nodes) >= AREA_PER_NODE
+    check_graph(grid, robot, made.graph, 3.0)
 
 
 TWO_ROOMS = """
@@ -249,6 +274,22 @@ def test_lengths_are_those_of_dijkstra(closed, count, seed):
         assert length <= expected[row, col] * DIAGONAL / ROOT_OF_2 + 1e-9
         alone = flooded(is_open, [divmod(int(sources[origin[row, col]]), width)])
         assert alone[row, col] * DIAGONAL / ROOT_OF_2 + 1e-9 >= length
+
+
+@needs_compiled
+@given(masks(16), st.integers(0, 4), st.integers(0, 2**32 - 1))
+def test_both_engines_give_the_same_lengths_and_sources(closed, count, seed):
+    rng = np.random.default_rng(seed)
+    sources = rng.integers(0, closed.size, count)
+    given = rng.integers(0, 60, count) if seed % 2 else None
+    limit = int(rng.integers(0, 200)) if seed % 3 else None
+    found = []
+    for engine in ("compiled", "scipy"):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv(VARIABLE, engine)
+            found.append(lengths_from(~closed, sources, given=given, limit=limit))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @given(masks(14))

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from mapdeal.grid.footprint import Footprint, sample_poses
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION, OneLine, count_text
 
-_SAMPLES = 1 << 20  # positions that are looked at together
+_SAMPLES = 1 << 17  # positions that are looked at together, so that they stay in the cache
 _STEP = 0.5  # of a cell
 _NEAR_EDGE = 2.5e-3  # of a cell: more than coordinates are rounded by
 _ROUNDING = 1e-6  # metres
@@ -188,30 +189,35 @@ class Sweeps:
         firsts = np.cumsum(counts) - counts
         which = np.repeat(np.arange(len(counts)), counts)
         shares = (np.arange(len(which)) - firsts[which]) / np.maximum(counts - 1, 1)[which]
-        places = starts[which] + shares[:, np.newaxis] * (ends - starts)[which]
-        cells = np.floor(places).astype(np.int64)
-        height, width = self.is_open.shape
-        inside: NDArray[np.bool_] = np.all((cells >= 0) & (cells < (height, width)), axis=1)
-        rows, cols = np.where(inside[:, np.newaxis], cells, 0).T
-        squares = np.where(inside, self.squared[rows, cols], 0)
-        is_free = inside & self.is_open[rows, cols]
+        size = np.array(self.is_open.shape)
+        held = [np.clip(one, 0, size - _ROUNDING) for one in (starts, ends)]
+        is_inside = ((starts == held[0]) & (ends == held[1])).all(axis=1)
+        ways = held[1] - held[0]
+        places = [held[0][which, axis] + shares * ways[which, axis] for axis in (0, 1)]
+        rows, cols = (one.astype(np.int32) for one in places)
+        squares = self.squared[rows, cols]
+        is_free = self.is_open[rows, cols]
         # what lies on an edge of cells, but for rounding, is in all of them
-        ends_of = np.floor(places - _NEAR_EDGE), np.floor(places + _NEAR_EDGE)
-        near = np.flatnonzero(is_free & (ends_of[0] != ends_of[1]).any(axis=1))
-        both = [np.clip(one[near].astype(np.int64), 0, (height - 1, width - 1)) for one in ends_of]
-        for row, col in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            is_free[near] &= self.is_open[both[row][:, 0], both[col][:, 1]]
+        is_near = [np.abs(one - cells - 0.5) > 0.5 - _NEAR_EDGE
+                   for one, cells in zip(places, (rows, cols), strict=True)]  # fmt: skip
+        near = np.flatnonzero(is_free & (is_near[0] | is_near[1]))
+        around = ([np.clip(one[near] + by, 0, last).astype(np.int32)
+                   for by in (-_NEAR_EDGE, _NEAR_EDGE)]
+                  for one, last in zip(places, size - 1, strict=True))  # fmt: skip
+        for row, col in product(*around):
+            is_free[near] &= self.is_open[row, col]
         if touches and self.robot is not None:
             reach = self.robot.circumscribed_radius / self.frame.resolution + _SLACK
             tight = np.flatnonzero(is_free & (squares < reach * reach))
             if len(tight):
-                towards = self.frame.xy_vectors_from_rowcol((ends - starts)[which[tight]])
+                towards = self.frame.xy_vectors_from_rowcol(ways[which[tight]])
                 yaws = np.arctan2(towards[:, 1], towards[:, 0])
-                at = self.frame.xy_from_continuous_rowcol(places[tight])
+                at = np.stack([one[tight] for one in places], axis=1)
+                at = self.frame.xy_from_continuous_rowcol(at)
                 is_free[tight] = self._touch_nothing(at, yaws)
         return (
-            np.logical_and.reduceat(is_free, firsts),
-            np.sqrt(np.minimum.reduceat(squares, firsts)),
+            np.logical_and.reduceat(is_free, firsts) & is_inside,
+            np.sqrt(np.minimum.reduceat(squares, firsts)) * is_inside,
         )
 
     def _touch_nothing(

@@ -73,3 +73,12 @@ def cheapest_path(
     least: float,
     surcharges: NDArray[Any] | None = None,
 ) -> tuple[NDArray[Any], float, int]: ...
+def flood(
+    is_open: NDArray[Any],
+    width: int,
+    sources: NDArray[Any],
+    starts: NDArray[Any],
+    limit: int,
+    lengths: NDArray[Any],
+    origin: NDArray[Any],
+) -> None: ...

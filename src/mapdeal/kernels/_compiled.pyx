@@ -1,16 +1,16 @@
 # cython: language_level=3, binding=False, embedsignature=False
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Compiled kernels, without the GIL: distance transforms in bands of rows, table look-ups,
-interpolation, footprints, the search for paths, and LZF.
+interpolation, footprints, the search for paths, floods, and LZF.
 
-The modules compiled.py, lookup.py, polygons.py, paths.py and sensing.py are
+The modules compiled.py, lookup.py, polygons.py, paths.py, skeleton.py and sensing.py are
 their face to the rest; the algorithms are in the headers.
 """
 
 from cpython.exc cimport PyErr_CheckSignals
 from libc.math cimport INFINITY
-from libc.stdint cimport int8_t, int64_t, uint8_t, uint32_t, uint64_t
-from libc.stdlib cimport free, malloc
+from libc.stdint cimport int8_t, int32_t, int64_t, uint8_t, uint32_t, uint64_t
+from libc.stdlib cimport calloc, free, malloc
 from libc.string cimport memset
 
 cdef extern from "distance_rows.h" nogil:
@@ -109,6 +109,24 @@ cdef extern from "search.h" nogil:
     int begin_search(Search *search)
     int search_on(Search *search, int64_t most)
     int64_t cell_before(const Search *search, int64_t cell)
+
+cdef extern from "flood.h" nogil:
+    enum:
+        LISTS
+    ctypedef struct CellList:
+        int64_t *cells
+    ctypedef struct Flood:
+        const uint8_t *is_open
+        int64_t width
+        const int64_t *sources
+        const int64_t *starts
+        int64_t count, limit
+        uint32_t *lengths
+        int32_t *origin
+        uint8_t *steps
+        int64_t waiting
+        CellList *lists
+    int flood_on(Flood *flood)
 
 fill_squares_16()
 
@@ -494,3 +512,45 @@ def cheapest_path(
         cell = cell_before(&search, cell)
         cells.append(cell)
     return np.array(cells[::-1], dtype=np.int64), (&costs[0, 0])[search.goal], search.expanded
+
+
+def flood(
+    const uint8_t[::1] is_open,
+    int64_t width,
+    const int64_t[::1] sources,
+    const int64_t[::1] starts,
+    int64_t limit,
+    uint32_t[::1] lengths,
+    int32_t[::1] origin,
+):
+    """Set `lengths` and `origin` of all cells to which ways lead that are within the limit.
+
+    Cells along the border are closed. Those of the sources, which are sorted by what they start
+    with, have their lengths and origins already; all other lengths are the largest number.
+    """
+    cdef Flood task
+    cdef int has_memory = True
+    if not (is_open.shape[0] == lengths.shape[0] == origin.shape[0]):
+        raise ValueError("the arrays have not the same size")
+    if sources.shape[0] != starts.shape[0]:
+        raise ValueError("each source has one length")
+    if sources.shape[0] == 0:
+        return
+    memset(&task, 0, sizeof(task))
+    task.is_open, task.width, task.limit = &is_open[0], width, limit
+    task.sources, task.starts, task.count = &sources[0], &starts[0], sources.shape[0]
+    task.lengths, task.origin = &lengths[0], &origin[0]
+    task.steps = <uint8_t *>calloc(lengths.shape[0], 1)
+    try:
+        if task.steps == NULL:
+            raise MemoryError
+        while has_memory and (task.count or task.waiting):
+            with nogil:
+                has_memory = flood_on(&task)
+            PyErr_CheckSignals()
+    finally:
+        for k in range(LISTS):
+            free(task.lists[k].cells)
+        free(task.steps)
+    if not has_memory:
+        raise MemoryError

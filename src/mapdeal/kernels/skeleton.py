@@ -12,19 +12,22 @@ Computer Vision and Image Understanding 72, 1998.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, reduce
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.arrays import Integers, Mask
+from mapdeal.kernels.engine import engine_name
 
 RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
 """Steps to the neighbours of a cell, one after the other around it."""
 
 STRAIGHT, DIAGONAL = 12, 17
 """Lengths of steps: 17 / 12 is 0.2 % more than the root of 2, so lengths are never too small."""
+
+_FAR = (1 << 32) - 1
 
 
 @cache
@@ -53,12 +56,12 @@ def skeleton(levels: Integers, is_kept: Mask, is_end: Mask) -> Mask:
     ends = np.zeros(area.shape, dtype=np.bool_)
     ends[1:-1, 1:-1] = is_end
     ends = ends.reshape(-1)
-    rows, cols = np.nonzero((levels >= 0) & ~is_kept)
-    sorted_levels = levels[rows, cols]
+    places = np.flatnonzero((levels >= 0) & ~is_kept)
+    sorted_levels = levels.reshape(-1)[places]
     if sorted_levels.max(initial=0) < 1 << 16:  # sorted in one go
         sorted_levels = sorted_levels.astype(np.uint16)
     order = np.argsort(sorted_levels, kind="stable")
-    rows, cols = rows[order], cols[order]
+    rows, cols = np.divmod(places[order], width)
     sorted_levels = sorted_levels[order].astype(np.int64)
     cells = (rows + 1) * wide + cols + 1
     # cells of one field are no neighbours of each other, so they can go together
@@ -108,24 +111,40 @@ def lengths_from(
     openness = np.zeros((height + 2, wide), dtype=np.bool_)
     openness[1:-1, 1:-1] = is_open
     flat = openness.reshape(-1)
-    far = np.iinfo(np.int32).max
-    lengths = np.full(len(flat), far, dtype=np.int32)
+    lengths = np.full(len(flat), _FAR, dtype=np.uint32)
     origin = np.full(len(flat), -1, dtype=np.int32)
-    latest = np.empty(len(flat), dtype=np.int32)
     rows, cols = np.divmod(sources, width)
     cells = (rows + 1) * wide + cols + 1
     starts = np.zeros(len(cells), dtype=np.int64) if given is None else given
     order = np.lexsort((starts, cells))
     order = order[np.diff(cells[order], prepend=-1) != 0]
     order = order[flat[cells[order]]]
+    order = order[np.argsort(starts[order], kind="stable")]
     cells, starts = cells[order], starts[order]
     lengths[cells] = starts
     origin[cells] = order
-    by_start = np.argsort(starts, kind="stable")
-    values, firsts = np.unique(starts[by_start], return_index=True)
+    most = _FAR - 1 if limit is None else limit
+    if engine_name() == "compiled":
+        from mapdeal.kernels import _compiled
+
+        _compiled.flood(flat.view(np.uint8), wide, cells, starts, most, lengths, origin)
+    else:
+        _flood(flat, wide, cells, starts, most, lengths, origin)
+    shape = height + 2, wide
+    found = lengths.view(np.int32).reshape(shape)  # the largest number is -1
+    return found[1:-1, 1:-1], origin.reshape(shape)[1:-1, 1:-1]
+
+
+def _flood(
+    is_open: Mask, width: int, sources: Integers, starts: Integers, limit: int,
+    lengths: NDArray[np.uint32], origin: NDArray[np.int32],
+) -> None:  # fmt: skip
+    """Do as flood.h does, with all cells of a length at once."""
+    latest = np.empty(len(lengths), dtype=np.int32)
+    values, firsts = np.unique(starts, return_index=True)
     waiting: dict[int, list[Integers]] = {
         value: [some]
-        for value, some in zip(values.tolist(), np.split(cells[by_start], firsts[1:]), strict=True)
+        for value, some in zip(values.tolist(), np.split(sources, firsts)[1:], strict=True)
     }
     length = 0
     while waiting:
@@ -139,21 +158,18 @@ def lengths_from(
                 now = now[latest[now] == number]
             for row, col in RING:
                 following = length + (DIAGONAL if row and col else STRAIGHT)
-                if limit is not None and following > limit:
+                if following > limit:
                     continue
-                there = now + (row * wide + col)
-                better = flat[there] & (lengths[there] > following)
+                there = now + (row * width + col)
+                better = is_open[there] & (lengths[there] > following)
                 if row and col:
-                    better &= flat[now + row * wide] | flat[now + col]
+                    better &= is_open[now + row * width] | is_open[now + col]
                 to = there[better]
                 if len(to):
                     lengths[to] = following
                     origin[to] = origin[now[better]]
                     waiting.setdefault(following, []).append(to)
         length += 1
-    lengths[lengths == far] = -1
-    shape = height + 2, wide
-    return lengths.reshape(shape)[1:-1, 1:-1], origin.reshape(shape)[1:-1, 1:-1]
 
 
 def largest_of_blocks(values: NDArray[Any], step: int, *, beyond: int = -1) -> NDArray[Any]:
@@ -163,6 +179,5 @@ def largest_of_blocks(values: NDArray[Any], step: int, *, beyond: int = -1) -> N
     height, width = (-(-size // step) * step for size in values.shape)
     padded = np.full((height, width), beyond, dtype=values.dtype)
     padded[: values.shape[0], : values.shape[1]] = values
-    rows = padded.reshape(height // step, step, width).max(axis=1)
-    blocks: NDArray[Any] = rows.reshape(height // step, width // step, step).max(axis=2)
-    return blocks
+    rows = reduce(np.maximum, (padded[k::step] for k in range(step)))
+    return reduce(np.maximum, (rows[:, k::step] for k in range(step)))

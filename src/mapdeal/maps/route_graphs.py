@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -225,24 +226,26 @@ def _metadata(properties: JsonValue) -> Mapping[str, Any]:
 def graph_text(graph: RouteGraph) -> Iterator[str]:
     """Yield the lines of a graph's file, a feature each."""
     places = {node.id: [node.x, node.y] for node in graph.nodes}
-    features = [
+    nodes = (
         _feature(
             {"id": node.id, "frame": node.frame, **_given(metadata=dict(node.metadata))},
             {"type": "Point", "coordinates": places[node.id]},
         )
         for node in graph.nodes
-    ]
-    features += [
+    )
+    edges = (
         _feature(
             {"id": edge.id, "startid": edge.start, "endid": edge.end, "cost": edge.cost,
              "overridable": edge.overridable, **_given(metadata=dict(edge.metadata))},
             {"type": "MultiLineString", "coordinates": [[places[edge.start], places[edge.end]]]},
         )
         for edge in graph.edges
-    ]  # fmt: skip
+    )  # fmt: skip
+    encode = json.JSONEncoder(ensure_ascii=False, check_circular=False).encode
+    last = len(graph.nodes) + len(graph.edges)
     yield '{"type": "FeatureCollection", "name": "route_graph", "features": ['
-    for number, feature in enumerate(features, start=1):
-        yield json.dumps(feature, ensure_ascii=False) + ("," if number < len(features) else "")
+    for number, feature in enumerate(chain(nodes, edges), start=1):
+        yield encode(feature) + ("," if number < last else "")
     yield "]}"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -101,7 +102,7 @@ def _levelled(runs: Sequence[_Run], spacing: float) -> Iterator[tuple[_Run, floa
             groups.append([run])
             growing.append(groups[-1])
     for group in groups:
-        middle = float(np.median([(run.low + run.high) / 2 for run in group]))
+        middle = median((run.low + run.high) / 2 for run in group)
         for run in group:
             yield run, middle
 

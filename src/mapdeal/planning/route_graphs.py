@@ -29,6 +29,7 @@ from mapdeal.kernels.paths import cheapest_path
 from mapdeal.kernels.rotations import main_direction
 from mapdeal.kernels.skeleton import STRAIGHT, largest_of_blocks, lengths_from, skeleton
 from mapdeal.planning.hall_lattices import lattice_in
+from mapdeal.planning.node_areas import far_from, flat_cells, neighbouring
 from mapdeal.planning.skeleton_lines import Cells, Tracing
 
 Kind = Literal["way", "crossing", "door", "end", "hall", "goal"]
@@ -57,7 +58,9 @@ walls, nor into doors, in front of which there is more room, but into its corner
 
 _BESIDE_HALL = 2  # edges from the end of a corridor to nodes of a hall
 _NEAR = 0.35  # of the spacing: nodes that are nearer to each other become one
-_LONG_WAY = 1.5  # spacings: in crowded places edges go if there is another way that is not longer
+_THINNER = ((1.5, 0.85), (2.0, 0.7), (2.0, 0.5), (2.0, 0.0), (2.0, 0.0), (3.0, 0.0), (4.0, 0.0))
+"""Step by step in crowded places: edges go if there is another way of so many spacings at most, and
+straight lines instead of others must have such a share of their clearance."""
 _SLIVER = 1.05
 """How many times as long two edges may be that make a third one superfluous."""
 
@@ -108,12 +111,11 @@ def route_graph_of(reach: Reach, wishes: Wishes) -> Made:
     making.cover_all()
     if making.is_crowded:
         making.thin_out()
-        making.cover_all()
     making.limit_edges()
-    making.drop_blocked()
     if wishes.one_way is not None:
         making.part_lanes()
         making.cover_all()
+    making.mend_blocked()
     return making.made()
 
 
@@ -158,8 +160,9 @@ class _Making:
     names: dict[int, str] = field(default_factory=dict)
     widths: dict[int, float] = field(default_factory=dict)
     edges: dict[tuple[int, int], float] = field(default_factory=dict)  # least clearances
-    beside: defaultdict[int, set[int]] = field(default_factory=lambda: defaultdict(set))
+    beside: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
     gone: set[int] = field(default_factory=set)  # nodes that are no longer in it
+    share: float = _SHARE
     lanes: list[tuple[int, int]] = field(default_factory=list)  # edges that lead one way
 
     def __post_init__(self) -> None:
@@ -167,8 +170,10 @@ class _Making:
         self.cell = sweeps.frame.resolution
         self.spacing = self.wishes.spacing / self.cell
         self.is_open, self.squared = sweeps.is_open, sweeps.squared
+        self.has_corners = sweeps.robot is not None and bool(sweeps.robot.vertices)
         self.step = coarse_step(self.area.radius * self.cell, self.cell)
-        self.coarse = largest_of_blocks(np.where(self.is_open, self.squared, -1), self.step)
+        self.squares = np.where(self.is_open, self.squared, -1)
+        self.coarse = largest_of_blocks(self.squares, self.step)
 
     # the parts
 
@@ -180,16 +185,21 @@ class _Making:
     def add_edge(self, one: int, other: int, clearance: float) -> None:
         if one != other:
             self.edges[min(one, other), max(one, other)] = clearance
-            self.beside[one].add(other)
-            self.beside[other].add(one)
+            self.beside[one][other] = self.beside[other][one] = self.length(one, other)
 
-    def drop_edge(self, one: int, other: int) -> None:
-        del self.edges[min(one, other), max(one, other)]
-        self.beside[one].discard(other)
-        self.beside[other].discard(one)
+    def drop_edge(self, one: int, other: int) -> float:
+        """Drop an edge, and return its clearance."""
+        del self.beside[one][other], self.beside[other][one]
+        return self.edges.pop((min(one, other), max(one, other)))
 
     def length(self, one: int, other: int) -> float:
         return math.dist(self.places[one], self.places[other])
+
+    def rounded(self, places: Any) -> Places:
+        """Return places as they are written."""
+        frame = self.area.sweeps.frame
+        points = frame.xy_from_continuous_rowcol(places).round(_DECIMALS)
+        return np.asarray(frame.continuous_rowcol_from_xy(points), dtype=np.float64)
 
     def at(self, indices: Iterable[int]) -> Places:
         return np.array([self.places[index] for index in indices]).reshape(-1, 2)
@@ -241,9 +251,10 @@ class _Making:
 
     def _is_usable(self, places: Places, margin: float) -> NDArray[np.bool_]:
         """Return which places lie in a hall, with as much room around them as a margin."""
-        at = np.floor(places).astype(np.int64)
-        inside: NDArray[np.bool_] = np.all((at >= 0) & (at < self.is_open.shape), axis=-1)
-        rows, cols = np.where(inside[..., np.newaxis], at, 0).T
+        rows, cols = np.floor(places).astype(np.int64).T
+        height, width = self.is_open.shape
+        inside: NDArray[np.bool_] = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
+        rows, cols = np.where(inside, rows, 0), np.where(inside, cols, 0)
         inside &= self.is_hall[rows // self.step, cols // self.step]
         inside &= self.is_open[rows, cols] & (self.squared[rows, cols] >= margin * margin)
         return inside
@@ -270,8 +281,7 @@ class _Making:
         half = self.wishes.hall / 2 / self.cell
         is_peak = self.coarse == ndimage.maximum_filter(self.coarse, 3)
         lines = skeleton(levels, self.coarse >= half * half, is_peak)
-        squares = np.where(self.is_open, self.squared, -1)
-        tracing = Tracing(squares, self.step, lines & ~self.is_hall, lines & self.is_hall)
+        tracing = Tracing(self.squares, self.step, lines & ~self.is_hall, lines & self.is_hall)
         tracing.prune(0.6 * self.wishes.cover / self.cell, self.spacing)
         paths = []
         nodes: dict[int, int] = {}
@@ -372,11 +382,10 @@ class _Making:
             elif piece.one != piece.other:
                 steps.append(piece)
         # single steps: a round robot may pass where its outline touches something
-        has_corners = self.area.sweeps.robot is not None and bool(self.area.sweeps.robot.vertices)
         starts, ends = (self.at(getattr(one, end) for one in steps) for end in ("one", "other"))
         is_clear, least = self.area.sweeps.along(starts, ends, touches=False)
         for piece, is_fit, clearance in zip(steps, is_clear.tolist(), least.tolist(), strict=True):
-            if is_fit or has_corners:
+            if is_fit or self.has_corners:
                 self.add_edge(piece.one, piece.other, clearance)
         return parts
 
@@ -462,13 +471,12 @@ class _Making:
     def connect(self) -> None:
         """Join parts that belong together, and neighbours that are far apart on the graph."""
         if not self.places:
-            where = np.unravel_index(np.argmax(np.where(self.is_open, self.squared, -1)),
-                                     self.is_open.shape)  # fmt: skip
+            where = np.unravel_index(np.argmax(self.squares), self.squares.shape)
             self.add_node((float(where[0]) + 0.5, float(where[1]) + 0.5), "end")
         is_open = self.coarse >= 0
         cells = self._cells_of(self.nodes(), self.step)
         lengths, origin = lengths_from(is_open, cells)
-        neighbours = _neighbours(lengths, origin, cells)
+        neighbours = neighbouring(lengths, origin, cells)
         if not len(neighbours.lengths):
             return
         order = np.lexsort((neighbours.one, neighbours.lengths))
@@ -484,11 +492,9 @@ class _Making:
             elif not self._is_detour(one, other, length):
                 continue
             wanted.append((one, other))
-            for node, following in ((one, other), (other, one)):
-                self.beside[node].add(following)  # so that it is no detour for others
+            self.add_edge(one, other, 0.0)  # so that it is no detour for others
         for one, other in wanted:
-            self.beside[one].discard(other)
-            self.beside[other].discard(one)
+            self.drop_edge(one, other)
         self.add_ways(wanted)
 
     def parts(self) -> NDArray[np.intp]:
@@ -500,13 +506,20 @@ class _Making:
         if other in self.beside[one]:
             return False
         limit = max(_SHORT_CUT * length, length + 2 * self.spacing)
-        between = self.beside[one] & self.beside[other]
-        if any(self.length(one, k) + self.length(k, other) <= limit for k in between):
+        if self._is_near_by(one, other, limit):
             return False
         return self._length_on_graph(one, other, limit) > limit
 
-    def _length_on_graph(self, one: int, other: int, limit: float) -> float:
-        best = {one: 0.0}
+    def _is_near_by(self, one: int, other: int, limit: float) -> bool:
+        """Return whether some two edges that lead from a node to another are not longer."""
+        beside, beyond = self.beside[one], self.beside[other]
+        return any(beside[k] + beyond[k] <= limit for k in beside.keys() & beyond.keys())
+
+    def _length_on_graph(
+        self, one: int, other: int, limit: float, without: int | None = None
+    ) -> float:
+        """Return the length of the shortest way that does not lead through a node."""
+        best: dict[int | None, float] = {one: 0.0, without: 0.0}
         heap = [(self.length(one, other), 0.0, one)]
         while heap:
             estimate, length, node = heapq.heappop(heap)
@@ -514,8 +527,8 @@ class _Making:
                 return length
             if length > best[node]:
                 continue
-            for following in self.beside[node]:
-                total = length + self.length(node, following)
+            for following, step in self.beside[node].items():
+                total = length + step
                 if total < best.get(following, math.inf):
                     best[following] = total
                     estimate = total + self.length(following, other)
@@ -564,25 +577,23 @@ class _Making:
 
     def _beside_corners(self, cells: Cells) -> Cells:
         """Return the cells of a way, with one more where a diagonal step passes a closed one."""
-        found = [cells[:1]]
-        for before, after in pairwise(cells):
-            if (before != after).all():
-                sides = np.array([(after[0], before[1]), (before[0], after[1])])
-                is_open = self.is_open[sides[:, 0], sides[:, 1]]
-                if not is_open.all():
-                    found.append(sides[is_open][:1])
-            found.append(after[np.newaxis])
-        return np.concatenate(found).astype(np.int64)
+        before, after = cells[:-1], cells[1:]
+        sides = [np.stack([one[:, 0], other[:, 1]], axis=1)
+                 for one, other in ((after, before), (before, after))]  # fmt: skip
+        is_open = [self.is_open[side[:, 0], side[:, 1]] for side in sides]
+        passes = (before != after).all(axis=1) & ~(is_open[0] & is_open[1])
+        beside = np.where(is_open[0][:, np.newaxis], *sides)[passes]
+        return np.insert(cells, np.flatnonzero(passes) + 1, beside, axis=0)
 
     def cover_all(self) -> None:
         """Add nodes until none of the reached cells is farther than `cover` from one."""
         from scipy import ndimage
 
-        self.missing = self.uncovered()
+        self.missing = self.uncovered(self.nodes())
         for _ in range(_ROUNDS):
-            labels, count = ndimage.label(self.missing, np.ones((3, 3)))
-            if not count:
+            if not self.missing.any():
                 return
+            labels, _ = ndimage.label(self.missing, np.ones((3, 3)))
             cells = np.argwhere(self.missing)
             own = labels[cells[:, 0], cells[:, 1]]
             order = np.lexsort((-self.squared[cells[:, 0], cells[:, 1]], own))
@@ -628,46 +639,34 @@ class _Making:
         return [node for node in range(len(self.places)) if node not in self.gone]
 
     def _cells_of(self, nodes: Sequence[int], step: int = 1) -> Cells:
-        cells = np.floor(self.at(nodes) / step).astype(np.int64)
-        flat: Cells = cells[:, 0] * -(-self.is_open.shape[1] // step) + cells[:, 1]
-        return flat
+        return flat_cells(self.at(nodes), self.is_open.shape, step)
 
-    def uncovered(self) -> NDArray[np.bool_]:
-        """Return the reached cells that are farther than `cover` from all nodes."""
-        step = max(1, int(self.wishes.cover / self.cell / 15))
-        # over blocks of open cells first, which are few: it is at most so far to all of a block
-        whole = largest_of_blocks((~self.is_open).view(np.uint8), step, beyond=1) == 0
-        nodes = self.nodes()
-        rough, _ = lengths_from(whole, self._cells_of(nodes, step), limit=self._limit // step)
-        most = rough.astype(np.int64) * step + 3 * step * STRAIGHT
-        most[(rough < 0) | (most > self._limit)] = -1
-        height, width = self.is_open.shape
-        fine = np.repeat(np.repeat(most, step, axis=0), step, axis=1)[:height, :width]
-        unproven = self.is_open & (fine < 0)
-        if not unproven.any():
-            return unproven
-        around = unproven.copy()
-        around[1:] |= unproven[:-1]
-        around[:-1] |= unproven[1:]
-        around[:, 1:] |= around[:, :-1].copy()
-        around[:, :-1] |= around[:, 1:].copy()
-        borders = np.flatnonzero(around & (fine >= 0) & self.is_open)
-        sources = np.concatenate([self._cells_of(nodes), borders])
-        given = np.concatenate([np.zeros(len(nodes), np.int64), fine.reshape(-1)[borders]])
-        lengths, _ = lengths_from(around & self.is_open, sources, given=given, limit=self._limit)
-        return unproven & (lengths < 0)
+    def uncovered(self, nodes: Sequence[int]) -> NDArray[np.bool_]:
+        """Return the reached cells that are farther than `cover` from some nodes."""
+        return far_from(self.is_open, self.at(nodes), self._limit)
 
     # what is too much
 
     def tidy(self) -> None:
         """Make nodes one that are near each other, and drop edges beside which two others lead."""
-        near = _NEAR * self.spacing
+        self._merge(_NEAR * self.spacing, len(self.places))
+        for node in self.nodes():
+            if self.kinds[node] == "door" and self._is_gap(node):
+                self.kinds[node] = "way"
+                del self.widths[node]
+        lengths = ((self.beside[one][other], one, other) for one, other in self.edges)
+        for length, one, other in sorted(lengths, key=lambda edge: (-edge[0], *edge[1:])):
+            if self._is_near_by(one, other, _SLIVER * length):
+                self.drop_edge(one, other)
+
+    def _merge(self, near: float, most: int) -> None:
+        """Take out nodes, but not too many, of which others are near that serve as well."""
         refused: set[tuple[int, int]] = set()
         while True:
             moves: list[tuple[int, int, list[int]]] = []
             busy: set[int] = set()
-            short = [(self.length(*ends), ends) for ends in self.edges]
-            for _, (one, other) in sorted(entry for entry in short if entry[0] < near):
+            lengths = ((self.beside[one][other], (one, other)) for one, other in self.edges)
+            for _, (one, other) in sorted(entry for entry in lengths if entry[0] < near):
                 ranks = [(_RANKS.index(self.kinds[node]), node) for node in (one, other)]
                 (_, kept), (rank, gone) = sorted(ranks)
                 around = {kept, gone, *self.beside[gone]}
@@ -675,23 +674,15 @@ class _Making:
                     continue  # the way along the wall would lead through the door
                 if rank and (kept, gone) not in refused and busy.isdisjoint(around):
                     busy |= around
-                    moves.append(
-                        (gone, kept, sorted(self.beside[gone] - {kept} - self.beside[kept]))
-                    )
-            if not moves:
+                    others = self.beside[gone].keys() - {kept} - self.beside[kept].keys()
+                    moves.append((gone, kept, sorted(others)))
+            if not moves or most <= 0:
                 break
+            del moves[most:]
             done = self.move_all(moves)
+            most -= sum(done)
             refused |= {(kept, gone) for (gone, kept, _), is_done in zip(moves, done, strict=True)
                         if not is_done}  # fmt: skip
-        for node in self.nodes():
-            if self.kinds[node] == "door" and self._is_gap(node):
-                self.kinds[node] = "way"
-                del self.widths[node]
-        for one, other in sorted(self.edges, key=lambda ends: (-self.length(*ends), ends)):
-            limit = _SLIVER * self.length(one, other)
-            if any(self.length(one, between) + self.length(between, other) <= limit
-                   for between in self.beside[one] & self.beside[other]):  # fmt: skip
-                self.drop_edge(one, other)
 
     def move_all(self, moves: Sequence[tuple[int, int, Sequence[int]]]) -> list[bool]:
         """Drop nodes for others, where lines from there to more nodes can be driven as well.
@@ -705,7 +696,7 @@ class _Making:
         for gone, kept, others in moves:
             part = slice(first, first := first + len(others))
             before = [self.edges[min(gone, other), max(gone, other)] for other in others]
-            is_wide = least[part] >= _SHARE * np.array(before) - 0.5
+            is_wide = least[part] >= self.share * np.array(before) - 0.5
             fits = bool(is_clear[part].all() and is_wide.all())
             done.append(fits)
             if fits:
@@ -719,32 +710,62 @@ class _Making:
     def thin_out(self) -> None:
         """Take out what is needed least, as long as there are too many nodes for the area."""
         self._shorten(("way",))
-        if not self.is_crowded:
-            return
-        alone = _LONG_WAY * self.spacing
+        for long_way, self.share in _THINNER:
+            self._drop_dead_ends()
+            self._shorten(("way", "crossing"))
+            self._merge(0.4 * long_way * self.spacing, self.excess)
+            self._drop_edges(long_way * self.spacing)
+            self._shorten(("way", "crossing"))
+            self._shorten(("door",))
+            self.cover_all()
+            if not self.is_crowded:
+                return
+
+    def _drop_edges(self, long_way: float) -> None:
+        """Drop the narrowest edges where there is another way that is not longer."""
         for one, other in sorted(self.edges, key=lambda ends: (self.edges[ends], ends)):
             if not self.is_crowded:
                 return
             if (one, other) not in self.edges:
                 continue
-            clearance = self.edges[one, other]
-            self.drop_edge(one, other)
-            if self._length_on_graph(one, other, alone) > alone:
+            clearance = self.drop_edge(one, other)
+            if self._length_on_graph(one, other, long_way) > long_way:
                 self.add_edge(one, other, clearance)
                 continue
             for node in (one, other):
                 if self.kinds[node] != "door":
                     self._shrink(node)
-        self._shorten(("way", "crossing"))
-        self._shorten(("door",))
+
+    def _drop_dead_ends(self) -> None:
+        """Drop dead ends all of which is near other nodes."""
+        while self.is_crowded:
+            ends = [node for node, beside in self.beside.items()
+                    if len(beside) == 1 and self.kinds[node] != "goal"]  # fmt: skip
+            missing = self.uncovered(sorted(set(self.nodes()).difference(ends)))
+            _, nearest = lengths_from(self.is_open, self._cells_of(ends), limit=self._limit)
+            needed = set(nearest[missing].tolist())
+            free = [node for k, node in enumerate(ends) if k not in needed]
+            for node in free[: self.excess]:
+                for before in list(self.beside[node]):
+                    self.drop_edge(node, before)
+                self.gone.add(node)
+            if not free:
+                return
+
+    @property
+    def excess(self) -> int:
+        """How many nodes more there are than the area is to have."""
+        return len(self.places) - len(self.gone) - int(self.area.reachable / AREA_PER_NODE)
 
     @property
     def is_crowded(self) -> bool:
-        return len(self.places) - len(self.gone) > self.area.reachable / AREA_PER_NODE
+        return self.excess > 0
 
     def _shrink(self, node: int) -> None:
         """Drop a node that leads nowhere any more, and those behind it; or that is on a line."""
-        while len(self.beside[node]) == 1 and self.kinds[node] in ("way", "crossing"):
+        while self.is_crowded and len(self.beside[node]) == 1:
+            if self.kinds[node] not in ("way", "crossing"):
+                return
             (before,) = self.beside[node]
             self.drop_edge(node, before)
             self.gone.add(node)
@@ -764,7 +785,7 @@ class _Making:
         waiting = [node for node, beside in self.beside.items()
                    if len(beside) == 2 and self.kinds[node] in kinds]  # fmt: skip
         waiting.sort(key=lambda node: (
-            -self.widths.get(node, 0.0), sum(self.length(node, k) for k in self.beside[node]), node
+            -self.widths.get(node, 0.0), sum(self.beside[node].values()), node
         ))  # fmt: skip
         for node in waiting:
             if not self.is_crowded:
@@ -773,44 +794,43 @@ class _Making:
 
     def _is_gap(self, node: int) -> bool:
         """Return whether there is a way around a door, so that it does not lead into a room."""
-        beside = sorted(self.beside[node])
-        edges = [(other, self.edges[min(node, other), max(node, other)]) for other in beside]
-        for other in beside:
-            self.drop_edge(node, other)
+        if len(self.beside[node]) != 2:
+            return False
+        one, other = self.beside[node]
         around = 2.5 * self.spacing
-        is_gap = len(beside) == 2 and self._length_on_graph(beside[0], beside[1], around) <= around
-        for other, clearance in edges:
-            self.add_edge(node, other, clearance)
-        return is_gap
+        return self._length_on_graph(one, other, around, without=node) <= around
 
     def limit_edges(self) -> None:
         """Leave no node with too many edges: its longest ones go, if there is another way."""
         for node in list(self.beside):
-            for other in sorted(self.beside[node], key=lambda other: -self.length(node, other)):
+            lengths = self.beside[node].copy()
+            for other in sorted(lengths, key=lambda other: (-lengths[other], other)):
                 if len(self.beside[node]) <= MOST_EDGES:
                     break
-                clearance = self.edges[min(node, other), max(node, other)]
-                self.drop_edge(node, other)
+                clearance = self.drop_edge(node, other)
                 if self._length_on_graph(node, other, 4 * self.spacing) == math.inf:
                     self.add_edge(node, other, clearance)
 
-    def drop_blocked(self) -> None:
-        """Drop edges on which corners of the robot hit something, and all that only they join."""
-        # Where it passes sideways alone, or turning as it goes, no straight edge leads.
-        robot = self.area.sweeps.robot
-        frame = self.area.sweeps.frame
-        points = frame.xy_from_continuous_rowcol(self.places).round(_DECIMALS)
-        self.places = [(row, col) for row, col in frame.continuous_rowcol_from_xy(points).tolist()]
-        if robot is None or not robot.vertices or not self.edges:
-            return
-        ends = np.array(sorted(self.edges))
-        is_clear, _ = self.area.sweeps.along(
-            self.at(ends[:, 0]), self.at(ends[:, 1]), step=_FINE_STEP
-        )
-        if is_clear.all():
-            return
-        for one, other in ends[~is_clear].tolist():
-            self.drop_edge(one, other)
+    def mend_blocked(self) -> None:
+        """Lead edges around what is hit, or drop them and all that only they join."""
+        # Places are rounded, and edges are parts of the lines that were tried: other positions are
+        # tried on them. Where a robot with corners passes sideways alone, or turning as it goes, no
+        # straight edge leads.
+        for _ in range(_ROUNDS):
+            self.places = [(row, col) for row, col in self.rounded(self.places).tolist()]
+            ends = np.array(sorted(self.edges), dtype=np.int64).reshape(-1, 2)
+            is_clear, _ = self.area.sweeps.along(
+                self.at(ends[:, 0]), self.at(ends[:, 1]), touches=self.has_corners,
+                step=_FINE_STEP if self.has_corners else _HALF_CELL,
+            )  # fmt: skip
+            blocked = ends[~is_clear].tolist()
+            if not blocked:
+                return
+            for one, other in blocked:
+                self.drop_edge(one, other)
+            if self.has_corners:
+                break
+            self.add_ways(blocked)
         parts, nodes = self.parts(), self.nodes()
         largest = np.bincount(parts[nodes]).argmax()
         for node in nodes:
@@ -818,7 +838,7 @@ class _Making:
                 for other in list(self.beside[node]):
                     self.drop_edge(node, other)
                 self.gone.add(node)
-        self.missing = self.uncovered()
+        self.missing = self.uncovered(self.nodes())
 
     def part_lanes(self) -> None:
         """Make two lanes of lines between crossings, each on the right, where there is room."""
@@ -844,7 +864,7 @@ class _Making:
         found = [following]
         before = node
         while found[-1] in is_inner and found[-1] != node:
-            (onward,) = self.beside[found[-1]] - {before}
+            (onward,) = self.beside[found[-1]].keys() - {before}
             before = found[-1]
             found.append(onward)
         return found
@@ -854,11 +874,13 @@ class _Making:
         along = places[2:] - places[:-2]
         along /= np.maximum(np.hypot(*along.T), 1e-9)[:, np.newaxis]
         right = along[:, ::-1] * [-1.0, 1.0]  # rows lead north, columns east
-        lanes = [np.concatenate([places[:1], places[1:-1] + side * aside * right, places[-1:]])
-                 for side in (1, -1)]  # fmt: skip
+        lanes = [
+            self.rounded(np.concatenate([places[:1], places[1:-1] + side * right, places[-1:]]))
+            for side in (aside, -aside)
+        ]
         starts, ends = (np.concatenate([lane[part] for lane in lanes])
                         for part in (slice(None, -1), slice(1, None)))  # fmt: skip
-        is_clear, _ = self.area.sweeps.along(starts, ends)
+        is_clear, _ = self.area.sweeps.along(starts, ends, step=_FINE_STEP)
         if not is_clear.all():
             return
         for one, other in pairwise(chain):
@@ -927,7 +949,8 @@ class _Making:
 
 _DECIMALS = 4  # of positions: a tenth of a millimetre
 _ROUNDS = 20
-_FINE_STEP = 0.125  # of a cell: whoever tries other places in half steps finds the same
+_HALF_CELL, _FINE_STEP = 0.5, 0.125
+"""Steps of positions, in cells: by the fine one, whoever tries other places finds the same."""
 _APART = 0.2  # metres between two robots on lanes side by side, and from each to walls
 _ASIDE = 1.0  # metres that a lane lies beside the middle, at most
 _RANKS: tuple[Kind, ...] = ("goal", "door", "crossing", "hall", "end", "way")
@@ -959,34 +982,6 @@ class _Piece(NamedTuple):
     one: int
     last: int
     other: int
-
-
-class _Neighbours(NamedTuple):
-    one: Cells
-    other: Cells
-    lengths: Cells
-
-
-def _neighbours(lengths: NDArray[np.int32], origin: NDArray[np.int32], cells: Cells) -> _Neighbours:
-    """Return pairs of nodes whose areas touch, and the shortest ways over a border of the two."""
-    # Of several nodes in one cell only the first has an area.
-    order = np.argsort(cells, kind="stable")
-    same = np.flatnonzero(np.diff(cells[order]) == 0)
-    together = np.sort(np.stack([order[same], order[same + 1]], axis=1), axis=1)
-    found = [np.column_stack([together, np.zeros(len(together), dtype=np.int64)])]
-    for here, there in (
-        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
-        ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
-    ):
-        one, other = origin[here], origin[there]
-        at = np.nonzero((one != other) & (one >= 0) & (other >= 0))
-        ends = np.sort(np.stack([one[at], other[at]], axis=1).astype(np.int64), axis=1)
-        total = lengths[here][at].astype(np.int64) + lengths[there][at] + STRAIGHT
-        found.append(np.column_stack([ends, total]))
-    rows = np.concatenate(found)
-    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
-    is_first = (np.diff(rows[:, :2], axis=0, prepend=-1) != 0).any(axis=1)
-    return _Neighbours(*rows[is_first].T)
 
 
 def check_wishes(wishes: Wishes, resolution: float) -> None:

@@ -1,0 +1,76 @@
+"""Nodes and the cells around them: which are far from all, and which nodes are neighbours."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.kernels.skeleton import STRAIGHT, largest_of_blocks, lengths_from
+
+Cells = NDArray[np.int64]
+Places = NDArray[np.float64]
+
+
+def flat_cells(places: Places, shape: tuple[int, ...], step: int = 1) -> Cells:
+    """Return flat indices of the blocks of `step` x `step` cells that hold places."""
+    cells = np.floor(places / step).astype(np.int64)
+    flat: Cells = cells[:, 0] * -(-shape[1] // step) + cells[:, 1]
+    return flat
+
+
+def far_from(is_open: NDArray[np.bool_], places: Places, limit: int) -> NDArray[np.bool_]:
+    """Return open cells to which ways from all places are longer than a limit."""
+    # over blocks of open cells first, which are few: it is at most so far to all of a block
+    step = max(1, limit // (15 * STRAIGHT))
+    whole = largest_of_blocks((~is_open).view(np.uint8), step, beyond=1) == 0
+    cells = flat_cells(places, is_open.shape, step)
+    rough, _ = lengths_from(whole, cells, limit=limit // step)
+    most = rough.astype(np.int64) * step + 3 * step * STRAIGHT
+    is_near = (rough >= 0) & (most <= limit)
+    height, width = is_open.shape
+    is_proven = is_near.repeat(step, axis=0)[:height].repeat(step, axis=1)[:, :width]
+    unproven = is_open & ~is_proven
+    if not unproven.any():
+        return unproven
+    around = unproven.copy()
+    around[1:] |= unproven[:-1]
+    around[:-1] |= unproven[1:]
+    around[:, 1:] |= around[:, :-1].copy()
+    around[:, :-1] |= around[:, 1:].copy()
+    around &= is_open
+    rows, cols = np.nonzero(around & is_proven)
+    sources = np.concatenate([flat_cells(places, is_open.shape), rows * width + cols])
+    known = most[rows // step, cols // step]
+    given = np.concatenate([np.zeros(len(places), np.int64), known])
+    lengths, _ = lengths_from(around, sources, given=given, limit=limit)
+    return unproven & (lengths < 0)
+
+
+class Neighbours(NamedTuple):
+    one: Cells
+    other: Cells
+    lengths: Cells
+
+
+def neighbouring(lengths: NDArray[np.int32], origin: NDArray[np.int32], cells: Cells) -> Neighbours:
+    """Return pairs of nodes whose areas touch, and the shortest ways over a border of the two."""
+    # Of several nodes in one cell only the first has an area.
+    order = np.argsort(cells, kind="stable")
+    same = np.flatnonzero(np.diff(cells[order]) == 0)
+    together = np.sort(np.stack([order[same], order[same + 1]], axis=1), axis=1)
+    found = [np.column_stack([together, np.zeros(len(together), dtype=np.int64)])]
+    for here, there in (
+        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
+        ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
+    ):
+        one, other = origin[here], origin[there]
+        at = np.nonzero((one != other) & (one >= 0) & (other >= 0))
+        ends = np.sort(np.stack([one[at], other[at]], axis=1).astype(np.int64), axis=1)
+        total = lengths[here][at].astype(np.int64) + lengths[there][at] + STRAIGHT
+        found.append(np.column_stack([ends, total]))
+    rows = np.concatenate(found)
+    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
+    is_first = (np.diff(rows[:, :2], axis=0, prepend=-1) != 0).any(axis=1)
+    return Neighbours(*rows[is_first].T)
