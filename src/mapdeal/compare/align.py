@@ -23,7 +23,7 @@ from mapdeal.compare.walls import (
     Poses,
     Singles,
     WallMap,
-    looked_up,
+    cells_at,
     moved,
     moved_back,
     pooled,
@@ -149,11 +149,14 @@ class _Plan:
         width, height = ((self._diagonal + self._size) / self.cell + 4).astype(int)
         self._shape = _quick_size(int(height)), _quick_size(int(width))
         self._middle = first.middle_xy
-        self._walls = first.faces_xy - self._middle, first.resolution / self.cell
-        centres, weights = _free_blocks(first, self.cell)
-        self._free = centres - self._middle, weights
-        walls = self._splat(second.faces_xy, second.resolution / self.cell)
-        free = self._splat(*_free_blocks(second, self.cell))
+        walls, free = (
+            self._splat(points / self.cell, weights) for points, weights in self._points(second)
+        )
+        # single precision, and all x before all y: many points are turned many times
+        self._turning = [
+            (np.asfortranarray((points - self._middle) / self.cell, dtype=np.float32), weights)
+            for points, weights in self._points(first)
+        ]
         walls = np.minimum(walls, np.float32(_FULL))
         near = walls
         for axis in (0, 1):  # what is a cell off counts half
@@ -161,18 +164,20 @@ class _Plan:
         near = 2 * near
         clear = np.maximum(free - near, 0)
         self._spectra = [
-            (np.fft.rfft2(near - against * clear), np.fft.rfft2(both_free * free - against * walls))
+            (_spectrum_of(near - against * clear), _spectrum_of(both_free * free - against * walls))
             for against, both_free in np.array(_WEIGHTS, dtype=np.float32)
         ]
 
     def best(self, yaw: float, offered: int, near: Near | None) -> list[list[list[float]]]:
         """Return of each weighing the best shifts of a turn, each as score, yaw, x, y."""
         half = self._diagonal / 2 + self.cell
-        points, weight = self._walls
-        walls = np.minimum(self._splat(turned(points, yaw) + half, weight), np.float32(_FULL))
-        points, weights = self._free
-        free = np.maximum(self._splat(turned(points, yaw) + half, weights) - walls, 0)
-        spectra = np.conj(np.fft.rfft2(walls)), np.conj(np.fft.rfft2(free))
+        walls, free = (
+            self._splat(turned(points, yaw) + half / self.cell, weights)
+            for points, weights in self._turning
+        )
+        walls = np.minimum(walls, np.float32(_FULL))
+        free = np.maximum(free - walls, 0)
+        spectra = np.conj(_spectrum_of(walls)), np.conj(_spectrum_of(free))
         # the corner of the array that the first map is in, less its middle, turned
         base = half - turned(self._middle[np.newaxis], yaw)[0]
         found = []
@@ -200,12 +205,22 @@ class _Plan:
         is_near: Mask = np.hypot(off[:, 0], off[:, 1]) <= near.shift + self.cell
         return is_near.reshape(self._shape)
 
-    def _splat(self, points_xy: Floats, weights: Floats | float) -> Floats:
-        col, row = np.floor(points_xy / self.cell).astype(np.int64).T
+    def _points(self, walls: WallMap) -> Iterator[tuple[Floats, Floats | float]]:
+        """Yield the points of a map's walls, and of its free space, and how much each counts."""
+        yield walls.faces_xy, walls.resolution / self.cell
+        yield _free_blocks(walls, self.cell)
+
+    def _splat(self, places: Floats, weights: Floats | float) -> Floats:
+        col, row = places.astype(np.int32).T
         every = np.broadcast_to(np.asarray(weights, dtype=np.float64), row.shape)
         height, width = self._shape
         cells = np.bincount(row * width + col, every, height * width)
         return cells.reshape(self._shape).astype(np.float32)
+
+
+def _spectrum_of(cells: Floats) -> NDArray[np.complexfloating[Any, Any]]:
+    # Without a scale numpy works in double precision, four times as long. All scores are scaled.
+    return np.fft.rfft2(cells, norm="ortho")
 
 
 def _free_blocks(walls: WallMap, cell: float) -> tuple[Floats, Floats]:
@@ -224,9 +239,9 @@ def _best_of_blocks(
     """Return row, column and score of the best cells, of each block one at most."""
     height, width = (side // _BLOCK for side in scores.shape)
     whole = scores[: height * _BLOCK, : width * _BLOCK]
-    # down the rows first, which is one pass over whole rows
-    best = whole.reshape(height, _BLOCK, -1).max(axis=1).reshape(-1, _BLOCK).max(axis=1)
     blocks = whole.reshape(height, _BLOCK, width, _BLOCK)
+    of_rows = whole.reshape(height, _BLOCK, -1).max(axis=1).ravel()
+    best = np.maximum.reduce([of_rows[k::_BLOCK] for k in range(_BLOCK)])
     top = np.argpartition(best, -min(most, len(best)))[-most:]
     top = top[np.isfinite(best[top])]
     down, right = np.divmod(top, width)
@@ -298,7 +313,7 @@ def _add(
 ) -> None:
     """Add the normal equations of some distances, given their derivatives by x, y and yaw."""
     counts = distance < FAR * scale
-    distance = np.where(counts, distance, 0)
+    distance = distance * counts
     weight = counts / (1 + (distance / scale) ** 2) ** 2
     for i, one in enumerate(columns):
         weighted = weight * one
@@ -388,17 +403,19 @@ def agreement_at(
         metres = np.full(len(faces), own.wall_length / len(faces) / 2)
         if weights is not None:
             metres *= some_of(weights[number], most)
-        distance, is_free, _ = looked_up(other, move(poses, faces))
+        at = cells_at(other, move(poses, faces))
+        distance, is_free = other.padded_distance.take(at), other.padded_free.take(at)
         is_thin = ~normals.any(axis=1)
         for k, tolerance in enumerate(tolerances):
             beside = faces + normals * np.float32(tolerance + cell)
-            open_there = looked_up(other, move(poses, beside))[1] | is_thin
+            at = cells_at(other, move(poses, beside))
+            open_there = other.padded_free.take(at) | is_thin
             agreeing[:, k] += (((distance <= tolerance) & open_there) * metres).sum(axis=1)
             contradicting[:, k] += (((distance > tolerance) & is_free) * metres).sum(axis=1)
         row, col = np.divmod(some_of(np.flatnonzero(own.free), most), own.frame.width)
         points = ((np.stack([col, row], axis=-1) + 0.5) * own.resolution).astype(np.float32)
         if len(points):
-            shared = looked_up(other, move(poses, points))[2].mean(axis=1)
+            shared = other.padded_known.take(cells_at(other, move(poses, points))).mean(axis=1)
             known += shared * own.free_area / 2
     longest = max(first.wall_length, second.wall_length)
     smaller = max(min(first.free_area, second.free_area), 1e-12)
@@ -673,7 +690,7 @@ def _slid(first: WallMap, second: WallMap, pose: Poses, axes: Floats) -> Poses:
         both = (first, second, moved), (second, first, moved_back)
         for own, other, move in both:
             faces = own.some_faces(_MOST_SLID)[0]
-            distance = looked_up(other, move(beside, faces))[0]
+            distance = other.padded_distance.take(cells_at(other, move(beside, faces)))
             agreeing += (distance <= step).mean(axis=1) * own.wall_length
         order = np.argsort(-agreeing, kind="stable")
         best = order[0]
@@ -758,7 +775,7 @@ def _most_bent(
     faces = first.some_faces(_MOST_POLISHED)[0]
     points = bend.moved(poses, faces)[0]
     near = 2 * max(_narrow(first, second), _LEAST_SCALE * max(first.resolution, second.resolution))
-    meets = looked_up(second, points[None])[0][0] <= near
+    meets = second.padded_distance.take(cells_at(second, points)) <= near
     if not meets.any():
         return 0.0, None
     by = np.hypot(*bend.at(bend.terms(faces))[0].T)[meets]

@@ -61,10 +61,11 @@ class Bend:
         powers = [np.ones_like(place), place]
         while len(powers) <= _DEGREE:
             powers.append(powers[-1] * place)
-        found = np.empty((*place.shape[:-1], len(_POWERS)), dtype=kind)
-        for k, (i, j) in enumerate(_POWERS):
-            np.multiply(powers[i][..., 0], powers[j][..., 1], out=found[..., k])
-        return found
+        # one array for each term, of which einsum is many times as fast
+        found = np.empty((len(_POWERS), *place.shape[:-1]), dtype=kind)
+        for one, (i, j) in zip(found, _POWERS, strict=True):
+            np.multiply(powers[i][..., 0], powers[j][..., 1], out=one)
+        return np.moveaxis(found, 0, -1)
 
     def at(self, terms: Floats) -> Floats:
         """Return the displacements, shape (K, N, 2), where the terms are these."""
@@ -128,7 +129,7 @@ def _equations(
 ) -> tuple[Floats, Floats]:
     """Return the normal equations of distances, shape (K, N), given their slopes along x and y."""
     counts = distance < FAR * scale
-    distance = np.where(counts, distance, 0).astype(np.float64)
+    distance = (distance * counts).astype(np.float64)
     weight = counts / (1 + (distance / scale) ** 2) ** 2 * (share / scale**2)
     terms = np.broadcast_to(terms, (len(distance), *terms.shape[-2:]))
     count, unknowns = len(distance), terms.shape[-1]
@@ -136,7 +137,7 @@ def _equations(
     right = np.empty((count, 2, unknowns))
     for i, one in enumerate(by_shift):
         weighted = (weight * one)[..., None] * terms
-        right[:, i] = (weighted * distance[..., None]).sum(axis=1)
+        right[:, i] = np.einsum("knm,kn->km", weighted, distance)
         for j, other in enumerate(by_shift[: i + 1]):
             found = np.einsum("knm,knl->kml", weighted * other[..., None], terms)
             normal[:, i, :, j] = found

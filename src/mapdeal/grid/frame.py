@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, cast
+from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +29,7 @@ such as 6 * 0.05 and 0.3 differ in their last bits."""
 
 Origin = tuple[float, float, float]
 Point = tuple[float, float]
+_Real = TypeVar("_Real", bound=np.floating[Any])
 
 # Far beyond any robot; inside of them no product of lengths and cells overflows.
 _SMALLEST_CELL, _LARGEST_CELL = 1e-6, 1e6
@@ -86,7 +87,7 @@ def check_point(point: Sequence[float], name: str) -> Point:
     return x, y
 
 
-def turned(vectors_xy: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+def turned(vectors_xy: NDArray[_Real], angle: float) -> NDArray[_Real]:
     """Return vectors, shape (N, 2), turned anticlockwise by an angle, radians."""
     cos, sin = math.cos(angle), math.sin(angle)
     # not a product of matrices, whose rounding depends on how many vectors there are

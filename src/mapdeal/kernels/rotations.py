@@ -102,18 +102,17 @@ def hough_spectrum(points_xy: Floats, angles: Floats, width: float) -> Floats:
     """Return how much of a map's walls runs in each of some directions."""
     # From S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25,
     # 2008: the Hough spectrum, there from the Hough transform of all pixels.
-    points = points_xy - points_xy.mean(axis=0)
-    middle = math.ceil(float(np.hypot(*points.T).max()) / width) + 1
+    x, y = np.ascontiguousarray((points_xy - points_xy.mean(axis=0)).T / width)
+    middle = math.ceil(float(np.hypot(x, y).max())) + 1
     found = np.empty(len(angles))
 
     def some(first: int, end: int) -> None:
         for k in range(first, end):
-            across = points[:, 1] * math.cos(angles[k]) - points[:, 0] * math.sin(angles[k])
-            places = across / width + middle
+            places = y * math.cos(angles[k]) - x * math.sin(angles[k]) + middle
             strips = places.astype(np.int64)
-            share = places - strips
-            counts = np.bincount(strips, 1 - share, 2 * middle + 2)
-            counts += np.bincount(strips + 1, share, 2 * middle + 2)
+            beyond = np.bincount(strips, places - strips, 2 * middle + 2)
+            counts = np.bincount(strips, minlength=2 * middle + 2) - beyond
+            counts[1:] += beyond[:-1]
             found[k] = counts @ counts
 
     in_parallel(some, len(angles))
