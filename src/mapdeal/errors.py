@@ -205,14 +205,20 @@ class BatchError(MapdealError):
     exit_code = 5
 
 
+_UNSAID = (
+    "without exception set", "without setting an exception", "without raising an exception",
+    "raised unreported exception",
+)  # fmt: skip
+"""What Python's SystemError says where there was no memory for the exception itself."""
+
+
 def refusal_of_the_system(error: Exception, source: Path | None = None) -> MapdealError | None:
     """Return what to report if the system has no more to give, or a library cannot be loaded.
 
     Such errors can come from anywhere, also from imports within libraries.
     """
     hint = "ulimit -a shows the limits of processes, memory and open files"
-    # Python itself raises SystemError where it has no memory for the exception.
-    is_out = isinstance(error, SystemError) and "without exception set" in str(error)
+    is_out = isinstance(error, SystemError) and any(words in str(error) for words in _UNSAID)
     if is_out or isinstance(error, MemoryError):
         return MalformedInputError("not enough memory for a map of this size", source=source)
     if isinstance(error, OSError) and error.errno in _EXHAUSTED:

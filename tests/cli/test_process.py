@@ -137,7 +137,16 @@ def test_a_signal_during_the_start_is_one_line(which, sent):
 @pytest.mark.parametrize(
     ("problem", "code", "line"),
     [
-        (MemoryError(), 3, "error: not enough memory for a map of this size"),
+        *(
+            (problem, 3, "error: not enough memory for a map of this size")
+            for problem in (
+                MemoryError(),
+                SystemError("error return without exception set"),
+                SystemError("initialization of _x raised unreported exception"),
+                SystemError("<function f> returned NULL without setting an exception"),
+            )
+        ),
+        (SystemError("bad argument to internal function"), 70, "error: internal error"),
         (KeyboardInterrupt(), 130, "error: interrupted"),
         (KeyboardInterrupt("one map is done"), 130, "error: interrupted; one map is done"),
         (RuntimeError("a bug"), 70, "error: internal error"),
