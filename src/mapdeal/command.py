@@ -478,10 +478,15 @@ class Stage:
         """Types of grids that it works on directly; of other grids it receives the map."""
         if self.edits:
             return (OccupancyGrid,)
-        function = inspect.unwrap(self.function)
-        first = next(iter(inspect.signature(function).parameters))
-        taken = get_type_hints(function)[first]
-        return get_args(taken) or (taken,)
+        return taken_by(self.function)
+
+
+def taken_by(function: Callable[..., Any]) -> tuple[type[Any], ...]:
+    """Return the types of a function's first argument."""
+    function = inspect.unwrap(function)
+    first = next(iter(inspect.signature(function).parameters))
+    taken = get_type_hints(function)[first]
+    return get_args(taken) or (taken,)
 
 
 @dataclass(frozen=True)
@@ -671,6 +676,10 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
     # is extended to the field's frame, unless it minds the box itself.
     known = parameters_of(function, of_stage=True)
 
+    @functools.cache  # looked up late: types are slow to import
+    def taken() -> tuple[type[Any], ...]:
+        return taken_by(function)
+
     @functools.wraps(function)
     def with_checks(*args: P.args, **kwargs: P.kwargs) -> R:
         accepted: dict[str, Any] = {
@@ -682,6 +691,9 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
             raise ParameterError(rule, source=function.__name__)
         if args and isinstance(args[0], (str, PathLike)):
             raise ParameterError("takes a grid: read_map(path)", source=function.__name__)
+        if is_cropped and args and not isinstance(args[0], taken()):
+            rule = f"takes a grid: {' or '.join(one.__name__ for one in taken())}"
+            raise ParameterError(rule, source=function.__name__, got=type(args[0]).__name__)
         field: Any = args[0] if args else None
         if is_cropped and isinstance(field, FieldGrid) and field.region is not None:
             make: Any = function
