@@ -70,19 +70,6 @@ def test_a_strength_reaches_as_far_as_the_view_that_is_made_of_the_whole_map(mon
     assert np.array_equal(field_view(field, view_range=1.0).occupancy, expected)
 
 
-def test_views_that_are_whole_on_paper_by_hand():
-    # 0.1 m cells of a range of 2 m: 5 less for each, where floats make 64.99999999999999 of 65
-    row = OccupancyGrid([[100, *[0] * 21]], 0.1, (0.5, -2.0, 1.0))
-    assert field_view(esdf(row)).occupancy.tolist() == [[*range(100, -1, -5), 0]]
-    # four rows of obstacles, the deepest 0.2 m, five free ones, up to 0.25 m, of 0.05 m cells:
-    # the span is 0.25 - 0.05 + 0.2 m, of which a cell is an eighth
-    columns = OccupancyGrid([[100] * 4 + [0] * 5] * 2, 0.05, (0.5, -2.0, 1.0))
-    for convention in CONVENTIONS:
-        view = field_view(esdf(columns, convention=convention), view="per-map")
-        assert view.occupancy.tolist() == [[100] * 4 + [50, 37, 25, 12, 0]] * 2
-        assert (view.scale.farthest, view.scale.deepest) == (0.25, 0.2)
-
-
 @pytest.mark.parametrize(("view", "view_range"), [("metric", 1e13), ("per-map", 2.0)])
 def test_a_free_cell_is_never_an_obstacle_in_the_view(view, view_range):
     # of a field by others, with a free cell nearer than a cell to an obstacle
