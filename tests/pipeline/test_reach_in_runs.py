@@ -105,20 +105,11 @@ def test_a_goal_that_is_not_reached_is_warned_of(run):
     words = ["--set", "reach.goals={cupboard: [9, 3], lift: [-7, 3]}"]
     code, said, manifest = run(*words)
     assert code == 0
+    assert manifest["figures"]["reach"]["goals"] == {"cupboard": False, "lift": True}
     told = "reach: not reachable: cupboard (its cell is unknown)"
     assert said.count(told) == 1
     assert [text.endswith(told) for text in manifest["warnings"]] == [True]
     assert run(*words, "--strict", folder="strict")[0] == 1
-
-
-def test_goals_are_set_on_the_command_line(run):
-    goals = "reach.goals={lift: [-7, 3], 'room 2': [7.5, -4.5]}"
-    code, said, manifest = run("--set", goals, "--set", "reach.start=-8,0")
-    assert code == 0, said
-    assert manifest["figures"]["reach"]["goals"] == {"lift": True, "room 2": True}
-    code, said, _ = run("--set", "reach.goals={lift: [-7]}", folder="none")
-    assert (code, said.count("\n")) == (2, 1)
-    assert "--set: reach.goals lift: must be 2 numbers" in said
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
