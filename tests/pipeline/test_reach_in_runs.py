@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -143,32 +142,6 @@ def test_a_run_with_the_robot_s_files_reaches_what_the_command_does(run, command
     with np.load("l.npz") as one, np.load("out/office/reach.npz") as other:
         for name in ("reachable", "headings", "clearance", "widest"):
             np.testing.assert_array_equal(one[name], other[name])
-
-
-def test_it_looks_at_the_lethal_cells_of_costs():
-    """After cost as in front of it: inscribed costs are no obstacles.
-
-    They cover unknown cells, so that smaller robots, and `widest`, may find other ways.
-    """
-    Path("r.yaml").write_text("stages:\n  - cost: {inscribed_radius: 0.3}\n  - reach\n")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        recipe = load_recipe("r.yaml", changes=["reach.start=-8,0", "reach.radius=0.3"])
-        made = mapdeal.apply_recipe(read_map(OFFICE), recipe)["reach"]
-    alone = mapdeal.reach(read_map(OFFICE), start=(-8, 0), radius=0.3)
-    for name in ("reachable", "headings", "clearance"):
-        np.testing.assert_array_equal(getattr(made, name), getattr(alone, name))
-
-
-@pytest.mark.filterwarnings("error")
-def test_a_shape_goes_to_reach_unless_a_radius_is_set_or_inflation_has_it():
-    shape = Footprint.circle(0.2)
-    reach = reach_of(f"reach: {FIRST}", footprint=shape)
-    assert (reach["footprint"], reach["radius"]) == (shape, 0.2)
-    later = reach_of(f"reach: {FIRST}", footprint=shape, changes=["reach.radius=0.5"])
-    assert (later["footprint"], later["radius"]) == (None, 0.5)
-    inflated = reach_of("inflate:\n  - reach: {start: [-8, 0]}", footprint=shape)
-    assert inflated["radius"] == 0.0
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")

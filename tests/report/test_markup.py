@@ -123,8 +123,6 @@ def test_zones_and_marks_are_told_in_words_and_colours_are_attributes():
         assert "collision at any heading" in place
     assert not [attrs for _, attrs in tags if "style" in attrs]
     assert {attrs["fill"] for tag, attrs in tags if tag == "rect"} >= {"#101014", "#00bec8"}
-
-
-def test_costs_on_the_scale_of_occupancy_end_at_100():
+    # and the costs of occupancy end at 100
     _, text = read(curve_figure(mapdeal.cost_curve(0.05, model="threshold")))
     assert ("254" in text, "100" in text) == (False, True)

@@ -74,18 +74,15 @@ FAR = {"inscribed_radius": 0.2, "inflation_radius": 0.9, "cost_scaling_factor": 
 MAXIMUM = {"static": {"use_maximum": True}}
 
 
-@pytest.mark.parametrize(
-    ("layers", "inflations"),
-    [
-        (["static", {"inflation": {**FAR, "lookup": "nav2"}}], [{**FAR, "lookup": "nav2"}]),
-        (["static", {"inflation": NEAR}, {"inflation": FAR}], [NEAR, FAR]),
-        (["static", {"inflation": FAR}, {"inflation": NEAR}], [FAR, NEAR]),
-        (["static", {"inflation": FAR}, "static", {"inflation": NEAR}], [NEAR]),
-        (["static", {"inflation": FAR}, MAXIMUM, {"inflation": NEAR}], [FAR, NEAR]),
-        ([{"inflation": FAR}, MAXIMUM, {"inflation": NEAR}], [NEAR]),
-        (["static", {"inflation": NEAR}, "static"], []),
-    ],
-)
+@pytest.mark.parametrize(("layers", "inflations"), [
+    (["static", {"inflation": {**FAR, "lookup": "nav2"}}], [{**FAR, "lookup": "nav2"}]),
+    (["static", {"inflation": NEAR}, {"inflation": FAR}], [NEAR, FAR]),
+    (["static", {"inflation": FAR}, {"inflation": NEAR}], [FAR, NEAR]),
+    (["static", {"inflation": FAR}, "static", {"inflation": NEAR}], [NEAR]),
+    (["static", {"inflation": FAR}, MAXIMUM, {"inflation": NEAR}], [FAR, NEAR]),
+    ([{"inflation": FAR}, MAXIMUM, {"inflation": NEAR}], [NEAR]),
+    (["static", {"inflation": NEAR}, "static"], []),
+])  # fmt: skip
 def test_layers_have_the_costs_of_the_map(layers, inflations):
     grid = around_one_obstacle(0.07)
     curve = mapdeal.cost_curve(grid, model="layers", layers=layers)
@@ -102,16 +99,13 @@ def test_layers_have_the_costs_of_the_map(layers, inflations):
 
 
 @pytest.mark.parametrize("view", ["metric", "per-map"])
-@pytest.mark.parametrize(
-    ("strength", "parameters"),
-    [
-        (1.0, {}),
-        (1.0, {"down": 20, "up": 60, "down_factor": 0.5, "up_factor": 1.1}),
-        (2.5, {"down": 20, "up": 60, "down_factor": 0.5, "up_factor": 1.1}),
-        (1.0, {"down": 30, "up": 70, "down_factor": 1.0, "up_factor": 0.0}),
-        (2.5, {"down": 99, "up": 100}),
-    ],
-)
+@pytest.mark.parametrize(("strength", "parameters"), [
+    (1.0, {}),
+    (1.0, {"down": 20, "up": 60, "down_factor": 0.5, "up_factor": 1.1}),
+    (2.5, {"down": 20, "up": 60, "down_factor": 0.5, "up_factor": 1.1}),
+    (1.0, {"down": 30, "up": 70, "down_factor": 1.0, "up_factor": 0.0}),
+    (2.5, {"down": 99, "up": 100}),
+])  # fmt: skip
 def test_thresholds_have_the_costs_of_the_map(view, parameters, strength):
     grid = around_one_obstacle(0.07)
     field = mapdeal.esdf(grid, strength=strength, convention="border")

@@ -143,18 +143,14 @@ def test_options_that_cannot_be_are_refused(function, words, options):
         getattr(mapdeal, function)(grid, **options)
 
 
-@pytest.mark.parametrize(
-    ("place", "size"),
-    [
-        *[({"corner_xy": (1.0, 2.0)}, size)
-          for size in ((0.0, 1.0), (1.0, -1.0), (math.nan, 1.0), (1e300, 1.0), 3.0)],
-        *[({"corner_xy": corner}, (1.0, 1.0)) for corner in ((math.inf, 2.0), (1.0,), ("a", 2.0))],
-        ({"center_xy": (1e300, 2.0)}, (1.0, 1.0)),
-        ({}, (1.0, 1.0)),
-        ({"corner_xy": (1.0, 2.0), "center_xy": (1.0, 2.0)}, (1.0, 1.0)),
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize(("place", "size"), [
+    *[({"corner_xy": (1.0, 2.0)}, size)
+      for size in ((0.0, 1.0), (1.0, -1.0), (math.nan, 1.0), (1e300, 1.0), 3.0)],
+    *[({"corner_xy": corner}, (1.0, 1.0)) for corner in ((math.inf, 2.0), (1.0,), ("a", 2.0))],
+    ({"center_xy": (1e300, 2.0)}, (1.0, 1.0)),
+    ({}, (1.0, 1.0)),
+    ({"corner_xy": (1.0, 2.0), "center_xy": (1.0, 2.0)}, (1.0, 1.0)),
+], ids=str)  # fmt: skip
 @pytest.mark.parametrize("function", [window, reset_region])
 def test_regions_that_cannot_be_are_refused(function, place, size):
     with pytest.raises(ParameterError):
@@ -181,43 +177,37 @@ def test_a_potential_holds_finite_repulsion():
         PotentialField([[1.0]], np.zeros((1, 1), np.int8), 0.5, attractive_gain=-1e-9)
 
 
-@pytest.mark.parametrize(
-    ("told", "parameters"),
-    [
-        (r"cost\.float32_resolution", {"lookup": "nav2", "float32_resolution": "no"}),
-        ("cost.layers: must be a list of layers such as", {"model": "layers", "layers": "static"}),
-        (r"cost.layers 1: must look like one of \[\{static", layers(3)),
-        ("cost.layers 1: must look like one of", layers({"static": {}, "inflation": {}})),
-        ("cost.layers 1: must look like", layers({"static": 3})),
-        ("cost.layers 2: no such kind of layer, got 'inflate'", layers("static", "inflate")),
-        ("cost.layers 1 static: no such parameter, got 'trinary'",
-         layers({"static": {"trinary": True}})),
-        ("cost.layers 1 inflation.inflation_radius: must be a finite number, at least 0, got -1",
-         layers({"inflation": {"inflation_radius": -1}})),
-        ("cost.layers 1 static.lethal_cost_threshold: must be a whole number, between 0 and 100",
-         layers({"static": {"lethal_cost_threshold": 101}})),
-        ("must be a whole number, a byte", layers({"static": {"unknown_cost_value": 256}})),
-        ("cost.layers 1 static.name: must be a word", layers({"static": {"name": ""}})),
-        ("must be one of exact, nav2", layers({"inflation": {"lookup": "older"}})),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("told", "parameters"), [
+    (r"cost\.float32_resolution", {"lookup": "nav2", "float32_resolution": "no"}),
+    ("cost.layers: must be a list of layers such as", {"model": "layers", "layers": "static"}),
+    (r"cost.layers 1: must look like one of \[\{static", layers(3)),
+    ("cost.layers 1: must look like one of", layers({"static": {}, "inflation": {}})),
+    ("cost.layers 1: must look like", layers({"static": 3})),
+    ("cost.layers 2: no such kind of layer, got 'inflate'", layers("static", "inflate")),
+    ("cost.layers 1 static: no such parameter, got 'trinary'",
+     layers({"static": {"trinary": True}})),
+    ("cost.layers 1 inflation.inflation_radius: must be a finite number, at least 0, got -1",
+     layers({"inflation": {"inflation_radius": -1}})),
+    ("cost.layers 1 static.lethal_cost_threshold: must be a whole number, between 0 and 100",
+     layers({"static": {"lethal_cost_threshold": 101}})),
+    ("must be a whole number, a byte", layers({"static": {"unknown_cost_value": 256}})),
+    ("cost.layers 1 static.name: must be a word", layers({"static": {"name": ""}})),
+    ("must be one of exact, nav2", layers({"inflation": {"lookup": "older"}})),
+])  # fmt: skip
 def test_steps_of_costs_are_refused_with_their_place(told, parameters):
     with pytest.raises(ParameterError, match=told):
         make_step("cost", parameters)
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "told"),
-    [
-        ("cost.layers", "[{static: {use_maximum: yes, use_maximum: no}}]", "key appears twice"),
-        ("cost.layers", "[{inflation: {inflation_radius: 010}}]", "must be a decimal number"),
-        ("cost.layers", "[" * 30, "nested deeper"),
-        ("cost.layers", "[{static: ", "not valid YAML"),
-        ("visit.goals", "{kitchen: [7.1, 3.2}", None),
-        ("visit.goals", "{kitchen: [7.1]}", "kitchen: must be (a list of )?2 numbers"),
-        ("visit.goals", "{a: [1, 2], a: [3, 4]}", "appears twice"),
-    ],
-)
+@pytest.mark.parametrize(("name", "text", "told"), [
+    ("cost.layers", "[{static: {use_maximum: yes, use_maximum: no}}]", "key appears twice"),
+    ("cost.layers", "[{inflation: {inflation_radius: 010}}]", "must be a decimal number"),
+    ("cost.layers", "[" * 30, "nested deeper"),
+    ("cost.layers", "[{static: ", "not valid YAML"),
+    ("visit.goals", "{kitchen: [7.1, 3.2}", None),
+    ("visit.goals", "{kitchen: [7.1]}", "kitchen: must be (a list of )?2 numbers"),
+    ("visit.goals", "{a: [1, 2], a: [3, 4]}", "appears twice"),
+])  # fmt: skip
 def test_settings_are_read_as_recipes_are(tmp_path, monkeypatch, name, text, told):
     list_visit(monkeypatch)
     path = tmp_path / "r.yaml"
@@ -227,26 +217,23 @@ def test_settings_are_read_as_recipes_are(tmp_path, monkeypatch, name, text, tol
     assert str(caught.value).startswith(f"--set: {name}")
 
 
-@pytest.mark.parametrize(
-    ("value", "said"),
-    [
-        (7.1, r"^goals: must look like {kitchen: \[7.1, 3.2\], ...} or"),
-        (None, "must look like"),
-        ({"kitchen": [7.1]}, "goals kitchen: must be (a list of )?2 numbers"),
-        ([7.1, 3.2, 0.0], "goals 1: must be (a list of )?2 numbers"),
-        ([[7.1, 3.2], [1, "x"]], "goals 2: must be a finite number, got 'x'"),
-        ([[7.1, math.inf]], "goals 1: must be a finite number"),
-        ([{"kitchen": [7.1, 3.2], "hall": [1, 2]}], "goals 1: must be a place, or one name"),
-        ({"kitchen": {"x": 1, "y": 2}}, "goals kitchen: must be a list of numbers"),
-        ({"": [7.1, 3.2]}, "name must be text"),
-        ({"a\nb": [7.1, 3.2]}, "name must be text"),
-        ({True: [7.1, 3.2]}, "name must be text"),
-        ([{"hall": [1, 2]}, {"hall": [3, 4]}], "two goals have this name, got 'hall'"),
-        ({1: [1, 2], "1": [3, 4]}, "two goals have this name"),
-        ("kitchen", "goals 1: must be a finite number"),
-        ("1,2,3", "goals 1: must be (a list of )?2 numbers"),
-    ],
-)
+@pytest.mark.parametrize(("value", "said"), [
+    (7.1, r"^goals: must look like {kitchen: \[7.1, 3.2\], ...} or"),
+    (None, "must look like"),
+    ({"kitchen": [7.1]}, "goals kitchen: must be (a list of )?2 numbers"),
+    ([7.1, 3.2, 0.0], "goals 1: must be (a list of )?2 numbers"),
+    ([[7.1, 3.2], [1, "x"]], "goals 2: must be a finite number, got 'x'"),
+    ([[7.1, math.inf]], "goals 1: must be a finite number"),
+    ([{"kitchen": [7.1, 3.2], "hall": [1, 2]}], "goals 1: must be a place, or one name"),
+    ({"kitchen": {"x": 1, "y": 2}}, "goals kitchen: must be a list of numbers"),
+    ({"": [7.1, 3.2]}, "name must be text"),
+    ({"a\nb": [7.1, 3.2]}, "name must be text"),
+    ({True: [7.1, 3.2]}, "name must be text"),
+    ([{"hall": [1, 2]}, {"hall": [3, 4]}], "two goals have this name, got 'hall'"),
+    ({1: [1, 2], "1": [3, 4]}, "two goals have this name"),
+    ("kitchen", "goals 1: must be a finite number"),
+    ("1,2,3", "goals 1: must be (a list of )?2 numbers"),
+])  # fmt: skip
 def test_what_is_no_goal_is_refused_by_its_number_or_name(value, said):
     with pytest.raises(ParameterError, match=said):
         accept_goals("goals", value)
