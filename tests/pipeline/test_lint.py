@@ -1,9 +1,8 @@
 """Lint of many maps: what names stand for, which rules hold, and who does the work."""
 
-import contextlib
 import errno
-from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from mapdeal.files.source import SHARE_OF_JOB
 from mapdeal.files.source import contents_of as real_contents_of
 from mapdeal.inputs.listing import list_maps
 from mapdeal.pipeline.settings import Settings
+from pipeline.here import HereWorkers, die_of
 from pipeline.reported import write_cells
 
 LINT_FILE = "mapdeal.checks.lint.lint_file"
@@ -149,32 +149,13 @@ def test_the_report_is_the_same_with_any_number_of_processes(many):
 def workers(monkeypatch):
     """Workers in this process; return a dict that says by the name of a map what befalls them."""
     fates = {}
-
-    class Workers:
-        def __init__(self, size):
-            self.size = size
-
-        @contextlib.contextmanager
-        def started(self, _size, work):
-            def submit(job):
-                future = Future()
-                try:
-                    future.set_result(fates.get(job.path.name, lambda: work(job))())
-                except Exception as error:  # noqa: BLE001 - as a pool does
-                    future.set_exception(error)
-                return future
-
-            yield submit
-
-    monkeypatch.setattr("mapdeal.pipeline.workers.ProcessWorkers", Workers)
+    made = partial(HereWorkers, fates=fates)
+    monkeypatch.setattr("mapdeal.pipeline.workers.ProcessWorkers", made)
     return fates
 
 
 def test_a_map_that_its_worker_dies_of_is_a_finding(many, workers):
-    def die():
-        raise BrokenProcessPool
-
-    workers["3.yaml"] = die
+    workers["3"] = die_of(BrokenProcessPool())
     report = lint(many, jobs=2)
     (found,) = next(one for one in report.maps if one.file == "maps/many/3.yaml").findings
     told = "the worker process died, and again with this map alone"
@@ -187,16 +168,16 @@ def test_a_map_that_its_worker_dies_of_is_a_finding(many, workers):
 
 @pytest.fixture
 def met(monkeypatch):
-    """Return a function that has lint of a map raise errors, one a turn, and tells its turns."""
+    """Return a function that has lint of a map raise an error at first, and tells its turns."""
 
-    def meet(name, *problems):
-        left, turns = list(problems), []
+    def meet(name, problem):
+        turns = []
 
-        def lint_or_fail(path, *, max_cells=None, radius=None):
+        def lint_or_fail(path, **options):
             turns.append(path.name)
-            if path.name == name and left:
-                raise left.pop()
-            return lint_file(path, max_cells=max_cells, radius=radius)
+            if path.name == name and turns.count(name) == 1:
+                raise problem
+            return lint_file(path, **options)
 
         monkeypatch.setattr(LINT_FILE, lint_or_fail)
         return turns

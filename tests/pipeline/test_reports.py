@@ -174,12 +174,10 @@ def test_a_run_that_asks_what_can_be_reached_shows_the_answer(rooms, tmp_path):
 
 
 def test_shares_are_those_of_the_map_as_read_and_not_of_what_a_run_made_of_it(run, rooms):
-    (alone,) = entries_of(run)
+    (alone,), (both,) = entries_of(run), entries_of(run, rooms)
     assert not {"occupied %", "free %", "unknown %"} & set(alone.figures)
-    (both,) = entries_of(run, rooms)
-    cells = rooms_grid().occupancy
-    assert both.figures["occupied %"] == round(100 * np.mean(cells == 100), 2)
-    assert both.figures["unknown %"] == round(100 * np.mean(cells == -1), 2)
+    for name, state in (("occupied %", 100), ("unknown %", -1)):
+        assert both.figures[name] == round(100 * np.mean(rooms_grid().occupancy == state), 2)
     assert both.figures["lethal %"] > both.figures["occupied %"]  # inflated
 
 

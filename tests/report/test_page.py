@@ -191,10 +191,8 @@ def test_the_line_below_the_title_tells_the_figures_once_with_their_units():
     expected = "8 \u00d7 3 cells of 0.25 m, 2 \u00d7 0.75 m, occupied 12.5 %, recipe design-real"
     assert expected in page.text
     items = (Item("finding", "x", "error"), Item("finding", "y", "warning"))
-    entries = (entry_of(GRID, "a", items=items, warnings=("w",)), Entry("b"))
-    page = parsed(Report("two", entries, "1.0"))
-    assert "2 maps, 1 error, 2 warnings, 1 without layers" in page.text
-    assert "Status" not in page.text
     failed = Entry("c", status="failed", warnings=("c.yaml: the image does not exist",))
-    page = parsed(Report("three", (*entries, failed), "1.0"))
+    entries = (entry_of(GRID, "a", items=items, warnings=("w",)), Entry("b"), failed)
+    page = parsed(Report("three", entries, "1.0"))
     assert "3 maps, 2 errors, 2 warnings, 1 failed, 1 without layers" in page.text
+    assert "Status" not in "".join(parsed(Report("two", entries[:2], "1.0")).text)
