@@ -112,24 +112,6 @@ def test_a_goal_that_is_not_reached_is_warned_of(run):
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-def test_on_a_larger_canvas_it_is_what_it_is_on_the_active_region(run):
-    Path("r.yaml").write_text(
-        "stages:\n  - active:\n  - esdf:\n  - reach: {start: [-8, 0], radius: 0.3}\n"
-    )
-    crop, full = (
-        run("--canvas", name, recipe="r.yaml", folder=name)[2]["figures"]["reach"]
-        for name in ("crop", "full")
-    )
-    assert full["width"] == 544 > crop["width"]
-    for name in ("reachable_m2", "open_m2", "free_m2", "share"):
-        assert crop[name] == pytest.approx(full[name])
-    with np.load("full/office/reach.npz") as file:
-        reachable = file["reachable"]
-    assert reachable.shape == (544, 544)
-    assert reachable.sum() * 0.05**2 == pytest.approx(crop["reachable_m2"])
-
-
-@pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_run_with_the_robot_s_files_reaches_what_the_command_does(run, command):
     robot(threshold=65)
     code, said, manifest = run("--params-file", "p.yaml")

@@ -185,14 +185,3 @@ def test_a_run_on_the_whole_canvas_is_the_run_without_padded_by_hand(room, tmp_p
             assert new == {**old, "origin": list(origin)}
     endings = {".npz", ".pgm", ".yaml", ".png", ".json"}
     assert {path.suffix for path in crop.iterdir()} == endings
-
-
-def test_figures_on_the_whole_canvas_are_of_all_of_it(room, tmp_path):
-    settings = replace(BARE, canvas="full")
-    figures = run_map(room, tmp_path / "out", load_recipe("arena", sim=True), settings).figures
-    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
-    assert manifest["options"]["canvas"] == "full"
-    height, width = read_map(room).shape
-    assert {(one["width"], one["height"]) for one in figures.values()} == {(width, height)}
-    cells = height * width - 200
-    assert (figures["esdf"]["without_value"], figures["cost"]["unknown"]) == (cells, cells)

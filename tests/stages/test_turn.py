@@ -155,8 +155,3 @@ def test_every_cell_is_as_by_hand(seed, height, width, old, new):
         expected = rescaled_by_hand(grid.occupancy, Fraction(new) / Fraction(old), rule)
         np.testing.assert_array_equal(result.occupancy, expected)
         assert (result is grid) == (new == old)
-
-
-def test_unknown_costs_never_win():
-    costs = mapdeal.Costmap(np.array([[255, 0, 255, 254], [0, 0, 9, 255]], np.uint8), 0.1)
-    assert mapdeal.rescale(costs, 0.2).cost.tolist() == [[0, 254]]
