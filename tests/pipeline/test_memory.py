@@ -31,6 +31,20 @@ def cut(left, *, base=500, threads=1, shape=(3000, 1000), steps=(Step,)):
         return memory._cut(Path("m.pgm"), shape, steps, base + left, base, needed=10**9)
 
 
+@pytest.mark.parametrize(("left", "threads", "rows", "kept"), [
+    # 40 bytes for a cell, in one thread and once more: 80 000 a row, of half the memory;
+    # 20 bytes for each of 1000 columns of each block
+    (80_000_000, 1, 500, 80_000_000 - 500 * 80_000 - 6 * 20_000),
+    (80_000_000, 3, 250, 80_000_000 - 250 * 160_000 - 12 * 20_000),
+    (10**9, 1, 3000, 10**9 - 3000 * 80_000 - 20_000),
+    # what blocks keep of their columns would fit a quarter of the memory from 25 rows on
+    (2_400_000 * 4, 1, 60, 9_600_000 - 60 * 80_000 - 50 * 20_000),
+])  # fmt: skip
+def test_half_of_the_memory_is_for_blocks(left, threads, rows, kept):
+    found, budget = cut(left, threads=threads)
+    assert (found, budget._left) == (rows, kept)
+
+
 def test_blocks_are_no_larger_than_is_of_use():
     assert cut(10**12, shape=(100_000, 1000))[0] == (1 << 22) // 1000
     # the longest run that a block's edge can hold
