@@ -8,18 +8,7 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from made_up_stages import list_visit
-from mapdeal import (
-    Costmap,
-    Footprint,
-    OccupancyGrid,
-    ParameterError,
-    PotentialField,
-    esdf,
-    field_view,
-    reset_region,
-    threshold_cost,
-    window,
-)
+from mapdeal import Costmap, OccupancyGrid, ParameterError, esdf, field_view
 from mapdeal.grid.frame import Frame
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.step import make_step
@@ -31,9 +20,9 @@ PILLAR = grid_from_text(".#.\n.#.", 0.25, (0.0, 0.0, 0.0))
 LONG = OccupancyGrid([[100] + [0] * 19], 0.1)
 FIELD, VIEW = esdf(ROW), field_view(esdf(ROW), view_range=1.0)
 COSTS = Costmap(np.zeros((2, 3), np.uint8), 0.5)
-ROBOT = Footprint.parse("[[0.3,0.2],[-0.3,0.2],[-0.3,-0.2],[0.3,-0.2]]")
+ROBOT = mapdeal.Footprint.parse("[[0.3,0.2],[-0.3,0.2],[-0.3,-0.2],[0.3,-0.2]]")
 KNOWN = grid_from_text("?????\n?#..?\n?..#?\n?????", 0.3, (1.5, -2.0, 0.7))
-PART = window(FIELD, corner_xy=ROW.frame.window(0, 3, 1, 1).origin[:2], size_xy=(0.5, 0.5))
+PART = mapdeal.window(FIELD, corner_xy=ROW.frame.window(0, 3, 1, 1).origin[:2], size_xy=(0.5, 0.5))
 
 
 def layers(*some):
@@ -151,7 +140,7 @@ def test_options_that_cannot_be_are_refused(function, words, options):
     ({}, (1.0, 1.0)),
     ({"corner_xy": (1.0, 2.0), "center_xy": (1.0, 2.0)}, (1.0, 1.0)),
 ], ids=str)  # fmt: skip
-@pytest.mark.parametrize("function", [window, reset_region])
+@pytest.mark.parametrize("function", [mapdeal.window, mapdeal.reset_region])
 def test_regions_that_cannot_be_are_refused(function, place, size):
     with pytest.raises(ParameterError):
         function(ROW, size_xy=size, **place)
@@ -159,8 +148,8 @@ def test_regions_that_cannot_be_are_refused(function, place, size):
 
 def test_thresholds_in_metres_may_lie_farther_than_the_default_range():
     for name in ("down_distance", "up_distance"):
-        threshold_cost(ROW, down=0, **{name: 2.5}, view="per-map")
-        threshold_cost(ROW, down=0, **{name: 2.5}, view_range=2.5)
+        mapdeal.threshold_cost(ROW, down=0, **{name: 2.5}, view="per-map")
+        mapdeal.threshold_cost(ROW, down=0, **{name: 2.5}, view_range=2.5)
 
 
 def test_a_turn_into_too_many_cells_is_refused(monkeypatch):
@@ -172,9 +161,9 @@ def test_a_turn_into_too_many_cells_is_refused(monkeypatch):
 def test_a_potential_holds_finite_repulsion():
     for repulsive in (np.nan, -1.0, np.inf):
         with pytest.raises(ParameterError, match="repulsive"):
-            PotentialField([[repulsive]], np.zeros((1, 1), np.int8), 0.5)
+            mapdeal.PotentialField([[repulsive]], np.zeros((1, 1), np.int8), 0.5)
     with pytest.raises(ParameterError, match="attractive_gain"):
-        PotentialField([[1.0]], np.zeros((1, 1), np.int8), 0.5, attractive_gain=-1e-9)
+        mapdeal.PotentialField([[1.0]], np.zeros((1, 1), np.int8), 0.5, attractive_gain=-1e-9)
 
 
 @pytest.mark.parametrize(("told", "parameters"), [
