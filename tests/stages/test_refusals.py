@@ -8,7 +8,7 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from made_up_stages import list_visit
-from mapdeal import Costmap, OccupancyGrid, ParameterError, esdf, field_view
+from mapdeal import OccupancyGrid, ParameterError, esdf, field_view
 from mapdeal.grid.frame import Frame
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.step import make_step
@@ -19,7 +19,6 @@ ROW = grid_from_text("#...", 0.25)
 PILLAR = grid_from_text(".#.\n.#.", 0.25, (0.0, 0.0, 0.0))
 LONG = OccupancyGrid([[100] + [0] * 19], 0.1)
 FIELD, VIEW = esdf(ROW), field_view(esdf(ROW), view_range=1.0)
-COSTS = Costmap(np.zeros((2, 3), np.uint8), 0.5)
 ROBOT = mapdeal.Footprint.parse("[[0.3,0.2],[-0.3,0.2],[-0.3,-0.2],[0.3,-0.2]]")
 KNOWN = grid_from_text("?????\n?#..?\n?..#?\n?????", 0.3, (1.5, -2.0, 0.7))
 PART = mapdeal.window(FIELD, corner_xy=ROW.frame.window(0, 3, 1, 1).origin[:2], size_xy=(0.5, 0.5))
@@ -37,19 +36,14 @@ REFUSED = {
             ("lethal_threshold", 50.5),
         ]],
     ],
-    "clean": [
-        *[("clean: takes a map with free", {"grid": one}) for one in (COSTS, FIELD, VIEW)],
-    ],
+    "clean": [("clean: takes a map with free", {"grid": one}) for one in (FIELD, VIEW)],
     "exponential_cost": [
         ("float32_resolution: cannot be no with lookup nav2",
          {"lookup": "nav2", "float32_resolution": False}),
         ("max_distance", {"grid": esdf(LONG, max_distance=0.5), "inflation_radius": 0.55}),
         ("lethal_threshold", {"grid": esdf(ROW, lethal_threshold=50), "lethal_threshold": 100}),
-        ("view of a distance field", {"grid": VIEW}),
     ],
-    "layered_cost": [("view of a distance field", {"grid": VIEW})],
     "ring_cost": [
-        ("view of a distance field", {"grid": VIEW}),
         *[("values", {"values": one}) for one in ((), (101,), ("a",), 5, "90,x")],
     ],
     "threshold_cost": [
@@ -66,7 +60,6 @@ REFUSED = {
           "view": "per-map"}),
     ],
     "potential": [
-        ("view of a distance field", {"grid": VIEW}),
         ("made with 50", {"grid": esdf(ROW, lethal_threshold=50), "lethal_threshold": 60}),
         *[("goal", {"grid": PILLAR, "goal": one}) for one in ((0.3, 0.1), (0.26, 0.01))],
         *[("goal", {"goal": one}) for one in ((1.0,), (1.0, 2.0, 3.0), "1", (1e13, 0.0))],
@@ -79,12 +72,7 @@ REFUSED = {
     "rescale": [
         *[("resolution", {"resolution": one}) for one in (math.nan, 0)],
         (r"resolution: .*1000000000 cells", {"grid": KNOWN, "resolution": 1e-5}),
-        ("a map or a costmap", {"grid": FIELD, "resolution": 0.1}),
     ],
-    "rotate": [
-        ("a map or a costmap", {"grid": FIELD}),
-    ],
-    "straighten": [("a map or a costmap", {"grid": FIELD})],
     "shift_origin": [
         (None, {"origin_xy": (math.nan, 2.0)}),
         ("-1 to 100", {"origin_xy": (1.5, -2.0), "default": 101}),
