@@ -116,17 +116,12 @@ def test_the_recipe_nav2_makes_the_costs_of_nav2_bringup_s_own_parameters(real_m
         assert made == case["distance_transform"]["sha256"], case["id"]
 
 
-def test_sim_cuts_out_the_active_region_and_counts_unknown_as_occupied():
+def test_sim_cuts_out_the_active_region_and_counts_unknown_as_occupied_unless_settings_say_else():
     recipe = described("default", sim=True)
     assert list(recipe) == list(described("design-sim", sim=True)) == ["active", *INFLATED]
     assert recipe["esdf"]["unknown"] == "occupied"
-
-
-def test_settings_win_over_sim_and_shape():
-    recipe = described(
-        "nav2", sim=True, footprint=SHAPE,
-        changes=["esdf.unknown=free", "cost.inscribed_radius=0.1", "active.margin=5e-1"],
-    )  # fmt: skip
+    changes = ["esdf.unknown=free", "cost.inscribed_radius=0.1", "active.margin=5e-1"]
+    recipe = described("nav2", sim=True, footprint=SHAPE, changes=changes)
     assert recipe["esdf"]["unknown"] == "free"
     assert (recipe["cost"]["inscribed_radius"], recipe["active"]["margin"]) == (0.1, 0.5)
 
