@@ -1,7 +1,9 @@
-"""Random grids for property tests."""
+"""Random grids and layers of costmaps for property tests."""
 
 import numpy as np
 from hypothesis import strategies as st
+
+from mapdeal.grid.costmap import InflationLayer, StaticLayer
 
 RESOLUTIONS = st.sampled_from([0.05, 0.1, 0.025, 0.3, 2.0, 0.0504])
 
@@ -25,3 +27,18 @@ def occupancies(draw, longest=12):
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     share = np.array(weights) / sum(weights)
     return rng.choice([0, 100, -1, 50], size=(height, width), p=share).astype(np.int8)
+
+
+STATIC_LAYERS = st.builds(
+    StaticLayer, name=st.just("static_layer"), track_unknown_space=st.booleans(),
+    lethal_cost_threshold=st.sampled_from([0, 1, 50, 65, 100]), trinary_costmap=st.booleans(),
+    unknown_cost_value=st.sampled_from([255, 0, 50, 100]),
+    inscribed_obstacle_cost_value=st.sampled_from([None, 99, 50, 255]), use_maximum=st.booleans(),
+)  # fmt: skip
+INFLATION_LAYERS = st.builds(
+    InflationLayer, name=st.just("inflation_layer"),
+    inscribed_radius=st.sampled_from([0.0, 0.22549849949589046, 0.5]),
+    inflation_radius=st.sampled_from([0.0, 0.4, 0.7, 1.4]),
+    cost_scaling_factor=st.sampled_from([0.0, 3.0, 10.0]), inflate_unknown=st.booleans(),
+    inflate_around_unknown=st.booleans(), lookup=st.sampled_from(["exact", "nav2"]),
+)  # fmt: skip

@@ -2,8 +2,7 @@
 
 import json
 import threading
-from concurrent.futures import BrokenExecutor, Future
-from contextlib import contextmanager
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
 import pytest
@@ -14,6 +13,7 @@ from mapdeal.inputs.listing import ListedMap
 from mapdeal.pipeline import batch as jobs_module
 from mapdeal.pipeline.batch import Batch, Job, jobs_of, run_all, text_of
 from mapdeal.pipeline.workers import ProcessWorkers
+from pipeline.here import HereWorkers, die_of
 
 pytestmark = pytest.mark.slow
 
@@ -143,29 +143,9 @@ def test_messages_in_a_summary_name_files_as_it_does(text, told):
     assert text_of(text, job) == told
 
 
-class OnceWorkers:
-    """Workers in this process, of which the first dies of its job and no other can be started."""
-
-    size, starts = 1, 0
-
-    @contextmanager
-    def started(self, _size, work):
-        self.starts += 1
-        if self.starts > 1:
-            raise FileAccessError("cannot be started", source="worker processes")
-
-        def submit(job):
-            if job.path.stem == "dies":
-                raise BrokenExecutor
-            sent = Future()
-            sent.set_result(work(job))
-            return sent
-
-        yield submit
-
-
 def test_the_summary_tells_what_was_done_before_no_more_workers_could_be_started(tmp_path):
+    workers = HereWorkers(fates={"dies": die_of(BrokenExecutor())}, starts=1)
     with pytest.raises(FileAccessError, match="cannot be started"):
-        run(["a", "dies", "b"], tmp_path, workers=OnceWorkers())
+        run(["a", "dies", "b"], tmp_path, workers=workers)
     statuses = [one["status"] for one in summary_of(tmp_path)]
     assert statuses == ["done", "interrupted", "interrupted"]

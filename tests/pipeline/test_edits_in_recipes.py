@@ -8,7 +8,6 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import MalformedInputError, ParameterError, read_map, write_map
-from mapdeal.pipeline import inputs as memory
 
 ROOM = "\n".join(
     ["#" * 30, *["#" + "." * 28 + "#"] * 4, "#" + "." * 14 + "?" + "." * 13 + "#",
@@ -84,20 +83,6 @@ def test_the_whole_extent_is_that_of_the_map_that_was_moved(room):
     made = mapdeal.apply_recipe(room, recipe, canvas="full")
     assert made["active"].frame == made["window"].frame
     assert made["window"].shape == (90, 90)
-
-
-def test_a_window_of_a_map_in_blocks(room, command, monkeypatch):
-    recipe = recipe_of(window=STAGES["window"], inflate={})
-    contents = []
-    for name in ("whole", "blocks"):
-        if name == "blocks":
-            monkeypatch.setattr(memory, "bytes_in_memory", lambda *_, **__: 1 << 60)
-            monkeypatch.setattr(memory, "_cut", lambda *_, **__: (2, memory.CacheBudget()))
-        code, _, err = command("run", "room.yaml", "-o", name, "--recipe", recipe, "-v")
-        assert (code, "processed in blocks" in err) == (0, name == "blocks")
-        found = [read_map(f"{name}/room/{stem}.yaml") for stem in ("window", "inflated")]
-        contents.append([grid.occupancy.tolist() for grid in found])
-    assert contents[0] == contents[1]
 
 
 @pytest.mark.parametrize("more", [{}, {"inflate": {}}])

@@ -1,9 +1,8 @@
 """Lint of many maps: what names stand for, which rules hold, and who does the work."""
 
-import contextlib
 import errno
-from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +11,14 @@ import pytest
 import mapdeal
 from mapdeal import FileAccessError, MalformedInputError
 from mapdeal.checks.findings import Selections
-from mapdeal.checks.lint import REPORTS, LintReport, lint_file
+from mapdeal.checks.lint import lint_file
 from mapdeal.checks.map_checks import RUN_FOLDERS
 from mapdeal.commands.lint import _Lint
 from mapdeal.files.source import SHARE_OF_JOB
 from mapdeal.files.source import contents_of as real_contents_of
 from mapdeal.inputs.listing import list_maps
 from mapdeal.pipeline.settings import Settings
+from pipeline.here import HereWorkers, die_of
 from pipeline.reported import write_cells
 
 LINT_FILE = "mapdeal.checks.lint.lint_file"
@@ -81,15 +81,7 @@ def test_a_manifest_of_another_program_hides_no_map(maps):
     assert [one.message for one in report.findings] == ["its manifest.json is not that of a run"]
 
 
-def test_a_folder_with_neither_is_a_finding_and_the_others_go_on(maps):
-    (maps / "empty").mkdir()
-    report = lint(listed("maps/empty", "maps/a"))
-    assert checks_of(report) == {"maps/empty": ["run.no-manifest"], PLAIN: []}
-    assert not report.passes
-    assert "no map in it or below" in report.maps[0].findings[0].message
-
-
-def test_a_folder_that_cannot_be_read_is_a_finding_and_the_others_go_on(maps, monkeypatch):
+def test_a_folder_without_maps_or_that_cannot_be_read_is_a_finding(maps, monkeypatch):
     def closed(folder):
         if folder.name == "b":
             raise FileAccessError("cannot be read: Permission denied", source=folder)
@@ -98,11 +90,17 @@ def test_a_folder_that_cannot_be_read_is_a_finding_and_the_others_go_on(maps, mo
     for module in ("mapdeal.inputs.listing", "mapdeal.checks.map_checks"):
         monkeypatch.setattr(f"{module}.contents_of", closed)
     assert (listed("maps"), listed("maps/b")) == ([PLAIN, "maps/b"], ["maps/b"])
-    (found,) = lint([Path("maps/b")]).maps[0].findings
-    assert (found.check, found.message) == ("file.access", "cannot be read: Permission denied")
+    (maps / "empty").mkdir()
+    report = lint(listed("maps/empty", "maps"))
+    assert not report.passes
+    messages = {(one.file, found.check): found.message for one in report.maps
+                for found in one.findings}  # fmt: skip
+    assert list(messages) == [("maps/empty", "run.no-manifest"), ("maps/b", "file.access")]
+    assert "no map in it or below" in messages["maps/empty", "run.no-manifest"]
+    assert messages["maps/b", "file.access"] == "cannot be read: Permission denied"
 
 
-def test_a_map_has_the_rules_of_the_nearest_file(maps):
+def test_a_map_has_the_rules_of_the_nearest_file_unless_one_holds_for_all(maps):
     (maps / "pyproject.toml").write_text("[tool.mapdeal.lint]\nstrict = true\n")
     (maps / "b" / "mapdeal.toml").write_text('[lint]\nignore = ["file"]\n')
     make_map("maps/a/turned.yaml", yaw=0.4)
@@ -113,15 +111,8 @@ def test_a_map_has_the_rules_of_the_nearest_file(maps):
     }  # fmt: skip
     assert [bool(one.failures) for one in report.maps] == [False, True, False, False]
     assert not report.passes
-    assert "file.access" in checks_of(lint(BROKEN))[BROKEN]
-
-
-def test_one_file_can_hold_for_all(maps):
-    Path("strict.toml").write_text("[lint]\nstrict = true\n")
-    (maps / "mapdeal.toml").write_text("[lint]\nselect = []\n")
-    assert not mapdeal.lint(TURNED, config="strict.toml").passes
     assert mapdeal.lint(TURNED).passes
-    assert not mapdeal.lint(TURNED, strict=True, select="yaml").passes
+    assert not mapdeal.lint(TURNED, config=maps / "pyproject.toml").passes
 
 
 def test_comments_of_a_broken_map_count_too(maps):
@@ -150,10 +141,7 @@ def test_the_report_is_the_same_with_any_number_of_processes(many):
         _Lint(rules, Settings(), None, jobs)(many, lambda *_, jobs=jobs: done.append(jobs))
         for jobs in (1, 2)
     )
-    assert one == other
-    for form in REPORTS:
-        told = [list(LintReport(tuple(found), "1", form).lines()) for found in (one, other)]
-        assert told[0] == told[1]
+    assert one == other  # and so is whatever is told of it
     assert [done.count(jobs) for jobs in (1, 2)] == [len(many)] * 2
 
 
@@ -161,32 +149,13 @@ def test_the_report_is_the_same_with_any_number_of_processes(many):
 def workers(monkeypatch):
     """Workers in this process; return a dict that says by the name of a map what befalls them."""
     fates = {}
-
-    class Workers:
-        def __init__(self, size):
-            self.size = size
-
-        @contextlib.contextmanager
-        def started(self, _size, work):
-            def submit(job):
-                future = Future()
-                try:
-                    future.set_result(fates.get(job.path.name, lambda: work(job))())
-                except Exception as error:  # noqa: BLE001 - as a pool does
-                    future.set_exception(error)
-                return future
-
-            yield submit
-
-    monkeypatch.setattr("mapdeal.pipeline.workers.ProcessWorkers", Workers)
+    made = partial(HereWorkers, fates=fates)
+    monkeypatch.setattr("mapdeal.pipeline.workers.ProcessWorkers", made)
     return fates
 
 
 def test_a_map_that_its_worker_dies_of_is_a_finding(many, workers):
-    def die():
-        raise BrokenProcessPool
-
-    workers["3.yaml"] = die
+    workers["3"] = die_of(BrokenProcessPool())
     report = lint(many, jobs=2)
     (found,) = next(one for one in report.maps if one.file == "maps/many/3.yaml").findings
     told = "the worker process died, and again with this map alone"
@@ -199,16 +168,16 @@ def test_a_map_that_its_worker_dies_of_is_a_finding(many, workers):
 
 @pytest.fixture
 def met(monkeypatch):
-    """Return a function that has lint of a map raise errors, one a turn, and tells its turns."""
+    """Return a function that has lint of a map raise an error at first, and tells its turns."""
 
-    def meet(name, *problems):
-        left, turns = list(problems), []
+    def meet(name, problem):
+        turns = []
 
-        def lint_or_fail(path, *, max_cells=None, radius=None):
+        def lint_or_fail(path, **options):
             turns.append(path.name)
-            if path.name == name and left:
-                raise left.pop()
-            return lint_file(path, max_cells=max_cells, radius=radius)
+            if path.name == name and turns.count(name) == 1:
+                raise problem
+            return lint_file(path, **options)
 
         monkeypatch.setattr(LINT_FILE, lint_or_fail)
         return turns

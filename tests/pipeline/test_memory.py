@@ -104,12 +104,6 @@ WORK = 1000 + int(5.5 * CELLS)
 """What the engine and the step take."""
 
 
-@pytest.mark.parametrize("by_rows", [False, True])
-def test_cells_of_an_image_that_must_be_whole_are_kept(by_rows):
-    way = memory._way_of(File(2 * CELLS, by_rows=by_rows), SHAPE, [Step], WORK - 1, None, "crop")
-    assert way.is_by_rows is by_rows
-
-
 @pytest.mark.parametrize(("most", "shape", "reading", "by_rows", "expected"), [
     # a map that just fits is not cut; small ones are not either way
     (1066, (3, 4), 0, True, (1066, False)),

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -105,38 +104,11 @@ def test_a_goal_that_is_not_reached_is_warned_of(run):
     words = ["--set", "reach.goals={cupboard: [9, 3], lift: [-7, 3]}"]
     code, said, manifest = run(*words)
     assert code == 0
+    assert manifest["figures"]["reach"]["goals"] == {"cupboard": False, "lift": True}
     told = "reach: not reachable: cupboard (its cell is unknown)"
     assert said.count(told) == 1
     assert [text.endswith(told) for text in manifest["warnings"]] == [True]
     assert run(*words, "--strict", folder="strict")[0] == 1
-
-
-def test_goals_are_set_on_the_command_line(run):
-    goals = "reach.goals={lift: [-7, 3], 'room 2': [7.5, -4.5]}"
-    code, said, manifest = run("--set", goals, "--set", "reach.start=-8,0")
-    assert code == 0, said
-    assert manifest["figures"]["reach"]["goals"] == {"lift": True, "room 2": True}
-    code, said, _ = run("--set", "reach.goals={lift: [-7]}", folder="none")
-    assert (code, said.count("\n")) == (2, 1)
-    assert "--set: reach.goals lift: must be 2 numbers" in said
-
-
-@pytest.mark.usefixtures("mapdeal_warnings")
-def test_on_a_larger_canvas_it_is_what_it_is_on_the_active_region(run):
-    Path("r.yaml").write_text(
-        "stages:\n  - active:\n  - esdf:\n  - reach: {start: [-8, 0], radius: 0.3}\n"
-    )
-    crop, full = (
-        run("--canvas", name, recipe="r.yaml", folder=name)[2]["figures"]["reach"]
-        for name in ("crop", "full")
-    )
-    assert full["width"] == 544 > crop["width"]
-    for name in ("reachable_m2", "open_m2", "free_m2", "share"):
-        assert crop[name] == pytest.approx(full[name])
-    with np.load("full/office/reach.npz") as file:
-        reachable = file["reachable"]
-    assert reachable.shape == (544, 544)
-    assert reachable.sum() * 0.05**2 == pytest.approx(crop["reachable_m2"])
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
@@ -152,32 +124,6 @@ def test_a_run_with_the_robot_s_files_reaches_what_the_command_does(run, command
     with np.load("l.npz") as one, np.load("out/office/reach.npz") as other:
         for name in ("reachable", "headings", "clearance", "widest"):
             np.testing.assert_array_equal(one[name], other[name])
-
-
-def test_it_looks_at_the_lethal_cells_of_costs():
-    """After cost as in front of it: inscribed costs are no obstacles.
-
-    They cover unknown cells, so that smaller robots, and `widest`, may find other ways.
-    """
-    Path("r.yaml").write_text("stages:\n  - cost: {inscribed_radius: 0.3}\n  - reach\n")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        recipe = load_recipe("r.yaml", changes=["reach.start=-8,0", "reach.radius=0.3"])
-        made = mapdeal.apply_recipe(read_map(OFFICE), recipe)["reach"]
-    alone = mapdeal.reach(read_map(OFFICE), start=(-8, 0), radius=0.3)
-    for name in ("reachable", "headings", "clearance"):
-        np.testing.assert_array_equal(getattr(made, name), getattr(alone, name))
-
-
-@pytest.mark.filterwarnings("error")
-def test_a_shape_goes_to_reach_unless_a_radius_is_set_or_inflation_has_it():
-    shape = Footprint.circle(0.2)
-    reach = reach_of(f"reach: {FIRST}", footprint=shape)
-    assert (reach["footprint"], reach["radius"]) == (shape, 0.2)
-    later = reach_of(f"reach: {FIRST}", footprint=shape, changes=["reach.radius=0.5"])
-    assert (later["footprint"], later["radius"]) == (None, 0.5)
-    inflated = reach_of("inflate:\n  - reach: {start: [-8, 0]}", footprint=shape)
-    assert inflated["radius"] == 0.0
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")

@@ -69,8 +69,6 @@ LIKE = "must look like stage.parameter=value"
     ("default", "radius=0.3", LIKE, "did you mean inflate.radius?"),
     ("default", "inflate.radius", LIKE, None),
     ("default", "inflat.radius=1", "no such stage", "did you mean inflate?"),
-    ("default", "active.margin=1", "no stage active", None),
-    ("default", "inflate.radios=1", "--set: inflate.radios: no such parameter", None),
     ("default", "esdf.lethal_threshold=101", "between 1 and 100", None),
     ("default", "cost.inscribed_radis=1", "inscribed_radis: no such", "inscribed_radius"),
     ("default", "cost.values=1", "is a parameter of model rings, not of exponential", None),

@@ -36,10 +36,9 @@ STAGES = ["inflated", "esdf", "cost"]
 def test_a_run_has_a_layer_for_each_stage_and_all_that_its_manifest_tells(run):
     (entry,) = entries_of(run)
     assert (entry.name, layer_names(entry), entry.warnings) == ("rooms", STAGES, ())
-    assert [layer.title for layer in entry.layers[:2]] == [
-        "Inflated by 0.25 m (disc)", "Signed distance field"
-    ]  # fmt: skip
-    field = entry.layers[1]
+    inflated, field, _ = entry.layers
+    titles = ("Inflated by 0.25 m (disc)", "Signed distance field")
+    assert (inflated.title, field.title) == titles
     assert (field.states, field.convention, field.unit) == ("inflated", "fast-planner", "m")
     told = {table.title: dict(table.rows) for table in entry.tables}
     manifest = document(run / "manifest.json")
@@ -76,29 +75,11 @@ def test_grids_join_what_covers_the_same_cells_and_maps_do_not(rooms, tmp_path):
     assert [layer_names(one) for one in entries_of(rooms, again)] == [["rooms"], ["again"]]
 
 
-def test_titles_of_maps_that_do_not_join(run, rooms, tmp_path):
-    mapdeal.write_map(tmp_path / "other.yaml", OTHER)
-    assert report_of(run).title == "rooms"
-    assert report_of(run, tmp_path / "other.yaml").title == "2 maps"
-    assert report_of(run, title="<b>").title == "<b>"
+def test_a_map_that_has_changed_since_does_not_join_its_run(run, rooms):
+    assert (report_of(run).title, report_of(run, title="<b>").title) == ("rooms", "<b>")
     mapdeal.write_map(rooms, rooms_grid(walls=1), force=True)
-    assert len(entries_of(run, rooms)) == 2
-
-
-def test_files_that_do_not_match_the_manifest_are_told_and_the_rest_is_shown(run):
-    (run / "cost.npz").unlink()
-    with (run / "inflated.pgm").open("ab") as file:
-        file.write(b"more")
-    with pytest.warns(mapdeal.MapdealWarning) as given:
-        (entry,) = entries_of(run)
-    assert layer_names(entry) == ["inflated", "esdf"]
-    texts = [str(one.message) for one in given]
-    assert texts[:2] == [
-        f"{run}/inflated.pgm: is not what the run wrote: its checksum differs",
-        f"{run}/cost.npz: is missing, though the manifest lists it",
-    ]
-    # on the page files have their names alone: it may be sent to anybody
-    assert entry.warnings == tuple(text.removeprefix(f"{run}/") for text in texts)
+    report = report_of(run, rooms)
+    assert (len(report.entries), report.title) == (2, "2 maps")
 
 
 @pytest.fixture
@@ -114,9 +95,8 @@ def maps_run(tmp_path, command):
 
 def test_a_batch_has_an_entry_for_each_map_and_one_that_failed_has_the_reason(maps_run):
     entries = {entry.name: entry for entry in entries_of(maps_run)}
-    assert {name: entry.status for name, entry in entries.items()} == {
-        "a/one": "done", "bad": "failed", "two": "done"
-    }  # fmt: skip
+    states = {name: entry.status for name, entry in entries.items()}
+    assert states == {"a/one": "done", "bad": "failed", "two": "done"}
     assert entries["bad"].layers == ()
     assert "bad.yaml" in entries["bad"].warnings[0]
     shutil.rmtree(maps_run / "two")
@@ -126,17 +106,9 @@ def test_a_batch_has_an_entry_for_each_map_and_one_that_failed_has_the_reason(ma
     assert entries["two"].warnings[0].endswith("so this run is not shown")
 
 
-def test_a_folder_with_runs_below_is_as_a_batch_and_one_without_is_refused(maps_run, run, tmp_path):
+def test_a_folder_with_runs_below_is_as_a_batch(maps_run):
     (maps_run / "summary.json").unlink()
     assert [entry.name for entry in entries_of(maps_run)] == ["a/one", "two"]
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(FileAccessError, match="contains no run"):
-        report_of(tmp_path / "empty")
-    with pytest.raises(FileAccessError, match="No such file"):
-        report_of(tmp_path / "nowhere")
-    (run / "manifest.json").write_text("[]")
-    with pytest.raises(MalformedInputError, match="is not the manifest of a run"):
-        report_of(run)
 
 
 @pytest.mark.parametrize("fits", [True, False])
@@ -182,13 +154,12 @@ def test_layers_of_one_file_may_be_read_in_turns(rooms, tmp_path):
     with Grids(DEFAULT_SETTINGS) as grids:
         (entry,) = gathered([rooms, tmp_path / "reach.npz"], grids).entries
         assert layer_names(entry) == ["rooms", "reach-clearance", "reach-widest", "reach"]
-        layers = entry.layers[1:]
-        whole = [np.array(layer.values[:]) for layer in layers]
-        for rows in (slice(0, 2), slice(2, 5)):
-            for layer, values in zip(layers, whole, strict=True):
-                assert np.array_equal(layer.values[rows], values[rows], equal_nan=True)
-    assert np.array_equal(whole[0], reach.clearance, equal_nan=True)
-    assert np.array_equal(whole[1], reach.widest, equal_nan=True)
+        layers = entry.layers[1:3]
+        read = [[layer.values[rows] for layer in layers] for rows in (slice(0, 2), slice(2, 8))]
+    for found, expected in zip(
+        zip(*read, strict=True), (reach.clearance, reach.widest), strict=True
+    ):
+        np.testing.assert_array_equal(np.vstack(found), expected)
 
 
 def test_a_run_that_asks_what_can_be_reached_shows_the_answer(rooms, tmp_path):
@@ -203,12 +174,10 @@ def test_a_run_that_asks_what_can_be_reached_shows_the_answer(rooms, tmp_path):
 
 
 def test_shares_are_those_of_the_map_as_read_and_not_of_what_a_run_made_of_it(run, rooms):
-    (alone,) = entries_of(run)
+    (alone,), (both,) = entries_of(run), entries_of(run, rooms)
     assert not {"occupied %", "free %", "unknown %"} & set(alone.figures)
-    (both,) = entries_of(run, rooms)
-    cells = rooms_grid().occupancy
-    assert both.figures["occupied %"] == round(100 * np.mean(cells == 100), 2)
-    assert both.figures["unknown %"] == round(100 * np.mean(cells == -1), 2)
+    for name, state in (("occupied %", 100), ("unknown %", -1)):
+        assert both.figures[name] == round(100 * np.mean(rooms_grid().occupancy == state), 2)
     assert both.figures["lethal %"] > both.figures["occupied %"]  # inflated
 
 
@@ -220,9 +189,9 @@ def test_what_reading_a_map_warns_of_is_on_the_page_and_given_once(tmp_path, fit
     paths = [write_cells(tmp_path / f"{name}.yaml", dark) for name in ("one", "two")]
     with pytest.warns(mapdeal.MapdealWarning, match="known") as given:
         entries = entries_of(*paths)
+    texts = [entry.warnings[0] for entry in entries]
+    assert [text.partition(": ")[0] for text in texts] == ["one.yaml", "two.yaml"]
     assert len(given) == 2
-    for entry in entries:
-        assert entry.warnings[0].startswith(f"{entry.name}.yaml: ")
 
 
 def test_what_reading_the_map_of_a_run_warns_of_is_on_its_page(rooms, run):
@@ -373,9 +342,8 @@ def test_the_local_run_of_a_batch_has_an_entry_of_its_own(run):
 
 
 def test_a_page_is_not_written_over_a_file_that_was_read(run, command):
-    page = run / "page.html"
+    page, before = run / "page.html", (run / "cost.npz").read_bytes()
     page.symlink_to(run / "cost.npz")
-    before = (run / "cost.npz").read_bytes()
     code, _, err = command("report", run, "-o", page, "--force")
     assert (code, "the output is the input" in err) == (4, True)
     assert (run / "cost.npz").read_bytes() == before
@@ -393,26 +361,15 @@ def batch(run):
     return run.parent
 
 
-ODD = [10**400, -(10**400), 1e308, "x" * 99, [1] * 99, {}, None, True]
-
-
-@pytest.mark.parametrize(
-    ("name", "column"),
-    [("width", "cells"), ("height", "cells"), ("resolution", "m per cell"), ("lethal", "lethal %")],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "column"), [
+    ("width", "cells"), ("height", "cells"), ("resolution", "m per cell"), ("lethal", "lethal %"),
+])  # fmt: skip
 def test_figures_that_are_no_numbers_are_no_columns(name, column):
     """A text times a height, or a list, would fill the memory."""
     good = {"width": 20, "height": 10**9, "resolution": 0.25, "lethal": 7}
     assert column in columns_of({"cost": good})
-    for value in ODD:
+    for value in (10**400, -(10**400), 1e308, "x" * 99, [1] * 99, {}, None, True):
         assert column not in columns_of({"cost": {**good, name: value}, "esdf": {name: value}})
-
-
-def test_a_run_of_odd_figures_is_shown(run, manifest):
-    for odd in ODD:
-        figures = {stage: {"width": odd, "free": odd} for stage in ("inflate", "esdf", "cost")}
-        changed(manifest, lambda told, figures=figures: told.update(figures=figures))
-        assert len(entries_of(run)[0].layers) == 3
 
 
 def test_columns_of_figures():
@@ -427,9 +384,11 @@ def test_columns_of_figures():
 
 def test_a_stage_is_in_a_manifest_but_once(run, manifest):
     """Recipes have each stage once; a hundred thousand of them would be as many layers."""
-    changed(manifest, lambda told: told["stages"].append({"esdf": {}}))
-    with pytest.raises(MalformedInputError, match="is not the manifest of a run"):
-        entries_of(run)
+    told = document(manifest)
+    for odd in ({**told, "stages": [*told["stages"], {"esdf": {}}]}, []):
+        manifest.write_text(json.dumps(odd))
+        with pytest.raises(MalformedInputError, match="is not the manifest of a run"):
+            entries_of(run)
 
 
 OUTSIDE = ["../cost.npz", "..", ".", "", "a\0", "\ud800", "n" * 9000]
@@ -454,17 +413,18 @@ def without_costs(told, folder):
     (lambda told, _: told["stages"].extend(ELSEWHERE), STAGES, 4,
      ["manifest.json: the run wrote no values of stage ../esdf"]),
     (lambda _, folder: (folder / "cost.npz").write_bytes(b"PK"), STAGES[:2], 2,
-     ["cost.npz: is not an npz file, so layer cost is not shown"]),
+     ["cost.npz: is not what the run wrote: its checksum differs",
+      "cost.npz: is not an npz file, so layer cost is not shown"]),
+    (lambda _, folder: (folder / "cost.npz").unlink(), STAGES[:2], 2,
+     ["cost.npz: is missing, though the manifest lists it"]),
 ])  # fmt: skip
 def test_an_odd_manifest_or_file_leaves_the_rest(run, manifest, change, layers, count, told):
     for name in ("cost.npz", "cost.yaml"):  # where the run must not look for them
         (run.parent / name).write_bytes((run / name).read_bytes())
     changed(manifest, lambda document: change(document, run))
     (entry,) = entries_of(run)
-    assert layer_names(entry) == layers
-    assert len(entry.warnings) == count
-    for text in told:
-        assert text in entry.warnings
+    assert (layer_names(entry), len(entry.warnings)) == (layers, count)
+    assert set(told) <= set(entry.warnings)
 
 
 @pytest.mark.parametrize("place", ["..", "../out/rooms", "rooms/../rooms", ".", "", "/etc", None])

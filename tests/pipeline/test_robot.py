@@ -11,10 +11,9 @@ from mapdeal.grid.costmap import InflationLayer, StaticLayer
 from mapdeal.pipeline.recipe import step_for
 from mapdeal.ros.robot import ListedLayer
 from oracles import master_grid
+from strategies import INFLATION_LAYERS, STATIC_LAYERS, occupancies
 
 pytestmark = pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")
-
-ORIGIN = (1.5, -2.0, 0.4)
 
 
 def _robot(*layers, track=True):
@@ -25,37 +24,12 @@ def _robot(*layers, track=True):
     )
 
 
-STATIC = st.builds(
-    StaticLayer,
-    name=st.just("s"),
-    track_unknown_space=st.booleans(),
-    lethal_cost_threshold=st.sampled_from([0, 1, 40, 99, 100]),
-    trinary_costmap=st.booleans(),
-    unknown_cost_value=st.sampled_from([255, 0, 50, 100]),
-    inscribed_obstacle_cost_value=st.sampled_from([None, 99, 30]),
-    use_maximum=st.booleans(),
-)
-INFLATION = st.builds(
-    InflationLayer,
-    name=st.just("i"),
-    inscribed_radius=st.sampled_from([0.0, 0.2, 0.3]),
-    inflation_radius=st.sampled_from([0.0, 0.3, 0.5]),
-    cost_scaling_factor=st.sampled_from([0.5, 6.0]),
-    inflate_unknown=st.booleans(),
-    inflate_around_unknown=st.booleans(),
-    lookup=st.sampled_from(["exact", "nav2"]),
-)
-OCCUPANCY = st.lists(st.sampled_from([0, 0, 0, -1, 30, 50, 99, 100]), min_size=35, max_size=35).map(
-    lambda values: np.array(values, np.int8).reshape(5, 7)
-)
-
-
 @pytest.mark.slow
 @settings(max_examples=80)
-@given(st.lists(STATIC | INFLATION, max_size=4), st.booleans(), OCCUPANCY)
+@given(st.lists(STATIC_LAYERS | INFLATION_LAYERS, max_size=4), st.booleans(), occupancies())
 def test_the_recipe_of_a_robot_makes_its_master_grid(layers, track, occupancy):
     robot = _robot(*layers, track=track)
-    made = apply_recipe(OccupancyGrid(occupancy, 0.1, ORIGIN), robot)
+    made = apply_recipe(OccupancyGrid(occupancy, 0.1, (1.5, -2.0, 0.4)), robot)
     np.testing.assert_array_equal(
         made["cost"].cost, master_grid(occupancy, 0.1, robot.effective_layers, 255 if track else 0)
     )
@@ -89,15 +63,6 @@ def test_parameters_that_are_given_win_over_the_robots(stage, given_, expected):
     assert {name: parameters[name] for name in expected} == expected
 
 
-def test_parameters_of_one_inflation_are_refused_to_several():
-    robot = _robot(StaticLayer(), InflationLayer("a"), InflationLayer("b"))
-    rule = r"cost.inflation_radius: there must be one inflation layer .* there are: a, b"
-    with pytest.raises(ParameterError, match=rule):
-        step_for("cost", robot, {"inflation_radius": 0.9})
-    with pytest.raises(ParameterError, match="is a parameter of model rings, not of layers"):
-        step_for("cost", robot, {"values": (90, 70)})
-
-
 def test_a_model_that_is_asked_for_follows_the_robots_layers_or_is_refused():
     static, inflation = StaticLayer("s"), InflationLayer("i", 0.2, 0.7, 3.0, lookup="nav2")
     one = step_for("cost", _robot(static, inflation), {"model": "layers"})
@@ -106,6 +71,11 @@ def test_a_model_that_is_asked_for_follows_the_robots_layers_or_is_refused():
     with pytest.raises(ParameterError, match="cannot make what the layers") as caught:
         step_for("cost", two, {"model": "exponential"})
     assert "model layers can" in caught.value.hint
+    # parameters of one inflation, and of other models
+    with pytest.raises(ParameterError, match=r"must be one inflation layer .* there are: i, j"):
+        step_for("cost", two, {"inflation_radius": 0.9})
+    with pytest.raises(ParameterError, match="is a parameter of model rings, not of layers"):
+        step_for("cost", two, {"values": (90, 70)})
 
 
 @pytest.mark.parametrize("by_set", [False, True])

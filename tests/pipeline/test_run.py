@@ -16,9 +16,9 @@ from mapdeal import FileAccessError, MalformedInputError, read_map, write_map
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings
-from pipeline.reported import write_cells
 
 ROOM = "\n".join(["?" * 30, *["??" + "#" * 20 + "?" * 8]] + ["??#" + "." * 18 + "#" + "?" * 8] * 9)
+OTHER = ROOM.replace("#", ".", 1)
 BARE = Settings(images=False)
 
 
@@ -51,29 +51,32 @@ def test_a_run_writes_every_file_and_a_manifest_of_them(room, tmp_path):
     assert str(tmp_path) not in files["manifest.json"].decode()
 
 
+def edited(change):
+    return lambda path: path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "change", ["input", "recipe", "image_max", "canvas", "output", "manifest", "version"]
-)
-def test_what_has_changed_is_not_overwritten_without_force(room, tmp_path, change):
+@pytest.mark.parametrize(("file", "change"), [
+    ("../room.yaml", lambda path: write_map(path, grid_from_text(OTHER, 0.1), force=True)),
+    ("cost.pgm", lambda path: path.write_bytes(b"edited by hand")),
+    ("manifest.json", lambda path: path.write_text("{")),
+    ("manifest.json", edited({"version": "0.0.0"})),
+    (None, {"changes": ["inflate.radius=0.2"]}),
+    (None, {"image_max": 100}),
+    (None, {"canvas": "full"}),
+])  # fmt: skip
+def test_what_has_changed_is_not_overwritten_without_force(room, tmp_path, file, change):
     recipe, folder, settings = load_recipe("default"), tmp_path / "out", Settings()
     run_map(room, folder, recipe)
     times = [path.stat().st_mtime_ns for path in sorted(folder.iterdir())]
     assert run_map(room, folder, recipe).status == "unchanged"
     assert [path.stat().st_mtime_ns for path in sorted(folder.iterdir())] == times
-    if change == "input":
-        write_map(room, grid_from_text(ROOM.replace("#", ".", 1), 0.1), force=True)
-    elif change == "recipe":
-        recipe = load_recipe("default", changes=["inflate.radius=0.2"])
-    elif change in ("image_max", "canvas"):
-        settings = Settings(**{change: {"image_max": 100, "canvas": "full"}[change]})
-    elif change == "output":
-        (folder / "cost.pgm").write_bytes(b"edited by hand")
-    elif change == "manifest":
-        (folder / "manifest.json").write_text("{")
+    if file:
+        change(folder / file)
+    elif "changes" in change:
+        recipe = load_recipe("default", **change)
     else:
-        manifest = json.loads((folder / "manifest.json").read_text())
-        (folder / "manifest.json").write_text(json.dumps({**manifest, "version": "0.0.0"}))
+        settings = Settings(**change)
     before = contents(folder)
     with pytest.raises(FileAccessError, match="exists"):
         run_map(room, folder, recipe, settings)
@@ -103,16 +106,6 @@ def test_outputs_never_replace_the_input(room, tmp_path):
     assert contents(folder) == before
 
 
-def test_the_size_of_pictures(room, tmp_path):
-    sizes = []
-    for image_max in (0, 100, 2048):
-        folder = tmp_path / f"out{image_max}"
-        run_map(room, folder, load_recipe("nav2"), Settings(image_max=image_max))
-        with Image.open(folder / "cost.png") as image:
-            sizes.append(image.width)
-    assert sizes[0] <= sizes[1] < sizes[2]
-
-
 FAIL = (
     "load_world_tests/map_invalid_A/map.yaml", "load_world_tests/map_invalid_B/map.yaml",
     "f1tenth_gym/maps/levine.yaml", "nav2_map_server/test/invalid_image.yaml",
@@ -136,14 +129,6 @@ def test_every_readable_real_map_runs(real_maps, tmp_path, mapdeal_warnings, eve
         elif not name.endswith(LARGE):
             run_map(real_maps / name, folder, recipe, settings)
             assert (folder / "manifest.json").exists()
-
-
-def test_the_costs_of_recipe_nav2_by_hand(tmp_path):
-    row = write_cells(tmp_path / "row.yaml", [[100, *[0] * 19]], 0.05)
-    run_map(row, tmp_path / "out", load_recipe("nav2"), BARE)
-    # 253 to 0.2255 m, then trunc(252 exp(-3 (d - 0.2255))), to 0.7 m, which are 14 cells
-    expected = [254, *[253] * 4, 234, 201, 173, 149, 128, 110, 95, 81, 70, 60, *[0] * 5]
-    assert read_map(tmp_path / "out" / "cost.npz").cost.tolist() == [expected]
 
 
 OWN = (
@@ -200,23 +185,3 @@ def test_a_run_on_the_whole_canvas_is_the_run_without_padded_by_hand(room, tmp_p
             assert new == {**old, "origin": list(origin)}
     endings = {".npz", ".pgm", ".yaml", ".png", ".json"}
     assert {path.suffix for path in crop.iterdir()} == endings
-
-
-def test_figures_on_the_whole_canvas_are_of_all_of_it(room, tmp_path):
-    settings = replace(BARE, canvas="full")
-    figures = run_map(room, tmp_path / "out", load_recipe("arena", sim=True), settings).figures
-    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
-    assert manifest["options"]["canvas"] == "full"
-    height, width = read_map(room).shape
-    assert {(one["width"], one["height"]) for one in figures.values()} == {(width, height)}
-    cells = height * width - 200
-    assert (figures["esdf"]["without_value"], figures["cost"]["unknown"]) == (cells, cells)
-
-
-def test_stages_that_compute_on_the_whole_canvas_are_something_else(room, tmp_path):
-    """Parameter canvas of stage active: beyond the box there are distances then."""
-    recipe = load_recipe("default", sim=True, changes=["active.canvas=full", "esdf.unknown=free"])
-    run_map(room, tmp_path / "out", recipe, BARE)
-    field = read_map(tmp_path / "out" / "esdf.npz")
-    assert field.shape == read_map(room).shape
-    assert np.isfinite(field.distance).all()

@@ -20,11 +20,77 @@ const page = window.wrappedJSObject ?? window, mapdeal = page.mapdeal;
 const told = JSON.stringify(await (%s)(argument), (_, value) =>
   (typeof value === "number" && !Number.isFinite(value) ? String(value) : value));
 """
+KEY = """(key) => {
+  const canvas = document.getElementById("map");
+  canvas.focus();
+  canvas.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true, cancelable: true }));
+}"""
+PIXEL = """([x, y]) => {
+  const canvas = document.getElementById("map"), { view } = mapdeal.state();
+  const sx = view.width / 2 + (x - view.x) * view.scale;
+  const sy = view.height / 2 - (y - view.y) * view.scale;
+  const [px, py] = [sx, sy].map((one) => Math.floor((one * canvas.width) / view.width));
+  return [...canvas.getContext("2d").getImageData(px, py, 1, 1).data].slice(0, 3);
+}"""
 
 
-class Chromium:
-    name = "chromium"
+def in_time(ask, is_wanted=bool, seconds=20.0):
+    """Return an answer once it is wanted; the last one if that takes too long."""
+    end = time.monotonic() + seconds
+    while not is_wanted(answer := ask()) and time.monotonic() < end:
+        time.sleep(0.03)
+    return answer
 
+
+class Browser:
+    """The words that are the same in both."""
+
+    def settle(self):
+        """Wait until all is drawn."""
+        drawn = "() => performance.getEntriesByName('mapdeal').length"
+        assert in_time(lambda: self.evaluate(drawn)), "the page was never drawn"
+
+    def show(self, path, **look):
+        """Open a page, and wait until all is drawn."""
+        self.open(path, **look)
+        self.settle()
+
+    def press(self, keys):
+        for key in keys.split():
+            self.evaluate(KEY, key)
+
+    def click(self, selector):
+        self.evaluate("(selector) => document.querySelector(selector).click()", selector)
+
+    def put(self, selector, value):
+        """Enter a value, as who types or drags does."""
+        code = """([selector, value]) => {
+          const field = document.querySelector(selector);
+          field.value = value;
+          field.dispatchEvent(new Event("input", { bubbles: true }));
+        }"""
+        self.evaluate(code, [selector, value])
+
+    def go(self, place, scale=300):
+        code = "(place) => { location.hash = `#entry-0/${place}`; }"
+        self.evaluate(code, ",".join(map(str, [*place, scale])))
+
+    def texts(self, selector):
+        code = "(css) => [...document.querySelectorAll(css)].map((one) => one.textContent)"
+        return self.evaluate(code, selector)
+
+    def state(self):
+        return self.evaluate("() => mapdeal.state()")
+
+    def view(self):
+        return self.state()["view"]
+
+    def pixel(self, place, is_wanted=bool):
+        """Return the colour at a place, asked for again while finer tiles may be on their way."""
+        return in_time(lambda: self.evaluate(PIXEL, list(place)), is_wanted, seconds=2)
+
+
+class Chromium(Browser):
     def __init__(self, folder):
         del folder  # Playwright has its own
         playwright = pytest.importorskip("playwright.sync_api")
@@ -76,9 +142,7 @@ class Chromium:
         self._closed.close()
 
 
-class Firefox:
-    name = "firefox"
-
+class Firefox(Browser):
     def __init__(self, folder):
         path = shutil.which("firefox-esr")
         if path is None:
@@ -104,14 +168,12 @@ class Firefox:
 
     def _port(self, folder):
         chosen = folder / "MarionetteActivePort"
-        for _ in range(1200):
-            if chosen.exists() and chosen.read_text().strip():
-                return int(chosen.read_text())
-            if self._process.poll() is not None:
-                pytest.skip("firefox-esr does not start here")
-            time.sleep(0.1)
-        self._process.kill()
-        pytest.skip("firefox-esr does not start here")
+        is_known = lambda: chosen.exists() and chosen.read_text().strip()  # noqa: E731
+        in_time(lambda: is_known() or self._process.poll() is not None, seconds=120)
+        if not is_known():
+            self._process.kill()
+            pytest.skip("firefox-esr does not start here")
+        return int(chosen.read_text())
 
     def _receive(self):
         length = b""
@@ -175,28 +237,3 @@ class Firefox:
 
 def started(name, folder):
     return {"chromium": Chromium, "firefox": Firefox}[name](folder)
-
-
-def settle(browser, seconds=20.0):
-    """Wait until all is drawn."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if browser.evaluate("() => performance.getEntriesByName('mapdeal').length"):
-            return
-        time.sleep(0.03)
-    raise AssertionError("the page was never drawn")
-
-
-def show(browser, path, **look):
-    """Open a page, and wait until all is drawn."""
-    browser.open(path, **look)
-    settle(browser)
-
-
-def pixel_in_time(browser, function, place, is_wanted):
-    """Return the colour at a place, asked for again while finer tiles may be on their way."""
-    for _ in range(60):
-        pixel = browser.evaluate(function, place)[:3]
-        if is_wanted(pixel):
-            break
-    return pixel

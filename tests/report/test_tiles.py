@@ -78,36 +78,34 @@ def _tiles_of(levels):
         assert len(level["tiles"]) == columns * math.ceil(level["height"] / 512)
         for index, where in enumerate(level["tiles"]):
             row, column = (512 * part for part in divmod(index, columns))
-            yield (
-                level,
-                slice(row, min(row + 512, level["height"])),
-                slice(column, min(column + 512, level["width"])),
-                where,
-            )
+            rows = slice(row, min(row + 512, level["height"]))
+            yield level, rows, slice(column, min(column + 512, level["width"])), where
+
+
+def _inflated(result, where):
+    offset, length = where
+    text = b"".join(result.data)[offset : offset + length]
+    return zlib.decompress(base64.b64decode(text, validate=True))
 
 
 def _decoded(result, place=0):
     """Return the values of all levels of a layer, by how far each is reduced."""
-    text, header = b"".join(result.data), result.layers[place]
-    levels = {}
-    for level, rows, columns, (offset, length) in _tiles_of(header["levels"]):
-        dtype = np.uint8 if header["coding"]["kind"] == "bytes" else np.float32
-        shape = (level["height"], level["width"])
-        values = levels.setdefault(level["reduce"], np.zeros(shape, dtype=dtype))
-        data = zlib.decompress(base64.b64decode(text[offset : offset + length], validate=True))
+    header, levels = result.layers[place], {}
+    dtype = np.uint8 if header["coding"]["kind"] == "bytes" else np.float32
+    for level, rows, columns, where in _tiles_of(header["levels"]):
+        values = np.zeros((level["height"], level["width"]), dtype=dtype)
+        values = levels.setdefault(level["reduce"], values)
         width, height = columns.stop - columns.start, rows.stop - rows.start
+        data = _inflated(result, where)
         values[rows, columns] = _decoded_tile(header["coding"], data, width, height)
     return levels
 
 
-def _ways_taken(result, place=0):
-    """Return the kinds of ways that the tiles of the finest level took."""
-    text, header = b"".join(result.data), result.layers[place]
-    taken = set()
-    for offset, length in header["levels"][-1]["tiles"]:
-        data = zlib.decompress(base64.b64decode(text[offset : offset + length]))
-        taken.add(header["coding"]["ways"][struct.unpack_from("<i", data)[0]]["kind"])
-    return taken
+def _ways_taken(result):
+    """Return the kinds of ways that the tiles of the finest level of a layer took."""
+    header = result.layers[0]
+    data = [_inflated(result, where) for where in header["levels"][-1]["tiles"]]
+    return {header["coding"]["ways"][struct.unpack_from("<i", one)[0]]["kind"] for one in data}
 
 
 def _same(found, values, *, within=0.0, relative=0.0):
@@ -160,9 +158,7 @@ def test_other_numbers_are_told_to_four_digits_at_any_scale(values):
     strength=st.sampled_from([1.0, 1.7, 1e-3]),
     max_distance=st.sampled_from([None, 0.13, 1.03]),
 )
-def test_fields_are_told_by_their_squares(
-    shape, seed, share, convention, strength, max_distance
-):  # fmt: skip
+def test_fields_are_told_by_their_squares(shape, seed, share, convention, strength, max_distance):
     random = np.random.default_rng(seed)
     occupancy = np.where(random.random(shape) < share, 100, 0).astype(np.int8)
     if share == 0.02:
@@ -231,7 +227,7 @@ def test_levels_of_bytes_hold_the_value_of_extreme_rank(pooled, has_rank):
     rank = random.integers(0, 40, 256).astype(np.uint8) if has_rank else None
 
     def choose(square):
-        key = (lambda v: (rank[v], v)) if has_rank else (lambda v: v)
+        key = (lambda v: (rank[v], v)) if has_rank else None
         return (max if pooled == "largest" else min)(square, key=key)
 
     levels = _decoded(encoded([_layer(values, pooled=pooled, rank=rank)], size=ROOM))

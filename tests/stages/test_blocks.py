@@ -131,27 +131,17 @@ def test_every_stage_on_maps_and_fields(stage, data):
     assert getattr(expected, "circumscribed_cost", 0) == getattr(made, "circumscribed_cost", 0)
 
 
-@given(cases(), drawn(FIELDS), st.sampled_from(["per-map", "metric"]))
-def test_the_view_of_a_field(case, parameters, view):
+@given(cases(), drawn(FIELDS), st.sampled_from(["per-map", "metric"]), occupancies(longest=9))
+def test_views_of_fields_and_keepout_masks(case, parameters, view, values):
     grid, block_height, step = case
-    whole, blocks = (
-        mapdeal.field_view(mapdeal.esdf(source, **parameters), view=view)
-        for source in (grid, in_blocks(grid, block_height))
-    )
-    assert_same(whole, blocks, step)
-
-
-@settings(max_examples=20)
-@given(cases(), occupancies(longest=9))
-def test_a_keepout_mask(case, values):
-    grid, block_height, step = case
+    sources = grid, in_blocks(grid, block_height)
     mask = OccupancyGrid(values, 2 * grid.resolution, (1.6, -1.9, 0.3))
-    for model in (mapdeal.exponential_cost, mapdeal.ring_cost):
-        whole, blocks = (
-            mapdeal.apply_keepout_mask(model(source), mask)
-            for source in (grid, in_blocks(grid, block_height))
-        )
-        assert_same(whole, blocks, step)
+    for make in (
+        lambda source: mapdeal.field_view(mapdeal.esdf(source, **parameters), view=view),
+        lambda source: mapdeal.apply_keepout_mask(mapdeal.exponential_cost(source), mask),
+        lambda source: mapdeal.apply_keepout_mask(mapdeal.ring_cost(source), mask),
+    ):
+        assert_same(*map(make, sources), step)
 
 
 def test_every_stage_has_its_parameters_drawn():

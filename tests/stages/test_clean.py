@@ -1,4 +1,4 @@
-"""Cleaned maps, by hand and against floods in plain Python."""
+"""Cleaned maps, against floods in plain Python."""
 
 import warnings
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drawn import cells, grid_from_text
+from drawn import grid_from_text
 from mapdeal import MapdealWarning, OccupancyGrid, clean, read_map
 from oracles import AROUND, EDGES, groups
 from strategies import occupancies
@@ -87,32 +87,6 @@ def test_a_map_is_cleaned_as_floods_clean_it(values, limits):
     assert {name: tuple(step) for name, step in cleaned.counts.steps().items()} == counts
     assert cleaned.counts.changed == np.count_nonzero(values != expected)
     assert (cleaned.grid.resolution, cleaned.grid.origin) == (0.05, (1.5, -2.0, 0.4))
-
-
-def test_each_step_by_hand():
-    before = """
-        ?????????????
-        ?##########??
-        ?#........#.?
-        ?#.#...?..###
-        ?#....??..#?#
-        ?#........###
-        ?##########??
-    """
-    after = """
-        ?????????????
-        ?##########??
-        ?#........#??
-        ?#........###
-        ?#........###
-        ?#........###
-        ?##########??
-    """
-    found = clean(grid_from_text(before), min_obstacle=2, min_hole=4, min_free=2)
-    assert found.grid.occupancy.tolist() == cells(after).tolist()
-    counts = found.counts
-    assert (counts.islands, counts.free_holes) == ((1, 1), (1, 3))
-    assert (counts.wall_holes, counts.specks, counts.changed) == ((1, 1), (1, 1), 6)
 
 
 def test_the_defaults_leave_the_leg_of_a_table():

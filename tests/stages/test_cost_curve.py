@@ -74,18 +74,15 @@ FAR = {"inscribed_radius": 0.2, "inflation_radius": 0.9, "cost_scaling_factor": 
 MAXIMUM = {"static": {"use_maximum": True}}
 
 
-@pytest.mark.parametrize(
-    ("layers", "inflations"),
-    [
-        (["static", {"inflation": {**FAR, "lookup": "nav2"}}], [{**FAR, "lookup": "nav2"}]),
-        (["static", {"inflation": NEAR}, {"inflation": FAR}], [NEAR, FAR]),
-        (["static", {"inflation": FAR}, {"inflation": NEAR}], [FAR, NEAR]),
-        (["static", {"inflation": FAR}, "static", {"inflation": NEAR}], [NEAR]),
-        (["static", {"inflation": FAR}, MAXIMUM, {"inflation": NEAR}], [FAR, NEAR]),
-        ([{"inflation": FAR}, MAXIMUM, {"inflation": NEAR}], [NEAR]),
-        (["static", {"inflation": NEAR}, "static"], []),
-    ],
-)
+@pytest.mark.parametrize(("layers", "inflations"), [
+    (["static", {"inflation": {**FAR, "lookup": "nav2"}}], [{**FAR, "lookup": "nav2"}]),
+    (["static", {"inflation": NEAR}, {"inflation": FAR}], [NEAR, FAR]),
+    (["static", {"inflation": FAR}, {"inflation": NEAR}], [FAR, NEAR]),
+    (["static", {"inflation": FAR}, "static", {"inflation": NEAR}], [NEAR]),
+    (["static", {"inflation": FAR}, MAXIMUM, {"inflation": NEAR}], [FAR, NEAR]),
+    ([{"inflation": FAR}, MAXIMUM, {"inflation": NEAR}], [NEAR]),
+    (["static", {"inflation": NEAR}, "static"], []),
+])  # fmt: skip
 def test_layers_have_the_costs_of_the_map(layers, inflations):
     grid = around_one_obstacle(0.07)
     curve = mapdeal.cost_curve(grid, model="layers", layers=layers)
@@ -101,31 +98,14 @@ def test_layers_have_the_costs_of_the_map(layers, inflations):
     assert all(-2 < one < 3 for one in above)
 
 
-def test_costs_of_nav2_by_hand():
-    curve = mapdeal.cost_curve(
-        0.05, lookup="nav2", inscribed_radius=0.22549849949589046, inflation_radius=0.7,
-        cost_scaling_factor=3.0,
-    )  # fmt: skip
-    squares = (curve.cells**2).round().astype(int).tolist()
-    cost = dict(zip(squares, curve.cost.tolist(), strict=True))
-    # 252 e^(-3 (d - 0.2254985)): at 5 cells, 0.25 m, 234.14; at sqrt(26), which is 5.10, 230.66
-    assert (cost[25], cost[26]) == (234, 230)
-    assert cost[4 * 4 + 2 * 2] == 253  # 4.47 cells, 0.2235 m
-    assert (cost[49], cost[14 * 14]) == (173, 60)  # 173.46 at 0.35 m, 60.70 at 0.7 m
-    assert (curve.reach_cells, curve.cost_at_reach) == (14, 60)
-
-
 @pytest.mark.parametrize("view", ["metric", "per-map"])
-@pytest.mark.parametrize(
-    ("strength", "parameters"),
-    [
-        (1.0, {}),
-        (1.0, {"down": 20, "up": 60, "down_factor": 0.5, "up_factor": 1.1}),
-        (2.5, {"down": 20, "up": 60, "down_factor": 0.5, "up_factor": 1.1}),
-        (1.0, {"down": 30, "up": 70, "down_factor": 1.0, "up_factor": 0.0}),
-        (2.5, {"down": 99, "up": 100}),
-    ],
-)
+@pytest.mark.parametrize(("strength", "parameters"), [
+    (1.0, {}),
+    (1.0, {"down": 20, "up": 60, "down_factor": 0.5, "up_factor": 1.1}),
+    (2.5, {"down": 20, "up": 60, "down_factor": 0.5, "up_factor": 1.1}),
+    (1.0, {"down": 30, "up": 70, "down_factor": 1.0, "up_factor": 0.0}),
+    (2.5, {"down": 99, "up": 100}),
+])  # fmt: skip
 def test_thresholds_have_the_costs_of_the_map(view, parameters, strength):
     grid = around_one_obstacle(0.07)
     field = mapdeal.esdf(grid, strength=strength, convention="border")

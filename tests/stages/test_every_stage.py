@@ -67,9 +67,12 @@ def test_input_is_untouched_output_frozen_and_the_same_again(stage, drawing):
 
 
 @pytest.mark.parametrize("stage", STAGES.values(), ids=STAGES)
-def test_a_bare_array_is_refused_with_what_to_pass(stage):
+def test_a_bare_array_is_refused_with_what_to_pass_and_a_view_where_fields_are_meant(stage):
     with pytest.raises(ParameterError, match="OccupancyGrid"):
         applied(stage, np.zeros((2, 3), np.int8))
+    if mapdeal.DistanceField in stage.takes and mapdeal.FieldView not in stage.takes:
+        with pytest.raises(ParameterError, match="view of a distance field"):
+            stage.function(mapdeal.field_view(mapdeal.esdf(OccupancyGrid([[100, 0, 0]], 0.25))))
 
 
 def test_every_stage_of_the_folder_is_listed():

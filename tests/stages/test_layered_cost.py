@@ -19,7 +19,7 @@ from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.layered_cost import costs_spread, queue_difference, raise_by_queue
 from recorded_costmaps import exponential_parameters, recorded_costmaps, sum_of
-from strategies import occupancies
+from strategies import INFLATION_LAYERS, STATIC_LAYERS, occupancies
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 
@@ -70,20 +70,6 @@ def test_small_groups_go_as_the_real_denoise_layer_takes_them(real_maps, tmp_pat
     assert len(cases) == 88
 
 
-STATIC = st.builds(
-    StaticLayer, name=st.just("static_layer"), track_unknown_space=st.booleans(),
-    lethal_cost_threshold=st.sampled_from([0, 1, 50, 65, 100]), trinary_costmap=st.booleans(),
-    unknown_cost_value=st.sampled_from([255, 0, 50, 100]),
-    inscribed_obstacle_cost_value=st.sampled_from([None, 99, 50, 255]), use_maximum=st.booleans(),
-)  # fmt: skip
-INFLATION = st.builds(
-    InflationLayer, name=st.just("inflation_layer"),
-    inscribed_radius=st.sampled_from([0.0, 0.22549849949589046, 0.5]),
-    inflation_radius=st.sampled_from([0.0, 0.4, 0.7, 1.4]),
-    cost_scaling_factor=st.sampled_from([0.0, 3.0, 10.0]), inflate_unknown=st.booleans(),
-    inflate_around_unknown=st.booleans(), lookup=st.sampled_from(["exact", "nav2"]),
-)  # fmt: skip
-
 DENOISE = st.builds(
     DenoiseLayer, minimal_group_size=st.sampled_from([1, 2, 3, 5, 100]),
     group_connectivity_type=st.sampled_from([4, 8]),
@@ -94,7 +80,7 @@ DENOISE = st.builds(
 @settings(max_examples=80)
 @given(
     occupancies(), st.sampled_from([0.04, 0.1, 0.25, 0.7]),
-    st.lists(st.one_of(STATIC, INFLATION, DENOISE), max_size=4), st.sampled_from([0, 255]),
+    st.lists(STATIC_LAYERS | INFLATION_LAYERS | DENOISE, max_size=4), st.sampled_from([0, 255]),
     st.integers(1, 13),
 )  # fmt: skip
 def test_any_sequence_of_layers_equals_brute_force(
@@ -185,35 +171,26 @@ def test_the_queue_makes_the_costmaps_of_ros_1_and_of_older_nav2(real_maps, ever
         assert tuple(queue_difference(case.grid, parameters)) == expected, case.about["id"]
 
 
-@pytest.fixture(scope="module")
-def scattered():
+def test_only_costs_around_cells_that_the_queue_reaches_late_differ():
     values = np.zeros((200, 230), np.int8)
     values[np.random.default_rng(1).random(values.shape) < 0.004] = 100
-    return OccupancyGrid(values, 0.05, (1.5, -2.0, 0.4))
-
-
-def test_only_costs_around_cells_that_the_queue_reaches_late_differ(scattered):
+    grid = OccupancyGrid(values, 0.05, (1.5, -2.0, 0.4))
     parameters = make_step("cost", {"inflation_radius": 1.0, "cost_scaling_factor": 3.0}).parameters
-    exact = exponential_cost(scattered, **parameters).cost
-    queued = costs_spread(scattered, parameters, raise_by_queue)
+    exact = exponential_cost(grid, **parameters).cost
+    queued = costs_spread(grid, parameters, raise_by_queue)
     assert (queued <= exact).all()  # a longer distance is a lower cost
-    cells, largest = queue_difference(scattered, parameters)
+    cells, largest = queue_difference(grid, parameters)
     assert cells == np.count_nonzero(queued != exact) > 0
     assert largest == int((exact.astype(int) - queued).max()) < 10
-    assert queue_difference(esdf(scattered), parameters) == (cells, largest)
-
-
-@pytest.mark.parametrize(
-    ("inflation", "differs"),
-    [
+    assert queue_difference(esdf(grid), parameters) == (cells, largest)
+    # none differ where the layer has no queue, or no reach
+    for inflation, differs in (
         ({"lookup": "nav2", "inflation_radius": 1.0}, False),
         ({"lookup": "exact", "inflation_radius": 0.0}, False),
         ({"lookup": "exact", "inflation_radius": 1.0}, True),
-    ],
-)
-def test_nothing_differs_where_the_layer_has_no_queue_or_no_reach(scattered, inflation, differs):
-    inflation = {"cost_scaling_factor": 1.0, **inflation}
-    layers = {"model": "layers", "layers": ["static", {"inflation": inflation}]}
-    for chosen in (inflation, layers):
-        difference = queue_difference(scattered, make_step("cost", chosen).parameters)
-        assert (difference.cells > 0, difference != (0, 0)) == (differs, differs)
+    ):
+        inflation["cost_scaling_factor"] = 1.0
+        layers = {"model": "layers", "layers": ["static", {"inflation": inflation}]}
+        for chosen in (inflation, layers):
+            difference = queue_difference(grid, make_step("cost", chosen).parameters)
+            assert (difference.cells > 0, difference != (0, 0)) == (differs, differs)

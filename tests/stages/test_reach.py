@@ -66,34 +66,26 @@ def by_contract(occupancy, resolution, radius, start, *, through_unknown=False):
 def test_two_rooms_and_a_door_by_hand():
     grid = grid_from_text(ROOMS)  # 0.25 m, origin and yaw not 0
     start, goal = centre(grid, 3, 2), centre(grid, 3, 11)
-    found = mapdeal.reach(grid, start=start, goals=[goal], radius=0.24)
-    assert found.reachable.sum() == np.count_nonzero(grid.occupancy == 0)
-    assert found.goals[0].reachable
-    # the door is one cell wide: its centre is a cell, 0.25 m, from either jamb
-    assert found.goals[0].widest_radius == 0.25
-    limit = found.goals[0].limited_by
-    assert (limit.width, limit.at) == (0.5, "passage")
-    assert (limit.x, limit.y) == pytest.approx(centre(grid, 3, 7))
-    assert found.widest[3, 11] == np.float32(0.25)
-    assert found.clearance[3, 3] == np.float32(0.75)
-    assert found.headings.max() == 72
     # the passage limits before the start, which is as narrow; two places in a room are limited
     corner, beside = centre(grid, 1, 1), centre(grid, 3, 3)
     for one, other, at in ((corner, goal, "passage"), (corner, beside, "start"),
                            (beside, corner, "goal"), (beside, beside, "start")):  # fmt: skip
         (answer,) = mapdeal.reach(grid, start=one, goals=[other]).goals
         assert answer.limited_by.at == at
-
+    # the door is one cell wide: its centre is a cell, 0.25 m, from either jamb
+    found = mapdeal.reach(grid, start=start, goals=[goal], radius=0.24)
+    assert (found.goals[0].reachable, found.goals[0].widest_radius) == (True, 0.25)
+    assert found.clearance[3, 3] == np.float32(0.75)
+    assert found.headings.max() == 72
     stopped = mapdeal.reach(grid, start=start, goals=[goal], radius=0.25, min_area=0.25)
-    assert not stopped.goals[0].reachable
-    assert stopped.goals[0].heading_count == 0
+    assert (stopped.goals[0].reachable, stopped.goals[0].heading_count) == (False, 0)
     (passage,) = [one for one in stopped.passages if not one.is_open]
-    assert passage.width == 0.5
-    assert (passage.x, passage.y) == pytest.approx(centre(grid, 3, 7))
+    for place in (found.goals[0].limited_by, passage):
+        assert place.width == 0.5
+        assert (place.x, place.y) == pytest.approx(centre(grid, 3, 7))
     # open to the robot in the second room: 3 x 3 cells, without the unknown one's row at 2 m
     is_open, reached = by_contract(grid.occupancy, 0.25, 0.25, (3, 2))
     assert passage.cut_off == pytest.approx((is_open & ~reached).sum() * 0.25**2)
-    assert stopped.reachable_area == pytest.approx(reached.sum() * 0.25**2)
 
 
 @settings(max_examples=60)
@@ -186,11 +178,10 @@ def test_a_long_robot_gets_through_a_door_but_cannot_turn_in_it():
     assert found.headings[8, 7] == found.headings[8, 36] == 72
     assert 0 < found.headings[8, 22] < 20
     # across the corridor it stands nowhere in it: the start's heading decides
+    middle = centre(grid, 8, 22)
     with pytest.raises(mapdeal.ParameterError, match="in this heading, only in"):
-        mapdeal.reach(
-            grid, start=(*centre(grid, 8, 22), math.pi / 6 + math.pi / 2), footprint=robot
-        )
-    along = mapdeal.reach(grid, start=(*centre(grid, 8, 22), math.pi / 6), footprint=robot)
+        mapdeal.reach(grid, start=(*middle, math.pi / 6 + math.pi / 2), footprint=robot)
+    along = mapdeal.reach(grid, start=(*middle, math.pi / 6), footprint=robot)
     assert along.reachable[8, 36]
 
 
@@ -207,9 +198,8 @@ def test_no_goal_takes_the_answers_for_the_others():
     is_open = grid.frame.xy_from_rowcol(np.argwhere(found.headings > 0))
     for one in found.goals[1:]:
         goal = one.goal.x, one.goal.y
-        assert math.dist(one.nearest_open, goal) == pytest.approx(
-            np.hypot(*(is_open - goal).T).min()
-        )
+        nearest = np.hypot(*(is_open - goal).T).min()
+        assert math.dist(one.nearest_open, goal) == pytest.approx(nearest)
     robot = mapdeal.Footprint.polygon([[0.4, 0.1], [0.4, -0.1], [-0.4, -0.1], [-0.4, 0.1]])
     found = mapdeal.reach(grid, start=centre(grid, 3, 2), goals=goals, footprint=robot)
     assert [one.reachable for one in found.goals] == [True] + [False] * 5
@@ -231,11 +221,10 @@ def test_no_part_of_a_robot_is_outside_of_the_map():
         for name in ("reachable", "headings", "clearance", "widest"):
             layer = getattr(expected, name)[1:-1, 1:-1]
             assert np.array_equal(layer, getattr(found, name)), name
-        said = (
-            "" if robot is corners else ".*0.1 m from the map's edge, the robot's radius is 0.4 m"
-        )
-        with pytest.raises(mapdeal.ParameterError, match="closed cell" + said):
-            mapdeal.reach(cut, footprint=robot, start=centre(cut, 0, 12))
+    with pytest.raises(
+        mapdeal.ParameterError, match=r"0\.1 m from the map's edge, the robot's rad"
+    ):
+        mapdeal.reach(cut, radius=0.4, start=centre(cut, 0, 12))
 
 
 @pytest.mark.parametrize("cells", [1, 3, 6, 7, 13])
@@ -299,40 +288,35 @@ KITCHEN, HALL = Goal(7.1, 3.2, "kitchen"), Goal(1.5, -2.0, "hall")
 UNNAMED = Goal(7.1, 3.2), Goal(1.5, -2.0)
 
 
-@pytest.mark.parametrize(
-    ("value", "goals"),
-    [
-        ({"kitchen": [7.1, 3.2], "hall": "1.5,-2"}, (KITCHEN, HALL)),
-        ([{"kitchen": [7.1, 3.2]}, {"hall": (1.5, -2)}], (KITCHEN, HALL)),
-        ([KITCHEN, (1.5, -2)], (KITCHEN, UNNAMED[1])),
-        (HALL, (HALL,)),
-        (np.array([[7.1, 3.2], [1.5, -2]]), UNNAMED),
-        ([7.1, 3.2], UNNAMED[:1]),
-        ("7.1, 3.2", UNNAMED[:1]),
-        ("7.1,3.2 1.5, -2", UNNAMED),
-        (["7.1,3.2", "1.5,-2"], UNNAMED),
-        ({12: [7.1, 3.2]}, (Goal(7.1, 3.2, "12"),)),
-        ([], ()),
-        ({}, ()),
-    ],
-    ids=repr,
-)
+@pytest.mark.parametrize(("value", "goals"), [
+    ({"kitchen": [7.1, 3.2], "hall": "1.5,-2"}, (KITCHEN, HALL)),
+    ([{"kitchen": [7.1, 3.2]}, {"hall": (1.5, -2)}], (KITCHEN, HALL)),
+    ([KITCHEN, (1.5, -2)], (KITCHEN, UNNAMED[1])),
+    (HALL, (HALL,)),
+    (np.array([[7.1, 3.2], [1.5, -2]]), UNNAMED),
+    ([7.1, 3.2], UNNAMED[:1]),
+    ("7.1, 3.2", UNNAMED[:1]),
+    ("7.1,3.2 1.5, -2", UNNAMED),
+    (["7.1,3.2", "1.5,-2"], UNNAMED),
+    ({12: [7.1, 3.2]}, (Goal(7.1, 3.2, "12"),)),
+    ([], ()),
+    ({}, ()),
+], ids=repr)  # fmt: skip
 def test_goals_in_every_way_of_writing(value, goals):
     assert accept_goals("goals", value) == goals
 
 
 numbers = st.floats(-1e6, 1e6)
 names = st.text(st.characters(min_codepoint=32, max_codepoint=0x2FF), min_size=1, max_size=8)
-some_goals = st.lists(
-    st.builds(Goal, numbers, numbers, st.none() | names.filter(lambda n: n.strip())),
-    max_size=4,
+names = st.none() | names.filter(lambda name: name.strip() and name.isprintable())
+GOALS = st.lists(
+    st.builds(Goal, numbers, numbers, names), max_size=4,
     unique_by=lambda goal: goal.name or (goal.x, goal.y),
-)
+)  # fmt: skip
 
 
-@given(some_goals)
+@given(GOALS)
 def test_what_is_described_is_read_again_as_the_same(goals):
-    goals = [goal for goal in goals if goal.name is None or goal.name.isprintable()]
     described = described_goals(goals)
     assert accept_goals("goals", described) == tuple(goals)
     for text in (json.dumps(described), yaml.safe_dump(described, sort_keys=False)):

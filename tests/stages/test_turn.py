@@ -51,38 +51,22 @@ def test_no_point_of_an_obstacle_is_lost(seed, height, width, yaw, angle):
             assert result.occupancy[new_row, new_col] >= grid.occupancy[row, col]
 
 
-WEST, SOUTH, EAST = (np.rot90(NUMBERED, -k).tolist() for k in (1, 2, 3))
-"""The rows that went north go west, and so on."""
-
-
 @pytest.mark.parametrize("rule", ["area", "nearest"])
-@pytest.mark.parametrize(
-    ("yaw", "values", "origin"),
-    [
-        (0.0, NUMBERED.tolist(), (1.0, 2.0)),
-        (math.pi / 2, WEST, (-3.5, 1.0)),  # (1, 2) goes to (-2, 1)
-        (math.pi, SOUTH, (-3.0, -3.5)),
-        (-math.pi / 2, EAST, (2.0, -3.0)),
-        (1.5708, WEST, (-3.5, 1.0)),
-        (-3.1416, SOUTH, (-3.0, -3.5)),
-    ],
-)
-def test_quarter_turns_by_hand(rule, yaw, values, origin):
-    result = mapdeal.rotate(mapdeal.OccupancyGrid(NUMBERED, 0.5, (1.0, 2.0, 0.0)), yaw, rule=rule)
-    assert result.occupancy.tolist() == values
-    assert result.origin == (*origin, 0.0)
-
-
-@pytest.mark.parametrize("turn", [0.0, 0.3])
-@pytest.mark.parametrize("quarters", [1, 2, 3])
-def test_a_yaw_of_quarter_turns_is_baked_out_without_a_change_of_cells(quarters, turn):
+@pytest.mark.parametrize(("yaw", "turn"), [
+    *((0.0, turn) for turn in (0.0, math.pi / 2, math.pi, -math.pi / 2, 1.5708, -3.1416)),
+    *((k * math.pi / 2 - turn, turn) for k in (1, 2, 3) for turn in (0.0, 0.3)),
+])  # fmt: skip
+def test_cells_that_end_up_along_the_axes_are_permuted(rule, yaw, turn):
     """The corner moves to where the turned map's lowest x and y are, exactly."""
-    grid = mapdeal.OccupancyGrid(NUMBERED, 0.05, (1.0, 2.0, quarters * math.pi / 2 - turn))
-    result = mapdeal.rotate(grid, turn)
-    ((x, y),) = turned_by_hand([(1.0, 2.0)], turn)
-    west, south = {1: (0.15, 0.0), 2: (0.2, 0.15), 3: (0.0, 0.2)}[quarters]
-    assert result.origin == pytest.approx((x - west, y - south, 0.0), abs=1e-12 if turn else 0)
+    grid = mapdeal.OccupancyGrid(NUMBERED, 0.5, (1.0, 2.0, yaw))
+    result = mapdeal.rotate(grid, turn, rule=rule)
+    quarters = round((yaw + turn) / (math.pi / 2))
     assert np.array_equal(result.occupancy, np.rot90(NUMBERED, -quarters))
+    corners = grid.frame.xy_from_continuous_rowcol([(0, 0), (0, 4), (3, 0), (3, 4)])
+    lowest = np.min(turned_by_hand(corners, quarters * math.pi / 2 - yaw), axis=0)
+    assert result.origin == pytest.approx((*lowest, 0.0), rel=0, abs=1e-12)
+    if yaw == 0:
+        assert result.origin == (*lowest.round(9), 0.0)
 
 
 ROOM = "\n".join(
@@ -171,8 +155,3 @@ def test_every_cell_is_as_by_hand(seed, height, width, old, new):
         expected = rescaled_by_hand(grid.occupancy, Fraction(new) / Fraction(old), rule)
         np.testing.assert_array_equal(result.occupancy, expected)
         assert (result is grid) == (new == old)
-
-
-def test_unknown_costs_never_win():
-    costs = mapdeal.Costmap(np.array([[255, 0, 255, 254], [0, 0, 9, 255]], np.uint8), 0.1)
-    assert mapdeal.rescale(costs, 0.2).cost.tolist() == [[0, 254]]
