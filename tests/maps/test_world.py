@@ -8,7 +8,7 @@ import pytest
 from PIL import Image, ImageDraw
 
 from drawn import grid_from_text
-from mapdeal import OccupancyGrid, read_map, write_map
+from mapdeal import OccupancyGrid, read_map
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -23,22 +23,6 @@ REAL = [
     "mit-racecar__racecar_simulator/maps/stata_basement.yaml",
     "avidbots__flatland/conestogo_office_test/map.yaml",
 ]
-
-
-@pytest.fixture
-def made(tmp_path, command):
-    """Return what makes a world of a map, and its path."""
-
-    def run(source, ending, *words):
-        if not hasattr(source, "suffix"):
-            write_map(tmp_path / "map.yaml", source, force=True)
-            source = tmp_path / "map.yaml"
-        path = tmp_path / f"world{ending}"
-        code, _, err = command("convert", source, "-o", path, *words, "--force")
-        assert code == 0, err
-        return path
-
-    return run
 
 
 def parsed(path):
@@ -74,8 +58,10 @@ def seen_from_above(mesh, grid):
 
 @pytest.mark.parametrize("ending", [".stl", ".obj"])
 @pytest.mark.parametrize(("unknown", "walls"), [("free", [100]), ("occupied", [100, -1])])
-def test_meshes_are_closed_solids_of_the_walls_in_the_map_frame(made, ending, unknown, walls):
-    mesh = trimesh.load_mesh(made(GRID, ending, "--wall-height", "1.5", "--unknown", unknown))
+def test_meshes_are_closed_solids_of_the_walls_in_the_map_frame(converted, ending, unknown, walls):
+    mesh = trimesh.load_mesh(
+        converted(GRID, f"w{ending}", "--wall-height", "1.5", "--unknown", unknown)
+    )
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     cells = np.isin(GRID.occupancy, walls).sum()
@@ -87,8 +73,8 @@ def test_meshes_are_closed_solids_of_the_walls_in_the_map_frame(made, ending, un
     assert mesh.bounds[1, :2] == pytest.approx(corners.max(axis=0), abs=1e-5)
 
 
-def test_boxes_are_the_walls_where_the_map_has_them(made):
-    path = made(GRID, ".sdf", "--wall-height", "1.5")
+def test_boxes_are_the_walls_where_the_map_has_them(converted):
+    path = converted(GRID, "w.sdf", "--wall-height", "1.5")
     at, sizes = boxes_in(path)
     assert sizes.prod(axis=1).sum() == pytest.approx((GRID.occupancy == 100).sum() * 0.25**2 * 1.5)
     assert (sizes[:, 2] == 1.5).all()
@@ -144,8 +130,8 @@ def check_element(one, parent=""):
         check_element(child, one.tag)
 
 
-def test_worlds_follow_the_rules_of_sdformat(made):
-    root = parsed(made(GRID, ".sdf"))
+def test_worlds_follow_the_rules_of_sdformat(converted):
+    root = parsed(converted(GRID, "w.sdf"))
     assert root.get("version") == "1.7"
     check_element(root)
     floor = next(one for one in root.iter("model") if one.get("name") == "floor")
@@ -155,20 +141,20 @@ def test_worlds_follow_the_rules_of_sdformat(made):
 
 
 @pytest.mark.parametrize("name", REAL)
-def test_worlds_of_real_maps(real_maps, made, name, mapdeal_warnings):
+def test_worlds_of_real_maps(real_maps, converted, name, mapdeal_warnings):
     grid = read_map(real_maps / name)
     walls = grid.occupancy == 100
     volume = walls.sum() * grid.resolution**2 * 2.0
-    mesh = trimesh.load_mesh(made(real_maps / name, ".obj"))
+    mesh = trimesh.load_mesh(converted(real_maps / name, "w.obj"))
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(volume, rel=1e-9)
     assert np.array_equal(seen_from_above(mesh, grid), walls)
-    _, sizes = boxes_in(made(real_maps / name, ".sdf"))
+    _, sizes = boxes_in(converted(real_maps / name, "w.sdf"))
     assert sizes.prod(axis=1).sum() == pytest.approx(volume, rel=1e-9)
 
 
 @pytest.mark.slow
-def test_large_worlds_take_few_bytes(made):
+def test_large_worlds_take_few_bytes(converted):
     rng = np.random.default_rng(4)
     values = np.zeros((4000, 4000), np.int8)
     for row, col in rng.integers(0, 3900, (400, 2)).tolist():
@@ -176,4 +162,4 @@ def test_large_worlds_take_few_bytes(made):
     grid = OccupancyGrid(values, 0.05, (-100.0, -100.0, 0.0))
     count = int((values == 100).sum())
     for ending in (".sdf", ".stl", ".obj"):
-        assert made(grid, ending).stat().st_size <= 40 * count
+        assert converted(grid, f"w{ending}").stat().st_size <= 40 * count
