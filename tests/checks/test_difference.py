@@ -32,6 +32,12 @@ def state(value):
     return 0 if value == 100 else 1 if value == 0 else 2 if value < 0 else 3
 
 
+def shown(first, second):
+    if first == second:
+        return (COMMON, BOTH_FREE, BOTH_UNKNOWN, BOTH_FREE)[first]
+    return ADDED if second == 0 else REMOVED if first == 0 else CHANGED
+
+
 def table_of(found):
     return [[found.confusion[row][col] for col in STATES] for row in STATES]
 
@@ -57,6 +63,10 @@ def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, ya
     np.testing.assert_array_equal(table_of(found), confusion)
     assert found.common_cells == len(cells)
     assert found.differing == sum(x != y for x, y in cells.values())
+    changes = np.full(found.changes.shape, OUTSIDE)
+    for (r, c), (x, y) in cells.items():
+        changes[r - min(shift[0], 0), c - min(shift[1], 0)] = shown(state(x), state(y))
+    np.testing.assert_array_equal(found.changes, changes)
 
     def like_near(cell, own, other):
         """Whether the other map has the state of a cell within the tolerance."""
@@ -103,18 +113,6 @@ def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, ya
             assert bound.holds == (wanted <= allowed)
 
 
-def test_what_each_cell_shows():
-    first = grid_from_text("#.?#.\n#.?..", 0.1, (0.3, 0.2, 0.0))
-    second = grid_from_text("#.?.#\n#?.??", 0.1, (0.4, 0.2, 0.0))
-    changes = compare(first, second).changes
-    assert changes.shape == (2, 6)
-    # the second map lies a column farther: cells 1.. of the first are 0.. of it
-    assert changes[1].tolist() == [OUTSIDE, ADDED, CHANGED, REMOVED, BOTH_FREE, OUTSIDE]
-    assert changes[0].tolist() == [OUTSIDE, ADDED, BOTH_UNKNOWN, BOTH_FREE, CHANGED, OUTSIDE]
-    same = compare(first, first).changes
-    assert set(np.unique(same)) == {BOTH_UNKNOWN, BOTH_FREE, COMMON}
-
-
 def test_a_map_of_another_resolution_is_looked_up_at_the_centres():
     coarse = OccupancyGrid([[100, 0, -1]], 0.4, (1.0, 2.0, 0.3))
     fine = OccupancyGrid(np.repeat(np.repeat(coarse.occupancy, 2, 0), 2, 1), 0.2, coarse.origin)
@@ -149,12 +147,6 @@ def test_a_map_is_mirrored_if_that_takes_away_more_than_half_of_what_differs(oth
     assert compare(first, OccupancyGrid([other], 0.5)).symmetry == symmetry
 
 
-def test_maps_that_do_not_meet_have_nothing_in_common():
-    a, b = OccupancyGrid([[100]], 0.1), OccupancyGrid([[100]], 0.1, (5.0, 5.0, 0.0))
-    found = compare(a, b)
-    assert (found.common_cells, found.first_to_second, found.second_to_first) == (0, None, None)
-
-
 @pytest.fixture
 def maps(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -182,27 +174,12 @@ def test_the_text(command, maps):
     assert "  geometry  origin [0.0, 0.0, 0.0] -> [0.1, 0.0, 0.0]" in out.splitlines()
 
 
-def test_the_json_and_metadata(command, maps):
-    text = (maps / "b.yaml").read_text().replace("free_thresh: 0.196", "free_thresh: 0.19")
-    (maps / "b.yaml").write_text(text)
-    _, out, _ = command("diff", "a.yaml", "b.yaml", "--json", "--tolerance", "1")
-    document = json.loads(out)
-    assert document["equal"] is True
-    assert document["metadata"] == {"free_thresh": [0.196, 0.19]}
-    counts = (document["common_cells"], document["differing"], document["beyond_tolerance"])
-    assert counts == (8, 2, 0)
-    assert document["confusion"]["occupied"]["free"] == 1
-    assert set(document["confusion"]) == set(STATES)
-    assert document["walls"]["first_to_second"]["largest"] == pytest.approx(0.1)
-
-
 def test_the_picture(command, maps):
     code, _, _ = command("diff", "a.yaml", "b.yaml", "--image", "d.png")
     assert code == 1
     pixels = np.asarray(Image.open("d.png").convert("RGB"))
     for colour in ((0, 120, 220), (225, 30, 60)):
         assert np.all(pixels == colour, axis=2).sum() > 1000
-    assert command("diff", "a.yaml", "b.yaml", "--image", "d.png")[0] == 4
 
 
 # Bounds on what may differ
@@ -226,8 +203,6 @@ def walls(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("words", "code"), [
-    ("a b", 1),
-    ("a b --max-shift 0.5", 0),
     ("a b --max-differing 20 --max-shift 0.49", 1),
     ("a b --max-differing 19.9 --max-shift 0.5", 1),
     ("a b --max-differing 20 --max-shift 0.5", 0),
