@@ -66,7 +66,7 @@ LINES = st.one_of(
 )
 
 
-@example(["1 2 3", "", "4 5 6", "# more", "7 8 9"], "\n", True, None, 1, None, [2, 0], 1 << 20)
+@example(["#", "1 2 3", "", "4 5 6", "# 7", "8 9 1"], "\n", True, None, 2, None, [2, 0], 1 << 20)
 @example(["1 2 3", "4 5 6", "7 8 9", "1 1 1"], "\n", True, None, 3, None, [2, 0], 1 << 20)
 @given(
     st.lists(LINES, max_size=12),
