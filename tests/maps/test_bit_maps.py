@@ -8,7 +8,6 @@ from mapdeal import (
     BitMap,
     FileAccessError,
     MalformedInputError,
-    OccupancyGrid,
     read_bit_map,
     read_map,
     write_bit_map,
@@ -43,23 +42,12 @@ def test_a_negated_bit_map_is_turned_round(pair):
     assert np.array_equal(found.to_occupancy().occupancy, read_map(pair).occupancy)
 
 
-@pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.thorough)])
-def test_the_obstacles_of_every_real_map_survive(real_maps, mapdeal_warnings, tmp_path, every):
-    tried = 0
-    maps = sorted(path for path in real_maps.rglob("*.yaml") if "params" not in path.parts)
-    for path in maps[::every]:
-        try:
-            grid = read_map(path)
-        except (FileAccessError, MalformedInputError):
-            continue
-        assert isinstance(grid, OccupancyGrid)
-        target = tmp_path / "m.pbm"
-        write_bit_map(target, BitMap.from_occupancy(grid), force=True)
-        found = read_bit_map(target)
-        assert np.array_equal(found.to_mask(), grid.occupied()), path
-        assert found.frame == grid.frame
-        tried += 1
-    assert tried >= 37 // every
+def test_the_obstacles_of_every_real_map_survive(real_sources, tmp_path):
+    for path, source in real_sources:
+        write_bit_map(tmp_path / "m.pbm", BitMap.from_occupancy(source.grid), force=True)
+        found = read_bit_map(tmp_path / "m.pbm")
+        assert np.array_equal(found.to_mask(), source.grid.occupied()), path
+        assert found.frame == source.grid.frame
 
 
 def _rewrite(path, old, new):
