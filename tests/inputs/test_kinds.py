@@ -271,3 +271,14 @@ def test_commands_that_are_proposed_can_be_typed(command, tmp_path):
     path.write_bytes(PCD)
     use = json.loads(command("info", path, "--json")[1])["use"]
     assert shlex.split(use)[:4] == ["mapdeal", "build", "--cloud", str(path)]
+
+
+STACKS = {"Nav2": "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.2}}}",
+          "ROS 1": "robot_radius: 0.2"}  # fmt: skip
+
+
+@pytest.mark.parametrize("stack", STACKS)
+def test_info_names_the_stack_of_parameter_files(command, tmp_path, stack):
+    (tmp_path / "p.yaml").write_text(STACKS[stack])
+    code, out, _ = command("info", tmp_path / "p.yaml")
+    assert (code, out.splitlines()[1]) == (0, f"  kind          robot parameters of {stack}")
