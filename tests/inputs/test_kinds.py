@@ -274,7 +274,7 @@ def test_commands_that_are_proposed_can_be_typed(command, tmp_path):
 
 
 STACKS = {"Nav2": "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.2}}}",
-          "ROS 1": "robot_radius: 0.2"}  # fmt: skip
+          "ROS 1": "robot_radius: 0.2\nobstacle_layer: {enabled: true}"}  # fmt: skip
 
 
 @pytest.mark.parametrize("stack", STACKS)
