@@ -7,6 +7,7 @@ import pytest
 
 from mapdeal import Circle, Line, MalformedInputError, Polygon, read_shapes
 from mapdeal.errors import MapdealWarning
+from maps.geojson import collection, feature, geometry
 
 YAML = """\
 # zones of a hall
@@ -27,18 +28,6 @@ shapes:
 
 TRIANGLE = [[0, 0], [4, 0], [4, 3], [0, 0]]
 CIRCLE = "shapes: [{type: circle, center: [0, 0], radius: 1}]"
-
-
-def geometry(kind, coordinates):
-    return {"type": kind, "coordinates": coordinates}
-
-
-def feature(geometry, **properties):
-    return {"type": "Feature", "geometry": geometry, "properties": properties}
-
-
-def collection(*features):
-    return {"type": "FeatureCollection", "crs": None, "features": features}
 
 
 def read(folder, text):
