@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from checks.pairs import ROOM, write_pair, yaml_text
+from checks.pairs import ROOM, good_yaml, write_pair
 from mapdeal import OccupancyGrid, read_map, write_map
 from mapdeal.checks.lint import lint_file
 
@@ -84,7 +84,7 @@ def folder(tmp_path, monkeypatch):
     write_pair(tmp_path)
     for name, change in (("good", {}), ("turned", {"origin": "[0, 0, 1]"}),
                          ("free", {"free_thresh": "0.25"}), ("bad", {"negate": "2"})):  # fmt: skip
-        (tmp_path / f"{name}.yaml").write_text(yaml_text(**change))
+        (tmp_path / f"{name}.yaml").write_text(good_yaml(**change))
     return tmp_path
 
 
