@@ -10,7 +10,7 @@ from PIL import Image
 
 from checks.pairs import ROOM, painted, pgm, png, write_pair
 from drawn import grid_from_text
-from mapdeal import MapdealWarning, OccupancyGrid, esdf, field_view, read_map, write_map
+from mapdeal import OccupancyGrid, esdf, field_view, read_map, write_map
 from mapdeal.checks.facts import gather
 from mapdeal.checks.findings import CHECKS
 from mapdeal.checks.lint import lint_file
@@ -277,16 +277,6 @@ def test_a_gamma_is_told_and_changes_no_cell(tmp_path, name, body, told):
     seen = read_map(path).occupancy
     assert np.array_equal(seen[::-1] == 100, ROOM == 0)
     assert np.array_equal(seen[::-1] == 0, ROOM == 254)
-
-
-def test_commands_warn_in_the_words_of_the_check(tmp_path):
-    path = write_pair(tmp_path, free_thresh="0.25")
-    with pytest.warns(MapdealWarning) as caught:
-        read_map(path)
-    (text,) = said(BECOMES_FREE, path)
-    assert [str(one.message) for one in caught] == [
-        f"{path}: {text}".replace(" by nav2, humble and ros1", "")
-    ]
 
 
 @pytest.mark.parametrize(("greys", "free", "cells", "done"), [

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -42,6 +42,10 @@ def table_of(found):
     return [[found.confusion[row][col] for col in STATES] for row in STATES]
 
 
+@example(
+    a=np.int8([[100, 0, -1, 100], [0, -1, 50, 0]]), b=np.int8([[-1, 0], [100, 100], [-1, 50]]),
+    shift=(-1, 2), tolerance=0, yaw=0.7, bounds=(0.5, 30),
+)  # fmt: skip
 @given(
     a=occupancies(7), b=occupancies(7), shift=st.tuples(st.integers(-4, 4), st.integers(-4, 4)),
     tolerance=st.sampled_from([0, 1, 1.5, 2.9]), yaw=st.sampled_from([0.0, 0.7]),
@@ -236,10 +240,3 @@ def test_the_missed_bound_is_named(command, walls):
         "max_shift": {"allowed": 9.0, "found": None, "holds": False},
         "max_differing": {"allowed": 50.0, "found": 10.0, "holds": True},
     }
-
-
-def test_what_a_bound_does_not_see_is_warned_of(command, walls):
-    code, _, err = command("diff", "a.yaml", "part.yaml", "--max-shift", "0.1")
-    told = "part.yaml: does not cover 3 known cells of a.yaml, which are not compared"
-    assert (code, err) == (0, f"warning: {told}\n")
-    assert command("diff", "part.yaml", "a.yaml", "--max-shift", "0.1")[2] == ""

@@ -12,7 +12,6 @@ POLYGON = "[[0.9,0.5],[0.9,-0.5],[-0.9,-0.5],[-0.9,0.5]]"
 
 
 @pytest.mark.parametrize(("words", "told"), [
-    (["lint"], ""),
     (["lint", "--robot-radius", 0.5], "--robot-radius: needs a MAP"),
     (["lint", "--footprint", POLYGON, "--params-file", "p.yaml"], "--robot-radius: needs a MAP"),
     (["lint", "m.yaml", "--robot-radius", 0], "robot radius must be a finite number"),

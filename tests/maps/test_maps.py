@@ -46,13 +46,6 @@ def test_values_and_geometry_survive_a_round_trip(
     assert (grid.resolution, grid.origin) == (resolution, origin)
 
 
-def test_an_existing_file_stays_unless_forced(tmp_path):
-    write_map(tmp_path / "map.yaml", grid_from_text("#."))
-    with pytest.raises(FileAccessError, match="exists"):
-        write_map(tmp_path / "map.yaml", grid_from_text(".#"))
-    assert read_map(tmp_path / "map.yaml").occupancy.tolist() == [[100, 0]]
-
-
 def test_a_pair_is_what_map_saver_writes_with_digits_kept_and_the_north_on_top(tmp_path):
     grid = grid_from_text("#.?\n...", 0.0125, (12345.6789, -1e-7, 0.1))
     write_map(tmp_path / "map.yaml", grid)
