@@ -82,6 +82,12 @@ def test_a_door_counts_that_cuts_off_a_room(radius, is_found):
     assert bool(said(radius)) == is_found
 
 
+def test_unknown_cells_are_no_way():
+    unknown = TWO_ROOMS.occupancy.copy()
+    unknown[6:9, SIDE + 1] = -1
+    assert said(0.5, TWO_ROOMS.with_values(unknown)) == []
+
+
 @given(
     st.integers(0, 2**32 - 1), st.integers(8, 26), st.integers(8, 26),
     st.sampled_from([0.3, 0.5, 0.6, 1.0, 1.2]),

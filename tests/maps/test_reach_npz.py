@@ -8,6 +8,7 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import Footprint, MalformedInputError, MapdealWarning, ParameterError, Reach
+from mapdeal.grid.canvas import on_canvas
 from mapdeal.maps.npz import read_reach
 from mapdeal.pipeline.folder import summary_of
 
@@ -116,3 +117,12 @@ def test_it_only_fits_an_npz_and_a_byte_counts_no_more_headings(tmp_path):
         reach(heading_count=256)
     with pytest.raises(ParameterError, match="a reach is written as npz"):
         mapdeal.write_map(tmp_path / "r.yaml", reach())
+
+
+@pytest.mark.parametrize(("through_unknown", "free_area"), [(False, 5 / 16), (True, 7 / 16)])
+def test_on_a_larger_canvas_nothing_around_it_is_counted(through_unknown, free_area):
+    grid = reach(through_unknown=through_unknown, start=(1.5, -2.0))
+    whole = on_canvas(grid, grid.frame.window(-1, -2, 6, 9))
+    for name in ("reachable_area", "open_area", "free_area", "share"):
+        assert getattr(whole, name) == getattr(grid, name)
+    assert whole.free_area == pytest.approx(free_area)
