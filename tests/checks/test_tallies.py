@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import oracles
 from checks.pairs import write_pair
@@ -18,6 +20,7 @@ from mapdeal.files.source import use_memory
 from mapdeal.maps.dialects import DIALECTS, MapMetadata, cells_of
 from mapdeal.maps.picture import Picture, Strips
 from maps.pictures import SHAPE, picture_of_each_kind
+from strategies import occupancies
 
 METADATA = MapMetadata(
     "m.png", 0.25, (1.5, -2.0, 0.4), occupied_thresh=0.65, free_thresh=0.25, negate=False,
@@ -124,19 +127,19 @@ def told(found):
     }
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2), (2, 7), (7, 11), (12, 5)])
-@pytest.mark.parametrize("seed", range(4))
-def test_cells_are_counted_as_in_the_whole_whichever_side_comes_first(shape, seed, monkeypatch):
-    rng = np.random.default_rng(seed)
-    cells = rng.choice(np.array([-1, -1, -1, 0, 0, 50, 100], np.int8), shape)
-    if seed == 3:
-        cells[cells >= 0] = -1
-    monkeypatch.setattr(facts, "_CELLS_TOGETHER", 2 * shape[1])
-    assert told(tallies_of(cells)) == by_hand(cells)
-    from_the_north = CellTallies(shape)
-    for first in range(0, shape[0], 3):
-        from_the_north.add(cells[::-1][first : first + 3])
-    assert told(from_the_north) == by_hand(cells)
+@given(occupancies(longest=14), st.integers(1, 5))
+def test_cells_are_counted_as_in_the_whole_whichever_side_comes_first(cells, rows):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(facts, "_CELLS_TOGETHER", 2 * cells.shape[1])
+        south, north = tallies_of(cells), CellTallies(cells.shape, from_north=True)
+        for first in range(0, len(cells), rows):
+            north.add(cells[::-1][first : first + rows])
+    assert told(south) == told(north) == by_hand(cells)
+    for least, most in ((1, 3), (4, 10**6)):
+        assert south.places_of_components(least, most) == north.places_of_components(least, most)
+    assert south.free_stretches == north.free_stretches
+    if (cells >= 0).any():
+        assert south.middle_of_known == north.middle_of_known
 
 
 @pytest.mark.thorough
