@@ -91,40 +91,31 @@ def test_lines_are_not_read_and_other_geometries_are_passed_over(tmp_path):
     assert found.lengths.tolist() == [1.0]
 
 
-@pytest.mark.parametrize(
-    ("features", "check"),
-    [
-        ([edge(2, 0, 1)], "missing-end"),
-        ([node(0), edge(2, 0, 1)], "missing-end"),
-        ([node(0), node(1), edge(2, 0, 7), edge(3, 0, 1)], "missing-end"),
-        ([node(-1), node(1), edge(2, 1, 1)], "refused"),
-        ([node("a"), node(1), edge(2, 1, 1)], "refused"),
-        ([node(0), node(1), edge(1.5, 0, 1)], "refused"),
-        ([node(0), node(1), edge(None, 0, 1)], "refused"),
-    ],
-)
-def test_what_the_server_refuses_is_refused(tmp_path, features, check):
+@pytest.mark.parametrize(("features", "check"), [
+    ([edge(2, 0, 1)], "missing-end"),
+    ([node(0), edge(2, 0, 1)], "missing-end"),
+    ([node(0), node(1), edge(2, 0, 7), edge(3, 0, 1)], "missing-end"),
+    ([node(-1), node(1), edge(2, 1, 1)], "refused"),
+    ([node("a"), node(1), edge(2, 1, 1)], "refused"),
+    ([node(0), node(1), edge(1.5, 0, 1)], "refused"),
+    ([node(0), node(1), edge(None, 0, 1)], "refused"),
+    ([*GOOD, edge(2, 1, 0)], "double-id"),
+    ([*GOOD, node(1, 3.0)], "double-id"),
+    ([*GOOD, edge(1, 1, 0)], "shared-id"),
+    ([*GOOD[:2], edge(2, 0, 1, metadata={"speed_limit": 50})], "whole-number"),
+    ([*GOOD[:2], edge(2, 0, 1, metadata={"penalty": 1})], "whole-number"),
+    ([*GOOD, edge(3, 1, 0, metadata={"speed_limit": 50.0})], "mixed-limits"),
+])  # fmt: skip
+def test_what_the_server_refuses_or_takes_otherwise_than_meant_is_found(tmp_path, features, check):
     path = written(tmp_path, features)
-    assert check in {one.check for one in read_graph_file(path).problems}
-    with pytest.raises(MalformedInputError, match=r"g\.geojson"):
-        read_route_graph(path)
-
-
-@pytest.mark.parametrize(
-    ("features", "check"),
-    [
-        ([*GOOD, edge(2, 1, 0)], "double-id"),
-        ([*GOOD, node(1, 3.0)], "double-id"),
-        ([*GOOD, edge(1, 1, 0)], "shared-id"),
-        ([*GOOD[:2], edge(2, 0, 1, metadata={"speed_limit": 50})], "whole-number"),
-        ([*GOOD[:2], edge(2, 0, 1, metadata={"penalty": 1})], "whole-number"),
-        ([*GOOD, edge(3, 1, 0, metadata={"speed_limit": 50.0})], "mixed-limits"),
-    ],
-)
-def test_what_the_server_takes_otherwise_than_meant_is_found(tmp_path, features, check):
-    path = written(tmp_path, features)
-    assert [one.check for one in read_graph_file(path).problems] == [check]
-    assert read_route_graph(path).edges
+    found = [one.check for one in read_graph_file(path).problems]
+    if check in ("missing-end", "refused"):
+        assert check in found
+        with pytest.raises(MalformedInputError, match=r"g\.geojson"):
+            read_route_graph(path)
+    else:
+        assert found == [check]
+        assert read_route_graph(path).edges
 
 
 @pytest.mark.parametrize(
