@@ -5,10 +5,8 @@ import io
 import numpy as np
 from PIL import Image
 
-GOOD_YAML = {
-    "image": "m.pgm", "mode": "trinary", "resolution": "0.05", "origin": "[-1.5, 2.0, 0.0]",
-    "negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196",
-}  # fmt: skip
+from bad_maps import yaml_text
+
 ROOM = np.full((12, 15), 205, np.uint8)
 ROOM[1:-1, 1:-1] = 0
 ROOM[2:-2, 2:-2] = 254
@@ -35,9 +33,8 @@ def painted(row, col, value):
     return pixels
 
 
-def yaml_text(without=(), **changes):
-    entries = {**GOOD_YAML, **changes}
-    return "".join(f"{key}: {value}\n" for key, value in entries.items() if key not in without)
+def good_yaml(**changes):
+    return yaml_text(**{"origin": "[-1.5, 2.0, 0.0]", **changes})
 
 
 def write_pair(folder, image=None, *, name="m.pgm", text=None, **changes):
@@ -47,5 +44,5 @@ def write_pair(folder, image=None, *, name="m.pgm", text=None, **changes):
         data = png(data) if name.endswith("png") else pgm(data)
     (folder / name).write_bytes(data)
     path = folder / "m.yaml"
-    path.write_text(yaml_text(**{"image": name, **changes}) if text is None else text)
+    path.write_text(good_yaml(**{"image": name, **changes}) if text is None else text)
     return path

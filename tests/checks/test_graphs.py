@@ -8,6 +8,7 @@ import mapdeal
 from drawn import grid_from_text
 from mapdeal import Footprint, write_map
 from mapdeal.checks.findings import CHECKS
+from maps.geojson import collection, edge, node
 
 HALL = """
     ####################
@@ -31,17 +32,11 @@ def linted(tmp_path):
 
     def run(cells, edges, *, robot=0.2, shift=0.0, **properties):
         points = grid.frame.xy_from_continuous_rowcol(list(cells.values())).round(6).tolist()
-        features = [
-            {"type": "Feature", "properties": {"id": number, **properties},
-             "geometry": {"type": "Point", "coordinates": [x + shift, y]}}
-            for number, (x, y) in zip(cells, points, strict=True)
-        ] + [
-            {"type": "Feature", "properties": {"id": 100 + k, "startid": a, "endid": b},
-             "geometry": {"type": "LineString", "coordinates": []}}
-            for k, (a, b) in enumerate(edges)
-        ]  # fmt: skip
+        nodes = [node(number, x + shift, y, **properties)
+                 for number, (x, y) in zip(cells, points, strict=True)]  # fmt: skip
         path = tmp_path / "g.geojson"
-        path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+        lines = [edge(100 + k, *ends) for k, ends in enumerate(edges)]
+        path.write_text(json.dumps(collection(*nodes, *lines)))
         return mapdeal.lint(tmp_path / "hall.yaml", graph=path, select=["graph", "file"],
                             footprint=Footprint.circle(robot))  # fmt: skip
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-import mapdeal
 from mapdeal.checks.findings import CHECKS
 from mapdeal.checks.parameter_checks import lint_parameters
 
@@ -72,14 +71,3 @@ def test_files_are_of_the_costmaps_that_they_or_their_names_say(tmp_path):
     assert not any(lint_parameters(paths[:2]).values())  # no global costmap that could miss a map
     found = lint_parameters(paths[:1])
     assert [one.check for one in found[paths[0]]] == ["params.no-static-layer"]
-
-
-def test_problems_of_the_loaders_are_checks_of_one_severity():
-    """By the source: a name that is no check would fail where its finding is made."""
-    severities = {"refused": {"error"}, "warning": {"error", "warning"}, "note": {"note"}}
-    sources = (Path(mapdeal.__file__).parent / "ros").glob("*.py")
-    text = "\n".join(path.read_text() for path in sources)
-    told = set(re.findall(r'"(params\.[a-z-]+)",\s*"(refused|warning|note)"', text))
-    assert len(told) > 10
-    assert not [one for one in told if CHECKS[one[0]].severity not in severities[one[1]]]
-    assert set(re.findall(r'"(params\.[a-z-]+)"', text)) <= set(CHECKS)

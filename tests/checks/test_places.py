@@ -7,15 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
 
 import mapdeal
 from checks.pairs import write_pair
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, write_map
-from mapdeal.checks import facts
-from mapdeal.checks.facts import CellTallies, GridFacts, gather, tallies_of
+from mapdeal.checks.facts import GridFacts, gather
 from mapdeal.checks.map_checks import islands, mostly_unknown, open_border, specks
 from oracles import groups
 from strategies import occupancies
@@ -107,20 +105,6 @@ def test_what_is_known_lies_around_its_middle():
     cells = np.full((9, 12), -1, np.int8)
     cells[2, 3], cells[6, 5] = 0, 100
     assert cells_of(mostly_unknown, cells) == [(4, 4)]
-
-
-@given(occupancies(longest=14), st.integers(1, 5))
-def test_places_are_the_same_from_either_side_and_in_any_bands(cells, rows):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(facts, "_CELLS_TOGETHER", 2 * cells.shape[1])
-        south, north = tallies_of(cells), CellTallies(cells.shape, from_north=True)
-        for first in range(0, len(cells), rows):
-            north.add(cells[::-1][first : first + rows])
-    for least, most in ((1, 3), (4, 10**6)):
-        assert south.places_of_components(least, most) == north.places_of_components(least, most)
-    assert south.free_stretches == north.free_stretches
-    if (cells >= 0).any():
-        assert south.middle_of_known == north.middle_of_known
 
 
 TEXT = """

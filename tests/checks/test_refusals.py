@@ -5,16 +5,13 @@ import math
 import pytest
 
 import mapdeal
-from mapdeal import FileAccessError, OccupancyGrid, ParameterError
-from mapdeal.checks.findings import read_lint_config
-from mapdeal.checks.parameter_checks import lint_parameters
+from mapdeal import OccupancyGrid, ParameterError
 
 GRID = OccupancyGrid([[100]], 0.25)
 POLYGON = "[[0.9,0.5],[0.9,-0.5],[-0.9,-0.5],[-0.9,0.5]]"
 
 
 @pytest.mark.parametrize(("words", "told"), [
-    (["lint"], ""),
     (["lint", "--robot-radius", 0.5], "--robot-radius: needs a MAP"),
     (["lint", "--footprint", POLYGON, "--params-file", "p.yaml"], "--robot-radius: needs a MAP"),
     (["lint", "m.yaml", "--robot-radius", 0], "robot radius must be a finite number"),
@@ -46,12 +43,6 @@ def test_numbers_that_no_comparison_takes(name, value):
 def test_maps_that_are_too_far_apart():
     with pytest.raises(ParameterError, match="too far apart"):
         mapdeal.diff(GRID, OccupancyGrid([[100]], 0.25, (1e7, 1e7, 0.0)))
-
-
-def test_files_that_are_not_there(tmp_path):
-    for read in (read_lint_config, lambda path: lint_parameters([path])):
-        with pytest.raises(FileAccessError, match=r"none\.toml: cannot be read"):
-            read(tmp_path / "none.toml")
 
 
 @pytest.mark.parametrize(("footprint", "words", "told"), [

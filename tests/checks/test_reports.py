@@ -25,7 +25,7 @@ def finding(check, file, message="told", line=None):
     return Finding(check, CHECKS[check].severity, file, message, line)
 
 
-ODD = "a b/é<&>\"'%#?\n\x01\udcff.yaml"
+ODD = "a b/é,<&>\"'%#?\n\x01\udcff.yaml"
 MESSAGE = "value '<&>\"]]>' \x00 \x1b[31m \ufffe \ud800 of 100 %"
 
 
@@ -149,7 +149,7 @@ def test_junit_has_a_case_a_map_that_fails_as_the_command_does():
 def test_junit_escapes_what_xml_has_no_way_to_write():
     cases = ET.fromstring(made("junit").encode()).iter("testcase")  # noqa: S314 - our own
     odd = list(cases)[4]
-    assert odd.get("name") == "é<&>\"'%#?\\n\\x01\\udcff.yaml"
+    assert odd.get("name") == "é,<&>\"'%#?\\n\\x01\\udcff.yaml"
     message = odd.find("failure").get("message")
     assert message == "value '<&>\"]]>' \\x00 \\x1b[31m \\ufffe \\ud800 of 100 %"
     assert message in odd.find("failure").text
@@ -157,5 +157,7 @@ def test_junit_escapes_what_xml_has_no_way_to_write():
 
 def test_a_file_in_a_control_sequence_stays_on_its_annotation():
     (line,) = REPORTS["github"](LintReport((REPORT.maps[4],), "1"))
-    assert line.startswith("::error file=a b/é<&>\"'%25#?%0A")
+    assert line.startswith("::error file=a b/é%2C<&>\"'%25#?%0A")
+    assert ",line=2,title=file.malformed::" in line
+    assert line.endswith(" of 100 %25")
     assert line.count("::") == 2

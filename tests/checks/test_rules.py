@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mapdeal.checks.findings import (
@@ -37,23 +37,19 @@ def precision(name, texts):
 
 
 def chosen(before, select, ignore):
-    if select:
-        return {n for n in CHECKS if precision(n, select) > precision(n, ignore)}
-    return {n for n in before if precision(n, ignore) < 0}
+    if select is None:
+        return {n for n in before if precision(n, ignore) < 0}
+    return {n for n in CHECKS if precision(n, select) > precision(n, ignore)}
 
 
-some = st.lists(st.sampled_from(NAMES), max_size=3)
+some = st.lists(st.sampled_from(NAMES), max_size=3).map(tuple)
 
 
-@given(select=some, ignore=some, of_file=st.tuples(some, some))
+@example(select=(), ignore=(), of_file=((), ()))  # nothing
+@given(select=some, ignore=some, of_file=st.tuples(st.none() | some, some))
 def test_the_more_precise_name_wins_and_the_caller_comes_after_the_file(select, ignore, of_file):
-    of_config = config(select=tuple(of_file[0]) or None, ignore=tuple(of_file[1]))
-    made = selection_of(select, ignore, config=of_config)
-    assert made.checks == chosen(chosen(CHECKS, *of_file), select, ignore)
-
-
-def test_an_empty_select_in_a_file_selects_nothing():
-    assert selection_of(config=config(select=())).checks == set()
+    made = selection_of(select, ignore, config=config(select=of_file[0], ignore=of_file[1]))
+    assert made.checks == chosen(chosen(CHECKS, *of_file), select or None, ignore)
 
 
 @pytest.mark.parametrize(("text", "hint"), [

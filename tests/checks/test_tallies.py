@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import oracles
 from checks.pairs import write_pair
@@ -17,51 +19,16 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import use_memory
 from mapdeal.maps.dialects import DIALECTS, MapMetadata, cells_of
 from mapdeal.maps.picture import Picture, Strips
+from maps.pictures import SHAPE, picture_of_each_kind
+from strategies import occupancies
 
-RNG = np.random.default_rng(11)
-SHAPE = (11, 13)
 METADATA = MapMetadata(
     "m.png", 0.25, (1.5, -2.0, 0.4), occupied_thresh=0.65, free_thresh=0.25, negate=False,
     mode="trinary",
 )  # fmt: skip
 
 
-def greys(dtype=np.uint8, factor=1):
-    some = np.array([0, 90, 100, 101, 128, 200, 205, 206, 254, 255])
-    return (RNG.choice(some, SHAPE) * factor).astype(dtype)
-
-
-def rgb(samples):
-    """Three channels of it, some pixels no grey."""
-    colours = np.repeat(samples[..., np.newaxis], 3, axis=2)
-    colours[2:4, 1:7, 2] //= 3
-    return colours
-
-
-def opacity(full=255):
-    return RNG.choice(np.array([0, full // 3, full, full, full]), SHAPE).astype(
-        np.uint8 if full < 256 else np.uint16
-    )
-
-
-PALETTE = np.array([[k, k, k, 255] for k in range(256)], np.uint8)
-PALETTE[[100, 101, 128]] = [[205, 205, 205, 255], [205, 204, 205, 255], [0, 9, 0, 9]]
-PICTURES = {
-    "grey": Picture("PNM", "grey", greys()),
-    "16 bit": Picture("PNG", "grey", greys(np.uint16, 257), maxval=65535),
-    "16 bit beside the grey": Picture("PNG", "grey", greys(np.uint16, 256), maxval=65535),
-    "low maxval": Picture("PNM", "grey", greys() // 5, maxval=51),
-    "grey, opacity": Picture("PNG", "grey", greys(), alpha=opacity()),
-    "rgb": Picture("PNG", "rgb", rgb(greys())),
-    "rgba": Picture("PNG", "rgb", rgb(greys()), alpha=opacity()),
-    "rgb, key": Picture("PNG", "rgb", rgb(greys()), alpha=opacity(), alpha_from="key"),
-    "wide rgba": Picture("PNG", "rgb", rgb(greys(np.uint16, 257)), 65535, alpha=opacity(65535)),
-    "palette": Picture("PNG", "palette", greys(), palette=PALETTE),
-    "10 bit": Picture("PNM", "grey", greys(np.uint16, 4), maxval=1023),
-    "see-through": Picture("PNG", "rgb", rgb(greys()), alpha=np.zeros(SHAPE, np.uint8)),
-    "tiff": Picture("TIFF", "grey", greys()),
-    "bmp": Picture("BMP", "rgb", rgb(greys())),
-}
+PICTURES = picture_of_each_kind([0, 90, 100, 101, 128, 200, 205, 206, 254, 255])
 
 
 def pixels_one_by_one(picture):
@@ -160,19 +127,19 @@ def told(found):
     }
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2), (2, 7), (7, 11), (12, 5)])
-@pytest.mark.parametrize("seed", range(4))
-def test_cells_are_counted_as_in_the_whole_whichever_side_comes_first(shape, seed, monkeypatch):
-    rng = np.random.default_rng(seed)
-    cells = rng.choice(np.array([-1, -1, -1, 0, 0, 50, 100], np.int8), shape)
-    if seed == 3:
-        cells[cells >= 0] = -1
-    monkeypatch.setattr(facts, "_CELLS_TOGETHER", 2 * shape[1])
-    assert told(tallies_of(cells)) == by_hand(cells)
-    from_the_north = CellTallies(shape)
-    for first in range(0, shape[0], 3):
-        from_the_north.add(cells[::-1][first : first + 3])
-    assert told(from_the_north) == by_hand(cells)
+@given(occupancies(longest=14), st.integers(1, 5))
+def test_cells_are_counted_as_in_the_whole_whichever_side_comes_first(cells, rows):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(facts, "_CELLS_TOGETHER", 2 * cells.shape[1])
+        south, north = tallies_of(cells), CellTallies(cells.shape, from_north=True)
+        for first in range(0, len(cells), rows):
+            north.add(cells[::-1][first : first + rows])
+    assert told(south) == told(north) == by_hand(cells)
+    for least, most in ((1, 3), (4, 10**6)):
+        assert south.places_of_components(least, most) == north.places_of_components(least, most)
+    assert south.free_stretches == north.free_stretches
+    if (cells >= 0).any():
+        assert south.middle_of_known == north.middle_of_known
 
 
 @pytest.mark.thorough

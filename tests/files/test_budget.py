@@ -1,20 +1,16 @@
 """What readers say they take of memory is what they take, and too much is refused."""
 
-import io
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from files.large_files import GRIDS, IMAGES, OTHERS
-from mapdeal import OccupancyGrid, read_bit_map, read_cloud, read_map
+from mapdeal import read_bit_map, read_cloud, read_map
 from mapdeal.errors import MalformedInputError
 from mapdeal.files import source as budget
 from mapdeal.files.source import check_expansion, claim, holding, memory_limit, use_memory
-from mapdeal.maps.npz import write_npz
 
 MB = 1_000_000
 
@@ -100,14 +96,6 @@ def test_what_is_held_counts():
 ])  # fmt: skip
 def test_sizes_in_messages_are_never_too_small(count, text):
     assert budget.size_text(count) == text
-
-
-def test_expansion_of_own_maps_is_far_from_the_limit():
-    file = io.BytesIO()
-    write_npz(file, OccupancyGrid(np.full((2500, 2500), -1, np.int8), 0.05))
-    with zipfile.ZipFile(file) as archive:
-        for entry in archive.infolist():
-            assert entry.file_size < 0.9 * budget.MOST_EXPANSION * entry.compress_size
 
 
 PAIR = "path.with_suffix('.yaml')"

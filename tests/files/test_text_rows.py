@@ -16,22 +16,6 @@ from mapdeal.files.text import LONGEST_LINE, read_rows
 
 pytestmark = pytest.mark.slow
 
-TEXT = b"# a b c\n1 2 3\n\n4 5 6\n# more\n7 8 9\n10 11 12\n"
-
-
-@pytest.mark.parametrize(("most", "rows", "rest"), [
-    (None, [[3, 1], [6, 4], [9, 7], [12, 10]], b""),
-    (2, [[3, 1], [6, 4]], b"# more\n7 8 9\n10 11 12\n"),
-    (3, [[3, 1], [6, 4], [9, 7]], b"10 11 12\n"),
-    (9, [[3, 1], [6, 4], [9, 7], [12, 10]], b""),
-    (0, [], TEXT),
-])  # fmt: skip
-def test_so_many_rows_are_read_and_what_follows_is_not_touched(most, rows, rest):
-    file = io.BytesIO(TEXT)
-    found = read_rows(file, [2, 0], path=Path("t.txt"), first_line=1, most=most)
-    assert [row for part in found for row in part.tolist()] == rows
-    assert file.read() == rest
-
 
 def _outcome(text, columns, **options):
     """Return the parts that are read, the error in the end, and what is left of the file."""
@@ -82,6 +66,8 @@ LINES = st.one_of(
 )
 
 
+@example(["#", "1 2 3", "", "4 5 6", "# 7", "8 9 1"], "\n", True, None, 2, None, [2, 0], 1 << 20)
+@example(["1 2 3", "4 5 6", "7 8 9", "1 1 1"], "\n", True, None, 3, None, [2, 0], 1 << 20)
 @given(
     st.lists(LINES, max_size=12),
     st.sampled_from(["\n", "\r\n"]),

@@ -82,13 +82,6 @@ def test_a_failure_leaves_nothing_and_old_files_as_they_were(
     assert [path.name for path in tmp_path.iterdir()] == ["old.txt"]
 
 
-def test_an_error_of_the_caller_leaves_nothing(tmp_path):
-    with pytest.raises(ZeroDivisionError), Transaction([tmp_path / "a" / "b.txt"]) as transaction:
-        transaction.write_bytes(tmp_path / "a" / "b.txt", b"x")
-        1 / 0  # noqa: B018
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_files_of_a_killed_run_are_removed_and_those_of_a_live_one_kept(tmp_path):
     """Locks are those of open files: another transaction is as good as another process."""
     stale = tmp_path / ".mapdeal-0123456789ab.tmp"

@@ -116,50 +116,43 @@ def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, (data, *_) in FILES.items():
         (tmp_path / name).write_bytes(data)
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "metadata.yaml").write_bytes(FILES["metadata.yaml"][0])
     write_map("map.yaml", grid_from_text("..#\n.?."))
     write_map("map.npz", grid_from_text("..#\n.?."))
     return tmp_path
 
 
-def write(folder, name):
-    (folder / name).write_bytes(FILES[name][0])
-    return folder / name
+# Of bags and parameters info tells more, and of images that they are no maps.
+OTHERS = ("bag", "ROS parameters", "image", "Git LFS pointer")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_is_what_it_is_by_its_bytes_whatever_its_name(tmp_path, name):
-    _, kind, what, figures, use = FILES[name]
-    path = write(tmp_path, name)
+def test_a_file_is_what_it_is_by_its_bytes_whatever_its_name_and_info_tells(
+    command, tmp_path, name
+):
+    data, kind, what, figures, use = FILES[name]
+    path = tmp_path / name
+    path.write_bytes(data)
     found = kind_of(path)
     assert (found.name, found.figures()) == (kind, figures)
     assert what in found.what
     assert use in found.use
     assert "{" not in found.use
+    if kind not in OTHERS:
+        code, out, err = command("info", path)
+        first, told, *of_figures, last = out.splitlines()
+        assert (code, err, first, len(of_figures)) == (0, "", str(path), 1 if figures else 0)
+        assert found.what in told
+        assert use in last
+        assert all(str(value) in of_figures[0] for value in figures.values())
+        report = json.loads(command("info", path, "--json")[1])
+        assert (report["kind"], report["figures"]) == (kind, figures)
     other = kind_of(path.rename(tmp_path / "braces {path} of nothing"))
     if name == "a.db3":  # SQLite is used by others, too: its name counts
         assert other.what == "an SQLite database"
     else:
         assert (other.name, other.what, other.figures()) == (kind, found.what, figures)
-
-
-# Of bags and parameters info tells more, and of images that they are no maps.
-OTHERS = ("bag", "ROS parameters", "image", "Git LFS pointer")
-TOLD = [name for name, (_, kind, *_) in FILES.items() if kind not in OTHERS]
-
-
-@pytest.mark.parametrize("name", TOLD)
-def test_info_tells_of_files_that_are_no_maps(command, tmp_path, name):
-    _, kind, what, figures, use = FILES[name]
-    path = write(tmp_path, name)
-    code, out, err = command("info", path)
-    first, told, *_, last = lines = out.splitlines()
-    assert (code, err, first, len(lines)) == (0, "", str(path), 4 if figures else 3)
-    assert what in told
-    assert use in last
-    assert all(str(value) in lines[2] for value in figures.values())
-    report = json.loads(command("info", path, "--json")[1])
-    assert (report["kind"], report["figures"]) == (kind, figures)
 
 
 @pytest.mark.slow
@@ -198,12 +191,13 @@ def test_a_file_of_some_kind_is_told_what_is_wrong_with_it(command, tmp_path, na
 
 def test_maps_and_folders_with_a_bag_and_of_a_batch(here):
     assert kind_of(here / "map.yaml").name == kind_of(here / "map.npz").name == "map"
-    for name in ("metadata.yaml", "summary.json", "a.db3"):
+    for name in ("summary.json", "a.db3"):
         (here / f"of {name}").mkdir()
         (here / name).rename(here / f"of {name}" / name)
-    assert kind_of(here / "of metadata.yaml").what == "a folder with a ROS 2 bag"
+    assert kind_of(here / "bag").what == "a folder with a ROS 2 bag"
     assert kind_of(here / "of summary.json").figures()["maps"] == 3
     assert kind_of(here / "of a.db3").what == "a folder with a ROS 2 bag, without its metadata"
+    (here / "metadata.yaml").unlink()
     assert kind_of(here) is None
 
 
@@ -243,8 +237,6 @@ WRONG = [
 
 @pytest.mark.parametrize(("words", "name", "rule"), WRONG)
 def test_every_command_says_what_it_was_given(command, here, words, name, rule):
-    (here / "bag").mkdir()
-    write(here / "bag", "metadata.yaml")
     before = sorted(here.iterdir())
     code, out, err = command(*words.format(name).split())
     told, hint = err.splitlines()
@@ -257,8 +249,6 @@ def test_every_command_says_what_it_was_given(command, here, words, name, rule):
 def test_a_recipe_that_is_a_map_is_usage_and_lint_finds_what_files_and_folders_are(command, here):
     code, _, err = command("run", "map.yaml", "-o", "out", "--recipe", "map.yaml")
     assert (code, err.splitlines()[0]) == (2, "error: map.yaml: is a map, not a recipe")
-    (here / "bag").mkdir()
-    write(here / "bag", "metadata.yaml")
     code, out, _ = command("lint", "c.pcd", "bag")
     assert code == 1
     assert "is a point cloud (PCD), not a map (mapdeal build --cloud c.pcd" in out
@@ -283,12 +273,12 @@ def test_commands_that_are_proposed_can_be_typed(command, tmp_path):
     assert shlex.split(use)[:4] == ["mapdeal", "build", "--cloud", str(path)]
 
 
-@pytest.mark.parametrize(("name", "stack"), [("nav2.yaml", "Nav2"), ("ros1.yaml", "ROS 1")])
-def test_info_tells_what_parameter_files_come_to(command, here, name, stack):
-    path = here / name
-    own = b"{global_costmap: {ros__parameters: {robot_radius: 0.2}}}"
-    data = path.read_bytes().replace(b"footprint: []", b"robot_radius: 0.2").replace(b"{}", own)
-    path.write_bytes(data)
-    code, out, err = command("info", name)
-    assert (code, err) == (0, "")
-    assert out.splitlines()[1] == f"  kind          robot parameters of {stack}"
+STACKS = {"Nav2": "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.2}}}",
+          "ROS 1": "robot_radius: 0.2\nobstacle_layer: {enabled: true}"}  # fmt: skip
+
+
+@pytest.mark.parametrize("stack", STACKS)
+def test_info_names_the_stack_of_parameter_files(command, tmp_path, stack):
+    (tmp_path / "p.yaml").write_text(STACKS[stack])
+    code, out, _ = command("info", tmp_path / "p.yaml")
+    assert (code, out.splitlines()[1]) == (0, f"  kind          robot parameters of {stack}")

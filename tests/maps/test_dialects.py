@@ -11,7 +11,7 @@ from bad_maps import yaml_text
 from mapdeal import read_map
 from mapdeal.maps import dialects
 from mapdeal.maps.dialects import DIALECTS, MapMetadata, cells_of
-from mapdeal.maps.picture import Picture
+from maps.pictures import SHAPE, picture_of_each_kind
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 
@@ -163,40 +163,7 @@ def test_a_few_pixels_worked_out_by_hand(tmp_path, name):
     assert found == expected
 
 
-RNG = np.random.default_rng(5)
-SHAPE = (9, 14)
-
-
-def opacities(full=255):
-    some = RNG.choice(np.array([0, full // 3, full - 1, full, full, full, full]), SHAPE)
-    return some.astype(np.uint8 if full < 256 else np.uint16)
-
-
-def rgb(name, most=255, **more):
-    """A picture that is grey for the most part."""
-    samples = np.repeat(RNG.integers(0, most + 1, (*SHAPE, 1)), 3, axis=2)
-    samples[2:4, 3:9, 1] //= 3
-    return Picture(name, "rgb", samples.astype(np.uint8 if most < 256 else np.uint16), most, **more)
-
-
-def grey(most=255, **more):
-    samples = RNG.integers(0, most + 1, SHAPE).astype(np.uint8 if most < 256 else np.uint16)
-    return Picture("PNG", "grey", samples, most, alpha=opacities(most), **more)
-
-
-KINDS = {
-    "rgb": rgb("PNG"),
-    "bmp": rgb("BMP"),
-    "rgba": rgb("PNG", alpha=opacities()),
-    "key": rgb("PNG", alpha=opacities(), alpha_from="key"),
-    "tiff": rgb("TIFF", alpha=opacities()),
-    "see-through": rgb("PNG", alpha=np.zeros(SHAPE, np.uint8)),
-    "grey, opacity": grey(),
-    "grey, key": grey(alpha_from="key"),
-    "wide grey, opacity": grey(65535),
-    "wide rgb": rgb("PNM", 999),
-    "low maxval": rgb("PNM", 15),
-}
+KINDS = picture_of_each_kind(range(256))
 
 
 @pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])

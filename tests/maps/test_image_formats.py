@@ -76,15 +76,6 @@ def test_max_cells_is_the_largest_size_that_is_read(tmp_path, name, data, tolera
         assert "--max-cells" in caught.value.hint
 
 
-@pytest.mark.parametrize("data", [b"GIF89a" + bytes(9), b"\x89PNG\r\n\x1a\n" + bytes(30)])
-def test_a_file_of_another_format_is_refused_with_those_that_are_known(tmp_path, data):
-    (tmp_path / "m.pgm").write_bytes(data)
-    known = "is not an image in a supported format: pgm, pbm, ppm, png, bmp, tiff"
-    for read in (read_image, read_image_size):
-        with pytest.raises(MalformedInputError, match=known):
-            read(tmp_path / "m.pgm")
-
-
 @pytest.mark.parametrize("suffix", [one for one in IMAGE_SUFFIXES if one != ".pbm"])
 def test_an_image_alone_is_refused_by_its_name(tmp_path, suffix):
     (tmp_path / f"m{suffix}").write_bytes(b"")

@@ -8,6 +8,7 @@ from PIL import Image
 
 from bad_maps import yaml_text
 from mapdeal import Costmap, MapdealWarning, OccupancyGrid, read_map, write_map
+from mapdeal.checks.lint import lint_file
 from mapdeal.maps.reading import open_map
 
 # 40 rows of 60: a wall, a free hall, and 205 in 300 cells, 12.5 %.
@@ -17,9 +18,9 @@ GREYS[10:20, 30:60] = 205
 GREY_IMAGE = Image.fromarray(GREYS)
 
 
-def write_pair(folder, image, end="png", *, free=0.25, mode="trinary", negate=0):
+def write_pair(folder, image, end="png", *, free=0.25, mode="trinary"):
     path = folder / "m.yaml"
-    path.write_text(yaml_text(image=f"m.{end}", free_thresh=free, mode=mode, negate=negate))
+    path.write_text(yaml_text(image=f"m.{end}", free_thresh=free, mode=mode))
     image.save(folder / f"m.{end}")
     return path
 
@@ -33,9 +34,9 @@ def told_of(read):
     return [(one.message.check, str(one.message)) for one in caught]
 
 
-def freed_of(path, **options):
-    """Return the texts about freed cells."""
-    checks = told_of(lambda: read_map(path, **options))
+def freed_of(path):
+    """Return the texts about freed cells; of which, see tests/checks as well."""
+    checks = told_of(lambda: read_map(path))
     return [text for check, text in checks if check == "thresholds.unknown-becomes-free"]
 
 
@@ -61,43 +62,6 @@ def test_grey_205_that_is_read_as_free_is_told_with_its_share(tmp_path, kind):
     assert told == (f"{path}: 300 cells (12.5 %) of grey 205, which map_saver writes for unknown,"
                     " are read as free; lower free_thresh from 0.25 to 0.196")  # fmt: skip
     assert freed_of(write_pair(tmp_path, image, end, free=0.196)) == []
-
-
-@pytest.mark.parametrize("mode", ["trinary", "scale"])
-@pytest.mark.parametrize("dialect", ["nav2", "humble", "ros1"])
-def test_each_reader_is_judged_by_its_own_rule(tmp_path, dialect, mode):
-    path = write_pair(tmp_path, GREY_IMAGE, free=0.25, mode=mode)
-    assert len(freed_of(path, dialect=dialect)) == 1
-    limit = 1 - 205 / 255  # 0.19607843...: nav2 includes it in 32 bits, the others in none
-    path = write_pair(tmp_path, GREY_IMAGE, free=limit, mode=mode)
-    grids = []
-    told = told_of(lambda: grids.append(read_map(path, dialect=dialect)))
-    is_freed = (grids[0].occupancy[20:30, 30:] == 0).any()
-    assert ("thresholds.unknown-becomes-free" in dict(told)) == is_freed
-
-
-def test_opacity_that_ros1_averages_in_is_to_blame_and_no_threshold(tmp_path):
-    path = write_pair(tmp_path, GREY_IMAGE.convert("RGBA"), free=0.196)
-    (told,) = freed_of(path, dialect="ros1")  # (3 * 205 + 255) / 4 is a shade of 0.147
-    assert told.endswith("; save the image as a PGM, since ros1 averages the opacity into the grey")
-    assert freed_of(path) == []
-
-
-def test_transparent_cells_of_that_grey_are_unknown_to_nav2(tmp_path):
-    alpha = np.where(GREYS == 205, 0, 255).astype(np.uint8)
-    alpha[10:12, 30:50] = 255  # 40 opaque ones
-    image = Image.fromarray(np.dstack([GREYS, GREYS, GREYS, alpha]))
-    (told,) = freed_of(write_pair(tmp_path, image))
-    assert ": 40 cells (1.67 %) of" in told
-
-
-@pytest.mark.parametrize(("options", "count"), [
-    ({"mode": "raw"}, 0), ({"negate": 1}, 0), ({"rows": 25}, 1), ({"rows": 26}, 0),
-])  # fmt: skip
-def test_a_thousandth_of_the_cells_is_told_unless_raw_or_negated(tmp_path, options, count):
-    greys = np.full((options.pop("rows", 20), 40), 254, dtype=np.uint8)
-    greys[3, :10], greys[7, 11] = 0, 205
-    assert len(freed_of(write_pair(tmp_path, Image.fromarray(greys), **options))) == count
 
 
 def test_a_map_read_by_rows_is_judged_as_one_in_memory(tmp_path):
@@ -136,12 +100,15 @@ HIGH = "a higher cost_scaling_factor, or the metric view, grades more of them"
 ])  # fmt: skip
 @pytest.mark.filterwarnings("ignore:.*which map_server would misread")
 @pytest.mark.parametrize("end", ["npz", "yaml"])
-def test_costs_of_a_file_that_say_nothing(tmp_path, costs, told, end):
+def test_costs_of_a_file_that_say_nothing_are_told_and_found_by_lint(tmp_path, costs, told, end):
     grid = Costmap(np.array(costs, dtype=np.uint8).reshape(4, 25), 0.1, (1.5, -2.0, 0.4))
     path = tmp_path / f"c.{end}"
     write_map(path, grid, encoding="occupancy" if end == "npz" else "costmap2d")
     expected = [] if told is None else [("run.uniform-cost", f"{path}: {told}")]
     assert told_of(lambda: read_map(path)) == expected
+    found = [one for one in lint_file(path) if one.check == "run.uniform-cost"]
+    assert [one.severity for one in found] == ["warning"] * len(expected)
+    assert all(told.startswith(one.message) for one in found)
 
 
 @pytest.mark.parametrize("end", ["pgm", "png", "bmp"])

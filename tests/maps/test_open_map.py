@@ -201,14 +201,3 @@ def test_any_bytes_are_those_of_the_file_once_its_head_is_known(tmp_path, size):
             (size + 3, 5), (max(size - 4, 0), 100), (2, 1 << 22), (3, 0),
         ]:  # fmt: skip
             assert file.read(offset, count) == data[offset : offset + count]
-
-
-@pytest.mark.parametrize("offset", [0, 10])
-def test_a_change_is_seen_though_the_bytes_are_known(tmp_path, offset):
-    path = tmp_path / "a"
-    path.write_bytes(bytes(100))
-    with opened(path) as file:
-        file.read(0, HEAD)
-        path.write_bytes(bytes(101))
-        with pytest.raises(FileAccessError, match="changed while it was read"):
-            file.read(offset, 5)

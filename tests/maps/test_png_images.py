@@ -33,18 +33,26 @@ def png(kind, width, rows, *before):
     return file_of(width, len(rows), *before, pixels, **facts)
 
 
-def pixels_of(kind, width, rows):
-    """The samples in rows of bytes, bit by bit: brightness up to 255 or 65535, or indices."""
+def pixels_of(kind, width, rows, key):
+    """Samples, bit by bit, and the opacities that a transparent colour makes, None without one.
+
+    The samples are brightness up to 255 or 65535, or indices.
+    """
     colour_type, depth = kind
     bits = [np.unpackbits(np.frombuffer(row, np.uint8)) for row in rows]
     weights, count = 2 ** np.arange(depth)[::-1], CHANNELS[colour_type]
     values = [row[: len(row) // depth * depth].reshape(-1, depth) @ weights for row in bits]
-    pixels = np.array([row[: width * count] for row in values]).reshape(len(rows), width, count)
+    pixels = values = np.array([row[: width * count] for row in values])
     if colour_type == 0 and depth < 8:
         pixels = pixels * 255 // ((1 << depth) - 1)
-    elif count > 1 and depth == 16:
-        pixels = pixels // 256
-    return pixels if count > 1 else pixels[..., 0]
+    elif count > 1:
+        pixels = pixels.reshape(len(rows), width, count) // (1 << depth - 8)
+    if key is None:
+        return pixels, None
+    if count == 1:  # a sample of the file's own bits
+        return pixels, np.where(values == key, 0, 65535 if depth == 16 else 255)
+    # OpenCV compares the key with samples of 16 bits: of coloured ones only black is one
+    return pixels, np.where(pixels.any(axis=2) | any(key), 255, 0)
 
 
 def channels_of(picture):
@@ -56,35 +64,46 @@ def channels_of(picture):
 
 
 @st.composite
-def images(draw):
-    """Kind, width and rows of PNG files of all kinds, and the files."""
-    kind = draw(st.sampled_from(KINDS))
+def images(draw, kind):
+    """Width, rows and transparent colour of PNG files of a kind; palettes; the files."""
     width, height = draw(st.integers(1, 23)), draw(st.integers(1, 12))
     row_bytes = (width * kind[1] * CHANNELS[kind[0]] + 7) // 8
     rng = np.random.default_rng(draw(st.integers(0, 99)))
-    rows = [rng.bytes(row_bytes) for _ in range(height)]
-    before = []
+    rows = [rng.bytes(row_bytes) if rng.random() < 0.7 else bytes(row_bytes) for _ in range(height)]
+    before, palette, key = [], None, None
     if kind[0] == 3:
-        count = draw(st.integers(1, 1 << kind[1]))
-        before.append(chunk(b"PLTE", rng.bytes(3 * count)))
-        if draw(st.booleans()):
-            before.append(chunk(b"tRNS", rng.bytes(draw(st.integers(1, count)))))
-    elif kind[0] in (0, 2) and draw(st.booleans()):  # a transparent colour, which may be there
-        size = 2 if kind[0] == 0 else 6
-        before.append(chunk(b"tRNS", draw(st.sampled_from([bytes(size), b"\0\1" * (size // 2)]))))
-    return kind, width, rows, png(kind, width, rows, *before)
+        colours = rng.integers(0, 256, (draw(st.integers(1, 1 << kind[1])), 4)).astype(np.uint8)
+        colours[:, 3] = rng.choice([0, 128, 255], len(colours))
+        palette = np.full((256, 4), (0, 0, 0, 255), np.uint8)
+        palette[: len(colours), :3] = colours[:, :3]
+        before.append(chunk(b"PLTE", colours[:, :3].tobytes()))
+        if count := draw(st.integers(0, len(colours))):
+            palette[:count, 3] = colours[:count, 3]
+            before.append(chunk(b"tRNS", colours[:count, 3].tobytes()))
+    elif kind[0] in (0, 2) and draw(st.booleans()):
+        largest = draw(st.sampled_from([0, (1 << kind[1]) - 1]))
+        key = rng.integers(0, largest + 1, CHANNELS[kind[0]])
+        if kind[0] == 0:  # one that is there
+            key = rng.choice(pixels_of(kind, width, rows, key)[0].ravel(), 1)
+            key = key if kind[1] >= 8 else key * ((1 << kind[1]) - 1) // 255
+        before.append(chunk(b"tRNS", key.astype(">u2").tobytes()))
+    return (width, rows, key), palette, png(kind, width, rows, *before)
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("mapdeal_warnings")
-@settings(max_examples=80)
-@given(images(), st.integers(1, 60), MODES, st.sampled_from(list(DIALECTS)))
-def test_pixels_are_those_that_were_written(tmp_path_factory, image, strip, mode, dialect):
-    *written, data = image
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=20)
+@given(st.data(), st.integers(1, 60), MODES, st.sampled_from(list(DIALECTS)))
+def test_pixels_are_those_that_were_written(tmp_path_factory, kind, data, strip, mode, dialect):
+    written, palette, file = data.draw(images(kind))
     path = tmp_path_factory.mktemp("png") / "m.png"
-    path.write_bytes(data)
-    expected = pixels_of(*written)
-    assert np.array_equal(channels_of(read_image(path)), expected)
+    path.write_bytes(file)
+    expected, opacities = pixels_of(kind, *written)
+    picture = read_image(path)
+    assert np.array_equal(channels_of(picture), expected)
+    assert opacities is None or np.array_equal(picture.alpha, opacities)
+    assert palette is None or np.array_equal(picture.palette, palette)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(strips, "STRIP", strip)
         with open_strips(path) as opened:
@@ -94,7 +113,7 @@ def test_pixels_are_those_that_were_written(tmp_path_factory, image, strip, mode
         path.with_name("m.yaml").write_text(yaml_text(image="m.png", mode=mode))
         found = read_map(path.with_name("m.yaml"), dialect=dialect).occupancy
     metadata = MapMetadata("m.png", 0.3, (1.5, -2.0, 0.4), mode=mode)
-    assert np.array_equal(found, cells_of(read_image(path), metadata, dialect))
+    assert np.array_equal(found, cells_of(picture, metadata, dialect))
 
 
 def of_stream(stream, *behind):
@@ -153,42 +172,6 @@ def test_interlaced_pictures_that_are_cut_are_refused(tmp_path):
         (tmp_path / "m.png").write_bytes(data[:end])
         with pytest.raises(MalformedInputError):
             read_image(tmp_path / "m.png")
-
-
-@pytest.mark.usefixtures("mapdeal_warnings")
-@pytest.mark.parametrize(("key", "opaque"), [((0, 0, 0), [[0, 255]]), ((7, 8, 9), [[255, 255]])])
-def test_of_transparent_colours_only_black_is_one(tmp_path, key, opaque):
-    """As OpenCV has it, which compares the key with samples of 16 bits."""
-    transparent = chunk(b"tRNS", struct.pack(">HHH", *key))
-    row = bytes([0, 0, 0, 7, 8, 9])
-    (tmp_path / "m.png").write_bytes(png((2, 8), 2, [row], transparent))
-    assert read_image(tmp_path / "m.png").alpha.tolist() == opaque
-
-
-@pytest.mark.parametrize(("depth", "row", "key", "samples", "clear"), [
-    (1, [0b01100000], 1, [0, 255, 255, 0], 255),
-    (1, [0b01100000], 0, [0, 255, 255, 0], 0),
-    (2, [0b00011011], 2, [0, 85, 170, 255], 170),
-    (4, [0x03, 0x5F], 3, [0, 51, 85, 255], 51),
-    (8, [0, 205, 254, 255], 205, [0, 205, 254, 255], 205),
-    (16, [0, 7, 1, 2, 0, 8, 2, 1], 258, [7, 258, 8, 513], 258),
-])  # fmt: skip
-def test_a_grey_key_is_a_sample_of_the_files_own_bits(tmp_path, depth, row, key, samples, clear):
-    transparent = chunk(b"tRNS", struct.pack(">H", key))
-    (tmp_path / "m.png").write_bytes(png((0, depth), 4, [bytes(row)], transparent))
-    picture = read_image(tmp_path / "m.png")
-    full = 65535 if depth == 16 else 255
-    assert picture.samples.tolist() == [samples]
-    assert picture.alpha.tolist() == [[0 if one == clear else full for one in samples]]
-
-
-@pytest.mark.parametrize("opacities", [b"\xff\x80\0", b"\0"])
-def test_colours_and_opacities_of_a_palette_are_by_its_indices(tmp_path, opacities):
-    before = chunk(b"PLTE", bytes(range(12))), chunk(b"tRNS", opacities)
-    (tmp_path / "m.png").write_bytes(png((3, 2), 4, [b"\x1b"], *before))
-    palette = read_image(tmp_path / "m.png").palette
-    assert palette[:4, :3].tolist() == np.arange(12).reshape(4, 3).tolist()
-    assert palette[:, 3].tolist() == [*opacities, *[255] * (256 - len(opacities))]
 
 
 @pytest.mark.parametrize("read", [read_image, read_image_size])

@@ -11,17 +11,14 @@ from hypothesis import strategies as st
 from mapdeal import MalformedInputError, MapdealWarning, OccupancyGrid, ParameterError
 from mapdeal.grid.filters import FilterInfo, info_for
 from mapdeal.maps.zones import filter_mask, read_zones
+from maps.geojson import collection, feature, geometry
 
 GRID = OccupancyGrid(np.zeros((30, 40), np.int8), 0.25, (1.0, -2.0, 0.0))
 
 
-def square(x, y, side=2.0):
-    return [[[x, y], [x + side, y], [x + side, y + side], [x, y + side], [x, y]]]
-
-
-def feature(x=3.0, y=-1.0, side=2.0, **properties):
-    geometry = {"type": "Polygon", "coordinates": square(x, y, side)}
-    return {"type": "Feature", "properties": properties, "geometry": geometry}
+def zone(x=3.0, y=-1.0, side=2.0, **properties):
+    corners = [[x, y], [x + side, y], [x + side, y + side], [x, y + side], [x, y]]
+    return feature(geometry("Polygon", [corners]), **properties)
 
 
 @pytest.fixture
@@ -30,7 +27,7 @@ def zones(tmp_path):
 
     def read(*features, kind=None):
         path = tmp_path / "zones.geojson"
-        path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+        path.write_text(json.dumps(collection(*features)))
         return read_zones(path, kind)
 
     return read
@@ -83,21 +80,21 @@ def test_the_yaml_says_how_a_mask_is_read(info):
 
 
 def test_zones_know_their_kind_name_and_speed(zones):
-    found = zones(feature(kind="keepout", name="stairs"), feature(speed=30), feature(kind="binary"))
+    found = zones(zone(kind="keepout", name="stairs"), zone(speed=30), zone(kind="binary"))
     told = [(one.name, one.kind, one.speed) for one in found]
     assert told == [("stairs", "keepout", None), ("zone 2", "speed", 30.0),
                     ("zone 3", "binary", None)]  # fmt: skip
-    (one,) = zones(feature(), feature(speed=30), kind="keepout")
+    (one,) = zones(zone(), zone(speed=30), kind="keepout")
     assert (one.name, one.kind) == ("zone 1", "keepout")
 
 
 BAD = [
-    (feature(), "needs a property kind: keepout, speed, binary"),
-    (feature(kind="keepot"), "got 'keepot'"),
-    (feature(kind="speed"), "needs a property speed"),
-    (feature(kind="speed", speed=True), "needs a property speed"),
-    (feature(kind="speed", speed=0, name="dock"), r"feature 1 \(dock\).* 0 is no limit"),
-    (feature(kind="speed", speed=-3), "must be above 0"),
+    (zone(), "needs a property kind: keepout, speed, binary"),
+    (zone(kind="keepot"), "got 'keepot'"),
+    (zone(kind="speed"), "needs a property speed"),
+    (zone(kind="speed", speed=True), "needs a property speed"),
+    (zone(kind="speed", speed=0, name="dock"), r"feature 1 \(dock\).* 0 is no limit"),
+    (zone(kind="speed", speed=-3), "must be above 0"),
 ]
 
 
@@ -109,13 +106,13 @@ def test_bad_zones_are_refused_with_their_place(zones, one, words):
 
 def test_a_file_without_zones_of_the_kind_says_which_it_has(zones):
     with pytest.raises(MalformedInputError, match="no binary zone") as error:
-        zones(feature(kind="keepout"), feature(speed=5), kind="binary")
+        zones(zone(kind="keepout"), zone(speed=5), kind="binary")
     assert error.value.hint == "its zones are of the kind keepout, speed"
 
 
 def test_masks_have_zones_where_they_lie(zones):
     shapely = pytest.importorskip("shapely")
-    made = zones(feature(3.1, -1.1), feature(4.1, 0.1, 3.0, kind="keepout"), kind="keepout")
+    made = zones(zone(3.1, -1.1), zone(4.1, 0.1, 3.0, kind="keepout"), kind="keepout")
     mask, info = filter_mask(GRID, "keepout", made)
     assert (mask.frame, info.type) == (GRID.frame, 0)
     area = shapely.union_all([shapely.Polygon(one.shapes[0].points_xy) for one in made])
@@ -128,7 +125,7 @@ def test_masks_have_zones_where_they_lie(zones):
 
 def test_of_overlapping_limits_the_lower_one_counts(zones):
     for unit, speeds in (("percent", (20, 60)), ("m/s", (0.2, 0.6))):
-        made = zones(*(feature(3.0 + n, -1.0, speed=v) for n, v in enumerate(speeds)))
+        made = zones(*(zone(3.0 + n, -1.0, speed=v) for n, v in enumerate(speeds)))
         for order in (made, made[::-1]):
             mask, info = filter_mask(GRID, "speed", order, unit=unit)
             limits = {x: info.limit_of(int(mask.occupancy[5, int((x - 1) * 4)]))
@@ -139,14 +136,14 @@ def test_of_overlapping_limits_the_lower_one_counts(zones):
 
 
 def test_a_keepout_zone_may_have_a_cost(zones):
-    mask, _ = filter_mask(GRID, "keepout", zones(feature(kind="keepout", value=40)))
+    mask, _ = filter_mask(GRID, "keepout", zones(zone(kind="keepout", value=40)))
     assert sorted(set(mask.occupancy.ravel().tolist())) == [-1, 40]
 
 
 def test_what_is_rounded_or_no_limit_is_warned_of(zones):
     for speed, words in ((33.3, "becomes 33 %"), (100, "is no limit")):
         with pytest.warns(MapdealWarning, match=words):
-            filter_mask(GRID, "speed", zones(feature(speed=speed)))
+            filter_mask(GRID, "speed", zones(zone(speed=speed)))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        filter_mask(GRID, "speed", zones(feature(speed=33)))
+        filter_mask(GRID, "speed", zones(zone(speed=33)))

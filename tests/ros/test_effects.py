@@ -21,62 +21,42 @@ def _robot(*layers, track=True):
     )
 
 
-def _effects(*layers):
+USUAL = "occupancy 100 is lethal, all else free, unknown stays unknown"
+REPLACED = "no effect: a static layer above it replaces all costs"
+BELOW = InflationLayer("below", 0.3, 0.7, 3.0)
+FAR = "cost 253 as far as 0.3 m from obstacles, then falling by 3 per metre as far as 0.7 m"
+OTHERS = [
+    ListedLayer("off", "a::B", InflationLayer("off"), is_enabled=False),
+    ListedLayer("sonar", "a::C", None, why_ignored="needs sensor data"),
+    InflationLayer("zero", 0.3, 0.0),
+]
+PLAIN = StaticLayer(trinary_costmap=False, lethal_cost_threshold=70, track_unknown_space=False,
+                    inscribed_obstacle_cost_value=99)  # fmt: skip
+
+
+@pytest.mark.parametrize(("layers", "effects"), [
+    ([PLAIN], [("occupancy 70..100 is lethal, 99 inscribed, less costs its share of 254, "
+               "unknown becomes free")]),
+    ([StaticLayer(unknown_cost_value=0)],
+     [("occupancy 100 is lethal, all else free; 0 counts as unknown, and -1 as lethal, "
+      "unknown stays unknown")]),
+    ([StaticLayer("one"), BELOW, StaticLayer("two"), InflationLayer("i", 0.3, 0.7, 3.0)],
+     [REPLACED, REPLACED, USUAL, FAR]),
+    ([StaticLayer("one"), BELOW, StaticLayer("two", use_maximum=True)],
+     [USUAL, FAR, f"{USUAL}; costs are only raised"]),
+    ([DenoiseLayer(), DenoiseLayer("b", 5, 4), DenoiseLayer("c", 1)],
+     ["frees groups of fewer than 2 obstacle cells that share an edge or a corner",
+      "frees groups of fewer than 5 obstacle cells that share an edge",
+      "no effect: minimal_group_size is 1"]),
+    ([StaticLayer("injected_static"), *OTHERS],
+     [f"not in the file, put in front: {USUAL}", "switched off", "ignored: needs sensor data",
+      "no effect: inflation_radius is 0"]),
+    ([InflationLayer("i", 0.3, 0.7, 3.0, inflate_unknown=True)],
+     [f"{FAR}; unknown cells take costs, too"]),
+])  # fmt: skip
+def test_layers_say_what_they_do_and_what_takes_that_away(layers, effects):
     robot = _robot(*layers)
-    return [effect_of(one, robot) for one in robot.layers]
-
-
-def _no_effects(*layers):
-    return [text.startswith("no effect: a static layer above") for text in _effects(*layers)]
-
-
-def test_static_layers_say_what_values_become():
-    assert _effects(StaticLayer()) == [
-        "occupancy 100 is lethal, all else free, unknown stays unknown"
-    ]
-    plain = StaticLayer(trinary_costmap=False, lethal_cost_threshold=70, track_unknown_space=False,
-                        inscribed_obstacle_cost_value=99)  # fmt: skip
-    parts = ["occupancy 70..100 is lethal", "99 inscribed", "less costs its share of 254"]
-    assert _effects(plain) == [", ".join([*parts, "unknown becomes free"])]
-    assert "0 counts as unknown, and -1 as lethal" in _effects(StaticLayer(unknown_cost_value=0))[0]
-
-
-def test_what_a_static_layer_replaces_has_no_effect():
-    below = InflationLayer("below", 0.3, 0.7, 3.0)
-    two, above = StaticLayer("two"), InflationLayer("above")
-    assert _no_effects(StaticLayer("one"), below, two, above) == [True, True, False, False]
-    two = StaticLayer("two", use_maximum=True)
-    assert not any(_no_effects(StaticLayer("one"), below, two))
-    assert _effects(StaticLayer("one"), below, two)[2].endswith("costs are only raised")
-
-
-def test_denoise_layers_say_which_groups_go():
-    effects = _effects(StaticLayer(), DenoiseLayer(), DenoiseLayer("b", 5, 4), DenoiseLayer("c", 1))
-    assert effects[1:] == [
-        "frees groups of fewer than 2 obstacle cells that share an edge or a corner",
-        "frees groups of fewer than 5 obstacle cells that share an edge",
-        "no effect: minimal_group_size is 1",
-    ]
-
-
-def test_layers_that_are_off_ignored_or_put_there_say_so():
-    off = ListedLayer("off", "a::B", InflationLayer("off"), is_enabled=False)
-    sensor = ListedLayer("sonar", "a::C", None, why_ignored="needs sensor data")
-    effects = _effects(
-        StaticLayer("injected_static"), off, sensor, InflationLayer("zero", 0.3, 0.0)
-    )
-    assert effects[0].startswith("not in the file, put in front: occupancy 100 is lethal")
-    assert effects[1:] == [
-        "switched off", "ignored: needs sensor data", "no effect: inflation_radius is 0"
-    ]  # fmt: skip
-
-
-def test_inflation_says_how_far_and_how_steep():
-    text = _effects(StaticLayer(), InflationLayer("i", 0.25, 0.8, 2.5, inflate_unknown=True))[1]
-    assert text == (
-        "cost 253 as far as 0.25 m from obstacles, then falling by 2.5 per metre as far as 0.8 m; "
-        "unknown cells take costs, too"
-    )
+    assert [effect_of(one, robot) for one in robot.layers] == effects
 
 
 @pytest.mark.parametrize(

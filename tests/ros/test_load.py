@@ -65,14 +65,6 @@ def test_warnings_are_given_and_kept_with_file_and_line(tmp_path, flavour, text)
     assert (robot.paths, robot.flavour) == ((path,), flavour)
 
 
-def test_all_that_there_is_to_say_is_found_at_once(tmp_path):
-    text = ROS1 + "  - {name: inflation}\n" + "footprint: [[1, 2], [3]]\n"
-    robot, problems = found_in([_file(tmp_path, text)])
-    assert robot is None
-    refused = [one for one in problems if one.level == "refused"]
-    assert sorted(one.line for one in refused) == [3, 5]
-
-
 @pytest.mark.parametrize(("text", "what", "hint"), [
     ("image: a.pgm\nresolution: 0.1\norigin: [1, 2, 0.5]\n", "is a map, not", "mapdeal info"),
     ("stages:\n  - inflate: {radius: 0.4}\n", "is a recipe, not", "--recipe"),

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from mapdeal.errors import FileAccessError
 from mapdeal.ros.ros1 import (
     Ros1Namespace,
     parse_ros1_parameters,
@@ -72,13 +71,6 @@ def test_later_values_stay_and_namespaces_are_merged():
     assert as_mapping(into) == {"x": {"a": {"b": 1, "c": [3]}, "d": {"e": 2}}}
     into.merge(("x",), read("a: 5").parameters)
     assert as_mapping(into)["x"]["a"] == 5
-
-
-def test_an_empty_file_has_no_parameters(tmp_path):
-    (tmp_path / "a.yaml").write_bytes(b"# nothing\n")
-    assert as_mapping(read_ros1_parameters(tmp_path / "a.yaml").parameters) == {}
-    with pytest.raises(FileAccessError):
-        read_ros1_parameters(tmp_path / "b.yaml")
 
 
 def test_the_largest_whole_number_is_of_32_bits():

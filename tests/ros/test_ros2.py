@@ -1,11 +1,9 @@
 """Files of ROS 2 parameters: what ``rcl_yaml_param_parser`` 10.1.3, run on them, made of each."""
 
-from pathlib import Path
-
 import pytest
 import yaml
 
-from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.errors import MalformedInputError
 from mapdeal.ros.ros2_files import read_ros2
 
 
@@ -13,22 +11,6 @@ from mapdeal.ros.ros2_files import read_ros2
 def read(files):
     """Return what reads texts as files, in their order."""
     return lambda *texts, **options: read_ros2(files(*texts), **options)
-
-
-def test_files_are_read_into_one_another(read):
-    one = "a:\n  ros__parameters: {x: 1.5, y: 2, n: {z: 1}}\n"
-    other = "\na:\n  ros__parameters: {x: 2.5, y: 3.5, n: {z: 2.5}}\n/b: {ros__parameters: {x: 1}}"
-    parameters = read(one, other)
-    values = parameters.for_node("/a")
-    assert {name: value.value for name, value in values.items()} == {"x": 2.5, "y": 2, "n.z": 2.5}
-    assert [(value.source.name, value.line) for value in values.values()] == [
-        ("1.yaml", 3), ("0.yaml", 2), ("1.yaml", 3),
-    ]  # fmt: skip
-    assert [(node.name, node.source.name, node.line) for node in parameters.nodes] == [
-        ("/a", "0.yaml", 2), ("/b", "1.yaml", 4),
-    ]  # fmt: skip
-    assert [path.name for path, _ in parameters.files] == ["0.yaml", "1.yaml"]
-    assert len(parameters.files[0][1]) == 64
 
 
 def test_what_comes_later_overrides_wherever_it_stands(read):
@@ -63,11 +45,6 @@ def test_bad_bytes_are_refused_in_one_line(read, data, rule):
         read(data)
     assert caught.value.rule.startswith(rule)
     assert "\n" not in str(caught.value)
-
-
-def test_a_missing_file_is_named():
-    with pytest.raises(FileAccessError, match="nowhere"):
-        read_ros2([Path("nowhere.yaml")])
 
 
 TABS = """\
