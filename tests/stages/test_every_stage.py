@@ -75,6 +75,16 @@ def test_a_bare_array_is_refused_with_what_to_pass_and_a_view_where_fields_are_m
             stage.function(mapdeal.field_view(mapdeal.esdf(OccupancyGrid([[100, 0, 0]], 0.25))))
 
 
+@pytest.mark.parametrize("stage", [s for s in STAGES.values() if not s.edits], ids=lambda s: s.name)
+def test_grids_that_a_stage_does_not_take_are_refused(stage):
+    grid = OccupancyGrid([[100, 0, 0]], 0.25)
+    field = mapdeal.esdf(grid)
+    others = [field, mapdeal.ring_cost(grid), mapdeal.potential(grid), mapdeal.reach(grid), 5]
+    for other in (one for one in others if not isinstance(one, stage.takes)):
+        with pytest.raises(ParameterError, match=f"takes a grid: .*got '{type(other).__name__}'"):
+            stage.function(other)
+
+
 def test_every_stage_of_the_folder_is_listed():
     folder = Path(catalogue.__file__).parent
     made = {
