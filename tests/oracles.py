@@ -173,11 +173,8 @@ def master_grid(occupancy, resolution, layers, default_cost):
             )  # fmt: skip
             continue
         if hasattr(layer, "minimal_group_size"):
-            unknown = [255] if default_cost != 255 else []
-            cells = {
-                i for i in np.ndindex(occupancy.shape) if int(master[i]) in (253, 254, *unknown)
-            }
-            for group in groups_of(cells, layer.group_connectivity_type):
+            marked = np.isin(master, [253, 254, *([255] if default_cost != 255 else [])])
+            for group in groups(marked, AROUND[: layer.group_connectivity_type]):
                 if len(group) < layer.minimal_group_size:
                     for index in group:
                         master[index] = 0
@@ -192,21 +189,6 @@ def master_grid(occupancy, resolution, layers, default_cost):
             if not layer.use_maximum or (cost != 255 and (old == 255 or old < cost)):
                 master[index] = cost
     return master
-
-
-def groups_of(cells, connectivity):
-    """Groups of cells (row, col) that are neighbours, by walking from one to the next."""
-    steps = [(0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)][:connectivity]
-    left = set(cells)
-    while left:
-        group, waiting = [], [left.pop()]
-        while waiting:
-            row, col = waiting.pop()
-            group.append((row, col))
-            near = {(row + down, col + right) for down, right in steps} & left
-            left -= near
-            waiting += near
-        yield group
 
 
 def on_paper(number):
@@ -536,13 +518,7 @@ def straight_neighbours(cell, shape):
 
 def flooded(is_open, start):
     """Set of the open cells with a way over edges from an open cell."""
-    reached, edge = {start}, [start]
-    while edge:
-        for near in straight_neighbours(edge.pop(), is_open.shape):
-            if is_open[near] and near not in reached:
-                reached.add(near)
-                edge.append(near)
-    return reached
+    return next(group for group in groups(is_open, EDGES) if start in group)
 
 
 def widest_by_flooding(squared, is_open, start):
