@@ -394,7 +394,7 @@ def test_hostile_bags_take_no_more_than_the_limit(changed, tmp_path):
     store = ros2_store()
     name = "sensor_msgs/msg/LaserScan"
     text = store.generate_msgdef(name, ros_version=2)[0]
-    made = scan(START, np.full(8_000_000, 2, np.float32), step=1e-7)(store.types, False)
+    made = scan(START, np.full(8_000_000, 2, np.float32), step=1e-7)(store)
     scans = message(1, bytes(store.serialize_cdr(made, name)))
     zeros = chunk(bomb(140), "zstd", 140_000_000)
     paths = [
