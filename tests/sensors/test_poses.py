@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal import FileAccessError, MalformedInputError, MapdealWarning, read_poses
+from mapdeal import MalformedInputError, MapdealWarning, read_poses
 
 
 @pytest.fixture
@@ -83,8 +83,3 @@ def test_poses_without_times_are_not_scolded_for_their_order(read, time):
 def test_poses_that_are_wrong_are_refused(read, text, told):
     with pytest.raises(MalformedInputError, match=told):
         read(text)
-
-
-def test_poses_that_are_not_there(tmp_path):
-    with pytest.raises(FileAccessError):
-        read_poses(tmp_path / "missing")

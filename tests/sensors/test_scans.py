@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal import MalformedInputError, MapdealWarning
 from mapdeal.sensors import scans as carmen
 from mapdeal.sensors.scans import ScanTexts, open_log
 
@@ -149,22 +149,16 @@ def test_a_log_without_times_is_not_scolded_for_their_order(read, line, time):
 
 BAD_LINES = [
     ("truncated", flaser(HALF)[:400], "words"),
-    ("count", flaser(HALF).replace("FLASER 180", "FLASER 181"), "words"),
     ("odd-count", flaser(HALF[:100]), "180, 181, 360 or 361"),
     ("no-count", "FLASER x 1 2", "number of readings"),
-    ("nothing", "FLASER ", "number of readings"),
     ("word", flaser([*HALF[:-1], "far"]), "number"),
-    ("underscore", flaser([*HALF[:-1], "1_0"]), "number"),
     ("pose", flaser(HALF, (1, "nan", 0)), "pose"),
     ("far-pose", flaser(HALF, (1, 1e300, 0)), "pose"),
-    ("robot-truncated", robotlaser(HALF[:2]).rsplit(" ", 1)[0], "words"),
     ("remissions", robotlaser([1.0]).replace(" 2 5 6 ", " 9 5 6 "), "words"),
     ("increment-0", robotlaser([1.0], step=0), "resolution"),
-    ("start-nan", robotlaser([1.0], start="nan"), "start"),
     ("cut", "ROBOTLASER1 0 1 2 3 4 5 6 900 1 2", "900 readings"),
     ("field-of-view", robotlaser([1.0] * 90, field=3.14), "span"),
     ("huge-start", robotlaser([1.0], start=1e13), "radians"),
-    ("huge-step", robotlaser([1.0], step=1e306), "radians"),
 ]
 
 
@@ -194,12 +188,6 @@ def test_what_is_no_log_is_refused(tmp_path, data, told):
     (tmp_path / "a.log").write_bytes(data)
     with pytest.raises(MalformedInputError, match=told):
         list(open_log(tmp_path / "a.log").scans())
-
-
-@pytest.mark.parametrize("name", ["missing.log", "missing.npz", "."])
-def test_what_is_not_there_cannot_be_read(tmp_path, name):
-    with pytest.raises(FileAccessError):
-        open_log(tmp_path / name)
 
 
 @pytest.fixture
