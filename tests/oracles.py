@@ -85,11 +85,9 @@ def disc_inflation(occupied, radius, resolution):
 def square_inflation(occupied, reach):
     """Mask of cells within `reach` cells of an occupied one along both axes."""
     grown = np.zeros(occupied.shape, dtype=bool)
-    height, width = occupied.shape
+    rows, cols = np.indices(occupied.shape)
     for row, col in np.argwhere(occupied).tolist():
-        for r in range(max(row - reach, 0), min(row + reach, height - 1) + 1):
-            for c in range(max(col - reach, 0), min(col + reach, width - 1) + 1):
-                grown[r, c] = True
+        grown |= (abs(rows - row) <= reach) & (abs(cols - col) <= reach)
     return grown
 
 
@@ -363,21 +361,10 @@ def full_footprint_cost(costs, cells):
 
 
 def shared_area(first, second):
-    """The area that two convex anticlockwise polygons share: the second clips the first."""
-    polygon = first
-    for (ax, ay), (bx, by) in zip(second, second[1:] + second[:1], strict=True):
-        kept = []
-        for (px, py), (qx, qy) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
-            p = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
-            q = (bx - ax) * (qy - ay) - (by - ay) * (qx - ax)
-            if p >= 0:
-                kept.append((px, py))
-            if (p > 0 > q) or (p < 0 < q):
-                t = p / (p - q)
-                kept.append((px + t * (qx - px), py + t * (qy - py)))
-        polygon = kept
-    ends = polygon[1:] + polygon[:1]
-    return sum(x * v - u * y for (x, y), (u, v) in zip(polygon, ends, strict=True)) / 2
+    """The area that two polygons share."""
+    from shapely import Polygon
+
+    return Polygon(first).intersection(Polygon(second)).area
 
 
 def distance_to_segment(point, a, b):
