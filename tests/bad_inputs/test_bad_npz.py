@@ -56,6 +56,8 @@ BAD_ARRAYS = [
     ("inf-origin", MAP, "origin", [np.inf, 0, 0]),
     ("nan-distance", FIELD, "distance", np.full((2, 3), np.nan, np.float32)),
     ("nan-in-a-known-cell", FIELD, "distance", np.float32([[np.nan, 1, 1], [np.nan, 1, 1]])),
+    ("nan-threshold", FIELD, "lethal_threshold", np.nan),
+    ("goal-of-three", POTENTIAL, "goal", np.zeros(3)),
     ("potential-without-gain", POTENTIAL, "repulsive_gain", None),
     ("nan-repulsive", POTENTIAL, "repulsive", np.full((2, 3), np.nan)),
     ("pebibyte-header", MAP, "occupancy", layer_header((1 << 25, 1 << 25)) + b"\0" * 6),

@@ -52,6 +52,8 @@ MALFORMED_VALUES = [
     ("Y17-mapping", "origin", "{x: 1.5, y: -2.0, yaw: 0.4}", ""),
     ("Y18-nan", "origin", "[1.5, -2.0, nan]", "0"),
     ("Y22-free-above-occupied", "free_thresh", "0.7", ""),
+    ("Y22-below-0", "free_thresh", "-0.1", ""),
+    ("Y22-above-1", "occupied_thresh", "1.5", ""),
     ("Y25-quoted-word", "negate", "'false'", ""),
     ("Y25-null", "negate", "null", ""),
     ("Y26-unknown-mode", "mode", "ternary", ""),
