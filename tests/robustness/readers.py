@@ -10,7 +10,6 @@ from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, ParameterError
 from mapdeal.maps.dialects import DIALECTS
-from mapdeal.sensors import points
 from robustness import reading, seeds
 from robustness.seeds import files_of
 from robustness.words import words_of
@@ -165,13 +164,7 @@ def _text(name, file, read, share=1.0):
     return Reader(name, good, read, _USAGE, TEXT_WORDS, is_file=False, share=share)
 
 
-_LINES = [
-    ("points", "points", reading.numbers_of_lines(points.read_points, 2), 0.7),
-    ("poses as lines", "pose_lines", reading.numbers_of_lines(points.read_pose_lines, 3), 0.5),
-    ("points with names", "named_points",
-     reading.records_of_lines(points.read_named_points, "point"), 0.5),
-    ("pairs of points", "pairs", reading.records_of_lines(points.read_pairs, "start", "goal"), 0.5),
-]  # fmt: skip
+_LINES = {"points": "points", "poses": "pose_lines", "named": "named_points", "pairs": "pairs"}
 READERS = [
     *(
         Reader(f"map yaml, {dialect}", _MAP_SEEDS, reading.map_reader(dialect), _PAIR, YAML_WORDS,
@@ -203,8 +196,8 @@ READERS = [
     _file("scans npz", _zips("scans", "s.npz"), reading.read_log, NPY_WORDS, share=0.7),
     _file("scans as text", _scan_texts(), reading.read_scan_texts, CLOUD_WORDS),
     _file("poses", _stored("poses", "p.txt"), reading.read_all_poses, CLOUD_WORDS),
-    *(Reader(name, _stored(folder, "p.csv"), read, words=JSON_WORDS, is_file=False, share=share)
-      for name, folder, read, share in _LINES),
+    *(Reader(f"lines of {kind}", _stored(folder, "p.csv"), reading.lines_of(kind),
+             words=JSON_WORDS, is_file=False, share=0.5) for kind, folder in _LINES.items()),
     _file("shapes yaml", _stored("shapes", "s.yaml"), reading.read_all_shapes, YAML_WORDS,
           share=0.4),
     _file("GeoJSON", _documents("geojson"), reading.read_all_shapes, JSON_WORDS),

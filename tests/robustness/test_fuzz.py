@@ -26,11 +26,8 @@ FEW, MUTANTS = 200, 2000
 LONGEST = 60.0
 """Seconds: a thousand times what a mutant takes, on however slow a machine."""
 
-TELLING = (
-    "lint", "lint of parameters", "points", "points with names", "poses as lines",
-    "pairs of points",
-)  # fmt: skip
-"""Readers that tell of damage in what they return."""
+TELLING = ("lint", "lines")
+"""What readers begin with that tell of damage in what they return."""
 
 every_reader = pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
 
@@ -44,7 +41,7 @@ def test_mutants_are_read_or_refused(reader, most, tmp_path, capfd):
     assert not found.problems, "\n".join(found.problems[:5])
     assert found.read + found.refused == mutants
     assert found.read > 0
-    assert found.refused > 0 or reader.name in TELLING
+    assert found.refused > 0 or reader.name.startswith(TELLING)
     assert capfd.readouterr() == ("", "")
     assert len(os.listdir("/dev/fd")) == descriptors  # noqa: PTH208
 
