@@ -496,13 +496,6 @@ def lowest_cost(weights, start, goal):
     return cost.get(goal)
 
 
-def straight_neighbours(cell, shape):
-    """The up to four cells over the edges of one, the last in reading order first."""
-    row, col = cell
-    near = [(row + 1, col), (row, col + 1), (row, col - 1), (row - 1, col)]
-    return [(r, c) for r, c in near if 0 <= r < shape[0] and 0 <= c < shape[1]]
-
-
 def flooded(is_open, start):
     """Set of the open cells with a way over edges from an open cell."""
     return next(group for group in groups(is_open, EDGES) if start in group)
@@ -526,13 +519,14 @@ def merged_basins(squared, is_open):
     Cells come by falling square, of equal ones the last in reading order first. A cell is of the
     basin of its first neighbour to come, and may merge it with those of others.
     """
-    order = sorted(
-        map(tuple, np.argwhere(is_open).tolist()), key=lambda c: (-squared[c], *_from(c))
-    )
+    cells = map(tuple, np.argwhere(is_open).tolist())
+    order = sorted(cells, key=lambda c: (-squared[c], -c[0], -c[1]))
     place = {cell: k for k, cell in enumerate(order)}
     basin, merges, group = {}, [], {}
     for cell in order:
-        near = [n for n in straight_neighbours(cell, squared.shape) if n in basin]
+        row, col = cell
+        beside = [(row + 1, col), (row, col + 1), (row, col - 1), (row - 1, col)]
+        near = [one for one in beside if one in basin]
         first = min(near, key=place.get, default=None)
         basin[cell] = cell if first is None else basin[first]
         group.setdefault(basin[cell], {basin[cell]})
@@ -542,10 +536,6 @@ def merged_basins(squared, is_open):
                 both = group[basin[cell]] | group[basin[other]]
                 group.update(dict.fromkeys(both, both))
     return basin, merges
-
-
-def _from(cell):
-    return -cell[0], -cell[1]
 
 
 def open_poses(blocked, footprints):

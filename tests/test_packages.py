@@ -158,6 +158,7 @@ def test_kernels_are_plain_c11_where_the_compiler_is_not_gcc(header, tmp_path):
         ("github-issue-forms", "ISSUE_TEMPLATE/[bfq]*.yml"),
         ("github-issue-config", "ISSUE_TEMPLATE/config.yml"),
         ("dependabot", "dependabot.yml"),
+        ("github-actions", "actions/*/action.yml"),
         ("citation-file-format", "CITATION.cff"),
     ],
 )
