@@ -93,7 +93,7 @@ def _refuses(*arguments, **options):
 )
 def test_the_fuzzer_sees(tmp_path, monkeypatch, read, refusals, named):
     monkeypatch.setattr("robustness.fuzz_readers.read_seeds", print)
-    reader = Reader("some", [Seed("s.txt", b"1 2 3")], read, refusals)
+    reader = Reader("some", [Seed("s.txt", b"1 2 3")], read, (), refusals)
     (problem,) = fuzz(reader, 1, tmp_path, 1, 0.05).problems
     assert problem.startswith("some 0: ")
     assert named in problem
