@@ -85,11 +85,9 @@ def disc_inflation(occupied, radius, resolution):
 def square_inflation(occupied, reach):
     """Mask of cells within `reach` cells of an occupied one along both axes."""
     grown = np.zeros(occupied.shape, dtype=bool)
-    height, width = occupied.shape
+    rows, cols = np.indices(occupied.shape)
     for row, col in np.argwhere(occupied).tolist():
-        for r in range(max(row - reach, 0), min(row + reach, height - 1) + 1):
-            for c in range(max(col - reach, 0), min(col + reach, width - 1) + 1):
-                grown[r, c] = True
+        grown |= (abs(rows - row) <= reach) & (abs(cols - col) <= reach)
     return grown
 
 
@@ -173,11 +171,8 @@ def master_grid(occupancy, resolution, layers, default_cost):
             )  # fmt: skip
             continue
         if hasattr(layer, "minimal_group_size"):
-            unknown = [255] if default_cost != 255 else []
-            cells = {
-                i for i in np.ndindex(occupancy.shape) if int(master[i]) in (253, 254, *unknown)
-            }
-            for group in groups_of(cells, layer.group_connectivity_type):
+            marked = np.isin(master, [253, 254, *([255] if default_cost != 255 else [])])
+            for group in groups(marked, AROUND[: layer.group_connectivity_type]):
                 if len(group) < layer.minimal_group_size:
                     for index in group:
                         master[index] = 0
@@ -192,21 +187,6 @@ def master_grid(occupancy, resolution, layers, default_cost):
             if not layer.use_maximum or (cost != 255 and (old == 255 or old < cost)):
                 master[index] = cost
     return master
-
-
-def groups_of(cells, connectivity):
-    """Groups of cells (row, col) that are neighbours, by walking from one to the next."""
-    steps = [(0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)][:connectivity]
-    left = set(cells)
-    while left:
-        group, waiting = [], [left.pop()]
-        while waiting:
-            row, col = waiting.pop()
-            group.append((row, col))
-            near = {(row + down, col + right) for down, right in steps} & left
-            left -= near
-            waiting += near
-        yield group
 
 
 def on_paper(number):
@@ -381,21 +361,10 @@ def full_footprint_cost(costs, cells):
 
 
 def shared_area(first, second):
-    """The area that two convex anticlockwise polygons share: the second clips the first."""
-    polygon = first
-    for (ax, ay), (bx, by) in zip(second, second[1:] + second[:1], strict=True):
-        kept = []
-        for (px, py), (qx, qy) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
-            p = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
-            q = (bx - ax) * (qy - ay) - (by - ay) * (qx - ax)
-            if p >= 0:
-                kept.append((px, py))
-            if (p > 0 > q) or (p < 0 < q):
-                t = p / (p - q)
-                kept.append((px + t * (qx - px), py + t * (qy - py)))
-        polygon = kept
-    ends = polygon[1:] + polygon[:1]
-    return sum(x * v - u * y for (x, y), (u, v) in zip(polygon, ends, strict=True)) / 2
+    """The area that two polygons share."""
+    from shapely import Polygon
+
+    return Polygon(first).intersection(Polygon(second)).area
 
 
 def distance_to_segment(point, a, b):
@@ -527,22 +496,9 @@ def lowest_cost(weights, start, goal):
     return cost.get(goal)
 
 
-def straight_neighbours(cell, shape):
-    """The up to four cells over the edges of one, the last in reading order first."""
-    row, col = cell
-    near = [(row + 1, col), (row, col + 1), (row, col - 1), (row - 1, col)]
-    return [(r, c) for r, c in near if 0 <= r < shape[0] and 0 <= c < shape[1]]
-
-
 def flooded(is_open, start):
     """Set of the open cells with a way over edges from an open cell."""
-    reached, edge = {start}, [start]
-    while edge:
-        for near in straight_neighbours(edge.pop(), is_open.shape):
-            if is_open[near] and near not in reached:
-                reached.add(near)
-                edge.append(near)
-    return reached
+    return next(group for group in groups(is_open, EDGES) if start in group)
 
 
 def widest_by_flooding(squared, is_open, start):
@@ -563,13 +519,14 @@ def merged_basins(squared, is_open):
     Cells come by falling square, of equal ones the last in reading order first. A cell is of the
     basin of its first neighbour to come, and may merge it with those of others.
     """
-    order = sorted(
-        map(tuple, np.argwhere(is_open).tolist()), key=lambda c: (-squared[c], *_from(c))
-    )
+    cells = map(tuple, np.argwhere(is_open).tolist())
+    order = sorted(cells, key=lambda c: (-squared[c], -c[0], -c[1]))
     place = {cell: k for k, cell in enumerate(order)}
     basin, merges, group = {}, [], {}
     for cell in order:
-        near = [n for n in straight_neighbours(cell, squared.shape) if n in basin]
+        row, col = cell
+        beside = [(row + 1, col), (row, col + 1), (row, col - 1), (row - 1, col)]
+        near = [one for one in beside if one in basin]
         first = min(near, key=place.get, default=None)
         basin[cell] = cell if first is None else basin[first]
         group.setdefault(basin[cell], {basin[cell]})
@@ -579,10 +536,6 @@ def merged_basins(squared, is_open):
                 both = group[basin[cell]] | group[basin[other]]
                 group.update(dict.fromkeys(both, both))
     return basin, merges
-
-
-def _from(cell):
-    return -cell[0], -cell[1]
 
 
 def open_poses(blocked, footprints):

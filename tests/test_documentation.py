@@ -124,13 +124,6 @@ def test_python_page_shows_a_grid_as_it_is(project):
     assert f"```\n{shown}\n```" in (ROOT / "docs" / "python.md").read_text()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=_name)
-def test_every_link_leads_somewhere(page):
-    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text()):
-        if not target.startswith("http"):
-            assert (page.parent / target).exists(), f"{page.name}: {target}"
-
-
 def test_readme_leads_to_every_page():
     text = (ROOT / "README.md").read_text()
     linked = set(re.findall(r"\]\((docs/[a-z0-9_/]+\.md)\)", text))
@@ -153,61 +146,16 @@ def test_every_stage_has_its_parameters_in_the_docs(stage):
     assert f"<!-- {words} -->" in (ROOT / "docs" / "stages.md").read_text()
 
 
-def test_ci_runs_the_two_commands_as_readme_prints_them():
-    blocks = [block.strip() for block in _blocks(ROOT / "README.md", "sh")]
-    set_ups = [block for block in blocks if block.startswith("python3 -m venv")]
-    lines = (ROOT / ".ci" / "run").read_text().splitlines()
-    assert len(set_ups) == 2
-    for line in set_ups:
-        assert line in lines
-
-
 def test_tables_say_what_the_code_says(tables):
     assert tables.main(["--check"]) == 0
 
 
-@pytest.mark.parametrize(
-    ("name", "cell"),
-    [
-        ("stages.md", "| 0.3 |"),
-        ("cli.md", "Threads to use."),
-        ("lint.md", "| `image.alpha` | note |"),
-    ],
-)
-def test_a_cell_that_was_edited_is_found_and_put_right(tables, name, cell, capsys):
-    page = tables.DOCS / name
+def test_a_cell_that_was_edited_is_found_and_put_right(tables):
+    page = tables.DOCS / "stages.md"
     text = page.read_text()
-    assert cell in text
-    page.write_text(text.replace(cell, "| 0.4 |", 1))
+    edited = text.replace("| 0.3 |", "| 0.4 |", 1)
+    page.write_text(edited)
     assert tables.main(["--check"]) == 1
-    assert page.read_text() != text
-    assert capsys.readouterr().out.startswith(f"{name}: is out of date")
+    assert page.read_text() == edited != text
     assert tables.main([]) == 0
     assert page.read_text() == text
-    assert tables.main(["--check"]) == 0
-
-
-def test_prose_around_tables_is_left_alone(tables):
-    text = "Some.\n\n<!-- sum of 1 2 -->\n\n| 4 |\n\n<!-- end -->\n\nMore | of it.\n"
-    made = tables.with_tables(text, {"sum of": lambda rest: f"| {sum(map(int, rest.split()))} |\n"})
-    assert made == text.replace("4", "3")
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "<!-- commands -->\n",
-        "<!-- end -->\n",
-        "<!-- command -->\n<!-- end -->\n",
-        "<!-- commands -->\n<!-- shared options files -->\n<!-- end -->\n",
-        "<!-- shared options threds -->\n<!-- end -->\n",
-    ],
-)
-def test_a_comment_without_a_table_is_an_error(tables, text):
-    with pytest.raises(ValueError, match="no "):
-        tables.with_tables(text, tables.PAGES["cli.md"])
-
-
-def test_a_pipe_in_a_cell_is_escaped(tables):
-    made = tables.markdown_table(["a", "b"], [["`x|y`", ""]])
-    assert made == "| a | b |\n|---|---|\n| `x\\|y` | |\n"

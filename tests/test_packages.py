@@ -158,6 +158,7 @@ def test_kernels_are_plain_c11_where_the_compiler_is_not_gcc(header, tmp_path):
         ("github-issue-forms", "ISSUE_TEMPLATE/[bfq]*.yml"),
         ("github-issue-config", "ISSUE_TEMPLATE/config.yml"),
         ("dependabot", "dependabot.yml"),
+        ("github-actions", "actions/*/action.yml"),
         ("citation-file-format", "CITATION.cff"),
     ],
 )
@@ -191,8 +192,9 @@ def test_ci_runs_the_two_commands_of_readme_on_every_python():
     readme = (ROOT / "README.md").read_text("utf-8")
     blocks = re.findall(r"^(python3 -m venv .*)$", readme, re.MULTILINE)
     assert len(blocks) == 2
-    runs = [step.get("run") for step in job["steps"]]
-    assert [block for block in blocks if block not in runs] == []
+    script = (ROOT / ".ci" / "run").read_text("utf-8").splitlines()
+    for runs in ([step.get("run") for step in job["steps"]], script):
+        assert [block for block in blocks if block not in runs] == []
     pythons = [
         one.rpartition(" ")[2] for one in PROJECT["project"]["classifiers"] if ":: 3." in one
     ]
@@ -216,9 +218,3 @@ def test_a_release_needs_its_own_tag_and_a_dated_changelog(tmp_path, script):
     assert flaw == "the tag is v1.2.4, and the version in src/mapdeal/version.py is 1.2.3"
     (tmp_path / "CHANGELOG.md").write_text("# Changelog\n\n## 1.2.3 (unreleased)\n")
     assert len(flaws_of("v1.2.3", tmp_path)) == 1
-
-
-@pytest.mark.parametrize("path", sorted(GITHUB.glob("*.md")), ids=lambda path: path.name)
-def test_every_link_of_a_page_of_the_project_leads_somewhere(path):
-    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", path.read_text("utf-8")):
-        assert target.startswith("http") or (path.parent / target).exists(), target

@@ -40,12 +40,6 @@ def test_words_that_are_no_choice_are_refused(tmp_path, words):
         mapdeal.read_map(path, dialect="jazzy")
 
 
-def test_names_of_files_may_be_text(tmp_path):
-    path = tmp_path / "poses.txt"
-    path.write_text("1 2 0.5\n")
-    assert mapdeal.read_poses(str(path)).tolist() == [[1, 2, 0.5]]
-
-
 def test_pythons_traceback_shows_the_hint_of_an_error():
     with pytest.raises(mapdeal.ParameterError) as caught:
         mapdeal.load_recipe("nav")

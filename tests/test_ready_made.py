@@ -20,6 +20,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[1]
 HOOKS = ROOT / ".pre-commit-hooks.yaml"
 ACTION = ROOT / ".github" / "actions" / "mapdeal-lint" / "action.yml"
+INPUTS, RUNS = (yaml.safe_load(ACTION.read_text())[key] for key in ("inputs", "runs"))
 PAGE = ROOT / "docs" / "lint.md"
 
 needs_bash = pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
@@ -132,57 +133,40 @@ def blocks(first_line):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["actions", "workflows-0", "workflows-1"])
-def test_the_action_and_the_workflows_of_the_page_are_as_their_schemas_say(name, tmp_path):
+def test_the_workflows_of_the_page_are_as_their_schema_says(tmp_path):
     pytest.importorskip("check_jsonschema")
-    text, path = ACTION.read_text(), tmp_path / "w.yml"
-    if name != "actions":
-        text = blocks("# .github/workflows/")[int(name[-1])]
-    schema = f"vendor.github-{name.split('-')[0]}"
-    for one, is_good in ((text, True), (text.replace("uses: ", "used: "), False)):
-        path.write_text(one)
-        words = ["-m", "check_jsonschema", "--builtin-schema", schema, str(path)]
-        done = run(sys.executable, *words)
-        assert (done.returncode == 0) == is_good, done.stdout + done.stderr
+    paths = [tmp_path / "0.yml", tmp_path / "1.yml"]
+    for path, text in zip(paths, blocks("# .github/workflows/"), strict=True):
+        path.write_text(text)
+    words = ["-m", "check_jsonschema", "--builtin-schema", "vendor.github-workflows"]
+    done = run(sys.executable, *words, *map(str, paths))
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("number", [0, 1])
 def test_the_workflows_of_the_page_give_inputs_that_the_action_has(number):
     (job,) = yaml.safe_load(blocks("# .github/workflows/")[number])["jobs"].values()
     (step,) = [one for one in job["steps"] if "mapdeal-lint" in one.get("uses", "")]
-    place = step["uses"].removeprefix("./mapdeal/")
-    assert ROOT / place == ACTION.parent
-    assert set(step["with"]) <= set(yaml.safe_load(ACTION.read_text())["inputs"])
+    assert ROOT / step["uses"].removeprefix("./mapdeal/") == ACTION.parent
+    assert set(step["with"]) <= set(INPUTS)
 
 
 def test_the_page_has_every_input_of_the_action():
-    inputs = yaml.safe_load(ACTION.read_text())["inputs"]
     text = PAGE.read_text()
-    assert [name for name in inputs if f"`{name}`" not in text] == []
+    assert [name for name in INPUTS if f"`{name}`" not in text] == []
 
 
-def step_of(action, name):
-    (step,) = [one for one in action["runs"]["steps"] if one.get("name") == name]
-    return step
-
-
-def lint_step(tmp_path, **inputs):
-    """Run the step that lints, as a runner does: inputs come by the environment alone."""
-    action = yaml.safe_load(ACTION.read_text())
-    step = step_of(action, "Lint maps")
+def run_step(name, folder, python=sys.executable, **inputs):
+    """Run a step of the action as a runner does: inputs come by the environment alone."""
+    (step,) = [one for one in RUNS["steps"] if one.get("name") == name]
     assert "${{" not in step["run"]
-    given = {name: entry["default"] for name, entry in action["inputs"].items()} | inputs
-
-    def value(text):
-        name = re.fullmatch(r"\$\{\{ (inputs\.(.*)|steps\.python\.outputs\.python-path) \}\}", text)
-        return given[name[2]] if name[2] else sys.executable
-
-    env = {name: value(text) for name, text in step["env"].items()}
-    (tmp_path / "script").write_text(step["run"])
-    return run(
-        "bash", "--noprofile", "--norc", "-eo", "pipefail", str(tmp_path / "script"),
-        RUNNER_TEMP=str(tmp_path), **env,
-    )  # fmt: skip
+    values = {f"inputs.{name}": entry["default"] for name, entry in INPUTS.items()}
+    values |= {f"inputs.{name}": value for name, value in inputs.items()}
+    values |= {"steps.python.outputs.python-path": python}
+    more = {name: values[text[4:-3]] for name, text in step["env"].items()}  # within ${{ }}
+    (folder / "script").write_text(step["run"])
+    words = "bash", "--noprofile", "--norc", "-eo", "pipefail", str(folder / "script")
+    return run(*words, RUNNER_TEMP=str(folder), GITHUB_ACTION_PATH=str(ACTION.parent), **more)
 
 
 @needs_bash
@@ -192,7 +176,7 @@ def lint_step(tmp_path, **inputs):
      ({"strict": "true", "select": "image,map"}, 0), ({}, 0)],
 )  # fmt: skip
 def test_the_action_annotates_and_ends_as_lint_does(maps, inputs, code):
-    done = lint_step(maps, **{"paths": "maps", **inputs})
+    done = run_step("Lint maps", maps, **{"paths": "maps", **inputs})
     assert done.returncode == code, done.stderr
     told = "::warning file=maps/turned map.yaml,line=4,title=yaml.origin-yaw"
     assert done.stdout.startswith(told) == (inputs in ({}, {"strict": "true"}))
@@ -201,7 +185,7 @@ def test_the_action_annotates_and_ends_as_lint_does(maps, inputs, code):
 @needs_bash
 def test_paths_of_the_action_are_lines_and_never_commands(maps):
     paths = "\nmaps/good.yaml\r\nmaps/turned map.yaml\n$(touch oops); `touch oops`\n"
-    done = lint_step(maps, paths=paths, **{"sarif-file": "maps.sarif"})
+    done = run_step("Lint maps", maps, paths=paths, **{"sarif-file": "maps.sarif"})
     assert done.returncode == 1
     assert "file.access" in done.stdout
     found = json.loads(Path("maps.sarif").read_text())["runs"][0]["results"]
@@ -212,14 +196,9 @@ def test_paths_of_the_action_are_lines_and_never_commands(maps):
 
 @needs_bash
 def test_the_action_installs_the_copy_that_it_lies_in(maps):
-    step = step_of(yaml.safe_load(ACTION.read_text()), "Install mapdeal")
-    (maps / "script").write_text(step["run"])
     (maps / "python").write_text('#!/bin/sh\nfor word; do echo "$word"; done\n')
     (maps / "python").chmod(0o755)
-    done = run(
-        "bash", "-eo", "pipefail", str(maps / "script"), RUNNER_TEMP=str(maps),
-        GITHUB_ACTION_PATH=str(ACTION.parent), MAPDEAL_PYTHON=str(maps / "python"),
-    )  # fmt: skip
+    done = run_step("Install mapdeal", maps, python=str(maps / "python"))
     words = done.stdout.splitlines()
     assert words[:3] == ["-m", "pip", "install"]
     assert words[-1] == f"{ACTION.parent}/../../.."

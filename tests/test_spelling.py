@@ -2,8 +2,6 @@
 
 import pytest
 
-from drawn import grid_from_text
-from mapdeal import esdf
 from mapdeal.errors import BRITISH_AND_AMERICAN, as_known, meant, nearest
 from mapdeal.stages.catalogue import STAGES
 
@@ -50,10 +48,3 @@ def test_every_choice_of_every_stage_is_known_by_its_other_spelling():
                             tried.add(choice)
                             assert parameter.accept(choice.replace(one, other)) == choice
     assert {"center", "disc"} <= tried  # else the test has gone blind
-
-
-def test_python_callers_may_spell_as_they_like():
-    grid = grid_from_text("..#\n...")
-    made, known = esdf(grid, convention="centre"), esdf(grid, convention="center")
-    assert made.convention == known.convention == "center"
-    assert (made.distance == known.distance).all()

@@ -85,15 +85,6 @@ def targets(page, lines, pictures):
     ]
 
 
-def anchors(page):
-    """The fragments that lead somewhere in a page, as GitHub makes them of its headings."""
-    lines, _ = parts(page.read_text("utf-8"))
-    headings = [match[2] for line in lines if (match := HEADING.match(line))]
-    named = re.findall(r'<a id="([^"]+)"></a>', "\n".join(lines))
-    made = [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings]
-    return {*named, *made}
-
-
 def untranslated(line):
     """What is left of English in a line, or an empty text."""
     text = LINK.sub(r"\2", SPAN.sub("", line))
@@ -137,13 +128,6 @@ def test_links_lead_to_the_same_pages_in_chinese_where_there_are_such(pair):
     assert sorted(chinese, key=str) == sorted(map(in_chinese, english), key=str)
 
 
-def test_fragments_of_links_exist(pair):
-    for page in pair:
-        for address, fragment in targets(page, read(page)[0], pictures=False):
-            if fragment and isinstance(address, Path):
-                assert fragment in anchors(address), f"{page.name}: {address.name}#{fragment}"
-
-
 def test_no_english_sentence_is_left(pair):
     lines, _ = read(pair[1])
     assert [line for line in lines if untranslated(line)] == []
@@ -164,23 +148,3 @@ def test_each_page_links_to_its_other_language_at_its_top(pair):
         assert label_and_target is not None, page.name
         assert label_and_target[1] == label
         assert resolved(page, label_and_target[2]) == (other, "")
-
-
-def test_chinese_readme_ends_with_a_glossary():
-    lines, _ = parts((DOCS / "README.zh.md").read_text("utf-8").split(f"## {GLOSSARY}\n")[1])
-    (rows,) = tables(lines)
-    assert len(rows) > 10
-    assert all(re.fullmatch(rf"\| [^|]*[a-z][^|]* \| [^|]*{CJK}[^|]* \|", row) for row in rows[2:])
-
-
-def test_english_is_found_in_prose_alone():
-    english = ["Installation takes a minute.", "安装 takes a minute 时间",
-               "| `a` | costs of the map |",
-               "## Reports"]  # fmt: skip
-    others = ["| TurtleBot 4 | 0.1814 |", "用 `the map of it` 安装", "[报告](the-report.md)", ""]
-    assert list(filter(untranslated, english + others)) == english
-
-
-def test_comments_of_shell_commands_may_be_translated_but_not_their_exit_codes():
-    assert commands("# one\nmapdeal a  # two\n") == commands("mapdeal a\n# 三\n")
-    assert commands("mapdeal a  # exit code 1\n") != commands("mapdeal a\n")

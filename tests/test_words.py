@@ -2,19 +2,13 @@
 
 import ast
 import re
-from pathlib import Path
 
 import pytest
 
 from sources import MODULES, tree_of
+from test_documentation import PAGES
 
 pytestmark = pytest.mark.slow
-
-ROOT = Path(__file__).parents[1]
-PAGES = [
-    ROOT / "README.md",
-    *(page for page in sorted((ROOT / "docs").rglob("*.md")) if not page.name.endswith(".zh.md")),
-]
 
 WORDS = {
     r"\b(?:tells?|told)\b(?! (?:\w+ ){0,3}(?:apart|from))": "report, print, show, explain",
@@ -41,25 +35,14 @@ def found(text):
     return [one[0] for one in ANY.finditer(re.sub(r"`[^`\n]*`", "", text))]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_pages_use_the_words_of_the_field(page):
-    prose = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
-    assert found(prose) == []
+def prose(path):
+    """Return the text of a page without blocks of code, or the texts of a module."""
+    if path.suffix == ".md":
+        return re.sub(r"^```.*?^```", "", path.read_text(), flags=re.MULTILINE | re.DOTALL)
+    values = [node.value for node in ast.walk(tree_of(path)) if isinstance(node, ast.Constant)]
+    return "\n".join(value for value in values if isinstance(value, str) and " " in value)
 
 
-@pytest.mark.thorough
-def test_messages_and_docstrings_use_the_words_of_the_field():
-    remarks = [
-        f"{module.relative_to(ROOT)}:{node.lineno}: {word}"
-        for module in MODULES
-        if found(module.read_text("utf-8"))  # most have none even among their names
-        for node in ast.walk(tree_of(module))
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value
-        for word in found(node.value)
-    ]
-    assert not remarks, "\n".join(remarks)
-
-
-def test_a_word_is_found_in_any_case():
-    texts = ["What a run tells", "less is only DEAR", "is no key of map_server", "`dear`"]
-    assert [bool(found(text)) for text in texts] == [True, True, True, False]
+@pytest.mark.parametrize("path", [*PAGES, *MODULES], ids=lambda path: path.name)
+def test_pages_and_messages_use_the_words_of_the_field(path):
+    assert found(prose(path)) == []

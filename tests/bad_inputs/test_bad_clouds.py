@@ -38,27 +38,6 @@ def test_without_points_the_map_is_empty_and_that_is_warned_of(folder, accepted,
     assert np.isposinf(read_map(folder / "out" / "esdf.npz").distance).all()
 
 
-def test_points_that_are_not_finite_are_dropped_with_their_count_s3(folder, accepted):
-    (folder / "c.xyz").write_text("nan 0 0\n1 1 1\n0 -inf 0\n")
-    out, warned = accepted(*LOCAL, *POSE)
-    assert not warned
-    assert "1 of 3 points in the window (dropped: 2 not finite)" in out
-    assert read_map(folder / "out" / "local.yaml").occupied().sum() == 1
-
-
-def test_borders_and_negative_coordinates_follow_the_floor_rule_s4(folder, accepted):
-    (folder / "c.xyz").write_text("-2 -2\n-0.01 -0.01\n2 0\n0.15 0.35\n")
-    accepted(*LOCAL, *POSE, "--resolution", "0.05")
-    found = np.argwhere(read_map(folder / "out" / "local.yaml").occupied())
-    assert found.tolist() == [[0, 0], [39, 39], [47, 43]]
-
-
-def test_a_yaw_in_degrees_is_normalised_and_warned_of_s7(folder, accepted):
-    (folder / "c.xyz").write_text("1 0\n")
-    _, warned = accepted(*LOCAL, "--pose", "0,0,450")
-    assert ["degrees" in line for line in warned] == [True]
-
-
 def test_millions_of_points_take_bounded_memory_s5(folder, accepted):
     rows = np.random.default_rng(1).uniform(-3, 3, (1_500_000, 3)).astype("f4")
     np.save(folder / "c.npy", rows)

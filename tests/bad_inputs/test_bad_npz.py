@@ -7,7 +7,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from bad_maps import PGM
+from bad_maps import PGM, named
 from taken import memory_below
 
 OCCUPANCY = np.array([[0, 0, 100], [100, 0, -1]], dtype=np.int8)
@@ -21,7 +21,6 @@ POTENTIAL = {
     **MAP, "repulsive": np.ones((2, 3)), "goal": [1.52, -1.98], "attractive_gain": 1.0,
     "repulsive_gain": 1.0, "repulsive_cap": 1e5,
 }  # fmt: skip
-COSTS = {**GEOMETRY, "cost": np.zeros((2, 3), np.uint8), "cost_scale": "costmap2d"}
 
 
 def npy(value):
@@ -53,24 +52,14 @@ BAD_ARRAYS = [
     ("object-number", MAP, "resolution", np.array({"a": 1}, dtype=object)),
     ("format-of-bytes", MAP, "format", np.bytes_(b"mapdeal/1")),
     ("float-occupancy", MAP, "occupancy", OCCUPANCY.astype(float)),
-    ("flat-occupancy", MAP, "occupancy", OCCUPANCY[0]),
     ("occupancy-above-100", MAP, "occupancy", OCCUPANCY + np.int8(1)),
     ("inf-origin", MAP, "origin", [np.inf, 0, 0]),
-    ("origin-of-two", MAP, "origin", [1.5, -2.0]),
     ("nan-distance", FIELD, "distance", np.full((2, 3), np.nan, np.float32)),
     ("nan-in-a-known-cell", FIELD, "distance", np.float32([[np.nan, 1, 1], [np.nan, 1, 1]])),
     ("nan-threshold", FIELD, "lethal_threshold", np.nan),
-    ("nan-max-distance", FIELD, "max_distance", np.nan),
+    ("goal-of-three", POTENTIAL, "goal", np.zeros(3)),
     ("potential-without-gain", POTENTIAL, "repulsive_gain", None),
     ("nan-repulsive", POTENTIAL, "repulsive", np.full((2, 3), np.nan)),
-    ("huge-repulsive", POTENTIAL, "repulsive", np.full((2, 3), 1e308)),
-    ("float32-repulsive", POTENTIAL, "repulsive", np.ones((2, 3), np.float32)),
-    ("goal-of-three", POTENTIAL, "goal", np.zeros(3)),
-    ("nan-goal", POTENTIAL, "goal", [np.nan, 0]),
-    ("negative-gain", POTENTIAL, "repulsive_gain", -1.0),
-    ("cap-0", POTENTIAL, "repulsive_cap", 0.0),
-    ("unknown-cost-scale", COSTS, "cost_scale", "percent"),
-    ("nan-circumscribed-cost", COSTS, "circumscribed_cost", np.nan),
     ("pebibyte-header", MAP, "occupancy", layer_header((1 << 25, 1 << 25)) + b"\0" * 6),
     ("overflowing-header", MAP, "occupancy", layer_header((1 << 70, 1)) + b"\0" * 6),
     ("negative-header", MAP, "occupancy", layer_header((-2, -3)) + b"\0" * 6),
@@ -80,21 +69,16 @@ BAD_ARRAYS = [
      npy_header("{'descr': (), 'fortran_order': False, 'shape': (2, 3), }") + b"\0" * 6),
     ("a-byte-too-many", MAP, "occupancy", layer_header((2, 3)) + bytes(7)),
     ("a-byte-too-few", MAP, "occupancy", layer_header((2, 3)) + bytes(5)),
-    ("no-cells", MAP, "occupancy", np.zeros((0, 3), np.int8)),
-    ("two-shapes", FIELD, "distance", np.ones((3, 2), np.float32)),
     ("no-array", MAP, "occupancy", b"not an array"),
     ("empty-array-file", MAP, "format", b""),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("row", "entries", "name", "value"), BAD_ARRAYS, ids=[row for row, *_ in BAD_ARRAYS]
-)
-def test_an_npz_with_a_bad_array_is_refused(folder, refused, row, entries, name, value):
+@pytest.mark.parametrize(("entries", "name", "value"), named(BAD_ARRAYS))
+def test_an_npz_with_a_bad_array_is_refused(folder, refused, entries, name, value):
     changed = {key: v for key, v in {**entries, name: value}.items() if v is not None}
     write_npz(folder / "n.npz", changed)
-    told = name if row not in ("no-cells", "two-shapes") else "layers"
-    refused(["info", "n.npz"], 3, "n.npz", told)
+    refused(["info", "n.npz"], 3, "n.npz", name)
 
 
 BOMBS = [

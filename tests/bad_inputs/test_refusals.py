@@ -18,46 +18,21 @@ FILES = {
     "c.xyz": "1 0 0\n0 1 0\n",
     "d.xyz": "1 0 0\n0 1 0\n",
     "flat.xyz": "1 2\n",
-    "none.xyz": "",
     "nan.xyz": "nan 1 2\n1 inf 2\n",
-    "far.xyz": "9 9 9\n",
-    "words.xyz": "1 2 3\n1 b 3\n",
     "one.txt": "0 0 0\n",
     "three.txt": "0 0 0\n" * 3,
-    "nan.txt": "0 0 0\n0 nan 0\n",
-    "zero.txt": "0 0 0 0 0 0 0 0\n" * 2,
-    "four.txt": "0 0 0 0\n" * 2,
     "two.txt": "0 0 0\n0 0 0\n",
     "out.d/summary.json": "0 0 0\n0 0 0\n",
     "out.d/0001/e.xyz": "1 0 0\n0 1 0\n",
     "a.log": LOG,
-    "odom.log": "ODOM 1 2 3\n",
-    "cut.log": LOG + LOG[:300],
-    "many.log": LOG + (LOG[:300] + "\n") * 11,
     "nan.log": LOG.replace("2.0", "nan"),
-    "r.yaml": "stages: [esdf]\n",
-    "l.yaml": "- {type: circle, center: [0, 0], radius: 1}\n",
     "z.yaml": SHAPE.format("radius: 1"),
     "z254.yaml": SHAPE.format("radius: 1, value: 254"),
-    "zhuge.yaml": SHAPE.format("radius: 1e11, value: 1"),
     "zout.yaml": SHAPE.format("radius: 1, value: 1").replace("1.5", "99"),
     "p.yaml": yaml_text(image="p.png"),
     "summary.json.yaml": yaml_text(),
+    "wrong.yaml": "stages: [{inflat: {radius: 0.3}}]\n",
     "broken.yaml": yaml_text(image="broken.pgm"),
-}
-RECIPES = {
-    "stages: [{inflat: {radius: 0.3}}]": ("inflat", "inflate"),
-    "stages: [{inflate: {radus: 0.3}}]": ("radus", "radius"),
-    "stages: [{inflate: &loop {radius: *loop}}]": ("own anchor", ""),
-    "stages: [inflate, esdf, inflate]": ("inflate", ""),
-    "stages: [{inflate: {radius: [0.3]}}]": ("inflate.radius", ""),
-    "stages: [{inflate: {radius: yes}}]": ("inflate.radius", ""),
-    "stages: [{cost: {model: [rings]}}]": ("model", ""),
-    "": ("r.yaml", ""),
-    "stages: []": ("r.yaml", ""),
-    'stages: [{inflate: {radius: !!int ""}}]': ("r.yaml", ""),
-    f"stages: [{{inflate: {{radius: 0x{'f' * 5000}}}}}]": ("radius", ""),
-    "stages: [esdf]\nstages: [inflate]": ("1 and 2", ""),
 }
 
 LOCAL = "local -o out --no-images --size 4,4 --cloud c.xyz "
@@ -66,7 +41,6 @@ NEEDED = "local -o out --no-images --size 4,4 --pose 0,0,0 --require-points --cl
 POSES = LOCAL + "--cloud d.xyz --poses "
 BUILD = "build a.log -o out.yaml "
 INFLATE = "inflate m.yaml -o o.npz "
-COST = "cost m.yaml -o o.npz "
 RUN = "run m.yaml -o out "
 CONVERT = "convert m.yaml -o o.npz "
 ENCODE = CONVERT + "--encoding costmap2d --static-layer "
@@ -77,35 +51,21 @@ OF_FILE = "edit circle m.yaml -o o.npz --file "
 WINDOW = "window m.yaml -o o.npz "
 ROTATE = "rotate m.yaml -o o.npz "
 RESCALE = "rescale m.yaml -o o.npz "
-POTENTIAL = "potential m.yaml -o o.npz "
 ROUTE = "route c.npz --from 1.51,-1.98 --to 1.51,-1.98 "
-LONG = "n" * 300
 
 REFUSED = [
     # clouds and poses
-    (NEEDED + "none.xyz", 3, "it holds no points"),
     (NEEDED + "nan.xyz", 3, "2 are not finite"),
-    (NEEDED + "far.xyz", 3, "1 lie outside"),
-    (POSE.replace("c.xyz", "words.xyz"), 3, "words.xyz: line 2"),
     (POSE.replace("c.xyz", "flat.xyz") + "--max-height 1", 2, "flat.xyz"),
-    (POSE.replace("c.xyz", "gone.xyz"), 4, "gone.xyz"),
     (POSE.replace("c.xyz", "pipe"), 4, "regular"),
-    (LOCAL + "--pose 0,nan,0", 2, "--pose"),
     (LOCAL, 2, "--pose"),
     (POSE + "--poses two.txt", 2, "--pose"),
     (POSE + "--cloud d.xyz", 2, "--pose", "--poses"),
-    (LOCAL + "--poses gone.txt", 4, "gone.txt"),
     (POSES + "one.txt", 3, "for each of 2"),
-    (POSES + "nan.txt", 3, "nan.txt: pose 2"),
-    (POSES + "zero.txt", 3, "pose 1"),
-    (POSES + "four.txt", 3, "line 1"),
     (POSES + "out.d/summary.json -o out.d --force", 4, "out.d/summary.json"),
     (POSES + "three.txt --cloud out.d/0001/e.xyz -o out.d --force", 4, "out.d/0001/e.xyz"),
     (POSE + "--min-range 2 --max-range 1", 2, "--min-range"),
     (POSE + "--offset 1", 2, "--offset"),
-    (POSE + "--set inflate.radius=-1", 2, "inflate.radius"),
-    (POSE + "--map none.yaml", 4, "none.yaml"),
-    (POSE + "--map c.xyz", 3, "c.xyz"),
     (POSE + "d.xyz", 2, "d.xyz"),
     (POSE + "-o m.yaml", 4, "m.yaml"),
     # laser scans
@@ -113,10 +73,6 @@ REFUSED = [
     (BUILD + "--poses a.log", 2, "--poses"),
     (BUILD + "--flip-y", 2, "--flip-y"),
     ("build --poses a.log -o out.yaml", 2, "--angles"),
-    ("build gone.log -o out.yaml", 4, "gone.log"),
-    ("build odom.log -o out.yaml", 3, "FLASER"),
-    ("build cut.log -o out.yaml --max-bad 0", 3, "cut.log: line 2"),
-    ("build many.log -o out.yaml", 3, "10 more"),
     ("build nan.log -o out.yaml", 3, "no beam hits"),
     (BUILD + "--log-min 80 --log-max 20", 2, "--log-min"),
     (BUILD + "--method tsdf --values", 2, "--values"),
@@ -126,91 +82,48 @@ REFUSED = [
     ("build a.log -o m.yaml", 4, "m.pgm"),
     ("build a.log -o o.npz --layers o.npz", 2, "o.npz"),
     # parameters
-    (INFLATE + "--radius nan", 2, "radius"),
-    (COST + "--cost-scaling-factor -1", 2, "--cost-scaling-factor"),
-    (INFLATE + "--footprint '[[1, 1], [-1, 1]]'", 2, "footprint"),
-    (INFLATE + "--footprint '[[3, 2], [-3, -2], [3, -2], [-3, 2]]'", 2, "vertex 1"),
-    (COST + "--footprint '[[1, 1], [-1, 1], [nan, 0]]'", 2, "vertex 3"),
-    (COST + "--footprint '[[1, 1], [-1, 1], [0, -1e9]]'", 2, "vertex 3"),
     (INFLATE + f"--footprint '{[[1.0, 2.0]] * 501}'", 2, "500 vertices"),
-    (COST + "--mask none.yaml", 4, "none.yaml"),
     ("cost m.yaml -o m.npz --mask m.pgm", 3, "m.pgm"),
-    (RUN + "--set inflate.radus=1", 2, "radus", "radius"),
-    (RUN + "--set inflat.radius=1", 2, "inflat", "inflate"),
-    (RUN + "--set active.margin=1", 2, "active", "inflate"),
-    (RUN + "--set inflate.radius=wide", 2, "inflate.radius"),
-    (RUN + "--set inflate.kernel=star", 2, "inflate.kernel"),
-    (RUN + "--recipe defualt", 2, "defualt", "default"),
+    (RUN + "--recipe wrong.yaml", 2, "wrong.yaml:1: "),
     # edits
-    ("edit star m.yaml", 2, ""),
     ("edit polygon m.yaml -o o.npz --point 1,2,3 --value 1", 2, "--point"),
-    ("edit line m.yaml -o o.npz --point 1_0,2 --value 1", 2, "--point"),
     ("edit polygon m.yaml -o o.npz --value 100", 2, "--point"),
     (POLYGON + "--value 1.5", 2, "--value"),
     (CIRCLE + "--value 1", 2, "--radius"),
     ("edit line m.yaml -o o.npz --file z.yaml --thickness 1", 2, "--point"),
     (OF_FILE + "z.yaml --radius 1", 2, "--point"),
-    (POLYGON + "--blank --background 101 --value 1", 2, "background"),
     (OF_FILE + "z254.yaml", 3, "z254.yaml: shape 1 (line 2)"),
-    (OF_FILE + "zhuge.yaml", 3, "zhuge.yaml: shape 1 (line 2)"),
     (OF_FILE + "z.yaml", 2, "--value", "z.yaml: shape 1 (line 2)"),
     (OF_FILE + "zout.yaml --strict", 1, "nothing was written"),
-    (OF_FILE + "l.yaml --value 1", 3, "l.yaml", "shapes:"),
-    (OF_FILE + "m.yaml --value 1", 3, "m.yaml: is a map, not a file of shapes", "info"),
-    (COST + "--mask z.yaml", 3, "z.yaml", "edit"),
-    ("inflate r.yaml -o o.npz", 3, "r.yaml", "--recipe"),
     ("edit circle e.npz -o o.npz --point 1.5,-2 --radius 1 --value 1", 2, "e.npz", "esdf"),
     # windows and encodings
-    (WINDOW + "--at 1.5,-2 --size 1,0", 2, "size"),
-    (WINDOW + "--at 1.5,-2 --size 1e7,1e7", 2, "size"),
     (WINDOW + "--at 1.5,-2", 2, "--size"),
-    ("window e.npz -o o.npz --corner 1.5,-2 --size 0.05,0.05 --default 0", 2, "default"),
-    ("shift m.yaml -o o.npz --origin nan,0", 2, "origin"),
-    ("shift m.yaml -o o.npz --origin 0,0 --default 255", 2, "default"),
     (ROTATE, 2, "--straighten"),
     (ROTATE + "--yaw 1 --straighten", 2, "--yaw"),
     (RESCALE, 2, "--resolution"),
-    (RESCALE + "--resolution 0", 2, "resolution"),
-    (RESCALE + "--resolution 1.1e-6", 2, "resolution"),
     ("pack m.yaml -o o.pgm", 2, ""),
     ("pack m.yaml -o m.pbm --force", 4, ""),
-    ("pack m.yaml -o o.pbm --lethal-threshold 0", 2, ""),
     ("pack e.npz -o o.pbm --lethal-threshold 50", 2, "threshold"),
     ("unpack m.yaml -o o.yaml", 2, ""),
-    ("unpack none.pbm -o o.yaml", 4, ""),
     ("unpack m.pgm -o o.yaml", 2, ""),
     (CONVERT + "--static-layer", 2, ""),
     (CONVERT + "--lethal-threshold 65", 2, ""),
     (ENCODE + "--inscribed-value many", 2, ""),
-    ("convert e.npz -o o.npz --encoding amcl", 2, "encoding"),
     # questions
-    ("query m.yaml --at 1,2,3", 2, "--at"),
     ("query m.yaml", 2, "--points"),
-    ("query m.yaml --points none.csv", 4, "none.csv"),
-    ("query m.yaml --points .", 4, "."),
-    (POTENTIAL + "--goal {wall}", 2, "goal"),
-    (POTENTIAL + "--repulsive-cap 0", 2, "cap"),
-    (POTENTIAL + "--repulsive-gain -1", 2, "gain"),
-    (POTENTIAL + "--attractive-gain 1e308", 2, "--attractive-gain"),
     ("potential m.yaml -o o.yaml", 2, "o.yaml"),
     ("route m.yaml --to 9,9 --from {wall}", 2, "m.yaml: start"),
     (ROUTE + "--attractive-gain 2", 2, "--attractive-gain"),
     (ROUTE + "--method descent --field-weight 2", 2, "--field-weight"),
     (ROUTE + "-o o.txt", 2, "o.txt"),
     # outputs
-    ("esdf m.yaml -o file/o.npz", 4, "file"),
-    ("esdf m.yaml -o sub.npz --force", 4, "sub.npz"),
-    ("esdf m.yaml -o loop/o.npz", 4, "loop"),
-    (f"esdf m.yaml -o {LONG[:252]}.npz", 4, "nnnn"),
     ("esdf m.yaml -o o.npz --image p.png", 4, "p.png", "--force"),
     ("run broken.yaml -o new/deeper", 3, "broken.pgm"),
     ("run summary.json.yaml m.yaml -o out", 2, "summary.json"),
     ("convert m.yaml -o o.png --image sub.npz/../o.png", 2, "two outputs"),
     # empty names are not the working folder
     ("inflate m.yaml --output=", 2, "must not be empty"),
-    ("inflate '' -o o.yaml", 2, "must not be empty"),
     ("inflate m.yaml -o o.yaml --image ''", 2, "must not be empty"),
-    (RUN + "--golden ''", 2, "must not be empty"),
 ]  # fmt: skip
 
 
@@ -225,7 +138,7 @@ def made(tmp_path_factory):
     ((x, y), *_) = grid.frame.xy_from_rowcol(np.argwhere(grid.occupancy == 100))
     found = {name: text.encode() for name, text in FILES.items()}
     found |= {name: (folder / name).read_bytes() for name in ("e.npz", "c.npz")}
-    return {**found, "file": b"precious\n", "p.png": PGM, "broken.pgm": PGM[:-1]}, f"{x},{y}"
+    return {**found, "p.png": PGM, "broken.pgm": PGM[:-1]}, f"{x},{y}"
 
 
 @pytest.mark.parametrize("row", REFUSED, ids=lambda row: row[0][:90])
@@ -237,13 +150,5 @@ def test_what_cannot_be_is_refused(folder, made, refused, row):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(data)
     (folder / "sub.npz").mkdir()
-    (folder / "loop").symlink_to("loop")
     os.mkfifo(folder / "pipe")
     refused(shlex.split(words.replace("{wall}", wall)), code, told, hint="".join(hint))
-
-
-@pytest.mark.parametrize("text", RECIPES, ids=lambda text: text[:60])
-def test_a_recipe_that_makes_no_sense_is_refused(folder, refused, text):
-    (folder / "r.yaml").write_text(text)
-    place, hint = RECIPES[text]
-    refused(["run", "m.yaml", "-o", "out", "--recipe", "r.yaml"], 2, place, hint=hint)

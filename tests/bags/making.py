@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
+from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -46,10 +47,7 @@ TF = {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n"}
 
 
 class Maker:
-    """Messages that are written to bags in any format.
-
-    Messages are functions of a dictionary of types and of whether they are for ROS 1.
-    """
+    """Messages that are written to bags in any format: functions of a store of types."""
 
     def __init__(self):
         self.messages = []
@@ -70,26 +68,23 @@ class Maker:
         writer = Ros1Writer(path)
         if compression:
             writer.set_compression(Ros1Writer.CompressionFormat[compression])
-        with writer:
-            self._write_all(writer, store, store.serialize_ros1, is_ros1=True)
-        return path
+        return self._write_all(writer, store, store.serialize_ros1)
 
     def _write_ros2(self, path, plugin, mode):
         store = ros2_store()
         writer = Writer(path, version=9, storage_plugin=plugin)
         if mode != CompressionMode.NONE:
             writer.set_compression(mode, CompressionFormat.ZSTD)
-        with writer:
-            self._write_all(writer, store, store.serialize_cdr, is_ros1=False)
-        return path
+        return self._write_all(writer, store, store.serialize_cdr)
 
-    def _write_all(self, writer, store, serialize, *, is_ros1):
+    def _write_all(self, writer, store, serialize):
         connections = {}
-        for time, topic, name, make in self.messages:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, name, typestore=store)
-            message = make(store.types, is_ros1)
-            writer.write(connections[topic], time, bytes(serialize(message, name)))
+        with writer:
+            for time, topic, name, make in self.messages:
+                if topic not in connections:
+                    connections[topic] = writer.add_connection(topic, name, typestore=store)
+                writer.write(connections[topic], time, bytes(serialize(make(store), name)))
+        return writer.path
 
     def _write_mcap(self, path, compression, **options):
         store = ros2_store()
@@ -102,45 +97,66 @@ class Maker:
                     text = store.generate_msgdef(name, ros_version=2)[0]
                     schema = writer.register_schema(name, "ros2msg", text.encode())
                     channels[topic] = writer.register_channel(topic, "cdr", schema)
-                data = bytes(store.serialize_cdr(make(store.types, False), name))
+                data = bytes(store.serialize_cdr(make(store), name))
                 writer.add_message(channels[topic], time, data, time, number)
             writer.finish()
         return path
 
 
-def ros1_store():
-    store = get_typestore(Stores.ROS1_NOETIC)
-    for name, text in {**TF, **OLD_TF}.items():
+def _store(version, texts):
+    store = get_typestore(version)
+    for name, text in texts.items():
         store.register(get_types_from_msg(text, name))
     return store
+
+
+def ros1_store():
+    return _store(Stores.ROS1_NOETIC, {**TF, **OLD_TF})
 
 
 def ros2_store():
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    for name, text in {**COSTMAP, **OLD_TF}.items():
-        store.register(get_types_from_msg(text, name))
-    return store
+    return _store(Stores.ROS2_HUMBLE, {**COSTMAP, **OLD_TF})
 
 
-def stamp(types, time):
-    return types["builtin_interfaces/msg/Time"](sec=time // SECOND, nanosec=time % SECOND)
+def message(name, **values):
+    """Return what makes a message with a store of types; what is not given is 0 or empty."""
+
+    def make(store, name=name, values=values):
+        fields = {}
+        for field, (kind, of) in store.fielddefs[name][1]:
+            value = values.get(field)
+            if kind == Nodetype.NAME:
+                value = make(store, of, value or {})
+            elif kind == Nodetype.BASE:
+                value = ("" if of[0] == "string" else 0) if value is None else value
+            elif of[0][0] == Nodetype.NAME:
+                value = [make(store, of[0][1], one) for one in value]
+            elif value is None:
+                value = np.zeros(of[1], of[0][1][0])
+            fields[field] = value
+        return store.types[name](**fields)
+
+    return make
 
 
-def header(types, is_ros1, time, frame):
-    more = {"seq": 0} if is_ros1 else {}
-    return types["std_msgs/msg/Header"](stamp=stamp(types, time), frame_id=frame, **more)
+def header(time, frame):
+    return {"stamp": stamp(time), "frame_id": frame}
 
 
-def pose(types, x, y, quaternion, z=0.0):
-    return types["geometry_msgs/msg/Pose"](
-        position=types["geometry_msgs/msg/Point"](x=x, y=y, z=z),
-        orientation=turn(types, quaternion),
-    )
+def stamp(time):
+    return {"sec": time // SECOND, "nanosec": time % SECOND}
 
 
-def turn(types, quaternion):
-    x, y, z, w = map(float, quaternion)
-    return types["geometry_msgs/msg/Quaternion"](x=x, y=y, z=z, w=w)
+def vector(x, y, z=0.0):
+    return {"x": float(x), "y": float(y), "z": float(z)}
+
+
+def turn(quaternion):
+    return dict(zip("xyzw", map(float, quaternion), strict=True))
+
+
+def pose(x, y, yaw):
+    return {"position": vector(x, y), "orientation": turn(of_yaw(yaw))}
 
 
 def of_yaw(yaw):
@@ -149,108 +165,56 @@ def of_yaw(yaw):
 
 def occupancy(time, cells, resolution, origin, frame="map"):
     cells = np.asarray(cells, np.int8)
-
-    def make(types, is_ros1):
-        info = types["nav_msgs/msg/MapMetaData"](
-            map_load_time=stamp(types, time), resolution=resolution, width=cells.shape[1],
-            height=cells.shape[0], origin=pose(types, *origin[:2], of_yaw(origin[2])),
-        )  # fmt: skip
-        head = header(types, is_ros1, time, frame)
-        return types["nav_msgs/msg/OccupancyGrid"](header=head, info=info, data=cells.ravel())
-
-    return make
+    info = {"resolution": resolution, "width": cells.shape[1], "height": cells.shape[0],
+            "origin": pose(*origin)}  # fmt: skip
+    head = header(time, frame)
+    return message("nav_msgs/msg/OccupancyGrid", header=head, info=info, data=cells.ravel())
 
 
 def costmap(time, cells, resolution, origin, frame="odom"):
     cells = np.asarray(cells, np.uint8)
-
-    def make(types, is_ros1):
-        info = types["nav2_msgs/msg/CostmapMetaData"](
-            map_load_time=stamp(types, time), update_time=stamp(types, time), layer="master",
-            resolution=resolution, size_x=cells.shape[1], size_y=cells.shape[0],
-            origin=pose(types, *origin[:2], of_yaw(origin[2])),
-        )  # fmt: skip
-        head = header(types, is_ros1, time, frame)
-        return types["nav2_msgs/msg/Costmap"](header=head, metadata=info, data=cells.ravel())
-
-    return make
+    info = {"layer": "master", "resolution": resolution, "size_x": cells.shape[1],
+            "size_y": cells.shape[0], "origin": pose(*origin)}  # fmt: skip
+    head = header(time, frame)
+    return message("nav2_msgs/msg/Costmap", header=head, metadata=info, data=cells.ravel())
 
 
 def scan(time, ranges, *, frame="laser", start=-1.5, step=0.01, limits=(0.1, 20.0), between=0.0):
-    ranges = np.asarray(ranges, np.float32)
-
-    def make(types, is_ros1):
-        return types["sensor_msgs/msg/LaserScan"](
-            header=header(types, is_ros1, time, frame), angle_min=start,
-            angle_max=start + step * (len(ranges) - 1), angle_increment=step,
-            time_increment=between, scan_time=0.1, range_min=limits[0], range_max=limits[1],
-            ranges=ranges, intensities=np.zeros(0, np.float32),
-        )  # fmt: skip
-
-    return make
+    return message(
+        "sensor_msgs/msg/LaserScan", header=header(time, frame), angle_min=start,
+        angle_max=start + step * (len(ranges) - 1), angle_increment=step, time_increment=between,
+        scan_time=0.1, range_min=limits[0], range_max=limits[1],
+        ranges=np.asarray(ranges, np.float32),
+    )  # fmt: skip
 
 
 def tf(time, *transforms, name="tf2_msgs/msg/TFMessage"):
     """Return a message with transforms: parent, child, x y z, quaternion."""
-
-    def make(types, is_ros1):
-        made = [
-            types["geometry_msgs/msg/TransformStamped"](
-                header=header(types, is_ros1, time, parent),
-                child_frame_id=child,
-                transform=types["geometry_msgs/msg/Transform"](
-                    translation=types["geometry_msgs/msg/Vector3"](
-                        x=float(move[0]), y=float(move[1]), z=float(move[2])
-                    ),
-                    rotation=turn(types, quaternion),
-                ),
-            )
-            for parent, child, move, quaternion in transforms
-        ]
-        return types[name](transforms=made)
-
-    return make
+    made = [
+        {"header": header(time, parent), "child_frame_id": child,
+         "transform": {"translation": vector(*move), "rotation": turn(quaternion)}}
+        for parent, child, move, quaternion in transforms
+    ]  # fmt: skip
+    return message(name, transforms=made)
 
 
 def odometry(time, x, y, yaw, frame="odom", child="base_link"):
-    def make(types, is_ros1):
-        zero = types["geometry_msgs/msg/Vector3"](x=0.0, y=0.0, z=0.0)
-        twist = types["geometry_msgs/msg/Twist"](linear=zero, angular=zero)
-        return types["nav_msgs/msg/Odometry"](
-            header=header(types, is_ros1, time, frame),
-            child_frame_id=child,
-            pose=types["geometry_msgs/msg/PoseWithCovariance"](
-                pose=pose(types, x, y, of_yaw(yaw)), covariance=np.zeros(36)
-            ),
-            twist=types["geometry_msgs/msg/TwistWithCovariance"](
-                twist=twist, covariance=np.zeros(36)
-            ),
-        )
-
-    return make
+    return message(
+        "nav_msgs/msg/Odometry", header=header(time, frame), child_frame_id=child,
+        pose={"pose": pose(x, y, yaw)},
+    )  # fmt: skip
 
 
 def cloud(time, data, fields, *, width, height=1, step, row=None, is_big=False, frame="base_link"):
     """Return a PointCloud2 of bytes; fields are name, offset, datatype."""
-
-    def make(types, is_ros1):
-        made = [
-            types["sensor_msgs/msg/PointField"](name=n, offset=o, datatype=d, count=1)
-            for n, o, d in fields
-        ]
-        return types["sensor_msgs/msg/PointCloud2"](
-            header=header(types, is_ros1, time, frame), height=height, width=width, fields=made,
-            is_bigendian=is_big, point_step=step, row_step=width * step if row is None else row,
-            data=np.frombuffer(bytes(data), np.uint8), is_dense=False,
-        )  # fmt: skip
-
-    return make
+    made = [{"name": n, "offset": o, "datatype": d, "count": 1} for n, o, d in fields]
+    return message(
+        "sensor_msgs/msg/PointCloud2", header=header(time, frame), height=height, width=width,
+        fields=made, is_bigendian=is_big, point_step=step,
+        row_step=width * step if row is None else row, data=np.frombuffer(bytes(data), np.uint8),
+    )  # fmt: skip
 
 
 def words(text):
     """Return a message of a type that nothing is made of."""
-
-    def make(types, _):
-        return types["std_msgs/msg/String"](data=text)
-
-    return make
+    return message("std_msgs/msg/String", data=text)

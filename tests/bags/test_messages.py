@@ -25,7 +25,7 @@ CELLS = np.array([[-1, 0, 100], [37, 0, -1]], np.int8)
 
 
 def made(make):
-    return make(STORE.types, False)
+    return make(STORE)
 
 
 def test_readings_beyond_the_limits_of_the_scanner_are_none():

@@ -9,7 +9,7 @@ and takes no more than 256 MiB. Ends with exit code 1 if anything is wrong.
 """
 
 import argparse
-import os
+import random
 import resource
 import signal
 import sys
@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from mapdeal.errors import MapdealError, MapdealWarning
 from mapdeal.files.source import use_memory
-from robustness.mutation import Dice, mutant
+from robustness.mutation import mutant
 from robustness.readers import READERS
 from robustness.reading import MEMORY
 
@@ -82,26 +82,23 @@ def fuzz(reader, mutants, folder, seed, longest):
     `seed` and the reader's name decide which. A mutant that takes more than `longest` seconds is
     a problem.
     """
-    dice = Dice(f"{reader.name} {seed}")
+    rng = random.Random(f"{reader.name} {seed}")
     found = Found()
     read_seeds(reader, folder / "good")  # what is imported late is not counted as theirs
+    paths = _files_of(reader.seeds, folder)
     alike = {one.packed: [other.data for other in reader.seeds if other.packed == one.packed]
              for one in reader.seeds}  # fmt: skip
-    with (
-        _files_of(reader.seeds, folder) as files,
-        use_memory(MEMORY, is_chosen=False),
-        _watched() as caught,
-    ):
+    with use_memory(MEMORY, is_chosen=False), _watched() as caught:
         for number in range(mutants):
-            index = dice.below(len(reader.seeds))
-            good = reader.seeds[index]
-            data = good.packed(mutant(good.data, alike[good.packed], reader.words, dice))
-            _write(files[index][1], data)
+            good, path = rng.choice(list(zip(reader.seeds, paths, strict=True)))
+            data = good.packed(mutant(good.data, alike[good.packed], reader.words, rng))
+            path.write_bytes(data)
             started = time.perf_counter()
-            problem = _problem_of(reader, files[index][0], data, found, longest)
+            problem = _problem_of(reader, path, data, found, longest)
             found.slowest = max(found.slowest, time.perf_counter() - started)
-            for warning in caught if problem is None else ():
-                problem = problem or _problem_of_warning(warning)
+            for one in caught:
+                if problem is None and not issubclass(one.category, MapdealWarning):
+                    problem = f"warned by {one.category.__name__}: {one.message} ({one.filename})"
             caught.clear()
             if problem is not None:
                 found.problems.append(f"{reader.name} {number}: {problem}\n    {data!r}")
@@ -110,14 +107,10 @@ def fuzz(reader, mutants, folder, seed, longest):
 
 def read_seeds(reader, folder):
     """Return what a reader makes of its good files."""
-    with _files_of(reader.seeds, folder) as files, warnings.catch_warnings():
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", MapdealWarning)
-        results = []
-        for good, (path, descriptor) in zip(reader.seeds, files, strict=True):
-            data = good.packed(good.data)
-            _write(descriptor, data)
-            results.append(reader.read(path, data))
-        return results
+        paths = _files_of(reader.seeds, folder)
+        return [reader.read(path, path.read_bytes()) for path in paths]
 
 
 def _problem_of(reader, path, data, found, longest):
@@ -148,37 +141,19 @@ def _problem_of_error(error, path, length):
     return None if is_named else f"names no file: {text}"
 
 
-def _problem_of_warning(warning):
-    if issubclass(warning.category, MapdealWarning):
-        return None
-    return f"warned by {warning.category.__name__}: {warning.message} ({warning.filename})"
-
-
 def _last_lines():
     return " | ".join(line.strip() for line in traceback.format_exc().splitlines()[-3:])
 
 
-@contextmanager
 def _files_of(seeds, folder):
-    """Give path and descriptor of a file for each seed, in a folder with what stands beside it."""
-    files = []
-    try:
-        for index, good in enumerate(seeds):
-            own = folder / str(index)
-            for name, data in {**good.beside, good.name or "text": b""}.items():
-                (own / name).parent.mkdir(parents=True, exist_ok=True)
-                (own / name).write_bytes(data)
-            path = own / (good.name or "text")
-            files.append((path, os.open(path, os.O_WRONLY)))
-        yield files
-    finally:
-        for _, descriptor in files:
-            os.close(descriptor)
-
-
-def _write(descriptor, data):
-    os.pwrite(descriptor, data, 0)
-    os.ftruncate(descriptor, len(data))
+    """Write each seed into a folder with what stands beside it; return the paths."""
+    for index, good in enumerate(seeds):
+        files = {**good.beside, good.name or "text": good.packed(good.data)}
+        for name, data in files.items():
+            path = folder / str(index) / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+    return [folder / str(index) / (good.name or "text") for index, good in enumerate(seeds)]
 
 
 @contextmanager

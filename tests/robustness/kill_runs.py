@@ -79,29 +79,21 @@ def judge(folder, sums):
     if again.returncode or ("unchanged" in again.stdout) != (kind == "new"):
         problems.append(f"the next run over a set that is {kind}: {again.stdout}{again.stderr}")
     # a run that has nothing to do writes nothing, and so removes nothing
-    left_over = [name for name in sums_of(left) if name.startswith(".mapdeal-")]
-    if kind != "new" and left_over:
-        problems.append(f"the next run leaves {left_over}")
-    if {k: v for k, v in sums_of(left).items() if k not in left_over} != sums["new"]:
+    if kind != "new" and list(left.glob(".mapdeal-*")):
+        problems.append("the next run leaves temporary files")
+    if sums_of(left) != sums["new"]:
         problems.append("the next run does not leave its own files alone")
     return kind, problems
 
 
 def kind_of(left, sums):
     """Return whether a set is old, new or mixed, and what is wrong with its files."""
-    problems = []
-    kinds = set()
-    for name, digest in sums_of(left).items():
-        if name.startswith(".mapdeal-"):
-            continue
-        matching = {which for which in ("old", "new") if sums[which].get(name) == digest}
-        if not matching:
-            problems.append(f"{name} is torn")
-        elif len(matching) == 1:
-            kinds |= matching
-    missing = set(sums["old"]) - set(sums_of(left))
-    problems += [f"{name} is gone" for name in sorted(missing)]
-    return "mixed" if len(kinds) == 2 else next(iter(kinds), "old"), problems
+    old, new = (set(sums[which].items()) for which in ("old", "new"))
+    found = set(sums_of(left).items())
+    kinds = [which for which, own in (("old", old - new), ("new", new - old)) if found & own]
+    problems = [f"{name} is torn" for name, _ in found - old - new]
+    problems += [f"{name} is gone" for name in sums["old"].keys() - sums_of(left)]
+    return "mixed" if len(kinds) == 2 else [*kinds, "old"][0], problems
 
 
 def done(words):
@@ -114,7 +106,9 @@ def command(folder, out, words):
 
 
 def sums_of(folder):
-    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in folder.iterdir()}
+    """Return the checksums of files by their names, but of temporary ones."""
+    paths = [path for path in folder.iterdir() if not path.name.startswith(".mapdeal-")]
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 
 if __name__ == "__main__":

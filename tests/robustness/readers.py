@@ -10,7 +10,6 @@ from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, ParameterError
 from mapdeal.maps.dialects import DIALECTS
-from mapdeal.sensors import points
 from robustness import reading, seeds
 from robustness.seeds import files_of
 from robustness.words import words_of
@@ -44,10 +43,10 @@ class Reader:
     name: str
     seeds: Sequence[Seed]
     read: Callable[[Path, bytes], object]
-    refusals: tuple[type[MapdealError], ...] = (MalformedInputError,)
-    """What it may raise."""
     words: Sequence[bytes] = ()
     """What may be put into its files."""
+    refusals: tuple[type[MapdealError], ...] = (MalformedInputError,)
+    """What it may raise."""
     is_file: bool = True
     """Whether errors must name the file."""
     share: float = 1.0
@@ -154,82 +153,69 @@ _USAGE = (ParameterError,)
 _PAIR = (MalformedInputError, FileAccessError)  # what is named may not be there
 
 
-def _file(name, good, read, words, **options):
-    return Reader(name, good, read, words=words, **options)
-
-
 def _text(name, file, read, share=1.0):
     """Return a reader of texts of one line, which lie in one file."""
     (lines,) = files_of("texts", f"{file}.txt")
     good = _seeds(lines.splitlines(), "")
-    return Reader(name, good, read, _USAGE, TEXT_WORDS, is_file=False, share=share)
+    return Reader(name, good, read, TEXT_WORDS, _USAGE, is_file=False, share=share)
 
 
-_LINES = [
-    ("points", "points", reading.numbers_of_lines(points.read_points, 2), 0.7),
-    ("poses as lines", "pose_lines", reading.numbers_of_lines(points.read_pose_lines, 3), 0.5),
-    ("points with names", "named_points",
-     reading.records_of_lines(points.read_named_points, "point"), 0.5),
-    ("pairs of points", "pairs", reading.records_of_lines(points.read_pairs, "start", "goal"), 0.5),
-]  # fmt: skip
+_LINES = {"points": "points", "poses": "pose_lines", "named": "named_points", "pairs": "pairs"}
 READERS = [
     *(
-        Reader(f"map yaml, {dialect}", _MAP_SEEDS, reading.map_reader(dialect), _PAIR, YAML_WORDS,
+        Reader(f"map yaml, {dialect}", _MAP_SEEDS, reading.map_reader(dialect), YAML_WORDS, _PAIR,
                share=0.15 if dialect == "humble" else 0.35)
         for dialect in DIALECTS
     ),
-    *(_file(f"{name} image", _pictures(name.lower()), reading.read_picture, IMAGE_WORDS,
+    *(Reader(f"{name} image", _pictures(name.lower()), reading.read_picture, IMAGE_WORDS,
             share=share) for name, share in _IMAGES.items()),
-    _file("PNM by rows", _BY_ROWS, reading.read_by_rows, IMAGE_WORDS, share=0.4),
-    _file("bits", _BIT_IMAGES, reading.decode_bits, IMAGE_WORDS),
-    Reader("bit map", _BIT_SEEDS, reading.read_bits, _PAIR, YAML_WORDS, share=0.2),
-    _file("grid npz", _zips(_GRIDS, "g.npz"), reading.read_grid, NPY_WORDS, share=0.7),
-    _file("grid npz by rows", _zips(_GRIDS, "g.npz"), reading.read_npz_by_rows, NPY_WORDS,
+    Reader("PNM by rows", _BY_ROWS, reading.read_by_rows, IMAGE_WORDS, share=0.4),
+    Reader("bits", _BIT_IMAGES, reading.decode_bits, IMAGE_WORDS),
+    Reader("bit map", _BIT_SEEDS, reading.read_bits, YAML_WORDS, _PAIR, share=0.2),
+    Reader("grid npz", _zips(_GRIDS, "g.npz"), reading.read_grid, NPY_WORDS, share=0.7),
+    Reader("grid npz by rows", _zips(_GRIDS, "g.npz"), reading.read_npz_by_rows, NPY_WORDS,
           share=0.3),
-    Reader("lint", _MAP_SEEDS, reading.lint, (), YAML_WORDS, share=0.02),
-    _file("pcd", _stored("pcd", "c.pcd"), reading.read_cloud_points, CLOUD_WORDS),
-    _file("ply", _stored("ply", "c.ply"), reading.read_cloud_points, CLOUD_WORDS),
-    _file("cloud as text", _stored("text_clouds", "c.csv"), reading.read_text_points,
-          CLOUD_WORDS),
-    _file("cloud npy", _stored("npy", "c.npy"), reading.read_cloud_points, NPY_WORDS),
-    _file("reach npz", _zips("reach", "r.npz"), reading.read_reached, NPY_WORDS, share=0.5),
-    _file("evidence npz", _zips("odds hits", "e.npz"), reading.read_evidence_layers,
+    Reader("lint", _MAP_SEEDS, reading.lint, YAML_WORDS, (), share=0.02),
+    Reader("pcd", _stored("pcd", "c.pcd"), reading.read_cloud_points, CLOUD_WORDS),
+    Reader("ply", _stored("ply", "c.ply"), reading.read_cloud_points, CLOUD_WORDS),
+    Reader("cloud as text", _stored("text_clouds", "c.csv"), reading.read_text_points, CLOUD_WORDS),
+    Reader("cloud npy", _stored("npy", "c.npy"), reading.read_cloud_points, NPY_WORDS),
+    Reader("reach npz", _zips("reach", "r.npz"), reading.read_reached, NPY_WORDS, share=0.5),
+    Reader("evidence npz", _zips("odds hits", "e.npz"), reading.read_evidence_layers,
           NPY_WORDS, share=0.5),
-    _file("cloud npz", _zips("points", "c.npz"), reading.read_cloud_points, NPY_WORDS),
-    _file("CARMEN log", _logs(), reading.read_log, SCAN_WORDS),
-    Reader("bag", _bags(), reading.read_bag, (MalformedInputError, FileAccessError), BAG_WORDS,
-           share=0.25),
-    _file("kinds of files", _of_all_kinds(), reading.kind_of_file, YAML_WORDS, share=0.5),
-    _file("scans npz", _zips("scans", "s.npz"), reading.read_log, NPY_WORDS, share=0.7),
-    _file("scans as text", _scan_texts(), reading.read_scan_texts, CLOUD_WORDS),
-    _file("poses", _stored("poses", "p.txt"), reading.read_all_poses, CLOUD_WORDS),
-    *(Reader(name, _stored(folder, "p.csv"), read, words=JSON_WORDS, is_file=False, share=share)
-      for name, folder, read, share in _LINES),
-    _file("shapes yaml", _stored("shapes", "s.yaml"), reading.read_all_shapes, YAML_WORDS,
+    Reader("cloud npz", _zips("points", "c.npz"), reading.read_cloud_points, NPY_WORDS),
+    Reader("CARMEN log", _logs(), reading.read_log, SCAN_WORDS),
+    Reader("bag", _bags(), reading.read_bag, BAG_WORDS, _PAIR, share=0.25),
+    Reader("kinds of files", _of_all_kinds(), reading.kind_of_file, YAML_WORDS, share=0.5),
+    Reader("scans npz", _zips("scans", "s.npz"), reading.read_log, NPY_WORDS, share=0.7),
+    Reader("scans as text", _scan_texts(), reading.read_scan_texts, CLOUD_WORDS),
+    Reader("poses", _stored("poses", "p.txt"), reading.read_all_poses, CLOUD_WORDS),
+    *(Reader(f"lines of {kind}", _stored(folder, "p.csv"), reading.lines_of(kind),
+             JSON_WORDS, is_file=False, share=0.5) for kind, folder in _LINES.items()),
+    Reader("shapes yaml", _stored("shapes", "s.yaml"), reading.read_all_shapes, YAML_WORDS,
           share=0.4),
-    _file("GeoJSON", _documents("geojson"), reading.read_all_shapes, JSON_WORDS),
-    _file("route graph", _documents("route_graphs"), reading.read_one_graph, JSON_WORDS, share=0.5),
-    _file("zones", _documents("geojson"), reading.read_all_zones, JSON_WORDS, share=0.5),
-    _file("answers", _documents("answers"), reading.read_one_answer, JSON_WORDS, share=0.5),
-    _file("transform", _documents("transforms"), reading.read_one_transform, JSON_WORDS,
+    Reader("GeoJSON", _documents("geojson"), reading.read_all_shapes, JSON_WORDS),
+    Reader("route graph", _documents("route_graphs"), reading.read_one_graph, JSON_WORDS),
+    Reader("zones", _documents("geojson"), reading.read_all_zones, JSON_WORDS, share=0.5),
+    Reader("answers", _documents("answers"), reading.read_one_answer, JSON_WORDS, share=0.5),
+    Reader("transform", _documents("transforms"), reading.read_one_transform, JSON_WORDS,
           share=0.5),
-    _file("manifest", _manifests(), reading.compare_with_golden, JSON_WORDS),
-    Reader("runs on a page", _shown(), reading.show_runs, _PAIR, JSON_WORDS, share=0.15),
-    Reader("recipe", _stored("recipes", "r.yaml"), reading.load_one_recipe, _USAGE, YAML_WORDS,
+    Reader("manifest", _manifests(), reading.compare_with_golden, JSON_WORDS),
+    Reader("runs on a page", _shown(), reading.show_runs, JSON_WORDS, _PAIR, share=0.15),
+    Reader("recipe", _stored("recipes", "r.yaml"), reading.load_one_recipe, YAML_WORDS, _USAGE,
            is_file=False, share=0.4),
     Reader("configuration of lint", _stored("lint_configs", "c.toml"), reading.read_config,
-           (MalformedInputError, ParameterError), TOML_WORDS, is_file=False, share=0.4),
-    Reader("lint of parameters",
-           _seeds(files_of("ros1") + files_of("ros2"), "p.yaml"),
-           reading.lint_parameter_files, (), ROS1_WORDS, share=0.1),
+           TOML_WORDS, (MalformedInputError, ParameterError), is_file=False, share=0.4),
+    Reader("lint of parameters", _seeds(files_of("ros1") + files_of("ros2"), "p.yaml"),
+           reading.lint_parameter_files, ROS1_WORDS, (), share=0.1),
     Reader("parameters of ROS 1", _stored("ros1", "p.yaml"), reading.read_ros1_robot,
-           words=ROS1_WORDS, share=0.5),
-    _file("parameters of ROS 2", _stored("ros2", "p.yaml"),
+           ROS1_WORDS, share=0.5),
+    Reader("parameters of ROS 2", _stored("ros2", "p.yaml"),
           reading.read_ros2_parameters, ROS2_WORDS, share=0.4),
-    _file("robot of Nav2", _stored("ros2", "p.yaml"), reading.read_nav2_robot,
+    Reader("robot of Nav2", _stored("ros2", "p.yaml"), reading.read_nav2_robot,
           ROS2_WORDS, share=0.4),
     Reader("list of maps", _seeds(_LISTS, "maps.txt", packed=reading.within_folder, beside=_LISTED),
-           reading.list_all_maps, (ParameterError, FileAccessError), TEXT_WORDS, is_file=False,
+           reading.list_all_maps, TEXT_WORDS, (ParameterError, FileAccessError), is_file=False,
            share=0.25),
     _text("--set", "settings", reading.load_settings, share=0.15),
     _text("--set of layers", "layer_settings", reading.load_layers, share=0.3),

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import zlib
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,7 @@ from mapdeal.sensors.clouds import cloud_chunks
 from mapdeal.sensors.points import has_times, read_trajectory, read_transform
 from mapdeal.sensors.scans import ScanTexts, open_log
 from mapdeal.stages.catalogue import STAGES
+from sensors.test_points import READERS as LINES
 
 MEMORY = 70_000_000
 """Bytes that readers may take, of which they count 50 million as taken by the program."""
@@ -101,6 +103,17 @@ def _check_occupancy(occupancy, shape):
     assert occupancy.max() <= 100
 
 
+@contextmanager
+def _refused_alike(read, path):
+    """What is refused within must be refused by another reader, too."""
+    try:
+        yield
+    except mapdeal.MapdealError as error:
+        with pytest.raises(type(error)):
+            read(path)
+        raise
+
+
 def read_by_rows(path, data):
     """Read an image at once and by rows: both give the same pixels, or neither any."""
     with images.open_image(path) as image:
@@ -110,12 +123,8 @@ def read_by_rows(path, data):
         height, width = pixels.shape
         if height * width > MEMORY:
             return None
-        try:
+        with _refused_alike(images.read_image, path):
             strips = list(pixels.strips().pictures())
-        except mapdeal.MapdealError as error:
-            with pytest.raises(type(error)):
-                images.read_image(path)
-            raise
         rows = [pixels.part(slice(k, min(k + 4, height))).whole() for k in range(0, height, 4)]
     whole = images.read_image(path)
     for parts in (strips, rows[::-1]):
@@ -175,17 +184,12 @@ def read_grid(path, data):
 
 def read_npz_by_rows(path, data):
     """Read a grid at once and by rows: both give the same values, or neither any."""
-    try:
-        with open_npz(path, block_height=4) as grid:
-            rows = [slice(k, k + 4) for k in range(0, grid.shape[0], 4)]
-            layers = {
-                name: np.concatenate([getattr(grid, name)[some] for some in rows])
-                for name in grid.layer_names
-            }
-    except mapdeal.MapdealError as error:
-        with pytest.raises(type(error)):
-            read_npz(path)
-        raise
+    with _refused_alike(read_npz, path), open_npz(path, block_height=4) as grid:
+        rows = [slice(k, k + 4) for k in range(0, grid.shape[0], 4)]
+        layers = {
+            name: np.concatenate([getattr(grid, name)[some] for some in rows])
+            for name in grid.layer_names
+        }
     whole = read_npz(path)
     assert type(grid) is type(whole)
     assert grid.frame == whole.frame
@@ -404,51 +408,23 @@ def read_all_poses(path, data):
     np.testing.assert_array_equal(trajectory.translations[:, :2], poses[:, :2])
 
 
-def numbers_of_lines(read, width):
-    """Return what reads rows of a text in one piece, line by line, and cut anywhere: all agree."""
+def lines_of(kind):
+    """Return what reads lines in one piece, one by one, and cut anywhere: all agree."""
+    read = LINES[kind]
 
-    def rows_of(parts):
-        found = []
-        for part in read(parts, "rows"):
-            rows = part.numbers
-            assert rows.shape == (len(part.lines), width)
-            for index, (line, row) in enumerate(zip(part.lines, rows, strict=True)):
-                assert np.isfinite(row).all() == (index not in part.errors)
-                found.append((line, row.tobytes(), part.errors.get(index)))
-        assert [line for line, *_ in found] == sorted({line for line, *_ in found})
-        return found
+    def read_lines(path, data):
+        whole, third = list(read([data])), len(data) // 3
+        for parts in (
+            data.splitlines(keepends=True),
+            [data[:third], data[third : 2 * third], data[2 * third :]],
+        ):
+            assert repr(list(read(parts))) == repr(whole)
+        assert [line for line, *_ in whole] == sorted({line for line, *_ in whole})
+        for _, row, error in whole:
+            numbers = [one for one in row or [math.nan] if isinstance(one, (int, float))]
+            assert np.isfinite(numbers).all() == (error is None)
 
-    def read_rows(path, data):
-        whole = rows_of([data])
-        for parts in _cut(data):
-            assert rows_of(parts) == whole
-        return whole
-
-    return read_rows
-
-
-def records_of_lines(read, *places):
-    """Return what reads records of a text in one piece and cut anywhere: all agree."""
-
-    def read_records(path, data):
-        whole = list(read([data], "records"))
-        for parts in _cut(data):
-            assert list(read(parts, "records")) == whole
-        assert [one.line for one in whole] == sorted({one.line for one in whole})
-        for one in whole:
-            found = [getattr(one, place) for place in places]
-            assert {place is not None for place in found} == {one.error is None}
-            assert one.error is not None or np.isfinite(found).all()
-        return whole
-
-    return read_records
-
-
-def _cut(data):
-    lines = [line + b"\n" for line in data.split(b"\n")]
-    lines[-1] = lines[-1][:-1]
-    third = len(data) // 3
-    return lines, [data[:third], data[third : 2 * third], data[2 * third :]]
+    return read_lines
 
 
 # What is drawn, done and asked for

@@ -1,18 +1,14 @@
 """Record what commands do, and compare two checkouts.
 
-``python tests/robustness/record_commands.py record FOLDER... --out a.jsonl`` runs the commands that
-take each map, cloud, log, bag and parameter file below some folders, with the mapdeal of this
-interpreter: exit codes, what is printed, and the files: arrays of npz and npy, the bytes of images
-of maps, texts, of pictures the size alone. Do so before a redesign and after it; then
-``python tests/robustness/record_commands.py compare a.jsonl b.jsonl`` shows the cases that differ,
-and ends with exit code 1 if there are any. Files that commands take from the project's examples
-must be the same in both: name the folders by absolute paths.
+``python tests/robustness/record_commands.py FOLDER... > a.txt`` runs the commands that take each
+map, cloud, log, bag and parameter file below some folders, with the mapdeal of this interpreter:
+exit codes, what is printed, and the files: arrays of npz and npy, the bytes of images of maps,
+texts, of pictures the size alone. Do so before a redesign and after it; then ``diff a.txt b.txt``
+shows what differs. Files that commands take from the project's examples must be the same in both:
+name the folders by absolute paths.
 """
 
-from __future__ import annotations
-
 import argparse
-import difflib
 import hashlib
 import io
 import json
@@ -157,45 +153,18 @@ def contents(ending: str, data: bytes, folder: str) -> object:
     return text if len(text) < LONGEST_TEXT else hashlib.sha256(text.encode()).hexdigest()
 
 
-def record(folders: list[Path], output: Path, only: list[str]) -> int:
-    """Write a line for each command, or those of some names."""
-    chosen = (one for one in commands(folders) if not only or one.split()[0] in only)
-    with multiprocessing.Pool() as pool, output.open("w") as file:
-        for count, one in enumerate(pool.imap(recorded, chosen, 4), 1):
-            file.write(json.dumps(one) + "\n")
-            if count % 500 == 0:
-                print(count, flush=True)
-    return 0
-
-
-def compare(first: Path, second: Path) -> int:
-    """Print the cases that differ."""
-    before, after = (
-        {one["command"]: one for one in map(json.loads, path.read_text().splitlines())}
-        for path in (first, second)
-    )
-    shared = [name for name in before if name in after or len(after) == len(before)]
-    differing = [name for name in shared if before[name] != after.get(name)]
-    for name in differing:
-        print(f"--- {name}")
-        texts = (json.dumps(side.get(name), indent=1).split("\n") for side in (before, after))
-        print("\n".join(list(difflib.unified_diff(*texts, n=0, lineterm=""))[2:20]))
-    print(f"{len(differing)} of {len(shared)} commands differ")
-    return int(bool(differing))
-
-
-def main() -> int:
-    """Record or compare."""
+def main() -> None:
+    """Print what each command does, or those of some names."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("task", choices=["record", "compare"])
-    parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
-    parser.add_argument("--out", type=Path, default=Path("record.jsonl"))
+    parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
     parser.add_argument("--only", nargs="*", default=[], metavar="COMMAND")
     options = parser.parse_args()
-    if options.task == "compare":
-        return compare(*options.paths)
-    return record([path.absolute() for path in options.paths], options.out, options.only)
+    every = commands([path.absolute() for path in options.folders])
+    chosen = (one for one in every if not options.only or one.split()[0] in options.only)
+    with multiprocessing.Pool() as pool:
+        for one in pool.imap(recorded, chosen, 4):
+            print(json.dumps(one, indent=1), flush=True)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -8,6 +8,7 @@ import io
 import json
 import re
 import struct
+import warnings
 import zipfile
 import zlib
 from pathlib import Path
@@ -61,17 +62,14 @@ def npy_members(file):
 
 
 def zipped(text):
-    """Return the zip file of such a text, whatever its names."""
+    """Return the zip file of such a text, whatever its names, of which two may be the same."""
     words = re.split(rb"\n@@([^@]*)@@\n", text)
-    names, bodies = words[1::2], words[2::2]
-    front, directory = b"", b""
-    for name, body in zip(names, bodies, strict=True):
-        facts = struct.pack("<HHHHHIIIHH", 20, 0, 0, 0, 33, zlib.crc32(body), len(body), len(body),
-                            len(name), 0)  # fmt: skip
-        directory += b"PK\1\2\x14\0" + facts + b"\0" * 10 + struct.pack("<I", len(front)) + name
-        front += b"PK\3\4" + facts + name + body
-    end = struct.pack("<HHHHIIH", 0, 0, len(names), len(names), len(directory), len(front), 0)
-    return front + directory + b"PK\5\6" + end
+    file = io.BytesIO()
+    with warnings.catch_warnings(), zipfile.ZipFile(file, "w") as archive:
+        warnings.simplefilter("ignore")
+        for name, body in zip(words[1::2], words[2::2], strict=True):
+            archive.writestr(zipfile.ZipInfo(name.decode("latin-1")), body)
+    return file.getvalue()
 
 
 def gzipped(data):

@@ -1,6 +1,5 @@
 """What a run leaves when things go wrong, and that its bytes depend on nothing but its input."""
 
-import hashlib
 import os
 import resource
 import shutil
@@ -10,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 
+from bad_maps import tree
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.checks.lint import lint_file
 from mapdeal.cli.main import main
@@ -55,10 +55,6 @@ def run_here(folder, out, *more):
     assert main(words(folder, folder / out, *more)[3:]) == 0
 
 
-def sums(folder):
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()}
-
-
 @pytest.mark.thorough
 def test_the_bytes_of_a_run_depend_on_its_input_alone_f14_f15(folder):
     """Not on threads, the engine, the folder, the locale, the terminal, or when it is run."""
@@ -81,7 +77,7 @@ def test_the_bytes_of_a_run_depend_on_its_input_alone_f14_f15(folder):
         done = run(source, "out", *more, "--force", cwd=source, env=environment)
         assert (done.returncode, done.stderr) == (0, "")
         assert {path.name for path in source.iterdir()} == before | {"out"}
-        found.append(sums(source / "out" / "m"))
+        found.append(tree(source / "out" / "m"))
         shutil.rmtree(source / "out")
     assert len(found[0]) == 18
     assert found[1:] == found[:1] * 4
@@ -90,12 +86,12 @@ def test_the_bytes_of_a_run_depend_on_its_input_alone_f14_f15(folder):
 def test_a_full_disk_leaves_the_old_outputs_f4(folder):
     """A limit on the size of files stands for the disk: the npz files are larger."""
     run_here(folder, "out")
-    before = sums(folder / "out" / "m")
+    before = tree(folder / "out" / "m")
     limit = (resource.RLIMIT_FSIZE, (30_000, 30_000))
     done = run(folder, "out", *OTHER, preexec_fn=lambda: resource.setrlimit(*limit))
     assert (done.returncode, done.stderr[:7]) == (4, "error: ")
     assert "Traceback" not in done.stderr
-    assert sums(folder / "out" / "m") == before
+    assert tree(folder / "out" / "m") == before
 
 
 @pytest.mark.thorough
@@ -105,7 +101,7 @@ def test_two_runs_into_one_folder_do_not_mix_f6(folder):
     for radius in radii:
         more = ["--set", f"inflate.radius={radius}"]
         run_here(folder, radius, *more)
-        known.append(sums(folder / radius / "m"))
+        known.append(tree(folder / radius / "m"))
     for _ in range(5):
         running = [
             subprocess.Popen(
@@ -117,7 +113,7 @@ def test_two_runs_into_one_folder_do_not_mix_f6(folder):
         for process in running:
             _, stderr = process.communicate(timeout=120)
             assert process.returncode == 0, stderr
-        found = sums(folder / "out" / "m")
+        found = tree(folder / "out" / "m")
         assert found in known
         assert lint_file(folder / "out" / "m") == []
 

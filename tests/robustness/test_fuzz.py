@@ -1,7 +1,6 @@
 """Every reader, fed hundreds of damaged files; fuzz_readers.py feeds as many as one likes."""
 
 import inspect
-import itertools
 import os
 import re
 import time
@@ -12,13 +11,12 @@ import numpy as np
 import pytest
 
 import mapdeal
-from mapdeal import Costmap, DistanceField, OccupancyGrid, PotentialField, read_cloud
+from mapdeal import Costmap, DistanceField, OccupancyGrid, PotentialField
 from mapdeal.errors import MalformedInputError
-from mapdeal.maps.images import IMAGE_FORMATS, read_image
+from mapdeal.maps.images import IMAGE_FORMATS
 from mapdeal.sensors.clouds import CLOUD_SUFFIXES
-from robustness import reading, seeds
+from robustness import reading
 from robustness.fuzz_readers import fuzz, read_seeds
-from robustness.mutation import Dice, mutant
 from robustness.readers import READERS, Reader, Seed
 
 pytestmark = pytest.mark.slow
@@ -27,11 +25,8 @@ FEW, MUTANTS = 200, 2000
 LONGEST = 60.0
 """Seconds: a thousand times what a mutant takes, on however slow a machine."""
 
-TELLING = (
-    "lint", "lint of parameters", "points", "points with names", "poses as lines",
-    "pairs of points",
-)  # fmt: skip
-"""Readers that tell of damage in what they return."""
+TELLING = ("lint", "lines")
+"""What readers begin with that tell of damage in what they return."""
 
 every_reader = pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
 
@@ -45,7 +40,7 @@ def test_mutants_are_read_or_refused(reader, most, tmp_path, capfd):
     assert not found.problems, "\n".join(found.problems[:5])
     assert found.read + found.refused == mutants
     assert found.read > 0
-    assert found.refused > 0 or reader.name in TELLING
+    assert found.refused > 0 or reader.name.startswith(TELLING)
     assert capfd.readouterr() == ("", "")
     assert len(os.listdir("/dev/fd")) == descriptors  # noqa: PTH208
 
@@ -69,55 +64,6 @@ def test_all_kinds_of_a_format_are_among_the_good_files(tmp_path):
     assert {good.data[:2] for good in by_name["PNM image"].seeds} == {
         b"P%d" % k for k in range(1, 7)
     }
-
-
-def test_mutants_are_the_same_on_every_machine():
-    dice = Dice("some seed")
-    assert [dice.below(1000) for _ in range(6)] == [874, 676, 2, 641, 701, 975]
-    dice, again = Dice("other"), Dice("other")
-    first, second = (
-        [mutant(seeds.MAP_YAML, [seeds.MAP_PGM], [b"- "], one) for _ in range(300)]
-        for one in (dice, again)
-    )
-    assert first == second
-    assert len(set(first)) > 280
-
-
-@pytest.mark.parametrize(
-    ("folder", "name", "channels"),
-    [("pnm", "00_p5.pgm", 1), ("tiff", "00_little.tiff", 1), ("bmp", "05_24.bmp", 3)],
-)
-def test_a_damaged_pixel_changes_its_cell_alone(tmp_path, folder, name, channels):
-    """In formats without checksums a file can say no more than that."""
-    path = tmp_path / "m.image"
-    (data,) = seeds.files_of(folder, name)
-    path.write_bytes(data)
-    good = read_image(path).samples.reshape(seeds.HEIGHT, seeds.WIDTH, channels)
-    start = len(data) - good.size
-    for index, value in itertools.product(range(0, len(seeds.PIXELS), 5), (0, 1, 127, 254, 255)):
-        row, col = divmod(index, seeds.WIDTH)
-        expected = good.copy()
-        expected[seeds.HEIGHT - 1 - row if folder == "bmp" else row, col] = value
-        at = start + index * channels
-        path.write_bytes(data[:at] + bytes([value] * channels) + data[at + channels :])
-        assert np.array_equal(read_image(path).samples.reshape(good.shape), expected)
-
-
-@pytest.mark.parametrize("kind", ["c.pcd", "c.ply", "c.npy"])
-def test_a_damaged_coordinate_changes_its_point_alone(tmp_path, kind):
-    name = {"c.pcd": "01_binary.pcd", "c.ply": "01_little.ply", "c.npy": "00_c_order.npy"}[kind]
-    (data,) = seeds.files_of(kind[2:], name)
-    path = tmp_path / kind
-    path.write_bytes(data)
-    good = read_cloud(path)
-    size = {"c.pcd": 18, "c.ply": 16, "c.npy": 24}[kind]
-    start = len(data) - len(good) * size
-    for index in range(len(good)):
-        damaged = bytearray(data)
-        damaged[start + index * size + 1] ^= 0x40  # of x
-        path.write_bytes(damaged)
-        found = read_cloud(path)
-        assert np.argwhere(found != good).tolist() == [[index, 0]]
 
 
 # What finds problems must find them.
@@ -147,7 +93,7 @@ def _refuses(*arguments, **options):
 )
 def test_the_fuzzer_sees(tmp_path, monkeypatch, read, refusals, named):
     monkeypatch.setattr("robustness.fuzz_readers.read_seeds", print)
-    reader = Reader("some", [Seed("s.txt", b"1 2 3")], read, refusals)
+    reader = Reader("some", [Seed("s.txt", b"1 2 3")], read, (), refusals)
     (problem,) = fuzz(reader, 1, tmp_path, 1, 0.05).problems
     assert problem.startswith("some 0: ")
     assert named in problem

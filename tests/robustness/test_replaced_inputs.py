@@ -7,8 +7,8 @@ the calls to the system that a command makes, so they are the same on every mach
 import os
 import shutil
 import threading
-from contextlib import contextmanager
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -82,33 +82,23 @@ def by_rows(file, *_):
     return file.by_rows(block_height=ROWS, budget=CacheBudget(0))
 
 
-class Moments:
-    """Counts calls to the system and does something at one of them."""
+@pytest.fixture
+def moments(monkeypatch):
+    """Counts calls to the system, and does something at one of them."""
+    state = SimpleNamespace(count=0, at=None, action=None)
 
-    def __init__(self, monkeypatch):
-        self.count = 0
-        self._at = None
-        self._action = None
-        for name in _CALLS:
-            monkeypatch.setattr(os, name, self._counted(getattr(os, name)))
-
-    def _counted(self, call):
-        def counted(*arguments, **options):
-            self.count += 1
-            if self.count == self._at:
-                self._at, action = None, self._action
-                action()
+    def counted(call):
+        def counting(*arguments, **options):
+            state.count += 1
+            if state.count == state.at:
+                state.action()
             return call(*arguments, **options)
 
-        return counted
+        return counting
 
-    @contextmanager
-    def at(self, moment, action):
-        self.count, self._at, self._action = 0, moment, action
-        try:
-            yield
-        finally:
-            self._at = None
+    for name in _CALLS:
+        monkeypatch.setattr(os, name, counted(getattr(os, name)))
+    return state
 
 
 def contents(folder):
@@ -136,7 +126,9 @@ COMMANDS = {
         *(pytest.param(name, MOMENTS, marks=pytest.mark.thorough) for name in COMMANDS),
     ],
 )
-def test_a_result_is_of_the_old_inputs_or_of_the_new_ones(pairs, command, monkeypatch, name, count):
+def test_a_result_is_of_the_old_inputs_or_of_the_new_ones(
+    pairs, command, monkeypatch, moments, name, count
+):
     words = [*COMMANDS[name].split(), "--threads", "1", "-q"]
     if "by rows" in name:
         monkeypatch.setattr(memory, "_read", by_rows)
@@ -162,18 +154,18 @@ def test_a_result_is_of_the_old_inputs_or_of_the_new_ones(pairs, command, monkey
         known.append(contents(outputs))
     assert known[0] not in known[1:]
 
-    moments = Moments(monkeypatch)
-    with moments.at(None, None):
-        begin()
-        command(*words)
-        calls = moments.count
-    assert calls >= MOMENTS
+    begin()
+    moments.count = 0
+    command(*words)
+    calls = moments.count
+    assert calls > 2 * FEW
     seen = []
     for index in range(count):
         begin()
-        action = partial(act, REPLACEMENTS[index % len(REPLACEMENTS)])
-        with moments.at(1 + index * calls // count, action):
-            code, _, err = command(*words)
+        moments.action = partial(act, REPLACEMENTS[index % len(REPLACEMENTS)])
+        moments.count, moments.at = 0, 1 + index * calls // count
+        code, _, err = command(*words)
+        moments.at = None
         if code == 0:
             assert contents(outputs) in known, index
             seen.append(known.index(contents(outputs)))

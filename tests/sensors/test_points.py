@@ -2,13 +2,11 @@
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal import FileAccessError, MalformedInputError
-from mapdeal.files.source import chunks_of
+from mapdeal import MalformedInputError
 from mapdeal.sensors.points import read_named_points, read_pairs, read_points, read_pose_lines
 
 
@@ -130,34 +128,24 @@ NAME = 'with a "name" if it has one'
 POSE = "three numbers x,y,yaw"
 BAD_LINES = [
     *[("points", line, "") for line in (
-        "1", "1;2", "1 2", "1,2,", ",", "a,b", "1_0,2", "\u0661,2", "[1]", "[1, 2, 3]",
-        '{"x": 1}', '{"x": true, "y": 1}', '{"x": "1", "y": 1}', "[[1, 2]]", "[null, 1]", "{",
-        "[" * 5000, '"1","2"', "\x00,1", "0x10,1", "\udcff,3")],
+        "1;2", "1,2,", "1_0,2", "\u0661,2", '{"x": true, "y": 1}', "[null, 1]", "[" * 5000,
+        '"1","2"', "0x10,1", "\udcff,3")],
     ("points", "1e400,2", "must be finite"),
-    ("points", '{"x": -1e400, "y": 1}', "must be finite"),
     ("points", "[1" + "0" * 400 + ", 1]", '{"x": x, "y": y}'),
     ("named", "kitchen", "must be x,y or NAME=x,y, got 'kitchen'"),
     ("named", "=1,2", "must be x,y or NAME=x,y"),
-    ("named", "kitchen=1,2,lab=3,4", "must be x,y or NAME=x,y"),
-    ("named", "kitchen=1,inf", "must be finite"),
-    ("named", '{"name": 5, "x": 1, "y": 2}', NAME),
     ("named", '{"name": " ", "x": 1, "y": 2}', NAME),
     ("named", '{"name": "a", "x": 1}', NAME),
     ("named", "[1, 2, 3]", "or [x, y]"),
     *[("pairs", line, "must be ") for line in (
-        "1,2", "1,2,3,4,5", "a,b,c,d", "\u0661,2,3,4", "[1, 2, 3, 4]", "[[1, 2]]", "{}",
-        '{"from": [1, 2]}', '{"from": [1, 2], "to": "ab"}', '{"from": [1, true], "to": [1, 2]}',
+        "1,2,3,4,5", "[1, 2, 3, 4]", '{"from": [1, 2]}', '{"from": [1, true], "to": [1, 2]}',
         "[[1, 2], [3, null]]", "[" * 5000)],
     ("poses", "1 2 3 4", POSE),
-    ("poses", "1,2,", POSE),
-    ("poses", "1_0,2,3", POSE),
     ("poses", "[1, 2]", 'must be {"x": x, "y": y, "yaw": yaw} or [x, y, yaw], got'),
-    ("poses", '{"x": 1, "y": 2}', "yaw"),
     ("poses", "[1, 2, true]", "[x, y, yaw]"),
     ("poses", "5 1 2 0 0 0 0 0", "the quaternion must be of length 1, got '5 1 2 0 0 0 0 0'"),
     ("poses", "5 1 2 0 0.6 0 0 0.8", "leans by more than 10 degrees; w must come last"),
     ("poses", "5 1 2 0 nan 0 0 1", "must be finite"),
-    ("poses", "5 inf 2 0 0 0 0 1", "must be finite"),
 ]  # fmt: skip
 
 
@@ -174,11 +162,6 @@ def test_a_bad_line_is_told_by_its_number(kind, line, told):
     assert row is None or not math.isfinite(sum(row))
     assert told in errors[2]
     assert len(errors[2]) < 150
-
-
-def test_numbers_beyond_all_bounds_are_infinite():
-    text = b'1e400,2\n{"x": -1e400, "y": 1}\n'
-    assert [row for _, row, _ in POINTS([text])] == [[math.inf, 2], [-math.inf, 1]]
 
 
 @pytest.mark.parametrize("head", [b"", b"\xef\xbb\xbf", b'\xef\xbb\xbf"a","b"\n', b"a,b\n"])
@@ -220,24 +203,3 @@ def test_a_line_without_end_is_refused_before_it_fills_the_memory(kind):
 
     with pytest.raises(MalformedInputError, match=r"p\.csv: line 2"):
         list(READERS[kind](endless()))
-
-
-@pytest.mark.parametrize("size", [1000, 10**7])
-def test_the_limit_of_a_line_does_not_depend_on_how_it_comes(size):
-    for padding, rows in ((65_533, 4), (65_534, 2)):
-        text = b"1,2\n3,4\n5," + b" " * padding + b"6\n7,8\n"
-        got = []
-        try:
-            got.extend(POINTS(text[at : at + size] for at in range(0, len(text), size)))
-        except MalformedInputError as error:
-            assert "line 3" in str(error)
-        assert [row for _, row, _ in got] == [[1, 2], [3, 4], [5, 6], [7, 8]][:rows]
-
-
-def test_files_that_cannot_be_read(tmp_path):
-    for path in (tmp_path / "none", tmp_path):
-        with pytest.raises(FileAccessError, match="cannot be read"):
-            list(chunks_of(path))
-    data = np.random.default_rng(1).bytes(3_000_000)
-    (tmp_path / "p").write_bytes(data)
-    assert b"".join(chunks_of(tmp_path / "p")) == data

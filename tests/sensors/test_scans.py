@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal import MalformedInputError, MapdealWarning
 from mapdeal.sensors import scans as carmen
 from mapdeal.sensors.scans import ScanTexts, open_log
 
@@ -149,22 +149,18 @@ def test_a_log_without_times_is_not_scolded_for_their_order(read, line, time):
 
 BAD_LINES = [
     ("truncated", flaser(HALF)[:400], "words"),
-    ("count", flaser(HALF).replace("FLASER 180", "FLASER 181"), "words"),
     ("odd-count", flaser(HALF[:100]), "180, 181, 360 or 361"),
     ("no-count", "FLASER x 1 2", "number of readings"),
-    ("nothing", "FLASER ", "number of readings"),
     ("word", flaser([*HALF[:-1], "far"]), "number"),
     ("underscore", flaser([*HALF[:-1], "1_0"]), "number"),
+    ("huge-step", robotlaser([1.0], step=1e306), "radians"),
     ("pose", flaser(HALF, (1, "nan", 0)), "pose"),
     ("far-pose", flaser(HALF, (1, 1e300, 0)), "pose"),
-    ("robot-truncated", robotlaser(HALF[:2]).rsplit(" ", 1)[0], "words"),
     ("remissions", robotlaser([1.0]).replace(" 2 5 6 ", " 9 5 6 "), "words"),
     ("increment-0", robotlaser([1.0], step=0), "resolution"),
-    ("start-nan", robotlaser([1.0], start="nan"), "start"),
     ("cut", "ROBOTLASER1 0 1 2 3 4 5 6 900 1 2", "900 readings"),
     ("field-of-view", robotlaser([1.0] * 90, field=3.14), "span"),
     ("huge-start", robotlaser([1.0], start=1e13), "radians"),
-    ("huge-step", robotlaser([1.0], step=1e306), "radians"),
 ]
 
 
@@ -184,22 +180,15 @@ def test_a_bad_line_is_named_and_passed_over_up_to_a_number(read, line, told):
 @pytest.mark.slow
 @pytest.mark.parametrize(("data", "told"), [
     (b"", "FLASER"),
-    (b"P5\n3 3\n255\n123456789", "is an image"),
     (gzip.compress(flaser(HALF).encode() * 50)[:200], "gzip"),
     (b"\x1f\x8bhello", "gzip"),
     (b"FLASER " + b"1 " * 40_000 + b"\n", "line 1"),
     (gzip.compress(b"#\n" * 8_000_000), "expand"),
-], ids=["empty", "an image", "gz cut", "gz damaged", "long line", "gz bomb"])  # fmt: skip
+], ids=["empty", "gz cut", "gz damaged", "long line", "gz bomb"])  # fmt: skip
 def test_what_is_no_log_is_refused(tmp_path, data, told):
     (tmp_path / "a.log").write_bytes(data)
     with pytest.raises(MalformedInputError, match=told):
         list(open_log(tmp_path / "a.log").scans())
-
-
-@pytest.mark.parametrize("name", ["missing.log", "missing.npz", "."])
-def test_what_is_not_there_cannot_be_read(tmp_path, name):
-    with pytest.raises(FileAccessError):
-        open_log(tmp_path / name)
 
 
 @pytest.fixture
@@ -234,11 +223,9 @@ def test_three_texts(texts):
     (POSES, ANGLES, "1,2,3\n", "after 1 scans"),
     (POSES, ANGLES, RANGES + "1,2,3\n", "more lines"),
     (POSES, ANGLES, "1,2,3\n1,2\n", "ranges.txt: line 2"),  # S9
-    (POSES, ANGLES, "1,2\n1,2\n", "line 1.*3 numbers"),
     (POSES, "0,1\n2,3\n", RANGES, "angles.txt"),
     (POSES, "0,nan,1\n", RANGES, "angle 2"),
     (POSES, "", RANGES, "no angles"),
-    ("1,2,3\n1,2\n", ANGLES, RANGES, "pose.txt: line 2"),
     (POSES, ANGLES, "1,2,3\n1,b,3\n", "ranges.txt: line 2"),
 ])  # fmt: skip
 def test_texts_that_do_not_fit_are_refused(texts, poses, angles, ranges, told):
@@ -269,11 +256,9 @@ def test_an_npz_of_scans(tmp_path, order):
 
 @pytest.mark.parametrize(("changes", "told"), [
     ({"poses": None}, "poses: missing"),
-    ({"ranges": None}, "ranges: missing"),
-    ({"poses": np.zeros((2, 2))}, "poses"),
     ({"angles": np.zeros((4, 1))}, "angles"),
-    ({"ranges": np.zeros((2, 3))}, r"ranges.*\(2, 4\)"),
     ({"ranges": np.array([["a"] * 4] * 2)}, "ranges"),
+    ({"ranges": np.zeros((2, 3))}, r"ranges.*\(2, 4\)"),
     ({"poses": np.full((2, 3), np.nan)}, "poses"),
     ({"angles": np.array([0, 1, 2, np.inf])}, "angles"),
     ({"angles": np.zeros(0), "ranges": np.zeros((2, 0))}, "angles"),
