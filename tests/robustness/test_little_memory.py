@@ -1,5 +1,6 @@
 """Commands under limits of their address space: the full result or one line, never a hang."""
 
+import re
 import resource
 import subprocess
 import sys
@@ -63,3 +64,16 @@ def test_a_library_without_room_is_told_in_one_line(tmp_path, words):
 @pytest.mark.parametrize("words", COMMANDS)
 def test_no_limit_of_memory_makes_a_command_hang_or_lie(tmp_path, words):
     check(words, tmp_path, range(60_000, 350_000, 10_000))
+
+
+def test_matrices_are_not_left_to_openblas():
+    """For matrices of floats it maps 32 MB in each thread, and tries for ever if it gets none.
+
+    These modules multiply vectors or integers.
+    """
+    product = re.compile(
+        r"[\w)\]] @ [\w(\[]|\bnp\.(?:dot|matmul|tensordot|inner|linalg\.(?!norm\b)\w+)\("
+    )
+    sources = (MAPS.parents[1] / "src").rglob("*.py")
+    found = {path.stem for path in sources if product.search(path.read_text("utf-8"))}
+    assert found == {"routes", "rotations", "components", "bit_map"}
