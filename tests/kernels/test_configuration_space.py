@@ -11,12 +11,13 @@ from scipy import ndimage
 
 import oracles
 from engines import needs_compiled
+from kernels.conftest import by_each_engine
 from mapdeal.grid.footprint import Footprint, footprint_spans
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.paths import ConfigurationSpace
 from mapdeal.kernels.polygons import Spans
-from mapdeal.kernels.threads import thread_count, use_threads
+from mapdeal.kernels.threads import thread_count
 
 pytestmark = pytest.mark.slow
 
@@ -151,22 +152,20 @@ def random_case(rng, shape):
 
 @needs_compiled
 @pytest.mark.parametrize("shape", [(97, 300), (33, 1100), (200, 64), (65, 2048)])
-def test_both_engines_give_the_same_bytes_with_any_threads(monkeypatch, shape):
+def test_both_engines_give_the_same_bytes_with_any_threads(shape):
     blocked, spans, seeds = random_case(np.random.default_rng(7), shape)
     cells = [(row, col) for _, row, col in seeds]
-    results = []
-    for engine, threads in (("scipy", 1), ("compiled", 1), ("compiled", 3)):
-        monkeypatch.setenv("MAPDEAL_KERNELS", engine)
-        with use_threads(threads):
-            space = ConfigurationSpace(blocked, spans)
-            opened = np.array([space.open_headings(*cell) for cell in cells])
-            found = space.reach(seeds, cells)
-        results.append((space.headings, opened, found.reachable, found.headings))
-    assert 0 < results[0][2].sum() < results[0][2].size
-    for other in results[1:]:
-        for one, same in zip(results[0], other, strict=True):
-            np.testing.assert_array_equal(one, same)
-            assert one.dtype == same.dtype
+
+    def made():
+        space = ConfigurationSpace(blocked, spans)
+        opened = np.array([space.open_headings(*cell) for cell in cells])
+        found = space.reach(seeds, cells)
+        assert 0 < found.reachable.sum() < found.reachable.size
+        arrays = space.headings, opened, found.reachable, found.headings
+        return [(one.dtype, one.tolist()) for one in arrays]
+
+    first, *others = by_each_engine(made, threads=(1, 3))
+    assert others == [first, first]
 
 
 @pytest.fixture
