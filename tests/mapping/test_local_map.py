@@ -189,9 +189,10 @@ def test_cells_are_those_of_exact_arithmetic(
         if math.isnan(x) or math.isnan(y):
             kept.append((x, y))
             continue
-        a, b = Fraction(x) - Fraction(offset[0]), Fraction(y) - Fraction(offset[1])
+        a, b = Fraction(x), Fraction(y)
         if frame == "robot":
             a, b = cos * a - sin * b + Fraction(pose[0]), sin * a + cos * b + Fraction(pose[1])
+        a, b = a - Fraction(offset[0]), b - Fraction(offset[1])
         places = [c / step - first + tolerance for c, first in zip((a, b), corner, strict=True)]
         if min(abs(p - round(p)) for p in places) < tolerance / 100:
             continue
