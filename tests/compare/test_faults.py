@@ -37,13 +37,9 @@ def faded(values):
     values[walls] = -1
 
 
-def as_it_is(values):
-    pass
-
-
 CASES = {
     "missing area": without_a_quarter, "ghost walls": with_ghosts, "noisy": with_noise,
-    "faded walls": faded, NO_FAULT: as_it_is,
+    "faded walls": faded, NO_FAULT: np.asarray,
 }  # fmt: skip
 
 
