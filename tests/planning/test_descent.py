@@ -215,13 +215,6 @@ def test_the_lowest_neighbour_is_that_of_the_steepest_way():
     assert _slope([[9, 2, 9]])._lowest_neighbour((0.5, 1.2), 3.0) == (0.5, 1.5)
 
 
-def test_the_goal_is_close_within_a_cell_and_in_sight():
-    slope = _slope(np.zeros((3, 6)), "..#...\n..#...\n..#...")
-    assert slope.leads_to((0.5, 0.5), (1.5, 0.5))
-    assert not slope.leads_to((0.5, 0.5), (1.51, 0.5))
-    assert not slope.leads_to((0.5, 1.9), (0.5, 2.1))
-
-
 @pytest.mark.parametrize(
     ("row", "col", "value", "gradient"),
     [
