@@ -408,6 +408,16 @@ def distance_to_segment(point, a, b):
     return math.dist(point, np.add(a, share * along))
 
 
+def clearances(points, obstacles):
+    """The least and the mean distance of a way to the nearest of some points; inf without any."""
+    nearest = [min((math.dist(a, b) for b in obstacles), default=math.inf) for a in points]
+    lengths = [math.dist(a, b) for a, b in itertools.pairwise(points)]
+    if not obstacles or not sum(lengths):
+        return nearest[0], nearest[0]
+    means = [(a + b) / 2 for a, b in itertools.pairwise(nearest)]
+    return min(nearest), float(np.average(means, weights=lengths))
+
+
 def bilinear(values, row, col):
     """Value and slopes of the bilinear interpolant; centres lie at +0.5, the border goes on."""
     height, width = values.shape

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracles
-from drawn import cells, grid_from_text
 from mapdeal import (
     BitMap,
     Circle,
@@ -24,8 +23,6 @@ from mapdeal import (
     draw,
 )
 
-EMPTY = "......\n......\n......\n......"
-
 
 def turned(grid, points):
     """Points given in cells (column, row) of a grid, in the map frame."""
@@ -33,6 +30,10 @@ def turned(grid, points):
     cos, sin = math.cos(yaw), math.sin(yaw)
     step = grid.resolution
     return [(x + step * (u * cos - v * sin), y + step * (u * sin + v * cos)) for u, v in points]
+
+
+def cells_of(points):
+    return [tuple(math.floor(v + 1e-9) for v in point) for point in points]
 
 
 @pytest.fixture(scope="module")
@@ -72,36 +73,24 @@ def test_convex_polygons_are_those_of_costmap_2d_cell_for_cell(peers):
     assert refused == 7
 
 
-@pytest.mark.parametrize("yaw", [0.0, 0.4, math.pi / 2, -2.5])
-def test_shapes_are_drawn_on_the_turned_map(yaw):
-    grid = grid_from_text(EMPTY, 0.25, (1.5, -2.0, yaw))
-    polygon = Polygon(turned(grid, [(1.5, 0.5), (4.5, 0.5), (4.5, 2.5), (1.5, 2.5)]))
-    line = Line(turned(grid, [(0.5, 0.5), (3.5, 0.5), (3.5, 3.5)]))
-    circle = Circle(turned(grid, [(2.5, 1.5)])[0], 0.25)
-    for shape, expected in (
-        (polygon, "......\n.####.\n.####.\n.####."),
-        (line, "...#..\n...#..\n...#..\n####.."),
-        (circle, "......\n..#...\n.###..\n..#..."),
-    ):
-        drawn = draw(grid, shape, value=100)
-        assert np.array_equal(drawn.occupancy, cells(expected))
-        assert (drawn.resolution, drawn.origin) == (grid.resolution, grid.origin)
-
-
 POINTS = st.tuples(st.floats(-1, 8), st.floats(-1, 6))
 SIZES = st.floats(0.05, 4) | st.sampled_from([0.0, 0.3, 1.0])
 
 
-def test_what_of_a_hole_lies_outside_means_nothing():
-    grid = OccupancyGrid(np.zeros((9, 9), np.int8), 0.25, (1.5, -2.0, 0.4))
-    outer = turned(grid, [(1.5, 1.5), (5.5, 1.5), (5.5, 5.5), (1.5, 5.5)])
-    plain = draw(grid, Polygon(outer), value=100).occupancy
-    away = turned(grid, [(6.5, 6.5), (8.5, 6.5), (8.5, 8.5), (6.5, 8.5)])
-    assert np.array_equal(draw(grid, Polygon(outer, [away]), value=100).occupancy, plain)
-    half = turned(grid, [(3.5, 2.5), (8.5, 2.5), (8.5, 4.5), (3.5, 4.5)])
-    drawn = draw(grid, Polygon(outer, [half, half]), value=100).occupancy
-    assert (drawn <= plain).all()
-    assert np.argwhere(drawn != plain).tolist() == [[3, 4], [3, 5]]
+@given(st.lists(POINTS, min_size=3, max_size=3), POINTS, st.floats(0.1, 3), st.floats(-3, 3))
+def test_polygons_by_the_cells_of_their_corners_on_the_turned_map(corners, hole_from, side, yaw):
+    """Those without an area are lines; what of a hole lies outside means nothing."""
+    grid = OccupancyGrid(np.zeros((5, 7), np.int8), 0.25, (1.5, -2.0, yaw))
+    u, v = hole_from
+    hole = [(u, v), (u + side, v), (u, v + side)]
+    solid, hollow = (oracles.ring_fill([cells_of(ring)], 7, 5) for ring in (corners, hole))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MapdealWarning)
+        shape = Polygon(turned(grid, corners), [turned(grid, hole)])
+        drawn = draw(grid, shape, value=100)
+    assert (drawn.resolution, drawn.origin) == (grid.resolution, grid.origin)
+    cells = {(x, y) for y, x in np.argwhere(drawn.occupancy).tolist()}
+    assert cells == solid - (hollow - set(oracles.outline(cells_of(hole))))
 
 
 @settings(max_examples=40)
@@ -110,7 +99,7 @@ def test_round_shapes_by_distance_in_the_map_frame(a, b, size, yaw):
     """Those too small for more are the cells that hold their points."""
     grid = OccupancyGrid(np.zeros((5, 7), np.int8), 0.25, (1.5, -2.0, yaw))
     bits = BitMap.from_occupancy(grid)
-    own = [tuple(math.floor(v + 1e-9) for v in point) for point in (a, b or a)]
+    own = cells_of([a, b or a])
     start, end = turned(grid, [a, b or a])
     size *= grid.resolution
     line_reach = size / 2 if size > grid.resolution else -1.0  # up to a cell: single cells
@@ -207,13 +196,6 @@ def test_what_cannot_be_drawn_as_meant_is_a_warning_or_with_strict_a_finding(sha
         draw(grid, [Circle((0.5, 0.5), 0.1), shape], value=100, strict=True)
     assert caught.value.exit_code == 1
     assert re.fullmatch(r"shape 2, .*nothing was drawn", str(caught.value))
-
-
-def test_a_polygon_without_area_is_drawn_as_a_line():
-    grid = grid_from_text(EMPTY)
-    with pytest.warns(MapdealWarning, match="no area"):
-        drawn = draw(grid, Polygon(turned(grid, [(0.5, 1.5), (3.5, 1.5), (1.5, 1.5)])), value=100)
-    assert np.array_equal(drawn.occupancy, cells("......\n......\n####..\n......"))
 
 
 def test_a_shape_that_just_fits_is_none_of_these():
