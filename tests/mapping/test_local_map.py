@@ -70,14 +70,6 @@ def test_a_whole_turn_is_no_turn(yaw):
     assert np.array_equal(grids[0].occupancy, grids[1].occupancy)
 
 
-@pytest.mark.parametrize(("threshold", "expected"), [(100, [(2, 0)]), (80, [(0, 0), (2, 0)])])
-def test_the_threshold_of_obstacles_of_the_global_map(threshold, expected):
-    known = OccupancyGrid([[80, 79, 100, -1]], 0.5, (-1.0, 0.0, 0.0))
-    grid = make(NOTHING, (0.0, 0.25, 0.0), size=(2, 0.5), resolution=0.5, global_map=known,
-                lethal_threshold=threshold)  # fmt: skip
-    assert cells(grid) == expected
-
-
 def test_what_neither_the_map_nor_the_cloud_has_seen_is_unknown():
     """A robot in the map's north-west corner, a point beyond it; beams pass unknown cells."""
     known = OccupancyGrid([[0, 0, -1, 0], [-1, 0, 60, 100]], 0.5, (-1.0, -0.5, 0.0))
@@ -101,17 +93,6 @@ def test_without_a_map_cells_without_points_are_free():
     for unknown in ("keep", "free"):
         grid = make([[0.3, 0.1]], (0, 0, 0), size=(2, 1), resolution=0.5, unknown=unknown)
         assert grid.occupancy.tolist() == [[0, 0, 0, 0], [0, 0, 100, 0]]
-
-
-@pytest.mark.parametrize("reach", [None, 0.6])
-def test_beams_have_seen_as_far_as_the_limits_say(reach):
-    known = OccupancyGrid([[-1]], 0.5, (9.0, 0.0, 0.0))
-    limits = {"max_range": 1.1, "raytrace_range": reach}
-    grid = make([[3.0, 0.0], [-0.3, 0.0]], (0.25, 0.25, 0), size=(4, 0.5), resolution=0.5,
-                global_map=known, **limits)  # fmt: skip
-    assert grid.origin[0] == -2.0
-    ahead = [0, 0, -1, -1] if reach is None else [0, -1, -1, -1]
-    assert grid.occupancy[0].tolist() == [-1, -1, -1, 100, *ahead]
 
 
 def test_a_cell_of_another_lattice_is_free_if_all_of_it_is():
