@@ -206,12 +206,12 @@ def test_a_corner_outside_is_a_collision_wherever_it_is(each_engine):
 
 def test_upper_edges_belong_to_no_cell(each_engine):
     poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [-5e-324, 0.0, 0.0]])
-    lattice, costs = Lattice(0.5, 0.0, 0.0, 0.0), np.array([[3, 8]], np.uint8)
-    found, inside = costs_at_poses(costs, lattice, np.zeros((3, 2)), poses, filled=False)
-    assert found.tolist() == [3, 254, 254, 254]
-    assert inside.tolist() == [True, False, False, False]
-    lattice = Lattice(1e6, 0.0, 0.0, 0.0)
-    assert not costs_at_poses(costs, lattice, np.zeros((3, 2)), poses[3:], filled=False)[1].any()
+    costs = np.array([[3, 8]], np.uint8)
+    for resolution, held in ((0.5, [True, False, False, False]), (1e6, [True, True, True, False])):
+        lattice = Lattice(resolution, 0.0, 0.0, 0.0)
+        found, inside = costs_at_poses(costs, lattice, np.zeros((3, 2)), poses, filled=False)
+        assert inside.tolist() == held
+        assert found.tolist() == np.where(held, 3, 254).tolist()
 
 
 @needs_compiled

@@ -143,12 +143,9 @@ def test_parts_of_a_cloud_are_one_cloud():
     assert row_of([[[0.7, 0.1]], [[1.0, 0.1]]], add="add_in_parts") == expected
 
 
-def test_points_that_are_far_away_clear_inside():
+def test_points_far_away_clear_inside_and_those_beyond_the_height_limits_nothing():
     far = [[1e6, 0.0], [-1e9, 0.0], [1e300, 0.0], [math.nan, 0.0], [math.inf, 0.0]]
     assert row_of(far, length=2) == [-1, -1, 0, 0]
-
-
-def test_points_beyond_the_height_limits_clear_nothing():
     points = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.5]]
     assert row_of(points, min_height=0.1, max_height=1.0) == [-1, 100, 0, 0, -1, -1]
 
