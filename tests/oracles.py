@@ -380,6 +380,18 @@ def full_footprint_cost(costs, cells):
     return 254 if 254 in found else max(found)
 
 
+def value_at(grid, point, margin):
+    """The value at a point, -1 outside; None within a margin of an edge, in cells."""
+    yaw = grid.origin[2]
+    x, y = np.subtract(point, grid.origin[:2]) / grid.resolution
+    row, col = y * math.cos(yaw) - x * math.sin(yaw), x * math.cos(yaw) + y * math.sin(yaw)
+    if min(abs(place - round(place)) for place in (row, col)) < margin:
+        return None
+    row, col = math.floor(row), math.floor(col)
+    inside = 0 <= row < grid.shape[0] and 0 <= col < grid.shape[1]
+    return int(grid.occupancy[row, col]) if inside else -1
+
+
 def shared_area(first, second):
     """The area that two convex anticlockwise polygons share: the second clips the first."""
     polygon = first

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 import oracles
 from mapdeal import MapdealWarning, OccupancyGrid, Transform, merge
@@ -24,16 +25,6 @@ def place_in(grid, point):
     """Column and row of a point of the map frame, with fractions."""
     inverse = Transform(*grid.origin).inverse()
     return inverse.points([point])[0] / grid.resolution
-
-
-def value_at(grid, point):
-    """The value at a point, None if it is too near to an edge to be sure."""
-    place = place_in(grid, point)
-    if np.abs(place - np.round(place)).min() < EDGE:
-        return None
-    col, row = map(math.floor, place)
-    height, width = grid.shape
-    return int(grid.occupancy[row, col]) if 0 <= row < height and 0 <= col < width else -1
 
 
 def square(grid, row, col):
@@ -83,7 +74,7 @@ def test_cells_are_what_plain_python_makes_of_them(case, rule):
             target = square(grid, row, col)
             if number:
                 target = transforms[number - 1].points(target)
-            value = value_at(one, target.mean(axis=0))
+            value = oracles.value_at(one, target.mean(axis=0), EDGE)
             above = overlapping(one, target) if number else 0
             if value is None or above is None:
                 break
@@ -233,13 +224,9 @@ def test_what_is_odd_is_warned_of():
 
 
 def seen_by(grid, cells):
-    """Cells within so many cells of an obstacle, by brute force."""
-    walls = np.argwhere(np.asarray(grid) == 100)
-    return np.array(
-        [[min((math.dist(at, wall) for wall in walls), default=math.inf) <= cells
-          for at in ((row, col) for col in range(grid.shape[1]))]
-         for row in range(grid.shape[0])]
-    )  # fmt: skip
+    """Cells within so many cells of an obstacle."""
+    walls = np.asarray(grid) == 100
+    return walls.any() & (ndimage.distance_transform_edt(~walls) <= cells)
 
 
 @given(st.data(), st.sampled_from(["occupied", "newest"]), st.sampled_from([1.0, 1.5, 2.3]))
