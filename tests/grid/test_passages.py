@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
+from scipy.cluster.hierarchy import DisjointSet
 
 from mapdeal import Frame, OccupancyGrid, ParameterError, read_map
 from mapdeal.grid.reaching import (
@@ -159,21 +160,6 @@ def test_without_a_wall_or_a_way_there_are_no_passages():
     assert found(rooms(3), (0, 0), 0.2) == ()
 
 
-class Groups(dict):
-    """What belongs together: every member leads to another, the last one to itself."""
-
-    def __init__(self, members):
-        super().__init__((one, one) for one in members)
-
-    def top(self, member):
-        while self[member] != member:
-            member = self[member]
-        return member
-
-    def join(self, one, other):
-        self[self.top(one)] = self.top(other)
-
-
 def cells_in(mask):
     return [tuple(cell) for cell in np.argwhere(mask).tolist()]
 
@@ -221,11 +207,11 @@ def brute_open(squared, is_open, is_traversable, start, radius, margin, min_cell
     told = []
     for link in links:
         if link[2] and group[link[0]] is group[start]:
-            without = Groups(group)
+            without = DisjointSet(group)
             for one, other, _ in (one for one in links if one is not link):
-                without.join(one, other)
-            side = without.top(start)
-            behind = sum(is_open[cell] and without.top(cell) != side for cell in group[start])
+                without.merge(one, other)
+            side = without[start]
+            behind = sum(is_open[cell] and without[cell] != side for cell in group[start])
             if behind:
                 told.append((int(squared[link[0]]), int(behind)))
     return told, is_certain
@@ -250,52 +236,52 @@ def brute_closed(squared, is_traversable, start, radius, min_cells):
     labels, count = ndimage.label(is_traversable & (np.sqrt(squared) > radius))
     sizes, every = np.bincount(labels.ravel()), range(1, count + 1)
     large = {k for k in every if sizes[k] >= min_cells or k == labels[start]}
-    joined, home = Groups(cells_in(is_traversable)), Groups(cells_in(is_traversable))
+    joined, home = DisjointSet(cells_in(is_traversable)), DisjointSet(cells_in(is_traversable))
     owner = {cell: int(labels[cell]) for cell in home}
     links = []
     for cell, places in added(squared, is_traversable):
         for place in places:
-            if joined.top(cell) == joined.top(place):
+            if joined[cell] == joined[place]:
                 continue
-            joined.join(cell, place)
-            one, other = home.top(cell), home.top(place)
+            joined.merge(cell, place)
+            one, other = home[cell], home[place]
             if owner[one] and owner[other] and owner[one] != owner[other]:
                 links.append((cell, owner[one], owner[other]))
             else:
-                home.join(one, other)
-                owner[other] = owner[one] or owner[other]
-    group, is_meeting = Groups(every), []
+                home.merge(one, other)
+                owner[home[one]] = owner[one] or owner[other]
+    group, is_meeting = DisjointSet(every), []
     for _, *ends in links:
-        of_large = {group.top(k) for k in large}
-        is_meeting.append(of_large >= {group.top(end) for end in ends})
+        of_large = {group[k] for k in large}
+        is_meeting.append(of_large >= {group[end] for end in ends})
         if not is_meeting[-1]:
-            group.join(*ends)
-    cluster = Groups(every)
+            group.merge(*ends)
+    cluster = DisjointSet(every)
     for (_, *ends), meets in zip(links, is_meeting, strict=True):
         if not meets and not large & set(ends):
-            cluster.join(*ends)
+            cluster.merge(*ends)
     for index, (_, *ends) in enumerate(links):
         small = set(ends) - large
         if not is_meeting[index] and len(small) == 1:
-            end = cluster.top(*small)
-            inside = [k for k in every if k not in large and cluster.top(k) == end]
+            end = cluster[next(iter(small))]
+            inside = [k for k in every if k not in large and cluster[k] == end]
             is_meeting[index] = sum(sizes[inside]) >= min_cells
-    region, doors = Groups(every), []
+    region, doors = DisjointSet(every), []
     for link, meets in zip(links, is_meeting, strict=True):
         if meets:
             doors.append(link)
         else:
-            region.join(*link[1:])
-    owned = {cell: owner[home.top(cell)] for cell in home}
-    owned = {cell: region.top(k) for cell, k in owned.items() if k}
+            region.merge(*link[1:])
+    owned = {cell: owner[home[cell]] for cell in home}
+    owned = {cell: region[k] for cell, k in owned.items() if k}
     if start not in owned:
         return [], []
     behind, leading = {}, {}  # a region: the cells behind the door to it, and that door
 
     def walk(node, before):
-        total = sum(sizes[k] for k in every if region.top(k) == node)
+        total = sum(sizes[k] for k in every if region[k] == node)
         for cell, *ends in doors:
-            ends = [region.top(k) for k in ends]
+            ends = [region[k] for k in ends]
             if node in ends and (after := ends[1 - ends.index(node)]) != before:
                 leading[after] = cell
                 behind[after] = walk(after, node)
@@ -306,11 +292,11 @@ def brute_closed(squared, is_traversable, start, radius, min_cells):
     told = [(int(squared[leading[k]]), int(behind[k])) for k in behind]
     others = []
     for door in borders_of(owned, squared):
-        met = Groups(every)
+        met = DisjointSet(every)
         for _, cell, ends, _ in sorted(door, key=lambda one: one[0]):
-            if met.top(ends[0]) == met.top(ends[1]):
+            if met[ends[0]] == met[ends[1]]:
                 continue
-            met.join(*ends)
+            met.merge(*ends)
             far = [end for end in ends if end in behind]
             if far and cell not in leading.values():
                 far = min(far, key=lambda end: (behind[end], -squared[leading[end]]))
