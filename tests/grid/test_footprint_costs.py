@@ -124,11 +124,6 @@ def test_white_space_of_any_kind_may_stand_between_numbers(space):
     assert Footprint.parse(text).vertices == ((1, 0.5), (-1, 1), (0, -1))
 
 
-def test_a_robot_beside_its_centre_is_warned_of():
-    with pytest.warns(MapdealWarning, match="outside"):
-        Footprint.polygon([[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]])
-
-
 def random_costs():
     values = np.array([0, 60, 253, 254, 255], np.uint8)
     cells = np.random.default_rng(3).choice(values, (40, 60), p=[0.8, 0.1, 0.05, 0.03, 0.02])

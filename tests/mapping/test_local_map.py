@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal import LocalMapper, LocalOptions, MapdealWarning, OccupancyGrid
+from mapdeal import LocalMapper, LocalOptions, OccupancyGrid
 from mapdeal import local_map as make
-from mapdeal.mapping.transforms import CoveredAngles, wrapped
+from mapdeal.mapping.transforms import CoveredAngles
 
 
 def cells(grid):
@@ -251,9 +251,3 @@ def test_angles_across_pi_and_below_zero():
 )  # fmt: skip
 def test_the_rear_heading(yaw, rear):
     assert LocalMapper((0, 0, yaw), LocalOptions()).result().rear_heading == pytest.approx(rear)
-
-
-def test_a_yaw_of_more_than_a_turn_may_be_in_degrees():
-    with pytest.warns(MapdealWarning, match="degrees"):
-        mapper = LocalMapper((0, 0, 90.0), LocalOptions())
-    assert mapper.pose[2] == pytest.approx(wrapped(90.0))

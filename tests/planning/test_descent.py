@@ -206,21 +206,13 @@ def test_the_lowest_neighbour_is_that_of_the_steepest_way():
     assert _slope([[9, 2, 9]])._lowest_neighbour((0.5, 1.2), 3.0) == (0.5, 1.5)
 
 
-@pytest.mark.parametrize(
-    ("row", "col", "value", "gradient"),
-    [
-        (2.0, 3.0, 4 + 9 + 6, (4 + 3, 3 + 2)),  # at the centre of a cell
-        (2.25, 3.0, 0.75 * 4 + 0.25 * 9 + 9 + 6.75, (4.5 + 3, 3 + 2.25)),
-        (2.0, 3.75, 4 + 11.25 + 7.5, (4 + 3.75, 3 + 2)),
-        (2.5, 3.25, 6.5 + 9.75 + 8.125, (5 + 3.25, 3 + 2.5)),
-        (0.0, 0.0, 0.0, (1.0, 3.0)),  # in a corner the differences are one-sided
-        (5.0, 7.0, 25 + 21 + 35, (9 + 7, 3 + 5)),
-    ],
-)
-def test_value_and_gradient_of_a_surface_by_hand(row, col, value, gradient):
-    # z = r^2 + 3 c + r c, whose central differences are 2 r + c and 3 + r
-    r, c = np.mgrid[:6, :8]
-    slope = _slope(r**2 + 3 * c + r * c)
-    place = (row + 0.5, col + 0.5)
+@given(st.integers(0, 2**32 - 1))
+def test_values_and_gradients_are_blends_of_those_at_the_centres_around(seed):
+    """Of central differences, which are one-sided at the border."""
+    rng = np.random.default_rng(seed)
+    surface = rng.uniform(-9, 9, rng.integers(1, 8, 2))
+    slope, place = _slope(surface), tuple(rng.random(2) * surface.shape)
+    along_cols, along_rows = oracles.slopes_along_map_axes(surface, 1.0, 0.0)
+    value, *gradient = (oracles.bilinear(k, *place)[0] for k in (surface, along_rows, along_cols))
     assert slope.value_at(place) == pytest.approx(value, abs=1e-12)
     assert slope._gradient_at(place) == pytest.approx(gradient, abs=1e-12)

@@ -176,8 +176,13 @@ def graph_of(text, radius=0.2, resolution=0.25, goals=(), **wishes):
     return route_graph_of(found, Wishes(**wishes)).graph
 
 
-def test_a_door_has_a_node_in_its_middle_with_its_width():
-    graph = graph_of(TWO_ROOMS, hall=9.0)
+def test_a_door_has_a_node_in_its_middle_with_its_width_and_a_goal_has_its_own():
+    x, y = grid_from_text(TWO_ROOMS).frame.xy_from_rowcol([(2, 3)])[0].tolist()
+    graph = graph_of(TWO_ROOMS, hall=9.0, goals=(Goal(x, y, "dock"),))
+    (node,) = [one for one in graph.nodes if one.metadata["kind"] == "goal"]
+    assert node.metadata["name"] == "dock"
+    assert math.dist((node.x, node.y), (x, y)) < 1e-3
+    assert any(node.id == one.start for one in graph.edges)
     (door,) = [one for one in graph.nodes if one.metadata["kind"] == "door"]
     assert door.metadata["width"] == 0.5
     middle = grid_from_text(TWO_ROOMS).frame.xy_from_continuous_rowcol([[5, 15]])[0]
@@ -207,15 +212,6 @@ def test_a_hall_has_a_lattice_and_no_single_line():
     assert 15.0 * 10.0 / len(graph.nodes) > AREA_PER_NODE
     inner = np.bincount(graph.ends[:, 0])
     assert inner.max() == 8
-
-
-def test_goals_get_nodes_of_their_own():
-    x, y = grid_from_text(TWO_ROOMS).frame.xy_from_rowcol([(2, 3)])[0].tolist()
-    graph = graph_of(TWO_ROOMS, goals=(Goal(x, y, "dock"),))
-    (node,) = [one for one in graph.nodes if one.metadata["kind"] == "goal"]
-    assert node.metadata["name"] == "dock"
-    assert math.dist((node.x, node.y), (x, y)) < 1e-3
-    assert any(node.id == one.start for one in graph.edges)
 
 
 def test_lanes_are_on_the_right_and_lead_both_ways():
