@@ -85,18 +85,21 @@ def test_each_map_is_a_replay_of_the_last_clouds(each_engine, run, keep, limits,
         expected = replayed(clouds[first : k + 1], poses[first : k + 1], size, 0.3, **oracle)
         np.testing.assert_array_equal(made.grid.occupancy, expected)
         assert made.clouds == k + 1 - first
+        corner = np.array(made.grid.origin[:2]) / 0.3  # of all windows on one lattice
+        np.testing.assert_allclose(corner, np.round(corner), atol=1e-9)
         alone = replayed([clouds[k]], [poses[k]], size, 0.3, **oracle)
         assert made.from_earlier == np.count_nonzero((expected == 100) & (alone != 100))
 
 
 def test_the_map_s_obstacles_are_not_cleared_and_its_free_cells_are_known():
-    known = OccupancyGrid([[0, 0, 100, -1, -1, -1]], 0.5, (-1.0, 0.0, 0.0))
-    mapper = RollingMapper([[-0.75, 0.25, 0.0]] * 2, LocalOptions(size=(7, 0.5), resolution=0.5),
+    known = OccupancyGrid([[0, 0, 100, -1, -1, -1]], 0.5, (-1.1, 0.2, 0.0))
+    mapper = RollingMapper([[-0.85, 0.45, 0.0]] * 2, LocalOptions(size=(7, 0.5), resolution=0.5),
                            keep=1, global_map=known)  # fmt: skip
-    mapper.add([[1.7, 0.0]])  # at 0.95, behind the map's obstacle
+    mapper.add([[1.7, 0.0]])  # at 0.85, behind the map's obstacle
     made = mapper.result()
-    (first,) = known.frame.unbounded_rowcol_from_xy(made.grid.frame.xy_from_rowcol([[0, 0]]))
-    shown = made.grid.occupancy[0, -first[1] :]
+    ((row, col),) = known.frame.continuous_rowcol_from_xy([made.grid.origin[:2]])
+    assert (row, col) == pytest.approx((0, round(col)), abs=1e-9)  # one lattice
+    shown = made.grid.occupancy[0, -round(col) :]
     assert shown[:6].tolist() == [0, 0, 100, 100, -1, -1]
     assert made.from_map == 1
 
@@ -160,15 +163,3 @@ def test_threads_do_not_matter():
                 mapper.add(points)
             found.append(mapper.result().grid.occupancy.tobytes())
     assert found[0] == found[1]
-
-
-def test_all_windows_lie_on_one_lattice():
-    known = OccupancyGrid(np.zeros((4, 5), np.int8), 0.1, (0.03, -0.06, 0.0))
-    poses = [[0.013 * k, 0.027 * k, 0.3 * k] for k in range(9)]
-    mapper = RollingMapper(poses, LocalOptions(size=(0.6, 0.4), resolution=0.1), global_map=known)
-    for _ in poses:
-        mapper.add(NOTHING)
-        x, y, yaw = mapper.result().grid.origin
-        assert (x - 0.03) / 0.1 == pytest.approx(round((x - 0.03) / 0.1), abs=1e-9)
-        assert (y + 0.06) / 0.1 == pytest.approx(round((y + 0.06) / 0.1), abs=1e-9)
-        assert yaw == 0
