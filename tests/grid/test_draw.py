@@ -135,9 +135,6 @@ def test_what_is_drawn_on_bits_is_what_is_drawn_on_the_map():
             assert np.array_equal(drawn, expected)
 
 
-TRIANGLE = Polygon([(0.5, 0.5), (9, 0.5), (0.5, 0.9)])
-
-
 def test_a_line_of_a_cell_s_thickness_clips_nothing():
     grid = OccupancyGrid(np.zeros((5, 7), np.int8), 0.25, (1.5, -2.0, 0.4))
     ends = turned(grid, [(0.1, 0.1), (6.9, 3.2)])
@@ -174,7 +171,7 @@ def test_the_larger_or_the_smaller_value_wins_and_unknown_gives_way(scale, overl
     [
         (Polygon([(9, 9), (10, 9), (9, 10)]), "polygon: vertex 1, (9, 9), lies outside of the map"),
         (Polygon([(0, 0), (1.25, 0), (0, 0.9)]), "vertex 2, (1.25, 0) (upper edges belong to no"),
-        (TRIANGLE, "(9, 0.5), lies outside of the map; the sh"),
+        (Polygon([(0.5, 0.5), (9, 0.5), (0.5, 0.9)]), "(9, 0.5), lies outside of the map; the sh"),
         (Polygon([(0.2, 0.2), (0.6, 0.6), (0.9, 0.9)]), "no area, its corners lie on a"),
         (Line([(0.5, 0.5), (3.0, 0.5)]), "line: vertex 2, (3, 0.5), lies"),
         (Line([(0.5, 0.5), (0.6, 0.5)], thickness=2.0), "line: its thickness lies"),

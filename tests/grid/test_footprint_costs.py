@@ -61,7 +61,9 @@ def test_all_recorded_costs_of_nav2_are_equal(recorded, monkeypatch, mapdeal_war
 
 @pytest.mark.parametrize("yaw", [0.4, -2.9, np.pi / 2])
 def test_the_yaw_of_a_map_turns_nothing_but_the_frame(yaw):
-    level = random_costs()
+    values = np.array([0, 60, 253, 254, 255], np.uint8)
+    cells = np.random.default_rng(3).choice(values, (40, 60), p=[0.8, 0.1, 0.05, 0.03, 0.02])
+    level = Costmap(cells, 0.1, (1.5, -2.0, 0.0))
     turned = Costmap(level.cost, level.resolution, (1.5, -2.0, yaw))
     poses = np.random.default_rng(5).uniform((1.5, -2.0, -3), (7.5, 2.0, 3), (3000, 3))
     places = level.frame.continuous_rowcol_from_xy(poses[:, :2])
@@ -122,12 +124,6 @@ def test_radii_are_those_of_costmap_2d(real_maps):
 def test_white_space_of_any_kind_may_stand_between_numbers(space):
     text = " [ [ 1 , +.5 ] , [ -1e0 , 1 ] , [ 0 , -1 ] ] ".replace(" ", space)
     assert Footprint.parse(text).vertices == ((1, 0.5), (-1, 1), (0, -1))
-
-
-def random_costs():
-    values = np.array([0, 60, 253, 254, 255], np.uint8)
-    cells = np.random.default_rng(3).choice(values, (40, 60), p=[0.8, 0.1, 0.05, 0.03, 0.02])
-    return Costmap(cells, 0.1, (1.5, -2.0, 0.0))
 
 
 SHAPES = [
