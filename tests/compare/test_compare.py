@@ -79,9 +79,8 @@ def counted(estimate, truth):
 
     def table(some):
         ones, others = own_walls[some], true_walls[some]
-        cells = {"tp": ones & others, "tn": ~ones & ~others, "fp": ones & ~others,
-                 "fn": ~ones & others}  # fmt: skip
-        count = {name: marked.sum() for name, marked in cells.items()}
+        cells = ones & others, ~ones & ~others, ones & ~others, ~ones & others
+        count = {k: one.sum() for k, one in zip(("tp", "tn", "fp", "fn"), cells, strict=True)}
         is_told = len(np.unique(ones)) == len(np.unique(others)) == 2
         return count, float(np.corrcoef(ones, others)[0, 1]) if is_told else None
 

@@ -76,8 +76,8 @@ def test_each_map_is_a_replay_of_the_last_clouds(each_engine, run, keep, limits,
     mapper = RollingMapper(poses, LocalOptions(size=size, resolution=0.3, **limits), keep=keep)
     most = limits.get("max_range", math.inf)
     reach = limits.get("raytrace_range", most)
-    oracle = {"least": limits.get("min_range", 0.0), "most": most, "reach": reach,
-              "offset": limits.get("offset", (0, 0))}  # fmt: skip
+    least, offset = limits.get("min_range", 0.0), limits.get("offset", (0, 0))
+    oracle = {"offset": offset, "least": least, "most": most, "reach": reach}
     for k, points in enumerate(clouds):
         mapper.add(points)
         first = 0 if keep is None else max(0, k + 1 - keep)
