@@ -360,6 +360,18 @@ def full_footprint_cost(costs, cells):
     return 254 if 254 in found else max(found)
 
 
+def value_at(grid, point, margin):
+    """The value at a point, -1 outside; None within a margin of an edge, in cells."""
+    yaw = grid.origin[2]
+    x, y = np.subtract(point, grid.origin[:2]) / grid.resolution
+    row, col = y * math.cos(yaw) - x * math.sin(yaw), x * math.cos(yaw) + y * math.sin(yaw)
+    if min(abs(place - round(place)) for place in (row, col)) < margin:
+        return None
+    row, col = math.floor(row), math.floor(col)
+    inside = 0 <= row < grid.shape[0] and 0 <= col < grid.shape[1]
+    return int(grid.occupancy[row, col]) if inside else -1
+
+
 def shared_area(first, second):
     """The area that two polygons share."""
     from shapely import Polygon
@@ -375,6 +387,16 @@ def distance_to_segment(point, a, b):
         0.0 if length == 0 else min(1.0, max(0.0, float(np.subtract(point, a) @ along) / length))
     )
     return math.dist(point, np.add(a, share * along))
+
+
+def clearances(points, obstacles):
+    """The least and the mean distance of a way to the nearest of some points; inf without any."""
+    nearest = [min((math.dist(a, b) for b in obstacles), default=math.inf) for a in points]
+    lengths = [math.dist(a, b) for a, b in itertools.pairwise(points)]
+    if not obstacles or not sum(lengths):
+        return nearest[0], nearest[0]
+    means = [(a + b) / 2 for a, b in itertools.pairwise(nearest)]
+    return min(nearest), float(np.average(means, weights=lengths))
 
 
 def bilinear(values, row, col):

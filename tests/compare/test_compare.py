@@ -1,9 +1,9 @@
-"""The other figures of a score, against loops over all cells."""
+"""The figures of a score, against all cells and all pairs of cells."""
 
 import hashlib
 import importlib.util
-import json
 import math
+from collections import defaultdict
 from unittest.mock import ANY
 
 import numpy as np
@@ -12,10 +12,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+import oracles
 from mapdeal import OccupancyGrid, ParameterError, ScoreBound, read_map
 from mapdeal.compare import score
 from mapdeal.compare.bounds import checked_bounds, figure_in, figures_named, judged
-from mapdeal.compare.score import FREE, OCCUPIED, UNKNOWN, compare_states, compare_to_truth
+from mapdeal.compare.score import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    compare_states,
+    compare_to_truth,
+    gaussian_similarity,
+    uniform_similarity,
+)
 from mapdeal.grid.frame import Frame, Transform
 from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.threads import use_threads
@@ -33,21 +42,12 @@ def by_hand(sources, targets, cell):
     empty = dict.fromkeys(("mean", "median", "p95", "max", "share_lt_0p1", "share_le_0p1"))
     if not sources or not targets:
         return {"n": len(sources), **empty}
-    squares = [min((a - c) ** 2 + (b - d) ** 2 for c, d in targets) for a, b in sources]
-    metres = sorted(math.sqrt(square) * cell for square in squares)
-
-    def at(share):
-        place = share * (len(metres) - 1)
-        low = math.floor(place)
-        high = min(low + 1, len(metres) - 1)
-        return metres[low] + (place - low) * (metres[high] - metres[low])
-
-    count = len(metres)
+    squares = np.array([min((a - c) ** 2 + (b - d) ** 2 for c, d in targets) for a, b in sources])
+    metres = np.sqrt(squares) * cell
+    median, p95 = np.quantile(metres, [0.5, 0.95])
     return {
-        "n": count, "mean": math.fsum(metres) / count, "median": at(0.5), "p95": at(0.95),
-        "max": metres[-1],
-        "share_lt_0p1": sum(square < 4 for square in squares) / count,
-        "share_le_0p1": sum(square <= 4 for square in squares) / count,
+        "n": len(metres), "mean": metres.mean(), "median": median, "p95": p95, "max": metres.max(),
+        "share_lt_0p1": (squares < 4).mean(), "share_le_0p1": (squares <= 4).mean(),
     }  # fmt: skip
 
 
@@ -72,39 +72,32 @@ def test_distances_are_those_of_all_pairs_of_cells(shape, seed, without):
 
 
 def counted(estimate, truth):
-    """Return the counts and shares, from loops over the cells."""
-    cells = list(zip(estimate.ravel().tolist(), truth.ravel().tolist(), strict=True))
-
-    def number(test):
-        return sum(1 for e, t in cells if test(e, t))
+    """Return the counts and shares, each from the cells that it is about."""
 
     def part(few, many):
-        return few / many if many else None
+        return few.sum() / many.sum() if many.any() else None
 
     def table(some):
-        count = {
-            "tp": sum(e == t == OCCUPIED for e, t in some),
-            "tn": sum(e != OCCUPIED != t for e, t in some),
-            "fp": sum(e == OCCUPIED != t for e, t in some),
-            "fn": sum(t == OCCUPIED != e for e, t in some),
-        }
-        ones, others = ([pair[k] == OCCUPIED for pair in some] for k in (0, 1))
-        if len(set(ones)) < 2 or len(set(others)) < 2:
-            return count, None
-        return count, float(np.corrcoef(ones, others)[0, 1])
+        ones, others = own_walls[some], true_walls[some]
+        cells = ones & others, ~ones & ~others, ones & ~others, ~ones & others
+        count = {k: one.sum() for k, one in zip(("tp", "tn", "fp", "fn"), cells, strict=True)}
+        is_told = len(np.unique(ones)) == len(np.unique(others)) == 2
+        return count, float(np.corrcoef(ones, others)[0, 1]) if is_told else None
 
-    of_known, mcc_known = table([(e, t) for e, t in cells if e and t])
-    whole, mcc_whole = table(cells)
-    both = number(lambda e, t: e and t)
-    tp = of_known["tp"]
+    (own_walls, own_free, own_known), (true_walls, true_free, true_known) = (
+        (one == OCCUPIED, one == FREE, one != UNKNOWN) for one in (estimate, truth)
+    )
+    both, hits = own_known & true_known, own_walls & true_walls
+    of_known, mcc_known = table(both)
+    whole, mcc_whole = table(np.ones_like(both))
     return {
-        "iou_occupied": part(whole["tp"], number(lambda e, t: OCCUPIED in (e, t))),
-        "iou_free": part(number(lambda e, t: e == t == FREE), number(lambda e, t: FREE in (e, t))),
-        "precision_occupied_known_in_both": part(tp, tp + of_known["fp"]),
-        "recall_occupied_known_in_both": part(tp, tp + of_known["fn"]),
-        "coverage": part(both, number(lambda _, t: t)),
-        "coverage_free": part(number(lambda e, t: t == FREE and e), number(lambda _, t: t == FREE)),
-        "known_in_both": both,
+        "iou_occupied": part(hits, own_walls | true_walls),
+        "iou_free": part(own_free & true_free, own_free | true_free),
+        "precision_occupied_known_in_both": part(hits, own_walls & true_known),
+        "recall_occupied_known_in_both": part(hits, true_walls & own_known),
+        "coverage": part(both, true_known),
+        "coverage_free": part(true_free & own_known, true_free),
+        "known_in_both": both.sum(),
         "mcc_known_in_both": mcc_known,
         "confusion_known_in_both": of_known,
         "mcc_whole_lattice": mcc_whole,
@@ -113,7 +106,7 @@ def counted(estimate, truth):
 
 
 @given(SHAPES, st.integers(0, 10_000))
-def test_counts_and_shares_are_those_of_loops_over_the_cells(shape, seed):
+def test_counts_and_shares_are_those_of_the_cells(shape, seed):
     estimate, truth = np.random.default_rng(seed).integers(0, 3, (2, *shape), dtype=np.uint8)
     values = compare_states(estimate, truth, Frame(*shape, 0.2)).values
     for name, value in counted(estimate, truth).items():
@@ -135,33 +128,24 @@ def test_two_cells_of_5_cm_are_not_less_than_10_cm_and_four_of_25_mm_neither():
     st.integers(0, 1000), st.floats(-2, 2), st.floats(-2, 2), st.floats(-3.1, 3.1),
     st.sampled_from([0.25, 0.3, 0.5]), st.floats(-3, 3), st.floats(-3, 3),
 )  # fmt: skip
-def test_the_estimate_is_looked_up_at_the_centres_of_the_truth(
+def test_the_estimate_is_looked_up_at_the_centres_of_the_truth_and_values_between_are_unknown(
     seed, dx, dy, turn, cell, own_yaw, yaw
 ):
     rng = np.random.default_rng(seed)
-    estimate = OccupancyGrid(rng.choice([-1, 0, 100], (7, 9)), cell, (0.4, -0.7, own_yaw))
-    truth = OccupancyGrid(rng.choice([-1, 0, 100], (5, 8)), 0.37, (-0.3, 0.2, yaw))
-    found = compare_to_truth(estimate, truth, Transform(dx, dy, turn)).estimate
-    states = {-1: UNKNOWN, 0: FREE, 100: OCCUPIED}
+    of_cells = [-1, 0, 0, 1, 50, 99, 100, 100]
+    estimate = OccupancyGrid(rng.choice(of_cells, (7, 9)), cell, (0.4, -0.7, own_yaw))
+    truth = OccupancyGrid(rng.choice(of_cells, (5, 8)), 0.37, (-0.3, 0.2, yaw))
+    compared = compare_to_truth(estimate, truth, Transform(dx, dy, turn))
+    found, states = compared.estimate, defaultdict(lambda: UNKNOWN, {0: FREE, 100: OCCUPIED})
+    assert compared.truth.ravel().tolist() == [states[v] for v in truth.occupancy.flat]
     for row, col in np.ndindex(5, 8):
         x, y = turned((col + 0.5) * 0.37, (row + 0.5) * 0.37, yaw)
-        x, y = turned(x - 0.3 - dx, y + 0.2 - dy, -turn)
-        x, y = (c / cell for c in turned(x - 0.4, y + 0.7, -own_yaw))
-        if min(abs(x - round(x)), abs(y - round(y))) > 1e-6:
-            i, j = math.floor(y), math.floor(x)
-            inside = 0 <= i < 7 and 0 <= j < 9
-            assert found[row, col] == (states[estimate.occupancy[i, j]] if inside else UNKNOWN)
+        value = oracles.value_at(estimate, turned(x - 0.3 - dx, y + 0.2 - dy, -turn), 1e-6)
+        assert value is None or found[row, col] == states[value]
 
 
 def turned(x, y, angle):
     return (x * math.cos(angle) - y * math.sin(angle), x * math.sin(angle) + y * math.cos(angle))
-
-
-def test_values_between_count_as_unknown():
-    values = OccupancyGrid([[0, 1, 20, 65, 99, 100, -1]], 0.5, (1.0, 2.0, 0.5))
-    found = compare_to_truth(values, values)
-    assert found.truth.tolist() == [[FREE, *[UNKNOWN] * 4, OCCUPIED, UNKNOWN]]
-    assert (found.estimate == found.truth).all()
 
 
 PIXELS = np.array([0.5, 1.0, 0.0])  # unknown, free, occupied
@@ -197,29 +181,30 @@ def test_both_are_the_formula_over_all_windows(height, width, seed):
     other = rng.integers(0, 3, first.shape, dtype=np.uint8)
     second = np.where(rng.random(first.shape) < 0.3, other, first)
     expected = by_windows(first, second, EVEN, 49 / 48)
-    assert score.uniform_similarity(first, second) == pytest.approx(expected, abs=1e-12)
+    assert uniform_similarity(first, second) == pytest.approx(expected, abs=1e-12)
     expected = by_windows(first, second, BELL, 1.0)
-    assert score.gaussian_similarity(first, second) == pytest.approx(expected, abs=1e-12)
+    assert gaussian_similarity(first, second) == pytest.approx(expected, abs=1e-12)
 
 
 def test_bands_and_threads_change_nothing(monkeypatch):
     rng = np.random.default_rng(3)
     first, second = rng.integers(0, 3, (2, 700, 611), dtype=np.uint8)
-    scores = []
-    for together, threads in ((1 << 20, 1), (9000, 2)):
+    walls, found = rng.random((700, 400)) < 0.2, []
+    for together, rows, threads in ((1 << 20, 1 << 20, 1), (9000, 37, 2), (1, 333, 2)):
         monkeypatch.setattr(score, "TOGETHER", together)
+        monkeypatch.setattr(score, "LEAST_ROWS_ALONE", rows)
         with use_threads(threads):
-            scores.append(
-                (score.uniform_similarity(first, second), score.gaussian_similarity(first, second))
-            )
-    assert scores[0] == scores[1]
+            likeness = [f(first, second) for f in (uniform_similarity, gaussian_similarity)]
+            found.append((likeness, score.corners_of(walls).tobytes()))
+    assert any(found[0][1])
+    assert found[1:] == found[:1] * 2
 
 
 def test_maps_smaller_than_a_window_have_none():
     one, row = np.ones((6, 40), np.uint8), np.ones((8, 10), np.uint8)
-    assert score.uniform_similarity(one, one) is None
-    assert score.uniform_similarity(row, row) == 1.0
-    assert score.gaussian_similarity(row, row) is None
+    assert uniform_similarity(one, one) is None
+    assert uniform_similarity(row, row) == 1.0
+    assert gaussian_similarity(row, row) is None
 
 
 def rooms():
@@ -287,13 +272,6 @@ def test_an_l_has_a_corner_at_its_bend_and_one_at_each_end(degrees, thickness):
         assert min(np.abs(place - corner).max() for corner in found) <= 4
 
 
-@pytest.mark.parametrize("degrees", range(0, 180, 26))
-def test_a_line_has_corners_at_its_ends_alone(degrees):
-    step = 30 * np.array([math.sin(math.radians(degrees)), math.cos(math.radians(degrees))])
-    middle = np.array([40.0, 42.0])
-    assert len(corner_places(thick_line((81, 85), (middle - step, middle + step), 1.0))) == 2
-
-
 def test_a_wide_circle_has_no_corners():
     rows, cols = np.mgrid[:81, :85]
     assert not score.corners_of(abs(np.hypot(rows - 40, cols - 42) - 35) <= 0.8).any()
@@ -311,17 +289,6 @@ def test_which_way_is_north_changes_no_count(seed, threshold):
     found = scored(states)
     for turned in (np.rot90(states), states[::-1], states.T):
         assert {**scored(np.ascontiguousarray(turned)), "cells": 0} == {**found, "cells": 0}
-
-
-def test_bands_and_threads_change_no_corner(monkeypatch):
-    walls = np.random.default_rng(5).random((700, 400)) < 0.2
-    whole = score.corners_of(walls)
-    assert whole.any()
-    monkeypatch.setattr(score, "TOGETHER", 1)
-    for rows in (37, 333):
-        monkeypatch.setattr(score, "LEAST_ROWS_ALONE", rows)
-        with use_threads(2):
-            assert (score.corners_of(walls) == whole).all()
 
 
 def test_shares_walls_and_their_thickness_are_counted():
@@ -374,12 +341,9 @@ def test_a_bound_holds(side, allowed, found, holds):
 @pytest.mark.parametrize(
     ("minimum", "maximum", "with_truth", "told", "hint"),
     [
-        ({"coverge": 1}, {}, True, "is not a figure of a score, got 'coverge'", "mean coverage?"),
         ({}, {"zzzz": 1}, True, "is not a figure", "--json"),
         ({"coverage": 1}, {}, False, "needs a truth", "--truth"),
-        ({"corners": 1}, {}, True, "without a truth", "leave --truth out"),
         ({}, {"dist_est_to_truth_m": 1}, True, "several figures", "dist_est_to_truth_m.mean"),
-        ({"coverage": math.nan}, {}, True, "finite", None),
         ({"coverage": "1"}, {}, True, "finite", None),
         ({"coverage": 0.9}, {"coverage": 0.8}, True, "at least 0.9 and at most 0.8", None),
         ({"cells": 1}, {}, True, "is not a figure", None),
@@ -471,11 +435,3 @@ def generated(folder):
     table = np.zeros(256, np.int8)
     table[[0, 205, 254]] = 100, -1, 0
     return [OccupancyGrid(table[made], cell, origin) for made, cell, origin in (estimate, truth)]
-
-
-def test_the_command_prints_all_recorded_values(real_maps, command):
-    pair = recorded_pairs(real_maps)["tmcl-gmap-faro-asis"]
-    words = [real_maps / pair["est"], "--truth", real_maps / pair["truth"], "--json"]
-    code, out, err = command("score", *words)
-    assert (code, err) == (0, "")
-    assert disagreeing(json.loads(out)["values"], pair) == []

@@ -55,12 +55,6 @@ def test_maps_of_some_scans_each_merge_into_the_map_of_all(method, seeds):
         np.testing.assert_array_equal(sums[known], together.layers["log_odds"][known])
 
 
-def test_one_map_of_counts_is_itself():
-    one = built("counting", scans(3), scans(4))
-    merged = merge([one.grid, one.grid], rule="evidence", evidence=[one.layers] * 2)
-    np.testing.assert_array_equal(merged.grid.occupancy, one.grid.occupancy)
-
-
 @given(
     hits=st.lists(st.integers(0, 40), min_size=2, max_size=5),
     misses=st.lists(st.integers(0, 99), min_size=5, max_size=5),

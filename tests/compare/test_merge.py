@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 import oracles
-from drawn import cells, grid_from_text
 from mapdeal import MapdealWarning, OccupancyGrid, Transform, merge
 from mapdeal.compare.merge import snapped
 from strategies import occupancies
@@ -25,16 +25,6 @@ def place_in(grid, point):
     """Column and row of a point of the map frame, with fractions."""
     inverse = Transform(*grid.origin).inverse()
     return inverse.points([point])[0] / grid.resolution
-
-
-def value_at(grid, point):
-    """The value at a point, None if it is too near to an edge to be sure."""
-    place = place_in(grid, point)
-    if np.abs(place - np.round(place)).min() < EDGE:
-        return None
-    col, row = map(math.floor, place)
-    height, width = grid.shape
-    return int(grid.occupancy[row, col]) if 0 <= row < height and 0 <= col < width else -1
 
 
 def square(grid, row, col):
@@ -84,7 +74,7 @@ def test_cells_are_what_plain_python_makes_of_them(case, rule):
             target = square(grid, row, col)
             if number:
                 target = transforms[number - 1].points(target)
-            value = value_at(one, target.mean(axis=0))
+            value = oracles.value_at(one, target.mean(axis=0), EDGE)
             above = overlapping(one, target) if number else 0
             if value is None or above is None:
                 break
@@ -178,18 +168,6 @@ def test_counts_rules_and_conflicts_on_one_lattice_by_hand(arrays, data):
         assert {name: getattr(counts, name) for name in expected} == expected
 
 
-def test_a_transform_brings_points_of_the_first_map_to_the_other():
-    """A quarter turn of a map whose wall is known by its place."""
-    first = grid_from_text("...\n...", resolution=0.5, origin=(2.0, 1.0, 0.0))
-    # In the first frame the wall is the square from (3, 1) to (3.5, 1.5).
-    # p_second = R(90 degrees) p_first + (1, 0): it is that from (-0.5, 3) to (0, 3.5).
-    second = OccupancyGrid(cells("#.?"), 0.5, (-0.5, 3.0, 0.0))
-    merged = merge([first, second], transforms=[Transform(1.0, 0.0, math.pi / 2)])
-    # A step along x in the second frame is one to the south in the first.
-    assert merged.grid.occupancy.tolist() == cells("...\n..#\n??.").tolist()
-    assert merged.grid.origin == (2.0, 0.5, 0.0)
-
-
 def test_finer_obstacles_are_seen_in_conflicts_and_votes():
     first = OccupancyGrid(np.zeros((2, 3), np.int8), 0.5, (1.0, 2.0, 0.0))
     fine = np.zeros((10, 15), np.int8)
@@ -211,9 +189,9 @@ def test_walls_that_two_maps_see_a_cell_apart_are_no_thicker_in_conflicts():
     assert merged.conflict_count == 3
 
 
-def room(height=40, width=60, wall=100):
-    values = np.zeros((height, width), np.int8)
-    values[[0, -1]] = values[:, [0, -1]] = values[:, width // 3] = wall
+def room():
+    values = np.zeros((40, 60), np.int8)
+    values[[0, -1]] = values[:, [0, 20, -1]] = 100
     return values
 
 
@@ -225,12 +203,10 @@ def said(maps, **options):
 
 
 def test_what_is_odd_is_warned_of():
-    room = np.pad(np.zeros((38, 58), np.int8), 1, constant_values=100)
-    room[:, 20] = 100
-    first = OccupancyGrid(room, 0.07, (1.3, -0.2, 0.7))
+    first = OccupancyGrid(room(), 0.07, (1.3, -0.2, 0.7))
 
     def shifted(by):
-        return first.with_values(room, first.frame.window(by, by, *first.shape).origin)
+        return first.with_values(first.occupancy, first.frame.window(by, by, *first.shape).origin)
 
     assert said([first, first]) == [
         "map 2: adds nothing: the maps before it know all of its cells and obstacles"
@@ -248,13 +224,9 @@ def test_what_is_odd_is_warned_of():
 
 
 def seen_by(grid, cells):
-    """Cells within so many cells of an obstacle, by brute force."""
-    walls = np.argwhere(np.asarray(grid) == 100)
-    return np.array(
-        [[min((math.dist(at, wall) for wall in walls), default=math.inf) <= cells
-          for at in ((row, col) for col in range(grid.shape[1]))]
-         for row in range(grid.shape[0])]
-    )  # fmt: skip
+    """Cells within so many cells of an obstacle."""
+    walls = np.asarray(grid) == 100
+    return walls.any() & (ndimage.distance_transform_edt(~walls) <= cells)
 
 
 @given(st.data(), st.sampled_from(["occupied", "newest"]), st.sampled_from([1.0, 1.5, 2.3]))

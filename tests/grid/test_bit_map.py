@@ -8,18 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import BitMap, OccupancyGrid
+from strategies import masks
 
 PLACE = (0.25, (1.5, -2.0, 0.4))
 
 
-@st.composite
-def masks(draw):
-    shape = draw(st.integers(1, 9)), draw(st.integers(1, 35))
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    return rng.random(shape) < draw(st.sampled_from([0.0, 0.1, 0.5, 1.0]))
-
-
-@given(masks())
+@given(masks(35))
 def test_the_way_there_and_back(mask):
     bits = BitMap.from_mask(mask, *PLACE)
     assert bits.shape == mask.shape
@@ -42,7 +36,7 @@ def test_the_way_there_and_back(mask):
     assert (ones == 0xFF).all()
 
 
-@given(masks(), st.data())
+@given(masks(35), st.data())
 def test_get_and_set_of_many_cells(mask, data):
     height, width = mask.shape
     cell = st.tuples(st.integers(0, height - 1), st.integers(0, width - 1))

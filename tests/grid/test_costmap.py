@@ -1,6 +1,9 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+import oracles
 from mapdeal import Costmap, OccupancyGrid
 from mapdeal.grid.values import (
     cost_from_occupancy,
@@ -36,22 +39,19 @@ def peers(real_maps):
         yield file
 
 
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ({"track_unknown": False}, [0, 0, 0, 0, 0, 253, 254, 0]),
-        ({"lethal_threshold": 64, "inscribed_value": 32}, [0, 0, 253, 254, 254, 254, 254, 255]),
-        ({"lethal_threshold": 0, "inscribed_value": None}, [254] * 7 + [255]),
-        # trunc(254 v / 65), and 65 and more are lethal; 99 keeps its rule, unless it has none
-        ({"lethal_threshold": 65, "trinary": False}, [0, 3, 125, 250, 254, 253, 254, 255]),
-        ({"lethal_threshold": 65, "inscribed_value": None}, [0, 0, 0, 0, 254, 254, 254, 255]),
-    ],
-    ids=str,
-)
-def test_costs_of_static_layers_by_hand(options, expected):
-    grid = OccupancyGrid([[0, 1, 32, 64, 65, 99, 100, -1]], 0.2, (1.0, 2.0, 0.5))
-    costs = Costmap.from_static_layer(grid, **options)
-    assert costs.cost.tolist() == [expected]
+@given(st.integers(0, 100), st.none() | st.integers(0, 100), st.booleans(), st.booleans())
+def test_costs_of_static_layers_are_those_of_interpret_value(
+    threshold, inscribed, trinary, track_unknown
+):
+    grid = OccupancyGrid([range(-1, 101)], 0.2, (1.0, 2.0, 0.5))
+    rules = {"trinary": trinary, "track_unknown": track_unknown}
+    costs = Costmap.from_static_layer(
+        grid, lethal_threshold=threshold, inscribed_value=inscribed, **rules
+    )
+    assert costs.cost[0].tolist() == [
+        oracles.static_layer_cost(value, threshold, inscribed=inscribed, **rules)
+        for value in range(-1, 101)
+    ]
     assert (costs.scale, costs.origin) == ("costmap2d", grid.origin)
 
 

@@ -1,4 +1,4 @@
-"""What a robot costs at poses."""
+"""What a robot costs at poses, and its cells in each heading, drawn one by one."""
 
 import json
 import math
@@ -6,10 +6,16 @@ import warnings
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+import oracles
 from engines import ENGINES
 from mapdeal import Costmap, Footprint, MapdealWarning, footprint_costs, read_map
+from mapdeal.grid.footprint import footprint_spans
+from mapdeal.grid.frame import Frame
 from mapdeal.kernels import engine
+from mapdeal.kernels.paths import ConfigurationSpace
 
 ROBOT = Footprint.polygon([[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]])
 
@@ -53,21 +59,11 @@ def test_all_recorded_costs_of_nav2_are_equal(recorded, monkeypatch, mapdeal_war
     assert count == 50_000 // some
 
 
-def test_what_stands_inside_of_a_robot_is_met_by_a_full_footprint_alone():
-    cells = np.zeros((40, 60), np.uint8)
-    cells[20, 30] = 254
-    costs = Costmap(cells, 0.1, (1.5, -2.0, 0.4))
-    pose = (*costs.frame.xy_from_rowcol([[20, 31]])[0], 2.0)
-    assert footprint_costs(costs, ROBOT, pose).tolist() == [0]
-    assert footprint_costs(costs, ROBOT, pose, rule="full").tolist() == [254]
-
-
-RECTANGLE = [[0.4, 0.25], [0.4, 0.25], [0.4, -0.25], [-0.2, -0.25], [-0.2, 0.25]]
-
-
 @pytest.mark.parametrize("yaw", [0.4, -2.9, np.pi / 2])
 def test_the_yaw_of_a_map_turns_nothing_but_the_frame(yaw):
-    level = random_costs()
+    values = np.array([0, 60, 253, 254, 255], np.uint8)
+    cells = np.random.default_rng(3).choice(values, (40, 60), p=[0.8, 0.1, 0.05, 0.03, 0.02])
+    level = Costmap(cells, 0.1, (1.5, -2.0, 0.0))
     turned = Costmap(level.cost, level.resolution, (1.5, -2.0, yaw))
     poses = np.random.default_rng(5).uniform((1.5, -2.0, -3), (7.5, 2.0, 3), (3000, 3))
     places = level.frame.continuous_rowcol_from_xy(poses[:, :2])
@@ -96,13 +92,12 @@ def test_the_side_of_a_cell_is_the_float32_of_a_map_message():
     ("shape", "inscribed", "circumscribed"),
     [
         # edges at x = 0.4, -0.2 and y = +-0.25; the farthest corner is (0.4, 0.25)
-        (Footprint.polygon(RECTANGLE), 0.2, math.hypot(0.4, 0.25)),
-        (Footprint.polygon(RECTANGLE[::-1]), 0.2, math.hypot(0.4, 0.25)),
+        (Footprint.polygon([[0.4, 0.25], [0.4, 0.25], [0.4, -0.25], [-0.2, -0.25], [-0.2, 0.25]]),
+         0.2, math.hypot(0.4, 0.25)),
         (Footprint.circle(0.25).padded(0.05), 0.3, 0.3),
         (Footprint.sixteen_gon(0.5), 0.5 * math.cos(math.pi / 16), 0.5),
     ],
-    ids=["rectangle", "clockwise", "circle", "sixteen-gon"],
-)
+)  # fmt: skip
 def test_radii_by_hand(shape, inscribed, circumscribed):
     assert shape.inscribed_radius == pytest.approx(inscribed)
     assert shape.circumscribed_radius == pytest.approx(circumscribed)
@@ -131,12 +126,76 @@ def test_white_space_of_any_kind_may_stand_between_numbers(space):
     assert Footprint.parse(text).vertices == ((1, 0.5), (-1, 1), (0, -1))
 
 
-def test_a_robot_beside_its_centre_is_warned_of():
-    with pytest.warns(MapdealWarning, match="outside"):
-        Footprint.polygon([[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]])
+SHAPES = [
+    ((0.45, 0.225), (0.45, -0.225), (-0.45, -0.225), (-0.45, 0.225)),
+    ((0.5, 0.3), (-0.2, 0.25), (0.0, 0.0), (-0.2, -0.25), (0.5, -0.3)),  # concave
+    ((0.9, 0.3), (0.4, 0.25), (0.7, -0.3)),  # the centre lies outside
+    ((0.01, 0.02), (0.01, -0.02), (-0.01, 0.0)),  # smaller than a cell
+    ((0.0, 0.8), (0.0, -0.7), (0.001, 0.0)),  # a line
+]
 
 
-def random_costs():
-    values = np.array([0, 60, 253, 254, 255], np.uint8)
-    cells = np.random.default_rng(3).choice(values, (40, 60), p=[0.8, 0.1, 0.05, 0.03, 0.02])
-    return Costmap(cells, 0.1, (1.5, -2.0, 0.0))
+def drawn(spans):
+    """The cells (x, y) of runs, which must not overlap."""
+    cells = [
+        (col, row)
+        for row, start, stop in zip(*(column.tolist() for column in spans), strict=True)
+        for col in range(start, stop)
+    ]
+    assert len(cells) == len(set(cells))
+    return set(cells)
+
+
+def cells_of(corners, turn, resolution):
+    """The cells (x, y) of a polygon around the middle of cell (0, 0), one by one."""
+    cos, sin = math.cos(turn), math.sin(turn)
+    cells = [
+        (
+            math.floor(0.5 + (x * cos - y * sin) / resolution + 1e-9),
+            math.floor(0.5 + (x * sin + y * cos) / resolution + 1e-9),
+        )
+        for x, y in corners
+    ]
+    shift = 22
+    ring = [(x + shift, y + shift) for x, y in cells]
+    return {(x - shift, y - shift) for x, y in oracles.ring_fill([ring], 2 * shift, 2 * shift)}
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+@given(
+    corners=st.sampled_from([None, *SHAPES]), count=st.integers(1, 24),
+    resolution=st.sampled_from([0.05, 0.3, 0.0504]),
+    yaw=st.sampled_from([0.0, 0.4, -3.0, math.pi / 2]), heading=st.integers(0, 23),
+)  # fmt: skip
+def test_the_cells_are_those_of_costmap_2d_drawn_one_by_one(
+    corners, count, resolution, yaw, heading
+):
+    frame = Frame(200, 300, resolution, (1.5, -2.0, yaw))
+    robot = Footprint.polygon(corners) if corners else Footprint.circle(0.4)
+    headings = footprint_spans(robot, frame, count)
+    assert len(headings) == count
+    k = heading % count
+    turn = 2 * math.pi * k / count - yaw
+    corners = corners or Footprint.sixteen_gon(0.4).vertices
+    assert drawn(headings[k]) == cells_of(corners, turn, resolution)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", range(4))
+def test_ways_on_a_large_map_are_those_of_a_search_in_all_72_headings(seed):
+    blocked = np.random.default_rng(seed).random((64, 61)) < 0.004
+    blocked[20, :50] = blocked[40, 12:] = True
+    blocked[20, 9:17] = blocked[40, 30:38] = False
+    corners = [(0.45, 0.16), (0.45, -0.16), (-0.35, -0.16), (-0.35, 0.16)]
+    frame = Frame(*blocked.shape, 0.1, (1.5, -2.0, 0.4))
+    space = ConfigurationSpace(blocked, footprint_spans(Footprint.polygon(corners), frame, 72))
+    turns = [2 * math.pi * k / 72 - 0.4 for k in range(72)]
+    covered = [{(y, x) for x, y in cells_of(corners, turn, 0.1)} for turn in turns]
+    opened = oracles.open_poses(blocked, covered)
+    seeds = [(heading, 9, 9) for heading in range(0, 72, 5)]
+    reached = oracles.reached_poses(opened, seeds)
+    found = space.reach(seeds, [(9, 9)])
+    np.testing.assert_array_equal(space.headings, opened.sum(axis=0))
+    np.testing.assert_array_equal(found.reachable, reached.any(axis=0))
+    np.testing.assert_array_equal(found.headings[0], reached[:, 9, 9])
+    assert reached[:, 21:].any()  # it gets through the first door

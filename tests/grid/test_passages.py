@@ -1,14 +1,25 @@
 import math
 from collections import Counter
+from decimal import Decimal
 
 import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
+from scipy.cluster.hierarchy import DisjointSet
 
-from mapdeal import Frame, OccupancyGrid, read_map
-from mapdeal.grid.reaching import Ground, Ways, disconnected, largest_closed_square, passages
+from mapdeal import Frame, OccupancyGrid, ParameterError, read_map
+from mapdeal.grid.reaching import (
+    Ground,
+    Ways,
+    cell_of_point,
+    disconnected,
+    largest_closed_square,
+    nearest_marked,
+    nearest_open_text,
+    passages,
+)
 from mapdeal.kernels.paths import clearance_tree
 
 RESOLUTION, ORIGIN = 0.07, (3.0, -2.0, 0.4)
@@ -123,17 +134,6 @@ def test_a_robot_that_turns_is_stopped_where_it_does_not_get_through(reached, to
     assert [(round(one.width / RESOLUTION / 2), one.is_open) for one in doors] == told
 
 
-def test_of_equally_narrow_doors_the_one_that_cuts_off_more_comes_first():
-    grid = rooms(3, 3)
-    for start in ((3, 3), (3, 60)):
-        told = found(grid, start, 0.2)
-        assert [one.width for one in told] == [told[0].width] * 2
-        assert told[0].cut_off > 1.5 * told[1].cut_off
-    told = found(grid, (3, 30), 0.2)  # of equal areas that of the smaller ends
-    assert told[0].cut_off == told[1].cut_off
-    assert told[0].ends < told[1].ends
-
-
 def test_a_robot_that_turns_is_through_with_half_of_what_lies_behind():
     grid = rooms(7)
     is_open = open_cells(ways_of(grid), 0.2)
@@ -158,21 +158,6 @@ def test_without_a_wall_or_a_way_there_are_no_passages():
         assert found(grid, (3, 3), 0.2) == ()
         assert disconnected(grid, 0.2, 0.1) == []
     assert found(rooms(3), (0, 0), 0.2) == ()
-
-
-class Groups(dict):
-    """What belongs together: every member leads to another, the last one to itself."""
-
-    def __init__(self, members):
-        super().__init__((one, one) for one in members)
-
-    def top(self, member):
-        while self[member] != member:
-            member = self[member]
-        return member
-
-    def join(self, one, other):
-        self[self.top(one)] = self.top(other)
 
 
 def cells_in(mask):
@@ -222,11 +207,11 @@ def brute_open(squared, is_open, is_traversable, start, radius, margin, min_cell
     told = []
     for link in links:
         if link[2] and group[link[0]] is group[start]:
-            without = Groups(group)
+            without = DisjointSet(group)
             for one, other, _ in (one for one in links if one is not link):
-                without.join(one, other)
-            side = without.top(start)
-            behind = sum(is_open[cell] and without.top(cell) != side for cell in group[start])
+                without.merge(one, other)
+            side = without[start]
+            behind = sum(is_open[cell] and without[cell] != side for cell in group[start])
             if behind:
                 told.append((int(squared[link[0]]), int(behind)))
     return told, is_certain
@@ -251,52 +236,52 @@ def brute_closed(squared, is_traversable, start, radius, min_cells):
     labels, count = ndimage.label(is_traversable & (np.sqrt(squared) > radius))
     sizes, every = np.bincount(labels.ravel()), range(1, count + 1)
     large = {k for k in every if sizes[k] >= min_cells or k == labels[start]}
-    joined, home = Groups(cells_in(is_traversable)), Groups(cells_in(is_traversable))
+    joined, home = DisjointSet(cells_in(is_traversable)), DisjointSet(cells_in(is_traversable))
     owner = {cell: int(labels[cell]) for cell in home}
     links = []
     for cell, places in added(squared, is_traversable):
         for place in places:
-            if joined.top(cell) == joined.top(place):
+            if joined[cell] == joined[place]:
                 continue
-            joined.join(cell, place)
-            one, other = home.top(cell), home.top(place)
+            joined.merge(cell, place)
+            one, other = home[cell], home[place]
             if owner[one] and owner[other] and owner[one] != owner[other]:
                 links.append((cell, owner[one], owner[other]))
             else:
-                home.join(one, other)
-                owner[other] = owner[one] or owner[other]
-    group, is_meeting = Groups(every), []
+                home.merge(one, other)
+                owner[home[one]] = owner[one] or owner[other]
+    group, is_meeting = DisjointSet(every), []
     for _, *ends in links:
-        of_large = {group.top(k) for k in large}
-        is_meeting.append(of_large >= {group.top(end) for end in ends})
+        of_large = {group[k] for k in large}
+        is_meeting.append(of_large >= {group[end] for end in ends})
         if not is_meeting[-1]:
-            group.join(*ends)
-    cluster = Groups(every)
+            group.merge(*ends)
+    cluster = DisjointSet(every)
     for (_, *ends), meets in zip(links, is_meeting, strict=True):
         if not meets and not large & set(ends):
-            cluster.join(*ends)
+            cluster.merge(*ends)
     for index, (_, *ends) in enumerate(links):
         small = set(ends) - large
         if not is_meeting[index] and len(small) == 1:
-            end = cluster.top(*small)
-            inside = [k for k in every if k not in large and cluster.top(k) == end]
+            end = cluster[next(iter(small))]
+            inside = [k for k in every if k not in large and cluster[k] == end]
             is_meeting[index] = sum(sizes[inside]) >= min_cells
-    region, doors = Groups(every), []
+    region, doors = DisjointSet(every), []
     for link, meets in zip(links, is_meeting, strict=True):
         if meets:
             doors.append(link)
         else:
-            region.join(*link[1:])
-    owned = {cell: owner[home.top(cell)] for cell in home}
-    owned = {cell: region.top(k) for cell, k in owned.items() if k}
+            region.merge(*link[1:])
+    owned = {cell: owner[home[cell]] for cell in home}
+    owned = {cell: region[k] for cell, k in owned.items() if k}
     if start not in owned:
         return [], []
     behind, leading = {}, {}  # a region: the cells behind the door to it, and that door
 
     def walk(node, before):
-        total = sum(sizes[k] for k in every if region.top(k) == node)
+        total = sum(sizes[k] for k in every if region[k] == node)
         for cell, *ends in doors:
-            ends = [region.top(k) for k in ends]
+            ends = [region[k] for k in ends]
             if node in ends and (after := ends[1 - ends.index(node)]) != before:
                 leading[after] = cell
                 behind[after] = walk(after, node)
@@ -307,11 +292,11 @@ def brute_closed(squared, is_traversable, start, radius, min_cells):
     told = [(int(squared[leading[k]]), int(behind[k])) for k in behind]
     others = []
     for door in borders_of(owned, squared):
-        met = Groups(every)
+        met = DisjointSet(every)
         for _, cell, ends, _ in sorted(door, key=lambda one: one[0]):
-            if met.top(ends[0]) == met.top(ends[1]):
+            if met[ends[0]] == met[ends[1]]:
                 continue
-            met.join(*ends)
+            met.merge(*ends)
             far = [end for end in ends if end in behind]
             if far and cell not in leading.values():
                 far = min(far, key=lambda end: (behind[end], -squared[leading[end]]))
@@ -404,7 +389,9 @@ def test_a_robot_a_hair_narrower_passes_and_one_a_hair_wider_does_not(seed, radi
     grid = OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
     free = np.argwhere(occupancy == 0)
     start = tuple(free[rng.integers(len(free))].tolist())
-    for passage in widest_doors(found(grid, start, radius, min_area=0.1)):
+    told = found(grid, start, radius, min_area=0.1)
+    assert list(told) == sorted(told, key=lambda one: (one.width, -one.cut_off, one.ends))
+    for passage in widest_doors(told):
         assert_split_by(grid, passage, start, radius)
 
 
@@ -429,3 +416,52 @@ def test_doors_of_real_maps(real_maps, name, count, closed):
     assert [one.width for one in disconnected(grid, 0.45)] == [one.width for one in told[:closed]]
     for passage in widest_doors(told)[:2]:
         assert_split_by(grid, passage, start, 0.45)
+
+
+@pytest.mark.parametrize("resolution", ["0.05", "0.07", "0.3", "1e-3", "1000"])
+def test_a_distance_of_the_radius_itself_is_closed(resolution):
+    frame = Frame(100, 100, float(resolution))
+    for square in range(1, 2000):
+        radius = math.sqrt(square) * float(resolution)
+        assert largest_closed_square(radius, frame) == square
+        assert largest_closed_square(radius - 3e-9, frame) == square - 1
+    for count in range(1, 50):  # on paper: 6 * 0.05 is more than 0.3 in floats
+        radius = float(count * Decimal(resolution))
+        assert largest_closed_square(radius, frame) == count**2
+
+
+@pytest.mark.parametrize(
+    ("frame", "within"),
+    [
+        (Frame(3, 5, 0.5, (2.0, 1.0, math.pi / 2)), "x 0.5 .. 2, y 1 .. 3.5"),
+        (Frame(2, 2, 0.5, (-0.5 - 1e-9, -1e-9, 0.0)), "x -0.5 .. 0.5, y 0 .. 1"),  # no zero below 0
+    ],
+)
+def test_cells_of_points_and_where_the_map_lies(frame, within):
+    corner = tuple(frame.xy_from_continuous_rowcol([[0.1, 0.1]])[0])
+    assert cell_of_point(frame, corner, "start") == (0, 0)
+    with pytest.raises(ParameterError, match="start: lies outside") as caught:
+        cell_of_point(frame, (2.25, 1.25), "start")
+    assert caught.value.hint == f"the map lies within {within}"
+
+
+@given(st.integers(1, 70), st.integers(1, 70), st.integers(0, 3), st.integers(0, 2**32 - 1))
+def test_the_nearest_open_cell_is_that_of_a_search_through_all(height, width, count, seed):
+    rng = np.random.default_rng(seed)
+    marked = np.zeros((height, width), dtype=bool)
+    marked[rng.integers(height, size=count), rng.integers(width, size=count)] = True
+    cell = (int(rng.integers(-height, 2 * height)), int(rng.integers(-width, 2 * width)))
+    told = nearest_open_text(Frame(height, width, 0.5, (-3.0, 2.0, 0.0)), marked, cell)
+    if not count:
+        assert told == "no cell of the map is open"
+        return
+    distance, row, col = min((math.dist(one, cell), *one) for one in np.argwhere(marked).tolist())
+    place = f"{-3.0 + (col + 0.5) * 0.5:.10g},{2.0 + (row + 0.5) * 0.5:.10g}"
+    assert told == f"the nearest open cell is {distance * 0.5:.3g} m away, at {place}"
+
+
+def test_the_nearest_cell_to_one_that_is_very_far_away():
+    marked = np.zeros((60, 60), dtype=bool)
+    marked[16, 16] = marked[0, 17] = marked[59, 0] = True
+    assert nearest_marked(marked, (-(10**18), 10**18)) == (0, 17)
+    assert nearest_marked(marked, (10**18, 30)) == (59, 0)

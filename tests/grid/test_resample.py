@@ -63,7 +63,7 @@ def test_cells_have_what_shares_area_with_them_or_what_is_at_their_centre(drawn,
                 assert missing < 1e-4 * frame.resolution**2
             else:
                 assert missing > 1e-14 * frame.resolution**2
-        centre = value_at(values, source, *np.mean(own, axis=0), 1e-6)
+        centre = oracles.value_at(grid, np.mean(own, axis=0), 1e-6)
         if centre is not None:
             assert nearest.occupancy[cell] == centre
             if value <= 0:
@@ -90,18 +90,6 @@ def test_cells_that_only_touch_do_not_spread():
     assert fine[:, 4:6].all()
     coarser = obstacles_in(Frame(2, 2, 0.2, (-0.3, 0.7, 0.0)), wall, coarse)
     assert coarser.tolist() == [[False, True], [False, True]]
-
-
-def value_at(values, source, x, y, margin):
-    """The value at a point by plain trigonometry, -1 outside; None within a margin of a border."""
-    dx, dy = x - source.origin[0], y - source.origin[1]
-    cos, sin = math.cos(source.origin[2]), math.sin(source.origin[2])
-    row, col = (one / source.resolution for one in (dy * cos - dx * sin, dx * cos + dy * sin))
-    if min(abs(place - round(place)) for place in (row, col)) < margin:
-        return None
-    row, col = math.floor(row), math.floor(col)
-    inside = 0 <= row < source.height and 0 <= col < source.width
-    return int(values[row, col]) if inside else -1
 
 
 def test_costs_are_resampled_on_both_scales():

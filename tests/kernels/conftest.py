@@ -2,6 +2,7 @@ import pytest
 
 from engines import ENGINES
 from mapdeal.kernels import engine
+from mapdeal.kernels.threads import use_threads
 
 
 @pytest.fixture(params=ENGINES, scope="module")
@@ -10,3 +11,13 @@ def each_engine(request):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(engine.VARIABLE, request.param)
         yield request.param
+
+
+def by_each_engine(work, threads=(1,)):
+    """What the compiled kernels make of some work, with so many threads each, and their twins."""
+    made = []
+    for name, count in [*(("compiled", count) for count in threads), ("scipy", 1)]:
+        with pytest.MonkeyPatch.context() as patch, use_threads(count):
+            patch.setenv(engine.VARIABLE, name)
+            made.append(work())
+    return made

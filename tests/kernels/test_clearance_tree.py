@@ -81,8 +81,8 @@ def test_metres_do_not_take_memory_that_is_not_theirs_alone(each_engine):
         assert np.array_equal(part, before)
 
 
-@given(grids())
-def test_basins_and_edges_are_those_that_appear_as_cells_are_added(each_engine, grid):
+@given(grids(), st.integers(-2, 12))
+def test_basins_and_edges_are_those_that_appear_as_cells_are_added(each_engine, grid, above):
     squared, is_open = grid
     tree = paths.clearance_tree(squared, is_open)
     basin, merges = oracles.merged_basins(squared, is_open)
@@ -93,7 +93,10 @@ def test_basins_and_edges_are_those_that_appear_as_cells_are_added(each_engine, 
     edges = zip(tree.squares, tree.cells, tree.one, tree.other, strict=True)
     width = squared.shape[1]
     assert [(s, divmod(c, width), at[one], at[other]) for s, c, one, other in edges] == merges
-    assert (tree.basins.dtype, tree.peaks.dtype) == (np.int32, np.int64)
+    areas = paths.basin_areas(tree, squared, above)
+    counted = [((tree.basins == k) & (squared > above)).sum() for k in range(len(tree.peaks))]
+    assert areas.tolist() == counted
+    assert (tree.basins.dtype, tree.peaks.dtype, areas.dtype) == (np.int32, np.int64, np.int64)
     assert {tree.one.dtype, tree.other.dtype} == {np.dtype(np.int32)}
     assert {tree.squares.dtype, tree.cells.dtype, tree.peak_cells.dtype} == {np.dtype(np.int64)}
 
@@ -123,16 +126,6 @@ def test_a_rooted_tree_leads_from_each_basin_to_the_root(each_engine, grid, choi
     assert (seen.bottlenecks[beyond] == -1).all()
     labels = ndimage.label(is_open)[0].reshape(-1)[tree.peak_cells]
     assert set(depths) == set(np.flatnonzero(labels == labels[root]).tolist())
-
-
-@given(grids(), st.integers(-2, 12))
-def test_areas_are_counts_of_cells(each_engine, grid, above):
-    squared, is_open = grid
-    tree = paths.clearance_tree(squared, is_open)
-    areas = paths.basin_areas(tree, squared, above)
-    assert areas.dtype == np.int64
-    counted = [((tree.basins == k) & (squared > above)).sum() for k in range(len(tree.peaks))]
-    assert areas.tolist() == counted
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")

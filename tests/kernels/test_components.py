@@ -1,6 +1,6 @@
 import itertools
 import tracemalloc
-from collections import Counter
+from collections import defaultdict
 
 import numpy as np
 import pytest
@@ -26,15 +26,6 @@ def added(rows, heights, **options):
     return found
 
 
-@given(masks(), HEIGHTS, st.integers(1, 40))
-def test_sizes_are_those_of_flooding_however_rows_come(marked, heights, together):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(components, "_CELLS_TOGETHER", together)
-        sizes, counts = added(marked, heights).sizes()
-    found = dict(zip(sizes.tolist(), counts.tolist(), strict=True))
-    assert found == Counter(len(group) for group in oracles.groups(marked))
-
-
 def middle_by_hand(group, width):
     """The middle of the longest row of cells of a component, as a number; the lowest of several."""
     runs = []
@@ -47,18 +38,24 @@ def middle_by_hand(group, width):
     return min(row * width + col for row, col in middles)
 
 
-@given(masks(20), HEIGHTS, st.booleans())
-def test_places_are_the_middles_of_the_longest_runs(marked, heights, from_last):
-    expected = {}
+@given(masks(20), HEIGHTS, st.booleans(), st.integers(1, 40))
+def test_sizes_and_the_middles_of_the_longest_runs_are_those_of_flooding_however_rows_come(
+    marked, heights, from_last, together
+):
+    middles = defaultdict(list)
     for group in oracles.groups(marked):
-        middle = middle_by_hand(group, marked.shape[1])
-        expected.setdefault(len(group), []).append(middle)
+        middles[len(group)].append(middle_by_hand(group, marked.shape[1]))
     last_row = len(marked) - 1 if from_last else None
-    found = added(marked[::-1] if from_last else marked, heights, last_row=last_row).places()
-    assert found == {
-        size: sorted(all_)[: components.MOST_PLACES] for size, all_ in expected.items()
-    }
-    assert list(found) == sorted(expected)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(components, "_CELLS_TOGETHER", together)
+        found = added(marked[::-1] if from_last else marked, heights, last_row=last_row)
+        sizes, counts = found.sizes()
+    assert list(zip(sizes.tolist(), counts.tolist(), strict=True)) == [
+        (size, len(middles[size])) for size in sorted(middles)
+    ]
+    assert list(found.places().items()) == [
+        (size, sorted(middles[size])[: components.MOST_PLACES]) for size in sorted(middles)
+    ]
 
 
 def test_memory_does_not_grow_with_the_rows():

@@ -1,22 +1,17 @@
 """Open poses and ways between them against a search pose by pose."""
 
-import gc
-import tracemalloc
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import ndimage
 
 import oracles
 from engines import needs_compiled
+from kernels.conftest import by_each_engine
 from mapdeal.grid.footprint import Footprint, footprint_spans
 from mapdeal.grid.frame import Frame
-from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.paths import ConfigurationSpace
 from mapdeal.kernels.polygons import Spans
-from mapdeal.kernels.threads import thread_count, use_threads
 
 pytestmark = pytest.mark.slow
 
@@ -105,38 +100,6 @@ def test_what_is_no_set_of_headings_is_refused(each_engine, footprints):
         ConfigurationSpace(np.zeros((3, 7), dtype=bool), footprints)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("count", [5, 40])
-def test_it_takes_the_memory_that_it_says(each_engine, count):
-    shape = (400, 500)
-    blocked = np.zeros(shape, dtype=bool)
-    robot = as_spans([(-5, -9, 10), (0, -20, 19)])
-    ndimage.label(blocked)  # modules take memory, too
-    gc.collect()
-    tracemalloc.start()
-    try:
-        space = ConfigurationSpace(blocked, [robot] * count)
-        found = space.reach([(0, 200, 300)])
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert found.reachable.any()
-    height, width = shape
-    if engine_name() == "compiled":
-        # planes, the cells that are blocked and reached with the slots of tiles, and what waits or
-        # the areas that rows of poses are made in
-        tiles = height * -(-width // 64)
-        areas = thread_count() * (32 + 39) * (6 + 1) * (16 + 1 + 39 // 64) * 8
-        waiting = max(1024, tiles // 64) * (8 * count + 4 + 8)
-        said = tiles * (8 * count + 13) + height * (width // 8 + 1) + max(waiting, areas)
-    else:
-        # planes, and then dilations or three headings' labels, with pairs of those that touch
-        planes = count * height * (width // 8 + 1)
-        said = planes + height * width * max(6 + 3, 3 * 4 + 3 * 8 + 6)
-    said += 2 * height * width
-    assert 0.5 * said < peak <= said
-
-
 def random_case(rng, shape):
     """Rooms with a few doors and rubbish in them, and rectangles turned a little."""
     blocked = rng.random(shape) < 0.01
@@ -151,22 +114,20 @@ def random_case(rng, shape):
 
 @needs_compiled
 @pytest.mark.parametrize("shape", [(97, 300), (33, 1100), (200, 64), (65, 2048)])
-def test_both_engines_give_the_same_bytes_with_any_threads(monkeypatch, shape):
+def test_both_engines_give_the_same_bytes_with_any_threads(shape):
     blocked, spans, seeds = random_case(np.random.default_rng(7), shape)
     cells = [(row, col) for _, row, col in seeds]
-    results = []
-    for engine, threads in (("scipy", 1), ("compiled", 1), ("compiled", 3)):
-        monkeypatch.setenv("MAPDEAL_KERNELS", engine)
-        with use_threads(threads):
-            space = ConfigurationSpace(blocked, spans)
-            opened = np.array([space.open_headings(*cell) for cell in cells])
-            found = space.reach(seeds, cells)
-        results.append((space.headings, opened, found.reachable, found.headings))
-    assert 0 < results[0][2].sum() < results[0][2].size
-    for other in results[1:]:
-        for one, same in zip(results[0], other, strict=True):
-            np.testing.assert_array_equal(one, same)
-            assert one.dtype == same.dtype
+
+    def made():
+        space = ConfigurationSpace(blocked, spans)
+        opened = np.array([space.open_headings(*cell) for cell in cells])
+        found = space.reach(seeds, cells)
+        assert 0 < found.reachable.sum() < found.reachable.size
+        arrays = space.headings, opened, found.reachable, found.headings
+        return [(one.dtype, one.tolist()) for one in arrays]
+
+    first, *others = by_each_engine(made, threads=(1, 3))
+    assert others == [first, first]
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engines import needs_compiled
+from kernels.conftest import by_each_engine
 from mapdeal import ParameterError
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels import engine
@@ -41,9 +42,6 @@ def test_an_engine_that_there_is_not_is_refused(monkeypatch, asked):
 def test_both_engines_find_the_same_cells_on_edges_too(resolution, origin, places):
     frame = Frame(3, 5, resolution, origin)
     points = frame.xy_from_continuous_rowcol(places)
-    compiled = frame.unbounded_rowcol_from_xy(points)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(engine.VARIABLE, "scipy")
-        by_numpy = frame.unbounded_rowcol_from_xy(points)
+    compiled, by_numpy = by_each_engine(lambda: frame.unbounded_rowcol_from_xy(points))
     assert compiled.tolist() == by_numpy.tolist()
     assert compiled.dtype == by_numpy.dtype

@@ -11,9 +11,9 @@ from hypothesis.extra import numpy as arrays
 
 import oracles
 from engines import needs_compiled
-from mapdeal.kernels import engine, polygons
+from kernels.conftest import by_each_engine
+from mapdeal.kernels import polygons
 from mapdeal.kernels.polygons import Lattice, costs_at_poses
-from mapdeal.kernels.threads import use_threads
 
 HEIGHT, WIDTH = 7, 11
 CELLS = st.tuples(st.integers(-9, 16), st.integers(-9, 20))
@@ -195,31 +195,23 @@ def test_costs_of_any_cells_are_those_that_are_found_cell_by_cell(each_engine, c
 def test_a_corner_outside_is_a_collision_wherever_it_is(each_engine):
     costs = np.zeros((8, 8), np.uint8)
     corners = np.array([[0.4, 0.4], [0.4, -0.4], [-0.4, -0.4], [-0.4, 0.4]])
-    places = [(0.7, 4), (7.3, 4), (4, 0.7), (4, 7.3), (4, 4), (1e9, 4), (4, -1e300)]
-    poses = np.array([pose_of(LATTICE, row, col, 0.4) for row, col in places])
+    places = [(4, 4), (0.7, 4), (7.3, 4), (4, 0.7), (4, 7.3), (1e9, 4), (4, -1e300)]
+    poses = [pose_of(LATTICE, row, col, 0.4) for row, col in places]
+    poses += [(*poses[0][:k], n, *poses[0][k + 1 :]) for k in range(3) for n in (np.nan, np.inf)]
     for filled in (False, True):
-        found, inside = costs_at_poses(costs, LATTICE, corners, poses, filled=filled)
-        assert inside.tolist() == [False] * 4 + [True, False, False]
-        assert found.tolist() == [254] * 4 + [0, 254, 254]
+        found, inside = costs_at_poses(costs, LATTICE, corners, np.array(poses), filled=filled)
+        assert inside.tolist() == [True] + [False] * 12
+        assert found.tolist() == [0] + [254] * 12
 
 
 def test_upper_edges_belong_to_no_cell(each_engine):
     poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [-5e-324, 0.0, 0.0]])
-    lattice, costs = Lattice(0.5, 0.0, 0.0, 0.0), np.array([[3, 8]], np.uint8)
-    found, inside = costs_at_poses(costs, lattice, np.zeros((3, 2)), poses, filled=False)
-    assert found.tolist() == [3, 254, 254, 254]
-    assert inside.tolist() == [True, False, False, False]
-    lattice = Lattice(1e6, 0.0, 0.0, 0.0)
-    assert not costs_at_poses(costs, lattice, np.zeros((3, 2)), poses[3:], filled=False)[1].any()
-
-
-def test_what_is_not_finite_is_outside(each_engine):
-    poses = np.array([pose_of(LATTICE, 4, 4)] * 10)
-    for k, number in enumerate((np.nan, np.inf, -np.inf)):
-        poses[[3 * k, 3 * k + 1, 3 * k + 2], [0, 1, 2]] = number
-    costs, inside = costs_at_poses(np.zeros((9, 9), np.uint8), LATTICE, L_SHAPE, poses, filled=True)
-    assert costs.tolist() == [254] * 9 + [0]
-    assert inside.tolist() == [False] * 9 + [True]
+    costs = np.array([[3, 8]], np.uint8)
+    for resolution, held in ((0.5, [True, False, False, False]), (1e6, [True, True, True, False])):
+        lattice = Lattice(resolution, 0.0, 0.0, 0.0)
+        found, inside = costs_at_poses(costs, lattice, np.zeros((3, 2)), poses, filled=False)
+        assert inside.tolist() == held
+        assert found.tolist() == np.where(held, 3, 254).tolist()
 
 
 @needs_compiled
@@ -230,11 +222,12 @@ def test_engines_threads_and_parts_do_not_matter(seed, filled, together):
     costs = rng.choice(np.array([0, 50, 254, 255], np.uint8), (40, 60), p=[0.9, 0.06, 0.02, 0.02])
     shares = rng.uniform((0, 0, -1e3), (40, 60, 1e3), (100, 3))
     poses = np.array([pose_of(LATTICE, *share) for share in shares])
-    results = []
-    for name, threads in (("compiled", 1), ("compiled", 3), ("scipy", 1), ("scipy", 3)):
-        with pytest.MonkeyPatch.context() as patch, use_threads(threads):
-            patch.setenv(engine.VARIABLE, name)
-            patch.setattr(polygons, "_CELLS_TOGETHER", together)
-            found = costs_at_poses(costs, LATTICE, L_SHAPE, poses, filled=filled)
-        results.append([part.tobytes() for part in found])
-    assert all(each == results[0] for each in results)
+
+    def found():
+        costs_and_inside = costs_at_poses(costs, LATTICE, L_SHAPE, poses, filled=filled)
+        return [part.tobytes() for part in costs_and_inside]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(polygons, "_CELLS_TOGETHER", together)
+        first, *others = by_each_engine(found, threads=(1, 3))
+    assert others == [first, first]

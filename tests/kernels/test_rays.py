@@ -4,9 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engines import needs_compiled
+from kernels.conftest import by_each_engine
 from mapdeal.kernels import sensing
 from mapdeal.kernels.sensing import DISTANCE_UNIT, Odds, count_rays, measure_rays, weigh_rays
-from mapdeal.kernels.threads import use_threads
 
 FAR = st.tuples(st.integers(-9, 20) | st.integers(-(2**30), 2**30), st.integers(-9, 20))
 
@@ -20,14 +20,14 @@ FAR = st.tuples(st.integers(-9, 20) | st.integers(-(2**30), 2**30), st.integers(
 def test_rays_from_and_to_far_away_take_no_longer(shape, rays):
     """Lines of 2^31 cells are clipped before they are walked, on both engines alike."""
     starts, ends, is_hit = (np.array(some) for some in zip(*rays, strict=True))
-    counts = []
-    for engine in ("compiled", "scipy"):
+
+    def counts():
         hits, misses = np.zeros((2, *shape), dtype=np.int32)
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("MAPDEAL_KERNELS", engine)
-            count_rays(starts, ends, is_hit, hits, misses)
-        counts.append((hits.tolist(), misses.tolist()))
-    assert counts[0] == counts[1]
+        count_rays(starts, ends, is_hit, hits, misses)
+        return hits.tolist(), misses.tolist()
+
+    compiled, twin = by_each_engine(counts)
+    assert compiled == twin
 
 
 @pytest.mark.slow
@@ -53,7 +53,7 @@ def test_long_lines_move_where_their_equation_says(length, minor, is_upright):
 
 @pytest.mark.thorough
 @needs_compiled
-def test_many_rays_give_the_same_bytes_on_both_engines_and_any_threads(monkeypatch):
+def test_many_rays_give_the_same_bytes_on_both_engines_and_any_threads():
     """More cells than the twin takes together."""
     rng = np.random.default_rng(4)
     count, shape = 60_000, (300, 260)
@@ -61,18 +61,18 @@ def test_many_rays_give_the_same_bytes_on_both_engines_and_any_threads(monkeypat
     ends = starts + rng.integers(-150, 150, (count, 2))
     is_hit = rng.random(count) < 0.7
     sensors, ranges = starts + rng.random((count, 2)), np.abs(rng.normal(0, 90, count))
-    found = []
-    for engine, threads in (("compiled", 1), ("compiled", 3), ("scipy", 1)):
-        monkeypatch.setenv("MAPDEAL_KERNELS", engine)
+
+    def layers():
         hits, misses, values, weights = np.zeros((4, *shape), dtype=np.int32)
         seen, sums = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.int64)
-        with use_threads(threads):
-            count_rays(starts, ends, is_hit, hits, misses)
-            weigh_rays(starts, ends, is_hit, Odds(-1, 2, -40, 50), values, seen)
-            measure_rays(starts, ends, sensors, ranges, 2.5, 1.7, sums, weights)
-        found.append([layer.tobytes() for layer in (hits, misses, values, seen, sums, weights)])
-    assert found[0] == found[1] == found[2]
-    assert misses.sum() > sensing._CELLS_TOGETHER
+        count_rays(starts, ends, is_hit, hits, misses)
+        weigh_rays(starts, ends, is_hit, Odds(-1, 2, -40, 50), values, seen)
+        measure_rays(starts, ends, sensors, ranges, 2.5, 1.7, sums, weights)
+        assert misses.sum() > sensing._CELLS_TOGETHER
+        return [layer.tobytes() for layer in (hits, misses, values, seen, sums, weights)]
+
+    first, *others = by_each_engine(layers, threads=(1, 3))
+    assert others == [first, first]
 
 
 @pytest.mark.usefixtures("each_engine")

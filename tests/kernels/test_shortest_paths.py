@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import oracles
 from engines import needs_compiled
-from mapdeal.kernels import engine
+from kernels.conftest import by_each_engine
 from mapdeal.kernels.paths import cheapest_path
 
 
@@ -70,13 +70,9 @@ def test_a_search_takes_the_least_estimate_first_and_no_cell_twice(each_engine, 
 @given(surcharged(longest=50), st.booleans())
 def test_both_engines_find_the_same_path(field, is_plain):
     *field, surcharges = field
-    found = []
-    for name in ("compiled", "scipy"):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv(engine.VARIABLE, name)
-            result = cheapest_path(*field, surcharges=None if is_plain else surcharges)
-            found.append(_told(result))
-    assert found[0] == found[1]
+    surcharges = None if is_plain else surcharges
+    compiled, twin = by_each_engine(lambda: _told(cheapest_path(*field, surcharges=surcharges)))
+    assert compiled == twin
 
 
 def test_tiny_weights_stay_open_and_huge_ones_are_refused(each_engine):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from kernels.test_outlines import masks
 from mapdeal.kernels.solids import rectangles, run_count, surface
+from strategies import masks
 
 trimesh = pytest.importorskip("trimesh")
 

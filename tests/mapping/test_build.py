@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 import oracles
 from drawn import cells as drawn_cells
 from engines import needs_compiled
+from kernels.conftest import by_each_engine
 from mapdeal import MapBuilder, Scans, build_map
 from mapdeal.grid.frame import Frame
-from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping import evidence
 from mapdeal.mapping.build import frame_of
 from mapping.conftest import cell_of
@@ -24,7 +24,13 @@ RES = 0.25
 GRID = {"resolution": RES, "size": (2.75, 2.0), "origin": (-0.5, 1.25)}
 SHAPE = (8, 11)
 LIMITS = st.sampled_from(
-    [{}, {"range_min": 0.5}, {"clear_max": 3.0}, {"range_max": 5.0, "clear_max": 2}]
+    [
+        {},
+        {"range_min": 0.5},
+        {"clear_max": 3.0},
+        {"range_max": 5.0, "clear_max": 2},
+        {"range_max": 2.0, "clear_max": 80.0},
+    ]
 )
 ODDS = st.sampled_from(
     [(-1, 2, 0, 100), (-30, 40, 10, 90), (-0.4, 0.85, 0, 100), (-50, 50, 0, 100)]
@@ -38,7 +44,7 @@ def walk(run, *, range_min=0.0, range_max=30.0, clear_max=0.0, beyond=0.0):
         for angle, r in zip(run[1] + yaw, row, strict=True):
             hit = r > 0 and range_min <= r < range_max
             if hit or (r >= range_max and clear_max > 0):
-                reach = r + beyond if hit else clear_max
+                reach = r + beyond if hit else min(clear_max, range_max)
                 end = x + reach * math.cos(angle), y + reach * math.sin(angle)
                 cells = line(cell_of(x, y, GRID["origin"]), cell_of(*end, GRID["origin"]))
                 yield cells, (r if hit else None), (x, y)
@@ -184,11 +190,6 @@ def test_beams_too_far_to_be_followed_are_outside(method):
     assert strip(4, poses, [[1.0]] * 3, 0.5, method=method)[:3] == [0, 0, 100]
 
 
-def test_clearing_ends_at_range_max():
-    told = strip(8, [[0.5, 0.5, 0.0]], [[35.0]], range_max=4.0, clear_max=80.0)
-    assert told == [0] * 4 + [-1] * 4
-
-
 @pytest.mark.parametrize(("hits", "expected"), [(63, 0), (64, 100)])
 def test_a_share_of_hits_that_is_the_ratio_is_not_above_it(hits, expected):
     """63 of 180 is 0.35 exactly; 0.35 * 180 is 62.999999999999993."""
@@ -224,31 +225,27 @@ def room(count):
 @pytest.mark.parametrize(
     "options", [*({"method": method} for method in METHODS), {"method": "tsdf", "as_written": True}]
 )
-def test_engines_threads_and_parts_give_the_same_bytes(options, monkeypatch):
-    scans, found = room(6), []
-    for engine, threads in (("compiled", 1), ("compiled", 3), ("scipy", 1)):
-        monkeypatch.setenv("MAPDEAL_KERNELS", engine)
-        with use_threads(threads):
-            built = build_map(*scans, **options)
-            builder = MapBuilder(built.grid.frame, **options)
-            for k in range(0, 6, 2):
-                builder.add(Scans(scans[0][k : k + 2], scans[1], scans[2][k : k + 2]))
-        for result in (built, builder.result()):
-            layers = (layer.tobytes() for layer in result.layers.values())
-            found.append([result.grid.occupancy.tobytes(), *layers])
-    assert all(each == found[0] for each in found)
+def test_engines_threads_and_parts_give_the_same_bytes(options):
+    scans = room(6)
+
+    def made():
+        built = build_map(*scans, **options)
+        in_parts = added_in_parts(MapBuilder(built.grid.frame, **options), *scans).result()
+        assert in_parts.counts == built.counts
+        return [
+            [layer.tobytes() for layer in (one.grid.occupancy, *one.layers.values())]
+            for one in (built, in_parts)
+        ]
+
+    (first, same), *others = by_each_engine(made, threads=(1, 3))
+    assert same == first
+    assert others == [[first, first]] * 2
 
 
-def test_scans_may_come_in_parts():
-    poses, angles, ranges = pole(3, 9)
-    whole = build_map(poses, angles, ranges, **AROUND_POLE)
-    builder = MapBuilder(whole.grid.frame)
+def added_in_parts(builder, poses, angles, ranges):
     for k in range(0, len(poses), 2):
         builder.add(Scans(poses[k : k + 2], angles, ranges[k : k + 2]))
-    parts = builder.result()
-    assert np.array_equal(parts.grid.occupancy, whole.grid.occupancy)
-    assert parts.counts == whole.counts
-    assert parts.vanished.sizes.tolist() == whole.vanished.sizes.tolist() == [3]
+    return builder
 
 
 def peer_run(real_maps, run, peer):
@@ -338,15 +335,10 @@ def test_a_pole_that_is_mostly_seen_through_vanishes_and_is_told(method):
         assert len(built.vanished) == 0
 
 
-def test_the_values_of_log_odds_lose_nothing():
-    assert len(build_map(*pole(3, 9), values=True, **AROUND_POLE).vanished) == 0
-
-
 @pytest.mark.parametrize(("hits", "passes"), [(3, 9), (3, 7), (4, 396)])
 def test_the_ratio_that_is_advised_keeps_the_groups_and_is_the_largest_percent(hits, passes):
     frame = frame_of(AROUND_POLE["size"], AROUND_POLE["origin"], AROUND_POLE["resolution"])
-    builder = MapBuilder(frame, "counting")
-    builder.add(Scans(*pole(hits, passes)))
+    builder = added_in_parts(MapBuilder(frame, "counting"), *pole(hits, passes))
     advice = builder.advice(builder.result().vanished)
     assert advice.startswith("--ratio ")
     assert advice.endswith(" keeps it")
@@ -437,27 +429,20 @@ def searched(means):
 
 @st.composite
 def runs_along_axes(draw):
-    """Scans in and around a small grid, many of them along its axes, so that values are equal."""
+    """Scans in and around a small grid along its axes, so that values are equal."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     scans, beams = draw(st.integers(1, 5)), draw(st.integers(1, 9))
-    whole = draw(st.booleans())
-    if whole:
-        poses = np.column_stack([rng.integers(-4, 16, (scans, 2)) * RES,
-                                 rng.integers(0, 4, scans) * math.pi / 2])  # fmt: skip
-        angles = rng.integers(0, 4, beams) * math.pi / 2
-        ranges = rng.integers(1, 14, (scans, beams)) * RES / 2
-    else:
-        poses = np.column_stack([rng.uniform(-1, 4, (scans, 2)), rng.uniform(-7, 7, scans)])
-        angles = rng.uniform(-3, 3, beams)
-        ranges = rng.uniform(0.1, 5, (scans, beams))
-    odd = rng.random(ranges.shape) < 0.1
-    return poses, angles, np.where(odd, rng.choice([math.nan, math.inf, -1, 0, 40]), ranges)
+    quarters, at = rng.integers(0, 4, scans), rng.integers(-4, 16, (scans, 2))
+    poses = np.column_stack([at * RES, quarters * math.pi / 2])
+    ranges = rng.integers(1, 14, (scans, beams)) * RES / 2
+    ranges[rng.random(ranges.shape) < 0.1] = math.nan
+    return poses, rng.integers(0, 4, beams) * math.pi / 2, ranges
 
 
 SHAPES = st.sampled_from([(8, 11), (11, 8), (1, 9), (9, 1), (1, 1), (6, 6)])
 
 
-@given(run=runs_along_axes(), shape=SHAPES)
+@given(run=runs() | runs_along_axes(), shape=SHAPES)
 def test_maps_and_layers_are_those_of_the_listing(run, shape):
     origin = (-0.5, 0.75)
     size = (shape[1] * RES, shape[0] * RES)

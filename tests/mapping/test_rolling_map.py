@@ -22,10 +22,13 @@ def placed(points, pose):
     ]
 
 
-def replayed(clouds, poses, size, resolution, *, least=0.0, most=math.inf, reach=math.inf):
+def replayed(
+    clouds, poses, size, resolution, *, offset=(0, 0), least=0.0, most=math.inf, reach=math.inf
+):
     """What some clouds, each anew on a map of nothing, leave in the last one's window."""
     state = {}
-    for points, pose in zip(clouds, poses, strict=True):
+    for points, (x, y, yaw) in zip(clouds, poses, strict=True):
+        pose = (x - offset[0], y - offset[1], yaw)
         start = cell_of(*pose[:2], resolution=resolution)
         marks = set()
         for (px, py), (x, y) in zip(points, placed(points, pose), strict=True):
@@ -59,7 +62,7 @@ def sequences(draw):
 
 LIMITS = st.sampled_from(
     [{}, {"min_range": 0.8}, {"max_range": 2.0}, {"max_range": 2.5, "raytrace_range": 1.5},
-     {"max_range": 1.5, "raytrace_range": 2.5}, {"raytrace_range": 0.0}]
+     {"max_range": 1.5, "raytrace_range": 2.5}, {"raytrace_range": 0.0}, {"offset": (0.5, -0.2)}]
 )  # fmt: skip
 
 
@@ -73,7 +76,8 @@ def test_each_map_is_a_replay_of_the_last_clouds(each_engine, run, keep, limits,
     mapper = RollingMapper(poses, LocalOptions(size=size, resolution=0.3, **limits), keep=keep)
     most = limits.get("max_range", math.inf)
     reach = limits.get("raytrace_range", most)
-    oracle = {"least": limits.get("min_range", 0.0), "most": most, "reach": reach}
+    least, offset = limits.get("min_range", 0.0), limits.get("offset", (0, 0))
+    oracle = {"offset": offset, "least": least, "most": most, "reach": reach}
     for k, points in enumerate(clouds):
         mapper.add(points)
         first = 0 if keep is None else max(0, k + 1 - keep)
@@ -81,18 +85,21 @@ def test_each_map_is_a_replay_of_the_last_clouds(each_engine, run, keep, limits,
         expected = replayed(clouds[first : k + 1], poses[first : k + 1], size, 0.3, **oracle)
         np.testing.assert_array_equal(made.grid.occupancy, expected)
         assert made.clouds == k + 1 - first
+        corner = np.array(made.grid.origin[:2]) / 0.3  # of all windows on one lattice
+        np.testing.assert_allclose(corner, np.round(corner), atol=1e-9)
         alone = replayed([clouds[k]], [poses[k]], size, 0.3, **oracle)
         assert made.from_earlier == np.count_nonzero((expected == 100) & (alone != 100))
 
 
 def test_the_map_s_obstacles_are_not_cleared_and_its_free_cells_are_known():
-    known = OccupancyGrid([[0, 0, 100, -1, -1, -1]], 0.5, (-1.0, 0.0, 0.0))
-    mapper = RollingMapper([[-0.75, 0.25, 0.0]] * 2, LocalOptions(size=(7, 0.5), resolution=0.5),
+    known = OccupancyGrid([[0, 0, 100, -1, -1, -1]], 0.5, (-1.1, 0.2, 0.0))
+    mapper = RollingMapper([[-0.85, 0.45, 0.0]] * 2, LocalOptions(size=(7, 0.5), resolution=0.5),
                            keep=1, global_map=known)  # fmt: skip
-    mapper.add([[1.7, 0.0]])  # at 0.95, behind the map's obstacle
+    mapper.add([[1.7, 0.0]])  # at 0.85, behind the map's obstacle
     made = mapper.result()
-    (first,) = known.frame.unbounded_rowcol_from_xy(made.grid.frame.xy_from_rowcol([[0, 0]]))
-    shown = made.grid.occupancy[0, -first[1] :]
+    ((row, col),) = known.frame.continuous_rowcol_from_xy([made.grid.origin[:2]])
+    assert (row, col) == pytest.approx((0, round(col)), abs=1e-9)  # one lattice
+    shown = made.grid.occupancy[0, -round(col) :]
     assert shown[:6].tolist() == [0, 0, 100, 100, -1, -1]
     assert made.from_map == 1
 
@@ -104,10 +111,10 @@ def test_cells_that_nothing_has_seen(unknown, value):
     assert mapper.result().grid.occupancy.tolist() == [[value] * 4, [value, value, 0, 100]]
 
 
-def row_of(*clouds, pose=(0.25, 0.25, 0.0), length=3, keep=None, add="add", **options):
+def row_of(*clouds, length=3, keep=None, add="add", **options):
     """The one row of cells that some clouds leave, seen from one place."""
     options = LocalOptions(size=(length, 0.5), resolution=0.5, **options)
-    mapper = RollingMapper([pose] * len(clouds), options, keep=keep)
+    mapper = RollingMapper([(0.25, 0.25, 0.0)] * len(clouds), options, keep=keep)
     for cloud in clouds:
         mapper.skip() if cloud is None else getattr(mapper, add)(cloud)
     return mapper.result().grid.occupancy[0].tolist()
@@ -139,18 +146,9 @@ def test_parts_of_a_cloud_are_one_cloud():
     assert row_of([[[0.7, 0.1]], [[1.0, 0.1]]], add="add_in_parts") == expected
 
 
-def test_beams_begin_where_an_offset_moves_the_cloud():
-    # seen from 0.25, at 1.25, in a window from -1.5 on
-    told = row_of([[1.0, 0.0]], pose=(0.75, 0.25, 0.0), length=4, offset=(0.5, 0.0))
-    assert told == [-1, -1, -1, 0, 0, 100, -1, -1]
-
-
-def test_points_that_are_far_away_clear_inside():
+def test_points_far_away_clear_inside_and_those_beyond_the_height_limits_nothing():
     far = [[1e6, 0.0], [-1e9, 0.0], [1e300, 0.0], [math.nan, 0.0], [math.inf, 0.0]]
     assert row_of(far, length=2) == [-1, -1, 0, 0]
-
-
-def test_points_beyond_the_height_limits_clear_nothing():
     points = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.5]]
     assert row_of(points, min_height=0.1, max_height=1.0) == [-1, 100, 0, 0, -1, -1]
 
@@ -165,15 +163,3 @@ def test_threads_do_not_matter():
                 mapper.add(points)
             found.append(mapper.result().grid.occupancy.tobytes())
     assert found[0] == found[1]
-
-
-def test_all_windows_lie_on_one_lattice():
-    known = OccupancyGrid(np.zeros((4, 5), np.int8), 0.1, (0.03, -0.06, 0.0))
-    poses = [[0.013 * k, 0.027 * k, 0.3 * k] for k in range(9)]
-    mapper = RollingMapper(poses, LocalOptions(size=(0.6, 0.4), resolution=0.1), global_map=known)
-    for _ in poses:
-        mapper.add(NOTHING)
-        x, y, yaw = mapper.result().grid.origin
-        assert (x - 0.03) / 0.1 == pytest.approx(round((x - 0.03) / 0.1), abs=1e-9)
-        assert (y + 0.06) / 0.1 == pytest.approx(round((y + 0.06) / 0.1), abs=1e-9)
-        assert yaw == 0

@@ -22,11 +22,6 @@ from pictures.samples import curve_of
             # sqrt(52) and 11 cells
             ("no collision, with a cost", 0.55, (112, 43)),
         ], ZoneKind.FREE),
-        ("nav2", [
-            ("collision at any heading", 0.2255, (253, 253)),
-            ("collision at some headings", 0.2299, None),
-            ("no collision, with a cost", 0.7, (234, 60)),
-        ], ZoneKind.FREE),
         ("cut off", [
             ("collision at any heading", 0.3, (253, 253)),
             ("collision at any heading, no cost", 0.6, (0, 0)),
@@ -37,13 +32,7 @@ from pictures.samples import curve_of
             # 252 e^(-5 (sqrt(50) / 20 - 0.351)) and 252 e^(-5 (0.55 - 0.351))
             ("no collision, with a cost", 0.55, (248, 93)),
         ], ZoneKind.FREE),
-        ("none", [
-            ("collision at any heading, no cost", 0.2, (0, 0)),
-            ("collision at some headings, no cost", 0.36, (0, 0)),
-        ], ZoneKind.FREE),
         ("point", [("with a cost", 0.05, (216, 216))], ZoneKind.NO_COST),
-        ("large cells", [("no collision, with a cost", 1.0, (4, 4))], ZoneKind.FREE),
-        ("rings", [("with a cost", 0.21, (90, 20))], ZoneKind.NO_COST),
     ],
 )  # fmt: skip
 def test_zones_say_what_a_distance_means_for_the_robot(name, between, last):

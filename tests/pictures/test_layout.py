@@ -106,7 +106,8 @@ def test_texts_on_a_map_cover_neither_each_other_nor_a_door(monkeypatch, shape, 
 
     monkeypatch.setattr(Captions, "_free_box", note)
     monkeypatch.setattr(canvas, "sheet", record)
-    reach = reach_of("\n".join(["." * shape[1]] * shape[0]))
+    text = "\n".join(["." * shape[1]] * shape[0])
+    reach = reach_of(text)
     places = (np.random.default_rng(3).random((40, 2)) * shape).astype(int).tolist()
     doors = tuple(
         passage_at(reach, (row, col), (row + 1, col + 2), cut_off=k)
@@ -116,7 +117,7 @@ def test_texts_on_a_map_cover_neither_each_other_nor_a_door(monkeypatch, shape, 
     goals = tuple(
         GoalReach(Goal(*end, name="g" * k), bool(k % 2), 0, 0.0) for k, end in enumerate(ends)
     )
-    reach = reach_of("\n".join(["." * shape[1]] * shape[0]), passages=doors, goals=goals)
+    reach = reach_of(text, passages=doors, goals=goals)
     reach_image(reach, title="t", image_max=image_max)
     assert len(boxes) == 40
     boxes = [box for box in boxes if box]

@@ -44,12 +44,6 @@ def test_what_does_not_go_together_is_refused(call, told):
         call()
 
 
-def test_where_the_map_lies_is_told():
-    with pytest.raises(ParameterError, match="outside") as caught:
-        shortest_route(FREE, (9.0, 0.2), (0.7, 0.2))
-    assert caught.value.hint == "the map lies within x 0 .. 4.5, y 0 .. 2"
-
-
 @pytest.mark.parametrize("name", ["cost_travel_multiplier", "field_weight", "heuristic_weight"])
 @pytest.mark.parametrize("value", [-1.0, math.nan, math.inf, 1e7])
 def test_factors_must_make_sense(name, value):
