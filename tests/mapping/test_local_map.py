@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kernels.conftest import by_each_engine
 from mapdeal import LocalMapper, LocalOptions, OccupancyGrid
 from mapdeal import local_map as make
 from mapdeal.mapping.transforms import CoveredAngles
@@ -181,13 +182,14 @@ def test_cells_are_those_of_exact_arithmetic(
         col, row = map(math.floor, places)
         if 0 <= col < columns and 0 <= row < rows:
             expected.add((col, row))
-    grid = make(
+    made = by_each_engine(lambda: make(
         np.array(kept).reshape(-1, 2), (*pose, quarter * math.pi / 2), frame=frame, offset=offset,
         size=tuple(k / 20 for k in size), resolution=float(step),
-    )  # fmt: skip
-    assert grid.shape == (rows, columns)
-    assert grid.origin[:2] == tuple(float(k * step) for k in corner)
-    assert set(cells(grid)) == expected
+    ))  # fmt: skip
+    for grid in made:
+        assert grid.shape == (rows, columns)
+        assert grid.origin[:2] == tuple(float(k * step) for k in corner)
+        assert set(cells(grid)) == expected
 
 
 ANGLES = st.lists(st.floats(-20, 20), min_size=1, max_size=9)
