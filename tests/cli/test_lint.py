@@ -67,13 +67,6 @@ def test_the_command_line_comes_before_the_file(sh, maps):
     assert codes == [0, 1, 1]
 
 
-def test_an_unknown_key_of_a_file_is_one_line_with_a_hint(sh, maps):
-    Path("mapdeal.toml").write_text("[lint]\nselct = []\n")
-    error, hint = sh.err("lint maps", 2).splitlines()[-2:]
-    assert error == f"error: {maps}/mapdeal.toml: lint.selct: unknown key"
-    assert hint == "hint: did you mean select?"
-
-
 def test_what_is_suppressed_is_counted(sh, maps):
     Path("mapdeal.toml").write_text('[lint.per-file-ignores]\n"maps/old" = ["yaml"]\n')
     told = "2 maps: 0 errors, 0 warnings, 0 notes, 1 suppressed\n"
@@ -169,15 +162,6 @@ def robot(here):
     Path("robot.yaml").write_text(ROBOT)
 
 
-def test_five_mistakes_of_a_ros1_file_are_told_with_their_lines(sh, robot):
-    *lines, total = sh.ok(ROBOT_LINT).splitlines()
-    assert [tuple(line.split(": ")[:3]) for line in lines] == [
-        (f"robot.yaml:{line}", severity, name) for line, severity, name in FIVE_MISTAKES
-    ]
-    assert total == "1 parameter file: 0 errors, 5 warnings, 1 note"
-    assert sh(f"{ROBOT_LINT} --strict")[0] == 1
-
-
 def test_a_file_that_nav2_refuses_ends_with_1(sh, here):
     """Of which all mistakes are told; Nav2 itself stops at the first."""
     Path("nav2.yaml").write_text(
@@ -185,18 +169,20 @@ def test_a_file_that_nav2_refuses_ends_with_1(sh, here):
         's: {plugin: "nav2_costmap_2d::StaticLayr"}}}}\n'
     )
     code, out, _ = sh("lint --params-file nav2.yaml --select params.type,params.plugins")
-    assert code == 1
     first, second, total = out.splitlines()
-    start = "nav2.yaml:1: error: params.type: robot_radius: must be a double, is a string; "
-    assert first.startswith(start)
-    assert first.endswith('got "0.3"; write a number, without quotes or a unit')
-    start = "nav2.yaml:2: error: params.plugins: s.plugin: unknown class nav2_costmap_2d::Stati"
-    assert second.startswith(start)
+    assert first.startswith("nav2.yaml:1: error: params.type: robot_radius: must be a double")
+    assert second.startswith("nav2.yaml:2: error: params.plugins: s.plugin: unknown class")
     assert second.endswith("; did you mean nav2_costmap_2d::StaticLayer?")
-    assert total == "1 parameter file: 2 errors, 0 warnings, 0 notes"
+    assert (code, total) == (1, "1 parameter file: 2 errors, 0 warnings, 0 notes")
 
 
-def test_every_form_of_the_report_has_parameter_files(sh, robot):
+def test_every_form_of_the_report_tells_five_mistakes_with_their_lines(sh, robot):
+    *lines, total = sh.ok(ROBOT_LINT).splitlines()
+    assert [tuple(line.split(": ")[:3]) for line in lines] == [
+        (f"robot.yaml:{line}", severity, name) for line, severity, name in FIVE_MISTAKES
+    ]
+    assert total == "1 parameter file: 0 errors, 5 warnings, 1 note"
+    assert sh(f"{ROBOT_LINT} --strict")[0] == 1
     document = sh.json(f"{ROBOT_LINT} --format json")
     (entry,) = document["parameter_files"]
     told = [(one["line"], one["severity"], one["check"]) for one in entry["findings"]]
@@ -234,15 +220,11 @@ def test_rules_count_for_parameter_files(sh):
 @pytest.mark.parametrize(
     ("words", "code", "text"),
     [
-        ("", 2, "needs a MAP, or --params-file"),
-        ("maps --costmap local", 2, "--costmap: needs --params-file"),
-        ("maps --namespace a", 2, "--namespace: needs --params-file"),
-        ("--params-file robot.yaml --fix --in-place", 2, "together with --fix"),
         ("--params-file none.yaml", 1, "none.yaml: error: file.access: "),
         ("--params-file robot.yaml --costmap local", 1, "no parameters of"),
         ("--params-file robot.yaml --namespace a", 0, "params.misspelt"),
     ],
 )
-def test_options_of_parameter_files(sh, maps, robot, words, code, text):
+def test_options_of_parameter_files(sh, robot, words, code, text):
     found, out, err = sh(f"lint {words}")
     assert (found, text in out + err) == (code, True)

@@ -100,21 +100,6 @@ def test_reach_route_and_query_heed_the_mask(sh, files):
     assert (sh.json(ask)["cost"], sh.json(f"{ask} --mask mask.npz")["cost"]) == (0, 254)
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("run room.yaml -o out --recipe only.yaml --mask mask.npz", "makes no costs"),
-        ("query room.yaml --at 1,1 --mask mask.npz", "applies to costs of a robot"),
-        ("route room.yaml --from 1,1 --to 2,2 --mask none.npz", "cannot be read"),
-    ],
-)  # fmt: skip
-def test_a_mask_without_effect_is_refused(sh, files, line, words):
-    (files / "only.yaml").write_text("stages: [{inflate: {radius: 0.1}}]")
-    code, _, err = sh(line)
-    assert code in (2, 4)
-    assert words in err
-
-
 def test_the_filter_of_a_robot_is_not_said_to_lack_its_mask(sh, files):
     ask = f"cost room.yaml -o out.npz --params-file {EXAMPLES}/robots/nav2_params.yaml"
     assert "a filter without its mask" in sh(ask)[2]

@@ -167,28 +167,6 @@ def test_what_has_no_end_is_refused(sh, stdin, monkeypatch):
     assert "73.5 MB may be used" in err  # 70 x 1024 x 1024
 
 
-ONE_FILE = "-: can be used for one input only: standard input is one file"
-
-
-@pytest.mark.parametrize(
-    ("line", "error"),
-    [
-        ("diff - -", ONE_FILE),
-        ("info - -", ONE_FILE),
-        ("query - --points -", ONE_FILE),
-        ("route - --pairs -", ONE_FILE),
-        ("cost - --mask - -o o.npz", ONE_FILE),
-        ("run - -o out", "-: standard input has no name for a folder of outputs"),
-        ("lint - --fix --in-place", "-: is standard input, which cannot be repaired in place"),
-        ("pack m.yaml -o -", "-: a bit map must end in .pbm, got ''"),  # two files
-    ],
-)
-def test_what_standard_input_and_output_are_not(sh, stdin, line, error):
-    stdin(Path("m.npz").read_bytes())
-    code, out, err = sh(line)
-    assert (code, out, err.splitlines()[0]) == (2, "", f"error: {error}")
-
-
 def test_a_file_of_that_name_is_named_with_its_folder(sh):
     Path("m.yaml").rename("-")
     assert sh("info ./-")[0] == 0

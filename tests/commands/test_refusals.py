@@ -87,6 +87,11 @@ REFUSED = [
     (recipe(["inflate"]), "must be the name of a recipe"),
     (run(GRID), "run: takes the path of a map"),
     (lambda: mapdeal.apply_recipe("m.yaml"), "apply_recipe: takes a grid"),
+    (run(["m.yaml", "m.yaml"]), "different names"),
+    (
+        run(robot_radius=0.2, footprint=mapdeal.Footprint.circle(0.2)),
+        "robot_radius: cannot be given together",
+    ),
     (run(canvas="whole"), "canvas: must be one of crop, full"),
     (run(dialect="ros2"), "dialect: must be one of nav2, humble, ros1"),
     (run(threads=0), "threads: must be a whole number, at least 1"),

@@ -115,3 +115,9 @@ def test_info_is_what_the_command_says(command):
     assert mapdeal.info("room.yaml") == json.loads(out)
     assert mapdeal.info(Path("room.yaml"))["occupied"] == 2
     assert mapdeal.info("room.yaml", dialect="humble")["dialect"] == "humble"
+
+
+def test_several_maps_are_run_into_a_folder_each():
+    mapdeal.write_map("other.yaml", grid_from_text(DRAWING))
+    first, second = mapdeal.run(["room.yaml", "other.yaml"], "out", robot_radius=0.5)
+    assert (first.folder, second.folder) == (Path("out/room"), Path("out/other"))
