@@ -10,12 +10,16 @@ from pathlib import Path
 
 import pytest
 
+from bad_maps import tree
 from drawn import grid_from_text
 from engines import needs_compiled
 from mapdeal import write_map
 from mapdeal.kernels import engine
 
 pytestmark = pytest.mark.slow
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+METHODS = ("log-odds", "counting", "tsdf")
 
 
 @pytest.fixture(autouse=True)
@@ -85,25 +89,40 @@ def test_the_version_says_which_kernels_are_in_use(wanted, found):
     assert f"(kernels: {found})" in process("--version", MAPDEAL_KERNELS=wanted).stdout
 
 
-@pytest.mark.parametrize("words", [["--version"], ["inflate", "a.yaml", "-o", "o.yaml"]])
-def test_an_engine_that_there_is_not_is_an_error_on_one_line(words):
-    told = process(*words, MAPDEAL_KERNELS="opencv")
-    assert told.returncode == 2
-    assert told.stderr == "error: MAPDEAL_KERNELS: must be compiled or scipy, got 'opencv'\n"
+def test_an_engine_that_there_is_not_is_an_error_on_one_line():
+    for words in (["--version"], ["inflate", "a.yaml", "-o", "o.yaml"]):
+        told = process(*words, MAPDEAL_KERNELS="opencv")
+        line = "error: MAPDEAL_KERNELS: must be compiled or scipy, got 'opencv'\n"
+        assert (told.returncode, told.stderr) == (2, line)
     assert not Path("o.yaml").exists()
 
 
+OFFICE = EXAMPLES / "maps" / "office.yaml"
+BUILD = f"build {EXAMPLES}/logs/office.log -o"
+WRITERS = [
+    f"run {OFFICE} -o OUT",
+    *(
+        pytest.param(line, marks=pytest.mark.thorough)
+        for line in (
+            *(f"{BUILD} OUT/m.yaml --layers OUT/l.npz --method {name}" for name in METHODS),
+            f"{BUILD} OUT --compare",
+            f"local --map {OFFICE} --cloud c.csv --pose 1,2,0.3 -o OUT",
+        )
+    ),
+]
+
+
 @needs_compiled
-def test_both_engines_write_the_same_files(here):
-    office = Path(__file__).parents[2] / "examples" / "maps" / "office.yaml"
-    for name in ("compiled", "scipy"):
-        told = process("run", office, "-o", name, MAPDEAL_KERNELS=name)
+@pytest.mark.parametrize("line", WRITERS)
+def test_bytes_do_not_depend_on_engine_or_threads(here, line):
+    Path("c.csv").write_text("0.62,0.04\n-0.41,0.33\n1.2,0.7\n")
+    written = []
+    for kernels, threads in (("scipy", "1"), ("compiled", "2"), ("compiled", "1")):
+        words = line.replace("OUT", f"{kernels}{threads}").split()
+        told = process(*words, "--threads", threads, MAPDEAL_KERNELS=kernels)
         assert told.returncode == 0, told.stderr
-    files = [path for path in (here / "compiled").rglob("*") if path.is_file()]
-    assert len(files) == 13
-    for file in files:
-        twin = here / "scipy" / file.relative_to(here / "compiled")
-        assert file.read_bytes() == twin.read_bytes(), file.name
+        written.append(tree(here / f"{kernels}{threads}"))
+    assert written[0] == written[1] == written[2] != {}
 
 
 SIGNALLED = """
