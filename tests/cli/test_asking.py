@@ -150,6 +150,7 @@ def bash(line):
     ("words", "lines", "key", "told"),
     [
         ("query room.yaml --points -", ["1.55,-1.9", "1.6,-1.9"], "inside", ""),
+        ("query room.yaml --robot-radius 0.05 --poses -", ["1.6 -1.9 0.5"] * 2, "yaw", ""),
         ("route hall.yaml --compare plain --pairs -", ["1,1,5,1", "1,3,5,3"], "reached",
          "means of 2 pairs"),
     ],
@@ -236,8 +237,6 @@ def test_route_prints_its_answer_or_writes_it(sh, hall):
     assert (answer["reached"], answer["optimal"], type(answer["expanded"])) == (True, True, int)
     assert answer["mean_clearance_m"] > answer["min_clearance_m"] > 0.22
     assert (answer["points"][0], answer["points"][-1]) == ([1.0, 1.0], [5.0, 1.0])
-    steps = [math.dist(a, b) for a, b in zip(answer["points"], answer["points"][1:], strict=False)]
-    assert answer["length_m"] == pytest.approx(sum(steps), abs=1e-6)
     assert answer["cost"] >= answer["length_m"] > 2 * math.hypot(2, 1.8)
     told = sh.ok(f"{line} -o r.json --image r.png")
     assert told.startswith(f"r.json: {answer['length_m']:.2f} m")
@@ -280,13 +279,12 @@ def test_route_and_reach_know_the_robot_s_size(sh, hall, radius, code):
 def test_route_by_descent_reaches_the_goal_or_tells_the_local_minimum(sh, hall):
     line = "route hall.yaml --method descent --attractive-gain 100"
     answer = json.loads(sh.ok(f"{line} --from 2,3.5 --to 5,3.6"))
-    assert (answer["reached"], answer["local_minimum"]) == (True, None)
-    assert (answer["optimal"], answer["expanded"]) == (False, None)
+    keys = ("reached", "local_minimum", "optimal", "expanded")
+    assert [answer[key] for key in keys] == [True, None, False, None]
     err = sh.err(f"{line} {ENDS} -o r.json --image r.png", 1)
     answer = json.loads(Path("r.json").read_text())
     x, y = answer["local_minimum"]
-    assert answer["points"][-1] == [x, y]
-    assert x < 3.0
+    assert (answer["points"][-1], x < 3.0) == ([x, y], True)
     assert f"stopped at {round(x, 3):.10g}, {round(y, 3):.10g}" in err
     assert Path("r.png").exists()
 
@@ -305,15 +303,6 @@ def test_a_field_keeps_its_own_obstacles_on_a_route(sh, hall):
     assert "max_distance" in sh.err(f"route short.npz {ENDS}", 2)
 
 
-@pytest.mark.parametrize("method", ["astar", "descent"])
-@pytest.mark.parametrize(("more", "cost"), [("", 4.0), ("--cost-travel-multiplier 6", 8.0)])
-def test_route_weighs_costs_as_nav2_does_unless_it_is_told_otherwise(sh, method, more, cost):
-    # half of 252, the highest cost that is open: 2 m of 1 + 2 * 126 / 252
-    write_map("c.npz", mapdeal.Costmap(np.full((1, 5), 126, np.uint8), 0.5))
-    route = sh.json(f"route c.npz --from 0.25,0.25 --to 2.25,0.25 --method {method} {more}")
-    assert (route["reached"], route["length_m"], route["cost"]) == (True, 2.0, pytest.approx(cost))
-
-
 REACHES = [(0.1, 0.1, 0.7), (0.5, 0.5, 0.5 + 0.7 - 0.225498499), (1.5, 0.3, math.hypot(1.5, 0.3))]
 
 
@@ -325,20 +314,15 @@ def test_costs_of_a_route_reach_beyond_every_robot(x, y, inflation_radius):
     assert cost.parameters["inscribed_radius"] == min(x, y)
 
 
-def test_the_field_in_the_heuristic_is_the_library_s(sh, hall):
-    costmap = exponential_cost(hall, inscribed_radius=0.22)
-    write_map("c.npz", costmap)
-    line = f"route c.npz {ENDS}"
-    plain = sh.json(line)
-    for more, weight in (("", 2.0), ("--heuristic-weight 6", 6.0)):
-        answer = sh.json(f"{line} --heuristic field {more}")
-        route = mapdeal.shortest_route(costmap, (1.0, 1.0), (5.0, 1.0), heuristic_weight=weight)
-        assert (answer["optimal"], answer["expanded"]) == (False, route.expanded)
-        assert answer["points"] == [pytest.approx(p, abs=1e-9) for p in route.points_xy.tolist()]
-        assert answer["mean_clearance_m"] == pytest.approx(route.mean_clearance, abs=1e-8)
-        assert answer["mean_clearance_m"] > plain["mean_clearance_m"]
-    assert sh.json(f"{line} --heuristic field --heuristic-weight 0") == plain
-    assert sh.json(f"{line} --heuristic octile") == plain
+def test_the_field_in_the_heuristic_weighs_what_it_is_told_to(sh, hall):
+    line = f"route hall.yaml {ENDS}"
+    plain, field, more, none = (
+        sh.json(f"{line} --heuristic {how}")
+        for how in ("octile", "field", "field --heuristic-weight 6", "field --heuristic-weight 0")
+    )
+    assert none == plain == sh.json(line)
+    assert (field["optimal"], plain["optimal"]) == (False, True)
+    assert more["mean_clearance_m"] > field["mean_clearance_m"] > plain["mean_clearance_m"]
     assert "m on average" in sh.ok(f"{line} --heuristic field -o r.json")
 
 
@@ -398,17 +382,17 @@ def test_pairs_that_cannot_be_planned_are_told_and_the_others_go_on(sh, hall):
     code, out, err = sh("route hall.yaml --pairs p.csv --compare plain -o r.jsonl")
     assert (code, out) == (5, "r.jsonl: 5 pairs by plain\n")
     lines = [json.loads(one) for one in Path("r.jsonl").read_text().splitlines()]
-    assert [line["pair"] for line in lines] == [1, 2, 3, 4, 5]
-    assert ["error" in line for line in lines] == [False, True, True, True, False]
-    assert lines[1]["error"] == "start: lies in a closed cell (cost 254), got (3.05, 1.0)"
+    assert [(one["pair"], "error" in one) for one in lines] == [
+        (1, False), (2, True), (3, True), (4, True), (5, False),
+    ]  # fmt: skip
+    assert lines[1]["error"].startswith("start: lies in a closed cell")
     assert lines[1]["hint"].startswith("the nearest open cell is 0.3 m away")
     rule = "must be four numbers x,y,x,y, got '1,1'"
     assert lines[2] == {"pair": 3, "line": 3, "error": rule}
     assert (lines[3]["line"], lines[3]["start"]) == (4, [99.0, 1.0])
     assert "outside" in lines[3]["error"]
-    told = err.splitlines()
-    assert told[0].startswith("means of 2 pairs ")
-    assert told[2:] == ["error: p.csv: 3 of 5 pairs have no routes"]
+    assert err.startswith("means of 2 pairs ")
+    assert err.endswith("\nerror: p.csv: 3 of 5 pairs have no routes\n")
 
 
 def test_pairs_without_a_way_are_a_finding_and_no_pairs_an_error(sh, asked, hall):
@@ -434,9 +418,3 @@ def test_pairs_without_obstacles_have_no_clearance(sh, asked):
     assert asked(line)[0]["mean_clearance_m"] is None
     assert warning.endswith("free.npz: 100 % of the open cells cost 0: there is no obstacle")
     assert means_told(means)["plain"][:2] == ["-", "-"]
-
-
-def test_the_file_of_pairs_is_no_output(sh, pairs):
-    Path("p.csv").rename("p.jsonl")
-    assert sh("route hall.yaml --pairs p.jsonl -o p.jsonl --force")[:2] == (4, "")
-    assert Path("p.jsonl").read_text() == pairs

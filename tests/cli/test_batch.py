@@ -132,6 +132,29 @@ def test_jobs_share_out_threads_and_memory(monkeypatch):
     assert chosen.sharing(3) == chosen
 
 
+@pytest.mark.parametrize(
+    ("wanted", "maps", "processors", "size", "most"),
+    [
+        (None, 20, 3, 3, None),
+        (None, 2, 3, 2, None),
+        (1, 20, 3, 1, None),
+        (12, 20, 3, 12, None),  # four a processor
+        (13, 20, 3, 12, 12),
+        (8, 20, 1, 8, None),  # but eight at least
+        (9, 20, 1, 8, 8),
+        (99, 2, 3, 2, 12),
+    ],
+)
+def test_jobs_are_bounded_by_maps_and_processors(
+    monkeypatch, capsys, wanted, maps, processors, size, most
+):
+    terminal.configure(quiet=False, verbose=False)
+    monkeypatch.setattr(batch, "available_threads", lambda: processors)
+    assert batch.jobs_at_once(wanted, maps, terminal) == size
+    note = f"note: --jobs {wanted}: using {most}, as there are {processors} cores\n"
+    assert capsys.readouterr().err == ("" if most is None else note)
+
+
 @pytest.mark.usefixtures("maps")
 def test_without_a_terminal_a_line_tells_now_and_then_how_far_it_is(sh, monkeypatch):
     monkeypatch.setattr(terminal, "PROGRESS_SECONDS", 0)
@@ -268,14 +291,3 @@ def test_a_worker_that_is_killed_once_costs_no_map_f10(large_maps):
     assert nothing_is_left(large_maps)
     subprocess.run([*RUN, "maps", "-o", "p", "-j", "1"], check=True, capture_output=True)
     assert contents(large_maps / "o") == contents(large_maps / "p")
-
-
-@pytest.mark.usefixtures("maps")
-def test_processes_and_clusters_are_loaded_only_if_there_are_any():
-    code = (
-        "import sys; from mapdeal.cli.main import main; "
-        "main(['run', 'maps/b', '-o', 'o', '-j', '1']); print([m for m in "
-        "('concurrent.futures.process', 'multiprocessing', 'distributed') if m in sys.modules])"
-    )
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.splitlines()[-1] == "[]"

@@ -77,10 +77,3 @@ def test_outputs_come_together_or_not_at_all(sh, here, room, monkeypatch):
     before = tree(here)
     assert "in the end" in sh.err(f"{line} --force --inscribed-radius 9 --inflation-radius 9", 2)
     assert tree(here) == before
-
-
-def test_an_input_is_no_place_for_it(sh, here):
-    write_map("a.png", grid_from_text(ROOM, 0.1))  # the pair's image
-    before = tree(here)
-    assert "the output is the input" in sh.err("cost a.yaml -o c.npz --curve a.png --force", 4)
-    assert tree(here) == before

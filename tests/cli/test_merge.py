@@ -249,14 +249,6 @@ def test_the_picture_shows_conflicts(sh, folder):
     assert {colours.REMOVED, colours.ADDED, colours.RVIZ_OCCUPIED, colours.RVIZ_FREE} <= shown
 
 
-@pytest.mark.parametrize("words", ["-o a.yaml", "-o b.pgm", "-o o.yaml --image s.json"])
-def test_outputs_replace_no_input(sh, folder, words):
-    transform_file("s.json", STEP)
-    before = tree(folder)
-    code, _, err = sh(f"merge a.yaml b.yaml {words} --by s.json --force")
-    assert (code in (2, 4), bool(err), tree(folder)) == (True, True, before)
-
-
 def test_transforms_must_lead_to_every_map(sh, folder):
     transform_file("t.json", STEP, "a", "c")
     told = "--by: no transforms lead from a.yaml to b.yaml"

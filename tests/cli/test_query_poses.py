@@ -1,8 +1,6 @@
 """The command that asks for the cost of a robot at poses."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -123,18 +121,6 @@ def test_a_file_of_poses_is_answered_line_by_line(sh, asked, costmap):
     given = poses_at(costmap, (2.5, 4.5, 0), (2.5, 4.2, 1))  # these come first
     yaws = [answer["yaw"] for answer in asked(f"{line} {at(given)}")]
     assert yaws == [given[0][2], given[1][2], *(answer["yaw"] for answer in answers)]
-
-
-@pytest.mark.usefixtures("costmap")
-def test_standard_input_is_answered_at_once():
-    words = [sys.executable, "-m", "mapdeal", *QUERY.split(), "--poses", "-"]
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        for yaw in (0.5, 1.5):
-            process.stdin.write(f"1.6 -1.9 {yaw}\n".encode())
-            process.stdin.flush()
-            assert json.loads(process.stdout.readline())["yaw"] == yaw
-        process.stdin.close()
-        assert process.wait() == 0
 
 
 def test_degrees_are_warned_of(sh, costmap):

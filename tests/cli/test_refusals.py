@@ -15,7 +15,12 @@ from mapdeal.maps.npz import write_npz
 ROBOT = "--footprint [[0.12,0.06],[0.12,-0.06],[-0.12,-0.06],[-0.12,0.06]]"
 POSES = f"query m.yaml {ROBOT}"
 WEIGHTS = "route m.yaml --from 1,1 --to 5,1"
-ZONES = Path(__file__).parents[2] / "examples" / "shapes" / "office_filters.geojson"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+NAV2 = """\
+global_costmap: {global_costmap: {ros__parameters: {
+  robot_radius: 0.2, plugins: [s], s: {plugin: "nav2_costmap_2d::StaticLayer"}}}}
+"""
+ZONES = EXAMPLES / "shapes" / "office_filters.geojson"
 AROUND = "run m.yaml -o out --pose 0,0,0"
 SCORE = "score none.yaml --truth none.yaml"
 COMPARED = "build none.npz --compare -o out"
@@ -197,6 +202,29 @@ ROWS = [
     ("align m.yaml m2.yaml --rotation north", "--rotation: must be degrees such as 0,90,180,270"),
     ("merge m.yaml -o o.yaml", "maps: takes two maps or more, got 1"),
     *((code, f"merge m.yaml {words} -o o.npz", told) for code, words, told in MERGES),
+    # outputs that are inputs
+    *(
+        (4, f"{line} --force", "the output is the input")
+        for line in (
+            *(
+                f"edit circle m.yaml --file shapes.yaml -o {name}"
+                for name in ("shapes.yaml", "link.yaml", "shapes.pgm")
+            ),
+            "cost m.yaml --mask m2.yaml -o m2.yaml",
+            "cost pair.yaml -o c.npz --curve pair.png",
+            "cost m.yaml --params-file made/nav2.yaml -o made/nav2.yaml",
+            "merge m.yaml m2.yaml -o m.yaml",
+            "merge m.yaml m2.yaml -o m2.pgm",
+            "route m.yaml --pairs p.jsonl -o p.jsonl",
+            "window m.yaml --like m2.yaml -o m2.yaml",
+        )
+    ),
+    (4, "run m.yaml -o made --params-file made/m/nav2.yaml", "where the outputs go"),
+    (
+        4,
+        "run m.yaml -o made --pose 0,0,0 --cloud made/m/local/c.csv",
+        "lies in made/m/local",
+    ),
     # standard input and output
     *(
         (line, "-: can be used for one input only: standard input is one file")
@@ -227,6 +255,11 @@ TEXTS = {
     "bad.json": '{"x": 1}',
     "only.yaml": "stages: [{inflate: {radius: 0.1}}]",
     "page.html": "mine",
+    "p.jsonl": "1,1,5,1\n",
+    "shapes.yaml": "shapes:\n- {type: circle, center: [2, 1], radius: 0.1, value: 100}\n",
+    "made/m/local/c.csv": "1,1\n",
+    "made/nav2.yaml": NAV2,
+    "made/m/nav2.yaml": NAV2,
     "cloud.pcd": "VERSION .7\nFIELDS x y z\n",
 }
 
@@ -236,7 +269,7 @@ def place(tmp_path_factory):
     """A folder with a map that holds 1,1 to 5,1, costs and fields of it, and other inputs."""
     folder = tmp_path_factory.mktemp("refused")
     room = OccupancyGrid(np.zeros((50, 70), np.int8), 0.1, (0.0, -2.5, 0.0))
-    for name in ("m.yaml", "m2.yaml", "sub/m.yaml"):
+    for name in ("m.yaml", "m2.yaml", "sub/m.yaml", "pair.png"):
         write(folder / name, room)
     small = grid_from_text("..#..\n.....", 0.1)
     field = esdf(small)
@@ -248,7 +281,9 @@ def place(tmp_path_factory):
     with (folder / "odd.npz").open("wb") as file:
         write_npz(file, room, more={"log_odds": np.zeros((2, 2))})
     shutil.copy(folder / "m.pgm", folder / "bare.pgm")
-    (folder / "sub" / "empty").mkdir()
+    (folder / "link.yaml").symlink_to("shapes.yaml")
+    for name in ("sub/empty", "made/m/local"):
+        (folder / name).mkdir(parents=True)
     for name, text in TEXTS.items():
         (folder / name).write_text(text)
     return folder

@@ -64,19 +64,6 @@ def test_a_window_at_the_map_s_edge_is_unknown_beyond_it(sh):
     assert (read_map("a/cost.npz").cost[:2, :2] == -1).all()
 
 
-def test_the_square_kernel_and_rings_around_a_robot(sh):
-    """A wall of one cell at 0.2 m cells: 0.3 m are two cells each way, then rings of a cell."""
-    values = np.zeros((1, 12), np.int8)
-    values[0, 5] = 100
-    write_map("wall.npz", OccupancyGrid(values, 0.2, (-1.0, 0.3, 0.0)))
-    recipe = "--recipe design-local --no-images"
-    sh(f"local --map wall.npz --pose 0.2,0.4,0 --size 2.4,0.2 -o o {recipe}")
-    assert read_map("o/inflated.yaml").occupancy.tolist() == [[0] * 3 + [100] * 5 + [0] * 4]
-    assert read_map("o/cost.npz").cost[0].tolist() == [50, 70, 90, *[100] * 5, 90, 70, 50, 0]
-    assert sh(f"run wall.npz -o r {recipe}")[0] == 0
-    assert np.array_equal(read_map("r/wall/cost.npz").cost, read_map("o/cost.npz").cost)
-
-
 def test_unknown_keep_without_anything_to_know_from_is_told(sh):
     line = "local --cloud c.csv --pose 0,0,0 --size 3,2 --resolution 0.1 --no-images -o"
     told = "--unknown keep has no effect without --map or --keep: cells without points are free"

@@ -41,6 +41,14 @@ def run(path="m.yaml", output="out", recipe="default", **arguments):
     return lambda: mapdeal.run(path, output, recipe, **arguments)
 
 
+def score(**arguments):
+    return lambda: mapdeal.score(GRID, GRID, **arguments)
+
+
+def align(**arguments):
+    return lambda: mapdeal.align(GRID, GRID, **arguments)
+
+
 def draw(picture=GRID, **arguments):
     return lambda: mapdeal.draw_picture(picture, **arguments)
 
@@ -98,6 +106,15 @@ REFUSED = [
     (run(max_memory=-1), "max_memory: must be"),
     (run(footprint=0.3), "footprint: must be a Footprint"),
     *[(recipe("nav2", footprint=odd), "footprint: must be a Footprint") for odd in (0.3, "circle")],
+    *[
+        (score(transform=odd), "transform: must be a transform, or three numbers")
+        for odd in ((1, 2), 3)
+    ],
+    (score(transform=(1, 2, math.nan)), "yaw: must be a finite number"),
+    (score(transform=(1, 2, 3), align=True), "cannot be given together"),
+    (lambda: mapdeal.score(7), "takes files or grids"),
+    *[(align(prior=odd), "prior") for odd in ([1, 2], "north", 3.0)],
+    (lambda: mapdeal.align(np.zeros((2, 3)), GRID), "takes files or grids"),
     (lambda: mapdeal.info("m.yaml", dialect="ros2"), "dialect"),
 ]
 
