@@ -21,6 +21,7 @@ global_costmap: {global_costmap: {ros__parameters: {
   robot_radius: 0.2, plugins: [s], s: {plugin: "nav2_costmap_2d::StaticLayer"}}}}
 """
 ZONES = EXAMPLES / "shapes" / "office_filters.geojson"
+MASK = f"mask m.yaml -o f --file {ZONES}"
 AROUND = "run m.yaml -o out --pose 0,0,0"
 SCORE = "score none.yaml --truth none.yaml"
 COMPARED = "build none.npz --compare -o out"
@@ -36,6 +37,25 @@ MERGES = [
     (3, "odd.npz --rule evidence", "odd.npz: log_odds: "),
     (2, "m2.yaml --image o.jpg", "--image: "),
 ]
+REPLACED = [
+    "edit circle m.yaml --file shapes.yaml -o shapes.yaml",
+    "edit circle m.yaml --file shapes.yaml -o shapes.pgm",
+    "edit circle m.yaml --file shapes.yaml -o link.yaml",
+    "cost m.yaml --mask m2.yaml -o m2.yaml",
+    "cost pair.yaml -o c.npz --curve pair.png",
+    "cost m.yaml --params-file made/nav2.yaml -o made/nav2.yaml",
+    "merge m.yaml m2.yaml -o m.yaml",
+    "merge m.yaml m2.yaml -o m2.pgm",
+    "route m.yaml --pairs p.jsonl -o p.jsonl",
+    "window m.yaml --like m2.yaml -o m2.yaml",
+]
+TWICE = (
+    "diff - -",
+    "info - -",
+    "query - --points -",
+    "route - --pairs -",
+    "cost - --mask - -o o.npz",
+)
 ROWS = [
     # one map
     ("inflate", "missing argument"),
@@ -114,15 +134,11 @@ ROWS = [
     (f"{AROUND} --local-recipe=", "--local-recipe: must not be empty"),
     (f"{AROUND} --scheduler tcp://h:1", "--pose: cannot be given together with --scheduler"),
     ("local --pose 0,0,0 -o out", "--cloud: a cloud or --map is required"),
-    *(
-        (f"local --map m.yaml --pose 0,0,0 -o out {option}", f"{option.split()[0]}: applies to c")
-        for option in ("--min-height 0.1", "--frame map", "--require-points")
-    ),
+    *((f"local --map m.yaml --pose 0,0,0 -o out {option}", f"{option.split()[0]}: applies to c")
+      for option in ("--min-height 0.1", "--frame map", "--require-points")),
     ("local --cloud c.csv --pose 0,0,0 -o out --keep 3", "--keep: applies to a sequence: it needs"),
-    *(
-        (f"local --cloud c.csv --poses p.txt -o out --keep={n}", "must be a number of clouds, at l")
-        for n in ("0", "-1", "some", "1.5", "", "99999999999", "٣")
-    ),
+    *((f"local --cloud c.csv --poses p.txt -o out --keep={n}", "must be a number of clouds, at l")
+      for n in ("0", "-1", "some", "1.5", "", "99999999999", "٣")),
     # what holds no values of cells
     ("edit circle --point 1,2 --radius 1 --value 1 potential.npz -o o.npz", "field"),
     ("window --at 1,2 --size 0.1,0.1 potential.npz -o o.npz", "field"),
@@ -177,16 +193,11 @@ ROWS = [
     (3, "graph m.yaml --robot-radius 9 -o g.geojson", "no cell is open"),
     # masks of filters
     ("mask m.yaml -o f", "--file: is required"),
-    *(
-        (f"mask m.yaml -o f --file {ZONES} {words}", told)
-        for words, told in (
-            ("--kind other", "must be one of keepout, speed, binary"),
-            ("--kind binary --base 1", "--base: applies to speed zones"),
-            ("--kind speed --to 1,2", "--to: applies to keepout zones"),
-            ("--multiplier 0", "other than 0"),
-            ("--from 99,99", "start"),
-        )
-    ),
+    (f"{MASK} --kind other", "must be one of keepout, speed, binary"),
+    (f"{MASK} --kind binary --base 1", "--base: applies to speed zones"),
+    (f"{MASK} --kind speed --to 1,2", "--to: applies to keepout zones"),
+    (f"{MASK} --multiplier 0", "other than 0"),
+    (f"{MASK} --from 99,99", "start"),
     (3, "mask m.yaml -o f --file m2.yaml", "not a file of zones"),
     (4, "mask m.yaml -o f --file none.geojson", "none.geojson"),
     # two maps
@@ -203,22 +214,7 @@ ROWS = [
     ("merge m.yaml -o o.yaml", "maps: takes two maps or more, got 1"),
     *((code, f"merge m.yaml {words} -o o.npz", told) for code, words, told in MERGES),
     # outputs that are inputs
-    *(
-        (4, f"{line} --force", "the output is the input")
-        for line in (
-            *(
-                f"edit circle m.yaml --file shapes.yaml -o {name}"
-                for name in ("shapes.yaml", "link.yaml", "shapes.pgm")
-            ),
-            "cost m.yaml --mask m2.yaml -o m2.yaml",
-            "cost pair.yaml -o c.npz --curve pair.png",
-            "cost m.yaml --params-file made/nav2.yaml -o made/nav2.yaml",
-            "merge m.yaml m2.yaml -o m.yaml",
-            "merge m.yaml m2.yaml -o m2.pgm",
-            "route m.yaml --pairs p.jsonl -o p.jsonl",
-            "window m.yaml --like m2.yaml -o m2.yaml",
-        )
-    ),
+    *((4, f"{line} --force", "the output is the input") for line in REPLACED),
     (4, "run m.yaml -o made --params-file made/m/nav2.yaml", "where the outputs go"),
     (
         4,
@@ -226,16 +222,7 @@ ROWS = [
         "lies in made/m/local",
     ),
     # standard input and output
-    *(
-        (line, "-: can be used for one input only: standard input is one file")
-        for line in (
-            "diff - -",
-            "info - -",
-            "query - --points -",
-            "route - --pairs -",
-            "cost - --mask - -o o.npz",
-        )
-    ),
+    *((line, "-: can be used for one input only: standard input is one file") for line in TWICE),
     ("run - -o out", "-: standard input has no name for a folder of outputs"),
     ("lint - --fix --in-place", "-: is standard input, which cannot be repaired in place"),
     ("pack m.yaml -o -", "-: a bit map must end in .pbm, got ''"),  # two files
@@ -244,7 +231,7 @@ ROWS = [
     (f"{COMPARED} --values", "--values: cannot be given together with --compare"),
     (f"{COMPARED} --layers l.npz", "--layers: cannot be given together with --compare"),
     (f"{COMPARED} --image l.png", "--image: cannot be given together with --compare"),
-]
+]  # fmt: skip
 
 
 TEXTS = {

@@ -48,20 +48,7 @@ def test_without_a_cloud_it_is_the_map_s_window(sh):
     manifest = local_manifest("o")
     assert set(manifest["inputs"]) == {"known.yaml", "known.pgm"}
     figures = manifest["figures"]["local"]
-    assert "points" not in figures
-    assert figures["from_map"] == figures["occupied"]
-
-
-@pytest.mark.usefixtures("mapdeal_warnings")
-def test_a_window_at_the_map_s_edge_is_unknown_beyond_it(sh):
-    line = "local --map known.yaml --pose -2,-1,0 --size 2,2 --no-images -o"
-    sh(f"{line} a")
-    sh(f"{line} b --unknown free")
-    kept, free = (read_map(f"{folder}/local.yaml").occupancy for folder in "ab")
-    assert (kept[:9] == -1).all()
-    assert (kept[:, :9] == -1).all()
-    assert np.array_equal(free, np.where(kept == -1, 0, kept))
-    assert (read_map("a/cost.npz").cost[:2, :2] == -1).all()
+    assert (figures["from_map"], "points" in figures) == (figures["occupied"], False)
 
 
 def test_unknown_keep_without_anything_to_know_from_is_told(sh):
@@ -103,24 +90,24 @@ def check(keep, without=(), in_the_way=(), *, global_map=None, **options):
     return made
 
 
-@pytest.mark.parametrize(("keep", "number"), [("3", 3), ("all", None)])
-def test_a_rolling_sequence(sh, keep, number, sequence):
-    assert sh(f"{ROLLING} --keep {keep}")[1].startswith("o: 7 done")
-    for k, made in check(number).items():
+SMALL = grid_from_text("#..?\n....\n.#..", 0.1, (-0.5, 0.5, 0.0))
+ON_A_MAP = "--map small.npz --unknown free --max-range 1.2 --raytrace-range 1"
+OF_MAP = {"global_map": SMALL, "unknown": "free", "max_range": 1.2, "raytrace_range": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("words", "number", "options"), [("3", 3, {}), ("all", None, {}), (f"3 {ON_A_MAP}", 3, OF_MAP)]
+)
+def test_a_rolling_sequence(sh, words, number, options, sequence):
+    write_map("small.npz", SMALL)
+    assert sh(f"{ROLLING} --keep {words}")[1].startswith("o: 7 done")
+    for k, made in check(number, **options).items():
         manifest = local_manifest(f"o/{k:04}")
         figures = manifest["figures"]["local"]
         assert figures["clouds"] == min(k + 1, number or 7)
         assert figures["from_earlier"] == made.from_earlier
         assert manifest["stages"][0]["local"]["keep"] == (number or "all")
-        assert list(manifest["inputs"]) == [f"{k}.csv"]
-
-
-def test_a_rolling_sequence_on_a_map(sh, sequence):
-    known = grid_from_text("#..?\n....\n.#..", 0.1, (-0.5, 0.5, 0.0))
-    write_map("small.npz", known)
-    words = "--map small.npz --unknown free --max-range 1.2 --raytrace-range 1"
-    assert sh(f"{ROLLING} --keep 3 {words}")[0] == 0
-    check(3, unknown="free", max_range=1.2, raytrace_range=1.0, global_map=known)
+        assert next(iter(manifest["inputs"])) == f"{k}.csv"
 
 
 @pytest.mark.parametrize("keep", ["2", "all"])

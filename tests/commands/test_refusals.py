@@ -49,6 +49,11 @@ def align(**arguments):
     return lambda: mapdeal.align(GRID, GRID, **arguments)
 
 
+def merge(transforms):
+    Path("s.json").write_text('{"x": 1, "y": 2, "yaw": 0}')
+    return lambda: mapdeal.merge(["m.yaml"] * 3, transforms=transforms)
+
+
 def draw(picture=GRID, **arguments):
     return lambda: mapdeal.draw_picture(picture, **arguments)
 
@@ -113,6 +118,9 @@ REFUSED = [
     (score(transform=(1, 2, math.nan)), "yaw: must be a finite number"),
     (score(transform=(1, 2, 3), align=True), "cannot be given together"),
     (lambda: mapdeal.score(7), "takes files or grids"),
+    (merge(["s.json", GRID]), "transforms: must be files, or transforms"),
+    (merge("s.json"), "transforms: must be 2, one for each map but the first"),
+    (merge(["s.json"] * 4), "transforms: 4 files are given, and 2 maps to place"),
     *[(align(prior=odd), "prior") for odd in ([1, 2], "north", 3.0)],
     (lambda: mapdeal.align(np.zeros((2, 3)), GRID), "takes files or grids"),
     (lambda: mapdeal.info("m.yaml", dialect="ros2"), "dialect"),
