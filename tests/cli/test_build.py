@@ -1,6 +1,5 @@
 """The command build: logs in, maps out."""
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -117,16 +116,6 @@ def test_real_logs_give_maps(sh, real_maps):
     words = f"--poses {triple}/pose.txt --angles {triple}/scanAngles.txt"
     out = sh(f"build {words} --ranges {triple}/ranges.txt -o m.yaml --force")[1]
     assert "460 scans, 124660 beams: 123824 hits, 0 without return, 836 bad" in out
-
-
-def test_the_angle_of_view_is_where_it_should_be(sh, here):
-    """One reading to the right, one ahead: of 180, the first and the one in the middle."""
-    row = [1.0, *[0.0] * 89, 2.0, *[0.0] * 89]
-    Path("a.log").write_text(flaser(row, (1.0, 1.0, math.pi / 2), 1))
-    assert sh("build a.log -o m.npz --resolution 0.5")[0] == 0
-    grid = read_map("m.npz")
-    places = grid.frame.xy_from_rowcol(np.argwhere(grid.occupied()))
-    assert sorted(places.tolist()) == [[1.25, 3.25], [2.25, 1.25]]
 
 
 def write_poles(*places):

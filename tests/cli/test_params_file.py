@@ -239,12 +239,9 @@ def test_a_recipe_takes_the_shape_alone_and_says_nothing_of_layers(sh, nav2):
 
 
 def test_info_says_what_a_file_comes_to_on_a_map(sh):
-    out = sh.ok("info nav2.yaml --map hall.npz")
-    assert "costmap       global, /global_costmap/global_costmap" in out
-    assert "inscribed     0.2 m" in out
-    assert "obstacle_layer (ObstacleLayer)    ignored: reads sensors" in out
     # ceil(0.85 / float32(0.15)) = 6
-    assert "on the map    hall.npz: inflation_layer reaches 6 cells, 0.9 m" in out
+    told = "on the map    hall.npz: inflation_layer reaches 6 cells, 0.9 m"
+    assert told in sh.ok("info nav2.yaml --map hall.npz")
     report = sh.json("info nav2.yaml --json")
     assert (report["kind"], "on_map" in report) == ("robot parameters", False)
     assert report["inscribed_radius"] == pytest.approx(INSCRIBED, abs=1e-12)

@@ -72,27 +72,21 @@ def test_a_goal_that_is_cut_off_ends_with_1(sh, at):
     assert Path("out.png").read_bytes()[:4] == b"\x89PNG"
 
 
-@pytest.mark.parametrize(
-    ("col", "why", "near"),
-    [
-        (0, "lies in a closed cell (an obstacle)", "the nearest open cell is 0.5 m away"),
-        (1, "0.25 m from an obstacle, the robot's radius is 0.26 m", ""),
-    ],
-)
-def test_closed_cells_are_refused_with_the_nearest_open_one(sh, at, col, why, near):
-    err = sh.err(f"reach rooms.yaml --from {at(3, col)} --robot-radius 0.26", 2)
-    assert (why in err, near in err) == (True, True)
+def test_closed_cells_are_refused_with_the_nearest_open_one(sh, at):
+    line = "reach rooms.yaml --robot-radius 0.26 --from"
+    err = sh.err(f"{line} {at(3, 0)}", 2)
+    assert "lies in a closed cell (an obstacle)" in err
+    assert "the nearest open cell is 0.5 m away" in err
+    told = "0.25 m from an obstacle, the robot's radius is 0.26 m"
+    assert told in sh.err(f"{line} {at(3, 1)}", 2)
 
 
 def test_goals_in_closed_cells_are_not_reached_and_the_others_are_answered(sh, at):
     goals = f"--to wall={at(3, 0)} {at(3, 4)} lab={at(3, -4)}"
     line = f"reach rooms.yaml --from {at(3, 2)} {goals} --robot-radius 0.24 --image out.png"
     code, out, err = sh(line)
-    assert code == 1
-    assert (
-        "(wall) is not reachable: its cell is an obstacle; 1 more of 3 goals is not reachable"
-        in err
-    )
+    told = "its cell is an obstacle; 1 more of 3 goals is not reachable"
+    assert (code, f"(wall) is not reachable: {told}" in err) == (1, True)
     goals = json.loads(out)["goals"]
     assert [one["reachable"] for one in goals] == [False, True, False]
     assert [one["reason"] for one in goals] == ["an obstacle", None, "outside of the map"]
@@ -100,10 +94,6 @@ def test_goals_in_closed_cells_are_not_reached_and_the_others_are_answered(sh, a
     near = {"x": pytest.approx(x, abs=2e-6), "y": pytest.approx(y, abs=2e-6)}
     assert [one["nearest_open"] for one in goals] == [near, None, near]
     assert f"hint: the nearest open cell is at {x},{y}" in err
-    Path("out.json").write_text(out)
-    assert sh("report rooms.yaml out.json -o out.html")[0] == 0
-    told = "goal wall: not reachable: its cell is an obstacle"
-    assert told in Path("out.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
