@@ -1,3 +1,5 @@
+"""Commands of one map: what they write, and what they say of it."""
+
 import json
 import re
 from pathlib import Path
@@ -9,15 +11,6 @@ import yaml
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, read_map, write_map
-
-ROOM = "........\n.#......\n......?.\n...##..."
-
-
-@pytest.fixture
-def room(here):
-    write_map("room.yaml", grid_from_text(ROOM, 0.1, (1.5, -2.0, 0.4)))
-    return read_map("room.yaml")
-
 
 SQUARE = "inflate --radius 0.1 --kernel square --lethal-threshold 50"
 AS_IN_PYTHON = {
@@ -110,16 +103,14 @@ def test_a_robot_s_shape_sets_the_radii_and_reports_the_circumscribed_cost(sh, r
     assert found[0] == found[1] == found[2]
 
 
-def test_convert_between_all_formats_keeps_cells_and_unknown_keys(sh, here):
-    grid = grid_from_text(ROOM)
-    write_map("a.yaml", grid)
-    with open("a.yaml", "a") as file:
+def test_convert_between_all_formats_keeps_cells_and_unknown_keys(sh, room):
+    with open("room.yaml", "a") as file:
         file.write("height: 0.5\n")
-    for source, target in [("a.yaml", "b.png"), ("b.yaml", "c.npz"), ("c.npz", "d.yaml")]:
+    for source, target in [("room.yaml", "b.png"), ("b.yaml", "c.npz"), ("c.npz", "d.yaml")]:
         assert sh(f"convert {source} -o {target}")[0] == 0
         read = read_map(target.replace(".png", ".yaml"))
-        assert np.array_equal(read.occupancy, grid.occupancy)
-        assert read.origin == grid.origin
+        assert np.array_equal(read.occupancy, room.occupancy)
+        assert read.origin == room.origin
     assert yaml.safe_load(Path("b.yaml").read_text())["height"] == 0.5
 
 
@@ -162,3 +153,49 @@ def test_convert_tells_what_it_wrote_not_what_it_read(sh):
     assert "3 values" in err
     assert "occupied 25.00 %, free 50.00 %, unknown 25.00 %" in out
     assert read_map("t.yaml").occupancy.tolist() == [[0, 0, -1, 100]]
+
+
+# cost --curve
+
+
+SHAPE = "[[0.3,0.2],[-0.3,0.2],[-0.3,-0.2],[0.3,-0.2]]"
+ROBOT = f"--footprint {SHAPE} --inflation-radius 0.55"
+
+
+def test_the_picture_is_that_of_the_python_face(sh, room):
+    out = sh.ok(f"cost room.yaml -o c.npz {ROBOT} --lookup nav2 --curve new/curve.png")
+    assert out.startswith("c.npz: 8 x 4 cells")
+    footprint = mapdeal.Footprint.parse(SHAPE)
+    curve = mapdeal.cost_curve(room, footprint=footprint, inflation_radius=0.55, lookup="nav2")
+    title = "room: cost, inscribed 0.2 m, inflation 0.55 m, factor 10"
+    drawn = mapdeal.draw_picture(curve, title=title)
+    assert Path("new/curve.png").read_bytes() == drawn.png() != curve._repr_png_()
+
+
+@pytest.mark.parametrize(
+    ("words", "model"),
+    [
+        (ROBOT, "exponential"),
+        ("--model rings --values 90,20", "rings"),
+        ("--model threshold --view per-map", "threshold"),
+    ],
+)
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_json_is_one_document(sh, here, room, words, model):
+    document = json.loads(sh.ok(f"cost room.yaml -o c.npz --json -q {words}"))
+    grid = read_map("c.npz")
+    assert document["figures"] == grid.figures()
+    assert document["parameters"]["model"] == model
+    parameters = {k: v for k, v in document["parameters"].items() if k != "lethal_threshold"}
+    curve = mapdeal.cost_curve(room, **parameters)
+    assert {k: document[k] for k in curve.document()} == curve.document()
+    assert document["cost_scale"] == grid.scale
+    assert document["circumscribed_cost"] == grid.circumscribed_cost
+    assert not list(here.glob("*.png"))
+
+
+def test_both_go_with_other_outputs_and_a_field(sh, room):
+    sh("esdf room.yaml -o esdf.npz")
+    document = sh.json("cost esdf.npz -o c.yaml --image c.png --curve curve.png --json")
+    assert document["reach_cells"] == 6
+    assert all(Path(name).exists() for name in ("c.yaml", "c.pgm", "c.png", "curve.png"))

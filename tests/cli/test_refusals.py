@@ -73,6 +73,7 @@ ROWS = [
     ("cost m.yaml -o o.npz --namespace robot1", "error: --namespace: needs --params-file\n"),
     ("cost m.yaml -o o.npz --curve -", "--curve: a picture must end in .png, got '-'"),
     ("cost m.yaml -o o.npz --image a.png --curve a.png", "--curve: is an output already"),
+    (4, "cost m.yaml -o o.npz --curve pair.png", "pair.png: the output exists"),
     ("cost m.yaml -o - --json", "--json: cannot be given together with -o -"),
     ("edit circle m.yaml -o o.npz --point 1,2 --radius 1", "error: --value: is needed to draw"),
     ("edit circle m.yaml -o o.npz --background -1 --point 1,2 --radius 1 --value 9", "--blank"),
