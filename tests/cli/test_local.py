@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bad_maps import tree
-from clouds import pcd
+from clouds import pcd, ply
 from drawn import grid_from_text
 from mapdeal import (
     Frame,
@@ -90,6 +90,18 @@ def test_the_manifest_tells_what_became_of_the_points(sh, here, points):
     assert manifest["stages"][0]["local"]["max_height"] == 1.0
     assert not list(Path("o").glob("*.png"))
     assert str(here) not in json.dumps(manifest)
+
+
+def test_both_frames_of_one_cloud_give_one_map(sh, points):
+    x, y, yaw = POSE
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    placed = points[:, :2] @ turn.T + (x, y) + (0.5, -2.0)
+    fields = [("y", "f8"), ("x", "f8")]
+    Path("m.ply").write_bytes(ply(fields, placed[:, ::-1].tolist(), "binary_big_endian"))
+    assert sh(f"{LOCAL.replace('scan.pcd', 'm.ply')} --frame map --offset 0.5,-2 -o b")[0] == 0
+    # rounding may move a point that lies on a border
+    moved = read_map("b/local.yaml").occupancy != made_of(points).occupancy
+    assert np.count_nonzero(moved) <= 4
 
 
 def test_a_global_map_is_joined(sh, points):
