@@ -165,13 +165,9 @@ LONG_ROOMS = "\n".join(["#" * 60, *["#" + "." * 28 + "##" + "." * 28 + "#"] * 9,
 
 @pytest.fixture
 def along(here):
-    write_map("rooms.yaml", grid_from_text(LONG_ROOMS))
-    frame = read_map("rooms.yaml").frame
-
-    def place(row, col):
-        return ",".join(map(str, frame.xy_from_rowcol([(row, col)])[0].round(6).tolist()))
-
-    return place
+    grid = grid_from_text(LONG_ROOMS)
+    write_map("rooms.yaml", grid)
+    return lambda row, col: place(grid, row, col)
 
 
 def test_the_graph_its_figures_and_its_picture(sh, along):
