@@ -296,6 +296,15 @@ def test_a_field_keeps_its_own_obstacles_on_a_route(sh, hall):
     assert "max_distance" in sh.err(f"route short.npz {ENDS}", 2)
 
 
+@pytest.mark.parametrize("method", ["astar", "descent"])
+@pytest.mark.parametrize(("more", "cost"), [("", 4.0), ("--cost-travel-multiplier 6", 8.0)])
+def test_route_weighs_costs_as_nav2_does_unless_it_is_told_otherwise(sh, method, more, cost):
+    # half of 252, the highest cost that is open: 2 m of 1 + 2 * 126 / 252
+    write_map("c.npz", mapdeal.Costmap(np.full((1, 5), 126, np.uint8), 0.5))
+    route = sh.json(f"route c.npz --from 0.25,0.25 --to 2.25,0.25 --method {method} {more}")
+    assert (route["reached"], route["length_m"], route["cost"]) == (True, 2.0, pytest.approx(cost))
+
+
 REACHES = [(0.1, 0.1, 0.7), (0.5, 0.5, 0.5 + 0.7 - 0.225498499), (1.5, 0.3, math.hypot(1.5, 0.3))]
 
 

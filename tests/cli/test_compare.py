@@ -157,7 +157,10 @@ def test_the_table_is_for_people_and_json_for_programs(sh):
     lines = sh.ok(f"{LINE} -o out").splitlines()
     assert lines[0] == "out: 73 x 51 cells at -0.55, -0.35"
     for line, (method, its) in zip(lines[4:7], document()["methods"].items(), strict=True):
-        assert line.split()[:4] == [method, *(str(its[state]) for state in STATES.values())]
+        share = f"{100 * its['one_cell_wide_share']:.1f}"
+        mean = f"{its['mean_thickness_cells']:.2f}"
+        told = [method, *(str(its[state]) for state in STATES.values()), share, "%", mean, "1"]
+        assert line.split()[:8] == told
     timed = sh.json(f"{LINE} -o other --json")
     assert all(timed["methods"][method].pop("seconds") > 0 for method in METHODS)
     assert timed == document("other") == document("out")

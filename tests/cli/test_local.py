@@ -26,6 +26,7 @@ from mapdeal import (
     write_map,
 )
 from mapdeal.mapping.evidence import BeamLimits
+from mapdeal.pipeline.local import sequence_of
 from mapdeal.sensors.scans import open_log
 
 NAMES = [
@@ -214,6 +215,17 @@ def test_many_warnings_of_a_sequence_are_counted(sh, sequence):
     lines = sh.err(f"{SEQUENCE} scans").splitlines()
     assert len(lines) == 11
     assert lines[-1] == "warning: 2 more warnings; o/summary.json has them all"
+
+
+@pytest.mark.parametrize(("clouds", "digits"), [(10, 1), (11, 2)])
+def test_folders_have_as_many_digits_as_the_last_number(here, monkeypatch, clouds, digits):
+    monkeypatch.setattr("mapdeal.pipeline.local._DIGITS", 1)
+    names = [f"{k}.csv" for k in range(clouds)]
+    for name in names:
+        Path(name).write_text("1,1\n")
+    Path("poses.txt").write_text("0 0 0\n" * clouds)
+    jobs = sequence_of(names, here / "poses.txt", here / "o")
+    assert [job.folder.name for job in jobs] == [f"{k:0{digits}}" for k in range(clouds)]
 
 
 def test_a_bar_is_shown_on_a_terminal_alone(sh, sequence, shown_on_terminal):

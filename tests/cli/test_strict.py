@@ -24,6 +24,7 @@ LINES = [
     "query m.yaml --at 3,0",
     *(f"{name} m.yaml {OUT}.npz" for name in ("active", "esdf", "cost", "potential")),
     f"inflate m.yaml {OUT}.yaml",
+    f"cost m.yaml {OUT}.npz {IMAGE} --curve new/deep/curve.png",
     f"shift m.yaml --origin 2,-1.5 {OUT}.yaml {IMAGE}",
     f"window m.yaml --corner 3,0 --size 1,1 {OUT}.yaml {IMAGE}",
     f"rescale m.yaml --resolution 0.2 {OUT}.yaml {IMAGE}",
