@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import mapdeal
 from bad_maps import tree
@@ -15,6 +16,7 @@ from drawn import cells, grid_from_text
 from mapdeal import OccupancyGrid, merge, read_map, write_map
 from mapdeal.files.source import sha256_of
 from mapdeal.maps.npz import write_npz
+from mapdeal.pictures import colours
 
 HALL = "#######\n#.....#\n#..#..#\n#######"
 PART = "????#??\n?...#..\n?..#.?."
@@ -65,14 +67,24 @@ def test_maps_of_one_frame_are_merged(sh, folder, rule):
     assert "building: hall a\n" in Path("o.yaml").read_text()
     assert out.startswith("o.yaml: 9 x 4 cells at 1.5, -2, yaw 0.4, ")
     assert (f"{expected.kept} cells are from before it" in out) == (rule == "newest")
-    document = sh.json(f"merge a.yaml b.yaml c.yaml -o p.yaml --rule {rule} --json")
-    assert (document["rule"], document["conflicts"]) == (
-        rule,
-        np.count_nonzero(expected.conflicts),
-    )
-    assert document["figures"] == expected.grid.figures()
-    first, second, _ = document["merged"]
+
+
+def test_by_hand_what_is_told(sh, folder):
+    """Of a and b: HALL's columns 2.. and rows 1.. under PART's, cell by cell."""
+    document = sh.json("merge a.yaml b.yaml -o o.yaml --same-wall 0 --json")
+    # north to south, HALL above and PART below: "#####" ....#  known by both: 1, occupied in both
+    #   "....#" .:  "?...#", the first column is unknown; the last is occupied in both
+    #   ".#..#" :   "?..#.", occupied in a, free in b: columns 3, 6; the other way round: 5
+    first, second = document["merged"]
+    assert (document["rule"], document["common"], document["conflicts"]) == ("occupied", 9, 3)
+    assert document["figures"]["width"] == 9
+    counts = {"file": "a.yaml", "known": 28, "common": 9, "conflicts": 3, "occupied_here": 2,
+              "free_here": 1}  # fmt: skip
+    assert first.items() >= counts.items()
     assert first["sha256"].keys() == {"a.yaml", "a.pgm"}
+    counts = {"file": "b.yaml", "known": 12, "occupied_here": 1, "free_here": 2, "walls": 3,
+              "met": 3, "conflict_share": 3 / 9, "added": 3 + 1}  # fmt: skip
+    assert second.items() >= counts.items()  # added: two columns in the east, and the wall
     assert second["transform"] == {"x": 0.0, "y": 0.0, "yaw": 0.0, "yaw_deg": 0.0}
 
 
@@ -203,6 +215,13 @@ def test_a_map_without_evidence_is_warned_of(sh, folder):
     with_layers("e.npz", grid, log_odds=np.full(grid.shape, 60.0))
     err = sh.err("merge e.npz d.npz --rule evidence -o o.npz")
     assert "warning: d.npz: has no evidence layers; each of its cells counts as one vote\n" in err
+
+
+def test_the_picture_shows_conflicts(sh, folder):
+    sh("merge a.yaml b.yaml -o o.yaml --same-wall 0 --image o.png --image-extent all")
+    with Image.open("o.png") as image:
+        shown = {colour for _, colour in image.convert("RGB").getcolors(1 << 20)}
+    assert {colours.REMOVED, colours.ADDED, colours.RVIZ_OCCUPIED, colours.RVIZ_FREE} <= shown
 
 
 def test_transforms_must_lead_to_every_map(sh, folder):
