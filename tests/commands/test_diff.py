@@ -52,6 +52,7 @@ def test_the_document_is_what_the_command_prints(command, arguments, beyond, pas
     report = mapdeal.diff(*FILES, **arguments)
     assert report.document() == json.loads(out)
     assert (report.differing, report.beyond_tolerance) == (5, beyond)
+    assert bool(report.document()["changes"]) == (beyond > 0)
     assert (code == 0, report.passes) == (passes, passes)
     if report.bounds:
         assert ("within the bounds" if passes else "beyond the bounds") in repr(report)
