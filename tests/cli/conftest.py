@@ -10,6 +10,9 @@ import sys
 
 import pytest
 
+from drawn import grid_from_text
+from mapdeal import read_map, write_map
+
 
 class Shell:
     """Runs lines of `mapdeal` in this process; what it is not told to expect is an error."""
@@ -65,3 +68,11 @@ def shown_on_terminal(line):
 @pytest.fixture(name="shown_on_terminal")
 def _shown_on_terminal():
     return shown_on_terminal
+
+
+@pytest.fixture
+def room(here):
+    """A map that is turned, as a file too, with three obstacles and an unknown cell."""
+    drawing = "........\n.#......\n......?.\n...##..."
+    write_map("room.yaml", grid_from_text(drawing, 0.1, (1.5, -2.0, 0.4)))
+    return read_map("room.yaml")

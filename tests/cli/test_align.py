@@ -4,7 +4,6 @@ import json
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PIL import Image
 
@@ -65,11 +64,3 @@ def test_turns_narrow_the_search(sh):
     line = "align a.yaml b.yaml --rotation"
     assert sh(f"{line} {math.degrees(TRUE.yaw):.1f},10")[0] == 0
     assert sh(f"{line} 0,180")[0] == 1
-
-
-def test_python_refuses_what_is_no_prior_and_no_map():
-    for prior in ([1, 2], "north", 3.0):
-        with pytest.raises(mapdeal.ParameterError, match="prior"):
-            mapdeal.align("a.yaml", "b.yaml", prior=prior)
-    with pytest.raises(mapdeal.ParameterError, match="takes files or grids"):
-        mapdeal.align(np.zeros((2, 3)), "b.yaml")

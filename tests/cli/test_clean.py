@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from drawn import grid_from_text
-from mapdeal import clean, read_map, write_map
+from mapdeal import write_map
 
 ROOM = """
     ?????????????
@@ -28,21 +28,6 @@ def room(here):
         file.write("author: somebody\n")
 
 
-def test_it_writes_what_the_function_makes_and_tells_what_has_changed(sh):
-    out = sh.ok("clean room.yaml -o c.yaml --min-obstacle 2")
-    assert out.splitlines() == [
-        "c.yaml: 13 x 7 cells, occupied 37.36 %, free 35.16 %, unknown 27.47 %",
-        "  pinholes          1 (3 cells) are now free, 1 (1 cell) occupied",
-        "  islands           1 (1 cell) are now unknown",
-        "  small components  1 (1 cell) are now free",
-        "  changed           6 cells",
-    ]
-    written, room = read_map("c.yaml"), read_map("room.yaml")
-    assert written.occupancy.tolist() == clean(room, min_obstacle=2).grid.occupancy.tolist()
-    assert written.origin == room.origin
-    assert "author: somebody" in Path("c.yaml").read_text()
-
-
 def test_json_has_the_counts_the_limits_and_what_was_read(sh):
     document = sh.json("clean room.yaml -o c.npz --json --min-hole 2")
     files = ("room.yaml", "room.pgm")
@@ -59,8 +44,9 @@ def test_json_has_the_counts_the_limits_and_what_was_read(sh):
     }
 
 
-def test_the_picture_shows_what_has_changed(sh):
+def test_the_picture_shows_what_has_changed_and_keys_are_kept(sh):
     sh.ok("clean room.yaml -o c.yaml --image c.png --image-extent all")
+    assert "author: somebody" in Path("c.yaml").read_text()
     with Image.open("c.png") as image:
         counts = {colour: count for count, colour in image.convert("RGB").getcolors(1 << 20)}
     # a wall added, a wall removed, an island, three filled cells; each colour also in the legend

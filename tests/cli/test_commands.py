@@ -1,29 +1,74 @@
+"""Commands of one map: what they write, and what they say of it."""
+
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+import mapdeal
 from drawn import grid_from_text
-from mapdeal import OccupancyGrid, inflate, read_map, write_map
+from mapdeal import OccupancyGrid, read_map, write_map
 
-ROOM = "........\n.#......\n......?.\n...##..."
+SQUARE = "inflate --radius 0.1 --kernel square --lethal-threshold 50"
+AS_IN_PYTHON = {
+    **dict.fromkeys(
+        (f"{SQUARE} --no-inflate-unknown", f"{SQUARE} --inflate-unknown no"),
+        lambda grid: mapdeal.inflate(
+            grid, radius=0.1, kernel="square", lethal_threshold=50, inflate_unknown=False
+        ),
+    ),
+    "active --margin 0.1": lambda grid: mapdeal.active_region(grid, margin=0.1),
+    "clean --min-obstacle 2": lambda grid: mapdeal.clean(grid, min_obstacle=2).grid,
+    "rotate --yaw 0": mapdeal.rotate,
+    "rotate --yaw -1.2 --rule nearest": lambda grid: mapdeal.rotate(grid, -1.2, rule="nearest"),
+    "rotate --straighten": mapdeal.straighten,
+    "rescale --resolution 0.25": lambda grid: mapdeal.rescale(grid, 0.25),
+    "rescale --resolution 0.05": lambda grid: mapdeal.rescale(grid, 0.05),
+    "shift --origin 1.62,-1.71 --default 0": lambda grid: mapdeal.shift_origin(
+        grid, (1.62, -1.71), default=0
+    ),
+    "window --at 1.75,-1.85 --size 0.3,0.3": lambda grid: mapdeal.window(
+        grid, center_xy=(1.75, -1.85), size_xy=(0.3, 0.3)
+    ),
+    "esdf --convention border": lambda grid: mapdeal.esdf(grid, convention="border"),
+    "cost --model rings --values 80,40": lambda grid: mapdeal.ring_cost(grid, values=(80, 40)),
+}
 
 
-@pytest.fixture
-def room(here):
-    write_map("room.yaml", grid_from_text(ROOM, 0.1, (1.5, -2.0, 0.4)))
-    return read_map("room.yaml")
+@pytest.mark.usefixtures("mapdeal_warnings")
+@pytest.mark.parametrize("line", AS_IN_PYTHON)
+def test_a_command_writes_what_its_function_makes(sh, room, line):
+    assert sh(f"{line} room.yaml -o o.npz")[0] == 0
+    found, made = read_map("o.npz"), AS_IN_PYTHON[line](room)
+    assert (type(found), found.frame) == (type(made), made.frame)
+    np.testing.assert_array_equal(found.layer, made.layer)
 
 
-@pytest.mark.parametrize("flag", ["--no-inflate-unknown", "--inflate-unknown no"])
-def test_parameters_reach_their_stage(sh, room, flag):
-    sh(f"inflate room.yaml -o a.npz --radius 0.1 --kernel square --lethal-threshold 50 {flag}")
-    expected = inflate(
-        room, radius=0.1, kernel="square", lethal_threshold=50, inflate_unknown=False
-    )
-    assert np.array_equal(read_map("a.npz").occupancy, expected.occupancy)
+def test_what_a_turn_and_another_resolution_come_to_is_told(sh, room):
+    written, told = sh.ok("rotate room.yaml -o o.yaml --yaw 0").splitlines()
+    assert re.match(r"o.yaml: \d+ x \d+ cells at 1.3, -2, occupied ", written)
+    assert told == "turned by 0 rad (0 degrees) about x 0, y 0"
+    assert yaml.safe_load(Path("o.yaml").read_text())["origin"] == [1.3, -2.0, 0.0]
+    out = sh.ok("rotate room.yaml -o p.npz --yaw -1.2")
+    assert "turned by -1.2 rad (-68.7549 degrees) about x 0, y 0" in out
+    out = sh.ok("rescale room.yaml -o r.yaml --resolution 0.25")
+    assert out.startswith("r.yaml: 4 x 2 cells at 1.5, -2, yaw 0.4, occupied ")
+    write_map("empty.yaml", room.with_values(np.zeros_like(room.occupancy)))
+    told = "warning: rotate: no direction of walls stands out, the map is not turned\n"
+    assert sh.err("rotate empty.yaml -o e.yaml --straighten") == told
+    assert read_map("e.yaml").frame == room.frame
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+@pytest.mark.parametrize("words", ["rotate --yaw 1", "rescale --resolution 0.3"])
+def test_costs_stay_costs(sh, room, words):
+    costs = np.where(room.occupancy < 0, 255, room.occupancy * 2.54).astype(np.uint8)
+    write_map("c.npz", mapdeal.Costmap(costs, 0.1, room.origin))
+    assert sh(f"{words} c.npz -o o.npz")[0] == 0
+    assert {0, 254} <= set(read_map("o.npz").cost.ravel().tolist()) <= {0, 254, 255}
 
 
 def test_the_field_as_npz_view_and_bare_array(sh, room):
@@ -38,16 +83,12 @@ def test_the_field_as_npz_view_and_bare_array(sh, room):
     assert (view.max(), view[0, 3], view[1, 6]) == (100, 100, -1)
 
 
-def test_costs_in_both_encodings_and_models(sh, room):
+def test_costs_in_both_encodings(sh, room):
     sh("cost room.yaml -o o.yaml")
     assert "warning: " in sh.err("cost room.yaml -o b.yaml --encoding costmap2d")
     costs = read_map("b.yaml")
     assert costs.scale == "costmap2d"
     assert np.array_equal(read_map("o.yaml").occupancy, costs.to_occupancy().occupancy)
-    sh("cost room.yaml -o r.npz --model rings --values 80,40")
-    rings = read_map("r.npz")
-    assert rings.scale == "occupancy"
-    assert set(np.unique(rings.cost).tolist()) == {0, 40, 80, 100}
 
 
 def test_a_robot_s_shape_sets_the_radii_and_reports_the_circumscribed_cost(sh, room):
@@ -62,16 +103,14 @@ def test_a_robot_s_shape_sets_the_radii_and_reports_the_circumscribed_cost(sh, r
     assert found[0] == found[1] == found[2]
 
 
-def test_convert_between_all_formats_keeps_cells_and_unknown_keys(sh, here):
-    grid = grid_from_text(ROOM)
-    write_map("a.yaml", grid)
-    with open("a.yaml", "a") as file:
+def test_convert_between_all_formats_keeps_cells_and_unknown_keys(sh, room):
+    with open("room.yaml", "a") as file:
         file.write("height: 0.5\n")
-    for source, target in [("a.yaml", "b.png"), ("b.yaml", "c.npz"), ("c.npz", "d.yaml")]:
+    for source, target in [("room.yaml", "b.png"), ("b.yaml", "c.npz"), ("c.npz", "d.yaml")]:
         assert sh(f"convert {source} -o {target}")[0] == 0
         read = read_map(target.replace(".png", ".yaml"))
-        assert np.array_equal(read.occupancy, grid.occupancy)
-        assert read.origin == grid.origin
+        assert np.array_equal(read.occupancy, room.occupancy)
+        assert read.origin == room.origin
     assert yaml.safe_load(Path("b.yaml").read_text())["height"] == 0.5
 
 
@@ -114,3 +153,49 @@ def test_convert_tells_what_it_wrote_not_what_it_read(sh):
     assert "3 values" in err
     assert "occupied 25.00 %, free 50.00 %, unknown 25.00 %" in out
     assert read_map("t.yaml").occupancy.tolist() == [[0, 0, -1, 100]]
+
+
+# cost --curve
+
+
+SHAPE = "[[0.3,0.2],[-0.3,0.2],[-0.3,-0.2],[0.3,-0.2]]"
+ROBOT = f"--footprint {SHAPE} --inflation-radius 0.55"
+
+
+def test_the_picture_is_that_of_the_python_face(sh, room):
+    out = sh.ok(f"cost room.yaml -o c.npz {ROBOT} --lookup nav2 --curve new/curve.png")
+    assert out.startswith("c.npz: 8 x 4 cells")
+    footprint = mapdeal.Footprint.parse(SHAPE)
+    curve = mapdeal.cost_curve(room, footprint=footprint, inflation_radius=0.55, lookup="nav2")
+    title = "room: cost, inscribed 0.2 m, inflation 0.55 m, factor 10"
+    drawn = mapdeal.draw_picture(curve, title=title)
+    assert Path("new/curve.png").read_bytes() == drawn.png() != curve._repr_png_()
+
+
+@pytest.mark.parametrize(
+    ("words", "model"),
+    [
+        (ROBOT, "exponential"),
+        ("--model rings --values 90,20", "rings"),
+        ("--model threshold --view per-map", "threshold"),
+    ],
+)
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_json_is_one_document(sh, here, room, words, model):
+    document = json.loads(sh.ok(f"cost room.yaml -o c.npz --json -q {words}"))
+    grid = read_map("c.npz")
+    assert document["figures"] == grid.figures()
+    assert document["parameters"]["model"] == model
+    parameters = {k: v for k, v in document["parameters"].items() if k != "lethal_threshold"}
+    curve = mapdeal.cost_curve(room, **parameters)
+    assert {k: document[k] for k in curve.document()} == curve.document()
+    assert document["cost_scale"] == grid.scale
+    assert document["circumscribed_cost"] == grid.circumscribed_cost
+    assert not list(here.glob("*.png"))
+
+
+def test_both_go_with_other_outputs_and_a_field(sh, room):
+    sh("esdf room.yaml -o esdf.npz")
+    document = sh.json("cost esdf.npz -o c.yaml --image c.png --curve curve.png --json")
+    assert document["reach_cells"] == 6
+    assert all(Path(name).exists() for name in ("c.yaml", "c.pgm", "c.png", "curve.png"))

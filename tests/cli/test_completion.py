@@ -26,19 +26,13 @@ SHELLS = ["bash", "zsh", "fish", "powershell"]
 # shell offers files.
 CASES = [
     (["r"], {"run", "reach", "route", "rotate", "rescale", "report"}),
-    (["completion", ""], set(SHELLS)),
-    (["edit", ""], {"polygon", "line", "circle", "reset"}),
-    (["edit", "polygon", "--ov"], {"--overlay"}),
     (["edit", "polygon", "--overlay", ""], {"seq", "max", "min"}),
     (["--ver"], {"--version"}),
-    (["inflate", "--kernel", ""], {"disc", "square"}),
     (["inflate", "--kernel=s"], {"square"}),
     (["cost", "--model", "r"], {"rings"}),
     (["convert", "--encoding", "a"], {"amcl"}),
-    (["info", "--dialect", ""], {"nav2", "humble", "ros1"}),
     (["run", "map.yaml", "--recipe", "design-"], {"design-real", "design-sim", "design-local"}),
     (["run", "--set", "inflate.ker"], {"inflate.kernel=disc", "inflate.kernel=square"}),
-    (["run", "--set", "esdf.strengt"], {"esdf.strength="}),
     (["run", "--set", "cost.model=t"], {"threshold"}),  # bash replaces what follows =
     (["run", "--local-set", "inflate.inflate_unknown="], {"yes", "no"}),
     (["lint", "--select", "yaml.mode,map.spe"], {"yaml.mode,map.specks"}),
@@ -204,11 +198,3 @@ def test_scripts_ask_mapdeal(sh, shell):
     script = sh.ok(f"completion {shell}")
     assert "_MAPDEAL_COMPLETE" in script
     assert f"complete_{shell}" in script
-
-
-def test_help_tells_of_the_command_alone(sh):
-    assert "--install-completion" not in sh.ok("--help")
-
-
-def test_another_shell_is_refused(sh):
-    assert sh.err("completion fsh", 2).splitlines()[-1] == "hint: did you mean fish?"

@@ -42,14 +42,7 @@ def test_a_folder_is_gated_by_one_line(sh, maps):
         ("--ignore 'map, yaml'", 0),
         ("--ignore map", 1),
         ("--select all", 1),
-        ("--select imge", 2),
-        ("--ignore yaml.origin-jaw", 2),
         ("--ignore ''", 2),
-        ("--config none.toml", 4),
-        ("--config maps/params.yaml", 3),
-        ("--no-config --config x.toml", 2),
-        ("--format xml", 2),
-        ("--jobs 0", 2),
         ("--jobs 2", 1),
     ],
 )
@@ -65,13 +58,6 @@ def test_the_command_line_comes_before_the_file(sh, maps):
     )
     codes = [sh(f"lint maps {words}")[0] for words in ("", "--select yaml", "--no-config --strict")]
     assert codes == [0, 1, 1]
-
-
-def test_an_unknown_key_of_a_file_is_one_line_with_a_hint(sh, maps):
-    Path("mapdeal.toml").write_text("[lint]\nselct = []\n")
-    error, hint = sh.err("lint maps", 2).splitlines()[-2:]
-    assert error == f"error: {maps}/mapdeal.toml: lint.selct: unknown key"
-    assert hint == "hint: did you mean select?"
 
 
 def test_what_is_suppressed_is_counted(sh, maps):
@@ -138,21 +124,9 @@ def test_names_come_from_standard_input(sh, maps, monkeypatch):
     assert out.splitlines()[-1] == "1 map: 0 errors, 1 warning, 0 notes"
 
 
-ROBOT = """\
-footprint: [[-0.4, -0.3], [-0.4, 0.3], [0.4, 0.3], [0.4, -0.3]]
-robot_radius: 0.3
-global_costmap:
-  plugins:
-    - {name: static_layer, type: "costmap_2d::StaticLayer"}
-    - {name: inflation_layer, type: "costmap_2d::InflationLayer"}
-    - {name: obstacle_layer, type: "costmap_2d::ObstacleLayer"}
-  resolution: 0.05
-  inflation_layer:
-    inflation_radius: "0.7"
-    cost_scaling_facter: 3.0
-  static_layer:
-    enabled: 1
-"""
+EXAMPLE = Path(__file__).parents[2] / "examples" / "robots" / "five_mistakes.yaml"
+_, _, TEXT = EXAMPLE.read_text().partition("\n")
+ROBOT = TEXT.replace("  inflation_layer:\n", "  resolution: 0.05\n  inflation_layer:\n")
 FIVE_MISTAKES = [
     (2, "warning", "params.radius-and-footprint"),
     (5, "warning", "params.layer-after-inflation"),
@@ -169,15 +143,6 @@ def robot(here):
     Path("robot.yaml").write_text(ROBOT)
 
 
-def test_five_mistakes_of_a_ros1_file_are_told_with_their_lines(sh, robot):
-    *lines, total = sh.ok(ROBOT_LINT).splitlines()
-    assert [tuple(line.split(": ")[:3]) for line in lines] == [
-        (f"robot.yaml:{line}", severity, name) for line, severity, name in FIVE_MISTAKES
-    ]
-    assert total == "1 parameter file: 0 errors, 5 warnings, 1 note"
-    assert sh(f"{ROBOT_LINT} --strict")[0] == 1
-
-
 def test_a_file_that_nav2_refuses_ends_with_1(sh, here):
     """Of which all mistakes are told; Nav2 itself stops at the first."""
     Path("nav2.yaml").write_text(
@@ -185,18 +150,16 @@ def test_a_file_that_nav2_refuses_ends_with_1(sh, here):
         's: {plugin: "nav2_costmap_2d::StaticLayr"}}}}\n'
     )
     code, out, _ = sh("lint --params-file nav2.yaml --select params.type,params.plugins")
-    assert code == 1
     first, second, total = out.splitlines()
-    start = "nav2.yaml:1: error: params.type: robot_radius: must be a double, is a string; "
-    assert first.startswith(start)
-    assert first.endswith('got "0.3"; write a number, without quotes or a unit')
-    start = "nav2.yaml:2: error: params.plugins: s.plugin: unknown class nav2_costmap_2d::Stati"
-    assert second.startswith(start)
+    assert first.startswith("nav2.yaml:1: error: params.type: robot_radius: must be a double")
+    assert second.startswith("nav2.yaml:2: error: params.plugins: s.plugin: unknown class")
     assert second.endswith("; did you mean nav2_costmap_2d::StaticLayer?")
-    assert total == "1 parameter file: 2 errors, 0 warnings, 0 notes"
+    assert (code, total) == (1, "1 parameter file: 2 errors, 0 warnings, 0 notes")
 
 
-def test_every_form_of_the_report_has_parameter_files(sh, robot):
+def test_every_form_of_the_report_tells_five_mistakes_with_their_lines(sh, robot):
+    assert sh.ok(ROBOT_LINT).splitlines()[-1] == "1 parameter file: 0 errors, 5 warnings, 1 note"
+    assert sh(f"{ROBOT_LINT} --strict")[0] == 1
     document = sh.json(f"{ROBOT_LINT} --format json")
     (entry,) = document["parameter_files"]
     told = [(one["line"], one["severity"], one["check"]) for one in entry["findings"]]
@@ -234,15 +197,11 @@ def test_rules_count_for_parameter_files(sh):
 @pytest.mark.parametrize(
     ("words", "code", "text"),
     [
-        ("", 2, "needs a MAP, or --params-file"),
-        ("maps --costmap local", 2, "--costmap: needs --params-file"),
-        ("maps --namespace a", 2, "--namespace: needs --params-file"),
-        ("--params-file robot.yaml --fix --in-place", 2, "together with --fix"),
         ("--params-file none.yaml", 1, "none.yaml: error: file.access: "),
         ("--params-file robot.yaml --costmap local", 1, "no parameters of"),
         ("--params-file robot.yaml --namespace a", 0, "params.misspelt"),
     ],
 )
-def test_options_of_parameter_files(sh, maps, robot, words, code, text):
+def test_options_of_parameter_files(sh, robot, words, code, text):
     found, out, err = sh(f"lint {words}")
     assert (found, text in out + err) == (code, True)

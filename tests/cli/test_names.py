@@ -164,13 +164,3 @@ def test_what_the_system_refuses_is_one_line(command, folder, monkeypatch, lines
     for line in share_of(lines, name, every):
         is_output = lines is OUTPUTS
         before = check(command, folder, monkeypatch, line, name, before, is_output=is_output)
-
-
-@pytest.mark.parametrize("words", ["info image.yaml", "lint image.yaml", "run image.yaml -o out"])
-def test_an_image_whose_name_no_file_can_have_is_one_line(sh, folder, words):
-    text = Path("m.yaml").read_text().replace("m.pgm", '"a\\0b.pgm"')
-    Path("image.yaml").write_text(text)
-    code, out, err = sh(words)
-    assert code == (1 if words.startswith("lint") else 4)
-    assert r"image: the image does not exist, got 'a\x00b.pgm'" in out + err
-    assert len(err.splitlines()) <= 1

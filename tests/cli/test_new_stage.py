@@ -5,7 +5,9 @@ The stage is the one that is printed there.
 
 import json
 import re
+import sys
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +16,7 @@ import pytest
 
 import mapdeal
 from drawn import grid_from_text
-from mapdeal import Costmap, read_map, write_map
+from mapdeal import Costmap, commands, read_map, write_map
 from mapdeal.cli.apps import stage_app
 from mapdeal.command import AT_LEAST_0, METRES, stage_of
 from mapdeal.pipeline import inputs as memory
@@ -133,3 +135,39 @@ def test_names_that_collide_are_refused(listed, monkeypatch):
     monkeypatch.setattr(catalogue, "STAGES", (*catalogue.STAGES, other))
     with pytest.raises(ValueError, match=r"flat, flatter of cost .* one name: beyond"):
         stage_app("cost")
+
+
+# the command that is printed there
+
+
+ROOT = Path(__file__).parents[2]
+OFFICE = ROOT / "examples" / "maps" / "office.yaml"
+
+
+@pytest.fixture
+def stats(monkeypatch, tmp_path):
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    code = next(c for c in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "stats" in c)
+    (tmp_path / "stats.py").write_text(code)
+    monkeypatch.setattr(commands, "__path__", [*commands.__path__, str(tmp_path)])
+    yield import_module("mapdeal.commands.stats").stats
+    del sys.modules["mapdeal.commands.stats"], commands.stats
+
+
+def test_it_measures_a_map_in_the_shell_as_in_python(stats, sh):
+    office = mapdeal.read_map(OFFICE)
+    found = stats(office)
+    assert found.free == pytest.approx((office.occupancy == 0).sum() * 0.05**2)
+    assert 0.5 < found.corridor_width < 3
+    told = sh.ok(f"stats {OFFICE}").splitlines()
+    assert told == [line.replace("the map", str(OFFICE)) for line in found.lines()]
+    document = json.loads(sh.ok(f"stats {OFFICE} --json"))
+    assert document == {**found.document(), "name": str(OFFICE)}
+
+
+def test_its_parameters_are_checked_and_its_help_is_complete(stats, sh):
+    told = "error: --widest: must be a finite number, above 0, got -1.0\n"
+    assert sh.err(f"stats {OFFICE} --widest -1", 2) == told
+    out = sh.ok("stats --help")
+    assert "What is wider is not a corridor, metres." in out
+    assert "mapdeal stats examples/maps/office.yaml" in out

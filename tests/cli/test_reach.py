@@ -72,27 +72,21 @@ def test_a_goal_that_is_cut_off_ends_with_1(sh, at):
     assert Path("out.png").read_bytes()[:4] == b"\x89PNG"
 
 
-@pytest.mark.parametrize(
-    ("col", "why", "near"),
-    [
-        (0, "lies in a closed cell (an obstacle)", "the nearest open cell is 0.5 m away"),
-        (1, "0.25 m from an obstacle, the robot's radius is 0.26 m", ""),
-    ],
-)
-def test_closed_cells_are_refused_with_the_nearest_open_one(sh, at, col, why, near):
-    err = sh.err(f"reach rooms.yaml --from {at(3, col)} --robot-radius 0.26", 2)
-    assert (why in err, near in err) == (True, True)
+def test_closed_cells_are_refused_with_the_nearest_open_one(sh, at):
+    line = "reach rooms.yaml --robot-radius 0.26 --from"
+    err = sh.err(f"{line} {at(3, 0)}", 2)
+    assert "lies in a closed cell (an obstacle)" in err
+    assert "the nearest open cell is 0.5 m away" in err
+    told = "0.25 m from an obstacle, the robot's radius is 0.26 m"
+    assert told in sh.err(f"{line} {at(3, 1)}", 2)
 
 
 def test_goals_in_closed_cells_are_not_reached_and_the_others_are_answered(sh, at):
     goals = f"--to wall={at(3, 0)} {at(3, 4)} lab={at(3, -4)}"
     line = f"reach rooms.yaml --from {at(3, 2)} {goals} --robot-radius 0.24 --image out.png"
     code, out, err = sh(line)
-    assert code == 1
-    assert (
-        "(wall) is not reachable: its cell is an obstacle; 1 more of 3 goals is not reachable"
-        in err
-    )
+    told = "its cell is an obstacle; 1 more of 3 goals is not reachable"
+    assert (code, f"(wall) is not reachable: {told}" in err) == (1, True)
     goals = json.loads(out)["goals"]
     assert [one["reachable"] for one in goals] == [False, True, False]
     assert [one["reason"] for one in goals] == ["an obstacle", None, "outside of the map"]
@@ -100,10 +94,6 @@ def test_goals_in_closed_cells_are_not_reached_and_the_others_are_answered(sh, a
     near = {"x": pytest.approx(x, abs=2e-6), "y": pytest.approx(y, abs=2e-6)}
     assert [one["nearest_open"] for one in goals] == [near, None, near]
     assert f"hint: the nearest open cell is at {x},{y}" in err
-    Path("out.json").write_text(out)
-    assert sh("report rooms.yaml out.json -o out.html")[0] == 0
-    told = "goal wall: not reachable: its cell is an obstacle"
-    assert told in Path("out.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -163,3 +153,59 @@ def test_costs_around_obstacles_hide_no_unknown_cells(sh, here):
     assert sh.json(line)["free_m2"] == 13 * 0.25**2
     with np.load("out.npz") as file:
         assert file["occupancy"][1].tolist() == [100, -1, -1, 0, 0, 0, 100]
+
+
+# graph
+
+
+LONG_ROOMS = "\n".join(["#" * 60, *["#" + "." * 28 + "##" + "." * 28 + "#"] * 9,
+                   *["#" + "." * 58 + "#"] * 3,
+                   *["#" + "." * 28 + "##" + "." * 28 + "#"] * 9, "#" * 60])  # fmt: skip
+
+
+@pytest.fixture
+def along(here):
+    grid = grid_from_text(LONG_ROOMS)
+    write_map("rooms.yaml", grid)
+    return lambda row, col: place(grid, row, col)
+
+
+def test_the_graph_its_figures_and_its_picture(sh, along):
+    line = f"graph rooms.yaml --robot-radius 0.24 --from {along(5, 5)} --to dock={along(9, 50)}"
+    found = json.loads(sh.ok(f"{line} -o g.geojson --image g.png --json"))
+    document = json.loads(Path("g.geojson").read_text())
+    assert found["nodes"] + found["edges"] == len(document["features"])
+    assert (found["parts"], found["kinds"]["goal"]) == (1, 1)
+    assert found["covered_m2"] == found["reachable_m2"]
+    assert found["min_clearance_m"] > 0.24
+    assert sh.ok("lint rooms.yaml --graph g.geojson --robot-radius 0.24 --select graph").endswith(
+        "1 map: 0 errors, 0 warnings, 0 notes\n"
+    )
+
+
+def test_a_goal_in_a_wall_ends_with_1_and_a_point_is_warned_of(sh, here, along):
+    line = "graph rooms.yaml -o g.geojson"
+    told = "goal wall is not reachable"
+    assert told in sh.err(f"{line} --robot-radius 0.2 --to wall=0,0", 1)
+    assert not list(here.glob("g.*"))
+    assert "no robot is given" in sh.err(line)
+
+
+def test_a_route_goes_by_the_graph(sh, along):
+    sh.ok(f"graph rooms.yaml --robot-radius 0.24 --to dock={along(9, 50)} -o g.geojson")
+    ends = f"--from {along(3, 3)} --to {along(18, 55)}"
+    line = f"route rooms.yaml --robot-radius 0.24 {ends}"
+    found = json.loads(sh.ok(f"{line} --graph g.geojson --image r.png"))
+    alone = json.loads(sh.ok(line))
+    assert (found["method"], found["reached"]) == ("graph", True)
+    assert alone["length_m"] <= found["length_m"] + 0.5 < 1.3 * alone["length_m"]
+    nodes = {tuple(one["geometry"]["coordinates"])
+             for one in json.loads(Path("g.geojson").read_text())["features"]
+             if one["geometry"]["type"] == "Point"}  # fmt: skip
+    assert sum(tuple(point) in nodes for point in found["points"]) > 5
+    sh.ok("report rooms.yaml g.geojson -o page.html")
+    assert "graph needs --graph" in sh.err(f"{line} --method graph", 2)
+    assert "does not apply to method astar" in sh.err(f"{line} --method astar --graph g.geojson", 2)
+    text = Path("g.geojson").read_text().replace('"startid": 1,', '"startid": 99999,')
+    Path("g.geojson").write_text(text)
+    assert "starts at node 99999, which does not exist" in sh.err(f"{line} --graph g.geojson", 3)

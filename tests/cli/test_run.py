@@ -110,24 +110,6 @@ def test_what_a_run_has_cropped_is_put_back_by_window(sh, cropped, where):
         assert Path("again", name).read_bytes() == Path("full/m", name).read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("words", "code", "told"),
-    [
-        ("-o x.npz --like other.yaml", 2, "edges of the cells"),
-        ("-o x.npz --like none.yaml", 4, "none.yaml"),
-        ("-o x.npz --like m.yaml --size=1,1", 2, "together"),
-        ("-o x.npz", 2, "--size, --like"),
-        ("-o x.npz --corner=99,2 --size=1,1", 2, "no cell of it has a distance"),
-        ("-o x.npz --like m.yaml --default 0", 2, "takes none"),
-        ("-o m.yaml --like m.yaml --force", 4, "the output is the input"),
-    ],
-)
-def test_windows_that_cannot_be(sh, cropped, words, code, told):
-    write_map("other.yaml", grid_from_text("##\n##", 0.5, (1.2, 2.0, 0.0)))
-    assert told in sh.err(f"window crop/m/esdf.npz {words}", code).splitlines()[0]
-    assert not Path("x.npz").exists()
-
-
 def test_a_field_on_the_whole_canvas_is_asked_and_converted(sh, cropped):
     field = "full/m/esdf.npz"
     out = sh.ok(f"query {field} --at 2.25,2.75 1.25,2.25")

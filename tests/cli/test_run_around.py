@@ -162,10 +162,3 @@ def test_later_runs_and_lint_look_at_the_local_map_too(sh, place):
     Path("o/m/local/cost.npz").write_bytes(b"other")
     code, out, _ = sh("lint o/m")
     assert (code, "o/m/local" in out, "run.other-file" in out) == (1, True, True)
-
-
-def test_a_cloud_in_the_folder_of_the_outputs_is_refused(sh, place):
-    Path("o/m/local").mkdir(parents=True)
-    Path("c.csv").rename("o/m/local/c.csv")
-    err = sh.err(around(cloud="o/m/local/c.csv"), 4)
-    assert "lies in o/m/local, where the outputs go" in err

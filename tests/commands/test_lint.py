@@ -57,14 +57,6 @@ def test_a_report_is_a_sequence_of_findings():
         report[len(report)]
 
 
-def test_what_is_selected_and_how_strictly():
-    for strict in (False, True):
-        report = mapdeal.lint("maps", select=["yaml.defaults"], strict=strict)
-        assert [one.check for one in report] == ["yaml.defaults"]
-        assert report.passes != strict
-    assert not any(one.check.startswith("yaml.") for one in mapdeal.lint("maps", ignore="yaml"))
-
-
 def test_a_finding_is_its_line_of_text():
     (missing,) = mapdeal.lint("missing.yaml")
     assert (missing.check, missing.severity, missing.line) == ("file.access", "error", None)

@@ -139,23 +139,3 @@ def test_info_and_report_show_the_limits(folder, tmp_path, command):
     assert '<th scope="row">limit 20 %</th><td>6.253 m2</td>' in (tmp_path / "r.html").read_text()
     _, out, _ = command("lint", path / "speed_mask.yaml", "--select", "yaml")
     assert "unknown" not in out
-
-
-REFUSED = [
-    ((), 2, "--file: is required"),
-    (("--file", ZONES, "--kind", "other"), 2, "must be one of keepout, speed, binary"),
-    (("--file", ZONES, "--kind", "binary", "--base", "1"), 2, "--base: applies to speed zones"),
-    (("--file", ZONES, "--kind", "speed", "--to", "1,2"), 2, "--to: applies to keepout zones"),
-    (("--file", ZONES, "--multiplier", "0"), 2, "other than 0"),
-    (("--file", OFFICE), 3, "not a file of zones"),
-    (("--file", "missing.geojson"), 4, "missing.geojson"),
-    (("--file", ZONES, "--from", "99,99"), 2, "start"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("words", "code", "text"), REFUSED)
-def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, command, words, code, text):
-    found, _, err = command("mask", OFFICE, *words, "-o", tmp_path / "f")
-    assert found == code, err
-    assert text in err.partition("\n")[0]
-    assert not list(tmp_path.iterdir())

@@ -41,14 +41,25 @@ def run(path="m.yaml", output="out", recipe="default", **arguments):
     return lambda: mapdeal.run(path, output, recipe, **arguments)
 
 
+def score(**arguments):
+    return lambda: mapdeal.score(GRID, GRID, **arguments)
+
+
+def align(**arguments):
+    return lambda: mapdeal.align(GRID, GRID, **arguments)
+
+
+def merge(transforms):
+    Path("s.json").write_text('{"x": 1, "y": 2, "yaw": 0}')
+    return lambda: mapdeal.merge(["m.yaml"] * 3, transforms=transforms)
+
+
 def draw(picture=GRID, **arguments):
     return lambda: mapdeal.draw_picture(picture, **arguments)
 
 
 REFUSED = [
-    (build(method="octree"), "method: must be one of log-odds"),
     (build(truncation=3), "truncation: does not apply to method log-odds"),
-    (build(size=(1, 1)), "must be given together"),
     (build(threads=0), "threads: must be a whole number"),
     (lambda: mapdeal.diff(GRID, np.zeros((2, 2))), "takes files or grids"),
     (lambda: mapdeal.diff("m.yaml", "m.yaml", dialect="ros2"), "dialect: must be one of nav2"),
@@ -56,7 +67,6 @@ REFUSED = [
     *[(lint(nothing), "names no map") for nothing in ([], (), iter([]))],
     *[(lint(odd), "lint: takes names or paths") for odd in (GRID, None, [b"m"])],
     *[(lint(select=odd), "lint: takes names or paths, got") for odd in (3, ["a", None])],
-    *[(lint(ignore=odd), "lint: takes names or paths, got") for odd in (3, ["a", None])],
     (lint(select="yaml.defalt"), "--select: unknown check, got 'yaml.defalt'"),
     (lint(config="m.toml", no_config=True), "--no-config"),
     (lint(config="pyproject.toml"), "has no table [tool.mapdeal.lint]"),
@@ -76,10 +86,8 @@ REFUSED = [
     (lambda: mapdeal.read_robot_parameters(7), "takes paths of parameter files"),
     (recipe(changes={"inflate.radis": 1}), "inflate.radis: no such parameter"),
     (recipe(changes={"inflate.radius": math.nan}), FINITE),
-    (recipe(changes={"inflate.radius": True}), FINITE),
     (recipe(changes={"inflation_radius": 1}), LIKE),
     (recipe(changes={"inflate": {"radius": 1}}), LIKE),
-    (recipe(changes={"infalte.radius": 1}), "changes: no such stage, got 'infalte'"),
     (recipe(changes={"active.margin": 1}), "default has no stage active, got 'active.margin'"),
     (recipe(changes=[("inflate.radius", 1)]), "changes: must be values by name, got"),
     (recipe(mapdeal.load_recipe("nav2"), {"cost.inflation_radius": 1}), "cannot be changed"),
@@ -87,12 +95,28 @@ REFUSED = [
     (recipe(["inflate"]), "must be the name of a recipe"),
     (run(GRID), "run: takes the path of a map"),
     (lambda: mapdeal.apply_recipe("m.yaml"), "apply_recipe: takes a grid"),
+    (run(["m.yaml", "m.yaml"]), "different names"),
+    (
+        run(robot_radius=0.2, footprint=mapdeal.Footprint.circle(0.2)),
+        "robot_radius: cannot be given together",
+    ),
     (run(canvas="whole"), "canvas: must be one of crop, full"),
     (run(dialect="ros2"), "dialect: must be one of nav2, humble, ros1"),
-    (run(threads=0), "threads: must be a whole number, at least 1"),
     (run(max_memory=-1), "max_memory: must be"),
     (run(footprint=0.3), "footprint: must be a Footprint"),
     *[(recipe("nav2", footprint=odd), "footprint: must be a Footprint") for odd in (0.3, "circle")],
+    *[
+        (score(transform=odd), "transform: must be a transform, or three numbers")
+        for odd in ((1, 2), 3)
+    ],
+    (score(transform=(1, 2, math.nan)), "yaw: must be a finite number"),
+    (score(transform=(1, 2, 3), align=True), "cannot be given together"),
+    (lambda: mapdeal.score(7), "takes files or grids"),
+    (merge(["s.json", GRID]), "transforms: must be files, or transforms"),
+    (merge("s.json"), "transforms: must be 2, one for each map but the first"),
+    (merge(["s.json"] * 4), "transforms: 4 files are given, and 2 maps to place"),
+    *[(align(prior=odd), "prior") for odd in ([1, 2], "north", 3.0)],
+    (lambda: mapdeal.align(np.zeros((2, 3)), GRID), "takes files or grids"),
     (lambda: mapdeal.info("m.yaml", dialect="ros2"), "dialect"),
 ]
 
