@@ -5,14 +5,13 @@ Processes of their own are measured, since a peak is never taken back.
 
 import re
 import struct
-import subprocess
-import sys
 import zipfile
 
 import numpy as np
 import pytest
 from PIL import Image
 
+import measuring
 from mapdeal import (
     BitMap,
     Costmap,
@@ -32,23 +31,11 @@ pytestmark = pytest.mark.thorough
 IS_COMPILED = engine_name() == "compiled"
 MOST = 100  # MB that bombs may take, the program's own included
 SLACK = 1.05
-# The peak of a process begins with that of its parent: this one is small.
-MEASURE = """
-import os, subprocess, sys
-process = subprocess.Popen([sys.executable, *sys.argv[1:]])
-_, status, usage = os.wait4(process.pid, 0)
-print(usage.ru_maxrss)
-sys.exit(os.waitstatus_to_exitcode(status))
-"""
 
 
 def measured(folder, line, memory=None):
-    """Exit code, what it said and peak bytes of a command that may take so much memory."""
-    words = ["-c", MEASURE, "-m", "mapdeal", *line.split()]
-    words += ["--max-memory", memory] if memory else []
-    done = subprocess.run([sys.executable, *words], cwd=folder, capture_output=True, text=True)
-    *out, peak = done.stdout.splitlines()
-    return done.returncode, "\n".join(out) + done.stderr, int(peak) * 1024
+    """The same of a line that may take so much memory."""
+    return measuring.measured(folder, *line.split(), *(["--max-memory", memory] if memory else []))
 
 
 def yaml_of(path, image):

@@ -186,3 +186,9 @@ def test_what_else_may_end_a_command_has_its_code(command, monkeypatch, problem,
     assert (ended, out) == (code, "")
     assert [text for text in err.splitlines() if text.startswith("error: ")] == [line]
     assert ("Traceback" in err) == (code == 70)
+
+
+def test_garbage_is_looked_for_once_a_command_works_but_not_among_imports():
+    code = "import gc; gc.disable(); from mapdeal.cli.process import begin_work; begin_work()"
+    done = process(code=f"{code}; print(gc.isenabled(), gc.get_freeze_count() > 0)")
+    assert done.stdout == "True True\n"

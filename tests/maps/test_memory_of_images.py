@@ -3,8 +3,6 @@
 Processes of their own are measured, since a peak is never taken back.
 """
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,27 +11,9 @@ from files.large_files import IMAGES
 from mapdeal.kernels.engine import engine_name
 from mapdeal.maps.reading import open_map
 from mapdeal.pipeline.inputs import bytes_to_read
+from measuring import measured
 
 SLACK = 1.1
-
-# The peak of a process begins with that of its parent: this one is small.
-MEASURE = """
-import os, subprocess, sys
-process = subprocess.Popen([sys.executable, *sys.argv[1:]], stdout=subprocess.DEVNULL)
-_, status, usage = os.wait4(process.pid, 0)
-print(usage.ru_maxrss)
-sys.exit(os.waitstatus_to_exitcode(status))
-"""
-
-
-def peak_and_code(folder, *words):
-    """Bytes that a command takes at its peak, and its exit code."""
-    done = subprocess.run(
-        [sys.executable, "-c", MEASURE, "-m", "mapdeal", *map(str, words)],
-        cwd=folder, capture_output=True, text=True,
-    )  # fmt: skip
-    return int(done.stdout) * 1024, done.returncode
-
 
 NAMES = [
     "grey.png", "opacity.png", "palette.png", "wide.png", "interlaced.png", "opacity.bmp",
@@ -53,7 +33,7 @@ def test_a_run_keeps_to_the_memory(tmp_path, name, allowed):
     with open_map(path) as file:
         needed = bytes_to_read(file.memory_to_read())
     words = ["run", path, "-o", "out", "-q", "--no-images", "--max-memory", f"{allowed}MB"]
-    taken, code = peak_and_code(tmp_path, *words, "--threads", "2")
+    code, _, taken = measured(tmp_path, *words, "--threads", "2")
     is_possible = name == "p6.ppm" or needed < allowed * 1_000_000  # which is read by strips
     assert code == (0 if is_possible else 3)
     assert taken < SLACK * allowed * 1_000_000

@@ -4,9 +4,6 @@ Too little, and a map that was said to fit would not. Processes of their own are
 peak is never taken back.
 """
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -15,21 +12,13 @@ from mapdeal.kernels.engine import engine_name
 from mapdeal.pipeline.inputs import bytes_in_memory
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.catalogue import STAGES
+from measuring import measured
 
 pytestmark = [
     pytest.mark.thorough,
     pytest.mark.skipif(engine_name() != "compiled", reason="the records are of that engine"),
 ]
 SIDES = (1500, 1800)
-
-# The peak of a process begins with that of its parent: this one is small.
-MEASURE = """
-import os, subprocess, sys
-process = subprocess.Popen([sys.executable, *sys.argv[1:]])
-_, status, usage = os.wait4(process.pid, 0)
-print(usage.ru_maxrss)
-sys.exit(os.waitstatus_to_exitcode(status))
-"""
 
 
 @pytest.fixture(scope="module")
@@ -42,11 +31,11 @@ def site(tmp_path_factory):
     return path
 
 
-def measured(*words):
+def peak(*words):
     """The most bytes that a command takes."""
-    command = [sys.executable, "-c", MEASURE, "-m", "mapdeal", *words, "-q", "--threads", "2"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    return int(done.stdout) * 1024
+    code, said, taken = measured(None, *words, "-q", "--threads", "2")
+    assert (code, said) == (0, "")
+    return taken
 
 
 @pytest.mark.parametrize(
@@ -63,7 +52,7 @@ def test_a_command_takes_no_more_memory_than_its_stage_says(site, tmp_path, stag
     if stage.name == "reach":
         outputs = ["-o", str(tmp_path / "out.json"), "--layers", str(tmp_path / "out.npz")]
     promised = bytes_in_memory(SIDES, [make_step(stage.name, model)], None)
-    over = measured(stage.name, str(site), *outputs, *options) - promised
+    over = peak(stage.name, str(site), *outputs, *options) - promised
     needed = stage.memory + over / (SIDES[0] * SIDES[1])
     assert over < 0, f"{stage.name}: memory= must be at least {needed:.1f} bytes a cell"
 
@@ -71,7 +60,7 @@ def test_a_command_takes_no_more_memory_than_its_stage_says(site, tmp_path, stag
 def test_many_headings_take_no_more_memory_than_is_said(site, tmp_path):
     corners = [[0.45, 0.2], [0.45, -0.2], [-0.45, -0.2], [-0.45, 0.2]]
     robot = ["--footprint", str(corners), "--headings", "255"]
-    taken = measured("reach", str(site), "-o", str(tmp_path / "out.json"), *robot)
+    taken = peak("reach", str(site), "-o", str(tmp_path / "out.json"), *robot)
     few, many = (
         bytes_in_memory(SIDES, [make_step("reach", {"footprint": corners, **more})], None)
         for more in ({}, {"headings": 255})
