@@ -693,7 +693,9 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
             raise ParameterError("takes a grid: read_map(path)", source=function.__name__)
         if is_cropped and args and not isinstance(args[0], taken()):
             rule = f"takes a grid: {' or '.join(one.__name__ for one in taken())}"
-            raise ParameterError(rule, source=function.__name__, got=type(args[0]).__name__)
+            hint = "to_occupancy() makes a map of it" if hasattr(args[0], "to_occupancy") else None
+            got = type(args[0]).__name__
+            raise ParameterError(rule, source=function.__name__, got=got, hint=hint)
         field: Any = args[0] if args else None
         if is_cropped and isinstance(field, FieldGrid) and field.region is not None:
             make: Any = function

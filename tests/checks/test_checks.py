@@ -246,7 +246,14 @@ def test_every_check_is_tried_here_or_elsewhere():
     ]
     tried = {row[0] for table in [CASES, *tables] for row in table}
     tried |= {f"map.{name}" for name in tried}
-    tried |= {"readers.differ", "image.depth", "image.gamma", "map.view", "map.disconnected"}
+    tried |= {
+        "readers.differ",
+        "image.depth",
+        "image.gamma",
+        "map.view",
+        "map.disconnected",
+        "image.yaml-not-read",
+    }
     elsewhere = ("params.", "graph.", "mask.", "run.", "lint.")  # in files of their own
     tried |= {name for name in CHECKS if name.startswith(elsewhere)}
     assert set(CHECKS) <= tried

@@ -158,6 +158,7 @@ def test_the_geometry_of_a_bare_image_is_that_of_the_options(sh, room):
     assert np.array_equal(mapdeal.read_map("fixed.yaml").occupancy, ROOM)
     assert mapdeal.read_map("fixed.yaml").origin == (3.0, 4.0, 0.0)
     assert "yaml.resolution-noise" in sh("lint bare.pgm --resolution 0.05000000074505806")[1]
+    assert "image.yaml-not-read" in sh.ok("lint room.pgm --resolution 0.25")
 
 
 def test_who_gives_no_robot_is_told_so(sh, room):

@@ -155,6 +155,23 @@ def test_costs_around_obstacles_hide_no_unknown_cells(sh, here):
         assert file["occupancy"][1].tolist() == [100, -1, -1, 0, 0, 0, 100]
 
 
+@pytest.mark.parametrize("around", ["true", "false"])
+@pytest.mark.parametrize("tracks", ["true", "false"])
+def test_reach_is_that_of_the_robot_s_own_costmap_and_lint_has_its_graph(sh, here, tracks, around):
+    rows = ["#" * 40, *["#" + "." * 20 + "?" * 9 + "." * 9 + "#"] * 20, "#" * 40]
+    write_map("map.yaml", grid_from_text("\n".join(rows), resolution=0.1))
+    inflation = f'{{plugin: "nav2_costmap_2d::InflationLayer", inflate_around_unknown: {around}}}'
+    write_robot(tracks, ", inflation_layer", f", inflation_layer: {inflation}")
+    sh("run map.yaml -o out --params-file robot.yaml --no-images")
+    start = f"--from {place(read_map('map.yaml'), 10, 8)}"
+    own = sh.json(f"reach out/map/cost.npz {start} --robot-radius 0.2 --json")
+    found = sh.json(f"reach map.yaml {start} --params-file robot.yaml --json")
+    assert found["reachable_m2"] == own["reachable_m2"]
+    sh(f"graph map.yaml {start} --params-file robot.yaml -o g.geojson")
+    line = "lint map.yaml --graph g.geojson --params-file robot.yaml --select graph"
+    assert sh.ok(line).endswith("0 errors, 0 warnings, 0 notes\n")
+
+
 # graph
 
 

@@ -50,7 +50,6 @@ def align(**arguments):
 
 
 def merge(transforms):
-    Path("s.json").write_text('{"x": 1, "y": 2, "yaw": 0}')
     return lambda: mapdeal.merge(["m.yaml"] * 3, transforms=transforms)
 
 
@@ -123,8 +122,9 @@ REFUSED = [
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """A folder with a map and files of rules without rules."""
+    """A folder with a map, a transform, and files of rules without rules."""
     monkeypatch.chdir(tmp_path)
+    Path("s.json").write_text('{"x": 1, "y": 2, "yaw": 0}')
     mapdeal.write_map("m.yaml", GRID)
     Path("pyproject.toml").touch()
     Path("m.toml").touch()

@@ -39,8 +39,8 @@ def test_findings(messages, state, text):
     ([WALLED, IN_WALL], [], ROBOT, 1.0, "error",
      ("The robot reaches 0 of 2 goals. Not reached: 5,6 (no way leads there); "
       "5,6 (its cell is an obstacle)")),
-    ([], [SHUT], ROBOT, 1.0, "warning",
-     "The robot does not get everywhere: 1 closed passage cuts off 7 m2"),
+    ([], [SHUT], ROBOT, 0.26, "warning",
+     "The robot gets to 26 % of the area that it fits in: 1 passage is closed to it"),
     ([], [], ROBOT, 0.97, "good",
      "The robot gets to 97 % of the area that it fits in; no goals were given"),
     ([], [], ROBOT, 0.5, "warning",

@@ -120,6 +120,9 @@ declare_check("image.transparent-colour", "warning", "a transparent colour (PNG 
 declare_check("image.dos-header", "warning", "DOS line ends in the header of a PNM image")
 declare_check("image.trailing-bytes", "warning", "bytes after the picture")
 declare_check("image.raw-values", "warning", "values without a meaning in mode raw")
+declare_check(
+    "image.yaml-not-read", "warning", "an image that --resolution reads without its .yaml"
+)
 declare_check("map.view", "warning", "a 0..100 view of a distance field, which is not a map")
 declare_check("graph.refused", "error", "a graph that Nav2's route server refuses to load")
 declare_check(

@@ -24,7 +24,7 @@ from mapdeal.checks.map_checks import RUN_FOLDERS
 from mapdeal.checks.parameter_checks import robot_in
 from mapdeal.command import AT_LEAST_1, Output, Words, command
 from mapdeal.commands.mask_facts import info_of, mask_facts, read_mask
-from mapdeal.commands.reach import goals_of, start_of
+from mapdeal.commands.reach import COSTS_PER_CELL, goals_of, lethal_cells, start_of
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
@@ -71,7 +71,6 @@ from mapdeal.maps.map_server import (
 from mapdeal.maps.npz import read_npz
 from mapdeal.maps.reading import (
     MapFile,
-    as_occupancy,
     is_bare_image,
     open_map,
     output_paths,
@@ -88,8 +87,9 @@ from mapdeal.pipeline.inputs import (
     read_input,
     refuse,
 )
+from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
-from mapdeal.ros.robot import CostmapName
+from mapdeal.ros.robot import CostmapName, RobotParameters
 from mapdeal.version import __version__
 
 T = TypeVar("T")
@@ -345,15 +345,18 @@ def lint(
             at_once = jobs_at_once(jobs, len(maps), work.terminal)
             if len(maps) > 1:
                 counted = partial(work.terminal.counted, what="map")
-        if footprint is None and files and maps:
+        robot = None
+        if files and maps:
             robot = robot_in(files, costmap=costmap, namespace=namespace)
-            footprint = None if robot is None else robot.footprint
+        shape = footprint  # as costs of a planner have it
+        if footprint is None and robot is not None:
+            footprint, shape = robot.footprint, planned_shape(robot)
         lint_maps = _Lint(
             Selections(_several(select), _several(ignore), strict=strict, config=nearest),
             settings,
             None if footprint is None or not maps else reach_radius(footprint),
             at_once,
-            None if graph is None else (Path(graph), footprint),
+            None if graph is None else (Path(graph), shape, robot),
         )
         reports = lint_maps.parameters(files, costmap, namespace, maps) if files else []
         with counted(len(maps)) as done:
@@ -385,7 +388,7 @@ class _Lint:
     settings: Settings
     radius: float | None = None
     jobs: int = 1
-    graph: tuple[Path, Footprint | None] | None = None
+    graph: tuple[Path, Footprint | None, RobotParameters | None] | None = None
 
     def parameters(
         self, files: Sequence[Path], costmap: CostmapName | None, namespace: str | None,
@@ -453,16 +456,20 @@ class _Lint:
 
 
 def _found_on_map(
-    path: Path, graph: Path, robot: Footprint | None, settings: Settings
-) -> Sequence[Finding]:
+    path: Path, graph: Path, shape: Footprint | None, robot: RobotParameters | None,
+    settings: Settings,
+) -> Sequence[Finding]:  # fmt: skip
     """Return what is wrong with a graph on a map."""
     from mapdeal.checks.graph_checks import found_in_graph  # of use to few, and slow to import
 
     try:
         with kept_warnings(), open_map(path, max_cells=settings.max_cells) as file:
             height, width = file.shape()
-            claim(path, _PER_CELL_OF_GRAPH * height * width)
-            return found_in_graph(graph, as_occupancy(file.read().grid, path), robot)
+            per_cell = _PER_CELL_OF_GRAPH + (0 if robot is None else COSTS_PER_CELL)
+            claim(path, int(per_cell * height * width))
+            given = map_input(file.read(), path)
+            grid = given.occupancy if robot is None else lethal_cells(robot, given)
+            return found_in_graph(graph, grid, shape)
     except MapdealError as error:  # of the map
         return checks.not_checked(graph, f"its map cannot be read: {error}").findings
 

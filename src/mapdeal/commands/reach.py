@@ -15,10 +15,11 @@ from mapdeal.errors import FindingError, MalformedInputError, ParameterError, em
 from mapdeal.grid.costmap import Costmap, InflationLayer
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import RADIUS_TOLERANCE
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, GoalReach, Reach, reach_radius
-from mapdeal.grid.values import UNKNOWN
+from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
 from mapdeal.maps.npz import Grid
-from mapdeal.maps.reading import write_grid
+from mapdeal.maps.reading import as_occupancy, write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import inputs
@@ -30,7 +31,7 @@ from mapdeal.sensors.points import read_named_points
 from mapdeal.stages.cost import closed_by
 from mapdeal.stages.reach import reach
 
-_COSTS_PER_CELL = 8.0  # bytes for each cell that the costs of a robot's own layers take
+COSTS_PER_CELL = 8.0  # bytes for each cell that the costs of a robot's own layers take
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -235,7 +236,7 @@ def reach_on_input(
     mask: inputs.KeepoutMask | None,
 ) -> Reach:  # fmt: skip
     """Return what the stage finds on a map, or on the costs that a robot's layers make of it."""
-    inputs.claim_cells(one, step.memory + _COSTS_PER_CELL * (robot is not None))
+    inputs.claim_cells(one, step.memory + COSTS_PER_CELL * (robot is not None))
     with inputs.errors_named(one.name):
         grid = one.grid
         if not isinstance(grid, Costmap):
@@ -256,6 +257,13 @@ def lethal_costs(robot: RobotParameters, one: inputs.MapInput) -> Grid:
     grid = one.grid
     for step in load_recipe(None, robot=replace(robot, layers=tuple(layers))).steps:
         grid = step.apply(grid, one.path)
+    inflations = (each.layer for each in robot.layers if isinstance(each.layer, InflationLayer))
+    if isinstance(grid, Costmap) and any(
+        layer.inflate_around_unknown and layer.inflation_radius > 0 for layer in inflations
+    ):
+        return grid.with_values(
+            np.where(grid.cost == grid.unknown_value, LETHAL_OBSTACLE, grid.cost).astype(np.uint8)
+        )
     occupancy = np.asarray(one.occupancy.occupancy)
     unknown = np.count_nonzero(occupancy == UNKNOWN)
     if unknown and isinstance(grid, Costmap) and not (grid.cost == grid.unknown_value).any():
@@ -266,3 +274,13 @@ def lethal_costs(robot: RobotParameters, one: inputs.MapInput) -> Grid:
         )
         emit_warning(text, stacklevel=2)
     return grid
+
+
+def lethal_cells(robot: RobotParameters, one: inputs.MapInput) -> OccupancyGrid:
+    """Return the map as a robot has it: occupied where it is lethal, unknown where that is kept."""
+    grid = lethal_costs(robot, one)
+    if not isinstance(grid, Costmap):
+        return as_occupancy(grid, one.name)
+    free = np.where(grid.cost == grid.unknown_value, np.int8(UNKNOWN), np.int8(FREE))
+    cells = np.where(grid.cost == LETHAL_OBSTACLE, np.int8(OCCUPIED), free)
+    return OccupancyGrid(cells, grid.resolution, grid.origin)

@@ -70,7 +70,10 @@ _CLOUD_USE = (
 _SCANS_USE = "mapdeal build {path} -o OUT.yaml makes a map of it"
 _POSES_USE = "--poses {path} gives it to mapdeal build and mapdeal local"
 _BAG_USE = "mapdeal info {path} lists its topics; convert, build and local --cloud take them"
-_PARAMETERS_USE = "mapdeal run MAP -o DIR --params-file {path} takes it"
+_PARAMETERS_USE = (
+    "mapdeal run MAP -o DIR --params-file {path} takes it, mapdeal lint --params-file {path} "
+    "checks it"
+)
 _REPORT_USE = "mapdeal report {path} -o OUT.html shows it"
 _GRAPH_USE = (
     "mapdeal lint MAP --graph {path} checks it, mapdeal route MAP --graph {path} goes by it"

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import (
     MalformedInputError,
     MapdealError,
+    MapdealWarning,
     ParameterError,
     emit_warning,
     kept_warnings,
@@ -180,7 +181,7 @@ def bare_image(path: Path) -> MapMetadata | None:
         return None
     if yaml_at(path):
         text = "is read by --resolution; the .yaml beside it is not read"
-        emit_warning(f"{path}: {text}", stacklevel=4)
+        emit_warning(MapdealWarning(f"{path}: {text}", "image.yaml-not-read"), stacklevel=4)
     return MapMetadata(path.name, *bare)
 
 

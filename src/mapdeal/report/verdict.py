@@ -123,16 +123,17 @@ def on_goals(
     who = "The robot" if robot is not None else "A point, as no robot was given,"
     missed = [one for one in goals if not one.reachable]
     closed = [one for one in passages if not one.is_open]
+    shut = (
+        f"{count_text(len(closed), 'passage')} {'is' if len(closed) == 1 else 'are'} closed to it"
+    )
     if missed:
         text = f"{who} reaches {len(goals) - len(missed)} of {count_text(len(goals), 'goal')}. "
         if len(closed) > 1:
-            text += f"{len(closed)} passages are closed to it. "
+            text += f"{shut}. "
         text += "Not reached: "
         names = [_named(one, robot) for one in missed[:MOST_CLAIMS]]
         more = [f"{len(missed) - MOST_CLAIMS} more"] if len(missed) > MOST_CLAIMS else []
         return Claim("goals", "error", text + "; ".join([*names, *more]), "goal")
-    shut = f"{count_text(len(closed), 'closed passage')} cut{'s' * (len(closed) == 1)} off "
-    shut += f"{sum(one.cut_off for one in closed):.3g} m2"
     state: State = "good" if robot is not None else "warning"
     if goals:
         every = {1: "its goal", 2: "both goals"}.get(len(goals), f"all {len(goals)} goals")
@@ -141,10 +142,10 @@ def on_goals(
         if widths and math.isfinite(min(widths)):
             text += f"; the narrowest place on the way is {min(widths):.3g} m wide"
         return Claim("goals", state, f"{text}; {shut}" if closed else text, "goal")
+    text = f"{who} gets to {100 * share:.3g} % of the area that it fits in"
     if closed:
-        text = f"{who} does not get everywhere: {shut}"
-        return Claim("goals", "warning", text, "passage")
-    text = f"{who} gets to {100 * share:.3g} % of the area that it fits in; no goals were given"
+        return Claim("goals", "warning", f"{text}: {shut}", "passage")
+    text += "; no goals were given"
     return Claim("goals", state if share >= _NEARLY_ALL else "warning", text, "start")
 
 

@@ -415,8 +415,9 @@ def effect_of(one: ListedLayer, robot: RobotParameters) -> str:
 
 
 def _effect_of_inflation(layer: InflationLayer) -> str:
-    text = f"cost 253 as far as {layer.inscribed_radius:.4g} m from obstacles, then falling by "
-    text += f"{layer.cost_scaling_factor:g} per metre as far as {layer.inflation_radius:g} m"
+    text = f"cost 253 as far as {layer.inscribed_radius:.4g} m from obstacles, then falling "
+    text += f"with cost_scaling_factor {layer.cost_scaling_factor:g} as far as "
+    text += f"{layer.inflation_radius:g} m"
     if layer.inflate_around_unknown:
         return f"{text}; unknown cells are lethal, and inflated, too"
     return f"{text}; unknown cells take costs, too" if layer.inflate_unknown else text
