@@ -67,6 +67,8 @@ class Nav2Values:
             return default
         if found.ignored is not None and name not in self._known:
             self._tell_ignored(name, found, found.ignored)
+        if found.replaced is not None:
+            self._tell_twice(name, found, found.replaced)
         if found.kind == kind:
             return found.value
         if name not in self._known:
@@ -118,6 +120,13 @@ class Nav2Values:
         check = "params.type" if level == "refused" else "params.sensor-type"
         text = f"must be {wanted}, is {given}; {end}"
         self.problem(check, level, text, name, _hint(kind, found))
+
+    def _tell_twice(self, name: str, found: ParameterValue, before: ParameterValue) -> None:
+        text = f"appears twice, on lines {before.line} and {found.line}"
+        if found.value == before.value:
+            self.problem("params.repeated", "note", f"{text}, with one value", name)
+        else:
+            self.problem("params.twice", "warning", f"{text}; the later one counts", name)
 
     def _tell_ignored(self, name: str, found: ParameterValue, ignored: ParameterValue) -> None:
         self._known.add(name)

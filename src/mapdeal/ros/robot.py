@@ -63,6 +63,7 @@ class ParameterValue:
     line: int
     text: str
     ignored: ParameterValue | None = None
+    replaced: ParameterValue | None = None  # by this one, further down in its file
 
 
 Corners = tuple[tuple[float, float], ...]

@@ -375,7 +375,9 @@ class Walk:
     def _set(self, value: ParameterValue) -> None:
         slot = self._slot()
         if slot is not None:
-            slot.values.pop(value.kind, None)  # one of another type stays beside it
+            before = slot.values.pop(value.kind, None)  # one of another type stays beside it
+            if before is not None and before.source == value.source and before.line != value.line:
+                value = replace(value, replaced=before)
             slot.values[value.kind] = value
 
     def _slot(self) -> Slot | None:
