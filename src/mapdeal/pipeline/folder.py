@@ -112,6 +112,8 @@ def _summary_of_reach(figures: Figures) -> str:
     if figures.get("passages"):
         text = count_text(figures["passages"], "passage")
         parts.append(f"{text}, {figures['closed_passages']} closed")
+    elif "passages" in figures:
+        parts.append("no narrow passages")
     return "; ".join(parts)
 
 
