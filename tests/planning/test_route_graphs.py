@@ -19,7 +19,7 @@ from kernels.conftest import by_each_engine
 from mapdeal import Costmap, Footprint, Goal, OccupancyGrid, footprint_costs, reach, shortest_route
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
-from mapdeal.kernels.skeleton import DIAGONAL, STRAIGHT, lengths_from, skeleton
+from mapdeal.kernels.skeleton import DIAGONAL, STRAIGHT, lengths_from, nearest_from, skeleton
 from mapdeal.maps.route_graphs import graph_text
 from mapdeal.planning.graph_routes import route_on_graph
 from mapdeal.planning.route_graphs import AREA_PER_NODE, MOST_EDGES, Wishes, route_graph_of
@@ -246,7 +246,7 @@ def test_lengths_are_those_of_dijkstra(closed, count, seed):
     if not len(places):
         return
     sources = np.random.default_rng(seed).choice(places, count)
-    lengths, origin = lengths_from(is_open, sources)
+    lengths, origin = nearest_from(is_open, sources)
     width = is_open.shape[1]
     expected = flooded(is_open, [divmod(int(one), width) for one in sources])
     for (row, col), length in np.ndenumerate(lengths):
@@ -268,9 +268,11 @@ def test_both_engines_give_the_same_lengths_and_sources(closed, count, seed):
     given = rng.integers(0, 60, count) if seed % 2 else None
     limit = int(rng.integers(0, 200)) if seed % 3 else None
     compiled, twin = by_each_engine(
-        lambda: lengths_from(~closed, sources, given=given, limit=limit)
-    )
+        lambda: [*nearest_from(~closed, sources, given=given, limit=limit),
+                 lengths_from(~closed, sources, given=given, limit=limit)]
+    )  # fmt: skip
     np.testing.assert_array_equal(compiled, twin)
+    np.testing.assert_array_equal(compiled[0], compiled[2])
 
 
 @given(masks(14))

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint, sample_poses
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION, OneLine, count_text
+from mapdeal.kernels.lookup import least_along, places_along
 
 _SAMPLES = 1 << 17  # positions that are looked at together, so that they stay in the cache
 _STEP = 0.5  # of a cell
@@ -127,7 +127,7 @@ class Sweeps:
     closed : numpy.ndarray of uint8, shape (H, W)
         Costs of costmap_2d: 0, 254 in obstacles, 255 in unknown cells.
     squared : numpy.ndarray of int, shape (H, W)
-        Squared distances to what is not free, in cells.
+        Squared distances to what is not free, in cells; negative ones stand for 0.
     frame : Frame
         The cells' place.
     robot : Footprint, optional
@@ -156,20 +156,24 @@ class Sweeps:
         """
         if not len(starts):
             return np.zeros(0, dtype=np.bool_), np.zeros(0)
-        lengths = np.hypot(*(ends - starts).T)
-        counts = np.ceil(lengths / step).astype(np.int64) + 1
-        is_clear = np.ones(len(starts), dtype=np.bool_)
-        least = np.zeros(len(starts))
-        bounds = np.append(0, np.cumsum(counts))
-        first = 0
-        while first < len(starts):
-            stop = int(np.searchsorted(bounds, bounds[first] + _SAMPLES, side="right")) - 1
-            some = slice(first, max(stop, first + 1))
-            is_clear[some], least[some] = self._part(
-                starts[some], ends[some], counts[some], touches
+        counts = np.ceil(np.hypot(*(ends - starts).T) / step).astype(np.int64) + 1
+        size = np.array(self.is_open.shape)
+        first, last = (np.clip(one, 0, size - _ROUNDING) for one in (starts, ends))
+        is_inside = ((starts == first) & (ends == last)).all(axis=1)
+        is_clear, least = np.empty(len(starts), dtype=np.bool_), np.empty(len(starts))
+        for some in _parts(counts):
+            squares, is_clear[some] = least_along(
+                self.squared, self.is_open, first[some], last[some], counts[some], near=_NEAR_EDGE
             )
-            first = some.stop
-        return is_clear, least
+            least[some] = np.sqrt(np.maximum(squares, 0))
+        is_clear &= is_inside
+        if touches and self.robot is not None:
+            reach = self.robot.circumscribed_radius / self.frame.resolution + _SLACK
+            tight = np.flatnonzero(is_clear & (least < reach))
+            for some in _parts(counts[tight]):
+                lines = tight[some]
+                is_clear[lines] = self._fits(first[lines], last[lines], counts[lines], reach)
+        return is_clear, least * is_inside
 
     def worst_place(
         self, start: NDArray[np.float64], end: NDArray[np.float64], *, touches: bool
@@ -182,43 +186,19 @@ class Sweeps:
         found: NDArray[np.float64] = places[np.where(is_free, np.inf, least).argmin()]
         return found
 
-    def _part(
+    def _fits(
         self, starts: NDArray[np.float64], ends: NDArray[np.float64], counts: NDArray[np.int64],
-        touches: bool,
-    ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:  # fmt: skip
-        firsts = np.cumsum(counts) - counts
-        which = np.repeat(np.arange(len(counts)), counts)
-        shares = (np.arange(len(which)) - firsts[which]) / np.maximum(counts - 1, 1)[which]
-        size = np.array(self.is_open.shape)
-        held = [np.clip(one, 0, size - _ROUNDING) for one in (starts, ends)]
-        is_inside = ((starts == held[0]) & (ends == held[1])).all(axis=1)
-        ways = held[1] - held[0]
-        places = [held[0][which, axis] + shares * ways[which, axis] for axis in (0, 1)]
-        rows, cols = (one.astype(np.int32) for one in places)
-        squares = self.squared[rows, cols]
-        is_free = self.is_open[rows, cols]
-        # what lies on an edge of cells, but for rounding, is in all of them
-        is_near = [np.abs(one - cells - 0.5) > 0.5 - _NEAR_EDGE
-                   for one, cells in zip(places, (rows, cols), strict=True)]  # fmt: skip
-        near = np.flatnonzero(is_free & (is_near[0] | is_near[1]))
-        around = ([np.clip(one[near] + by, 0, last).astype(np.int32)
-                   for by in (-_NEAR_EDGE, _NEAR_EDGE)]
-                  for one, last in zip(places, size - 1, strict=True))  # fmt: skip
-        for row, col in product(*around):
-            is_free[near] &= self.is_open[row, col]
-        if touches and self.robot is not None:
-            reach = self.robot.circumscribed_radius / self.frame.resolution + _SLACK
-            tight = np.flatnonzero(is_free & (squares < reach * reach))
-            if len(tight):
-                towards = self.frame.xy_vectors_from_rowcol(ways[which[tight]])
-                yaws = np.arctan2(towards[:, 1], towards[:, 0])
-                at = np.stack([one[tight] for one in places], axis=1)
-                at = self.frame.xy_from_continuous_rowcol(at)
-                is_free[tight] = self._touch_nothing(at, yaws)
-        return (
-            np.logical_and.reduceat(is_free, firsts) & is_inside,
-            np.sqrt(np.minimum.reduceat(squares, firsts)) * is_inside,
-        )
+        reach: float,
+    ) -> NDArray[np.bool_]:  # fmt: skip
+        """Return on which lines the footprint is free wherever something is within its reach."""
+        places, lines, firsts = places_along(starts, ends, counts)
+        rows, cols = places.astype(np.int64).T
+        tight = np.flatnonzero(self.squared[rows, cols] < reach * reach)
+        towards = self.frame.xy_vectors_from_rowcol((ends - starts)[lines[tight]])
+        at = self.frame.xy_from_continuous_rowcol(places[tight])
+        is_free = np.ones(len(places), dtype=np.bool_)
+        is_free[tight] = self._touch_nothing(at, np.arctan2(towards[:, 1], towards[:, 0]))
+        return np.asarray(np.logical_and.reduceat(is_free, firsts), dtype=np.bool_)
 
     def _touch_nothing(
         self, places_xy: NDArray[np.float64], yaws: NDArray[np.float64]
@@ -239,6 +219,15 @@ class Sweeps:
                     is_hit |= costs != FREE_SPACE
                 is_free &= ~is_hit
         return is_free
+
+
+def _parts(counts: NDArray[np.int64]) -> Iterator[slice]:
+    """Yield slices of lines that have few places together."""
+    bounds = np.append(0, np.cumsum(counts))
+    first = 0
+    while first < len(counts):
+        stop = int(np.searchsorted(bounds, bounds[first] + _SAMPLES, side="right")) - 1
+        yield slice(first, first := max(stop, first + 1))
 
 
 def closed_costs(occupied: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -82,3 +82,13 @@ def flood(
     lengths: NDArray[Any],
     origin: NDArray[Any],
 ) -> None: ...
+def look_along_lines(
+    values: NDArray[Any],
+    is_open: NDArray[Any],
+    starts: NDArray[Any],
+    ends: NDArray[Any],
+    counts: NDArray[Any],
+    near: float,
+    least: NDArray[Any],
+    are_open: NDArray[Any],
+) -> None: ...

@@ -1,7 +1,7 @@
 # cython: language_level=3, binding=False, embedsignature=False
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Compiled kernels, without the GIL: distance transforms in bands of rows, table look-ups,
-interpolation, footprints, the search for paths, floods, and LZF.
+interpolation, footprints, lines, the search for paths, floods, and LZF.
 
 The modules compiled.py, lookup.py, polygons.py, paths.py, skeleton.py and sensing.py are
 their face to the rest; the algorithms are in the headers.
@@ -127,6 +127,17 @@ cdef extern from "flood.h" nogil:
         int64_t waiting
         CellList *lists
     int flood_on(Flood *flood)
+
+cdef extern from "sweep.h" nogil:
+    ctypedef struct Plane:
+        const int32_t *values
+        const uint8_t *is_open
+        int64_t height, width
+        double near
+    void look_along(
+        const Plane *plane, const double *start, const double *end, int64_t count,
+        int64_t *least, uint8_t *is_open
+    )
 
 fill_squares_16()
 
@@ -521,7 +532,7 @@ def flood(
     const int64_t[::1] starts,
     int64_t limit,
     uint32_t[::1] lengths,
-    int32_t[::1] origin,
+    int32_t[::1] origin,  # or empty
 ):
     """Set `lengths` and `origin` of all cells to which ways lead that are within the limit.
 
@@ -530,7 +541,7 @@ def flood(
     """
     cdef Flood task
     cdef int has_memory = True
-    if not (is_open.shape[0] == lengths.shape[0] == origin.shape[0]):
+    if lengths.shape[0] != is_open.shape[0] or origin.shape[0] not in (0, is_open.shape[0]):
         raise ValueError("the arrays have not the same size")
     if sources.shape[0] != starts.shape[0]:
         raise ValueError("each source has one length")
@@ -539,7 +550,9 @@ def flood(
     memset(&task, 0, sizeof(task))
     task.is_open, task.width, task.limit = &is_open[0], width, limit
     task.sources, task.starts, task.count = &sources[0], &starts[0], sources.shape[0]
-    task.lengths, task.origin = &lengths[0], &origin[0]
+    task.lengths = &lengths[0]
+    if origin.shape[0]:
+        task.origin = &origin[0]
     task.steps = <uint8_t *>calloc(lengths.shape[0], 1)
     try:
         if task.steps == NULL:
@@ -554,3 +567,34 @@ def flood(
         free(task.steps)
     if not has_memory:
         raise MemoryError
+
+
+def look_along_lines(
+    const int32_t[:, ::1] values,
+    const uint8_t[:, ::1] is_open,
+    const double[:, ::1] starts,
+    const double[:, ::1] ends,
+    const int64_t[::1] counts,
+    double near,
+    int64_t[::1] least,
+    uint8_t[::1] are_open,
+):
+    """Set the least value and whether all is open, for each line; its places lie in the grid."""
+    cdef Plane plane
+    cdef int64_t line, lines = counts.shape[0]
+    if not (starts.shape[0] == ends.shape[0] == least.shape[0] == are_open.shape[0] == lines):
+        raise ValueError("the arrays have not the same size")
+    if starts.shape[1] != 2 or ends.shape[1] != 2:
+        raise ValueError("places have a row and a column")
+    if is_open.shape[0] != values.shape[0] or is_open.shape[1] != values.shape[1]:
+        raise ValueError("the grids have not the same shape")
+    if lines == 0:
+        return
+    plane.values, plane.is_open, plane.near = &values[0, 0], &is_open[0, 0], near
+    plane.height, plane.width = values.shape[0], values.shape[1]
+    with nogil:
+        for line in range(lines):
+            look_along(
+                &plane, &starts[line, 0], &ends[line, 0], counts[line], &least[line],
+                &are_open[line],
+            )

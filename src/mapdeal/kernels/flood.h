@@ -17,7 +17,7 @@ typedef struct {
     const int64_t *sources, *starts; /* what is still to come, by the lengths at the start */
     int64_t count, limit;
     uint32_t *lengths; /* the largest number where no way is known */
-    int32_t *origin;
+    int32_t *origin; /* or NULL */
     uint8_t *steps; /* the last ones of these ways, by their places in the ring; 0 at first */
     int64_t length, waiting;
     CellList lists[LISTS];
@@ -63,7 +63,7 @@ static int flood_on(Flood *flood)
             } else if (k >= flood->steps[next] || (k ^ flood->steps[next]) % 2)
                 continue; /* of ways as long that with a diagonal step, then the first of the ring */
             flood->steps[next] = k;
-            flood->origin[next] = flood->origin[cell];
+            if (flood->origin) flood->origin[next] = flood->origin[cell];
         }
     }
     flood->waiting -= now->count;

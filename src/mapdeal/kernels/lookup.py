@@ -203,6 +203,48 @@ def _corners(places: Floats, last: int) -> tuple[Integers, Integers, Floats]:
     return np.clip(index, 0, last), np.clip(index + 1, 0, last), from_centre - below
 
 
+def places_along(
+    starts: Floats, ends: Floats, counts: Integers
+) -> tuple[Floats, Integers, Integers]:
+    """Return places spread over lines, shape (M, 2), the line of each, and the first of each."""
+    firsts = np.cumsum(counts) - counts
+    lines = np.repeat(np.arange(len(counts)), counts)
+    shares = (np.arange(len(lines)) - firsts[lines]) / np.maximum(counts - 1, 1)[lines]
+    return starts[lines] + shares[:, np.newaxis] * (ends - starts)[lines], lines, firsts
+
+
+def least_along(
+    values: Integers, is_open: Mask, starts: Floats, ends: Floats, counts: Integers, *, near: float
+) -> tuple[Integers, Mask]:
+    """Return the least value of the cells on each line, and whether all of them are open.
+
+    Lines lead between places within the grid, given by continuous rows and columns, shape (N, 2)
+    each, and are looked at in so many places, evenly. Those that lie as near as `near` to an edge
+    of their cell lie in the cell beyond it, too, for what is open.
+    """
+    if engine_name() == "compiled" and values.dtype == np.int32:
+        from mapdeal.kernels import _compiled
+
+        least, found = np.empty(len(counts), np.int64), np.empty(len(counts), np.uint8)
+        _compiled.look_along_lines(
+            values, is_open.view(np.uint8), starts, ends, counts, near, least, found
+        )
+        return least, found.view(np.bool_)
+    places, _, firsts = places_along(starts, ends, counts)
+    rows, cols = places.astype(np.int64).T
+    free = is_open[rows, cols]
+    is_near = (np.abs(places - np.floor(places) - 0.5) > 0.5 - near).any(axis=1)
+    edges = np.flatnonzero(free & is_near)
+    low, high = (np.clip(places[edges] + by, 0, np.array(values.shape) - 1).astype(np.int64)
+                 for by in (-near, near))  # fmt: skip
+    for one, other in product((low, high), repeat=2):
+        free[edges] &= is_open[one[:, 0], other[:, 1]]
+    return (
+        np.minimum.reduceat(values[rows, cols], firsts).astype(np.int64),
+        np.logical_and.reduceat(free, firsts),
+    )
+
+
 def sum_of_inverse_distances(marked: Mask, *, scale: float = 1.0, least: float = 0.0) -> Floats:
     """Return for each cell the sum of 1 / distance over all marked cells."""
     # The sum is the convolution of the mask with 1 / distance, taken as a product of Fourier

@@ -140,8 +140,11 @@ def main_direction(occupied: Mask) -> float | None:
 def edge_points(occupied: Mask) -> Floats:
     """Return the centres, x and y in cells, of obstacle cells with a side to one that is none."""
     # Beyond the grid everything is as at its border.
-    padded = np.pad(occupied, 1, mode="edge")
-    inside = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
+    inside = occupied.copy()
+    inside[1:] &= occupied[:-1]
+    inside[:-1] &= occupied[1:]
+    inside[:, 1:] &= occupied[:, :-1]
+    inside[:, :-1] &= occupied[:, 1:]
     return np.argwhere(occupied & ~inside)[:, ::-1].astype(np.float64) + 0.5
 
 

@@ -12,7 +12,8 @@ Computer Vision and Image Understanding 72, 1998.
 
 from __future__ import annotations
 
-from functools import cache, reduce
+from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -47,72 +48,86 @@ def skeleton(levels: Integers, is_kept: Mask, is_end: Mask) -> Mask:
     those of `is_end` where a line ends in them.
     """
     height, width = levels.shape
-    wide = width + 2
-    area = np.zeros((height + 2, wide), dtype=np.uint8)
+    area = np.zeros((height + 2, width + 2), dtype=np.uint8)
     area[1:-1, 1:-1] = levels >= 0
     flat = area.reshape(-1)
-    offsets = np.array([row * wide + col for row, col in RING])
+    offsets = [row * (width + 2) + col for row, col in RING]
     can_go, count = _tables()
     ends = np.zeros(area.shape, dtype=np.bool_)
     ends[1:-1, 1:-1] = is_end
     ends = ends.reshape(-1)
-    places = np.flatnonzero((levels >= 0) & ~is_kept)
-    sorted_levels = levels.reshape(-1)[places]
-    if sorted_levels.max(initial=0) < 1 << 16:  # sorted in one go
-        sorted_levels = sorted_levels.astype(np.uint16)
-    order = np.argsort(sorted_levels, kind="stable")
-    rows, cols = np.divmod(places[order], width)
-    sorted_levels = sorted_levels[order].astype(np.int64)
-    cells = (rows + 1) * wide + cols + 1
-    # cells of one field are no neighbours of each other, so they can go together
-    fields = (rows & 1) * 2 + (cols & 1)
 
-    def thin(some: Integers, of_fields: Integers) -> Integers:
-        """Take away what can go, until nothing can; return what is left."""
-        parts = [some[of_fields == k] for k in range(4)]
+    def thin(parts: list[Integers]) -> None:
+        """Take away what can go, until nothing can; parts are in place what is left."""
         active = [True] * 4
         while any(active):
-            for k in range(4):
+            for k, part in enumerate(parts):
                 if not active[k]:
                     continue
                 active[k] = False
-                part = parts[k]
                 if not len(part):
                     continue
                 code = np.zeros(len(part), dtype=np.uint8)
-                for bit, offset in enumerate(offsets.tolist()):
+                for bit, offset in enumerate(offsets):
                     code |= flat[part + offset] << np.uint8(bit)
                 goes = can_go[code] & ~((count[code] <= 1) & ends[part])
                 if goes.any():
                     flat[part[goes]] = 0
                     parts[k] = part[~goes]
                     active = [True] * 4
-        return np.concatenate(parts)
 
-    steps = np.flatnonzero(np.diff(sorted_levels, prepend=-1, append=-1))
-    left = [np.zeros(0, dtype=np.int64)]
-    for first, stop in zip(steps[:-1].tolist(), steps[1:].tolist(), strict=True):
-        left.append(thin(cells[first:stop], fields[first:stop]))
-    rest = np.concatenate(left)  # what could not go may be able to now
-    thin(rest, ((rest // wide - 1) & 1) * 2 + ((rest % wide - 1) & 1))
+    # cells of one of four fields are no neighbours of each other, so they can go together
+    may_go = area.view(np.bool_).copy()
+    may_go[1:-1, 1:-1] &= ~is_kept
+    cells = np.flatnonzero(may_go)
+    keys = 4 * levels + np.add.outer(np.arange(height) % 2 * 2, np.arange(width) % 2)
+    keys = keys[may_go[1:-1, 1:-1]]
+    top = int(keys.max(initial=0)) // 4 + 1
+    if 4 * top < 1 << 16:  # sorted in one go
+        keys = keys.astype(np.uint16)
+    cells = cells[np.argsort(keys, kind="stable")]
+    bounds = np.append(0, np.cumsum(np.bincount(keys, minlength=4 * top))).tolist()
+    groups = [cells[first:stop] for first, stop in pairwise(bounds)]
+    left = [groups[level : level + 4] for level in range(0, 4 * top, 4)]
+    for parts in left:
+        thin(parts)
+    thin([np.concatenate(parts) for parts in zip(*left, strict=True)])  # some may go only now
     return area[1:-1, 1:-1].view(np.bool_)
 
 
 def lengths_from(
     is_open: Mask, sources: Integers, *, given: Integers | None = None, limit: int | None = None
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return the length of the shortest way to each open cell, and the source that it is from.
+) -> NDArray[np.int32]:
+    """Return the length of the shortest way to each open cell, -1 without one.
 
     Sources are flat indices, from each of which a length is `given` or 0. Ways go over eight
-    neighbours, diagonally not between two closed cells, see `STRAIGHT`. Without a way both are -1.
+    neighbours, diagonally not between two closed cells, see `STRAIGHT`.
     """
+    return _flooded(is_open, sources, given, limit, with_origin=False)[0]
+
+
+def nearest_from(
+    is_open: Mask, sources: Integers, *, given: Integers | None = None, limit: int | None = None
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return lengths as `lengths_from`, and the source that each is from, -1 without one."""
+    lengths, origin = _flooded(is_open, sources, given, limit, with_origin=True)
+    return lengths, origin.reshape(is_open.shape[0] + 2, -1)[1:-1, 1:-1]
+
+
+def _flooded(
+    is_open: Mask,
+    sources: Integers,
+    given: Integers | None,
+    limit: int | None,
+    *,
+    with_origin: bool,
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     height, width = is_open.shape
     wide = width + 2
     openness = np.zeros((height + 2, wide), dtype=np.bool_)
     openness[1:-1, 1:-1] = is_open
     flat = openness.reshape(-1)
     lengths = np.full(len(flat), _FAR, dtype=np.uint32)
-    origin = np.full(len(flat), -1, dtype=np.int32)
     rows, cols = np.divmod(sources, width)
     cells = (rows + 1) * wide + cols + 1
     starts = np.zeros(len(cells), dtype=np.int64) if given is None else given
@@ -122,7 +137,9 @@ def lengths_from(
     order = order[np.argsort(starts[order], kind="stable")]
     cells, starts = cells[order], starts[order]
     lengths[cells] = starts
-    origin[cells] = order
+    origin = np.full(len(flat) if with_origin else 0, -1, dtype=np.int32)
+    if with_origin:
+        origin[cells] = order
     most = _FAR - 1 if limit is None else limit
     if engine_name() == "compiled":
         from mapdeal.kernels import _compiled
@@ -131,8 +148,7 @@ def lengths_from(
     else:
         _flood(flat, wide, cells, starts, most, lengths, origin)
     shape = height + 2, wide
-    found = lengths.view(np.int32).reshape(shape)  # the largest number is -1
-    return found[1:-1, 1:-1], origin.reshape(shape)[1:-1, 1:-1]
+    return lengths.view(np.int32).reshape(shape)[1:-1, 1:-1], origin  # the largest number is -1
 
 
 def _flood(
@@ -167,17 +183,20 @@ def _flood(
                 to = there[better]
                 if len(to):
                     lengths[to] = following
-                    origin[to] = origin[now[better]]
+                    if len(origin):
+                        origin[to] = origin[now[better]]
                     waiting.setdefault(following, []).append(to)
         length += 1
 
 
-def largest_of_blocks(values: NDArray[Any], step: int, *, beyond: int = -1) -> NDArray[Any]:
-    """Return the largest value of each square of `step` x `step` cells."""
-    if step == 1:
-        return values
-    height, width = (-(-size // step) * step for size in values.shape)
-    padded = np.full((height, width), beyond, dtype=values.dtype)
-    padded[: values.shape[0], : values.shape[1]] = values
-    rows = reduce(np.maximum, (padded[k::step] for k in range(step)))
-    return reduce(np.maximum, (rows[:, k::step] for k in range(step)))
+def largest_of_blocks(values: NDArray[Any], step: int) -> NDArray[Any]:
+    """Return the largest value of each square of `step` x `step` cells, or what is left of it."""
+
+    def of_rows(values: NDArray[Any]) -> NDArray[Any]:
+        found = values[::step].copy()
+        for k in range(1, step):
+            part = values[k::step]
+            np.maximum(found[: len(part)], part, out=found[: len(part)])
+        return found
+
+    return values if step == 1 else np.ascontiguousarray(of_rows(of_rows(values).T).T)

@@ -31,17 +31,19 @@ def lattice_in(
     # places out of it; what is narrow one way, such as an aisle, is divided evenly across.
     ticks = []
     for axis in along:
-        values = (hall * axis).sum(axis=1)
+        values = hall[:, 0] * axis[0] + hall[:, 1] * axis[1]
         ticks.append(_ticks(float(values.min()), float(values.max()), spacing))
     is_small = all(len(one) <= _FEW for one in ticks)
     points: list[tuple[bool, float, float, int]] = []
     for way in (0, 1):
-        runs = []
         line = np.arange(ticks[way][0] - spacing, ticks[way][-1] + spacing, step)
-        for tick in ticks[1 - way].tolist():
-            places = line[:, np.newaxis] * along[way] + tick * along[1 - way]
-            for first, stop in _runs(is_usable(places)):
-                runs.append(_Run(tick, float(line[first]), float(line[stop - 1])))
+        across = ticks[1 - way][:, np.newaxis, np.newaxis] * along[1 - way]
+        places = line[:, np.newaxis] * along[way] + across
+        usable = is_usable(places.reshape(-1, 2)).reshape(places.shape[:2])
+        runs = [
+            _Run(float(ticks[1 - way][row]), float(line[first]), float(line[stop - 1]))
+            for row, first, stop in _runs(usable)
+        ]
         for run, middle in _levelled(runs, spacing):
             count = len(_ticks(run.low, run.high, spacing))
             is_narrow = count <= _FEW and not is_small
@@ -107,6 +109,8 @@ def _levelled(runs: Sequence[_Run], spacing: float) -> Iterator[tuple[_Run, floa
             yield run, middle
 
 
-def _runs(marked: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(marked.view(np.int8), prepend=0, append=0)).tolist()
-    return list(zip(edges[::2], edges[1::2], strict=True))
+def _runs(marked: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
+    """Return rows, firsts and stops of what is marked along rows."""
+    edges = np.argwhere(np.diff(marked.view(np.int8), prepend=0, append=0, axis=1))
+    return list(zip(edges[::2, 0].tolist(), edges[::2, 1].tolist(), edges[1::2, 1].tolist(),
+                    strict=True))  # fmt: skip

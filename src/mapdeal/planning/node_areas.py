@@ -24,9 +24,9 @@ def far_from(is_open: NDArray[np.bool_], places: Places, limit: int) -> NDArray[
     """Return open cells to which ways from all places are longer than a limit."""
     # over blocks of open cells first, which are few: it is at most so far to all of a block
     step = max(1, limit // (15 * STRAIGHT))
-    whole = largest_of_blocks((~is_open).view(np.uint8), step, beyond=1) == 0
+    whole = largest_of_blocks((~is_open).view(np.uint8), step) == 0
     cells = flat_cells(places, is_open.shape, step)
-    rough, _ = lengths_from(whole, cells, limit=limit // step)
+    rough = lengths_from(whole, cells, limit=limit // step)
     most = rough.astype(np.int64) * step + 3 * step * STRAIGHT
     is_near = (rough >= 0) & (most <= limit)
     height, width = is_open.shape
@@ -44,7 +44,7 @@ def far_from(is_open: NDArray[np.bool_], places: Places, limit: int) -> NDArray[
     sources = np.concatenate([flat_cells(places, is_open.shape), rows * width + cols])
     known = most[rows // step, cols // step]
     given = np.concatenate([np.zeros(len(places), np.int64), known])
-    lengths, _ = lengths_from(around, sources, given=given, limit=limit)
+    lengths = lengths_from(around, sources, given=given, limit=limit)
     return unproven & (lengths < 0)
 
 
@@ -59,18 +59,20 @@ def neighbouring(lengths: NDArray[np.int32], origin: NDArray[np.int32], cells: C
     # Of several nodes in one cell only the first has an area.
     order = np.argsort(cells, kind="stable")
     same = np.flatnonzero(np.diff(cells[order]) == 0)
-    together = np.sort(np.stack([order[same], order[same + 1]], axis=1), axis=1)
-    found = [np.column_stack([together, np.zeros(len(together), dtype=np.int64)])]
+    pairs = [np.stack([order[same], order[same + 1]])]
+    totals = [np.zeros(len(same), dtype=np.int64)]
     for here, there in (
         ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
         ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
     ):
         one, other = origin[here], origin[there]
         at = np.nonzero((one != other) & (one >= 0) & (other >= 0))
-        ends = np.sort(np.stack([one[at], other[at]], axis=1).astype(np.int64), axis=1)
-        total = lengths[here][at].astype(np.int64) + lengths[there][at] + STRAIGHT
-        found.append(np.column_stack([ends, total]))
-    rows = np.concatenate(found)
-    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
-    is_first = (np.diff(rows[:, :2], axis=0, prepend=-1) != 0).any(axis=1)
-    return Neighbours(*rows[is_first].T)
+        pairs.append(np.stack([one[at], other[at]]).astype(np.int64))
+        totals.append(lengths[here][at].astype(np.int64) + lengths[there][at] + STRAIGHT)
+    both, total = np.concatenate(pairs, axis=1), np.concatenate(totals)
+    keys = both.min(axis=0) * len(cells) + both.max(axis=0)
+    order = np.argsort(keys)
+    firsts = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    least = np.minimum.reduceat(total[order], firsts) if len(firsts) else total
+    first, second = np.divmod(keys[order[firsts]], len(cells))
+    return Neighbours(first, second, least)

@@ -27,7 +27,13 @@ from mapdeal.kernels.components import joined
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.paths import cheapest_path
 from mapdeal.kernels.rotations import main_direction
-from mapdeal.kernels.skeleton import STRAIGHT, largest_of_blocks, lengths_from, skeleton
+from mapdeal.kernels.skeleton import (
+    STRAIGHT,
+    largest_of_blocks,
+    lengths_from,
+    nearest_from,
+    skeleton,
+)
 from mapdeal.planning.hall_lattices import lattice_in
 from mapdeal.planning.node_areas import far_from, flat_cells, neighbouring
 from mapdeal.planning.skeleton_lines import Cells, Tracing
@@ -139,7 +145,8 @@ class _Area(NamedTuple):
         low = [max(int(one[0]) - math.ceil(turning) - 3, 0) for one in (rows, cols)]
         high = [int(one[-1]) + math.ceil(turning) + 4 for one in (rows, cols)]
         part = slice(low[0], high[0]), slice(low[1], high[1])
-        squared = squares_to(ground.blocked)[part].copy()
+        squared = np.ascontiguousarray(squares_to(ground.blocked)[part])
+        np.copyto(squared, -1, where=~is_open[part])
         occupancy = reach.occupancy[part]
         unknown = (occupancy == UNKNOWN) & (not reach.through_unknown)
         sweeps = Sweeps(
@@ -169,10 +176,9 @@ class _Making:
         sweeps = self.area.sweeps
         self.cell = sweeps.frame.resolution
         self.spacing = self.wishes.spacing / self.cell
-        self.is_open, self.squared = sweeps.is_open, sweeps.squared
+        self.is_open, self.squares = sweeps.is_open, sweeps.squared  # -1 where nothing is open
         self.has_corners = sweeps.robot is not None and bool(sweeps.robot.vertices)
         self.step = coarse_step(self.area.radius * self.cell, self.cell)
-        self.squares = np.where(self.is_open, self.squared, -1)
         self.coarse = largest_of_blocks(self.squares, self.step)
 
     # the parts
@@ -205,7 +211,8 @@ class _Making:
         return np.array([self.places[index] for index in indices]).reshape(-1, 2)
 
     def clearance_at(self, cells: Cells) -> NDArray[np.float64]:
-        return np.asarray(np.sqrt(self.squared[cells[:, 0], cells[:, 1]]), dtype=np.float64)
+        squares = np.maximum(self.squares[cells[:, 0], cells[:, 1]], 0)
+        return np.asarray(np.sqrt(squares), dtype=np.float64)
 
     # halls
 
@@ -229,35 +236,38 @@ class _Making:
         along = np.array([[sin, cos], [cos, -sin]])  # of rows and columns
         order = np.argsort(halls, kind="stable")
         bounds = np.searchsorted(halls[order], np.arange(1, count + 2))
-        for first, stop in pairwise(bounds.tolist()):
-            if first < stop:
-                self._add_lattice(usable[order[first:stop]], along, margin)
+        of_hall: list[int] = []  # the hall of each node
+        for hall, (first, stop) in enumerate(pairwise(bounds.tolist())):
+            if first == stop:
+                continue
+            cells = np.asarray((usable[order[first:stop]] + 0.5) * self.step, dtype=np.float64)
+            for place in lattice_in(
+                cells, along, self.spacing, float(self.step),
+                lambda places: self._is_usable(places, margin),
+            ):  # fmt: skip
+                self.add_node(place, "hall")
+                of_hall.append(hall)
+        if len(of_hall) < 2:
+            return
+        from scipy.spatial import cKDTree
 
-    def _add_lattice(self, cells: Cells, along: Places, margin: float) -> None:
-        places = lattice_in(
-            np.asarray((cells + 0.5) * self.step, np.float64), along, self.spacing,
-            float(self.step),
-            lambda places: self._is_usable(places, margin),
-        )  # fmt: skip
-        first = len(self.places)
-        for place in places:
-            self.add_node(place, "hall")
-        if len(places) > 1:
-            from scipy.spatial import cKDTree
-
-            near = cKDTree(np.array(places)).query_pairs(1.5 * self.spacing, output_type="ndarray")
-            pairs = np.sort(near, axis=1)
-            self.add_lines(pairs[np.lexsort(pairs.T[::-1])].astype(np.int64) + first)
+        near = cKDTree(self.at(range(len(of_hall)))).query_pairs(
+            1.5 * self.spacing, output_type="ndarray"
+        )
+        halls = np.array(of_hall)
+        pairs = np.sort(near[halls[near[:, 0]] == halls[near[:, 1]]], axis=1).astype(np.int64)
+        self.add_lines(pairs[np.lexsort(pairs.T[::-1])])
 
     def _is_usable(self, places: Places, margin: float) -> NDArray[np.bool_]:
         """Return which places lie in a hall, with as much room around them as a margin."""
-        rows, cols = np.floor(places).astype(np.int64).T
+        rows, cols = np.floor(places.T).astype(np.int64)
         height, width = self.is_open.shape
-        inside: NDArray[np.bool_] = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
-        rows, cols = np.where(inside, rows, 0), np.where(inside, cols, 0)
-        inside &= self.is_hall[rows // self.step, cols // self.step]
-        inside &= self.is_open[rows, cols] & (self.squared[rows, cols] >= margin * margin)
-        return inside
+        chosen = np.flatnonzero((rows >= 0) & (rows < height) & (cols >= 0) & (cols < width))
+        chosen = chosen[self.is_hall[rows[chosen] // self.step, cols[chosen] // self.step]]
+        squares = self.squares[rows[chosen], cols[chosen]]
+        found = np.zeros(len(places), dtype=np.bool_)
+        found[chosen[squares >= margin * margin]] = True
+        return found
 
     def add_lines(self, pairs: Cells) -> NDArray[np.bool_]:
         """Join pairs of nodes, shape (N, 2), by the lines that can be driven along."""
@@ -277,7 +287,7 @@ class _Making:
         from scipy import ndimage
 
         levels = np.sqrt(np.maximum(self.coarse, 0)) / self.step
-        levels = np.where(self.coarse >= 0, levels.astype(np.int64), -1)
+        levels = np.where(self.coarse >= 0, levels.astype(np.int32), -1)
         half = self.wishes.hall / 2 / self.cell
         is_peak = self.coarse == ndimage.maximum_filter(self.coarse, 3)
         lines = skeleton(levels, self.coarse >= half * half, is_peak)
@@ -346,11 +356,13 @@ class _Making:
 
     def add_paths(self, paths: Sequence[_Path], *, with_doors: bool = False) -> None:
         """Put nodes onto paths of neighbouring cells so that lines between them can be driven."""
-        pieces = []
-        for path in paths:
-            at = np.floor(path.places).astype(np.int64)
-            clearances = self.clearance_at(at)
-            marks = [(0, path.one), (len(at) - 1, path.other)]
+        pieces: list[_Piece] = []
+        places = np.concatenate([np.zeros((0, 2)), *(path.places for path in paths)])
+        of_cells = self.clearance_at(np.floor(places).astype(np.int64))
+        bounds = np.cumsum([0, *(len(path.places) for path in paths)]).tolist()
+        for path, (first, stop) in zip(paths, pairwise(bounds), strict=True):
+            clearances = of_cells[first:stop]
+            marks = [(0, path.one), (len(clearances) - 1, path.other)]
             for door in self._doors(clearances, path) if with_doors else ():
                 row, col = path.places[door].tolist()
                 node = self.add_node((row, col), "door")
@@ -358,8 +370,8 @@ class _Making:
                 marks.append((door, node))
             marks.sort()
             pieces += [
-                _Piece(path.places, clearances, first, one, last, other)
-                for (first, one), (last, other) in pairwise(marks)
+                _Piece(path.places, clearances, begin, one, end, other)
+                for (begin, one), (end, other) in pairwise(marks)
             ]
         while pieces:
             pieces = self._laid(pieces)
@@ -475,7 +487,7 @@ class _Making:
             self.add_node((float(where[0]) + 0.5, float(where[1]) + 0.5), "end")
         is_open = self.coarse >= 0
         cells = self._cells_of(self.nodes(), self.step)
-        lengths, origin = lengths_from(is_open, cells)
+        lengths, origin = nearest_from(is_open, cells)
         neighbours = neighbouring(lengths, origin, cells)
         if not len(neighbours.lengths):
             return
@@ -520,9 +532,10 @@ class _Making:
     ) -> float:
         """Return the length of the shortest way that does not lead through a node."""
         best: dict[int | None, float] = {one: 0.0, without: 0.0}
-        heap = [(self.length(one, other), 0.0, one)]
+        places, goal = self.places, self.places[other]
+        heap = [(0.0, 0.0, one)]
         while heap:
-            estimate, length, node = heapq.heappop(heap)
+            _, length, node = heapq.heappop(heap)
             if node == other:
                 return length
             if length > best[node]:
@@ -531,7 +544,7 @@ class _Making:
                 total = length + step
                 if total < best.get(following, math.inf):
                     best[following] = total
-                    estimate = total + self.length(following, other)
+                    estimate = total + math.dist(places[following], goal)
                     if estimate <= limit:
                         heapq.heappush(heap, (estimate, total, following))
         return math.inf
@@ -564,8 +577,9 @@ class _Making:
             low = np.maximum(np.minimum(start, end) - int(away), 0)
             high = np.maximum(start, end) + int(away) + 1
             part = slice(low[0], high[0]), slice(low[1], high[1])
-            squares = self.squared[part].astype(np.float64)
-            weights = np.where(self.is_open[part], 1 + 2 * self.spacing / (1 + squares), 0.0)
+            squares = self.squares[part].astype(np.float64)
+            least = np.maximum(squares, 0)
+            weights = np.where(squares >= 0, 1 + 2 * self.spacing / (1 + least), 0.0)
             first, last = tuple((start - low).tolist()), tuple((end - low).tolist())
             if weights[first] and weights[last]:
                 found = cheapest_path(weights, first, last).cells
@@ -582,6 +596,8 @@ class _Making:
                  for one, other in ((after, before), (before, after))]  # fmt: skip
         is_open = [self.is_open[side[:, 0], side[:, 1]] for side in sides]
         passes = (before != after).all(axis=1) & ~(is_open[0] & is_open[1])
+        if not passes.any():
+            return cells
         beside = np.where(is_open[0][:, np.newaxis], *sides)[passes]
         return np.insert(cells, np.flatnonzero(passes) + 1, beside, axis=0)
 
@@ -596,7 +612,7 @@ class _Making:
             labels, _ = ndimage.label(self.missing, np.ones((3, 3)))
             cells = np.argwhere(self.missing)
             own = labels[cells[:, 0], cells[:, 1]]
-            order = np.lexsort((-self.squared[cells[:, 0], cells[:, 1]], own))
+            order = np.lexsort((-self.squares[cells[:, 0], cells[:, 1]], own))
             best = cells[order[np.diff(own[order], prepend=0) != 0]].tolist()
             boxes = ndimage.find_objects(labels)
             nearest_to, first = self._nearest(best), len(self.places)
@@ -609,7 +625,7 @@ class _Making:
                     shorts.append(max(0.8 * self.wishes.cover / self.cell - size, 0.0))
             self.add_ways(pairs, shorts)
             new = self._cells_of(range(first, len(self.places)))
-            lengths, _ = lengths_from(self.is_open, new, limit=self._limit)
+            lengths = lengths_from(self.is_open, new, limit=self._limit)
             self.missing &= lengths < 0
 
     def _nearest(self, cells: Sequence[Sequence[int]]) -> list[int | None]:
@@ -622,7 +638,7 @@ class _Making:
         while len(found) < len(cells) and limit < 4 * STRAIGHT * is_open.size:
             left = [k for k in range(len(cells)) if k not in found]
             rows, cols = np.array([cells[k] for k in left]).T // self.step
-            lengths, origin = lengths_from(is_open, rows * is_open.shape[1] + cols, limit=limit)
+            lengths, origin = nearest_from(is_open, rows * is_open.shape[1] + cols, limit=limit)
             to_nodes, of_nodes = lengths.reshape(-1)[at], origin.reshape(-1)[at]
             for index in np.argsort(to_nodes, kind="stable").tolist():
                 if to_nodes[index] >= 0:
@@ -662,11 +678,13 @@ class _Making:
     def _merge(self, near: float, most: int) -> None:
         """Take out nodes, but not too many, of which others are near that serve as well."""
         refused: set[tuple[int, int]] = set()
+        lengths = ((self.beside[one][other], (one, other)) for one, other in self.edges)
+        short = [entry for entry in lengths if entry[0] < near]
         while True:
             moves: list[tuple[int, int, list[int]]] = []
             busy: set[int] = set()
-            lengths = ((self.beside[one][other], (one, other)) for one, other in self.edges)
-            for _, (one, other) in sorted(entry for entry in lengths if entry[0] < near):
+            short = sorted(entry for entry in short if entry[1] in self.edges)
+            for _, (one, other) in short:
                 ranks = [(_RANKS.index(self.kinds[node]), node) for node in (one, other)]
                 (_, kept), (rank, gone) = sorted(ranks)
                 around = {kept, gone, *self.beside[gone]}
@@ -681,8 +699,13 @@ class _Making:
             del moves[most:]
             done = self.move_all(moves)
             most -= sum(done)
-            refused |= {(kept, gone) for (gone, kept, _), is_done in zip(moves, done, strict=True)
-                        if not is_done}  # fmt: skip
+            for (gone, kept, beyond), is_done in zip(moves, done, strict=True):
+                if not is_done:
+                    refused.add((kept, gone))
+                    continue
+                new = ((self.beside[kept][other], (min(kept, other), max(kept, other)))
+                       for other in beyond)  # fmt: skip
+                short += [entry for entry in new if entry[0] < near]
 
     def move_all(self, moves: Sequence[tuple[int, int, Sequence[int]]]) -> list[bool]:
         """Drop nodes for others, where lines from there to more nodes can be driven as well.
@@ -742,7 +765,7 @@ class _Making:
             ends = [node for node, beside in self.beside.items()
                     if len(beside) == 1 and self.kinds[node] != "goal"]  # fmt: skip
             missing = self.uncovered(sorted(set(self.nodes()).difference(ends)))
-            _, nearest = lengths_from(self.is_open, self._cells_of(ends), limit=self._limit)
+            _, nearest = nearest_from(self.is_open, self._cells_of(ends), limit=self._limit)
             needed = set(nearest[missing].tolist())
             free = [node for k, node in enumerate(ends) if k not in needed]
             for node in free[: self.excess]:
@@ -894,31 +917,44 @@ class _Making:
     # the end
 
     def made(self) -> Made:
-        points = self.area.sweeps.frame.xy_from_continuous_rowcol(self.places).round(_DECIMALS)
-        used = self.nodes()
-        order = sorted(used, key=lambda k: (points[k, 1], points[k, 0]))
-        number = {k: index for index, k in enumerate(order, start=1)}
-        nodes = tuple(
-            RouteNode(number[k], x, y, metadata=self._metadata(k))
-            for k in order
-            for x, y in [(points[k] + 0.0).tolist()]
-        )
-        both = {(min(a, b, key=number.__getitem__), max(a, b, key=number.__getitem__))
-                for a, b in self.edges}  # fmt: skip
-        pairs = sorted({*both, *self.lanes}, key=lambda ends: (number[ends[0]], number[ends[1]]))
         sweeps = self.area.sweeps
-        at = sweeps.frame.continuous_rowcol_from_xy(points)
-        one, other = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-        is_clear, least = sweeps.along(at[one], at[other])
+        points = sweeps.frame.xy_from_continuous_rowcol(self.places).round(_DECIMALS) + 0.0
+        used = np.array(self.nodes())
+        order = used[np.lexsort(points[used].T)]
+        number = np.zeros(len(points), dtype=np.int64)
+        number[order] = np.arange(1, len(order) + 1)
+        nodes = tuple(
+            RouteNode(index, x, y, metadata=self._metadata(k))
+            for index, (k, (x, y)) in enumerate(
+                zip(order.tolist(), points[order].tolist(), strict=True), start=1
+            )
+        )
+        ends = np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)
+        leads_back = np.arange(len(ends)) < len(self.edges)
+        numbers = number[ends]
+        numbers[leads_back] = np.sort(numbers[leads_back], axis=1)
+        in_order = np.lexsort(numbers.T[::-1])
+        numbers, leads_back = numbers[in_order], leads_back[in_order]
+        starts, stops = (points[order[numbers[:, end] - 1]] for end in (0, 1))
+        at = (sweeps.frame.continuous_rowcol_from_xy(one) for one in (starts, stops))
+        is_clear, least = sweeps.along(*at)
+        width = np.full(len(points), math.inf)
+        width[list(self.widths)] = list(self.widths.values())
+        widths = width[order[numbers - 1]].min(axis=1)
         edges: list[RouteEdge] = []
-        for (a, b), clearance in zip(pairs, (least * self.cell).tolist(), strict=True):
-            length = round(math.dist(points[a].tolist(), points[b].tolist()), 3)
-            metadata = self._metadata_of_edge(a, b, length, clearance)
-            for start, end in ((a, b), (b, a)) if (a, b) in both else ((a, b),):
+        for (one, other), is_both, length, clearance, door in zip(
+            numbers.tolist(), leads_back.tolist(), np.hypot(*(stops - starts).T).tolist(),
+            (least * self.cell).tolist(), widths.tolist(), strict=True,
+        ):  # fmt: skip
+            length = round(length, 3)
+            metadata: dict[str, Any] = {"length": length, "min_clearance": round(clearance, 3)}
+            if door < math.inf:
+                metadata["door_width"] = round(door, 3)
+            if self.wishes.slow_below is not None:
+                metadata["speed_limit"] = _speed(clearance, self.wishes.slow_below)
+            for start, end in ((one, other), (other, one))[: 1 + is_both]:
                 of_edge = len(nodes) + len(edges) + 1
-                edges.append(
-                    RouteEdge(of_edge, number[start], number[end], length, metadata=metadata)
-                )
+                edges.append(RouteEdge(of_edge, start, end, length, metadata=metadata))
         missing = float(np.count_nonzero(self.missing)) * self.cell**2
         covered = self.area.reachable - missing
         parts = len(np.unique(self.parts()[used]))
@@ -926,17 +962,6 @@ class _Making:
         missed = tuple(name for node, name in self.names.items() if node in self.gone)
         graph = RouteGraph(nodes, tuple(edges))
         return Made(graph, self.area.reachable, covered, parts, tight, missed)
-
-    def _metadata_of_edge(
-        self, one: int, other: int, length: float, clearance: float
-    ) -> dict[str, Any]:
-        metadata: dict[str, Any] = {"length": length, "min_clearance": round(clearance, 3)}
-        widths = [self.widths[node] for node in (one, other) if node in self.widths]
-        if widths:
-            metadata["door_width"] = round(min(widths), 3)
-        if self.wishes.slow_below is not None:
-            metadata["speed_limit"] = _speed(clearance, self.wishes.slow_below)
-        return metadata
 
     def _metadata(self, node: int) -> dict[str, Any]:
         metadata: dict[str, Any] = {"kind": self.kinds[node]}

@@ -6,6 +6,7 @@ import heapq
 import math
 from collections import defaultdict
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -66,8 +67,11 @@ class Tracing:
             there = index[rows + row, cols + col]
             is_led = (index[rows + row, cols] >= 0) | (index[rows, cols + col] >= 0)
             columns.append(np.where(is_led, -1, there))
-        table = np.column_stack(columns).tolist()
-        return [[one for one in beside if one >= 0] for beside in table]
+        table = np.column_stack(columns)
+        is_there = table >= 0
+        beside = table[is_there].tolist()
+        bounds = np.append(0, np.cumsum(is_there.sum(axis=1))).tolist()
+        return [beside[first:stop] for first, stop in pairwise(bounds)]
 
     def _trace(self) -> None:
         degrees = [len(one) for one in self._beside]
