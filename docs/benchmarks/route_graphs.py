@@ -101,7 +101,7 @@ def measured(found: PlannedGraph, points: NDArray[Any], links: Links, pairs: Any
     costs = closed_costs(occupancy == 100, occupancy == -1)
     plain = mapdeal.Costmap(costs, frame.resolution, frame.origin)
     is_open = reach.reachable > 0
-    sweeps = Sweeps(is_open, costs, reach.clearance, frame, None)
+    sweeps = Sweeps(is_open, costs, np.zeros(costs.shape, np.int32), frame, None)
     count = len(points)
     links_of = np.array(links).reshape(-1, 3)
     ends = links_of[:, :2].astype(int)
@@ -120,7 +120,7 @@ def measured(found: PlannedGraph, points: NDArray[Any], links: Links, pairs: Any
         clearance = min(clearance, float(reach.clearance[cells[:, 0], cells[:, 1]].min()))
     cells = frame.unbounded_rowcol_from_xy(points)
     limit = int(found.cover / frame.resolution * STRAIGHT)
-    near, _ = lengths_from(is_open, cells[:, 0] * is_open.shape[1] + cells[:, 1], limit=limit)
+    near = lengths_from(is_open, cells[:, 0] * is_open.shape[1] + cells[:, 1], limit=limit)
     covered = np.count_nonzero(near[is_open] >= 0) / np.count_nonzero(is_open)
     finite = np.isfinite(detours)
     detour = f"{np.mean(np.array(detours)[finite]):.3f}" if finite.any() else "-"

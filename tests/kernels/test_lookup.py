@@ -230,3 +230,30 @@ def test_no_sum_is_negative_and_the_bytes_do_not_depend_on_threads_or_on_how_man
         results.append(lookup.sum_of_inverse_distances(marked))
     assert results[0].min() >= 0
     assert all(each.tobytes() == results[0].tobytes() for each in results)
+
+
+@given(masks(9), st.integers(0, 2**32 - 1), st.sampled_from([np.int32, np.int64]))
+def test_lines_have_the_least_of_their_cells_and_are_open_where_all_of_these_are(
+    each_engine, closed, seed, dtype
+):
+    rng = np.random.default_rng(seed)
+    values = rng.integers(-1, 50, closed.shape).astype(dtype)
+    size = np.array(closed.shape)
+    count, near = int(rng.integers(1, 6)), 0.01
+    halves = rng.integers(0, 2 * size + 1, (2, count, 2)) / 2  # many lie on edges of cells
+    starts, ends = np.minimum(halves + rng.choice([0, 0.3], (2, count, 2)), size - 1e-6)
+    counts = rng.integers(1, 30, count)
+    least, is_open = lookup.least_along(values, ~closed, starts, ends, counts, near=near)
+    for line in range(count):
+        found, free = [], []
+        for place in range(counts[line]):
+            share = place / max(counts[line] - 1, 1)
+            row, col = (starts[line] + share * (ends[line] - starts[line])).tolist()
+            found.append(values[int(row), int(col)])
+            free += [
+                not closed[int(min(max(row + up, 0), size[0] - 1)),
+                           int(min(max(col + on, 0), size[1] - 1))]
+                for up in (-near, 0, near) for on in (-near, 0, near)
+            ]  # fmt: skip
+        assert least[line] == min(found)
+        assert is_open[line] == all(free)
