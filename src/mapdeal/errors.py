@@ -96,7 +96,7 @@ def strict_warnings(is_strict: bool = True, source: Path | str | None = None) ->
 
 def refuse_warnings(consequence: str = "; nothing was written") -> None:
     """Raise FindingError if an enclosing `strict_warnings` block has been warned of something."""
-    count = max(map(len, _STRICT.get()), default=0)
+    count = max((len(set(map(str, heard))) for heard in _STRICT.get()), default=0)
     if count:
         told = "1 warning" if count == 1 else f"{count} warnings"
         raise FindingError(f"{told}, and --strict allows none{consequence}")

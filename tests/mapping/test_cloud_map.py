@@ -432,8 +432,16 @@ def test_a_tilted_floor_is_warned_of_and_levelled():
     made = cloud_map(points, level=True)
     assert made.tilt == pytest.approx(3.0, abs=0.3)
     assert cloud_map(points).tilt == pytest.approx(3.0, abs=0.5)
+    coarse = np.column_stack([points[:, :2], points[:, 2].round(1)])  # its tiles are level
+    assert cloud_map(coarse).tilt == pytest.approx(3.0, abs=0.5)
     flat = np.nanstd(made.layers["floor_height"])
     assert flat < 0.015 < np.nanstd(cloud_map(points).layers["floor_height"])
+
+
+def test_a_cloud_of_which_few_planes_are_level_is_levelled_as_well_as_may_be():
+    made = mapdeal.build_map_from_clouds(EXAMPLES / "clouds" / "corridor3.pcd", level=True)
+    assert 0 <= made.tilt < 45
+    assert np.isfinite(made.layers["floor_height"]).any()
 
 
 def test_a_real_building_is_mapped(real_maps):

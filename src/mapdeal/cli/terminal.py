@@ -32,6 +32,7 @@ _verbose = False
 _strict = False
 _is_for_data = False
 _called: dict[str, str] = {}
+_warned: set[str] = set()
 
 
 def configure(*, quiet: bool, verbose: bool, strict: bool = False) -> None:
@@ -43,6 +44,7 @@ def configure(*, quiet: bool, verbose: bool, strict: bool = False) -> None:
     _quiet, _verbose, _strict = quiet, verbose, strict
     _stdout_dropped = _is_for_data = False
     _called.clear()
+    _warned.clear()
 
 
 def has_reader() -> bool:
@@ -254,10 +256,11 @@ def prepare() -> None:
     original = warnings.showwarning
 
     def show(message: Warning | str, category: type[Warning], *others: Any) -> None:
-        if issubclass(category, MapdealWarning):
-            warn(str(message))
-        else:
+        if not issubclass(category, MapdealWarning):
             original(message, category, *others)
+        elif (text := str(message)) not in _warned:  # a map may be read more than once
+            _warned.add(text)
+            warn(text)
 
     warnings.showwarning = show  # type: ignore[assignment]
 

@@ -249,11 +249,35 @@ def floor_of(
     own = patches.chosen(main)
     same = (np.diff(own.row) == 0) & (np.diff(own.col) == 0)
     overlaid = int((same & (np.diff(own.z) > limits.robot_height)).sum())
-    tilt = math.atan(math.hypot(median(own.along_x), median(own.along_y)))
-    return tiles, overlaid * side * side, tilt
+    return tiles, overlaid * side * side, _tilt_of(own, side)
 
 
 _ROUNDS = 5
+
+
+def _tilt_of(own: Patches, side: float) -> float:
+    """Return the tilt of the plane that lies nearest to half of the floor, radians."""
+    # Each patch by itself is level where heights are coarse. Least trimmed squares, so that ramps
+    # do not count: P. Rousseeuw, "Least median of squares regression", JASA 79, 1984.
+    chosen = np.ones(len(own.z), dtype=np.bool_)
+    along_x, along_y = median(own.along_x), median(own.along_y)
+    for _ in range(_ROUNDS):
+        x, y, z = (one[chosen] - one[chosen].mean() for one in (own.col, own.row, own.z))
+        xx, xy, yy = (x * x).sum(), (x * y).sum(), (y * y).sum()
+        determinant = xx * yy - xy * xy
+        if determinant <= _LEAST_SPREAD * (xx + yy) ** 2:
+            break  # all in one line
+        xz, yz = (x * z).sum(), (y * z).sum()
+        along_x, along_y = (
+            float(one / determinant / side) for one in (xz * yy - yz * xy, yz * xx - xz * xy)
+        )
+        off = own.z - side * (along_x * own.col + along_y * own.row)
+        off = np.abs(off - off[chosen].mean())
+        chosen = off <= median(off)
+    return math.atan(math.hypot(along_x, along_y))
+
+
+_LEAST_SPREAD = 1e-3  # of places across their main direction, squared and as a share
 
 
 def _level_of(patches: Patches, label: Integers, side: float, places: Floats | None) -> int:

@@ -329,7 +329,7 @@ class Tilt:
             mean = (normals[near] * weights[near, np.newaxis]).sum(axis=0)
             best = mean / math.sqrt(float((mean * mean).sum()))
         near = (normals * best).sum(axis=1) > math.cos(math.radians(_WINDOWS[-2]))
-        return _refined(best, means[good][near], n[good][near])
+        return _refined(best, means[good][near], n[good][near]) if near.any() else best
 
 
 def _refined(up: Floats, places: Floats, weights: Floats) -> Floats:
