@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from statistics import median
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +19,40 @@ _FEW = 2  # places across a narrow part of a hall
 _APART = 0.7  # of the spacing: the least distance of places
 
 
-def lattice_in(
+def lattices_in(
+    points: Places, halls: NDArray[np.integer[Any]], direction: float, spacing: float, step: float,
+    is_usable: Callable[[Places], NDArray[np.bool_]],
+) -> tuple[list[Place], NDArray[np.int64]]:  # fmt: skip
+    """Return places in halls, and the pairs of neighbours in one hall, by their indices.
+
+    Halls are given by some points of them, shape (N, 2), and the number of each one's hall. Lines
+    in the direction, and across, are searched for what is usable at each `step`.
+    """
+    cos, sin = math.cos(direction), math.sin(direction)
+    along = np.array([[sin, cos], [cos, -sin]])  # of rows and columns
+    order = np.argsort(halls, kind="stable")
+    bounds = [*np.flatnonzero(np.diff(halls[order], prepend=-1)).tolist(), len(order)]
+    found: list[Place] = []
+    of_places: list[int] = []
+    for hall, (first, stop) in enumerate(pairwise(bounds)):
+        places = _lattice_in(points[order[first:stop]], along, spacing, step, is_usable)
+        found += places
+        of_places += [hall] * len(places)
+    if len(found) < 2:
+        return found, np.zeros((0, 2), dtype=np.int64)
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(np.array(found)).query_pairs(1.5 * spacing, output_type="ndarray")
+    hall_of = np.array(of_places)
+    near = near[hall_of[near[:, 0]] == hall_of[near[:, 1]]]
+    pairs = np.sort(near, axis=1).astype(np.int64)
+    return found, pairs[np.lexsort(pairs.T[::-1])]
+
+
+def _lattice_in(
     hall: Places, along: Places, spacing: float, step: float,
     is_usable: Callable[[Places], NDArray[np.bool_]],
 ) -> list[Place]:  # fmt: skip
-    """Return places in a hall.
-
-    The hall is given by some points of it, shape (N, 2), `along` has the two directions as unit
-    vectors, and `step` is how closely lines are searched for what is usable.
-    """
     # What is long both ways gets one lattice for all of the hall, so that a pillar only takes
     # places out of it; what is narrow one way, such as an aisle, is divided evenly across.
     ticks = []

@@ -34,7 +34,7 @@ from mapdeal.kernels.skeleton import (
     nearest_from,
     skeleton,
 )
-from mapdeal.planning.hall_lattices import lattice_in
+from mapdeal.planning.hall_lattices import lattices_in
 from mapdeal.planning.node_areas import far_from, flat_cells, neighbouring
 from mapdeal.planning.skeleton_lines import Cells, Tracing
 
@@ -228,35 +228,17 @@ class _Making:
         reach = _WITHIN_HALL * half / self.step
         self.is_hall = (squared_distance(core) <= reach * reach) & (self.coarse >= 0)
         margin = max(self.area.turning + 2, half / 2)
-        labels, count = ndimage.label(self.is_hall, np.ones((3, 3)))
+        labels, _ = ndimage.label(self.is_hall, np.ones((3, 3)))
         usable = np.argwhere(self.is_hall & (self.coarse >= margin * margin))
-        halls = labels[usable[:, 0], usable[:, 1]]
-        direction = main_direction(self.area.sweeps.closed > 0) or 0.0
-        cos, sin = math.cos(direction), math.sin(direction)
-        along = np.array([[sin, cos], [cos, -sin]])  # of rows and columns
-        order = np.argsort(halls, kind="stable")
-        bounds = np.searchsorted(halls[order], np.arange(1, count + 2))
-        of_hall: list[int] = []  # the hall of each node
-        for hall, (first, stop) in enumerate(pairwise(bounds.tolist())):
-            if first == stop:
-                continue
-            cells = np.asarray((usable[order[first:stop]] + 0.5) * self.step, dtype=np.float64)
-            for place in lattice_in(
-                cells, along, self.spacing, float(self.step),
-                lambda places: self._is_usable(places, margin),
-            ):  # fmt: skip
-                self.add_node(place, "hall")
-                of_hall.append(hall)
-        if len(of_hall) < 2:
-            return
-        from scipy.spatial import cKDTree
-
-        near = cKDTree(self.at(range(len(of_hall)))).query_pairs(
-            1.5 * self.spacing, output_type="ndarray"
-        )
-        halls = np.array(of_hall)
-        pairs = np.sort(near[halls[near[:, 0]] == halls[near[:, 1]]], axis=1).astype(np.int64)
-        self.add_lines(pairs[np.lexsort(pairs.T[::-1])])
+        places, pairs = lattices_in(
+            np.asarray((usable + 0.5) * self.step, dtype=np.float64),
+            labels[usable[:, 0], usable[:, 1]],
+            main_direction(self.area.sweeps.closed > 0) or 0.0, self.spacing, float(self.step),
+            lambda places: self._is_usable(places, margin),
+        )  # fmt: skip
+        for place in places:
+            self.add_node(place, "hall")
+        self.add_lines(pairs)
 
     def _is_usable(self, places: Places, margin: float) -> NDArray[np.bool_]:
         """Return which places lie in a hall, with as much room around them as a margin."""
