@@ -21,8 +21,9 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.kernels.skeleton import DIAGONAL, STRAIGHT, lengths_from, nearest_from, skeleton
 from mapdeal.maps.route_graphs import graph_text
+from mapdeal.planning.graph_drafts import Wishes
 from mapdeal.planning.graph_routes import route_on_graph
-from mapdeal.planning.route_graphs import AREA_PER_NODE, MOST_EDGES, Wishes, route_graph_of
+from mapdeal.planning.route_graphs import AREA_PER_NODE, MOST_EDGES, route_graph_of
 from mapdeal.planning.routes import Terrain
 from strategies import masks
 

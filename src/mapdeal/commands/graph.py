@@ -24,14 +24,8 @@ from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import rounded
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.step import make_step
-from mapdeal.planning.route_graphs import (
-    Made,
-    OneWay,
-    Wishes,
-    check_wishes,
-    coarse_step,
-    route_graph_of,
-)
+from mapdeal.planning.graph_drafts import Made, OneWay, Wishes, check_wishes, coarse_step
+from mapdeal.planning.route_graphs import route_graph_of
 from mapdeal.ros.robot import RobotParameters
 
 _PER_CELL, _PER_COARSE_CELL = 46.0, 70.0

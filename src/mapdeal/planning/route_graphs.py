@@ -7,52 +7,36 @@ where cells are too far from any.
 
 from __future__ import annotations
 
-import heapq
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
-from mapdeal.grid.reach import Reach, reach_radius
-from mapdeal.grid.reaching import Ground, squares_to
-from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode, Sweeps, closed_costs
-from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.kernels.components import joined
+from mapdeal.grid.reach import Reach
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.paths import cheapest_path
 from mapdeal.kernels.rotations import main_direction
 from mapdeal.kernels.skeleton import (
     STRAIGHT,
-    largest_of_blocks,
     lengths_from,
     nearest_from,
     skeleton,
 )
+from mapdeal.planning.graph_drafts import SHARE, Area, Draft, Kind, Made, Place, Places, Wishes
 from mapdeal.planning.hall_lattices import lattices_in
-from mapdeal.planning.node_areas import far_from, flat_cells, neighbouring
+from mapdeal.planning.node_areas import neighbouring
 from mapdeal.planning.skeleton_lines import Cells, Tracing
-
-Kind = Literal["way", "crossing", "door", "end", "hall", "goal"]
-OneWay = Literal["right"]
-
-Place = tuple[float, float]  # continuous row and column
-Places = NDArray[np.float64]
 
 MOST_EDGES = 8  # of a node, each counted once though it leads both ways
 AREA_PER_NODE = 1.5  # square metres of reachable area, at least
-_COARSEST = 0.15  # metres: cells of the skeleton
 _WIDEST_DOOR = 1.6  # metres
 _PROMINENCE = 1.3
 """How much wider it must be on both sides of a door than in it."""
-
-_SHARE = 0.85
-"""Of the clearance in the middle, what a straight line beside it must have at least."""
 
 _LONGEST = 1.25  # of the spacing: longer lines get a node
 _SHORT_CUT = 1.5
@@ -71,49 +55,17 @@ _SLIVER = 1.05
 """How many times as long two edges may be that make a third one superfluous."""
 
 
-@dataclass(frozen=True)
-class Wishes:
-    """What a graph should be like; lengths are in metres."""
-
-    spacing: float = 2.0
-    hall: float = 4.0
-    cover: float = 3.0
-    slow_below: float | None = None
-    one_way: OneWay | None = None
-
-
-def coarse_step(radius: float, resolution: float) -> int:
-    """Return how many cells of a map make a cell of the skeleton, along each side."""
-    # They keep apart what is apart for the robot, for whose centre walls are as wide as it.
-    return max(1, min(int(radius / resolution / 1.5), int(_COARSEST / resolution)))
-
-
-@dataclass(frozen=True, eq=False)
-class Made:
-    """A graph, and what of the robot's reach it covers.
-
-    Areas are in square metres. `tight` counts the ways of a round robot, both directions one, that
-    are open by the costs of their cells, but on which the outline of costmap_2d, with 16 corners,
-    touches an obstacle. `missed` has the goals that no edge leads to.
-    """
-
-    graph: RouteGraph
-    reachable: float
-    covered: float
-    parts: int
-    tight: int
-    missed: tuple[str, ...] = ()
-
-
 def route_graph_of(reach: Reach, wishes: Wishes) -> Made:
     """Make a graph of the cells that a robot reaches, and of the goals asked for."""
-    making = _Making(_Area.of(reach), wishes)
+    making = _Making(Area.of(reach), wishes)
     making.add_halls()
     making.add_skeleton()
     for one in reach.goals:
         making.add_goal((one.goal.x, one.goal.y), one.goal.label)
     making.connect()
     making.tidy()
+    if making.has_corners:
+        making.mend_blocked()  # before others are taken out for being too many
     making.cover_all()
     if making.is_crowded:
         making.thin_out()
@@ -125,94 +77,9 @@ def route_graph_of(reach: Reach, wishes: Wishes) -> Made:
     return making.made()
 
 
-class _Area(NamedTuple):
-    """The part of a map around all that is reached; places and lengths are in its cells."""
-
-    sweeps: Sweeps
-    radius: float
-    turning: float
-    reachable: float
-
-    @classmethod
-    def of(cls, reach: Reach) -> _Area:
-        frame = reach.frame
-        ground = Ground(reach.occupancy, frame, reach.through_unknown)
-        robot = reach.robot
-        radius = reach_radius(robot) / frame.resolution
-        turning = radius if robot is None else robot.circumscribed_radius / frame.resolution
-        is_open = reach.reachable > 0
-        rows, cols = (np.flatnonzero(is_open.any(axis=axis)) for axis in (1, 0))
-        low = [max(int(one[0]) - math.ceil(turning) - 3, 0) for one in (rows, cols)]
-        high = [int(one[-1]) + math.ceil(turning) + 4 for one in (rows, cols)]
-        part = slice(low[0], high[0]), slice(low[1], high[1])
-        squared = np.ascontiguousarray(squares_to(ground.blocked)[part])
-        np.copyto(squared, -1, where=~is_open[part])
-        occupancy = reach.occupancy[part]
-        unknown = (occupancy == UNKNOWN) & (not reach.through_unknown)
-        sweeps = Sweeps(
-            is_open[part].copy(), closed_costs(occupancy == OCCUPIED, unknown), squared,
-            frame.window(*low, *squared.shape), robot,
-        )  # fmt: skip
-        return cls(sweeps, radius, turning, float(np.count_nonzero(is_open)) * reach.cell_area)
-
-
 @dataclass(eq=False)
-class _Making:
-    """A graph in the making: undirected, by the indices of its nodes."""
-
-    area: _Area
-    wishes: Wishes
-    places: list[Place] = field(default_factory=list)
-    kinds: list[Kind] = field(default_factory=list)
-    names: dict[int, str] = field(default_factory=dict)
-    widths: dict[int, float] = field(default_factory=dict)
-    edges: dict[tuple[int, int], float] = field(default_factory=dict)  # least clearances
-    beside: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
-    gone: set[int] = field(default_factory=set)  # nodes that are no longer in it
-    share: float = _SHARE
-    lanes: list[tuple[int, int]] = field(default_factory=list)  # edges that lead one way
-
-    def __post_init__(self) -> None:
-        sweeps = self.area.sweeps
-        self.cell = sweeps.frame.resolution
-        self.spacing = self.wishes.spacing / self.cell
-        self.is_open, self.squares = sweeps.is_open, sweeps.squared  # -1 where nothing is open
-        self.has_corners = sweeps.robot is not None and bool(sweeps.robot.vertices)
-        self.step = coarse_step(self.area.radius * self.cell, self.cell)
-        self.coarse = largest_of_blocks(self.squares, self.step)
-
-    # the parts
-
-    def add_node(self, place: Place, kind: Kind) -> int:
-        self.places.append(place)
-        self.kinds.append(kind)
-        return len(self.places) - 1
-
-    def add_edge(self, one: int, other: int, clearance: float) -> None:
-        if one != other:
-            self.edges[min(one, other), max(one, other)] = clearance
-            self.beside[one][other] = self.beside[other][one] = self.length(one, other)
-
-    def drop_edge(self, one: int, other: int) -> float:
-        """Drop an edge, and return its clearance."""
-        del self.beside[one][other], self.beside[other][one]
-        return self.edges.pop((min(one, other), max(one, other)))
-
-    def length(self, one: int, other: int) -> float:
-        return math.dist(self.places[one], self.places[other])
-
-    def rounded(self, places: Any) -> Places:
-        """Return places as they are written."""
-        frame = self.area.sweeps.frame
-        points = frame.xy_from_continuous_rowcol(places).round(_DECIMALS)
-        return np.asarray(frame.continuous_rowcol_from_xy(points), dtype=np.float64)
-
-    def at(self, indices: Iterable[int]) -> Places:
-        return np.array([self.places[index] for index in indices]).reshape(-1, 2)
-
-    def clearance_at(self, cells: Cells) -> NDArray[np.float64]:
-        squares = np.maximum(self.squares[cells[:, 0], cells[:, 1]], 0)
-        return np.asarray(np.sqrt(squares), dtype=np.float64)
+class _Making(Draft):
+    """A graph that is being made, part by part."""
 
     # halls
 
@@ -362,7 +229,7 @@ class _Making:
         """Lay a line over each piece of a path where that can be driven; return the other parts."""
         starts, ends = self.at([one.one for one in pieces]), self.at([one.other for one in pieces])
         is_clear, least = self.area.sweeps.along(starts, ends)
-        needed = np.array([_SHARE * float(one.clearances[one.first : one.last + 1].min())
+        needed = np.array([SHARE * float(one.clearances[one.first : one.last + 1].min())
                            for one in pieces])  # fmt: skip
         is_loop = np.array([one.one == one.other for one in pieces])
         fits = is_clear & (least >= needed - 0.5) & ~is_loop
@@ -468,7 +335,7 @@ class _Making:
             where = np.unravel_index(np.argmax(self.squares), self.squares.shape)
             self.add_node((float(where[0]) + 0.5, float(where[1]) + 0.5), "end")
         is_open = self.coarse >= 0
-        cells = self._cells_of(self.nodes(), self.step)
+        cells = self.cells_of(self.nodes(), self.step)
         lengths, origin = nearest_from(is_open, cells)
         neighbours = neighbouring(lengths, origin, cells)
         if not len(neighbours.lengths):
@@ -491,45 +358,13 @@ class _Making:
             self.drop_edge(one, other)
         self.add_ways(wanted)
 
-    def parts(self) -> NDArray[np.intp]:
-        """Return which nodes belong together."""
-        ends = np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)
-        return joined(len(self.places), ends[:, 0], ends[:, 1])[0]
-
     def _is_detour(self, one: int, other: int, length: float) -> bool:
         if other in self.beside[one]:
             return False
         limit = max(_SHORT_CUT * length, length + 2 * self.spacing)
-        if self._is_near_by(one, other, limit):
+        if self.is_near_by(one, other, limit):
             return False
-        return self._length_on_graph(one, other, limit) > limit
-
-    def _is_near_by(self, one: int, other: int, limit: float) -> bool:
-        """Return whether some two edges that lead from a node to another are not longer."""
-        beside, beyond = self.beside[one], self.beside[other]
-        return any(beside[k] + beyond[k] <= limit for k in beside.keys() & beyond.keys())
-
-    def _length_on_graph(
-        self, one: int, other: int, limit: float, without: int | None = None
-    ) -> float:
-        """Return the length of the shortest way that does not lead through a node."""
-        best: dict[int | None, float] = {one: 0.0, without: 0.0}
-        places, goal = self.places, self.places[other]
-        heap = [(0.0, 0.0, one)]
-        while heap:
-            _, length, node = heapq.heappop(heap)
-            if node == other:
-                return length
-            if length > best[node]:
-                continue
-            for following, step in self.beside[node].items():
-                total = length + step
-                if total < best.get(following, math.inf):
-                    best[following] = total
-                    estimate = total + math.dist(places[following], goal)
-                    if estimate <= limit:
-                        heapq.heappush(heap, (estimate, total, following))
-        return math.inf
+        return self.length_on_graph(one, other, limit) > limit
 
     def add_ways(self, pairs: Sequence[tuple[int, int]], shorts: Sequence[float] = ()) -> None:
         """Join pairs of nodes by ways that keep to the middle where there is room.
@@ -606,17 +441,17 @@ class _Making:
                     pairs.append((nearest, node))
                     shorts.append(max(0.8 * self.wishes.cover / self.cell - size, 0.0))
             self.add_ways(pairs, shorts)
-            new = self._cells_of(range(first, len(self.places)))
-            lengths = lengths_from(self.is_open, new, limit=self._limit)
+            new = self.cells_of(range(first, len(self.places)))
+            lengths = lengths_from(self.is_open, new, limit=self.limit)
             self.missing &= lengths < 0
 
     def _nearest(self, cells: Sequence[Sequence[int]]) -> list[int | None]:
         """Return for each of some cells a node to which the way is short."""
         nodes = self.nodes()
         is_open = self.coarse >= 0
-        at = self._cells_of(nodes, self.step)
+        at = self.cells_of(nodes, self.step)
         found: dict[int, int] = {}
-        limit = 2 * self._limit // self.step
+        limit = 2 * self.limit // self.step
         while len(found) < len(cells) and limit < 4 * STRAIGHT * is_open.size:
             left = [k for k in range(len(cells)) if k not in found]
             rows, cols = np.array([cells[k] for k in left]).T // self.step
@@ -629,20 +464,6 @@ class _Making:
                 limit *= 8
         return [found.get(k) for k in range(len(cells))]
 
-    @property
-    def _limit(self) -> int:
-        return int(self.wishes.cover / self.cell * STRAIGHT)
-
-    def nodes(self) -> list[int]:
-        return [node for node in range(len(self.places)) if node not in self.gone]
-
-    def _cells_of(self, nodes: Sequence[int], step: int = 1) -> Cells:
-        return flat_cells(self.at(nodes), self.is_open.shape, step)
-
-    def uncovered(self, nodes: Sequence[int]) -> NDArray[np.bool_]:
-        """Return the reached cells that are farther than `cover` from some nodes."""
-        return far_from(self.is_open, self.at(nodes), self._limit)
-
     # what is too much
 
     def tidy(self) -> None:
@@ -654,7 +475,7 @@ class _Making:
                 del self.widths[node]
         lengths = ((self.beside[one][other], one, other) for one, other in self.edges)
         for length, one, other in sorted(lengths, key=lambda edge: (-edge[0], *edge[1:])):
-            if self._is_near_by(one, other, _SLIVER * length):
+            if self.is_near_by(one, other, _SLIVER * length):
                 self.drop_edge(one, other)
 
     def _merge(self, near: float, most: int) -> None:
@@ -689,29 +510,6 @@ class _Making:
                        for other in beyond)  # fmt: skip
                 short += [entry for entry in new if entry[0] < near]
 
-    def move_all(self, moves: Sequence[tuple[int, int, Sequence[int]]]) -> list[bool]:
-        """Drop nodes for others, where lines from there to more nodes can be driven as well.
-
-        A move is the node to drop, that which replaces it, and the nodes that get an edge to it.
-        """
-        lines = [(kept, other) for _, kept, others in moves for other in others]
-        starts, ends = self.at(line[0] for line in lines), self.at(line[1] for line in lines)
-        is_clear, least = self.area.sweeps.along(starts, ends)
-        first, done = 0, []
-        for gone, kept, others in moves:
-            part = slice(first, first := first + len(others))
-            before = [self.edges[min(gone, other), max(gone, other)] for other in others]
-            is_wide = least[part] >= self.share * np.array(before) - 0.5
-            fits = bool(is_clear[part].all() and is_wide.all())
-            done.append(fits)
-            if fits:
-                for other in list(self.beside[gone]):
-                    self.drop_edge(gone, other)
-                for other, clearance in zip(others, least[part].tolist(), strict=True):
-                    self.add_edge(kept, other, clearance)
-                self.gone.add(gone)
-        return done
-
     def thin_out(self) -> None:
         """Take out what is needed least, as long as there are too many nodes for the area."""
         self._shorten(("way",))
@@ -734,7 +532,7 @@ class _Making:
             if (one, other) not in self.edges:
                 continue
             clearance = self.drop_edge(one, other)
-            if self._length_on_graph(one, other, long_way) > long_way:
+            if self.length_on_graph(one, other, long_way) > long_way:
                 self.add_edge(one, other, clearance)
                 continue
             for node in (one, other):
@@ -747,7 +545,7 @@ class _Making:
             ends = [node for node, beside in self.beside.items()
                     if len(beside) == 1 and self.kinds[node] != "goal"]  # fmt: skip
             missing = self.uncovered(sorted(set(self.nodes()).difference(ends)))
-            _, nearest = nearest_from(self.is_open, self._cells_of(ends), limit=self._limit)
+            _, nearest = nearest_from(self.is_open, self.cells_of(ends), limit=self.limit)
             needed = set(nearest[missing].tolist())
             free = [node for k, node in enumerate(ends) if k not in needed]
             for node in free[: self.excess]:
@@ -803,7 +601,7 @@ class _Making:
             return False
         one, other = self.beside[node]
         around = 2.5 * self.spacing
-        return self._length_on_graph(one, other, around, without=node) <= around
+        return self.length_on_graph(one, other, around, without=node) <= around
 
     def limit_edges(self) -> None:
         """Leave no node with too many edges: its longest ones go, if there is another way."""
@@ -813,7 +611,7 @@ class _Making:
                 if len(self.beside[node]) <= MOST_EDGES:
                     break
                 clearance = self.drop_edge(node, other)
-                if self._length_on_graph(node, other, 4 * self.spacing) == math.inf:
+                if self.length_on_graph(node, other, 4 * self.spacing) == math.inf:
                     self.add_edge(node, other, clearance)
 
     def mend_blocked(self) -> None:
@@ -896,65 +694,7 @@ class _Making:
             nodes = [chain[0], *new, chain[-1]]
             self.lanes += list(pairwise(nodes[::-1] if is_back else nodes))
 
-    # the end
 
-    def made(self) -> Made:
-        sweeps = self.area.sweeps
-        points = sweeps.frame.xy_from_continuous_rowcol(self.places).round(_DECIMALS) + 0.0
-        used = np.array(self.nodes())
-        order = used[np.lexsort(points[used].T)]
-        number = np.zeros(len(points), dtype=np.int64)
-        number[order] = np.arange(1, len(order) + 1)
-        nodes = tuple(
-            RouteNode(index, x, y, metadata=self._metadata(k))
-            for index, (k, (x, y)) in enumerate(
-                zip(order.tolist(), points[order].tolist(), strict=True), start=1
-            )
-        )
-        ends = np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)
-        leads_back = np.arange(len(ends)) < len(self.edges)
-        numbers = number[ends]
-        numbers[leads_back] = np.sort(numbers[leads_back], axis=1)
-        in_order = np.lexsort(numbers.T[::-1])
-        numbers, leads_back = numbers[in_order], leads_back[in_order]
-        starts, stops = (points[order[numbers[:, end] - 1]] for end in (0, 1))
-        at = (sweeps.frame.continuous_rowcol_from_xy(one) for one in (starts, stops))
-        is_clear, least = sweeps.along(*at)
-        width = np.full(len(points), math.inf)
-        width[list(self.widths)] = list(self.widths.values())
-        widths = width[order[numbers - 1]].min(axis=1)
-        edges: list[RouteEdge] = []
-        for (one, other), is_both, length, clearance, door in zip(
-            numbers.tolist(), leads_back.tolist(), np.hypot(*(stops - starts).T).tolist(),
-            (least * self.cell).tolist(), widths.tolist(), strict=True,
-        ):  # fmt: skip
-            length = round(length, 3)
-            metadata: dict[str, Any] = {"length": length, "min_clearance": round(clearance, 3)}
-            if door < math.inf:
-                metadata["door_width"] = round(door, 3)
-            if self.wishes.slow_below is not None:
-                metadata["speed_limit"] = _speed(clearance, self.wishes.slow_below)
-            for start, end in ((one, other), (other, one))[: 1 + is_both]:
-                of_edge = len(nodes) + len(edges) + 1
-                edges.append(RouteEdge(of_edge, start, end, length, metadata=metadata))
-        missing = float(np.count_nonzero(self.missing)) * self.cell**2
-        covered = self.area.reachable - missing
-        parts = len(np.unique(self.parts()[used]))
-        tight = int(np.count_nonzero(~is_clear))
-        missed = tuple(name for node, name in self.names.items() if node in self.gone)
-        graph = RouteGraph(nodes, tuple(edges))
-        return Made(graph, self.area.reachable, covered, parts, tight, missed)
-
-    def _metadata(self, node: int) -> dict[str, Any]:
-        metadata: dict[str, Any] = {"kind": self.kinds[node]}
-        if node in self.names:
-            metadata["name"] = self.names[node]
-        if node in self.widths:
-            metadata["width"] = round(self.widths[node], 3)
-        return metadata
-
-
-_DECIMALS = 4  # of positions: a tenth of a millimetre
 _ROUNDS = 20
 _HALF_CELL, _FINE_STEP = 0.5, 0.125
 """Steps of positions, in cells: by the fine one, whoever tries other places finds the same."""
@@ -962,12 +702,6 @@ _APART = 0.2  # metres between two robots on lanes side by side, and from each t
 _ASIDE = 1.0  # metres that a lane lies beside the middle, at most
 _RANKS: tuple[Kind, ...] = ("goal", "door", "crossing", "hall", "end", "way")
 """Of two nodes that become one the first is kept."""
-
-_SLOWEST = 10.0  # percent
-
-
-def _speed(clearance: float, slow_below: float) -> float:
-    return round(min(100.0, max(_SLOWEST, 100.0 * clearance / slow_below)), 1)
 
 
 class _Path(NamedTuple):
@@ -989,12 +723,3 @@ class _Piece(NamedTuple):
     one: int
     last: int
     other: int
-
-
-def check_wishes(wishes: Wishes, resolution: float) -> None:
-    """Refuse lengths that are too short for a map's cells."""
-    for name in ("spacing", "hall", "cover"):
-        value = getattr(wishes, name)
-        if value < 4 * resolution:
-            rule = f"must be at least four cells, {4 * resolution:g} m"
-            raise ParameterError(rule, place=name, got=value)

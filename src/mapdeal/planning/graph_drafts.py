@@ -1,0 +1,297 @@
+"""Drafts of route graphs: nodes and edges over what a robot reaches, and the graph of them."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.reach import Reach, reach_radius
+from mapdeal.grid.reaching import Ground, squares_to
+from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode, Sweeps, closed_costs
+from mapdeal.grid.values import OCCUPIED, UNKNOWN
+from mapdeal.kernels.components import joined
+from mapdeal.kernels.skeleton import STRAIGHT, largest_of_blocks
+from mapdeal.planning.node_areas import far_from, flat_cells
+from mapdeal.planning.skeleton_lines import Cells
+
+Kind = Literal["way", "crossing", "door", "end", "hall", "goal"]
+OneWay = Literal["right"]
+
+Place = tuple[float, float]  # continuous row and column
+Places = NDArray[np.float64]
+
+_COARSEST = 0.15  # metres: cells of the skeleton
+_DECIMALS = 4  # of positions: a tenth of a millimetre
+_SLOWEST = 10.0  # percent
+SHARE = 0.85
+"""Of the clearance in the middle, what a straight line beside it must have at least."""
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What a graph should be like; lengths are in metres."""
+
+    spacing: float = 2.0
+    hall: float = 4.0
+    cover: float = 3.0
+    slow_below: float | None = None
+    one_way: OneWay | None = None
+
+
+def coarse_step(radius: float, resolution: float) -> int:
+    """Return how many cells of a map make a cell of the skeleton, along each side."""
+    # They keep apart what is apart for the robot, for whose centre walls are as wide as it.
+    return max(1, min(int(radius / resolution / 1.5), int(_COARSEST / resolution)))
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A graph, and what of the robot's reach it covers.
+
+    Areas are in square metres. `tight` counts the ways of a round robot, both directions one, that
+    are open by the costs of their cells, but on which the outline of costmap_2d, with 16 corners,
+    touches an obstacle. `missed` has the goals that no edge leads to.
+    """
+
+    graph: RouteGraph
+    reachable: float
+    covered: float
+    parts: int
+    tight: int
+    missed: tuple[str, ...] = ()
+
+
+class Area(NamedTuple):
+    """The part of a map around all that is reached; places and lengths are in its cells."""
+
+    sweeps: Sweeps
+    radius: float
+    turning: float
+    reachable: float
+
+    @classmethod
+    def of(cls, reach: Reach) -> Area:
+        frame = reach.frame
+        ground = Ground(reach.occupancy, frame, reach.through_unknown)
+        robot = reach.robot
+        radius = reach_radius(robot) / frame.resolution
+        turning = radius if robot is None else robot.circumscribed_radius / frame.resolution
+        is_open = reach.reachable > 0
+        rows, cols = (np.flatnonzero(is_open.any(axis=axis)) for axis in (1, 0))
+        low = [max(int(one[0]) - math.ceil(turning) - 3, 0) for one in (rows, cols)]
+        high = [int(one[-1]) + math.ceil(turning) + 4 for one in (rows, cols)]
+        part = slice(low[0], high[0]), slice(low[1], high[1])
+        squared = np.ascontiguousarray(squares_to(ground.blocked)[part])
+        np.copyto(squared, -1, where=~is_open[part])
+        occupancy = reach.occupancy[part]
+        unknown = (occupancy == UNKNOWN) & (not reach.through_unknown)
+        sweeps = Sweeps(
+            is_open[part].copy(), closed_costs(occupancy == OCCUPIED, unknown), squared,
+            frame.window(*low, *squared.shape), robot,
+        )  # fmt: skip
+        return cls(sweeps, radius, turning, float(np.count_nonzero(is_open)) * reach.cell_area)
+
+
+@dataclass(eq=False)
+class Draft:
+    """A graph in the making: undirected, by the indices of its nodes."""
+
+    area: Area
+    wishes: Wishes
+    places: list[Place] = field(default_factory=list)
+    kinds: list[Kind] = field(default_factory=list)
+    names: dict[int, str] = field(default_factory=dict)
+    widths: dict[int, float] = field(default_factory=dict)
+    edges: dict[tuple[int, int], float] = field(default_factory=dict)  # least clearances
+    beside: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
+    gone: set[int] = field(default_factory=set)  # nodes that are no longer in it
+    share: float = SHARE
+    lanes: list[tuple[int, int]] = field(default_factory=list)  # edges that lead one way
+    missing: NDArray[np.bool_] = field(init=False)  # what is far from all nodes
+
+    def __post_init__(self) -> None:
+        sweeps = self.area.sweeps
+        self.cell = sweeps.frame.resolution
+        self.spacing = self.wishes.spacing / self.cell
+        self.is_open, self.squares = sweeps.is_open, sweeps.squared  # -1 where nothing is open
+        self.has_corners = sweeps.robot is not None and bool(sweeps.robot.vertices)
+        self.step = coarse_step(self.area.radius * self.cell, self.cell)
+        self.coarse = largest_of_blocks(self.squares, self.step)
+
+    # the parts
+
+    def add_node(self, place: Place, kind: Kind) -> int:
+        self.places.append(place)
+        self.kinds.append(kind)
+        return len(self.places) - 1
+
+    def add_edge(self, one: int, other: int, clearance: float) -> None:
+        if one != other:
+            self.edges[min(one, other), max(one, other)] = clearance
+            self.beside[one][other] = self.beside[other][one] = self.length(one, other)
+
+    def drop_edge(self, one: int, other: int) -> float:
+        """Drop an edge, and return its clearance."""
+        del self.beside[one][other], self.beside[other][one]
+        return self.edges.pop((min(one, other), max(one, other)))
+
+    def length(self, one: int, other: int) -> float:
+        return math.dist(self.places[one], self.places[other])
+
+    def rounded(self, places: Any) -> Places:
+        """Return places as they are written."""
+        frame = self.area.sweeps.frame
+        points = frame.xy_from_continuous_rowcol(places).round(_DECIMALS)
+        return np.asarray(frame.continuous_rowcol_from_xy(points), dtype=np.float64)
+
+    def at(self, indices: Iterable[int]) -> Places:
+        return np.array([self.places[index] for index in indices]).reshape(-1, 2)
+
+    def clearance_at(self, cells: Cells) -> NDArray[np.float64]:
+        squares = np.maximum(self.squares[cells[:, 0], cells[:, 1]], 0)
+        return np.asarray(np.sqrt(squares), dtype=np.float64)
+
+    def parts(self) -> NDArray[np.intp]:
+        """Return which nodes belong together."""
+        ends = np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)
+        return joined(len(self.places), ends[:, 0], ends[:, 1])[0]
+
+    def is_near_by(self, one: int, other: int, limit: float) -> bool:
+        """Return whether some two edges that lead from a node to another are not longer."""
+        beside, beyond = self.beside[one], self.beside[other]
+        return any(beside[k] + beyond[k] <= limit for k in beside.keys() & beyond.keys())
+
+    def length_on_graph(
+        self, one: int, other: int, limit: float, without: int | None = None
+    ) -> float:
+        """Return the length of the shortest way that does not lead through a node."""
+        best: dict[int | None, float] = {one: 0.0, without: 0.0}
+        places, goal = self.places, self.places[other]
+        heap = [(0.0, 0.0, one)]
+        while heap:
+            _, length, node = heapq.heappop(heap)
+            if node == other:
+                return length
+            if length > best[node]:
+                continue
+            for following, step in self.beside[node].items():
+                total = length + step
+                if total < best.get(following, math.inf):
+                    best[following] = total
+                    estimate = total + math.dist(places[following], goal)
+                    if estimate <= limit:
+                        heapq.heappush(heap, (estimate, total, following))
+        return math.inf
+
+    @property
+    def limit(self) -> int:
+        return int(self.wishes.cover / self.cell * STRAIGHT)
+
+    def nodes(self) -> list[int]:
+        return [node for node in range(len(self.places)) if node not in self.gone]
+
+    def cells_of(self, nodes: Sequence[int], step: int = 1) -> Cells:
+        return flat_cells(self.at(nodes), self.is_open.shape, step)
+
+    def uncovered(self, nodes: Sequence[int]) -> NDArray[np.bool_]:
+        """Return the reached cells that are farther than `cover` from some nodes."""
+        return far_from(self.is_open, self.at(nodes), self.limit)
+
+    def move_all(self, moves: Sequence[tuple[int, int, Sequence[int]]]) -> list[bool]:
+        """Drop nodes for others, where lines from there to more nodes can be driven as well.
+
+        A move is the node to drop, that which replaces it, and the nodes that get an edge to it.
+        """
+        lines = [(kept, other) for _, kept, others in moves for other in others]
+        starts, ends = self.at(line[0] for line in lines), self.at(line[1] for line in lines)
+        is_clear, least = self.area.sweeps.along(starts, ends)
+        first, done = 0, []
+        for gone, kept, others in moves:
+            part = slice(first, first := first + len(others))
+            before = [self.edges[min(gone, other), max(gone, other)] for other in others]
+            is_wide = least[part] >= self.share * np.array(before) - 0.5
+            fits = bool(is_clear[part].all() and is_wide.all())
+            done.append(fits)
+            if fits:
+                for other in list(self.beside[gone]):
+                    self.drop_edge(gone, other)
+                for other, clearance in zip(others, least[part].tolist(), strict=True):
+                    self.add_edge(kept, other, clearance)
+                self.gone.add(gone)
+        return done
+
+    def made(self) -> Made:
+        sweeps = self.area.sweeps
+        points = sweeps.frame.xy_from_continuous_rowcol(self.places).round(_DECIMALS) + 0.0
+        used = np.array(self.nodes())
+        order = used[np.lexsort(points[used].T)]
+        number = np.zeros(len(points), dtype=np.int64)
+        number[order] = np.arange(1, len(order) + 1)
+        nodes = tuple(
+            RouteNode(index, x, y, metadata=self._metadata(k))
+            for index, (k, (x, y)) in enumerate(
+                zip(order.tolist(), points[order].tolist(), strict=True), start=1
+            )
+        )
+        ends = np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)
+        leads_back = np.arange(len(ends)) < len(self.edges)
+        numbers = number[ends]
+        numbers[leads_back] = np.sort(numbers[leads_back], axis=1)
+        in_order = np.lexsort(numbers.T[::-1])
+        numbers, leads_back = numbers[in_order], leads_back[in_order]
+        starts, stops = (points[order[numbers[:, end] - 1]] for end in (0, 1))
+        at = (sweeps.frame.continuous_rowcol_from_xy(one) for one in (starts, stops))
+        is_clear, least = sweeps.along(*at)
+        width = np.full(len(points), math.inf)
+        width[list(self.widths)] = list(self.widths.values())
+        widths = width[order[numbers - 1]].min(axis=1)
+        edges: list[RouteEdge] = []
+        for (one, other), is_both, length, clearance, door in zip(
+            numbers.tolist(), leads_back.tolist(), np.hypot(*(stops - starts).T).tolist(),
+            (least * self.cell).tolist(), widths.tolist(), strict=True,
+        ):  # fmt: skip
+            length = round(length, 3)
+            metadata: dict[str, Any] = {"length": length, "min_clearance": round(clearance, 3)}
+            if door < math.inf:
+                metadata["door_width"] = round(door, 3)
+            if self.wishes.slow_below is not None:
+                metadata["speed_limit"] = _speed(clearance, self.wishes.slow_below)
+            for start, end in ((one, other), (other, one))[: 1 + is_both]:
+                of_edge = len(nodes) + len(edges) + 1
+                edges.append(RouteEdge(of_edge, start, end, length, metadata=metadata))
+        missing = float(np.count_nonzero(self.missing)) * self.cell**2
+        covered = self.area.reachable - missing
+        parts = len(np.unique(self.parts()[used]))
+        tight = int(np.count_nonzero(~is_clear))
+        missed = tuple(name for node, name in self.names.items() if node in self.gone)
+        graph = RouteGraph(nodes, tuple(edges))
+        return Made(graph, self.area.reachable, covered, parts, tight, missed)
+
+    def _metadata(self, node: int) -> dict[str, Any]:
+        metadata: dict[str, Any] = {"kind": self.kinds[node]}
+        if node in self.names:
+            metadata["name"] = self.names[node]
+        if node in self.widths:
+            metadata["width"] = round(self.widths[node], 3)
+        return metadata
+
+
+def _speed(clearance: float, slow_below: float) -> float:
+    return round(min(100.0, max(_SLOWEST, 100.0 * clearance / slow_below)), 1)
+
+
+def check_wishes(wishes: Wishes, resolution: float) -> None:
+    """Refuse lengths that are too short for a map's cells."""
+    for name in ("spacing", "hall", "cover"):
+        value = getattr(wishes, name)
+        if value < 4 * resolution:
+            rule = f"must be at least four cells, {4 * resolution:g} m"
+            raise ParameterError(rule, place=name, got=value)
