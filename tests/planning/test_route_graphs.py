@@ -158,6 +158,13 @@ def test_crowded_places_have_few_nodes():
     check_graph(grid, robot, made.graph, 3.0)
 
 
+def test_what_the_footprint_hits_is_gone_before_nodes_are_taken_out():
+    grid = cluttered(120, 0.015, 2)
+    made = route_graph_of(reach(grid, footprint=BOX), Wishes())
+    assert made.covered > 0.99 * made.reachable  # 55 % the other way round
+    check_graph(grid, BOX, made.graph, 3.0)
+
+
 TWO_ROOMS = """
     ##############################
     #.............##.............#
