@@ -32,7 +32,7 @@ _KEY, _UNIT, _BASE, _MULTIPLIER = "filter", "speed_unit", "filter_base", "filter
 FILTER_KEYS = (_KEY, _UNIT, _BASE, _MULTIPLIER)
 """Keys in the YAML file of a mask that mapdeal has made; map_server passes them over."""
 
-_STEPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)  # m/s; one that all speeds are multiples of
+_STEPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.25, 0.5, 1.0)  # m/s; one that all speeds are multiples of
 _ALIKE = 1e-6
 
 
