@@ -18,9 +18,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
 from mapdeal.grid.reach import Reach, reach_radius
-from mapdeal.grid.reaching import Ground, squares_to
+from mapdeal.grid.reaching import Ground, nearest_marked, squares_to
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode, Sweeps, closed_costs
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.components import joined
@@ -34,12 +33,12 @@ from mapdeal.kernels.skeleton import (
     nearest_from,
     skeleton,
 )
+from mapdeal.planning.graph_wishes import Wishes
 from mapdeal.planning.hall_lattices import lattices_in
 from mapdeal.planning.node_areas import far_from, flat_cells, neighbouring
 from mapdeal.planning.skeleton_lines import Cells, Tracing
 
 Kind = Literal["way", "crossing", "door", "end", "hall", "goal"]
-OneWay = Literal["right"]
 
 Place = tuple[float, float]  # continuous row and column
 Places = NDArray[np.float64]
@@ -69,17 +68,6 @@ _THINNER = ((1.5, 0.85), (2.0, 0.7), (2.0, 0.5), (2.0, 0.0), (2.0, 0.0), (3.0, 0
 straight lines instead of others must have such a share of their clearance."""
 _SLIVER = 1.05
 """How many times as long two edges may be that make a third one superfluous."""
-
-
-@dataclass(frozen=True)
-class Wishes:
-    """What a graph should be like; lengths are in metres."""
-
-    spacing: float = 2.0
-    hall: float = 4.0
-    cover: float = 3.0
-    slow_below: float | None = None
-    one_way: OneWay | None = None
 
 
 def coarse_step(radius: float, resolution: float) -> int:
@@ -122,6 +110,7 @@ def route_graph_of(reach: Reach, wishes: Wishes) -> Made:
         making.part_lanes()
         making.cover_all()
     making.mend_blocked()
+    making.limit_edges()
     return making.made()
 
 
@@ -175,6 +164,7 @@ class _Making:
     def __post_init__(self) -> None:
         sweeps = self.area.sweeps
         self.cell = sweeps.frame.resolution
+        self.wishes = self.wishes.bounded(sweeps.is_open.size, self.cell)
         self.spacing = self.wishes.spacing / self.cell
         self.is_open, self.squares = sweeps.is_open, sweeps.squared  # -1 where nothing is open
         self.has_corners = sweeps.robot is not None and bool(sweeps.robot.vertices)
@@ -204,8 +194,13 @@ class _Making:
     def rounded(self, places: Any) -> Places:
         """Return places as they are written."""
         frame = self.area.sweeps.frame
-        points = frame.xy_from_continuous_rowcol(places).round(_DECIMALS)
-        return np.asarray(frame.continuous_rowcol_from_xy(points), dtype=np.float64)
+        return self.places_of(frame.xy_from_continuous_rowcol(places).round(_DECIMALS))
+
+    def places_of(self, points_xy: Any) -> Places:
+        """Return the places of points, on the edge of a cell never in the one before it."""
+        frame = self.area.sweeps.frame
+        places = frame.continuous_rowcol_from_xy(points_xy)
+        return np.maximum(places, frame.unbounded_rowcol_from_xy(points_xy))
 
     def at(self, indices: Iterable[int]) -> Places:
         return np.array([self.places[index] for index in indices]).reshape(-1, 2)
@@ -452,7 +447,7 @@ class _Making:
 
     def add_goal(self, point: Place, name: str) -> None:
         """Add a node exactly at a goal."""
-        row, col = self.area.sweeps.frame.continuous_rowcol_from_xy([point])[0].tolist()
+        row, col = self.places_of([point])[0].tolist()
         node = self.add_node((row, col), "goal")
         self.names[node] = name
         near = sorted(range(node), key=lambda other: (self.length(node, other), other))[:6]
@@ -823,6 +818,7 @@ class _Making:
         # straight edge leads.
         for _ in range(_ROUNDS):
             self.places = [(row, col) for row, col in self.rounded(self.places).tolist()]
+            self._leave_edges()
             ends = np.array(sorted(self.edges), dtype=np.int64).reshape(-1, 2)
             is_clear, _ = self.area.sweeps.along(
                 self.at(ends[:, 0]), self.at(ends[:, 1]), touches=self.has_corners,
@@ -843,7 +839,17 @@ class _Making:
                 for other in list(self.beside[node]):
                     self.drop_edge(node, other)
                 self.gone.add(node)
+        self.lanes = [ends for ends in self.lanes if self.gone.isdisjoint(ends)]
         self.missing = self.uncovered(self.nodes())
+
+    def _leave_edges(self) -> None:
+        """Move nodes off the edges of closed cells, on which places along a line may fall."""
+        nodes = [node for node in self.nodes() if self.kinds[node] != "goal"]
+        is_clear, _ = self.area.sweeps.along(self.at(nodes), self.at(nodes), touches=False)
+        for node in np.array(nodes)[~is_clear].tolist():
+            row, col = (int(one) for one in self.places[node])
+            if (cell := nearest_marked(self.is_open, (row, col))) is not None:
+                self.places[node] = cell[0] + 0.5, cell[1] + 0.5
 
     def part_lanes(self) -> None:
         """Make two lanes of lines between crossings, each on the right, where there is room."""
@@ -989,12 +995,3 @@ class _Piece(NamedTuple):
     one: int
     last: int
     other: int
-
-
-def check_wishes(wishes: Wishes, resolution: float) -> None:
-    """Refuse lengths that are too short for a map's cells."""
-    for name in ("spacing", "hall", "cover"):
-        value = getattr(wishes, name)
-        if value < 4 * resolution:
-            rule = f"must be at least four cells, {4 * resolution:g} m"
-            raise ParameterError(rule, place=name, got=value)
