@@ -49,6 +49,10 @@ def align(**arguments):
     return lambda: mapdeal.align(GRID, GRID, **arguments)
 
 
+def graph(**arguments):
+    return lambda: mapdeal.graph(GRID, **arguments)
+
+
 def merge(transforms):
     return lambda: mapdeal.merge(["m.yaml"] * 3, transforms=transforms)
 
@@ -117,6 +121,28 @@ REFUSED = [
     *[(align(prior=odd), "prior") for odd in ([1, 2], "north", 3.0)],
     (lambda: mapdeal.align(np.zeros((2, 3)), GRID), "takes files or grids"),
     (lambda: mapdeal.info("m.yaml", dialect="ros2"), "dialect"),
+    *[
+        (graph(**{name: odd}), f"{name}: must be a finite number")
+        for name in ("spacing", "hall", "cover", "slow_below")
+        for odd in ("x", math.nan, [1])
+    ],
+    (graph(one_way="left"), "one_way: must be one of right"),
+    (graph(robot=0.3), "robot: must be RobotParameters"),
+    (lambda: mapdeal.cloud_map(np.zeros((9, 3)), frame=GRID), "frame: must be a Frame"),
+    *[
+        (lambda odd=odd: mapdeal.cloud_map(np.zeros((9, 3)), resolution=odd), "resolution must lie")
+        for odd in ("x", [1], 0)
+    ],
+    (lambda: mapdeal.build_map_from_clouds([]), "paths: names no cloud"),
+    *[
+        (lambda odd=odd: mapdeal.write_map("x.npz", odd), "grid: must be a grid")
+        for odd in (None, GRID.occupancy)
+    ],
+    *[(lambda odd=odd: OccupancyGrid([[0]], odd), "resolution must lie") for odd in (None, "x")],
+    *[
+        (lambda odd=odd: OccupancyGrid([[0]], 0.25, odd), "origin must be three numbers")
+        for odd in (None, "abc", 3)
+    ],
 ]
 
 

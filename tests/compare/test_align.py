@@ -107,6 +107,8 @@ def test_maps_of_few_cells_are_never_sure(cells):
     tiny = OccupancyGrid(cells, 0.05, (1.0, 2.0, 0.4))
     assert not align(tiny, tiny).same_place
     assert not align(tiny, first_map()).same_place
+    for finer in (tiny, OccupancyGrid([[100, 0, 100]], 1e-3)):  # smaller than a block of scores
+        assert not align(finer, tiny, rotations=[0.0]).same_place
 
 
 def test_maps_of_walls_alone_are_aligned_as_if_all_else_were_free_with_any_threads():

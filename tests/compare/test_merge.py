@@ -187,6 +187,7 @@ def test_walls_that_two_maps_see_a_cell_apart_are_no_thicker_in_conflicts():
     merged = merge([first, OccupancyGrid(wall, 0.5, (1.2, 2.0, 0.0))], same_wall=0)
     assert np.count_nonzero(merged.grid.occupancy == 100) == 6
     assert merged.conflict_count == 3
+    assert merge([first, first], same_wall=1e308).conflict_count == 0
 
 
 def room():

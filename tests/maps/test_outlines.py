@@ -127,7 +127,7 @@ REFUSED = [
     ("x.svg --wall-height 1", 2, "--wall-height: applies to .sdf, .stl and .obj"),
     ("x.yaml --of free", 2, "--of: applies to .geojson and .svg"),
     ("x.yaml --robot-radius 1", 2, "applies to .geojson and .svg"),
-    ("x.stl --wall-height 0", 2, "above 0"),
+    *[(f"x.stl --wall-height {odd}", 2, "between 0.001 and 10000") for odd in (0, 1e-308, 1e308)],
     ("x.stl --tolerance 0", 2, "--tolerance: applies to"),
     ("x.kml", 2, "must end in"),
     ("x.geojson --from 99,99", 2, "--from: lies outside of the map"),

@@ -118,6 +118,7 @@ def check_graph(grid, robot, graph, cover):
 
 
 BOX = Footprint.polygon([[0.3, 0.15], [0.3, -0.15], [-0.2, -0.15], [-0.2, 0.15]])
+POINT = Footprint.circle(1e-3)
 ROUND = st.sampled_from([0.15, 0.24, 0.4]).map(Footprint.circle)
 
 
@@ -149,6 +150,59 @@ def test_nothing_leads_where_a_robot_gets_only_sideways(one_way):
     made = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
     assert made.covered < made.reachable
     check_graph(grid, BOX, made.graph, 2.0)
+
+
+def test_lengths_may_be_longer_than_any_way():
+    grid, robot = cluttered(30, 0.03, 4), Footprint.circle(0.15)
+    for longest in (1e6, 1e308):
+        made = route_graph_of(reach(grid, footprint=robot), Wishes(longest, longest, longest))
+        check_graph(grid, robot, made.graph, math.inf)
+
+
+def test_goals_at_the_edges_of_cells_lie_in_the_cells_that_the_frame_says():
+    grid = grid_from_text("....#\n.#...\n.....", origin=(-0.5, -0.5, -math.pi / 2))
+    for corner in np.ndindex(3, 5):
+        ((x, y),) = grid.frame.xy_from_continuous_rowcol([corner]).tolist()
+        found = reach(grid, footprint=POINT, goals=[Goal(x, y, "goal")])
+        if found.goals[0].reachable:
+            made = route_graph_of(found, Wishes(1.0, 4.0, 1.0))
+            (goal,) = (one for one in made.graph.nodes if one.metadata["kind"] == "goal")
+            (cell,) = grid.frame.unbounded_rowcol_from_xy([[goal.x, goal.y]]).tolist()
+            assert grid.occupancy[tuple(cell)] == 0
+
+
+def test_no_node_is_left_on_the_corner_of_an_obstacle():
+    grid = grid_from_text("""\
+..#.......
+..........
+..........
+.......#..
+..........
+..........
+..........
+..........
+....#..#..
+##..#.....""", 1.0, (0.0, 0.0, 0.0))  # fmt: skip
+    check_graph(grid, POINT, route_graph_of(reach(grid), Wishes(4.04, 8.0, 8.0)).graph, 8.0)
+
+
+def test_lanes_go_with_the_parts_that_are_dropped():
+    grid = grid_from_text("""\
+................
+.......#........
+...#...........#
+..............#.
+.....#..........
+................
+................
+............#...
+...............#
+................
+................""", 1.0, (0.0, 0.0, 0.0))  # fmt: skip
+    robot = Footprint.polygon([[0.5, 0.25], [0.5, -0.25], [-0.5, -0.25], [-0.5, 0.25]])
+    found = reach(grid, footprint=robot)
+    made = route_graph_of(found, Wishes(8.0, 4.0, 8.0, one_way="right"))
+    check_graph(grid, robot, made.graph, 8.0)
 
 
 def test_crowded_places_have_few_nodes():

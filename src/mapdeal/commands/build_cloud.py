@@ -315,6 +315,8 @@ def build_map_from_clouds(
     """
     given = CloudOptions(**options)
     names = [str(paths)] if isinstance(paths, (str, PathLike)) else [str(one) for one in paths]
+    if not names:
+        raise ParameterError("names no cloud", place="paths", got=paths)
     settings = Settings(max_memory=max_memory, threads=threads)
     pose_file = None if poses is None else Path(poses)
     with settings.reading(), use_threads(settings.threads), ExitStack() as stack:

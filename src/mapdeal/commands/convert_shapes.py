@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from mapdeal.command import ABOVE_0, AT_LEAST_0, METRES, Result, Words
+from mapdeal.command import AT_LEAST_0, METRES, Condition, Result, Words
 from mapdeal.commands.reach import start_of
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.files.transaction import Transaction
@@ -43,6 +43,7 @@ _PER_CELL, _PER_CORNER, _PER_RUN = 16.0, 700, 1500
 
 _REACH_PER_CELL = 40.0
 _MANY_BOXES = 3000
+_HEIGHT = Condition("between 0.001 and 10000", lambda value: 0.001 <= value <= 10_000)
 _CELLS = {"free": "free", "obstacles": "occupied", "known": "known", "reachable": "reachable"}
 
 
@@ -157,7 +158,7 @@ def _reached(
 
 def convert_world(
     source: Path, read: Source, output: Path, transaction: Transaction, *,
-    wall_height: Annotated[float, ABOVE_0, METRES] = 2.0,
+    wall_height: Annotated[float, _HEIGHT, METRES] = 2.0,
     unknown: Literal["free", "occupied"] = "free",
 ) -> Shapes:  # fmt: skip
     """Write the walls of a map as solids.

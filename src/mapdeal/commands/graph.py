@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from mapdeal.command import ABOVE_0, METRES, POSE, Output, Result, Words, command
 from mapdeal.commands.reach import goals_of, lethal_costs, start_of
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import FindingError, emit_warning
+from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Goal, Reach, reach_radius
@@ -183,6 +183,9 @@ def graph(
     >>> found.graph, {node.y for node in found.graph.nodes} <= {0.875, 1.125}
     (RouteGraph(5 nodes, 8 edges), True)
     """
+    if robot is not None and not isinstance(robot, RobotParameters):
+        raise ParameterError("must be RobotParameters", place="robot", got=robot)
+    wishes = Wishes(spacing, hall, cover, slow_below, one_way)
     if footprint is None and robot is None:
         emit_warning(
             "no robot is given, by --robot-radius, --footprint or --params-file: the graph is that "
@@ -199,7 +202,6 @@ def graph(
     per_cell = step.memory + _PER_CELL + _PER_COARSE_CELL / coarse
     with inputs.settings_of(**reading).reading():
         inputs.claim_work(one.name, one.grid, per_cell, besides=_LIBRARIES)
-    wishes = Wishes(spacing, hall, cover, slow_below, one_way)
     with inputs.errors_named(one.name):
         grid = one.grid
         check_wishes(wishes, grid.resolution)

@@ -146,7 +146,8 @@ class _Plan:
         self._size = np.array(second.frame.size_xy)
         finest = max(first.resolution, second.resolution)
         self.cell = max((self._diagonal + float(self._size.max())) / side, finest)
-        width, height = ((self._diagonal + self._size) / self.cell + 4).astype(int)
+        sides = (self._diagonal + self._size) / self.cell + 4
+        width, height = np.maximum(sides, _BLOCK).astype(int)
         self._shape = _quick_size(int(height)), _quick_size(int(width))
         self._middle = first.middle_xy
         walls, free = (

@@ -376,7 +376,7 @@ def _apart(
 ) -> float:
     """Return within how many cells walls of a map and of those before it are one wall."""
     if same_wall is not None:
-        return same_wall / resolution
+        return min(same_wall / resolution, math.hypot(*state.shape))
     walls = np.zeros(state.shape, dtype=np.bool_)
     for one in before:
         walls |= one == _IS_OCCUPIED

@@ -185,7 +185,8 @@ def slopes(walls: WallMap, points_xy: Floats) -> tuple[Floats, Floats, Floats]:
     places = points_xy / np.float32(walls.resolution) - np.float32(0.5)
     corner = np.floor(places)
     x, y = np.moveaxis(places - corner, -1, 0)
-    col, row = np.moveaxis(corner.astype(np.int32), -1, 0)
+    with np.errstate(invalid="ignore"):  # far outside
+        col, row = np.moveaxis(corner.astype(np.int32), -1, 0)
     inside = (col >= 0) & (row >= 0) & (col < width - 1) & (row < height - 1)
     at = ((row * width + col) * inside).astype(np.intp)
     right, up = (1 if width > 1 else 0), (width if height > 1 else 0)
@@ -201,7 +202,8 @@ def slopes(walls: WallMap, points_xy: Floats) -> tuple[Floats, Floats, Floats]:
 def cells_at(walls: WallMap, points_xy: Floats) -> NDArray[np.intp]:
     """Return where the cells of points are in the padded layers of a map."""
     height, width = walls.frame.shape
-    cells = np.floor(points_xy / np.float32(walls.resolution)).astype(np.int32)
+    with np.errstate(invalid="ignore"):  # far outside
+        cells = np.floor(points_xy / np.float32(walls.resolution)).astype(np.int32)
     col, row = np.moveaxis(cells, -1, 0)
     at = (np.clip(row, -1, height) + 1) * (width + 2) + np.clip(col, -1, width) + 1
     return np.asarray(at, dtype=np.intp)

@@ -59,7 +59,10 @@ def largest_square_within(radius: float, resolution: float) -> int:
 
 
 def check_resolution(resolution: float) -> float:
-    value = float(resolution)
+    try:
+        value = float(resolution)
+    except (TypeError, ValueError, OverflowError):
+        value = math.nan
     if not _SMALLEST_CELL <= value <= _LARGEST_CELL:  # refuses nan too
         rule = f"resolution must lie between {_SMALLEST_CELL:g} and {_LARGEST_CELL:g} m"
         raise ParameterError(rule, got=resolution)
@@ -68,10 +71,13 @@ def check_resolution(resolution: float) -> float:
 
 def check_origin(origin: Sequence[float]) -> Origin:
     """Return `origin` as a tuple (x, y, yaw) of finite floats."""
-    values = tuple(float(v) for v in origin)
+    try:
+        values = tuple(float(v) for v in origin)
+    except (TypeError, ValueError, OverflowError):
+        values = ()
     if len(values) != 3 or not all(abs(value) <= FARTHEST for value in values):
         rule = f"origin must be three numbers x, y, yaw within {FARTHEST:g}"
-        raise ParameterError(rule, got=tuple(origin))
+        raise ParameterError(rule, got=origin)
     return values[0], values[1], values[2]
 
 

@@ -159,7 +159,8 @@ class Sweeps:
         counts = np.ceil(np.hypot(*(ends - starts).T) / step).astype(np.int64) + 1
         size = np.array(self.is_open.shape)
         first, last = (np.clip(one, 0, size - _ROUNDING) for one in (starts, ends))
-        is_inside = ((starts == first) & (ends == last)).all(axis=1)
+        off = np.maximum(np.abs(starts - first), np.abs(ends - last))
+        is_inside = (off <= _NEAR_EDGE).all(axis=1)
         is_clear, least = np.empty(len(starts), dtype=np.bool_), np.empty(len(starts))
         for some in _parts(counts):
             squares, is_clear[some] = least_along(

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.command import ABOVE_0, AT_LEAST_0, AT_LEAST_1, METRES, Condition, Unit, parameters_of
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.grid.frame import Figures, Frame, Region
+from mapdeal.grid.frame import Figures, Frame, Region, check_resolution
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, Drawn
 from mapdeal.kernels.arrays import Floats, Mask
@@ -206,6 +206,9 @@ class CloudMapper:
         frame: Frame | None = None,
         claim: Claim | None = None,
     ) -> None:
+        if frame is not None and not isinstance(frame, Frame):
+            raise ParameterError("must be a Frame", place="frame", got=frame)
+        resolution = None if resolution is None else check_resolution(resolution)
         self.options = options or CloudOptions()
         self._frame, self._claim = frame, claim or (lambda *_: None)
         self._may_choose = resolution is None and frame is None
@@ -487,7 +490,7 @@ def _states(
     if options.drops == "occupied":
         occupied |= lower | (_ledges(seen.floor, floor, seen.clearance) & floor)
         floor &= ~occupied
-    gap = math.floor(options.fill / seen.frame.resolution + 1e-6)
+    gap = math.floor(min(options.fill / seen.frame.resolution + 1e-6, max(floor.shape)))
     for wide, where in ((gap, ~lower), (3 * gap, passed & ~lower)):
         if wide and where.any():
             floor |= _closed(floor, wide) & where & ~occupied & np.isfinite(seen.floor)
@@ -526,14 +529,16 @@ def _around(counts: NDArray[np.int32], join: np.ufunc = np.add) -> NDArray[np.in
 
 def _closed(marked: Mask, wide: int) -> Mask:
     """Return the cells that no square of wide + 1 cells covers without covering a marked one."""
-    found = np.pad(marked, wide)
+    sides = [min(wide, side) for side in marked.shape]  # wider ones cover no more of the map
+    found = np.pad(marked, [(side, side) for side in sides])
     for join in (np.logical_or, np.logical_and):
-        for _ in range(2):  # along each axis
-            last = len(found) - wide
-            along = found[:last].copy()
-            for k in range(1, wide + 1):
-                join(along, found[k : k + last], out=along)
-            found = along.T
+        for side in sides:
+            joined = 1
+            while joined <= side:
+                step = min(joined, side + 1 - joined)
+                found = join(found[:-step], found[step:])
+                joined += step
+            found = found.T
     return found
 
 

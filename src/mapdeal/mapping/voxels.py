@@ -24,6 +24,7 @@ _TO_PLACE = 1 << 16  # points that tell where cells lie
 _X_BITS, _Z_BITS = 24, 16
 _FARTHEST_INDEX = 1 << 22  # cells
 _HIGHEST_INDEX = 1 << (_Z_BITS - 1)
+_FARTHEST_ANCHOR = 1 << 53
 _PER_VOXEL = 64  # bytes, while voxels are merged, at most
 
 
@@ -93,10 +94,13 @@ class Voxels:
                 if math.hypot(np.cos(turns).mean(), np.sin(turns).mean()) > 0.9:
                     phase = math.atan2(np.sin(turns).mean(), np.cos(turns).mean()) / (2 * math.pi)
                     self.corner[axis] = (round((phase + 0.5) % 1.0, 3) % 1.0) * self.cell
-        middle = np.array([median(one) for one in points[:, :3].T])
         low = np.array([*self.corner, 0.0])
         sizes = np.array([self.cell, self.cell, self.step])
-        return np.asarray(np.floor((middle - low) / sizes), dtype=np.int64)
+        with np.errstate(over="ignore"):
+            middle = np.array([median(one) for one in points[:, :3].T])
+            place = np.floor((middle - low) / sizes)
+        place = place.clip(-_FARTHEST_ANCHOR, _FARTHEST_ANCHOR)
+        return np.asarray(place, dtype=np.int64)
 
     def _sort(self) -> None:
         keys = np.sort(np.concatenate(self._waiting))

@@ -8,7 +8,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from numpy.typing import NDArray
 
@@ -348,6 +348,8 @@ def write_map(
     if mode is not None:
         check_choice(mode, Mode, "mode")
     check_choice(encoding, Encoding, "encoding")
+    if not isinstance(grid, get_args(Grid)):
+        raise ParameterError("must be a grid", place="grid", got=grid)
     output = Path(path)
     with Transaction(output_paths(output), force=force) as transaction:
         write_grid(transaction, output, grid, mode=mode, encoding=encoding)

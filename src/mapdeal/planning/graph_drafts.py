@@ -6,12 +6,13 @@ import heapq
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.command import ABOVE_0, parameters_of
 from mapdeal.errors import ParameterError
 from mapdeal.grid.reach import Reach, reach_radius
 from mapdeal.grid.reaching import Ground, squares_to
@@ -39,11 +40,24 @@ SHARE = 0.85
 class Wishes:
     """What a graph should be like; lengths are in metres."""
 
-    spacing: float = 2.0
-    hall: float = 4.0
-    cover: float = 3.0
-    slow_below: float | None = None
+    spacing: Annotated[float, ABOVE_0] = 2.0
+    hall: Annotated[float, ABOVE_0] = 4.0
+    cover: Annotated[float, ABOVE_0] = 3.0
+    slow_below: Annotated[float | None, ABOVE_0] = None
     one_way: OneWay | None = None
+
+    def __post_init__(self) -> None:
+        for name, one in parameters_of(Wishes).items():
+            object.__setattr__(self, name, one.accept(getattr(self, name)))
+
+    def bounded(self, cells: int, side: float) -> Wishes:
+        """Return the same wishes with lengths that are no longer than any way over some cells."""
+        longest = min(cells, _LONGEST_WAY) * side
+        return replace(self, **{name: min(getattr(self, name), longest) for name in _LENGTHS})
+
+
+_LENGTHS = ("spacing", "hall", "cover")
+_LONGEST_WAY = 1 << 25  # cells: with more, weights of paths would be too large
 
 
 def coarse_step(radius: float, resolution: float) -> int:
@@ -120,6 +134,7 @@ class Draft:
     def __post_init__(self) -> None:
         sweeps = self.area.sweeps
         self.cell = sweeps.frame.resolution
+        self.wishes = self.wishes.bounded(sweeps.is_open.size, self.cell)
         self.spacing = self.wishes.spacing / self.cell
         self.is_open, self.squares = sweeps.is_open, sweeps.squared  # -1 where nothing is open
         self.has_corners = sweeps.robot is not None and bool(sweeps.robot.vertices)
@@ -149,8 +164,13 @@ class Draft:
     def rounded(self, places: Any) -> Places:
         """Return places as they are written."""
         frame = self.area.sweeps.frame
-        points = frame.xy_from_continuous_rowcol(places).round(_DECIMALS)
-        return np.asarray(frame.continuous_rowcol_from_xy(points), dtype=np.float64)
+        return self.places_of(frame.xy_from_continuous_rowcol(places).round(_DECIMALS))
+
+    def places_of(self, points_xy: Any) -> Places:
+        """Return the places of points, on the edge of a cell never in the one before it."""
+        frame = self.area.sweeps.frame
+        places = frame.continuous_rowcol_from_xy(points_xy)
+        return np.maximum(places, frame.unbounded_rowcol_from_xy(points_xy))
 
     def at(self, indices: Iterable[int]) -> Places:
         return np.array([self.places[index] for index in indices]).reshape(-1, 2)
@@ -290,7 +310,7 @@ def _speed(clearance: float, slow_below: float) -> float:
 
 def check_wishes(wishes: Wishes, resolution: float) -> None:
     """Refuse lengths that are too short for a map's cells."""
-    for name in ("spacing", "hall", "cover"):
+    for name in _LENGTHS:
         value = getattr(wishes, name)
         if value < 4 * resolution:
             rule = f"must be at least four cells, {4 * resolution:g} m"

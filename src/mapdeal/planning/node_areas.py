@@ -23,7 +23,7 @@ def flat_cells(places: Places, shape: tuple[int, ...], step: int = 1) -> Cells:
 def far_from(is_open: NDArray[np.bool_], places: Places, limit: int) -> NDArray[np.bool_]:
     """Return open cells to which ways from all places are longer than a limit."""
     # over blocks of open cells first, which are few: it is at most so far to all of a block
-    step = max(1, limit // (15 * STRAIGHT))
+    step: int = max(1, min(limit // (15 * STRAIGHT), max(is_open.shape)))
     whole = largest_of_blocks((~is_open).view(np.uint8), step) == 0
     cells = flat_cells(places, is_open.shape, step)
     rough = lengths_from(whole, cells, limit=limit // step)

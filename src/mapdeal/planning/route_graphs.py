@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.reach import Reach
+from mapdeal.grid.reaching import nearest_marked
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.paths import cheapest_path
 from mapdeal.kernels.rotations import main_direction
@@ -74,6 +75,7 @@ def route_graph_of(reach: Reach, wishes: Wishes) -> Made:
         making.part_lanes()
         making.cover_all()
     making.mend_blocked()
+    making.limit_edges()
     return making.made()
 
 
@@ -319,7 +321,7 @@ class _Making(Draft):
 
     def add_goal(self, point: Place, name: str) -> None:
         """Add a node exactly at a goal."""
-        row, col = self.area.sweeps.frame.continuous_rowcol_from_xy([point])[0].tolist()
+        row, col = self.places_of([point])[0].tolist()
         node = self.add_node((row, col), "goal")
         self.names[node] = name
         near = sorted(range(node), key=lambda other: (self.length(node, other), other))[:6]
@@ -621,6 +623,7 @@ class _Making(Draft):
         # straight edge leads.
         for _ in range(_ROUNDS):
             self.places = [(row, col) for row, col in self.rounded(self.places).tolist()]
+            self._leave_edges()
             ends = np.array(sorted(self.edges), dtype=np.int64).reshape(-1, 2)
             is_clear, _ = self.area.sweeps.along(
                 self.at(ends[:, 0]), self.at(ends[:, 1]), touches=self.has_corners,
@@ -641,7 +644,17 @@ class _Making(Draft):
                 for other in list(self.beside[node]):
                     self.drop_edge(node, other)
                 self.gone.add(node)
+        self.lanes = [ends for ends in self.lanes if self.gone.isdisjoint(ends)]
         self.missing = self.uncovered(self.nodes())
+
+    def _leave_edges(self) -> None:
+        """Move nodes off the edges of closed cells, on which places along a line may fall."""
+        nodes = [node for node in self.nodes() if self.kinds[node] != "goal"]
+        is_clear, _ = self.area.sweeps.along(self.at(nodes), self.at(nodes), touches=False)
+        for node in np.array(nodes)[~is_clear].tolist():
+            row, col = (int(one) for one in self.places[node])
+            if (cell := nearest_marked(self.is_open, (row, col))) is not None:
+                self.places[node] = cell[0] + 0.5, cell[1] + 0.5
 
     def part_lanes(self) -> None:
         """Make two lanes of lines between crossings, each on the right, where there is room."""
