@@ -373,12 +373,19 @@ class _Making(Draft):
 
         The second node of each is moved back along its way by a length, but not to the first.
         """
+        starts, ends = (self.at(pair[k] for pair in pairs) for k in (0, 1))
+        is_clear, least = self.area.sweeps.along(starts, ends)
+        rooms = (self.clearance_at(np.floor(one).astype(np.int64)) for one in (starts, ends))
+        is_straight = is_clear & (least >= SHARE * np.minimum(*rooms) - 0.5)
         paths = []
         for number, (one, other) in enumerate(pairs):
+            short = shorts[number] if len(shorts) else 0.0
+            if is_straight[number] and not short:  # a way would be straightened to this line
+                paths.append(_Path(self.at((one, other)), one, other))
+                continue
             cells = self._way_between(one, other)
             if not len(cells):
                 continue
-            short = shorts[number] if len(shorts) else 0.0
             if short:
                 lengths = np.hypot(*np.diff(cells, axis=0).T)[::-1].cumsum()
                 back = int(np.searchsorted(lengths, min(short, lengths[-1] / 2)))
