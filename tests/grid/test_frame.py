@@ -113,6 +113,11 @@ def test_a_multiple_that_a_division_makes_longer_takes_no_cell_more(length, reso
     assert cells_to_cover(length, resolution) == cells
 
 
+def test_numbers_of_numpy_are_taken_as_plain_ones():
+    window = Frame(9, 9, np.float64(0.05), np.array([1.0, 2.0, 0.0])).window(1, 1, 2, 2)
+    assert (repr(window.resolution), window.origin) == ("0.05", (1.05, 2.05, 0.0))
+
+
 def test_the_smallest_and_the_largest_cell_and_coordinate_are_allowed():
     for resolution in (1e-6, 1e6):
         assert OccupancyGrid([[0]], resolution).resolution == resolution

@@ -146,6 +146,12 @@ class Frame:
     resolution: float
     origin: Origin = (0.0, 0.0, 0.0)
 
+    def __post_init__(self) -> None:
+        # numbers of numpy are written with their type's name
+        object.__setattr__(self, "resolution", float(self.resolution))
+        x, y, yaw = map(float, self.origin)
+        object.__setattr__(self, "origin", (x, y, yaw))
+
     @property
     def shape(self) -> tuple[int, int]:
         """Number of rows and columns."""
