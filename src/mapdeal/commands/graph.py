@@ -218,17 +218,22 @@ def graph(
                 why = goal.stopped_by or "no way leads there"
                 raise FindingError(f"goal {goal.goal.label} is not reachable: {why}")
         made = route_graph_of(found, wishes)
-    _warn(made, one.name, cover)
+    _warn(made, one.name, cover, has_corners=shape is not None and bool(shape.vertices))
     return PlannedGraph(one, found, made, cover)
 
 
-def _warn(made: Made, name: str, cover: float) -> None:
+def _warn(made: Made, name: str, cover: float, *, has_corners: bool) -> None:
     """Warn of what the graph lacks."""
     missing = made.reachable - made.covered
     if missing > _LITTLE * made.reachable:
+        why = (
+            "it gets there only sideways, or turning as it goes"
+            if has_corners
+            else ("it would take too many nodes; take a longer cover")
+        )
         emit_warning(
             f"{name}: {missing:.3g} of {made.reachable:.4g} m2 that the robot reaches are farther "
-            f"than {cover:g} m from all nodes: it gets there only sideways, or turning as it goes",
+            f"than {cover:g} m from all nodes: {why}",
             stacklevel=2,
         )
     if made.parts > 1:
