@@ -441,6 +441,16 @@ def test_a_tilted_floor_is_warned_of_and_levelled():
     assert flat < 0.015 < np.nanstd(cloud_map(points).layers["floor_height"])
 
 
+@pytest.mark.parametrize("split", [6.0, 8.5, 10.0])
+def test_two_levels_and_a_ramp_between_them_are_no_tilt(split):
+    draw = np.random.default_rng(1)
+    x, y = draw.uniform(0, 20, 40000), draw.uniform(0, 10, 40000)
+    floor = np.clip((x - split) / 3, 0, 1) * 0.3 + draw.normal(0, 0.005, len(x))
+    wall = np.column_stack([x, np.zeros(len(x)), floor + draw.uniform(0, 2, len(x))])[::10]
+    made = cloud_map(np.concatenate([np.column_stack([x, y, floor]), wall]))
+    assert made.tilt < 0.5
+
+
 def test_a_cloud_of_which_few_planes_are_level_is_levelled_as_well_as_may_be():
     made = mapdeal.build_map_from_clouds(EXAMPLES / "clouds" / "corridor3.pcd", level=True)
     assert 0 <= made.tilt < 45

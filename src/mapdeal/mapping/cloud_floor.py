@@ -256,28 +256,39 @@ _ROUNDS = 5
 
 
 def _tilt_of(own: Patches, side: float) -> float:
-    """Return the tilt of the plane that lies nearest to half of the floor, radians."""
+    """Return the tilt of the plane that most of the floor lies on, radians."""
     # Each patch by itself is level where heights are coarse. Least trimmed squares, so that ramps
-    # do not count: P. Rousseeuw, "Least median of squares regression", JASA 79, 1984.
-    chosen = np.ones(len(own.z), dtype=np.bool_)
-    along_x, along_y = median(own.along_x), median(own.along_y)
-    for _ in range(_ROUNDS):
-        x, y, z = (one[chosen] - one[chosen].mean() for one in (own.col, own.row, own.z))
-        xx, xy, yy = (x * x).sum(), (x * y).sum(), (y * y).sum()
-        determinant = xx * yy - xy * xy
-        if determinant <= _LEAST_SPREAD * (xx + yy) ** 2:
-            break  # all in one line
-        xz, yz = (x * z).sum(), (y * z).sum()
-        along_x, along_y = (
-            float(one / determinant / side) for one in (xz * yy - yz * xy, yz * xx - xz * xy)
-        )
-        off = own.z - side * (along_x * own.col + along_y * own.row)
-        off = np.abs(off - off[chosen].mean())
-        chosen = off <= median(off)
-    return math.atan(math.hypot(along_x, along_y))
+    # do not count, from several heights, so that of two levels one does: P. Rousseeuw, "Least
+    # median of squares regression", JASA 79, 1984.
+    best, tilt = -1, 0.0
+    for share in (0.25, 0.5, 0.75):
+        along_x, along_y = median(own.along_x), median(own.along_y)
+        off = _above(own, along_x, along_y, side)
+        off -= np.quantile(off, share)
+        for _ in range(_ROUNDS):
+            chosen = np.abs(off) <= median(np.abs(off))
+            x, y, z = (one[chosen] - one[chosen].mean() for one in (own.col, own.row, own.z))
+            xx, xy, yy = (x * x).sum(), (x * y).sum(), (y * y).sum()
+            determinant = xx * yy - xy * xy
+            if determinant <= _LEAST_SPREAD * (xx + yy) ** 2:
+                break  # all in one line
+            xz, yz = (x * z).sum(), (y * z).sum()
+            along_x = float((xz * yy - yz * xy) / determinant / side)
+            along_y = float((yz * xx - xz * xy) / determinant / side)
+            off = _above(own, along_x, along_y, side)
+            off -= off[chosen].mean()
+        count = int(np.count_nonzero(np.abs(off) <= _SAME_PLANE))
+        if count > best:
+            best, tilt = count, math.atan(math.hypot(along_x, along_y))
+    return tilt
 
 
+_SAME_PLANE = 0.03  # metres
 _LEAST_SPREAD = 1e-3  # of places across their main direction, squared and as a share
+
+
+def _above(own: Patches, along_x: float, along_y: float, side: float) -> Floats:
+    return np.asarray(own.z - side * (along_x * own.col + along_y * own.row))
 
 
 def _level_of(patches: Patches, label: Integers, side: float, places: Floats | None) -> int:
