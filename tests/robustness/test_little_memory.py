@@ -60,6 +60,22 @@ def test_a_library_without_room_is_told_in_one_line(tmp_path, words):
     check(words, tmp_path, FEW[words])
 
 
+@pytest.mark.parametrize(
+    "raised", ["MemoryError()", "SystemError('error return without exception set')"]
+)
+def test_what_leaves_the_command_for_want_of_memory_is_told_in_one_line(raised):
+    code = f"""
+import mapdeal.cli.main, mapdeal.cli.process
+def main():
+    raise {raised}
+mapdeal.cli.main.main = main
+mapdeal.cli.process.run_process()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    told = "error: not enough memory for a map of this size\n"
+    assert (done.returncode, done.stderr) == (3, told)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("words", COMMANDS)
 def test_no_limit_of_memory_makes_a_command_hang_or_lie(tmp_path, words):

@@ -51,6 +51,14 @@ def run_process() -> NoReturn:
             code = main()
     except KeyboardInterrupt:  # once more, while main tells of the first one
         code = ending()[1]
+    except (MemoryError, SystemError) as error:  # main had no memory to tell of it
+        from mapdeal.errors import refusal_of_the_system
+
+        refusal = refusal_of_the_system(error)
+        if refusal is None:
+            raise
+        print(f"error: {refusal}", file=sys.stderr)  # noqa: T201
+        code = refusal.exit_code
     for number in own:  # from here on they come too late
         signal.signal(number, signal.SIG_IGN)
     for stream in (sys.stdout, sys.stderr):
