@@ -226,11 +226,9 @@ def _warn(made: Made, name: str, cover: float, *, has_corners: bool) -> None:
     """Warn of what the graph lacks."""
     missing = made.reachable - made.covered
     if missing > _LITTLE * made.reachable:
-        why = (
-            "it gets there only sideways, or turning as it goes"
-            if has_corners
-            else ("it would take too many nodes; take a longer cover")
-        )
+        why = "it would take too many nodes; take a longer cover"
+        if has_corners:
+            why = "it gets there only sideways, or turning as it goes"
         emit_warning(
             f"{name}: {missing:.3g} of {made.reachable:.4g} m2 that the robot reaches are farther "
             f"than {cover:g} m from all nodes: {why}",
