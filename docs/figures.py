@@ -95,6 +95,7 @@ PICTURES = {
     "robots.md": {
         "robot_cost.png": "out/robots/cost.png",
         "robot_curve.png": "out/robots/curve.png",
+        "robot_window.png": "out/robots/window.png",
     },
     "asking.md": {"office_route.png": "out/asking/route.png"},
     "potentials.md": {

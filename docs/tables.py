@@ -31,13 +31,14 @@ from mapdeal.cli.help_pages import in_groups
 from mapdeal.cli.main import app
 from mapdeal.cli.options import SHARED_OPTIONS, expanded
 from mapdeal.command import Parameter, Stage, meanings_of
-from mapdeal.grid.costmap import Costmap, DenoiseLayer, InflationLayer, StaticLayer
+from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
+from mapdeal.layers.catalogue import LAYERS, class_name
 from mapdeal.pipeline.folder import paths_of
 from mapdeal.pipeline.step import Step
 from mapdeal.stages.catalogue import STAGES, stage_named
-from mapdeal.stages.structured import LayerList, described_layer
+from mapdeal.stages.structured import LayerList
 
 DOCS = Path(__file__).parent
 
@@ -165,14 +166,30 @@ def parameters_of(words: str) -> str:
 def layers_of_costmaps(_: str) -> str:
     """Return the table of the layers that a costmap can have, and what can be set of each."""
     rows = []
-    for layer in (StaticLayer(), DenoiseLayer(), InflationLayer()):
-        ((kind, values),) = described_layer(layer).items()
-        meanings = meanings_of(type(layer))
+    for layer_class in LAYERS:
+        ((kind, values),) = layer_class().described().items()
+        meanings = meanings_of(layer_class) or meanings_of(layer_class.__base__)
         for name, default in values.items():
             words = {None: "none", True: "yes", False: "no"}
             told = words[default] if default is None or isinstance(default, bool) else str(default)
             rows.append((f"`{kind}`", f"`{name}`", told, meanings[name].replace("``", "`")))
     return markdown_table(["layer", "parameter", "default", "meaning"], rows)
+
+
+def plugins(_: str) -> str:
+    """Return the table of the plugins of Nav2 and ROS 1 whose costs are computed."""
+    return markdown_table(
+        ["layer", "Nav2", "ROS 1", "what it does to the costs"],
+        [
+            (f"`{layer.key}`", _classes(layer.nav2_plugins), _classes(layer.ros1_plugins),
+             layer.about)
+            for layer in LAYERS
+        ],
+    )  # fmt: skip
+
+
+def _classes(names: Sequence[str]) -> str:
+    return ", ".join(f"`{class_name(name)}`" for name in names)
 
 
 def stages(_: str) -> str:
@@ -214,7 +231,7 @@ def _default_of(parameter: Parameter) -> str:
         return "[]"
     if parameter.kind == LayerList:
         layers: Any = default
-        return ", ".join(f"`{kind}`" for layer in layers for kind in described_layer(layer))
+        return ", ".join(f"`{kind}`" for layer in layers for kind in layer.described())
     if isinstance(default, tuple):
         return ", ".join(str(value) for value in default)
     others = [f"`{choice}`" for choice in parameter.choices if choice != default]
@@ -226,6 +243,7 @@ def _default_of(parameter: Parameter) -> str:
 PAGES: dict[str, dict[str, MadeTable]] = {
     "cli.md": {"commands": commands, "shared options": shared_options},
     "lint.md": {"checks": checks},
+    "robots.md": {"plugins": plugins},
     "stages.md": {
         "parameters of": parameters_of,
         "layers of costmaps": layers_of_costmaps,

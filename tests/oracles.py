@@ -178,15 +178,30 @@ def master_grid(occupancy, resolution, layers, default_cost):
                         master[index] = 0
             continue
         for index in np.ndindex(occupancy.shape):
+            old = int(master[index])
+            if hasattr(layer, "combination_method"):
+                master[index] = combined(old, layer)
+                continue
             cost = static_layer_cost(
                 int(occupancy[index]), layer.lethal_cost_threshold, trinary=layer.trinary_costmap,
                 track_unknown=layer.track_unknown_space, unknown=layer.unknown_cost_value,
                 inscribed=layer.inscribed_obstacle_cost_value,
             )  # fmt: skip
-            old = int(master[index])
-            if not layer.use_maximum or (cost != 255 and (old == 255 or old < cost)):
+            if layer.use_maximum and layer.unknown_is_highest:
+                master[index] = max(old, cost)
+            elif not layer.use_maximum or (cost != 255 and (old == 255 or old < cost)):
                 master[index] = cost
     return master
+
+
+def combined(old, layer):
+    """The cost that an obstacle layer without observations makes of the one below it."""
+    own = 255 if layer.track_unknown_space else 0
+    if own == 255 or layer.combination_method == 2:  # 0 is never more than a known cost
+        return old
+    if layer.combination_method == 0:
+        return own
+    return own if old == 255 or old < own else old
 
 
 def on_paper(number):

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 import mapdeal
-from mapdeal.grid.costmap import CostmapLayers, InflationLayer, StaticLayer
+from mapdeal.layers.inflation import InflationLayer
+from mapdeal.layers.stack import CostmapLayers
+from mapdeal.layers.static import StaticLayer
 from mapdeal.stages.catalogue import stage_named
 
 
@@ -77,5 +79,5 @@ def sum_of(cost):
 
 def exponential_parameters(layers, default_cost=0):
     """The parameters of model exponential that do what layers do, None if it cannot."""
-    of_layers = stage_named("cost", "exponential").of_layers
-    return of_layers(CostmapLayers(tuple(layers), default_cost))
+    from_layers = stage_named("cost", "exponential").parameters_from_layers
+    return from_layers(CostmapLayers(tuple(layers), default_cost))

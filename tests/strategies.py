@@ -3,7 +3,8 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from mapdeal.grid.costmap import InflationLayer, StaticLayer
+from mapdeal.layers.inflation import InflationLayer
+from mapdeal.layers.static import StaticLayer
 
 RESOLUTIONS = st.sampled_from([0.05, 0.1, 0.025, 0.3, 2.0, 0.0504])
 
@@ -34,6 +35,7 @@ STATIC_LAYERS = st.builds(
     lethal_cost_threshold=st.sampled_from([0, 1, 50, 65, 100]), trinary_costmap=st.booleans(),
     unknown_cost_value=st.sampled_from([255, 0, 50, 100]),
     inscribed_obstacle_cost_value=st.sampled_from([None, 99, 50, 255]), use_maximum=st.booleans(),
+    unknown_is_highest=st.booleans(),
 )  # fmt: skip
 INFLATION_LAYERS = st.builds(
     InflationLayer, name=st.just("inflation_layer"),

@@ -11,10 +11,9 @@ from make_map import RESOLUTION, cells_of_map
 from scipy import ndimage
 from turns import Contender, head, in_turns, options, ratio, row
 
-from mapdeal.grid.costmap import InflationLayer
 from mapdeal.kernels.distance import bytes_by_distance, signed_distance, squared_distance
 from mapdeal.kernels.threads import use_threads
-from mapdeal.stages.exponential_cost import cost_table
+from mapdeal.layers.inflation import InflationLayer, cost_table
 
 INSCRIBED, FACTOR, REACH = 0.3, 3.0, 1.75  # metres, 1 / metre, metres
 

@@ -43,9 +43,6 @@ from mapdeal.grid.bit_map import draw as draw
 from mapdeal.grid.bit_map import reset_region as reset_region
 from mapdeal.grid.costmap import CostCurve as CostCurve
 from mapdeal.grid.costmap import Costmap as Costmap
-from mapdeal.grid.costmap import DenoiseLayer as DenoiseLayer
-from mapdeal.grid.costmap import InflationLayer as InflationLayer
-from mapdeal.grid.costmap import StaticLayer as StaticLayer
 from mapdeal.grid.field import DistanceField as DistanceField
 from mapdeal.grid.field import FieldSamples as FieldSamples
 from mapdeal.grid.field import FieldView as FieldView
@@ -69,6 +66,14 @@ from mapdeal.grid.route_graph import RouteNode as RouteNode
 from mapdeal.grid.shapes import Circle as Circle
 from mapdeal.grid.shapes import Line as Line
 from mapdeal.grid.shapes import Polygon as Polygon
+from mapdeal.layers.area import CostmapArea as CostmapArea
+from mapdeal.layers.denoise import DenoiseLayer as DenoiseLayer
+from mapdeal.layers.inflation import InflationLayer as InflationLayer
+from mapdeal.layers.keepout import KeepoutFilter as KeepoutFilter
+from mapdeal.layers.obstacle import ObstacleLayer as ObstacleLayer
+from mapdeal.layers.obstacle import VoxelLayer as VoxelLayer
+from mapdeal.layers.range_sensor import RangeSensorLayer as RangeSensorLayer
+from mapdeal.layers.static import StaticLayer as StaticLayer
 from mapdeal.mapping.build import BuiltMap as BuiltMap
 from mapdeal.mapping.build import MapBuilder as MapBuilder
 from mapdeal.mapping.build import build_map as build_map

@@ -41,7 +41,7 @@ import numpy as np
 
 from mapdeal.errors import ParameterError, as_known, meant
 from mapdeal.grid.canvas import FieldGrid, on_canvas
-from mapdeal.grid.costmap import CostCurve, CostmapLayers
+from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -414,14 +414,18 @@ class Stage:
     edits: bool = False
     """Whether it changes a grid of any type that it takes into one of the same type."""
 
-    moves: bool = False  # whether its product may lie elsewhere than its input, on other cells
+    moves: Callable[[Parameters], bool] = lambda _: False
+    """Whether its product may lie elsewhere than its input, on other cells."""
+
     shows_changes: bool = False
     """Whether the picture that its command draws is of the cells that it changes."""
 
     is_whole: Callable[[Parameters], bool] = lambda _: False
     is_smaller: Callable[[Parameters], bool] = lambda _: False
     hands_on: bool = True
-    minds_mask: bool = False  # whether it has a parameter for the keepout mask of a run
+    accepts_mask: Callable[[Parameters], bool] = lambda _: False
+    """Whether it applies the keepout mask of a run itself, which its parameter `mask` is for."""
+
     is_last: bool = False
     robot: RobotShape | None = None
     radius_in: Callable[[Parameters], tuple[str, float]] | None = None
@@ -430,7 +434,8 @@ class Stage:
     settled: Callable[[Parameters], Parameters] = lambda _: {}
     remark: Callable[[Parameters, Figures], str | None] = lambda *_: None
     curve: Callable[[Any, Parameters], CostCurve | None] = lambda *_: None
-    of_layers: Callable[[CostmapLayers], dict[str, object] | None] = lambda _: None
+    parameters_from_layers: Callable[[Any], dict[str, object] | None] = lambda _: None
+    """Returns the parameters that do what a `CostmapLayers` does, None if it cannot."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "product", self.product or self.name)

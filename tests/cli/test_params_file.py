@@ -77,7 +77,7 @@ def manifest_of(folder):
 FILE = "--params-file nav2.yaml"
 COST, RUN = f"cost hall.npz -o c.npz {FILE}", f"run hall.npz -o out {FILE}"
 OF_RUN = "out/hall/cost.npz"
-IGNORED = "nav2.yaml: ignored: obstacle_layer (reads sensors)\n"
+IGNORED = "nav2.yaml: ignored: obstacle_layer (no observations)\n"
 
 
 def test_costs_are_those_of_the_robots_own_parameters(sh):
@@ -99,7 +99,7 @@ def test_a_run_makes_field_and_costs_and_keeps_the_robot_in_its_manifest(sh):
     assert robot["circumscribed_radius"] == pytest.approx(CIRCUMSCRIBED, abs=1e-12)
     by_name = {one["name"]: one for one in robot["layers"]}
     assert by_name["inflation_layer"]["cost_scaling_factor"] == 2.5
-    assert by_name["obstacle_layer"]["ignored"] == "reads sensors"
+    assert by_name["obstacle_layer"]["needs"] == "observations"
     told = "/global_costmap/global_costmap of nav2.yaml, inscribed_radius 0.2 m"
     assert f"  robot       {told}" in sh("info out/hall")[1]
 
@@ -245,24 +245,6 @@ def test_info_says_what_a_file_comes_to_on_a_map(sh):
     report = sh.json("info nav2.yaml --json")
     assert (report["kind"], "on_map" in report) == ("robot parameters", False)
     assert report["inscribed_radius"] == pytest.approx(INSCRIBED, abs=1e-12)
-
-
-def test_verbose_says_how_many_cells_the_older_queue_makes_different(sh, real_maps):
-    """Recorded: 28 cells, by 15, of the husky's costs on this map; and 10, by 5, of Nav2's."""
-    husky = real_maps / "params" / "husky__husky" / "husky_navigation" / "config"
-    ground = real_maps / "turtlebot__turtlebot_simulator/turtlebot_gazebo/maps/playground.yaml"
-    files = f"--params-file {husky}/costmap_common.yaml --params-file {husky}"
-    err = sh.err(f"cost {ground} -o a.npz {files}/costmap_global_static.yaml -v")
-    told = "from the queue of older inflation layers, by"
-    assert f"cost: 28 cells differ {told} 15 at most" in err
-    own = "ros-navigation__navigation2/nav2_bringup"
-    file = f"--params-file {real_maps}/params/{own}/params/nav2_params.yaml"
-    depot = real_maps / own / "maps/depot.yaml"
-    err = sh.err(f"run {depot} -o out {file} --dialect humble -v --no-images")
-    assert f"cost: 10 cells differ {told} 5 at most" in err
-    assert err.count("of grey 205") == 1
-    for more in ("-v", "--dialect humble"):  # Nav2 has no queue any more; or nobody asks
-        assert "queue" not in sh(f"cost {depot} -o b.npz --force {file} {more}")[2]
 
 
 def test_a_local_costmap_without_a_static_layer_gets_the_map_in_front(sh, nav2):

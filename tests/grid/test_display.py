@@ -12,8 +12,9 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal.grid.canvas import on_canvas
-from mapdeal.grid.costmap import InflationLayer, StaticLayer
 from mapdeal.kernels.blocks import lazy_layer
+from mapdeal.layers.inflation import InflationLayer
+from mapdeal.layers.static import StaticLayer
 from mapdeal.ros.robot import ListedLayer
 
 DRAWING = """
@@ -85,7 +86,9 @@ def samples():
             mapdeal.ScoreBound("coverage", "min", 0.9, None),
             mapdeal.WallShift(1.0, 0.5, 0.25), mapdeal.Bound("max-shift", "m", 0.5, 0.25),
             mapdeal.LintReport((checked,), "1"), mapdeal.StaticLayer(), inflation,
-             mapdeal.DenoiseLayer(),
+            mapdeal.DenoiseLayer(), mapdeal.KeepoutFilter(), mapdeal.ObstacleLayer(),
+            mapdeal.VoxelLayer(), mapdeal.RangeSensorLayer(),
+            mapdeal.CostmapArea(60, 80, 0.05, (-2.0, 1.0), global_frame="odom"),
             mapdeal.RunReport(Path("out/a"), "done", {"esdf": field.figures()}, Path("a.yaml")),
             mapdeal.WrittenReport(Path("out/a.html"), 2, 61234),
             mapdeal.Transform(1.0, -2.0, 0.4), merged, merged.maps[1],

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
@@ -26,7 +26,6 @@ from mapdeal.kernels.distance import (
     within_distance,
 )
 from mapdeal.kernels.threads import use_threads
-from mapdeal.stages.layered_cost import queue_squares
 from strategies import masks
 
 pytestmark = pytest.mark.usefixtures("each_engine")
@@ -263,39 +262,6 @@ def test_large_shapes_equal_those_of_scipy(shape, density):
         rings = np.where(near < count, np.array(costs)[np.minimum(near, 79)], 5)
         expected = rings if marked.any() else values
         assert np.array_equal(ringed(values, marked, costs[:count]), expected)
-
-
-def queue_of_costmap_2d(seeds, reach):
-    """updateCosts of ROS 1's inflation_layer.cpp, cell by cell; None where it does not come."""
-    height, width = seeds.shape
-    bins = {0: [(my, mx, my, mx) for my, mx in np.argwhere(seeds).tolist()]}
-    found = np.full(seeds.shape, None)
-    level = 0
-    while level <= reach * reach:
-        entries = bins.get(level, [])
-        index = 0
-        while index < len(entries):  # it may grow
-            my, mx, sy, sx = entries[index]
-            index += 1
-            if found[my, mx] is not None:
-                continue
-            found[my, mx] = level
-            for ny, nx in ((my, mx - 1), (my - 1, mx), (my, mx + 1), (my + 1, mx)):
-                if 0 <= ny < height and 0 <= nx < width and found[ny, nx] is None:
-                    square = (ny - sy) ** 2 + (nx - sx) ** 2
-                    if square <= reach * reach:
-                        bins.setdefault(square, []).append((ny, nx, sy, sx))
-        level += 1
-    return found
-
-
-@settings(max_examples=60)
-@given(masks(longest=20), st.integers(0, 9))
-def test_the_queue_equals_its_original_cell_by_cell(seeds, reach):
-    made = queue_squares(seeds, reach)
-    expected = queue_of_costmap_2d(seeds, reach)
-    never = unreachable(made)
-    assert made.tolist() == [[never if one is None else one for one in row] for row in expected]
 
 
 MORE_DENSITIES = [pytest.param(d, marks=pytest.mark.thorough) for d in (0.0, 1e-6, 0.1, 0.9999)]

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from mapdeal import Footprint, OccupancyGrid, RobotParameters, apply_recipe, load_recipe
 from mapdeal.errors import ParameterError
-from mapdeal.grid.costmap import InflationLayer, StaticLayer
+from mapdeal.layers.inflation import InflationLayer
+from mapdeal.layers.static import StaticLayer
 from mapdeal.pipeline.recipe import step_for
 from mapdeal.ros.robot import ListedLayer
 from oracles import master_grid

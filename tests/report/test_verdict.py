@@ -59,18 +59,24 @@ def manifest_of(robot=None, **more):
     return {"stages": [{"inflate": {"radius": 0.3}}, {"cost": cost}], "robot": robot, **more}
 
 
-def robot_of(*ignored):
+def robot_of(*others):
     layers = [{"name": "inflation_layer"}]
-    layers += [{"name": f"l{k}", "ignored": why, "filter": k > 0} for k, why in enumerate(ignored)]
+    layers += [{"name": f"l{k}", **other} for k, other in enumerate(others)]
     return {"files": [{"name": "nav2.yaml"}], "costmap": "global", "layers": layers}
+
+
+SENSORS = {"needs": "observations", "enabled": True}
+FILTER = {"needs": "mask", "enabled": True, "filter": True}
 
 
 @pytest.mark.parametrize(("manifest", "state", "words"), [
     (manifest_of(), "warning", "walls inflated by 0.3 m, inscribed radius 0.2 m"),
-    (manifest_of(robot_of("reads sensors")), "good", "robot's own: global costmap of nav2.yaml"),
-    (manifest_of(robot_of("unknown plugin")), "warning", "lacks l0 (unknown plugin)"),
-    (manifest_of(robot_of("reads sensors", "a filter")), "warning", "l1, whose mask was not given"),
-    (manifest_of(robot_of("reads sensors", "a filter"), mask={"m.yaml": "0"}), "good", "own"),
+    (manifest_of(robot_of(SENSORS)), "good", "robot's own: global costmap of nav2.yaml"),
+    (manifest_of(robot_of({"ignored": "limits the speed"})), "good", "robot's own: global costmap"),
+    (manifest_of(robot_of({"ignored": "not modelled"})), "warning", "lacks l0 (not modelled)"),
+    (manifest_of(robot_of(SENSORS, FILTER)), "warning", "l1, whose mask was not given"),
+    (manifest_of(robot_of(SENSORS, FILTER | {"enabled": False})), "good", "own"),
+    (manifest_of(robot_of(SENSORS, FILTER), mask={"m.yaml": "0"}), "good", "own"),
     ({"stages": [{"cost": [1]}], "robot": 5}, None, ""),
     ({"stages": [{"cost": {"inflation_radius": "x"}}], "robot": 5}, "warning", "not made from"),
     ({"stages": [{"esdf": {}}]}, None, ""),

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from mapdeal import Footprint, RobotParameters
-from mapdeal.grid.costmap import DenoiseLayer, InflationLayer, StaticLayer
-from mapdeal.ros.robot import ListedLayer, effect_of, on_map, reach_of
+from mapdeal.layers.denoise import DenoiseLayer
+from mapdeal.layers.inflation import InflationLayer
+from mapdeal.layers.static import StaticLayer
+from mapdeal.ros.robot import ListedLayer, effect_of, on_map
 
 
 def _robot(*layers, track=True):
@@ -22,7 +24,7 @@ def _robot(*layers, track=True):
 
 
 USUAL = "occupancy 100 is lethal, all else free, unknown stays unknown"
-REPLACED = "no effect: a static layer above it replaces all costs"
+REPLACED = "no effect: a layer above it replaces all costs"
 BELOW = InflationLayer("below", 0.3, 0.7, 3.0)
 FAR = "cost 253 as far as 0.3 m from obstacles, then falling with cost_scaling_factor 3 "
 FAR += "as far as 0.7 m"
@@ -66,7 +68,8 @@ def test_layers_say_what_they_do_and_what_takes_that_away(layers, effects):
     [(0.45, 0.03, 16), (0.55, 0.05, 11), (0.551, 0.05, 12), (0.0, 0.05, 0), (0.01, 0.05, 1)],
 )
 def test_the_reach_is_counted_in_cells_of_the_message(radius, resolution, cells):
-    assert reach_of(InflationLayer(inflation_radius=radius), resolution) == cells
+    robot = _robot(StaticLayer(), InflationLayer(inflation_radius=radius))
+    assert on_map(robot, resolution)[0]["cell_inflation_radius"] == cells
     assert math.ceil(radius / float(np.float32(resolution))) == cells
 
 

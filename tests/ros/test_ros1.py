@@ -4,7 +4,8 @@ import json
 
 import pytest
 
-from mapdeal.grid.costmap import InflationLayer, StaticLayer
+from mapdeal.layers.inflation import InflationLayer
+from mapdeal.layers.static import StaticLayer
 from mapdeal.ros.robot import Problem
 from mapdeal.ros.ros1 import ros1_robot
 
@@ -54,7 +55,7 @@ def _as_recorded(robot):
     return {
         **{name: getattr(robot, name) for name in names},
         "padded_footprint": [list(corner) for corner in robot.footprint.vertices],
-        "ignored": [f"{one.name} ({one.plugin})" for one in robot.ignored],
+        "ignored": [f"{one.name} ({one.plugin})" for one in robot.layers if one.needs],
         "plugins": [{"name": one.name, "type": one.plugin} for one in robot.layers],
         "static_layers": of_layers(
             StaticLayer, "",

@@ -12,12 +12,14 @@ import oracles
 from drawn import grid_from_text
 from engines import ENGINES
 from mapdeal import MapdealWarning, OccupancyGrid, esdf, exponential_cost, layered_cost
-from mapdeal.grid.costmap import DenoiseLayer, InflationLayer, StaticLayer
 from mapdeal.kernels import engine
 from mapdeal.kernels.blocks import lazy_layer
+from mapdeal.layers.denoise import DenoiseLayer
+from mapdeal.layers.inflation import InflationLayer
+from mapdeal.layers.obstacle import ObstacleLayer
+from mapdeal.layers.static import StaticLayer
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.step import make_step
-from mapdeal.stages.layered_cost import costs_spread, queue_difference, raise_by_queue
 from recorded_costmaps import exponential_parameters, recorded_costmaps, sum_of
 from strategies import INFLATION_LAYERS, STATIC_LAYERS, occupancies
 
@@ -76,11 +78,17 @@ DENOISE = st.builds(
 )  # fmt: skip
 
 
+OBSTACLES = st.builds(
+    ObstacleLayer, track_unknown_space=st.booleans(), combination_method=st.sampled_from([0, 1, 2])
+)
+
+
 @pytest.mark.slow
 @settings(max_examples=80)
 @given(
     occupancies(), st.sampled_from([0.04, 0.1, 0.25, 0.7]),
-    st.lists(STATIC_LAYERS | INFLATION_LAYERS | DENOISE, max_size=4), st.sampled_from([0, 255]),
+    st.lists(STATIC_LAYERS | INFLATION_LAYERS | DENOISE | OBSTACLES, max_size=5),
+    st.sampled_from([0, 255]),
     st.integers(1, 13),
 )  # fmt: skip
 def test_any_sequence_of_layers_equals_brute_force(
@@ -148,49 +156,3 @@ def test_layers_in_recipes_settings_and_manifests(tmp_path):
         changes += [f"cost.{name}={value}" for name, value in more.items()]
         made = load_recipe("default", changes=changes).described()[-1]
         assert made == {"cost": {**told["cost"], **more}}
-
-
-@pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.thorough)])
-def test_the_queue_makes_the_costmaps_of_ros_1_and_of_older_nav2(real_maps, every):
-    """Byte for byte; and as many cells as in the recording differ from exact distances."""
-    cases = list(recorded_costmaps(real_maps))[::every]
-    assert len(cases) >= 120 // every
-    for count, case in enumerate(cases):
-        older = case.about.get("legacy") or case.about["ros1"]
-        layers = tuple(case.layers("exact"))
-        given = {"model": "layers", "layers": layers, "default_cost": case.default_cost}
-        short = exponential_parameters(layers, case.default_cost)
-        if count % 2 and short is not None:
-            given = {"model": "exponential", **short}
-        parameters = make_step("cost", given).parameters
-        if count % 3 == 0:
-            made = costs_spread(case.grid, parameters, raise_by_queue)
-            assert sum_of(made) == older["sha256"], case.about["id"]
-        exact = older.get("exact_distances", {"cells_that_differ": 0, "largest_difference": 0})
-        expected = (exact["cells_that_differ"], exact["largest_difference"])
-        assert tuple(queue_difference(case.grid, parameters)) == expected, case.about["id"]
-
-
-def test_only_costs_around_cells_that_the_queue_reaches_late_differ():
-    values = np.zeros((200, 230), np.int8)
-    values[np.random.default_rng(1).random(values.shape) < 0.004] = 100
-    grid = OccupancyGrid(values, 0.05, (1.5, -2.0, 0.4))
-    parameters = make_step("cost", {"inflation_radius": 1.0, "cost_scaling_factor": 3.0}).parameters
-    exact = exponential_cost(grid, **parameters).cost
-    queued = costs_spread(grid, parameters, raise_by_queue)
-    assert (queued <= exact).all()  # a longer distance is a lower cost
-    cells, largest = queue_difference(grid, parameters)
-    assert cells == np.count_nonzero(queued != exact) > 0
-    assert largest == int((exact.astype(int) - queued).max()) < 10
-    assert queue_difference(esdf(grid), parameters) == (cells, largest)
-    # none differ where the layer has no queue, or no reach
-    for inflation, differs in (
-        ({"lookup": "nav2", "inflation_radius": 1.0}, False),
-        ({"lookup": "exact", "inflation_radius": 0.0}, False),
-        ({"lookup": "exact", "inflation_radius": 1.0}, True),
-    ):
-        inflation["cost_scaling_factor"] = 1.0
-        layers = {"model": "layers", "layers": ["static", {"inflation": inflation}]}
-        for chosen in (inflation, layers):
-            difference = queue_difference(grid, make_step("cost", chosen).parameters)
-            assert (difference.cells > 0, difference != (0, 0)) == (differs, differs)

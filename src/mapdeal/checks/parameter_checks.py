@@ -21,7 +21,8 @@ from typing import Any
 from mapdeal.checks.facts import FilterFacts, ParameterFacts, RobotFacts, check
 from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, declare_check
 from mapdeal.errors import MapdealError
-from mapdeal.grid.costmap import InflationLayer
+from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
+from mapdeal.layers.inflation import InflationLayer
 from mapdeal.ros.filters import filter_servers
 from mapdeal.ros.load import Name, costmap_values, costmaps_in, flavour_of, found_in
 from mapdeal.ros.robot import (
@@ -60,37 +61,6 @@ _COSTMAP_OF = {
         "always_reset_initial_pose", "stamped_footprint",
     },
 }  # fmt: skip
-_STATIC = {
-    "enabled", "first_map_only", "footprint_clearing_enabled", "lethal_cost_threshold",
-    "map_subscribe_transient_local", "map_topic", "plugin", "restore_cleared_footprint",
-    "subscribe_to_updates", "track_unknown_space", "transform_tolerance", "trinary_costmap",
-    "unknown_cost_value", "use_maximum", "inscribed_obstacle_cost_value", "resize_master",
-}  # fmt: skip
-_INFLATION = {
-    "cost_scaling_factor", "custom_inscribed_radius", "enabled", "inflate_around_unknown",
-    "inflate_unknown", "inflation_radius", "num_threads", "plugin", "robot_radius",
-}  # fmt: skip
-_ASYMMETRIC = _INFLATION - {"cost_scaling_factor", "custom_inscribed_radius"} | {
-    "cost_scaling_factor_left", "cost_scaling_factor_right", "goal_distance_threshold",
-    "plan_topic",
-}  # fmt: skip
-_DENOISE = {"enabled", "group_connectivity_type", "minimal_group_size", "plugin"}
-_OBSTACLE = {
-    "clearing", "combination_method", "data_type", "enabled", "footprint_clearing_enabled",
-    "inf_is_valid", "mark_threshold", "marking", "max_obstacle_height", "max_obstacle_range",
-    "min_obstacle_height", "min_obstacle_range", "observation_sources", "obstacle_max_range",
-    "obstacle_min_range", "obstacle_range", "origin_z", "plugin", "publish_voxel_map",
-    "raytrace_max_range", "raytrace_min_range", "raytrace_range", "tf_filter_tolerance", "topic",
-    "track_unknown_space", "transform_tolerance", "unknown_threshold", "z_resolution", "z_voxels",
-    "sensor_frame", "observation_persistence", "expected_update_rate", "restore_cleared_footprint",
-    "max_obstacle_distance", "restore_outdated_obstacles", "tf_tolerance",
-}  # fmt: skip
-_BY_CLASS = {
-    "StaticLayer": _STATIC, "InflationLayer": _INFLATION, "LegacyInflationLayer": _INFLATION,
-    "AsymmetricInflationLayer": _ASYMMETRIC, "ObstacleLayer": _OBSTACLE, "VoxelLayer": _OBSTACLE,
-    "DenoiseLayer": _DENOISE,
-}  # fmt: skip
-
 LOOKS_LIKE_A_LAYER = frozenset(
     {"enabled", "plugin", "inflation_radius", "cost_scaling_factor", "observation_sources",
      "map_subscribe_transient_local", "map_topic", "inflate_unknown"}
@@ -105,19 +75,18 @@ OF_AN_IDLE_LAYER = frozenset(
 BELOW_INFLATION = frozenset({"inflation_radius", "cost_scaling_factor", "inflate_unknown"})
 """What an inflation layer reads; Nav2 does not hand it down from the costmap."""
 
-_ALL_LAYERS: tuple[str, ...] = (
-    "StaticLayer", "InflationLayer", "LegacyInflationLayer", "AsymmetricInflationLayer",
-)  # fmt: skip
-_OF_COSTMAP = dict.fromkeys(("footprint", "robot_radius", "footprint_padding"), _ALL_LAYERS)
+_CLASSES = tuple(map(class_name, NAV2_PLUGINS))
+_MODELLED = tuple(name for name in _CLASSES if name.endswith(("StaticLayer", "InflationLayer")))
+_OF_COSTMAP = dict.fromkeys(("footprint", "robot_radius", "footprint_padding"), _MODELLED)
 ABOVE_LAYERS: dict[Flavour, dict[str, tuple[str, ...]]] = {
     "ros1": _OF_COSTMAP,
     "nav2": _OF_COSTMAP
-    | dict.fromkeys(
-        ("track_unknown_space", "lethal_cost_threshold", "unknown_cost_value", "trinary_costmap",
-         "use_maximum", "inscribed_obstacle_cost_value"),
-        ("StaticLayer",),
-    ),
-}  # fmt: skip
+    | {
+        parameter: (class_name(plugin),)
+        for plugin, layer in NAV2_PLUGINS.items()
+        for parameter in layer.costmap_parameters
+    },
+}
 """Parameters of a costmap that have no effect below layers of these classes."""
 
 SECTIONS_OF_OLD = ("static_map", "map_type")  # what ROS 1 reads where there is no list of plugins
@@ -125,21 +94,17 @@ SECTIONS_OF_OLD = ("static_map", "map_type")  # what ROS 1 reads where there is 
 
 def known_names(flavour: Flavour, layer: str) -> frozenset[str]:
     """Return the names that a costmap knows, or a layer of a class; none of other classes."""
-    return frozenset(_BY_CLASS.get(layer, set()) if layer else _COSTMAP | _COSTMAP_OF[flavour])
+    if not layer:
+        return frozenset(_COSTMAP | _COSTMAP_OF[flavour])
+    layer_class = layer_named(layer)
+    return frozenset() if layer_class is None else layer_class.known_parameters(layer)
 
 
 _ALIKE = 0.85
 _MOST, _LONGEST = 1000, 60
 """Unknown names that are compared with all known ones, and the characters that they may have."""
-_MARKING = (
-    "StaticLayer", "ObstacleLayer", "VoxelLayer", "RangeSensorLayer", "NonPersistentVoxelLayer",
-    "SpatioTemporalVoxelLayer",
-)  # fmt: skip
-"""Classes that write lethal cells, by their names without a package."""
-
-
-def class_of(plugin: str) -> str:
-    return plugin.replace("/", "::").rpartition("::")[2]
+_OTHER_MARKING = ("NonPersistentVoxelLayer", "SpatioTemporalVoxelLayer")
+"""Classes that write lethal cells, besides those that mapdeal models."""
 
 
 @check(
@@ -149,15 +114,19 @@ def class_of(plugin: str) -> str:
 )
 def layer_after_inflation(facts: RobotFacts) -> Iterator[Remark]:
     inflation = None
-    for one in facts.robot.layers:
-        if not one.is_enabled or one.is_filter:
+    for listed in facts.robot.layers:
+        if not listed.is_enabled or listed.is_filter:
             continue
-        if isinstance(one.layer, InflationLayer):
-            inflation = one.name
-        elif inflation is not None and class_of(one.plugin) in _MARKING:
-            overwrites = one.layer is not None and not getattr(one.layer, "use_maximum", False)
+        name = class_name(listed.plugin)
+        layer_class = layer_named(name)
+        if layer_class is not None and layer_class.spreads:
+            inflation = listed.name
+        elif inflation is not None and (
+            name in _OTHER_MARKING or (layer_class is not None and layer_class.marks_obstacles)
+        ):
+            overwrites = listed.layer is not None and listed.layer.overwrites_all
             effect = "it overwrites the costs" if overwrites else "its obstacles are not inflated"
-            text = f"{one.name} comes after {inflation}: {effect}"
+            text = f"{listed.name} comes after {inflation}: {effect}"
             yield Remark(text, at=facts.value("plugins"))
 
 
@@ -172,7 +141,8 @@ def two_inflations(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.layer-disabled", "note", "a layer that is listed, and switched off")
 def layer_disabled(facts: RobotFacts) -> Iterator[Remark]:
     for one in facts.robot.layers:
-        is_last = isinstance(one.layer, InflationLayer) and not facts.robot.inflation_layers
+        is_inflation = one.layer is not None and one.layer.spreads
+        is_last = is_inflation and not facts.robot.inflation_layers
         if not one.is_enabled and not is_last:  # which params.no-inflation tells
             yield Remark(f"{one.name} is switched off", at=facts.value(one.name, "enabled"))
 
@@ -233,7 +203,7 @@ def _places(facts: ParameterFacts) -> Iterator[tuple[dict[Name, ParameterValue],
     own |= {path: one for path, one in facts.values.items() if len(path) == 1}
     yield own, known_names(facts.flavour, "")
     for name, plugin in dict(facts.plugins).items():
-        known = known_names(facts.flavour, class_of(plugin))
+        known = known_names(facts.flavour, class_name(plugin))
         if known:
             section = facts.sections.get(name, {})
             yield {path: one for path, one in section.items() if len(path) == 2}, known
@@ -248,7 +218,7 @@ def misplaced(facts: ParameterFacts) -> Iterator[Remark]:
             yield Remark(f"{path[0]} has no effect here: {where}", at=value)
         if len(path) == 2 and path[1] in ABOVE_LAYERS[facts.flavour]:
             classes = ABOVE_LAYERS[facts.flavour][path[1]]
-            if any(name == path[0] and class_of(kind) in classes for name, kind in facts.plugins):
+            if any(name == path[0] and class_name(kind) in classes for name, kind in facts.plugins):
                 text = f"{facts.shown(*path)} has no effect: it is a parameter of the costmap"
                 yield Remark(text, at=value)
 
@@ -274,7 +244,6 @@ _DECLARED: tuple[tuple[str, Severity, str], ...] = (
     ("type", "error", "a value of a type that ROS refuses"),
     ("silent-default", "warning",
      "a value of a wrong type in ROS 1, which silently takes its default, or rounds a number"),
-    ("sensor-type", "warning", "a value of a layer of sensors, of a type that Nav2 refuses"),
     ("not-finite", "error", "a number that is not finite"),
     ("not-positive", "error", "a number that must be above 0, or not below it"),
     ("range", "warning", "a number out of its range, which ROS moves into it, or takes as it is"),
@@ -288,6 +257,7 @@ _DECLARED: tuple[tuple[str, Severity, str], ...] = (
     ("too-large", "error", "a footprint that reaches farther than a kilometre"),
     ("plugins", "error", "layers that cannot be loaded"),
     ("not-modelled", "warning", "a layer that mapdeal does not know, and leaves out"),
+    ("erases-map", "warning", "an obstacle layer that replaces the map by free space"),
     ("footprint-clearing", "note", "a static layer that frees the cells below the robot"),
     ("inflation-radius", "error", "an inflation radius below the robot's inscribed radius"),
     ("custom-inscribed-radius", "warning", "an inscribed radius that is not the footprint's"),
@@ -295,6 +265,7 @@ _DECLARED: tuple[tuple[str, Severity, str], ...] = (
     ("no-static-layer", "warning", "a global costmap whose layers do not read the map"),
     ("other-map", "warning", "static layers that read different maps: all get the one here"),
     ("only-namespace", "warning", "a robot in a namespace that was not asked for"),
+    ("defaults", "warning", "the root node, of which the files say nothing: Nav2's defaults count"),
     ("no-node", "error", "a Nav2 file that says nothing of the costmap"),
     ("one-level", "error", "a costmap of Nav2 that is not nested twice, and so applies to no node"),
     ("hidden", "warning", "a later value that ROS 2 ignores for its type"),
@@ -357,7 +328,7 @@ def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
         return
     if robot.flavour == "nav2" and robot.inflation_layers:
         return  # of radius 0, which params.inflation-radius tells
-    listed = [one for one in robot.layers if isinstance(one.layer, InflationLayer)]
+    listed = [one for one in robot.layers if one.layer is not None and one.layer.spreads]
     why = "no inflation layer is listed" if not listed else f"{listed[0].name} is switched off"
     at = facts.value("plugins")
     if listed and listed[0].is_enabled:

@@ -39,7 +39,7 @@ from mapdeal.maps.png import write_indexed_png
 from mapdeal.pipeline.folder import files_of, step_line, written_line
 from mapdeal.pipeline.inputs import Map, Work, frame_of_file
 from mapdeal.pipeline.recipe import recipe_words, step_for, step_of_recipe
-from mapdeal.pipeline.run import SingleResult, apply_to_file, queue_lines
+from mapdeal.pipeline.run import SingleResult, apply_to_file
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.ros.robot import RobotParameters
@@ -131,14 +131,11 @@ def stage_app(name: str) -> typer.Typer:
             also_read=[*([] if robot is None else robot.paths), *read],
         )  # fmt: skip
         terminal.detail(f"{name}: {time.perf_counter() - started:.3f} s")
-        if robot is not None and terminal.is_verbose():
-            for line in queue_lines(source, [step], settings):
-                terminal.detail(line)
         if as_json:
             document = _document(source, step, made)
             terminal.result(json_of(document).decode().removesuffix("\n"))
         else:
-            written = written_line(output, made.figures, with_origin=first.moves)
+            written = written_line(output, made.figures, with_origin=step.moves)
             terminal.summary([written, *getattr(made.made, "lines", list)()])
 
     command.__name__ = name
@@ -304,7 +301,7 @@ def _is_of_point(step: Step, given: Mapping[str, object]) -> bool:
 def _warn_of_unused(step: Step, robot: RobotParameters) -> None:
     """Warn of a model, asked for by hand, that costs of a robot do not follow."""
     stage = step.stage
-    if stage.robot is None and stage.of_layers(robot.costmap_layers) is None:
+    if stage.robot is None and stage.parameters_from_layers(robot.costmap_layers) is None:
         emit_warning(
             f"--params-file: model {stage.model} takes no shape and no costs of it, only which "
             "occupancy is lethal"

@@ -23,7 +23,7 @@ from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.images import IMAGE_SUFFIXES
 from mapdeal.pictures.overlay import ImageExtent
-from mapdeal.pipeline.inputs import numbers_of
+from mapdeal.pipeline.inputs import numbers_of, used_mask
 from mapdeal.pipeline.settings import Settings
 from mapdeal.ros.robot import INJECTED, CostmapName, RobotParameters
 
@@ -129,11 +129,12 @@ def robot_parameters(
     dialect: Dialect,
     is_shape: bool = False,
     has_mask: bool = False,
+    has_pose: bool = False,
 ) -> RobotParameters | None:
-    """Return the robot that parameter files describe, if there are any, and say what is ignored.
+    """Return the robot that parameter files describe, if there are any, and report its layers.
 
-    Readers older than today's Nav2 stand for its older costmap, too. Nothing is said of layers to
-    those who want no more than the shape.
+    Readers older than today's Nav2 stand for its older costmap, too. Layers are not reported where
+    only the shape is wanted.
     """
     if not params_file:
         for option, value in (("--costmap", costmap), ("--namespace", namespace)):
@@ -150,16 +151,27 @@ def robot_parameters(
         is_shape=is_shape,
     )
     terminal.detail(f"robot: {robot!r}")
-    if not is_shape and any(one.name == INJECTED for one in robot.layers):
-        text = "the local costmap has no static layer; the map is put in front of its layers"
-        terminal.remark([f"{params_file[-1]}: {text}"])
-    ignored = [
-        f"{one.name} ({one.why_ignored})"
-        for one in robot.ignored
-        if not (has_mask and one.plugin.endswith("KeepoutFilter"))
+    if is_shape:
+        return robot
+    remarks = []
+    if not has_pose and any(listed.name == INJECTED for listed in robot.layers):
+        remarks.append(
+            "the local costmap has no static layer; the map is put in front of its layers"
+        )
+    ignored = [listed for listed in robot.ignored if not (has_pose and listed.layer is not None)]
+    reasons = [
+        f"{listed.name} ({listed.why_ignored or f'no {listed.needs}'})"
+        for listed in ignored
+        if not (has_mask and listed.needs == "mask")
     ]
-    if ignored and not is_shape:
-        terminal.remark([f"{params_file[-1]}: ignored: {', '.join(ignored)}"])
+    if reasons:
+        remarks.append(f"ignored: {', '.join(reasons)}")
+    remarks += [
+        f"{layer.name}: {layer.effect()}"
+        for layer in robot.costmap_layers.effective
+        if layer.needs == "observations"
+    ]
+    terminal.remark(f"{params_file[-1]}: {text}" for text in remarks)
     return robot
 
 
@@ -336,6 +348,7 @@ def with_shared_options(
                     dialect=dialect,
                     is_shape=is_shape,
                     has_mask=values.get("mask") is not None,
+                    has_pose=values.get("pose") is not None,
                 )
             if settings.resolution is not None and not _names_image(values):
                 rule = "applies to images without their .yaml, and none is named"
@@ -346,6 +359,8 @@ def with_shared_options(
                 piped(values, marked, ending=ending) as piped_values,
             ):
                 read = {name: piped_values.pop(name) for name in of_streams}
+                if "mask" in read and makes_costs(values):
+                    read["mask"] = used_mask(read["mask"], values.get("robot"))
                 function(**{**piped_values, "settings": replace(settings, **read)})
 
     typed: Any = command

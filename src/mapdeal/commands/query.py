@@ -239,9 +239,8 @@ def query(
     if footprint is None:
         answer = partial(_answers_of, _field_of(one, given))
     else:
-        costs = _costs_of(one, given, robot)
         mask = inputs.mask_of(settings.mask, settings, one.grid)
-        costs = costs if mask is None else mask.over(costs)
+        costs = _costs_of(one, given, robot, mask)
         answer = partial(_answers_at, costs, footprint, rule or "outline")
     asked = chain([first] if at else [], read(chunks, asked_in))
     return Answers(one, cast("Any", what), asked, asked_in, answer, settings.strict)
@@ -289,8 +288,9 @@ def _answers_of(field: DistanceField, asked: NumberLines) -> tuple[str, NDArray[
 
 
 def _costs_of(
-    one: inputs.MapInput, given: Mapping[str, Any], robot: RobotParameters | None
-) -> Costmap:
+    one: inputs.MapInput, given: Mapping[str, Any], robot: RobotParameters | None,
+    mask: inputs.KeepoutMask | None,
+) -> Costmap:  # fmt: skip
     """Return the costs in a file, or those of its map: a robot's, or of obstacles alone."""
     grid = one.grid
     if isinstance(grid, DistanceField):
@@ -304,20 +304,24 @@ def _costs_of(
             rule = "costs on the occupancy scale do not show what a footprint hits"
             hint = "mapdeal cost --model exponential writes costmap_2d's own as .npz"
             raise ParameterError(rule, source=one.name, hint=hint)
-        return grid
+        return grid if mask is None else mask.over(grid)
     inputs.warn_of_published_costs(one)
     inputs.warn_of_potential(one)
     with inputs.errors_named(one.name):
         if robot is not None:
-            return cast("Costmap", step_for("cost", robot, {}).apply(grid, one.path))
+            step = step_for("cost", robot, {})
+            if mask is not None:
+                return mask.costs_of(step, grid, one.path)[1]
+            return cast("Costmap", step.apply(grid, one.path))
         threshold = given.get("lethal_threshold", values.DEFAULT_LETHAL_THRESHOLD)
         table = values.static_layer_cost_from_occupancy(
             lethal_threshold=threshold, inscribed_value=None
         )
         of_unknown = {"free": values.FREE_SPACE, "occupied": values.LETHAL_OBSTACLE}
         table[values.UNKNOWN] = of_unknown.get(given.get("unknown", ""), values.NO_INFORMATION)
-        costs = look_up(one.occupancy.occupancy, table)
-        return Costmap(costs, one.occupancy.resolution, one.occupancy.origin)
+        cost = look_up(one.occupancy.occupancy, table)
+        costs = Costmap(cost, one.occupancy.resolution, one.occupancy.origin)
+        return costs if mask is None else mask.over(costs)
 
 
 def _answers_at(

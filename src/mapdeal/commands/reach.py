@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapdeal.command import Output, Words, command
 from mapdeal.errors import FindingError, MalformedInputError, ParameterError, emit_warning
-from mapdeal.grid.costmap import Costmap, InflationLayer
+from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -244,6 +244,8 @@ def reach_on_input(
             inputs.warn_of_potential(one)
             if robot is not None:
                 grid = lethal_costs(robot, one)
+                if mask is not None and robot.inflates_keepout and isinstance(grid, Costmap):
+                    grid, mask = mask.over(grid), None
         found = step.apply(grid, one.path, mask=None if mask is None else mask.grid)
     if not isinstance(found, Reach):
         raise TypeError("the stage reach must make a Reach")
@@ -253,13 +255,12 @@ def reach_on_input(
 def lethal_costs(robot: RobotParameters, one: inputs.MapInput) -> Grid:
     """Return what is lethal and what unknown to a robot on a map, and nothing else."""
     # Inscribed costs would cover unknown cells.
-    layers = (each for each in robot.layers if not isinstance(each.layer, InflationLayer))
     grid = one.grid
-    for step in load_recipe(None, robot=replace(robot, layers=tuple(layers))).steps:
+    for step in load_recipe(None, robot=robot.without_inflation()).steps:
         grid = step.apply(grid, one.path)
-    inflations = (each.layer for each in robot.layers if isinstance(each.layer, InflationLayer))
     if isinstance(grid, Costmap) and any(
-        layer.inflate_around_unknown and layer.inflation_radius > 0 for layer in inflations
+        layer.inflate_around_unknown and layer.inflation_radius > 0
+        for layer in robot.inflation_layers
     ):
         return grid.with_values(
             np.where(grid.cost == grid.unknown_value, LETHAL_OBSTACLE, grid.cost).astype(np.uint8)

@@ -36,9 +36,9 @@ from mapdeal.pipeline.run import (
     LOCAL_RECIPE,
     RunReport,
     around_in,
-    check_mask,
     output_folder,
     run_map,
+    used_mask,
 )
 from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.ros.robot import RobotParameters
@@ -147,7 +147,7 @@ def run(
         loaded = recipes.load_recipe(
             recipe, changes, footprint=footprint, sim=sim, robot_radius=robot_radius
         )
-        check_mask(loaded, mask)
+        settings = replace(settings, mask=used_mask(loaded, settings.mask))
         if not loaded.is_smaller:
             settings = replace(settings, canvas="crop")  # the same, as manifests tell it
         return run_map(source, Path(output) / source.stem, loaded, settings)
@@ -285,7 +285,7 @@ def run_maps(
     if not report:
         refuse("needs --report", start=start, goals=goals or None, points=points)
     loaded = recipes.load_recipe(recipe, changes, footprint=footprint, sim=sim, robot=robot)
-    check_mask(loaded, work.settings.mask)
+    used_mask(loaded, work.settings.mask)
     for step in loaded.steps:
         terminal.detail(step_line(step))
     if canvas == "full" and not loaded.is_smaller:
@@ -365,11 +365,6 @@ def run_maps(
         else:
             done = _run_one(all_jobs[0], map_run, workers, work)
             answer = RunAnswer(done, assumed if done.status == "done" else [], all_jobs[0])
-            if robot is not None and workers is None and terminal.is_verbose():
-                from mapdeal.pipeline.run import queue_lines  # few ask
-
-                for line in queue_lines(all_jobs[0].path, loaded.steps, settings):
-                    terminal.detail(line)
     if page is not None:
         made = [output] if is_batch else [all_jobs[0].folder]
         answer = replace(

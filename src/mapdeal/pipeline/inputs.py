@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol, TypedDict
+from typing import Any, Protocol, TypedDict, TypeVar, cast
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from mapdeal.grid.field import FieldView, PotentialField
 from mapdeal.grid.frame import Frame, Framed, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED
-from mapdeal.kernels.blocks import CacheBudget, lazy_layer
+from mapdeal.kernels.blocks import CacheBudget, lazy_layer, swept
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import thread_count, use_threads
@@ -41,6 +41,7 @@ from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import MapFile, Source, as_occupancy, open_map
 from mapdeal.pipeline.settings import Canvas, ProgressCallback, Settings
 from mapdeal.pipeline.step import Step
+from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import apply_keepout_mask
 
 _PER_PIXEL = 10  # bytes that pictures take while they are drawn, two at the same time
@@ -192,7 +193,7 @@ def claim_step(path: Path, grid: Grid, step: Step) -> None:
     """Refuse to apply a stage whose need of memory nobody knew before, if it is too much."""
     if grid.is_lazy:
         return
-    if step.stage.cells is None:
+    if step.stage.cells is None or not step.moves:
         claim_work(path, grid, step.memory, besides=step.stage.of_library)
         return
     with errors_named(path):
@@ -442,6 +443,9 @@ def sums_of(path: Path, settings: Settings) -> dict[str, str]:
         return file.sums_by_name({})
 
 
+Mask = TypeVar("Mask")
+
+
 @dataclass(frozen=True, eq=False)
 class KeepoutMask:
     """A keepout mask, and its files and their checksums."""
@@ -454,6 +458,26 @@ class KeepoutMask:
     def over(self, costs: Costmap) -> Costmap:
         with errors_named(self.path):
             return apply_keepout_mask(costs, self.grid)
+
+    def costs_of(self, step: Step, grid: Grid, path: Path | None) -> tuple[Costmap, Costmap]:
+        """Return the costs that a step makes of a grid, without the mask and with it."""
+        without = cast("Costmap", step.apply(grid, path))
+        if not step.accepts_mask:
+            return without, self.over(without)
+        with_mask = cast("Costmap", step.apply(grid, path, mask=self.grid))
+        rows_of_costs = swept(with_mask.cost)
+        if not any((with_mask.cost[rows] != without.cost[rows]).any() for rows in rows_of_costs):
+            emit_warning(f"{self.path}: the mask changes no cost", stacklevel=2)
+        return without, with_mask
+
+
+def used_mask(mask: Mask, robot: RobotParameters | None) -> Mask | None:
+    """Return a keepout mask, or None if a robot's layers ignore it, which is warned of."""
+    reason = None if robot is None or mask is None else robot.why_mask_unused
+    if reason is None:
+        return mask
+    emit_warning(f"the keepout mask has no effect: {reason} (params.mask-unused)", stacklevel=2)
+    return None
 
 
 def mask_of(given: Map | None, settings: Settings, *beside: Framed) -> KeepoutMask | None:

@@ -25,6 +25,7 @@ from mapdeal.grid.frame import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OneLine, check_choice
 from mapdeal.inputs.kinds import RECIPE, kind_of, other_kind, recognised
+from mapdeal.layers.stack import CostmapLayers
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.npz import Grid
 from mapdeal.pipeline.step import Step, make_step
@@ -173,14 +174,14 @@ def _at(entry: Entry, error: ParameterError, name: str) -> ParameterError:
     return error
 
 
-def draft_for(robot: RobotParameters) -> Draft:
-    """Return the stages that make a robot's costmap of a map."""
+def draft_for(layers: CostmapLayers) -> Draft:
+    """Return the stages that compute a robot's costmap of a map."""
     # Each stage knows whether it has a part in that; of several models the first one that can do
     # all that the layers do is taken.
     draft: Draft = []
     for name in STAGE_NAMES:
         for model, stage in models_of(name).items():
-            values = stage.of_layers(robot.costmap_layers)
+            values = stage.parameters_from_layers(layers)
             if values is not None:
                 given: dict[str, Any] = {} if model is None else {"model": model}
                 draft.append((name, Given({**given, **values})))
@@ -201,7 +202,9 @@ def planned_shape(robot: RobotParameters) -> Footprint:
 
 def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> Step:
     """Return the step of one stage for a robot; what is given wins over the robot's parameters."""
-    own = _own_of(name, robot, given.get("model"))
+    is_placed = given.get("pose") is not None or given.get("map_to_odom") is not None
+    layers = robot.layers_around_robot if is_placed else robot.costmap_layers
+    own = _own_of(name, layers, given.get("model"))
     if own is not None:
         for key, value in given.items():
             put_value(name, own, key, value)
@@ -210,18 +213,19 @@ def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> 
     values: dict[str, object] = {}
     if stage is not None and stage.robot is not None and stage.robot.replaces not in given:
         values |= stage.robot.parameters(robot.footprint)
-    if stage is not None and "lethal_threshold" in stage.parameters and robot.static_layers:
-        values["lethal_threshold"] = max(robot.static_layers[-1].lethal_cost_threshold, 1)
+    static_layers = robot.costmap_layers.static_layers
+    if stage is not None and "lethal_threshold" in stage.parameters and static_layers:
+        values["lethal_threshold"] = max(static_layers[-1].lethal_cost_threshold, 1)
     return make_step(name, {**values, **given})
 
 
-def _own_of(name: str, robot: RobotParameters, model: object) -> Given | None:
+def _own_of(name: str, layers: CostmapLayers, model: object) -> Given | None:
     """Return the parameters of a stage for a robot's layers, if it, or its model, follows them."""
-    own = dict(draft_for(robot)).get(name)
+    own = dict(draft_for(layers)).get(name)
     if own is None or model is None or model == own.get("model"):
         return own
     stage = _model_of(name, model)
-    values = None if stage is None else stage.of_layers(robot.costmap_layers)
+    values = None if stage is None else stage.parameters_from_layers(layers)
     if stage is not None and stage.robot is not None and values is None:
         rule = "cannot make what the layers of the parameter file make"
         hint = f"model {own['model']} can, which is taken without it"
@@ -233,12 +237,12 @@ def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
     """Make stages that look at a map for a robot read it as the robot's static layer does."""
     # This sets the occupancy at which a cell is lethal, and whether unknown cells are free. Values
     # set in the draft stay, and stages on a field or on costs do not need the first.
-    if not robot.static_layers:
+    layers = robot.costmap_layers
+    if not layers.static_layers:
         return
-    layer = robot.static_layers[-1]
-    threshold = max(layer.lethal_cost_threshold, 1)
+    threshold = max(layers.static_layers[-1].lethal_cost_threshold, 1)
     of_map = {} if threshold == DEFAULT_LETHAL_THRESHOLD else {"lethal_threshold": threshold}
-    of_all = {} if layer.track_unknown_space else {"through_unknown": True}
+    of_all = {} if layers.keeps_unknown else {"through_unknown": True}
     works_on: type[Any] = OccupancyGrid
     for name, given in draft:
         stage = next(iter(models_of(name).values()))
@@ -388,7 +392,7 @@ def load_recipe(
         robot = robot if footprint is None else robot.with_shape(footprint)
         footprint = robot.footprint
     if robot is not None and recipe is None:
-        draft, name, footprint = draft_for(robot), "of the robot", None
+        draft, name, footprint = draft_for(robot.costmap_layers), "of the robot", None
     else:
         name = DEFAULT if recipe is None else str(recipe)
         draft = _read_draft(name)

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mapdeal.command import Result
-from mapdeal.errors import MapdealError, ParameterError, emit_warning, kept_warnings, one_line
+from mapdeal.errors import ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import read_json
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import on_canvas
-from mapdeal.grid.costmap import CostCurve, Costmap, InflationLayer
+from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Figures, Frame
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -48,7 +48,6 @@ from mapdeal.pipeline.folder import (
 from mapdeal.pipeline.recipe import DEFAULT, Recipe, RecipeLike, load_recipe
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Canvas, Settings, heard, passes_reported
 from mapdeal.pipeline.step import Step, grid_of
-from mapdeal.stages.layered_cost import queue_difference
 
 if TYPE_CHECKING:  # only runs around a robot need what it imports
     from mapdeal.pipeline.local import Around
@@ -147,26 +146,28 @@ def products_of(
     """Yield the product of each step of a recipe; errors name the file of the grid, if any."""
     # With a canvas, each product is extended to it, which does not change what the steps compute. A
     # stage that moves the map makes a new canvas. A mask is laid over costs as they are written;
-    # steps after them work on the costs without it, since what it closes is no obstacle.
+    # steps after them work on the costs without it, because closed cells are not obstacles, unless
+    # the costs are inflated around it.
     is_elsewhere = False
-    keepout = None if mask is None else mask.grid
     for step in recipe.steps:
-        is_elsewhere = is_elsewhere or step.stage.moves
+        is_elsewhere = is_elsewhere or step.moves
         if is_elsewhere and path is not None:
             inputs.claim_step(path, grid, step)
-        made = step.apply(grid, path, mask=keepout)
-        if canvas is not None and step.stage.moves:
-            canvas = made.frame
-        if mask is None or not isinstance(made, Costmap):
-            yield Product(step, made if canvas is None else on_canvas(made, canvas))
+        if mask is not None and step.stage.makes is Costmap:
+            without, costs = mask.costs_of(step, grid, path)
+            product: Grid = costs if step.accepts_mask else without
+            if canvas is not None:
+                canvas = costs.frame if step.moves else canvas
+                without, costs = on_canvas(without, canvas), on_canvas(costs, canvas)
+            overlay = KeepoutOverlay.of(without, costs)
+            yield Product(step, costs, mask=Path(mask.path).name, overlay=overlay)
         else:
-            masked = mask.over(made)
-            before = made if canvas is None else on_canvas(made, canvas)
-            after = masked if canvas is None else on_canvas(masked, canvas)
-            overlay = KeepoutOverlay.of(before, after)
-            yield Product(step, after, mask=Path(mask.path).name, overlay=overlay)
+            product = step.apply(grid, path, mask=None if mask is None else mask.grid)
+            if canvas is not None and step.moves:
+                canvas = product.frame
+            yield Product(step, product if canvas is None else on_canvas(product, canvas))
         if step.stage.hands_on:
-            grid = made
+            grid = product
 
 
 def apply_recipe(
@@ -221,8 +222,7 @@ def apply_recipe(
     loaded = load_recipe(recipe, changes, footprint=footprint, sim=sim, robot_radius=robot_radius)
     made = {}
     whole = grid.frame if canvas == "full" else None
-    check_mask(loaded, mask)
-    over = inputs.mask_of(mask, DEFAULT_SETTINGS)
+    over = inputs.mask_of(used_mask(loaded, mask), DEFAULT_SETTINGS)
     for product in products_of(loaded, grid, None, canvas=whole, mask=over):
         made[product.step.name] = product.grid
         remark = product.step.remark_on(product.grid.figures())
@@ -313,12 +313,14 @@ def output_folder(
     )
 
 
-def check_mask(recipe: Recipe, mask: object) -> None:
-    """Raise ParameterError if a keepout mask has no effect on what a recipe makes."""
-    stages = [step.stage for step in recipe.steps]
-    if mask is not None and not any(one.makes is Costmap or one.minds_mask for one in stages):
+def used_mask(recipe: Recipe, mask: inputs.Mask) -> inputs.Mask | None:
+    """Return a keepout mask, or None if the recipe's robot ignores it; refuse it without costs."""
+    if mask is not None and not any(
+        step.stage.makes is Costmap or step.accepts_mask for step in recipe.steps
+    ):
         rule = "the recipe makes no costs, which alone a mask applies to"
         raise ParameterError(rule, place="mask")
+    return inputs.used_mask(mask, recipe.robot)
 
 
 @dataclass(frozen=True)
@@ -354,16 +356,19 @@ def apply_to_file(
             inputs.errors_named(path),
         ):
             taken = source.grid if stage.edits else step.taken(source.grid, path)
-            if stage.moves:
+            if step.moves:
                 inputs.claim_step(path, taken, step)
-            made = step.result_of(taken, path)
+            masked: Costmap | None = None
+            if over is not None and stage.makes is Costmap:
+                made, masked = over.costs_of(step, taken, path)
+            else:
+                made = step.result_of(taken, path)
             grid, title = grid_of(made), step.title
             costs = step.curve_on(taken) if curve is not None or with_curve else None
             if curve is not None and costs is None:
                 raise step.no_curve()
             overlays = robot_overlays(step)
-            if over is not None and isinstance(grid, Costmap):
-                masked = over.over(grid)
+            if over is not None and masked is not None and isinstance(grid, Costmap):
                 overlays.insert(0, KeepoutOverlay.of(grid, masked))
                 grid, title = masked, f"{title}, with {Path(over.path).name}"
             title = f"{path.stem}: {title}"
@@ -416,29 +421,3 @@ def _add_changes(
         changes, before.frame, title=one_line(title), image_extent=extent, style=style
     )
     write_image(transaction, settings.image, lambda: image)
-
-
-_PER_CELL = 60.0  # bytes for each cell that the queue takes, measured and rounded up
-
-
-def queue_lines(path: Path, steps: Sequence[Step], settings: Settings) -> Iterator[str]:
-    """Yield how costs of exact distances differ from those of an older inflation layer's queue."""
-    for step in steps:
-        layers = step.parameters.get("layers")
-        lookups = [step.parameters.get("lookup")]
-        if layers is not None:
-            lookups = [one.lookup for one in layers if isinstance(one, InflationLayer)]
-        if "exact" not in lookups:
-            continue
-        try:
-            with settings.reading(), kept_warnings():  # said when the costs were made
-                taken: Any = step.taken(inputs.read_input(path, settings, _PER_CELL).grid)
-                cells, largest = queue_difference(taken, step.parameters)
-        except MapdealError as error:
-            text = f"the queue of older inflation layers is not compared: {error.rule}"
-        else:
-            known = {0: "no cell differs", 1: "1 cell differs"}
-            differ = known.get(cells, f"{cells} cells differ")
-            text = f"{differ} from the queue of older inflation layers"
-            text += f", by {largest} at most" if cells else ""
-        yield f"{step.name}: {text}"

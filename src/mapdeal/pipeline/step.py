@@ -11,16 +11,17 @@ from typing import Any
 from mapdeal.command import Stage, accept_parameters, unknown_name, unknown_parameter
 from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.grid.canvas import FieldGrid
-from mapdeal.grid.costmap import CostCurve, CostmapLayer
+from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.field import DistanceField, FieldView
 from mapdeal.grid.frame import Figures, Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
+from mapdeal.layers.area import CostmapArea
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import as_occupancy
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
 from mapdeal.stages.esdf import field_view
-from mapdeal.stages.structured import described_goals, described_layer
+from mapdeal.stages.structured import described_goals
 
 
 @dataclass(frozen=True)
@@ -40,9 +41,17 @@ class Step:
     @property
     def memory(self) -> float:
         """Bytes for each cell of a map in memory, see `Stage`; 0 if `claim_step` does that."""
-        if self.stage.cells is not None:
+        if self.stage.cells is not None and self.moves:
             return 0.0
         return self.stage.memory + self.stage.more_memory(self.parameters)
+
+    @property
+    def moves(self) -> bool:
+        return self.stage.moves(self.parameters)
+
+    @property
+    def accepts_mask(self) -> bool:
+        return self.stage.accepts_mask(self.parameters)
 
     @property
     def is_whole(self) -> bool:
@@ -61,7 +70,7 @@ class Step:
         """Return what the stage returns; errors name the file that `taken` came from, if any."""
         known = self.stage.own_parameters
         values = {known[key].name: value for key, value in self.parameters.items()}
-        if mask is not None and self.stage.minds_mask:
+        if mask is not None and self.accepts_mask:
             values["mask"] = mask
         try:
             return self.stage.function(taken, **values)
@@ -162,10 +171,10 @@ def _in_model(
 def _plain(value: Any) -> Any:
     if hasattr(value, "vertices"):
         return [list(vertex) for vertex in value.vertices] or {"radius": value.radius}
-    if isinstance(value, Frame):
-        return {key: _plain(one) for key, one in asdict(value).items()}
-    if isinstance(value, CostmapLayer):
-        return described_layer(value)
+    if isinstance(value, Frame | CostmapArea):
+        return {key: _plain(field) for key, field in asdict(value).items()}
+    if hasattr(value, "described"):
+        return value.described()
     if isinstance(value, tuple) and value and all(isinstance(one, Goal) for one in value):
         return described_goals(value)
     return [_plain(one) for one in value] if isinstance(value, tuple) else value

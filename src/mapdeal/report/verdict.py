@@ -22,7 +22,7 @@ _NEARLY_ALL = 0.9
 
 _FEWEST_SHARING = 2
 
-_OF_SENSORS = "reads sensors"
+_NOT_MODELLED = "not modelled"
 """Why a map's costs lack a layer of a robot's costmap: it would add nothing to them."""
 
 _ABOUT_COSTS = {
@@ -92,12 +92,16 @@ def _on_robot(robot: Mapping[str, Any], *, has_mask: bool) -> Claim:
     files = [str(one.get("name")) for one in _dicts_in(robot.get("files"))]
     text = f"The costmap is the robot's own: {robot.get('costmap')} costmap"
     text += f" of {', '.join(files)}" if files else ""
+    layers = _dicts_in(robot.get("layers"))
     left_out = [
-        f"{one.get('name')}, whose mask was not given (--mask)"
-        if one.get("filter")
-        else f"{one.get('name')} ({one.get('ignored')})"
-        for one in _dicts_in(robot.get("layers"))
-        if one.get("ignored") not in (None, _OF_SENSORS) and not (has_mask and one.get("filter"))
+        f"{layer.get('name')} (not modelled)"
+        for layer in layers
+        if layer.get("ignored") == _NOT_MODELLED
+    ]
+    left_out += [
+        f"{layer.get('name')}, whose mask was not given (--mask)"
+        for layer in layers
+        if layer.get("needs") == "mask" and layer.get("enabled") and not has_mask
     ]
     if left_out:
         text += f", but lacks {', '.join(left_out)}"

@@ -18,7 +18,7 @@ _KEY = b"ros__parameters"
 _LARGEST = 1 << 24
 _OF_COSTS = frozenset(
     {"params.custom-inscribed-radius", "params.inflation-radius", "params.no-static-layer",
-     "params.not-modelled", "params.other-map", "params.sensor-type"}
+     "params.not-modelled", "params.other-map", "params.erases-map"}
 )  # fmt: skip
 """Warnings that matter to a robot's costs alone."""
 

@@ -2,8 +2,7 @@
 
 References
 ----------
-costmap_2d_ros.cpp, static_layer.cpp, inflation_layer.cpp, legacy_inflation_layer.cpp,
-asymmetric_inflation_layer.cpp, denoise_layer.cpp and costmap_plugins.xml of nav2_costmap_2d;
+costmap_2d_ros.cpp and costmap_plugins.xml of nav2_costmap_2d;
 ``Costmap2DROS::init``, ``getParameters`` and ``setRobotFootprint`` of costmap_2d_ros.cpp;
 rclcpp's declaration of parameters, which refuses values of another type.
 """
@@ -17,10 +16,14 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.grid.costmap import DenoiseLayer, InflationLayer, StaticLayer
 from mapdeal.grid.frame import as_float32
+from mapdeal.layers.area import CostmapArea
+from mapdeal.layers.catalogue import NAV2_PLUGINS
+from mapdeal.layers.layer import PluginEntry
 from mapdeal.ros.robot import (
+    ERASES,
     INJECTED,
+    NOT_MODELLED,
     Corners,
     CostmapName,
     FootprintStringError,
@@ -31,7 +34,7 @@ from mapdeal.ros.robot import (
     Problem,
     RobotParameters,
     corners_of_string,
-    inflation_too_small,
+    erasing_layers,
     most_alike,
     padded_corners,
     shape_of,
@@ -116,10 +119,8 @@ class Nav2Values:
             hint = "launch files replace it; pass the file that the node gets, or write the value"
             self.problem("params.substitution", level, f"must be {wanted}", name, hint)
             return
-        end = "Nav2 does not start" if level == "refused" else "the real node does not start"
-        check = "params.type" if level == "refused" else "params.sensor-type"
-        text = f"must be {wanted}, is {given}; {end}"
-        self.problem(check, level, text, name, _hint(kind, found))
+        text = f"must be {wanted}, is {given}; Nav2 does not start"
+        self.problem("params.type", level, text, name, _hint(kind, found))
 
     def _tell_twice(self, name: str, found: ParameterValue, before: ParameterValue) -> None:
         text = f"appears twice, on lines {before.line} and {found.line}"
@@ -162,59 +163,29 @@ def _hint(kind: str, found: ParameterValue) -> str | None:
 
 
 _OWN = "nav2_costmap_2d::"
-_STATIC, _INFLATION = _OWN + "StaticLayer", _OWN + "InflationLayer"
-_LEGACY, _ASYMMETRIC = _OWN + "LegacyInflationLayer", _OWN + "AsymmetricInflationLayer"
-_INFLATIONS = (_INFLATION, _LEGACY, _ASYMMETRIC)
-_OBSTACLE, _VOXEL, _RANGE = (
-    _OWN + name for name in ("ObstacleLayer", "VoxelLayer", "RangeSensorLayer")
-)
-_DENOISE, _CONTAINER = _OWN + "DenoiseLayer", _OWN + "PluginContainerLayer"
-_UNMODELLED = {_CONTAINER: "contains layers of its own"}
-_FILTERS = tuple(
-    _OWN + name for name in ("KeepoutFilter", "SpeedFilter", "BinaryFilter", "ZoneParameterFilter")
-)
-_GUESSED = (_STATIC, _INFLATION, _OBSTACLE, _VOXEL, *_FILTERS)
-_LAYERS = (_STATIC, *_INFLATIONS, _DENOISE, _OBSTACLE, _VOXEL, _RANGE, *_UNMODELLED)
+_STATIC = _OWN + "StaticLayer"
+_CONTAINER = _OWN + "PluginContainerLayer"
+_WITHOUT_COSTS = {
+    _OWN + "SpeedFilter": "limits the speed, and sets no costs",
+    _OWN + "BinaryFilter": "switches a topic, and sets no costs",
+    _OWN + "ZoneParameterFilter": "changes parameters, and sets no costs",
+}
+_FILTERS = (_OWN + "KeepoutFilter", *_WITHOUT_COSTS)
+_KNOWN = (*NAV2_PLUGINS, *_WITHOUT_COSTS, _CONTAINER)
 _LONGEST = 100  # characters of a name that are compared with names of classes
 _MOST_LAYERS = 200
 
-_SENSORS = (
-    "obstacle", "voxel", "range", "sonar", "cloud", "scan", "laser", "lidar", "camera", "depth",
-    "segmentation", "semantic", "observation", "detection", "people", "person", "social",
-    "proxemic", "dynamic", "tracking", "radar", "ultrasonic", "bumper", "cliff", "sensor", "ground",
-)  # fmt: skip
-"""Words in the names of layers that do nothing without live data."""
-
-_SENSES = "reads sensors"
-
 _DEFAULTS = {
-    "static_layer": _STATIC, "obstacle_layer": _OBSTACLE, "inflation_layer": _INFLATION,
-}  # fmt: skip
+    "static_layer": _STATIC,
+    "obstacle_layer": _OWN + "ObstacleLayer",
+    "inflation_layer": _OWN + "InflationLayer",
+}
 """The layers of a costmap without a list of plugins."""
 
 _NEWER = frozenset(
     {"inscribed_obstacle_cost_value", "subscribe_to_stamped_footprint",
      "footprint_clearing_enabled", "restore_cleared_footprint"}
 )  # fmt: skip
-_STATIC_PARAMETERS = {
-    "subscribe_to_updates": "bool", "map_subscribe_transient_local": "bool",
-    "footprint_clearing_enabled": "bool", "restore_cleared_footprint": "bool",
-    "map_topic": "string", "transform_tolerance": "double",
-}  # fmt: skip
-_SENSOR_PARAMETERS = {
-    "enabled": "bool", "footprint_clearing_enabled": "bool", "min_obstacle_height": "double",
-    "max_obstacle_height": "double", "combination_method": "integer",
-    "observation_sources": "string", "origin_z": "double", "z_resolution": "double",
-    "z_voxels": "integer", "unknown_threshold": "integer", "mark_threshold": "integer",
-    "publish_voxel_map": "bool",
-}  # fmt: skip
-_SOURCE_PARAMETERS = {
-    "topic": "string", "sensor_frame": "string", "observation_persistence": "double",
-    "expected_update_rate": "double", "data_type": "string", "min_obstacle_height": "double",
-    "max_obstacle_height": "double", "inf_is_valid": "bool", "marking": "bool",
-    "clearing": "bool", "obstacle_max_range": "double", "obstacle_min_range": "double",
-    "raytrace_max_range": "double", "raytrace_min_range": "double",
-}  # fmt: skip
 
 
 def _listed_layers(values: Nav2Values, inscribed: float) -> tuple[ListedLayer, ...] | None:
@@ -233,7 +204,8 @@ def _listed_layers(values: Nav2Values, inscribed: float) -> tuple[ListedLayer, .
     of_layers = zip(names, kinds[: len(names)], strict=True)
     of_filters = zip(filters, kinds[len(names) :], strict=True)
     found = [_layer(values, name, kind, inscribed) for name, kind in of_layers]
-    found += [_filter(values, name, kind, is_filter=True) for name, kind in of_filters]
+    found += [replace(_layer(values, name, kind, inscribed), is_filter=True)
+              for name, kind in of_filters]  # fmt: skip
     _tell_topics(values, found)
     return tuple(found)
 
@@ -243,7 +215,7 @@ def _tell_topics(values: Nav2Values, layers: list[ListedLayer]) -> None:
     own_map = values.get("map_topic", "string", "map")
     first: str | None = None
     for one in layers:
-        if not (isinstance(one.layer, StaticLayer) and one.is_enabled):
+        if one.plugin != _STATIC or not one.is_enabled:
             continue
         parameter = f"{one.name}.map_topic"
         topic = (values.get(parameter, "string", "") or own_map).lstrip("/")
@@ -253,26 +225,6 @@ def _tell_topics(values: Nav2Values, layers: list[ListedLayer]) -> None:
         first = first or topic
 
 
-def _static_layer(values: Nav2Values, name: str) -> StaticLayer:
-    lethal = values.get("lethal_cost_threshold", "integer", 100)
-    clamped = max(min(lethal, 100), 0)
-    if clamped != lethal:
-        text = f"must be 0 .. 100; the static layer takes it for {clamped}"
-        values.problem("params.range", "warning", text, "lethal_cost_threshold")
-    inscribed = None
-    if not values.older:
-        inscribed = values.get("inscribed_obstacle_cost_value", "integer", 99) % 256
-    return StaticLayer(
-        name=name,
-        track_unknown_space=values.flag("track_unknown_space"),
-        lethal_cost_threshold=clamped,
-        trinary_costmap=values.flag("trinary_costmap", True),
-        unknown_cost_value=values.get("unknown_cost_value", "integer", 255) % 256,
-        inscribed_obstacle_cost_value=inscribed,
-        use_maximum=values.flag("use_maximum"),
-    )
-
-
 def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
     """Return the class of a layer or filter, or the one that is meant; None if none is given."""
     parameter = f"{name}.plugin"
@@ -280,9 +232,9 @@ def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
     if kind is None:
         if parameter not in values.given:
             text = f"{name} is listed, but has no {parameter}; Nav2 does not start"
-            alike = [one.removeprefix(_OWN).lower() for one in _GUESSED]
+            alike = [plugin.removeprefix(_OWN).lower() for plugin in _KNOWN]
             near = most_alike(name.replace("_", "").lower()[:_LONGEST], alike, least=0.0)
-            guess = _GUESSED[alike.index(near or "")]
+            guess = _KNOWN[alike.index(near or "")]
             hint = f'write {name}: {{plugin: "{guess}"}}, or take it out of the list'
             is_filter = name in values.get("filters", "string_array", ())
             place = "filters" if is_filter else "plugins"
@@ -297,153 +249,48 @@ def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
 
 def _meant_by(kind: str) -> str | None:
     """Return the class that is meant by one that pluginlib cannot load; None if it may."""
-    known = (*_LAYERS, *_FILTERS)
-    if kind in known:
+    if kind in _KNOWN:
         return None
     package, _, plain = kind.replace("::", "/").rpartition("/")
     own = _OWN + plain
-    if own in known and package in ("nav2_costmap_2d", "costmap_2d", ""):
+    if own in _KNOWN and package in ("nav2_costmap_2d", "costmap_2d", ""):
         return own  # a slash, ROS 1's package, or none
-    return most_alike(kind[:_LONGEST], known)
+    return most_alike(kind[:_LONGEST], _KNOWN)
 
 
 def _layer(values: Nav2Values, name: str, kind: str, inscribed: float) -> ListedLayer:
-    if kind == _STATIC:
-        return _static(values, name)
-    if kind in _INFLATIONS:
-        layer = _inflation(values, name, kind, inscribed)
-        return ListedLayer(name, kind, layer, values.flag(f"{name}.enabled", True))
-    if kind == _DENOISE:
-        return ListedLayer(name, kind, _denoise(values, name), values.flag(f"{name}.enabled", True))
-    if kind in (_OBSTACLE, _VOXEL, _RANGE):
-        return ListedLayer(name, kind, None, _sensor(values, name), why_ignored=_SENSES)
-    return _foreign(values, name, kind)
-
-
-def _static(values: Nav2Values, name: str) -> ListedLayer:
-    is_enabled = values.flag(f"{name}.enabled", True)
-    values.look_at(_STATIC_PARAMETERS, f"{name}.")
-    parameter = f"{name}.footprint_clearing_enabled"
-    if not values.older and values.flag(parameter):
-        text = "frees the cells below the robot; that depends on where it is, and is left out"
-        values.problem("params.footprint-clearing", "note", text, parameter)
-    return ListedLayer(name, _STATIC, _static_layer(values, name), is_enabled)
-
-
-def _inflation(values: Nav2Values, name: str, kind: str, inscribed: float) -> InflationLayer:
-    is_asymmetric, older = kind == _ASYMMETRIC, values.older or kind == _LEGACY
-    radius = values.number(f"{name}.inflation_radius", 2.0 if is_asymmetric else 0.55)
-    if is_asymmetric:
-        factor = _factor_without_path(values, name)
+    layer_class = NAV2_PLUGINS.get(kind)
+    # nav2_bringup's own file leaves it to launch files whether a filter is enabled
+    is_known = layer_class is not None and kind not in _FILTERS
+    if is_known:
+        is_enabled = values.flag(f"{name}.enabled", True)
     else:
-        factor = values.number(f"{name}.cost_scaling_factor", 10.0, least=0.0)
-    if not older:
-        values.get(f"{name}.num_threads", "integer", -1)
-    if not (older or is_asymmetric):
-        parameter = f"{name}.custom_inscribed_radius"
-        custom = values.number(parameter, -1.0)
-        if custom >= 0.0:
-            text = f"takes the place of the footprint's own inscribed radius, {inscribed:.4g} m"
-            hint = "unsafe unless all that reads the costmap is made for it; remove it"
-            values.problem("params.custom-inscribed-radius", "warning", text, parameter, hint)
-            inscribed = custom
-    if radius < inscribed:
-        text, hint = inflation_too_small(radius, inscribed)
-        values.problem("params.inflation-radius", "warning", text, f"{name}.inflation_radius", hint)
-    return InflationLayer(
-        name=name,
-        inscribed_radius=inscribed,
-        inflation_radius=max(radius, 0.0),
-        cost_scaling_factor=factor,
-        inflate_unknown=values.flag(f"{name}.inflate_unknown"),
-        inflate_around_unknown=values.flag(f"{name}.inflate_around_unknown"),
-        lookup="exact" if older else "nav2",
-    )
-
-
-def _denoise(values: Nav2Values, name: str) -> DenoiseLayer:
-    size, joined = f"{name}.minimal_group_size", f"{name}.group_connectivity_type"
-    minimal, connectivity = values.get(size, "integer", 2), values.get(joined, "integer", 8)
-    if minimal <= 1:
-        values.problem("params.range", "warning", "must be above 1; the layer has no effect", size)
-    if connectivity not in (4, 8):
-        values.problem("params.range", "warning", "must be 4 or 8; Nav2 uses 8", joined)
-        connectivity = 8
-    return DenoiseLayer(name, max(minimal, 1), connectivity)
-
-
-def _factor_without_path(values: Nav2Values, name: str) -> float:
-    """Return the factor of both sides where there is no path: the larger one counts."""
-    for parameter, kind, least in (
-        (f"{name}.inflation_radius", "double", 0), (f"{name}.num_threads", "integer", -1),
-        (f"{name}.cost_scaling_factor_left", "double", 0),
-        (f"{name}.cost_scaling_factor_right", "double", 0),
-        (f"{name}.goal_distance_threshold", "double", 0), ("transform_tolerance", "double", 0),
-    ):  # fmt: skip
-        if values.get(parameter, kind, least) < least:
-            text = f"must not be below {least}; Nav2 does not start"
-            values.problem("params.not-positive", "refused", text, parameter)
-    values.get(f"{name}.plan_topic", "string", None)
-    sides = {side: f"{name}.cost_scaling_factor_{side}" for side in ("left", "right")}
-    factors = {side: values.number(parameter, 4.0) for side, parameter in sides.items()}
-    wider = min(factors, key=factors.__getitem__)
-    factor = max(factors.values())
-    if factors[wider] < factor:
-        text = f"raises costs {wider} of the robot's path; here there is no path, and {factor:g} "
-        text += "counts on both sides"
-        place = next(one for one in (sides[wider], *sides.values()) if one in values.given)
-        values.problem("params.asymmetric", "note", text, place)
-    return factor
-
-
-def _sensor(values: Nav2Values, name: str) -> bool:
-    """Return whether a layer of sensors is on; other types in it end the node all the same."""
-    sources = set(values.get(f"{name}.observation_sources", "string", "", level="warning").split())
-    for parameter in values.given:
-        prefix, _, own = parameter.removeprefix(f"{name}.").rpartition(".")
-        kinds = _SOURCE_PARAMETERS if prefix in sources else {} if prefix else _SENSOR_PARAMETERS
-        if own in kinds and parameter.startswith(f"{name}."):
-            values.get(parameter, kinds[own], None, level="warning")
-    return bool(values.get(f"{name}.enabled", "bool", True, level="warning"))
-
-
-def _foreign(values: Nav2Values, name: str, kind: str) -> ListedLayer:
-    """Return a layer that is not modelled, and warn unless it needs live data."""
-    if kind in _FILTERS:
-        return _filter(values, name, kind)
-    is_enabled = _enabled_of_any(values, name)
-    plain = kind.replace("::", "/").rpartition("/")[2].lower()
-    if kind not in _UNMODELLED and any(word in plain for word in _SENSORS):
-        return ListedLayer(name, kind, None, is_enabled, why_ignored=_SENSES)
-    what = _UNMODELLED.get(kind, "a custom class")
+        found = values.given.get(f"{name}.enabled")
+        is_enabled = found is None or found.value is not False
+    if layer_class is not None:
+        layer = layer_class.from_nav2(values, PluginEntry(name, kind, inscribed))
+        return ListedLayer(name, kind, layer, is_enabled)
+    if kind in _WITHOUT_COSTS:
+        return ListedLayer(name, kind, None, is_enabled, why_ignored=_WITHOUT_COSTS[kind])
     if is_enabled:
+        consequence = "its costs are left out"
         if kind == _CONTAINER:
-            _tell_contents(values, name)
-        text = f"{kind} is not modelled, which changes the costs: {what}"
+            consequence = "the layers that it contains are left out"
+            _refuse_contents(values, name)
+        text = f"{kind} is not modelled: {consequence}"
         values.problem("params.not-modelled", "warning", text, f"{name}.plugin")
-    return ListedLayer(name, kind, None, is_enabled, why_ignored=f"not modelled: {what}")
+    return ListedLayer(name, kind, None, is_enabled, why_ignored=NOT_MODELLED)
 
 
-def _tell_contents(values: Nav2Values, name: str) -> None:
-    """Refuse a container whose layers make the costs: without them, hardly any are left."""
-    for one in values.get(f"{name}.plugins", "string_array", ()):
-        parameter = f"{name}.{one}.plugin"
-        if values.get(parameter, "string", "") in (_STATIC, *_INFLATIONS):
+def _refuse_contents(values: Nav2Values, name: str) -> None:
+    """Refuse a container with layers whose costs matter: without them, hardly any are left."""
+    for contained in values.get(f"{name}.plugins", "string_array", ()):
+        parameter = f"{name}.{contained}.plugin"
+        layer_class = NAV2_PLUGINS.get(values.get(parameter, "string", ""))
+        if layer_class is not None and not layer_class.needs:
             text = f"stands in {name}, whose layers are not modelled; the costs are meaningless"
-            hint = f"list {one} in plugins itself"
+            hint = f"list {contained} in plugins itself"
             values.problem("params.plugins", "refused", text, parameter, hint)
-
-
-def _filter(values: Nav2Values, name: str, kind: str, *, is_filter: bool = False) -> ListedLayer:
-    is_enabled = _enabled_of_any(values, name)
-    why = "a filter without its mask"
-    return ListedLayer(name, kind, None, is_enabled, is_filter=is_filter, why_ignored=why)
-
-
-def _enabled_of_any(values: Nav2Values, name: str) -> bool:
-    """Return whether a layer is on; nav2_bringup's own file leaves that of filters to launch."""
-    found = values.given.get(f"{name}.enabled")
-    return found is None or found.value is not False
 
 
 _LARGEST = 1000.0  # metres that a corner may be away from the centre, as everywhere in mapdeal
@@ -520,11 +367,30 @@ def _resolved(
     layers = None if shape is None else _listed_layers(values, shape.inscribed_radius)
     if shape is None or layers is None:
         return None
+    for listed in erasing_layers(layers):
+        values.problem("params.erases-map", "warning", ERASES, f"{listed.name}.combination_method")
     layers = _with_static(values, layers, costmap)
-    track, rolling = values.flag("track_unknown_space"), values.flag("rolling_window")
+    track, area = values.flag("track_unknown_space"), _area(values)
     return shape.robot(
-        "nav2", costmap, values.node, layers, parameters.files, track=track, rolling=rolling
+        "nav2", costmap, values.node, layers, parameters.files, track=track, area=area
     )
+
+
+def _area(values: Nav2Values) -> CostmapArea | None:
+    """Return the costmap's own size and place; None if its resolution is unusable."""
+    resolution = values.get("resolution", "double", 0.1)
+    if not (math.isfinite(resolution) and resolution > 0):
+        return None
+    height, width = (
+        int(values.get(side, "integer", 5) / resolution) for side in ("height", "width")
+    )
+    return CostmapArea(
+        height, width, resolution,
+        (values.number("origin_x", 0.0), values.number("origin_y", 0.0)),
+        is_rolling=values.flag("rolling_window"),
+        size_margin=0.5 if values.older else 0.0,
+        global_frame=values.get("global_frame", "string", "map"),
+    )  # fmt: skip
 
 
 def _check_sizes(values: Nav2Values) -> None:
@@ -575,9 +441,10 @@ def _with_static(
     values: Nav2Values, layers: tuple[ListedLayer, ...], costmap: CostmapName
 ) -> tuple[ListedLayer, ...]:
     """Return the layers with one that reads the map in front, if a local costmap has none."""
-    statics = [one for one in layers if isinstance(one.layer, StaticLayer)]
+    statics = [listed for listed in layers if listed.plugin == _STATIC]
     if not statics and costmap == "local":
-        return (ListedLayer(INJECTED, _STATIC, _static_layer(values, INJECTED)), *layers)
+        static = NAV2_PLUGINS[_STATIC].from_nav2(values, PluginEntry(INJECTED, _STATIC, 0.0))
+        return (ListedLayer(INJECTED, _STATIC, static), *layers)
     if not any(one.is_enabled for one in statics):
         value = "255, unknown" if values.flag("track_unknown_space") else "0, free"
         what = "the static layer is switched off" if statics else "no static layer"
@@ -597,23 +464,30 @@ def _node_of(
     held = _namespaces(parameters, own)
     asked = [part for part in (namespace or "").split("/") if part]
     node = "/".join(["", *asked, own])
-    if any(_means(one, node) for one in parameters.nodes):
+    robots = [space for space in held if space]
+    named = [entry.name for entry in parameters.nodes if _means(entry, node)]
+    # A wildcard beside the robots of a file is meant for these, and names no further robot.
+    is_only_wildcard = all("*" in name for name in named) and set(robots) - {"*"}
+    if named and not (namespace is None and is_only_wildcard):
         return node, ()
     check = "params.namespace"
-    others = [one for one in held if one]
+    if namespace == "/":
+        text = f"no parameters of {node}: it has Nav2's defaults"
+        hint = f"--namespace {robots[0]} takes a robot of the file" if robots else None
+        return node, (Problem("params.defaults", "warning", text, source=source, hint=hint),)
     if namespace is not None:
         text = f"no parameters of {node}; namespaces with such a node: {_listed(held) or 'none'}"
         hint = f"--namespace {held[0]}" if held and held[0] else None
         if held == [""]:
             hint = "leave --namespace out: the file's nodes are in none"
-    elif len(others) == 1:
-        text = f"its nodes are in the namespace {others[0]}, which is taken"
-        hint = f"--namespace {others[0]} says so"
+    elif len(robots) == 1:
+        text = f"its nodes are in the namespace {robots[0]}, which is taken"
+        hint = f"--namespace {robots[0]} says so"
         one = Problem("params.only-namespace", "warning", text, source=source, hint=hint)
-        return f"/{others[0]}/{own}", (one,)
-    elif others:
-        text = f"holds several robots, in the namespaces {_listed(others)}"
-        hint = f"choose one with --namespace {others[0]}"
+        return f"/{robots[0]}/{own}", (one,)
+    elif robots:
+        text = f"holds several robots, in the namespaces {_listed(robots)}"
+        hint = f"choose one with --namespace {robots[0]}"
     else:
         flat = tuple(_one_level(parameters, node, "refused"))
         if flat:

@@ -20,16 +20,15 @@ from typing import Any, Literal
 import numpy as np
 
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.grid.costmap import (
-    CostmapLayer,
-    CostmapLayers,
-    DenoiseLayer,
-    InflationLayer,
-    StaticLayer,
-)
 from mapdeal.grid.footprint import Footprint, check_simple, contains_centre
 from mapdeal.grid.frame import as_float32
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OneLine
+from mapdeal.layers.area import CostmapArea
+from mapdeal.layers.inflation import InflationLayer
+from mapdeal.layers.keepout import KeepoutFilter
+from mapdeal.layers.layer import CostmapLayer
+from mapdeal.layers.stack import CostmapLayers
+from mapdeal.layers.static import StaticLayer
 
 Level = Literal["refused", "warning", "note"]
 Flavour = Literal["nav2", "ros1"]
@@ -183,6 +182,9 @@ def oddities_of(corners: Corners) -> Iterator[str]:
         yield "the robot's centre (0, 0) lies outside of the outline"
 
 
+NOT_MODELLED = "not modelled"
+"""Why a layer is left out that sets costs."""
+
 INJECTED = "injected_static"
 """The static layer that a local costmap without one is given: the map is what is asked about."""
 
@@ -197,6 +199,11 @@ class ListedLayer:
     is_enabled: bool = True
     is_filter: bool = False
     why_ignored: str = ""
+
+    @property
+    def needs(self) -> str:
+        """What the layer has an effect with, if a map is not enough."""
+        return "" if self.layer is None else self.layer.needs
 
 
 @dataclass(frozen=True)
@@ -238,6 +245,9 @@ class RobotParameters(OneLine):
         Radii of the padded footprint, as computed by ``calculateMinAndMaxDistances``, metres.
     remarks : tuple of str
         Warnings from reading the files.
+    area : CostmapArea, optional
+        Size and place that the files give to the costmap; where a static layer reads a map, and the
+        costmap does not roll, the map's count instead.
     """
 
     flavour: Flavour
@@ -253,6 +263,7 @@ class RobotParameters(OneLine):
     inscribed_radius: float
     circumscribed_radius: float
     remarks: tuple[str, ...] = ()
+    area: CostmapArea | None = None
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -262,28 +273,87 @@ class RobotParameters(OneLine):
     @property
     def effective_layers(self) -> tuple[CostmapLayer, ...]:
         """Enabled layers that affect the costs of a map file, in order."""
-        return tuple(one.layer for one in self.layers if one.layer is not None and one.is_enabled)
+        return self.costmap_layers.layers
 
     @property
     def costmap_layers(self) -> CostmapLayers:
-        """Effective layers, with the cost that the costmap starts from."""
+        """Enabled layers, over the whole map and for a robot that stands outside of it."""
+        layers = self._enabled_layers()
+        if self._has_own_size:
+            return replace(layers, area=self.area)
+        return layers.with_mask_last()
+
+    @property
+    def _has_own_size(self) -> bool:
+        # Nav2's costmap without a static layer is answered on the cells of the map
+        has_map = bool(self._enabled_layers().static_layers)
+        return self.flavour == "ros1" and not self.rolling_window and not has_map
+
+    @property
+    def layers_around_robot(self) -> CostmapLayers:
+        """Layers for a robot whose pose is known: those that its files list, where they say."""
+        layers = self._enabled_layers()
+        if layers.layers and layers.layers[0].name == INJECTED:
+            layers = replace(layers, layers=layers.layers[1:])
+        area = self.area if self.rolling_window or self._has_own_size else None
+        return replace(layers, area=area, footprint=self.footprint)
+
+    def _enabled_layers(self) -> CostmapLayers:
+        layers = tuple(
+            listed.layer for listed in self.layers if listed.layer is not None and listed.is_enabled
+        )
         cost = NO_INFORMATION if self.track_unknown_space else FREE_SPACE
-        return CostmapLayers(self.effective_layers, cost, self.circumscribed_radius)
+        return CostmapLayers(layers, cost, self.circumscribed_radius)
+
+    @property
+    def _keepout_filters(self) -> list[ListedLayer]:
+        return [
+            listed
+            for listed in self.layers
+            if listed.layer and listed.layer.key == KeepoutFilter.key
+        ]
+
+    @property
+    def why_mask_unused(self) -> str | None:
+        """Why a keepout mask has no effect on the costmap; None if it has one."""
+        filters = self._keepout_filters
+        if filters and not any(listed.is_enabled for listed in filters):
+            return f"{' and '.join(listed.name for listed in filters)} is switched off"
+        if self._enabled_layers().loses_keepout:
+            return "a layer after the keepout filter overwrites its costs"
+        return None
+
+    @property
+    def inflates_keepout(self) -> bool:
+        """Whether an inflation layer spreads costs around the lethal cells of a keepout mask."""
+        return self._enabled_layers().inflates_keepout
 
     @property
     def ignored(self) -> tuple[ListedLayer, ...]:
         """Layers and filters that have no effect on a map file."""
-        return tuple(one for one in self.layers if one.layer is None)
+        effective = self.costmap_layers.effective
+        return tuple(
+            listed
+            for listed in self.layers
+            if listed.layer is None
+            or (listed.needs and not any(listed.layer is layer for layer in effective))
+        )
 
     @property
     def static_layers(self) -> tuple[StaticLayer, ...]:
         """Enabled static layers."""
-        return tuple(one for one in self.effective_layers if isinstance(one, StaticLayer))
+        return self._enabled_layers().static_layers
 
     @property
     def inflation_layers(self) -> tuple[InflationLayer, ...]:
         """Enabled inflation layers."""
-        return tuple(one for one in self.effective_layers if isinstance(one, InflationLayer))
+        return self._enabled_layers().inflation_layers
+
+    def without_inflation(self) -> RobotParameters:
+        """Return the robot without its inflation layers."""
+        return replace(self, layers=tuple(
+            listed for listed in self.layers if listed.layer is None or not listed.layer.spreads
+        ))  # fmt: skip
 
     def with_shape(self, footprint: Footprint) -> RobotParameters:
         """Return the robot with another footprint, used as it is, without padding.
@@ -292,10 +362,10 @@ class RobotParameters(OneLine):
         """
         own = self.inscribed_radius
         layers = tuple(
-            replace(one, layer=replace(one.layer, inscribed_radius=footprint.inscribed_radius))
-            if isinstance(one.layer, InflationLayer) and one.layer.inscribed_radius == own
-            else one
-            for one in self.layers
+            replace(listed, layer=listed.layer.with_inscribed_radius(own, footprint))
+            if listed.layer is not None
+            else listed
+            for listed in self.layers
         )
         return replace(
             self, footprint=footprint, footprint_padding=0.0,
@@ -339,12 +409,13 @@ class Shape:
 
     def robot(
         self, flavour: Flavour, costmap: CostmapName, node: str, layers: tuple[ListedLayer, ...],
-        files: Iterable[tuple[Path, str]], *, track: bool, rolling: bool,
+        files: Iterable[tuple[Path, str]], *, track: bool, area: CostmapArea | None,
     ) -> RobotParameters:  # fmt: skip
         return RobotParameters(
             flavour=flavour, costmap=costmap, node=node, footprint=self.footprint,
             footprint_padding=self.padding, robot_radius=self.robot_radius,
-            track_unknown_space=track, rolling_window=rolling, layers=layers,
+            track_unknown_space=track, rolling_window=area is not None and area.is_rolling,
+            layers=layers, area=area,
             files=tuple(ParameterFile(path, sha256) for path, sha256 in files),
             inscribed_radius=self.inscribed_radius, circumscribed_radius=self.circumscribed_radius,
         )  # fmt: skip
@@ -364,12 +435,17 @@ def shape_of(
     return Shape(Footprint(vertices=padded), padding, radius, *radii_of(padded))
 
 
-def inflation_too_small(radius: float, inscribed: float) -> tuple[str, str]:
-    """Return text and hint for an inflation radius below the inscribed one, in millimetres."""
-    text = f"{radius:g} m is less than the inscribed radius, {inscribed:.4g} m"
-    scaled = inscribed * 1000
-    needed = math.ceil(scaled) / 1000 if math.isfinite(scaled) else inscribed
-    return text, f"set it to {needed:g} or more"
+ERASES = "replaces all costs of the layers below, by free ones until there are observations"
+
+
+def erasing_layers(layers: Sequence[ListedLayer]) -> Iterator[ListedLayer]:
+    """Yield the layers without a map of their own that overwrite the costs of a map."""
+    reads_map = False
+    for listed in layers:
+        if listed.layer is not None and listed.is_enabled:
+            if reads_map and listed.layer.needs and listed.layer.overwrites_all:
+                yield listed
+            reads_map = reads_map or listed.layer.reads_map
 
 
 _MISSPELT = 0.95  # as alike as this, a class is misspelt; below it is somebody's own
@@ -388,81 +464,45 @@ def _described(one: ListedLayer) -> dict[str, Any]:
         entry["filter"] = True
     if one.layer is None:
         return entry | {"ignored": one.why_ignored}
+    if one.needs:
+        entry["needs"] = one.needs
     values = asdict(one.layer)
     values.pop("name")
     return entry | {"enabled": one.is_enabled} | values
 
 
-def effect_of(one: ListedLayer, robot: RobotParameters) -> str:
-    if one.layer is None:
-        return f"ignored: {one.why_ignored}"
-    if not one.is_enabled:
+def effect_of(listed: ListedLayer, robot: RobotParameters) -> str:
+    layer = listed.layer
+    if layer is None:
+        return f"ignored: {listed.why_ignored}"
+    if not listed.is_enabled:
         return "switched off"
-    if isinstance(one.layer, InflationLayer) and one.layer.inflation_radius <= 0:
-        return "no effect: inflation_radius is 0"
-    if isinstance(one.layer, DenoiseLayer) and one.layer.minimal_group_size <= 1:
-        return "no effect: minimal_group_size is 1"
-    if all(one.layer is not other for other in robot.costmap_layers.that_count):
-        return "no effect: a static layer above it replaces all costs"
-    if isinstance(one.layer, StaticLayer):
-        effect = _effect_of_static(one.layer)
-    elif isinstance(one.layer, DenoiseLayer):
-        joined = "an edge or a corner" if one.layer.group_connectivity_type == 8 else "an edge"
-        effect = f"frees groups of fewer than {one.layer.minimal_group_size} obstacle cells that "
-        effect += f"share {joined}"
-    else:
-        effect = _effect_of_inflation(one.layer)
-    return f"not in the file, put in front: {effect}" if one.name == INJECTED else effect
-
-
-def _effect_of_inflation(layer: InflationLayer) -> str:
-    text = f"cost 253 as far as {layer.inscribed_radius:.4g} m from obstacles, then falling "
-    text += f"with cost_scaling_factor {layer.cost_scaling_factor:g} as far as "
-    text += f"{layer.inflation_radius:g} m"
-    if layer.inflate_around_unknown:
-        return f"{text}; unknown cells are lethal, and inflated, too"
-    return f"{text}; unknown cells take costs, too" if layer.inflate_unknown else text
-
-
-def _effect_of_static(layer: StaticLayer) -> str:
-    least = layer.lethal_cost_threshold
-    text = f"occupancy {least} is lethal" if least == 100 else f"occupancy {least}..100 is lethal"
-    if layer.inscribed_obstacle_cost_value is not None and not layer.trinary_costmap:
-        text += f", {layer.inscribed_obstacle_cost_value} inscribed"
-    text += ", all else free" if layer.trinary_costmap else ", less costs its share of 254"
-    if layer.unknown_cost_value != 255:
-        text += f"; {layer.unknown_cost_value} counts as unknown, and -1 as lethal"
-    text += ", unknown stays unknown" if layer.track_unknown_space else ", unknown becomes free"
-    return text + ("; costs are only raised" if layer.use_maximum else "")
-
-
-def reach_of(layer: InflationLayer, resolution: float) -> int:
-    """Return how many cells an inflation layer reaches on a map, its ``cell_inflation_radius``."""
-    # The resolution is that of the map's message: 0.45 m are 16 cells of 0.03 m, as float32(0.03)
-    # is a little less.
-    return max(0, math.ceil(layer.inflation_radius / as_float32(resolution)))
+    layers = robot.costmap_layers
+    reason = layer.why_idle(True) or (
+        None
+        if layer.key == KeepoutFilter.key
+        or any(layer is effective for effective in layers.effective)
+        else layer.why_idle(False) or "a layer above it replaces all costs"
+    )
+    if reason is not None:
+        return f"no effect: {reason}"
+    effect = layer.effect()
+    return f"not in the file, put in front: {effect}" if listed.name == INJECTED else effect
 
 
 def on_map(robot: RobotParameters, resolution: float) -> list[dict[str, Any]]:
     """Return what each inflation layer comes to on a map of some resolution, metres."""
+    # The resolution is that of the map's message: 0.45 m are 16 cells of 0.03 m, as float32(0.03)
+    # is a little less.
     cell = as_float32(resolution)
     return [
         {
-            "layer": one.name,
+            "layer": layer.name,
             "resolution": cell,
-            "cell_inflation_radius": reach_of(one, resolution),
-            "reach": reach_of(one, resolution) * cell,
-            "inscribed_radius_cells": one.inscribed_radius / cell,
-            "circumscribed_cost": _cost_at(one, robot.circumscribed_radius),
+            "cell_inflation_radius": layer.reach_cells(cell),
+            "reach": layer.reach_cells(cell) * cell,
+            "inscribed_radius_cells": layer.inscribed_radius / cell,
+            "circumscribed_cost": layer.cost_at(robot.circumscribed_radius),
         }
-        for one in robot.inflation_layers
+        for layer in robot.inflation_layers
     ]
-
-
-def _cost_at(layer: InflationLayer, metres: float) -> int:
-    if metres > layer.inflation_radius:
-        return 0
-    if metres <= layer.inscribed_radius:
-        return 253
-    decay = math.exp(-layer.cost_scaling_factor * (metres - layer.inscribed_radius))
-    return int(252 * decay)

@@ -20,7 +20,7 @@ import hashlib
 import math
 import operator
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -29,9 +29,13 @@ import yaml
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import read_file
 from mapdeal.files.yaml_text import YamlLimits, compose_documents, one_line_of, written
-from mapdeal.grid.costmap import CostmapLayer, InflationLayer, StaticLayer
+from mapdeal.layers.area import CostmapArea
+from mapdeal.layers.catalogue import ROS1_PLUGINS
+from mapdeal.layers.layer import PluginEntry
 from mapdeal.ros.robot import (
+    ERASES,
     INJECTED,
+    NOT_MODELLED,
     Corners,
     CostmapName,
     FootprintStringError,
@@ -42,7 +46,7 @@ from mapdeal.ros.robot import (
     RobotParameters,
     Shape,
     corners_of_string,
-    inflation_too_small,
+    erasing_layers,
     most_alike,
     shape_of,
     sixteen_corners,
@@ -380,6 +384,15 @@ class Ros1Server:
                 return place, found
         return None
 
+    def place(self, layer: str, parameter: str) -> _Path:
+        """Return where a layer's parameter is read: from the costmap, if that has it."""
+        return (layer, parameter) if self.find(parameter) is None else (parameter,)
+
+    @property
+    def is_substituted(self) -> bool:
+        """Whether a launch file replaces a value, so that numbers made of it mean nothing."""
+        return any(problem.check == "params.substitution" for problem in self.problems)
+
     def boolean(self, default: bool, *below: str) -> bool:
         """Return a parameter as ``param(name, bool, default)`` does: other types leave that."""
         return self._typed(default, "bool", below)
@@ -679,12 +692,6 @@ def _radius(server: Ros1Server) -> float:
 
 _STATIC, _INFLATION = "costmap_2d::StaticLayer", "costmap_2d::InflationLayer"
 _OBSTACLE, _VOXEL = "costmap_2d::ObstacleLayer", "costmap_2d::VoxelLayer"
-_OWN = (_STATIC, _INFLATION, _OBSTACLE, _VOXEL)
-_PARENTS = {
-    _STATIC: ("map_topic", "unknown_cost_value", "lethal_cost_threshold", "track_unknown_space"),
-    _INFLATION: ("cost_scaling_factor", "inflation_radius"),
-}
-"""Parameters of a costmap that override those of its layers."""
 _OF_COSTMAPS = frozenset(
     {"always_send_full_costmap", "cost_scaling_factor", "footprint", "footprint_padding",
      "global_frame", "inflation_radius", "lethal_cost_threshold", "map_topic", "map_type",
@@ -704,7 +711,7 @@ def ros1_robot(
     if not is_whole or not _is_there(server):
         return None, tuple(server.problems)
     robot = _resolved(server)
-    if any(one.check == "params.substitution" for one in server.problems):
+    if server.is_substituted:
         robot = None  # nobody knows what the launch file says
     places: dict[object, Problem] = {}
     for one in server.problems:
@@ -745,17 +752,51 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
     layers = tuple(_layer(server, name, kind, inscribed) for name, kind in plugins or ())
     if plugins is None or shape is None:  # the layers' own problems are told all the same
         return None
-    if not any(isinstance(one.layer, StaticLayer) for one in layers):
+    for listed in erasing_layers(layers):
+        server.problem("params.erases-map", "warning", ERASES, (listed.name, "combination_method"))
+    if not any(listed.plugin == _STATIC for listed in layers):
         if server.costmap == "local":
-            layers = (ListedLayer(INJECTED, _STATIC, StaticLayer(INJECTED)), *layers)
+            static = ROS1_PLUGINS[_STATIC](INJECTED)
+            layers = (ListedLayer(INJECTED, _STATIC, static), *layers)
         else:
             text = "no static layer: the costmap does not read the map, and all cells are "
             text += "255, unknown" if track else "0, free"
             hint = _LIKE_THIS if has_list else "set static_map: true"
             server.problem("params.no-static-layer", "warning", text, hint=hint)
-    files = [(one.source, one.sha256) for one in server.files]
+    files = [(file.source, file.sha256) for file in server.files]
     node = "/" + "/".join(server.path)
-    return shape.robot("ros1", server.costmap, node, layers, files, track=track, rolling=rolling)
+    area = _area(server, is_rolling=rolling)
+    return shape.robot("ros1", server.costmap, node, layers, files, track=track, area=area)
+
+
+def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
+    """Return the costmap's own size and place; None if its resolution is unusable."""
+    before = len(server.problems)
+    area = _area_of_parameters(server, is_rolling=is_rolling)
+    # Where a map gives the size, these values have no effect: a note suffices.
+    server.problems[before:] = [
+        replace(problem, level="note") for problem in server.problems[before:]
+    ]
+    return area
+
+
+def _area_of_parameters(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
+    resolution = server.limited(
+        server.double(0.05, "resolution"), 50.0, _RECONFIGURE, ("resolution",)
+    )
+    if resolution <= 0:
+        return None
+    frame = server.find("global_frame")
+    height, width = (
+        int(max(server.integer(10, side), 0) / resolution) for side in ("height", "width")
+    )
+    return CostmapArea(
+        height, width, resolution,
+        (server.double(0.0, "origin_x"), server.double(0.0, "origin_y")),
+        is_rolling=is_rolling,
+        size_margin=0.5,
+        global_frame=frame.value if frame is not None and frame.kind == "string" else "map",
+    )  # fmt: skip
 
 
 def _old_plugins(server: Ros1Server) -> list[tuple[str, str]]:
@@ -795,25 +836,28 @@ def _why_not(entry: object) -> tuple[str | None, str | None]:
             return f"has no {key}", _LIKE_THIS
     kind = entry["type"]
     is_of_nav2 = kind.startswith("nav2_costmap_2d")
-    near = most_alike(kind, _OWN, least=0.0) if is_of_nav2 else most_alike(kind, _OWN)
-    if kind in _OWN or near is None:
+    known = tuple(ROS1_PLUGINS)
+    near = most_alike(kind, known, least=0.0) if is_of_nav2 else most_alike(kind, known)
+    if kind in known or near is None:
         return None, None
     return f"has an unknown type, {kind}", f"did you mean {near}?"
 
 
 def _layer(server: Ros1Server, name: str, kind: str, inscribed: float) -> ListedLayer:
-    layer: CostmapLayer | None = None
-    why = "reads sensors" if kind in (_OBSTACLE, _VOXEL) else "not of costmap_2d; needs live data"
-    if kind in _PARENTS:
-        _tell_overridden(server, name, kind)
-        is_static, why = kind == _STATIC, ""
-        layer = _static(server, name) if is_static else _inflation(server, name, inscribed)
-    return ListedLayer(name, kind, layer, server.boolean(True, name, "enabled"), why_ignored=why)
+    is_enabled, layer_class = server.boolean(True, name, "enabled"), ROS1_PLUGINS.get(kind)
+    if layer_class is not None:
+        _tell_overridden(server, name, layer_class.ros1_costmap_parameters)
+        layer = layer_class.from_ros1(server, PluginEntry(name, kind, inscribed))
+        return ListedLayer(name, kind, layer, is_enabled)
+    if is_enabled:
+        text = f"{name} ({kind}) is not modelled: its costs are left out"
+        server.problem("params.not-modelled", "warning", text, ("plugins",))
+    return ListedLayer(name, kind, None, is_enabled, why_ignored=NOT_MODELLED)
 
 
-def _tell_overridden(server: Ros1Server, name: str, kind: str) -> None:
+def _tell_overridden(server: Ros1Server, name: str, parameters: Sequence[str]) -> None:
     """Report where the costmap's own value overrides that of a layer."""
-    for parameter in _PARENTS[kind]:
+    for parameter in parameters:
         own, above = server.find(name, parameter), server.find(parameter)
         if own is not None and above is not None and own.value != above.value:
             text = f"has no effect: the costmap's own {parameter}, {above.text}, takes its place"
@@ -821,44 +865,3 @@ def _tell_overridden(server: Ros1Server, name: str, kind: str) -> None:
             if above.source != own.source:
                 hint += f" of {above.source.name}"
             server.problem("params.overridden", "warning", text, (name, parameter), hint)
-
-
-def _handed(server: Ros1Server, name: str, parameter: str) -> _Path:
-    """Return where a layer's parameter is read: from the costmap, if that has it."""
-    return (name, parameter) if server.find(parameter) is None else (parameter,)
-
-
-def _static(server: Ros1Server, name: str) -> StaticLayer:
-    where = _handed(server, name, "lethal_cost_threshold")
-    lethal = server.limited(server.integer(100, *where), 100, "the static layer", where)
-    track = _handed(server, name, "track_unknown_space")
-    return StaticLayer(
-        name=name,
-        track_unknown_space=server.boolean(True, *track),
-        lethal_cost_threshold=int(lethal),
-        trinary_costmap=server.boolean(True, name, "trinary_costmap"),
-        unknown_cost_value=server.integer(-1, *_handed(server, name, "unknown_cost_value")) % 256,
-        use_maximum=server.boolean(False, name, "use_maximum"),
-    )
-
-
-def _inflation(server: Ros1Server, name: str, inscribed: float) -> InflationLayer:
-    def number(parameter: str, default: float, largest: float, unit: str = "") -> float:
-        where = _handed(server, name, parameter)
-        value = server.double(default, *where, unit=unit)
-        return server.limited(value, largest, _RECONFIGURE, where, unit)
-
-    radius = number("inflation_radius", 0.55, 50.0, " m")
-    is_known = all(one.check != "params.substitution" for one in server.problems)
-    if 0 < radius < inscribed and is_known:
-        text, hint = inflation_too_small(radius, inscribed)
-        where = _handed(server, name, "inflation_radius")
-        server.problem("params.inflation-radius", "warning", text, where, hint)
-    return InflationLayer(
-        name=name,
-        inscribed_radius=inscribed,
-        inflation_radius=radius,
-        cost_scaling_factor=number("cost_scaling_factor", 10.0, 100.0),
-        inflate_unknown=server.boolean(False, name, "inflate_unknown"),
-        lookup="exact",
-    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -13,17 +12,15 @@ from mapdeal.command import P, Parameters, R, stage
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import UNIFORM_SHARE, Costmap
 from mapdeal.grid.field import DistanceField, FieldView
-from mapdeal.grid.frame import Figures, Frame, cells_at
+from mapdeal.grid.frame import Figures, Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
     INSCRIBED_PUBLISHED,
     LETHAL_OBSTACLE,
-    cost_from_occupancy,
 )
 from mapdeal.kernels.blocks import made_by_rows, swept
-from mapdeal.kernels.lookup import look_up
-from mapdeal.kernels.threads import for_rows
+from mapdeal.layers.keepout import MaskCosts
 
 
 def cost_model(
@@ -137,40 +134,17 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
     >>> apply_keepout_mask(costmap, mask).cost.tolist()
     [[127, 200, 254, 127]]
     """
-    values: NDArray[Any] = mask.occupancy
-    if costmap.scale == "costmap2d":
-        values = look_up(mask.occupancy, cost_from_occupancy())
-    height, width = mask.shape
-    unknown = costmap.unknown_value
-    covered: list[int] = []
-    freed: list[int] = []
+    keepout = MaskCosts.at_centres(mask, costmap.frame, costmap.scale)
 
-    def covered_rows(rows: slice) -> NDArray[Any]:
+    def raised(rows: slice) -> NDArray[Any]:
         cost = costmap.cost[rows].copy()
-
-        def lay_over(part: slice) -> None:
-            in_grid = slice(rows.start + part.start, rows.start + part.stop)
-            at_row, at_col = _cells_at_centres(mask.frame, costmap.frame, in_grid)
-            inside = (at_row >= 0) & (at_row < height) & (at_col >= 0) & (at_col < width)
-            found = values[np.clip(at_row, 0, height - 1), np.clip(at_col, 0, width - 1)]
-            known, was_unknown = inside & (found != unknown), cost[part] == unknown
-            taken = known & ((found > cost[part]) | was_unknown)
-            covered.append(int(np.count_nonzero(known)))
-            freed.append(int(np.count_nonzero(taken & was_unknown & (found == 0))))
-            np.copyto(cost[part], found, where=taken)
-
-        for_rows(lay_over, cost.shape)
+        keepout.lay_over(cost, rows)
         return cost
 
-    layer = made_by_rows(costmap.cost, costmap.cost.dtype, covered_rows, is_kept=True)
+    layer = made_by_rows(costmap.cost, costmap.cost.dtype, raised, is_kept=True)
     for rows in swept(layer):  # for the counts; of an array it is done already
         layer[rows]
-    if not sum(covered):
-        text = "the mask covers no cell of the costs: it has no known cell there"
-        emit_warning(text, stacklevel=2)
-    if sum(freed):
-        text = f"{sum(freed)} unknown cells became free where the mask is 0, as in Nav2"
-        emit_warning(text, stacklevel=2)
+    keepout.warn()
     return costmap.with_values(layer)
 
 
@@ -179,24 +153,3 @@ def closed_by(mask: OccupancyGrid, frame: Frame) -> NDArray[np.bool_]:
     nothing = Costmap(np.zeros(frame.shape, dtype=np.uint8), frame.resolution, frame.origin)
     closed: NDArray[np.bool_] = apply_keepout_mask(nothing, mask).cost == LETHAL_OBSTACLE
     return closed
-
-
-def _cells_at_centres(
-    source: Frame, target: Frame, rows: slice
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows and columns of a grid that hold the cell centres of another's rows."""
-    # Without a turn between the two they are a column and a row that broadcast.
-    along = np.arange(rows.start, rows.stop)[:, np.newaxis]
-    across = np.arange(target.width)[np.newaxis, :]
-    centre = target.xy_from_rowcol([[0, 0]])
-    row, col = source.continuous_rowcol_from_xy(centre)[0].tolist()
-    tolerance = source.tolerance_at(centre)
-    step = target.resolution / source.resolution
-    turn = target.origin[2] - source.origin[2]
-    if turn == 0.0:
-        return cells_at(row + along * step, tolerance), cells_at(col + across * step, tolerance)
-    cos, sin = step * math.cos(turn), step * math.sin(turn)
-    return (
-        cells_at(row + along * cos + across * sin, tolerance),
-        cells_at(col - along * sin + across * cos, tolerance),
-    )

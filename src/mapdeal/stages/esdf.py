@@ -19,12 +19,10 @@ from mapdeal.command import (
     checked,
     stage,
 )
-from mapdeal.grid.costmap import CostmapLayers, StaticLayer
 from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, obstacles_in
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
-    NO_INFORMATION,
     OCCUPIED,
     UNKNOWN,
     Convention,
@@ -34,6 +32,7 @@ from mapdeal.kernels.blocks import blocks_of, holds_everywhere, made_by_rows, sw
 from mapdeal.kernels.distance import Halo, halos_of, runs_of, signed_distance
 from mapdeal.kernels.lookup import bytes_of_distances, squares_of_distances
 from mapdeal.kernels.threads import for_rows
+from mapdeal.layers.stack import CostmapLayers
 
 Mask = NDArray[np.bool_]
 
@@ -210,16 +209,9 @@ class Viewer:
         return values
 
 
-def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
-    # without one, nothing is; a threshold of 0, with which all is, has no field either
-    for one in layers.that_count:
-        if isinstance(one, StaticLayer) and one.lethal_cost_threshold > 0:
-            others = (one.unknown_cost_value, one.inscribed_obstacle_cost_value)
-            # to the layer -1 is the byte 255; that it and 100 are lethal is what the field can say
-            lethal = NO_INFORMATION not in others and OCCUPIED not in others
-            unknown = "occupied" if lethal else "free"
-            return {"lethal_threshold": one.lethal_cost_threshold, "unknown": unknown}
-    return None
+def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object] | None:
+    rule = layers.obstacle_rule
+    return None if rule is None else {"lethal_threshold": rule[0], "unknown": rule[1]}
 
 
 @stage(
@@ -235,7 +227,7 @@ mapdeal esdf examples/maps/office.yaml -o out/view.yaml --view-range 1.0""",
     view_passes=lambda view: 1 if view["view"] == "per-map" else 0,
     passes=1,
     in_simulation=InSimulation({"unknown": "occupied"}),
-    of_layers=_of_layers,
+    parameters_from_layers=_parameters_from_layers,
 )
 def esdf(
     grid: OccupancyGrid,

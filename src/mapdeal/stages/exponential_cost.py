@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import fields
-from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -22,20 +19,12 @@ from mapdeal.command import (
     Parameters,
     RobotShape,
 )
-from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.costmap import (
-    CostCurve,
-    CostLookup,
-    Costmap,
-    CostmapLayers,
-    InflationLayer,
-    squares_up_to,
-)
+from mapdeal.errors import ParameterError
+from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.frame import RADIUS_TOLERANCE, Framed, as_float32, cells_to_cover
+from mapdeal.grid.frame import Framed, as_float32
 from mapdeal.grid.values import (
     FREE_SPACE,
-    INSCRIBED_INFLATED_OBSTACLE,
     LETHAL_OBSTACLE,
     NO_INFORMATION,
     OCCUPIED,
@@ -43,29 +32,39 @@ from mapdeal.grid.values import (
     static_layer_cost_from_occupancy,
 )
 from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
-from mapdeal.kernels.distance import bytes_by_distance
-from mapdeal.kernels.lookup import look_up, raise_bytes, set_where
+from mapdeal.kernels.lookup import look_up, set_where
+from mapdeal.layers.inflation import (
+    CostLookup,
+    CostProfile,
+    InflationLayer,
+    advice_on,
+    circumscribed_cost,
+    inflation_curve,
+    warn_of_radii,
+)
+from mapdeal.layers.stack import CostmapLayers
 from mapdeal.stages.cost import ObstacleSource, check_lethal_threshold, cost_model, warn_of_strength
 from mapdeal.stages.esdf import bytes_in, furthest_kept
 
-_HIGHEST_GRADED = INSCRIBED_INFLATED_OBSTACLE - 1
 _RAISED_TOGETHER = 1 << 22  # cells: no more memory than for some of them
 _RADII = ("inscribed_radius", "circumscribed_radius")
 
 
 def layer_of(parameters: Parameters) -> InflationLayer:
-    names = (one.name for one in fields(InflationLayer))
+    names = (field.name for field in fields(InflationLayer))
     return InflationLayer(**{name: parameters[name] for name in names if name in parameters})
 
 
-def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
+def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object] | None:
     """Return the parameters of one static layer and at most one inflation layer above it."""
     found = layers.static_and_inflation
-    if found is None:
+    if found is None or layers.area is not None or layers.footprint is not None:
         return None
     static, inflation = found
     threshold, inscribed = static.lethal_cost_threshold, static.inscribed_obstacle_cost_value
     if static.unknown_cost_value != NO_INFORMATION or not 1 <= threshold <= OCCUPIED:
+        return None
+    if static.use_maximum and static.unknown_is_highest:
         return None
     # updateWithMax leaves what is unknown below, and a free costmap is all that lies below
     keeps_free = static.use_maximum and layers.default_cost == FREE_SPACE
@@ -115,7 +114,7 @@ def _curve(source: Framed, parameters: Parameters) -> CostCurve:
         lambda footprint: {name: getattr(footprint, name) for name in _RADII},
     ),
     settled=_settled,
-    of_layers=_of_layers,
+    parameters_from_layers=_parameters_from_layers,
 )
 def exponential_cost(
     source: ObstacleSource,
@@ -218,7 +217,9 @@ def exponential_cost(
         lookup=lookup,
     )
     warn_of_radii(layer)
-    profile = CostProfile(source, layer, float32_resolution=float32_resolution)
+    is_float32 = _resolution_is_float32(lookup, float32_resolution)
+    cell_size = as_float32(source.resolution) if is_float32 else source.resolution
+    profile = CostProfile(layer, source.shape, cell_size, is_tolerant=not is_float32)
     base = BaseCosts(
         source, lethal_threshold=lethal_threshold, trinary_costmap=trinary_costmap,
         track_unknown_space=track_unknown_space,
@@ -227,21 +228,21 @@ def exponential_cost(
     field = None
     if isinstance(source, DistanceField) and profile.reach > 0:
         of_obstacles = base.spread_from_obstacles(source, around_unknown=inflate_around_unknown)
-        field = source if of_obstacles and profile.is_in(source) else None
+        field = source if of_obstacles and _distinguishes(source, profile) else None
 
     def costs(rows: slice) -> NDArray[np.uint8]:
         cost = base.costs(rows)
         if field is None:
             profile.raise_around_seeds(cost)
         else:
-            profile.raise_from_field(cost, field.part(rows))
+            _raise_from_field(profile, cost, field.part(rows))
         return cost
 
     if field is None:
         cost = made_by_windows(source.occupancy, np.uint8, costs, halo=profile.cells)
     else:
         cost = made_by_rows(source.occupancy, np.uint8, costs, is_kept=True)
-    at_circumscribed = profile.cost_at(circumscribed_radius)
+    at_circumscribed = circumscribed_cost(circumscribed_radius, layer)
     return Costmap(cost, source.resolution, source.origin, circumscribed_cost=at_circumscribed)
 
 
@@ -274,207 +275,31 @@ class BaseCosts:
         return not others.any() or not counts_of(field.occupancy)[others.view(np.bool_)].any()
 
 
-class CostProfile:
-    """The costs of an inflation layer by distance, and how far they reach on a grid."""
-
-    def __init__(
-        self, source: ObstacleSource, layer: InflationLayer, *, float32_resolution: bool | None
-    ) -> None:
-        is_exact = not _resolution_is_float32(layer.lookup, float32_resolution)
-        side = source.resolution if is_exact else as_float32(source.resolution)
-        diagonal = math.ceil(math.hypot(*source.shape))
-        self.layer = layer
-        self.reach = min(_reach_of(layer, side, is_exact=is_exact), diagonal)
-        self.metres = self.reach * source.resolution
-        within = self.reach
-        if layer.cost_scaling_factor > 0:  # from some cells on, costs are truncated to 0
-            decay = math.log(_HIGHEST_GRADED) / layer.cost_scaling_factor
-            cells = min((layer.inscribed_radius + decay) / side, self.reach)
-            within = min(self.reach, math.ceil(cells) + 1)
-        self.table = cost_table(within, layer, side, is_exact=is_exact)
-
-    @property
-    def cells(self) -> int:
-        """Cells beyond which all costs are 0."""
-        return math.isqrt(len(self.table) - 2)
-
-    def cost_at(self, circumscribed_radius: float | None) -> int | None:
-        inflation_radius = self.layer.inflation_radius
-        if circumscribed_radius is not None and circumscribed_radius > inflation_radius:
-            text = (
-                f"cost: inflation_radius {inflation_radius:g} m is smaller than the robot's "
-                f"circumscribed radius {circumscribed_radius:g} m: cost 0 does not mean that "
-                "every heading is free"
-            )
-            emit_warning(text, stacklevel=3)
-        return _circumscribed_cost(circumscribed_radius, self.layer)
-
-    def is_in(self, field: DistanceField) -> bool:
-        """Return whether a field distinguishes all distances that the costs reach."""
-        # A clipped field cannot distinguish cells exactly at the limit from those beyond it.
-        if field.max_distance is None or furthest_kept(field) > self.metres * (1 + 1e-6):
-            return True
-        if field.max_distance < self.metres * (1 - 1e-6):
-            rule = f"the field is clipped below the range of the costs, {self.metres:g} m"
-            hint = "make the field with a larger max_distance, or none"
-            raise ParameterError(rule, place="max_distance", got=field.max_distance, hint=hint)
-        return False
-
-    def raise_from_field(self, cost: NDArray[np.uint8], field: DistanceField) -> None:
-        height, width = cost.shape
-        step = max(1, _RAISED_TOGETHER // max(1, width))
-        for first in range(0, height, step):
-            rows = slice(first, min(first + step, height))
-            part = field.part(rows)
-            self.raise_costs(cost[rows], bytes_in(part, part.obstacles(), self.table))
-
-    def raise_around_seeds(self, cost: NDArray[np.uint8]) -> None:
-        """Raise costs, in place, by the distances to the cells that costs spread from."""
-        if self.reach > 0:
-            self.raise_costs(cost, bytes_by_distance(self.seeds_in(cost), self.table))
-
-    def seeds_in(self, cost: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        around_unknown = self.layer.inflate_around_unknown
-        return cost >= LETHAL_OBSTACLE if around_unknown else cost == LETHAL_OBSTACLE
-
-    def raise_costs(self, cost: NDArray[np.uint8], spread: NDArray[np.uint8]) -> None:
-        """Raise `cost`, in place, to what the distance to the nearest seed asks for."""
-        least = 1 if self.layer.inflate_unknown else INSCRIBED_INFLATED_OBSTACLE
-        raise_bytes(cost, spread, least=least, unknown=NO_INFORMATION)
+def _distinguishes(field: DistanceField, profile: CostProfile) -> bool:
+    """Return whether a field distinguishes all distances that the costs reach."""
+    # A clipped field cannot distinguish cells exactly at the limit from those beyond it.
+    metres = profile.reach * field.resolution
+    if field.max_distance is None or furthest_kept(field) > metres * (1 + 1e-6):
+        return True
+    if field.max_distance < metres * (1 - 1e-6):
+        rule = f"the field is clipped below the range of the costs, {metres:g} m"
+        hint = "make the field with a larger max_distance, or none"
+        raise ParameterError(rule, place="max_distance", got=field.max_distance, hint=hint)
+    return False
 
 
-def _resolution_is_float32(lookup: CostLookup, asked: bool | None) -> bool:
+def _raise_from_field(profile: CostProfile, cost: NDArray[np.uint8], field: DistanceField) -> None:
+    height, width = cost.shape
+    step = max(1, _RAISED_TOGETHER // max(1, width))
+    for first in range(0, height, step):
+        rows = slice(first, min(first + step, height))
+        part = field.part(rows)
+        profile.raise_costs(cost[rows], bytes_in(part, part.obstacles(), profile.table))
+
+
+def _resolution_is_float32(lookup: CostLookup, requested: bool | None) -> bool:
     """Return whether costs are computed with the float32 resolution of a map message."""
-    if lookup == "nav2" and asked is False:
+    if lookup == "nav2" and requested is False:
         rule = "cannot be no with lookup nav2, which takes the resolution of a map message"
         raise ParameterError(rule, place="float32_resolution")
-    return lookup == "nav2" or bool(asked)
-
-
-def warn_of_radii(layer: InflationLayer) -> None:
-    if layer.inscribed_radius > layer.inflation_radius:
-        text = (
-            f"cost: inscribed_radius {layer.inscribed_radius:g} m is larger than inflation_radius "
-            f"{layer.inflation_radius:g} m, which cuts it off"
-        )
-        emit_warning(text, stacklevel=3)
-
-
-def advice_on(cost: int, layer: InflationLayer) -> str:
-    factor, radius = layer.cost_scaling_factor, layer.inflation_radius
-    if cost > 0:
-        return f"raise cost_scaling_factor ({factor:g})"
-    if factor > 0 and layer.inscribed_radius + math.log(_HIGHEST_GRADED) / factor < radius:
-        return f"lower cost_scaling_factor ({factor:g})"
-    return f"raise inflation_radius ({radius:g} m)"
-
-
-def cost_table(
-    reach: int, layer: InflationLayer, resolution: float, *, is_exact: bool = True
-) -> NDArray[np.uint8]:
-    """Return the costs of the squared distances 0 .. reach^2, and one 0 beyond."""
-    table = _costs_of_squares(np.arange(reach * reach + 2), layer, resolution, is_exact=is_exact)
-    table[-1] = FREE_SPACE
-    return table
-
-
-def _costs_of_squares(
-    squares: NDArray[np.int64] | NDArray[np.float64],
-    layer: InflationLayer,
-    resolution: float,
-    *,
-    is_exact: bool,
-) -> NDArray[np.uint8]:
-    """Return the cost of squared distances in cells, however far costs reach."""
-    if layer.lookup == "nav2":
-        # in float32 and rounded as Nav2's inflation layer does
-        cells = np.sqrt(squares.astype(np.float32))
-        hundredths = (cells * np.float32(100) + np.float32(0.5)).astype(np.int64)
-        starts = np.flatnonzero(np.diff(hundredths, prepend=-1))
-        of_hundredths = [
-            _cost_of(index / 100.0 * resolution, layer) for index in hundredths[starts].tolist()
-        ]
-        lengths = np.diff(starts, append=len(squares))
-        costs = np.repeat(np.array(of_hundredths, dtype=np.uint8), lengths)
-    else:
-        metres = np.sqrt(squares.astype(np.float64)) * resolution
-        beyond = np.maximum(metres - layer.inscribed_radius, 0.0)
-        decay = np.exp(-layer.cost_scaling_factor * beyond)
-        costs = (_HIGHEST_GRADED * decay).astype(np.uint8)
-        is_within = metres <= layer.inscribed_radius + RADIUS_TOLERANCE * is_exact
-        costs[is_within] = INSCRIBED_INFLATED_OBSTACLE
-    costs[squares == 0] = LETHAL_OBSTACLE
-    return costs
-
-
-def _cost_of(metres: float, layer: InflationLayer) -> int:
-    if metres <= layer.inscribed_radius:
-        return INSCRIBED_INFLATED_OBSTACLE
-    decay = math.exp(-layer.cost_scaling_factor * (metres - layer.inscribed_radius))
-    return int(_HIGHEST_GRADED * decay)
-
-
-def _circumscribed_cost(radius: float | None, layer: InflationLayer) -> int | None:
-    if radius is None:
-        return None
-    return FREE_SPACE if radius > layer.inflation_radius else _cost_of(radius, layer)
-
-
-_MOST_CELLS = 2.0**52  # of a reach: whole numbers of cells up to here are floats
-
-
-def _reach_of(layer: InflationLayer, resolution: float, *, is_exact: bool) -> int:
-    radius = min(layer.inflation_radius, _MOST_CELLS * resolution)
-    # ROS has no tolerance for radii that are multiples of the resolution on paper.
-    return cells_to_cover(radius, resolution) if is_exact else math.ceil(radius / resolution)
-
-
-def inflation_curve(
-    layers: Sequence[InflationLayer],
-    resolution: float,
-    *,
-    circumscribed_radius: float | None = None,
-    float32_resolution: bool = True,
-) -> CostCurve:
-    side = as_float32(resolution) if float32_resolution else resolution
-    is_exact = not float32_resolution
-    reaches = [_reach_of(layer, side, is_exact=is_exact) for layer in layers]
-    squares = squares_up_to(max(reaches, default=0))
-    cost = np.where(squares == 0, LETHAL_OBSTACLE, FREE_SPACE).astype(np.uint8)
-    for layer, reach in zip(layers, reaches, strict=True):
-        with np.errstate(over="ignore"):  # of exponents, which end at 0 all the same
-            spread = _costs_of_squares(squares, layer, side, is_exact=is_exact)
-        np.maximum(cost, spread, out=cost, where=squares <= float(reach) ** 2)
-    if not layers:
-        return CostCurve(resolution, np.sqrt(squares), cost)
-    farthest, last = layers[int(np.argmax(reaches))], layers[-1]
-    return CostCurve(
-        resolution,
-        np.sqrt(squares),
-        cost,
-        inscribed_radius=last.inscribed_radius,
-        circumscribed_radius=circumscribed_radius,
-        circumscribed_cost=_circumscribed_cost(circumscribed_radius, last),
-        inflation_radius=farthest.inflation_radius,
-        marks=tuple(
-            (f"inflation radius of {layer.name}", layer.inflation_radius)
-            for layer in layers
-            if layer is not farthest
-        ),
-        note="distances rounded to 1/100 cell" if last.lookup == "nav2" else "",
-        formula=partial(_decay, layers=layers, reaches=[reach * side for reach in reaches]),
-    )
-
-
-def _decay(
-    metres: NDArray[np.float64], *, layers: Sequence[InflationLayer], reaches: Sequence[float]
-) -> NDArray[np.float64]:
-    """Return the highest of the layers' costs, each as far as it reaches, not truncated."""
-    highest = np.zeros_like(metres)
-    for layer, reach in zip(layers, reaches, strict=True):
-        beyond = np.maximum(metres - layer.inscribed_radius, 0.0)
-        with np.errstate(over="ignore"):
-            decay = _HIGHEST_GRADED * np.exp(-layer.cost_scaling_factor * beyond)
-        decay[beyond == 0] = INSCRIBED_INFLATED_OBSTACLE
-        np.maximum(highest, decay, out=highest, where=metres <= reach * (1 + 1e-6))
-    return highest
+    return lookup == "nav2" or bool(requested)

@@ -72,7 +72,7 @@ def _remark(_: Parameters, figures: Figures) -> str | None:
     more_memory=_memory_of_headings,
     is_whole=lambda _: True,
     hands_on=False,
-    minds_mask=True,
+    accepts_mask=lambda _: True,
     remark=_remark,
     robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
     in_place_of={"footprint": InPlaceOf("radius", lambda p: reach_radius(p["footprint"]))},

@@ -84,7 +84,7 @@ mapdeal rotate out/turned.yaml -o out/straight.yaml --straighten""",
     cells=_cells_to_turn,
     is_whole=lambda _: True,
     edits=True,
-    moves=True,
+    moves=lambda _: True,
     settled=_check,
 )
 def turned(
@@ -309,7 +309,7 @@ def _cells_to_rescale(grid: ValueGrid, parameters: Parameters) -> Iterator[int]:
     cells=_cells_to_rescale,
     is_whole=lambda _: True,
     edits=True,
-    moves=True,
+    moves=lambda _: True,
     settled=lambda parameters: {"resolution": check_resolution(parameters["resolution"])},
 )
 def rescale(

@@ -11,24 +11,22 @@ settings below::
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, fields, replace
-from typing import Any, get_type_hints
+from dataclasses import replace
+from typing import Any
 
 from mapdeal.command import (
     ABOVE_0,
-    AT_LEAST_0,
-    PERCENT,
-    Condition,
     Parameter,
     accept_parameters,
-    split_optional,
+    parameters_of,
     structured,
     unknown_name,
 )
 from mapdeal.errors import ParameterError
-from mapdeal.grid.costmap import CostmapLayer, DenoiseLayer, InflationLayer, StaticLayer
 from mapdeal.grid.frame import MOST_CELLS, Frame, check_origin, check_resolution
 from mapdeal.grid.reach import Goal
+from mapdeal.layers.catalogue import KINDS
+from mapdeal.layers.layer import CostmapLayer
 
 _FRAME = {
     name: Parameter(name, None, kind, optional=False, conditions=(ABOVE_0,))
@@ -126,23 +124,6 @@ Goals = tuple[Goal, ...]  # places that a robot should get to, as a parameter of
 structured(Goals, accept_goals)
 
 
-_Kind = type[StaticLayer] | type[InflationLayer] | type[DenoiseLayer]
-_KINDS: dict[str, _Kind] = {
-    "static": StaticLayer,
-    "inflation": InflationLayer,
-    "denoise": DenoiseLayer,
-}
-_BYTE = Condition("a byte, 0 to 255, or -1 for 255", lambda value: -1 <= value <= 255)
-_BOUNDS = {
-    "lethal_cost_threshold": PERCENT,
-    "unknown_cost_value": _BYTE,
-    "inscribed_obstacle_cost_value": _BYTE,
-    "inscribed_radius": AT_LEAST_0,
-    "inflation_radius": AT_LEAST_0,
-    "cost_scaling_factor": AT_LEAST_0,
-    "minimal_group_size": AT_LEAST_0,
-    "group_connectivity_type": Condition("4 or 8", lambda value: value in (4, 8)),
-}
 _LAYERS_LOOK = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
 
 
@@ -153,44 +134,37 @@ def accept_layers(name: str, value: object) -> tuple[CostmapLayer, ...]:
     return tuple(_layer(f"{name} {number}", item) for number, item in enumerate(value, start=1))
 
 
-def described_layer(layer: CostmapLayer) -> dict[str, dict[str, Any]]:
-    return {next(key for key, kind in _KINDS.items() if type(layer) is kind): asdict(layer)}
-
-
 def layers_with(
     layers: tuple[CostmapLayer, ...], name: str, value: object
 ) -> tuple[CostmapLayer, ...] | None:
     """Return layers with a new value for the parameter of a name in model ``exponential``."""
     if name == "lethal_threshold":
         name = "lethal_cost_threshold"  # as ROS calls it
-    made = next((one for one in _KINDS.values() if name in _parameters_of(one)), None)
-    if made is None:
+    kind = next((kind for kind in KINDS.values() if name in _parameters_of(kind)), None)
+    if kind is None:
         return None
-    owners = [one for one in layers if isinstance(one, made)]
-    if made is InflationLayer and name != "lookup" and len(owners) != 1:
-        names = ", ".join(one.name for one in owners) or "none"
+    owners = [layer for layer in layers if layer.key == kind.key]
+    if kind.spreads and name != "lookup" and len(owners) != 1:
+        names = ", ".join(layer.name for layer in owners) or "none"
         rule = f"there must be one inflation layer for it to be of, there are: {names}"
         raise ParameterError(rule, place=name)
-    accepted = _parameters_of(made)[name].accept(value)
-    return tuple(
-        replace(one, **{name: accepted}) if isinstance(one, made) else one for one in layers
-    )
+    accepted: Any = {name: _parameters_of(kind)[name].accept(value)}
+    return tuple(replace(layer, **accepted) if layer.key == kind.key else layer for layer in layers)
 
 
 def _layer(place: str, item: object) -> CostmapLayer:
     given: object = None
-    if isinstance(item, CostmapLayer):
-        item = described_layer(item)
+    if hasattr(item, "described"):  # a layer
+        item = item.described()
     if isinstance(item, Mapping) and len(item) == 1:
         ((item, given),) = item.items()
     if given is not None and not isinstance(given, Mapping):
         raise ParameterError(f"must look like {_LAYERS_LOOK}", place=place, got={item: given})
     if not isinstance(item, str):
         raise ParameterError(f"must look like one of {_LAYERS_LOOK}", place=place, got=item)
-    if item not in _KINDS:
-        raise unknown_name("kind of layer", item, _KINDS, place=place)
-    made = _KINDS[item]
-    known = _parameters_of(made)
+    if item not in KINDS:
+        raise unknown_name("kind of layer", item, KINDS, place=place)
+    known = _parameters_of(KINDS[item])
     values: dict[str, Any] = {}
     for key, value in (given or {}).items():
         if key == "name":
@@ -205,21 +179,12 @@ def _layer(place: str, item: object) -> CostmapLayer:
                 raise
         else:
             raise unknown_name("parameter", key, known, place=f"{place} {item}")
-    for key in ("unknown_cost_value", "inscribed_obstacle_cost_value"):
-        if values.get(key) == -1:
-            values[key] = 255
-    return made(**values)
+    return KINDS[item](**values)
 
 
-def _parameters_of(made: _Kind) -> dict[str, Parameter]:
-    hints = get_type_hints(made)
-    found = {}
-    for one in fields(made):
-        if one.name != "name":
-            kind, optional = split_optional(hints[one.name])
-            bounds = (_BOUNDS[one.name],) if one.name in _BOUNDS else ()
-            found[one.name] = Parameter(one.name, one.default, kind, optional, bounds)
-    return found
+def _parameters_of(kind: type[CostmapLayer]) -> dict[str, Parameter]:
+    fields: Any = kind
+    return {name: own for name, own in parameters_of(fields).items() if name != "name"}
 
 
 LayerList = tuple[CostmapLayer, ...]  # layers of a costmap, as a parameter of a stage

@@ -184,7 +184,7 @@ def _check(parameters: Parameters) -> Parameters:
     memory=6.0,
     cells=_cells,
     edits=True,
-    moves=True,
+    moves=lambda _: True,
     settled=_check,
 )
 def window(
@@ -316,7 +316,7 @@ def copied(grid: G, region: Region, frame: Frame, *, fill: int | None, what: str
     title=lambda _: "shifted",
     memory=6.0,
     edits=True,
-    moves=True,
+    moves=lambda _: True,
 )
 def shift_origin(
     grid: V,

@@ -1,0 +1,1 @@
+"""Costmap layers: one class each, which owns its parameters and its effect on the master grid."""

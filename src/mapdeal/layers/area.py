@@ -1,0 +1,173 @@
+"""The area of a costmap: where its cells lie on the map, and which ones the robot covers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.command import ABOVE_0, Parameter, accept_parameters, structured
+from mapdeal.errors import ParameterError
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import MOST_CELLS, Frame, Origin, as_float32, turned
+from mapdeal.kernels.polygons import edges_through, line_spans, paint
+
+Pose = tuple[float, float, float]
+Cells = tuple[NDArray[np.int64], NDArray[np.int64]]
+
+
+@dataclass(frozen=True)
+class CostmapArea:
+    """Size and place of a costmap whose own parameters give them, not a map.
+
+    Parameters
+    ----------
+    height, width : int
+        Number of rows and columns.
+    resolution : float
+        Side of a cell, metres.
+    origin : tuple of float
+        Lower left corner before the costmap first moves, metres.
+    is_rolling : bool
+        Whether the costmap moves with the robot, which stays in its middle.
+    size_margin : float
+        Cells by which the size in metres is less than all cells: 0.5 in ROS 1 and in Nav2 up to
+        Kilted, where it ends in the middle of the last cell.
+    global_frame : str
+        Frame of reference of the costmap.
+    """
+
+    height: int
+    width: int
+    resolution: float
+    origin: tuple[float, float] = (0.0, 0.0)
+    is_rolling: bool = True
+    size_margin: float = 0.0
+    global_frame: str = "map"
+
+    @property
+    def is_in_map_frame(self) -> bool:
+        return self.global_frame.strip("/") == "map"
+
+    def placed(self, pose: Sequence[float] | None) -> Frame:
+        """Return the frame of the costmap around a robot, in `global_frame`.
+
+        References
+        ----------
+        ``updateOrigin`` and ``getSizeInMetersX`` in ``costmap_2d.cpp``.
+        """
+        x, y = self.origin
+        if self.is_rolling and pose is not None:
+            x = self._moved(x, self.width, pose[0])
+            y = self._moved(y, self.height, pose[1])
+        return Frame(self.height, self.width, self.resolution, (x, y, 0.0))
+
+    def _moved(self, corner: float, cells: int, robot: float) -> float:
+        goal = robot - (cells - self.size_margin) * self.resolution / 2
+        for _ in range(3):  # updates, each by whole cells; rounding may leave one for the second
+            corner += int((goal - corner) / self.resolution) * self.resolution
+        return corner
+
+
+_FIELDS = {
+    name: Parameter(name, None, kind, optional=False, conditions=(ABOVE_0,))
+    for name, kind in {"height": int, "width": int, "resolution": float}.items()
+}
+_FIELDS |= {
+    name: Parameter(name, default, kind, optional=False, conditions=())
+    for name, kind, default in (
+        ("origin", tuple[float, float], (0.0, 0.0)), ("is_rolling", bool, True),
+        ("size_margin", float, 0.0),
+    )
+}  # fmt: skip
+_LOOKS = "{height: 60, width: 60, resolution: 0.05, is_rolling: yes, global_frame: odom}"
+
+
+def accept_area(name: str, value: object) -> CostmapArea:
+    if isinstance(value, CostmapArea):
+        return value
+    if not isinstance(value, Mapping) or not {"height", "width", "resolution"} <= set(value):
+        raise ParameterError(f"must look like {_LOOKS}", place=name, got=value)
+    values = dict(value)
+    global_frame = values.pop("global_frame", "map")
+    if not isinstance(global_frame, str):
+        raise ParameterError("must be text", place=f"{name}.global_frame", got=global_frame)
+    accepted: dict[str, Any] = accept_parameters(_FIELDS, values, name)
+    if accepted["height"] * accepted["width"] > MOST_CELLS:
+        raise ParameterError(f"must not have more than {MOST_CELLS} cells", place=name, got=value)
+    return CostmapArea(**accepted, global_frame=global_frame)
+
+
+structured(CostmapArea, accept_area)
+
+
+def cells_below(area: Frame, map_to_area: Pose | None, map_frame: Frame, rows: slice) -> Cells:
+    """Return the row and column of a map below each cell centre of some rows of a costmap.
+
+    Cells outside of the map have a negative row or column, or one beyond its size. `map_to_area`
+    is the pose of the costmap's frame of reference in that of the map; None if they are the same.
+
+    References
+    ----------
+    The rolling branch of ``updateCosts`` in ``static_layer.cpp``, in doubles, with the rotation
+    matrix of tf2: which cell a centre lies in that falls on an edge depends on the last bit.
+    """
+    across = np.arange(area.width, dtype=np.float64)[np.newaxis, :]
+    along = np.arange(rows.start, rows.stop, dtype=np.float64)[:, np.newaxis]
+    x = area.origin[0] + (across + 0.5) * area.resolution
+    y = area.origin[1] + (along + 0.5) * area.resolution
+    if map_to_area is not None:
+        x, y = _transformed(map_to_area, x, y)
+    return _cells_of(x, y, map_frame.origin, as_float32(map_frame.resolution))
+
+
+def _transformed(
+    transform: Pose, x: NDArray[np.float64], y: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    shift_x, shift_y, yaw = transform
+    z, w = math.sin(yaw / 2), math.cos(yaw / 2)
+    scaled = z * (2.0 / (z * z + w * w))
+    cos, sin = 1.0 - z * scaled, w * scaled
+    return cos * x + -sin * y + shift_x, sin * x + cos * y + shift_y
+
+
+def _cells_of(
+    x: NDArray[np.float64], y: NDArray[np.float64], origin: Origin, cell_size: float
+) -> Cells:
+    """Return the cells of points, as costmap_2d's ``worldToMap``."""
+    x, y, yaw = x - origin[0], y - origin[1], origin[2]
+    if yaw != 0.0:  # costmap_2d ignores it
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        x, y = x * cos + y * sin, y * cos - x * sin
+    return np.floor(y / cell_size).astype(np.int64), np.floor(x / cell_size).astype(np.int64)
+
+
+def covered_cells(
+    footprint: Footprint, pose: Pose, area: Frame, cell_size: float
+) -> NDArray[np.bool_] | None:
+    """Return the cells of a costmap that a footprint covers; None if a corner lies outside.
+
+    References
+    ----------
+    ``transformFootprint`` in ``footprint.cpp``; ``setConvexPolygonCost`` in ``costmap_2d.cpp``,
+    which fills each column from the lowest to the highest cell of the outline.
+    """
+    shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
+    corners = turned(np.array(shape.vertices, dtype=np.float64), pose[2])
+    row, col = _cells_of(
+        corners[:, 0] + pose[0], corners[:, 1] + pose[1], area.origin, cell_size
+    )  # fmt: skip
+    if not ((row >= 0) & (row < area.height) & (col >= 0) & (col < area.width)).all():
+        return None
+    outline = np.zeros(area.shape, dtype=np.uint8)
+    edges = edges_through(list(zip(row.tolist(), col.tolist(), strict=True)), closed=True)
+    for spans in line_spans(edges, area.shape):
+        paint(outline, spans, 1)
+    above = np.maximum.accumulate(outline, axis=0)
+    below = np.maximum.accumulate(outline[::-1], axis=0)[::-1]
+    covered: NDArray[np.bool_] = (above & below).astype(np.bool_)
+    return covered

@@ -1,0 +1,140 @@
+"""Costmap layer ``keepout``: the keepout filter, which lays a mask over the costs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import emit_warning
+from mapdeal.grid.frame import Frame, cells_at
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import NO_INFORMATION, UNKNOWN, CostScale, cost_from_occupancy
+from mapdeal.kernels.lookup import look_up
+from mapdeal.kernels.threads import for_rows
+from mapdeal.layers.layer import CostmapLayer, MasterGrid, Nav2Values, PluginEntry
+
+
+@dataclass(frozen=True, repr=False)
+class KeepoutFilter(CostmapLayer):
+    """Settings of Nav2's keepout filter, whose mask is given apart.
+
+    Parameters
+    ----------
+    name : str
+        Name in the list of plugins or filters.
+
+    References
+    ----------
+    ``process`` in ``keepout_filter.cpp`` of nav2_costmap_2d, with base 0 and multiplier 1.
+    """
+
+    name: str = "keepout_filter"
+
+    key: ClassVar[str] = "keepout"
+    nav2_plugins: ClassVar[tuple[str, ...]] = ("nav2_costmap_2d::KeepoutFilter",)
+    about: ClassVar[str] = "raises costs to those of the keepout mask, where it is listed"
+    needs: ClassVar[str] = "mask"
+
+    def apply(self, master: MasterGrid) -> None:
+        if master.keepout is not None:
+            master.keepout.lay_over(master.costs, master.rows)
+
+    def effect(self) -> str:
+        return "raises costs to those of a keepout mask (--mask)"
+
+    @classmethod
+    def from_nav2(cls, values: Nav2Values, entry: PluginEntry) -> KeepoutFilter:
+        return cls(entry.name)
+
+
+CellsAt = Callable[[slice], tuple[NDArray[np.int64], NDArray[np.int64]]]
+"""Returns, for some rows of a costmap, the row and the column of a mask below each cell."""
+
+
+class MaskCosts:
+    """Costs of a keepout mask at the cells of a costmap, and how many cells they changed.
+
+    Parameters
+    ----------
+    mask : OccupancyGrid
+        The mask.
+    cells_at : callable
+        Which cells of the mask lie below some rows of the costmap, also outside of the mask.
+    scale : {'costmap2d', 'occupancy'}
+        Scale of the costs. A value v is round(2.54 v) on scale ``costmap2d``.
+    """
+
+    def __init__(
+        self, mask: OccupancyGrid, cells_at: CellsAt, scale: CostScale = "costmap2d"
+    ) -> None:
+        self._shape, self._cells_at = mask.shape, cells_at
+        self._unknown = NO_INFORMATION if scale == "costmap2d" else UNKNOWN
+        self._values: NDArray[Any] = mask.occupancy
+        if scale == "costmap2d":
+            self._values = look_up(mask.occupancy, cost_from_occupancy())
+        self._covered: list[int] = []
+        self._freed: list[int] = []
+
+    @classmethod
+    def at_centres(
+        cls, mask: OccupancyGrid, frame: Frame, scale: CostScale = "costmap2d"
+    ) -> MaskCosts:
+        """Return the mask below the cell centres of a frame; origins, yaws and cells may differ."""
+        return cls(mask, partial(cells_at_centres, frame, mask.frame), scale)
+
+    def lay_over(self, costs: NDArray[Any], rows: slice) -> None:
+        """Raise the costs of some rows of the frame, in place; unknown costs are replaced."""
+
+        def lay_over_part(part: slice) -> None:
+            in_frame = slice(rows.start + part.start, rows.start + part.stop)
+            values, is_inside = self._values_at(in_frame)
+            is_known = is_inside & (values != self._unknown)
+            was_unknown = costs[part] == self._unknown
+            changed = is_known & ((values > costs[part]) | was_unknown)
+            self._covered.append(int(np.count_nonzero(is_known)))
+            self._freed.append(int(np.count_nonzero(changed & was_unknown & (values == 0))))
+            np.copyto(costs[part], values, where=changed)
+
+        for_rows(lay_over_part, costs.shape)
+
+    def _values_at(self, rows: slice) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        row, col = self._cells_at(rows)
+        height, width = self._shape
+        is_inside = (row >= 0) & (row < height) & (col >= 0) & (col < width)
+        return self._values[np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)], is_inside
+
+    def warn(self, *, stacklevel: int = 2) -> None:
+        """Warn if the mask covered no cell, or freed unknown cells."""
+        if not sum(self._covered):
+            text = "the mask covers no cell of the costs: it has no known cell there"
+            emit_warning(text, stacklevel=stacklevel + 1)
+        if sum(self._freed):
+            text = f"{sum(self._freed)} unknown cells became free where the mask is 0, as in Nav2"
+            emit_warning(text, stacklevel=stacklevel + 1)
+
+
+def cells_at_centres(
+    target: Frame, source: Frame, rows: slice
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the row and column of a source below each cell centre of some rows of a target."""
+    # Without a turn between the two they are a column and a row that broadcast.
+    along = np.arange(rows.start, rows.stop)[:, np.newaxis]
+    across = np.arange(target.width)[np.newaxis, :]
+    centre = target.xy_from_rowcol([[0, 0]])
+    row, col = source.continuous_rowcol_from_xy(centre)[0].tolist()
+    tolerance = source.tolerance_at(centre)
+    step = target.resolution / source.resolution
+    turn = target.origin[2] - source.origin[2]
+    if turn == 0.0:
+        return cells_at(row + along * step, tolerance), cells_at(col + across * step, tolerance)
+    cos, sin = step * math.cos(turn), step * math.sin(turn)
+    return (
+        cells_at(row + along * cos + across * sin, tolerance),
+        cells_at(col - along * sin + across * cos, tolerance),
+    )

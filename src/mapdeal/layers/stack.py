@@ -1,0 +1,137 @@
+"""The layers of one costmap, in order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OCCUPIED, UnknownPolicy
+from mapdeal.layers.area import CostmapArea
+from mapdeal.layers.inflation import InflationLayer
+from mapdeal.layers.keepout import KeepoutFilter
+from mapdeal.layers.layer import CostmapLayer
+from mapdeal.layers.static import StaticLayer
+
+
+@dataclass(frozen=True)
+class CostmapLayers:
+    """The layers that turn a map into a costmap, from the first to the last.
+
+    Parameters
+    ----------
+    layers : tuple of CostmapLayer
+        Layers that are switched on, in the order in which they are applied.
+    default_cost : int
+        Cost of an empty costmap, 0 or 255.
+    circumscribed_radius : float, optional
+        Circumscribed radius of the robot, metres.
+    area : CostmapArea, optional
+        Size and place of the costmap, if the map does not give them.
+    footprint : Footprint, optional
+        The robot's padded footprint, if its pose matters.
+    """
+
+    layers: tuple[CostmapLayer, ...]
+    default_cost: int = FREE_SPACE
+    circumscribed_radius: float | None = None
+    area: CostmapArea | None = None
+    footprint: Footprint | None = None
+
+    @property
+    def effective(self) -> tuple[CostmapLayer, ...]:
+        """Layers that change a cost, for a robot that stands outside of the map."""
+        effective: list[CostmapLayer] = []
+        has_unknown = self.default_cost == NO_INFORMATION
+        for layer in self.layers:
+            if layer.why_idle(has_unknown):
+                continue
+            if layer.overwrites_all:
+                effective.clear()
+            effective.append(layer)
+            has_unknown = layer.unknown_after(has_unknown)
+        return tuple(effective)
+
+    @property
+    def static_layers(self) -> tuple[StaticLayer, ...]:
+        return tuple(layer for layer in self.layers if isinstance(layer, StaticLayer))
+
+    @property
+    def inflation_layers(self) -> tuple[InflationLayer, ...]:
+        return tuple(layer for layer in self.layers if isinstance(layer, InflationLayer))
+
+    @property
+    def keeps_unknown(self) -> bool:
+        """Whether cells that the map does not know are unknown in the costmap."""
+        is_unknown = self.default_cost == NO_INFORMATION
+        for layer in self.layers:
+            is_unknown = layer.unknown_after(is_unknown)
+        return is_unknown
+
+    @property
+    def has_keepout(self) -> bool:
+        return any(isinstance(layer, KeepoutFilter) for layer in self.layers)
+
+    @property
+    def inflates_keepout(self) -> bool:
+        """Whether an inflation layer sees the lethal cells of a keepout mask."""
+        effective = self.effective
+        filters = [index for index, layer in enumerate(effective) if _is_keepout(layer)]
+        return bool(filters) and any(layer.spreads for layer in effective[filters[0] :])
+
+    @property
+    def loses_keepout(self) -> bool:
+        """Whether a later layer overwrites all that a keepout mask has written."""
+        return self.has_keepout and not any(map(_is_keepout, self.effective))
+
+    def with_mask_last(self) -> CostmapLayers:
+        """Return the layers without keepout filters where it makes no difference.
+
+        A mask that is laid over the finished costs does the same as filters behind all layers.
+        """
+        layers = list(self.layers)
+        while layers and _is_keepout(layers[-1]):
+            layers.pop()
+        is_last = len(layers) < len(self.layers) and not any(map(_is_keepout, layers))
+        return replace(self, layers=tuple(layers)) if is_last else self
+
+    def without(self, key: str) -> CostmapLayers:
+        """Return the layers but those of a kind."""
+        return replace(self, layers=tuple(layer for layer in self.layers if layer.key != key))
+
+    @property
+    def static_and_inflation(self) -> tuple[StaticLayer, InflationLayer | None] | None:
+        """One static layer, and at most one inflation layer above it; None for other layers."""
+        # A static layer that only raises costs counts as well: there is nothing below it.
+        match self.effective:
+            case (StaticLayer() as static,):
+                return static, None
+            case (StaticLayer() as static, InflationLayer() as inflation):
+                return static, inflation
+        return None
+
+    @property
+    def inflations_above_map(self) -> tuple[InflationLayer, ...] | None:
+        """Inflation layers that see the obstacles of the map; None if no layer reads a map."""
+        effective = self.effective
+        statics = [k for k, layer in enumerate(effective) if isinstance(layer, StaticLayer)]
+        if not statics:
+            return None
+        return tuple(
+            layer for layer in effective[statics[0] :] if isinstance(layer, InflationLayer)
+        )
+
+    @property
+    def obstacle_rule(self) -> tuple[int, UnknownPolicy] | None:
+        """Least occupancy of an obstacle, and what unknown cells count as; None without a map."""
+        # With a threshold of 0 every cell is an obstacle.
+        for layer in self.effective:
+            if isinstance(layer, StaticLayer) and layer.lethal_cost_threshold > 0:
+                # The layer sees -1 as byte 255; whether that and 100 are lethal a field can tell.
+                special = (layer.unknown_cost_value, layer.inscribed_obstacle_cost_value)
+                is_lethal = NO_INFORMATION not in special and OCCUPIED not in special
+                return layer.lethal_cost_threshold, "occupied" if is_lethal else "free"
+        return None
+
+
+def _is_keepout(layer: CostmapLayer) -> bool:
+    return isinstance(layer, KeepoutFilter)
