@@ -187,6 +187,8 @@ class CellTallies:
         self._from_north = from_north
         self._free_rows = np.zeros((2, width), dtype=np.bool_)
         self._free_cols = np.zeros((height, 2), dtype=np.bool_)
+        self._last_free = np.zeros(width, dtype=np.bool_)
+        self._free_pairs = 0  # of free cells that share an edge
 
     def add(self, occupancy: NDArray[np.int8]) -> None:
         """Count the cells of the next rows, shape (rows, W)."""
@@ -201,6 +203,9 @@ class CellTallies:
             self._of_values += histogram(band)
         free = band == FREE
         self._free.add(free)
+        rows = (self._last_free, free[0]), (free[:-1], free[1:]), (free[:, :-1], free[:, 1:])
+        self._free_pairs += sum(np.count_nonzero(first & second) for first, second in rows)
+        self._last_free = free[-1]
         if self._from_north:
             first, stop, band, free = height - stop, height - first, band[::-1], free[::-1]
         self._known_rows[first:stop] = band.max(axis=1) >= 0
@@ -214,6 +219,13 @@ class CellTallies:
     def counts(self) -> dict[str, int]:
         """Number of occupied, free, unknown and other cells, once all rows have been counted."""
         return states_of(self._of_values)
+
+    @property
+    def mean_free_width(self) -> float:
+        """Mean width of free space in cells, twice its area over its outline; 0 without any."""
+        area = self.counts["free"]
+        outline = 4 * area - 2 * self._free_pairs
+        return 2 * area / outline if outline else 0.0
 
     @property
     def border(self) -> int:
