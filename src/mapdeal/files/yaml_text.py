@@ -355,10 +355,10 @@ def _number_hint(text: str) -> str | None:
         return "write the decimal point as '.'"
     if text.lower().lstrip("+-.") in ("inf", "infinity"):
         return "it must be finite"
-    if re.match(r"[-+]?[\d.]+\s*[a-zA-Z]", text):
-        return "write the bare number, without a unit or suffix"
     if text.lower().lstrip("+-.") == "nan":
         return "a fault of some map savers; write 0"
+    if re.match(r"[-+]?[\d.]+\s*[a-zA-Z]", text):
+        return "write the bare number, without a unit or suffix"
     return None
 
 
