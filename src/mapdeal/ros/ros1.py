@@ -718,6 +718,9 @@ def _is_there(server: Ros1Server) -> bool:
     if found is None:
         text = f"no parameters of /{'/'.join(server.path)}"
         hint = f"a file of it has {server.costmap}_costmap: at its top, or no costmap's name at all"
+        other = "local" if server.costmap == "global" else "global"
+        if server.root.get((*server.node, f"{other}_costmap")) is not None:
+            hint = f"--costmap {other} takes the one that it has"
         server.problem("params.namespace", "refused", text, hint=hint)
         return False
     if not isinstance(found, Ros1Namespace) or any(
