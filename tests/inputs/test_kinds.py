@@ -78,7 +78,7 @@ FILES = {
                   "--params-file"),
     "ros1.yaml": (b"obstacle_layer: {enabled: true}\nfootprint: []\n", "ROS parameters", "ROS",
                   {"nodes": "obstacle_layer, footprint"}, "--params-file"),
-    "nested.yaml": (b"move_base:\n  global_costmap:\n    resolution: 0.1\n", "ROS parameters", "ROS",
+    "nested.yaml": (b"move_base:\n  global_costmap: {a: 0.1}\n", "ROS parameters", "ROS",
                     {"nodes": "move_base"}, "--params-file"),
     "slash.yaml": (b"/robot/move_base/robot_radius: 0.2\n", "ROS parameters", "ROS",
                    {"nodes": "/robot/move_base/robot_radius"}, "--params-file"),

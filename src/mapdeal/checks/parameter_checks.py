@@ -268,6 +268,7 @@ _SEVERITIES: dict[str, Severity] = {"refused": "error", "warning": "warning", "n
 
 _DECLARED: tuple[tuple[str, Severity, str], ...] = (
     ("syntax", "error", "a parameter file that ROS cannot read"),
+    ("alias", "warning", "an alias in a Nav2 file, which only nav2_bringup's launch files replace"),
     ("other-kind", "error", "a file of another kind, such as a map or a recipe"),
     ("empty", "error", "a parameter without a value, at which roslaunch ends"),
     ("name", "error", "a name that is not text"),

@@ -481,6 +481,7 @@ def nav2_robot(
         return None, problems
     values = Nav2Values(parameters.for_node(node), node, paths[-1], older=older)
     values.problems += (*problems, *_one_level(parameters, node, "warning"))
+    values.problems += [_of_alias(*alias) for alias in parameters.aliases]
     for name, value in parameters.unset_for(node):
         text = "has no value, and every node that it is for exits"
         hint = "an empty list has no type in ROS 2; take the parameter out"
@@ -489,6 +490,14 @@ def nav2_robot(
                     hint)
         )  # fmt: skip
     return _resolved(values, parameters, costmap), tuple(values.problems)
+
+
+def _of_alias(path: Path, line: int, alias: str) -> Problem:
+    text = (
+        "ROS 2 does not support aliases; nav2_bringup's launch files write the value in its place"
+    )
+    hint = "other launch files need the value itself"
+    return Problem("params.alias", "warning", text, "", path, line, alias, hint)
 
 
 def _of_error(error: MalformedInputError) -> Problem:
