@@ -204,7 +204,7 @@ class CellTallies:
         free = band == FREE
         self._free.add(free)
         rows = (self._last_free, free[0]), (free[:-1], free[1:]), (free[:, :-1], free[:, 1:])
-        self._free_pairs += sum(np.count_nonzero(first & second) for first, second in rows)
+        self._free_pairs += sum(int(np.count_nonzero(a & b)) for a, b in rows)
         self._last_free = free[-1]
         if self._from_north:
             first, stop, band, free = height - stop, height - first, band[::-1], free[::-1]
@@ -537,6 +537,13 @@ class FilterFacts:
 
 
 @dataclass(frozen=True, eq=False)
+class PlannerFacts:
+    """The parameters of one planner server of Nav2, by their full names."""
+
+    values: Mapping[str, ParameterValue]
+
+
+@dataclass(frozen=True, eq=False)
 class PairFacts:
     path: Path
     entries: dict[str, Entry]
@@ -695,7 +702,10 @@ def _line_in(place: str) -> tuple[int | None, str]:
     return (int(number), others) if number.isdecimal() else (None, place)
 
 
-_FACTS = (PairFacts, GridFacts, RoomFacts, MaskFacts, ParameterFacts, RobotFacts, FilterFacts)
+_FACTS = (
+    PairFacts, GridFacts, RoomFacts, MaskFacts, ParameterFacts, RobotFacts, FilterFacts,
+    PlannerFacts,
+)  # fmt: skip
 CheckFunction = TypeVar("CheckFunction", bound=Callable[[Any], Iterator[Remark | str]])
 
 

@@ -20,8 +20,10 @@ from typing import Any
 
 from mapdeal.checks.facts import FilterFacts, ParameterFacts, RobotFacts, check
 from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, declare_check
+from mapdeal.checks.nav2_names import planner_findings
 from mapdeal.errors import MapdealError
 from mapdeal.grid.costmap import InflationLayer
+from mapdeal.grid.values import NO_INFORMATION
 from mapdeal.ros.filters import filter_servers
 from mapdeal.ros.load import Name, costmap_values, costmaps_in, flavour_of, found_in
 from mapdeal.ros.robot import (
@@ -288,6 +290,8 @@ _DECLARED: tuple[tuple[str, Severity, str], ...] = (
     ("no-shape", "warning", "neither a footprint nor a radius"),
     ("too-large", "error", "a footprint that reaches farther than a kilometre"),
     ("plugins", "error", "layers that cannot be loaded"),
+    ("old-plugins", "warning",
+     "a list of layers in the form of ROS 1 or Eloquent, which Nav2 does not read"),
     ("not-modelled", "warning", "a layer that mapdeal does not know, and leaves out"),
     ("footprint-clearing", "note", "a static layer that frees the cells below the robot"),
     ("inflation-radius", "error", "an inflation radius below the robot's inscribed radius"),
@@ -448,6 +452,25 @@ def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
         yield Remark(text, at=facts.value("plugins"))
 
 
+@check("params.unknown-cost-value", "warning",
+       "an unknown_cost_value other than 255, by which unknown cells become lethal")  # fmt: skip
+def unknown_cost_value(facts: RobotFacts) -> Iterator[Remark]:
+    """Look at what the static layer compares cells with, 255 for unknown ones and 100 for walls."""
+    for layer in facts.robot.static_layers:
+        value = layer.unknown_cost_value
+        if value == NO_INFORMATION or layer.name == INJECTED:
+            continue
+        cells = {0: "free cells", 100: "occupied cells"}.get(value, f"cells of occupancy {value}")
+        becomes = "unknown" if layer.track_unknown_space else "free"
+        text = (
+            f"{cells} become {becomes}, and unknown ones lethal"
+            if value <= 100
+            else ("unknown cells become lethal")
+        )
+        at = facts.value("unknown_cost_value") or facts.of_layer(layer.name, "unknown_cost_value")
+        yield Remark(f"unknown_cost_value {value}: {text}; write 255", at=at)
+
+
 @check("params.costmaps-differ", "note",
        "a global and a local costmap of robots of different shape")  # fmt: skip
 def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
@@ -536,6 +559,8 @@ def lint_parameters(
             is_named = found.line is not None or len(present) == 1
             message = f"{one.name} costmap: {found.message}"
             findings.append(found if is_named else replace(found, message=message))
+    if flavour == "nav2":
+        findings += planner_findings(paths)
     by_file: dict[Path, list[Finding]] = {path: [] for path in paths}
     for found in dict.fromkeys(findings):
         by_file.setdefault(Path(found.file), []).append(found)

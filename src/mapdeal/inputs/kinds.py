@@ -50,7 +50,8 @@ _JSON_START = re.compile(rb"\s*\{\s*\"")
 _STAGES_KEY = re.compile(rb"(?m)^stages[ \t]*:")
 _KEY = re.compile(rb"(?m)^[ \t{]*[\"']?([\w/]+)[\"']?[ \t]*:")
 _OF_COSTMAPS = frozenset((
-    "ros__parameters", "local_costmap", "global_costmap", "obstacle_layer", "inflation_layer", "static_layer",
+    "ros__parameters", "local_costmap", "global_costmap",
+    "obstacle_layer", "inflation_layer", "static_layer",
     "footprint", "footprint_padding", "robot_radius", "inflation_radius", "cost_scaling_factor",
     "static_map", "map_type", "rolling_window", "robot_base_frame", "track_unknown_space",
     "trinary_costmap", "lethal_cost_threshold", "unknown_cost_value", "obstacle_range",

@@ -746,6 +746,7 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
     shape = _shape(server)
     inscribed = 0.0 if shape is None else shape.inscribed_radius
     layers = tuple(_layer(server, name, kind, inscribed) for name, kind in plugins or ())
+    _tell_topics(server, layers)
     if plugins is None or shape is None:  # the layers' own problems are told all the same
         return None
     if not any(isinstance(one.layer, StaticLayer) for one in layers):
@@ -843,6 +844,23 @@ def _static(server: Ros1Server, name: str) -> StaticLayer:
         unknown_cost_value=server.integer(-1, *_handed(server, name, "unknown_cost_value")) % 256,
         use_maximum=server.boolean(False, name, "use_maximum"),
     )
+
+
+def _tell_topics(server: Ros1Server, layers: Sequence[ListedLayer]) -> None:
+    """Warn where static layers read different maps: there is one map, and all of them get it."""
+    first: str | None = None
+    for one in layers:
+        if not (isinstance(one.layer, StaticLayer) and one.is_enabled):
+            continue
+        where = _handed(server, one.name, "map_topic")
+        found = server.find(*where)
+        topic = "map"
+        if found is not None and found.kind == "string":
+            topic = str(found.value).lstrip("/")
+        if first is not None and topic != first:
+            text = f"reads {topic}, another map than {first}; here it gets the same map"
+            server.problem("params.other-map", "warning", text, where)
+        first = first or topic
 
 
 def _inflation(server: Ros1Server, name: str, inscribed: float) -> InflationLayer:

@@ -221,7 +221,7 @@ class Walk:
         self._in_parameters = False
         self._key = ""  # the last one, for errors
         self._depth = 0
-        self._anchored: dict[str, yaml.ScalarEvent] = {}
+        self._anchored: dict[str | None, yaml.ScalarEvent] = {}
         self.aliases: list[yaml.AliasEvent] = []
         self._items: list[Any] = []
         self._items_kind: str | None = None
@@ -233,8 +233,7 @@ class Walk:
         if isinstance(event, yaml.AliasEvent):
             event = self._resolved(event)
         if isinstance(event, yaml.ScalarEvent):
-            if event.anchor is not None:
-                self._anchored[event.anchor] = event
+            self._anchored[event.anchor] = event
             if self._is_key:
                 self._take_key(event)
             else:
