@@ -518,6 +518,8 @@ _NOT_THERE = ("params.namespace", "params.no-node", _ONE_LEVEL)
 _OTHER_KIND = "params.other-kind"  # a file of which no name and no value is a parameter
 _OF_THE_OTHER = "params.other-costmap"
 """A file that one costmap leaves out is one of the other's, if both are looked at."""
+_OF_FILES = ("params.syntax", _OTHER_KIND, *_NOT_THERE)
+"""Findings about a file as a whole, or whose text names the node of the costmap."""
 
 
 @dataclass(frozen=True)
@@ -548,23 +550,40 @@ def lint_parameters(
     looked_at = [_Costmap(one, *found_in(paths, costmap=one, namespace=namespace)) for one in names]
     present = [one for one in looked_at if not one.is_absent or one.is_misplaced]
     present = present or looked_at[:1]
-    findings: list[Finding] = []
+    by_costmap: dict[CostmapName, list[Finding]] = {}
     last = str(paths[-1])
     for index, one in enumerate(present):
         other = present[1].robot if index == 0 and len(present) > 1 else None
         told = [one for one in one.problems if len(present) == 1 or one.check != _OF_THE_OTHER]
-        own = [finding_of(problem, last) for problem in told]
-        own += _checked(paths, one, flavour, namespace, other, map_resolutions)
-        for found in own:
-            is_named = found.line is not None or len(present) == 1
-            message = f"{one.name} costmap: {found.message}"
-            findings.append(found if is_named else replace(found, message=message))
+        by_costmap[one.name] = [finding_of(problem, last) for problem in told]
+        by_costmap[one.name] += _checked(paths, one, flavour, namespace, other, map_resolutions)
+    findings = list(_with_costmap(by_costmap))
     if flavour == "nav2":
         findings += planner_findings(paths)
     by_file: dict[Path, list[Finding]] = {path: [] for path in paths}
     for found in dict.fromkeys(findings):
         by_file.setdefault(Path(found.file), []).append(found)
     return {path: sorted(found, key=lambda f: f.line or 0) for path, found in by_file.items()}
+
+
+def _with_costmap(by_costmap: Mapping[CostmapName, Sequence[Finding]]) -> Iterator[Finding]:
+    """Yield findings; those that only one costmap has name it where that is not plain."""
+    for name, findings in by_costmap.items():
+        others = [found for other in by_costmap if other != name for found in by_costmap[other]]
+        texts = {(found.check, found.message) for found in others}
+        for found in findings:
+            is_of_both = found in others and found.line is not None
+            is_ambiguous = (found.check, found.message) in texts or (
+                len(by_costmap) > 1 and found.line is None
+            )
+            if (
+                found.check not in _OF_FILES
+                and not is_of_both
+                and (name == "local" or is_ambiguous)
+            ):
+                yield replace(found, message=f"{name} costmap: {found.message}")
+            else:
+                yield found
 
 
 def robot_in(
