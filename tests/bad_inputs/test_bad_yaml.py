@@ -173,9 +173,9 @@ def test_missing_thresholds_and_negate_take_their_defaults_with_a_warning_y11(fo
 
 @pytest.mark.parametrize(("changes", "place", "told"), [
     ({"free_thresh": None, "occupied_thresh": "0.05"}, "free_thresh",
-     "is missing, and its default 0.196 exceeds occupied_thresh 0.05"),
+     "is missing and its default 0.196 exceeds occupied_thresh 0.05"),
     ({"free_thresh": "0.7", "occupied_thresh": None}, "occupied_thresh",
-     "is missing, and its default 0.65 is below free_thresh 0.7"),
+     "is missing and its default 0.65 is below free_thresh 0.7"),
 ])  # fmt: skip
 def test_a_missing_threshold_whose_default_does_not_fit_is_refused(
     folder, refused, changes, place, told

@@ -7,14 +7,12 @@ navigation2, ``ObstacleLayer::onInitialize``: since Galactic, ranges have a mini
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from difflib import get_close_matches
 from itertools import islice
-from pathlib import Path
 
 from mapdeal.checks.facts import ParameterFacts, PlannerFacts, check
-from mapdeal.checks.findings import CHECKS, Finding, Remark
-from mapdeal.errors import MalformedInputError
+from mapdeal.checks.findings import Remark
 from mapdeal.ros.planners import (
     DEFAULT_PLANNERS,
     PLANNER_PARAMETERS,
@@ -22,7 +20,7 @@ from mapdeal.ros.planners import (
     SERVER_PARAMETERS,
 )
 from mapdeal.ros.robot import ParameterValue
-from mapdeal.ros.ros2_files import read_ros2
+from mapdeal.ros.ros2_files import Ros2Parameters
 
 _RENAMED = {
     "obstacle_range": ("obstacle_max_range", 2.5), "raytrace_range": ("raytrace_max_range", 3.0)
@@ -52,27 +50,28 @@ def renamed(facts: ParameterFacts) -> Iterator[Remark]:
        "a name in a planner's section that is nearly that of a parameter")  # fmt: skip
 def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
     classes = _planner_classes(facts.values)
-    of_any = {name for known in PLANNER_PARAMETERS.values() for name in known}
+    of_any_planner = set().union(*PLANNER_PARAMETERS.values())
     unlisted: dict[str, ParameterValue] = {}
     for name, value in islice(facts.values.items(), _MOST_NAMES):
         section, _, parameter = name.partition(".")
         if parameter and section not in classes:
             unlisted.setdefault(section, value)
             continue
-        own = PLANNER_PARAMETERS.get(classes[section], {}) if parameter else SERVER_PARAMETERS
+        declared = PLANNER_PARAMETERS.get(classes[section], {}) if parameter else SERVER_PARAMETERS
         above, _, last = (parameter or name).rpartition(".")
-        known = {one.rpartition(".")[2] for one in own if one.rpartition(".")[0] == above}
-        near = None if parameter in of_any else _near(last, known | {"plugin"})
+        paths = [declared_name.rpartition(".") for declared_name in declared]
+        siblings = {"plugin", *(path[2] for path in paths if path[0] == above)}
+        near = None if parameter in of_any_planner else _misspelt_name(last, siblings)
         if near and f"{name.removesuffix(last)}{near}" not in facts.values:
             yield Remark(f"no parameter is called {name}: did you mean {near}?", at=value)
     for section, value in unlisted.items():
-        near = _near(section, classes)
+        near = _misspelt_name(section, classes)
         if near:
             yield Remark(f"no planner is called {section}: did you mean {near}?", at=value)
 
 
-def _near(name: str, known: Collection[str]) -> str | None:
-    """Return the known name that a name is nearly; None if it is known, or is like none."""
+def _misspelt_name(name: str, known: Collection[str]) -> str | None:
+    """Return the known name that an unknown one is nearly, if there is one."""
     if name in known or len(name) > _LONGEST_NAME:
         return None
     return next(iter(get_close_matches(name, known, n=1, cutoff=_ALIKE)), None)
@@ -81,30 +80,21 @@ def _near(name: str, known: Collection[str]) -> str | None:
 def _planner_classes(values: Mapping[str, ParameterValue]) -> dict[str, str]:
     """Return the class of each planner of a server by the planner's name, without its package."""
     listed = values.get("planner_plugins")
-    names = DEFAULT_PLANNERS if listed is None else listed.value
-    classes = {}
-    for name in names if isinstance(names, Mapping | tuple | list) else ():
-        given = values.get(f"{name}.plugin")
-        plugin = DEFAULT_PLANNERS.get(name, "") if given is None else str(given.value)
-        classes[str(name)] = _class_name(plugin)
-    return classes
+    names = tuple(DEFAULT_PLANNERS) if listed is None else listed.value
+    plugins = {
+        str(name): values[f"{name}.plugin"].value
+        if f"{name}.plugin" in values
+        else DEFAULT_PLANNERS.get(name, "")
+        for name in (names if isinstance(names, list | tuple) else ())
+    }
+    return {name: _class_name(str(plugin)) for name, plugin in plugins.items()}
 
 
 def _class_name(plugin: str) -> str:
     return plugin.replace("/", "::").rpartition("::")[2]
 
 
-def planner_findings(paths: Sequence[Path]) -> Iterator[Finding]:
-    """Yield what checks find in the sections of planner servers in Nav2's files."""
-    try:
-        parameters = read_ros2(paths)
-    except MalformedInputError:  # reported with the costmaps
-        return
+def planner_facts(parameters: Ros2Parameters) -> Iterator[PlannerFacts]:
     for node in parameters.nodes:
-        if node.name.rpartition("/")[2] != PLANNER_SERVER:
-            continue
-        facts = PlannerFacts(parameters.for_node(node.name))
-        for known in CHECKS.values():
-            for remark in known.remarks(facts) if known.facts is PlannerFacts else ():
-                if remark.at is not None:
-                    yield known.finding(remark.at.source, remark.message, remark.at.line)
+        if node.name.rpartition("/")[2] == PLANNER_SERVER:
+            yield PlannerFacts(parameters.for_node(node.name))

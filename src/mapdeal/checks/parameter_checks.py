@@ -18,10 +18,10 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from mapdeal.checks.facts import FilterFacts, ParameterFacts, RobotFacts, check
+from mapdeal.checks.facts import FilterFacts, ParameterFacts, PlannerFacts, RobotFacts, check
 from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, declare_check
-from mapdeal.checks.nav2_names import planner_findings
-from mapdeal.errors import MapdealError
+from mapdeal.checks.nav2_names import planner_facts
+from mapdeal.errors import MalformedInputError, MapdealError
 from mapdeal.grid.costmap import InflationLayer
 from mapdeal.grid.values import NO_INFORMATION
 from mapdeal.ros.filters import filter_servers
@@ -558,8 +558,9 @@ def lint_parameters(
         by_costmap[one.name] = [finding_of(problem, last) for problem in told]
         by_costmap[one.name] += _checked(paths, one, flavour, namespace, other, map_resolutions)
     findings = list(_with_costmap(by_costmap))
-    if flavour == "nav2":
-        findings += planner_findings(paths)
+    with suppress(MalformedInputError):  # reported with the costmaps
+        for facts in planner_facts(read_ros2(paths)) if flavour == "nav2" else ():
+            findings += _findings_on({PlannerFacts: facts}, last)
     by_file: dict[Path, list[Finding]] = {path: [] for path in paths}
     for found in dict.fromkeys(findings):
         by_file.setdefault(Path(found.file), []).append(found)
@@ -567,20 +568,16 @@ def lint_parameters(
 
 
 def _with_costmap(by_costmap: Mapping[CostmapName, Sequence[Finding]]) -> Iterator[Finding]:
-    """Yield findings; those that only one costmap has name it where that is not plain."""
+    """Yield findings; those of the local costmap, or without a line, or found twice, name it."""
     for name, findings in by_costmap.items():
-        others = [found for other in by_costmap if other != name for found in by_costmap[other]]
-        texts = {(found.check, found.message) for found in others}
+        twins = {found for key in by_costmap if key != name for found in by_costmap[key]}
+        texts = {(found.check, found.message) for found in twins}
         for found in findings:
-            is_of_both = found in others and found.line is not None
-            is_ambiguous = (found.check, found.message) in texts or (
-                len(by_costmap) > 1 and found.line is None
-            )
-            if (
-                found.check not in _OF_FILES
-                and not is_of_both
-                and (name == "local" or is_ambiguous)
-            ):
+            is_twice = (found.check, found.message) in texts
+            is_placed = found.line is not None or len(by_costmap) == 1
+            if found.check in _OF_FILES or (found in twins and is_placed):
+                yield found
+            elif name == "local" or is_twice or not is_placed:
                 yield replace(found, message=f"{name} costmap: {found.message}")
             else:
                 yield found
@@ -617,13 +614,18 @@ def _checked(
         if flavour == "nav2":
             servers = filter_servers(read_ros2(paths))
             facts[FilterFacts] = FilterFacts(facts[RobotFacts], servers)
+    yield from _findings_on(facts, str(paths[-1]))
+
+
+def _findings_on(facts: Mapping[type, Any], file: str) -> Iterator[Finding]:
+    """Yield what checks find in facts; `file` is that of remarks without a place."""
     for known in CHECKS.values():
-        if known.facts in facts:
-            for remark in known.remarks(facts[known.facts]):
-                source, line = paths[-1], None
-                if remark.at is not None:
-                    source, line = remark.at.source, remark.at.line
-                yield known.finding(source, remark.message, line)
+        own = None if known.facts is None else facts.get(known.facts)
+        for remark in () if own is None else known.remarks(own):
+            if remark.at is None:
+                yield known.finding(file, remark.message)
+            else:
+                yield known.finding(remark.at.source, remark.message, remark.at.line)
 
 
 def _node_of(one: _Costmap, namespace: str | None) -> str:

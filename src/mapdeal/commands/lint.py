@@ -388,18 +388,16 @@ def lint(
     return report
 
 
-def _apart_from_parameters(
-    names: Sequence[str],
-) -> tuple[tuple[str, ...], list[tuple[Path, ...]]]:
-    """Return the names that are no parameter files, and those files, robot by robot."""
-    others: list[str] = []
+def _apart_from_parameters(names: Sequence[str]) -> tuple[list[str], list[tuple[Path, ...]]]:
+    """Separate the names of maps from parameter files, which are grouped by robot."""
+    maps: list[str] = []
     robots = []
     for flavour, group in groupby(names, lambda name: flavour_of_file(Path(name))):
         if flavour is None:
-            others += group
+            maps += group
         else:
             robots.append(tuple(map(Path, group)))
-    return tuple(others), robots
+    return maps, robots
 
 
 def _no_standard_input() -> Iterable[bytes]:

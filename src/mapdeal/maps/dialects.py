@@ -91,15 +91,14 @@ def _crossed_thresholds(
 ) -> MalformedInputError:
     """Return the error of a free_thresh above occupied_thresh, of which one may be a default."""
     if "free_thresh" not in entries:
-        rule = f"is missing, and its default {free:g} exceeds occupied_thresh {occupied:g}"
-        hint = f"write free_thresh, below {occupied:g}"
-        return MalformedInputError(rule, source=path, place="free_thresh", hint=hint)
-    if "occupied_thresh" not in entries:
-        rule = f"is missing, and its default {occupied:g} is below free_thresh {free:g}"
-        hint = f"write occupied_thresh, above {free:g}"
-        return MalformedInputError(rule, source=path, place="occupied_thresh", hint=hint)
-    rule = f"must not be larger than occupied_thresh ({occupied:g})"
-    return MalformedInputError(rule, source=path, place="free_thresh", got=free)
+        missing, relation = "free_thresh", f"{free:g} exceeds occupied_thresh {occupied:g}"
+    elif "occupied_thresh" not in entries:
+        missing, relation = "occupied_thresh", f"{occupied:g} is below free_thresh {free:g}"
+    else:
+        rule = f"must not be larger than occupied_thresh ({occupied:g})"
+        return MalformedInputError(rule, source=path, place="free_thresh", got=free)
+    rule, hint = f"is missing and its default {relation}", f"write {missing}"
+    return MalformedInputError(rule, source=path, place=missing, hint=hint)
 
 
 def yaml_of(metadata: MapMetadata) -> bytes:

@@ -294,9 +294,8 @@ def _grid_of(occupancy: blocks.Layer, metadata: MapMetadata) -> OccupancyGrid:
 
 
 def find_image(yaml_path: Path, image: str) -> Path:
-    # Relative names are relative to the YAML file. A name that only makes sense elsewhere, with the
-    # folders of another machine, as a URL or with backslashes, falls back to what it must mean
-    # here, with a warning.
+    # Relative names are relative to the YAML file. A name that only makes sense on another machine,
+    # by its folders, as a URL or with backslashes, falls back to a file here, with a warning.
     if _expanded(image) != image:
         text = f"image: {image} was expanded; map_server does not"
         warn_of(yaml_path, text, "image.foreign-path")

@@ -67,7 +67,7 @@ def is_ros2(path: Path) -> bool:
 
 
 def flavour_of_file(path: Path) -> Flavour | None:
-    """Return the stack whose parameters a file holds; None if it is another file, or none."""
+    """Return the stack whose parameters a file holds; None for any other path."""
     from mapdeal.inputs.kinds import PARAMETERS, kind_of
 
     with suppress(MapdealError):

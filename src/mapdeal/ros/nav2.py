@@ -503,9 +503,9 @@ def _tell_old_plugins(values: Nav2Values) -> None:
         pairs = [name for name in ("plugin_names", "plugin_types") if name in values.given]
         if listed in values.given or not (mappings or (pairs and listed == "plugins")):
             continue
-        what = f"{listed}, a list of mappings as in ROS 1" if mappings else " and ".join(pairs)
+        form = f"{listed}, a list of mappings as in ROS 1" if mappings else " and ".join(pairs)
         found = values.given[(mappings or pairs)[0]]
-        text = f"Nav2 does not read {what}: {effect}"
+        text = f"Nav2 does not read {form}: {effect}"
         hint = f'write {listed}: ["NAME", ...], and NAME: {{plugin: "CLASS"}} for each'
         values.problems.append(
             Problem("params.old-plugins", "warning", text, "", found.source, found.line, hint=hint)

@@ -718,9 +718,9 @@ def _is_there(server: Ros1Server) -> bool:
     if found is None:
         text = f"no parameters of /{'/'.join(server.path)}"
         hint = f"a file of it has {server.costmap}_costmap: at its top, or no costmap's name at all"
-        other = "local" if server.costmap == "global" else "global"
-        if server.root.get((*server.node, f"{other}_costmap")) is not None:
-            hint = f"--costmap {other} takes the one that it has"
+        (present,) = set(_NAMES) - {server.costmap}
+        if server.root.get((*server.node, f"{present}_costmap")) is not None:
+            hint = f"--costmap {present} takes the one that it has"
         server.problem("params.namespace", "refused", text, hint=hint)
         return False
     if not isinstance(found, Ros1Namespace) or any(
@@ -849,18 +849,17 @@ def _static(server: Ros1Server, name: str) -> StaticLayer:
 def _tell_topics(server: Ros1Server, layers: Sequence[ListedLayer]) -> None:
     """Warn where static layers read different maps: there is one map, and all of them get it."""
     first: str | None = None
-    for one in layers:
-        if not (isinstance(one.layer, StaticLayer) and one.is_enabled):
+    for listed in layers:
+        if not (isinstance(listed.layer, StaticLayer) and listed.is_enabled):
             continue
-        where = _handed(server, one.name, "map_topic")
+        where = _handed(server, listed.name, "map_topic")
         found = server.find(*where)
-        topic = "map"
-        if found is not None and found.kind == "string":
-            topic = str(found.value).lstrip("/")
-        if first is not None and topic != first:
+        is_text = found is not None and found.kind == "string"
+        topic = found.value.lstrip("/") if found is not None and is_text else "map"
+        first = first or topic
+        if topic != first:
             text = f"reads {topic}, another map than {first}; here it gets the same map"
             server.problem("params.other-map", "warning", text, where)
-        first = first or topic
 
 
 def _inflation(server: Ros1Server, name: str, inscribed: float) -> InflationLayer:

@@ -539,7 +539,7 @@ def read_ros2(paths: Sequence[Path]) -> Ros2Parameters:
         walk = Walk(path, nodes)
         for event in _events(path, decoded_text(path, data)):
             walk.take(event)
-        aliases += [(path, line_of(one), f"*{one.anchor}") for one in walk.aliases[:1]]
+        aliases += [(path, line_of(alias), f"*{alias.anchor}") for alias in walk.aliases[:1]]
     if not nodes:
         raise refusal(paths[0], "no parameters in it: no node has a key ros__parameters", None)
     for node in nodes.values():
