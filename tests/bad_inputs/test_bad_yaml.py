@@ -42,7 +42,7 @@ def test_a_file_that_is_no_map_yaml_is_refused(folder, refused, text, place):
 MALFORMED_VALUES = [
     ("Y13-decimal-comma", "resolution", "0,05", "'.'"),
     ("Y14-zero", "resolution", "0", ""),
-    ("Y14-nan", "resolution", "nan", ""),
+    ("Y14-nan", "resolution", ".nan", "finite"),
     ("Y14-sexagesimal", "resolution", "1:30", ""),
     ("Y14-octal", "resolution", "010", ""),
     ("Y14-boolean", "resolution", "true", ""),
