@@ -82,6 +82,8 @@ FILES = {
                     {"nodes": "move_base"}, "--params-file"),
     "slash.yaml": (b"/robot/move_base/robot_radius: 0.2\n", "ROS parameters", "ROS",
                    {"nodes": "/robot/move_base/robot_radius"}, "--params-file"),
+    "list.yaml": (b'plugins:\n- {name: s, type: "costmap_2d::StaticLayer"}\n', "ROS parameters",
+                  "ROS", {"nodes": "plugins"}, "--params-file"),
     "frames.yaml": (b"global_frame: map\nupdate_frequency: 5.0\n", "ROS parameters", "ROS",
                     {"nodes": "global_frame, update_frequency"}, "--params-file"),
     "route.json": (json.dumps(ROUTE).encode(), "route", "route", {"points": 3, "length_m": 1.5},

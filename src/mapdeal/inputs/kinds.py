@@ -343,7 +343,7 @@ def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
     if "rosbag2_bagfile_information" in entries:
         return FileKind(BAG, "the description of a ROS 2 bag", _BAG_USE)
     names = {key.decode().rpartition("/")[2] for key in _KEY.findall(head)}
-    if names & _OF_COSTMAPS or len(names & _OF_ROBOTS) > 1:
+    if names & _OF_COSTMAPS or len(names & _OF_ROBOTS) > 1 or b"costmap_2d::" in head:
         what = "a file of ROS parameters"
         figures = {"nodes": ", ".join(entries)} if entries else {}
         return FileKind(PARAMETERS, what, _PARAMETERS_USE, lambda: figures)
