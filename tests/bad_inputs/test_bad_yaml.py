@@ -42,7 +42,7 @@ def test_a_file_that_is_no_map_yaml_is_refused(folder, refused, text, place):
 MALFORMED_VALUES = [
     ("Y13-decimal-comma", "resolution", "0,05", "'.'"),
     ("Y14-zero", "resolution", "0", ""),
-    ("Y14-nan", "resolution", "nan", ""),
+    ("Y14-nan", "resolution", ".nan", "finite"),
     ("Y14-sexagesimal", "resolution", "1:30", ""),
     ("Y14-octal", "resolution", "010", ""),
     ("Y14-boolean", "resolution", "true", ""),
@@ -50,7 +50,7 @@ MALFORMED_VALUES = [
     ("Y17-two-numbers", "origin", "[1.5, -2.0]", ""),
     ("Y17-null", "origin", "[1.5, null, 0.4]", ""),
     ("Y17-mapping", "origin", "{x: 1.5, y: -2.0, yaw: 0.4}", ""),
-    ("Y18-nan", "origin", "[1.5, -2.0, nan]", "0"),
+    *[("Y18-nan", "origin", f"[1.5, -2.0, {nan}]", "write 0") for nan in ("nan", "-.nan", ".NaN")],
     ("Y22-free-above-occupied", "free_thresh", "0.7", ""),
     ("Y22-below-0", "free_thresh", "-0.1", ""),
     ("Y22-above-1", "occupied_thresh", "1.5", ""),
@@ -171,6 +171,19 @@ def test_missing_thresholds_and_negate_take_their_defaults_with_a_warning_y11(fo
     assert "missing: negate, occupied_thresh, free_thresh (ROS requires them); assuming" in warned
 
 
+@pytest.mark.parametrize(("changes", "place", "told"), [
+    ({"free_thresh": None, "occupied_thresh": "0.05"}, "free_thresh",
+     "is missing and its default 0.196 exceeds occupied_thresh 0.05"),
+    ({"free_thresh": "0.7", "occupied_thresh": None}, "occupied_thresh",
+     "is missing and its default 0.65 is below free_thresh 0.7"),
+])  # fmt: skip
+def test_a_missing_threshold_whose_default_does_not_fit_is_refused(
+    folder, refused, changes, place, told
+):
+    write_map(folder, yaml_text(**changes))
+    refused(["info", "m.yaml"], 3, f"m.yaml: {place}: {told}", hint=f"write {place}")
+
+
 # Darkness of the pixels: 1 twice, 0.196 once, 0.004 thrice; thresholds both 1: only nav2 lets
 # free win. Grey 102 lies on a threshold of 0.6, which only nav2 includes.
 @pytest.mark.parametrize("dialect", ["nav2", "humble", "ros1"])
@@ -188,7 +201,9 @@ def test_equal_thresholds_and_those_at_a_grey_level_are_read_as_the_dialect_does
 
 @pytest.mark.parametrize(("image", "warns"), [
     ("~/maps/n.pgm", True), ("maps\\n.pgm", True), ("/elsewhere/of/another/machine/m.pgm", True),
-    ("C:\\maps\\m.pgm", True), ("./maps/../maps/n.pgm", False),
+    ("C:\\maps\\m.pgm", True), ("./maps/../maps/n.pgm", False), ("./lost/m.pgm", True),
+    ("../lost/m.pgm", True), ("lost\\m.pgm", True), ("file:///elsewhere/%6d.pgm", True),
+    ("file:maps/n.pgm", True), ("package://robot/maps/m.pgm", True),
 ])  # fmt: skip
 def test_an_image_path_of_another_kind_is_found(folder, monkeypatch, accepted, image, warns):
     monkeypatch.setenv("HOME", str(folder))

@@ -201,10 +201,6 @@ SMALL = "all that is known lies in {}: try mapdeal active"
     ("islands", ACROSS_CORNERS, None),
     ("specks", ".#\n#.", None),
     ("specks", ".#.\n###\n#..", SPECKS.format("2 specks", 2)),
-    ("inside-out", "##.?", "2 cells are occupied and 1 free; is negate right?"),
-    ("inside-out", "##..", None),
-    ("inside-out", "#+..", None),
-    ("inside-out", "##??", None),
     ("open-border", "....\n....\n....", BORDER.format(10)),
     ("open-border", "#?##\n#..#\n+?.#", BORDER.format(1)),
     ("open-border", "####\n.###\n####", BORDER.format(1)),
@@ -226,6 +222,47 @@ SMALL = "all that is known lies in {}: try mapdeal active"
 def test_what_a_check_says_of_cells(tmp_path, check, text, expected):
     write_map(tmp_path / "m.npz", grid_from_text(text, 0.5))
     compare(said(f"map.{check}", tmp_path / "m.npz"), expected)
+
+
+def rooms_with_walls():
+    """Return 30 x 48 cells with a wall around them, a wall across, and a pillar."""
+    cells = np.pad(np.zeros((28, 46), np.int8), 1, constant_values=100)
+    cells[:12, 20] = 100
+    cells[20:22, 10:12] = 100
+    return cells
+
+
+def ring_track(width):
+    """Return 30 x 48 cells with a closed ring of free ones."""
+    cells = np.full((30, 48), 100, np.int8)
+    cells[4:26, 4:44] = 0
+    cells[4 + width : 26 - width, 4 + width : 44 - width] = 100
+    return cells
+
+
+def scattered_squares(side, count):
+    cells = np.full((40, 70), 100, np.int8)
+    for k in range(count):
+        row, col = divmod(k, 6)
+        cells[2 + 10 * row :, 2 + 10 * col :][:side, :side] = 0
+    return cells
+
+
+@pytest.mark.parametrize(("cells", "pieces"), [
+    (rooms_with_walls(), None),
+    (100 - rooms_with_walls(), "2 pieces of 1"),
+    (100 - np.pad(rooms_with_walls(), 6), "2 pieces of 1"),
+    (100 - rooms_with_walls()[:25, :36], None),  # too few cells to tell
+    *[(ring_track(width), None) for width in (1, 2, 6)],
+    (scattered_squares(6, 9), None),  # rooms behind doors
+    (scattered_squares(6, 10), "10 pieces of 3"),
+])  # fmt: skip
+def test_free_cells_that_look_like_walls_are_inside_out(tmp_path, cells, pieces):
+    write_map(tmp_path / "m.npz", OccupancyGrid(cells, 0.25, (1.0, -2.0, 0.0)))
+    expected = pieces and f"{np.count_nonzero(cells)} cells are occupied, and the "
+    expected = pieces and f"{expected}{np.count_nonzero(cells == 0)} free ones form {pieces} "
+    compare(said("map.inside-out", tmp_path / "m.npz"),
+            pieces and f"{expected}cells' width, as walls do; is negate right?")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ["v.yaml", "v.npz"])
@@ -252,6 +289,7 @@ def test_every_check_is_tried_here_or_elsewhere():
         "image.gamma",
         "map.view",
         "map.disconnected",
+        "map.inside-out",
         "image.yaml-not-read",
     }
     elsewhere = ("params.", "graph.", "mask.", "run.", "lint.")  # in files of their own

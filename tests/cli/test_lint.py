@@ -136,6 +136,15 @@ FIVE_MISTAKES = [
     (10, "note", "params.inflation-defaults"),
 ]
 ROBOT_LINT = "lint --params-file robot.yaml"
+NAV2 = """\
+{0}_costmap:
+  {0}_costmap:
+    ros__parameters:
+      robot_radius: 0.2
+      track_unknown_space: true
+      plugins: [s]
+      s: {{plugin: "nav2_costmap_2d::StaticLayer"}}
+"""
 
 
 @pytest.fixture
@@ -205,3 +214,39 @@ def test_rules_count_for_parameter_files(sh):
 def test_options_of_parameter_files(sh, robot, words, code, text):
     found, out, err = sh(f"lint {words}")
     assert (found, text in out + err) == (code, True)
+
+
+def test_a_parameter_file_is_recognised_among_maps(sh, maps, robot):
+    Path("nav2.yaml").write_text(NAV2.format("global"))
+    Path("common.yaml").write_text(
+        "footprint: [[-0.1, 0.2], [0.1, 0.2], [0.1, -0.2], [-0.1, -0.2]]\n"
+    )
+    assert sh("lint robot.yaml") == sh(ROBOT_LINT)
+    out = sh("lint maps/good.yaml robot.yaml --select params,yaml")[1]
+    assert out == sh("lint maps/good.yaml --params-file robot.yaml --select params,yaml")[1]
+    files = "nav2.yaml maps/good.yaml common.yaml robot.yaml"
+    code, out, _ = sh(f"lint {files} --select params --ignore params.resolution")
+    found = [line.partition(": ")[0] for line in out.splitlines()]
+    assert (code, found[0], len(found)) == (0, "nav2.yaml:6", 2 + len(FIVE_MISTAKES))
+    assert found[1:-1] == [f"robot.yaml:{line}" for line, *_ in FIVE_MISTAKES]
+    assert out.splitlines()[-1].startswith("3 parameter files, 1 map: ")
+    assert sh("lint nav2.yaml --costmap local")[0] == 1
+    assert sh("lint nav2.yaml --fix --in-place")[0] == 2
+    assert sh("lint maps --costmap local")[0] == 2
+
+
+def test_findings_name_their_costmap(sh, here):
+    Path("local.yaml").write_text(NAV2.format("local"))
+    Path("both.yaml").write_text(NAV2.format("global") + NAV2.format("local"))
+    told = "warning: params.no-inflation: {} costmap: no inflation layer is listed: "
+    assert told.format("local") in sh("lint local.yaml")[1]
+    first, second, _ = sh("lint both.yaml")[1].splitlines()
+    assert first.startswith("both.yaml:6: " + told.format("global"))
+    assert second.startswith("both.yaml:13: " + told.format("local"))
+    Path("common.yaml").write_text("robot_radius: 1\nplugins: []\n")
+    for name in ("global", "local"):
+        Path(f"{name}.yaml").write_text(f"{name}_costmap: {{global_frame: map}}\n")
+    out = sh("lint common.yaml global.yaml local.yaml --select params.no-inflation")[1]
+    assert [line.partition(" no ")[0] for line in out.splitlines()[:-1]] == [
+        "common.yaml:2: warning: params.no-inflation:"
+    ]

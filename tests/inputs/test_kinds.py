@@ -78,6 +78,14 @@ FILES = {
                   "--params-file"),
     "ros1.yaml": (b"obstacle_layer: {enabled: true}\nfootprint: []\n", "ROS parameters", "ROS",
                   {"nodes": "obstacle_layer, footprint"}, "--params-file"),
+    "nested.yaml": (b"move_base:\n  global_costmap: {a: 0.1}\n", "ROS parameters", "ROS",
+                    {"nodes": "move_base"}, "--params-file"),
+    "slash.yaml": (b"/robot/move_base/robot_radius: 0.2\n", "ROS parameters", "ROS",
+                   {"nodes": "/robot/move_base/robot_radius"}, "--params-file"),
+    "list.yaml": (b'plugins:\n- {name: s, type: "costmap_2d::StaticLayer"}\n', "ROS parameters",
+                  "ROS", {"nodes": "plugins"}, "--params-file"),
+    "frames.yaml": (b"global_frame: map\nupdate_frequency: 5.0\n", "ROS parameters", "ROS",
+                    {"nodes": "global_frame, update_frequency"}, "--params-file"),
     "route.json": (json.dumps(ROUTE).encode(), "route", "route", {"points": 3, "length_m": 1.5},
                    REPORT),
     "reach.json": (b'{"reachable_m2": 8.5, "goals": [{}, {}], "passages": [{}]}', "reach",
@@ -104,6 +112,8 @@ FILES = {
 UNKNOWN = {
     "words.txt": b"hello world\n", "empty": b"", "some.bin": bytes(range(256)),
     "words.md": b"# A title\n\nText: more `text`.\nnot: [a map\n", "list.json": b"[1, 2]",
+    "keys.md": b"# Keys\n\nfootprint: [a\n", "robot.json": b'{"footprint": [], "a": 1}',
+    "recipe.yaml": b"stages:\n- cost:\n    inflation_radius: [\n", "amcl.yaml": b"alpha1: 0.2\n",
     "b.json": b"{}", "launch.xml": b"<launch>\n</launch>\n",
     "long.json": b'{"a": [' + b"1, " * 9_000 + b"1]}",
     "cut.json": b'{"maps": [', "broken.yaml": b"stages: [\n", "mixed.csv": b"1,2\n3,x\n",
@@ -121,6 +131,11 @@ def here(tmp_path, monkeypatch):
     write_map("map.yaml", grid_from_text("..#\n.?."))
     write_map("map.npz", grid_from_text("..#\n.?."))
     return tmp_path
+
+
+def test_a_parameter_file_that_only_ros_1_reads_is_one(tmp_path):
+    (tmp_path / "twice.yaml").write_text("robot_radius: 0.1\nrobot_radius: 0.2\n")
+    assert kind_of(tmp_path / "twice.yaml").name == "ROS parameters"
 
 
 # Of bags and parameters info tells more, and of images that they are no maps.

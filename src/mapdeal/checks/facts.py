@@ -187,6 +187,8 @@ class CellTallies:
         self._from_north = from_north
         self._free_rows = np.zeros((2, width), dtype=np.bool_)
         self._free_cols = np.zeros((height, 2), dtype=np.bool_)
+        self._last_free = np.zeros(width, dtype=np.bool_)
+        self._free_pairs = 0  # of free cells that share an edge
 
     def add(self, occupancy: NDArray[np.int8]) -> None:
         """Count the cells of the next rows, shape (rows, W)."""
@@ -201,6 +203,9 @@ class CellTallies:
             self._of_values += histogram(band)
         free = band == FREE
         self._free.add(free)
+        rows = (self._last_free, free[0]), (free[:-1], free[1:]), (free[:, :-1], free[:, 1:])
+        self._free_pairs += sum(int(np.count_nonzero(a & b)) for a, b in rows)
+        self._last_free = free[-1]
         if self._from_north:
             first, stop, band, free = height - stop, height - first, band[::-1], free[::-1]
         self._known_rows[first:stop] = band.max(axis=1) >= 0
@@ -214,6 +219,13 @@ class CellTallies:
     def counts(self) -> dict[str, int]:
         """Number of occupied, free, unknown and other cells, once all rows have been counted."""
         return states_of(self._of_values)
+
+    @property
+    def mean_free_width(self) -> float:
+        """Mean width of free space in cells, twice its area over its outline; 0 without any."""
+        area = self.counts["free"]
+        outline = 4 * area - 2 * self._free_pairs
+        return 2 * area / outline if outline else 0.0
 
     @property
     def border(self) -> int:
@@ -525,6 +537,13 @@ class FilterFacts:
 
 
 @dataclass(frozen=True, eq=False)
+class PlannerFacts:
+    """The parameters of one planner server of Nav2, by their full names."""
+
+    values: Mapping[str, ParameterValue]
+
+
+@dataclass(frozen=True, eq=False)
 class PairFacts:
     path: Path
     entries: dict[str, Entry]
@@ -683,7 +702,10 @@ def _line_in(place: str) -> tuple[int | None, str]:
     return (int(number), others) if number.isdecimal() else (None, place)
 
 
-_FACTS = (PairFacts, GridFacts, RoomFacts, MaskFacts, ParameterFacts, RobotFacts, FilterFacts)
+_FACTS = (
+    PairFacts, GridFacts, RoomFacts, MaskFacts, ParameterFacts, RobotFacts, FilterFacts,
+    PlannerFacts,
+)  # fmt: skip
 CheckFunction = TypeVar("CheckFunction", bound=Callable[[Any], Iterator[Remark | str]])
 
 

@@ -215,11 +215,25 @@ def mostly_unknown(facts: GridFacts) -> Iterator[Remark]:
         yield Remark(f"{text}: try mapdeal active", places=middle)
 
 
-@check("map.inside-out", "warning", "more occupied than free cells")
+_TOO_SMALL_TO_TELL = 1000  # cells, of a map for tests
+_WIDTH_OF_WALLS = 2.0  # cells
+_PIECES_OF_WALLS, _LARGEST_PIECE = 10, 0.75
+
+
+@check("map.inside-out", "warning", "free cells that look like walls, and more cells occupied")
 def inside_out(facts: GridFacts) -> Iterator[str]:
-    occupied, free = facts.cells.counts["occupied"], facts.cells.counts["free"]
-    if occupied > free > 0:
-        yield f"{occupied} cells are occupied and {free} free; is negate right?"
+    """Look at the shape of free space: race tracks and keepout masks have much occupied, too."""
+    cells = facts.cells
+    occupied, free = cells.counts["occupied"], cells.counts["free"]
+    if not occupied > free > 0 or cells.size < _TOO_SMALL_TO_TELL:
+        return
+    sizes, counts = cells.free_components
+    pieces = int(counts.sum())
+    is_thin = cells.mean_free_width < _WIDTH_OF_WALLS
+    is_scattered = pieces >= _PIECES_OF_WALLS and sizes[-1] < _LARGEST_PIECE * free
+    if pieces > 1 and (is_thin or is_scattered):
+        text = f"{occupied} cells are occupied, and the {free} free ones form {pieces} pieces "
+        yield f"{text}of {cells.mean_free_width:.2g} cells' width, as walls do; is negate right?"
 
 
 @check("map.islands", "warning", "free space that cannot be reached from the largest part")

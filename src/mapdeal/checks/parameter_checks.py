@@ -18,9 +18,11 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from mapdeal.checks.facts import FilterFacts, ParameterFacts, RobotFacts, check
+from mapdeal.checks.facts import FilterFacts, ParameterFacts, PlannerFacts, RobotFacts, check
 from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, declare_check
-from mapdeal.errors import MapdealError
+from mapdeal.checks.nav2_names import planner_facts
+from mapdeal.errors import MalformedInputError, MapdealError
+from mapdeal.grid.values import NO_INFORMATION
 from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.ros.filters import filter_servers
@@ -238,6 +240,7 @@ _SEVERITIES: dict[str, Severity] = {"refused": "error", "warning": "warning", "n
 
 _DECLARED: tuple[tuple[str, Severity, str], ...] = (
     ("syntax", "error", "a parameter file that ROS cannot read"),
+    ("alias", "warning", "an alias in a Nav2 file, which only nav2_bringup's launch files replace"),
     ("other-kind", "error", "a file of another kind, such as a map or a recipe"),
     ("empty", "error", "a parameter without a value, at which roslaunch ends"),
     ("name", "error", "a name that is not text"),
@@ -256,6 +259,8 @@ _DECLARED: tuple[tuple[str, Severity, str], ...] = (
     ("no-shape", "warning", "neither a footprint nor a radius"),
     ("too-large", "error", "a footprint that reaches farther than a kilometre"),
     ("plugins", "error", "layers that cannot be loaded"),
+    ("old-plugins", "warning",
+     "a list of layers in the form of ROS 1 or Eloquent, which Nav2 does not read"),
     ("not-modelled", "warning", "a layer that mapdeal does not know, and leaves out"),
     ("erases-map", "warning", "an obstacle layer that replaces the map by free space"),
     ("footprint-clearing", "note", "a static layer that frees the cells below the robot"),
@@ -418,6 +423,25 @@ def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
         yield Remark(text, at=facts.value("plugins"))
 
 
+@check("params.unknown-cost-value", "warning",
+       "an unknown_cost_value other than 255, by which unknown cells become lethal")  # fmt: skip
+def unknown_cost_value(facts: RobotFacts) -> Iterator[Remark]:
+    """Look at what the static layer compares cells with, 255 for unknown ones and 100 for walls."""
+    for layer in facts.robot.static_layers:
+        value = layer.unknown_cost_value
+        if value == NO_INFORMATION or layer.name == INJECTED:
+            continue
+        cells = {0: "free cells", 100: "occupied cells"}.get(value, f"cells of occupancy {value}")
+        becomes = "unknown" if layer.track_unknown_space else "free"
+        text = (
+            f"{cells} become {becomes}, and unknown ones lethal"
+            if value <= 100
+            else ("unknown cells become lethal")
+        )
+        at = facts.value("unknown_cost_value") or facts.of_layer(layer.name, "unknown_cost_value")
+        yield Remark(f"unknown_cost_value {value}: {text}; write 255", at=at)
+
+
 @check("params.costmaps-differ", "note",
        "a global and a local costmap of robots of different shape")  # fmt: skip
 def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
@@ -465,6 +489,8 @@ _NOT_THERE = ("params.namespace", "params.no-node", _ONE_LEVEL)
 _OTHER_KIND = "params.other-kind"  # a file of which no name and no value is a parameter
 _OF_THE_OTHER = "params.other-costmap"
 """A file that one costmap leaves out is one of the other's, if both are looked at."""
+_OF_FILES = ("params.syntax", _OTHER_KIND, *_NOT_THERE)
+"""Findings about a file as a whole, or whose text names the node of the costmap."""
 
 
 @dataclass(frozen=True)
@@ -495,21 +521,37 @@ def lint_parameters(
     looked_at = [_Costmap(one, *found_in(paths, costmap=one, namespace=namespace)) for one in names]
     present = [one for one in looked_at if not one.is_absent or one.is_misplaced]
     present = present or looked_at[:1]
-    findings: list[Finding] = []
+    by_costmap: dict[CostmapName, list[Finding]] = {}
     last = str(paths[-1])
     for index, one in enumerate(present):
         other = present[1].robot if index == 0 and len(present) > 1 else None
         told = [one for one in one.problems if len(present) == 1 or one.check != _OF_THE_OTHER]
-        own = [finding_of(problem, last) for problem in told]
-        own += _checked(paths, one, flavour, namespace, other, map_resolutions)
-        for found in own:
-            is_named = found.line is not None or len(present) == 1
-            message = f"{one.name} costmap: {found.message}"
-            findings.append(found if is_named else replace(found, message=message))
+        by_costmap[one.name] = [finding_of(problem, last) for problem in told]
+        by_costmap[one.name] += _checked(paths, one, flavour, namespace, other, map_resolutions)
+    findings = list(_with_costmap(by_costmap))
+    with suppress(MalformedInputError):  # reported with the costmaps
+        for facts in planner_facts(read_ros2(paths)) if flavour == "nav2" else ():
+            findings += _findings_on({PlannerFacts: facts}, last)
     by_file: dict[Path, list[Finding]] = {path: [] for path in paths}
     for found in dict.fromkeys(findings):
         by_file.setdefault(Path(found.file), []).append(found)
     return {path: sorted(found, key=lambda f: f.line or 0) for path, found in by_file.items()}
+
+
+def _with_costmap(by_costmap: Mapping[CostmapName, Sequence[Finding]]) -> Iterator[Finding]:
+    """Yield findings; those of the local costmap, or without a line, or found twice, name it."""
+    for name, findings in by_costmap.items():
+        twins = {found for key in by_costmap if key != name for found in by_costmap[key]}
+        texts = {(found.check, found.message) for found in twins}
+        for found in findings:
+            is_twice = (found.check, found.message) in texts
+            is_placed = found.line is not None or len(by_costmap) == 1
+            if found.check in _OF_FILES or (found in twins and is_placed):
+                yield found
+            elif name == "local" or is_twice or not is_placed:
+                yield replace(found, message=f"{name} costmap: {found.message}")
+            else:
+                yield found
 
 
 def robot_in(
@@ -543,13 +585,18 @@ def _checked(
         if flavour == "nav2":
             servers = filter_servers(read_ros2(paths))
             facts[FilterFacts] = FilterFacts(facts[RobotFacts], servers)
+    yield from _findings_on(facts, str(paths[-1]))
+
+
+def _findings_on(facts: Mapping[type, Any], file: str) -> Iterator[Finding]:
+    """Yield what checks find in facts; `file` is that of remarks without a place."""
     for known in CHECKS.values():
-        if known.facts in facts:
-            for remark in known.remarks(facts[known.facts]):
-                source, line = paths[-1], None
-                if remark.at is not None:
-                    source, line = remark.at.source, remark.at.line
-                yield known.finding(source, remark.message, line)
+        own = None if known.facts is None else facts.get(known.facts)
+        for remark in () if own is None else known.remarks(own):
+            if remark.at is None:
+                yield known.finding(file, remark.message)
+            else:
+                yield known.finding(remark.at.source, remark.message, remark.at.line)
 
 
 def _node_of(one: _Costmap, namespace: str | None) -> str:

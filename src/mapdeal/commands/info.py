@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from itertools import chain, groupby
@@ -30,7 +29,7 @@ from mapdeal.grid.filters import FilterInfo, described_mask, mask_rows
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import robot_text
 from mapdeal.grid.values import UNKNOWN, count_text
-from mapdeal.inputs.kinds import BAG, IMAGE, MAP, PARAMETERS, POINTER, kind_of
+from mapdeal.inputs.kinds import BAG, IMAGE, MAP, POINTER, kind_of
 from mapdeal.inputs.listing import list_maps
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.npz import holds_reach, read_reach
@@ -38,7 +37,7 @@ from mapdeal.maps.reading import open_map
 from mapdeal.pipeline.folder import MANIFEST, manifest_in, said, stages_behind, summary_of
 from mapdeal.pipeline.inputs import Work, claim_work
 from mapdeal.pipeline.settings import ProgressCallback, Settings
-from mapdeal.ros.load import is_ros2, read_robot
+from mapdeal.ros.load import flavour_of_file, read_robot
 from mapdeal.ros.robot import CostmapName, effect_of, on_map
 
 Report = dict[str, Any]
@@ -163,7 +162,9 @@ def describe(
         groups = [(True, list(sources))]
     else:
         named = [one for source in sources for one in maps_in(source, work)]
-        groups = [(kind != "", list(group)) for kind, group in groupby(named, _kind_of_robot)]
+        groups = [
+            (flavour is not None, list(group)) for flavour, group in groupby(named, flavour_of_file)
+        ]
         groups = [
             part
             for is_robot, group in groups
@@ -193,15 +194,6 @@ def maps_in(path: Path, work: Work) -> list[Path]:
     if not is_folder(path) or exists(path / MANIFEST) or kind_of(path) is not None:
         return [path]
     return [one.path for one in list_maps([str(path)], None, work.terminal.input_chunks).maps]
-
-
-def _kind_of_robot(path: Path) -> str:
-    """Return the stack whose parameters a file holds, empty for another file."""
-    with suppress(MapdealError):  # told when it is described
-        kind = kind_of(path) if exists(path) and not is_folder(path) else None
-        if kind is not None and kind.name == PARAMETERS:
-            return "nav2" if is_ros2(path) else "ros1"
-    return ""
 
 
 def _describe_robot(

@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import groupby
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -89,6 +90,7 @@ from mapdeal.pipeline.inputs import (
 )
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
+from mapdeal.ros.load import flavour_of_file
 from mapdeal.ros.robot import CostmapName, RobotParameters
 from mapdeal.version import __version__
 
@@ -166,7 +168,7 @@ Checks = Annotated[Names, Words("IDS", _separated, is_repeated=True, completed=_
     example="""\
 mapdeal lint examples/maps --strict
 mapdeal lint examples/maps --format sarif > lint.sarif
-mapdeal lint --params-file examples/robots/nav2_params.yaml""",
+mapdeal lint examples/robots/nav2_params.yaml""",
 )  # fmt: skip
 def lint(
     paths: Annotated[Names, Words("MAP...", typed=list[str], streams=True)] = (),
@@ -204,8 +206,9 @@ def lint(
     in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file with one such
     name per line (@- reads standard input).
 
-    With --params-file a robot's own parameters are checked as well: what ROS refuses or silently
-    ignores, and how shape and costs fit together. A MAP is optional then.
+    A robot's parameter file, named among the maps or by --params-file, is checked for what ROS
+    refuses or silently ignores, and how shape and costs fit together. Consecutive files belong to
+    one robot, and later files win.
 
     With --graph a route graph is checked on the MAP, for the robot's shape: what Nav2's route
     server refuses, nodes and edges on which the robot hits something, and parts without a way back.
@@ -221,14 +224,15 @@ def lint(
     Parameters
     ----------
     paths : path or str, or several
-        Maps, folders of maps or runs, quoted patterns, or @LIST.txt.
+        Maps, folders of maps or runs, quoted patterns, @LIST.txt, or a robot's parameter files.
     params_file : path or str, or several
         A robot's own parameters: a Nav2 file, or ROS 1's costmap files; can be repeated, later
         files win.
     costmap : {'global', 'local'}, optional
-        Costmap of --params-file  [default: both]. Only costmaps that the files define are checked.
+        Costmap of the parameter files  [default: both]. Only costmaps that the files define are
+        checked.
     namespace : str, optional
-        Robot of --params-file, if it contains several.
+        Robot of the parameter files, if they contain several.
     graph : path or str, optional
         Route graph to check on the one MAP: a GeoJSON file for Nav2's route server.
     footprint : Footprint, optional
@@ -296,8 +300,13 @@ def lint(
     settings = Settings(max_cells=max_cells, max_memory=max_memory, force=force)
     if work is not None:  # also how images without a YAML file are read
         settings = work.settings
-    names, files = _several(paths), tuple(map(Path, _several(params_file)))
-    if not files:
+    names, robots = _apart_from_parameters(_several(paths))
+    files = tuple(map(Path, _several(params_file)))
+    if fix and robots:
+        hint = "--fix repairs maps only"
+        raise ParameterError("is a parameter file", source=robots[0][0], hint=hint)
+    robots += [files] if files else []
+    if not robots:
         refuse("needs --params-file", costmap=costmap, namespace=namespace)
     if costmap is not None:
         check_choice(costmap, CostmapName, "costmap")
@@ -320,7 +329,7 @@ def lint(
         refuse("needs --mask", mask_kind=mask_kind, start=start, goals=tuple(goals))
     elif fix:
         raise ParameterError("cannot be given together with --fix", place="filter_mask")
-    if not names and not files:
+    if not names and not robots:
         raise ParameterError("names no map: needs a MAP, or --params-file", source="lint")
     if no_config and not isinstance(config, bool):
         raise ParameterError("cannot be given together with --no-config", place="config")
@@ -346,8 +355,8 @@ def lint(
             if len(maps) > 1:
                 counted = partial(work.terminal.counted, what="map")
         robot = None
-        if files and maps:
-            robot = robot_in(files, costmap=costmap, namespace=namespace)
+        if len(robots) == 1 and maps:
+            robot = robot_in(robots[0], costmap=costmap, namespace=namespace)
         shape = footprint  # as costs of a planner have it
         if footprint is None and robot is not None:
             footprint, shape = robot.footprint, planned_shape(robot)
@@ -358,7 +367,11 @@ def lint(
             at_once,
             None if graph is None else (Path(graph), shape, robot),
         )
-        reports = lint_maps.parameters(files, costmap, namespace, maps) if files else []
+        reports = [
+            report
+            for of_robot in robots
+            for report in lint_maps.parameters(of_robot, costmap, namespace, maps)
+        ]
         with counted(len(maps)) as done:
             reports += lint_maps(maps, done)
         if filter_mask is not None:
@@ -373,6 +386,18 @@ def lint(
         for problem in problems[1:]:
             work.terminal.error(problem)  # `LintReport.check` raises the first
     return report
+
+
+def _apart_from_parameters(names: Sequence[str]) -> tuple[list[str], list[tuple[Path, ...]]]:
+    """Separate the names of maps from parameter files, which are grouped by robot."""
+    maps: list[str] = []
+    robots = []
+    for flavour, group in groupby(names, lambda name: flavour_of_file(Path(name))):
+        if flavour is None:
+            maps += group
+        else:
+            robots.append(tuple(map(Path, group)))
+    return maps, robots
 
 
 def _no_standard_input() -> Iterable[bytes]:

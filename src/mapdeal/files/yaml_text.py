@@ -71,7 +71,7 @@ class Entry:
         """Return a scalar as a number, by ROS's reading of it."""
         text = self.text().strip()
         if not _NUMBER.fullmatch(text):
-            raise self.error("must be a number", hint=_number_hint(text))
+            raise self.error("must be a number", hint=_number_hint(text, self.key))
         if re.match(r"[-+]?0\d", text):
             hint = "YAML readers disagree on it (octal or decimal)"
             raise self.error("must be a number without leading zeros", hint=hint)
@@ -350,15 +350,16 @@ _PYYAML = _composer_over(yaml.SafeLoader)
 _LIBYAML = _composer_over(getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 
-def _number_hint(text: str) -> str | None:
+def _number_hint(text: str, key: str) -> str | None:
     if re.fullmatch(r"[-+]?\d+,\d+", text):
         return "write the decimal point as '.'"
-    if text.lower().lstrip("+-.") in ("inf", "infinity"):
+    word = text.lower().lstrip("+-.")
+    if word == "nan" and key == "origin":
+        return "a fault of some map savers; write 0"
+    if word in ("inf", "infinity", "nan"):
         return "it must be finite"
     if re.match(r"[-+]?[\d.]+\s*[a-zA-Z]", text):
         return "write the bare number, without a unit or suffix"
-    if text.lower().lstrip("+-.") == "nan":
-        return "a fault of some map savers; write 0"
     return None
 
 

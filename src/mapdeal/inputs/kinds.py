@@ -46,13 +46,23 @@ PARAMETERS = "ROS parameters"
 _HEAD = 1 << 16
 _COUNTED = 1 << 28  # bytes of a text of which the lines are counted
 _SCAN_WORDS = re.compile(rb"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]")
-_ROS_PARAMETERS = re.compile(rb"(?m)^[ \t]*[\"']?ros__parameters[\"']?[ \t]*:")
-_OF_COSTMAPS = ("local_costmap", "global_costmap", "obstacle_layer", "inflation_layer")
-_OF_ROBOTS = (
-    "footprint", "footprint_padding", "robot_radius", "inflation_radius", "plugins", "map_type",
-    "obstacle_range", "raytrace_range", "rolling_window", "robot_base_frame", "transform_tolerance",
-)  # fmt: skip
-"""Keys of ROS 1's costmap files, of which two make one."""
+_JSON_START = re.compile(rb"\s*\{\s*\"")
+_STAGES_KEY = re.compile(rb"(?m)^stages[ \t]*:")
+_KEY = re.compile(rb"(?m)^[ \t{]*[\"']?([\w/]+)[\"']?[ \t]*:")
+_OF_COSTMAPS = frozenset((
+    "ros__parameters", "local_costmap", "global_costmap",
+    "obstacle_layer", "inflation_layer", "static_layer",
+    "footprint", "footprint_padding", "robot_radius", "inflation_radius", "cost_scaling_factor",
+    "static_map", "map_type", "rolling_window", "robot_base_frame", "track_unknown_space",
+    "trinary_costmap", "lethal_cost_threshold", "unknown_cost_value", "obstacle_range",
+    "raytrace_range", "observation_sources",
+))  # fmt: skip
+"""Keys of parameter files, of which one at any depth makes such a file."""
+_OF_ROBOTS = frozenset((
+    "plugins", "transform_tolerance", "global_frame", "update_frequency", "publish_frequency",
+    "always_send_full_costmap", "map_topic", "max_obstacle_height",
+))  # fmt: skip
+"""Keys of such files that others have, too: two of them make one."""
 _TUM, _PLANAR = 8, 3
 _MOST_OF_A_POINT = 16
 
@@ -305,13 +315,15 @@ def _shapes(form: str, figures: dict[str, Any]) -> FileKind:
 
 
 def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
-    if b":" not in head or b"\0" in head:
+    if b":" not in head or b"\0" in head or _JSON_START.match(head):
         return None
     is_map = IMAGE_KEY.search(head)
+    entries = {}
     try:
         entries = {} if is_map else read_mapping(path, OF_RECIPES)
     except MalformedInputError:
-        return None
+        if path.suffix.lower() not in YAML or _STAGES_KEY.search(head):
+            return None
     if is_map or "image" in entries:
         return FileKind(MAP, "a map", _MAP_USE)
     if "stages" in entries:
@@ -330,10 +342,11 @@ def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
             return _shapes("YAML", {"shapes": len(entries["shapes"].items())})
     if "rosbag2_bagfile_information" in entries:
         return FileKind(BAG, "the description of a ROS 2 bag", _BAG_USE)
-    found = [key for key in _OF_COSTMAPS if key in entries]
-    if _ROS_PARAMETERS.search(head) or found or sum(key in entries for key in _OF_ROBOTS) > 1:
+    names = {key.decode().rpartition("/")[2] for key in _KEY.findall(head)}
+    if names & _OF_COSTMAPS or len(names & _OF_ROBOTS) > 1 or b"costmap_2d::" in head:
         what = "a file of ROS parameters"
-        return FileKind(PARAMETERS, what, _PARAMETERS_USE, lambda: {"nodes": ", ".join(entries)})
+        figures = {"nodes": ", ".join(entries)} if entries else {}
+        return FileKind(PARAMETERS, what, _PARAMETERS_USE, lambda: figures)
     return None
 
 

@@ -71,8 +71,7 @@ def metadata_of(
     occupied_thresh = _threshold(entries, "occupied_thresh", 0.65)
     free_thresh = _threshold(entries, "free_thresh", 0.196)
     if free_thresh > occupied_thresh:
-        rule = f"must not be larger than occupied_thresh ({occupied_thresh:g})"
-        raise MalformedInputError(rule, source=path, place="free_thresh", got=free_thresh)
+        raise _crossed_thresholds(path, entries, occupied_thresh, free_thresh)
     if free_thresh == occupied_thresh:
         text = f"equals occupied_thresh; read as dialect {dialect} does"
         _warn(path, "free_thresh", text, "thresholds.equal")
@@ -85,6 +84,21 @@ def metadata_of(
         occupied_thresh=occupied_thresh, free_thresh=free_thresh, cost_scale=_cost_scale(entries),
         view=view, extra={k: e.printable_value() for k, e in entries.items() if k not in known},
     )  # fmt: skip
+
+
+def _crossed_thresholds(
+    path: Path, entries: dict[str, Entry], occupied: float, free: float
+) -> MalformedInputError:
+    """Return the error of a free_thresh above occupied_thresh, of which one may be a default."""
+    if "free_thresh" not in entries:
+        missing, relation = "free_thresh", f"{free:g} exceeds occupied_thresh {occupied:g}"
+    elif "occupied_thresh" not in entries:
+        missing, relation = "occupied_thresh", f"{occupied:g} is below free_thresh {free:g}"
+    else:
+        rule = f"must not be larger than occupied_thresh ({occupied:g})"
+        return MalformedInputError(rule, source=path, place="free_thresh", got=free)
+    rule, hint = f"is missing and its default {relation}", f"write {missing}"
+    return MalformedInputError(rule, source=path, place=missing, hint=hint)
 
 
 def yaml_of(metadata: MapMetadata) -> bytes:

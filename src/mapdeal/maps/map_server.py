@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PureWindowsPath
 from typing import Any, Literal
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -293,9 +294,8 @@ def _grid_of(occupancy: blocks.Layer, metadata: MapMetadata) -> OccupancyGrid:
 
 
 def find_image(yaml_path: Path, image: str) -> Path:
-    # Relative names are relative to the YAML file. A name that only makes sense elsewhere, an
-    # absolute path of another machine or one with backslashes, falls back to what it must mean
-    # here, with a warning.
+    # Relative names are relative to the YAML file. A name that only makes sense on another machine,
+    # by its folders, as a URL or with backslashes, falls back to a file here, with a warning.
     if _expanded(image) != image:
         text = f"image: {image} was expanded; map_server does not"
         warn_of(yaml_path, text, "image.foreign-path")
@@ -308,6 +308,8 @@ def find_image(yaml_path: Path, image: str) -> Path:
             warn_of(yaml_path, text, "image.foreign-path")
             return other
     rule, hint = "the image does not exist", _nearest_name(path)
+    if hint is None and others:
+        hint = _nearest_name(others[-1])
     raise FileAccessError(rule, source=yaml_path, place="image", got=image, hint=hint)
 
 
@@ -332,17 +334,15 @@ def find_bits(path: Path, yaml_path: Path, metadata: MapMetadata) -> Path:
 
 def image_places(folder: Path, image: str) -> list[Path]:
     """Return where the image may be that a YAML file in a folder names: the first there counts."""
-    name = _expanded(image)
-    path = folder / name
-    places = [path]
+    places = [folder / _expanded(image)]
     if "\\" in image:
         places.append(folder / image.replace("\\", "/"))
-    if path.is_absolute() and not name.startswith(str(folder)):
-        places.append(folder / path.name)
-    windows_path = PureWindowsPath(image)
-    if windows_path.is_absolute():
-        places.append(folder / windows_path.name)
-    return places
+    if image.startswith("file:"):
+        image = unquote(image.removeprefix("file:"))
+        places.append(folder / image)
+    if places[0].is_absolute() and image.startswith(str(folder)):  # of this machine
+        return places
+    return [*places, folder / PureWindowsPath(image).name]
 
 
 def _expanded(image: str) -> str:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning
-from mapdeal.files.source import read_file
+from mapdeal.files.source import exists, is_folder, read_file
 from mapdeal.ros.nav2 import nav2_robot
 from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, Problem, RobotParameters
 from mapdeal.ros.ros1 import Ros1Namespace, costmaps_named, load_server, ros1_robot
@@ -18,7 +18,7 @@ _KEY = b"ros__parameters"
 _LARGEST = 1 << 24
 _OF_COSTS = frozenset(
     {"params.custom-inscribed-radius", "params.inflation-radius", "params.no-static-layer",
-     "params.not-modelled", "params.other-map", "params.erases-map"}
+     "params.not-modelled", "params.old-plugins", "params.other-map", "params.erases-map"}
 )  # fmt: skip
 """Warnings that matter to a robot's costs alone."""
 
@@ -64,6 +64,17 @@ def found_in(
 def is_ros2(path: Path) -> bool:
     data = read_file(path, limit=_LARGEST)
     return any(_KEY in line.partition(b"#")[0] for line in data.splitlines())
+
+
+def flavour_of_file(path: Path) -> Flavour | None:
+    """Return the stack whose parameters a file holds; None for any other path."""
+    from mapdeal.inputs.kinds import PARAMETERS, kind_of
+
+    with suppress(MapdealError):
+        kind = kind_of(path) if exists(path) and not is_folder(path) else None
+        if kind is not None and kind.name == PARAMETERS:
+            return "nav2" if is_ros2(path) else "ros1"
+    return None
 
 
 def _other_kind(path: Path) -> Problem | None:

@@ -328,6 +328,8 @@ def nav2_robot(
         return None, problems
     values = Nav2Values(parameters.for_node(node), node, paths[-1], older=older)
     values.problems += (*problems, *_one_level(parameters, node, "warning"))
+    values.problems += [_of_alias(*alias) for alias in parameters.aliases]
+    _tell_old_plugins(values)
     for name, value in parameters.unset_for(node):
         text = "has no value, and every node that it is for exits"
         hint = "an empty list has no type in ROS 2; take the parameter out"
@@ -336,6 +338,33 @@ def nav2_robot(
                     hint)
         )  # fmt: skip
     return _resolved(values, parameters, costmap), tuple(values.problems)
+
+
+def _tell_old_plugins(values: Nav2Values) -> None:
+    """Warn of lists of layers that Nav2 does not read, and of what runs in their place."""
+    for listed, effect in (
+        ("plugins", f"the default layers run, {', '.join(_DEFAULTS)}"),
+        ("filters", "no filter runs"),
+    ):
+        mappings = [name for name in values.given if name.startswith(f"{listed}.")]
+        pairs = [name for name in ("plugin_names", "plugin_types") if name in values.given]
+        if listed in values.given or not (mappings or (pairs and listed == "plugins")):
+            continue
+        form = f"{listed}, a list of mappings as in ROS 1" if mappings else " and ".join(pairs)
+        found = values.given[(mappings or pairs)[0]]
+        text = f"Nav2 does not read {form}: {effect}"
+        hint = f'write {listed}: ["NAME", ...], and NAME: {{plugin: "CLASS"}} for each'
+        values.problems.append(
+            Problem("params.old-plugins", "warning", text, "", found.source, found.line, hint=hint)
+        )
+
+
+def _of_alias(path: Path, line: int, alias: str) -> Problem:
+    text = (
+        "ROS 2 does not support aliases; nav2_bringup's launch files write the value in its place"
+    )
+    hint = "other launch files need the value itself"
+    return Problem("params.alias", "warning", text, "", path, line, alias, hint)
 
 
 def _of_error(error: MalformedInputError) -> Problem:

@@ -725,6 +725,9 @@ def _is_there(server: Ros1Server) -> bool:
     if found is None:
         text = f"no parameters of /{'/'.join(server.path)}"
         hint = f"a file of it has {server.costmap}_costmap: at its top, or no costmap's name at all"
+        (present,) = set(_NAMES) - {server.costmap}
+        if server.root.get((*server.node, f"{present}_costmap")) is not None:
+            hint = f"--costmap {present} takes the one that it has"
         server.problem("params.namespace", "refused", text, hint=hint)
         return False
     if not isinstance(found, Ros1Namespace) or any(
@@ -750,6 +753,7 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
     shape = _shape(server)
     inscribed = 0.0 if shape is None else shape.inscribed_radius
     layers = tuple(_layer(server, name, kind, inscribed) for name, kind in plugins or ())
+    _tell_topics(server, layers)
     if plugins is None or shape is None:  # the layers' own problems are told all the same
         return None
     for listed in erasing_layers(layers):
@@ -865,3 +869,19 @@ def _tell_overridden(server: Ros1Server, name: str, parameters: Sequence[str]) -
             if above.source != own.source:
                 hint += f" of {above.source.name}"
             server.problem("params.overridden", "warning", text, (name, parameter), hint)
+
+
+def _tell_topics(server: Ros1Server, layers: Sequence[ListedLayer]) -> None:
+    """Warn where static layers read different maps: there is one map, and all of them get it."""
+    first: str | None = None
+    for listed in layers:
+        if listed.plugin != _STATIC or not listed.is_enabled:
+            continue
+        place = server.place(listed.name, "map_topic")
+        found = server.find(*place)
+        is_text = found is not None and found.kind == "string"
+        topic = found.value.lstrip("/") if found is not None and is_text else "map"
+        first = first or topic
+        if topic != first:
+            text = f"reads {topic}, another map than {first}; here it gets the same map"
+            server.problem("params.other-map", "warning", text, place)

@@ -155,6 +155,7 @@ _PLAIN = (("bool", "bool", _bool), ("integer", "int", _integer), ("double", "flo
 
 PARAMETERS_KEY = "ros__parameters"
 _LONGEST_TEXT = 200
+_MOST_ALIASES = 200
 _LONGEST_NODE_NAME = 255
 
 _PRECEDENCE = (
@@ -220,6 +221,8 @@ class Walk:
         self._in_parameters = False
         self._key = ""  # the last one, for errors
         self._depth = 0
+        self._anchored: dict[str | None, yaml.ScalarEvent] = {}
+        self.aliases: list[yaml.AliasEvent] = []
         self._items: list[Any] = []
         self._items_kind: str | None = None
         self._sequence: yaml.Event | None = None
@@ -227,25 +230,43 @@ class Walk:
         self._parameter_names = _Names(".")
 
     def take(self, event: yaml.Event) -> None:
+        if isinstance(event, yaml.AliasEvent):
+            event = self._resolved(event)
         if isinstance(event, yaml.ScalarEvent):
+            self._anchored[event.anchor] = event
             if self._is_key:
                 self._take_key(event)
             else:
                 self._take_value(event)
         elif isinstance(event, yaml.SequenceStartEvent):
+            self._anchored.pop(event.anchor, None)
             self._start_sequence(event)
         elif isinstance(event, yaml.SequenceEndEvent):
             self._is_sequence, self._is_key = False, True
         elif isinstance(event, yaml.MappingStartEvent):
+            self._anchored.pop(event.anchor, None)
             self._depth += 1
             # that of ros__parameters itself is none
             is_own = self._in_parameters and self._depth - self._node_names.count == 2
             self._is_key, self._is_new_map = True, not is_own
         elif isinstance(event, yaml.MappingEndEvent):
             self._end_mapping()
-        elif isinstance(event, yaml.AliasEvent):
-            rule, got = "ROS 2 does not support aliases", f"*{event.anchor}"
-            raise self._error(rule, event, got=got, hint="write the value itself")
+
+    def _resolved(self, alias: yaml.AliasEvent) -> yaml.ScalarEvent:
+        """Return the scalar that an alias stands for, at the alias's own place."""
+        # rcl knows no aliases. nav2_bringup's RewrittenYaml loads a file and dumps it again, which
+        # writes scalars in the place of their aliases, but again aliases of lists and mappings.
+        scalar = self._anchored.get(alias.anchor)
+        if scalar is None:
+            rule, got = "ROS 2 does not support aliases", f"*{alias.anchor}"
+            raise self._error(rule, alias, got=got, hint="write the value itself")
+        if len(self.aliases) >= _MOST_ALIASES:
+            raise self._error(f"more than {_MOST_ALIASES} aliases", alias)
+        self.aliases.append(alias)
+        return yaml.ScalarEvent(
+            None, scalar.tag, scalar.implicit, scalar.value, alias.start_mark, alias.end_mark,
+            style=scalar.style,
+        )  # fmt: skip
 
     def _end_mapping(self) -> None:
         if self._in_parameters:
@@ -474,6 +495,8 @@ _DEEPEST = 40
 class Ros2Parameters:
     nodes: tuple[Ros2Node, ...]
     files: tuple[tuple[Path, str], ...]
+    aliases: tuple[tuple[Path, int, str], ...] = ()
+    """File, line and name of the first alias of each file that has some."""
 
     def matching(self, node: str) -> tuple[Ros2Node, ...]:
         """Return what is meant for a node of a full name, from the root on."""
@@ -509,18 +532,19 @@ def matches(pattern: str, node: str) -> bool:
 def read_ros2(paths: Sequence[Path]) -> Ros2Parameters:
     """Return the parameters in files, which are read into one another as ROS 2 does."""
     nodes: dict[str, Ros2Node] = {}
-    files = []
+    files, aliases = [], []
     for path in paths:
         data = read_file(path, limit=_LIMITS.bytes, inspect=partial(refuse_image, path))
         files.append((path, hashlib.sha256(data).hexdigest()))
         walk = Walk(path, nodes)
         for event in _events(path, decoded_text(path, data)):
             walk.take(event)
+        aliases += [(path, line_of(alias), f"*{alias.anchor}") for alias in walk.aliases[:1]]
     if not nodes:
         raise refusal(paths[0], "no parameters in it: no node has a key ros__parameters", None)
     for node in nodes.values():
         node.entries = tuple((slot.name, slot.result()) for slot in node.slots)
-    return Ros2Parameters(tuple(nodes.values()), tuple(files))
+    return Ros2Parameters(tuple(nodes.values()), tuple(files), tuple(aliases))
 
 
 def _events(path: Path, text: str) -> Iterator[yaml.Event]:

@@ -1,0 +1,100 @@
+"""Checks of names in Nav2's parameter files: of older releases, and misspelt ones of planners.
+
+References
+----------
+navigation2, ``ObstacleLayer::onInitialize``: since Galactic, ranges have a minimum and a maximum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from difflib import get_close_matches
+from itertools import islice
+
+from mapdeal.checks.facts import ParameterFacts, PlannerFacts, check
+from mapdeal.checks.findings import Remark
+from mapdeal.ros.planners import (
+    DEFAULT_PLANNERS,
+    PLANNER_PARAMETERS,
+    PLANNER_SERVER,
+    SERVER_PARAMETERS,
+)
+from mapdeal.ros.robot import ParameterValue
+from mapdeal.ros.ros2_files import Ros2Parameters
+
+_RENAMED = {
+    "obstacle_range": ("obstacle_max_range", 2.5), "raytrace_range": ("raytrace_max_range", 3.0)
+}  # fmt: skip
+"""Names that Nav2 has changed, the new ones, and their defaults, metres."""
+
+_OBSTACLE_LAYERS = ("ObstacleLayer", "VoxelLayer")
+_ALIKE = 0.85
+_MOST_NAMES, _LONGEST_NAME = 1000, 60
+"""Names that are compared with all known ones, and the characters that they may have."""
+
+
+@check("params.renamed", "warning", "a name that Nav2 has changed, and no longer reads")
+def renamed(facts: ParameterFacts) -> Iterator[Remark]:
+    """Look in obstacle layers and the costmap: layers of other packages have such names, too."""
+    own = {name for name, plugin in facts.plugins if _class_name(plugin) in _OBSTACLE_LAYERS}
+    for path, value in facts.values.items() if facts.flavour == "nav2" else ():
+        if path[-1] not in _RENAMED or (len(path) > 1 and path[0] not in own):
+            continue
+        name, default = _RENAMED[path[-1]]
+        if (*path[:-1], name) not in facts.values:
+            text = f"{facts.shown(*path)} has no effect since Galactic, and {name} is {default:g} m"
+            yield Remark(f"{text} by default: write {name}", at=value)
+
+
+@check("params.planner-misspelt", "warning",
+       "a name in a planner's section that is nearly that of a parameter")  # fmt: skip
+def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
+    classes = _planner_classes(facts.values)
+    of_any_planner = set().union(*PLANNER_PARAMETERS.values())
+    unlisted: dict[str, ParameterValue] = {}
+    for name, value in islice(facts.values.items(), _MOST_NAMES):
+        section, _, parameter = name.partition(".")
+        if parameter and section not in classes:
+            unlisted.setdefault(section, value)
+            continue
+        declared = PLANNER_PARAMETERS.get(classes[section], {}) if parameter else SERVER_PARAMETERS
+        above, _, last = (parameter or name).rpartition(".")
+        paths = [declared_name.rpartition(".") for declared_name in declared]
+        siblings = {"plugin", *(path[2] for path in paths if path[0] == above)}
+        near = None if parameter in of_any_planner else _misspelt_name(last, siblings)
+        if near and f"{name.removesuffix(last)}{near}" not in facts.values:
+            yield Remark(f"no parameter is called {name}: did you mean {near}?", at=value)
+    for section, value in unlisted.items():
+        near = _misspelt_name(section, classes)
+        if near:
+            yield Remark(f"no planner is called {section}: did you mean {near}?", at=value)
+
+
+def _misspelt_name(name: str, known: Collection[str]) -> str | None:
+    """Return the known name that an unknown one is nearly, if there is one."""
+    if name in known or len(name) > _LONGEST_NAME:
+        return None
+    return next(iter(get_close_matches(name, known, n=1, cutoff=_ALIKE)), None)
+
+
+def _planner_classes(values: Mapping[str, ParameterValue]) -> dict[str, str]:
+    """Return the class of each planner of a server by the planner's name, without its package."""
+    listed = values.get("planner_plugins")
+    names = tuple(DEFAULT_PLANNERS) if listed is None else listed.value
+    plugins = {
+        str(name): values[f"{name}.plugin"].value
+        if f"{name}.plugin" in values
+        else DEFAULT_PLANNERS.get(name, "")
+        for name in (names if isinstance(names, list | tuple) else ())
+    }
+    return {name: _class_name(str(plugin)) for name, plugin in plugins.items()}
+
+
+def _class_name(plugin: str) -> str:
+    return plugin.replace("/", "::").rpartition("::")[2]
+
+
+def planner_facts(parameters: Ros2Parameters) -> Iterator[PlannerFacts]:
+    for node in parameters.nodes:
+        if node.name.rpartition("/")[2] == PLANNER_SERVER:
+            yield PlannerFacts(parameters.for_node(node.name))
