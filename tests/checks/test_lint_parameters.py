@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+import mapdeal.checks.lint  # noqa: F401 - it lists all checks
 from mapdeal.checks.findings import CHECKS
 from mapdeal.checks.parameter_checks import lint_parameters
 

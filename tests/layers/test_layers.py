@@ -175,6 +175,8 @@ def test_a_wildcard_beside_a_robot_in_a_namespace_does_not_hide_it(cost):
     found, err = cost(wildcard + ROBOT1, "--namespace", "/")  # the root node: default layers
     assert found.cost[0, 4] != 255
     assert "robot1" not in err
+    err = cost(wildcard + ROBOT1, "--costmap", "local", expected=3)[1]
+    assert "--costmap global takes the one that it has" in err
     err = cost(ROBOT1, "--namespace", "/")[1]
     assert "no parameters of /global_costmap/global_costmap: it has Nav2's defaults" in err
 

@@ -494,10 +494,17 @@ def _node_of(
     asked = [part for part in (namespace or "").split("/") if part]
     node = "/".join(["", *asked, own])
     robots = [space for space in held if space]
-    named = [entry.name for entry in parameters.nodes if _means(entry, node)]
-    # A wildcard beside the robots of a file is meant for these, and names no further robot.
-    is_only_wildcard = all("*" in name for name in named) and set(robots) - {"*"}
-    if named and not (namespace is None and is_only_wildcard):
+    other = "local" if costmap == "global" else "global"
+    held_by_other = _namespaces(parameters, f"{other}_costmap/{other}_costmap")
+    matching = [entry.name for entry in parameters.nodes if _means(entry, node)]
+    # A wildcard beside the robots of a file is meant for these: it does not make up another robot,
+    # nor, without the costmap's name, a costmap that no robot has.
+    is_only_wildcard = all("*" in name for name in matching)
+    if is_only_wildcard and any(f"{costmap}_costmap" in name for name in matching):
+        robots = robots or [space for space in held_by_other if space]
+    if matching and (
+        namespace is not None or not is_only_wildcard or not {*robots, *held_by_other} - {"", "*"}
+    ):
         return node, ()
     check = "params.namespace"
     if namespace == "/":
@@ -524,8 +531,7 @@ def _node_of(
         check = "params.no-node"
         text = f"holds no parameter of {node}; it has {_listed(n.name for n in parameters.nodes)}"
         hint = f"pass the file that has {costmap}_costmap: {costmap}_costmap: ros__parameters:"
-        other = "local" if costmap == "global" else "global"
-        if _namespaces(parameters, f"{other}_costmap/{other}_costmap"):
+        if held_by_other:
             hint = f"--costmap {other} takes the one that it has"
     return None, (Problem(check, "refused", text, source=source, hint=hint),)
 
