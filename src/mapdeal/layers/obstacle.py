@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION
-from mapdeal.kernels.lookup import set_where
 from mapdeal.layers.layer import CostmapLayer, MasterGrid, Nav2Values, PluginEntry, Ros1Values
 
 _OVERWRITE: Final = 0
@@ -99,14 +99,13 @@ class ObstacleLayer(CostmapLayer):
     def apply(self, master: MasterGrid) -> None:
         if self.combination_method == _KEEP_UNKNOWN:
             return
-        tracks = self.track_unknown_space
-        own = np.full_like(master.costs, NO_INFORMATION if tracks else FREE_SPACE)
-        if self.footprint_clearing_enabled and master.under_robot is not None:
-            set_where(own, master.under_robot, FREE_SPACE)
-        freed = own == FREE_SPACE
-        if self.combination_method == _MAXIMUM:
-            freed &= master.costs == NO_INFORMATION
-        set_where(master.costs, freed, FREE_SPACE)
+        free: NDArray[np.bool_] | None = np.ones((1, 1), dtype=np.bool_)  # broadcasts to all cells
+        if self.track_unknown_space:
+            free = master.under_robot if self.footprint_clearing_enabled else None
+        if free is not None and self.combination_method == _MAXIMUM:
+            free = free & (master.costs == NO_INFORMATION)
+        if free is not None:
+            np.copyto(master.costs, FREE_SPACE, where=free)
 
     def effect(self) -> str:
         freed = "unknown cells" if self.combination_method == _MAXIMUM else "all cells"
