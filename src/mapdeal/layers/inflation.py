@@ -408,7 +408,7 @@ def inflation_curve(
 def _decay(
     metres: NDArray[np.float64], *, layers: Sequence[InflationLayer], reaches: Sequence[float]
 ) -> NDArray[np.float64]:
-    """Return the highest of the layers' costs, each as far as it reaches, not truncated."""
+    """Return the highest of the layers' costs within their reaches, before truncation."""
     highest = np.zeros_like(metres)
     for layer, reach in zip(layers, reaches, strict=True):
         beyond = np.maximum(metres - layer.inscribed_radius, 0.0)

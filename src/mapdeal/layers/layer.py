@@ -168,7 +168,7 @@ class CostmapLayer(OneLine):
     """Whether it writes lethal costs that a later inflation layer has to see."""
 
     needs: ClassVar[str] = ""
-    """What it has an effect with, if a map is not enough."""
+    """Input besides the map without which the layer is idle, such as observations."""
 
     memory: ClassVar[float] = 0.0
     """Bytes for each cell that it takes while it is applied."""

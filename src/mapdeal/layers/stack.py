@@ -94,10 +94,6 @@ class CostmapLayers:
         is_last = len(layers) < len(self.layers) and not any(map(_is_keepout, layers))
         return replace(self, layers=tuple(layers)) if is_last else self
 
-    def without(self, key: str) -> CostmapLayers:
-        """Return the layers but those of a kind."""
-        return replace(self, layers=tuple(layer for layer in self.layers if layer.key != key))
-
     @property
     def static_and_inflation(self) -> tuple[StaticLayer, InflationLayer | None] | None:
         """One static layer, and at most one inflation layer above it; None for other layers."""
@@ -111,7 +107,7 @@ class CostmapLayers:
 
     @property
     def inflations_above_map(self) -> tuple[InflationLayer, ...] | None:
-        """Inflation layers that see the obstacles of the map; None if no layer reads a map."""
+        """Inflation layers that see the obstacles of the map, or None if no layer reads a map."""
         effective = self.effective
         statics = [k for k, layer in enumerate(effective) if isinstance(layer, StaticLayer)]
         if not statics:
@@ -122,11 +118,11 @@ class CostmapLayers:
 
     @property
     def obstacle_rule(self) -> tuple[int, UnknownPolicy] | None:
-        """Least occupancy of an obstacle, and what unknown cells count as; None without a map."""
+        """Least occupancy of an obstacle and the policy for unknown cells, or None without a map."""
         # With a threshold of 0 every cell is an obstacle.
         for layer in self.effective:
             if isinstance(layer, StaticLayer) and layer.lethal_cost_threshold > 0:
-                # The layer sees -1 as byte 255; whether that and 100 are lethal a field can tell.
+                # The layer sees -1 as byte 255. A field can make 100 and -1 obstacles, or 100 alone.
                 special = (layer.unknown_cost_value, layer.inscribed_obstacle_cost_value)
                 is_lethal = NO_INFORMATION not in special and OCCUPIED not in special
                 return layer.lethal_cost_threshold, "occupied" if is_lethal else "free"

@@ -494,16 +494,16 @@ def _node_of(
     asked = [part for part in (namespace or "").split("/") if part]
     node = "/".join(["", *asked, own])
     robots = [space for space in held if space]
-    other = "local" if costmap == "global" else "global"
-    held_by_other = _namespaces(parameters, f"{other}_costmap/{other}_costmap")
+    sibling = "local" if costmap == "global" else "global"
+    held_by_sibling = _namespaces(parameters, f"{sibling}_costmap/{sibling}_costmap")
     matching = [entry.name for entry in parameters.nodes if _means(entry, node)]
     # A wildcard beside the robots of a file is meant for these: it does not make up another robot,
     # nor, without the costmap's name, a costmap that no robot has.
     is_only_wildcard = all("*" in name for name in matching)
     if is_only_wildcard and any(f"{costmap}_costmap" in name for name in matching):
-        robots = robots or [space for space in held_by_other if space]
+        robots = robots or [space for space in held_by_sibling if space]
     if matching and (
-        namespace is not None or not is_only_wildcard or not {*robots, *held_by_other} - {"", "*"}
+        namespace is not None or not is_only_wildcard or not {*robots, *held_by_sibling} - {"", "*"}
     ):
         return node, ()
     check = "params.namespace"
@@ -531,8 +531,8 @@ def _node_of(
         check = "params.no-node"
         text = f"holds no parameter of {node}; it has {_listed(n.name for n in parameters.nodes)}"
         hint = f"pass the file that has {costmap}_costmap: {costmap}_costmap: ros__parameters:"
-        if held_by_other:
-            hint = f"--costmap {other} takes the one that it has"
+        if held_by_sibling:
+            hint = f"--costmap {sibling} takes the one that it has"
     return None, (Problem(check, "refused", text, source=source, hint=hint),)
 
 

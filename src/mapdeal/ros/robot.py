@@ -202,7 +202,7 @@ class ListedLayer:
 
     @property
     def needs(self) -> str:
-        """What the layer has an effect with, if a map is not enough."""
+        """Input besides the map without which the layer is idle."""
         return "" if self.layer is None else self.layer.needs
 
 
