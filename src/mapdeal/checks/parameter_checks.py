@@ -149,6 +149,14 @@ def layer_disabled(facts: RobotFacts) -> Iterator[Remark]:
             yield Remark(f"{one.name} is switched off", at=facts.value(one.name, "enabled"))
 
 
+@check("params.mask-unused", "warning", "a keepout filter whose mask has no effect on the costs")
+def mask_unused(facts: RobotFacts) -> Iterator[Remark]:
+    # A filter that is switched off is params.layer-disabled.
+    reason = facts.robot.why_mask_unused
+    if reason is not None and facts.robot.has_keepout_filter:
+        yield Remark(f"the keepout mask has no effect: {reason}", at=facts.value("plugins"))
+
+
 @check("params.plugin-twice", "warning", "a layer that is listed twice")
 def plugin_twice(facts: ParameterFacts) -> Iterator[Remark]:
     for name, count in Counter(name for name, _ in facts.plugins).items():

@@ -118,11 +118,11 @@ class CostmapLayers:
 
     @property
     def obstacle_rule(self) -> tuple[int, UnknownPolicy] | None:
-        """Least occupancy of an obstacle and the policy for unknown cells, or None without a map."""
+        """Least occupancy of an obstacle, and the policy for unknown cells, of the first map."""
         # With a threshold of 0 every cell is an obstacle.
         for layer in self.effective:
             if isinstance(layer, StaticLayer) and layer.lethal_cost_threshold > 0:
-                # The layer sees -1 as byte 255. A field can make 100 and -1 obstacles, or 100 alone.
+                # The layer sees -1 as byte 255. A field's obstacles are 100 and -1, or 100 alone.
                 special = (layer.unknown_cost_value, layer.inscribed_obstacle_cost_value)
                 is_lethal = NO_INFORMATION not in special and OCCUPIED not in special
                 return layer.lethal_cost_threshold, "occupied" if is_lethal else "free"

@@ -314,10 +314,15 @@ class RobotParameters(OneLine):
         ]
 
     @property
+    def has_keepout_filter(self) -> bool:
+        """Whether a keepout filter is listed and switched on."""
+        return any(listed.is_enabled for listed in self._keepout_filters)
+
+    @property
     def why_mask_unused(self) -> str | None:
         """Why a keepout mask has no effect on the costmap; None if it has one."""
         filters = self._keepout_filters
-        if filters and not any(listed.is_enabled for listed in filters):
+        if filters and not self.has_keepout_filter:
             return f"{' and '.join(listed.name for listed in filters)} is switched off"
         if self._enabled_layers().loses_keepout:
             return "a layer after the keepout filter overwrites its costs"
