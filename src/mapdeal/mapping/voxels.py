@@ -17,7 +17,7 @@ Claim = Callable[[int, str], object]
 """Called with bytes that are about to be taken, and what for; it may raise an error."""
 
 FINEST = 0.05  # metres: cells, unless a resolution is asked for
-_COARSEST = 4  # times that, where points lie farther apart
+_COARSEST = 16  # times that, where points lie farther apart
 _TOGETHER = 1 << 20  # points that are sorted at once
 AT_ONCE = 1 << 14  # points or voxels that are worked on together: they stay in the cache
 _TO_PLACE = 1 << 16  # points that tell where cells lie
@@ -96,7 +96,7 @@ class Voxels:
                     self.corner[axis] = (round((phase + 0.5) % 1.0, 3) % 1.0) * self.cell
         low = np.array([*self.corner, 0.0])
         sizes = np.array([self.cell, self.cell, self.step])
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):
             middle = np.array([median(one) for one in points[:, :3].T])
             place = np.floor((middle - low) / sizes)
         place = place.clip(-_FARTHEST_ANCHOR, _FARTHEST_ANCHOR)
@@ -163,6 +163,17 @@ class Columns(NamedTuple):
     counts: NDArray[np.int32]
     cell: float
     corner: Floats
+
+    def chosen(self, which: NDArray[np.bool_]) -> Columns:
+        """Return some of the columns."""
+        if which.all():
+            return self
+        lengths, voxels = self.lengths(), np.repeat(which, self.lengths())
+        return self._replace(
+            row=self.row[which], col=self.col[which],
+            starts=np.cumsum(lengths[which]) - lengths[which],
+            heights=self.heights[voxels], counts=self.counts[voxels],
+        )  # fmt: skip
 
     def parts(self) -> Iterator[tuple[slice, Columns]]:
         """Yield some columns at a time, and which they are."""
@@ -242,18 +253,96 @@ def check_extent(columns: Columns) -> None:
         raise MalformedInputError(rule)
 
 
+_LOOKED_AT, _COARSE = 1 << 19, 0.25  # voxels, and metres, that tell which way is up
+_TALLER, _LARGER, _ROOM = 1.0, 1.3, 1.9  # a room is at least as high as the last, metres
+
+
+def check_upright(columns: Columns) -> None:
+    """Refuse a cloud that is a room with a larger and lower floor along another axis than z."""
+    every = -(-len(columns.heights) // _LOOKED_AT)
+    row, col = (one[columns.of_voxels()[::every]] for one in (columns.row, columns.col))
+    x, y, z = col * columns.cell, row * columns.cell, columns.heights[::every]
+    side = max(_COARSE, columns.cell)
+    voxels = np.floor(np.stack([x, y, z], axis=1) / side).astype(np.int64)
+    ends = np.sort(voxels, axis=0)[[len(voxels) // 100, -1 - len(voxels) // 100]]
+    x_size, y_size, z_size = sizes = ((ends[1] - ends[0] + 1) * side).tolist()
+    x_area, y_area, z_area = (
+        _lowest_level(np.roll(voxels, 2 - axis, axis=1)) * side**2 for axis in range(3)
+    )
+    for name, size, area in (("y", y_size, y_area), ("x", x_size, x_area)):
+        if _ROOM <= size < z_size and area > _LARGER * z_area:
+            rule = f"z does not seem to point up: the lowest level along z has {z_area:.3g} m2 in a "
+            rule += f"cloud {z_size:.3g} m high, that along {name} {area:.3g} m2 in {size:.3g} m"
+            hint = f"--up {name} or --up -{name} turns the cloud; --up z if z does point up"
+            raise MalformedInputError(rule, hint=hint)
+
+
+def _lowest_level(voxels: Integers) -> int:
+    """Return in how many columns along the last axis the lowest voxel is level with those beside."""
+    first, second, along = (voxels - voxels.min(axis=0)).T
+    width = int(second.max()) + 2
+    order = np.lexsort((along, first * width + second))
+    key = (first * width + second)[order]
+    at = _starts(key)
+    key, lowest = key[at], along[order][at]
+    is_level = np.ones(len(key), np.bool_)
+    for step in (1, width):
+        beside = np.minimum(np.searchsorted(key, key + step), len(key) - 1)
+        is_level &= (key[beside] == key + step) & (np.abs(lowest[beside] - lowest) <= 1)
+    return int(is_level.sum())
+
+
 _FILLED = 0.45  # of the cells of a surface in which there are points
+_STOREY, _CUTS = 1.0, 10  # metres of height that count as one surface, and places to cut at
+_FITTED_TO = 1 << 20  # voxels that tell about the distance of points
 
 
 def fitting(columns: Columns) -> Columns:
     """Return columns of cells so large that most of a surface has points."""
-    times = 1
-    while times < _COARSEST:
-        coarser = np.sort((columns.row // 2 << 32) + columns.col // 2)
-        if len(columns.row) >= _FILLED * 4 * len(_starts(coarser)):
-            break
-        columns, times = columns.coarser(2), 2 * times
-    return columns
+    every = -(-len(columns.heights) // _FITTED_TO)
+    some = columns.chosen(columns.row // (2 * _COARSEST) % every == 0)
+    # slabs end where few voxels are, which keeps floors and ceilings whole
+    tenth = np.floor(some.heights * (_CUTS / _STOREY)).astype(np.int64)
+    there = np.bincount(tenth % _CUTS, minlength=_CUTS)
+    slab = (tenth - int((there + np.roll(there, 1)).argmin())) // _CUTS
+    whose = some.of_voxels()
+    cells = np.stack([some.row[whose], some.col[whose], slab])
+    cells -= cells.min(axis=1, keepdims=True)
+    keys, spacing, chosen, times = _cell_keys(cells, 1), 0.0, 1, 1
+    # surfaces of which a filter made two layers have pairs of points: two sizes must be filled
+    while times < _COARSEST and times <= 2 * chosen:
+        coarser = _cell_keys(cells, 2 * times)
+        if len(keys) < _FILLED * 4 * len(coarser):
+            chosen = 2 * times
+        if times <= chosen > 1:
+            spacing = max(spacing, _spacing(keys, coarser, times))
+        keys, times = coarser, 2 * times
+    if chosen == 1:
+        return columns
+    return columns.coarser(max(2, math.ceil(_WIDENED * spacing - _TOLERANCE)))
+
+
+def _cell_keys(cells: Integers, times: int) -> Integers:
+    """Return the keys of all cells some times as large, in which there are points."""
+    row, col, slab = cells
+    return np.unique((row // times << 40) + (col // times << 16) + slab)
+
+
+def _spacing(keys: Integers, coarser: Integers, times: int) -> float:
+    """Return the distance of points within surfaces, in cells, from cells of two sizes."""
+    rim = np.zeros(len(coarser), np.bool_)
+    for step in ((1 << 40) + (1 << 16), (1 << 40) - (1 << 16), 1 << 40, 1 << 16):
+        for beside in (coarser - step, coarser + step):
+            at = np.minimum(np.searchsorted(coarser, beside), len(coarser) - 1)
+            rim |= coarser[at] != beside
+    row, col = keys >> 41, (keys >> 16 & 0xFFFFFF) >> 1
+    inner = ~rim[np.searchsorted(coarser, (row << 40) + (col << 16) + (keys & 0xFFFF))]
+    share = inner.sum() / max(1, 4 * int((~rim).sum()))
+    return times / math.sqrt(share) if share and share < _FULL else 0.0
+
+
+_FULL = 0.9  # share of cells with points, of a surface without gaps
+_WIDENED, _TOLERANCE = 1.1, 0.45  # of the distance, which pairs of points make too small; cells
 
 
 def steps_of(columns: Columns) -> float:
@@ -273,7 +362,7 @@ def median(values: Floats) -> float:
 
 
 _LEVELS = 8  # from which on they tell about a lattice
-_LARGEST_STEP = 0.25  # metres
+_LARGEST_STEP = 0.6  # metres
 
 
 class Tilt:

@@ -1,0 +1,192 @@
+"""Which level of a cloud is the floor: what the cloud shows for each of them, and against it.
+
+A floor is the lowest level that was seen over a fair share of the area, that things stand on, and
+below which there is nothing but noise. A cloud in which every level is contradicted is refused: the
+tops of walls, and ceilings, must not become floors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.kernels.arrays import Floats, Integers, Mask
+from mapdeal.mapping.cloud_floor import (
+    Levels,
+    Limits,
+    Patches,
+    Tiles,
+    heights_of,
+    patches_of,
+    tile_of,
+    tilt_of,
+)
+from mapdeal.mapping.voxels import Claim, Columns
+
+_HINT = (
+    "--floor Z gives the height of a floor that was filtered out; --up -z or --up y turns a cloud "
+    "whose z does not point up"
+)
+
+
+class Floor(NamedTuple):
+    """The floor of a cloud."""
+
+    tiles: Tiles
+    spacing: float  # metres between points on it
+    tilt: float = 0.0  # radians
+    overlaid_m2: float = 0.0  # above which other storeys of it lie
+    storeys: tuple[float, ...] = ()  # heights of those, metres
+    is_stated: bool = False  # by the user: there may be no points on it
+
+
+class Evidence(NamedTuple):
+    """What a cloud shows of a level: its height, and areas in square metres."""
+
+    height: float
+    level: float
+    standing: float  # with points above the level that a robot meets
+    touching: float  # of these, with points just above the level
+    below: float  # of the level itself, with points below it
+
+    def contradiction(self, seen: float) -> str | None:
+        """Return why the level of a cloud that covers an area is no floor; None if it may be."""
+        least = max(_LEAST_STANDING, _STANDING_PER_SIDE * math.sqrt(self.level))
+        under = f"{self.below:.3g} m2 of it have points below" if self.below else ""
+        if self.standing < least:
+            return f"{under + ' and ' if under else ''}nothing stands on it"
+        if self.below > self.standing:
+            return f"{under}, while things stand on {self.standing:.3g} m2"
+        if self.touching < _SHARE_TOUCHING * self.standing:
+            return f"only {self.touching:.3g} of {self.standing:.3g} m2 above it reach down to it"
+        if self.level < max(_SHARE_OF_STANDING * self.standing, _SHARE_OF_SEEN * seen):
+            return f"things stand on {self.standing:.3g} m2 of {seen:.3g} m2 that were seen"
+        return None
+
+
+_LEAST_STANDING = 0.15  # m2
+_STANDING_PER_SIDE = 0.05  # m2 for each metre of a square as large as the level
+_SHARE_TOUCHING, _SHARE_OF_STANDING, _SHARE_OF_SEEN = 0.2, 0.4, 0.05
+_NEAR, _FEET = 0.05, 0.25  # metres above the clearance: what is nearer is noise, and what touches
+_BESIDE = 0.5  # metres from a level within which things stand on it
+_LEAST_VOXELS = 3  # of a tile, that are no noise
+_SAMPLED = 1 << 20  # voxels that are looked at
+_MOST_LEVELS = 6  # that are looked at
+
+
+def floor_in(
+    columns: Columns, tile: int, limits: Limits, places: Floats, at: Floats | None, claim: Claim
+) -> Floor:
+    """Return the floor of a cloud: the lowest level, or that under places of shape (N, 3)."""
+    patches = patches_of(columns, tile, limits)
+    if not len(patches.z):
+        rule = "no floor found: nothing in it is level and has room above it"
+        raise MalformedInputError(rule, hint=f"{_HINT}; --level turns a tilted one")
+    claim(400 * len(patches.z), f"{len(patches.z)} patches of surfaces")
+    levels = Levels(patches, tile * columns.cell, limits)
+    sample, every = _sample_of(columns, tile)
+    seen = len(np.unique((columns.row // tile << 32) + columns.col // tile)) * levels.side**2
+    named = _level_under(levels, places if at is None else at[np.newaxis])
+    if at is not None and named is None:
+        rule = f"no level is at or below {at[2]:g} m there"
+        raise MalformedInputError(rule, place="--at", got=",".join(f"{one:g}" for one in at))
+    refusals = []
+    for level in _in_order(levels, named):
+        tiles, own, above = levels.floor_from(level, claim)
+        evidence, spacing = _evidence_of(sample, every, tiles, own, tile, limits)
+        if level == named:  # there may be storeys below it
+            evidence = evidence._replace(below=0.0)
+        reason = None if at is not None else evidence.contradiction(seen)
+        if reason is None:
+            return Floor(tiles, spacing, tilt_of(own, levels.side), *above)
+        refusals.append(f"the level at {evidence.height:.2f} m has {evidence.level:.3g} m2, {reason}")
+    raise MalformedInputError(f"no floor found: {'; '.join(refusals[:2])}", hint=_HINT)
+
+
+def stated_floor(columns: Columns, tile: int, height: float, claim: Claim) -> Floor:
+    """Return a level floor at a height, below all that was seen."""
+    row, col = columns.row // tile, columns.col // tile
+    shape = int(row.max() - row.min()) + 1, int(col.max() - col.min()) + 1
+    claim(60 * shape[0] * shape[1], f"a floor of {shape[1]} x {shape[0]} tiles")
+    level, unknown = np.zeros(shape), np.full(shape, np.nan)
+    tiles = Tiles(int(row.min()), int(col.min()), level + height, level, level, unknown, level)
+    return Floor(tiles, 0.0, is_stated=True)
+
+
+def _in_order(levels: Levels, named: int | None) -> Iterator[int]:
+    """Yield the levels that may be the floor, the likeliest first."""
+    if named is not None:
+        yield named
+    patches, area = levels.patches, levels.area()
+    # ceilings, and upper storeys, have a large level below them; patches are in order of height
+    large = np.flatnonzero((area >= _LARGE * area.max())[levels.label])
+    is_new = np.diff(levels.tile[large], prepend=-1) != 0
+    lowest = levels.label[large][np.flatnonzero(is_new)][np.cumsum(is_new) - 1]
+    other = large[lowest != levels.label[large]]
+    above = np.bincount(levels.label[other], minlength=len(area)) * levels.side**2
+    is_ground = above <= _OVER_OTHERS * area
+    order = np.lexsort((-area, ~is_ground))
+    likely = [level for level in order.tolist() if area[level] >= _LARGE * area.max()]
+    yield from (level for level in likely[:_MOST_LEVELS] if level != named)
+
+
+_LARGE = 0.1  # of the area of the largest level
+_OVER_OTHERS = 0.1  # of the area of a level, that may lie above another one
+
+
+def _level_under(levels: Levels, places: Floats) -> int | None:
+    """Return the level that is under most places; None if there is none."""
+    patches, area, votes = levels.patches, levels.area(), np.zeros(len(levels.label))
+    for x, y, z in places.tolist():
+        near = np.abs(patches.row + 0.5 - y / levels.side) <= _TILES_AROUND
+        near &= np.abs(patches.col + 0.5 - x / levels.side) <= _TILES_AROUND
+        near &= (patches.z <= z + _ABOVE) & (patches.z >= z - _BELOW)
+        under = np.flatnonzero(near)
+        if len(under):  # not what stands on the level
+            under = under[area[levels.label[under]] >= _LARGE * area[levels.label[under]].max()]
+            votes[levels.label[under[patches.z[under].argmax()]]] += 1
+    return int(votes.argmax()) if votes.any() else None
+
+
+_TILES_AROUND = 4
+_ABOVE = 0.3  # metres of the floor above a sensor: poses may be those of the robot's base
+_BELOW = 3.0  # metres from a sensor down to the floor that its robot stands on, at most
+
+
+def _sample_of(columns: Columns, tile: int) -> tuple[Columns, int]:
+    """Return every so many-th row of tiles, and this number."""
+    every = math.ceil(len(columns.heights) / _SAMPLED)
+    return columns.chosen(columns.row // tile % every == 0), every
+
+
+def _evidence_of(
+    sample: Columns, every: int, tiles: Tiles, own: Patches, tile: int, limits: Limits
+) -> tuple[Evidence, float]:
+    """Return what is seen of a level, and the distance between points on it, metres."""
+    row, col, inside = tile_of(tiles, tile, sample.row, sample.col)
+    near = inside & (tiles.away[row, col] <= _BESIDE)
+    sample, whose = sample.chosen(near), (row * tiles.z.shape[1] + col)[near]
+    floor = heights_of(tiles, tile, sample.cell, sample.row, sample.col, limits.climb)
+    heights, count = sample.above(floor), tiles.z.size
+
+    def count_in(chosen: Mask, weights: Integers | None = None) -> Floats:
+        found = chosen if weights is None else chosen * weights
+        if not len(sample.starts):
+            return np.zeros(count)
+        return np.bincount(whose, np.add.reduceat(found, sample.starts, dtype=np.int64), count)
+
+    low, side = limits.gap + _NEAR, tile * sample.cell
+    is_high = (heights > low) & (heights <= limits.robot_height)
+    standing = count_in(is_high) >= _LEAST_VOXELS
+    touching = standing & (count_in(is_high & (heights <= low + _FEET + limits.steps)) > 0)
+    below = (count_in(heights < -low) >= _LEAST_VOXELS) & (tiles.away.ravel() == 0)
+    areas = [int(tiles_.sum()) * every * side**2 for tiles_ in (standing, touching, below)]
+    level = len(np.unique((own.row << 32) + own.col)) * side**2
+    is_open = (tiles.away.ravel() <= _BESIDE) & ~standing
+    on_level = count_in(np.abs(heights) <= low, sample.counts)[is_open].sum()
+    spacing = side * math.sqrt(is_open.sum() / every / max(on_level, 1.0))
+    return Evidence(float(np.median(own.z)), level, *areas), spacing
