@@ -8,10 +8,11 @@ tops of walls, and ceilings, must not become floors.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.kernels.arrays import Floats, Integers, Mask
@@ -25,7 +26,7 @@ from mapdeal.mapping.cloud_floor import (
     tile_of,
     tilt_of,
 )
-from mapdeal.mapping.voxels import Claim, Columns
+from mapdeal.mapping.voxels import Claim, Columns, median
 
 _HINT = (
     "--floor Z gives the height of a floor that was filtered out; --up -z or --up y turns a cloud "
@@ -41,6 +42,8 @@ class Floor(NamedTuple):
     tilt: float = 0.0  # radians
     overlaid_m2: float = 0.0  # above which other storeys of it lie
     storeys: tuple[float, ...] = ()  # heights of those, metres
+    may_be_ceiling: bool = False
+    is_above_others: bool = False
     is_stated: bool = False  # by the user: there may be no points on it
 
 
@@ -49,28 +52,55 @@ class Evidence(NamedTuple):
 
     height: float
     level: float
+    inner: float  # of it, with the level all around: tops of walls have none
     standing: float  # with points above the level that a robot meets
     touching: float  # of these, with points just above the level
     below: float  # of the level itself, with points below it
+    hanging: float  # with points just below a ceiling, and none just above the level
+    resting: float  # the other way round
+
+    @property
+    def may_be_ceiling(self) -> bool:
+        """Whether far more hangs from the ceiling than stands on the floor."""
+        return self.hanging > max(_LEAST_HANGING, _TIMES_RESTING * self.resting)
+
+    @property
+    def is_above_others(self) -> bool:
+        """Whether another storey lies below the level."""
+        return self.below > _SHARE_ABOVE * self.level
 
     def contradiction(self, seen: float) -> str | None:
         """Return why the level of a cloud that covers an area is no floor; None if it may be."""
         least = max(_LEAST_STANDING, _STANDING_PER_SIDE * math.sqrt(self.level))
         under = f"{self.below:.3g} m2 of it have points below" if self.below else ""
+        is_open = self.inner > _SHARE_INNER * self.level and self.level > _SHARE_ALONE * seen
+        is_open &= not self.may_be_ceiling
         if self.standing < least:
-            return f"{under + ' and ' if under else ''}nothing stands on it"
-        if self.below > self.standing:
+            lacks = f"{under + ' and ' if under else ''}nothing stands on it"
+            return None if is_open and not under else lacks
+        if self.below > self.standing or (
+            self.below > _SHARE_BELOW * self.standing and self.is_above_others
+        ):
             return f"{under}, while things stand on {self.standing:.3g} m2"
+        if is_open:
+            return None
         if self.touching < _SHARE_TOUCHING * self.standing:
             return f"only {self.touching:.3g} of {self.standing:.3g} m2 above it reach down to it"
+        elsewhere = seen - self.level
         if self.level < max(_SHARE_OF_STANDING * self.standing, _SHARE_OF_SEEN * seen):
-            return f"things stand on {self.standing:.3g} m2 of {seen:.3g} m2 that were seen"
+            return f"things stand on {self.standing:.3g} m2, and {elsewhere:.3g} m2 are not near it"
+        if self.standing < _SHARE_OF_ELSEWHERE * elsewhere:
+            return f"of {elsewhere:.3g} m2 elsewhere only {self.standing:.3g} m2 stand on it"
         return None
 
 
 _LEAST_STANDING = 0.15  # m2
 _STANDING_PER_SIDE = 0.05  # m2 for each metre of a square as large as the level
-_SHARE_TOUCHING, _SHARE_OF_STANDING, _SHARE_OF_SEEN = 0.2, 0.4, 0.05
+_SHARE_BELOW, _SHARE_TOUCHING, _SHARE_OF_STANDING = 0.4, 0.2, 0.5
+_SHARE_ABOVE = 0.4  # of a level, below which there are points
+_SHARE_INNER, _SHARE_ALONE = 0.5, 0.8  # of a place without anything on it
+_SHARE_OF_SEEN, _SHARE_OF_ELSEWHERE = 0.12, 0.08
+_LEAST_HANGING, _TIMES_RESTING = 1.0, 3.0  # m2, and times as much
 _NEAR, _FEET = 0.05, 0.25  # metres above the clearance: what is nearer is noise, and what touches
 _BESIDE = 0.5  # metres from a level within which things stand on it
 _LEAST_VOXELS = 3  # of a tile, that are no noise
@@ -98,12 +128,17 @@ def floor_in(
     for level in _in_order(levels, named):
         tiles, own, above = levels.floor_from(level, claim)
         evidence, spacing = _evidence_of(sample, every, tiles, own, tile, limits)
-        if level == named:  # there may be storeys below it
-            evidence = evidence._replace(below=0.0)
-        reason = None if at is not None else evidence.contradiction(seen)
+        may_be_above = at is not None or level == named
+        known = evidence._replace(below=0.0) if may_be_above else evidence
+        reason = None if at is not None else known.contradiction(seen)
         if reason is None:
-            return Floor(tiles, spacing, tilt_of(own, levels.side), *above)
-        refusals.append(f"the level at {evidence.height:.2f} m has {evidence.level:.3g} m2, {reason}")
+            tilt = tilt_of(own, levels.side)
+            return Floor(
+                tiles, spacing, tilt, *above, evidence.may_be_ceiling, evidence.is_above_others
+            )
+        refusals.append(
+            f"the level at {evidence.height:.2f} m has {evidence.level:.3g} m2, {reason}"
+        )
     raise MalformedInputError(f"no floor found: {'; '.join(refusals[:2])}", hint=_HINT)
 
 
@@ -121,7 +156,7 @@ def _in_order(levels: Levels, named: int | None) -> Iterator[int]:
     """Yield the levels that may be the floor, the likeliest first."""
     if named is not None:
         yield named
-    patches, area = levels.patches, levels.area()
+    area = levels.area()
     # ceilings, and upper storeys, have a large level below them; patches are in order of height
     large = np.flatnonzero((area >= _LARGE * area.max())[levels.label])
     is_new = np.diff(levels.tile[large], prepend=-1) != 0
@@ -173,20 +208,47 @@ def _evidence_of(
     floor = heights_of(tiles, tile, sample.cell, sample.row, sample.col, limits.climb)
     heights, count = sample.above(floor), tiles.z.size
 
-    def count_in(chosen: Mask, weights: Integers | None = None) -> Floats:
+    def count_in(chosen: Mask, weights: NDArray[np.int32] | None = None) -> Floats:
         found = chosen if weights is None else chosen * weights
         if not len(sample.starts):
             return np.zeros(count)
-        return np.bincount(whose, np.add.reduceat(found, sample.starts, dtype=np.int64), count)
+        sums = np.add.reduceat(found, sample.starts, dtype=np.int64)
+        return np.asarray(np.bincount(whose, sums, count), dtype=np.float64)
 
     low, side = limits.gap + _NEAR, tile * sample.cell
     is_high = (heights > low) & (heights <= limits.robot_height)
     standing = count_in(is_high) >= _LEAST_VOXELS
     touching = standing & (count_in(is_high & (heights <= low + _FEET + limits.steps)) > 0)
     below = (count_in(heights < -low) >= _LEAST_VOXELS) & (tiles.away.ravel() == 0)
-    areas = [int(tiles_.sum()) * every * side**2 for tiles_ in (standing, touching, below)]
+    hanging, resting = _hanging(sample, whose, heights, count_in, low, limits.robot_height)
+    found = (standing, touching, below, hanging & ~resting, resting & ~hanging)
+    areas = [int(np.count_nonzero(tiles_with)) * every * side**2 for tiles_with in found]
     level = len(np.unique((own.row << 32) + own.col)) * side**2
     is_open = (tiles.away.ravel() <= _BESIDE) & ~standing
     on_level = count_in(np.abs(heights) <= low, sample.counts)[is_open].sum()
     spacing = side * math.sqrt(is_open.sum() / every / max(on_level, 1.0))
-    return Evidence(float(np.median(own.z)), level, *areas), spacing
+    seen = np.pad(tiles.away == 0, 1)
+    inner = np.lib.stride_tricks.sliding_window_view(seen, (3, 3)).all(axis=(2, 3)).sum() * side**2
+    return Evidence(median(own.z), level, float(inner), *areas), spacing
+
+
+def _hanging(
+    sample: Columns, whose: Integers, heights: Floats, count_in: Callable[[Mask], Floats],
+    low: float, room: float,
+) -> tuple[Mask, Mask]:  # fmt: skip
+    """Return in which tiles there are points just below a ceiling, and just above the level."""
+    # in a cloud that is upside down, furniture hangs from what seems to be the ceiling
+    tops = np.full(len(count_in(heights > 0)), -np.inf)
+    if len(sample.starts):
+        np.maximum.at(tops, whose, heights[sample.starts + sample.lengths() - 1])
+    there = tops[np.isfinite(tops)]
+    ceiling = median(there) if len(there) else 0.0
+    if ceiling < _LOWEST_CEILING or np.mean(np.abs(there - ceiling) < _FEET) < 0.5:
+        nowhere = np.zeros(len(tops), np.bool_)
+        return nowhere, nowhere
+    room = min(room, ceiling / 2)
+    hanging = count_in((heights > ceiling - room) & (heights < ceiling - low)) >= _LEAST_VOXELS
+    return hanging, count_in((heights > low) & (heights <= room)) >= _LEAST_VOXELS
+
+
+_LOWEST_CEILING = 1.5  # metres

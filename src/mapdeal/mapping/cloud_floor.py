@@ -223,7 +223,7 @@ class Levels:
 
     def area(self) -> Floats:
         """Return the area of each level, square metres; 0 for numbers that are no level's."""
-        return np.bincount(self.label) * self.side**2
+        return np.asarray(np.bincount(self.label) * self.side**2)
 
     def _split(self) -> None:
         """Make levels of those that lie above themselves, as two storeys and a ramp do."""
@@ -295,7 +295,9 @@ class Levels:
         overlaid = len(np.unique(self.tile[others])) * self.side**2
         sizes = np.bincount(self.label[others])
         large = np.flatnonzero(sizes > _LEAST_STOREY * np.count_nonzero(main))
-        storeys = tuple(median(patches.z[others][self.label[others] == one]) for one in large)
+        heights = sorted(median(patches.z[others][self.label[others] == one]) for one in large)
+        apart = np.diff(heights, append=np.inf) > self.limits.robot_height  # slabs have two sides
+        storeys = tuple(np.array(heights)[apart].tolist())
         for _ in range(_ROUNDS):
             tiles = _raster(patches.chosen(main), self.side, self.limits, claim)
             at = patches.row - tiles.first_row, patches.col - tiles.first_col

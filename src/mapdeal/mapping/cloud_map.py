@@ -42,11 +42,13 @@ from mapdeal.mapping.voxels import (
     Columns,
     Tilt,
     Voxels,
+    away_from_sensor,
     check_extent,
     check_upright,
     fitting,
     levelled,
     steps_of,
+    upright,
 )
 
 Drops = Literal["occupied", "unknown"]
@@ -130,6 +132,10 @@ class CloudMap(Drawn):
         Where other storeys lie above or below the one that the map shows, square metres.
     storeys : tuple of float
         Heights of these storeys, metres.
+    may_be_upside_down : bool
+        Whether far more hangs from the ceiling than stands on the floor.
+    at_sensor : int
+        Points at the sensor itself, or nearer to it than asked for, which are left out.
     cleared : int
         Cells whose points were cleared by beams that passed later or more often.
     """
@@ -144,6 +150,8 @@ class CloudMap(Drawn):
     clearance: float
     overlaid_m2: float
     storeys: tuple[float, ...] = ()
+    may_be_upside_down: bool = False
+    at_sensor: int = 0
     cleared: int = 0
 
     def figures(self) -> Figures:
@@ -160,6 +168,7 @@ class CloudMap(Drawn):
             "points": self.points,
             "not_finite": self.not_finite,
             "beyond": self.beyond,
+            "at_sensor": self.at_sensor,
             **{f"{name}_share": round(n / max(values.size, 1), 6) for name, n in counts.items()},
             **{f"{name}_m2": round(n * area, 4) for name, n in counts.items()},
             "floor_height_min": round(least, 4),
@@ -193,8 +202,10 @@ class _Seen:
     noise: float
     spacing: float  # metres between points on the floor
     is_stated: bool
+    is_above_others: bool
 
 
+_MOST_FAR = 0.4  # of the points
 _SEEDS = 200  # places of the robot that are looked under
 _SLAB = 0.2  # metres of height whose points beams clear together
 _LOW = 0.4  # metres above the floor, below which all that moves has a part
@@ -213,7 +224,7 @@ class CloudMapper:
     options : CloudOptions, optional
         What is free and what is occupied.
     resolution : float, optional
-        Side of a cell, metres; by default 0.05, or up to 0.2 if points lie farther apart.
+        Side of a cell, metres; by default 0.05, or the distance between points if that is larger.
     frame : Frame, optional
         Cells of the map, without a yaw; by default those that hold what is known.
     claim : callable, optional
@@ -241,19 +252,22 @@ class CloudMapper:
         self._seen: _Seen | None = None
         self._places: list[Floats] = []
         self._scans: NDArray[np.int32] | None = None  # that hit, and that passed, of each slab
-        self._turned: float | None = None
+        self._level: Floats | None = None  # which way is up
+        self.at_sensor = 0
         self._floor: Floor | None = None
 
-    def turn(self, tilt: Tilt) -> Floats:
-        """Return which way is up, for `levelled`, and remember by how much points are turned."""
-        up = tilt.up()
-        self._turned = math.acos(min(1.0, float(up[2])))
-        return up
+    def turn(self, tilt: Tilt) -> None:
+        """Level all points that are added, of which a tilt is known."""
+        self._level = tilt.up()
+
+    def _upright(self, points: Floats) -> Floats:
+        turned = upright(points, self.options.up)
+        return turned if self._level is None else levelled(turned, self._level)
 
     def add_place(self, place: ArrayLike | None) -> None:
         """Add a place at which the sensor was, shape (3,): the floor is below it."""
         if place is not None:
-            self._places.append(np.asarray(place, dtype=np.float64))
+            self._places.append(self._upright(np.array(place, np.float64)[np.newaxis])[0])
 
     def add(self, points: ArrayLike) -> None:
         """Add points, shape (N, 3), metres."""
@@ -261,7 +275,9 @@ class CloudMapper:
         if points.ndim != 2 or points.shape[1] < 3:
             rule = "the cloud has no heights: points need x, y and z"
             raise MalformedInputError(rule)
-        self._voxels.add(points)
+        away = away_from_sensor(points[:, :3])
+        self.at_sensor += len(points) - len(away)
+        self._voxels.add(self._upright(away))
 
     def settle(self, *, follows_beams: bool = False) -> None:
         """Find the floor, and what stands on it; no more points can be added.
@@ -278,7 +294,7 @@ class CloudMapper:
         voxels, options = self._voxels, self.options
         columns = voxels.columns()
         bad, far = voxels.not_finite, voxels.beyond
-        if 2 * far > voxels.points - bad:
+        if far > _MOST_FAR * (voxels.points - bad):
             rule = f"{far} of {voxels.points} points are far apart"
             hint = "are its coordinates in millimetres? they must be metres"
             raise MalformedInputError(rule, hint=hint)
@@ -296,7 +312,7 @@ class CloudMapper:
         if options.floor is not None:
             floor = stated_floor(columns, tile, options.floor, self._claim)
         else:
-            if options.up is None:
+            if options.up is None and self._level is None:
                 check_upright(columns)
             chosen = self._places[:: max(1, len(self._places) // _SEEDS)]
             places = np.reshape(chosen, (-1, 3)) - corner
@@ -391,6 +407,7 @@ class CloudMapper:
         return _Seen(
             frame, surface.astype(np.float32), slope, on_floor, below, points,
             obstacles, highest, clear, noise, floor_found.spacing, floor_found.is_stated,
+            floor_found.is_above_others,
         )  # fmt: skip
 
     def clear(self, points: ArrayLike, place: ArrayLike) -> None:
@@ -406,7 +423,8 @@ class CloudMapper:
         self.settle(follows_beams=True)
         seen = self._seen
         assert seen is not None  # noqa: S101 - settled
-        ends, start = np.asarray(points, dtype=np.float64)[:, :3], np.asarray(place, np.float64)
+        ends = self._upright(np.asarray(points, dtype=np.float64)[:, :3])
+        start = self._upright(np.array(place, np.float64)[np.newaxis])[0]
         frame, cell = seen.frame, seen.frame.resolution
         corner = np.array(frame.origin[:2])
         ends = ends[np.isfinite(ends).all(axis=1)]
@@ -465,6 +483,8 @@ class CloudMapper:
         self.settle()
         seen, floor_found, options, voxels = self._seen, self._floor, self.options, self._voxels
         assert seen is not None and floor_found is not None  # noqa: S101, PT018 - settled
+        up = None if self._level is None else float(self._level[2])
+        tilt = floor_found.tilt if up is None else math.acos(min(1.0, up))
         counts = seen.obstacles.sum(axis=0, dtype=np.int32)
         highest, cleared = seen.highest.max(axis=0), 0
         passed = np.zeros(seen.frame.shape, np.bool_)
@@ -494,9 +514,11 @@ class CloudMapper:
         }
         layers = {name: layer[rows, cols].copy() for name, layer in layers.items()}
         return CloudMap(
-            grid, layers, voxels.points, voxels.not_finite, voxels.beyond,
-            math.degrees(floor_found.tilt if self._turned is None else self._turned),
-            seen.noise, seen.clearance, floor_found.overlaid_m2, floor_found.storeys, cleared,
+            grid, layers, voxels.points + self.at_sensor, voxels.not_finite, voxels.beyond,
+            math.degrees(tilt),
+            seen.noise, seen.clearance, floor_found.overlaid_m2, floor_found.storeys,
+            floor_found.may_be_ceiling and options.up is None,
+            self.at_sensor, cleared,
         )  # fmt: skip
 
 
@@ -519,10 +541,12 @@ def _states(
     lower = (seen.below > 0) & (on_floor == 0) & ~occupied
     lower &= _around(seen.below) >= options.min_points
     _drop_lone(lower, seen.below, on_floor, 3 * options.min_points)
+    gap = math.floor(min(options.fill / seen.frame.resolution + 1e-6, max(floor.shape)))
+    if seen.is_above_others:  # the storey below is seen through gaps between points
+        lower &= ~_closed(floor, max(gap, math.ceil(_gap_of_sparse(seen))))
     if options.drops == "occupied":
         occupied |= lower | (_ledges(seen.floor, floor, seen.clearance) & floor)
         floor &= ~occupied
-    gap = math.floor(min(options.fill / seen.frame.resolution + 1e-6, max(floor.shape)))
     may_be_floor = ~lower & ~occupied & np.isfinite(seen.floor)
     for wide, where in ((gap, may_be_floor), (3 * gap, passed & may_be_floor)):
         if wide and where.any():
@@ -530,10 +554,16 @@ def _states(
     if seen.is_stated:
         floor |= passed & may_be_floor
     elif seen.spacing > _SPARSE * seen.frame.resolution:
-        wide = math.ceil(_GAP_OF_SPARSE * seen.spacing / seen.frame.resolution)
-        between = labelled(floor | (_closed(floor | occupied, wide) & may_be_floor), corners=False)
-        floor = between.cells_of(between.touched_by(floor))
+        wide = math.ceil(_gap_of_sparse(seen))
+        beside = _around(occupied.astype(np.int32)) > 0  # whose points may be feet of walls
+        between = labelled(_closed(floor | occupied, wide) & may_be_floor, corners=False)
+        floor |= between.cells_of(between.touched_by(floor & ~beside))
     return occupied, floor
+
+
+def _gap_of_sparse(seen: _Seen) -> float:
+    """Return how wide gaps between points on the floor are by chance, in cells."""
+    return _GAP_OF_SPARSE * seen.spacing / seen.frame.resolution
 
 
 _SPARSE = 1.5  # cells between points on a floor, from which on there are gaps everywhere
@@ -649,7 +679,7 @@ def cloud_map(
     points : array_like of float, shape (N, 3)
         x, y and z, metres, with z up.
     resolution : float, optional
-        Side of a cell, metres; by default 0.05, or 0.1 or 0.2 if points lie farther apart.
+        Side of a cell, metres; by default 0.05, or the distance between points if that is larger.
     frame : Frame, optional
         Cells of the map, without a yaw; by default those that hold what is known.
     **options
@@ -672,7 +702,7 @@ def cloud_map(
     mapper = CloudMapper(given, resolution=resolution, frame=frame)
     if given.level and points.ndim == 2 and points.shape[1] >= 3:
         tilt = Tilt()
-        tilt.add(points)
-        points = levelled(points, mapper.turn(tilt))
+        tilt.add(upright(points[:, :3], given.up))
+        mapper.turn(tilt)
     mapper.add(points)
     return mapper.result()

@@ -265,20 +265,22 @@ def check_upright(columns: Columns) -> None:
     side = max(_COARSE, columns.cell)
     voxels = np.floor(np.stack([x, y, z], axis=1) / side).astype(np.int64)
     ends = np.sort(voxels, axis=0)[[len(voxels) // 100, -1 - len(voxels) // 100]]
-    x_size, y_size, z_size = sizes = ((ends[1] - ends[0] + 1) * side).tolist()
+    x_size, y_size, z_size = ((ends[1] - ends[0] + 1) * side).tolist()
     x_area, y_area, z_area = (
         _lowest_level(np.roll(voxels, 2 - axis, axis=1)) * side**2 for axis in range(3)
     )
     for name, size, area in (("y", y_size, y_area), ("x", x_size, x_area)):
         if _ROOM <= size < z_size and area > _LARGER * z_area:
-            rule = f"z does not seem to point up: the lowest level along z has {z_area:.3g} m2 in a "
+            rule = (
+                f"z does not seem to point up: the lowest level along z has {z_area:.3g} m2 in a "
+            )
             rule += f"cloud {z_size:.3g} m high, that along {name} {area:.3g} m2 in {size:.3g} m"
             hint = f"--up {name} or --up -{name} turns the cloud; --up z if z does point up"
             raise MalformedInputError(rule, hint=hint)
 
 
 def _lowest_level(voxels: Integers) -> int:
-    """Return in how many columns along the last axis the lowest voxel is level with those beside."""
+    """Return in how many columns along the last axis the lowest voxels are level."""
     first, second, along = (voxels - voxels.min(axis=0)).T
     width = int(second.max()) + 2
     order = np.lexsort((along, first * width + second))
@@ -452,6 +454,34 @@ _CLEAN = 0.01  # metres: noise of a plane that counts fully
 _FLAT = 0.05  # standard deviation from a plane, metres, at most
 _SAMPLE_VOXEL, _CUBE, _LEAST_IN_CUBE = 0.05, 0.5, 8
 _FARTHEST_SAMPLE = 1e5
+
+
+_AXES = {
+    "z": ((0, 1, 2), (1, 1, 1)), "-z": ((0, 1, 2), (1, -1, -1)),
+    "y": ((0, 2, 1), (1, -1, 1)), "-y": ((0, 2, 1), (1, 1, -1)),
+    "x": ((2, 1, 0), (-1, 1, 1)), "-x": ((2, 1, 0), (1, 1, -1)),
+}  # fmt: skip
+"""For the axis that points up: which axes become x, y and z, and their signs."""
+
+
+def upright(points: Floats, up: str | None) -> Floats:
+    """Return points turned by quarter turns so that an axis becomes z."""
+    if up in (None, "z"):
+        return points
+    axes, signs = _AXES[up]
+    return np.asarray(points[:, axes] * np.array(signs, dtype=np.float64))
+
+
+def away_from_sensor(points: Floats, range_min: float = 0.0) -> Floats:
+    """Return points without those at the sensor, where drivers put beams without return."""
+    if range_min > 0:
+        with np.errstate(over="ignore"):
+            squares = np.einsum("ij,ij->i", points, points)
+            return np.asarray(points[~(squares < range_min**2)])
+    at_x = np.flatnonzero(points[:, 0] == 0)
+    if len(at_x):
+        return np.delete(points, at_x[~points[at_x].any(axis=1)], axis=0)
+    return points
 
 
 def levelled(points: Floats, up: Floats) -> Floats:

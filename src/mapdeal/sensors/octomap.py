@@ -71,11 +71,12 @@ def read_octree_header(file: BinaryIO) -> OctreeHeader:
 def octree_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
     """Yield the centres of all occupied voxels, some at a time."""
     header = read_octree_header(file)
-    record = _BINARY if header.is_binary else _RECORDS[header.tree]
+    record: np.dtype[Any] = _BINARY if header.is_binary else _RECORDS[header.tree]
     size = os.fstat(file.fileno()).st_size - file.tell()
     claim(path, _PER_NODE * (size // record.itemsize), what="the nodes of an octree")
     data = file.read(size)
-    nodes = np.frombuffer(data[: len(data) // record.itemsize * record.itemsize], record)
+    whole = data[: len(data) // record.itemsize * record.itemsize]
+    nodes: NDArray[Any] = np.frombuffer(whole, record)
     if not len(nodes):
         return
     if header.is_binary:
