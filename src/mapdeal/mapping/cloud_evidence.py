@@ -26,7 +26,7 @@ from mapdeal.mapping.cloud_floor import (
     tile_of,
     tilt_of,
 )
-from mapdeal.mapping.voxels import Claim, Columns, median
+from mapdeal.mapping.voxels import Claim, Columns, median, starts_of
 
 _HINT = (
     "--floor Z gives the height of a floor that was filtered out; --up -z or --up y turns a cloud "
@@ -104,7 +104,7 @@ _LEAST_HANGING, _TIMES_RESTING = 1.0, 3.0  # m2, and times as much
 _NEAR, _FEET = 0.05, 0.25  # metres above the clearance: what is nearer is noise, and what touches
 _BESIDE = 0.5  # metres from a level within which things stand on it
 _LEAST_VOXELS = 3  # of a tile, that are no noise
-_SAMPLED = 1 << 20  # voxels that are looked at
+_SAMPLED = 1 << 19  # voxels that are looked at
 _MOST_LEVELS = 6  # that are looked at
 
 
@@ -119,7 +119,8 @@ def floor_in(
     claim(400 * len(patches.z), f"{len(patches.z)} patches of surfaces")
     levels = Levels(patches, tile * columns.cell, limits)
     sample, every = _sample_of(columns, tile)
-    seen = len(np.unique((columns.row // tile << 32) + columns.col // tile)) * levels.side**2
+    tiles_seen = starts_of(np.sort((sample.row // tile << 32) + sample.col // tile))
+    seen = len(tiles_seen) * every * levels.side**2
     named = _level_under(levels, places if at is None else at[np.newaxis])
     if at is not None and named is None:
         rule = f"no level is at or below {at[2]:g} m there"
@@ -164,9 +165,9 @@ def _in_order(levels: Levels, named: int | None) -> Iterator[int]:
     other = large[lowest != levels.label[large]]
     above = np.bincount(levels.label[other], minlength=len(area)) * levels.side**2
     is_ground = above <= _OVER_OTHERS * area
-    order = np.lexsort((-area, ~is_ground))
-    likely = [level for level in order.tolist() if area[level] >= _LARGE * area.max()]
-    yield from (level for level in likely[:_MOST_LEVELS] if level != named)
+    likely = np.flatnonzero(area >= _LARGE * area.max())
+    order = likely[np.lexsort((-area[likely], ~is_ground[likely]))].tolist()
+    yield from (level for level in order[:_MOST_LEVELS] if level != named)
 
 
 _LARGE = 0.1  # of the area of the largest level
@@ -223,7 +224,7 @@ def _evidence_of(
     hanging, resting = _hanging(sample, whose, heights, count_in, low, limits.robot_height)
     found = (standing, touching, below, hanging & ~resting, resting & ~hanging)
     areas = [int(np.count_nonzero(tiles_with)) * every * side**2 for tiles_with in found]
-    level = len(np.unique((own.row << 32) + own.col)) * side**2
+    level = len(starts_of(np.sort((own.row << 32) + own.col))) * side**2
     is_open = (tiles.away.ravel() <= _BESIDE) & ~standing
     on_level = count_in(np.abs(heights) <= low, sample.counts)[is_open].sum()
     spacing = side * math.sqrt(is_open.sum() / every / max(on_level, 1.0))

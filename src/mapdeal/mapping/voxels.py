@@ -105,7 +105,7 @@ class Voxels:
     def _sort(self) -> None:
         keys = np.sort(np.concatenate(self._waiting))
         self._waiting, self._count = [], 0
-        starts = _starts(keys)
+        starts = starts_of(keys)
         counts = np.diff(starts, append=len(keys)).astype(np.int32)
         self._parts.append((keys[starts], counts))
         if len(self._parts) > 1:
@@ -126,7 +126,7 @@ class Voxels:
             keys, counts = (np.concatenate(one) for one in zip(*some, strict=True))
             order = np.argsort(keys, kind="stable")
             keys, counts = keys[order], counts[order]
-            starts = _starts(keys)
+            starts = starts_of(keys)
             merged.append((keys[starts], np.add.reduceat(counts, starts, dtype=np.int32)))
         keys, counts = (np.concatenate(one) for one in zip(*merged, strict=True))
         self._parts = [(keys, counts)]
@@ -146,7 +146,7 @@ class Voxels:
         heights += self._anchor[2] - _HIGHEST_INDEX + 0.5
         heights *= self.step
         keys >>= _Z_BITS
-        starts = _starts(keys)
+        starts = starts_of(keys)
         of_column = keys[starts]
         col = (of_column & ((1 << _X_BITS) - 1)) - _FARTHEST_INDEX + self._anchor[0]
         row = (of_column >> _X_BITS) - _FARTHEST_INDEX + self._anchor[1]
@@ -209,10 +209,10 @@ class Columns(NamedTuple):
         keys = (keys << _Z_BITS) + level
         order = np.argsort(keys)
         keys = keys[order]
-        at = _starts(keys)
+        at = starts_of(keys)
         counts = np.add.reduceat(self.counts[order], at, dtype=np.int32)
         heights, keys = levels[keys[at] & ((1 << _Z_BITS) - 1)], keys[at] >> _Z_BITS
-        starts = _starts(keys)
+        starts = starts_of(keys)
         row, col = keys[starts] >> _X_BITS, keys[starts] & ((1 << _X_BITS) - 1)
         return Columns(
             row + first_row, col + first_col, starts, heights, counts,
@@ -220,7 +220,7 @@ class Columns(NamedTuple):
         )  # fmt: skip
 
 
-def _starts(keys: NDArray[Any]) -> Integers:
+def starts_of(keys: NDArray[Any]) -> Integers:
     """Return where another key begins, in an array that is ordered."""
     is_new = np.ones(len(keys), np.bool_)
     np.not_equal(keys[1:], keys[:-1], out=is_new[1:])
@@ -253,8 +253,8 @@ def check_extent(columns: Columns) -> None:
         raise MalformedInputError(rule)
 
 
-_LOOKED_AT, _COARSE = 1 << 19, 0.25  # voxels, and metres, that tell which way is up
-_TALLER, _LARGER, _ROOM = 1.0, 1.3, 1.9  # a room is at least as high as the last, metres
+_LOOKED_AT, _COARSE = 1 << 17, 0.25  # voxels, and metres, that tell which way is up
+_LARGER, _ROOM = 1.3, 1.9  # a room is at least as high as the last, metres
 
 
 def check_upright(columns: Columns) -> None:
@@ -265,18 +265,18 @@ def check_upright(columns: Columns) -> None:
     side = max(_COARSE, columns.cell)
     voxels = np.floor(np.stack([x, y, z], axis=1) / side).astype(np.int64)
     ends = np.sort(voxels, axis=0)[[len(voxels) // 100, -1 - len(voxels) // 100]]
-    x_size, y_size, z_size = ((ends[1] - ends[0] + 1) * side).tolist()
-    x_area, y_area, z_area = (
-        _lowest_level(np.roll(voxels, 2 - axis, axis=1)) * side**2 for axis in range(3)
-    )
-    for name, size, area in (("y", y_size, y_area), ("x", x_size, x_area)):
-        if _ROOM <= size < z_size and area > _LARGER * z_area:
+    sizes = ((ends[1] - ends[0] + 1) * side).tolist()
+    for axis, name in ((1, "y"), (0, "x")):
+        if not _ROOM <= sizes[axis] < sizes[2]:
+            continue
+        area, z_area = (_lowest_level(np.roll(voxels, 2 - k, axis=1)) * side**2 for k in (axis, 2))
+        if area > _LARGER * z_area:
             rule = (
                 f"z does not seem to point up: the lowest level along z has {z_area:.3g} m2 in a "
             )
-            rule += f"cloud {z_size:.3g} m high, that along {name} {area:.3g} m2 in {size:.3g} m"
+            rule += f"cloud {sizes[2]:.3g} m high, that along {name} {area:.3g} m2 in "
             hint = f"--up {name} or --up -{name} turns the cloud; --up z if z does point up"
-            raise MalformedInputError(rule, hint=hint)
+            raise MalformedInputError(f"{rule}{sizes[axis]:.3g} m", hint=hint)
 
 
 def _lowest_level(voxels: Integers) -> int:
@@ -285,7 +285,7 @@ def _lowest_level(voxels: Integers) -> int:
     width = int(second.max()) + 2
     order = np.lexsort((along, first * width + second))
     key = (first * width + second)[order]
-    at = _starts(key)
+    at = starts_of(key)
     key, lowest = key[at], along[order][at]
     is_level = np.ones(len(key), np.bool_)
     for step in (1, width):
@@ -296,7 +296,7 @@ def _lowest_level(voxels: Integers) -> int:
 
 _FILLED = 0.45  # of the cells of a surface in which there are points
 _STOREY, _CUTS = 1.0, 10  # metres of height that count as one surface, and places to cut at
-_FITTED_TO = 1 << 20  # voxels that tell about the distance of points
+_FITTED_TO = 1 << 17  # voxels that tell about the distance of points
 
 
 def fitting(columns: Columns) -> Columns:
@@ -327,7 +327,8 @@ def fitting(columns: Columns) -> Columns:
 def _cell_keys(cells: Integers, times: int) -> Integers:
     """Return the keys of all cells some times as large, in which there are points."""
     row, col, slab = cells
-    return np.unique((row // times << 40) + (col // times << 16) + slab)
+    keys = np.sort((row // times << 40) + (col // times << 16) + slab)
+    return keys[starts_of(keys)]
 
 
 def _spacing(keys: Integers, coarser: Integers, times: int) -> float:
@@ -350,7 +351,7 @@ _WIDENED, _TOLERANCE = 1.1, 0.45  # of the distance, which pairs of points make 
 def steps_of(columns: Columns) -> float:
     """Return the distance between the heights of points that a filter has put on a lattice."""
     heights = np.sort(columns.heights)
-    levels = heights[_starts(heights)]
+    levels = heights[starts_of(heights)]
     levels = levels[len(levels) // 20 : len(levels) - len(levels) // 20]
     if len(levels) < _LEVELS:
         return 0.0
