@@ -103,14 +103,24 @@ def _planes(
     along_y = (yz * xx - xz * xy) / determinant
     spread = np.sqrt(np.maximum(zz - along_x * xz - along_y * yz, 0.0) / n)
     steep = np.hypot(along_x, along_y) > math.tan(math.radians(limits.max_slope))
-    # a few points just above or below a surface are none; a ceiling may have far more than a floor
+    # a few points above or below a surface are none; but a ceiling may have far more than a floor
+    in_tile = np.cumsum(np.diff(key[at], prepend=-1) != 0) - 1
+    is_large = n >= _SHARE_OF_MOST * _most(n, in_tile)
     is_apart = np.diff(mz, prepend=mz[0]) >= limits.robot_height
-    storey = np.cumsum((np.diff(key[at], prepend=-1) != 0) | is_apart) - 1
-    most = np.zeros(len(at))
-    np.maximum.at(most, storey, n)
-    good = (n >= 2) & (n >= _SHARE_OF_MOST * most[storey]) & ~steep
+    storey = np.cumsum((np.diff(in_tile, prepend=-1) != 0) | is_apart) - 1
+    is_dense = np.zeros(len(at), np.bool_)
+    is_dense[storey[is_large]] = True
+    is_large |= ~is_dense[storey] & (n >= _SHARE_OF_MOST * _most(n, storey))
+    good = (n >= 2) & is_large & ~steep
     middle_z = mz - along_x * mx - along_y * my
     return row[at] // tile, col[at] // tile, middle_z, along_x, along_y, n, spread, good
+
+
+def _most(counts: Floats, groups: Integers) -> Floats:
+    """Return the largest count of the group of each."""
+    most = np.zeros(len(counts))
+    np.maximum.at(most, groups, counts)
+    return np.asarray(most[groups])
 
 
 def _ordered(*keys: Integers) -> Integers:

@@ -382,7 +382,7 @@ class CloudMapper:
         known = inside & np.isfinite(floor)
         surface.ravel()[flat[known]] = floor[known]
         noise = 0.0 if floor_found.is_stated else _noise(columns, floor, options.robot_height)
-        half = limits.steps / 2  # of a voxel, whose point is its centre
+        half = limits.steps / 2 if limits.steps > 1.5 * self._voxels.step else 0.0  # of a voxel
         clear = max(gap, 3 * noise)
         tall = (options.robot_height - clear) / slabs
         on_floor, below, points = np.zeros((3, height, width), np.int32)
