@@ -100,7 +100,7 @@ _SHARE_BELOW, _SHARE_TOUCHING, _SHARE_OF_STANDING = 0.4, 0.2, 0.5
 _SHARE_ABOVE = 0.4  # of a level, below which there are points
 _SHARE_INNER, _SHARE_ALONE = 0.5, 0.8  # of a place without anything on it
 _SHARE_OF_SEEN, _SHARE_OF_ELSEWHERE = 0.12, 0.08
-_LEAST_HANGING, _TIMES_RESTING = 1.0, 3.0  # m2, and times as much
+_LEAST_HANGING, _TIMES_RESTING = 1.0, 1.5  # m2, and times as much
 _NEAR, _FEET = 0.05, 0.25  # metres above the clearance: what is nearer is noise, and what touches
 _BESIDE = 0.5  # metres from a level within which things stand on it
 _LEAST_VOXELS = 3  # of a tile, that are no noise
@@ -248,7 +248,9 @@ def _hanging(
         nowhere = np.zeros(len(tops), np.bool_)
         return nowhere, nowhere
     room = min(room, ceiling / 2)
-    hanging = count_in((heights > ceiling - room) & (heights < ceiling - low)) >= _LEAST_VOXELS
+    down = np.repeat(tops[whose], sample.lengths()) - heights  # from the ceiling at that place
+    hanging = count_in((down > low) & (down <= room)) >= _LEAST_VOXELS
+    hanging &= tops >= ceiling - room
     return hanging, count_in((heights > low) & (heights <= room)) >= _LEAST_VOXELS
 
 

@@ -90,7 +90,8 @@ class Voxels:
         # rounding puts points on either side: the cells are moved by half a cell then.
         if not self._is_placed:
             for axis in (0, 1):
-                turns = 2 * math.pi * (points[:, axis] / self.cell % 1.0)
+                with np.errstate(over="ignore", invalid="ignore"):
+                    turns = 2 * math.pi * (points[:, axis] / self.cell % 1.0)
                 if math.hypot(np.cos(turns).mean(), np.sin(turns).mean()) > 0.9:
                     phase = math.atan2(np.sin(turns).mean(), np.cos(turns).mean()) / (2 * math.pi)
                     self.corner[axis] = (round((phase + 0.5) % 1.0, 3) % 1.0) * self.cell
