@@ -84,6 +84,8 @@ class Evidence(NamedTuple):
             return f"{under}, while things stand on {self.standing:.3g} m2"
         if is_open:
             return None
+        if self.inner < _SHARE_INNER * self.level and self.level > _LEAST_WIDE:
+            return f"all but {self.inner:.3g} m2 of it are as narrow as walls"
         if self.touching < _SHARE_TOUCHING * self.standing:
             return f"only {self.touching:.3g} of {self.standing:.3g} m2 above it reach down to it"
         elsewhere = seen - self.level
@@ -98,7 +100,9 @@ _LEAST_STANDING = 0.15  # m2
 _STANDING_PER_SIDE = 0.05  # m2 for each metre of a square as large as the level
 _SHARE_BELOW, _SHARE_TOUCHING, _SHARE_OF_STANDING = 0.4, 0.2, 0.5
 _SHARE_ABOVE = 0.4  # of a level, below which there are points
-_SHARE_INNER, _SHARE_ALONE = 0.5, 0.8  # of a place without anything on it
+_TILES_CLOSED = 1.5
+_SHARE_INNER, _LEAST_WIDE = 0.4, 2.5  # of a level; m2 from which on its width says something
+_SHARE_ALONE = 0.8  # of a place without anything on it
 _SHARE_OF_SEEN, _SHARE_OF_ELSEWHERE = 0.12, 0.08
 _LEAST_HANGING, _TIMES_RESTING = 1.0, 1.5  # m2, and times as much
 _NEAR, _FEET = 0.05, 0.25  # metres above the clearance: what is nearer is noise, and what touches
@@ -228,8 +232,11 @@ def _evidence_of(
     is_open = (tiles.away.ravel() <= _BESIDE) & ~standing
     on_level = count_in(np.abs(heights) <= low, sample.counts)[is_open].sum()
     spacing = side * math.sqrt(is_open.sum() / every / max(on_level, 1.0))
-    seen = np.pad(tiles.away == 0, 1)
-    inner = np.lib.stride_tricks.sliding_window_view(seen, (3, 3)).all(axis=(2, 3)).sum() * side**2
+    # gaps of a sparse floor are closed, and its rim is left out
+    closed = np.lib.stride_tricks.sliding_window_view(
+        np.pad(tiles.away <= _TILES_CLOSED * side, 2), (5, 5)
+    )
+    inner = closed.all(axis=(2, 3)).sum() * side**2
     return Evidence(median(own.z), level, float(inner), *areas), spacing
 
 
@@ -250,7 +257,7 @@ def _hanging(
     room = min(room, ceiling / 2)
     down = np.repeat(tops[whose], sample.lengths()) - heights  # from the ceiling at that place
     hanging = count_in((down > low) & (down <= room)) >= _LEAST_VOXELS
-    hanging &= tops >= ceiling - room
+    hanging &= (tops >= ceiling - room) & (tops < ceiling + _FEET)  # of no storey above
     return hanging, count_in((heights > low) & (heights <= room)) >= _LEAST_VOXELS
 
 
