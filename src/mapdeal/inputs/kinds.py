@@ -190,9 +190,12 @@ def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
 
         what = "an octree of occupied voxels (OctoMap)"
         return FileKind(CLOUD, what, _CLOUD_USE, lambda: octree_figures(path))
-    if path.suffix.lower() == ".bin" and head and status_of(path).st_size % _KITTI_POINT == 0:
-        points = {"points": status_of(path).st_size // _KITTI_POINT}
-        return FileKind(CLOUD, "a point cloud (KITTI)", _CLOUD_USE, lambda: points)
+    if path.suffix.lower() == ".bin":
+        from mapdeal.sensors.kitti import looks_like_kitti
+
+        if looks_like_kitti(head, status_of(path).st_size):
+            points = {"points": status_of(path).st_size // _KITTI_POINT}
+            return FileKind(CLOUD, "a point cloud (KITTI)", _CLOUD_USE, lambda: points)
     if head.startswith(b"\x93NUMPY"):
         from mapdeal.sensors.clouds import npy_figures
 

@@ -107,6 +107,7 @@ _SHARE_OF_SEEN, _SHARE_OF_ELSEWHERE = 0.12, 0.08
 _LEAST_HANGING, _TIMES_RESTING = 1.0, 1.5  # m2, and times as much
 _NEAR, _FEET = 0.05, 0.25  # metres above the clearance: what is nearer is noise, and what touches
 _BESIDE = 0.5  # metres from a level within which things stand on it
+_LEVEL_SLOPE = 0.05  # rise over run, against most of a level
 _LEAST_VOXELS = 3  # of a tile, that are no noise
 _SAMPLED = 1 << 19  # voxels that are looked at
 _MOST_LEVELS = 6  # that are looked at
@@ -224,19 +225,23 @@ def _evidence_of(
     is_high = (heights > low) & (heights <= limits.robot_height)
     standing = count_in(is_high) >= _LEAST_VOXELS
     touching = standing & (count_in(is_high & (heights <= low + _FEET + limits.steps)) > 0)
-    below = (count_in(heights < -low) >= _LEAST_VOXELS) & (tiles.away.ravel() == 0)
-    hanging, resting = _hanging(sample, whose, heights, count_in, low, limits.robot_height)
-    found = (standing, touching, below, hanging & ~resting, resting & ~hanging)
-    areas = [int(np.count_nonzero(tiles_with)) * every * side**2 for tiles_with in found]
-    level = len(starts_of(np.sort((own.row << 32) + own.col))) * side**2
-    is_open = (tiles.away.ravel() <= _BESIDE) & ~standing
-    on_level = count_in(np.abs(heights) <= low, sample.counts)[is_open].sum()
-    spacing = side * math.sqrt(is_open.sum() / every / max(on_level, 1.0))
     # gaps of a sparse floor are closed, and its rim is left out
     closed = np.lib.stride_tricks.sliding_window_view(
         np.pad(tiles.away <= _TILES_CLOSED * side, 2), (5, 5)
     )
     inner = closed.all(axis=(2, 3)).sum() * side**2
+    level = len(starts_of(np.sort((own.row << 32) + own.col))) * side**2
+    is_own = tiles.away == 0
+    if inner >= _SHARE_INNER * level:  # ramps of a floor may lie above it
+        along = tiles.along_x - median(own.along_x), tiles.along_y - median(own.along_y)
+        is_own &= np.hypot(*along) < _LEVEL_SLOPE
+    below = (count_in(heights < -low) >= _LEAST_VOXELS) & is_own.ravel()
+    hanging, resting = _hanging(sample, whose, heights, count_in, low, limits.robot_height)
+    found = (standing, touching, below, hanging & ~resting, resting & ~hanging)
+    areas = [int(np.count_nonzero(tiles_with)) * every * side**2 for tiles_with in found]
+    is_open = (tiles.away.ravel() <= _BESIDE) & ~standing
+    on_level = count_in(np.abs(heights) <= low, sample.counts)[is_open].sum()
+    spacing = side * math.sqrt(is_open.sum() / every / max(on_level, 1.0))
     return Evidence(median(own.z), level, float(inner), *areas), spacing
 
 

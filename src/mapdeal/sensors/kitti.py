@@ -19,7 +19,18 @@ from mapdeal.errors import MalformedInputError
 
 _RECORD = 16  # bytes: x, y, z and the reflectance
 _TOGETHER = 1 << 17
+_NEAREST, _FARTHEST_LIKELY = 1e-3, 1e4  # metres
 _FARTHEST = 1e5  # metres: a file with larger coordinates holds other numbers
+
+
+def looks_like_kitti(head: bytes, size: int) -> bool:
+    """Return whether the first bytes of a file are points: there is nothing else to know it by."""
+    numbers = np.frombuffer(head[: len(head) // _RECORD * _RECORD], "<f4").reshape(-1, 4)
+    if size % _RECORD or not len(numbers) or not np.isfinite(numbers).all():
+        return False
+    places = np.abs(numbers[:, :3])
+    is_there = float(np.median(places)) > _NEAREST and float(places.max()) < _FARTHEST_LIKELY
+    return is_there and bool(((numbers[:, 3] >= 0) & (numbers[:, 3] <= 255)).all())
 
 
 def kitti_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
