@@ -139,7 +139,7 @@ def test_upside_down_rooms_with_walls_up_to_the_ceiling_are_doubted(tmp_path, co
 
 
 def car_park(storeys=2, height=2.8, is_open=True):
-    """Return points of storeys joined by ramps, with a car on each; one place has no floor below."""
+    """Return points of storeys joined by ramps, with a car on each, and a hole in what was seen."""
     random, parts = np.random.default_rng(5), []
 
     def surface(count, x, y, z):
