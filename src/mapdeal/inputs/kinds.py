@@ -188,8 +188,8 @@ def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
     if head.startswith(b"# Octomap OcTree"):
         from mapdeal.sensors.clouds import octree_figures
 
-        what = "an octree of occupied voxels (OctoMap)"
-        return FileKind(CLOUD, what, _CLOUD_USE, lambda: octree_figures(path))
+        octree = "an octree of occupied voxels (OctoMap)"
+        return FileKind(CLOUD, octree, _CLOUD_USE, lambda: octree_figures(path))
     if path.suffix.lower() == ".bin":
         from mapdeal.sensors.kitti import looks_like_kitti
 

@@ -69,11 +69,11 @@ class Evidence(NamedTuple):
         """Whether another storey lies below the level."""
         return self.below > _SHARE_ABOVE * self.level
 
-    def contradiction(self, seen: float) -> str | None:
+    def contradiction(self, area: float) -> str | None:
         """Return why the level of a cloud that covers an area is no floor; None if it may be."""
         least = max(_LEAST_STANDING, _STANDING_PER_SIDE * math.sqrt(self.level))
         under = f"{self.below:.3g} m2 of it have points below" if self.below else ""
-        is_open = self.inner > _SHARE_INNER * self.level and self.level > _SHARE_ALONE * seen
+        is_open = self.inner > _SHARE_INNER * self.level and self.level > _SHARE_ALONE * area
         is_open &= not self.may_be_ceiling
         if self.standing < least:
             lacks = f"{under + ' and ' if under else ''}nothing stands on it"
@@ -84,15 +84,17 @@ class Evidence(NamedTuple):
             return f"{under}, while things stand on {self.standing:.3g} m2"
         if is_open:
             return None
-        if self.inner < _SHARE_INNER * self.level and self.level > _LEAST_WIDE:
+        is_scan = area <= _LARGEST_SCAN and self.level <= _LARGEST_OF_SCAN
+        if self.inner < _SHARE_INNER * self.level and not is_scan:
             return f"all but {self.inner:.3g} m2 of it are as narrow as walls"
         if self.touching < _SHARE_TOUCHING * self.standing:
             return f"only {self.touching:.3g} of {self.standing:.3g} m2 above it reach down to it"
-        elsewhere = seen - self.level
-        if self.level < max(_SHARE_OF_STANDING * self.standing, _SHARE_OF_SEEN * seen):
-            return f"things stand on {self.standing:.3g} m2, and {elsewhere:.3g} m2 are not near it"
-        if self.standing < _SHARE_OF_ELSEWHERE * elsewhere:
-            return f"of {elsewhere:.3g} m2 elsewhere only {self.standing:.3g} m2 stand on it"
+        if self.level < max(_SHARE_OF_STANDING * self.standing, _SHARE_OF_AREA * area):
+            return f"things stand on {self.standing:.3g} m2 of it; {area:.3g} m2 have points in all"
+        if self.standing < _SHARE_OF_ELSEWHERE * (area - self.level):
+            return (
+                f"only {self.standing:.3g} m2 of {area - self.level:.3g} m2 elsewhere stand on it"
+            )
         return None
 
 
@@ -101,14 +103,15 @@ _STANDING_PER_SIDE = 0.05  # m2 for each metre of a square as large as the level
 _SHARE_BELOW, _SHARE_TOUCHING, _SHARE_OF_STANDING = 0.4, 0.2, 0.5
 _SHARE_ABOVE = 0.4  # of a level, below which there are points
 _TILES_CLOSED = 1.5
-_SHARE_INNER, _LEAST_WIDE = 0.4, 2.5  # of a level; m2 from which on its width says something
+_SHARE_INNER = 0.4  # of a level
+_LARGEST_SCAN, _LARGEST_OF_SCAN = 8.0, 2.5  # m2 of single scans, whose floors are scattered
 _SHARE_ALONE = 0.8  # of a place without anything on it
-_SHARE_OF_SEEN, _SHARE_OF_ELSEWHERE = 0.12, 0.08
+_SHARE_OF_AREA, _SHARE_OF_ELSEWHERE = 0.12, 0.08
 _LEAST_HANGING, _TIMES_RESTING = 1.0, 1.5  # m2, and times as much
-_NEAR, _FEET = 0.05, 0.25  # metres above the clearance: what is nearer is noise, and what touches
+_NEAR, _FEET = 0.05, 0.25  # metres above the clearance: of noise, and of feet that touch
 _BESIDE = 0.5  # metres from a level within which things stand on it
 _LEVEL_SLOPE = 0.05  # rise over run, against most of a level
-_LEAST_VOXELS = 3  # of a tile, that are no noise
+_LEAST_VOXELS = 3  # of a tile; fewer are noise
 _SAMPLED = 1 << 19  # voxels that are looked at
 _MOST_LEVELS = 6  # that are looked at
 
@@ -124,19 +127,21 @@ def floor_in(
     claim(400 * len(patches.z), f"{len(patches.z)} patches of surfaces")
     levels = Levels(patches, tile * columns.cell, limits)
     sample, every = _sample_of(columns, tile)
-    tiles_seen = starts_of(np.sort((sample.row // tile << 32) + sample.col // tile))
-    seen = len(tiles_seen) * every * levels.side**2
+    tiles_with_points = starts_of(np.sort((sample.row // tile << 32) + sample.col // tile))
+    area = len(tiles_with_points) * every * levels.side**2
     named = _level_under(levels, places if at is None else at[np.newaxis])
     if at is not None and named is None:
         rule = f"no level is at or below {at[2]:g} m there"
-        raise MalformedInputError(rule, place="--at", got=",".join(f"{one:g}" for one in at))
+        raise MalformedInputError(
+            rule, place="--at", got=",".join(f"{coordinate:g}" for coordinate in at)
+        )
     refusals = []
     for level in _in_order(levels, named):
         tiles, own, above = levels.floor_from(level, claim)
         evidence, spacing = _evidence_of(sample, every, tiles, own, tile, limits)
         may_be_above = at is not None or level == named
         known = evidence._replace(below=0.0) if may_be_above else evidence
-        reason = None if at is not None else known.contradiction(seen)
+        reason = None if at is not None else known.contradiction(area)
         if reason is None:
             tilt = tilt_of(own, levels.side)
             return Floor(
@@ -149,7 +154,7 @@ def floor_in(
 
 
 def stated_floor(columns: Columns, tile: int, height: float, claim: Claim) -> Floor:
-    """Return a level floor at a height, below all that was seen."""
+    """Return a level floor at a height, below all columns."""
     row, col = columns.row // tile, columns.col // tile
     shape = int(row.max() - row.min()) + 1, int(col.max() - col.min()) + 1
     claim(60 * shape[0] * shape[1], f"a floor of {shape[1]} x {shape[0]} tiles")
@@ -167,8 +172,8 @@ def _in_order(levels: Levels, named: int | None) -> Iterator[int]:
     large = np.flatnonzero((area >= _LARGE * area.max())[levels.label])
     is_new = np.diff(levels.tile[large], prepend=-1) != 0
     lowest = levels.label[large][np.flatnonzero(is_new)][np.cumsum(is_new) - 1]
-    other = large[lowest != levels.label[large]]
-    above = np.bincount(levels.label[other], minlength=len(area)) * levels.side**2
+    upper = large[lowest != levels.label[large]]
+    above = np.bincount(levels.label[upper], minlength=len(area)) * levels.side**2
     is_ground = above <= _OVER_OTHERS * area
     likely = np.flatnonzero(area >= _LARGE * area.max())
     order = likely[np.lexsort((-area[likely], ~is_ground[likely]))].tolist()
@@ -180,14 +185,14 @@ _OVER_OTHERS = 0.1  # of the area of a level, that may lie above another one
 
 
 def _level_under(levels: Levels, places: Floats) -> int | None:
-    """Return the level that is under most places; None if there is none."""
+    """Return the level that is under most places, if there is one."""
     patches, area, votes = levels.patches, levels.area(), np.zeros(len(levels.label))
     for x, y, z in places.tolist():
         near = np.abs(patches.row + 0.5 - y / levels.side) <= _TILES_AROUND
         near &= np.abs(patches.col + 0.5 - x / levels.side) <= _TILES_AROUND
         near &= (patches.z <= z + _ABOVE) & (patches.z >= z - _BELOW)
         under = np.flatnonzero(near)
-        if len(under):  # not what stands on the level
+        if len(under):  # of large levels alone, without tables
             under = under[area[levels.label[under]] >= _LARGE * area[levels.label[under]].max()]
             votes[levels.label[under[patches.z[under].argmax()]]] += 1
     return int(votes.argmax()) if votes.any() else None
@@ -207,7 +212,7 @@ def _sample_of(columns: Columns, tile: int) -> tuple[Columns, int]:
 def _evidence_of(
     sample: Columns, every: int, tiles: Tiles, own: Patches, tile: int, limits: Limits
 ) -> tuple[Evidence, float]:
-    """Return what is seen of a level, and the distance between points on it, metres."""
+    """Measure a level, and the distance between points on it in metres."""
     row, col, inside = tile_of(tiles, tile, sample.row, sample.col)
     near = inside & (tiles.away[row, col] <= _BESIDE)
     sample, whose = sample.chosen(near), (row * tiles.z.shape[1] + col)[near]

@@ -232,11 +232,11 @@ class Levels:
         self._split()
 
     def area(self) -> Floats:
-        """Return the area of each level, square metres; 0 for numbers that are no level's."""
+        """Return the area of each label, square metres: 0 without a level."""
         return np.asarray(np.bincount(self.label) * self.side**2)
 
     def _split(self) -> None:
-        """Make levels of those that lie above themselves, as two storeys and a ramp do."""
+        """Split levels that lie above themselves, such as two storeys and a ramp."""
         sizes = np.bincount(self.label)
         is_open = sizes[self.label] >= _LEAST_SPLIT * sizes.max()
         for _ in range(_MOST_STOREYS):
@@ -250,9 +250,9 @@ class Levels:
                 own = is_open & (self.label == label)
                 largest = int(np.where(own, sizes[: len(own)], -1).argmax())
                 sheet = self._grown(lowest & (groups == largest), own)
-                rest = own & ~sheet
+                remaining = own & ~sheet
                 self.label[sheet] = int(np.flatnonzero(sheet)[0])
-                self.label[rest] = self._joined(rest)[rest]
+                self.label[remaining] = self._joined(remaining)[remaining]
                 is_open &= ~sheet
 
     def _is_above_own(self, chosen: Mask, room: float | None = None) -> Mask:
@@ -269,28 +269,28 @@ class Levels:
 
     def _joined(self, chosen: Mask) -> Integers:
         """Return for each of some patches the first that it hangs together with."""
-        one, other = self._links
-        both = chosen[one] & chosen[other]
-        return least_joined(one[both], other[both], len(chosen))
+        first, second = self._links
+        both = chosen[first] & chosen[second]
+        return least_joined(first[both], second[both], len(chosen))
 
     def _grown(self, seeds: Mask, allowed: Mask) -> Mask:
-        """Return the patches that are reached from seeds, without those above or below others."""
+        """Return the patches that are reached from seeds, one above each place."""
         room = self.limits.robot_height
-        one, other = self._links
-        both = allowed[one] & allowed[other]
-        one, other = np.append(one[both], other[both]), np.append(other[both], one[both])
-        order = np.argsort(one, kind="stable")
-        one, other = one[order], other[order]
+        first, second = self._links
+        both = allowed[first] & allowed[second]
+        first, second = np.append(first[both], second[both]), np.append(second[both], first[both])
+        order = np.argsort(first, kind="stable")
+        first, second = first[order], second[order]
         claimed = np.full(int(self.tile[-1]) + 1, np.nan)
         grown = np.zeros(len(seeds), np.bool_)
         edge = np.flatnonzero(seeds)
         while len(edge):
-            first = edge[np.isnan(claimed[self.tile[edge]])][::-1]  # the lowest of each tile last
-            claimed[self.tile[first]] = self.patches.z[first]
+            unclaimed = edge[np.isnan(claimed[self.tile[edge]])][::-1]  # the lowest of a tile last
+            claimed[self.tile[unclaimed]] = self.patches.z[unclaimed]
             edge = edge[np.abs(self.patches.z[edge] - claimed[self.tile[edge]]) <= room]
             grown[edge] = True
-            starts, stops = (np.searchsorted(one, edge, side) for side in ("left", "right"))
-            edge = np.unique(other[enumerated(starts, stops)[1]])
+            starts, stops = (np.searchsorted(first, edge, side) for side in ("left", "right"))
+            edge = np.unique(second[enumerated(starts, stops)[1]])
             edge = edge[~grown[edge]]
         return grown
 
@@ -301,11 +301,13 @@ class Levels:
         seeds = self.label == level
         allowed = self._connected == self._connected[level]
         main = seeds if (seeds == allowed).all() else self._grown(seeds, allowed)
-        others, patches = np.flatnonzero(allowed & ~main), self.patches
-        overlaid = len(np.unique(self.tile[others])) * self.side**2
-        sizes = np.bincount(self.label[others])
+        elsewhere, patches = np.flatnonzero(allowed & ~main), self.patches
+        overlaid = len(np.unique(self.tile[elsewhere])) * self.side**2
+        sizes = np.bincount(self.label[elsewhere])
         large = np.flatnonzero(sizes > _LEAST_STOREY * np.count_nonzero(main))
-        heights = sorted(median(patches.z[others][self.label[others] == one]) for one in large)
+        heights = sorted(
+            median(patches.z[elsewhere][self.label[elsewhere] == first]) for first in large
+        )
         apart = np.diff(heights, append=np.inf) > self.limits.robot_height  # slabs have two sides
         storeys = tuple(np.array(heights)[apart].tolist())
         for _ in range(_ROUNDS):

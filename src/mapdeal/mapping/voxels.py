@@ -254,14 +254,15 @@ def check_extent(columns: Columns) -> None:
         raise MalformedInputError(rule)
 
 
-_LOOKED_AT, _COARSE = 1 << 17, 0.25  # voxels, and metres, that tell which way is up
+_LOOKED_AT, _COARSE = 1 << 17, 0.25  # voxels looked at, and their side in metres
 _LARGER, _ROOM = 1.3, 1.9  # a room is at least as high as the last, metres
 
 
 def check_upright(columns: Columns) -> None:
     """Refuse a cloud that is a room with a larger and lower floor along another axis than z."""
     every = -(-len(columns.heights) // _LOOKED_AT)
-    row, col = (one[columns.of_voxels()[::every]] for one in (columns.row, columns.col))
+    whose = columns.of_voxels()[::every]
+    row, col = columns.row[whose], columns.col[whose]
     x, y, z = col * columns.cell, row * columns.cell, columns.heights[::every]
     side = max(_COARSE, columns.cell)
     voxels = np.floor(np.stack([x, y, z], axis=1) / side).astype(np.int64)
@@ -297,7 +298,7 @@ def _lowest_level(voxels: Integers) -> int:
 
 _FILLED = 0.45  # of the cells of a surface in which there are points
 _STOREY, _CUTS = 1.0, 10  # metres of height that count as one surface, and places to cut at
-_FITTED_TO = 1 << 17  # voxels that tell about the distance of points
+_FITTED_TO = 1 << 17  # voxels looked at
 
 
 def fitting(columns: Columns) -> Columns:

@@ -25,7 +25,7 @@ _FARTHEST = 1e5  # metres: a file with larger coordinates holds other numbers
 
 def looks_like_kitti(head: bytes, size: int) -> bool:
     """Return whether the first bytes of a file are points: there is nothing else to know it by."""
-    numbers = np.frombuffer(head[: len(head) // _RECORD * _RECORD], "<f4").reshape(-1, 4)
+    numbers = np.frombuffer(head, "<f4", len(head) // _RECORD * 4).reshape(-1, 4)
     if size % _RECORD or not len(numbers) or not np.isfinite(numbers).all():
         return False
     places = np.abs(numbers[:, :3])
@@ -40,8 +40,8 @@ def kitti_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
         rule = f"must have {_RECORD} bytes for each point: x, y, z and reflectance as float32"
         raise MalformedInputError(rule, source=path, got=f"{size} bytes")
     while data := file.read(_RECORD * _TOGETHER):
-        whole = data[: len(data) // _RECORD * _RECORD]
-        numbers = np.frombuffer(whole, "<f4").reshape(-1, 4)[:, :3].astype(np.float64)
+        count = len(data) // _RECORD
+        numbers = np.frombuffer(data, "<f4", 4 * count).reshape(-1, 4)[:, :3].astype(np.float64)
         if (np.abs(numbers) > _FARTHEST).any():
             rule = f"must be coordinates within {_FARTHEST:g} m, as float32"
             raise MalformedInputError(rule, source=path, got=float(np.nanmax(np.abs(numbers))))
