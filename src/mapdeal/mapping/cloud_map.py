@@ -312,7 +312,7 @@ class CloudMapper:
         if options.floor is not None:
             floor = stated_floor(columns, tile, options.floor, self._claim)
         else:
-            if options.up is None and self._level is None:
+            if options.up is None:
                 check_upright(columns)
             chosen = self._places[:: max(1, len(self._places) // _SEEDS)]
             places = np.reshape(chosen, (-1, 3)) - corner

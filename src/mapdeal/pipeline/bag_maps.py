@@ -16,17 +16,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.bags import messages
-from mapdeal.bags.bag import (
-    CAN_BE_READ,
-    Bag,
-    Connection,
-    MessageIndex,
-    Place,
-    Recorded,
-    normalised_type,
-)
-from mapdeal.bags.livox import CUSTOM_TYPES, points_of_custom
+from mapdeal.bags import livox, messages
+from mapdeal.bags.bag import CAN_BE_READ, Bag, Connection, MessageIndex, Recorded, normalised_type
 from mapdeal.bags.messages import Decoder, LaserScan
 from mapdeal.bags.reader import chosen_connections, open_bag
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
@@ -517,8 +508,8 @@ class BagClouds:
         """Return the points of a cloud, shape (N, 3), as the robot sees them."""
         place = self._index[number]
         connection = self._connections[place.connection]
-        if connection.type in CUSTOM_TYPES:
-            points = self._points_of_livox(place, connection)
+        if connection.type in livox.CUSTOM_TYPES:
+            points = self._points_of_livox(self.bag.data(place), connection)
         else:
             is_cloud = connection.type == messages.POINT_CLOUD
             points = self._decoder.read(place, self._points_of if is_cloud else _points_of_scan)
@@ -531,11 +522,10 @@ class BagClouds:
         with np.errstate(invalid="ignore"):
             return np.asarray(rotated(turns, points) + moves)
 
-    def _points_of_livox(self, place: Place, connection: Connection) -> Points:
-        data = self.bag.data(place)
+    def _points_of_livox(self, data: bytes, connection: Connection) -> Points:
         claim(self.bag.path, 2 * len(data), what="the points of a cloud")
         try:
-            return points_of_custom(data, connection.encoding)
+            return livox.points_of_custom(data, connection.encoding)
         except MalformedInputError as error:
             error.place = error.place or connection.topic
             raise error.found_in(self.bag.path) from None
