@@ -156,6 +156,8 @@ def car_park(storeys=2, height=2.8, is_open=True):
             hidden = (np.abs(floor[:, 0] - 6) < 1) & (np.abs(floor[:, 1] - 6) < 1)
             floor = floor[~car & ~hidden & (is_open | ~on_ramp)]
         parts += [floor, box_points(random, 300, (12, 16, 3, 5, base, base + 1.4))]
+        slab = surface(90_000, (0, 24), (0, 12), (base + height - 0.25, base + height - 0.25))
+        parts.append(slab[~((slab[:, 0] > 2) & (slab[:, 0] < 20) & (slab[:, 1] > 9))])
         walls = box_points(random, 300, (0, 24, 0, 12, base, base + height - 0.3), has_top=False)
         parts.append(walls)
         if storey + 1 < storeys:
@@ -182,8 +184,10 @@ def test_one_storey_of_a_car_park_is_mapped(is_open):
     assert made.overlaid_m2 > 200
     upper = cloud_map(points, at=(20.0, 2.0, 2.9))
     assert np.nanmedian(upper.layers["floor_height"]) == pytest.approx(2.8, abs=0.02)
-    ((row, col),) = upper.grid.frame.unbounded_rowcol_from_xy([[20, 2]])
+    (row, col), (car_row, car_col) = upper.grid.frame.unbounded_rowcol_from_xy([[20, 2], [14, 4]])
     assert (upper.grid.occupancy[row - 8 : row + 8, col - 8 : col + 8] == 0).all()
+    # the ceiling of the storey below is no floor under a car
+    assert (upper.grid.occupancy[car_row - 8 : car_row + 8, car_col - 8 : car_col + 8] != 0).all()
 
 
 def test_a_place_without_a_storey_is_refused():

@@ -216,11 +216,31 @@ def _links_of(patches: Patches, side: float, climb: float) -> tuple[Integers, In
     return one, other
 
 
+def _lacks_room(patches: Patches, limits: Limits) -> Mask:
+    """Return which patches, in order of tiles and heights, lie below others with no room between.
+
+    The underside of a slab shows between points on its top. Rims, as at ledges, are left.
+    """
+    key = (patches.row - patches.row.min() + 1) * _WIDTH + patches.col - patches.col.min()
+    rise = np.diff(patches.z, append=np.inf)
+    is_below = (np.diff(key, append=-1) == 0) & (rise > limits.gap) & (rise <= limits.robot_height)
+    covered, beside = np.append(key[is_below], np.iinfo(np.int64).max), np.zeros(len(key), np.int8)
+    for step in (1, _WIDTH - 1, _WIDTH, _WIDTH + 1):
+        for wanted in (key + step, key - step):
+            beside += covered[np.searchsorted(covered, wanted)] == wanted
+    return np.asarray(is_below & (beside >= _MOST_AT_A_RIM))
+
+
+_WIDTH = 1 << 32
+_MOST_AT_A_RIM = 6  # of the 8 tiles around
+
+
 class Levels:
     """Patches of a cloud, and the level that each belongs to."""
 
     def __init__(self, patches: Patches, side: float, limits: Limits) -> None:
-        self.patches = patches.chosen(np.lexsort((patches.z, patches.col, patches.row)))
+        patches = patches.chosen(np.lexsort((patches.z, patches.col, patches.row)))
+        self.patches = patches.chosen(~_lacks_room(patches, limits))
         self.side, self.limits = side, limits
         self._links = _links_of(self.patches, side, max(limits.climb, 0.7 * limits.steps))
         row, col, z = self.patches[:3]
