@@ -232,7 +232,7 @@ def _lacks_room(patches: Patches, limits: Limits) -> Mask:
 
 
 _WIDTH = 1 << 32
-_MOST_AT_A_RIM = 6  # of the 8 tiles around
+_MOST_AT_A_RIM = 4  # of the 8 tiles around
 
 
 class Levels:
@@ -295,7 +295,6 @@ class Levels:
 
     def _grown(self, seeds: Mask, allowed: Mask) -> Mask:
         """Return the patches that are reached from seeds, one above each place."""
-        room = self.limits.robot_height
         first, second = self._links
         both = allowed[first] & allowed[second]
         first, second = np.append(first[both], second[both]), np.append(second[both], first[both])
@@ -307,7 +306,7 @@ class Levels:
         while len(edge):
             unclaimed = edge[np.isnan(claimed[self.tile[edge]])][::-1]  # the lowest of a tile last
             claimed[self.tile[unclaimed]] = self.patches.z[unclaimed]
-            edge = edge[np.abs(self.patches.z[edge] - claimed[self.tile[edge]]) <= room]
+            edge = edge[np.abs(self.patches.z[edge] - claimed[self.tile[edge]]) <= self.limits.gap]
             grown[edge] = True
             starts, stops = (np.searchsorted(first, edge, side) for side in ("left", "right"))
             edge = np.unique(second[enumerated(starts, stops)[1]])
