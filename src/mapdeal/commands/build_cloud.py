@@ -202,7 +202,7 @@ def _warn(made: CloudMap, options: CloudOptions, named: Path) -> None:
         text += f": --at X,Y,Z shows another storey, at {heights} m" if heights else ""
         emit_warning(text, stacklevel=2)
     if made.may_be_upside_down:
-        text = f"{named}: far more hangs from the ceiling than stands on the floor: is z down?"
+        text = f"{named}: much hangs from the ceiling, for what stands on the floor: is z down?"
         emit_warning(f"{text} --up -z turns the cloud, --up z keeps it", stacklevel=2)
     if made.beyond:
         text = f"{named}: {made.beyond} points are too far from the others, and are ignored"

@@ -52,7 +52,7 @@ class Evidence(NamedTuple):
 
     height: float
     level: float
-    inner: float  # of it, with the level all around: tops of walls have none
+    inner: float  # share inside its rim, of what a square has there: tops of walls have none
     standing: float  # with points above the level that a robot meets
     touching: float  # of these, with points just above the level
     below: float  # of the level itself, with points below it
@@ -61,7 +61,7 @@ class Evidence(NamedTuple):
 
     @property
     def may_be_ceiling(self) -> bool:
-        """Whether far more hangs from the ceiling than stands on the floor."""
+        """Whether much hangs from the ceiling, for what stands on the floor."""
         return self.hanging > max(_LEAST_HANGING, _TIMES_RESTING * self.resting)
 
     @property
@@ -73,8 +73,8 @@ class Evidence(NamedTuple):
         """Return why the level of a cloud that covers an area is no floor; None if it may be."""
         least = max(_LEAST_STANDING, _STANDING_PER_SIDE * math.sqrt(self.level))
         under = f"{self.below:.3g} m2 of it have points below" if self.below else ""
-        is_open = self.inner > _SHARE_INNER * self.level and self.level > _SHARE_ALONE * area
-        is_open &= not self.may_be_ceiling
+        is_open = self.inner > _SHARE_INNER and self.level > _SHARE_ALONE * area
+        is_open &= self.hanging == 0
         if self.standing < least:
             lacks = f"{under + ' and ' if under else ''}nothing stands on it"
             return None if is_open and not under else lacks
@@ -85,8 +85,8 @@ class Evidence(NamedTuple):
         if is_open:
             return None
         is_scan = area <= _LARGEST_SCAN and self.level <= _LARGEST_OF_SCAN
-        if self.inner < _SHARE_INNER * self.level and not is_scan:
-            return f"all but {self.inner:.3g} m2 of it are as narrow as walls"
+        if self.inner < _SHARE_INNER and not is_scan:
+            return "most of it is as narrow as walls"
         if self.touching < _SHARE_TOUCHING * self.standing:
             return f"only {self.touching:.3g} of {self.standing:.3g} m2 above it reach down to it"
         if self.level < max(_SHARE_OF_STANDING * self.standing, _SHARE_OF_AREA * area):
@@ -103,11 +103,11 @@ _STANDING_PER_SIDE = 0.05  # m2 for each metre of a square as large as the level
 _SHARE_BELOW, _SHARE_TOUCHING, _SHARE_OF_STANDING = 0.4, 0.2, 0.5
 _SHARE_ABOVE = 0.4  # of a level, below which there are points
 _TILES_CLOSED = 1.5
-_SHARE_INNER = 0.4  # of a level
+_SHARE_INNER = 0.6
 _LARGEST_SCAN, _LARGEST_OF_SCAN = 8.0, 2.5  # m2 of single scans, whose floors are scattered
 _SHARE_ALONE = 0.8  # of a place without anything on it
 _SHARE_OF_AREA, _SHARE_OF_ELSEWHERE = 0.12, 0.08
-_LEAST_HANGING, _TIMES_RESTING = 1.0, 1.5  # m2, and times as much
+_LEAST_HANGING, _TIMES_RESTING = 0.5, 0.6  # m2, and times what rests: in rooms it is 0.2
 _NEAR, _FEET = 0.05, 0.25  # metres above the clearance: of noise, and of feet that touch
 _BESIDE = 0.5  # metres from a level within which things stand on it
 _LEVEL_SLOPE = 0.05  # rise over run, against most of a level
@@ -234,10 +234,10 @@ def _evidence_of(
     closed = np.lib.stride_tricks.sliding_window_view(
         np.pad(tiles.away <= _TILES_CLOSED * side, 2), (5, 5)
     )
-    inner = closed.all(axis=(2, 3)).sum() * side**2
-    level = len(starts_of(np.sort((own.row << 32) + own.col))) * side**2
+    tile_count = len(starts_of(np.sort((own.row << 32) + own.col)))
+    inner = closed.all(axis=(2, 3)).sum() / max(1.0, math.sqrt(tile_count) - 2) ** 2
     is_own = tiles.away == 0
-    if inner >= _SHARE_INNER * level:  # ramps of a floor may lie above it
+    if inner >= _SHARE_INNER:  # ramps of a floor may lie above it
         along = tiles.along_x - median(own.along_x), tiles.along_y - median(own.along_y)
         is_own &= np.hypot(*along) < _LEVEL_SLOPE
     below = (count_in(heights < -low) >= _LEAST_VOXELS) & is_own.ravel()
@@ -247,7 +247,7 @@ def _evidence_of(
     is_open = (tiles.away.ravel() <= _BESIDE) & ~standing
     on_level = count_in(np.abs(heights) <= low, sample.counts)[is_open].sum()
     spacing = side * math.sqrt(is_open.sum() / every / max(on_level, 1.0))
-    return Evidence(median(own.z), level, float(inner), *areas), spacing
+    return Evidence(median(own.z), tile_count * side**2, float(inner), *areas), spacing
 
 
 def _hanging(

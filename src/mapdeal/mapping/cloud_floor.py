@@ -226,8 +226,8 @@ def _lacks_room(patches: Patches, limits: Limits) -> Mask:
     is_below = (np.diff(key, append=-1) == 0) & (rise > limits.gap) & (rise <= limits.robot_height)
     covered, beside = np.append(key[is_below], np.iinfo(np.int64).max), np.zeros(len(key), np.int8)
     for step in (1, _WIDTH - 1, _WIDTH, _WIDTH + 1):
-        for wanted in (key + step, key - step):
-            beside += covered[np.searchsorted(covered, wanted)] == wanted
+        for neighbour in (key + step, key - step):
+            beside += covered[np.searchsorted(covered, neighbour)] == neighbour
     return np.asarray(is_below & (beside >= _MOST_AT_A_RIM))
 
 
