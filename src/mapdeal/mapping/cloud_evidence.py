@@ -61,7 +61,7 @@ class Evidence(NamedTuple):
 
     @property
     def may_be_ceiling(self) -> bool:
-        """Whether much hangs from the ceiling, for what stands on the floor."""
+        """Whether too much hangs from the ceiling, compared with things on the floor."""
         return self.hanging > max(_LEAST_HANGING, _TIMES_RESTING * self.resting)
 
     @property

@@ -133,7 +133,7 @@ class CloudMap(Drawn):
     storeys : tuple of float
         Heights of these storeys, metres.
     may_be_upside_down : bool
-        Whether much hangs from the ceiling, for what stands on the floor.
+        Whether too much hangs from the ceiling, compared with things on the floor.
     at_sensor : int
         Points at the sensor itself, or nearer to it than asked for, which are left out.
     cleared : int
