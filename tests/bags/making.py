@@ -42,6 +42,21 @@ COSTMAP = {
         "geometry_msgs/Pose origin\n"
     ),
 }
+_POINT = (
+    "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\nuint8 reflectivity\nuint8 tag\nuint8 line"
+)
+_CUSTOM = (
+    "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\n"
+    "CustomPoint[] points\n"
+)
+LIVOX = {
+    f"{driver}/msg/{name}": text
+    for driver in ("livox_ros_driver", "livox_ros_driver2")
+    for name, text in (
+        ("CustomPoint", _POINT),
+        ("CustomMsg", _CUSTOM),
+    )
+}  # fmt: skip
 OLD_TF = {"tf/msg/tfMessage": "geometry_msgs/TransformStamped[] transforms\n"}
 TF = {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n"}
 
@@ -111,11 +126,11 @@ def _store(version, texts):
 
 
 def ros1_store():
-    return _store(Stores.ROS1_NOETIC, {**TF, **OLD_TF})
+    return _store(Stores.ROS1_NOETIC, {**TF, **OLD_TF, **LIVOX})
 
 
 def ros2_store():
-    return _store(Stores.ROS2_HUMBLE, {**COSTMAP, **OLD_TF})
+    return _store(Stores.ROS2_HUMBLE, {**COSTMAP, **OLD_TF, **LIVOX})
 
 
 def message(name, **values):
@@ -218,3 +233,13 @@ def cloud(time, data, fields, *, width, height=1, step, row=None, is_big=False, 
 def words(text):
     """Return a message of a type that nothing is made of."""
     return message("std_msgs/msg/String", data=text)
+
+
+def custom(time, points, driver, frame="livox_frame"):
+    """Return what makes the message of a Livox lidar."""
+    named = [
+        {"offset_time": k, "x": x, "y": y, "z": z, "reflectivity": 9, "tag": 1, "line": k % 6}
+        for k, (x, y, z) in enumerate(points)
+    ]
+    return message(f"{driver}/msg/CustomMsg", header=header(time, frame), timebase=time,
+                   point_num=len(named), lidar_id=3, points=named)  # fmt: skip

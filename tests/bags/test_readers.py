@@ -94,6 +94,15 @@ def test_several_files_of_a_folder_are_one_bag(maker, tmp_path):
         assert len(bag.files) == 3
 
 
+@pytest.mark.parametrize("form", ["mcap", "sqlite3"])
+def test_metadata_without_a_storage_are_as_none(maker, tmp_path, form):
+    folder = maker.write(tmp_path, form)
+    edit(folder / "metadata.yaml", f"storage_identifier: {form}", "storage_identifier: ''")
+    told = pytest.warns(MapdealWarning, match="names no storage, as ros2 bag reindex leaves it")
+    with told, open_bag(folder) as bag:
+        assert len(scans_of(bag)) == 40
+
+
 def test_a_missing_file_of_several_is_warned_of(maker, tmp_path):
     folder = maker.write(tmp_path, "mcap")
     edit(folder / "metadata.yaml", "- bag.mcap", "- bag.mcap\n  - b.mcap")

@@ -364,6 +364,11 @@ def read_cloud_points(path, data):
     return points
 
 
+def read_octree_points(path, data):
+    """Read an octree, of which a few bytes can name a large cube: memory bounds it."""
+    assert np.isfinite(mapdeal.read_cloud(path, max_memory=1 << 26)).all()
+
+
 def read_text_points(path, data):
     """Read a cloud of text: each line is a point, but for names, comments and empty ones."""
     points = read_cloud_points(path, data)

@@ -115,6 +115,10 @@ TEXTS = {
     "names-behind-slashes": b"// X Y Z I\n1 2 3 9\n-4 50 0.6 9\n",
     "comments": b"\xef\xbb\xbf# a\n\n# b\r\n1 2 3\r\n#\n-4 50 0.6\r\n",
     "more-columns": b"1 2 3 99 x\n-4 50 0.6\n",
+    "a-count": b"2\n1 2 3 -99 1 1 1\n-4 50 0.6 7 2 2 2\n",
+    "counts-of-two-scans": b"# pts\n1\n1 2 3 9\n1\n-4 50 0.6 9\n",
+    "names-of-veloview": b'"Points_m_XYZ:0","Points_m_XYZ:1","Points_m_XYZ:2",intensity\n'
+    b"1,2,3,9\n-4,50,0.6,9\n",
 }
 
 
@@ -150,7 +154,11 @@ GOOD = [
       for one in ENCODINGS],
     *[(f"elements-{one}.ply", between_others(one), [[1.5, -2.0]]) for one in ENCODINGS],
     *[(f"{name}.{ending}", text, [[1.0, 2.0, 3.0], [-4.0, 50.0, 0.6]])
-      for name, text in TEXTS.items() for ending in ("xyz", "TXT", "csv", "asc")],
+      for name, text in TEXTS.items() for ending in ("xyz", "TXT", "csv", "asc", "pts")],
+    ("large-names.pcd", pcd(XYZ, [[[1.0], [2.0], [3.0]]]).replace(b"x y z", b"X Y Z"),
+     [[1.0, 2.0, 3.0]]),
+    ("kitti.bin", np.arange(12, dtype="<f4").tobytes(),
+     [[0.0, 1.0, 2.0], [4.0, 5.0, 6.0], [8.0, 9.0, 10.0]]),
     ("flat.csv", b"x,y\n1,nan\n", [[1.0, math.nan]]),
     ("comment.xyz", b"# nothing\n", np.zeros((0, 3))),
     ("empty.xyz", b"", np.zeros((0, 3))),
@@ -216,6 +224,7 @@ def test_all_formats_agree(tmp_path_factory, points):
         "c.pcd": pcd(XYZ, rows, "binary_compressed"),
         **{f"{e}.ply": ply([("x", "f4"), ("y", "f4"), ("z", "f4")], points, e) for e in ENCODINGS},
         "d.csv": "".join(f"{x!r},{y!r},{z!r}\n" for x, y, z in points).encode(),
+        "d.pts": "\n".join([str(len(points)), *(" ".join(map(repr, p)) for p in points)]).encode(),
         "e.npy": saved(np.save, np.array(points, "f4").reshape(-1, 3)),
     }
     for name, data in files.items():
@@ -318,6 +327,9 @@ BAD = [
     ("bomb.npz", deflated((40_000_000, 3), 120_000_000, "|u1", order=True), "would expand"),
     ("wide.npz", saved(np.savez, np.zeros((1, 70_000), "u1")), "70000 columns"),
     ("none", b"1 2 3\n", ".pcd"),
+    ("count.pts", b"3\n1 2 3\n4 5 6\n", "ends after 2 of 3 points"),
+    ("cut.bin", bytes(30), "16 bytes for each point"),
+    ("other.bin", np.full(8, 1e30, "<f4").tobytes(), "within 100000 m"),
 ]  # fmt: skip
 
 

@@ -26,6 +26,7 @@ from mapdeal.bags.bag import (
     name_inside,
 )
 from mapdeal.bags.checksums import add_checksums
+from mapdeal.bags.livox import CUSTOM_TYPES
 from mapdeal.bags.reader import needs_bags
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import access_to, chunks_of, claim
@@ -35,6 +36,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 
 LASER_SCAN = "sensor_msgs/msg/LaserScan"
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+CLOUD_TYPES = (POINT_CLOUD, *CUSTOM_TYPES)
 OCCUPANCY_GRID = "nav_msgs/msg/OccupancyGrid"
 NAV2_COSTMAP = "nav2_msgs/msg/Costmap"
 ODOMETRY = "nav_msgs/msg/Odometry"

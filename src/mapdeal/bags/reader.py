@@ -126,14 +126,16 @@ class FolderBag(Bag):
     def _metadata(self) -> _Metadata:
         path = self.path / METADATA
         if not exists(path):
-            return self._guessed()
+            return self._guessed(f"has no {METADATA}, as left by a recorder that was killed")
         top = read_mapping(path, _LIMITS).get(_TOP_KEY)
         fields = {} if top is None else top.fields()
         for key in ("storage_identifier", "relative_file_paths"):
             if key not in fields:
                 place = _TOP_KEY if top is None else key
                 raise MalformedInputError("missing", source=path, place=place)
-        storage = fields["storage_identifier"].text()
+        storage = _text_of(fields, "storage_identifier")
+        if not storage:
+            return self._guessed(f"{METADATA} names no storage, as ros2 bag reindex leaves it")
         if storage not in _STORAGES:
             raise fields["storage_identifier"].error("must be sqlite3 or mcap: others are not read")
         mode = _text_of(fields, "compression_mode").lower() or "none"
@@ -157,14 +159,14 @@ class FolderBag(Bag):
             self.remark(f"its file {missing[0]}{more} missing; the others are read")
         return tuple(name for name in names if name in there)
 
-    def _guessed(self) -> _Metadata:
+    def _guessed(self, remark: str) -> _Metadata:
         names = sorted(contents_of(self.path)[1], key=natural_key)
         for suffix, storage in _SUFFIXES.items():
             found = [name for name in names if _plain(name).endswith(suffix)]
             if found:
-                self.remark(f"has no {METADATA}, as left by a recorder that was killed")
+                self.remark(remark)
                 return _Metadata(storage, tuple(found), "none", {})
-        raise self.malformed(f"is a folder without {METADATA}, .db3 and .mcap files")
+        raise self.malformed("is a folder without .db3 and .mcap files")
 
     @contextmanager
     def _opened(self, path: Path, storage: str) -> Iterator[Bag]:

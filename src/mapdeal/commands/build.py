@@ -445,13 +445,14 @@ def build(
         Run all methods on one grid and compare them: maps, figures, and pictures of the
         differences.
     resolution : float, optional
-        Side of a cell, metres. [default: 0.05; with --cloud up to 0.2, if points lie apart]
+        Side of a cell, metres. [default: 0.05; with --cloud the distance between
+        points, if that is larger]
     size : tuple of float, optional
         Extent along x and y, metres. [default: what contains all scans]
     origin : tuple of float, optional
         With --size: the lower left corner, metres.
     range_min : float
-        Shorter readings are ignored, metres.
+        Shorter readings are ignored, metres; with --cloud, points nearer to the sensor.
     range_max : float
         Readings at or above this range have hit nothing, metres.
     clear_max : float
@@ -470,7 +471,7 @@ def build(
     frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
     of_cloud = {name: more.pop(name) for name in parameters_of(CloudOptions) if name in more}
     if clouds:
-        ranged = {"range_min": (range_min, 0.0), "range_max": (range_max, 30.0),
+        ranged = {"range_max": (range_max, 30.0),
                   "clear_max": (clear_max, 0.0), "max_bad": (max_bad, DEFAULT_MAX_BAD)}  # fmt: skip
         changed = {name: one for name, (one, usual) in ranged.items() if one != usual}
         refuse(
@@ -480,7 +481,8 @@ def build(
         )  # fmt: skip
         return build_from_clouds(
             clouds, output, work, options=CloudOptions(**of_cloud), resolution=resolution,
-            size=size, origin=origin, layers=layers, poses=poses, topics=topics, frames=frames,
+            size=size, origin=origin, layers=layers, range_min=range_min, poses=poses,
+            topics=topics, frames=frames,
         )  # fmt: skip
     refuse("applies to clouds: it needs --cloud", **of_cloud)
     resolution = 0.05 if resolution is None else resolution

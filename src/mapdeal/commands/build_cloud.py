@@ -23,7 +23,7 @@ from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.build import frame_of
 from mapdeal.mapping.cloud_map import CloudMap, CloudMapper, CloudOptions
 from mapdeal.mapping.transforms import FrameOptions
-from mapdeal.mapping.voxels import FINEST, Tilt, levelled
+from mapdeal.mapping.voxels import FINEST, Tilt, away_from_sensor, upright
 from mapdeal.maps.npz import write_npz
 from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pipeline.folder import written_line
@@ -47,24 +47,20 @@ class _Placed(NamedTuple):
     move: Points | None
     turn: Points | None
 
-    def points(self, up: Points | None, advance: Advance, source: Path) -> Iterator[Points]:
-        """Yield the points in the frame of the map, some at a time."""
+    def points(
+        self, range_min: float, advance: Advance, source: Path
+    ) -> Iterator[tuple[Points, int]]:
+        """Yield points in the frame of the map, and how many were too near to the sensor."""
         for chunk in self.chunks(advance):
             if chunk.shape[1] < 3:
                 rule = "the cloud has no heights: points need x, y and z"
                 raise MalformedInputError(rule, source=source)
-            points = chunk[:, :3]
+            points = away_from_sensor(chunk[:, :3], range_min)
+            dropped = len(chunk) - len(points)
             if self.move is not None and self.turn is not None:
                 with np.errstate(invalid="ignore", over="ignore"):
                     points = rotated(self.turn, points) + self.move
-            yield points if up is None else levelled(points, up)
-
-    def place(self, up: Points | None) -> Points | None:
-        """Return where the sensor was, shape (3,)."""
-        if self.move is None or up is None:
-            return self.move
-        place: Points = levelled(self.move[np.newaxis], up)[0]
-        return place
+            yield points, dropped
 
 
 class _Clouds(NamedTuple):
@@ -89,7 +85,7 @@ def _of_files(names: Sequence[str], poses: Path | None) -> _Clouds:
     moves = turns = places = None
     if poses is not None:
         moves, turns = _poses_in(poses)
-        if len(paths) == 1 and len(moves) > 1:  # a whole map, and where the robot was in it
+        if len(paths) == 1:  # a whole map, and where the robot was in it
             moves, turns, places = None, None, moves
         elif len(moves) != len(paths):
             rule = f"must have a pose for each of {len(paths)} clouds"
@@ -162,7 +158,7 @@ def _of_bag(
 
 def _mapped(
     clouds: _Clouds, options: CloudOptions, resolution: float | None,
-    size: Point | None, origin: Point | None, advance: Advance,
+    size: Point | None, origin: Point | None, range_min: float, advance: Advance,
 ) -> CloudMap:  # fmt: skip
     frame = frame_of(size, origin, FINEST if resolution is None else resolution)
 
@@ -170,28 +166,27 @@ def _mapped(
         claim(clouds.named, count, what=what, hint="--size and --origin bound the map")
 
     mapper = CloudMapper(options, resolution=resolution, frame=frame, claim=claimed)
-    up = None
     with errors_named(clouds.named):
         if options.level:
             tilt = Tilt()
-            for one in clouds.placed():
-                for points in one.points(None, advance, clouds.named):
-                    tilt.add(points)
-            up = mapper.turn(tilt)
-        for one in clouds.placed():
-            mapper.add_place(one.place(up))
-            for points in one.points(up, advance, clouds.named):
+            for cloud in clouds.placed():
+                for points, _ in cloud.points(range_min, advance, clouds.named):
+                    tilt.add(upright(points, options.up))
+            mapper.turn(tilt)
+        for cloud in clouds.placed():
+            mapper.add_place(cloud.move)
+            for points, dropped in cloud.points(range_min, advance, clouds.named):
+                mapper.at_sensor += dropped
                 mapper.add(points)
         for place in () if clouds.places is None else clouds.places:
-            mapper.add_place(place if up is None else levelled(place[np.newaxis], up)[0])
+            mapper.add_place(place)
         mapper.settle(follows_beams=clouds.has_places)
-        for one in clouds.placed() if clouds.has_places else ():
-            place = one.place(up)
-            parts = list(one.points(up, advance, clouds.named))
+        for cloud in clouds.placed() if clouds.has_places else ():
+            parts = [points for points, _ in cloud.points(range_min, advance, clouds.named)]
             count = sum(map(len, parts))
             claim(clouds.named, _OF_SCAN * count, what=f"a cloud of {count} points")
-            if place is not None and parts:
-                mapper.clear(np.concatenate(parts), place)
+            if cloud.move is not None and parts:
+                mapper.clear(np.concatenate(parts), cloud.move)
         made = mapper.result()
     _warn(made, options, clouds.named)
     return made
@@ -202,8 +197,13 @@ def _warn(made: CloudMap, options: CloudOptions, named: Path) -> None:
         text = f"{named}: the floor is tilted by {made.tilt:.1f} degrees: --level turns the cloud"
         emit_warning(text, stacklevel=2)
     if made.overlaid_m2 > 0:
+        heights = ", ".join(f"{height:.2f}" for height in made.storeys)
         text = f"{named}: floors lie above each other on {made.overlaid_m2:.3g} m2"
-        emit_warning(f"{text}: the map shows the lowest", stacklevel=2)
+        text += f": --at X,Y,Z shows another storey, at {heights} m" if heights else ""
+        emit_warning(text, stacklevel=2)
+    if made.may_be_upside_down:
+        text = f"{named}: much hangs from the ceiling, for what stands on the floor: is z down?"
+        emit_warning(f"{text} --up -z turns the cloud, --up z keeps it", stacklevel=2)
     if made.beyond:
         text = f"{named}: {made.beyond} points are too far from the others, and are ignored"
         emit_warning(text, stacklevel=2)
@@ -235,6 +235,8 @@ class CloudBuild(Made):
             f"obstacles {figures['obstacle_m2']:.5g} m2 ({obstacle})"
         )
         low, high = figures["floor_height_min"], figures["floor_height_max"]
+        if figures["at_sensor"]:
+            yield f"  {figures['at_sensor']} points at the sensor are left out"
         yield (
             f"  floor at {low:.2f} to {high:.2f} m, tilted by {figures['tilt_deg']:.2f} degrees; "
             f"noise {figures['noise']:.3f} m, obstacles from {figures['clearance']:.2f} m above it"
@@ -244,7 +246,7 @@ class CloudBuild(Made):
 def build_from_clouds(
     names: Sequence[str], output: Path, work: Work, *, options: CloudOptions,
     resolution: float | None, size: Point | None, origin: Point | None, layers: Path | None,
-    poses: Path | None, topics: Sequence[str], frames: dict[str, Any],
+    range_min: float, poses: Path | None, topics: Sequence[str], frames: dict[str, Any],
 ) -> CloudBuild:  # fmt: skip
     """Make a map of clouds in the shell."""
     frame_of(size, origin, resolution or FINEST)  # what is wrong is said before anything is read
@@ -263,7 +265,7 @@ def build_from_clouds(
         work.outputs += [*output_paths(output), *([layers] if layers is not None else [])]
         transaction = work.begin(clouds.files)
         with work.counted(passes * clouds.steps) as advance:
-            made = _mapped(clouds, options, resolution, size, origin, advance)
+            made = _mapped(clouds, options, resolution, size, origin, range_min, advance)
     write_grid(transaction, output, made.grid)
     if layers is not None:
         transaction.write(layers, lambda file: write_npz(file, made.grid, more=made.layers))
@@ -274,7 +276,8 @@ def build_map_from_clouds(
     paths: str | PathLike[str] | Sequence[str | PathLike[str]], *,
     poses: str | PathLike[str] | None = None, topics: Sequence[str] = (),
     resolution: float | None = None, size: Point | None = None, origin: Point | None = None,
-    max_memory: int | None = None, threads: int | None = None, **options: Any,
+    range_min: float = 0.0, max_memory: int | None = None, threads: int | None = None,
+    **options: Any,
 ) -> CloudMap:  # fmt: skip
     """Build a map from point clouds in files, like ``mapdeal build --cloud``.
 
@@ -288,9 +291,11 @@ def build_map_from_clouds(
     topics : sequence of str
         Topic of a bag that has several.
     resolution : float, optional
-        Side of a cell, metres; by default 0.05, or 0.1 or 0.2 if points lie farther apart.
+        Side of a cell, metres; by default 0.05, or the distance between points if that is larger.
     size, origin : tuple of float, optional
         Extent and lower left corner of the map, metres; by default what contains all that is known.
+    range_min : float
+        Points nearer to the sensor are left out, metres, as are those at the sensor itself.
     max_memory, threads
         As for `run`.
     **options
@@ -325,4 +330,4 @@ def build_map_from_clouds(
             clouds = _of_bag(Path(names[0]), topics, frames, stack, lambda _: None)
         else:
             clouds = _of_files(names, pose_file)
-        return _mapped(clouds, given, resolution, size, origin, lambda _: None)
+        return _mapped(clouds, given, resolution, size, origin, range_min, lambda _: None)

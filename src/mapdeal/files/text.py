@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 from collections.abc import Iterator, Sequence
 from enum import Enum
 from itertools import islice
@@ -82,6 +83,14 @@ def first_line(file: BinaryIO) -> tuple[int, int, str]:
 def delimiter_of(line: str) -> str | None:
     """Return what separates the numbers of a line: a comma, a semicolon, or white space (None)."""
     return next((mark for mark in (",", ";") if mark in line), None)
+
+
+def coordinate_name(word: str) -> str:
+    """Return the name of a column as x, y or z if it is one of these in another spelling."""
+    name = word.strip().strip('"').lower()
+    # VeloView and ParaView name the parts of a point Points_m_XYZ:0 to :2, or Points:0
+    part = re.fullmatch(r"points\w*:([012])", name)
+    return name if part is None else "xyz"[int(part[1])]
 
 
 def is_number(word: str | bytes) -> bool:

@@ -35,7 +35,7 @@ from mapdeal.files.source import (
     memory_limit,
     status_of,
 )
-from mapdeal.files.text import delimiter_of, is_number
+from mapdeal.files.text import coordinate_name, delimiter_of, is_number
 from mapdeal.files.yaml_text import OF_RECIPES, read_mapping
 from mapdeal.maps.images import read_image_size, recognised_format
 
@@ -65,6 +65,7 @@ _OF_ROBOTS = frozenset((
 """Keys of such files that others have, too: two of them make one."""
 _TUM, _PLANAR = 8, 3
 _MOST_OF_A_POINT = 16
+_KITTI_POINT = 16  # bytes
 
 _METADATA = "metadata.yaml"
 _OF_BAGS = (".mcap", ".db3")
@@ -79,7 +80,10 @@ _CLOUD_USE = (
 )
 _SCANS_USE = "mapdeal build {path} -o OUT.yaml makes a map of it"
 _POSES_USE = "--poses {path} gives it to mapdeal build and mapdeal local"
-_BAG_USE = "mapdeal info {path} lists its topics; convert, build and local --cloud take them"
+_BAG_USE = (
+    "mapdeal info {path} lists its topics; convert, build, build --cloud and local --cloud take "
+    "them"
+)
 _PARAMETERS_USE = (
     "mapdeal run MAP -o DIR --params-file {path} takes it, mapdeal lint --params-file {path} "
     "checks it"
@@ -191,6 +195,17 @@ def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
         from mapdeal.sensors.clouds import pcd_figures
 
         return FileKind(CLOUD, "a point cloud (PCD)", _CLOUD_USE, lambda: pcd_figures(path))
+    if head.startswith(b"# Octomap OcTree"):
+        from mapdeal.sensors.clouds import octree_figures
+
+        octree = "an octree of occupied voxels (OctoMap)"
+        return FileKind(CLOUD, octree, _CLOUD_USE, lambda: octree_figures(path))
+    if path.suffix.lower() == ".bin":
+        from mapdeal.sensors.kitti import looks_like_kitti
+
+        if looks_like_kitti(head, status_of(path).st_size):
+            points = {"points": status_of(path).st_size // _KITTI_POINT}
+            return FileKind(CLOUD, "a point cloud (KITTI)", _CLOUD_USE, lambda: points)
     if head.startswith(b"\x93NUMPY"):
         from mapdeal.sensors.clouds import npy_figures
 
@@ -355,8 +370,10 @@ def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
     rows = [row for row in rows if row and not row.startswith("#")]
     if not rows or b"\0" in head:
         return None
+    if len(rows) > 2 and rows[0].isdigit() and len(rows[1].split()) > 1:
+        del rows[0]  # the number of points, as in .pts
     delimiter = delimiter_of(rows[-1])
-    names = [word.strip(' "').lower() for word in rows[0].removeprefix("//").split(delimiter)]
+    names = [coordinate_name(word) for word in rows[0].removeprefix("//").split(delimiter)]
     if not names:
         return None
     if is_number(names[0]):

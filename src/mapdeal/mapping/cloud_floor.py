@@ -1,7 +1,8 @@
-"""The floor of a building in its point cloud: level patches that a robot can drive between.
+"""The levels of a building in its point cloud: patches that a robot can drive between.
 
 Thin layers of voxels with room above them become patches, planes over tiles of some cells. Those
-that meet within a step and a slope that a robot drives over make floors; one of these is chosen.
+that meet within a step and a slope that a robot drives over make levels, which lie above each place
+once. `mapdeal.mapping.cloud_evidence` chooses the floor among them.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.components import least_joined
 from mapdeal.kernels.polygons import enumerated
@@ -22,7 +22,7 @@ from mapdeal.mapping.voxels import AT_ONCE, Claim, Columns, median
 _RUN_GAP = 0.12  # metres between voxels of a column that belong together
 _THIN = 0.05  # standard deviation of the heights of a surface within a cell, metres, at most
 TILE = 0.25  # metres: side of a tile, about
-_SHARE_OF_MOST = 0.2  # of the cells of the largest patch of a tile, that others have
+_SHARE_OF_MOST = 0.2  # of the cells of a tile's largest patch, that others near it have
 _FAR = 1.0  # metres between patches of floor that may belong together
 _REACH = 3.0  # metres around the floor at which its height is still known
 
@@ -103,13 +103,24 @@ def _planes(
     along_y = (yz * xx - xz * xy) / determinant
     spread = np.sqrt(np.maximum(zz - along_x * xz - along_y * yz, 0.0) / n)
     steep = np.hypot(along_x, along_y) > math.tan(math.radians(limits.max_slope))
-    # a few points above or below a surface are none
+    # a few points above or below a surface are none; but a ceiling may have far more than a floor
     in_tile = np.cumsum(np.diff(key[at], prepend=-1) != 0) - 1
-    most = np.zeros(len(at))
-    np.maximum.at(most, in_tile, n)
-    good = (n >= 2) & (n >= _SHARE_OF_MOST * most[in_tile]) & ~steep
+    is_large = n >= _SHARE_OF_MOST * _most(n, in_tile)
+    is_apart = np.diff(mz, prepend=mz[0]) >= limits.robot_height
+    storey = np.cumsum((np.diff(in_tile, prepend=-1) != 0) | is_apart) - 1
+    is_dense = np.zeros(len(at), np.bool_)
+    is_dense[storey[is_large]] = True
+    is_large |= ~is_dense[storey] & (n >= _SHARE_OF_MOST * _most(n, storey))
+    good = (n >= 2) & is_large & ~steep
     middle_z = mz - along_x * mx - along_y * my
     return row[at] // tile, col[at] // tile, middle_z, along_x, along_y, n, spread, good
+
+
+def _most(counts: Floats, groups: Integers) -> Floats:
+    """Return the largest count of the group of each."""
+    most = np.zeros(len(counts))
+    np.maximum.at(most, groups, counts)
+    return np.asarray(most[groups])
 
 
 def _ordered(*keys: Integers) -> Integers:
@@ -163,8 +174,8 @@ _FEW = 5  # points or cells, from which a spread says something
 _LEAST_THIN, _TIMES_TYPICAL = 0.02, 2.5
 
 
-def _joined(patches: Patches, side: float, climb: float) -> Integers:
-    """Return for each patch the first of all that can be reached from it over patches."""
+def _links_of(patches: Patches, side: float, climb: float) -> tuple[Integers, Integers]:
+    """Return pairs of patches between which a robot can drive."""
     far = max(1, round(_FAR / side))
     width = int(patches.col.max() - patches.col.min()) + 1 + 2 * far
     key = (patches.row - patches.row.min()) * width + patches.col - patches.col.min()
@@ -202,7 +213,140 @@ def _joined(patches: Patches, side: float, climb: float) -> Integers:
     ]  # fmt: skip
     one = np.concatenate([one, *(a for a, _ in found)])
     other = np.concatenate([other, *(b for _, b in found)])
-    return least_joined(one, other, len(key))
+    return one, other
+
+
+def _lacks_room(patches: Patches, limits: Limits) -> Mask:
+    """Return which patches, in order of tiles and heights, lie below others with no room between.
+
+    The underside of a slab shows between points on its top. Rims, as at ledges, are left.
+    """
+    key = (patches.row - patches.row.min() + 1) * _WIDTH + patches.col - patches.col.min()
+    rise = np.diff(patches.z, append=np.inf)
+    is_below = (np.diff(key, append=-1) == 0) & (rise > limits.gap) & (rise <= limits.robot_height)
+    covered, beside = np.append(key[is_below], np.iinfo(np.int64).max), np.zeros(len(key), np.int8)
+    for step in (1, _WIDTH - 1, _WIDTH, _WIDTH + 1):
+        for neighbour in (key + step, key - step):
+            beside += covered[np.searchsorted(covered, neighbour)] == neighbour
+    return np.asarray(is_below & (beside >= _MOST_AT_A_RIM))
+
+
+_WIDTH = 1 << 32
+_MOST_AT_A_RIM = 4  # of the 8 tiles around
+
+
+class Levels:
+    """Patches of a cloud, and the level that each belongs to."""
+
+    def __init__(self, patches: Patches, side: float, limits: Limits) -> None:
+        patches = patches.chosen(np.lexsort((patches.z, patches.col, patches.row)))
+        self.patches = patches.chosen(~_lacks_room(patches, limits))
+        self.side, self.limits = side, limits
+        self._links = _links_of(self.patches, side, max(limits.climb, 0.7 * limits.steps))
+        row, col, z = self.patches[:3]
+        is_new = (np.diff(row, prepend=-1) != 0) | (np.diff(col, prepend=-1) != 0)
+        is_new[0] = True
+        self.tile = np.cumsum(is_new) - 1
+        self._connected = least_joined(*self._links, len(z))
+        self.label = self._connected.copy()
+        self._split()
+
+    def area(self) -> Floats:
+        """Return the area of each label, square metres: 0 without a level."""
+        return np.asarray(np.bincount(self.label) * self.side**2)
+
+    def _split(self) -> None:
+        """Split levels that lie above themselves, such as two storeys and a ramp."""
+        sizes = np.bincount(self.label)
+        is_open = sizes[self.label] >= _LEAST_SPLIT * sizes.max()
+        for _ in range(_MOST_STOREYS):
+            is_open &= np.isin(self.label, self.label[self._is_above_own(is_open)])
+            if not is_open.any():
+                return
+            lowest = is_open & ~self._is_above_own(is_open, 0.0)
+            groups = self._joined(lowest)
+            sizes = np.bincount(groups[lowest], minlength=len(groups))
+            for label in np.unique(self.label[is_open]).tolist():
+                own = is_open & (self.label == label)
+                largest = int(np.where(own, sizes[: len(own)], -1).argmax())
+                sheet = self._grown(lowest & (groups == largest), own)
+                remaining = own & ~sheet
+                self.label[sheet] = int(np.flatnonzero(sheet)[0])
+                self.label[remaining] = self._joined(remaining)[remaining]
+                is_open &= ~sheet
+
+    def _is_above_own(self, chosen: Mask, room: float | None = None) -> Mask:
+        """Return which patches lie above another one of their level by more than some room."""
+        room = self.limits.robot_height if room is None else room
+        at = np.flatnonzero(chosen)
+        at = at[np.lexsort((self.patches.z[at], self.tile[at], self.label[at]))]
+        tile, label, z = self.tile[at], self.label[at], self.patches.z[at]
+        is_new = (np.diff(tile, prepend=-1) != 0) | (np.diff(label, prepend=-1) != 0)
+        first = np.flatnonzero(is_new)[np.cumsum(is_new) - 1]
+        found = np.zeros(len(chosen), np.bool_)
+        found[at] = (first != np.arange(len(at))) & (z - z[first] > room)
+        return found
+
+    def _joined(self, chosen: Mask) -> Integers:
+        """Return for each of some patches the first that it hangs together with."""
+        first, second = self._links
+        both = chosen[first] & chosen[second]
+        return least_joined(first[both], second[both], len(chosen))
+
+    def _grown(self, seeds: Mask, allowed: Mask) -> Mask:
+        """Return the patches that are reached from seeds, one above each place."""
+        first, second = self._links
+        both = allowed[first] & allowed[second]
+        first, second = np.append(first[both], second[both]), np.append(second[both], first[both])
+        order = np.argsort(first, kind="stable")
+        first, second = first[order], second[order]
+        claimed = np.full(int(self.tile[-1]) + 1, np.nan)
+        grown = np.zeros(len(seeds), np.bool_)
+        edge = np.flatnonzero(seeds)
+        while len(edge):
+            unclaimed = edge[np.isnan(claimed[self.tile[edge]])][::-1]  # the lowest of a tile last
+            claimed[self.tile[unclaimed]] = self.patches.z[unclaimed]
+            edge = edge[np.abs(self.patches.z[edge] - claimed[self.tile[edge]]) <= self.limits.gap]
+            grown[edge] = True
+            starts, stops = (np.searchsorted(first, edge, side) for side in ("left", "right"))
+            edge = np.unique(second[enumerated(starts, stops)[1]])
+            edge = edge[~grown[edge]]
+        return grown
+
+    def floor_from(
+        self, level: int, claim: Claim
+    ) -> tuple[Tiles, Patches, tuple[float, tuple[float, ...]]]:
+        """Return the floor that goes on from a level; area and heights of its storeys elsewhere."""
+        seeds = self.label == level
+        allowed = self._connected == self._connected[level]
+        main = seeds if (seeds == allowed).all() else self._grown(seeds, allowed)
+        elsewhere, patches = np.flatnonzero(allowed & ~main), self.patches
+        overlaid = len(np.unique(self.tile[elsewhere])) * self.side**2
+        sizes = np.bincount(self.label[elsewhere])
+        large = np.flatnonzero(sizes > _LEAST_STOREY * np.count_nonzero(main))
+        heights = sorted(
+            median(patches.z[elsewhere][self.label[elsewhere] == first]) for first in large
+        )
+        apart = np.diff(heights, append=np.inf) > self.limits.robot_height  # slabs have two sides
+        storeys = tuple(np.array(heights)[apart].tolist())
+        for _ in range(_ROUNDS):
+            tiles = _raster(patches.chosen(main), self.side, self.limits, claim)
+            at = patches.row - tiles.first_row, patches.col - tiles.first_col
+            inside = ~main & (at[0] >= 0) & (at[1] >= 0)
+            inside &= (at[0] < tiles.z.shape[0]) & (at[1] < tiles.z.shape[1])
+            some = np.flatnonzero(inside)
+            rise = np.abs(patches.z[some] - tiles.z[at[0][some], at[1][some]])
+            more = some[rise <= self.limits.climb]
+            if not len(more):
+                break
+            main[more] = True
+        return tiles, patches.chosen(main), (overlaid, storeys)
+
+
+_MOST_STOREYS = 16
+_LEAST_STOREY = 0.1  # of the patches of the floor
+_LEAST_SPLIT = 0.02  # of the patches of the largest level, that one has which is looked at
+_ROUNDS = 5
 
 
 class Tiles(NamedTuple):
@@ -214,6 +358,7 @@ class Tiles(NamedTuple):
     along_x: Floats
     along_y: Floats
     upper: Floats  # of a second floor within the robot's height, at a ledge; else nan
+    away: Floats  # metres to the nearest tile with a patch; inf beyond some
 
     def box(self, tile: int) -> tuple[int, int, int, int]:
         """Return the first row and column of cells, and those behind the last."""
@@ -222,40 +367,7 @@ class Tiles(NamedTuple):
         return row, col, row + height * tile, col + width * tile
 
 
-def floor_of(
-    patches: Patches, side: float, limits: Limits, places: Floats | None, claim: Claim
-) -> tuple[Tiles, float, float]:
-    """Return the floor, the share of it that lies above itself, and its tilt in radians."""
-    if not len(patches.z):
-        rule = "no floor found: nothing in it is level and has room above it"
-        hint = "heights must be along z, in metres; --level turns a tilted cloud"
-        raise MalformedInputError(rule, hint=hint)
-    claim(400 * len(patches.z), f"{len(patches.z)} patches of surfaces")
-    order = np.lexsort((patches.z, patches.col, patches.row))
-    patches = patches.chosen(order)
-    label = _joined(patches, side, max(limits.climb, 0.7 * limits.steps))
-    main = label == _level_of(patches, label, side, places)
-    for _ in range(_ROUNDS):
-        tiles = _raster(patches.chosen(main), side, limits, claim)
-        at = patches.row - tiles.first_row, patches.col - tiles.first_col
-        inside = ~main & (at[0] >= 0) & (at[1] >= 0)
-        inside &= (at[0] < tiles.z.shape[0]) & (at[1] < tiles.z.shape[1])
-        some = np.flatnonzero(inside)
-        rise = np.abs(patches.z[some] - tiles.z[at[0][some], at[1][some]])
-        more = some[rise <= limits.climb]
-        if not len(more):
-            break
-        main[more] = True
-    own = patches.chosen(main)
-    same = (np.diff(own.row) == 0) & (np.diff(own.col) == 0)
-    overlaid = int((same & (np.diff(own.z) > limits.robot_height)).sum())
-    return tiles, overlaid * side * side, _tilt_of(own, side)
-
-
-_ROUNDS = 5
-
-
-def _tilt_of(own: Patches, side: float) -> float:
+def tilt_of(own: Patches, side: float) -> float:
     """Return the tilt of the plane that most of the floor lies on, radians."""
     # Each patch by itself is level where heights are coarse. Least trimmed squares, so that ramps
     # do not count, from several heights, so that of two levels one does: P. Rousseeuw, "Least
@@ -291,39 +403,6 @@ def _above(own: Patches, along_x: float, along_y: float, side: float) -> Floats:
     return np.asarray(own.z - side * (along_x * own.col + along_y * own.row))
 
 
-def _level_of(patches: Patches, label: Integers, side: float, places: Floats | None) -> int:
-    """Return the label of the floor: what is under the robot, or the largest with nothing below."""
-    support = np.bincount(label, patches.support)
-    if places is not None and len(places):
-        rows, cols = (places[:, 1] / side, places[:, 0] / side)
-        under = np.zeros(len(support))
-        for row, col, z in zip(rows.tolist(), cols.tolist(), places[:, 2].tolist(), strict=True):
-            near = (np.abs(patches.row + 0.5 - row) <= 4) & (np.abs(patches.col + 0.5 - col) <= 4)
-            near &= (patches.z <= z + _ABOVE) & (patches.z >= z - _BELOW)
-            under += np.bincount(label[near], patches.support[near], len(support))
-        if under.any():
-            return int(under.argmax())
-    # ceilings, and upper storeys, have a large level below them; patches are in order of height
-    large = np.flatnonzero((support >= _LARGE * support.max())[label])
-    is_new = (np.diff(patches.row[large], prepend=patches.row[large[0]] - 1) != 0) | (
-        np.diff(patches.col[large], prepend=0) != 0
-    )
-    lowest = label[large][np.flatnonzero(is_new)][np.cumsum(is_new) - 1]
-    other = large[lowest != label[large]]
-    above = np.bincount(label[other], patches.support[other], len(support))
-    ground = np.where(above <= _OVER_OTHERS * support, support, 0.0)
-    if ground.any():
-        return int(ground.argmax())
-    return int(np.bincount(lowest).argmax())
-
-
-_LARGE = 0.1  # of the cells of the largest level
-_OVER_OTHERS = 0.1  # of the cells of a level that may lie above another one
-
-_ABOVE = 0.3  # metres of the floor above a sensor: poses may be those of the robot's base
-_BELOW = 3.0  # metres from a sensor down to the floor that its robot stands on, at most
-
-
 def _raster(patches: Patches, side: float, limits: Limits, claim: Claim) -> Tiles:
     margin = math.ceil(_REACH / side)
     first_row, first_col = int(patches.row.min()) - margin, int(patches.col.min()) - margin
@@ -355,7 +434,8 @@ def _raster(patches: Patches, side: float, limits: Limits, claim: Claim) -> Tile
     upper = np.fmax(layers[3], highest)
     with np.errstate(invalid="ignore"):
         is_ledge = (upper - z > _LEDGE * limits.gap) & (upper - z <= limits.robot_height)
-    return Tiles(first_row, first_col, z, along_x, along_y, np.where(is_ledge, upper, np.nan))
+    upper[~is_ledge] = np.nan
+    return Tiles(first_row, first_col, z, along_x, along_y, upper, away * side)
 
 
 def _nearest(known: Mask, reach: int) -> tuple[Floats, Integers, Integers]:
@@ -401,7 +481,7 @@ def heights_of(
 ) -> Floats:
     """Return the floor's height in cells of rows and columns, nan where it is not known."""
     height, width = tiles.z.shape
-    own_r, own_c, inside = _tile_of(tiles, tile, rows, cols)
+    own_r, own_c, inside = tile_of(tiles, tile, rows, cols)
     own = _plane(tiles, tile, cell, rows, cols, own_r, own_c)
     own[~inside] = np.nan
     up, right = (
@@ -427,7 +507,7 @@ def heights_of(
 
 def uppers_of(tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Integers) -> Floats:
     """Return the height of a second floor at ledges, nan elsewhere."""
-    r, c, inside = _tile_of(tiles, tile, rows, cols)
+    r, c, inside = tile_of(tiles, tile, rows, cols)
     upper = np.where(inside, tiles.upper[r, c], np.nan)
     at = np.flatnonzero(np.isfinite(upper))
     r, c = r[at], c[at]
@@ -437,12 +517,12 @@ def uppers_of(tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Intege
 
 
 def slopes_of(tiles: Tiles, tile: int, rows: Integers, cols: Integers) -> NDArray[np.float32]:
-    r, c, inside = _tile_of(tiles, tile, rows, cols)
+    r, c, inside = tile_of(tiles, tile, rows, cols)
     rise = np.hypot(tiles.along_x, tiles.along_y).astype(np.float32)
     return np.where(inside, rise[r, c], np.float32(np.nan))
 
 
-def _tile_of(
+def tile_of(
     tiles: Tiles, tile: int, rows: Integers, cols: Integers
 ) -> tuple[Integers, Integers, Mask]:
     """Return row and column of the tile of each cell, and whether there is one."""

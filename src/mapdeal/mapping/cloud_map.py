@@ -16,38 +16,43 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapdeal.command import ABOVE_0, AT_LEAST_0, AT_LEAST_1, METRES, Condition, Unit, parameters_of
+from mapdeal.command import (
+    ABOVE_0,
+    AT_LEAST_0,
+    AT_LEAST_1,
+    METRES,
+    Condition,
+    Unit,
+    Words,
+    parameters_of,
+)
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.frame import Figures, Frame, Region, check_resolution
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, Drawn
 from mapdeal.kernels.arrays import Floats, Mask
-from mapdeal.kernels.components import touching_groups
+from mapdeal.kernels.components import labelled, touching_groups
 from mapdeal.kernels.sensing import count_rays
 from mapdeal.kernels.threads import for_rows
-from mapdeal.mapping.cloud_floor import (
-    TILE,
-    Limits,
-    Tiles,
-    floor_of,
-    heights_of,
-    patches_of,
-    slopes_of,
-    uppers_of,
-)
+from mapdeal.mapping.cloud_evidence import Floor, floor_in, stated_floor
+from mapdeal.mapping.cloud_floor import TILE, Limits, heights_of, slopes_of, uppers_of
 from mapdeal.mapping.voxels import (
     FINEST,
     Claim,
     Columns,
     Tilt,
     Voxels,
+    away_from_sensor,
     check_extent,
+    check_upright,
     fitting,
     levelled,
     steps_of,
+    upright,
 )
 
 Drops = Literal["occupied", "unknown"]
+Up = Literal["z", "-z", "y", "-y", "x", "-x"]
 DEGREES = Unit("degrees", "DEGREES")
 _SLOPE = Condition("above 0 and below 60", lambda value: 0 < value < 60)
 
@@ -72,6 +77,12 @@ class CloudOptions:
         Widest gap between seen pieces of floor that becomes free, metres.
     level : bool
         Turn the cloud so that its floor is level; by up to 40 degrees.
+    up : {'z', '-z', 'y', '-y', 'x', '-x'}, optional
+        Axis of the cloud that points up. By default z, unless the cloud contradicts it.
+    floor : float, optional
+        Height of a floor that is not in the cloud, metres. Cells without points stay unknown.
+    at : tuple of float, optional
+        Place on the storey that is wanted, metres; by default the lowest.
     """
 
     climb: Annotated[float, ABOVE_0, METRES] = 0.05
@@ -81,10 +92,16 @@ class CloudOptions:
     min_points: Annotated[int, AT_LEAST_1] = 3
     fill: Annotated[float, AT_LEAST_0, METRES] = 0.15
     level: bool = False
+    up: Up | None = None
+    floor: Annotated[float | None, Words("Z"), METRES] = None
+    at: Annotated[tuple[float, float, float] | None, Words("X,Y,Z")] = None
 
     def __post_init__(self) -> None:
         for name, one in parameters_of(CloudOptions).items():
             object.__setattr__(self, name, one.accept(getattr(self, name)))
+        if self.floor is not None and self.at is not None:
+            rule = "cannot be given together with floor"
+            raise ParameterError(rule, place="at", got=self.at)
         if self.robot_height <= self.climb:
             rule = f"must be above climb, {self.climb:g}"
             raise ParameterError(rule, place="robot_height", got=self.robot_height)
@@ -112,7 +129,13 @@ class CloudMap(Drawn):
     clearance : float
         Height above the floor from which points are obstacles, metres.
     overlaid_m2 : float
-        Where floors lie above each other, square metres; the map shows the lowest.
+        Where other storeys lie above or below the one that the map shows, square metres.
+    storeys : tuple of float
+        Heights of these storeys, metres.
+    may_be_upside_down : bool
+        Whether too much hangs from the ceiling, compared with things on the floor.
+    at_sensor : int
+        Points at the sensor itself, or nearer to it than asked for, which are left out.
     cleared : int
         Cells whose points were cleared by beams that passed later or more often.
     """
@@ -126,6 +149,9 @@ class CloudMap(Drawn):
     noise: float
     clearance: float
     overlaid_m2: float
+    storeys: tuple[float, ...] = ()
+    may_be_upside_down: bool = False
+    at_sensor: int = 0
     cleared: int = 0
 
     def figures(self) -> Figures:
@@ -142,6 +168,7 @@ class CloudMap(Drawn):
             "points": self.points,
             "not_finite": self.not_finite,
             "beyond": self.beyond,
+            "at_sensor": self.at_sensor,
             **{f"{name}_share": round(n / max(values.size, 1), 6) for name, n in counts.items()},
             **{f"{name}_m2": round(n * area, 4) for name, n in counts.items()},
             "floor_height_min": round(least, 4),
@@ -150,6 +177,7 @@ class CloudMap(Drawn):
             "noise": round(self.noise, 4),
             "clearance": round(self.clearance, 4),
             "overlaid_m2": round(self.overlaid_m2, 4),
+            "storeys": [round(height, 3) for height in self.storeys],
             "cleared": self.cleared,
         }
 
@@ -172,13 +200,18 @@ class _Seen:
     highest: NDArray[np.float32]  # of each slab of height
     clearance: float
     noise: float
+    spacing: float  # metres between points on the floor
+    is_stated: bool
+    is_above_others: bool
 
 
+_MOST_FAR = 0.4  # of the points
 _SEEDS = 200  # places of the robot that are looked under
 _SLAB = 0.2  # metres of height whose points beams clear together
 _LOW = 0.4  # metres above the floor, below which all that moves has a part
 _SHORTEST = 2.0  # cells: shorter beams clear nothing
 _LEVEL = 1e-6
+_TOGETHER = 1 << 16  # cells of a row that are worked on together
 _PER_CELL = 80
 _PER_SLAB = 24
 
@@ -191,7 +224,7 @@ class CloudMapper:
     options : CloudOptions, optional
         What is free and what is occupied.
     resolution : float, optional
-        Side of a cell, metres; by default 0.05, or up to 0.2 if points lie farther apart.
+        Side of a cell, metres; by default 0.05, or the distance between points if that is larger.
     frame : Frame, optional
         Cells of the map, without a yaw; by default those that hold what is known.
     claim : callable, optional
@@ -219,19 +252,22 @@ class CloudMapper:
         self._seen: _Seen | None = None
         self._places: list[Floats] = []
         self._scans: NDArray[np.int32] | None = None  # that hit, and that passed, of each slab
-        self._turned: float | None = None
-        self._tilt = self._overlaid_m2 = 0.0
+        self._level: Floats | None = None  # which way is up
+        self.at_sensor = 0
+        self._floor: Floor | None = None
 
-    def turn(self, tilt: Tilt) -> Floats:
-        """Return which way is up, for `levelled`, and remember by how much points are turned."""
-        up = tilt.up()
-        self._turned = math.acos(min(1.0, float(up[2])))
-        return up
+    def turn(self, tilt: Tilt) -> None:
+        """Level all points that are added, of which a tilt is known."""
+        self._level = tilt.up()
+
+    def _upright(self, points: Floats) -> Floats:
+        turned = upright(points, self.options.up)
+        return turned if self._level is None else levelled(turned, self._level)
 
     def add_place(self, place: ArrayLike | None) -> None:
         """Add a place at which the sensor was, shape (3,): the floor is below it."""
         if place is not None:
-            self._places.append(np.asarray(place, dtype=np.float64))
+            self._places.append(self._upright(np.array(place, np.float64)[np.newaxis])[0])
 
     def add(self, points: ArrayLike) -> None:
         """Add points, shape (N, 3), metres."""
@@ -239,7 +275,9 @@ class CloudMapper:
         if points.ndim != 2 or points.shape[1] < 3:
             rule = "the cloud has no heights: points need x, y and z"
             raise MalformedInputError(rule)
-        self._voxels.add(points)
+        away = away_from_sensor(points[:, :3])
+        self.at_sensor += len(points) - len(away)
+        self._voxels.add(self._upright(away))
 
     def settle(self, *, follows_beams: bool = False) -> None:
         """Find the floor, and what stands on it; no more points can be added.
@@ -256,7 +294,7 @@ class CloudMapper:
         voxels, options = self._voxels, self.options
         columns = voxels.columns()
         bad, far = voxels.not_finite, voxels.beyond
-        if 2 * far > voxels.points - bad:
+        if far > _MOST_FAR * (voxels.points - bad):
             rule = f"{far} of {voxels.points} points are far apart"
             hint = "are its coordinates in millimetres? they must be metres"
             raise MalformedInputError(rule, hint=hint)
@@ -270,19 +308,25 @@ class CloudMapper:
         steps = steps_of(columns)
         limits = Limits(options.climb, options.robot_height, options.max_slope, steps)
         tile = max(3, round(TILE / columns.cell))
-        side = tile * columns.cell
-        patches = patches_of(columns, tile, limits)
-        places = None
-        if self._places:
-            chosen = np.array(self._places[:: max(1, len(self._places) // _SEEDS)])
-            places = chosen - np.array([*columns.corner, 0.0])
-        tiles, self._overlaid_m2, self._tilt = floor_of(patches, side, limits, places, self._claim)
-        return self._measured(columns, tiles, tile, limits.gap, follows_beams=follows_beams)
+        corner = np.array([*columns.corner, 0.0])
+        if options.floor is not None:
+            floor = stated_floor(columns, tile, options.floor, self._claim)
+        else:
+            if options.up is None:
+                check_upright(columns)
+            chosen = self._places[:: max(1, len(self._places) // _SEEDS)]
+            places = np.reshape(chosen, (-1, 3)) - corner
+            at = None if options.at is None else np.array(options.at) - corner
+            floor = floor_in(columns, tile, limits, places, at, self._claim)
+        self._floor = floor
+        return self._measured(columns, floor, tile, limits, follows_beams=follows_beams)
 
     def _measured(
-        self, columns: Columns, tiles: Tiles, tile: int, gap: float, *, follows_beams: bool
-    ) -> _Seen:
+        self, columns: Columns, floor_found: Floor, tile: int, limits: Limits, *,
+        follows_beams: bool,
+    ) -> _Seen:  # fmt: skip
         options, cell = self.options, columns.cell
+        tiles, gap = floor_found.tiles, limits.gap
         if self._frame is None:
             row, col, last_row, last_col = tiles.box(tile)
             row, col = max(row, int(columns.row.min())), max(col, int(columns.col.min()))
@@ -307,8 +351,11 @@ class CloudMapper:
 
         def fill(part: slice) -> None:
             some = np.arange(part.start + row, part.stop + row)[:, np.newaxis]
-            surface[part] = heights_of(tiles, tile, cell, some, all_cols, options.climb)
-            slope[part] = slopes_of(tiles, tile, some, all_cols)
+            for first in range(0, width, _TOGETHER):  # rows may be very long
+                here = part, slice(first, first + _TOGETHER)
+                beside = all_cols[here[1]]
+                surface[here] = heights_of(tiles, tile, cell, some, beside, options.climb)
+                slope[here] = slopes_of(tiles, tile, some, beside)
 
         for_rows(fill, (height, width))
         floor, out = surface.ravel()[flat], np.flatnonzero(~inside)
@@ -334,7 +381,8 @@ class CloudMapper:
         floor[is_upper] = upper[is_upper]
         known = inside & np.isfinite(floor)
         surface.ravel()[flat[known]] = floor[known]
-        noise = _noise(columns, floor)
+        noise = 0.0 if floor_found.is_stated else _noise(columns, floor, options.robot_height)
+        half = limits.steps / 2 if limits.steps > 1.5 * self._voxels.step else 0.0  # of a voxel
         clear = max(gap, 3 * noise)
         tall = (options.robot_height - clear) / slabs
         on_floor, below, points = np.zeros((3, height, width), np.int32)
@@ -349,7 +397,7 @@ class CloudMapper:
                 (points, part.counts),
             ):
                 layer.ravel()[cells] = np.add.reduceat(counted, part.starts)[kept]
-            is_high = (heights > clear) & (heights <= options.robot_height)
+            is_high = (heights > clear) & (heights <= options.robot_height + half)
             stands = np.flatnonzero(is_high & np.repeat(kept, part.lengths()))
             above = heights[stands]
             slab = np.minimum(((above - clear) / tall).astype(np.int64), slabs - 1)
@@ -358,7 +406,8 @@ class CloudMapper:
             highest.ravel()[at] = above  # the last, and so the highest voxel of a column stays
         return _Seen(
             frame, surface.astype(np.float32), slope, on_floor, below, points,
-            obstacles, highest, clear, noise,
+            obstacles, highest, clear, noise, floor_found.spacing, floor_found.is_stated,
+            floor_found.is_above_others,
         )  # fmt: skip
 
     def clear(self, points: ArrayLike, place: ArrayLike) -> None:
@@ -374,7 +423,8 @@ class CloudMapper:
         self.settle(follows_beams=True)
         seen = self._seen
         assert seen is not None  # noqa: S101 - settled
-        ends, start = np.asarray(points, dtype=np.float64)[:, :3], np.asarray(place, np.float64)
+        ends = self._upright(np.asarray(points, dtype=np.float64)[:, :3])
+        start = self._upright(np.array(place, np.float64)[np.newaxis])[0]
         frame, cell = seen.frame, seen.frame.resolution
         corner = np.array(frame.origin[:2])
         ends = ends[np.isfinite(ends).all(axis=1)]
@@ -431,8 +481,10 @@ class CloudMapper:
             If there are no points, or no floor is found.
         """
         self.settle()
-        seen, options, voxels = self._seen, self.options, self._voxels
-        assert seen is not None  # noqa: S101 - settled
+        seen, floor_found, options, voxels = self._seen, self._floor, self.options, self._voxels
+        assert seen is not None and floor_found is not None  # noqa: S101, PT018 - settled
+        up = None if self._level is None else float(self._level[2])
+        tilt = floor_found.tilt if up is None else math.acos(min(1.0, up))
         counts = seen.obstacles.sum(axis=0, dtype=np.int32)
         highest, cleared = seen.highest.max(axis=0), 0
         passed = np.zeros(seen.frame.shape, np.bool_)
@@ -462,9 +514,11 @@ class CloudMapper:
         }
         layers = {name: layer[rows, cols].copy() for name, layer in layers.items()}
         return CloudMap(
-            grid, layers, voxels.points, voxels.not_finite, voxels.beyond,
-            math.degrees(self._tilt if self._turned is None else self._turned),
-            seen.noise, seen.clearance, self._overlaid_m2, cleared,
+            grid, layers, voxels.points + self.at_sensor, voxels.not_finite, voxels.beyond,
+            math.degrees(tilt),
+            seen.noise, seen.clearance, floor_found.overlaid_m2, floor_found.storeys,
+            floor_found.may_be_ceiling and options.up is None,
+            self.at_sensor, cleared,
         )  # fmt: skip
 
 
@@ -487,14 +541,33 @@ def _states(
     lower = (seen.below > 0) & (on_floor == 0) & ~occupied
     lower &= _around(seen.below) >= options.min_points
     _drop_lone(lower, seen.below, on_floor, 3 * options.min_points)
+    gap = math.floor(min(options.fill / seen.frame.resolution + 1e-6, max(floor.shape)))
+    if seen.is_above_others:  # the storey below is seen through gaps between points
+        lower &= ~_closed(floor, max(gap, math.ceil(_gap_of_sparse(seen))))
     if options.drops == "occupied":
         occupied |= lower | (_ledges(seen.floor, floor, seen.clearance) & floor)
         floor &= ~occupied
-    gap = math.floor(min(options.fill / seen.frame.resolution + 1e-6, max(floor.shape)))
-    for wide, where in ((gap, ~lower), (3 * gap, passed & ~lower)):
+    may_be_floor = ~lower & ~occupied & np.isfinite(seen.floor)
+    for wide, where in ((gap, may_be_floor), (3 * gap, passed & may_be_floor)):
         if wide and where.any():
-            floor |= _closed(floor, wide) & where & ~occupied & np.isfinite(seen.floor)
+            floor |= _closed(floor, wide) & where
+    if seen.is_stated:
+        floor |= passed & may_be_floor
+    elif seen.spacing > _SPARSE * seen.frame.resolution:
+        wide = math.ceil(_gap_of_sparse(seen))
+        beside = _around(occupied.astype(np.int32)) > 0  # whose points may be feet of walls
+        between = labelled(_closed(floor | occupied, wide) & may_be_floor, corners=False)
+        floor |= between.cells_of(between.touched_by(floor & ~beside))
     return occupied, floor
+
+
+def _gap_of_sparse(seen: _Seen) -> float:
+    """Return how wide gaps between points on the floor are by chance, in cells."""
+    return _GAP_OF_SPARSE * seen.spacing / seen.frame.resolution
+
+
+_SPARSE = 1.5  # cells between points on a floor, from which on there are gaps everywhere
+_GAP_OF_SPARSE = 2.5  # times the distance between points: one gap of 500 is as wide by chance
 
 
 def _drop_lone(
@@ -571,12 +644,15 @@ def _box_of(known: Mask) -> Region:
 MARGIN = 2  # cells around what is known, where there are any
 
 
-def _noise(columns: Columns, floor: Floats) -> float:
+def _noise(columns: Columns, floor: Floats, robot_height: float) -> float:
     """Return the standard deviation of points from the floor that they lie on, metres."""
     found = np.zeros(_BINS + 1)
     for which, part in columns.parts():
-        away = np.abs(part.above(floor[which]))
-        near = np.flatnonzero(away < _NEAR_FLOOR)
+        heights = part.above(floor[which])
+        away = np.abs(heights)
+        stands = (heights > _NEAR_FLOOR) & (heights <= robot_height)  # whose feet are not floor
+        is_open = ~np.logical_or.reduceat(stands, part.starts)
+        near = np.flatnonzero((away < _NEAR_FLOOR) & np.repeat(is_open, part.lengths()))
         bins = (away[near] * (_BINS / _NEAR_FLOOR)).astype(np.int64)
         found += np.bincount(bins, part.counts[near], len(found))
     if not found.any():
@@ -603,7 +679,7 @@ def cloud_map(
     points : array_like of float, shape (N, 3)
         x, y and z, metres, with z up.
     resolution : float, optional
-        Side of a cell, metres; by default 0.05, or 0.1 or 0.2 if points lie farther apart.
+        Side of a cell, metres; by default 0.05, or the distance between points if that is larger.
     frame : Frame, optional
         Cells of the map, without a yaw; by default those that hold what is known.
     **options
@@ -626,7 +702,7 @@ def cloud_map(
     mapper = CloudMapper(given, resolution=resolution, frame=frame)
     if given.level and points.ndim == 2 and points.shape[1] >= 3:
         tilt = Tilt()
-        tilt.add(points)
-        points = levelled(points, mapper.turn(tilt))
+        tilt.add(upright(points[:, :3], given.up))
+        mapper.turn(tilt)
     mapper.add(points)
     return mapper.result()

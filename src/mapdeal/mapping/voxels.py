@@ -17,7 +17,7 @@ Claim = Callable[[int, str], object]
 """Called with bytes that are about to be taken, and what for; it may raise an error."""
 
 FINEST = 0.05  # metres: cells, unless a resolution is asked for
-_COARSEST = 4  # times that, where points lie farther apart
+_COARSEST = 16  # times that, where points lie farther apart
 _TOGETHER = 1 << 20  # points that are sorted at once
 AT_ONCE = 1 << 14  # points or voxels that are worked on together: they stay in the cache
 _TO_PLACE = 1 << 16  # points that tell where cells lie
@@ -90,13 +90,14 @@ class Voxels:
         # rounding puts points on either side: the cells are moved by half a cell then.
         if not self._is_placed:
             for axis in (0, 1):
-                turns = 2 * math.pi * (points[:, axis] / self.cell % 1.0)
+                with np.errstate(over="ignore", invalid="ignore"):
+                    turns = 2 * math.pi * (points[:, axis] / self.cell % 1.0)
                 if math.hypot(np.cos(turns).mean(), np.sin(turns).mean()) > 0.9:
                     phase = math.atan2(np.sin(turns).mean(), np.cos(turns).mean()) / (2 * math.pi)
                     self.corner[axis] = (round((phase + 0.5) % 1.0, 3) % 1.0) * self.cell
         low = np.array([*self.corner, 0.0])
         sizes = np.array([self.cell, self.cell, self.step])
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):
             middle = np.array([median(one) for one in points[:, :3].T])
             place = np.floor((middle - low) / sizes)
         place = place.clip(-_FARTHEST_ANCHOR, _FARTHEST_ANCHOR)
@@ -105,7 +106,7 @@ class Voxels:
     def _sort(self) -> None:
         keys = np.sort(np.concatenate(self._waiting))
         self._waiting, self._count = [], 0
-        starts = _starts(keys)
+        starts = starts_of(keys)
         counts = np.diff(starts, append=len(keys)).astype(np.int32)
         self._parts.append((keys[starts], counts))
         if len(self._parts) > 1:
@@ -126,7 +127,7 @@ class Voxels:
             keys, counts = (np.concatenate(one) for one in zip(*some, strict=True))
             order = np.argsort(keys, kind="stable")
             keys, counts = keys[order], counts[order]
-            starts = _starts(keys)
+            starts = starts_of(keys)
             merged.append((keys[starts], np.add.reduceat(counts, starts, dtype=np.int32)))
         keys, counts = (np.concatenate(one) for one in zip(*merged, strict=True))
         self._parts = [(keys, counts)]
@@ -146,7 +147,7 @@ class Voxels:
         heights += self._anchor[2] - _HIGHEST_INDEX + 0.5
         heights *= self.step
         keys >>= _Z_BITS
-        starts = _starts(keys)
+        starts = starts_of(keys)
         of_column = keys[starts]
         col = (of_column & ((1 << _X_BITS) - 1)) - _FARTHEST_INDEX + self._anchor[0]
         row = (of_column >> _X_BITS) - _FARTHEST_INDEX + self._anchor[1]
@@ -163,6 +164,17 @@ class Columns(NamedTuple):
     counts: NDArray[np.int32]
     cell: float
     corner: Floats
+
+    def chosen(self, which: NDArray[np.bool_]) -> Columns:
+        """Return some of the columns."""
+        if which.all():
+            return self
+        lengths, voxels = self.lengths(), np.repeat(which, self.lengths())
+        return self._replace(
+            row=self.row[which], col=self.col[which],
+            starts=np.cumsum(lengths[which]) - lengths[which],
+            heights=self.heights[voxels], counts=self.counts[voxels],
+        )  # fmt: skip
 
     def parts(self) -> Iterator[tuple[slice, Columns]]:
         """Yield some columns at a time, and which they are."""
@@ -198,10 +210,10 @@ class Columns(NamedTuple):
         keys = (keys << _Z_BITS) + level
         order = np.argsort(keys)
         keys = keys[order]
-        at = _starts(keys)
+        at = starts_of(keys)
         counts = np.add.reduceat(self.counts[order], at, dtype=np.int32)
         heights, keys = levels[keys[at] & ((1 << _Z_BITS) - 1)], keys[at] >> _Z_BITS
-        starts = _starts(keys)
+        starts = starts_of(keys)
         row, col = keys[starts] >> _X_BITS, keys[starts] & ((1 << _X_BITS) - 1)
         return Columns(
             row + first_row, col + first_col, starts, heights, counts,
@@ -209,7 +221,7 @@ class Columns(NamedTuple):
         )  # fmt: skip
 
 
-def _starts(keys: NDArray[Any]) -> Integers:
+def starts_of(keys: NDArray[Any]) -> Integers:
     """Return where another key begins, in an array that is ordered."""
     is_new = np.ones(len(keys), np.bool_)
     np.not_equal(keys[1:], keys[:-1], out=is_new[1:])
@@ -242,24 +254,106 @@ def check_extent(columns: Columns) -> None:
         raise MalformedInputError(rule)
 
 
+_LOOKED_AT, _COARSE = 1 << 17, 0.25  # voxels looked at, and their side in metres
+_LARGER, _ROOM = 1.3, 1.9  # a room is at least as high as the last, metres
+
+
+def check_upright(columns: Columns) -> None:
+    """Refuse a cloud that is a room with a larger and lower floor along another axis than z."""
+    every = -(-len(columns.heights) // _LOOKED_AT)
+    whose = columns.of_voxels()[::every]
+    row, col = columns.row[whose], columns.col[whose]
+    x, y, z = col * columns.cell, row * columns.cell, columns.heights[::every]
+    side = max(_COARSE, columns.cell)
+    voxels = np.floor(np.stack([x, y, z], axis=1) / side).astype(np.int64)
+    ends = np.sort(voxels, axis=0)[[len(voxels) // 100, -1 - len(voxels) // 100]]
+    sizes = ((ends[1] - ends[0] + 1) * side).tolist()
+    for axis, name in ((1, "y"), (0, "x")):
+        if not _ROOM <= sizes[axis] < sizes[2]:
+            continue
+        area, z_area = (_lowest_level(np.roll(voxels, 2 - k, axis=1)) * side**2 for k in (axis, 2))
+        if area > _LARGER * z_area:
+            rule = (
+                f"z does not seem to point up: the lowest level along z has {z_area:.3g} m2 in a "
+            )
+            rule += f"cloud {sizes[2]:.3g} m high, that along {name} {area:.3g} m2 in "
+            hint = f"--up {name} or --up -{name} turns the cloud; --up z if z does point up"
+            raise MalformedInputError(f"{rule}{sizes[axis]:.3g} m", hint=hint)
+
+
+def _lowest_level(voxels: Integers) -> int:
+    """Return in how many columns along the last axis the lowest voxels are level."""
+    first, second, along = (voxels - voxels.min(axis=0)).T
+    width = int(second.max()) + 2
+    order = np.lexsort((along, first * width + second))
+    key = (first * width + second)[order]
+    at = starts_of(key)
+    key, lowest = key[at], along[order][at]
+    is_level = np.ones(len(key), np.bool_)
+    for step in (1, width):
+        beside = np.minimum(np.searchsorted(key, key + step), len(key) - 1)
+        is_level &= (key[beside] == key + step) & (np.abs(lowest[beside] - lowest) <= 1)
+    return int(is_level.sum())
+
+
 _FILLED = 0.45  # of the cells of a surface in which there are points
+_STOREY, _CUTS = 1.0, 10  # metres of height that count as one surface, and places to cut at
+_FITTED_TO = 1 << 17  # voxels looked at
 
 
 def fitting(columns: Columns) -> Columns:
     """Return columns of cells so large that most of a surface has points."""
-    times = 1
-    while times < _COARSEST:
-        coarser = np.sort((columns.row // 2 << 32) + columns.col // 2)
-        if len(columns.row) >= _FILLED * 4 * len(_starts(coarser)):
-            break
-        columns, times = columns.coarser(2), 2 * times
-    return columns
+    every = -(-len(columns.heights) // _FITTED_TO)
+    some = columns.chosen(columns.row // (2 * _COARSEST) % every == 0)
+    # slabs end where few voxels are, which keeps floors and ceilings whole
+    tenth = np.floor(some.heights * (_CUTS / _STOREY)).astype(np.int64)
+    there = np.bincount(tenth % _CUTS, minlength=_CUTS)
+    slab = (tenth - int((there + np.roll(there, 1)).argmin())) // _CUTS
+    whose = some.of_voxels()
+    cells = np.stack([some.row[whose], some.col[whose], slab])
+    cells -= cells.min(axis=1, keepdims=True)
+    keys, spacing, chosen, times = _cell_keys(cells, 1), 0.0, 1, 1
+    # surfaces of which a filter made two layers have pairs of points: two sizes must be filled
+    while times < _COARSEST and times <= 2 * chosen:
+        coarser = _cell_keys(cells, 2 * times)
+        if len(keys) < _FILLED * 4 * len(coarser):
+            chosen = 2 * times
+        if times <= chosen > 1:
+            spacing = max(spacing, _spacing(keys, coarser, times))
+        keys, times = coarser, 2 * times
+    if chosen == 1:
+        return columns
+    return columns.coarser(max(2, math.ceil(_WIDENED * spacing - _TOLERANCE)))
+
+
+def _cell_keys(cells: Integers, times: int) -> Integers:
+    """Return the keys of all cells some times as large, in which there are points."""
+    row, col, slab = cells
+    keys = np.sort((row // times << 40) + (col // times << 16) + slab)
+    return keys[starts_of(keys)]
+
+
+def _spacing(keys: Integers, coarser: Integers, times: int) -> float:
+    """Return the distance of points within surfaces, in cells, from cells of two sizes."""
+    rim = np.zeros(len(coarser), np.bool_)
+    for step in ((1 << 40) + (1 << 16), (1 << 40) - (1 << 16), 1 << 40, 1 << 16):
+        for beside in (coarser - step, coarser + step):
+            at = np.minimum(np.searchsorted(coarser, beside), len(coarser) - 1)
+            rim |= coarser[at] != beside
+    row, col = keys >> 41, (keys >> 16 & 0xFFFFFF) >> 1
+    inner = ~rim[np.searchsorted(coarser, (row << 40) + (col << 16) + (keys & 0xFFFF))]
+    share = inner.sum() / max(1, 4 * int((~rim).sum()))
+    return times / math.sqrt(share) if share and share < _FULL else 0.0
+
+
+_FULL = 0.9  # share of cells with points, of a surface without gaps
+_WIDENED, _TOLERANCE = 1.1, 0.45  # of the distance, which pairs of points make too small; cells
 
 
 def steps_of(columns: Columns) -> float:
     """Return the distance between the heights of points that a filter has put on a lattice."""
     heights = np.sort(columns.heights)
-    levels = heights[_starts(heights)]
+    levels = heights[starts_of(heights)]
     levels = levels[len(levels) // 20 : len(levels) - len(levels) // 20]
     if len(levels) < _LEVELS:
         return 0.0
@@ -273,7 +367,7 @@ def median(values: Floats) -> float:
 
 
 _LEVELS = 8  # from which on they tell about a lattice
-_LARGEST_STEP = 0.25  # metres
+_LARGEST_STEP = 0.6  # metres
 
 
 class Tilt:
@@ -363,6 +457,34 @@ _CLEAN = 0.01  # metres: noise of a plane that counts fully
 _FLAT = 0.05  # standard deviation from a plane, metres, at most
 _SAMPLE_VOXEL, _CUBE, _LEAST_IN_CUBE = 0.05, 0.5, 8
 _FARTHEST_SAMPLE = 1e5
+
+
+_AXES = {
+    "z": ((0, 1, 2), (1, 1, 1)), "-z": ((0, 1, 2), (1, -1, -1)),
+    "y": ((0, 2, 1), (1, -1, 1)), "-y": ((0, 2, 1), (1, 1, -1)),
+    "x": ((2, 1, 0), (-1, 1, 1)), "-x": ((2, 1, 0), (1, 1, -1)),
+}  # fmt: skip
+"""For the axis that points up: which axes become x, y and z, and their signs."""
+
+
+def upright(points: Floats, up: str | None) -> Floats:
+    """Return points turned by quarter turns so that an axis becomes z."""
+    if up in (None, "z"):
+        return points
+    axes, signs = _AXES[up]
+    return np.asarray(points[:, axes] * np.array(signs, dtype=np.float64))
+
+
+def away_from_sensor(points: Floats, range_min: float = 0.0) -> Floats:
+    """Return points without those at the sensor, where drivers put beams without return."""
+    if range_min > 0:
+        with np.errstate(over="ignore"):
+            squares = np.einsum("ij,ij->i", points, points)
+            return np.asarray(points[~(squares < range_min**2)])
+    at_x = np.flatnonzero(points[:, 0] == 0)
+    if len(at_x):
+        return np.delete(points, at_x[~points[at_x].any(axis=1)], axis=0)
+    return points
 
 
 def levelled(points: Floats, up: Floats) -> Floats:

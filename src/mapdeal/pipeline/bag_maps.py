@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.bags import messages
+from mapdeal.bags import livox, messages
 from mapdeal.bags.bag import CAN_BE_READ, Bag, Connection, MessageIndex, Recorded, normalised_type
 from mapdeal.bags.messages import Decoder, LaserScan
 from mapdeal.bags.reader import chosen_connections, open_bag
@@ -144,7 +144,7 @@ _SECONDS = 1e-9
 _COMMANDS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(messages.GRID_TYPES, ("convert",)),
     messages.LASER_SCAN: ("build", "local"),
-    messages.POINT_CLOUD: ("local",),
+    **dict.fromkeys(messages.CLOUD_TYPES, ("build", "local")),
     messages.ODOMETRY: ("build",),
     **dict.fromkeys(messages.TF_TYPES, ("build", "local")),
 }
@@ -230,7 +230,8 @@ def _uses(path: Path, topics: list[dict[str, Any]]) -> Iterator[str]:
     lines = (
         (messages.GRID_TYPES, f"mapdeal convert {name} --topic {{}} -o OUT.yaml"),
         ((messages.LASER_SCAN,), f"mapdeal build {name} --topic {{}} -o OUT.yaml"),
-        ((messages.POINT_CLOUD,), f"mapdeal local --cloud {name} --topic {{}} -o DIR"),
+        (messages.CLOUD_TYPES, f"mapdeal build --cloud {name} --topic {{}} -o OUT.yaml"),
+        (messages.CLOUD_TYPES, f"mapdeal local --cloud {name} --topic {{}} -o DIR"),
     )
     for names, line in lines:
         fitting = [
@@ -400,7 +401,7 @@ class SensorFrames:
 
 _POINTS_TOGETHER = 1 << 18
 _BYTES = 80  # bytes for each point that are there at the same time, at most
-_TYPES = (messages.POINT_CLOUD, messages.LASER_SCAN)
+_TYPES = (*messages.CLOUD_TYPES, messages.LASER_SCAN)
 
 
 class BagClouds:
@@ -415,7 +416,7 @@ class BagClouds:
             raise ParameterError("one topic of clouds is taken", source="--topic")
         self.bag = bag
         self.topic = connections[0].topic
-        self._types = {one.id: one.type for one in connections}
+        self._connections = {one.id: one for one in connections}
         self._index = _index_of(bag, connections)
         self._decoder = Decoder(bag)
         self._options = options
@@ -506,8 +507,12 @@ class BagClouds:
     def points(self, number: int) -> Points:
         """Return the points of a cloud, shape (N, 3), as the robot sees them."""
         place = self._index[number]
-        is_cloud = self._types[place.connection] == messages.POINT_CLOUD
-        points = self._decoder.read(place, self._points_of if is_cloud else _points_of_scan)
+        connection = self._connections[place.connection]
+        if connection.type in livox.CUSTOM_TYPES:
+            points = self._points_of_livox(self.bag.data(place), connection)
+        else:
+            is_cloud = connection.type == messages.POINT_CLOUD
+            points = self._decoder.read(place, self._points_of if is_cloud else _points_of_scan)
         if self._is_raw or self._base is None:
             return points
         time, sensor = self._header(number)
@@ -516,6 +521,14 @@ class BagClouds:
             points = np.column_stack([points, np.zeros(len(points))])
         with np.errstate(invalid="ignore"):
             return np.asarray(rotated(turns, points) + moves)
+
+    def _points_of_livox(self, data: bytes, connection: Connection) -> Points:
+        claim(self.bag.path, 2 * len(data), what="the points of a cloud")
+        try:
+            return livox.points_of_custom(data, connection.encoding)
+        except MalformedInputError as error:
+            error.place = error.place or connection.topic
+            raise error.found_in(self.bag.path) from None
 
     def _points_of(self, message: Any) -> Points:
         count = int(message.width) * int(message.height)

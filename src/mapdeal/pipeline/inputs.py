@@ -33,6 +33,7 @@ from mapdeal.grid.frame import Frame, Framed, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.blocks import CacheBudget, lazy_layer, swept
+from mapdeal.kernels.distance import dtype_of_squares
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import thread_count, use_threads
@@ -45,6 +46,7 @@ from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import apply_keepout_mask
 
 _PER_PIXEL = 10  # bytes that pictures take while they are drawn, two at the same time
+_PER_LONG_SQUARE = 50  # bytes of a cell while distances are measured in squares of 64 bits
 _ON_CANVAS = 0.75
 """Of what a stage takes, what it takes again where its product is put onto a larger canvas."""
 
@@ -174,6 +176,8 @@ def check_fits(
 ) -> None:  # fmt: skip
     """Refuse a map that is yet to be made, and stages on it, if they take too much memory."""
     count = bytes_in_memory(shape, steps, image_max) - _DEMANDS[engine_name()].base
+    if dtype_of_squares(shape) is np.int64:
+        count += _PER_LONG_SQUARE * shape[0] * shape[1]
     claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
 
 

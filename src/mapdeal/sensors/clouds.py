@@ -1,4 +1,4 @@
-"""Files of point clouds: PCD, PLY, text, npy and npz.
+"""Files of point clouds: PCD, PLY, text, npy and npz; others have modules of their own.
 
 References
 ----------
@@ -20,10 +20,12 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning
 from mapdeal.files.source import PIECES, access_to, check_readable, claim, use_memory
-from mapdeal.files.text import delimiter_of, first_line, is_number, read_rows
+from mapdeal.files.text import coordinate_name, delimiter_of, first_line, is_number, read_rows
 from mapdeal.inputs.kinds import CLOUD, NUMBERS, recognised
 from mapdeal.kernels.sensing import lzf_expanded
 from mapdeal.maps.npz import NpyHeader, NpzReader, read_npy_header
+from mapdeal.sensors.kitti import kitti_points
+from mapdeal.sensors.octomap import octree_points, read_octree_header
 
 Points = NDArray[np.float64]
 
@@ -47,8 +49,9 @@ class Record:
         return self.offset(len(self.names))
 
     def axes(self, place: str) -> tuple[int, ...]:
-        found = tuple(self.names.index(name) for name in ("x", "y", "z") if name in self.names)
-        if not {"x", "y"} <= set(self.names):
+        names = [coordinate_name(name) for name in self.names]
+        found = tuple(names.index(name) for name in ("x", "y", "z") if name in names)
+        if not {"x", "y"} <= set(names):
             raise MalformedInputError("must name x and y", place=place, got=" ".join(self.names))
         for column in found:
             if self.counts[column] != 1:
@@ -152,6 +155,12 @@ def npy_figures(path: Path) -> dict[str, Any]:
     with _opened(path) as file:
         shape, _, dtype, _ = _npy_header(file)
     return {"shape": " x ".join(map(str, shape)), "type": str(dtype)}
+
+
+def octree_figures(path: Path) -> dict[str, Any]:
+    with _opened(path) as file:
+        header = read_octree_header(file)
+    return {"tree": header.tree, "voxel_m": header.resolution}
 
 
 def _npy_header(file: BinaryIO) -> NpyHeader:
@@ -452,6 +461,9 @@ def _text_points(file: BinaryIO, path: Path) -> Iterator[Points]:
     number, start, line = first_line(file)
     if not line:
         return
+    if line.isascii() and line.isdigit():
+        yield from _counted_points(file, path, number, line)
+        return
     delimiter = delimiter_of(line)
     # CloudCompare puts two slashes before its names
     words = [word.strip().strip('"') for word in line.removeprefix("//").split(delimiter)]
@@ -462,7 +474,7 @@ def _text_points(file: BinaryIO, path: Path) -> Iterator[Points]:
         columns = list(range(min(3, len(words))))
         file.seek(start)
     else:
-        names = [word.lower() for word in words]
+        names = [coordinate_name(word) for word in words]
         if not {"x", "y"} <= set(names):
             rule = "must be numbers, or names with x and y among them"
             raise MalformedInputError(rule, place=f"line {number}", got=line)
@@ -471,9 +483,27 @@ def _text_points(file: BinaryIO, path: Path) -> Iterator[Points]:
     yield from read_rows(file, columns, path=path, first_line=number, delimiter=delimiter)
 
 
+def _counted_points(file: BinaryIO, path: Path, number: int, line: str) -> Iterator[Points]:
+    """Yield the points of scans that each begin with a line with their number, as in ``.pts``."""
+    while line:
+        count, start, found = _whole_number(line, f"line {number}"), file.tell(), 0
+        delimiter = delimiter_of(first_line(file)[2])
+        file.seek(start)
+        for rows in read_rows(
+            file, range(3), path=path, first_line=number + 1, delimiter=delimiter, most=count
+        ):
+            found += len(rows)
+            yield rows
+        if found < count:
+            raise MalformedInputError(f"ends after {found} of {count} points")
+        number += count + 1
+        _, _, line = first_line(file)
+
+
 _IN_A_FILE: dict[str, Callable[[BinaryIO, Path], Iterator[Points]]] = {
     ".pcd": _pcd_points, ".ply": _ply_points, ".xyz": _text_points, ".txt": _text_points,
-    ".csv": _text_points, ".asc": _text_points, ".npy": _npy_points,
+    ".csv": _text_points, ".asc": _text_points, ".pts": _text_points, ".npy": _npy_points,
+    ".bt": octree_points, ".ot": octree_points, ".bin": kitti_points,
 }  # fmt: skip
 
 CLOUD_SUFFIXES = (*_IN_A_FILE, ".npz")  # suffixes of point clouds
@@ -513,7 +543,8 @@ def read_cloud(path: Path | str, *, max_memory: int | None = None) -> Points:
     ----------
     path : path or str
         PCD (ascii, binary, binary_compressed), PLY (ascii, binary of either byte order), text
-        (``.xyz``, ``.txt``, ``.csv``, ``.asc``), ``.npy``, or ``.npz``.
+        (``.xyz``, ``.pts``, ``.txt``, ``.csv``, ``.asc``), ``.npy``, ``.npz``, OctoMap's ``.bt``
+        and ``.ot``, or KITTI's ``.bin``.
     max_memory : int, optional
         Memory limit, bytes; by default half of the free memory.
 

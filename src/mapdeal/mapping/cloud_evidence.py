@@ -1,0 +1,274 @@
+"""Which level of a cloud is the floor: what the cloud shows for each of them, and against it.
+
+A floor is the lowest level that was seen over a fair share of the area, that things stand on, and
+below which there is nothing but noise. A cloud in which every level is contradicted is refused: the
+tops of walls, and ceilings, must not become floors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.kernels.arrays import Floats, Integers, Mask
+from mapdeal.mapping.cloud_floor import (
+    Levels,
+    Limits,
+    Patches,
+    Tiles,
+    heights_of,
+    patches_of,
+    tile_of,
+    tilt_of,
+)
+from mapdeal.mapping.voxels import Claim, Columns, median, starts_of
+
+_HINT = (
+    "--floor Z gives the height of a floor that was filtered out; --up -z or --up y turns a cloud "
+    "whose z does not point up"
+)
+
+
+class Floor(NamedTuple):
+    """The floor of a cloud."""
+
+    tiles: Tiles
+    spacing: float  # metres between points on it
+    tilt: float = 0.0  # radians
+    overlaid_m2: float = 0.0  # above which other storeys of it lie
+    storeys: tuple[float, ...] = ()  # heights of those, metres
+    may_be_ceiling: bool = False
+    is_above_others: bool = False
+    is_stated: bool = False  # by the user: there may be no points on it
+
+
+class Evidence(NamedTuple):
+    """What a cloud shows of a level: its height, and areas in square metres."""
+
+    height: float
+    level: float
+    inner: float  # share inside its rim, of what a square has there: tops of walls have none
+    standing: float  # with points above the level that a robot meets
+    touching: float  # of these, with points just above the level
+    below: float  # of the level itself, with points below it
+    hanging: float  # with points just below a ceiling, and none just above the level
+    resting: float  # the other way round
+
+    @property
+    def may_be_ceiling(self) -> bool:
+        """Whether too much hangs from the ceiling, compared with things on the floor."""
+        return self.hanging > max(_LEAST_HANGING, _TIMES_RESTING * self.resting)
+
+    @property
+    def is_above_others(self) -> bool:
+        """Whether another storey lies below the level."""
+        return self.below > _SHARE_ABOVE * self.level
+
+    def contradiction(self, area: float) -> str | None:
+        """Return why the level of a cloud that covers an area is no floor; None if it may be."""
+        least = max(_LEAST_STANDING, _STANDING_PER_SIDE * math.sqrt(self.level))
+        under = f"{self.below:.3g} m2 of it have points below" if self.below else ""
+        is_open = self.inner > _SHARE_INNER and self.level > _SHARE_ALONE * area
+        is_open &= self.hanging == 0
+        if self.standing < least:
+            lacks = f"{under + ' and ' if under else ''}nothing stands on it"
+            return None if is_open and not under else lacks
+        if self.below > self.standing or (
+            self.below > _SHARE_BELOW * self.standing and self.is_above_others
+        ):
+            return f"{under}, while things stand on {self.standing:.3g} m2"
+        if is_open:
+            return None
+        is_scan = area <= _LARGEST_SCAN and self.level <= _LARGEST_OF_SCAN
+        if self.inner < _SHARE_INNER and not is_scan:
+            return "most of it is as narrow as walls"
+        if self.touching < _SHARE_TOUCHING * self.standing:
+            return f"only {self.touching:.3g} of {self.standing:.3g} m2 above it reach down to it"
+        if self.level < max(_SHARE_OF_STANDING * self.standing, _SHARE_OF_AREA * area):
+            return f"things stand on {self.standing:.3g} m2 of it; {area:.3g} m2 have points in all"
+        if self.standing < _SHARE_OF_ELSEWHERE * (area - self.level):
+            return (
+                f"only {self.standing:.3g} m2 of {area - self.level:.3g} m2 elsewhere stand on it"
+            )
+        return None
+
+
+_LEAST_STANDING = 0.15  # m2
+_STANDING_PER_SIDE = 0.05  # m2 for each metre of a square as large as the level
+_SHARE_BELOW, _SHARE_TOUCHING, _SHARE_OF_STANDING = 0.4, 0.2, 0.5
+_SHARE_ABOVE = 0.4  # of a level, below which there are points
+_TILES_CLOSED = 1.5
+_SHARE_INNER = 0.6
+_LARGEST_SCAN, _LARGEST_OF_SCAN = 8.0, 2.5  # m2 of single scans, whose floors are scattered
+_SHARE_ALONE = 0.8  # of a place without anything on it
+_SHARE_OF_AREA, _SHARE_OF_ELSEWHERE = 0.12, 0.08
+_LEAST_HANGING, _TIMES_RESTING = 0.5, 0.6  # m2, and times what rests: in rooms it is 0.2
+_NEAR, _FEET = 0.05, 0.25  # metres above the clearance: of noise, and of feet that touch
+_BESIDE = 0.5  # metres from a level within which things stand on it
+_LEVEL_SLOPE = 0.05  # rise over run, against most of a level
+_LEAST_VOXELS = 3  # of a tile; fewer are noise
+_SAMPLED = 1 << 19  # voxels that are looked at
+_MOST_LEVELS = 6  # that are looked at
+
+
+def floor_in(
+    columns: Columns, tile: int, limits: Limits, places: Floats, at: Floats | None, claim: Claim
+) -> Floor:
+    """Return the floor of a cloud: the lowest level, or that under places of shape (N, 3)."""
+    patches = patches_of(columns, tile, limits)
+    if not len(patches.z):
+        rule = "no floor found: nothing in it is level and has room above it"
+        raise MalformedInputError(rule, hint=f"{_HINT}; --level turns a tilted one")
+    claim(400 * len(patches.z), f"{len(patches.z)} patches of surfaces")
+    levels = Levels(patches, tile * columns.cell, limits)
+    sample, every = _sample_of(columns, tile)
+    tiles_with_points = starts_of(np.sort((sample.row // tile << 32) + sample.col // tile))
+    area = len(tiles_with_points) * every * levels.side**2
+    named = _level_under(levels, places if at is None else at[np.newaxis])
+    if at is not None and named is None:
+        rule = f"no level is at or below {at[2]:g} m there"
+        raise MalformedInputError(
+            rule, place="--at", got=",".join(f"{coordinate:g}" for coordinate in at)
+        )
+    refusals = []
+    for level in _in_order(levels, named):
+        tiles, own, above = levels.floor_from(level, claim)
+        evidence, spacing = _evidence_of(sample, every, tiles, own, tile, limits)
+        may_be_above = at is not None or level == named
+        known = evidence._replace(below=0.0) if may_be_above else evidence
+        reason = None if at is not None else known.contradiction(area)
+        if reason is None:
+            tilt = tilt_of(own, levels.side)
+            return Floor(
+                tiles, spacing, tilt, *above, evidence.may_be_ceiling, evidence.is_above_others
+            )
+        refusals.append(
+            f"the level at {evidence.height:.2f} m has {evidence.level:.3g} m2, {reason}"
+        )
+    raise MalformedInputError(f"no floor found: {'; '.join(refusals[:2])}", hint=_HINT)
+
+
+def stated_floor(columns: Columns, tile: int, height: float, claim: Claim) -> Floor:
+    """Return a level floor at a height, below all columns."""
+    row, col = columns.row // tile, columns.col // tile
+    shape = int(row.max() - row.min()) + 1, int(col.max() - col.min()) + 1
+    claim(60 * shape[0] * shape[1], f"a floor of {shape[1]} x {shape[0]} tiles")
+    level, unknown = np.zeros(shape), np.full(shape, np.nan)
+    tiles = Tiles(int(row.min()), int(col.min()), level + height, level, level, unknown, level)
+    return Floor(tiles, 0.0, is_stated=True)
+
+
+def _in_order(levels: Levels, named: int | None) -> Iterator[int]:
+    """Yield the levels that may be the floor, the likeliest first."""
+    if named is not None:
+        yield named
+    area = levels.area()
+    # ceilings, and upper storeys, have a large level below them; patches are in order of height
+    large = np.flatnonzero((area >= _LARGE * area.max())[levels.label])
+    is_new = np.diff(levels.tile[large], prepend=-1) != 0
+    lowest = levels.label[large][np.flatnonzero(is_new)][np.cumsum(is_new) - 1]
+    upper = large[lowest != levels.label[large]]
+    above = np.bincount(levels.label[upper], minlength=len(area)) * levels.side**2
+    is_ground = above <= _OVER_OTHERS * area
+    likely = np.flatnonzero(area >= _LARGE * area.max())
+    order = likely[np.lexsort((-area[likely], ~is_ground[likely]))].tolist()
+    yield from (level for level in order[:_MOST_LEVELS] if level != named)
+
+
+_LARGE = 0.1  # of the area of the largest level
+_OVER_OTHERS = 0.1  # of the area of a level, that may lie above another one
+
+
+def _level_under(levels: Levels, places: Floats) -> int | None:
+    """Return the level that is under most places, if there is one."""
+    patches, area, votes = levels.patches, levels.area(), np.zeros(len(levels.label))
+    for x, y, z in places.tolist():
+        near = np.abs(patches.row + 0.5 - y / levels.side) <= _TILES_AROUND
+        near &= np.abs(patches.col + 0.5 - x / levels.side) <= _TILES_AROUND
+        near &= (patches.z <= z + _ABOVE) & (patches.z >= z - _BELOW)
+        under = np.flatnonzero(near)
+        if len(under):  # of large levels alone, without tables
+            under = under[area[levels.label[under]] >= _LARGE * area[levels.label[under]].max()]
+            votes[levels.label[under[patches.z[under].argmax()]]] += 1
+    return int(votes.argmax()) if votes.any() else None
+
+
+_TILES_AROUND = 4
+_ABOVE = 0.3  # metres of the floor above a sensor: poses may be those of the robot's base
+_BELOW = 3.0  # metres from a sensor down to the floor that its robot stands on, at most
+
+
+def _sample_of(columns: Columns, tile: int) -> tuple[Columns, int]:
+    """Return every so many-th row of tiles, and this number."""
+    every = math.ceil(len(columns.heights) / _SAMPLED)
+    return columns.chosen(columns.row // tile % every == 0), every
+
+
+def _evidence_of(
+    sample: Columns, every: int, tiles: Tiles, own: Patches, tile: int, limits: Limits
+) -> tuple[Evidence, float]:
+    """Measure a level, and the distance between points on it in metres."""
+    row, col, inside = tile_of(tiles, tile, sample.row, sample.col)
+    near = inside & (tiles.away[row, col] <= _BESIDE)
+    sample, whose = sample.chosen(near), (row * tiles.z.shape[1] + col)[near]
+    floor = heights_of(tiles, tile, sample.cell, sample.row, sample.col, limits.climb)
+    heights, count = sample.above(floor), tiles.z.size
+
+    def count_in(chosen: Mask, weights: NDArray[np.int32] | None = None) -> Floats:
+        found = chosen if weights is None else chosen * weights
+        if not len(sample.starts):
+            return np.zeros(count)
+        sums = np.add.reduceat(found, sample.starts, dtype=np.int64)
+        return np.asarray(np.bincount(whose, sums, count), dtype=np.float64)
+
+    low, side = limits.gap + _NEAR, tile * sample.cell
+    is_high = (heights > low) & (heights <= limits.robot_height)
+    standing = count_in(is_high) >= _LEAST_VOXELS
+    touching = standing & (count_in(is_high & (heights <= low + _FEET + limits.steps)) > 0)
+    # gaps of a sparse floor are closed, and its rim is left out
+    closed = np.lib.stride_tricks.sliding_window_view(
+        np.pad(tiles.away <= _TILES_CLOSED * side, 2), (5, 5)
+    )
+    tile_count = len(starts_of(np.sort((own.row << 32) + own.col)))
+    inner = closed.all(axis=(2, 3)).sum() / max(1.0, math.sqrt(tile_count) - 2) ** 2
+    is_own = tiles.away == 0
+    if inner >= _SHARE_INNER:  # ramps of a floor may lie above it
+        along = tiles.along_x - median(own.along_x), tiles.along_y - median(own.along_y)
+        is_own &= np.hypot(*along) < _LEVEL_SLOPE
+    below = (count_in(heights < -low) >= _LEAST_VOXELS) & is_own.ravel()
+    hanging, resting = _hanging(sample, whose, heights, count_in, low, limits.robot_height)
+    found = (standing, touching, below, hanging & ~resting, resting & ~hanging)
+    areas = [int(np.count_nonzero(tiles_with)) * every * side**2 for tiles_with in found]
+    is_open = (tiles.away.ravel() <= _BESIDE) & ~standing
+    on_level = count_in(np.abs(heights) <= low, sample.counts)[is_open].sum()
+    spacing = side * math.sqrt(is_open.sum() / every / max(on_level, 1.0))
+    return Evidence(median(own.z), tile_count * side**2, float(inner), *areas), spacing
+
+
+def _hanging(
+    sample: Columns, whose: Integers, heights: Floats, count_in: Callable[[Mask], Floats],
+    low: float, room: float,
+) -> tuple[Mask, Mask]:  # fmt: skip
+    """Return in which tiles there are points just below a ceiling, and just above the level."""
+    # in a cloud that is upside down, furniture hangs from what seems to be the ceiling
+    tops = np.full(len(count_in(heights > 0)), -np.inf)
+    if len(sample.starts):
+        np.maximum.at(tops, whose, heights[sample.starts + sample.lengths() - 1])
+    there = tops[np.isfinite(tops)]
+    ceiling = median(there) if len(there) else 0.0
+    if ceiling < _LOWEST_CEILING or np.mean(np.abs(there - ceiling) < _FEET) < 0.5:
+        nowhere = np.zeros(len(tops), np.bool_)
+        return nowhere, nowhere
+    room = min(room, ceiling / 2)
+    down = np.repeat(tops[whose], sample.lengths()) - heights  # from the ceiling at that place
+    hanging = count_in((down > low) & (down <= room)) >= _LEAST_VOXELS
+    hanging &= (tops >= ceiling - room) & (tops < ceiling + _FEET)  # of no storey above
+    return hanging, count_in((heights > low) & (heights <= room)) >= _LEAST_VOXELS
+
+
+_LOWEST_CEILING = 1.5  # metres

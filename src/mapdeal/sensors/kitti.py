@@ -1,0 +1,48 @@
+"""KITTI's files of points: ``.bin``, four float32 for each point.
+
+References
+----------
+The development kit of the KITTI odometry benchmark, ``readme.txt``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError
+
+_RECORD = 16  # bytes: x, y, z and the reflectance
+_TOGETHER = 1 << 17
+_NEAREST, _FARTHEST_LIKELY = 1e-3, 1e4  # metres
+_FARTHEST = 1e5  # metres: a file with larger coordinates holds other numbers
+
+
+def looks_like_kitti(head: bytes, size: int) -> bool:
+    """Return whether the first bytes of a file are points: there is nothing else to know it by."""
+    numbers = np.frombuffer(head, "<f4", len(head) // _RECORD * 4).reshape(-1, 4)
+    if size % _RECORD or not len(numbers) or not np.isfinite(numbers).all():
+        return False
+    places = np.abs(numbers[:, :3])
+    is_there = float(np.median(places)) > _NEAREST and float(places.max()) < _FARTHEST_LIKELY
+    return is_there and bool(((numbers[:, 3] >= 0) & (numbers[:, 3] <= 255)).all())
+
+
+def kitti_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
+    """Yield the points of a file, shape (n, 3), some at a time."""
+    size = os.fstat(file.fileno()).st_size
+    if size % _RECORD:
+        rule = f"must have {_RECORD} bytes for each point: x, y, z and reflectance as float32"
+        raise MalformedInputError(rule, source=path, got=f"{size} bytes")
+    while data := file.read(_RECORD * _TOGETHER):
+        count = len(data) // _RECORD
+        numbers = np.frombuffer(data, "<f4", 4 * count).reshape(-1, 4)[:, :3].astype(np.float64)
+        if (np.abs(numbers) > _FARTHEST).any():
+            rule = f"must be coordinates within {_FARTHEST:g} m, as float32"
+            raise MalformedInputError(rule, source=path, got=float(np.nanmax(np.abs(numbers))))
+        yield numbers

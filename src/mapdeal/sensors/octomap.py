@@ -1,0 +1,124 @@
+"""OctoMap's files of octrees: ``.bt`` and ``.ot``, whose occupied voxels are points.
+
+References
+----------
+OctoMap's ``OccupancyOcTreeBase::readBinaryNode`` and ``OcTreeBaseImpl::readNodesRecurs``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.files.source import claim
+from mapdeal.files.text import is_number
+
+_DEPTH = 16  # levels of all of OctoMap's trees
+_MIDDLE = 1 << (_DEPTH - 1)  # key of the voxel whose lower corner is the origin
+_SLOTS = np.arange(8)
+_CORNERS = np.stack([_SLOTS & 1, _SLOTS >> 1 & 1, _SLOTS >> 2], axis=1)  # of children: x, y, z
+_MOST_LINES = 100
+_PER_NODE, _PER_POINT = 200, 120  # bytes while a tree is read, at most
+_TOGETHER = 1 << 17
+
+_PLAIN: list[tuple[Any, ...]] = [("value", "<f4"), ("children", "u1")]
+_RECORDS = {
+    "OcTree": np.dtype(_PLAIN),
+    "OcTreeStamped": np.dtype(_PLAIN),
+    "ColorOcTree": np.dtype([_PLAIN[0], ("colour", "u1", 3), _PLAIN[1]]),
+}
+"""Layout of the nodes in a ``.ot`` file; in a ``.bt`` file each child has two bits."""
+
+
+class OctreeHeader(NamedTuple):
+    is_binary: bool
+    tree: str
+    resolution: float
+
+
+def read_octree_header(file: BinaryIO) -> OctreeHeader:
+    """Read the header, and leave the file at the data."""
+    first, entries = file.readline(256), {"id": "", "res": ""}
+    for _ in range(_MOST_LINES):
+        key, _, value = file.readline(4096).decode("latin-1").strip().partition(" ")
+        if key == "data":
+            break
+        entries[key] = value.strip()
+    else:
+        raise MalformedInputError("the header of an OctoMap file does not end")
+    tree, side = entries["id"], entries["res"]
+    if tree not in _RECORDS:
+        rule = f"must be one of {', '.join(_RECORDS)}"
+        raise MalformedInputError(rule, place="id", got=tree)
+    if not is_number(side) or not 1e-4 <= float(side) <= 1e3:
+        raise MalformedInputError("must be the side of a voxel, metres", place="res", got=side)
+    return OctreeHeader(b"binary" in first, tree, float(side))
+
+
+def octree_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
+    """Yield the centres of all occupied voxels, some at a time."""
+    header = read_octree_header(file)
+    record = np.dtype("<u2") if header.is_binary else _RECORDS[header.tree]
+    size = os.fstat(file.fileno()).st_size - file.tell()
+    claim(path, _PER_NODE * (size // record.itemsize), what="the nodes of an octree")
+    data = file.read(size)
+    nodes: NDArray[Any] = np.frombuffer(data, record, len(data) // record.itemsize)
+    if not len(nodes):
+        return
+    if header.is_binary:
+        free, occupied = ((nodes[:, np.newaxis] >> 2 * _SLOTS + bit) & 1 == 1 for bit in (0, 1))
+        inner, leaves = free & occupied, occupied & ~free
+    else:
+        inner = (nodes["children"][:, np.newaxis] >> _SLOTS) & 1 == 1
+        leaves = ~inner.any(axis=1) & (nodes["value"] >= 0)
+    found = list(_occupied_leaves(inner, leaves))
+    count = sum(len(corners) << 3 * height for height, corners in found)
+    claim(path, _PER_POINT * count, what=f"{count} voxels")
+    for height, corners in found:
+        side = np.arange(1 << height if len(corners) else 1)
+        within = np.stack(np.meshgrid(side, side, side), axis=-1).reshape(-1, 3)
+        together = max(1, _TOGETHER // len(within))
+        for start in range(0, len(corners), together):
+            voxels = corners[start : start + together, np.newaxis] + within
+            middles = voxels.reshape(-1, 3) - (_MIDDLE - 0.5)
+            yield np.asarray(middles * header.resolution, dtype=np.float64)
+
+
+def _occupied_leaves(
+    inner: NDArray[np.bool_], leaves: NDArray[np.bool_]
+) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Yield heights of leaves, and their corners in voxels; `leaves` marks nodes or children.
+
+    Nodes are stored depth first. The subtree of a node ends where fewer nodes are still to come
+    than before it.
+    """
+    pending = np.cumsum(inner.sum(axis=1, dtype=np.int64) - 1)
+    if pending[-1] > -1:
+        raise MalformedInputError("ends within its tree")
+    order = np.argsort(pending, kind="stable")
+    ranked = pending[order] * len(pending) + order
+    places, keys = np.zeros(1, np.int64), np.zeros((1, 3), np.int64)
+    for height in range(_DEPTH, -1, -1):
+        steps = _CORNERS << max(height - 1, 0)
+        if leaves.ndim == 1:
+            yield height, keys[leaves[places]]
+        elif height:
+            node, slots = np.nonzero(leaves[places])
+            yield height - 1, keys[node] + steps[slots]
+        following, children, corners = places + 1, [], []
+        for slot, step in enumerate(steps):
+            has_child = inner[places, slot]
+            child = following[has_child]
+            children.append(child)
+            corners.append(keys[has_child] + step)
+            end = (pending[child - 1] - 1) * len(pending) + child
+            following[has_child] = order[np.searchsorted(ranked, end)] + 1
+        places, keys = np.concatenate(children), np.concatenate(corners)
+    if len(places):
+        raise MalformedInputError(f"a tree must have {_DEPTH} levels at most")
