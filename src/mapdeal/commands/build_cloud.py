@@ -16,6 +16,7 @@ from mapdeal.commands.pack import Made
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import check_state, claim, is_same_file, state_of
 from mapdeal.grid.frame import Figures, Point
+from mapdeal.grid.values import OCCUPIED
 from mapdeal.inputs.kinds import is_bag
 from mapdeal.inputs.listing import list_files
 from mapdeal.kernels.rotations import from_yaw, rotated
@@ -204,6 +205,9 @@ def _warn(made: CloudMap, options: CloudOptions, named: Path) -> None:
     if made.may_be_upside_down:
         text = f"{named}: much hangs from the ceiling, for what stands on the floor: is z down?"
         emit_warning(f"{text} --up -z turns the cloud, --up z keeps it", stacklevel=2)
+    if not (np.asarray(made.grid.occupancy) == OCCUPIED).any():
+        text = f"{named}: nothing stands on the floor: the map has no obstacles"
+        emit_warning(f"{text}; if walls were cut off, --floor Z states the floor", stacklevel=2)
     if made.beyond:
         text = f"{named}: {made.beyond} points are too far from the others, and are ignored"
         emit_warning(text, stacklevel=2)

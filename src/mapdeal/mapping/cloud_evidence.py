@@ -77,7 +77,7 @@ class Evidence(NamedTuple):
         is_open &= self.hanging == 0
         if self.standing < least:
             lacks = f"{under + ' and ' if under else ''}nothing stands on it"
-            return None if is_open and not under else lacks
+            return None if is_open and self.inner > _SHARE_INNER_BARE and not under else lacks
         if self.below > self.standing or (
             self.below > _SHARE_BELOW * self.standing and self.is_above_others
         ):
@@ -91,7 +91,9 @@ class Evidence(NamedTuple):
             return f"only {self.touching:.3g} of {self.standing:.3g} m2 above it reach down to it"
         if self.level < max(_SHARE_OF_STANDING * self.standing, _SHARE_OF_AREA * area):
             return f"things stand on {self.standing:.3g} m2 of it; {area:.3g} m2 have points in all"
-        if self.standing < _SHARE_OF_ELSEWHERE * (area - self.level):
+        # the smaller a level, the more of what lies elsewhere has to stand on it
+        least_share = max(_SHARE_OF_ELSEWHERE, _SHARE_OF_SMALL * area / self.level)
+        if self.standing < least_share * (area - self.level):
             return (
                 f"only {self.standing:.3g} m2 of {area - self.level:.3g} m2 elsewhere stand on it"
             )
@@ -103,10 +105,10 @@ _STANDING_PER_SIDE = 0.05  # m2 for each metre of a square as large as the level
 _SHARE_BELOW, _SHARE_TOUCHING, _SHARE_OF_STANDING = 0.4, 0.2, 0.5
 _SHARE_ABOVE = 0.4  # of a level, below which there are points
 _TILES_CLOSED = 1.5
-_SHARE_INNER = 0.6
+_SHARE_INNER, _SHARE_INNER_BARE = 0.6, 0.9  # the latter of a yard, on which nothing stands
 _LARGEST_SCAN, _LARGEST_OF_SCAN = 8.0, 2.5  # m2 of single scans, whose floors are scattered
 _SHARE_ALONE = 0.8  # of a place without anything on it
-_SHARE_OF_AREA, _SHARE_OF_ELSEWHERE = 0.12, 0.08
+_SHARE_OF_AREA, _SHARE_OF_ELSEWHERE, _SHARE_OF_SMALL = 0.12, 0.08, 0.025
 _LEAST_HANGING, _TIMES_RESTING = 0.5, 0.6  # m2, and times what rests: in rooms it is 0.2
 _NEAR, _FEET = 0.05, 0.25  # metres above the clearance: of noise, and of feet that touch
 _BESIDE = 0.5  # metres from a level within which things stand on it
