@@ -32,6 +32,7 @@ from mapdeal.commands.report_entries import (
 )
 from mapdeal.errors import (
     FileAccessError,
+    FindingError,
     MapdealError,
     ParameterError,
     emit_warning,
@@ -122,6 +123,21 @@ class WrittenReport(Result):
     def lines(self) -> Iterator[str]:
         """Yield what ``mapdeal report`` prints."""
         yield f"{self.path}: {count_text(self.maps, 'map')}, {size_text(self.size)}"
+
+    def check(self) -> None:
+        """Raise FindingError if a map on the page has a problem."""
+        problems = [
+            verdict for verdict in self.verdicts
+            if "error" in (verdict.state, *(claim.state for claim in verdict.claims))
+        ]  # fmt: skip
+        if not problems:
+            return
+        first, *others = problems
+        texts = [claim.text for claim in first.claims if claim.state == "error"]
+        rule = f"{first.name}: {texts[0] if texts else 'has a problem, see the page'}"
+        if others:
+            rule += f"; {len(others)} more of {self.maps} maps have problems"
+        raise FindingError(rule, source=self.path)
 
 
 @command(

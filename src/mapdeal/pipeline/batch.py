@@ -17,6 +17,7 @@ from mapdeal.command import Result
 from mapdeal.errors import (
     BatchError,
     FileAccessError,
+    FindingError,
     MapdealError,
     ParameterError,
     kept_warnings,
@@ -392,6 +393,11 @@ class Batch(Result):
     def count(self, status: str) -> int:
         return sum(outcome.status == status for outcome in self.outcomes)
 
+    def done_paths(self) -> list[Path]:
+        """Return the maps whose outputs are there."""
+        outcomes = zip(self.jobs, self.outcomes, strict=True)
+        return [job.path for job, one in outcomes if one.status in ("done", "unchanged")]
+
     def lines(self) -> Iterator[str]:
         """Yield a line a map, those that failed at the end, where one looks first."""
         rows, failed = [("status", "cells", "map")], []
@@ -411,6 +417,10 @@ class Batch(Result):
         if failed:
             rule = f"{failed} of {len(self.jobs)} maps failed"
             raise BatchError(rule, source=self.output / SUMMARY)
+        missing = sum(bool(outcome.result.missed_goals) for outcome in self.outcomes)
+        if missing:
+            rule = f"on {missing} of {len(self.jobs)} maps the robot does not reach every goal"
+            raise FindingError(rule, source=self.output / SUMMARY)
 
     @classmethod
     def printed(cls, job: Job, warning: str) -> str:
