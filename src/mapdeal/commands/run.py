@@ -23,7 +23,7 @@ from mapdeal.errors import (
 )
 from mapdeal.files.source import absolute_path
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.reach import Goal
+from mapdeal.grid.reach import Goal, robot_text
 from mapdeal.grid.values import count_text
 from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.local_map import CloudFrame, LocalOptions
@@ -308,7 +308,7 @@ def run_maps(
     if scheduler is not None:
         refuse("cannot be given together with --scheduler", pose=pose)
         output = absolute_path(output)
-    listing = list_maps(sources, output, terminal.input_chunks)
+    listing = list_maps(sources, output, terminal.input_chunks, lists_empty=True)
     names = {path.name for path in output_folder(output, {}, loaded, settings).outputs()}
     all_jobs = batch.jobs_of(listing.maps, output, names)
     listing.say(terminal, "run")
@@ -345,8 +345,8 @@ def run_maps(
             raise error
         return RunAnswer(plans)  # ends as the run would, as far as that is known
     workers: batch.Workers | None = None
-    is_of_nobody = recipe is None and footprint is None and robot is None
-    assumed = list(_assumed(loaded, changes or [])) if is_of_nobody else []
+    is_default = recipe is None and robot is None
+    assumed = list(_assumed(loaded, changes or [], footprint)) if is_default else []
     with ExitStack() as stack:
         if scheduler is not None:
             from mapdeal.pipeline.workers import ClusterWorkers, connected, shared_folders
@@ -369,10 +369,9 @@ def run_maps(
             done = _run_one(all_jobs[0], map_run, workers, work)
             answer = RunAnswer(done, assumed if done.status == "done" else [], all_jobs[0])
     if page is not None and asked is not None:
+        with_map = [job.path for job in all_jobs if job.error is None]
         made = [output] if is_batch else [all_jobs[0].folder]
-        answer = replace(
-            answer, page=report_of_runs(page, made, [job.path for job in all_jobs], asked)
-        )
+        answer = replace(answer, page=report_of_runs(page, made, with_map, asked))
     elif asked is not None:
         done_paths = [job.path for job in all_jobs]
         if isinstance(answer.made, batch.Batch):
@@ -457,10 +456,19 @@ class RunAnswer(Result):
             raise FindingError(problems[0] + more * (len(problems) > 1), hint=hint)
 
 
-def _assumed(recipe: recipes.Recipe, changes: Sequence[str]) -> Iterator[str]:
-    """Yield which robot a recipe is for if nobody has named one."""
+def _assumed(
+    recipe: recipes.Recipe, changes: Sequence[str], footprint: Footprint | None
+) -> Iterator[str]:
+    """Yield which robot the default recipe is for, and how to get the costmap of Nav2."""
     radii = [step.parameters["radius"] for step in recipe.steps if step.name == "inflate"]
-    if radii and not any(text.strip().startswith("inflate.") for text in changes):
+    if radii and footprint is not None:
+        shape = "--footprint F" if footprint.vertices else f"--robot-radius {footprint.radius:g}"
+        yield (
+            f"recipe default: walls are inflated by {radii[0]:g} m for {robot_text(footprint)}, "
+            "in place of inscribed costs; --params-file FILE, or --recipe nav2 "
+            f"{shape}, makes the costmap of Nav2"
+        )
+    elif radii and not any(text.strip().startswith("inflate.") for text in changes):
         yield (
             f"no robot is given: walls are inflated by {radii[0]:g} m; --params-file FILE, or "
             "--recipe nav2 --robot-radius R, makes the costmap of a robot"

@@ -54,6 +54,8 @@ class Job:
     name: str
     place: str
     is_new: bool = False
+    error: MapdealError | None = None
+    """Why there is no map to run."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,8 @@ class MapRun:
         return replace(self, settings=settings)
 
     def __call__(self, job: Job) -> RunReport:
+        if job.error is not None:
+            raise job.error
         settings = replace(self.settings, force=self.settings.force or job.is_new)
         with settings.reading(anew=True), strict_warnings(settings.strict, job.path):
             return run_map(job.path, job.folder, self.recipe, settings, self.around)
@@ -138,7 +142,13 @@ def internal_error(job: Job, problem: BaseException) -> MapdealError:
 
 def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
     jobs: dict[Path, Job] = {}
+    failed = [
+        Job(one.path, output / one.name, one.name, one.name, error=one.error)
+        for one in maps if one.error is not None
+    ]  # fmt: skip
     for one in maps:
+        if one.error is not None:
+            continue
         place = one.place
         odd = [part for part in place.parts if part in ("", ".", "..")]
         if odd or not place.name:
@@ -165,7 +175,7 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
         if other is not job and ignores_case(output):
             rule = f"would write into {job.folder}, as {other.path} does: the disk ignores case"
             raise ParameterError(rule, source=job.path)
-    return list(jobs.values())
+    return [*jobs.values(), *failed]
 
 
 @dataclass(frozen=True)
@@ -206,6 +216,8 @@ def plan_of(job: Job, run: MapRun) -> Plan:
     """Return what a run would do with a map, from headers, checksums and the manifest."""
     settings, steps = run.settings, run.recipe.steps
     size = (0, 0)
+    if job.error is not None:
+        return Plan(job, "failed", *size, error=job.error)
     try:
         with (
             kept_warnings(),  # the run itself warns
