@@ -106,6 +106,35 @@ def test_the_verdict_as_json(sh, run):
     assert told["state"] == "warning"  # the costs are nobody's
 
 
+def test_results_about_another_map_robot_or_costmap_are_warned_of(sh):
+    mapdeal.write_map("other.yaml", grid_from_text(ROOMS.replace("....#", "...##")))
+    Path("nav2.yaml").write_text(
+        "global_costmap:\n  global_costmap:\n    ros__parameters:\n      robot_radius: 0.1\n"
+        "      plugins: [static_layer]\n"
+        "      static_layer: {plugin: 'nav2_costmap_2d::StaticLayer'}\n"
+    )
+    Path("nav3.yaml").write_text(Path("nav2.yaml").read_text() + "# changed\n")
+    sh("run rooms.yaml -o out --robot-radius 0.26")
+    sh("run rooms.yaml -o own --params-file nav2.yaml")
+    for name, words in (
+        ("same", "rooms.yaml --robot-radius 0.26"), ("robot", "rooms.yaml --robot-radius 0.1"),
+        ("map", "other.yaml --robot-radius 0.26"), ("own", "rooms.yaml --params-file nav2.yaml"),
+        ("costmap", "rooms.yaml --params-file nav3.yaml"),
+    ):  # fmt: skip
+        assert sh(f"reach {words} -o {name}.json")[0] == 0
+    for paths, told in (
+        ("out/rooms same.json", None), ("own/rooms own.json", None), ("rooms.yaml own.json", None),
+        ("out/rooms robot.json", "robot.json: another robot than in out/rooms: a robot of radius"),
+        ("rooms.yaml same.json robot.json", "robot.json: another robot than in same.json"),
+        ("out/rooms map.json", "map.json: another map than here: other.yaml"),
+        ("own/rooms costmap.json", "costmap.json: another costmap than in own/rooms"),
+    ):  # fmt: skip
+        code, _, err = sh(f"report {paths} -o page.html --force")
+        assert (code, "another" in err) == (0, told is not None), err
+        page = Path("page.html").read_text()
+        assert told is None or (told in err and told.partition(": ")[2][:12] in page)
+
+
 def test_a_batch_has_its_page_even_if_maps_fail(sh):
     mapdeal.write_map("maps/a/one.yaml", grid_from_text(ROOMS))
     Path("maps/bad.yaml").write_text("image: none.pgm\nresolution: x\n")

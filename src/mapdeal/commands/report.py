@@ -132,11 +132,11 @@ class WrittenReport(Result):
         ]  # fmt: skip
         if not problems:
             return
-        first, *others = problems
+        first, *later = problems
         texts = [claim.text for claim in first.claims if claim.state == "error"]
         rule = f"{first.name}: {texts[0] if texts else 'has a problem, see the page'}"
-        if others:
-            rule += f"; {len(others)} more of {self.maps} maps have problems"
+        if later:
+            rule += f"; {len(later)} more of {self.maps} maps have problems"
         raise FindingError(rule, source=self.path)
 
 
@@ -384,6 +384,7 @@ class _Gathering:
         name = draft.free_name(path.stem)
         add_layers(draft, self._grids.layers(path, name, grid.kind.capitalize()))
         draft.paths.append(path)
+        draft.sums |= set(opened.sums.values())
         figures = grid.figures()
         draft.figures |= {**columns_of({name: figures}), **draft.figures}
         info = _filter_of(path)
@@ -434,9 +435,9 @@ class _Gathering:
         if not self.drafts:  # such as findings about parameter files alone
             rule = "belongs to a map or a run, and none is named"
             raise ParameterError(rule, source=first, hint="name it before this file")
-        for _, results, draft in self._waiting:
+        for path, results, draft in self._waiting:
             if results.kind not in (LINT, SCORE):
-                (draft or self.drafts[0]).add(results)
+                (draft or self.drafts[0]).add_about(path, results)
         for path, results in linted:
             self.add_findings(path, results)
         for path, results in scored:

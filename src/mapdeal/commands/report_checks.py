@@ -33,7 +33,7 @@ from mapdeal.ros.robot import RobotParameters
 
 @dataclass(frozen=True)
 class GoalAnswer:
-    """Where the robot can go on a map of a run, and what is wrong with that."""
+    """Which goals the robot reaches on a map, and the error if it misses one."""
 
     path: Path
     lines: Sequence[str]
@@ -103,9 +103,9 @@ class Asked:
 
     def reachability(self, path: Path) -> Reachability:
         """Compute where the robot can go on a map."""
-        given = map_input(read_input(path, self.settings), path)
-        found = reach_on_input(given, self._step, self.robot, self._mask)
-        return Reachability(given, found, self._step.title)
+        source = map_input(read_input(path, self.settings), path)
+        found = reach_on_input(source, self._step, self.robot, self._mask)
+        return Reachability(source, found, self._step.title)
 
     def answer(self, path: Path) -> GoalAnswer:
         """Return where the robot can go on a map as text, and why it misses a goal."""

@@ -46,7 +46,7 @@ from mapdeal.ros.robot import RobotParameters
 
 if TYPE_CHECKING:
     from mapdeal.commands.report import WrittenReport
-    from mapdeal.commands.report_checks import GoalAnswer
+    from mapdeal.commands.report_checks import Asked, GoalAnswer
     from mapdeal.pipeline.local import Around
 
 _LOCAL_SET = "--local-set"
@@ -326,7 +326,8 @@ def run_maps(
     else:
         size = batch.jobs_at_once(jobs, len(all_jobs), terminal)
         map_run = map_run.sharing(size)
-    page = asked = None
+    page: Path | None = None
+    goal_check: Asked | None = None
     if report:
         from mapdeal.commands.report import VERDICT, page_in, report_of_runs
 
@@ -335,7 +336,7 @@ def run_maps(
         from mapdeal.commands.report_checks import Asked
 
         listed = [*goals, *([] if points is None else goals_in(points))]
-        asked = Asked(settings, shape, robot, start, listed)
+        goal_check = Asked(settings, shape, robot, start, listed)
     if dry_run:
         others = [*([output / batch.SUMMARY] if is_batch else [])]
         others += [page, output / VERDICT] if page else []
@@ -368,16 +369,16 @@ def run_maps(
         else:
             done = _run_one(all_jobs[0], map_run, workers, work)
             answer = RunAnswer(done, assumed if done.status == "done" else [], all_jobs[0])
-    if page is not None and asked is not None:
+    if page is not None and goal_check is not None:
         with_map = [job.path for job in all_jobs if job.error is None]
         made = [output] if is_batch else [all_jobs[0].folder]
-        answer = replace(answer, page=report_of_runs(page, made, with_map, asked))
-    elif asked is not None:
+        answer = replace(answer, page=report_of_runs(page, made, with_map, goal_check))
+    elif goal_check is not None:
         done_paths = [job.path for job in all_jobs]
         if isinstance(answer.made, batch.Batch):
             done_paths = answer.made.done_paths()
-        answer = replace(answer, goals=[asked.answer(path) for path in done_paths])
-    if asked is not None:
+        answer = replace(answer, goals=[goal_check.answer(path) for path in done_paths])
+    if goal_check is not None:
         refuse_warnings("; the maps are written")
     if golden is None or answer.has_failed:
         return answer
@@ -418,7 +419,9 @@ class RunAnswer(Result):
         if self.page is not None:
             document["report"] = self.page.document()
         if self.goals:
-            document["reach"] = [{"map": str(one.path), **one.document} for one in self.goals]
+            document["reach"] = [
+                {"map": {"file": str(answer.path)}, **answer.document} for answer in self.goals
+            ]
         if self.golden is not None:
             document["differing"] = list(self.differing)
         return document

@@ -236,7 +236,7 @@ def list_maps(
                 if not lists_empty or not line:
                     raise
                 found.append(_Found(None, [Path(line)], [], error))
-    errors = [one.error for one in found if one.error is not None]
+    errors = [named.error for named in found if named.error is not None]
     if errors and len(errors) == len(found):
         raise errors[0]
     root = _common_root(found)

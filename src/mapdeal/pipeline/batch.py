@@ -143,8 +143,8 @@ def internal_error(job: Job, problem: BaseException) -> MapdealError:
 def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
     jobs: dict[Path, Job] = {}
     failed = [
-        Job(one.path, output / one.name, one.name, one.name, error=one.error)
-        for one in maps if one.error is not None
+        Job(listed.path, output / listed.name, listed.name, listed.name, error=listed.error)
+        for listed in maps if listed.error is not None
     ]  # fmt: skip
     for one in maps:
         if one.error is not None:
@@ -408,7 +408,7 @@ class Batch(Result):
     def done_paths(self) -> list[Path]:
         """Return the maps whose outputs are there."""
         outcomes = zip(self.jobs, self.outcomes, strict=True)
-        return [job.path for job, one in outcomes if one.status in ("done", "unchanged")]
+        return [job.path for job, outcome in outcomes if outcome.status in ("done", "unchanged")]
 
     def lines(self) -> Iterator[str]:
         """Yield a line a map, those that failed at the end, where one looks first."""
