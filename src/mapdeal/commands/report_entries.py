@@ -46,7 +46,7 @@ from mapdeal.files.source import (
     sums_of_reads,
 )
 from mapdeal.grid.costmap import CostCurve
-from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint import Footprint, checked_corners
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.inputs.listing import folders_below
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy, lazy_layer
@@ -432,13 +432,16 @@ def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
         if robot.get("robot_radius") is not None:
             radii = radii[0], None
     elif shape is not None:
-        footprint = Footprint.polygon(shape) if isinstance(shape, list) else None
-        if footprint is None:
-            radii = shape.get("radius"), None
-        else:
-            radii = footprint.inscribed_radius, footprint.circumscribed_radius
+        radii = shape.get("radius") if isinstance(shape, dict) else None, None
+        if isinstance(shape, list):
+            with suppress(MapdealError):  # anybody may have written the manifest
+                footprint = Footprint(
+                    checked_corners(shape, "footprint", within=1000.0, least=3, most=500)
+                )
+                radii = footprint.inscribed_radius, footprint.circumscribed_radius
     else:
-        radii = stages.get("cost", {}).get("inscribed_radius"), None
+        costs = stages.get("cost")
+        radii = costs.get("inscribed_radius") if isinstance(costs, dict) else None, None
     if _is_figure(radii[0]) and radii[0] > 0:
         outer = radii[1] if _is_figure(radii[1]) else None
         text = f"a robot of radius {radii[0]:.4g} m"
