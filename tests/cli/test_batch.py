@@ -112,6 +112,23 @@ def test_a_dry_run_tells_what_the_run_then_does_and_writes_nothing(sh, maps, tmp
     assert ("in blocks" in out) == (LITTLE in more)
 
 
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.usefixtures("maps")
+def test_a_folder_without_a_map_fails_alone(sh, jobs):
+    Path("empty").mkdir()
+    line = f"run maps/b empty none/*.yaml -o out -j {jobs} --no-images --report"
+    code, out, err = sh(line)
+    assert (code, out.count("failed (")) == (5, 2)
+    assert "error: empty: is a directory without a map" in err
+    entries = json.loads(Path("out/summary.json").read_text())["maps"]
+    assert [(one["map"], one["status"]) for one in entries] == [
+        ("m.yaml", "done"), ("n.yaml", "done"), ("empty", "failed"), ("*.yaml", "failed")
+    ]  # fmt: skip
+    assert sh(f"{line} --dry-run")[0] == 5
+    assert sh("run empty -o alone")[0] == 4
+    assert sh("run none/*.yaml -o alone")[0] == 2
+
+
 @pytest.mark.usefixtures("maps")
 def test_a_dry_run_of_one_map_ends_as_its_run_would(sh):
     line = "run maps/a/bad.yaml -o o"

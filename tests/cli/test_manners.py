@@ -163,6 +163,17 @@ def test_the_geometry_of_a_bare_image_is_that_of_the_options(sh, room):
 
 def test_who_gives_no_robot_is_told_so(sh, room):
     assert "no robot is given: walls are inflated by 0.3 m" in sh("run room.yaml -o out")[1]
+    for shape, hint in (
+        ("--robot-radius 0.2", "--recipe nav2 --robot-radius 0.2"),
+        (
+            "--footprint [[0.2,0.1],[0.2,-0.1],[-0.2,-0.1],[-0.2,0.1]]",
+            "--recipe nav2 --footprint F",
+        ),
+    ):
+        told = sh(f"run room.yaml -o out --force {shape}")[1]
+        assert "recipe default: walls are inflated by 0.2" in told
+        assert f"{hint}, makes the costmap of Nav2" in told
+        assert "recipe default" not in sh(f"run room.yaml -o nav2 --force --recipe nav2 {shape}")[1]
     for own in ("--recipe nav2", "--robot-radius 0.2", "--set inflate.radius=0.2"):
         assert "no robot" not in sh(f"run room.yaml -o out --force {own}")[1]
     assert "the costs are those of a point" in sh("cost room.yaml -o c.npz")[2]

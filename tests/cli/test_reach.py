@@ -37,8 +37,8 @@ def test_the_answer_on_stdout(sh, at):
     line = f"reach rooms.yaml --from {at(3, 2)} --to {at(3, 12)} kitchen={at(1, 13)}"
     answer = json.loads(sh.ok(f"{line} --robot-radius 0.24 --min-area 0.2"))
     assert list(answer) == [
-        "robot", "start", "through_unknown", "reachable_m2", "open_m2", "free_m2", "share",
-        "goals", "passages",
+        "map", "costmap", "robot", "start", "through_unknown", "reachable_m2", "open_m2",
+        "free_m2", "share", "goals", "passages",
     ]  # fmt: skip
     grid = read_map("rooms.yaml")
     free = np.count_nonzero(grid.occupancy == 0) * 0.25**2

@@ -101,7 +101,6 @@ ROWS = [
     (4, "run @none.txt -o out", "cannot be read"),
     ("run . -o out --jobs 0", "--jobs"),
     ("run m.yaml -o out --scheduler localhost", "must be tcp://HOST:PORT"),
-    ("run m.yaml -o out --to 1,2", "needs --report"),
     (4, "report sub/empty -o ok.html", "contains no run"),
     (4, "report none -o ok.html", "No such file or directory"),
     (4, "report m.yaml -o page.html", "exists"),

@@ -55,7 +55,8 @@ def test_a_run_with_a_page_is_checked_by_lint_and_asked_where_the_robot_gets_to(
     asked = f"--from {start} --to lab={lab} here={start}"
     states = {}
     for radius in (0.1, 0.3):
-        assert sh(f"run rooms.yaml -o r{radius} --robot-radius {radius} --report {asked}")[0] == 0
+        code = sh(f"run rooms.yaml -o r{radius} --robot-radius {radius} --report {asked}")[0]
+        assert code == (radius == 0.3)
         (entry,) = json.loads(Path(f"r{radius}/report.json").read_text())["entries"]
         states[radius] = {one["about"]: (one["state"], one["text"]) for one in entry["claims"]}
         page = Path(f"r{radius}/report.html").read_text()
@@ -75,10 +76,11 @@ def test_a_run_with_a_page_is_checked_by_lint_and_asked_where_the_robot_gets_to(
     assert entry["claims"][-1]["state"] == "unknown"
 
 
-def test_a_start_in_a_wall_is_a_problem_of_the_page_and_not_of_the_run(sh):
-    code, _, err = sh("run rooms.yaml -o out --robot-radius 0.1 --report --from 999,0")
-    assert code == 0
-    assert "so where the robot can go is not shown" in err
+def test_a_start_in_a_wall_is_a_problem_of_the_page_and_the_run_is_written(sh):
+    err = sh.err("run rooms.yaml -o out --robot-radius 0.3 --report --from 999,0", 1)
+    error = err.splitlines()[-1]
+    assert error.startswith("error: out/report.html: rooms: Where the robot can go was not found")
+    assert Path("out/rooms/manifest.json").exists()
     assert json.loads(Path("out/report.json").read_text())["state"] == "error"
 
 
@@ -102,6 +104,35 @@ def test_the_verdict_as_json(sh, run):
     assert [one["about"] for one in entry["claims"]] == ["map", "costmap"]
     assert set(entry["claims"][0]) == {"about", "state", "text"}
     assert told["state"] == "warning"  # the costs are nobody's
+
+
+def test_results_about_another_map_robot_or_costmap_are_warned_of(sh):
+    mapdeal.write_map("other.yaml", grid_from_text(ROOMS.replace("....#", "...##")))
+    Path("nav2.yaml").write_text(
+        "global_costmap:\n  global_costmap:\n    ros__parameters:\n      robot_radius: 0.1\n"
+        "      plugins: [static_layer]\n"
+        "      static_layer: {plugin: 'nav2_costmap_2d::StaticLayer'}\n"
+    )
+    Path("nav3.yaml").write_text(Path("nav2.yaml").read_text() + "# changed\n")
+    sh("run rooms.yaml -o out --robot-radius 0.26")
+    sh("run rooms.yaml -o own --params-file nav2.yaml")
+    for name, words in (
+        ("same", "rooms.yaml --robot-radius 0.26"), ("robot", "rooms.yaml --robot-radius 0.1"),
+        ("map", "other.yaml --robot-radius 0.26"), ("own", "rooms.yaml --params-file nav2.yaml"),
+        ("costmap", "rooms.yaml --params-file nav3.yaml"),
+    ):  # fmt: skip
+        assert sh(f"reach {words} -o {name}.json")[0] == 0
+    for paths, told in (
+        ("out/rooms same.json", None), ("own/rooms own.json", None), ("rooms.yaml own.json", None),
+        ("out/rooms robot.json", "robot.json: another robot than in out/rooms: a robot of radius"),
+        ("rooms.yaml same.json robot.json", "robot.json: another robot than in same.json"),
+        ("out/rooms map.json", "map.json: another map than here: other.yaml"),
+        ("own/rooms costmap.json", "costmap.json: another costmap than in own/rooms"),
+    ):  # fmt: skip
+        code, _, err = sh(f"report {paths} -o page.html --force")
+        assert (code, "another" in err) == (0, told is not None), err
+        page = Path("page.html").read_text()
+        assert told is None or (told in err and told.partition(": ")[2][:12] in page)
 
 
 def test_a_batch_has_its_page_even_if_maps_fail(sh):

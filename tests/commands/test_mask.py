@@ -122,7 +122,8 @@ def test_a_zone_in_a_door_is_named(tmp_path, command):
     words += ["-o", tmp_path / "f", "--robot-radius", "0.22", "--from", "0,0.9"]
     words += ["--to", "room=-7,-3"]
     code, _, err = command(*words)
-    assert code == 0
+    assert code == 1
+    assert "error: " in err
     assert "paint at -7.525,-0.775 cuts off 12.98 m2" in err
     assert "room is cut off by keepout zones" in err
     code, _, err = command(*words, "--strict", "--force")

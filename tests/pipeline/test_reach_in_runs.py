@@ -103,7 +103,7 @@ def test_ci_sees_that_the_kitchen_is_no_longer_reachable(run, command):
 def test_a_goal_that_is_not_reached_is_warned_of(run):
     words = ["--set", "reach.goals={cupboard: [9, 3], lift: [-7, 3]}"]
     code, said, manifest = run(*words)
-    assert code == 0
+    assert code == 1
     assert manifest["figures"]["reach"]["goals"] == {"cupboard": False, "lift": True}
     told = "reach: not reachable: cupboard (its cell is unknown)"
     assert said.count(told) == 1

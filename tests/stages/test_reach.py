@@ -203,7 +203,26 @@ def test_no_goal_takes_the_answers_for_the_others():
     robot = mapdeal.Footprint.polygon([[0.4, 0.1], [0.4, -0.1], [-0.4, -0.1], [-0.4, 0.1]])
     found = mapdeal.reach(grid, start=centre(grid, 3, 2), goals=goals, footprint=robot)
     assert [one.reachable for one in found.goals] == [True] + [False] * 5
-    assert found.goals[3].reason == "too narrow for the robot in every heading"
+    assert [one.reason for one in found.goals] == [
+        None, "an obstacle", "unknown", "too narrow for the robot in every heading",
+        "outside of the map", "outside of the map",
+    ]  # fmt: skip
+
+
+def test_a_goal_in_an_unknown_keepout_cell_has_the_same_reason_for_every_shape():
+    grid = grid_from_text(ROOMS)
+    zone = np.zeros(grid.shape, np.int8)
+    zone[1, 10] = 100  # unknown, too
+    goals = [Goal(*centre(grid, 1, 10))]
+    corners = [[0.2, 0.1], [0.2, -0.1], [-0.2, -0.1], [-0.2, 0.1]]
+    shapes = (mapdeal.Footprint.circle(0.2), mapdeal.Footprint.polygon(corners))
+    for mask, reason in ((None, "unknown"), (grid.with_values(zone), "in a keepout area")):
+        for shape in shapes:
+            start = centre(grid, 3, 2)
+            found = mapdeal.reach(grid, start=start, goals=goals, footprint=shape, mask=mask)
+            assert found.goals[0].reason == reason
+            with pytest.raises(mapdeal.ParameterError, match=rf"closed cell \({reason}\)"):
+                mapdeal.reach(grid, start=centre(grid, 1, 10), footprint=shape, mask=mask)
 
 
 def test_no_part_of_a_robot_is_outside_of_the_map():

@@ -37,6 +37,7 @@ class LocalMaps(Batch):
     def check(self) -> None:
         if self.count("failed"):
             raise BatchError(f"{self.count('failed')} of {len(self.jobs)} clouds failed")
+        super().check()
 
 
 def _keep(text: str) -> local_maps.Keep:

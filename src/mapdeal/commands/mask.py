@@ -11,7 +11,7 @@ from mapdeal.checks.lint import lint_mask
 from mapdeal.command import Condition, Output, Result, Words, command
 from mapdeal.commands.mask_facts import PER_CELL, mask_facts
 from mapdeal.commands.reach import goals_of, start_of
-from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.grid.filters import KINDS, FilterInfo, FilterKind, SpeedUnit, described_mask
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -78,6 +78,8 @@ class FilterMasks(Result):
     map: MapInput
     masks: tuple[FilterMask, ...]
     folder: Path
+    errors: tuple[str, ...] = ()
+    """Findings of severity error about the masks, a line each."""
 
     def document(self) -> dict[str, Any]:
         return {
@@ -91,6 +93,10 @@ class FilterMasks(Result):
         yield f"{self.folder}:"
         yield from (f"  {one.line()}" for one in self.masks)
         yield f"  {_LAUNCH}: starts their servers, with the parameters in {_PARAMETERS}"
+
+    def check(self) -> None:
+        if self.errors:
+            raise FindingError("; ".join(self.errors), source=self.folder)
 
     def drawn(self, **look: Any) -> Image:
         from mapdeal.pictures.zones import zones_image
@@ -134,7 +140,7 @@ def mask(
     (keepout, speed or binary), for a speed zone the property speed, and optionally a name.
 
     Keepout zones are compared with what the robot reaches: zones that close the only way to a part
-    of the map, or to a place given with --to, are warned of.
+    of the map are warned of. If they close a place given with --to, the exit code is 1.
 
     Parameters
     ----------
@@ -175,7 +181,7 @@ def mask(
     (given,) = opened(source, names=("the map",), also=[file, *(robot.paths if robot else ())])
     claim_cells(given, PER_CELL)
     shape = planned_shape(robot) if footprint is None and robot is not None else footprint
-    masks = []
+    masks, errors = [], []
     with errors_named(given.name):
         for one, path in zip(kinds, paths, strict=True):
             own = tuple(zone for zone in zones if zone.kind == one)
@@ -185,7 +191,13 @@ def mask(
             masks.append(FilterMask(grid, info, own, path))
             facts = mask_facts(given, grid, info, robot=shape, start=start, goals=goals, zones=own)
             for found in lint_mask(path, facts):
-                emit_warning(f"{path}: {found.message}", stacklevel=2)
+                if found.severity == "error":
+                    errors.append(f"{path.name}: {found.message}")
+                else:
+                    emit_warning(f"{path}: {found.message}", stacklevel=2)
+    result = FilterMasks(given, tuple(masks), output, tuple(errors))
+    if work.settings.strict:
+        result.check()  # before anything is written
     transaction = work.begin()
     for made in masks:
         entries = made.info.entries()
@@ -194,4 +206,4 @@ def mask(
     names = [path.name for path in paths]
     transaction.write_bytes(output / _PARAMETERS, filter_parameters(infos).encode())
     transaction.write_bytes(output / _LAUNCH, filter_launch(kinds, _PARAMETERS, names).encode())
-    return FilterMasks(given, tuple(masks), output)
+    return result

@@ -23,7 +23,7 @@ from mapdeal.maps.reading import as_occupancy, write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import inputs
-from mapdeal.pipeline.folder import Spread, reach_document, reach_json, summary_of
+from mapdeal.pipeline.folder import Spread, reach_document, spread_json, summary_of
 from mapdeal.pipeline.recipe import load_recipe, planned_shape
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.ros.robot import RobotParameters
@@ -42,6 +42,7 @@ class Reachability(Spread):
     reach: Reach
     title: str
     keepout: NDArray[np.bool_] | None = None
+    robot: RobotParameters | None = None
 
     @property
     def missed(self) -> list[GoalReach]:
@@ -52,10 +53,15 @@ class Reachability(Spread):
         return not self.missed
 
     def document(self) -> dict[str, Any]:
-        return reach_document(self.reach)
+        costmap = None
+        if self.robot is not None:
+            described = self.robot.described()
+            costmap = {key: described[key] for key in ("costmap", "files")}
+        named = {"map": self.map.document(), "costmap": costmap}
+        return {**named, **reach_document(self.reach)}
 
     def parts(self) -> Iterator[str]:
-        yield reach_json(self.reach)
+        yield spread_json(self.document(), "goals", "passages")
 
     def summary(self, output: Path) -> Iterator[str]:
         yield f"{output}: {summary_of(self.reach.figures())}"
@@ -228,7 +234,7 @@ def reachability(
     if layers is not None:
         write_grid(work.begin(), layers, found)
     closed = None if mask is None else closed_by(mask.grid, found.frame)
-    return Reachability(one, found, step.title, closed)
+    return Reachability(one, found, step.title, closed, robot)
 
 
 def reach_on_input(

@@ -32,6 +32,7 @@ from mapdeal.commands.report_entries import (
 )
 from mapdeal.errors import (
     FileAccessError,
+    FindingError,
     MapdealError,
     ParameterError,
     emit_warning,
@@ -122,6 +123,21 @@ class WrittenReport(Result):
     def lines(self) -> Iterator[str]:
         """Yield what ``mapdeal report`` prints."""
         yield f"{self.path}: {count_text(self.maps, 'map')}, {size_text(self.size)}"
+
+    def check(self) -> None:
+        """Raise FindingError if a map on the page has a problem."""
+        problems = [
+            verdict for verdict in self.verdicts
+            if "error" in (verdict.state, *(claim.state for claim in verdict.claims))
+        ]  # fmt: skip
+        if not problems:
+            return
+        first, *later = problems
+        texts = [claim.text for claim in first.claims if claim.state == "error"]
+        rule = f"{first.name}: {texts[0] if texts else 'has a problem, see the page'}"
+        if later:
+            rule += f"; {len(later)} more of {self.maps} maps have problems"
+        raise FindingError(rule, source=self.path)
 
 
 @command(
@@ -368,6 +384,7 @@ class _Gathering:
         name = draft.free_name(path.stem)
         add_layers(draft, self._grids.layers(path, name, grid.kind.capitalize()))
         draft.paths.append(path)
+        draft.sums |= set(opened.sums.values())
         figures = grid.figures()
         draft.figures |= {**columns_of({name: figures}), **draft.figures}
         info = _filter_of(path)
@@ -418,9 +435,9 @@ class _Gathering:
         if not self.drafts:  # such as findings about parameter files alone
             rule = "belongs to a map or a run, and none is named"
             raise ParameterError(rule, source=first, hint="name it before this file")
-        for _, results, draft in self._waiting:
+        for path, results, draft in self._waiting:
             if results.kind not in (LINT, SCORE):
-                (draft or self.drafts[0]).add(results)
+                (draft or self.drafts[0]).add_about(path, results)
         for path, results in linted:
             self.add_findings(path, results)
         for path, results in scored:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextvars import copy_context
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from mapdeal.checks.lint import LintReport
 from mapdeal.commands.lint import lint
-from mapdeal.commands.reach import reach_on_input
+from mapdeal.commands.reach import Reachability, reach_on_input
 from mapdeal.commands.report_documents import Results, results_of, short
 from mapdeal.commands.report_entries import Draft
 from mapdeal.errors import MapdealError, one_line
@@ -27,6 +29,16 @@ from mapdeal.pipeline.step import Step, make_step
 from mapdeal.report.document import Claim, PageLayer, State, page_layers
 from mapdeal.report.verdict import on_no_robot
 from mapdeal.ros.robot import RobotParameters
+
+
+@dataclass(frozen=True)
+class GoalAnswer:
+    """Which goals the robot reaches on a map, and the error if it misses one."""
+
+    path: Path
+    lines: Sequence[str]
+    document: Mapping[str, Any]
+    problem: str | None = None
 
 
 @dataclass(frozen=True)
@@ -89,6 +101,25 @@ class Asked:
         document = json.loads(json_of(copy_context().run(linted).document()))
         return results_of(JsonValue(Path("lint"), document))
 
+    def reachability(self, path: Path) -> Reachability:
+        """Compute where the robot can go on a map."""
+        source = map_input(read_input(path, self.settings), path)
+        found = reach_on_input(source, self._step, self.robot, self._mask)
+        return Reachability(source, found, self._step.title)
+
+    def answer(self, path: Path) -> GoalAnswer:
+        """Return where the robot can go on a map as text, and why it misses a goal."""
+        lines: list[str] = []
+        document: dict[str, Any] = {}
+        try:
+            found = self.reachability(path)
+            with_goals = islice(found.lines(), 1 + len(found.reach.goals))  # without passages
+            lines, document = list(with_goals), found.document()
+            found.check()
+        except MapdealError as error:
+            return GoalAnswer(path, lines, document, str(error.found_in(path)))
+        return GoalAnswer(path, lines, document)
+
     def add_reach(self, draft: Draft, path: Path, *, with_layer: bool, held: int) -> None:
         """Add where the robot can go on a map to its draft, unless its own recipe has asked."""
         # `held` are the bytes of what is in memory beside it.
@@ -102,12 +133,12 @@ class Asked:
         texts: list[str] = []
         try:
             with heard(texts), holding(held):
-                one = map_input(read_input(path, self.settings), path)
-                found = reach_on_input(one, self._step, self.robot, self._mask)
+                found = self.reachability(path).reach
         except MapdealError as error:
-            draft.lacks("where the robot can go", path, error)
             is_too_large = error.hint is not None and "--max-memory" in error.hint
             state: State = "unknown" if is_too_large else "error"
+            if is_too_large:
+                draft.lacks("where the robot can go", path, error)
             rule = ": ".join(filter(None, (error.place, error.rule)))
             words = f"Where the robot can go was not found: {rule}"
             draft.claims.append(Claim("goals", state, short(one_line(words))))

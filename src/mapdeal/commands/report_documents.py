@@ -94,6 +94,33 @@ class Part:
 
 
 @dataclass(frozen=True)
+class Subject:
+    """The robot or costmap that a result is about; a part of the key may be None, for unknown."""
+
+    kind: str
+    key: tuple[object, ...]
+    text: str
+
+    def differs(self, earlier: Subject) -> bool:
+        pairs = zip(self.key, earlier.key, strict=True)
+        return any(a != b for a, b in pairs if a is not None and b is not None)
+
+
+_RADIUS_DIGITS = 4
+
+
+def robot_subject(text: str, inscribed: float, circumscribed: float | None) -> Subject:
+    """Return a robot by its radii; that of a round robot has no corners beyond it."""
+    outer = None if circumscribed is None else round(circumscribed, _RADIUS_DIGITS)
+    return Subject("robot", (round(inscribed, _RADIUS_DIGITS), outer), text)
+
+
+def costmap_subject(name: str, files: Iterable[tuple[str, str]]) -> Subject:
+    names, sums = zip(*files, strict=True) if (files := list(files)) else ((), ())
+    return Subject("costmap", (name, sums), f"the {name} costmap of {', '.join(names)}")
+
+
+@dataclass(frozen=True)
 class Results:
     """What a document says of maps, as a page shows it."""
 
@@ -107,6 +134,7 @@ class Results:
     transform: Transform | None = None
     tolerance: float = 0.0  # cells
     claims: tuple[Claim, ...] = ()
+    subjects: tuple[Subject, ...] = ()
 
 
 def read_results(path: Path) -> Results:
@@ -204,7 +232,23 @@ def _reach(document: JsonValue) -> Results:
     items = [start, *goal_items(goals, robot, headings), *passage_items(passages)]
     fits = min(areas[0] / areas[1], 1.0) if areas[1] else 1.0
     claims = (on_goals(goals, passages, robot, share=fits),)
-    return Results(REACH, items, [Table("What the robot can reach", rows)], claims=claims)
+    subjects = [] if robot is None else [
+        robot_subject(
+            robot_text(robot), robot.inscribed_radius,
+            robot.circumscribed_radius if robot.vertices else None,
+        )
+    ]  # fmt: skip
+    costmap, about = document.get("costmap"), document.get("map")
+    named = None if about is None else named_map(about)
+    if costmap is not None and not costmap.is_null:
+        files = [
+            (file["name"].text(), file["sha256"].sha256()) for file in costmap["files"].items()
+        ]
+        subjects.append(costmap_subject(costmap["costmap"].text(), files))
+    return Results(
+        REACH, items, [Table("What the robot can reach", rows)], claims=claims,
+        maps=(named,), files=() if named is None else (named.file,), subjects=tuple(subjects),
+    )  # fmt: skip
 
 
 def _robot(robot: JsonValue) -> Footprint | None:

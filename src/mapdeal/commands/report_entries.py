@@ -19,8 +19,11 @@ from mapdeal.commands.report_documents import (
     MOST_CHANGES,
     Part,
     Results,
+    Subject,
     change_items,
+    costmap_subject,
     read_results,
+    robot_subject,
     short,
 )
 from mapdeal.errors import (
@@ -43,6 +46,7 @@ from mapdeal.files.source import (
     sums_of_reads,
 )
 from mapdeal.grid.costmap import CostCurve
+from mapdeal.grid.footprint import Footprint, checked_corners
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.inputs.listing import folders_below
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy, lazy_layer
@@ -89,6 +93,8 @@ class Draft:
     compared: tuple[str, str] | None = None
     opens_swiped: bool = True
     claims: list[Claim] = field(default_factory=list)
+    outputs: set[str] = field(default_factory=set)  # checksums of what the run wrote
+    subjects: list[tuple[Path, Subject]] = field(default_factory=list)
 
     @property
     def places(self) -> tuple[Path, ...]:
@@ -116,6 +122,25 @@ class Draft:
         """Warn of a map that is not what a document is of, given the checksums of both."""
         if told and found != told:
             self.miss(f"{file}: is not the map that {what}: its checksum differs", file)
+
+    def add_subjects(self, path: Path, subjects: Iterable[Subject]) -> None:
+        """Note the robot and costmap of a result; warn if they differ from those of an earlier."""
+        for subject in subjects:
+            for first, earlier in self.subjects:
+                if earlier.kind == subject.kind and subject.differs(earlier):
+                    text = f"{path}: another {subject.kind} than in {first}: "
+                    self.miss(f"{text}{subject.text}, not {earlier.text}", path)
+                    break
+            self.subjects.append((path, subject))
+
+    def add_about(self, path: Path, results: Results) -> None:
+        """Add results; warn if their map, robot or costmap is not that of this entry."""
+        known = self.sums | self.outputs
+        for named in results.maps:
+            if named is not None and known and not set(named.sha256.values()) <= known:
+                self.miss(f"{path}: another map than here: {short(named.file)}", path)
+        self.add_subjects(path, results.subjects)
+        self.add(results)
 
     def add(self, one: Part | Results) -> None:
         self.items += one.items
@@ -363,6 +388,8 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     if isinstance(inputs, dict):
         draft.sums |= set(map(str, inputs.values()))
         draft.files |= set(map(str, inputs))
+    draft.outputs |= set(map(str, manifest["outputs"].values()))
+    draft.add_subjects(draft.path, _subjects_of_run(manifest))
     _check_outputs(draft, manifest)
     for stage in manifest["stages"]:
         name, parameters = next(iter(stage.items()))
@@ -389,6 +416,42 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     draft.warn(map(str, warnings if isinstance(warnings, list) else ()))
     if (costs := on_costs(manifest)) is not None:
         draft.claims.append(replace(costs, text=short(costs.text)))
+
+
+def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
+    """Yield the robot and the costmap of a run, if its manifest names them."""
+    robot = manifest.get("robot")
+    stages = {name: values for stage in manifest["stages"] for name, values in stage.items()}
+    shape = next((s["footprint"] for s in stages.values() if _is_shape(s)), None)
+    if isinstance(robot, dict):
+        radii = robot.get("inscribed_radius"), robot.get("circumscribed_radius")
+        files = robot.get("files")
+        if isinstance(files, list) and all(isinstance(file, dict) for file in files):
+            named = [(str(file.get("name")), str(file.get("sha256"))) for file in files]
+            yield costmap_subject(str(robot.get("costmap")), named)
+        if robot.get("robot_radius") is not None:
+            radii = radii[0], None
+    elif shape is not None:
+        radii = shape.get("radius") if isinstance(shape, dict) else None, None
+        if isinstance(shape, list):
+            with suppress(MapdealError):  # anybody may have written the manifest
+                footprint = Footprint(
+                    checked_corners(shape, "footprint", within=1000.0, least=3, most=500)
+                )
+                radii = footprint.inscribed_radius, footprint.circumscribed_radius
+    else:
+        costs = stages.get("cost")
+        radii = costs.get("inscribed_radius") if isinstance(costs, dict) else None, None
+    if _is_figure(radii[0]) and radii[0] > 0:
+        outer = radii[1] if _is_figure(radii[1]) else None
+        text = f"a robot of radius {radii[0]:.4g} m"
+        text += "" if outer is None else f" to {outer:.4g} m"
+        yield robot_subject(text, radii[0], outer)
+
+
+def _is_shape(parameters: object) -> bool:
+    shape = parameters.get("footprint") if isinstance(parameters, dict) else None
+    return isinstance(shape, dict) or (isinstance(shape, list) and bool(shape))
 
 
 def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:

@@ -18,11 +18,12 @@ from mapdeal.errors import (
     MapdealError,
     ParameterError,
     emit_warning,
+    refuse_warnings,
     strict_warnings,
 )
 from mapdeal.files.source import absolute_path
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.reach import Goal
+from mapdeal.grid.reach import Goal, robot_text
 from mapdeal.grid.values import count_text
 from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.local_map import CloudFrame, LocalOptions
@@ -45,6 +46,7 @@ from mapdeal.ros.robot import RobotParameters
 
 if TYPE_CHECKING:
     from mapdeal.commands.report import WrittenReport
+    from mapdeal.commands.report_checks import Asked, GoalAnswer
     from mapdeal.pipeline.local import Around
 
 _LOCAL_SET = "--local-set"
@@ -217,7 +219,8 @@ def run_maps(
     cloud (--cloud).
 
     If a map fails, the others continue: the exit code is 5, and DIR/summary.json has the outcome
-    of each. A map that --strict refuses counts as failed.
+    of each. A map that --strict refuses counts as failed. If the robot does not reach a goal, or
+    the verdict of --report is a problem, everything is written and the exit code is 1.
 
     Parameters
     ----------
@@ -260,11 +263,11 @@ def run_maps(
         verdict as DIR/report.json. Maps are checked by lint, and if there is a robot or a goal by
         reach.
     start : tuple of float, optional
-        For --report: where the robot starts, metres and radians, as for `mapdeal reach`.
+        Where the robot starts, metres and radians, as for `mapdeal reach`.
     goals : sequence of Goal
-        For --report: goal that the robot must reach, metres; more may follow.
+        Goal that the robot must reach, metres; more may follow; exit with 1 if it is not reached.
     points : path, optional
-        For --report: file of goals, one [NAME=]x,y or JSON object per line; - reads standard input.
+        File of goals, one [NAME=]x,y or JSON object per line; - reads standard input.
     dry_run : bool
         Say what would be read, written, skipped and refused, and the memory it takes.
     """
@@ -282,8 +285,6 @@ def run_maps(
             raise ParameterError(
                 "is not a parameter of a stage", source=recipes.SET, got=text, hint=hint
             )
-    if not report:
-        refuse("needs --report", start=start, goals=goals or None, points=points)
     loaded = recipes.load_recipe(recipe, changes, footprint=footprint, sim=sim, robot=robot)
     used_mask(loaded, work.settings.mask)
     for step in loaded.steps:
@@ -307,7 +308,7 @@ def run_maps(
     if scheduler is not None:
         refuse("cannot be given together with --scheduler", pose=pose)
         output = absolute_path(output)
-    listing = list_maps(sources, output, terminal.input_chunks)
+    listing = list_maps(sources, output, terminal.input_chunks, lists_empty=True)
     names = {path.name for path in output_folder(output, {}, loaded, settings).outputs()}
     all_jobs = batch.jobs_of(listing.maps, output, names)
     listing.say(terminal, "run")
@@ -325,14 +326,17 @@ def run_maps(
     else:
         size = batch.jobs_at_once(jobs, len(all_jobs), terminal)
         map_run = map_run.sharing(size)
-    page = None
+    page: Path | None = None
+    goal_check: Asked | None = None
     if report:
         from mapdeal.commands.report import VERDICT, page_in, report_of_runs
-        from mapdeal.commands.report_checks import Asked
 
         page = page_in(output)
+    if report or start is not None or goals or points is not None:
+        from mapdeal.commands.report_checks import Asked
+
         listed = [*goals, *([] if points is None else goals_in(points))]
-        asked = Asked(settings, shape, robot, start, listed)
+        goal_check = Asked(settings, shape, robot, start, listed)
     if dry_run:
         others = [*([output / batch.SUMMARY] if is_batch else [])]
         others += [page, output / VERDICT] if page else []
@@ -342,8 +346,8 @@ def run_maps(
             raise error
         return RunAnswer(plans)  # ends as the run would, as far as that is known
     workers: batch.Workers | None = None
-    is_of_nobody = recipe is None and footprint is None and robot is None
-    assumed = list(_assumed(loaded, changes or [])) if is_of_nobody else []
+    is_default = recipe is None and robot is None
+    assumed = list(_assumed(loaded, changes or [], footprint)) if is_default else []
     with ExitStack() as stack:
         if scheduler is not None:
             from mapdeal.pipeline.workers import ClusterWorkers, connected, shared_folders
@@ -365,11 +369,17 @@ def run_maps(
         else:
             done = _run_one(all_jobs[0], map_run, workers, work)
             answer = RunAnswer(done, assumed if done.status == "done" else [], all_jobs[0])
-    if page is not None:
+    if page is not None and goal_check is not None:
+        with_map = [job.path for job in all_jobs if job.error is None]
         made = [output] if is_batch else [all_jobs[0].folder]
-        answer = replace(
-            answer, page=report_of_runs(page, made, [job.path for job in all_jobs], asked)
-        )
+        answer = replace(answer, page=report_of_runs(page, made, with_map, goal_check))
+    elif goal_check is not None:
+        done_paths = [job.path for job in all_jobs]
+        if isinstance(answer.made, batch.Batch):
+            done_paths = answer.made.done_paths()
+        answer = replace(answer, goals=[goal_check.answer(path) for path in done_paths])
+    if goal_check is not None:
+        refuse_warnings("; the maps are written")
     if golden is None or answer.has_failed:
         return answer
     runs = [(job.folder, job.place) for job in all_jobs]
@@ -395,6 +405,7 @@ class RunAnswer(Result):
     golden: Path | None = None
     stored: Sequence[str] = ()
     differing: Sequence[str] = ()
+    goals: Sequence[GoalAnswer] = ()  # without a page, which has them otherwise
 
     @property
     def has_failed(self) -> bool:
@@ -407,6 +418,10 @@ class RunAnswer(Result):
             document = {"maps": [{**head, **batch.Outcome(self.made).document(self.job)}]}
         if self.page is not None:
             document["report"] = self.page.document()
+        if self.goals:
+            document["reach"] = [
+                {"map": {"file": str(answer.path)}, **answer.document} for answer in self.goals
+            ]
         if self.golden is not None:
             document["differing"] = list(self.differing)
         return document
@@ -417,6 +432,8 @@ class RunAnswer(Result):
             yield from some
         if self.page is not None:
             yield from self.page.lines()
+        for answer in self.goals:
+            yield from answer.lines
         yield from self.stored
         if self.golden is not None and not self.differing:
             yield f"{self.golden}: all stages as stored"
@@ -428,17 +445,33 @@ class RunAnswer(Result):
         return self.differing
 
     def check(self) -> None:
-        self.made.check()
         if self.differing:
             verb = "differs" if len(self.differing) == 1 else "differ"
             rule = f"{count_text(len(self.differing), 'stage')} {verb} from the golden run"
             raise FindingError(rule, source=self.golden, hint="--update-golden accepts them")
+        self.made.check()
+        if self.page is not None:
+            self.page.check()
+        problems = [answer.problem for answer in self.goals if answer.problem is not None]
+        if problems:
+            more = f"; {len(problems) - 1} more of {len(self.goals)} maps have problems"
+            hint = "--report also writes a page that shows where the robot can go"
+            raise FindingError(problems[0] + more * (len(problems) > 1), hint=hint)
 
 
-def _assumed(recipe: recipes.Recipe, changes: Sequence[str]) -> Iterator[str]:
-    """Yield which robot a recipe is for if nobody has named one."""
+def _assumed(
+    recipe: recipes.Recipe, changes: Sequence[str], footprint: Footprint | None
+) -> Iterator[str]:
+    """Yield which robot the default recipe is for, and how to get the costmap of Nav2."""
     radii = [step.parameters["radius"] for step in recipe.steps if step.name == "inflate"]
-    if radii and not any(text.strip().startswith("inflate.") for text in changes):
+    if radii and footprint is not None:
+        shape = "--footprint F" if footprint.vertices else f"--robot-radius {footprint.radius:g}"
+        yield (
+            f"recipe default: walls are inflated by {radii[0]:g} m for {robot_text(footprint)}, "
+            "in place of inscribed costs; --params-file FILE, or --recipe nav2 "
+            f"{shape}, makes the costmap of Nav2"
+        )
+    elif radii and not any(text.strip().startswith("inflate.") for text in changes):
         yield (
             f"no robot is given: walls are inflated by {radii[0]:g} m; --params-file FILE, or "
             "--recipe nav2 --robot-radius R, makes the costmap of a robot"

@@ -683,10 +683,10 @@ def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | Non
         return "an obstacle"
     if ground.keepout is not None and ground.keepout[cell]:
         return "in a keepout area"
-    if robot is not None and robot.vertices:
-        return "too narrow for the robot in every heading"
     if ground.occupancy[cell] == UNKNOWN and not ground.through_unknown:
         return "unknown"
+    if robot is not None and robot.vertices:
+        return "too narrow for the robot in every heading"
     clearance = width_of(square, ground.frame.resolution) / 2
     row, col = cell
     height, width = ground.frame.shape

@@ -166,6 +166,8 @@ _PER_NAME = 400  # bytes that the name of a map takes in memory, and what is mad
 class ListedMap:
     path: Path
     name: str
+    error: MapdealError | None = None
+    """Why a folder or pattern among several names has no map."""
 
     @property
     def place(self) -> Path:
@@ -213,19 +215,30 @@ class _Found:
     root: Path | None
     files: list[Path]
     left_out: list[Path]
+    error: MapdealError | None = None
 
 
 def list_maps(
     names: Iterable[str], output: Path | None, standard_input: Callable[[], Iterable[bytes]], *,
-    whole_folders: WholeFolders | None = None,
+    whole_folders: WholeFolders | None = None, lists_empty: bool = False,
 ) -> MapListing:  # fmt: skip
     """Return the maps of names: folders but for what lies in the output, patterns, and lists."""
+    # With `lists_empty`, a folder or pattern without a map among others is listed with its error.
     output = None if output is None else real_path(output)
     found: list[_Found] = []
     for name in names:
         is_list = name.startswith("@")
         lines = _lines_of(name[1:], standard_input) if is_list else [name]
-        found += [_found_by(line, output, whole_folders, is_listed=is_list) for line in lines]
+        for line in lines:
+            try:
+                found.append(_found_by(line, output, whole_folders, is_listed=is_list))
+            except MapdealError as error:
+                if not lists_empty or not line:
+                    raise
+                found.append(_Found(None, [Path(line)], [], error))
+    errors = [named.error for named in found if named.error is not None]
+    if errors and len(errors) == len(found):
+        raise errors[0]
     root = _common_root(found)
     maps: dict[tuple[Path, str], ListedMap] = {}
     repeated: dict[tuple[Path, str], Path] = {}
@@ -233,13 +246,13 @@ def list_maps(
         for path in one.files:
             file = (yaml_at(path) if path.suffix.lower() == BIT_MAP else None) or path
             key = (real_path(file.parent), file.name)
-            name = path.name
+            name = path.name or str(path)
             if one.root is not None:
                 name = normal_path(path).relative_to(root).as_posix()
             if key in maps:
                 repeated[key] = path
             else:
-                maps[key] = ListedMap(path, name)
+                maps[key] = ListedMap(path, name, one.error)
     left_out = {real_path(path): path for one in found for path in one.left_out}
     is_set = any(one.root is not None for one in found)
     return MapListing(

@@ -17,6 +17,7 @@ from mapdeal.command import Result
 from mapdeal.errors import (
     BatchError,
     FileAccessError,
+    FindingError,
     MapdealError,
     ParameterError,
     kept_warnings,
@@ -53,6 +54,8 @@ class Job:
     name: str
     place: str
     is_new: bool = False
+    error: MapdealError | None = None
+    """Why there is no map to run."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,8 @@ class MapRun:
         return replace(self, settings=settings)
 
     def __call__(self, job: Job) -> RunReport:
+        if job.error is not None:
+            raise job.error
         settings = replace(self.settings, force=self.settings.force or job.is_new)
         with settings.reading(anew=True), strict_warnings(settings.strict, job.path):
             return run_map(job.path, job.folder, self.recipe, settings, self.around)
@@ -137,7 +142,13 @@ def internal_error(job: Job, problem: BaseException) -> MapdealError:
 
 def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
     jobs: dict[Path, Job] = {}
+    failed = [
+        Job(listed.path, output / listed.name, listed.name, listed.name, error=listed.error)
+        for listed in maps if listed.error is not None
+    ]  # fmt: skip
     for one in maps:
+        if one.error is not None:
+            continue
         place = one.place
         odd = [part for part in place.parts if part in ("", ".", "..")]
         if odd or not place.name:
@@ -164,7 +175,7 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
         if other is not job and ignores_case(output):
             rule = f"would write into {job.folder}, as {other.path} does: the disk ignores case"
             raise ParameterError(rule, source=job.path)
-    return list(jobs.values())
+    return [*jobs.values(), *failed]
 
 
 @dataclass(frozen=True)
@@ -205,6 +216,8 @@ def plan_of(job: Job, run: MapRun) -> Plan:
     """Return what a run would do with a map, from headers, checksums and the manifest."""
     settings, steps = run.settings, run.recipe.steps
     size = (0, 0)
+    if job.error is not None:
+        return Plan(job, "failed", *size, error=job.error)
     try:
         with (
             kept_warnings(),  # the run itself warns
@@ -392,6 +405,11 @@ class Batch(Result):
     def count(self, status: str) -> int:
         return sum(outcome.status == status for outcome in self.outcomes)
 
+    def done_paths(self) -> list[Path]:
+        """Return the maps whose outputs are there."""
+        outcomes = zip(self.jobs, self.outcomes, strict=True)
+        return [job.path for job, outcome in outcomes if outcome.status in ("done", "unchanged")]
+
     def lines(self) -> Iterator[str]:
         """Yield a line a map, those that failed at the end, where one looks first."""
         rows, failed = [("status", "cells", "map")], []
@@ -411,6 +429,10 @@ class Batch(Result):
         if failed:
             rule = f"{failed} of {len(self.jobs)} maps failed"
             raise BatchError(rule, source=self.output / SUMMARY)
+        missing = sum(bool(outcome.result.missed_goals) for outcome in self.outcomes)
+        if missing:
+            rule = f"on {missing} of {len(self.jobs)} maps the robot does not reach every goal"
+            raise FindingError(rule, source=self.output / SUMMARY)
 
     @classmethod
     def printed(cls, job: Job, warning: str) -> str:

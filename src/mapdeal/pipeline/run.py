@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mapdeal.command import Result
-from mapdeal.errors import ParameterError, emit_warning, one_line
+from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import read_json
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import on_canvas
@@ -103,6 +103,18 @@ class RunReport(Result):
                 yield f"  {stage:<{width}} {cells_text(figures)} cells, {summary_of(figures)}"
         if self.local is not None:
             yield from self.local.lines()
+
+    @property
+    def missed_goals(self) -> list[str]:
+        """Names of the goals of the stage ``reach`` that the robot does not reach."""
+        goals = self.figures.get("reach", {}).get("goals", {})
+        missed = [name for name, is_reached in goals.items() if not is_reached]
+        return missed if self.local is None else [*missed, *self.local.missed_goals]
+
+    def check(self) -> None:
+        if self.missed_goals:
+            rule = f"the robot does not reach {', '.join(self.missed_goals)}"
+            raise FindingError(rule, source=self.source)
 
     def _told(self) -> Iterator[str]:
         yield str(self.folder)

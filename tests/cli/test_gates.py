@@ -1,0 +1,100 @@
+"""Commands that print or write a finding of severity error end with exit code 1."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mapdeal
+from mapdeal.cli.main import command_names
+
+GOAL = "--from 0.55,1.05 --to dock=2.45,1.05 --robot-radius 0.25"
+# Lines with an error, of each command whose document can have one. The door is 0.4 m wide.
+LINES = [
+    f"run m.yaml -o out --report {GOAL}",
+    f"run m.yaml -o out {GOAL}",
+    "run m.yaml -o out --recipe reach.yaml --robot-radius 0.25",
+    f"run m.yaml twin.yaml -o out -j 1 {GOAL}",
+    f"run m.yaml twin.yaml -o out -j 1 --report {GOAL}",
+    "run m.yaml twin.yaml -o out -j 1 --recipe reach.yaml --robot-radius 0.25",
+    "local --map m.yaml --pose 0.55,1.05,0 --recipe reach-local.yaml -o out",
+    "report m.yaml reach.json -o out/page.html",
+    f"reach m.yaml {GOAL}",
+    f"reach m.yaml {GOAL} -o out/reach.json",
+    "route m.yaml --from 0.55,1.05 --to 2.45,1.05 --robot-radius 0.25",
+    "route m.yaml --pairs pairs.csv --robot-radius 0.25 -o out/routes.jsonl",
+    f"graph m.yaml {GOAL} -o out/graph.geojson",
+    "mask m.yaml --file zones.geojson --from 0.55,1.05 --to dock=2.45,1.05 -o out",
+    "lint broken.yaml",
+    "lint m.yaml broken.yaml --format github",
+    "diff m.yaml other.yaml --max-differing 0",
+    "score m.yaml --max wall_thickness_m.median=0",
+    "align m.yaml u.yaml",
+]
+# Commands that write grids, tables or pictures, and no findings with severities. Files that `info`
+# and `query` cannot read are errors of a batch and of lines; `view` shows the page of `report`.
+WITHOUT_FINDINGS = {
+    "active", "build", "clean", "completion", "convert", "cost", "edit", "esdf", "inflate", "info",
+    "merge", "pack", "potential", "query", "rescale", "rotate", "shift", "unpack", "view", "window",
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def files(here):
+    cells = np.zeros((21, 30), dtype=np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    cells[:9, 15] = cells[12:, 15] = 100
+    for name in ("m", "twin"):
+        mapdeal.write_map(f"{name}.yaml", mapdeal.OccupancyGrid(cells, 0.1))
+    cells[4, 4] = 100
+    mapdeal.write_map("other.yaml", mapdeal.OccupancyGrid(cells, 0.1))
+    mapdeal.write_map("u.yaml", mapdeal.OccupancyGrid(np.full((5, 5), -1, np.int8), 0.1))
+    Path("broken.yaml").write_text("image: none.pgm\nresolution: 0.1\n")
+    stage = "reach: {start: [0.55, 1.05], goals: {dock: [2.45, 1.05]}, radius: 0.25}"
+    Path("reach.yaml").write_text(f"stages:\n  - {stage}\n")
+    Path("reach-local.yaml").write_text(f"stages:\n  - {stage}\n")
+    Path("pairs.csv").write_text("0.55,1.05,2.45,1.05\n")
+    corners = [[1.2, 0], [1.8, 0], [1.8, 2.1], [1.2, 2.1], [1.2, 0]]
+    zone = {
+        "type": "Feature", "properties": {"kind": "keepout"},
+        "geometry": {"type": "Polygon", "coordinates": [corners]},
+    }  # fmt: skip
+    document = {"type": "FeatureCollection", "features": [zone]}
+    Path("zones.geojson").write_text(json.dumps(document))
+    found = mapdeal.reach(
+        mapdeal.read_map("m.yaml"), start=(0.55, 1.05), radius=0.25, goals=[(2.45, 1.05)]
+    )
+    mapdeal.write_map("reach.npz", found)
+
+
+@pytest.mark.parametrize("more", ["", " -q", " --strict -q"])
+@pytest.mark.parametrize("line", LINES)
+def test_a_finding_of_severity_error_ends_with_1(sh, line, more):
+    if line.startswith("report"):
+        sh(f"reach m.yaml {GOAL} -o reach.json")
+    code, _, err = sh(line + more)
+    is_run = line.startswith("run")
+    if is_run and "recipe" in line and "strict" in more:  # a warning of the stage: not written
+        assert code == (5 if "twin" in line else 1)
+        return
+    assert code == 1, err
+    if line.split()[0] not in ("lint", "diff", "score", "align") and "-q" in more:
+        assert err.splitlines()[-1].startswith(("error: ", "hint: "))
+        assert err.count("error: ") == 1
+    if is_run and "recipe" not in line:
+        assert "warning: " not in err
+        assert Path("out/m/manifest.json").exists()
+        assert Path("out/report.json").exists() == ("--report" in line)
+
+
+def test_every_command_is_known_to_have_findings_or_none():
+    with_findings = {line.split()[0] for line in LINES}
+    assert set(command_names()) == with_findings | WITHOUT_FINDINGS
+    assert not with_findings & WITHOUT_FINDINGS
+
+
+def test_a_batch_with_failures_still_ends_with_5(sh):
+    line = f"run m.yaml broken.yaml -o out -j 1 --report {GOAL}"
+    assert sh(line)[0] == 5
+    assert sh(f"{line} --force -q")[0] == 5
