@@ -92,7 +92,8 @@ class Evidence(NamedTuple):
         if self.level < max(_SHARE_OF_STANDING * self.standing, _SHARE_OF_AREA * area):
             return f"things stand on {self.standing:.3g} m2 of it; {area:.3g} m2 have points in all"
         # the smaller a level, the more of what lies elsewhere has to stand on it
-        least_share = max(_SHARE_OF_ELSEWHERE, _SHARE_OF_SMALL * area / self.level)
+        of_small = 0.0 if is_scan else _SHARE_OF_SMALL * area / self.level
+        least_share = max(_SHARE_OF_ELSEWHERE, of_small)
         if self.standing < least_share * (area - self.level):
             return (
                 f"only {self.standing:.3g} m2 of {area - self.level:.3g} m2 elsewhere stand on it"
@@ -108,7 +109,7 @@ _TILES_CLOSED = 1.5
 _SHARE_INNER, _SHARE_INNER_BARE = 0.6, 0.9  # the latter of a yard, on which nothing stands
 _LARGEST_SCAN, _LARGEST_OF_SCAN = 8.0, 2.5  # m2 of single scans, whose floors are scattered
 _SHARE_ALONE = 0.8  # of a place without anything on it
-_SHARE_OF_AREA, _SHARE_OF_ELSEWHERE, _SHARE_OF_SMALL = 0.12, 0.08, 0.025
+_SHARE_OF_AREA, _SHARE_OF_ELSEWHERE, _SHARE_OF_SMALL = 0.12, 0.08, 0.035
 _LEAST_HANGING, _TIMES_RESTING = 0.5, 0.6  # m2, and times what rests: in rooms it is 0.2
 _NEAR, _FEET = 0.05, 0.25  # metres above the clearance: of noise, and of feet that touch
 _BESIDE = 0.5  # metres from a level within which things stand on it
