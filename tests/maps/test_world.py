@@ -1,5 +1,6 @@
 """Worlds for simulators: measured by trimesh, looked at from above, valid by SDFormat's rules."""
 
+import os
 import re
 import xml.etree.ElementTree as ET
 
@@ -8,7 +9,7 @@ import pytest
 from PIL import Image, ImageDraw
 
 from drawn import grid_from_text
-from mapdeal import OccupancyGrid, read_map
+from mapdeal import OccupancyGrid, read_map, write_map
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -138,6 +139,24 @@ def test_worlds_follow_the_rules_of_sdformat(converted):
     x, y, z, *_, yaw = numbers(floor.find("pose").text)
     middle = GRID.frame.xy_from_continuous_rowcol([[2, 4]])[0]
     assert (x, y, z, yaw) == pytest.approx((*middle, 0, 0.4), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "name", [b"m\xff", b"m\xed\xa0\x80", b"m\x01\x1b", b"m\xef\xbf\xbe<&", b"m\\"]
+)
+def test_files_are_well_formed_whatever_the_map_is_called(tmp_path, converted, name):
+    source = tmp_path / f"{os.fsdecode(name)}.npz"
+    try:
+        write_map(source, GRID)
+    except OSError:
+        pytest.skip("the file system does not have this name")
+    assert parsed(converted(source, "w.sdf")).find("world").get("name").startswith("m")
+    title = "{http://www.w3.org/2000/svg}title"
+    assert parsed(converted(source, "w.svg")).find(title).text.startswith("m")
+    lines = converted(source, "w.obj").read_text().splitlines()
+    assert lines[1].startswith("o m")
+    assert len([line for line in lines if re.match("[vf] ", line)]) == len(lines) - 2
+    assert trimesh.load_mesh(tmp_path / "w.obj").is_watertight
 
 
 @pytest.mark.parametrize("name", REAL)

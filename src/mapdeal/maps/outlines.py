@@ -19,6 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.errors import one_line
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.outlines import Outline, outlines
@@ -114,7 +115,7 @@ def svg_parts(
         '<svg xmlns="http://www.w3.org/2000/svg" version="1.1" '
         f'width="{_number(width * _MM)}mm" height="{_number(height * _MM)}mm" '
         f'viewBox="0 0 {_number(width * scale)} {_number(height * scale)}">\n'
-        f"<title>{escape(title)}</title>\n"
+        f"<title>{escape(one_line(title))}</title>\n"
         f"<desc>Scale 1:1, in {unit}. In the map frame, (0, 0) is {_number(left)}, "
         f"{_number(bottom + height)} m, and y points up.</desc>\n"
     ).encode()

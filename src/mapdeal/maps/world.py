@@ -17,6 +17,7 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.errors import one_line
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.arrays import Integers
 from mapdeal.kernels.solids import Rectangles, Surface
@@ -94,7 +95,7 @@ def sdf_parts(
     centre = frame.xy_from_continuous_rowcol([[frame.height / 2, frame.width / 2]])[0]
     size = (frame.width * cell + 2 * _AROUND, frame.height * cell + 2 * _AROUND)
     yield _BEGIN.format(
-        name=escape(name), centre=_numbers(centre), yaw=_number(yaw), size=_numbers(size),
+        name=escape(one_line(name)), centre=_numbers(centre), yaw=_number(yaw), size=_numbers(size),
         origin=_numbers((x, y)),
     ).encode()  # fmt: skip
     rows = np.stack([boxes.first_row, boxes.end_row], axis=1) * cell
@@ -133,7 +134,9 @@ def stl_parts(mesh: Mesh, name: str) -> Iterator[bytes]:
 
 
 def obj_parts(mesh: Mesh, name: str) -> Iterator[bytes]:
-    yield f"# mapdeal, metres, z up\no {'_'.join(name.split())}\n".encode()
+    # A backslash at the end of a line would join it with the next one.
+    title = one_line("_".join(name.split())).replace("\\", "_")
+    yield f"# mapdeal, metres, z up\no {title}\n".encode()
     for first in range(0, len(mesh.corners), _TOGETHER):
         rows = mesh.corners[first : first + _TOGETHER].tolist()
         yield "".join(f"v {_numbers(one)}\n" for one in rows).encode()
