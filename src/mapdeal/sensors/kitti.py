@@ -41,7 +41,9 @@ def kitti_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
         raise MalformedInputError(rule, source=path, got=f"{size} bytes")
     while data := file.read(_RECORD * _TOGETHER):
         count = len(data) // _RECORD
-        numbers = np.frombuffer(data, "<f4", 4 * count).reshape(-1, 4)[:, :3].astype(np.float64)
+        singles = np.frombuffer(data, "<f4", 4 * count).reshape(-1, 4)[:, :3]
+        with np.errstate(invalid="ignore"):  # of a signalling nan, which is one like others
+            numbers = singles.astype(np.float64)
         if (np.abs(numbers) > _FARTHEST).any():
             rule = f"must be coordinates within {_FARTHEST:g} m, as float32"
             raise MalformedInputError(rule, source=path, got=float(np.nanmax(np.abs(numbers))))
