@@ -44,6 +44,15 @@ def test_a_map_whose_name_is_not_utf_8_is_run_f11(folder, accepted):
     assert json.loads((folder / "out" / os.fsdecode(b"\xff") / "manifest.json").read_text())
 
 
+@pytest.mark.parametrize("line", ["convert m.yaml -o N.yaml", "convert m.yaml -o N.png",
+                                  "pack m.yaml -o N.pbm"])  # fmt: skip
+def test_a_yaml_never_names_an_image_that_is_not_utf_8(folder, refused, line):
+    before = tree(folder)
+    words = [word.replace("N", os.fsdecode(b"n\xff")) for word in line.split()]
+    refused(words, 2, "not UTF-8", hint=".npz")
+    assert tree(folder) == before
+
+
 OWN_INPUTS = [
     ("convert m.yaml -o m.yaml", "m."),
     ("convert m.yaml -o m.pgm", "m."),

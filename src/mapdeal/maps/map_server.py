@@ -388,8 +388,18 @@ def pair_paths(output: Path) -> tuple[Path, Path]:
     """Return the image and the YAML file that `output` stands for."""
     # ``.pgm`` and ``.png`` name the image, ``.yaml`` the YAML file of a pgm pair.
     if output.suffix in (".pgm", ".png"):
-        return output, output.with_suffix(".yaml")
-    return output.with_suffix(".pgm"), output
+        return _named_in_yaml(output), output.with_suffix(".yaml")
+    return _named_in_yaml(output.with_suffix(".pgm")), output
+
+
+def _named_in_yaml(image: Path) -> Path:
+    """Return the path of an image; refuse a name that its YAML file could not hold."""
+    try:
+        image.name.encode()
+    except UnicodeEncodeError:
+        rule = "the name of a map is not UTF-8, as its YAML file has to be"
+        raise ParameterError(rule, source=image, hint="an .npz takes any name") from None
+    return image
 
 
 def write_pair(
@@ -562,7 +572,7 @@ def read_bit_map_pair(
 def bit_map_paths(output: Path) -> tuple[Path, Path]:
     if output.suffix != BIT_MAP:
         raise ParameterError("a bit map must end in .pbm", source=output, got=output.suffix)
-    return output, output.with_suffix(".yaml")
+    return _named_in_yaml(output), output.with_suffix(".yaml")
 
 
 def write_bit_map_pair(
