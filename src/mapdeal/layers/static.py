@@ -145,7 +145,7 @@ class StaticLayer(CostmapLayer):
         parameter = f"{name}.footprint_clearing_enabled"
         clears = not values.older and values.flag(parameter)
         if clears:
-            text = "frees the cells below the robot; that depends on where it is, and is left out"
+            text = "frees the cells below the robot; only cost --pose does so"
             values.problem("params.footprint-clearing", "note", text, parameter)
         lethal = values.get("lethal_cost_threshold", "integer", 100)
         clamped = max(min(lethal, 100), 0)
