@@ -520,7 +520,7 @@ class Result(Drawn):
     def lines(self) -> Iterable[str]:
         """Return what is printed without ``--json``, a line each."""
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield from map(str.strip, self.lines())
 
     def summary(self, _output: Path) -> Iterable[str]:

@@ -169,7 +169,7 @@ class MapReport(OneLine):
     repairs: tuple[str, ...] = ()
     is_parameters: bool = False
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield f"{self.file}: {counts_text(counts_of(self.findings), self.suppressed)}"
 
     def document(self) -> dict[str, Any]:
@@ -245,7 +245,7 @@ class LintReport(Result, Sequence[Finding]):
     def _of(self, severity: Severity) -> list[Finding]:
         return [found for found in self.findings if found.severity == severity]
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield self.summary()
 
     def summary(self, _output: Path | None = None) -> str:

@@ -341,7 +341,7 @@ def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
         return
     if robot.flavour == "nav2" and robot.inflation_layers:
         return  # of radius 0, which params.inflation-radius tells
-    listed = [one for one in robot.layers if one.layer is not None and one.layer.spreads]
+    listed = [entry for entry in robot.layers if entry.layer is not None and entry.layer.spreads]
     why = "no inflation layer is listed" if not listed else f"{listed[0].name} is switched off"
     at = facts.value("plugins")
     if listed and listed[0].is_enabled:

@@ -136,7 +136,7 @@ def stage_app(name: str) -> typer.Typer:
             terminal.result(json_of(document).decode().removesuffix("\n"))
         else:
             written = written_line(output, made.figures, with_origin=step.moves)
-            terminal.summary([written, *getattr(made.made, "lines", list)()])
+            terminal.summary([written, *getattr(made.result, "lines", list)()])
 
     command.__name__ = name
     command.__doc__ = "\n\n".join(filter(None, [first.summary, first.details]))
@@ -261,8 +261,8 @@ def first_sentence(text: str) -> str:
 
 
 def _document(source: Path, step: Step, made: SingleResult) -> dict[str, Any]:
-    if hasattr(made.made, "document"):
-        return {"map": {"file": str(source), "sha256": made.sums}, **made.made.document()}
+    if hasattr(made.result, "document"):
+        return {"map": {"file": str(source), "sha256": made.sums}, **made.result.document()}
     document = {"parameters": step.described()[step.name], "figures": made.figures}
     if step.stage.makes is not Costmap:
         return document

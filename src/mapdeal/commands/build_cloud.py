@@ -188,28 +188,29 @@ def _mapped(
             claim(clouds.named, _OF_SCAN * count, what=f"a cloud of {count} points")
             if cloud.move is not None and parts:
                 mapper.clear(np.concatenate(parts), cloud.move)
-        made = mapper.result()
-    _warn(made, options, clouds.named)
-    return made
+        cloud_map = mapper.result()
+    _warn(cloud_map, options, clouds.named)
+    return cloud_map
 
 
-def _warn(made: CloudMap, options: CloudOptions, named: Path) -> None:
-    if made.tilt > _TILTED and not options.level:
-        text = f"{named}: the floor is tilted by {made.tilt:.1f} degrees: --level turns the cloud"
+def _warn(cloud_map: CloudMap, options: CloudOptions, named: Path) -> None:
+    if cloud_map.tilt > _TILTED and not options.level:
+        tilt = f"{cloud_map.tilt:.1f} degrees"
+        text = f"{named}: the floor is tilted by {tilt}: --level turns the cloud"
         emit_warning(text, stacklevel=2)
-    if made.overlaid_m2 > 0:
-        heights = ", ".join(f"{height:.2f}" for height in made.storeys)
-        text = f"{named}: floors lie above each other on {made.overlaid_m2:.3g} m2"
+    if cloud_map.overlaid_m2 > 0:
+        heights = ", ".join(f"{height:.2f}" for height in cloud_map.storeys)
+        text = f"{named}: floors lie above each other on {cloud_map.overlaid_m2:.3g} m2"
         text += f": --at X,Y,Z shows another storey, at {heights} m" if heights else ""
         emit_warning(text, stacklevel=2)
-    if made.may_be_upside_down:
+    if cloud_map.may_be_upside_down:
         text = f"{named}: much hangs from the ceiling, for what stands on the floor: is z down?"
         emit_warning(f"{text} --up -z turns the cloud, --up z keeps it", stacklevel=2)
-    if not (np.asarray(made.grid.occupancy) == OCCUPIED).any():
+    if not (np.asarray(cloud_map.grid.occupancy) == OCCUPIED).any():
         text = f"{named}: nothing stands on the floor: the map has no obstacles"
         emit_warning(f"{text}; if walls were cut off, --floor Z states the floor", stacklevel=2)
-    if made.beyond:
-        text = f"{named}: {made.beyond} points are too far from the others, and are ignored"
+    if cloud_map.beyond:
+        text = f"{named}: {cloud_map.beyond} points are too far from the others, and are ignored"
         emit_warning(text, stacklevel=2)
 
 
@@ -217,10 +218,10 @@ def _warn(made: CloudMap, options: CloudOptions, named: Path) -> None:
 class CloudBuild(Made):
     """A map made of point clouds."""
 
-    made: CloudMap
+    cloud_map: CloudMap
 
     def document(self) -> Figures:
-        return {**super().document(), **self.made.figures()}
+        return {**super().document(), **self.cloud_map.figures()}
 
     def summary(self, output: Path) -> Iterator[str]:
         figures = self.document()
@@ -269,11 +270,12 @@ def build_from_clouds(
         work.outputs += [*output_paths(output), *([layers] if layers is not None else [])]
         transaction = work.begin(clouds.files)
         with work.counted(passes * clouds.steps) as advance:
-            made = _mapped(clouds, options, resolution, size, origin, range_min, advance)
-    write_grid(transaction, output, made.grid)
+            cloud_map = _mapped(clouds, options, resolution, size, origin, range_min, advance)
+    write_grid(transaction, output, cloud_map.grid)
     if layers is not None:
-        transaction.write(layers, lambda file: write_npz(file, made.grid, more=made.layers))
-    return CloudBuild(made.grid, f"{output.stem}: map of a cloud", made=made)
+        more = cloud_map.layers
+        transaction.write(layers, lambda file: write_npz(file, cloud_map.grid, more=more))
+    return CloudBuild(cloud_map.grid, f"{output.stem}: map of a cloud", cloud_map=cloud_map)
 
 
 def build_map_from_clouds(

@@ -192,7 +192,7 @@ class DiffReport(Difference, Result):
         for state, name in shown.items():
             yield f"{name:>24}" + "".join(f"{table[state][other]:>12}" for other in shown)
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield from self._verdict()
         for name, (a, b) in {**self.geometry, **self.metadata}.items():
             yield f"{name} {a} -> {b}"

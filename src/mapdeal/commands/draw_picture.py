@@ -94,7 +94,7 @@ class Picture(OneLine):
     def _repr_png_(self) -> bytes:
         return self.png()
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         height, width = self.indices.shape
         yield f"{width} x {height} pixels"
 

@@ -91,7 +91,7 @@ class Merged(Result):
     thickness: float | None = None
     kept: int = 0
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         height, width = self.grid.shape
         conflicts = count_text(self.conflict_count, "conflict")
         yield f"{len(self.maps)} maps, {width} x {height} cells, {conflicts}"

@@ -288,39 +288,39 @@ def _answers_of(field: DistanceField, asked: NumberLines) -> tuple[str, NDArray[
 
 
 def _costs_of(
-    one: inputs.MapInput, given: Mapping[str, Any], robot: RobotParameters | None,
+    source: inputs.MapInput, options: Mapping[str, Any], robot: RobotParameters | None,
     mask: inputs.KeepoutMask | None,
 ) -> Costmap:  # fmt: skip
     """Return the costs in a file, or those of its map: a robot's, or of obstacles alone."""
-    grid = one.grid
+    grid = source.grid
     if isinstance(grid, DistanceField):
         rule = "is a distance field; a footprint is asked of costs or a map"
-        hint = f"mapdeal cost {one.name} -o cost.npz makes costs of it"
-        raise ParameterError(rule, source=one.name, hint=hint)
-    inputs.claim_cells(one, _PER_CELL if robot is None else _OF_ROBOT)
+        hint = f"mapdeal cost {source.name} -o cost.npz makes costs of it"
+        raise ParameterError(rule, source=source.name, hint=hint)
+    inputs.claim_cells(source, _PER_CELL if robot is None else _OF_ROBOT)
     if isinstance(grid, Costmap):
-        inputs.refuse("applies to maps: these costs are already computed", **given)
+        inputs.refuse("applies to maps: these costs are already computed", **options)
         if grid.scale != "costmap2d":
             rule = "costs on the occupancy scale do not show what a footprint hits"
             hint = "mapdeal cost --model exponential writes costmap_2d's own as .npz"
-            raise ParameterError(rule, source=one.name, hint=hint)
+            raise ParameterError(rule, source=source.name, hint=hint)
         return grid if mask is None else mask.over(grid)
-    inputs.warn_of_published_costs(one)
-    inputs.warn_of_potential(one)
-    with inputs.errors_named(one.name):
+    inputs.warn_of_published_costs(source)
+    inputs.warn_of_potential(source)
+    with inputs.errors_named(source.name):
         if robot is not None:
             step = step_for("cost", robot, {})
             if mask is not None:
-                return mask.costs_of(step, grid, one.path)[1]
-            return cast("Costmap", step.apply(grid, one.path))
-        threshold = given.get("lethal_threshold", values.DEFAULT_LETHAL_THRESHOLD)
+                return mask.costs_of(step, grid, source.path)[1]
+            return cast("Costmap", step.apply(grid, source.path))
+        threshold = options.get("lethal_threshold", values.DEFAULT_LETHAL_THRESHOLD)
         table = values.static_layer_cost_from_occupancy(
             lethal_threshold=threshold, inscribed_value=None
         )
         of_unknown = {"free": values.FREE_SPACE, "occupied": values.LETHAL_OBSTACLE}
-        table[values.UNKNOWN] = of_unknown.get(given.get("unknown", ""), values.NO_INFORMATION)
-        cost = look_up(one.occupancy.occupancy, table)
-        costs = Costmap(cost, one.occupancy.resolution, one.occupancy.origin)
+        table[values.UNKNOWN] = of_unknown.get(options.get("unknown", ""), values.NO_INFORMATION)
+        cost = look_up(source.occupancy.occupancy, table)
+        costs = Costmap(cost, source.occupancy.resolution, source.occupancy.origin)
         return costs if mask is None else mask.over(costs)
 
 

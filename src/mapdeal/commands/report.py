@@ -105,7 +105,7 @@ class WrittenReport(Result):
         claims = (claim.state for one in self.verdicts for claim in one.claims)
         return worst_of([*claims, *(one.state for one in self.verdicts)]) or "unknown"
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield str(self.path)
         yield count_text(self.maps, "map")
         yield f"{self.size} bytes"

@@ -173,7 +173,7 @@ class Score(Result):
         # 9 digits: a figure that is shown as the bound itself is within it
         return f"{text}, found {bound.found:.9g}{unit}"
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         if self.transform is None:
             yield f"{self.values['corners']} corners"
             yield f"{self.values['enclosed_areas']} enclosed areas"

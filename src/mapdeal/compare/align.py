@@ -510,7 +510,7 @@ class Placement(OneLine):
         """Whether the maps certainly show the same place, placed as in `transform`."""
         return self.reason is None
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield "the same place" if self.same_place else f"not sure: {self.reason}"
         x, y, yaw = self.transform.pose
         yield f"x {x:.3f} m, y {y:.3f} m, yaw {yaw:.4f} rad"

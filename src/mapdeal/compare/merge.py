@@ -81,7 +81,7 @@ class MapCounts(OneLine):
     within_same_wall: float | None = None
     thickness: float | None = None
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield f"{self.known} known"
         yield f"{self.common} in common"
         yield f"{self.added} added"

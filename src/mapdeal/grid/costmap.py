@@ -360,7 +360,7 @@ class CostCurve(Drawn):
             ],
         }
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield f"{self.resolution:.10g} m"
         for name in ("inscribed_radius", "circumscribed_radius", "inflation_radius"):
             if getattr(self, name) is not None:

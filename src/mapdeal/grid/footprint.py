@@ -216,7 +216,7 @@ class Footprint(OneLine):
 
         return Footprint(vertices=tuple((pad(x), pad(y)) for x, y in self.vertices))
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         if not self.vertices:
             yield f"circle, radius {self.radius:.6g} m"
             return

@@ -394,7 +394,7 @@ class Transform(OneLine):
             object.__setattr__(self, name, value)
         object.__setattr__(self, "yaw", math.remainder(self.yaw, 2 * math.pi))
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield f"x {self.x:.10g} m"
         yield f"y {self.y:.10g} m"
         yield f"yaw {self.yaw:.10g} rad"
@@ -584,7 +584,7 @@ class Framed(Drawn, ABC):
     def _own_figures(self) -> Figures:
         """Return the figures that only this type of grid has."""
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         height, width = self.shape
         yield f"{width} x {height} cells"
         yield f"{self.resolution:.10g} m"

@@ -48,7 +48,7 @@ class Goal(OneLine):
         place = f"{self.x + 0.0:.10g},{self.y + 0.0:.10g}"
         return place if self.name is None else self.name
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         if self.name is not None:
             yield self.name
         yield numbers_text((self.x, self.y))
@@ -81,7 +81,7 @@ class Bottleneck(OneLine):
             return f"the room at the {self.at} is {self.width:.4g} m wide"
         return f"a passage at {self.x + 0.0:.4g},{self.y + 0.0:.4g} is {self.width:.4g} m wide"
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield f"{self.width:.4g} m at {numbers_text((self.x, self.y))}"
         yield f"the {self.at}"
 
@@ -126,7 +126,7 @@ class GoalReach(OneLine):
             return f"its cell is {self.reason}"
         return None if self.limited_by is None else self.limited_by.text
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield repr(self.goal)
         headings = count_text(self.heading_count, "heading")
         yield f"reachable in {headings}" if self.reachable else "not reachable"
@@ -161,7 +161,7 @@ class Passage(OneLine):
     is_open: bool
     ends: tuple[Point, Point]
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield f"{self.width:.4g} m at {numbers_text((self.x, self.y))}"
         yield "open" if self.is_open else "closed"
         yield f"{self.cut_off:.4g} m2 behind it"
@@ -362,7 +362,7 @@ class Route(OneLine):
         points.flags.writeable = False
         object.__setattr__(self, "points_xy", points)
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield self.method
         yield "reached" if self.reached else "not reached"
         yield f"{numbers_text(self.start)} to {numbers_text(self.goal)}"

@@ -92,7 +92,7 @@ class RouteGraph(OneLine):
     nodes: tuple[RouteNode, ...]
     edges: tuple[RouteEdge, ...]
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield count_text(len(self.nodes), "node")
         yield count_text(len(self.edges), "edge")
 

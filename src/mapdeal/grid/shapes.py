@@ -83,7 +83,7 @@ class Polygon(OneLine):
             left -= len(holes[-1])
         object.__setattr__(self, "holes_xy", tuple(holes))
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield points_text(self.points_xy)
         if self.holes_xy:
             yield count_text(len(self.holes_xy), "hole")
@@ -156,7 +156,7 @@ class Line(OneLine):
             rule = "must be a finite number of metres of at least 0"
             raise ParameterError(rule, place="line thickness", got=self.thickness)
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield points_text(self.points_xy)
         yield f"thickness {self.thickness:.6g} m"
         if self.value is not None:

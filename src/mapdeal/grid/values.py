@@ -116,11 +116,11 @@ class OneLine:
     __slots__ = ()
 
     @abstractmethod
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         """Yield what there is to say, piece by piece."""
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({', '.join(self._told())})"
+        return f"{type(self).__name__}({', '.join(self._repr_parts())})"
 
 
 class Drawn(OneLine):

@@ -174,7 +174,7 @@ class InflationLayer(CostmapLayer):
             lookup="exact",
         )
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield self.name
         yield f"inscribed_radius {self.inscribed_radius:.6g} m"
         yield f"inflation_radius {self.inflation_radius:.6g} m"
@@ -222,7 +222,7 @@ def _factor_without_path(values: Nav2Values, name: str) -> float:
     if factors[wider] < factor:
         text = f"raises costs {wider} of the robot's path; here there is no path, and {factor:g} "
         text += "counts on both sides"
-        place = next(side for side in (sides[wider], *sides.values()) if side in values.given)
+        place = next(side for side in (sides[wider], *sides.values()) if side in values.parameters)
         values.problem("params.asymmetric", "note", text, place)
     return factor
 

@@ -97,7 +97,7 @@ class MasterGrid:
 class Nav2Values(Protocol):
     """What layers read of the parameters that a Nav2 node gets."""
 
-    given: Mapping[str, Any]
+    parameters: Mapping[str, Any]
     older: bool
 
     def get(self, name: str, kind: str, default: Any, *, level: Any = ...) -> Any: ...
@@ -257,7 +257,7 @@ class CostmapLayer(OneLine):
         """Return the layer as recipes and manifests have it: its kind and its settings."""
         return {self.key: asdict(self)}
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield self.name
         for field in fields(self):
             value = getattr(self, field.name)

@@ -115,7 +115,7 @@ class ObstacleLayer(CostmapLayer):
     def from_nav2(cls, values: Nav2Values, entry: PluginEntry) -> ObstacleLayer:
         name = entry.name
         sources = set(values.get(f"{name}.observation_sources", "string", "").split())
-        for parameter in values.given:
+        for parameter in values.parameters:
             prefix, _, own = parameter.removeprefix(f"{name}.").rpartition(".")
             of_source = _SOURCE_PARAMETERS if prefix in sources else {}
             types = of_source if prefix else cls.nav2_parameters

@@ -54,7 +54,7 @@ class RangeSensorLayer(CostmapLayer):
     }  # fmt: skip
 
     def _cost(self) -> int | None:
-        """Return the cost of every cell of the layer, or None if it is without effect."""
+        """Return the cost that the layer gives to every cell; None if it changes no cell."""
         prior, clear, mark = (
             int(probability * LETHAL_OBSTACLE)
             for probability in (_PRIOR, self.clear_threshold, self.mark_threshold)

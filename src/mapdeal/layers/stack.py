@@ -107,7 +107,7 @@ class CostmapLayers:
 
     @property
     def inflations_above_map(self) -> tuple[InflationLayer, ...] | None:
-        """Inflation layers that see the obstacles of the map, or None if no layer reads a map."""
+        """Inflation layers from the first static layer on; None if there is no static layer."""
         effective = self.effective
         statics = [k for k, layer in enumerate(effective) if isinstance(layer, StaticLayer)]
         if not statics:

@@ -185,7 +185,7 @@ class StaticLayer(CostmapLayer):
             unknown_is_highest=use_maximum and server.boolean(False, "rolling_window"),
         )
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield self.name
         yield f"lethal from {self.lethal_cost_threshold}"
         yield "unknown tracked" if self.track_unknown_space else "unknown free"

@@ -133,7 +133,7 @@ class BuiltMap(Drawn):
     counts: BeamCounts
     vanished: HitGroups
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield repr(self.grid)
         yield f"layers {' '.join(self.layers)}" if self.layers else "no layers"
         yield f"{count_text(self.counts.hits, 'hit')} of {count_text(self.counts.beams, 'beam')}"

@@ -91,7 +91,7 @@ class Evidence(NamedTuple):
             return f"only {self.touching:.3g} of {self.standing:.3g} m2 above it reach down to it"
         if self.level < max(_SHARE_OF_STANDING * self.standing, _SHARE_OF_AREA * area):
             return f"things stand on {self.standing:.3g} m2 of it; {area:.3g} m2 have points in all"
-        # the smaller a level, the more of what lies elsewhere has to stand on it
+        # a small level is a floor only if a large share of the other points stands on it
         of_small = 0.0 if is_scan else _SHARE_OF_SMALL * area / self.level
         least_share = max(_SHARE_OF_ELSEWHERE, of_small)
         if self.standing < least_share * (area - self.level):

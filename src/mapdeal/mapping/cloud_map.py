@@ -181,13 +181,13 @@ class CloudMap(Drawn):
             "cleared": self.cleared,
         }
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield repr(self.grid)
         yield f"{self.points} points, noise {self.noise:.3g} m"
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _CellContents:
     """What was seen in the cells of a frame, by its height above the floor."""
 
     frame: Frame
@@ -249,7 +249,7 @@ class CloudMapper:
         corner = None if frame is None else frame.origin[:2]
         step = min(max(self.options.climb / 4, 0.01), 0.05)
         self._voxels = Voxels(cell, step, corner, claim)
-        self._seen: _Seen | None = None
+        self._contents: _CellContents | None = None
         self._places: list[Floats] = []
         self._scans: NDArray[np.int32] | None = None  # that hit, and that passed, of each slab
         self._level: Floats | None = None  # which way is up
@@ -287,10 +287,10 @@ class CloudMapper:
         follows_beams : bool
             Whether `clear` will be called: it takes more memory.
         """
-        if self._seen is None:
-            self._seen = self._found(follows_beams=follows_beams)
+        if self._contents is None:
+            self._contents = self._found(follows_beams=follows_beams)
 
-    def _found(self, *, follows_beams: bool) -> _Seen:
+    def _found(self, *, follows_beams: bool) -> _CellContents:
         voxels, options = self._voxels, self.options
         columns = voxels.columns()
         bad, far = voxels.not_finite, voxels.beyond
@@ -324,7 +324,7 @@ class CloudMapper:
     def _measured(
         self, columns: Columns, floor_found: Floor, tile: int, limits: Limits, *,
         follows_beams: bool,
-    ) -> _Seen:  # fmt: skip
+    ) -> _CellContents:  # fmt: skip
         options, cell = self.options, columns.cell
         tiles, gap = floor_found.tiles, limits.gap
         if self._frame is None:
@@ -404,7 +404,7 @@ class CloudMapper:
             at = slab * (height * width) + flat[which][part.of_voxels()[stands]]
             np.add.at(obstacles.ravel(), at, part.counts[stands])
             highest.ravel()[at] = above  # the last, and so the highest voxel of a column stays
-        return _Seen(
+        return _CellContents(
             frame, surface.astype(np.float32), slope, on_floor, below, points,
             obstacles, highest, clear, noise, floor_found.spacing, floor_found.is_stated,
             floor_found.is_above_others,
@@ -421,11 +421,11 @@ class CloudMapper:
             Where the sensor was.
         """
         self.settle(follows_beams=True)
-        seen = self._seen
-        assert seen is not None  # noqa: S101 - settled
+        contents = self._contents
+        assert contents is not None  # noqa: S101 - settled
         ends = self._upright(np.asarray(points, dtype=np.float64)[:, :3])
         start = self._upright(np.array(place, np.float64)[np.newaxis])[0]
-        frame, cell = seen.frame, seen.frame.resolution
+        frame, cell = contents.frame, contents.frame.resolution
         corner = np.array(frame.origin[:2])
         ends = ends[np.isfinite(ends).all(axis=1)]
         begin = ((start[:2] - corner) / cell)[::-1]
@@ -437,8 +437,8 @@ class CloudMapper:
             return
         at, cells, z = at[inside], cells[inside], ends[inside, 2]
         # heights above the floor along a beam: between those at its ends
-        z0 = float(start[2] - seen.floor[here[0], here[1]])
-        z1 = z - seen.floor[cells[:, 0], cells[:, 1]]
+        z0 = float(start[2] - contents.floor[here[0], here[1]])
+        z1 = z - contents.floor[cells[:, 0], cells[:, 1]]
         along = at - begin
         length = np.hypot(along[:, 0], along[:, 1])
         useful = np.isfinite(z1) & (length > _SHORTEST)
@@ -448,14 +448,14 @@ class CloudMapper:
         low = np.minimum(cells.min(axis=0), here)
         window = np.maximum(cells.max(axis=0), here) + 1 - low
         if self._scans is None:
-            self._scans = np.zeros((2, *seen.obstacles.shape), np.int32)
+            self._scans = np.zeros((2, *contents.obstacles.shape), np.int32)
         rows, cols = (slice(low[k], low[k] + window[k]) for k in (0, 1))
-        slabs = len(seen.obstacles)
-        tall = (self.options.robot_height - seen.clearance) / slabs
-        stop = 1.0 - (1.5 + 2 * seen.noise / cell) / length
+        slabs = len(contents.obstacles)
+        tall = (self.options.robot_height - contents.clearance) / slabs
+        stop = 1.0 - (1.5 + 2 * contents.noise / cell) / length
         rise = np.where(np.abs(z1 - z0) < _LEVEL, _LEVEL, z1 - z0)
         for slab, (hits, misses) in enumerate(zip(*self._scans, strict=True)):
-            bottom = seen.clearance + slab * tall
+            bottom = contents.clearance + slab * tall
             is_hit = np.zeros(window, np.bool_)
             inside = (z1 > bottom) & (z1 <= bottom + tall)
             is_hit[tuple((cells[inside] - low).T)] = True
@@ -481,42 +481,43 @@ class CloudMapper:
             If there are no points, or no floor is found.
         """
         self.settle()
-        seen, floor_found, options, voxels = self._seen, self._floor, self.options, self._voxels
-        assert seen is not None and floor_found is not None  # noqa: S101, PT018 - settled
+        contents, floor_found = self._contents, self._floor
+        options, voxels = self.options, self._voxels
+        assert contents is not None and floor_found is not None  # noqa: S101, PT018 - settled
         up = None if self._level is None else float(self._level[2])
         tilt = floor_found.tilt if up is None else math.acos(min(1.0, up))
-        counts = seen.obstacles.sum(axis=0, dtype=np.int32)
-        highest, cleared = seen.highest.max(axis=0), 0
-        passed = np.zeros(seen.frame.shape, np.bool_)
+        counts = contents.obstacles.sum(axis=0, dtype=np.int32)
+        highest, cleared = contents.highest.max(axis=0), 0
+        passed = np.zeros(contents.frame.shape, np.bool_)
         if self._scans is not None:
             hits, misses = self._scans
             # what moves stands on the floor; beams pass below tables, and these stay
             low = max(1, round(_LOW / _SLAB))
             is_left = (misses <= _PASSES * hits) | (hits[:low] == 0).all(axis=0)
-            left = np.where(is_left, seen.obstacles, 0).sum(axis=0, dtype=np.int32)
+            left = np.where(is_left, contents.obstacles, 0).sum(axis=0, dtype=np.int32)
             cleared = int(((left == 0) & (counts > 0)).sum())
-            counts, highest = left, np.where(is_left, seen.highest, 0).max(axis=0)
+            counts, highest = left, np.where(is_left, contents.highest, 0).max(axis=0)
             passed = misses.sum(axis=0) >= options.min_points
-        occupied, floor = _states(seen, counts, passed, options)
-        values = np.full(seen.frame.shape, UNKNOWN, np.int8)
+        occupied, floor = _states(contents, counts, passed, options)
+        values = np.full(contents.frame.shape, UNKNOWN, np.int8)
         values[floor], values[occupied] = FREE, OCCUPIED
-        whole = Region(0, 0, *seen.frame.shape)
+        whole = Region(0, 0, *contents.frame.shape)
         box = _box_of(values != UNKNOWN) if self._frame is None else whole
         rows, cols = (slice(box.row, box.row + box.height), slice(box.col, box.col + box.width))
-        frame = box.frame_in(seen.frame)
+        frame = box.frame_in(contents.frame)
         grid = OccupancyGrid(values[rows, cols].copy(), frame.resolution, frame.origin)
         known = values != UNKNOWN
         layers = {
-            "floor_height": np.where(known, seen.floor, np.nan).astype(np.float32),
+            "floor_height": np.where(known, contents.floor, np.nan).astype(np.float32),
             "obstacle_height": np.where(occupied, highest, 0).astype(np.float32),
-            "slope": np.where(known, seen.slope, np.nan).astype(np.float32),
-            "points": seen.points,
+            "slope": np.where(known, contents.slope, np.nan).astype(np.float32),
+            "points": contents.points,
         }
         layers = {name: layer[rows, cols].copy() for name, layer in layers.items()}
         return CloudMap(
             grid, layers, voxels.points + self.at_sensor, voxels.not_finite, voxels.beyond,
             math.degrees(tilt),
-            seen.noise, seen.clearance, floor_found.overlaid_m2, floor_found.storeys,
+            contents.noise, contents.clearance, floor_found.overlaid_m2, floor_found.storeys,
             floor_found.may_be_ceiling and options.up is None,
             self.at_sensor, cleared,
         )  # fmt: skip
@@ -526,10 +527,10 @@ _PASSES = 10  # clouds whose beams pass a place, for each that has points there,
 
 
 def _states(
-    seen: _Seen, counts: NDArray[np.int32], passed: Mask, options: CloudOptions
+    contents: _CellContents, counts: NDArray[np.int32], passed: Mask, options: CloudOptions
 ) -> tuple[Mask, Mask]:
     """Return which cells are occupied and which are free."""
-    on_floor = seen.on_floor
+    on_floor = contents.on_floor
     occupied = (counts > 0) & (_around(counts) >= options.min_points)
     # the tails of the floor's own noise, and of that of a wall in the next cell
     occupied &= counts >= _SHARE_OF_FLOOR * on_floor
@@ -538,32 +539,32 @@ def _states(
     _drop_lone(occupied, counts, on_floor, 3 * options.min_points)
     occupied |= _around(occupied.astype(np.int32)) >= _ENCLOSED
     floor = (on_floor > 0) & ~occupied
-    lower = (seen.below > 0) & (on_floor == 0) & ~occupied
-    lower &= _around(seen.below) >= options.min_points
-    _drop_lone(lower, seen.below, on_floor, 3 * options.min_points)
-    gap = math.floor(min(options.fill / seen.frame.resolution + 1e-6, max(floor.shape)))
-    if seen.is_above_others:  # the storey below is seen through gaps between points
-        lower &= ~_closed(floor, max(gap, math.ceil(_gap_of_sparse(seen))))
+    lower = (contents.below > 0) & (on_floor == 0) & ~occupied
+    lower &= _around(contents.below) >= options.min_points
+    _drop_lone(lower, contents.below, on_floor, 3 * options.min_points)
+    gap = math.floor(min(options.fill / contents.frame.resolution + 1e-6, max(floor.shape)))
+    if contents.is_above_others:  # the storey below is seen through gaps between points
+        lower &= ~_closed(floor, max(gap, math.ceil(_gap_of_sparse(contents))))
     if options.drops == "occupied":
-        occupied |= lower | (_ledges(seen.floor, floor, seen.clearance) & floor)
+        occupied |= lower | (_ledges(contents.floor, floor, contents.clearance) & floor)
         floor &= ~occupied
-    may_be_floor = ~lower & ~occupied & np.isfinite(seen.floor)
+    may_be_floor = ~lower & ~occupied & np.isfinite(contents.floor)
     for wide, where in ((gap, may_be_floor), (3 * gap, passed & may_be_floor)):
         if wide and where.any():
             floor |= _closed(floor, wide) & where
-    if seen.is_stated:
+    if contents.is_stated:
         floor |= passed & may_be_floor
-    elif seen.spacing > _SPARSE * seen.frame.resolution:
-        wide = math.ceil(_gap_of_sparse(seen))
+    elif contents.spacing > _SPARSE * contents.frame.resolution:
+        wide = math.ceil(_gap_of_sparse(contents))
         beside = _around(occupied.astype(np.int32)) > 0  # whose points may be feet of walls
         between = labelled(_closed(floor | occupied, wide) & may_be_floor, corners=False)
         floor |= between.cells_of(between.touched_by(floor & ~beside))
     return occupied, floor
 
 
-def _gap_of_sparse(seen: _Seen) -> float:
+def _gap_of_sparse(contents: _CellContents) -> float:
     """Return how wide gaps between points on the floor are by chance, in cells."""
-    return _GAP_OF_SPARSE * seen.spacing / seen.frame.resolution
+    return _GAP_OF_SPARSE * contents.spacing / contents.frame.resolution
 
 
 _SPARSE = 1.5  # cells between points on a floor, from which on there are gaps everywhere
@@ -581,9 +582,9 @@ def _drop_lone(
     cells, whose = touching_groups(loose)
     at = tuple(cells.T)
     lone = np.bincount(whose, 1 + _LONE * _around(is_inner.astype(np.int32))[at]) <= _LONE
-    seen = np.bincount(whose, counts[at])
+    point_count = np.bincount(whose, counts[at])
     around = np.bincount(whose, _around(on_floor)[at] / 9)
-    occupied[at] = ~(lone & (seen < np.maximum(least, around)))[whose]
+    occupied[at] = ~(lone & (point_count < np.maximum(least, around)))[whose]
 
 
 _LONE = 4  # cells

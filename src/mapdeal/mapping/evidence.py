@@ -102,7 +102,7 @@ class Scans(OneLine):
                 raise ParameterError(f"must be finite and within {FARTHEST_POSE:g}", place=name)
             object.__setattr__(self, name, array)
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield count_text(len(self.poses), "scan")
         yield count_text(len(self.angles), "beam") + " each"
 
@@ -246,7 +246,7 @@ class HitGroups(OneLine):
     cells: Integers
     sizes: Integers
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield count_text(len(self), "group")
         yield count_text(len(self.cells), "cell")
 

@@ -316,7 +316,7 @@ class LocalMap(Drawn):
     clouds: int = 1
     from_earlier: int = 0
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield repr(self.grid)
         yield f"pose {numbers_text(self.pose)}"
         yield f"{self.counts.marking} of {count_text(self.counts.points, 'point')} are obstacles"

@@ -412,11 +412,11 @@ class BagClouds:
         has_poses: bool, is_raw: bool = False,
     ) -> None:  # fmt: skip
         connections = chosen_connections(bag, topics, _TYPES, "points and laser scans")
-        if len({one.topic for one in connections}) > 1:
+        if len({connection.topic for connection in connections}) > 1:
             raise ParameterError("one topic of clouds is taken", source="--topic")
         self.bag = bag
         self.topic = connections[0].topic
-        self._connections = {one.id: one for one in connections}
+        self._connections = {connection.id: connection for connection in connections}
         self._index = _index_of(bag, connections)
         self._decoder = Decoder(bag)
         self._options = options

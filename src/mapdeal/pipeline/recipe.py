@@ -307,7 +307,7 @@ class Recipe(OneLine):
         """Files that the robot's parameters were read from."""
         return () if self.robot is None else self.robot.paths
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield " -> ".join(" ".join(filter(None, (s.name, s.stage.model))) for s in self.steps)
 
     def described(self) -> list[dict[str, Any]]:

@@ -116,7 +116,7 @@ class RunReport(Result):
             rule = f"the robot does not reach {', '.join(self.missed_goals)}"
             raise FindingError(rule, source=self.source)
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield str(self.folder)
         yield self.status
         yield f"stages {' '.join(self.figures)}"
@@ -340,7 +340,7 @@ class SingleResult:
     """What one stage has made of a file, as it returns it, and the checksums of what was read."""
 
     figures: Figures
-    made: Any
+    result: Any
     sums: Mapping[str, str]
     curve: CostCurve | None = None
 
@@ -372,10 +372,10 @@ def apply_to_file(
                 inputs.claim_step(path, taken, step)
             masked: Costmap | None = None
             if over is not None and stage.makes is Costmap:
-                made, masked = over.costs_of(step, taken, path)
+                result, masked = over.costs_of(step, taken, path)
             else:
-                made = step.result_of(taken, path)
-            grid, title = grid_of(made), step.title
+                result = step.result_of(taken, path)
+            grid, title = grid_of(result), step.title
             costs = step.curve_on(taken) if curve is not None or with_curve else None
             if curve is not None and costs is None:
                 raise step.no_curve()
@@ -409,7 +409,7 @@ def apply_to_file(
             remark = step.remark_on(figures)
             if remark is not None:
                 emit_warning(f"{path}: {remark}", stacklevel=2)
-            return SingleResult(figures, made, source.sums, costs)
+            return SingleResult(figures, result, source.sums, costs)
 
 
 _FILLED = 7  # of the picture: unknown cells that are now free; see `cleaning_style`

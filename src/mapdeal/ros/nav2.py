@@ -54,9 +54,9 @@ class Nav2Values:
     """The parameters that a node gets, and all problems that were found in them."""
 
     def __init__(
-        self, given: Mapping[str, ParameterValue], node: str, source: Path, *, older: bool
+        self, parameters: Mapping[str, ParameterValue], node: str, source: Path, *, older: bool
     ) -> None:
-        self.given, self.node, self.source, self.older = given, node, source, older
+        self.parameters, self.node, self.source, self.older = parameters, node, source, older
         self.problems: list[Problem] = []
         self._known: set[str] = set()
 
@@ -65,7 +65,7 @@ class Nav2Values:
 
     def get(self, name: str, kind: str, default: Any, *, level: Level = "refused") -> Any:
         # A value of another type becomes a problem, and what it means is returned if that is clear.
-        found = self.given.get(name)
+        found = self.parameters.get(name)
         if found is None or found.kind == "not set":  # Nav2 never sees the latter
             return default
         if found.ignored is not None and name not in self._known:
@@ -106,7 +106,7 @@ class Nav2Values:
         self, check: str, level: Level, text: str, name: str = "", hint: str | None = None
     ) -> None:
         """Keep a problem, with the place and the text of the parameter that it is about."""
-        found = self.given.get(name)
+        found = self.parameters.get(name)
         one = Problem(check, level, text, parameter=name, source=self.source, hint=hint)
         if found is not None:
             one = replace(one, source=found.source, line=found.line, got=found.text)
@@ -230,7 +230,7 @@ def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
     parameter = f"{name}.plugin"
     kind: str | None = values.get(parameter, "string", default)
     if kind is None:
-        if parameter not in values.given:
+        if parameter not in values.parameters:
             text = f"{name} is listed, but has no {parameter}; Nav2 does not start"
             alike = [plugin.removeprefix(_OWN).lower() for plugin in _KNOWN]
             near = most_alike(name.replace("_", "").lower()[:_LONGEST], alike, least=0.0)
@@ -265,7 +265,7 @@ def _layer(values: Nav2Values, name: str, kind: str, inscribed: float) -> Listed
     if is_known:
         is_enabled = values.flag(f"{name}.enabled", True)
     else:
-        found = values.given.get(f"{name}.enabled")
+        found = values.parameters.get(f"{name}.enabled")
         is_enabled = found is None or found.value is not False
     if layer_class is not None:
         layer = layer_class.from_nav2(values, PluginEntry(name, kind, inscribed))
@@ -346,12 +346,12 @@ def _tell_old_plugins(values: Nav2Values) -> None:
         ("plugins", f"the default layers run, {', '.join(_DEFAULTS)}"),
         ("filters", "no filter runs"),
     ):
-        mappings = [name for name in values.given if name.startswith(f"{listed}.")]
-        pairs = [name for name in ("plugin_names", "plugin_types") if name in values.given]
-        if listed in values.given or not (mappings or (pairs and listed == "plugins")):
+        mappings = [name for name in values.parameters if name.startswith(f"{listed}.")]
+        pairs = [name for name in ("plugin_names", "plugin_types") if name in values.parameters]
+        if listed in values.parameters or not (mappings or (pairs and listed == "plugins")):
             continue
         form = f"{listed}, a list of mappings as in ROS 1" if mappings else " and ".join(pairs)
-        found = values.given[(mappings or pairs)[0]]
+        found = values.parameters[(mappings or pairs)[0]]
         text = f"Nav2 does not read {form}: {effect}"
         hint = f'write {listed}: ["NAME", ...], and NAME: {{plugin: "CLASS"}} for each'
         values.problems.append(
@@ -444,7 +444,7 @@ def _outline(values: Nav2Values) -> tuple[float | None, Corners]:
             _tell_footprint(values, text, str(error))
         else:
             return None, corners
-    elif "robot_radius" not in values.given:
+    elif "robot_radius" not in values.parameters:
         rule = "neither footprint nor robot_radius is set; Nav2 uses a radius of 0.1 m"
         values.problem("params.no-shape", "warning", rule, hint="set one of them")
     radius = values.number("robot_radius", 0.1)
@@ -461,7 +461,7 @@ def _tell_footprint(values: Nav2Values, text: str, reason: str) -> None:
         values.problem("params.substitution", "refused", rule, "footprint", hint)
         return
     radius = values.get("robot_radius", "double", 0.1)
-    taken = "robot_radius" if "robot_radius" in values.given else "a radius"
+    taken = "robot_radius" if "robot_radius" in values.parameters else "a radius"
     rule = f"{reason}; Nav2 uses {taken} of {radius:g} m in its place"
     values.problem("params.footprint-unused", "warning", rule, "footprint", _LIKE_THIS)
 

@@ -394,7 +394,7 @@ class RobotParameters(OneLine):
             "layers": [_described(one) for one in self.layers],
         }
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield self.node
         yield f"inscribed_radius {self.inscribed_radius:.6g} m"
         yield f"circumscribed_radius {self.circumscribed_radius:.6g} m"

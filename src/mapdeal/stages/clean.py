@@ -78,7 +78,7 @@ class Cleaned(OneLine):
         yield f"  small components  {counts.specks} are now free"
         yield f"  changed           {count_text(counts.changed, 'cell')}"
 
-    def _told(self) -> Iterator[str]:
+    def _repr_parts(self) -> Iterator[str]:
         yield f"{count_text(self.counts.changed, 'cell')} changed"
         for name, patches in self.counts.steps().items():
             yield f"{patches.components} {name}"
