@@ -3,7 +3,9 @@
 import numpy as np
 from hypothesis import strategies as st
 
+from mapdeal.layers.denoise import DenoiseLayer
 from mapdeal.layers.inflation import InflationLayer
+from mapdeal.layers.obstacle import ObstacleLayer
 from mapdeal.layers.static import StaticLayer
 
 RESOLUTIONS = st.sampled_from([0.05, 0.1, 0.025, 0.3, 2.0, 0.0504])
@@ -44,3 +46,11 @@ INFLATION_LAYERS = st.builds(
     cost_scaling_factor=st.sampled_from([0.0, 3.0, 10.0]), inflate_unknown=st.booleans(),
     inflate_around_unknown=st.booleans(), lookup=st.sampled_from(["exact", "nav2"]),
 )  # fmt: skip
+DENOISE_LAYERS = st.builds(
+    DenoiseLayer, minimal_group_size=st.sampled_from([1, 2, 3, 5, 100]),
+    group_connectivity_type=st.sampled_from([4, 8]),
+)  # fmt: skip
+OBSTACLE_LAYERS = st.builds(
+    ObstacleLayer, track_unknown_space=st.booleans(), combination_method=st.sampled_from([0, 1, 2])
+)
+LAYERS = STATIC_LAYERS | INFLATION_LAYERS | DENOISE_LAYERS | OBSTACLE_LAYERS

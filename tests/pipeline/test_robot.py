@@ -12,7 +12,7 @@ from mapdeal.layers.static import StaticLayer
 from mapdeal.pipeline.recipe import step_for
 from mapdeal.ros.robot import ListedLayer
 from oracles import master_grid
-from strategies import INFLATION_LAYERS, STATIC_LAYERS, occupancies
+from strategies import LAYERS, occupancies
 
 pytestmark = pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")
 
@@ -25,14 +25,23 @@ def _robot(*layers, track=True):
     )
 
 
+def test_unknown_cells_that_a_second_map_takes_to_be_lethal_are_no_obstacles_of_the_first():
+    first = StaticLayer(lethal_cost_threshold=0)
+    second = StaticLayer(
+        unknown_cost_value=0, use_maximum=True, unknown_is_highest=True, track_unknown_space=False
+    )
+    made = apply_recipe(OccupancyGrid([[-1]], 0.1), _robot(first, second))
+    assert made["cost"].cost.tolist() == [[255]]
+
+
 @pytest.mark.slow
 @settings(max_examples=80)
-@given(st.lists(STATIC_LAYERS | INFLATION_LAYERS, max_size=4), st.booleans(), occupancies())
+@given(st.lists(LAYERS, max_size=4), st.booleans(), occupancies())
 def test_the_recipe_of_a_robot_makes_its_master_grid(layers, track, occupancy):
     robot = _robot(*layers, track=track)
     made = apply_recipe(OccupancyGrid(occupancy, 0.1, (1.5, -2.0, 0.4)), robot)
     np.testing.assert_array_equal(
-        made["cost"].cost, master_grid(occupancy, 0.1, robot.effective_layers, 255 if track else 0)
+        made["cost"].cost, master_grid(occupancy, 0.1, layers, 255 if track else 0)
     )
 
 

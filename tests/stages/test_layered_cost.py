@@ -14,14 +14,13 @@ from engines import ENGINES
 from mapdeal import MapdealWarning, OccupancyGrid, esdf, exponential_cost, layered_cost
 from mapdeal.kernels import engine
 from mapdeal.kernels.blocks import lazy_layer
-from mapdeal.layers.denoise import DenoiseLayer
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.layers.obstacle import ObstacleLayer
 from mapdeal.layers.static import StaticLayer
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.step import make_step
 from recorded_costmaps import exponential_parameters, recorded_costmaps, sum_of
-from strategies import INFLATION_LAYERS, STATIC_LAYERS, occupancies
+from strategies import LAYERS, occupancies
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 
@@ -72,22 +71,11 @@ def test_small_groups_go_as_the_real_denoise_layer_takes_them(real_maps, tmp_pat
     assert len(cases) == 88
 
 
-DENOISE = st.builds(
-    DenoiseLayer, minimal_group_size=st.sampled_from([1, 2, 3, 5, 100]),
-    group_connectivity_type=st.sampled_from([4, 8]),
-)  # fmt: skip
-
-
-OBSTACLES = st.builds(
-    ObstacleLayer, track_unknown_space=st.booleans(), combination_method=st.sampled_from([0, 1, 2])
-)
-
-
 @pytest.mark.slow
 @settings(max_examples=80)
 @given(
     occupancies(), st.sampled_from([0.04, 0.1, 0.25, 0.7]),
-    st.lists(STATIC_LAYERS | INFLATION_LAYERS | DENOISE | OBSTACLES, max_size=5),
+    st.lists(LAYERS, max_size=5),
     st.sampled_from([0, 255]),
     st.integers(1, 13),
 )  # fmt: skip
@@ -104,6 +92,12 @@ def test_any_sequence_of_layers_equals_brute_force(
     if parameters is not None:
         for source in (grid, esdf(grid, lethal_threshold=parameters["lethal_threshold"])):
             assert np.array_equal(exponential_cost(source, **parameters).cost, expected)
+
+
+def test_a_value_that_counts_as_unknown_is_freed_by_an_obstacle_layer():
+    static = StaticLayer(unknown_cost_value=0)
+    made = layered_cost(OccupancyGrid([[0, 100, -1]], 0.1), layers=[static, ObstacleLayer()])
+    assert made.cost.tolist() == [[0, 254, 254]]
 
 
 def test_unknown_cells_that_a_field_counts_as_obstacles_are_lethal():

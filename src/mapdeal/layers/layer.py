@@ -201,6 +201,13 @@ class CostmapLayer(OneLine):
         """
         return is_unknown
 
+    def may_leave_unknown(self, may_be_unknown: bool) -> bool:
+        """Return whether any cell may be unknown once this layer is applied.
+
+        `may_be_unknown` is whether any may be before.
+        """
+        return self.unknown_after(may_be_unknown)
+
     def halo(self, shape: tuple[int, int], cell_size: float) -> int:
         """Return the largest number of rows between a cell and another one that it affects."""
         return 0

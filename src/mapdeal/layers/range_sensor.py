@@ -54,7 +54,7 @@ class RangeSensorLayer(CostmapLayer):
     }  # fmt: skip
 
     def _cost(self) -> int | None:
-        """Return the cost that the layer gives to every cell; None if it changes no cell."""
+        """Return the cost that the layer gives to every cell, if it changes any."""
         prior, clear, mark = (
             int(probability * LETHAL_OBSTACLE)
             for probability in (_PRIOR, self.clear_threshold, self.mark_threshold)

@@ -48,7 +48,7 @@ class CostmapLayers:
             if layer.overwrites_all:
                 effective.clear()
             effective.append(layer)
-            has_unknown = layer.unknown_after(has_unknown)
+            has_unknown = layer.may_leave_unknown(has_unknown)
         return tuple(effective)
 
     @property
@@ -107,7 +107,7 @@ class CostmapLayers:
 
     @property
     def inflations_above_map(self) -> tuple[InflationLayer, ...] | None:
-        """Inflation layers from the first static layer on; None if there is no static layer."""
+        """Inflation layers from the first static layer on, if there is one."""
         effective = self.effective
         statics = [k for k, layer in enumerate(effective) if isinstance(layer, StaticLayer)]
         if not statics:
@@ -119,12 +119,17 @@ class CostmapLayers:
     @property
     def obstacle_rule(self) -> tuple[int, UnknownPolicy] | None:
         """Least occupancy of an obstacle, and the policy for unknown cells, of the first map."""
-        # With a threshold of 0 every cell is an obstacle.
-        for layer in self.effective:
-            if isinstance(layer, StaticLayer) and layer.lethal_cost_threshold > 0:
-                # The layer sees -1 as byte 255. A field's obstacles are 100 and -1, or 100 alone.
-                special = (layer.unknown_cost_value, layer.inscribed_obstacle_cost_value)
-                is_lethal = NO_INFORMATION not in special and OCCUPIED not in special
+        statics = [layer for layer in self.effective if isinstance(layer, StaticLayer)]
+        # A static layer sees -1 as byte 255. Behind a field whose obstacles include unknown cells,
+        # layers get 100 for them, so that no layer may treat the two values differently.
+        special = {
+            value
+            for layer in statics
+            for value in (layer.unknown_cost_value, layer.inscribed_obstacle_cost_value)
+        }
+        for layer in statics:
+            if layer.lethal_cost_threshold > 0:  # with a threshold of 0 every cell is an obstacle
+                is_lethal = special.isdisjoint({NO_INFORMATION, OCCUPIED})
                 return layer.lethal_cost_threshold, "occupied" if is_lethal else "free"
         return None
 

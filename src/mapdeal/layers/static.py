@@ -95,10 +95,14 @@ class StaticLayer(CostmapLayer):
         return not self.use_maximum
 
     def unknown_after(self, is_unknown: bool) -> bool:
-        tracks = self.track_unknown_space and self.unknown_cost_value == NO_INFORMATION
+        return self.may_leave_unknown(is_unknown, self.unknown_cost_value == NO_INFORMATION)
+
+    def may_leave_unknown(self, may_be_unknown: bool, has_value: bool = True) -> bool:
+        # `has_value` is whether cells have `unknown_cost_value`: those of a map may have any value.
+        tracks = self.track_unknown_space and has_value
         if not self.use_maximum:
             return tracks
-        return tracks or is_unknown if self.unknown_is_highest else tracks and is_unknown
+        return tracks or may_be_unknown if self.unknown_is_highest else tracks and may_be_unknown
 
     def apply(self, master: MasterGrid) -> None:
         costs: NDArray[np.uint8] = look_up(master.occupancy, self._costs_of_values())

@@ -271,11 +271,6 @@ class RobotParameters(OneLine):
         return tuple(file.path for file in self.files)
 
     @property
-    def effective_layers(self) -> tuple[CostmapLayer, ...]:
-        """Enabled layers that affect the costs of a map file, in order."""
-        return self.costmap_layers.layers
-
-    @property
     def costmap_layers(self) -> CostmapLayers:
         """Enabled layers, over the whole map and for a robot that stands outside of it."""
         layers = self._enabled_layers()
