@@ -461,8 +461,8 @@ def _tell_footprint(values: Nav2Values, text: str, reason: str) -> None:
         values.problem("params.substitution", "refused", rule, "footprint", hint)
         return
     radius = values.get("robot_radius", "double", 0.1)
-    taken = "robot_radius" if "robot_radius" in values.parameters else "a radius"
-    rule = f"{reason}; Nav2 uses {taken} of {radius:g} m in its place"
+    radius_name = "robot_radius" if "robot_radius" in values.parameters else "a radius"
+    rule = f"{reason}; Nav2 uses {radius_name} of {radius:g} m in its place"
     values.problem("params.footprint-unused", "warning", rule, "footprint", _LIKE_THIS)
 
 
