@@ -18,7 +18,7 @@ from typer.core import TyperGroup
 
 from mapdeal.cli import terminal
 from mapdeal.cli.help_pages import lay_out, overview, write_commands
-from mapdeal.cli.process import begin_work, ending
+from mapdeal.cli.process import begin_work, ending, release_reserve
 from mapdeal.cli.usage import accept_words, usage_error
 from mapdeal.errors import FileAccessError, FindingError, MapdealError, refusal_of_the_system
 
@@ -150,6 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # whoever reads has seen enough
         return 0
     except Exception as error:  # noqa: BLE001 - the last resort, which says that it is one
+        release_reserve()
         refusal = refusal_of_the_system(error)
         if isinstance(error, OSError) and error.errno == errno.ENOSPC:  # of --help, by typer
             rule = f"cannot be written: {error.strerror}"

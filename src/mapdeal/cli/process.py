@@ -22,6 +22,9 @@ _ENDING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasatt
 _AT_ONCE = 5.0
 """Seconds within which further signals count as the first: timeout(1) sends each twice."""
 
+_reserve = [bytes(4 << 20)]
+"""Address space that is released when memory runs out: reporting that needs some itself."""
+
 _ended_by = signal.SIGINT
 _ended_at = float("-inf")
 _has_begun = False
@@ -51,7 +54,8 @@ def run_process() -> NoReturn:
             code = main()
     except KeyboardInterrupt:  # once more, while main tells of the first one
         code = ending()[1]
-    except (MemoryError, SystemError) as error:  # main had no memory to tell of it
+    except (MemoryError, SystemError) as error:  # main had no memory to report it
+        release_reserve()
         from mapdeal.errors import refusal_of_the_system
 
         refusal = refusal_of_the_system(error)
@@ -84,6 +88,11 @@ def _version_is_printed() -> bool:
     except Exception:  # noqa: BLE001 - told by whoever prints it then
         return False
     return True
+
+
+def release_reserve() -> None:
+    """Release the memory that is reserved for reporting errors."""
+    _reserve.clear()
 
 
 def begin_work() -> None:
