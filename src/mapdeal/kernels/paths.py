@@ -51,7 +51,7 @@ def cheapest_path(
     # expanded once at most, and a path is found if there is one.
     if not all(_holds(weights, cell) and weights[cell] > 0 for cell in (start, goal)):
         raise ValueError("start and goal must be open cells")
-    scaled = np.rint(weights * UNIT)
+    scaled = np.rint(np.multiply(weights, UNIT, dtype=np.float64))
     np.maximum(scaled, 1.0, out=scaled)
     scaled[weights <= 0] = 0.0
     if surcharges is not None and surcharges.shape != weights.shape:
@@ -59,7 +59,7 @@ def cheapest_path(
     if scaled.max() > UNIT * (1 << 27):
         raise ValueError("weights must not be above 2^27")
     least = float(scaled.min(where=scaled > 0, initial=math.inf))
-    more = None if surcharges is None else np.rint(surcharges * UNIT)
+    more = None if surcharges is None else np.rint(np.multiply(surcharges, UNIT, dtype=np.float64))
     if engine_name() == "compiled":
         from mapdeal.kernels import _compiled
 
