@@ -45,7 +45,13 @@ app = command_app("completion", sys.modules[__name__])
 
 def prepare_completion() -> None:
     """Have typer answer a shell in place of running a command."""
-    from typer._completion_classes import BashComplete, completion_init
+    try:
+        from typer._completion_classes import BashComplete, completion_init
+    except ImportError:  # typer before 0.12
+        from typer._completion_click8 import (  # type: ignore[import-not-found, no-redef]
+            BashComplete,
+            completion_init,
+        )
 
     class Bash(BashComplete):
         """Bash, which splits words at ``=`` and replaces what stands behind the last one."""

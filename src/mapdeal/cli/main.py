@@ -1,7 +1,5 @@
 """The entry point: builds the command line, runs it, and turns errors into exit codes."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os
@@ -72,6 +70,8 @@ class _LazyGroup(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         write_commands(self, ctx, formatter)
 
+
+vars(typer.core)["rich"] = None  # with which typer before 0.12 lays out help in its own way
 
 app = typer.Typer(
     cls=_LazyGroup,

@@ -5,17 +5,18 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
+from enum import Enum
 from functools import partial, wraps
 from inspect import Parameter as Argument
 from inspect import Signature
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, Optional, get_args, get_origin
 
 import typer
 
 from mapdeal.cli import terminal
 from mapdeal.cli.terminal import FROM_STDIN, TO_STDOUT, piped, streamed
-from mapdeal.command import Parameter, Words
+from mapdeal.command import Parameter, Words, split_optional
 from mapdeal.errors import ParameterError, strict_warnings
 from mapdeal.files.source import size_of
 from mapdeal.grid.footprint import Footprint
@@ -328,9 +329,15 @@ def with_shared_options(
     shared = [name for name in shared if name not in of_streams]
     robot = [name for name in shared if SHARED_OPTIONS[name].group == _ROBOT]
     marked = streamed(parameters)
+    defaults = {parameter.name: parameter.default for parameter in parameters}
 
     @wraps(function)
     def command(**values: Any) -> None:
+        for name, value in values.items():
+            if isinstance(value, Enum):
+                values[name] = value.value
+            elif value in ([], ()):  # typer before 0.13 has no None for options that are repeated
+                values[name] = defaults[name]
         given = {name: values.pop(name) for name in shared}
         if given["quiet"] and given["verbose"]:
             raise ParameterError("cannot be given together with --quiet", source="--verbose")
@@ -364,9 +371,20 @@ def with_shared_options(
                 function(**{**piped_values, "settings": replace(settings, **read)})
 
     typed: Any = command
+    parameters = [p.replace(annotation=_for_typer(p.annotation)) for p in parameters]
     typed.__signature__ = Signature(parameters, return_annotation=None)
-    typed.__annotations__ = {one.name: one.annotation for one in parameters} | {"return": None}
+    typed.__annotations__ = {p.name: p.annotation for p in parameters} | {"return": None}
     return command
+
+
+def _for_typer(annotation: Any) -> Any:
+    """Return an annotation as typer 0.9, of Ubuntu 24.04, reads it: no ``|`` and no Literal."""
+    hint, *marks = get_args(annotation) if get_origin(annotation) is Annotated else [annotation]
+    kind, is_optional = split_optional(hint)
+    if get_origin(kind) is Literal:
+        words = [(word, word) for word in get_args(kind)]
+        kind = Enum("Choice", words, type=str)  # type: ignore[misc, no-redef] # made of a list
+    return Annotated[(Optional[kind] if is_optional else kind, *marks)]  # noqa: UP045
 
 
 def _names_image(values: Mapping[str, Any]) -> bool:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import typer
-from typer.models import TyperPath
 
 from mapdeal.cli.terminal import DASH
 from mapdeal.errors import ParameterError, as_known, meant, nearest
@@ -58,7 +57,7 @@ def _spelled(kind: Any) -> Any:
     """Return a type of click's that takes all spellings, and only numbers and names that are."""
     kind = copy(kind)  # click has one for all numbers
     convert, choices = kind.convert, [str(choice) for choice in getattr(kind, "choices", ())]
-    is_number, is_path = kind.name.startswith(_NUMBERS), isinstance(kind, TyperPath)
+    is_number, is_path = kind.name.startswith(_NUMBERS), hasattr(kind, "file_okay")
 
     def converted(value: Any, parameter: Any, context: Any) -> Any:
         from mapdeal.command import is_plain
@@ -79,6 +78,8 @@ def _spelled(kind: Any) -> Any:
 
     kind.convert = converted
     kind.readable = False  # whoever opens a file says why it cannot be read
+    if is_path:
+        kind.shell_complete = lambda *_: []  # shells complete paths themselves
     return kind
 
 
