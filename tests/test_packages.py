@@ -15,12 +15,14 @@ import pytest
 import yaml
 
 from mapdeal.compatibility import tomllib
+from mapdeal.version import __version__
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
 GITHUB = ROOT / ".github"
 WORKFLOWS = sorted((GITHUB / "workflows").glob("*.yml"))
+COLCON = Path(sys.executable).with_name("colcon")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 
 
@@ -105,6 +107,29 @@ def test_a_source_distribution_has_every_file(script, sources, tmp_path):
                 file.addfile(tarfile.TarInfo(f"mapdeal-0.1.0/{name}"), io.BytesIO())
     missing = script(".ci/check-packages").missing_sources(tmp_path / "a.tar.gz")
     assert missing == {"tests/drawn.py"}
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif(not COLCON.exists(), reason="needs colcon")
+def test_colcon_installs_into_a_ros_2_workspace(sources, tmp_path, monkeypatch):
+    checkout = tmp_path / "src" / "mapdeal"
+    for name in sources.project_files(ROOT):
+        (checkout / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, checkout / name)
+    files = {path for path in checkout.rglob("*") if path.is_file()}
+    monkeypatch.setenv("MAPDEAL_KERNELS", "scipy")  # which spares the test two minutes
+    words = [COLCON, "build", "--base-paths", "src", "src/mapdeal/.github/ros"]
+    subprocess.run(words, cwd=tmp_path, check=True, capture_output=True)
+    assert {path for path in checkout.rglob("*") if path.is_file()} == files
+    installed = tmp_path / "install" / "mapdeal"
+    assert (installed / "share/ament_index/resource_index/packages/mapdeal").is_file()
+    package = (installed / "share/mapdeal/package.xml").read_text("utf-8")
+    assert f"<version>{__version__}</version>" in package
+    command = ". install/local_setup.sh; exec install/mapdeal/lib/mapdeal/mapdeal"
+    maps = checkout / "examples" / "maps"
+    for line in ("--version", f"run {maps}/office.yaml -o out --recipe nav2 --robot-radius 0.2"):
+        subprocess.run(["sh", "-c", f"{command} {line}"], cwd=tmp_path, check=True)
+    assert (tmp_path / "out" / "office" / "cost.npz").is_file()
 
 
 def test_headers_of_a_kernel_are_named_where_it_is_built():
