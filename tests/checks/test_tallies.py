@@ -165,7 +165,7 @@ def test_nothing_is_kept_of_the_cells_however_many_rows_come(kind, tmp_path, mon
         def __exit__(self, *_):
             pass
 
-    monkeypatch.setattr(facts, "open_passing", Opened)
+    monkeypatch.setattr(facts, "open_for_one_pass", Opened)
     path = write_pair(tmp_path, b"P5 1 1 255\n0")
     tracemalloc.start()
     pair, cells, findings = gather(path)

@@ -177,7 +177,7 @@ def test_greys_that_are_looked_up_are_what_the_reader_makes_of_each(
     metadata = MapMetadata("m.png", 0.25, (1.5, -2.0, 0.4), mode, **thresholds)
     expected = DIALECTS[dialect](picture, metadata)[::-1]
     assert np.array_equal(cells_of(picture, metadata, dialect), expected)
-    monkeypatch.setattr(dialects, "_PIXELS_TOGETHER", 3 * SHAPE[1])
+    monkeypatch.setattr(dialects, "_PIXELS_AT_ONCE", 3 * SHAPE[1])
     into = np.full(SHAPE, 77, np.int8)
     assert cells_of(picture, metadata, dialect, out=into) is into
     assert np.array_equal(into, expected)

@@ -16,7 +16,7 @@ def decode(data, **options):
     with TemporaryDirectory() as folder:
         (Path(folder) / "map.pgm").write_bytes(data)
         with opened(Path(folder) / "map.pgm") as file, PnmImage(file, **options).strips() as strips:
-            return strips.whole()
+            return strips.joined()
 
 
 @pytest.mark.parametrize("header", [

@@ -58,7 +58,7 @@ def test_it_is_read_as_it_was_written(tmp_path, more):
 
 
 def test_as_a_map_it_is_the_one_that_was_looked_at_with_one_warning(path):
-    with pytest.warns(MapdealWarning, match="is what a robot can reach; its map is used") as told:
+    with pytest.warns(MapdealWarning, match="is a result of reach; only its map is used") as told:
         again = mapdeal.read_map(path)
     assert len(told) == 1
     assert (type(again), again.frame) == (mapdeal.OccupancyGrid, MAP.frame)

@@ -46,7 +46,7 @@ from mapdeal.maps.dialects import (
     reader_of,
     yaml_of,
 )
-from mapdeal.maps.images import IMAGE_FORMATS, open_passing
+from mapdeal.maps.images import IMAGE_FORMATS, open_for_one_pass
 from mapdeal.maps.npz import read_npz
 from mapdeal.maps.picture import Picture, Samples, Strips
 from mapdeal.maps.reading import as_occupancy, bare_image, open_map
@@ -95,14 +95,14 @@ class DistinctPixels:
 
     def _add_band(self, picture: Picture) -> None:
         """Count some pixels: grey and opaque ones, which are most, without sorting."""
-        grey, others = picture.greys_and_others()
+        grey, exceptions = picture.greys_and_exceptions()
         counts = histogram(grey) if grey.dtype == np.uint8 else None
         if counts is not None:
-            self._note_firsts(grey, others, counts)
+            self._note_firsts(grey, exceptions, counts)
         self._seen += grey.size
-        if others.any():
-            self._add_others(picture.only(others))
-            grey = grey[~others][np.newaxis]
+        if exceptions.any():
+            self._add_others(picture.only(exceptions))
+            grey = grey[~exceptions][np.newaxis]
             counts = None if counts is None else histogram(grey)
         if counts is None:
             counts = np.bincount(grey.reshape(-1), minlength=256)
@@ -110,14 +110,14 @@ class DistinctPixels:
             counts, self._greys = self._greys, counts
         self._greys[: len(counts)] += counts
 
-    def _note_firsts(self, grey: Samples, others: NDArray[np.bool_], counts: Counts) -> None:
+    def _note_firsts(self, grey: Samples, exceptions: NDArray[np.bool_], counts: Counts) -> None:
         """Note where the greys are that have not come up before, few as they are."""
         new = [value for value in np.flatnonzero(counts).tolist() if value not in self.firsts]
         for value in new:
             is_here = (grey == value).reshape(-1)
             first = int(is_here.argmax())
-            if others.reshape(-1)[first]:
-                is_here &= ~others.reshape(-1)
+            if exceptions.reshape(-1)[first]:
+                is_here &= ~exceptions.reshape(-1)
                 first = int(is_here.argmax())
             if is_here[first]:
                 self.firsts[value] = self._seen + first
@@ -381,8 +381,8 @@ class PixelTallies:
         self, pixels: Picture, readings: dict[Dialect, NDArray[np.int8]], counts: Counts
     ) -> None:
         """Note the greys whose places are reported: those of opaque pixels."""
-        grey, others = pixels.greys_and_others()
-        order = np.flatnonzero(~others[0])
+        grey, exceptions = pixels.greys_and_exceptions()
+        order = np.flatnonzero(~exceptions[0])
         order = order[np.argsort(-counts[order], kind="stable")]
         for name, cells in readings.items():
             differs = cells[0, order] != readings["nav2"][0, order]
@@ -598,7 +598,7 @@ def _of_npz(path: Path, max_cells: int | None) -> GridFacts | None:
     """Return the facts of the map in an npz, None if it holds costs or a view."""
     grid = read_npz(path, max_cells=max_cells)
     if isinstance(grid, Costmap):
-        map_server.warn_of_one_cost(path, grid)
+        map_server.warn_if_uniform(path, grid)
         return None
     if isinstance(grid, FieldView):
         _warn_of_view(path, grid.scale)
@@ -619,7 +619,7 @@ def _of_pair(
         image = map_server.find_image(path, metadata.image)
     else:
         image = map_server.find_bits(bits, path, metadata)
-    with open_passing(image, max_cells=max_cells) as (strips, head):
+    with open_for_one_pass(image, max_cells=max_cells) as (strips, head):
         kind, pixels, cells = _counted(strips, metadata, image)
     if pixels.lost:
         text = f"{image}: {map_server.remark_on_lost(pixels.lost)}"

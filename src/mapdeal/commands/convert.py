@@ -25,7 +25,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.inputs.kinds import is_bag
 from mapdeal.maps.dialects import Mode
-from mapdeal.maps.map_server import Encoding, in_trinary, warn_of_nothing_known, warn_of_one_cost
+from mapdeal.maps.map_server import Encoding, in_trinary, warn_if_uniform, warn_of_nothing_known
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, output_paths, write_grid
 from mapdeal.maps.world import WORLD_ENDINGS
@@ -226,7 +226,7 @@ def _read_bag(path: Path, topic: str | None, index: int, read_as: ReadAs | None)
     with grid_topic(path, topic, read_as=read_as) as found:
         grid, files = found.read(index).grid, found.files
     if isinstance(grid, Costmap):
-        warn_of_one_cost(path, grid)
+        warn_if_uniform(path, grid)
     else:
         warn_of_nothing_known(path, grid.occupancy, has_pixels=False)
     return Source(grid, files)

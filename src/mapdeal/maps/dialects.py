@@ -1,7 +1,7 @@
-"""What a map's YAML file says, and the occupancy that map_server's readers make of its pixels.
+"""Metadata of a map's YAML file, and the occupancy that map_server's readers give its pixels.
 
-Every rule depends on a small integer only, a grey level or a sum of samples, and is worked out
-in exactly the precision of its reader: in a table where there are few of them.
+Every rule depends only on a small integer, a grey level or a sum of samples, and is computed in
+the exact precision of its reader, for all grey levels in one table.
 
 References
 ----------
@@ -89,7 +89,7 @@ def metadata_of(
 def _crossed_thresholds(
     path: Path, entries: dict[str, Entry], occupied: float, free: float
 ) -> MalformedInputError:
-    """Return the error of a free_thresh above occupied_thresh, of which one may be a default."""
+    """Return the error for free_thresh above occupied_thresh; one of them may be a default."""
     if "free_thresh" not in entries:
         missing, relation = "free_thresh", f"{free:g} exceeds occupied_thresh {occupied:g}"
     elif "occupied_thresh" not in entries:
@@ -125,12 +125,12 @@ def _warn(path: Path, place: str, text: str, check: str) -> None:
 
 
 def _typo_hint(missing: list[str], entries: dict[str, Entry]) -> str | None:
-    import difflib  # of use to mistakes alone
+    import difflib  # only mistakes need it
 
     for key in missing:
-        near = difflib.get_close_matches(key, [k for k in entries if k not in _KNOWN], n=1)
-        if near:
-            return f"is {near[0]} meant to be {key}?"
+        similar = difflib.get_close_matches(key, [k for k in entries if k not in _KNOWN], n=1)
+        if similar:
+            return f"is {similar[0]} meant to be {key}?"
     return None
 
 
@@ -197,8 +197,8 @@ def _mode(path: Path, entries: dict[str, Entry], dialect: Dialect) -> Mode:
     if text.lower() not in get_args(Mode):
         raise entry.error("must be trinary, scale or raw")
     if dialect == "ros1" and text != text.lower():
-        told = f"{text} is refused by ROS 1; read as {text.lower()}"
-        _warn(path, entry.place, told, "yaml.mode-case")
+        text = f"{text} is refused by ROS 1; read as {text.lower()}"
+        _warn(path, entry.place, text, "yaml.mode-case")
     return text.lower()  # type: ignore[return-value]
 
 
@@ -244,13 +244,13 @@ def _image(entry: Entry) -> str:
 
 
 Reader = Callable[[Picture, MapMetadata], NDArray[np.int8]]
-"""From a picture to occupancy, shape (H, W), int8, row 0 in the north."""
+"""Function from a picture to occupancy, int8 of shape (H, W), row 0 in the north."""
 
-_PIXELS_TOGETHER = 1 << 17
+_PIXELS_AT_ONCE = 1 << 17
 
 
 def _as_nav2(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
-    """Read as Nav2 from jazzy on: luma, float32, inclusive thresholds, transparent is unknown."""
+    """Read as Nav2 since jazzy: luma, float32, inclusive thresholds, transparent is unknown."""
     by_grey = _by_grey_level(metadata)
     alpha = picture.alpha
     if picture.palette is not None:
@@ -272,7 +272,7 @@ def _grey_of_rgb(
     rgb: NDArray[np.uint8] | NDArray[np.uint16], maxval: int
 ) -> NDArray[np.integer[Any]]:
     """Return the grey level 0..255: a rounded 16-bit luma, then truncated to 8 bits."""
-    if maxval == 255:  # 257 times as much in 16 bits: all that follows fits 32
+    if maxval == 255:  # a 16-bit sample is 257 times the 8-bit one, and the sums fit 32 bits
         red, green, blue = (rgb[..., c].astype(np.uint32) for c in range(3))
         red *= np.uint32(299 * 257)
         green *= np.uint32(587 * 257)
@@ -336,7 +336,7 @@ def _sum(wide: NDArray[np.int32], rgb: Samples) -> NDArray[np.int32]:
 def _humble_occupancy(
     total: NDArray[np.int32], opacity: NDArray[np.int32] | None, metadata: MapMetadata
 ) -> NDArray[np.int8]:
-    """Return the occupancy for sums of three 16-bit samples and, if there is one, the opacity."""
+    """Return the occupancy for sums of three 16-bit samples, and for an opacity if there is one."""
     if metadata.mode == "trinary" and opacity is not None:
         return _of_sum(total + opacity, 4, metadata)
     occupancy = _of_sum(total, 3, metadata)
@@ -365,8 +365,8 @@ def _by_darkness(
     darkness: NDArray[np.float64], metadata: MapMetadata,
     scaled: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
 ) -> NDArray[np.int8]:  # fmt: skip
-    """Return the occupancy as the older readers have it, strictly beyond the thresholds."""
-    # `scaled` gives the values between them, from their share of the way; None leaves them unknown.
+    """Return the occupancy by the strict thresholds of the older readers."""
+    # `scaled` maps the position between the thresholds, 0..1, to a value; without it: unknown.
     occupied_thresh, free_thresh = metadata.occupied_thresh, metadata.free_thresh
     values = np.full(darkness.shape, UNKNOWN, dtype=np.int8)
     if scaled is not None:
@@ -383,13 +383,13 @@ def _by_darkness(
 
 def _as_ros1(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
     """Read as ROS 1: mean of the channels, alpha averaged in, palettes read as indices."""
-    # Two slips of the reader are kept, since maps are made by looking at what it does: an index
-    # into a palette counts as a grey level, and in mode scale a pixel between the thresholds is
-    # unknown if the last byte of its memory is 0, be that opacity, blue, or red in a BMP. One is
-    # not: raw values above 100 are unknown here, the reader lets them wrap.
+    # Two bugs of the reader are reproduced, since people adjust maps to its results: a palette
+    # index counts as a grey level, and in mode scale a pixel between the thresholds is unknown if
+    # the last byte of its memory is 0 (opacity, blue, or red in a BMP). One bug is not reproduced:
+    # raw values above 100 wrap in the reader and are unknown here.
     samples, alpha = _as_stored(picture)
     if samples.ndim == 2 and alpha is None:
-        # One byte: no test of a last byte, whatever the mode.
+        # a single byte per pixel: the reader tests no last byte
         return by_sample(_by_sum(1, metadata), samples)
     if samples.ndim == 2 and alpha is not None:  # brightness, and opacity from a key
         return _ros1_occupancy([samples, alpha], 2, alpha, metadata)
@@ -460,7 +460,7 @@ def _by_sum(
     channels: int, metadata: MapMetadata, *, decided_only: bool = False
 ) -> NDArray[np.int8]:  # fmt: skip
     """Return the occupancy of each possible sum of `channels` 8-bit samples."""
-    # With `decided_only` values between the thresholds are left unknown in mode scale too.
+    # With `decided_only`, values between the thresholds stay unknown even in mode scale.
     average = np.arange(channels * 255 + 1) / channels
     if metadata.negate:
         average = 255 - average
@@ -479,7 +479,7 @@ def cells_of(
     picture: Picture, metadata: MapMetadata, dialect: Dialect, *,
     out: NDArray[np.int8] | None = None,
 ) -> NDArray[np.int8]:  # fmt: skip
-    """Return the occupancy of each cell as a reader has it, shape (H, W), row 0 in the south."""
+    """Return the occupancy that a reader gives each cell, shape (H, W), row 0 in the south."""
     picture = picture.from_the_south()
     if _is_plain(picture):
         values = DIALECTS[dialect](picture, metadata)
@@ -487,11 +487,11 @@ def cells_of(
             return np.ascontiguousarray(values)
         out[:] = values
         return out
-    # colours and opacities become wide numbers on the way: not those of all pixels at once
+    # colours and opacities become wide numbers, so only some rows are converted at once
     cells = np.empty(picture.shape, dtype=np.int8) if out is None else out
     read = reader_of(picture, metadata, dialect)
     first = 0
-    for band in picture.bands(_PIXELS_TOGETHER):
+    for band in picture.bands(_PIXELS_AT_ONCE):
         stop = first + band.shape[0]
         cells[first:stop] = read(band)
         first = stop
@@ -501,25 +501,25 @@ def cells_of(
 def reader_of(
     kind: Picture, metadata: MapMetadata, dialect: Dialect
 ) -> Callable[[Picture], NDArray[np.int8]]:
-    """Return a reader's way to read pictures of one kind, such as strips of a picture."""
-    # Images of maps with colours and opacities have few of them: what is grey and opaque is looked
-    # up in a table that the reader has made.
+    """Return a function that reads pictures of one kind, such as the strips of a picture."""
+    # Few pixels of a map are coloured or transparent, so grey opaque ones go through a table that
+    # the reader has filled.
     read = DIALECTS[dialect]
     if kind.samples.ndim == 2 and kind.alpha is None:
         return lambda picture: read(picture, metadata)
     by_grey = read(opaque_greys(kind), metadata)[0]
 
     def occupancy(picture: Picture) -> NDArray[np.int8]:
-        grey, others = picture.greys_and_others()
+        grey, exceptions = picture.greys_and_exceptions()
         values: NDArray[np.int8] = by_sample(by_grey, np.ascontiguousarray(grey))
-        if others.any():
-            values[others] = read(picture.only(others), metadata)[0]
+        if exceptions.any():
+            values[exceptions] = read(picture.only(exceptions), metadata)[0]
         return values
 
     return occupancy
 
 
 def _is_plain(picture: Picture) -> bool:
-    """Return whether pixels are bytes that all readers look up in a table."""
+    """Return whether all readers look the pixels up in a table."""
     is_byte = picture.samples.dtype == np.uint8 and picture.samples.ndim == 2
     return is_byte and picture.file_format == "PNM"

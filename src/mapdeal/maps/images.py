@@ -1,7 +1,7 @@
-"""Images of every format that maps may have, decoded to integer samples.
+"""Images of all formats of maps, decoded to integer samples.
 
-The contents decide the format, not the file's name. Netpbm images, P1 to P6, are read without a
-library: these disagree on maxval, on comments and on damaged files, and ROS maps have them all.
+The contents decide the format; the file's name does not. Netpbm images, P1 to P6, are read
+without a library: libraries disagree on maxval, comments and damage, all common in ROS maps.
 PNG, BMP, TIFF and JPEG are decoded by Pillow, which is imported by the functions that need it.
 
 References
@@ -60,12 +60,12 @@ _NOT_AN_IMAGE = "is not an image in a supported format: pgm, pbm, ppm, png, bmp,
 _COMMENT_OR_WORD = re.compile(rb"#[^\n\r]*|[^ \t\n\v\f\r#]+")
 _COMMENT = re.compile(rb"#[^\n\r]*")
 _BLANK = re.compile(rb"[ \t\n\v\f\r]")
-_WHOLE_NUMBERS = b"0123456789 \t\n\v\f\r"
+_DIGITS_AND_BLANKS = b"0123456789 \t\n\v\f\r"
 _IN_A_LINE = bytes.maketrans(b"\n\r", b"  ")
 _MOST_DIGITS = 9
-_TEXT_TOGETHER = 1 << 18
+_TEXT_AT_ONCE = 1 << 18
 _LONGEST_HEADER = 1 << 16
-_WRITTEN_TOGETHER = 1 << 20
+_WRITTEN_AT_ONCE = 1 << 20
 _TRAILING = 64
 
 
@@ -110,7 +110,7 @@ def is_pnm(data: bytes) -> bool:
 
 
 class PnmImage(OpenImage):
-    # 1 is black in P1 and P4, as netpbm says; the ROS 1 reader takes bits for grey levels.
+    # By the netpbm standard 1 is black in P1 and P4; the ROS 1 reader takes bits for grey levels.
     def __init__(self, file: OpenFile, limit: int = LARGEST_CELLS) -> None:
         self._header = _read_header(file.read(0, HEAD), file.path)
         super().__init__(file, self._header.height, self._header.width, limit)
@@ -118,14 +118,14 @@ class PnmImage(OpenImage):
     def memory(self) -> int:
         header = self._header
         if header.is_text:
-            return self._memory_of_whole()
+            return self._memory_of_text()
         per_row = max(header.width, header.row_bytes)
         return header.width * header.height + min(PIECES, 8 * per_row * header.height)
 
-    def _memory_of_whole(self) -> int:
+    def _memory_of_text(self) -> int:
         header = self._header
         copies, per_cell = 2, 0
-        if header.magic == 1:  # copies of the text, and the samples with a mark of each
+        if header.magic == 1:  # copies of the text, and samples, digits and a mask of digits
             copies, per_cell = 5, 3
         elif header.is_text:
             per_cell = 1 + header.channels * (1 + (header.maxval > 255))
@@ -136,7 +136,7 @@ class PnmImage(OpenImage):
         if rows is not None:
             self._claim(self.memory())
             return rows.strips()
-        data = self.file.read_whole()
+        data = self.file.read_all()
         self._claim(self.memory())
         samples = _plain(data, self._header, self.file.path)
         if self._header.is_bits:
@@ -146,13 +146,13 @@ class PnmImage(OpenImage):
     def bits(self) -> NDArray[np.uint8]:
         """Return the bits of a P1 or P4 file, packed, row 0 in the north."""
         header, path = self._header, self.file.path
-        data = self.file.read_whole()
+        data = self.file.read_all()
         note_sum(path, self.file.sha256)
         if not header.is_bits:
             rule = "must be a bit map, P1 or P4"
             raise MalformedInputError(rule, source=path, place="header", got=f"P{header.magic}")
         self.check_limit()
-        self._claim(self._memory_of_whole())
+        self._claim(self._memory_of_text())
         if header.is_text:
             return np.packbits(_plain(data, header, path), axis=1)
         count = header.row_bytes * self.height
@@ -163,12 +163,12 @@ class PnmImage(OpenImage):
         claim(self.file.path, count, what=f"{self.width} x {self.height} cells")
 
     def rows(self) -> BinaryRows | None:
-        """Return the rows of a P4, P5 or P6 file; None of a text, where they may be anywhere."""
+        """Return the rows of a P4, P5 or P6 file; None for a text, whose rows vary in length."""
         header = self._header
         return None if header.is_text else BinaryRows(self.file, header, self._start())
 
     def _start(self) -> int:
-        """Return the offset of the first pixel of a binary file, whose length is checked."""
+        """Return the offset of the first pixel of a binary file; check the file's length."""
         file, path = self.file, self.file.path
         expected = self._header.row_bytes * self.height
         start = _start_of_data(file.read(0, HEAD), file.size, self._header, expected, path)
@@ -186,7 +186,7 @@ class PnmImage(OpenImage):
 
 @dataclass(frozen=True)
 class BinaryRows:
-    """The pixels of an open P4, P5 or P6 file, whose rows can be read in any order."""
+    """The pixels of an open P4, P5 or P6 file; rows can be read in any order."""
 
     file: OpenFile
     header: _Header
@@ -200,7 +200,7 @@ class BinaryRows:
         return self.part(slice(0, self.header.height))
 
     def part(self, rows: slice) -> Strips:
-        """Return the strips of some rows, which are counted from the south."""
+        """Return the strips of a range of rows, counted from the south."""
         north = self.header.height - rows.stop
         shape = (rows.stop - rows.start, self.header.width)
         return strips_at_places(
@@ -227,7 +227,7 @@ class BinaryRows:
 
 
 def check_pixels(samples: Samples, maxval: int, first: int, source: Path) -> None:
-    """Refuse samples above `maxval`; `first` is the number of the first of them."""
+    """Refuse samples above `maxval`; `first` is the index of the first sample in the picture."""
     if maxval not in (255, 65535) and samples.max() > maxval:
         flat = samples.reshape(-1)
         index = int(np.argmax(flat > maxval))
@@ -251,7 +251,7 @@ def _read_header(data: bytes, source: Path) -> _Header:
         if word is None:
             raise MalformedInputError("the file ends early", source=source, place=f"header {name}")
         text, end = word[0].decode("latin-1"), word.end()
-        # A width of a million digits is no width, and converting one takes time.
+        # Python takes long to convert numbers of a million digits.
         if not re.fullmatch(r"-?\d{1,12}", text):
             rule = "must be a whole number"
             raise MalformedInputError(rule, source=source, place=f"header {name}", got=text)
@@ -267,7 +267,7 @@ def _read_header(data: bytes, source: Path) -> _Header:
 def pnm_comments(head: bytes) -> list[str]:
     r"""Return the comments of a picture's header, given its first bytes."""
     found: list[str] = []
-    words = 0  # type, width, height, maxval: behind them there are pixels
+    words = 0  # of type, width, height and maxval; the pixels follow
     for line in head.split(b"\n"):
         plain, mark, comment = line.partition(b"#")
         words += len(plain.split())
@@ -280,9 +280,9 @@ def pnm_comments(head: bytes) -> list[str]:
 
 def _start_of_data(data: bytes, size: int, header: _Header, expected: int, source: Path) -> int:
     """Return the offset of the first pixel: one byte behind the header, or two after CR LF."""
-    # `data` are the first bytes of the file, `size` is the number of all. A file that went through
-    # a DOS text conversion has CR LF ends in its header. If no pixel had the value of a line feed,
-    # the pixels came through whole, one byte late.
+    # `data` holds the first bytes of the file, `size` is the file's length. A DOS text conversion
+    # puts CR LF into the header. If no pixel had the value of a line feed, the pixels are intact
+    # and begin one byte later.
     if data[header.end : header.end + 1] == b"#":
         # A comment right behind maxval: its line end is the one byte before the pixels.
         line_end = data.find(b"\n", header.end)
@@ -328,15 +328,15 @@ def _plain(data: bytes, header: _Header, source: Path) -> Samples:
 
 
 def _numbers(body: bytes, count: int, maxval: int, source: Path) -> Samples:
-    """Return the numbers of a text, some words at a time: they take much more memory."""
+    """Return the numbers of a text; it is parsed in parts, because words take much memory."""
     samples: Samples = np.empty(count, dtype=np.uint8 if maxval <= 255 else np.uint16)
     found = start = 0
     too_large: tuple[int, int] | None = None
     while start < len(body):
-        blank = _BLANK.search(body, start + _TEXT_TOGETHER)
+        blank = _BLANK.search(body, start + _TEXT_AT_ONCE)
         end = blank.start() if blank else len(body)
-        some, start = body[start:end], end
-        values = _whole_numbers(some, found, maxval, source)
+        part, start = body[start:end], end
+        values = _whole_numbers(part, found, maxval, source)
         if too_large is None and values.max(initial=0) > maxval:
             index = int(np.argmax(values > maxval))
             too_large = int(values[index]), found + index
@@ -351,8 +351,8 @@ def _numbers(body: bytes, count: int, maxval: int, source: Path) -> Samples:
 def _whole_numbers(text: bytes, first: int, maxval: int, source: Path) -> NDArray[np.int64]:
     if not text.strip():
         return np.empty(0, dtype=np.int64)
-    with suppress(ValueError):  # of others than digits, and of too many of them
-        if not text.translate(None, _WHOLE_NUMBERS):
+    with suppress(ValueError):  # numpy refuses other words than numbers, and numbers above int64
+        if not text.translate(None, _DIGITS_AND_BLANKS):
             values = np.loadtxt([text.translate(_IN_A_LINE)], dtype=np.int64, ndmin=1)
             if values.max() < 10**_MOST_DIGITS:
                 return values
@@ -388,21 +388,21 @@ def write_pbm(file: BinaryIO, packed: NDArray[np.uint8], width: int) -> None:
 
 
 def begin_pgm(file: BinaryIO, pixels: Layer, *, comment: str = "") -> Callable[[slice], None]:
-    """Begin a P5 file of 8-bit pixels, and return what writes rows of them, row 0 in the south."""
+    """Begin a P5 file of 8-bit pixels; return the writer of its rows, row 0 in the south."""
     height, width = pixels.shape
     note = f"# {comment}\n" if comment else ""
     file.write(f"P5\n{note}{width} {height}\n255\n".encode())
     start = file.tell()
 
-    def put(rows: slice) -> None:
+    def write_rows(rows: slice) -> None:
         file.seek(start + (height - rows.stop) * width)
         _write_rows(file, pixels[rows][::-1])
 
-    return put
+    return write_rows
 
 
 def _write_rows(file: BinaryIO, rows: NDArray[np.uint8]) -> None:
-    step = max(1, _WRITTEN_TOGETHER // rows.shape[1])
+    step = max(1, _WRITTEN_AT_ONCE // rows.shape[1])
     bands = (rows[first : first + step] for first in range(0, len(rows), step))
     file.writelines(np.ascontiguousarray(band).data for band in bands)
 
@@ -410,43 +410,43 @@ def _write_rows(file: BinaryIO, rows: NDArray[np.uint8]) -> None:
 _EXIF_ORIENTATION = 0x0112
 
 _DEPTHS = {"1": 1, "L;2": 2, "L;4": 4, "P;1": 1, "P;2": 2, "P;4": 4}
-"""Bits of a sample in PNG files, by Pillow's raw modes, where they are fewer than 8."""
+"""Bits of a sample in PNG files with fewer than 8, by Pillow's raw modes."""
 
 _BITS = {"1": 1, "L": 8, "P": 8, "I;16": 16, "I;16B": 16, "LA": 16, "RGB": 24}
 _WIDE = 32
-"""Bits of a pixel in files, by Pillow's modes, and those of all others at most."""
+"""Bits of a pixel in files by Pillow's modes, and the most that any other mode has."""
 
-_KEPT = {"1": 1, "L": 1, "P": 1, "I;16": 2, "I;16B": 2}
-_KEPT_OF_OTHERS = 4  # bytes of a pixel in Pillow's memory, by its modes
+_IN_MEMORY = {"1": 1, "L": 1, "P": 1, "I;16": 2, "I;16B": 2}
+_MOST_IN_MEMORY = 4  # bytes of a pixel in Pillow's memory
 _RAW_BMP, _RAW_TIFF = 0, "raw"
 _BITS_PER_SAMPLE, _SAMPLES, _ROWS_PER_STRIP, _PLANAR = 258, 277, 278, 284
 _STRIPS, _TILES, _TILE = (273, 279), (324, 325), (322, 323)
-"""Tags of a TIFF file: of offsets and sizes, and of a tile's width and height."""
+"""Tags of a TIFF file: offsets and sizes of parts, and width and height of a tile."""
 
-# Pillow's limit, the filters of warnings and the terminal that libtiff writes to belong to the
-# whole process: two threads that put them aside and back at once would leave them aside.
+# Pillow's limit, the warning filters and standard error, to which libtiff writes, belong to the
+# process: two threads that replace and restore them at once would leave them replaced.
 _LOCK = threading.RLock()
 
 _DAMAGE = (
-    OSError,  # Pillow's own word for data that end early or cannot be decoded
-    SyntaxError,  # and for headers that break their format's rules
+    OSError,  # Pillow's own exception for data that end early or cannot be decoded
+    SyntaxError,  # Pillow's own exception for invalid headers
     EOFError,  # a header without the frame that it announces
-    LookupError,  # tables that are shorter than others say, tags that are not there
-    TypeError,  # tags of another type than theirs, None for what is missing
-    AttributeError,  # the same, where the missing is asked for more
-    ValueError,  # numbers out of range; text that is no text (UnicodeDecodeError)
+    LookupError,  # tables that are too short, tags that are absent
+    TypeError,  # tags of a wrong type, None in place of a missing tag
+    AttributeError,  # None in place of a missing object
+    ValueError,  # numbers out of range; invalid text (UnicodeDecodeError)
     ArithmeticError,  # numbers too large for C; rationals over 0; images 0 bytes wide
-    AssertionError,  # what Pillow takes for granted of files
-    RuntimeError,  # decoders that cannot be set up; directories nested without end
-    MemoryError,  # lengths that a file claims and nobody has
+    AssertionError,  # broken assumptions of Pillow
+    RuntimeError,  # decoders that cannot be set up; endless directories
+    MemoryError,  # absurd lengths that a file claims
     struct.error,  # records that end early
     zlib.error,  # compressed text and profiles
 )
-"""All that Pillow's readers raise on bytes that are no image."""
+"""All exceptions that Pillow's readers raise on damaged images."""
 
 
 class PillowImage(OpenImage):
-    """An image that Pillow decodes as a whole."""
+    """An image that Pillow decodes at once."""
 
     def __init__(self, name: str, file: OpenFile, limit: int) -> None:
         self._name = name
@@ -457,10 +457,10 @@ class PillowImage(OpenImage):
         image, size = self._image, self.file.size
         with damage_refused(self.file.path):
             cells, bits = self.width * self.height, self._bits()
-            held = size if self._name == "TIFF" else 0
+            file_bytes = size if self._name == "TIFF" else 0
             work = 0
             if self._name == "JPEG" and "progressive" in image.info:
-                work = cells * bits // 4  # the scans, which are collected before there are pixels
+                work = cells * bits // 4  # all scans are collected before decoding
             elif self._name == "TIFF" and image.info.get("compression") != _RAW_TIFF:
                 across, down = self._part()
                 work = max(4, bits // 8) * across * down
@@ -468,8 +468,9 @@ class PillowImage(OpenImage):
                 image.info["compression"] != _RAW_BMP or self._has_opacity()
             ):
                 work = 4 * cells
-            taken = held + _KEPT.get(image.mode, _KEPT_OF_OTHERS) * cells + max(work, cells)
-            return max(taken + min(PIECES, 16 * cells), 2 * size if self._name == "PNG" else 0)
+            decoded = _IN_MEMORY.get(image.mode, _MOST_IN_MEMORY) * cells
+            needed = file_bytes + decoded + max(work, cells)
+            return max(needed + min(PIECES, 16 * cells), 2 * size if self._name == "PNG" else 0)
 
     def _decoded(self) -> Strips:
         name, file, path = self._name, self.file, self.file.path
@@ -477,9 +478,9 @@ class PillowImage(OpenImage):
         if name == "TIFF":
             self._check_parts()
         with damage_refused(path):
-            _opened(name, file).verify()  # checksums and the end of a PNG, which `load` leaves out
-        # libtiff wants all bytes, and where there is no standard error the file may be in its place
-        data = io.BytesIO(file.read_whole()) if name == "TIFF" else file.stream()
+            _opened(name, file).verify()  # checksums and the end of a PNG, which `load` ignores
+        # libtiff needs all bytes, and without a standard error the file may have its descriptor
+        data = io.BytesIO(file.read_all()) if name == "TIFF" else file.stream()
         image = _opened(name, file, data)
         (codec, _, offset, args), info = image.tile[0], dict(image.info)
         raw_mode = args if isinstance(args, str) else args[0]
@@ -499,14 +500,14 @@ class PillowImage(OpenImage):
         width = self.width
 
         def rows_at(first: int, end: int) -> Picture:  # copied out of Pillow's memory
-            with damage_refused(path):  # Pillow 12 looks at its limit here, too
+            with damage_refused(path):  # Pillow 12 checks its limit here as well
                 rows = image.crop((0, first, width, end))
             return _picture_of(rows, name=name, raw_mode=raw_mode, info=info, path=path)
 
         return strips_at_places((self.height, width), 4 * width, rows_at)
 
     def _check_room(self) -> None:
-        """Refuse more pixels than so few bytes can hold, or than fit the memory."""
+        """Refuse more pixels than the file can expand to or than fit into memory."""
         path, cells = self.file.path, self.width * self.height
         with damage_refused(path):
             across, down = self._part() if self._name == "TIFF" else (0, 0)
@@ -514,11 +515,11 @@ class PillowImage(OpenImage):
             expanded = -(-max(tile, cells) * self._bits() // 8)
         needed = self.memory()
         check_expansion(path, self.file.size, expanded, most=BLANK_EXPANSION, place="image size")
-        what = f"{self.width} x {self.height} cells"
-        claim(path, needed, what=f"{what}, in tiles of {tile}," if tile > cells else what)
+        size = f"{self.width} x {self.height} cells"
+        claim(path, needed, what=f"{size}, in tiles of {tile}," if tile > cells else size)
 
     def _check_parts(self) -> None:
-        """Refuse a TIFF that lacks strips or tiles, whose cells decoders leave black."""
+        """Refuse a TIFF that lacks strips or tiles: decoders leave their cells black."""
         tags, path = self._image.tag_v2, self.file.path
         with damage_refused(path):  # tags may be of any type
             is_tiled = _TILES[0] in tags
@@ -566,7 +567,7 @@ def _opened(name: str, file: OpenFile, data: BinaryIO | None = None) -> Any:
 
     path = file.path
     if name == "PNG":
-        claim(path, file.size)  # a chunk before the pixels, which is read at once, may be as long
+        claim(path, file.size)  # Pillow reads at once a chunk that may be as long as the file
     with damage_refused(path):
         try:
             image = Image.open(data or file.stream(), formats=(name,))
@@ -598,28 +599,28 @@ def _warn_of_loss(
 def _picture_of(
     image: Any, *, name: str, raw_mode: str, info: Mapping[str, Any], path: Path
 ) -> Picture:
-    """Return the samples of a decoded image, with what a PNG says of them besides."""
+    """Return the samples of a decoded image, and the facts of a PNG about them."""
     mode, pixels = image.mode, np.asarray(image)
-    if mode == "1" and name == "BMP":  # Pillow's name for a palette of black and white
+    if mode == "1" and name == "BMP":  # Pillow's mode for a palette of black and white
         palette = np.array([[0, 0, 0, 255], [255, 255, 255, 255]], dtype=np.uint8)
         picture = Picture(name, "palette", pixels.astype(np.uint8), palette=palette)
     elif mode == "1":
         picture = Picture(name, "grey", pixels.astype(np.uint8) * np.uint8(255))
     elif mode == "L":
         picture = Picture(name, "grey", pixels)
-    elif mode.startswith("I;16") or raw_mode == "I;16B":  # of older Pillow "I"
+    elif mode.startswith("I;16") or raw_mode == "I;16B":  # mode "I" in older Pillow
         picture = Picture(name, "grey", pixels.astype(np.uint16), maxval=65535)
     elif mode == "P":
         picture = Picture(name, "palette", pixels, palette=_palette(image, info))
     elif mode == "RGB":
         picture = Picture(name, "rgb", pixels)
-    elif mode == "LA" or raw_mode.startswith("LA"):  # of 16 bits in older Pillow "RGBA"
+    elif mode == "LA" or raw_mode.startswith("LA"):  # 16 bits are mode "RGBA" in older Pillow
         picture = Picture(name, "grey", pixels[..., 0], alpha=pixels[..., -1])
     elif mode == "RGBA":
         picture = Picture(name, "rgb", pixels[..., :3], alpha=pixels[..., 3])
     else:
-        raise MalformedInputError("pixels of this kind make no map", source=path, got=mode)
-    return _with_facts_of_png(picture, raw_mode, info) if name == "PNG" else picture
+        raise MalformedInputError("unsupported pixel type", source=path, got=mode)
+    return _with_png_facts(picture, raw_mode, info) if name == "PNG" else picture
 
 
 def _palette(image: Any, info: Mapping[str, Any]) -> NDArray[np.uint8]:
@@ -637,12 +638,12 @@ def _palette(image: Any, info: Mapping[str, Any]) -> NDArray[np.uint8]:
     return table
 
 
-def _with_facts_of_png(picture: Picture, raw_mode: str, info: Mapping[str, Any]) -> Picture:
+def _with_png_facts(picture: Picture, raw_mode: str, info: Mapping[str, Any]) -> Picture:
     """Return a picture with its gamma and profile, and the opacity of a transparent colour."""
-    # texts are there by names that the file chooses
-    said = [(key, value) for key, value in info.items() if not isinstance(value, str)]
+    # a file may store texts under any name, these included
+    facts = [(key, value) for key, value in info.items() if not isinstance(value, str)]
     display = [f"a gamma of {value:g}" if key == "gamma" else "a colour profile"
-               for key, value in said if key in ("gamma", "icc_profile")]  # fmt: skip
+               for key, value in facts if key in ("gamma", "icc_profile")]  # fmt: skip
     picture = replace(picture, display=tuple(display))
     key = info.get("transparency")
     if picture.palette is not None or picture.alpha is not None or not isinstance(key, int | tuple):
@@ -650,7 +651,7 @@ def _with_facts_of_png(picture: Picture, raw_mode: str, info: Mapping[str, Any])
     if picture.colour == "rgb":
         # The ROS 2 readers compare an 8-bit key with 16-bit samples: only black ever matches.
         transparent = np.all(picture.samples == 0, axis=2) & (key == (0, 0, 0))
-    elif raw_mode == "1":  # of which newer Pillow makes 0 or 255
+    elif raw_mode == "1":  # newer Pillow expands bits to 0 or 255
         transparent = picture.samples == (255 if key else 0)
     else:
         transparent = picture.samples == key * (255 // ((1 << _DEPTHS.get(raw_mode, 8)) - 1))
@@ -659,49 +660,48 @@ def _with_facts_of_png(picture: Picture, raw_mode: str, info: Mapping[str, Any])
     return replace(picture, alpha=alpha, alpha_from="key")
 
 
-def one_at_a_time() -> AbstractContextManager[Any]:
+def process_wide_lock() -> AbstractContextManager[Any]:
     return _LOCK
 
 
 @contextmanager
 def damage_refused(path: Path) -> Iterator[None]:
-    """Turn whatever damage leads Pillow's readers to into one clear error."""
-    # Around calls of Pillow, and what it says of a file: in other code the same exceptions are
-    # bugs.
+    """Turn the exceptions that Pillow raises on damaged files into one clear error."""
+    # Only calls of Pillow belong into this block: in other code the same exceptions are bugs.
     import logging
 
     from PIL import Image, UnidentifiedImageError
 
-    # Pillow warns of odd tags and logs what it cannot decode; neither decides anything here.
+    # Pillow's warnings about odd tags and its log of undecodable parts are ignored.
     log = logging.getLogger("PIL")
     if not log.handlers:
         log.addHandler(logging.NullHandler())
     try:
-        with one_at_a_time(), warnings.catch_warnings():
+        with process_wide_lock(), warnings.catch_warnings():
             # by module: warnings of other threads must pass
             warnings.filterwarnings("ignore", module=r"PIL\.")
-            limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # ours is checked before
+            limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # `check_size` has ours
             try:
                 yield
             finally:
                 Image.MAX_IMAGE_PIXELS = limit
-    except (*_DAMAGE, Image.DecompressionBombError) as error:  # if others set the limit meanwhile
+    except (*_DAMAGE, Image.DecompressionBombError) as error:  # others may reset the limit
         if isinstance(error, OSError) and error.errno is not None:
             rule = f"cannot be read: {error.strerror}"
             raise FileAccessError(rule, source=path) from None
-        told = str(error) or type(error).__name__
-        if isinstance(error, UnidentifiedImageError):  # it names an address in memory
-            told = "a part of it is not an image"
-        raise MalformedInputError(f"the image is damaged: {told}", source=path) from None
+        reason = str(error) or type(error).__name__
+        if isinstance(error, UnidentifiedImageError):  # its text contains a memory address
+            reason = "an embedded part is not an image"
+        raise MalformedInputError(f"the image is damaged: {reason}", source=path) from None
 
 
 @contextmanager
 def _silent_stderr() -> Iterator[None]:
-    """Keep libtiff from writing to the terminal by itself."""
-    with one_at_a_time():
+    """Discard what libtiff writes to standard error."""
+    with process_wide_lock():
         try:
             saved = os.dup(2)
-        except OSError:  # there is none: whoever called has closed it
+        except OSError:  # the caller has closed it
             saved = None
         nowhere = os.open(os.devnull, os.O_WRONLY)
         try:
@@ -728,7 +728,7 @@ _FORMATS = (
     PNM,
     _format("PNG", (".png",), b"\x89PNG\r\n\x1a\n"),
     _format("BMP", (".bmp",), b"BM"),
-    # Either byte order, the mark of either in the wrong one, and BigTIFF: what Pillow opens.
+    # All signatures that Pillow opens: both byte orders, a swapped version number, and BigTIFF.
     _format("TIFF", (".tif", ".tiff"), b"MM\0*", b"II*\0", b"MM*\0", b"II\0*", b"MM\0+", b"II+\0"),
     _format("JPEG", (".jpg", ".jpeg"), b"\xff\xd8\xff"),
 )  # fmt: skip
@@ -738,13 +738,13 @@ IMAGE_SUFFIXES = tuple(suffix for entry in _FORMATS for suffix in entry.suffixes
 
 
 def recognised_format(head: bytes) -> ImageFormat | None:
-    """Return the format of a file with these first bytes, None if maps have none like it."""
+    """Return the image format that recognises the first bytes of a file, if any."""
     return next((entry for entry in IMAGE_FORMATS.values() if entry.recognises(head)), None)
 
 
 @contextmanager
 def open_image(path: Path, *, max_cells: int | None = None) -> Iterator[OpenImage]:
-    """Open an image file, whose contents decide the format; its pixels are read when asked for."""
+    """Open an image file, whose contents decide the format; its pixels are read on demand."""
     with opened(path) as file:
         head = file.read(0, HEAD)
         image_format = recognised_format(head)
@@ -762,16 +762,16 @@ def open_image(path: Path, *, max_cells: int | None = None) -> Iterator[OpenImag
 
 @contextmanager
 def open_strips(path: Path, *, max_cells: int | None = None) -> Iterator[Strips]:
-    """Open an image file to go through its picture some rows at a time."""
+    """Open an image file; yield its picture in strips of rows."""
     with open_image(path, max_cells=max_cells) as image, image.strips() as strips:
         yield strips
 
 
 @contextmanager
-def open_passing(
+def open_for_one_pass(
     path: Path, *, max_cells: int | None = None
 ) -> Iterator[tuple[Strips, bytes]]:  # fmt: skip
-    """Open an image file to go through its picture once, without keeping any cells."""
+    """Open an image file; yield its strips, of which no cells stay in memory, and its head."""
     with open_image(path, max_cells=max_cells) as image:
         height, width = image.shape
         with holding(-height * width), image.strips() as strips:
@@ -780,10 +780,10 @@ def open_passing(
 
 def read_image(path: Path, *, max_cells: int | None = None) -> Picture:
     with open_strips(path, max_cells=max_cells) as strips:
-        return strips.whole()
+        return strips.joined()
 
 
 def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, int]:
-    """Return height and width of the picture in an image file, of which the header is read."""
+    """Return the height and width of the picture in an image file; only its header is read."""
     with open_image(path, max_cells=max_cells) as image:
         return image.shape

@@ -1,7 +1,7 @@
 """A map_server pair, yaml and image: the place where rows are flipped.
 
-Reading comes first, with remarks on pixels that are not read as they were meant; then writing, and
-bit maps, which are pairs of a ``.pbm`` that stay packed.
+The module holds the readers, with their warnings about pixels, then the writers, then bit maps:
+pairs of a ``.pbm`` and a YAML file whose bits stay packed in memory.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from mapdeal.maps.png import write_grey_png, write_rgba_png
 MAP_SAVER_UNKNOWN = 205  # the grey that map_saver writes for unknown cells
 USUAL_FREE_THRESH = 0.196  # default of free_thresh in ROS: just below the shade of that grey
 FREED_SHARE = 0.001
-"""Share of the cells from which on this grey is map_saver's, and not that of blurred edges.
+"""Smallest share of the cells at which this grey is map_saver's rather than that of blurred edges.
 
 Anti-aliasing spreads a few percent of the cells over all greys.
 """
@@ -59,12 +59,12 @@ NOTHING_KNOWN = "every cell is unknown; are the thresholds, mode and negate righ
 
 
 class FreedCells:
-    """Counts the cells of map_saver's grey for unknown that a reader takes for free."""
+    """Counter of the cells of map_saver's grey for unknown that a reader takes for free."""
 
     def __init__(self, metadata: MapMetadata, dialect: Dialect) -> None:
         self.count = 0
         self.stay_free = False
-        """Whether some are free with the usual free_thresh, too."""
+        """Whether some of them stay free with the usual free_thresh."""
         self._metadata = metadata
         usual = min(USUAL_FREE_THRESH, metadata.free_thresh)
         self._usual = replace(metadata, free_thresh=usual)
@@ -76,7 +76,7 @@ class FreedCells:
     ) -> None:
         if not self.are_possible(picture):
             return
-        mask = of_map_saver_unknown(picture) & (occupancy[::-1] == FREE)
+        mask = map_saver_grey_mask(picture) & (occupancy[::-1] == FREE)
         count = _count(mask, times)
         if count and not self.stay_free:
             cells = cells_of(picture.only(mask), self._usual, self._dialect)
@@ -84,7 +84,7 @@ class FreedCells:
         self.count += count
 
     def are_possible(self, picture: Picture) -> bool:
-        """Return whether there can be any; of opaque bytes, one pixel stands for all."""
+        """Return whether the picture can have such cells; for opaque bytes one pixel decides."""
         if picture.maxval != 255 or picture.alpha is not None or picture.palette is not None:
             return True
         if self._byte_is_free is None:
@@ -94,19 +94,19 @@ class FreedCells:
         return self._byte_is_free
 
 
-def of_map_saver_unknown(picture: Picture) -> NDArray[np.bool_]:
+def map_saver_grey_mask(picture: Picture) -> NDArray[np.bool_]:
     """Return which pixels have the grey that map_saver writes for unknown, shape (H, W)."""
-    # They have its very brightness, 205 / 255, whatever their maxval: greys beside it may be free
-    # with the usual thresholds, which is nobody's mistake.
+    # Only its exact brightness counts, 205 / 255 at any maxval: a neighbouring grey may be free
+    # with the usual thresholds on purpose.
     if picture.palette is not None:
-        of_index = (picture.palette[:, :3] == MAP_SAVER_UNKNOWN).all(axis=1)
-        mask: NDArray[np.bool_] = by_sample(of_index, picture.samples)
+        index_has_grey = (picture.palette[:, :3] == MAP_SAVER_UNKNOWN).all(axis=1)
+        mask: NDArray[np.bool_] = by_sample(index_has_grey, picture.samples)
         return mask
     if picture.maxval == 255:
         mask = picture.samples == MAP_SAVER_UNKNOWN
     else:
-        of_sample = np.arange(picture.maxval + 1) * 255 == MAP_SAVER_UNKNOWN * picture.maxval
-        mask = by_sample(of_sample, picture.samples)
+        sample_has_grey = np.arange(picture.maxval + 1) * 255 == MAP_SAVER_UNKNOWN * picture.maxval
+        mask = by_sample(sample_has_grey, picture.samples)
     if picture.colour == "rgb":
         mask = mask[..., 0] & mask[..., 1] & mask[..., 2]
     return mask
@@ -115,33 +115,33 @@ def of_map_saver_unknown(picture: Picture) -> NDArray[np.bool_]:
 def remark_on_freed(
     freed: Mapping[Dialect, FreedCells], cells: int, metadata: MapMetadata
 ) -> str | None:
-    """Return what to say of map_saver's unknown cells that are read as free, None if few are."""
-    counts = {dialect: one.count for dialect, one in freed.items() if one.count}
+    """Return the remark on map_saver's unknown cells that are read as free, unless few are."""
+    counts = {dialect: counter.count for dialect, counter in freed.items() if counter.count}
     most = max(counts.values(), default=0)
     if most == 0 or most < FREED_SHARE * cells:
         return None
-    told = f"{most} cells ({percent(most, cells)}) of grey {MAP_SAVER_UNKNOWN}"
-    text = f"{told}, which map_saver writes for unknown, are read as free"
+    cells_of_grey = f"{most} cells ({percent(most, cells)}) of grey {MAP_SAVER_UNKNOWN}"
+    text = f"{cells_of_grey}, which map_saver writes for unknown, are read as free"
     if len(freed) > 1:
         text += f" by {_listed([name for name, count in counts.items() if count == most])}"
-    for other in sorted(set(counts.values()) - {most}, reverse=True):
-        names = _listed([name for name, count in counts.items() if count == other])
-        text += f", {other} ({percent(other, cells)}) by {names}"
+    for fewer in sorted(set(counts.values()) - {most}, reverse=True):
+        names = _listed([name for name, count in counts.items() if count == fewer])
+        text += f", {fewer} ({percent(fewer, cells)}) by {names}"
     return f"{text}; {_advice(freed, metadata)}"
 
 
 def _advice(freed: Mapping[Dialect, FreedCells], metadata: MapMetadata) -> str:
-    """Return how such cells become unknown again."""
-    # To readers that average the opacity into the grey it is lighter, and free with the usual
-    # free_thresh, too. Digits are not rounded: 0.1960785 must not look like 0.196.
-    by_opacity = [dialect for dialect, one in freed.items() if one.stay_free]
+    """Return the advice that makes such cells unknown again."""
+    # Readers that average the opacity into the grey see a lighter one, which is free even with the
+    # usual free_thresh. Digits are not rounded: 0.1960785 must not look like 0.196.
+    by_opacity = [dialect for dialect, counter in freed.items() if counter.stay_free]
     parts = []
     if metadata.free_thresh > USUAL_FREE_THRESH:
         parts.append(f"lower free_thresh from {metadata.free_thresh!r} to {USUAL_FREE_THRESH}")
     if by_opacity:
         verb = "averages" if len(by_opacity) == 1 else "average"
-        who = f"{_listed(by_opacity)} {verb} the opacity into the grey"
-        parts.append(f"save the image as a PGM, since {who}")
+        readers = f"{_listed(by_opacity)} {verb} the opacity into the grey"
+        parts.append(f"save the image as a PGM, since {readers}")
     return ", and ".join(parts)
 
 
@@ -149,9 +149,9 @@ def _listed(names: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
-def percent(count: int, whole: int) -> str:
-    """Return a share for messages, which is neither none nor all unless it is exactly that."""
-    share = 100 * count / whole
+def percent(count: int, total: int) -> str:
+    """Return a share in percent for messages, which reads 0 or 100 only if it is exactly that."""
+    share = 100 * count / total
     if 0 < share < 0.001:
         return "below 0.001 %"
     if 99.9 < share < 100:
@@ -192,8 +192,8 @@ class PixelRemarks:
 
 
 def count_of_lost(picture: Picture, times: NDArray[np.int64] | None = None) -> int:
-    """Return how many pixels of mode raw hold no value of a map; of 8-bit grey alone."""
-    # `times` says how often each of them occurs, see `FreedCells.add`.
+    """Return how many pixels of mode raw hold no value of a map; only 8-bit grey can."""
+    # `times` is how often each pixel occurs, as in `FreedCells.add`.
     if picture.colour != "grey" or picture.maxval != 255:
         return 0
     return _count((picture.samples > OCCUPIED) & (picture.samples < 255), times)
@@ -208,25 +208,25 @@ def remark_on_lost(count: int) -> str:
 
 
 def warn_of_nothing_known(path: Path, occupancy: blocks.Layer, *, has_pixels: bool = True) -> None:
-    """Warn of a map without any known cell; of a lazy one, rows are looked at up to the first."""
+    """Warn of a map without any known cell; a lazy map is read up to its first known cell."""
     if blocks.holds_everywhere(occupancy, lambda values: values < 0):
         warn_of(path, NOTHING_KNOWN if has_pixels else "every cell is unknown", "map.all-unknown")
 
 
-def warn_of_one_cost(path: Path, costmap: Costmap) -> None:
+def warn_if_uniform(path: Path, costmap: Costmap) -> None:
     warn_of_cost_figures(path, costmap.figures())
 
 
 def warn_of_cost_figures(path: Path, figures: Figures) -> None:
-    """Warn of costs that say nothing: one for nearly all cells that are open, or none open."""
+    """Warn if nearly all open cells cost the same, or no cell is open."""
     common = figures["most_common"]
     if common is None:
         is_blocked = figures["lethal"] + figures.get("inscribed", 0) > 0
-        told = "known cell is lethal or inscribed" if is_blocked else "cell is unknown"
-        warn_of(path, f"every {told}", "run.uniform-cost")
+        finding = "known cell is lethal or inscribed" if is_blocked else "cell is unknown"
+        warn_of(path, f"every {finding}", "run.uniform-cost")
     elif common["share"] > UNIFORM_SHARE:
-        told = f"{100 * common['share']:.4g} % of the open cells cost {common['cost']}"
-        warn_of(path, f"{told}: {_advice_on_costs(figures)}", "run.uniform-cost")
+        finding = f"{100 * common['share']:.4g} % of the open cells cost {common['cost']}"
+        warn_of(path, f"{finding}: {_advice_on_costs(figures)}", "run.uniform-cost")
 
 
 def _advice_on_costs(figures: Figures) -> str:
@@ -259,14 +259,13 @@ def lazy_cells(
     metadata: MapMetadata, pixels: BinaryRows, *, block_height: int,
     budget: blocks.CacheBudget | None = None, dialect: Dialect = "nav2",
 ) -> OccupancyGrid:  # fmt: skip
-    """Return the map in an image whose rows are read when they are asked for."""
-    # It gives, cell by cell, what `read_cells` gives.
+    """Return the map in an image whose rows are read on demand."""
 
     def occupancy(rows: slice) -> NDArray[np.int8]:
         part = pixels.part(rows)
         cells = np.empty(part.shape, dtype=np.int8)
-        for where, picture in part.placed():
-            cells_of(picture, metadata, dialect, out=cells[where])
+        for cell_rows, picture in part.placed():
+            cells_of(picture, metadata, dialect, out=cells[cell_rows])
         return cells
 
     layer = blocks.lazy_layer(
@@ -278,7 +277,7 @@ def lazy_cells(
 def check_rows(
     yaml_path: Path, metadata: MapMetadata, pixels: BinaryRows, dialect: Dialect
 ) -> None:
-    """Go through an image that is read by rows for pixels that `read_cells` warns of."""
+    """Warn of the pixels of an image read by rows of which `read_cells` would warn."""
     remarks = PixelRemarks(metadata, dialect)
     for _, picture in pixels.strips().placed():
         if not remarks.are_possible(picture):
@@ -294,22 +293,23 @@ def _grid_of(occupancy: blocks.Layer, metadata: MapMetadata) -> OccupancyGrid:
 
 
 def find_image(yaml_path: Path, image: str) -> Path:
-    # Relative names are relative to the YAML file. A name that only makes sense on another machine,
-    # by its folders, as a URL or with backslashes, falls back to a file here, with a warning.
+    # Relative names are relative to the YAML file. A name that is valid only on another machine
+    # (other folders, a URL, backslashes) falls back to the file beside the YAML file, with a
+    # warning.
     if _expanded(image) != image:
         text = f"image: {image} was expanded; map_server does not"
         warn_of(yaml_path, text, "image.foreign-path")
-    path, *others = image_places(yaml_path.parent, image)
+    path, *fallbacks = image_places(yaml_path.parent, image)
     if exists(path):
         return path
-    for other in others:
-        if exists(other):
-            text = f"image: {image} does not exist here; using {other}"
+    for fallback in fallbacks:
+        if exists(fallback):
+            text = f"image: {image} does not exist here; using {fallback}"
             warn_of(yaml_path, text, "image.foreign-path")
-            return other
+            return fallback
     rule, hint = "the image does not exist", _nearest_name(path)
-    if hint is None and others:
-        hint = _nearest_name(others[-1])
+    if hint is None and fallbacks:
+        hint = _nearest_name(fallbacks[-1])
     raise FileAccessError(rule, source=yaml_path, place="image", got=image, hint=hint)
 
 
@@ -317,13 +317,13 @@ def yaml_beside(path: Path) -> Path:
     if found := yaml_at(path):
         return found
     status_of(path)
-    rule = f"has no {path.with_suffix('.yaml').name} beside it, which gives its place"
+    rule = f"has no {path.with_suffix('.yaml').name} beside it, which holds its origin"
     hint = "a bit map is two files, as mapdeal pack writes them"
     raise FileAccessError(rule, source=path, hint=hint)
 
 
 def find_bits(path: Path, yaml_path: Path, metadata: MapMetadata) -> Path:
-    """Return the image that the YAML file beside a ``.pbm`` names, which must be that one."""
+    """Return the image that the YAML file beside a ``.pbm`` names; refuse any other image."""
     status_of(path)
     image = find_image(yaml_path, metadata.image)
     if not is_same_file(image, path):
@@ -333,14 +333,14 @@ def find_bits(path: Path, yaml_path: Path, metadata: MapMetadata) -> Path:
 
 
 def image_places(folder: Path, image: str) -> list[Path]:
-    """Return where the image may be that a YAML file in a folder names: the first there counts."""
+    """Return the places to look for the image that a YAML file in a folder names, in order."""
     places = [folder / _expanded(image)]
     if "\\" in image:
         places.append(folder / image.replace("\\", "/"))
     if image.startswith("file:"):
         image = unquote(image.removeprefix("file:"))
         places.append(folder / image)
-    if places[0].is_absolute() and image.startswith(str(folder)):  # of this machine
+    if places[0].is_absolute() and image.startswith(str(folder)):  # a path of this machine
         return places
     return [*places, folder / PureWindowsPath(image).name]
 
@@ -354,7 +354,7 @@ def _expanded(image: str) -> str:
 
 
 def _nearest_name(path: Path) -> str | None:
-    """Return a hint that names the files most like `path`, other case or ending included."""
+    """Return a hint that lists files with similar names, whatever their case or ending."""
     try:
         names = contents_of(path.parent)[1]
     except FileAccessError:
@@ -363,10 +363,10 @@ def _nearest_name(path: Path) -> str | None:
 
     images = [n for n in names if n != path.name and not n.endswith(YAML)]
     lower = {n.lower(): n for n in images}
-    near = [n for n in images if Path(n).stem.lower() == path.stem.lower()]
-    alike = difflib.get_close_matches(path.name.lower(), lower, n=3, cutoff=0.75)
-    near += [lower[n] for n in alike]
-    return f"the folder has {', '.join(dict.fromkeys(near))}" if near else None
+    similar = [n for n in images if Path(n).stem.lower() == path.stem.lower()]
+    close = difflib.get_close_matches(path.name.lower(), lower, n=3, cutoff=0.75)
+    similar += [lower[n] for n in close]
+    return f"the folder has {', '.join(dict.fromkeys(similar))}" if similar else None
 
 
 def costs_of(picture: Picture, path: Path) -> NDArray[np.uint8]:
@@ -378,26 +378,26 @@ def costs_of(picture: Picture, path: Path) -> NDArray[np.uint8]:
 
 Encoding = Literal["occupancy", "costmap2d"]
 
-_MADE_TOGETHER = 1 << 20
+_PIXELS_AT_ONCE = 1 << 20
 _FREE_PIXEL, _UNKNOWN_PIXEL, _OCCUPIED_PIXEL = 254, 205, 0
 _TRINARY_FREE, _TRINARY_OCCUPIED = 25, 65
 """Percent; map_saver's defaults for values between free and occupied."""
 
 
 def pair_paths(output: Path) -> tuple[Path, Path]:
-    """Return the image and the YAML file that `output` stands for."""
-    # ``.pgm`` and ``.png`` name the image, ``.yaml`` the YAML file of a pgm pair.
+    """Return the paths of the image and the YAML file for an output."""
+    # ``.pgm`` and ``.png`` are the image's ending, ``.yaml`` that of the YAML file of a PGM pair.
     if output.suffix in (".pgm", ".png"):
-        return _named_in_yaml(output), output.with_suffix(".yaml")
-    return _named_in_yaml(output.with_suffix(".pgm")), output
+        return _checked_image_name(output), output.with_suffix(".yaml")
+    return _checked_image_name(output.with_suffix(".pgm")), output
 
 
-def _named_in_yaml(image: Path) -> Path:
-    """Return the path of an image; refuse a name that its YAML file could not hold."""
+def _checked_image_name(image: Path) -> Path:
+    """Return the path of an image; refuse a name that its YAML file cannot contain."""
     try:
         image.name.encode()
     except UnicodeEncodeError:
-        rule = "the name of a map is not UTF-8, as its YAML file has to be"
+        rule = "the name of a map must be UTF-8, because its YAML file contains it"
         raise ParameterError(rule, source=image, hint="an .npz takes any name") from None
     return image
 
@@ -421,13 +421,13 @@ def write_pair(
             text = f"{yaml_path}: holds costmap_2d's bytes, which map_server would misread"
             emit_warning(text, stacklevel=2)
             pixels = grid.cost
-        elif grid.scale == "occupancy":  # the values that ROS would publish, as mode raw has them
+        elif grid.scale == "occupancy":  # already the values that ROS publishes
             pixels = _raw_pixels(grid.cost)
         else:
             pixels = _pixels_of(grid.cost, occupancy_from_cost().view(np.uint8))
         write_image = _pixel_writer(image, pixels, grid)
     else:
-        is_raw = isinstance(grid, FieldView) or _has_between(grid.occupancy)
+        is_raw = isinstance(grid, FieldView) or _has_graded_values(grid.occupancy)
         mode = mode or ("raw" if is_raw else "trinary")
         if mode == "trinary":
             grid = in_trinary(grid)
@@ -445,13 +445,13 @@ def write_pair(
 
 
 def write_map_image(transaction: Transaction, image: Path, grid: OccupancyGrid) -> Mode:
-    mode: Mode = "raw" if _has_between(grid.occupancy) else "trinary"
+    mode: Mode = "raw" if _has_graded_values(grid.occupancy) else "trinary"
     transaction.write(image, _occupancy_writer(image, grid, mode))
     return mode
 
 
 def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
-    """Return the map that is left of `grid` in mode trinary, with a warning if that is less."""
+    """Return `grid` reduced to free, occupied and unknown; warn if values are lost."""
     # As map_saver does by default: 0..25 free, 65..100 occupied, all else unknown.
     lost = int(blocks.counts_of(grid.occupancy)[FREE + 1 : OCCUPIED].sum())
     if not lost:
@@ -464,7 +464,7 @@ def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
     return grid.with_values(blocks.looked_up(grid.occupancy, table))
 
 
-def _has_between(values: blocks.Layer) -> bool:
+def _has_graded_values(values: blocks.Layer) -> bool:
     return bool(blocks.counts_of(values)[FREE + 1 : OCCUPIED].any())
 
 
@@ -493,19 +493,19 @@ def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
 
 
 def _pixel_writer(image: Path, pixels: blocks.Layer, grid: Framed) -> Writer:
-    """Return what writes grey pixels given south first, as cells are."""
+    """Return the writer of grey pixels, which come with row 0 in the south."""
     comment = f"CREATOR: mapdeal {grid.resolution!r} m/pix"
     if image.suffix == ".png":
-        whole = pixels[:]  # as for pictures: no larger than fits
-        return lambda file: write_grey_png(file, np.ascontiguousarray(whole[::-1]))
+        array = pixels[:]  # PNG needs all rows, which fit the memory as those of a picture do
+        return lambda file: write_grey_png(file, np.ascontiguousarray(array[::-1]))
     return RowsWriter(pixels, lambda file: (begin_pgm(file, pixels, comment=comment), lambda: None))
 
 
 def _pixels_of(values: blocks.Layer, table: NDArray[np.uint8]) -> blocks.Layer:
-    # Made band by band when they are written: an array of them would take its memory until then.
+    # The pixels are computed band by band during writing, so they never fill an array.
     if blocks.is_lazy(values):
         return blocks.looked_up(values, table)
-    height = max(1, _MADE_TOGETHER // values.shape[1])
+    height = max(1, _PIXELS_AT_ONCE // values.shape[1])
     return blocks.lazy_layer(
         values.shape, np.uint8, lambda rows: look_up(values[rows], table), block_height=height
     )
@@ -572,7 +572,7 @@ def read_bit_map_pair(
 def bit_map_paths(output: Path) -> tuple[Path, Path]:
     if output.suffix != BIT_MAP:
         raise ParameterError("a bit map must end in .pbm", source=output, got=output.suffix)
-    return _named_in_yaml(output), output.with_suffix(".yaml")
+    return _checked_image_name(output), output.with_suffix(".yaml")
 
 
 def write_bit_map_pair(

@@ -1,7 +1,7 @@
 """mapdeal's own files: layers and their geometry in an ``.npz``, format ``mapdeal/1``.
 
-Read without trusting the file: every array's type, shape and size is checked before memory
-is taken for it, and nothing is ever unpickled.
+Files are not trusted: the type, shape and size of every array are checked before memory is
+allocated for it, and nothing is ever unpickled.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, Convention
 from mapdeal.inputs.kinds import MAP, recognised
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
-from mapdeal.maps.images import one_at_a_time
+from mapdeal.maps.images import process_wide_lock
 from mapdeal.maps.picture import LARGEST_CELLS
 from mapdeal.maps.png import Buffer, deflated, pieces
 
@@ -42,7 +42,7 @@ _LONGEST_HEADER = 1 << 16
 _READERS = {
     (1, 0): npy_format.read_array_header_1_0,
     (2, 0): npy_format.read_array_header_2_0,
-    # which differs from 2 in letters of names alone: x, y and z are the same in both
+    # version 3 differs from 2 only in the encoding of field names
     (3, 0): npy_format.read_array_header_2_0,
 }
 
@@ -64,17 +64,17 @@ class NpyHeader(NamedTuple):
 
 def read_npy_header(file: IO[bytes]) -> NpyHeader:
     """Read the header of an array from the start of a file; ValueError if it is damaged."""
-    from tokenize import TokenError  # of use to few, and slow to import
+    from tokenize import TokenError  # few commands need it, and it is slow to import
 
     try:
         head = io.BytesIO(file.read(_LONGEST_HEADER))  # numpy would read any length
         version = npy_format.read_magic(head)
         if version not in _READERS:
             raise ValueError(f"version {version} is not supported")
-        with one_at_a_time(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+        with process_wide_lock(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # numpy warns of headers that Python 2 wrote
             header = _READERS[version](head)
-    # What a damaged header leads to, in numpy and in Python's parser; some texts have more lines.
+    # numpy and Python's parser raise all these on damaged headers, some with several lines.
     except (ValueError, EOFError, SyntaxError, TokenError, LookupError, TypeError,
             OverflowError, RecursionError, MemoryError) as error:  # fmt: skip
         raise ValueError(str(error).partition("\n")[0]) from None
@@ -97,26 +97,26 @@ def npy_header(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bytes:
 _LARGEST_SMALL_ARRAY = 4096
 _LARGEST_DIRECTORY = 1 << 20
 _END_OF_ZIP = (1 << 16) + 256
-_TOLD_BY_ZIP64 = 0xFFFFFFFF
+_SIZE_IS_IN_ZIP64 = 0xFFFFFFFF
 _LARGEST_SMALL_NUMBER = 1 << 31
 _MOST_COLUMNS = 1 << 16
 _CHUNK = 1 << 22
 
 
 class NpzReader:
-    """The entries of an npz file, each checked before its memory is taken."""
+    """The entries of an npz file, each checked before memory is allocated for it."""
 
-    # If a height of blocks is given, layers are lazy, but for those that are stored column by
-    # column. Rows before those that were read last are read from the start again. Memory is taken
-    # for the rows that are asked for, so data that expand a thousand times do no harm. What is
-    # damaged is found when its rows are read, a wrong checksum with the last row.
+    # With `block_height`, layers are lazy unless they are stored column by column. Only requested
+    # rows take memory, so data that expand a thousand times do no harm; reading backwards starts
+    # again at the first row. Damage is found when its rows are read, a wrong checksum at the last
+    # row.
     def __init__(
         self, path: Path, max_cells: int | None = None, block_height: int | None = None
     ) -> None:
         self.path = path
         self._max_cells = LARGEST_CELLS if max_cells is None else max_cells
         self._block_height = block_height
-        self._taken = 0
+        self._claimed = 0
         self._files = ExitStack()
         check_readable(path)
         try:
@@ -139,7 +139,7 @@ class NpzReader:
         return {name.removesuffix(".npy") for name in self._zip.namelist()}
 
     def header(self, name: str) -> NpyHeader:
-        with self._opened(name) as (_, header):
+        with self._open_entry(name) as (_, header):
             return header
 
     def layer(self, name: str, dtype: type[np.generic]) -> Layer:
@@ -148,7 +148,7 @@ class NpzReader:
             raise self._error(name, f"must have two axes, has {len(header.shape)}")
         if self._block_height is None or header.is_fortran:
             return self._values(name, header.nbytes * (1 + header.is_fortran))
-        file, header = self._files.enter_context(self._opened(name))
+        file, header = self._files.enter_context(self._open_entry(name))
         height, width = header.shape
         row_size = width * header.dtype.itemsize
         lock = Lock()
@@ -157,10 +157,10 @@ class NpzReader:
             size = (rows.stop - rows.start) * row_size
             claim(self.path, size + min(PIECES, size))
             values = np.empty((rows.stop - rows.start, width), dtype=dtype)
-            with lock, self._damage_told(name):
+            with lock, self._damage_refused(name):
                 file.seek(header.start + rows.start * row_size)
                 _fill(values, file)
-            if dtype is np.int8 and values.size:  # as a map or costs in memory would refuse them
+            if dtype is np.int8 and values.size:  # the checks of the grid types
                 lowest, highest = int(values.min()), int(values.max())
                 if lowest < UNKNOWN or highest > OCCUPIED:
                     rule = f"{name} must lie in -1..100"
@@ -179,14 +179,14 @@ class NpzReader:
 
     def whole_number(self, name: str) -> int:
         value = self.number(name)
-        if value % 1 or abs(value) > _LARGEST_SMALL_NUMBER:  # nan and inf leave a rest of nan
+        if value % 1 or abs(value) > _LARGEST_SMALL_NUMBER:  # nan % 1 and inf % 1 are nan
             raise self._error(name, f"must be a whole number, is {value:g}")
         return int(value)
 
     def text(self, name: str, choices: tuple[str, ...] | None) -> str:
         value = self._single(name, "U", "text")
         little = value.astype(value.dtype.newbyteorder("<"))
-        try:  # not by numpy, which makes broken strings of characters beyond Unicode
+        try:  # numpy would make broken strings of invalid code points
             text = little.tobytes().decode("utf-32-le").rstrip("\0")
         except UnicodeDecodeError:
             raise self._error(name, "must be text, is not Unicode") from None
@@ -199,40 +199,41 @@ class NpzReader:
         if header.dtype.kind not in "iuf" or len(header.shape) != axes:
             found = f"{header.dtype} of shape {header.shape}"
             raise self._error(name, f"must be numbers with {axes} axes, is {found}")
-        wide = 16 * header.elements  # converted to float64, and looked at
+        wide = 16 * header.elements
         return self._values(name, header.nbytes + wide).astype(np.float64)
 
     def rows(
         self, name: str, columns: int, *, shape: tuple[int, int] | None = None
     ) -> Iterator[NDArray[np.float64]]:
         """Yield the first `columns` numbers of each row of a table, many rows at a time."""
-        # Rows that have fewer are yielded whole; at least two numbers make a row. If a shape is
-        # given, the table must have it. A table that is stored column by column is held in memory.
-        with self._opened(name) as (file, header):
+        # Shorter rows are yielded as they are, but a row needs two numbers. The table must have
+        # `shape` if there is one. A table that is stored column by column is loaded at once.
+        with self._open_entry(name) as (file, header):
             if shape is not None and header.shape != shape:
                 raise self._error(name, f"must have shape {shape}, has {header.shape}")
-            least = 2 if shape is None else 0
-            if header.dtype.kind not in "iuf" or len(header.shape) != 2 or header.shape[1] < least:
+            least_width = 2 if shape is None else 0
+            is_table = header.dtype.kind in "iuf" and len(header.shape) == 2
+            if not is_table or header.shape[1] < least_width:
                 found = f"{header.dtype} of shape {header.shape}"
                 raise self._error(name, f"must be numbers of shape (N, 2) or wider, is {found}")
             height, width = header.shape
             if width > _MOST_COLUMNS:
                 raise self._error(name, f"{width} columns, above the limit of {_MOST_COLUMNS}")
-            # as many as are little memory, too, when they are converted
-            together = max(1, _CHUNK // (max(1, width) * max(8, header.dtype.itemsize)))
+            # as many rows as take little memory even as float64
+            rows_at_once = max(1, _CHUNK // (max(1, width) * max(8, header.dtype.itemsize)))
             table = self._values(name, header.nbytes) if header.is_fortran else None
-            for first in range(0, height, together):
+            for first in range(0, height, rows_at_once):
                 if table is None:
-                    part = np.empty((min(together, height - first), width), header.dtype)
+                    part = np.empty((min(rows_at_once, height - first), width), header.dtype)
                     _fill(part, file)
                 else:
-                    part = table[first : first + together]
+                    part = table[first : first + rows_at_once]
                 yield part[:, :columns].astype(np.float64)
 
-    def _single(self, name: str, kinds: str, what: str) -> NDArray[Any]:
+    def _single(self, name: str, kinds: str, description: str) -> NDArray[Any]:
         header = self._checked(name, _LARGEST_SMALL_ARRAY, shape=())
         if header.dtype.kind not in kinds or header.nbytes > _LARGEST_SMALL_ARRAY:
-            raise self._error(name, f"must be {what}, is {header.dtype}")
+            raise self._error(name, f"must be {description}, is {header.dtype}")
         return self._values(name, header.nbytes)
 
     def _checked(
@@ -250,38 +251,38 @@ class NpzReader:
     def _error(self, name: str, rule: str) -> MalformedInputError:
         return MalformedInputError(rule, source=self.path, place=name)
 
-    def _values(self, name: str, taken: int) -> NDArray[Any]:
-        with self._opened(name) as (file, header):
+    def _values(self, name: str, count: int) -> NDArray[Any]:
+        with self._open_entry(name) as (file, header):
             check_expansion(
                 self.path, self._zip.getinfo(f"{name}.npy").compress_size, header.nbytes, place=name
             )
-            self._taken += taken
-            claim(self.path, self._taken + min(PIECES, self._taken))
+            self._claimed += count
+            claim(self.path, self._claimed + min(PIECES, self._claimed))
             array = np.empty(header.elements, dtype=header.dtype)
             _fill(array, file)
             return array.reshape(header.shape, order="F" if header.is_fortran else "C")
 
     @contextmanager
-    def _opened(self, name: str) -> Iterator[tuple[IO[bytes], NpyHeader]]:
-        """Yield the file of an entry behind its header, and this; report damage met meanwhile."""
+    def _open_entry(self, name: str) -> Iterator[tuple[IO[bytes], NpyHeader]]:
+        """Yield the file of an entry, positioned behind its header, and that; report damage."""
         try:
             info = self._zip.getinfo(f"{name}.npy")
         except KeyError:
             raise self._error(name, "missing key") from None
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise self._error(name, "compressed by a method that npz files do not use")
-        with self._damage_told(name), self._zip.open(info) as file:
+        with self._damage_refused(name), self._zip.open(info) as file:
             header = read_npy_header(file)
             if header.dtype.hasobject:
                 raise self._error(name, "holds Python objects, which are never loaded")
-            # The header's word is only taken as far as the archive has bytes for it.
+            # A header may claim more bytes than the archive has.
             if header.start + header.nbytes != info.file_size:
                 raise self._error(name, "the array's size does not fit its data")
             yield file, header
 
     @contextmanager
-    def _damage_told(self, name: str) -> Iterator[None]:
-        """Raise what reading a damaged entry leads to, in zipfile and zlib, as such."""
+    def _damage_refused(self, name: str) -> Iterator[None]:
+        """Turn the exceptions of zipfile and zlib on damaged entries into one error."""
         try:
             yield
         except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError,
@@ -290,7 +291,7 @@ class NpzReader:
 
 
 def _directory_size(path: Path) -> int:
-    """Return the bytes of a zip file's list of entries, which takes ten times as many."""
+    """Return the size of a zip file's list of entries in bytes; in memory it is ten times that."""
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(size - _END_OF_ZIP, 0))
@@ -299,9 +300,9 @@ def _directory_size(path: Path) -> int:
     if end < 0:
         return 0
     own = int.from_bytes(tail[end + 12 : end + 16], "little")
-    large = tail.rfind(b"PK\6\6", 0, end)  # the record of zip64, with wider numbers
+    large = tail.rfind(b"PK\6\6", 0, end)  # the record of zip64, with 64-bit sizes
     wide = int.from_bytes(tail[large + 40 : large + 48], "little") if large >= 0 else 0
-    return max(wide, own if own < _TOLD_BY_ZIP64 else 0)
+    return max(wide, own if own < _SIZE_IS_IN_ZIP64 else 0)
 
 
 def _fill(array: NDArray[Any], file: IO[bytes]) -> None:
@@ -314,9 +315,9 @@ def _fill(array: NDArray[Any], file: IO[bytes]) -> None:
 
 
 FORMAT = "mapdeal/1"
-_OF_REACH = "reachable"
+_REACH_LAYER = "reachable"
 _BLOCK_HEIGHT = 512
-_OF_EVIDENCE: dict[str, type[np.generic]] = {
+_EVIDENCE: dict[str, type[np.generic]] = {
     "log_odds": np.float64, "hits": np.int32, "misses": np.int32
 }  # fmt: skip
 Grid = OccupancyGrid | Costmap | DistanceField | PotentialField | Reach
@@ -325,8 +326,8 @@ Grid = OccupancyGrid | Costmap | DistanceField | PotentialField | Reach
 def write_npz(
     file: BinaryIO, grid: Grid, *, more: Mapping[str, NDArray[Any]] | None = None
 ) -> None:
-    """Write a grid, all its layers and its geometry, and `more` layers, which no reader needs."""
-    # The bytes depend on the grid alone: entries carry no time.
+    """Write a grid with all its layers and its geometry, and `more` layers that readers ignore."""
+    # Entries have a fixed date, so equal grids give equal bytes.
     entries: dict[str, Any] = {
         "format": FORMAT,
         "resolution": np.float64(grid.resolution),
@@ -341,9 +342,9 @@ def write_npz(
 
 
 def _write_entry(file: BinaryIO, archive: zipfile.ZipFile, name: str, array: Layer) -> None:
-    # zipfile would compress in one. So it stores what is compressed already, and the entry's header
-    # is then corrected to say so. Layers of float64 are left as they are: their last digits are
-    # noise, and a tenth less to store costs ten times the time.
+    # zipfile compresses in one thread. So the data are compressed before it stores them, and the
+    # entry's header is corrected afterwards. Layers of float64 stay uncompressed: their last digits
+    # are noise, so compression would save a tenth and take ten times as long.
     header = npy_header(array.shape, array.dtype)
     info = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
     checksum = 0
@@ -368,9 +369,8 @@ def _write_entry(file: BinaryIO, archive: zipfile.ZipFile, name: str, array: Lay
 
 
 def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
-    # A file with costs gives a `Costmap`, one with distances a `DistanceField`, one with a
-    # repulsive layer a `PotentialField`, else an `OccupancyGrid`: so does what was reached, whose
-    # other layers `read_reach` returns.
+    # Costs give a `Costmap`, distances a `DistanceField`, a repulsive layer a `PotentialField`, and
+    # anything else an `OccupancyGrid`, also a result of reach (see `read_reach`).
     with NpzReader(path, max_cells) as reader:
         return _grid_in(reader)
 
@@ -379,12 +379,12 @@ def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
 def open_npz(
     path: Path, *, block_height: int = _BLOCK_HEIGHT, max_cells: int | None = None
 ) -> Iterator[Grid]:
-    """Open an ``.npz`` file: give the grid that `read_npz` returns, of lazy layers."""
-    # Rows are best requested in their order: those before others are read from the start again. A
-    # potential field is read as a whole. The region of a distance field, the box of cells that have
-    # a distance, is not known.
+    """Open an ``.npz`` file: yield the grid of `read_npz` with lazy layers."""
+    # Rows are best requested in order, because reading backwards starts again at the first row. A
+    # potential field is loaded at once. The region of a distance field, the box of the cells with a
+    # distance, is unknown.
     with NpzReader(path, max_cells, block_height) as reader:
-        if _own_layer(reader.names()) != "repulsive":
+        if _main_layer(reader.names()) != "repulsive":
             yield _grid_in(reader)
             return
     yield read_npz(path, max_cells=max_cells)
@@ -392,16 +392,16 @@ def open_npz(
 
 def _grid_in(reader: NpzReader) -> Grid:
     with _geometry_in(reader) as (resolution, origin):
-        return _NPZ_READERS[_own_layer(reader.names())](reader, resolution, origin)
+        return _NPZ_READERS[_main_layer(reader.names())](reader, resolution, origin)
 
 
 def holds_reach(path: Path) -> bool:
     with NpzReader(path) as reader:
-        return _own_layer(reader.names()) == _OF_REACH
+        return _main_layer(reader.names()) == _REACH_LAYER
 
 
 def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
-    """Return what an ``.npz`` file holds of a `Reach`: all but its goals and passages."""
+    """Return the `Reach` in an ``.npz`` file, which has neither goals nor passages."""
     with NpzReader(path, max_cells) as reader, _geometry_in(reader) as (resolution, origin):
         start = reader.small(
             "start", np.float64, (3,) if reader.header("start").shape == (3,) else (2,)
@@ -426,7 +426,7 @@ def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
 
 
 def read_cloud_layers(path: Path, *, max_cells: int | None = None) -> CloudLayers | None:
-    """Return the map of a cloud in an ``.npz`` file with its layers; None if it has none."""
+    """Return the map of a point cloud in an ``.npz`` file; None if it lacks one of the layers."""
     with NpzReader(path, max_cells) as reader:
         if not reader.names() >= set(CloudLayers.layer_names):
             return None
@@ -440,18 +440,18 @@ def read_cloud_layers(path: Path, *, max_cells: int | None = None) -> CloudLayer
 
 
 def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, NDArray[Any]]:
-    """Return the layers of an ``.npz`` that say what beams have hit; none if it has none."""
+    """Return the evidence layers of an ``.npz`` file, such as hits and misses, by name."""
     with NpzReader(path, max_cells) as reader:
-        there = reader.names()
+        names = reader.names()
         return {
-            name: reader.layer(name, kind) for name, kind in _OF_EVIDENCE.items() if name in there
+            name: reader.layer(name, dtype) for name, dtype in _EVIDENCE.items() if name in names
         }
 
 
 def npz_frame(path: Path) -> Frame:
-    """Return where the grid in an ``.npz`` file lies; of its layers headers are read."""
+    """Return the frame of the grid in an ``.npz`` file; only headers of layers are read."""
     with NpzReader(path) as reader, _geometry_in(reader) as geometry:
-        layer = _layer_read(reader.names())
+        layer = _layer_to_read(reader.names())
         shape = reader.header(layer).shape
         if len(shape) != 2:
             rule = f"must have two axes, has {len(shape)}"
@@ -460,18 +460,18 @@ def npz_frame(path: Path) -> Frame:
 
 
 def npz_memory(path: Path) -> int:
-    """Return the bytes that reading an ``.npz`` file takes; of its layers headers are read."""
+    """Return the peak memory of reading an ``.npz`` file in bytes; only headers are read."""
     with NpzReader(path) as reader:
-        layers = {_layer_read(reader.names())}
-        if layers & {"distance", "repulsive"}:  # fields hold the occupancy that they are of, too
+        layers = {_layer_to_read(reader.names())}
+        if layers & {"distance", "repulsive"}:  # fields include the occupancy they were made from
             layers |= {"occupancy"} & reader.names()
-        taken = sum(reader.header(layer).nbytes for layer in layers)
-    return taken + min(PIECES, taken)
+        size = sum(reader.header(layer).nbytes for layer in layers)
+    return size + min(PIECES, size)
 
 
 @contextmanager
 def _geometry_in(reader: NpzReader) -> Iterator[tuple[float, Origin]]:
-    """Yield resolution and origin of mapdeal's own file, which errors of its values name."""
+    """Yield the resolution and origin of an open file; invalid values are errors of that file."""
     path = reader.path
     if "format" not in reader.names():
         hint = "only npz files that mapdeal wrote can be read"
@@ -490,8 +490,8 @@ def _geometry_in(reader: NpzReader) -> Iterator[tuple[float, Origin]]:
 def _read_costmap(reader: NpzReader, resolution: float, origin: Any) -> Costmap:
     scale = reader.text("cost_scale", ("costmap2d", "occupancy"))
     cost = reader.layer("cost", np.uint8 if scale == "costmap2d" else np.int8)
-    is_told = "circumscribed_cost" in reader.names()
-    circumscribed = reader.whole_number("circumscribed_cost") if is_told else None
+    has_circumscribed = "circumscribed_cost" in reader.names()
+    circumscribed = reader.whole_number("circumscribed_cost") if has_circumscribed else None
     return Costmap(cost, resolution, origin, scale, circumscribed)  # type: ignore[arg-type]
 
 
@@ -508,7 +508,7 @@ def _read_field(reader: NpzReader, resolution: float, origin: Any) -> DistanceFi
 
 
 def _read_potential(reader: NpzReader, resolution: float, origin: Any) -> PotentialField:
-    # What follows from others of its layers is not read.
+    # The attractive layer and the sums are computed again instead of read.
     goal = None
     if "goal" in reader.names():
         x, y = reader.small("goal", np.float64, (2,)).tolist()
@@ -535,16 +535,16 @@ _NPZ_READERS: dict[str, Callable[[NpzReader, float, Any], Grid]] = {
     "cost": _read_costmap,
     "distance": _read_field,
     "repulsive": _read_potential,
-    _OF_REACH: lambda reader, *lies: OccupancyGrid(reader.layer("occupancy", np.int8), *lies),
+    _REACH_LAYER: lambda reader, *lies: OccupancyGrid(reader.layer("occupancy", np.int8), *lies),
     "occupancy": _read_occupancy,
 }
-"""By the layer that a file is about."""
+"""Readers by the main layer of a file."""
 
 
-def _layer_read(names: Collection[str]) -> str:
-    own = _own_layer(names)
-    return "occupancy" if own == _OF_REACH else own
+def _layer_to_read(names: Collection[str]) -> str:
+    own = _main_layer(names)
+    return "occupancy" if own == _REACH_LAYER else own
 
 
-def _own_layer(names: Collection[str]) -> str:
+def _main_layer(names: Collection[str]) -> str:
     return next((layer for layer in _NPZ_READERS if layer in names), "occupancy")

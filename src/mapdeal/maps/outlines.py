@@ -30,14 +30,14 @@ DrawingUnit = Literal["mm", "m"]
 _DECIMALS = 6  # micrometres
 _MM = 1000.0
 _MARGIN = 4  # cells around a drawing
-_TOGETHER = 1 << 12  # polygons
+_AT_ONCE = 1 << 12
 FREE_FILL, REACHABLE_FILL = "#ffffff", "#b7e4d8"
 WALL_FILL, UNKNOWN_FILL = "#000000", "#d9d9d9"
 
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
-    """Polygons around some cells of a frame."""
+    """Polygons around a set of cells."""
 
     polygons: list[Outline]
     frame: Frame
@@ -46,39 +46,40 @@ class Outlines:
     @property
     def area(self) -> float:
         """Area of the polygons, square metres."""
-        return sum(one.area for one in self.polygons) * self.frame.resolution**2
+        return sum(polygon.area for polygon in self.polygons) * self.frame.resolution**2
 
     @property
     def corners(self) -> int:
-        return sum(len(ring) for one in self.polygons for ring in one.rings)
+        return sum(len(ring) for polygon in self.polygons for ring in polygon.rings)
 
     def points(self) -> Iterator[list[NDArray[np.float64]]]:
         """Yield the rings of each polygon in the map frame, shape (N, 2) each, metres."""
-        for first in range(0, len(self.polygons), _TOGETHER):  # one by one takes ten times as long
-            some = [one.rings for one in self.polygons[first : first + _TOGETHER]]
-            rings = [ring for many in some for ring in many]
-            at = self.frame.xy_from_continuous_rowcol(np.concatenate(rings))
-            parts = np.split(np.round(at, _DECIMALS) + 0.0, np.cumsum([*map(len, rings)])[:-1])
-            found = iter(parts)
-            for many in some:
-                yield list(islice(found, len(many)))
+        for first in range(0, len(self.polygons), _AT_ONCE):
+            polygons = self.polygons[first : first + _AT_ONCE]
+            rings = [ring for polygon in polygons for ring in polygon.rings]
+            xy = self.frame.xy_from_continuous_rowcol(np.concatenate(rings))
+            parts = np.split(np.round(xy, _DECIMALS) + 0.0, np.cumsum([*map(len, rings)])[:-1])
+            ring_points = iter(parts)
+            for polygon in polygons:
+                yield list(islice(ring_points, len(polygon.rings)))
 
 
 def outlines_of(cells: Mask, frame: Frame, tolerance: float, name: str = "") -> Outlines:
-    """Return the polygons around some cells, moved by at most a tolerance in metres."""
+    """Return the polygons around cells, simplified by at most `tolerance` metres."""
     return Outlines(outlines(cells, tolerance / frame.resolution), frame, name)
 
 
-def geojson_parts(found: Outlines) -> Iterator[bytes]:
-    """Yield a FeatureCollection of one polygon for each area, the largest first, one a line."""
+def geojson_parts(areas: Outlines) -> Iterator[bytes]:
+    """Yield a FeatureCollection with one polygon per area, the largest first, one per line."""
     yield b'{"type": "FeatureCollection", "features": [\n'
-    for number, (one, points) in enumerate(zip(found.polygons, found.points(), strict=True)):
+    pairs = zip(areas.polygons, areas.points(), strict=True)
+    for number, (polygon, points) in enumerate(pairs):
         rings = [ring.tolist() for ring in points]
         feature = {
             "type": "Feature",
             "properties": {
-                "name": f"{found.name} {number + 1}".strip(),
-                "area": round(one.area * found.frame.resolution**2, _DECIMALS),
+                "name": f"{areas.name} {number + 1}".strip(),
+                "area": round(polygon.area * areas.frame.resolution**2, _DECIMALS),
             },
             "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]] for ring in rings]},
         }
@@ -90,22 +91,22 @@ def svg_parts(
     layers: Sequence[tuple[Outlines, str]], frame: Frame, *, title: str, unit: DrawingUnit,
     background: str | None = None,
 ) -> Iterator[bytes]:  # fmt: skip
-    """Yield a drawing of layers, each in one colour, the first at the bottom, as large as they are.
+    """Yield an SVG drawing of layers at scale 1:1, each in one colour, the first at the bottom.
 
-    A metre of the map is a metre of the drawing; user units are millimetres or metres.
+    User units are millimetres or metres.
     """
-    shells = np.concatenate([one.shell for found, _ in layers for one in found.polygons])
-    at = frame.xy_from_continuous_rowcol(shells)
-    left, bottom = np.round(at.min(axis=0) - _MARGIN * frame.resolution, _DECIMALS)
-    right, top = np.round(at.max(axis=0) + _MARGIN * frame.resolution, _DECIMALS)
-    width, height = right - left, top - bottom
-    sheet = np.array([[left, bottom], [right, bottom], [right, top], [left, top]])
+    shells = np.concatenate([area.shell for layer, _ in layers for area in layer.polygons])
+    shells_xy = frame.xy_from_continuous_rowcol(shells)
+    west, south = np.round(shells_xy.min(axis=0) - _MARGIN * frame.resolution, _DECIMALS)
+    east, north = np.round(shells_xy.max(axis=0) + _MARGIN * frame.resolution, _DECIMALS)
+    width, height = east - west, north - south
+    sheet = np.array([[west, south], [east, south], [east, north], [west, north]])
     scale = _MM if unit == "mm" else 1.0
 
     def path(rings: Sequence[NDArray[np.float64]]) -> str:
         text = ""
         for points in rings:
-            places = (points - (left, bottom)) * (scale, -scale) + (0, height * scale)
+            places = (points - (west, south)) * (scale, -scale) + (0, height * scale)
             numbers = (f"{_number(x)} {_number(y)}" for x, y in places.tolist())
             text += f"M{' L'.join(numbers)}Z"
         return text
@@ -116,14 +117,14 @@ def svg_parts(
         f'width="{_number(width * _MM)}mm" height="{_number(height * _MM)}mm" '
         f'viewBox="0 0 {_number(width * scale)} {_number(height * scale)}">\n'
         f"<title>{escape(one_line(title))}</title>\n"
-        f"<desc>Scale 1:1, in {unit}. In the map frame, (0, 0) is {_number(left)}, "
-        f"{_number(bottom + height)} m, and y points up.</desc>\n"
+        f"<desc>Scale 1:1, in {unit}. In the map frame, (0, 0) is {_number(west)}, "
+        f"{_number(south + height)} m, and y points up.</desc>\n"
     ).encode()
     if background is not None:
         yield f'<path fill="{background}" d="{path([sheet])}"/>\n'.encode()
-    for found, fill in layers:
-        yield f'<g id="{escape(found.name)}" fill="{fill}" fill-rule="evenodd">\n'.encode()
-        for rings in found.points():
+    for layer, fill in layers:
+        yield f'<g id="{escape(layer.name)}" fill="{fill}" fill-rule="evenodd">\n'.encode()
+        for rings in layer.points():
             yield f'<path d="{path(rings)}"/>\n'.encode()
         yield b"</g>\n"
     yield b"</svg>\n"

@@ -45,33 +45,33 @@ class Picture:
     alpha: Samples | None = None  # opacity, (H, W): 0 .. maxval, of palettes 0 .. 255
     alpha_from: Literal["channel", "key"] = "channel"  # key: of one transparent colour
     palette: NDArray[np.uint8] | None = None  # red, green, blue, opacity of each index, (N, 4)
-    display: tuple[str, ...] = ()  # such as a gamma, which no reader applies
+    display: tuple[str, ...] = ()  # gamma or colour profile, which no reader applies
 
     def from_the_south(self) -> Picture:
         """Return the picture with row 0 in the south, as grids have it."""
         alpha = None if self.alpha is None else self.alpha[::-1]
         return replace(self, samples=self.samples[::-1], alpha=alpha)
 
-    def bands(self, most: int) -> Iterator[Picture]:
-        """Yield the picture in bands of rows, views of it: so many pixels at most, or a row."""
+    def bands(self, most_pixels: int) -> Iterator[Picture]:
+        """Yield views of bands of rows, each of at most so many pixels, or of one row."""
         height, width = self.shape
-        step = max(1, most // width)
+        step = max(1, most_pixels // width)
         for first in range(0, height, step):
             rows = slice(first, first + step)
             alpha = None if self.alpha is None else self.alpha[rows]
             yield replace(self, samples=self.samples[rows], alpha=alpha)
 
-    def greys_and_others(self) -> tuple[Samples, NDArray[np.bool_]]:
-        """Return the grey of each pixel, or its index, and which are coloured or not opaque."""
-        others = np.zeros(self.shape, dtype=np.bool_)
+    def greys_and_exceptions(self) -> tuple[Samples, NDArray[np.bool_]]:
+        """Return the grey or palette index of each pixel, and which are coloured or not opaque."""
+        exceptions = np.zeros(self.shape, dtype=np.bool_)
         grey = self.samples
         if grey.ndim == 3:
             grey = self.samples[..., 0]
             for channel in (1, 2):
-                others |= self.samples[..., channel] != grey
+                exceptions |= self.samples[..., channel] != grey
         if self.alpha is not None:
-            others |= self.alpha != self.opaque
-        return grey, others
+            exceptions |= self.alpha != self.opaque
+        return grey, exceptions
 
     def only(self, mask: NDArray[np.bool_]) -> Picture:
         alpha = None if self.alpha is None else self.alpha[mask][np.newaxis]
@@ -92,17 +92,17 @@ def warn_of(path: Path, text: str, check: str) -> None:
 
 
 def by_sample(table: NDArray[Any], samples: Samples) -> NDArray[Any]:
-    """Return the table's entry for each sample; samples of 8 bits go the fast way."""
+    """Return the table's entry for each sample; 8-bit samples use a kernel."""
     if samples.dtype == np.uint8 and table.dtype.itemsize == 1 and samples.ndim == 2:
-        whole = np.zeros(256, dtype=table.dtype)
-        whole[: len(table)] = table
-        return look_up(samples, whole)
+        full_table = np.zeros(256, dtype=table.dtype)
+        full_table[: len(table)] = table
+        return look_up(samples, full_table)
     return table[samples]
 
 
 def opaque_greys(kind: Picture) -> Picture:
-    """Return a row of all greys 0 .. maxval, opaque, as a picture like another one."""
-    # Of a palette it has all indices.
+    """Return a picture of the same kind as another: one row of all opaque greys 0 .. maxval."""
+    # With a palette the row has all indices.
     dtype = kind.samples.dtype
     count = kind.maxval + 1 if kind.palette is None else len(kind.palette)
     greys = np.arange(count)[np.newaxis]
@@ -114,7 +114,7 @@ def opaque_greys(kind: Picture) -> Picture:
 
 
 def check_size(source: object, width: int, height: int, limit: int = sys.maxsize) -> None:
-    """Refuse pictures without cells, or with more cells than `limit`, before memory is taken."""
+    """Refuse pictures without cells or with more cells than `limit`."""
     place = "image size"
     if width <= 0 or height <= 0:
         rule = "width and height must be above 0"
@@ -139,7 +139,7 @@ _CHUNK = 1 << 20
 
 @dataclass(frozen=True)
 class OpenFile:
-    """A regular file that is open, of which any bytes can be read, by several threads at once."""
+    """An open regular file, from which several threads can read any bytes at once."""
 
     path: Path
     size: int
@@ -148,9 +148,9 @@ class OpenFile:
     _head: list[bytes] = field(default_factory=list)
 
     def read(self, offset: int, count: int) -> bytes:
-        """Return some bytes, fewer at the end, which are those of the file that was opened."""
-        # Not through a memory map: a file that gets shorter would end the process.
-        if offset < HEAD and self._head:  # small files are no more than that
+        """Return `count` bytes from `offset`, fewer at the end; refuse a file that has changed."""
+        # A memory map is no option: a file that gets shorter would crash the process.
+        if offset < HEAD and self._head:  # a small file is all head
             known = self._head[0]
             if offset + count <= len(known) or len(known) == self.size:
                 self._check_state()
@@ -169,7 +169,7 @@ class OpenFile:
 
     def _parts(self, offset: int, count: int) -> list[bytes]:
         parts = []
-        # no larger than the file: room that is not needed takes longer to be had than the bytes
+        # no larger than the file: allocating a buffer takes longer than reading few bytes
         count = min(count, self.size - offset)
         with access_to(self.path):
             while count > 0 and (part := os.pread(self._descriptor, count, offset)):
@@ -179,12 +179,12 @@ class OpenFile:
         return parts
 
     def check_length(self) -> None:
-        """Refuse more than any file has: sparse ones claim any size."""
+        """Refuse implausible lengths: sparse files can claim any size."""
         if self.size > LARGEST_FILE:
             rule = f"cannot be read: larger than {LARGEST_FILE} bytes"
             raise FileAccessError(rule, source=self.path, got=self.size)
 
-    def read_whole(self) -> bytes:
+    def read_all(self) -> bytes:
         self.check_length()
         claim(self.path, self.size)
         try:
@@ -245,12 +245,12 @@ def opened(path: Path) -> Iterator[OpenFile]:
 STRIP = 1 << 20
 """Bytes of the pixels in a strip, about: they stay in the processor's cache."""
 
-_PIXELS_TOGETHER = 1 << 22
+_PIXELS_AT_ONCE = 1 << 22
 
 
 @dataclass(frozen=True, eq=False)
 class Strips:
-    """A picture whose rows are decoded some at a time, from the north on."""
+    """A picture that is decoded in strips of rows, from north to south."""
 
     shape: tuple[int, int]
     pictures: Callable[[], Iterator[Picture]]
@@ -263,7 +263,7 @@ class Strips:
             yield slice(start, stop), picture
             stop = start
 
-    def whole(self) -> Picture:
+    def joined(self) -> Picture:
         samples: NDArray[Any] | None = None
         alpha: NDArray[Any] | None = None
         first = 0
@@ -296,7 +296,7 @@ class OpenImage(ABC):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns, if they are not more cells than are to be read."""
+        """Rows and columns; more cells than the limit are refused."""
         self.check_limit()
         return self.height, self.width
 
@@ -305,15 +305,15 @@ class OpenImage(ABC):
 
     @abstractmethod
     def memory(self) -> int:
-        """Return the bytes that reading the image and making cells of it takes at its peak."""
+        """Return the peak memory of reading the image as cells, in bytes."""
 
     @abstractmethod
     def _decoded(self) -> Strips: ...
 
     @contextmanager
     def strips(self) -> Iterator[Strips]:
-        """Go through the picture some rows at a time."""
-        self.file.check_length()  # its checksum is of all of it
+        """Yield the picture in strips of rows."""
+        self.file.check_length()  # the checksum below reads all of it
         self.check_limit()
         yield self._decoded()
         note_sum(self.file.path, self.file.sha256)
@@ -321,9 +321,8 @@ class OpenImage(ABC):
 
 @dataclass(frozen=True)
 class ImageFormat:
-    # The readers of ROS treat some formats differently, because their image libraries do:
-    # `mapdeal.maps.dialects` knows these by name. In a format that it does not name, samples mean
-    # what `Picture` says.
+    # `mapdeal.maps.dialects` names the formats that image libraries of ROS treat differently. In
+    # all other formats samples mean what `Picture` says.
     name: str
     suffixes: tuple[str, ...]
     recognises: Callable[[bytes], bool]
@@ -333,15 +332,16 @@ class ImageFormat:
 
 
 def strips_of(picture: Picture) -> Strips:
-    """Return the strips of a picture that is in memory; they are views of it."""
-    return Strips(picture.shape, lambda: picture.bands(_PIXELS_TOGETHER))
+    """Return the strips of a picture in memory, which are views of it."""
+    return Strips(picture.shape, lambda: picture.bands(_PIXELS_AT_ONCE))
 
 
 def strips_at_places(
     shape: tuple[int, int], row_bytes: int, rows_at: Callable[[int, int], Picture]
 ) -> Strips:
-    """Return the strips of a picture, given what reads the rows from one to another."""
-    step = max(1, STRIP // max(shape[1], row_bytes))  # of bits there are more pixels than bytes
+    """Return the strips of a picture, given a function that reads a range of rows."""
+    step = max(1, STRIP // max(shape[1], row_bytes))
+    # a row of bits has more pixels than bytes
 
     def parts() -> Iterator[Picture]:
         for first in range(0, shape[0], step):

@@ -1,7 +1,7 @@
 """Writing PNG.
 
-The bytes do not depend on the number of threads: every part of the stream is compressed on its own,
-with the end of the one before it as its dictionary.
+The bytes do not depend on the number of threads: every part of the stream is compressed separately,
+with the end of the previous part as its dictionary.
 
 References
 ----------
@@ -28,10 +28,10 @@ from mapdeal.kernels.threads import ThreadPool, thread_count
 Buffer = Any  # bytes, or a contiguous memoryview
 
 PART = 1 << 20
-"""Bytes that are compressed together, about: enough for threads and dictionaries to pay."""
+"""Approximate bytes of a part: enough for threads and dictionaries to pay off."""
 
 _LEVEL = 3
-"""zlib's last level without lazy matching. Of maps, fields and pictures levels 1 to 3 take the
+"""zlib's highest level without lazy matching. On maps, fields and pictures levels 1 to 3 take the
 same time and 3 makes the smallest files; 6 takes twice as long for 10 to 30 percent less."""
 
 _WINDOW = 1 << 15
@@ -64,33 +64,33 @@ def deflated(parts: Iterable[Buffer]) -> Iterator[bytes]:
 
 
 def pieces(array: Layer) -> Iterator[Buffer]:
-    """Cut the bytes of a contiguous array, in memory or not, into the same parts."""
+    """Yield the bytes of a contiguous array in parts, which are the same for a lazy layer."""
     if is_lazy(array):
         yield from _recut(array[rows] for rows in blocks_of(array))
         return
-    whole = array.reshape(-1).view(np.uint8).data
-    for start in range(0, len(whole), PART):
-        yield whole[start : start + PART]
+    view = array.reshape(-1).view(np.uint8).data
+    for start in range(0, len(view), PART):
+        yield view[start : start + PART]
 
 
 def _recut(arrays: Iterable[NDArray[Any]]) -> Iterator[Buffer]:
-    """Cut the bytes of arrays, one after the other, into parts across their borders."""
-    rest = b""
+    """Yield the concatenated bytes of arrays in parts of equal size."""
+    remainder = b""
     for array in arrays:
-        whole = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+        view = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
         start = 0
-        if rest:
-            start = min(PART - len(rest), len(whole))
-            rest += bytes(whole[:start])
-            if len(rest) < PART:
+        if remainder:
+            start = min(PART - len(remainder), len(view))
+            remainder += bytes(view[:start])
+            if len(remainder) < PART:
                 continue
-            yield rest
-        full = start + (len(whole) - start) // PART * PART
+            yield remainder
+        full = start + (len(view) - start) // PART * PART
         for first in range(start, full, PART):
-            yield whole[first : first + PART]
-        rest = bytes(whole[full:])
-    if rest:
-        yield rest
+            yield view[first : first + PART]
+        remainder = bytes(view[full:])
+    if remainder:
+        yield remainder
 
 
 def _compressed(part: Buffer, dictionary: bytes) -> bytes:

@@ -60,7 +60,7 @@ class Source:
 
 
 class MapFile:
-    """A map that is open, whose cells have yet to be read: all at once, or by rows."""
+    """An open map, whose cells can be read all at once or by rows."""
 
     def __init__(
         self, files: Mapping[Path, FileState], opened: ExitStack, *, dialect: Dialect = "nav2",
@@ -82,7 +82,7 @@ class MapFile:
     def _rows(self) -> BinaryRows | None:
         if self.metadata is None or self.metadata.cost_scale is not None:
             return None
-        # What is wrong with the image is the business of who reads the map.
+        # Faults of the image are reported when the map is read.
         with kept_warnings() as self._remarks, suppress(MapdealError):
             if isinstance(self._image, PnmImage):
                 return self._image.rows()
@@ -94,7 +94,7 @@ class MapFile:
         return None if self._rows is None else self._rows.shape
 
     def memory_to_read(self) -> int:
-        """Return the bytes that `read` takes of memory at its peak, as far as headers show it."""
+        """Return the peak memory of `read` in bytes, estimated from the headers."""
         return npz_memory(self.path) if self.metadata is None else self._image.memory()
 
     def shape(self) -> tuple[int, int]:
@@ -109,7 +109,7 @@ class MapFile:
         if self.metadata is None:
             grid: Grid = read_npz(self.path, max_cells=self._max_cells)
             if type(grid) is OccupancyGrid and holds_reach(self.path):
-                text = "is what a robot can reach; its map is used, its layers are not"
+                text = "is a result of reach; only its map is used"
                 emit_warning(f"{self.path}: {text}", stacklevel=2)
         else:
             grid = map_server.read_cells(self.path, self.metadata, self._image, self._dialect)
@@ -117,7 +117,7 @@ class MapFile:
         return self._source_of(grid)
 
     def by_rows(self, *, block_height: int, budget: CacheBudget | None = None) -> Source:
-        """Return the map, its rows read when they are asked for; `shape_by_rows` must be known."""
+        """Return the map with rows that are read on demand, which needs `shape_by_rows`."""
         self.check_unchanged()
         rows, metadata = self._rows, self.metadata
         if rows is None or metadata is None:
@@ -133,14 +133,14 @@ class MapFile:
 
     def _source_of(self, grid: Grid) -> Source:
         if isinstance(grid, Costmap):
-            map_server.warn_of_one_cost(self.path, grid)
+            map_server.warn_if_uniform(self.path, grid)
         elif isinstance(grid, OccupancyGrid):
             map_server.warn_of_nothing_known(self.path, grid.occupancy)
         return Source(grid, self.files, self.metadata)
 
-    def sums_by_name(self, read: Mapping[Path, str]) -> dict[str, str]:
-        """Return the sha256 of each file, by its name, of what was or will be read of it."""
-        sums = {one.name: read.get(one) or self._sum_of(one) for one in self.files}
+    def sums_by_name(self, known_sums: Mapping[Path, str]) -> dict[str, str]:
+        """Return the sha256 of each file by name: a known one, or that of the file as it is now."""
+        sums = {path.name: known_sums.get(path) or self._sum_of(path) for path in self.files}
         self.check_unchanged()
         return sums
 
@@ -148,10 +148,10 @@ class MapFile:
         return sha256_of(path) if path == self.path else self._image.file.sha256()
 
     def check_unchanged(self) -> None:
-        """Raise FileAccessError if a file is not the one any more whose header was read."""
-        # Between two files of a map somebody may have replaced both.
+        """Refuse files that were replaced or changed since their headers were read."""
+        # Another process may have replaced the image and the YAML file between our two reads.
         with locked({path.parent for path in self.files}):
-            pass  # whoever was between two renames is through with them
+            pass  # wait until a concurrent writer has renamed both files
         for path, state in self._states.items():
             check_state(path, state)
 
@@ -170,19 +170,19 @@ def bare_images(resolution: float, origin: Origin) -> Iterator[None]:
 
 
 def is_bare_image(path: Path) -> bool:
-    """Return whether a file is read as a map for its image alone."""
+    """Return whether a file is an image that is read as a map without a YAML file."""
     return _bare_images.get() is not None and path.suffix.lower() in IMAGE_SUFFIXES
 
 
 def bare_image(path: Path) -> MapMetadata | None:
-    """Return what is given of a map that is an image alone, None of another file."""
-    bare = _bare_images.get()
-    if bare is None or not is_bare_image(path):
+    """Return the metadata of an image that is read without a YAML file; None for other files."""
+    plain_image = _bare_images.get()
+    if plain_image is None or not is_bare_image(path):
         return None
     if yaml_at(path):
-        text = "is read by --resolution; the .yaml beside it is not read"
+        text = "is read with --resolution; the .yaml beside it is ignored"
         emit_warning(MapdealWarning(f"{path}: {text}", "image.yaml-not-read"), stacklevel=4)
-    return MapMetadata(path.name, *bare)
+    return MapMetadata(path.name, *plain_image)
 
 
 @contextmanager
@@ -233,16 +233,16 @@ def _refuse_image(path: Path) -> None:
         raise MalformedInputError("looks like an image, not a map's YAML", source=path, hint=hint)
 
 
-def as_occupancy(grid: Grid, what: Path | str) -> OccupancyGrid:
-    """Return the map in a grid: a field's own, a costmap's as ROS would publish it."""
+def as_occupancy(grid: Grid, source: Path | str) -> OccupancyGrid:
+    """Return the occupancy of a grid: a field's own map, or costs as ROS would publish them."""
     if isinstance(grid, (DistanceField, PotentialField, Reach)):
         return grid.grid
     if isinstance(grid, Costmap):
-        text = f"{what}: contains costs; read as the occupancy that ROS would publish for them"
+        text = f"{source}: contains costs; read as the occupancy that ROS would publish for them"
         emit_warning(text, stacklevel=2)
         return grid.to_occupancy()
     if isinstance(grid, FieldView):
-        text = f"{what}: is the 0..100 view of a distance field; its values are read as a map's"
+        text = f"{source}: is the 0..100 view of a distance field; its values are read as a map's"
         emit_warning(text, stacklevel=2)
         return grid.as_map()
     return grid
@@ -306,7 +306,7 @@ def write_grid(
     encoding: Encoding = "occupancy", extra: dict[str, Any] | None = None,
     more: Mapping[str, NDArray[Any]] | None = None,
 ) -> None:  # fmt: skip
-    """Write a grid to `output` as its ending says; a field and `more` layers only fit an npz."""
+    """Write a grid in the format of the output's ending; fields and `more` layers need an npz."""
     if output.suffix == ".npz":
         if mode is not None:
             raise ParameterError("an npz has no mode", place="mode", got=mode)

@@ -20,17 +20,17 @@ from mapdeal.inputs.kinds import recognised
 
 _MOST_ID = (1 << 32) - 1  # the server's ids are unsigned int
 FRAME = "map"
-"""The server's route_frame, and the frame of nodes that name none."""
+"""The server's route_frame, and the default frame of nodes."""
 
 _EDGES = ("LineString", "MultiLineString")
-WHAT = "a route graph (GeoJSON)"
+_DESCRIPTION = "a route graph (GeoJSON)"
 
 
 @dataclass(frozen=True, eq=False)
 class GraphProblem:
-    """What the server refuses a file for, or what of it means something else than it seems to.
+    """A reason why the server refuses a file, or a value that it reads in an unexpected way.
 
-    `check` is the name of lint's check behind ``graph.``, `point` where it is on the map.
+    `check` is the name of lint's check without ``graph.``, `point` the place on the map.
     """
 
     check: str
@@ -40,7 +40,7 @@ class GraphProblem:
 
 @dataclass(frozen=True, eq=False)
 class GraphFile:
-    """What can be read of a graph, but for edges without ends, and what is wrong with the file."""
+    """The readable part of a graph, without edges that lack an end, and the file's problems."""
 
     graph: RouteGraph
     problems: tuple[GraphProblem, ...] = field(default=())
@@ -64,8 +64,8 @@ def read_route_graph(path: Path | str) -> RouteGraph:
     FileAccessError
         If the file cannot be read.
     MalformedInputError
-        If the file is malformed, or the server refuses it: it has no node or no edge, an id is
-        missing, or an edge begins or ends nowhere.
+        If the file is malformed or the server refuses it: nodes, edges or an id are missing, or an
+        edge begins or ends at an unknown node.
 
     Notes
     -----
@@ -80,12 +80,12 @@ def read_route_graph(path: Path | str) -> RouteGraph:
 
 
 REFUSED = ("refused", "missing-end")
-"""Checks of what the server refuses."""
+"""Checks whose findings make the server refuse a file."""
 
 
 def read_graph_file(path: Path) -> GraphFile:
-    """Return all that can be read of a route graph, and what is wrong with it."""
-    with recognised(path, WHAT, ROUTE_GRAPH):
+    """Return the readable part of a route graph, and its problems."""
+    with recognised(path, _DESCRIPTION, ROUTE_GRAPH):
         return parsed_graph(read_document(path))
 
 
@@ -104,7 +104,7 @@ class _Reader:
         self.problems: list[GraphProblem] = []
         self.nodes: dict[int, RouteNode] = {}
         self.edges: list[RouteEdge] = []
-        self._seen: dict[int, set[str]] = {}
+        self._kinds_by_id: dict[int, set[str]] = {}
 
     def read(self, document: JsonValue) -> GraphFile:
         lines = []
@@ -113,12 +113,12 @@ class _Reader:
             if kind == "Point":
                 self._node(feature)
             elif kind in _EDGES:
-                lines.append(feature)  # their ends may stand behind them
+                lines.append(feature)  # the nodes at their ends may follow later
         for feature in lines:
             self._edge(feature)
-        for what, found in (("node", self.nodes), ("edge", self.edges)):
+        for kind_name, found in (("node", self.nodes), ("edge", self.edges)):
             if not found:
-                self.problems.append(GraphProblem("refused", f"the graph has no {what}"))
+                self.problems.append(GraphProblem("refused", f"the graph has no {kind_name}"))
         self._keys()
         graph = RouteGraph(tuple(self.nodes.values()), tuple(self.edges))
         return GraphFile(graph, tuple(self.problems))
@@ -129,43 +129,43 @@ class _Reader:
             JsonValue(feature.source, {}, f"{feature.place}.properties") if found is None else found
         )
 
-    def _id(self, properties: JsonValue, key: str, what: str) -> int | None:
+    def _id(self, properties: JsonValue, key: str, owner: str) -> int | None:
         found = properties.get(key)
         if found is None:
             self.problems.append(
-                GraphProblem("refused", f"{what} ({properties.place}) has no {key}")
+                GraphProblem("refused", f"{owner} ({properties.place}) has no {key}")
             )
             return None
         value = found.value
         if type(value) is not int or not 0 <= value <= _MOST_ID:
             rule = f"{key} must be a whole number from 0 on, got {found.shown()}"
-            text = f"{what} ({found.place}): {rule}"
+            text = f"{owner} ({found.place}): {rule}"
             self.problems.append(GraphProblem("refused", text))
             return None
         return int(value)
 
-    def _take(self, number: int, what: str, point: tuple[float, float] | None) -> None:
-        """Note an id, which nodes and edges should share among them."""
-        others = self._seen.setdefault(number, set())
-        if what in others:
+    def _note_id(self, number: int, kind: str, point: tuple[float, float] | None) -> None:
+        """Record an id; report one that is used twice."""
+        kinds = self._kinds_by_id.setdefault(number, set())
+        if kind in kinds:
             self.problems.append(
-                GraphProblem("double-id", f"two {what}s have the id {number}", point)
+                GraphProblem("double-id", f"two {kind}s have the id {number}", point)
             )
-        elif others:
+        elif kinds:
             text = f"a node and an edge have the id {number}"
             self.problems.append(GraphProblem("shared-id", text, point))
-        others.add(what)
+        kinds.add(kind)
 
     def _node(self, feature: JsonValue) -> None:
         properties = self._properties(feature)
         coordinates = feature["geometry"]["coordinates"].items()
         if len(coordinates) not in (2, 3):
             raise feature["geometry"]["coordinates"].error("must be two numbers [x, y]")
-        x, y = (one.number() for one in coordinates[:2])
+        x, y = (coordinate.number() for coordinate in coordinates[:2])
         number = self._id(properties, "id", "a node")
         if number is None:
             return
-        self._take(number, "node", (x, y))
+        self._note_id(number, "node", (x, y))
         frame = properties.get("frame")
         self.nodes[number] = RouteNode(
             number, x, y, FRAME if frame is None else frame.text(), _metadata(properties)
@@ -176,13 +176,14 @@ class _Reader:
         numbers = [self._id(properties, key, "an edge") for key in ("id", "startid", "endid")]
         if None in numbers:
             return
-        number, start, end = (one for one in numbers if one is not None)
-        at = next(((node.x, node.y) for one in (start, end) if (node := self.nodes.get(one))), None)
-        self._take(number, "edge", at)
+        number, start, end = (number for number in numbers if number is not None)
+        ends = [self.nodes[node_id] for node_id in (start, end) if node_id in self.nodes]
+        at = (ends[0].x, ends[0].y) if ends else None
+        self._note_id(number, "edge", at)
         has_ends = True
-        for word, one in (("starts", start), ("ends", end)):
-            if one not in self.nodes:
-                text = f"edge {number} {word} at node {one}, which does not exist"
+        for verb, node_id in (("starts", start), ("ends", end)):
+            if node_id not in self.nodes:
+                text = f"edge {number} {verb} at node {node_id}, which does not exist"
                 self.problems.append(GraphProblem("missing-end", text, at))
                 has_ends = False
         if not has_ends:
@@ -194,7 +195,7 @@ class _Reader:
         ))  # fmt: skip
 
     def _keys(self) -> None:
-        """Look at what scorers read by key."""
+        """Check the metadata that edge scorers read."""
         index = {node.id: (node.x, node.y) for node in self.nodes.values()}
         for edge in self.edges:
             for key in FLOATS:
@@ -219,11 +220,11 @@ def _metadata(properties: JsonValue) -> Mapping[str, Any]:
     found = properties.get("metadata")
     if found is None or found.is_null:
         return {}
-    return {key: one.value for key, one in found.fields().items()}
+    return {key: value.value for key, value in found.fields().items()}
 
 
 def graph_text(graph: RouteGraph) -> Iterator[str]:
-    """Yield the lines of a graph's file, a feature each."""
+    """Yield the lines of a graph's file, one per feature."""
     last = len(graph.nodes) + len(graph.edges)
     yield '{"type": "FeatureCollection", "name": "route_graph", "features": ['
     for number, (properties, kind, coordinates) in enumerate(_features(graph), start=1):
@@ -234,20 +235,20 @@ def graph_text(graph: RouteGraph) -> Iterator[str]:
 
 
 def _features(graph: RouteGraph) -> Iterator[tuple[str, str, str]]:
-    """Yield properties, kinds and coordinates."""
-    # a feature is mostly numbers, whose text takes half as long put together like this
+    """Yield the properties, kind and coordinates of each feature as JSON text."""
+    # formatting features by hand takes half the time of json.dumps
     encode = json.JSONEncoder(ensure_ascii=False, check_circular=False).encode
     places = {node.id: encode([node.x, node.y]) for node in graph.nodes}
     for node in graph.nodes:
-        known = f', "metadata": {encode(dict(node.metadata))}' if node.metadata else ""
-        properties = f'"id": {node.id}, "frame": {encode(node.frame)}{known}'
+        metadata = f', "metadata": {encode(dict(node.metadata))}' if node.metadata else ""
+        properties = f'"id": {node.id}, "frame": {encode(node.frame)}{metadata}'
         yield properties, "Point", places[node.id]
-    before, known = None, ""  # edges there and back have the same metadata
+    last_metadata, metadata = None, ""  # edges there and back have the same metadata
     for edge in graph.edges:
-        if edge.metadata is not before:
-            before = edge.metadata
-            known = f', "metadata": {encode(dict(before))}' if before else ""
+        if edge.metadata is not last_metadata:
+            last_metadata = edge.metadata
+            metadata = f', "metadata": {encode(dict(last_metadata))}' if last_metadata else ""
         properties = f'"id": {edge.id}, "startid": {edge.start}, "endid": {edge.end}, '
         properties += f'"cost": {float(edge.cost)!r}, "overridable": {encode(edge.overridable)}'
         line = f"[[{places[edge.start]}, {places[edge.end]}]]"
-        yield properties + known, "MultiLineString", line
+        yield properties + metadata, "MultiLineString", line

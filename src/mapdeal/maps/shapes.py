@@ -17,9 +17,9 @@ _PARTS = {"MultiPolygon": "Polygon", "MultiLineString": "LineString", "MultiPoin
 
 
 def geojson_shapes(document: JsonValue) -> list[Shape]:
-    # A Polygon is one, its inner rings are holes; a LineString is a line with the thickness that
-    # property ``thickness`` says; a Point is a circle with the radius that property ``radius``
-    # says. Property ``value`` is what they are drawn with. Other properties mean nothing.
+    # The inner rings of a Polygon are holes; a LineString is a line with the thickness in property
+    # ``thickness``; a Point is a circle with the radius in property ``radius``. Shapes are drawn
+    # with the value in property ``value``. Other properties are ignored.
     return [shape for _, shapes in geojson_features(document) for shape in shapes]
 
 
@@ -32,7 +32,7 @@ def geojson_features(document: JsonValue) -> list[tuple[Mapping[str, Any], list[
 
 
 class _Reader:
-    """Shapes from the nested parts of a file; errors name the file and the feature."""
+    """Reader of the nested parts of a GeoJSON file; errors name the file and the feature."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -46,7 +46,7 @@ class _Reader:
         if document.get("type") != "FeatureCollection":
             return [self._feature(document, "feature 1")]
         features = self._list(document.get("features"), "features")
-        return [self._feature(one, f"feature {number}") for number, one in enumerate(features, 1)]
+        return [self._feature(item, f"feature {k}") for k, item in enumerate(features, 1)]
 
     def _feature(self, feature: Any, place: str) -> tuple[Mapping[str, Any], list[Shape]]:
         if not isinstance(feature, dict):
@@ -80,7 +80,7 @@ class _Reader:
         value = self._number(properties, "value", place)
         if value is not None and value % 1:
             raise self.error("must be a whole number", f"{place}: value", got=value)
-        whole = None if value is None else int(value)
+        cell_value = None if value is None else int(value)
         source = f"{self._path}: {place}"
         try:
             if kind == "Polygon":
@@ -88,15 +88,15 @@ class _Reader:
                 rings = [self._ring(ring, f"{place}: ring {number}") for number, ring in numbered]
                 if not rings:
                     raise self.error("a Polygon needs a ring of coordinates", place)
-                return Polygon(rings[0], rings[1:], whole, source)
+                return Polygon(rings[0], rings[1:], cell_value, source)
             if kind == "LineString":
                 thickness = self._number(properties, "thickness", place) or 0.0
-                return Line(self._points(part, place), thickness, whole, source)
+                return Line(self._points(part, place), thickness, cell_value, source)
             radius = self._number(properties, "radius", place)
             if radius is None:
                 rule = "a Point needs a property radius, in metres, to be a circle"
                 raise self.error(rule, place)
-            return Circle(self._points([part], place)[0], radius, whole, source)
+            return Circle(self._points([part], place)[0], radius, cell_value, source)
         except ParameterError as error:
             raise error.in_file(self._path, place) from None
 
@@ -192,14 +192,14 @@ def _shape_of(entry: Entry) -> Shape:
     if kind not in _KEYS:
         rule = f"type must be one of {', '.join(_KEYS)}"
         raise (fields["type"] if kind else entry).error(rule)
-    fields = _as_known(fields, kind)
+    fields = _with_known_keys(fields, kind)
 
     def required(key: str) -> Entry:
         if key not in fields:
             raise entry.error(f"a {kind} needs {key}")
         return fields[key]
 
-    value = _whole(fields["value"]) if "value" in fields else None
+    value = _whole_number(fields["value"]) if "value" in fields else None
     source = f"{entry.source}: {entry.place}"
     try:
         if kind == "circle":
@@ -215,8 +215,8 @@ def _shape_of(entry: Entry) -> Shape:
         raise error.in_file(entry.source, entry.place) from None
 
 
-def _as_known(fields: dict[str, Entry], kind: str) -> dict[str, Entry]:
-    """Return the entries of a shape by the names that its keys are known by."""
+def _with_known_keys(fields: dict[str, Entry], kind: str) -> dict[str, Entry]:
+    """Return the entries of a shape, with spelling variants of keys replaced by the known keys."""
     known = _KEYS[kind]
     named: dict[str, Entry] = {}
     for key, field in fields.items():
@@ -243,7 +243,7 @@ def _point(entry: Entry) -> Point:
     return numbers[0].number(), numbers[1].number()
 
 
-def _whole(entry: Entry) -> int:
+def _whole_number(entry: Entry) -> int:
     number = entry.number()
     if number % 1:
         raise entry.error("must be a whole number")

@@ -24,9 +24,9 @@ from mapdeal.kernels.solids import Rectangles, Surface
 
 WORLD_ENDINGS = (".sdf", ".stl", ".obj")
 
-_DECIMALS = 9  # so that volumes are exact
-_AROUND = 1.0  # metres of floor around the map
-_TOGETHER = 1 << 14
+_DECIMALS = 9  # keeps volumes exact
+_FLOOR_MARGIN = 1.0  # metres of floor around the map
+_ROWS_AT_ONCE = 1 << 14
 
 _BEGIN = """\
 <?xml version="1.0"?>
@@ -89,11 +89,11 @@ def mesh_of(surface: Surface, frame: Frame, wall_height: float) -> Mesh:
 def sdf_parts(
     boxes: Rectangles, frame: Frame, wall_height: float, name: str
 ) -> Iterator[bytes]:  # fmt: skip
-    """Yield a world with a floor, a sun, and a static model of the walls, a box each."""
+    """Yield an SDF world with a floor, a sun, and a static model of boxes for the walls."""
     cell = frame.resolution
     x, y, yaw = frame.origin
     centre = frame.xy_from_continuous_rowcol([[frame.height / 2, frame.width / 2]])[0]
-    size = (frame.width * cell + 2 * _AROUND, frame.height * cell + 2 * _AROUND)
+    size = (frame.width * cell + 2 * _FLOOR_MARGIN, frame.height * cell + 2 * _FLOOR_MARGIN)
     yield _BEGIN.format(
         name=escape(one_line(name)), centre=_numbers(centre), yaw=_number(yaw), size=_numbers(size),
         origin=_numbers((x, y)),
@@ -104,10 +104,10 @@ def sdf_parts(
         [cols.mean(axis=1), rows.mean(axis=1), np.diff(cols)[:, 0], np.diff(rows)[:, 0]], axis=1
     )
     middle, height = _number(wall_height / 2), _number(wall_height)
-    for first in range(0, len(table), _TOGETHER):
+    for first in range(0, len(table), _ROWS_AT_ONCE):
         text = ""
         for number, (at_x, at_y, wide, deep) in enumerate(
-            table[first : first + _TOGETHER].tolist(), first
+            table[first : first + _ROWS_AT_ONCE].tolist(), first
         ):
             box = (
                 f"<pose>{_number(at_x)} {_number(at_y)} {middle} 0 0 0</pose><geometry><box><size>"
@@ -124,8 +124,8 @@ def stl_parts(mesh: Mesh, name: str) -> Iterator[bytes]:
     title = f"mapdeal {name}, metres, z up".encode("ascii", "replace")[:80]
     yield title.ljust(80) + len(mesh.triangles).to_bytes(4, "little")
     layout = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
-    for first in range(0, len(mesh.triangles), _TOGETHER):
-        corners = mesh.corners[mesh.triangles[first : first + _TOGETHER]]
+    for first in range(0, len(mesh.triangles), _ROWS_AT_ONCE):
+        corners = mesh.corners[mesh.triangles[first : first + _ROWS_AT_ONCE]]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         part = np.zeros(len(corners), dtype=layout)
@@ -137,11 +137,11 @@ def obj_parts(mesh: Mesh, name: str) -> Iterator[bytes]:
     # A backslash at the end of a line would join it with the next one.
     title = one_line("_".join(name.split())).replace("\\", "_")
     yield f"# mapdeal, metres, z up\no {title}\n".encode()
-    for first in range(0, len(mesh.corners), _TOGETHER):
-        rows = mesh.corners[first : first + _TOGETHER].tolist()
-        yield "".join(f"v {_numbers(one)}\n" for one in rows).encode()
-    for first in range(0, len(mesh.triangles), _TOGETHER):
-        rows = (mesh.triangles[first : first + _TOGETHER] + 1).tolist()
+    for first in range(0, len(mesh.corners), _ROWS_AT_ONCE):
+        rows = mesh.corners[first : first + _ROWS_AT_ONCE].tolist()
+        yield "".join(f"v {_numbers(corner)}\n" for corner in rows).encode()
+    for first in range(0, len(mesh.triangles), _ROWS_AT_ONCE):
+        rows = (mesh.triangles[first : first + _ROWS_AT_ONCE] + 1).tolist()
         yield "".join(f"f {a} {b} {c}\n" for a, b, c in rows).encode()
 
 

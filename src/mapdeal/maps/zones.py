@@ -1,4 +1,4 @@
-"""Zones for costmap filters: GeoJSON features with a kind, and the masks that they make."""
+"""Zones for costmap filters: GeoJSON features with a kind, and masks drawn from them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from mapdeal.maps.shapes import geojson_features
 
 @dataclass(frozen=True)
 class Zone:
-    """A zone of a filter: its shapes in the map frame, and the speed that is allowed there."""
+    """A zone of a costmap filter: its shapes in the map frame, and its speed limit."""
 
     name: str
     kind: FilterKind
@@ -37,10 +37,13 @@ class Zone:
     speed: float | None = None
     source: str = ""
 
-    def drawn_with(self, value: int) -> list[Shape]:
-        """Return the shapes with a value; a keepout zone may have its own, which is a cost."""
-        own = self.kind == "keepout"
-        return [one if own and one.value else replace(one, value=value) for one in self.shapes]
+    def shapes_with(self, value: int) -> list[Shape]:
+        """Return the shapes with a value; shapes of keepout zones may have a cost of their own."""
+        has_own_values = self.kind == "keepout"
+        return [
+            shape if has_own_values and shape.value else replace(shape, value=value)
+            for shape in self.shapes
+        ]
 
 
 def read_zones(path: Path, kind: FilterKind | None = None) -> list[Zone]:
@@ -51,7 +54,7 @@ def read_zones(path: Path, kind: FilterKind | None = None) -> list[Zone]:
     path : Path
         The file; coordinates are in metres in the map frame.
     kind : {'keepout', 'speed', 'binary'}, optional
-        Kind of the zones wanted, which features without one are. By default all kinds.
+        Kind of zones to return; features without a kind count as this one. By default all kinds.
 
     Returns
     -------
@@ -72,25 +75,25 @@ def read_zones(path: Path, kind: FilterKind | None = None) -> list[Zone]:
         for number, (properties, shapes) in enumerate(features, 1)
         if shapes
     ]
-    found = [one for one in zones if kind in (None, one.kind)]
+    found = [zone for zone in zones if kind in (None, zone.kind)]
     if not found:
         rule = "holds no zone" if kind is None else f"holds no {kind} zone"
-        others = ", ".join(dict.fromkeys(one.kind for one in zones))
-        hint = f"its zones are of the kind {others}" if others else None
+        kinds = ", ".join(dict.fromkeys(zone.kind for zone in zones))
+        hint = f"its zones are of the kind {kinds}" if kinds else None
         raise MalformedInputError(rule, source=path, hint=hint)
     return found
 
 
 def _zone(
     path: Path, number: int, properties: Mapping[str, Any], shapes: Sequence[Shape],
-    wanted: FilterKind | None,
+    default_kind: FilterKind | None,
 ) -> Zone:  # fmt: skip
     name = properties.get("name")
     name = f"zone {number}" if name in (None, "") else str(name)
     place = f"feature {number} ({name})"
     speed, kind = properties.get("speed"), properties.get("kind")
     if kind is None:
-        kind = "speed" if speed is not None else wanted
+        kind = "speed" if speed is not None else default_kind
     if kind not in KINDS:
         rule = f"needs a property kind: {', '.join(KINDS)}"
         hint = meant(str(kind), KINDS) if kind is not None else "or choose one with --kind"
@@ -146,10 +149,10 @@ def filter_mask(
     MapdealWarning
         If a speed is rounded down, or a zone is clipped.
     """
-    speeds = [one.speed for one in zones if one.speed is not None]
+    speeds = [zone.speed for zone in zones if zone.speed is not None]
     info = info_for(kind, speeds, unit=unit, base=base, multiplier=multiplier)
-    shapes = [shape for one in zones for shape in one.drawn_with(_value_of(one, info))]
-    # of overlapping limits the lower one counts: of the values, where more is faster, the least
+    shapes = [shape for zone in zones for shape in zone.shapes_with(_value_of(zone, info))]
+    # Where zones overlap the lower limit counts: the smaller value, if values grow with speed.
     is_reversed = kind == "speed" and info.multiplier > 0
     values = draw(blank(grid, UNKNOWN), shapes, overlay="min" if is_reversed else "max").occupancy
     if kind != "keepout":
@@ -170,16 +173,16 @@ def _value_of(zone: Zone, info: FilterInfo) -> int:
     if not is_exact:
         limit = info.base + value * info.multiplier
         text = f"{zone.source}: speed {zone.speed:g} becomes {limit:.6g} {info.sign}"
-        emit_warning(f"{text}, the next lower one that the mask can hold", stacklevel=3)
+        emit_warning(f"{text}, the next lower value of the mask", stacklevel=3)
     return value
 
 
 def name_at(zones: Sequence[Zone], grid: OccupancyGrid, xy: Point) -> str | None:
-    """Return the name of the first zone that covers the cell of a point on a map."""
+    """Return the name of the first zone that covers the cell of a point."""
     row, col = grid.frame.unbounded_rowcol_from_xy([xy])[0].tolist()
     for zone in zones:
-        with kept_warnings():  # said when the mask was drawn
-            drawn = draw(blank(grid, FREE), zone.drawn_with(OCCUPIED)).occupancy
+        with kept_warnings():  # drawing the mask has already emitted these
+            drawn = draw(blank(grid, FREE), zone.shapes_with(OCCUPIED)).occupancy
         if drawn[row, col]:
             return zone.name
     return None
