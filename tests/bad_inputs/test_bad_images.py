@@ -106,8 +106,8 @@ def test_an_image_above_the_limit_is_refused_before_memory_is_taken_i13(
 
 @pytest.mark.parametrize(("make", "told"), [
     (lambda path: os.truncate(path, 1 << 40), ""),
-    (lambda path: (path.unlink(), os.mkfifo(path)), "no regular file"),
-    (lambda path: (path.unlink(), path.symlink_to("/dev/zero")), "no regular file"),
+    (lambda path: (path.unlink(), os.mkfifo(path)), "not a regular file"),
+    (lambda path: (path.unlink(), path.symlink_to("/dev/zero")), "not a regular file"),
     (lambda path: (path.unlink(), path.mkdir()), "directory"),
 ], ids=["sparse tebibyte", "pipe", "device", "folder"])  # fmt: skip
 def test_what_is_no_file_of_pixels_is_refused_unread(folder, image_refused, make, told):

@@ -273,10 +273,10 @@ def test_an_old_file_that_cannot_be_kept_is_not_replaced(old, monkeypatch):
 
 def test_an_old_file_that_cannot_go_back_is_named_and_stays(old, monkeypatch):
     refuse(monkeypatch, "replace", lambda path, to: to.name == "map.yaml" or path.suffix == ".old")
-    with pytest.raises(FileAccessError, match=r"map\.pgm: cannot be put back") as caught:
+    with pytest.raises(FileAccessError, match=r"map\.pgm: cannot be restored") as caught:
         replace_all(old)
     (kept,) = old.glob("*/.mapdeal-*")
-    assert caught.value.hint == f"the old file is {kept}"
+    assert caught.value.hint == f"its backup is {kept}"
     assert kept.read_bytes() == OLD["a/map.pgm"]
 
 

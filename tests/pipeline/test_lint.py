@@ -49,7 +49,7 @@ def maps(tmp_path, monkeypatch):
 
 
 def listed(*names):
-    found = list_maps(names, None, lambda: (), whole_folders=RUN_FOLDERS)
+    found = list_maps(names, None, lambda: (), exempt=RUN_FOLDERS)
     return [str(one.path) for one in found.maps]
 
 

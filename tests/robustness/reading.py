@@ -125,7 +125,7 @@ def read_by_rows(path, data):
             return None
         with _refused_alike(images.read_image, path):
             strips = list(pixels.strips().pictures())
-        rows = [pixels.part(slice(k, min(k + 4, height))).whole() for k in range(0, height, 4)]
+        rows = [pixels.part(slice(k, min(k + 4, height))).joined() for k in range(0, height, 4)]
     whole = images.read_image(path)
     for parts in (strips, rows[::-1]):
         assert np.array_equal(np.concatenate([one.samples for one in parts]), whole.samples)
@@ -529,7 +529,7 @@ def list_all_maps(path, data):
     os.chdir(path.parent)
     try:
         listing = list_maps(["@" + path.name], Path("out"), list)
-        with_runs = list_maps(["@" + path.name], None, list, whole_folders=RUN_FOLDERS)
+        with_runs = list_maps(["@" + path.name], None, list, exempt=RUN_FOLDERS)
         assert {one.path for one in listing.maps} <= {one.path for one in with_runs.maps}
     finally:
         os.chdir(before)

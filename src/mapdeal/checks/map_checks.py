@@ -19,7 +19,7 @@ from mapdeal.grid.costmap import UNIFORM_SHARE
 from mapdeal.grid.filters import FILTER_KEYS
 from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import kind_of
-from mapdeal.inputs.listing import WholeFolders
+from mapdeal.inputs.listing import ListedFolders
 from mapdeal.maps.dialects import MapMetadata
 from mapdeal.maps.images import IMAGE_FORMATS
 from mapdeal.maps.map_server import MAP_SAVER_UNKNOWN, NOTHING_KNOWN, percent, remark_on_freed
@@ -413,7 +413,7 @@ def is_run(folder: Path) -> bool:
     return manifest is None or (isinstance(manifest, dict) and "outputs" in manifest)
 
 
-RUN_FOLDERS = WholeFolders(MANIFEST, is_run, "summary.json", parts=(LOCAL_FOLDER,))
+RUN_FOLDERS = ListedFolders(MANIFEST, is_run, "summary.json", parts=(LOCAL_FOLDER,))
 """How the folders of runs are told from those of maps."""
 
 declare_check(

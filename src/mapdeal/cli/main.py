@@ -135,9 +135,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _told(terminal.lost() or error)  # that results are lost is worse
     except FileAccessError as error:
         if error.is_missing and error.hint is None:
-            from mapdeal.files.source import file_meant
+            from mapdeal.files.source import similar_file_hint
 
-            error.hint = file_meant(str(error.source))
+            error.hint = similar_file_hint(str(error.source))
         return _told(error)
     except MapdealError as error:
         return _told(error)

@@ -360,7 +360,7 @@ def piped(
         rule = "can be used for one input only: standard input is one file"
         raise ParameterError(rule, source="-")
     from mapdeal.files.transaction import temporary_folder
-    from mapdeal.inputs.kinds import STDOUT, keep_npz
+    from mapdeal.inputs.kinds import STDOUT, save_npz
 
     if output is not None:
         leave_stdout_to_data(is_text=ending != ".npz")
@@ -371,9 +371,9 @@ def piped(
         call_files({folder / f"{STDOUT}{ending}": STDOUT})
         files = dict(values)
         for name in wanted:
-            kept = keep_npz(input_chunks(), folder)
-            call_files({kept: "standard input"})
-            files[name] = _replaced(values[name], kept)
+            npz_path = save_npz(input_chunks(), folder)
+            call_files({npz_path: "standard input"})
+            files[name] = _replaced(values[name], npz_path)
         if output is not None:
             files[output] = folder / f"{STDOUT}{ending}"
         yield files

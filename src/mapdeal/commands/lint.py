@@ -49,7 +49,7 @@ from mapdeal.files.source import (
     state_of,
 )
 from mapdeal.files.transaction import Transaction
-from mapdeal.files.yaml_text import edited, parse_mapping, read_mapping
+from mapdeal.files.yaml_text import parse_mapping, read_mapping, with_values
 from mapdeal.grid.canvas import is_turned, resampled
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.filters import FilterKind
@@ -336,7 +336,7 @@ def lint(
     nearest = config and not no_config if isinstance(config, bool) else Path(config)
     with settings.reading():
         chunks = _no_standard_input if work is None else work.terminal.input_chunks
-        listing = list_maps(names, None, chunks, whole_folders=RUN_FOLDERS)
+        listing = list_maps(names, None, chunks, exempt=RUN_FOLDERS)
         maps = [one.path for one in listing.maps]
         if graph is not None and len(maps) != 1:
             rule = f"needs one MAP, not {len(maps)}"
@@ -350,7 +350,7 @@ def lint(
         at_once = min(jobs or 1, len(maps))
         counted: ProgressCallback = report_nothing
         if work is not None:
-            listing.say(work.terminal, "checked")
+            listing.print_notes(work.terminal, "checked")
             at_once = jobs_at_once(jobs, len(maps), work.terminal)
             if len(maps) > 1:
                 counted = partial(work.terminal.counted, what="map")
@@ -759,7 +759,7 @@ def _repaired_in_place(
                 new["image"] = image.name
             values |= {key: one for key, one in new.items() if getattr(pair.metadata, key) != one}
         mark = head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
-        data = (BOM_UTF8 if mark else b"") + edited(pair.entries, values)
+        data = (BOM_UTF8 if mark else b"") + with_values(pair.entries, values)
         if _metadata_in(data, pair.path) != replace(pair.metadata, **values):
             rule = "its YAML is written in a way that cannot be edited"
             raise MalformedInputError(rule, source=pair.path, hint=_COPY)

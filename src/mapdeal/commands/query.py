@@ -37,10 +37,10 @@ _FREE, _OCCUPIED, _UNKNOWN = range(len(_STATES))
 _STATES_OF_COSTS = ("free", "collision", "unknown", "outside")
 _FREE_COST, _COLLISION, _UNKNOWN_COST, _OUTSIDE = range(len(_STATES_OF_COSTS))
 
-_OF_POINTS = [*[Kind.EXACT] * 2, *[Kind.WHOLE] * 2, *[Kind.SINGLE] * 4]
+_OF_POINTS = [*[Kind.EXACT] * 2, *[Kind.INTEGER] * 2, *[Kind.SINGLE] * 4]
 """Of x, y, row, col, distance, both slopes, and the distance of the cell."""
 
-_OF_POSES = [*[Kind.EXACT] * 3, Kind.WHOLE]  # of x, y, yaw and the cost
+_OF_POSES = [*[Kind.EXACT] * 3, Kind.INTEGER]  # of x, y, yaw and the cost
 _PER_CELL, _OF_ROBOT = 1.0, 3.0
 """Bytes for each cell: the costs of a map, and what a robot's take to make."""
 

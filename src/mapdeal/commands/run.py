@@ -311,7 +311,7 @@ def run_maps(
     listing = list_maps(sources, output, terminal.input_chunks, lists_empty=True)
     names = {path.name for path in output_folder(output, {}, loaded, settings).outputs()}
     all_jobs = batch.jobs_of(listing.maps, output, names)
-    listing.say(terminal, "run")
+    listing.print_notes(terminal, "run")
     is_batch = listing.is_set or len(all_jobs) > 1
     if around is not None and len(all_jobs) > 1:
         raise ParameterError(f"takes one map, there are {len(all_jobs)}", place="pose")

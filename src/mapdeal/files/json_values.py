@@ -1,4 +1,4 @@
-"""JSON documents of mapdeal: their text, their values, their kinds."""
+"""JSON documents of mapdeal: writing, checked reading, and recognition of their kinds."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def json_of(value: Any) -> bytes:
 
 
 def read_json(path: Path) -> Any:
-    """Return the value in a JSON file, or None if there is none, or it is damaged or too large."""
+    """Return the value in a JSON file, or None if the file is missing, damaged or too large."""
     try:
         data = read_file(path, limit=_LARGEST_FILE)
     except (FileAccessError, MalformedInputError):
@@ -40,7 +40,7 @@ def read_json(path: Path) -> Any:
     claim(path, OF_JSON * len(data))
     try:
         return json.loads(data, parse_constant=_refuse_constant, parse_float=_finite)
-    # numbers of many thousand digits are ValueErrors, as is text that is not UTF-8
+    # ValueError: invalid UTF-8, or a number of many thousand digits
     except (ValueError, RecursionError):
         return None
 
@@ -51,13 +51,13 @@ def _refuse_constant(name: str) -> NoReturn:
 
 def _finite(text: str) -> float:
     value = float(text)
-    if not math.isfinite(value):  # it could not be written
+    if not math.isfinite(value):  # JSON has no infinity to write it again
         raise ValueError(f"{text} is too large")
     return value
 
 
 LARGEST_DOCUMENT = 1 << 26
-_LARGEST_WHOLE = 1 << 53  # up to here floats, and so all readers of JSON, have every whole number
+_LARGEST_INTEGER = 1 << 53  # the largest up to which floats are exact in all readers of JSON
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +90,8 @@ class JsonValue:
         if not isinstance(self.value, list):
             raise self.error("must be a list")
         return [
-            JsonValue(self.source, one, f"{self.place}[{index}]")
-            for index, one in enumerate(self.value)
+            JsonValue(self.source, item, f"{self.place}[{index}]")
+            for index, item in enumerate(self.value)
         ]
 
     @property
@@ -108,10 +108,10 @@ class JsonValue:
             raise self.error(f"must be a number from {least:g} to {most:g}")
         return float(self.value)
 
-    def number_or(self, otherwise: float, *, least: float = 0.0) -> float:
-        return otherwise if self.is_null else self.number(least=least)
+    def number_or(self, default: float, *, least: float = 0.0) -> float:
+        return default if self.is_null else self.number(least=least)
 
-    def whole(self, least: int = 0, most: int = _LARGEST_WHOLE) -> int:
+    def whole(self, least: int = 0, most: int = _LARGEST_INTEGER) -> int:
         if isinstance(self.value, bool) or not isinstance(self.value, int):
             raise self.error("must be a whole number")
         if not least <= self.value <= most:
@@ -151,13 +151,13 @@ class JsonValue:
         return numbers[0].number(), numbers[1].number()
 
     def points(self) -> NDArray[np.float64]:
-        """Return a list of such points, shape (N, 2)."""
+        """Return a list of points [x, y] as an array, shape (N, 2), metres."""
         with contextlib.suppress(OverflowError):
             if isinstance(self.value, list) and all(map(_is_pair, self.value)):
                 points = np.array(self.value, dtype=np.float64).reshape(-1, 2)
                 if (abs(points) <= FARTHEST).all():
                     return points
-        return np.array([one.point() for one in self.items()], dtype=np.float64)  # which one it is
+        return np.array([item.point() for item in self.items()], dtype=np.float64)  # names bad ones
 
     def _fields(self) -> dict[str, Any]:
         if not isinstance(self.value, dict):
@@ -176,8 +176,8 @@ def read_document(path: Path) -> JsonValue:
 
 
 def parse_document(path: Path, data: bytes, place: str = "") -> Any:
-    """Return the value of a JSON text, given where it stands in its file."""
-    within = f"{place}, " if place else ""
+    """Return the value of a JSON text; `place` is its place in the file, for errors."""
+    prefix = f"{place}, " if place else ""
     try:
         return json.loads(
             data.decode("utf-8-sig"),
@@ -185,27 +185,26 @@ def parse_document(path: Path, data: bytes, place: str = "") -> Any:
             object_pairs_hook=_without_duplicates,
         )
     except UnicodeDecodeError as error:
-        where = f"{within}byte {error.start}"
-        raise MalformedInputError("not UTF-8", source=path, place=where) from None
+        position = f"{prefix}byte {error.start}"
+        raise MalformedInputError("not UTF-8", source=path, place=position) from None
     except json.JSONDecodeError as error:
-        where = place or f"line {error.lineno}"
-        where = f"{where}, column {error.colno}"
-        raise MalformedInputError(f"no valid JSON: {error.msg}", source=path, place=where) from None
+        place = f"{place or f'line {error.lineno}'}, column {error.colno}"
+        raise MalformedInputError(f"invalid JSON: {error.msg}", source=path, place=place) from None
     except RecursionError:
         raise MalformedInputError("nested too deep", source=path, place=place or None) from None
     except ValueError as error:
-        rule = f"no valid JSON: {error}"
+        rule = f"invalid JSON: {error}"
         raise MalformedInputError(rule, source=path, place=place or None) from None
 
 
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        seen: set[str] = set()
+        names: set[str] = set()
         for name, _ in pairs:
-            if name in seen:
+            if name in names:
                 raise ValueError(f"key {name!r} appears twice")
-            seen.add(name)
+            names.add(name)
     return found
 
 
@@ -227,18 +226,18 @@ _GEOMETRIES = (
 
 
 def is_route_graph(value: Any) -> bool:
-    """Return whether a JSON value is a collection of features of which one is an edge."""
+    """Return whether a JSON value is a collection of features with at least one edge."""
     features = value.get("features") if isinstance(value, dict) else None
     return isinstance(features, list) and any(
-        isinstance(one, dict)
-        and isinstance(one.get("properties"), dict)
-        and {"startid", "endid"} <= one["properties"].keys()
-        for one in features
+        isinstance(feature, dict)
+        and isinstance(feature.get("properties"), dict)
+        and {"startid", "endid"} <= feature["properties"].keys()
+        for feature in features
     )
 
 
 def document_kind(value: Any) -> str | None:
-    """Return what a JSON value is; None if it is nothing that is known."""
+    """Return the kind of a JSON document, None if it is unknown."""
     if not isinstance(value, dict):
         return None
     if is_route_graph(value):
@@ -250,7 +249,7 @@ def document_kind(value: Any) -> str | None:
     maps = value.get("maps")
     if isinstance(maps, list) and {"errors", "suppressed"} <= value.keys():
         return LINT
-    if isinstance(maps, list) and all(isinstance(one, dict) and "status" in one for one in maps):
+    if isinstance(maps, list) and all(isinstance(row, dict) and "status" in row for row in maps):
         return SUMMARY
     if "reached" in value and isinstance(value.get("points"), list):
         return ROUTE
@@ -267,8 +266,8 @@ class NamedMap:
     sha256: Mapping[str, str]
 
 
-def named_map(one: JsonValue) -> NamedMap | None:
-    if one.is_null:
+def named_map(document: JsonValue) -> NamedMap | None:
+    if document.is_null:
         return None
-    sums = {name: digest.sha256() for name, digest in one["sha256"].fields().items()}
-    return NamedMap(one["file"].text(), sums)
+    sums = {name: digest.sha256() for name, digest in document["sha256"].fields().items()}
+    return NamedMap(document["file"].text(), sums)

@@ -1,11 +1,11 @@
 """Input files: their names, their contents, and the memory that these may take.
 
-What the system raises on a name that is too long, in a private folder, in a circle of links, or
-relative to a working folder that is gone, becomes one `FileAccessError` that names it. All other
-modules ask here, and not `pathlib`, whose answers to such names differ between versions of Python.
+System errors about names (too long, in a private folder, in a cycle of links, relative to a deleted
+working folder) become one `FileAccessError` that contains the name. All other modules look names up
+here instead of in `pathlib`, which treats such names differently from version to version.
 
-A small file can ask for any amount of memory, by the numbers in its header or because it is
-compressed. So every reader says what it is about to take, and the answer may be an error.
+A small file can demand any amount of memory, by the numbers in its header or by compression. So
+every reader claims the memory it needs before it allocates, and the claim may be refused.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ MAPS = (*YAML, ".npz")  # the likeliest first; a bit map is an image that stands
 NAMED_MAPS = (*MAPS, BIT_MAP)
 LFS_POINTER = b"version https://git-lfs"
 
-# Most maps need no parser: keys at the top of a mapping stand at the beginning of a line.
+# Recognises most maps without a parser: keys of the top mapping begin a line.
 IMAGE_KEY = re.compile(rb"""(?m)^(\xef\xbb\xbf)?["']?image["']?[ \t]*:""")
 
 LARGEST_FILE = 1 << 34
 _HEAD = 1 << 20
 _CHUNK = 1 << 18
-LONGEST_STREAM = 1 << 28  # bytes that are taken from a pipe or a device: it may never end
+LONGEST_STREAM = 1 << 28  # most bytes read from a pipe or a device, which may be endless
 CHANGED = "changed while it was read"
 """Error text for a file that was replaced or modified while it was read."""
 
 
 @contextmanager
 def access_to(path: Path, action: str = "read") -> Iterator[None]:
-    """Turn what the system raises within a ``with`` block into one error that names a file."""
+    """Turn system errors within a ``with`` block into one error that names the file."""
     if not _can_be_name(path):
         raise FileAccessError(f"cannot be {action}: no file has such a name", source=path)
     try:
@@ -76,12 +76,12 @@ def _status_or_none(path: Path) -> os.stat_result | None:
 
 
 def exists(path: Path) -> bool:
-    """Return whether there is anything at `path`; a link to nothing is nothing."""
+    """Return whether `path` exists; a broken link does not."""
     return _status_or_none(path) is not None
 
 
 def yaml_at(path: Path) -> Path | None:
-    """Return the YAML file that has the name of another file but for the ending."""
+    """Return the YAML file beside a file with the same stem, if it exists."""
     return next((p for p in map(path.with_suffix, YAML) if exists(p)), None)
 
 
@@ -91,20 +91,20 @@ def is_folder(path: Path) -> bool:
 
 
 def is_regular(path: Path) -> bool:
-    """Return whether `path` is a file with contents, neither a folder nor a pipe nor a device."""
+    """Return whether `path` is a regular file: no folder, pipe or device."""
     status = _status_or_none(path)
     return status is not None and stat.S_ISREG(status.st_mode)
 
 
 def identity_of(path: Path) -> tuple[int, int] | None:
-    """Return the identity of a file or folder, whatever its name; None if there is none."""
+    """Return device and inode of a file or folder, None if it is missing."""
     status = _status_or_none(path)
     return None if status is None else (status.st_dev, status.st_ino)
 
 
-def is_same_file(one: Path, other: Path) -> bool:
-    identity = identity_of(one)
-    return identity is not None and identity == identity_of(other)
+def is_same_file(first: Path, second: Path) -> bool:
+    identity = identity_of(first)
+    return identity is not None and identity == identity_of(second)
 
 
 def absolute_path(path: Path) -> Path:
@@ -123,55 +123,56 @@ def normal_path(path: Path) -> Path:
 
 
 def real_path(path: Path) -> Path:
-    """Return the absolute path without ``..`` and links; links in a circle stay as they are."""
-    whole = absolute_path(path)
+    """Return the absolute path without ``..`` and links; cyclic links stay as they are."""
+    absolute = absolute_path(path)
     with access_to(path):
-        return Path(os.path.realpath(whole))
+        return Path(os.path.realpath(absolute))
 
 
 def contents_of(folder: Path) -> tuple[list[str], list[str]]:
-    """Return the names of the folders in a folder and of all else, each in order."""
-    # Links count as what they lead to; one that leads to nothing that can be seen is no folder, and
-    # whoever reads it says why not.
+    """Return the names of the subfolders and of the files in a folder, both sorted."""
+    # A link counts as its target. A broken link counts as a file, so that reading it reports the
+    # error.
     folders: list[str] = []
     files: list[str] = []
     with access_to(folder), os.scandir(folder) as entries:
         for entry in entries:
             is_folder = False
-            with suppress(OSError):  # of one entry: a circle of links, a link into a private folder
+            with suppress(OSError):  # a cyclic link, or one into a private folder
                 is_folder = entry.is_dir()
             (folders if is_folder else files).append(entry.name)
     return sorted(folders), sorted(files)
 
 
 def ignores_case(folder: Path) -> bool:
-    """Return whether names that differ in case alone are one to the disk of a folder."""
-    # The nearest existing folder stands for one that is yet to be made.
-    whole = absolute_path(folder)
-    for known in (whole, *whole.parents):
-        other = known.name.swapcase()
-        if other != known.name and exists(known):
-            return is_same_file(known, known.with_name(other))
+    """Return whether the file system of a folder ignores the case of names."""
+    # The nearest existing parent stands for a folder that does not exist yet.
+    absolute = absolute_path(folder)
+    for existing in (absolute, *absolute.parents):
+        swapped = existing.name.swapcase()
+        if swapped != existing.name and exists(existing):
+            return is_same_file(existing, existing.with_name(swapped))
     return False
 
 
-_ALIKE = 0.8  # names are alike from this ratio on: office1.yaml and office.yaml
+_SIMILAR = 0.8  # smallest difflib ratio of similar names, such as office1.yaml and office.yaml
 
 
-def file_meant(name: str) -> str | None:
-    """Return a hint that asks for the file most like a name in its folder; None without any."""
-    # A name without an ending means the map of that name.
-    import difflib  # of use to mistakes alone
+def similar_file_hint(name: str) -> str | None:
+    """Return a hint that suggests the most similar file in the folder, if there is one."""
+    # For a name without an ending, the map of that name is suggested.
+    import difflib  # only mistakes need it
 
     path = Path(name)
     try:
-        names = [one for one in contents_of(path.parent)[1] if one != path.name]
+        names = [file for file in contents_of(path.parent)[1] if file != path.name]
     except FileAccessError:
         return None
-    near = [path.name + ending for ending in MAPS if path.name + ending in names]
-    plain = {one.lower(): one for one in reversed(names)}
-    near += [plain[one] for one in difflib.get_close_matches(path.name.lower(), plain, 1, _ALIKE)]
-    return f"did you mean {path.with_name(near[0])}?" if near else None
+    similar = [path.name + ending for ending in MAPS if path.name + ending in names]
+    by_lower = {file.lower(): file for file in reversed(names)}
+    close = difflib.get_close_matches(path.name.lower(), by_lower, 1, _SIMILAR)
+    similar += [by_lower[file] for file in close]
+    return f"did you mean {path.with_name(similar[0])}?" if similar else None
 
 
 class FileState(NamedTuple):
@@ -204,7 +205,7 @@ def read_file(
             if inspect is not None:
                 inspect(file.read(min(_HEAD, before.st_size)))
                 file.seek(0)
-            if before.st_size > LARGEST_FILE:  # sparse files claim any size
+            if before.st_size > LARGEST_FILE:  # sparse files can claim any size
                 rule = f"cannot be read: larger than {LARGEST_FILE} bytes"
                 raise FileAccessError(rule, source=path, got=before.st_size)
             if before.st_size > limit:
@@ -223,10 +224,10 @@ def read_file(
 
 
 def check_readable(path: Path) -> os.stat_result:
-    """Return the status of a regular file: a pipe or a device would block or never end."""
+    """Return the status of a regular file; refuse pipes and devices, which may never end."""
     status = status_of(path)
     if not stat.S_ISREG(status.st_mode):
-        kind = "a directory" if stat.S_ISDIR(status.st_mode) else "no regular file"
+        kind = "a directory" if stat.S_ISDIR(status.st_mode) else "not a regular file"
         raise FileAccessError(f"cannot be read: it is {kind}", source=path)
     return status
 
@@ -234,11 +235,11 @@ def check_readable(path: Path) -> os.stat_result:
 def head_of(path: Path, length: int) -> bytes:
     size = check_readable(path).st_size
     with access_to(path), path.open("rb") as file:
-        return file.read(min(length, size))  # room for more takes longer to be had than the bytes
+        return file.read(min(length, size))  # allocating a longer buffer takes longer than reading
 
 
 def chunks_of(path: Path) -> Iterator[bytes]:
-    """Yield the contents of a file bit by bit; it may be a pipe."""
+    """Yield the contents of a file, which may be a pipe, in chunks."""
     status_of(path)
     with access_to(path), path.open("rb", buffering=0) as file:
         while chunk := file.read(_CHUNK):
@@ -271,8 +272,8 @@ _sums: ContextVar[dict[Path, str] | None] = ContextVar("sums", default=None)
 @contextmanager
 def sums_of_reads(*, is_wanted: bool = True) -> Iterator[dict[Path, str]]:
     """Yield a mapping that collects the SHA-256 of each file that `read_file` reads."""
-    # It is that of the bytes that were read, even if the file changes later. The mapping stays
-    # empty if it is not wanted, because it takes time.
+    # The sums are of the bytes that were read, even if the file changes later. Without `is_wanted`
+    # the mapping stays empty, because hashing takes time.
     sums: dict[Path, str] = {}
     token = _sums.set(sums if is_wanted else None)
     try:
@@ -282,7 +283,7 @@ def sums_of_reads(*, is_wanted: bool = True) -> Iterator[dict[Path, str]]:
 
 
 def note_sum(path: Path, sum_of: Callable[[], str]) -> None:
-    """Keep the sha256 of a file that was read piece by piece, if `sums_of_reads` wants it."""
+    """Add the sha256 of a file that was read in pieces to the mapping of `sums_of_reads`."""
     sums = _sums.get()
     if sums is not None:
         sums[path] = sum_of()
@@ -296,9 +297,9 @@ _GROUPS = Path("/sys/fs/cgroup")
 def free_memory(
     meminfo: Path = _MEMINFO, own_group: Path = _OWN_GROUP, groups: Path = _GROUPS
 ) -> int | None:
-    """Return the bytes that are available before anything is swapped out or killed."""
-    # The smaller of what the machine has and what is left of the limits of the control groups
-    # (version 2) that the process is in, as containers set them.
+    """Return the bytes that can be allocated before the system swaps or kills processes."""
+    # It is the smaller of the machine's free memory and the unused memory of the control groups
+    # (version 2) around the process, by which containers limit it.
     match = re.search(r"^MemAvailable:\s+(\d+) kB", _text(meminfo), re.MULTILINE)
     if match is None:
         return None
@@ -308,7 +309,7 @@ def free_memory(
     while True:
         limit, used = _text(folder / "memory.max").strip(), _text(folder / "memory.current").strip()
         if limit.isdecimal() and used.isdecimal():
-            # files that were read stay in memory as long as nobody else needs it
+            # the cache of files counts as used although it can be freed
             cached = re.search(r"^inactive_file (\d+)", _text(folder / "memory.stat"), re.MULTILINE)
             free = min(free, int(limit) - int(used) + (int(cached[1]) if cached else 0))
         if folder in (groups, folder.parent):
@@ -319,43 +320,43 @@ def free_memory(
 def _text(path: Path) -> str:
     try:
         return path.read_text()
-    except (OSError, UnicodeDecodeError):  # it may not be there
+    except (OSError, UnicodeDecodeError):  # systems without this file
         return ""
 
 
-MOST_EXPANSION = 1000  # times their size that compressed data may expand to
+MOST_EXPANSION = 1000  # largest ratio of expanded to compressed size
 BLANK_EXPANSION = 1400
-"""The same, of images: an empty map comes to 1032 at most by deflate, to 1366 by LZW."""
+"""The same for images: empty maps reach ratios of 1032 with deflate and 1366 with LZW."""
 
 _HARMLESS = 1 << 25
-"""Bytes that compressed data may expand to in any case: an empty fax is next to nothing."""
+"""Bytes to which any data may expand: an empty fax page compresses to almost nothing."""
 
 PIECES = 1 << 24
-"""Bytes that readers take for pieces of a file, where they never hold all of it."""
+"""Bytes that readers need for pieces of a file that they never load at once."""
 
-OF_JSON = 30  # times the length of a JSON text that what it says takes, at most
-_INTERPRETER = 50_000_000  # bytes that are taken before anything is read
-_LITTLE = 1 << 22  # bytes that are nothing beside those: they are never refused
+OF_JSON = 30  # largest ratio of a parsed JSON document in memory to its text
+_INTERPRETER = 50_000_000  # bytes in use before any file is read
+_LITTLE = 1 << 22  # bytes that are always granted
 _LEAST = 128_000_000
 _SMALL = 256_000_000
-"""All of little memory is taken, and the least in any case, also by each of many jobs."""
+"""Defaults: up to _SMALL bytes of free memory are used in full, and _LEAST by each job at least."""
 
 
 @dataclass(frozen=True)
 class _Budget:
     limit: int | None
     origin: str = ""
-    held: int = 0
+    used: int = 0
 
 
 SHARE_OF_JOB = " (by default this job's share of the memory)"
-"""Note in the refusal of a job that could have more memory if it ran alone."""
+"""Note in a refusal: the job could use more memory if it ran alone."""
 
 _current: ContextVar[_Budget | None] = ContextVar("budget", default=None)
 
 
 def default_limit(jobs: int = 1) -> int | None:
-    """Return the bytes that each of some jobs may take: its part of half of what is free."""
+    """Return the default memory limit of each of `jobs` parallel jobs, in bytes."""
     free = free_memory()
     if free is None:
         return None
@@ -368,7 +369,7 @@ def default_limit(jobs: int = 1) -> int | None:
 def use_memory(
     limit: int | None, *, is_chosen: bool = True, anew: bool = False
 ) -> Iterator[None]:  # fmt: skip
-    """Limit the memory of readers within a ``with`` block; None keeps the limit that there is."""
+    """Limit the memory of readers within a ``with`` block; None leaves the limit unchanged."""
     if limit is not None:
         budget = _Budget(limit, "" if is_chosen else SHARE_OF_JOB)
     else:
@@ -390,11 +391,10 @@ def _by_default() -> _Budget:
 
 @contextmanager
 def holding(count: int) -> Iterator[None]:
-    """Count bytes that were read as taken within a ``with`` block."""
-    # Below 0 they are bytes that readers claim, and that are not taken, since nobody keeps what is
-    # made of them.
+    """Count `count` bytes as used within a ``with`` block."""
+    # A negative count cancels claims of readers whose results do not stay in memory.
     budget = _budget()
-    token = _current.set(replace(budget, held=budget.held + count))
+    token = _current.set(replace(budget, used=budget.used + count))
     try:
         yield
     finally:
@@ -402,25 +402,25 @@ def holding(count: int) -> Iterator[None]:
 
 
 def memory_limit() -> tuple[int | None, str]:
-    """Return the bytes that may be used, None if there is no limit, and how a message says why."""
+    """Return the limit in bytes, None for unlimited, and its origin for messages."""
     budget = _budget()
     return budget.limit, budget.origin
 
 
 def room() -> int | None:
-    """Return the bytes that `claim` would grant; None if there is no limit."""
+    """Return the most bytes that `claim` grants now; None for unlimited."""
     budget = _budget()
     if budget.limit is None:
         return None
-    return max(budget.limit - _INTERPRETER - budget.held, _LITTLE)
+    return max(budget.limit - _INTERPRETER - budget.used, _LITTLE)
 
 
 def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> None:
-    """Refuse what would take more memory than may be used."""
-    most, budget = room(), _budget()
-    if most is None or budget.limit is None or count <= most:
+    """Refuse to allocate more bytes than the limit allows."""
+    available, budget = room(), _budget()
+    if available is None or budget.limit is None or count <= available:
         return
-    needed = _INTERPRETER + budget.held + count
+    needed = _INTERPRETER + budget.used + count
     amounts = f"{size_text(needed)} of memory, {size_text(budget.limit)} may be used"
     rule = f"{what} need {amounts}" if what else f"needs {amounts}"
     size = size_text(needed).replace(" ", "")
@@ -430,19 +430,19 @@ def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> No
 
 
 def most_expanded(stored: int) -> int:
-    """Return the bytes that compressed data may expand to where they do not say to how many."""
-    most, budget = room(), _budget()
+    """Return the limit for expanding compressed data whose expanded size is unknown, in bytes."""
+    available, budget = room(), _budget()
     by_rule = max(_HARMLESS, MOST_EXPANSION * stored)
-    if most is None:
+    if available is None:
         return by_rule
-    return most // 2 if not budget.origin else min(by_rule, most // 2)
+    return available // 2 if not budget.origin else min(by_rule, available // 2)
 
 
 def check_expansion(
     path: Path | str, stored: int, expanded: int, *, most: int = MOST_EXPANSION, place: str = "",
     on_disk: bool = False,
 ) -> None:  # fmt: skip
-    """Refuse compressed data that expand as those of no honest file do."""
+    """Refuse compressed data that expand to an implausible size."""
     budget = _budget()
     is_chosen = budget.limit is not None and not budget.origin and not on_disk
     if expanded <= max(_HARMLESS, most * stored) or is_chosen:
@@ -455,7 +455,7 @@ def check_expansion(
 
 
 def size_text(count: int) -> str:
-    """Return a number of bytes for messages, rounded up, so that it is enough."""
+    """Return a number of bytes as text, rounded up so that the printed limit suffices."""
     step = 10 ** max(len(str(count)) - 3, 0)
     rounded = -(-count // step) * step
     unit, name = (10**9, "GB") if rounded >= 10**9 else (10**6, "MB")
@@ -463,7 +463,7 @@ def size_text(count: int) -> str:
 
 
 def size_of(text: str, name: str | None = None) -> int:
-    """Return a number of bytes: ``500M`` and ``4GiB`` are of 1024, ``4GB`` of 1000."""
+    """Return the bytes of a size: ``500M`` and ``4GiB`` use powers of 1024, ``4GB`` of 1000."""
     match = re.fullmatch(
         r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?", text.strip(), re.IGNORECASE
     )

@@ -37,36 +37,36 @@ def read_rows(
     file: BinaryIO, columns: Sequence[int], *, path: Path, first_line: int,
     delimiter: str | None = None, most: int | None = None, width: int | None = None,
 ) -> Iterator[NDArray[np.float64]]:  # fmt: skip
-    """Yield columns of a table, some rows at a time; leave the file behind the last of `most`."""
+    """Yield columns of a table in blocks of rows; the file then stands behind the last row."""
     table = _Table(path, columns, delimiter, width)
-    left = most
-    while left is None or left > 0:
+    remaining = most
+    while remaining is None or remaining > 0:
         text = file.read(_BYTES_TOGETHER) + file.readline(LONGEST_LINE + 1)
         if not text:
             return
         ends = _ends_of_lines(text, first_line, path)
-        count = len(ends) if left is None else min(left, len(ends))
+        count = len(ends) if remaining is None else min(remaining, len(ends))
         plain = text[: ends[count - 1]]
         rows = None if b"#" in plain else _rows_at_once(plain, count, table)
         if rows is None:
             lines = enumerate(map(bytes.strip, io.BytesIO(text)), first_line)
-            told = ((number, line) for number, line in lines if line and line[:1] != b"#")
-            numbered = list(islice(told, left))
-            count = numbered[-1][0] + 1 - first_line if len(numbered) == left else len(ends)
+            content = ((number, line) for number, line in lines if line and line[:1] != b"#")
+            numbered = list(islice(content, remaining))
+            count = numbered[-1][0] + 1 - first_line if len(numbered) == remaining else len(ends)
             rows = _rows_of(numbered, table)
         first_line += count
-        if left is not None:
-            left -= len(rows)
-            behind = len(text) - int(ends[count - 1])
-            if behind:
-                file.seek(-behind, os.SEEK_CUR)
+        if remaining is not None:
+            remaining -= len(rows)
+            unread = len(text) - int(ends[count - 1])
+            if unread:
+                file.seek(-unread, os.SEEK_CUR)
         if len(rows):
             yield rows
 
 
 def first_line(file: BinaryIO) -> tuple[int, int, str]:
-    """Return number, place in the file and text of the first line that is no comment."""
-    # The text is empty if there is none.
+    """Return the number, offset and text of the first line that is neither blank nor a comment."""
+    # The text is empty if the file has no such line.
     number = 0
     start = file.tell()
     while raw := file.readline(LONGEST_LINE):
@@ -81,22 +81,22 @@ def first_line(file: BinaryIO) -> tuple[int, int, str]:
 
 
 def delimiter_of(line: str) -> str | None:
-    """Return what separates the numbers of a line: a comma, a semicolon, or white space (None)."""
+    """Return the delimiter of a line: a comma, a semicolon, or None for white space."""
     return next((mark for mark in (",", ";") if mark in line), None)
 
 
 def coordinate_name(word: str) -> str:
-    """Return the name of a column as x, y or z if it is one of these in another spelling."""
+    """Return the name of a column, with known spellings of x, y and z replaced."""
     name = word.strip().strip('"').lower()
-    # VeloView and ParaView name the parts of a point Points_m_XYZ:0 to :2, or Points:0
+    # VeloView and ParaView name coordinates Points_m_XYZ:0 to :2, or Points:0 to :2
     part = re.fullmatch(r"points\w*:([012])", name)
     return name if part is None else "xyz"[int(part[1])]
 
 
 def is_number(word: str | bytes) -> bool:
-    """Return whether a word is a number, as other languages write them, too."""
+    """Return whether a word is a number that other languages can read, too."""
     text = word.decode("latin-1") if isinstance(word, bytes) else word
-    if not text.isascii() or "_" in text:  # which Python reads as digits, too
+    if not text.isascii() or "_" in text:  # Python accepts 1_000 and digits of other scripts
         return False
     try:
         float(text)
@@ -118,22 +118,23 @@ def _ends_of_lines(text: bytes, first: int, path: Path) -> NDArray[np.intp]:
 
 
 def _rows_at_once(text: bytes, count: int, table: _Table) -> NDArray[np.float64] | None:
-    """Return the rows of a text, None if there are not so many, or anything else."""
+    """Return the rows of a text; None if it holds other than `count` rows of numbers."""
     if not text or text.decode("latin-1").isspace():
         return None
     columns, width = list(table.columns), table.width
-    is_whole = columns == list(range(width or len(text.partition(b"\n")[0].split(table.mark))))
+    first_row = text.partition(b"\n")[0].split(table.mark)
+    has_all_columns = columns == list(range(width or len(first_row)))
     rows = None
-    if width is not None or is_whole:
-        rows = _loaded(text, table, None)
+    if width is not None or has_all_columns:
+        rows = _parsed(text, table, None)
     if rows is None and width is None:
-        rows = _loaded(text, table, columns)  # which takes a fifth longer
+        rows = _parsed(text, table, columns)  # a fifth slower than all columns
     if rows is None or rows.shape != (count, width or len(columns)):
         return None
-    return rows if is_whole or width is None else rows[:, columns]
+    return rows if has_all_columns or width is None else rows[:, columns]
 
 
-def _loaded(text: bytes, table: _Table, columns: list[int] | None) -> NDArray[np.float64] | None:
+def _parsed(text: bytes, table: _Table, columns: list[int] | None) -> NDArray[np.float64] | None:
     lines = io.BytesIO(text)
     try:
         return np.loadtxt(lines, delimiter=table.delimiter, usecols=columns, comments=None, ndmin=2)
@@ -149,7 +150,7 @@ def _rows_of(numbered: list[tuple[int, bytes]], table: _Table) -> NDArray[np.flo
         return rows
     for number, line in numbered:
         _check_line(line, number, table)
-    # such as a carriage return within a line, which numpy refuses
+    # for example a carriage return within a line, which numpy refuses
     place = f"lines {numbered[0][0]} to {numbered[-1][0]}"
     raise MalformedInputError("are not a table of numbers", source=table.path, place=place)
 
@@ -172,16 +173,16 @@ _NOISE = 1e-12
 
 
 class Kind(Enum):
-    """How the numbers of a column are written; those that are not finite are ``null``.
+    """Format of the numbers in a column; numbers that are not finite become ``null``.
 
-    EXACT as `repr` writes them. SINGLE in as few digits as tell a float32 from its neighbours if
-    the number is one, in nine otherwise, and as 0 below 1e-12, which is what rounding leaves of
-    it. WHOLE without a point.
+    EXACT writes `repr`. SINGLE writes a float32 with the fewest digits that identify it, any other
+    number with nine digits, and 0 for numbers below 1e-12, which are rounding errors. INTEGER
+    writes no decimal point.
     """
 
     EXACT = 0
     SINGLE = 1
-    WHOLE = 2
+    INTEGER = 2
 
 
 class Form(NamedTuple):
@@ -195,10 +196,10 @@ def row_texts(
 ) -> str:  # fmt: skip
     rows = np.empty(len(values), dtype=object)
     for number, form in enumerate(forms):
-        own = chosen == number
-        texts = [_texts(values[own, column], kinds[column]) for column in form.columns]
+        has_form = chosen == number
+        texts = [_texts(values[has_form, column], kinds[column]) for column in form.columns]
         template = "%s".join(text.replace("%", "%%") for text in form.texts)
-        rows[own] = [template % row for row in zip(*texts, strict=True)]
+        rows[has_form] = [template % row for row in zip(*texts, strict=True)]
     return "".join(rows)
 
 
@@ -211,7 +212,7 @@ def _texts(values: NDArray[np.float64], kind: Kind) -> list[str]:
         short = np.flatnonzero(single == values)
         for index, text in zip(short.tolist(), single[short].astype(str).tolist(), strict=True):
             texts[index] = text
-    elif kind is Kind.WHOLE:
+    elif kind is Kind.INTEGER:
         texts = [f"{value:.0f}" for value in values.tolist()]
     else:
         texts = list(map(repr, values.tolist()))

@@ -1,4 +1,4 @@
-"""Writing a set of output files so that a failure leaves nothing and a kill nothing torn."""
+"""Writing sets of output files: a failure removes them all, a kill leaves only complete files."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ try:
 except ImportError:  # not POSIX: temporary files of killed runs are then not cleaned up
     fcntl = None  # type: ignore[assignment]
 
-PREFIX = ".mapdeal-"  # of the names of all files that are not there to stay
-_SUFFIX, _KEPT = ".tmp", ".old"
+PREFIX = ".mapdeal-"  # of the names of all temporary files
+_NEW_SUFFIX, _OLD_SUFFIX = ".tmp", ".old"
 _AT_ONCE = 1 << 18
 
-# SIGINT comes first: once it is put off, nothing is raised in the middle of putting off the others.
-_ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
+# SIGINT comes first: once it is deferred, no exception interrupts deferring the others.
+_ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 Writer = Callable[[BinaryIO], object]
 
 
 @contextmanager
 def refused(path: Path, problem: str = "cannot be written") -> Iterator[None]:
-    """Turn what the system raises within the block into one error about an output."""
+    """Turn system errors within the block into one error about an output."""
     try:
         yield
     except OSError as error:
@@ -56,7 +56,7 @@ def refused(path: Path, problem: str = "cannot be written") -> Iterator[None]:
 
 
 class _File(io.BufferedRandom):
-    """A file whose writing, by a thread, can be stopped."""
+    """A file that a thread writes and another can stop."""
 
     is_discarded = False
 
@@ -82,20 +82,20 @@ class Temporary:
         return self._file
 
     def open(self) -> None:
-        # Between its making and its locking another run may take it for one of a dead process and
-        # remove it; then there is no file of that name any more, and another is made.
+        # Before the new file is locked, another run may take it for a leftover of a dead process
+        # and remove it; then the loop creates another file.
         while True:
-            self.path, self._is_ours = _name_beside(self.destination, _SUFFIX), True
+            self.path, self._is_ours = _name_beside(self.destination, _NEW_SUFFIX), True
             descriptor = _locked_new_file(self.path, self.destination)
             if self.path.exists():
                 break
             os.close(descriptor)
         self._file = _File(io.FileIO(descriptor, "r+b"))
-        with contextlib.suppress(OSError):  # a replaced file that can be seen keeps its permissions
+        with contextlib.suppress(OSError):  # the permissions of the file that it replaces
             self.path.chmod(stat.S_IMODE(self.destination.stat().st_mode))
 
     def fill(self, writer: Writer, with_checksum: bool) -> str:
-        """Write the contents; return their sha256 if it is asked for."""
+        """Write the contents; return their sha256, or an empty text without `with_checksum`."""
         file = self.file
         writer(file)
         file.flush()
@@ -103,7 +103,7 @@ class Temporary:
             return ""
         is_small = os.fstat(file.fileno()).st_size <= _AT_ONCE
         file.seek(0)
-        if is_small:  # without the buffer of file_digest, which takes longer than the file
+        if is_small:  # allocating the buffer of file_digest takes longer than hashing the file
             return hashlib.sha256(file.read()).hexdigest()
         return file_digest(file, "sha256").hexdigest()
 
@@ -122,23 +122,23 @@ class Temporary:
             self._file.is_discarded = True
 
     def remove(self) -> None:
-        """Remove the file, unless it has its own name already."""
+        """Remove the file unless it was renamed."""
         self._close_to_move()
         if self._is_ours:
-            with contextlib.suppress(OSError):  # it is gone, or the next command takes it away
+            with contextlib.suppress(OSError):  # it is gone, or the next command removes it
                 self.path.unlink()
             self._is_ours = False
         self._close()
 
     def _close_to_move(self) -> None:
-        """Close the file where open files cannot be renamed or removed, which is on Windows."""
-        # Elsewhere it stays open, and locked, until it has its own name.
+        """Close the file on Windows, where open files cannot be renamed or removed."""
+        # Elsewhere it stays open, and so locked, until it is renamed.
         if fcntl is None:
             self._close()
 
     def _close(self) -> None:
         if self._file is not None:
-            with contextlib.suppress(OSError):  # a full disk says so once more
+            with contextlib.suppress(OSError):  # a full disk has been reported before
                 self._file.close()
             self._file = None
 
@@ -147,7 +147,7 @@ def _locked_new_file(path: Path, destination: Path) -> int:
     with refused(destination):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
     if fcntl is not None:
-        # Some network file systems have no locks; then stale files stay, no more.
+        # Some network file systems have no locks; then stale files are not removed.
         with contextlib.suppress(OSError):
             fcntl.flock(descriptor, fcntl.LOCK_EX)
     return descriptor
@@ -157,31 +157,31 @@ def _name_beside(path: Path, suffix: str) -> Path:
     return path.parent / f"{PREFIX}{os.urandom(6).hex()}{suffix}"
 
 
-def keep_beside(path: Path) -> Path:
-    """Give a file, or a link, a second name beside its own; return that."""
-    # It is a copy where there can be no second name: on file systems without hard links, and of a
-    # file that belongs to somebody else.
-    kept = _name_beside(path, _KEPT)
+def back_up_beside(path: Path) -> Path:
+    """Create a backup of a file or link beside it; return its path."""
+    # The backup is a hard link. Without hard links, or if the file belongs to another user, it is a
+    # copy.
+    backup = _name_beside(path, _OLD_SUFFIX)
     try:
-        os.link(path, kept, follow_symlinks=False)
+        os.link(path, backup, follow_symlinks=False)
     except (OSError, NotImplementedError):
         try:
-            shutil.copy2(path, kept, follow_symlinks=False)
+            shutil.copy2(path, backup, follow_symlinks=False)
         except BaseException:
-            kept.unlink(missing_ok=True)
+            backup.unlink(missing_ok=True)
             raise
-    return kept
+    return backup
 
 
 def remove_stale(folder: Path) -> None:
-    """Remove what killed processes have left: files that nobody holds locked, and kept old ones."""
-    # Old files are kept only while their folder is locked.
+    """Remove leftovers of killed processes: unlocked temporary files, and backups."""
+    # Backups exist only while their folder is locked.
     with locked([folder]) as is_alone:
         for path in folder.glob(f"{PREFIX}*"):
             with contextlib.suppress(OSError):
-                if path.suffix == _KEPT and is_alone:
+                if path.suffix == _OLD_SUFFIX and is_alone:
                     path.unlink()
-                elif path.suffix == _SUFFIX and fcntl is not None:
+                elif path.suffix == _NEW_SUFFIX and fcntl is not None:
                     with path.open("r+b") as file:
                         fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
                         path.unlink()
@@ -189,11 +189,11 @@ def remove_stale(folder: Path) -> None:
 
 @contextmanager
 def locked(folders: Iterable[Path]) -> Iterator[bool]:
-    """Keep other transactions from renaming files in folders: sets must not mix."""
-    # The locks die with their process. Gives whether they were to be had: some network file systems
-    # have none, and then the last rename of each file wins.
+    """Lock folders against renames by other transactions, so that sets do not mix."""
+    # The locks end with their process. Yields whether all folders are locked: some network file
+    # systems have no locks, and then the last rename of each file wins.
     with contextlib.ExitStack() as stack:
-        are_had = fcntl is not None
+        are_locked = fcntl is not None
         for folder in sorted({folder.resolve() for folder in folders}):  # all in the same order
             if fcntl is not None:
                 try:
@@ -201,38 +201,38 @@ def locked(folders: Iterable[Path]) -> Iterator[bool]:
                     stack.callback(os.close, descriptor)
                     fcntl.flock(descriptor, fcntl.LOCK_EX)
                 except OSError:
-                    are_had = False
-        yield are_had
+                    are_locked = False
+        yield are_locked
 
 
 @contextmanager
-def signals_put_off() -> Iterator[None]:
+def signals_deferred() -> Iterator[None]:
     """Delay signals that end the process until the end of the block."""
     # Python handles signals in the main thread only: in other threads there is nothing to delay.
-    # The effect of a signal, an exception or the end of the process, then follows the block.
+    # The effect of a signal, an exception or the end of the process, follows the block.
     # SIGKILL cannot be delayed.
     if threading.get_ident() != threading.main_thread().ident:
         yield
         return
     handlers: dict[int, Any] = {}
-    came: list[int] = []
+    received: list[int] = []
     try:
-        for number in (getattr(signal, name, None) for name in _ENDING):
+        for number in (getattr(signal, name, None) for name in _ENDING_SIGNALS):
             handler = None if number is None else signal.getsignal(number)
             if number is None or handler in (None, signal.SIG_IGN):  # None: not set by Python
                 continue
             handlers[number] = handler
-            signal.signal(number, lambda which, _: came.append(which))
+            signal.signal(number, lambda received_number, _: received.append(received_number))
         yield
     finally:
         for number, handler in reversed(handlers.items()):
             signal.signal(number, handler)
-        for number in dict.fromkeys(came):
+        for number in dict.fromkeys(received):
             signal.raise_signal(number)
 
 
 def sync_folder(folder: Path) -> None:
-    # A file system that cannot do that makes renames durable by its own rules.
+    # A file system without fsync for folders makes renames durable by its own rules.
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -242,13 +242,13 @@ def sync_folder(folder: Path) -> None:
 
 
 def folder_for_sockets() -> Path:
-    import tempfile  # of use to few
+    import tempfile  # few commands need it
 
     return Path(tempfile.gettempdir())
 
 
 def lasting_folder() -> Path:
-    """Return a new private folder among temporary files, which stays."""
+    """Return a new private folder for temporary files, which is not removed at the end."""
     import tempfile
 
     try:
@@ -259,7 +259,7 @@ def lasting_folder() -> Path:
 
 def _no_folder(error: OSError) -> FileAccessError:
     rule = f"no temporary folder can be made: {error.strerror or error}"
-    return FileAccessError(rule, hint="TMPDIR names where")
+    return FileAccessError(rule, hint="set TMPDIR to a writable folder")
 
 
 @contextmanager
@@ -268,7 +268,7 @@ def temporary_folder() -> Iterator[Path]:
     import tempfile
 
     try:
-        with signals_put_off():
+        with signals_deferred():
             folder = tempfile.mkdtemp(prefix="mapdeal-")
             remove = partial(shutil.rmtree, folder, ignore_errors=True)
             atexit.register(remove)
@@ -277,7 +277,7 @@ def temporary_folder() -> Iterator[Path]:
     try:
         yield Path(folder)
     finally:
-        with signals_put_off():
+        with signals_deferred():
             remove()
             atexit.unregister(remove)
 
@@ -286,32 +286,32 @@ _ATTEMPTS = 10_000
 
 PutRows = Callable[[slice], object]
 
-Begun = tuple[Path, BinaryIO, Writer]
-"""A file that is to be written: its name, what is written to, and what writes it."""
+OpenOutput = tuple[Path, BinaryIO, Writer]
+"""An output: its path, its open temporary file, and the writer of its contents."""
 
 
 @dataclass(frozen=True, eq=False)
 class RowsWriter:
-    """A writer that takes rows as they come: one pass can serve several such files."""
+    """A writer that accepts rows in any order, so that one pass can serve several files."""
 
     layer: Layer
     begin: Callable[[BinaryIO], tuple[PutRows, Callable[[], object]]]
 
     def __call__(self, file: BinaryIO) -> None:
-        put, finish = self.begin(file)
+        write_rows, finish = self.begin(file)
         for rows in swept(self.layer):
-            put(rows)
+            write_rows(rows)
         finish()
 
 
 class Transaction:
-    """A set of output files that appear together, at the end."""
+    """A set of output files that appear together at the end."""
 
     # Each file is written under a temporary name in its own folder, as many at the same time as
     # `mapdeal.kernels.threads` allows. When the block ends without an error, all are renamed in the
     # order of the calls to `write`: the folders are locked meanwhile, signals wait, and a rename
-    # that fails undoes those before it. Temporary files are locked by their process, so that those
-    # of a killed run are told from those of a live one and removed.
+    # that fails undoes those before it. Live processes lock their temporary files, so that
+    # leftovers of killed ones can be recognised and removed.
     def __init__(
         self, outputs: Iterable[Path], *, inputs: Sequence[Path] = (), force: bool = False,
         hint: str = "--force replaces it", checksums: bool = False,
@@ -321,12 +321,12 @@ class Transaction:
         self._replaces = force
         self._removed: list[Path] = []
         self._with_checksums = checksums
-        # one thread is one, not another one that writes
+        # with one thread allowed, this thread writes, too
         self._pool = ThreadPool(thread_count() if thread_count() > 1 else 0)
         self._temporaries: list[Temporary] = []
         self._pending: list[tuple[Temporary, Future[str]]] = []
         self._together: list[tuple[Temporary, Writer]] | None = None
-        self._made_folders: list[Path] = []
+        self._created_folders: list[Path] = []
         places: set[Path] = set()
         for output in self._outputs:
             _check_output(output, inputs, None if force else hint)
@@ -348,35 +348,35 @@ class Transaction:
 
     def write(self, path: Path, writer: Writer) -> None:
         """Write the file that becomes `path` by calling `writer` in a thread."""
-        temporary = self._opened(path)
+        temporary = self._open_output(path)
         if self._together is not None:
             self._together.append((temporary, writer))
         else:
             self._finish(temporary, writer)
 
     @contextmanager
-    def together(self, write_all: Callable[[Sequence[Begun]], None]) -> Iterator[None]:
-        """Write all files passed to `write` within a ``with`` block by a single call."""
+    def together(self, write_all: Callable[[Sequence[OpenOutput]], None]) -> Iterator[None]:
+        """Write all files passed to `write` within a ``with`` block by one call of `write_all`."""
         self._together = []
         try:
             yield
-            begun = self._together
+            started = self._together
         finally:
             self._together = None
-        files = [(one.destination, one.file, writer) for one, writer in begun]
-        done = self._pool.submit(copy_context().run, write_all, files)
-        for temporary, _ in begun:
-            self._finish(temporary, lambda _: done.result())
+        files = [(temporary.destination, temporary.file, writer) for temporary, writer in started]
+        writing = self._pool.submit(copy_context().run, write_all, files)
+        for temporary, _ in started:
+            self._finish(temporary, lambda _: writing.result())
 
     def write_parts(self, path: Path, parts: Iterable[bytes]) -> None:
-        """Write the file that becomes `path` in this thread, each part as soon as it is there."""
-        temporary = self._opened(path)
+        """Write the file that becomes `path` in this thread, part by part."""
+        temporary = self._open_output(path)
         for part in parts:
             with refused(path):
                 temporary.file.write(part)
         self._finish(temporary, lambda _: None)
 
-    def _opened(self, path: Path) -> Temporary:
+    def _open_output(self, path: Path) -> Temporary:
         if path not in self._outputs:
             raise ParameterError("was not announced as an output", source=path)
         temporary = Temporary(path)
@@ -398,20 +398,20 @@ class Transaction:
         self.write_bytes(path, json_of(document))
 
     def wait(self) -> dict[Path, str]:
-        """Wait for the files whose writing has begun, so that what they are made of can go."""
+        """Wait until all files are written, so that their data can be released."""
         sums = {}
-        for one, future in self._pending:
-            with refused(one.destination):
-                sums[one.destination] = future.result()
+        for temporary, future in self._pending:
+            with refused(temporary.destination):
+                sums[temporary.destination] = future.result()
         return sums
 
     def remove_if_unchanged(self, path: Path, sha256: str) -> None:
-        """Remove a file with the old ones, if it has exactly these contents and is not an input."""
+        """Mark a file for removal at the end if its sha256 is given and it is no input."""
         if not _is_input(path, self._inputs) and holds(path, sha256):
             self._removed.append(path)
 
     def checksums(self) -> dict[Path, str]:
-        """Return the sha256 of each file so far, waiting for those that are being written."""
+        """Wait until the files so far are written; return the sha256 of each."""
         if not self._with_checksums:
             raise ValueError("the transaction was begun without checksums")
         return self.wait()
@@ -425,47 +425,47 @@ class Transaction:
                 self.wait()
                 refuse_warnings()
                 temporaries = [temporary for temporary, _ in self._pending]
-                # for the disk once all files are written: the first wait is for most of all
-                syncs = [self._pool.submit(one.sync) for one in temporaries]
-                for one, future in zip(temporaries, syncs, strict=True):
-                    with refused(one.destination):
+                # all at once after the last write: the first fsync flushes most of the data
+                syncs = [self._pool.submit(temporary.sync) for temporary in temporaries]
+                for temporary, future in zip(temporaries, syncs, strict=True):
+                    with refused(temporary.destination):
                         future.result()
-                _put_in_place(temporaries, self._removed, replaces=self._replaces)
-                self._made_folders.clear()
+                _rename_all(temporaries, self._removed, replaces=self._replaces)
+                self._created_folders.clear()
         finally:
             self._discard()
 
     def _prepare(self, folder: Path) -> None:
-        """Make a folder that files can be written into, and remove what killed runs left there."""
-        # Another process that fails takes the folders away again which it has made.
+        """Create an output folder, and remove leftovers of killed runs from it."""
+        # Another process may remove the folder between the steps, if it created it and failed.
         for _ in range(_ATTEMPTS):
             with contextlib.suppress(FileNotFoundError):
-                self._make(folder)
+                self._create_folder(folder)
                 remove_stale(folder)
                 return
         raise FileAccessError("the folder is removed again and again", source=folder)
 
-    def _make(self, folder: Path) -> None:
+    def _create_folder(self, folder: Path) -> None:
         missing = []
         while not folder.exists():
             missing.append(folder)
             folder = folder.parent
         for new in reversed(missing):
-            self._made_folders.append(new)
+            self._created_folders.append(new)
             try:
                 new.mkdir(exist_ok=True)
             except FileNotFoundError:
                 raise
             except OSError as error:
                 if isinstance(error, FileExistsError) and not os.path.lexists(new):
-                    # it was there, and was gone when mkdir looked whether it is a folder
+                    # another process removed it before mkdir checked that it is a folder
                     raise FileNotFoundError(new) from None
                 with refused(new, "the folder cannot be made"):
                     raise
 
     def _discard(self) -> None:
-        """Remove what was not renamed; after a success that is nothing."""
-        with signals_put_off():
+        """Remove the files that were not renamed, which exist only after a failure."""
+        with signals_deferred():
             for temporary in self._temporaries:
                 temporary.discard()
             self._pool.shutdown(wait=True, cancel_futures=True)
@@ -473,23 +473,23 @@ class Transaction:
                 temporary.remove()
             self._temporaries.clear()
             self._pending.clear()
-            for folder in reversed(self._made_folders):
-                with contextlib.suppress(OSError):  # somebody else has put a file there
+            for folder in reversed(self._created_folders):
+                with contextlib.suppress(OSError):  # another process has put a file there
                     folder.rmdir()
-            self._made_folders.clear()
+            self._created_folders.clear()
             atexit.unregister(self._discard)
 
 
-def _put_in_place(
+def _rename_all(
     temporaries: Sequence[Temporary], removed: Sequence[Path], *, replaces: bool
 ) -> None:
-    """Rename temporary files to their own names, in order, and remove other files."""
-    # Old files are kept under second names until the end, so that a failure can be undone.
-    paths = [*(one.destination for one in temporaries), *removed]
+    """Rename temporary files to their final names, in order, then remove other files."""
+    # Backups of old files exist until the end, so that a failure can be undone.
+    paths = [*(temporary.destination for temporary in temporaries), *removed]
     folders = dict.fromkeys(path.parent for path in paths)
-    kept: dict[Path, Path] = {}
-    done: list[Path] = []
-    with locked(folders), signals_put_off():
+    backups: dict[Path, Path] = {}
+    changed: list[Path] = []
+    with locked(folders), signals_deferred():
         existing = [path for path in paths if os.path.lexists(path)]
         if existing and not replaces:
             hint = "--force replaces it"
@@ -497,42 +497,42 @@ def _put_in_place(
         try:
             for path in existing if len(paths) > 1 else ():
                 with refused(path, "cannot be replaced"):
-                    kept[path] = keep_beside(path)
-            for one in temporaries:
-                with refused(one.destination, "cannot be replaced"):
-                    one.rename()
-                done.append(one.destination)
+                    backups[path] = back_up_beside(path)
+            for temporary in temporaries:
+                with refused(temporary.destination, "cannot be replaced"):
+                    temporary.rename()
+                changed.append(temporary.destination)
             for path in removed:
                 with refused(path, "cannot be removed"):
                     path.unlink()
-                done.append(path)
+                changed.append(path)
         except BaseException:
-            _put_back(done, kept)
+            _roll_back(changed, backups)
             raise
         else:
             for folder in folders:
                 sync_folder(folder)
         finally:
-            for path in kept.values():
+            for path in backups.values():
                 with contextlib.suppress(OSError):  # the next command that writes there tries again
                     path.unlink(missing_ok=True)
 
 
-def _put_back(done: Sequence[Path], kept: dict[Path, Path]) -> None:
-    """Undo changes, the last one first; an old file that cannot go back stays where it is kept."""
+def _roll_back(changed: Sequence[Path], backups: dict[Path, Path]) -> None:
+    """Undo changes, the last one first; a backup that cannot be restored is not removed."""
     problem: FileAccessError | None = None
-    for path in reversed(done):
-        old = kept.pop(path, None)
+    for path in reversed(changed):
+        backup = backups.pop(path, None)
         try:
-            if old is None:
+            if backup is None:
                 path.unlink()
             else:
-                old.replace(path)
+                backup.replace(path)
         except OSError as error:
-            rule = f"cannot be put back as it was: {error.strerror}"
-            hint = None if old is None else f"the old file is {old}"
+            rule = f"cannot be restored: {error.strerror}"
+            hint = None if backup is None else f"its backup is {backup}"
             problem = FileAccessError(rule, source=path, hint=hint)
-    for folder in dict.fromkeys(path.parent for path in done):
+    for folder in dict.fromkeys(path.parent for path in changed):
         sync_folder(folder)
     if problem is not None:
         raise problem
@@ -544,7 +544,7 @@ def make_folder(folder: Path) -> None:
 
 
 def _check_output(output: Path, inputs: Sequence[Path], hint: str | None) -> None:
-    """Refuse an output that cannot be; one that exists only if there is a hint for that."""
+    """Refuse an impossible output; with a hint, also an output that exists."""
     try:
         status = output.lstat()
     except (FileNotFoundError, NotADirectoryError):
@@ -557,24 +557,24 @@ def _check_output(output: Path, inputs: Sequence[Path], hint: str | None) -> Non
         raise FileAccessError(rule, source=output) from None
     if _is_input(output, inputs):
         raise FileAccessError("the output is the input", source=output)
-    with contextlib.suppress(OSError):  # a link that leads nowhere is there, too
+    with contextlib.suppress(OSError):  # a broken link exists, too
         status = output.stat()
     if stat.S_ISDIR(status.st_mode):
         raise FileAccessError("the output is a directory", source=output)
     if not (stat.S_ISREG(status.st_mode) or stat.S_ISLNK(status.st_mode)):
-        rule = "the output is a pipe, a device or a socket, no regular file"
+        rule = "the output is a pipe, a device or a socket, not a regular file"
         raise FileAccessError(rule, source=output)
     if hint is not None:
         raise FileAccessError("the output exists", source=output, hint=hint)
 
 
 def _is_input(path: Path, inputs: Sequence[Path]) -> bool:
-    return any(is_same_file(path, one) for one in inputs)
+    return any(is_same_file(path, input_path) for input_path in inputs)
 
 
 def _check_parents(output: Path) -> None:
     for parent in output.parents:
-        with contextlib.suppress(OSError):  # asked once: another process may be making it
+        with contextlib.suppress(OSError):  # one call only: another process may be creating it
             if stat.S_ISDIR(parent.stat().st_mode):
                 return
-            raise FileAccessError("is not a folder, outputs cannot go into it", source=parent)
+            raise FileAccessError("is not a folder", source=parent)

@@ -1,8 +1,8 @@
 """A YAML mapping as its nodes: scalars stay text, keys keep their lines.
 
 PyYAML turns scalars into values by YAML 1.1, where ``5e-2`` is text, ``1:30`` is ninety and
-``010`` is eight; ROS reads the text. So does this. The events come from libyaml, which PyYAML's
-wheels bring; PyYAML's own parser, which serves without it, refuses some tabs that libyaml takes.
+``010`` is eight. ROS reads the text of scalars, and so does this module. The events come from
+libyaml, which is part of PyYAML's wheels; its replacement, PyYAML's own parser, refuses some tabs.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _BREAKS = "\r\n\x85\u2028\u2029"
 
 @dataclass(frozen=True)
 class YamlLimits:
-    """Limits of a file: each value takes a kilobyte."""
+    """Limits of a file; each value takes a kilobyte of memory."""
 
     bytes: int
     nodes: int
@@ -46,7 +46,7 @@ OF_SHAPES = YamlLimits(bytes=1 << 20, nodes=100_000, aliases=16)
 
 @dataclass(frozen=True)
 class Entry:
-    """The value of one key: its YAML node, and where it stands."""
+    """The value of one key: its YAML node, and its place in the file."""
 
     source: Path
     key: str
@@ -59,7 +59,7 @@ class Entry:
         return f"{self.key} (line {self.node.start_mark.line + 1})"
 
     def error(self, rule: str, *, hint: str | None = None) -> MalformedInputError:
-        got = written(self.node)
+        got = source_text(self.node)
         return MalformedInputError(rule, source=self.source, place=self.place, got=got, hint=hint)
 
     def text(self) -> str:
@@ -68,7 +68,7 @@ class Entry:
         return str(self.node.value)
 
     def number(self) -> float:
-        """Return a scalar as a number, by ROS's reading of it."""
+        """Return a scalar as ROS reads numbers."""
         text = self.text().strip()
         if not _NUMBER.fullmatch(text):
             raise self.error("must be a number", hint=_number_hint(text, self.key))
@@ -89,7 +89,7 @@ class Entry:
 
     @property
     def line(self) -> int:
-        """The line of the key, from 1 on; of an item of a list its own."""
+        """Line number of the key, or of the item in a list, from 1 on."""
         return self.key_line or int(self.node.start_mark.line) + 1
 
     def is_nothing(self) -> bool:
@@ -101,13 +101,13 @@ class Entry:
             key.tag == _MERGE for key, _ in self.node.value
         ):
             own = [pair for pair in self.node.value if pair[0].tag != _MERGE]
-            _entries_of(self.source, yaml.MappingNode(self.node.tag, own))  # none appears twice
+            _entries_of(self.source, yaml.MappingNode(self.node.tag, own))  # refuses duplicate keys
             merged = yaml.MappingNode(self.node.tag, list(self.node.value))
             try:
                 yaml.SafeLoader("").flatten_mapping(merged)
             except yaml.YAMLError as error:
                 raise self.error(f"cannot be read ({one_line_of(error)})") from None
-            # what is merged comes first, and gives way
+            # merged keys come first, so the mapping's own keys replace them
             return {
                 str(key.value): Entry(self.source, str(key.value), value, key.start_mark.line + 1)
                 for key, value in merged.value
@@ -115,8 +115,8 @@ class Entry:
         return self.fields()
 
     def plain_value(self) -> Any:
-        # YAML 1.1 reads ``010`` as 8, ``1:30`` as 90 and ``1_0`` as 10; other readers do not. A key
-        # that appears twice is refused.
+        # YAML 1.1 reads ``010`` as 8, ``1:30`` as 90 and ``1_0`` as 10, and other readers do not,
+        # so such numbers are refused. `_scalars_of` refuses duplicate keys.
         for node in list(_scalars_of(self.source, self.node)):
             text = str(node.value).lower()
             if node.tag not in _NUMBER_TAGS or text.lstrip("+-") in (".inf", ".nan"):
@@ -130,7 +130,7 @@ class Entry:
     def value(self) -> Any:
         try:
             return yaml.SafeLoader("").construct_document(self.node)
-        # PyYAML's constructors fail on tags that do not fit in whatever way they fail.
+        # PyYAML's constructors raise any of these on tags that do not fit their values.
         except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError,
                 OverflowError) as error:  # fmt: skip
             raise self.error(f"cannot be read ({one_line_of(error)})") from None
@@ -145,7 +145,7 @@ class Entry:
 
     @property
     def is_yaml_1_1_text(self) -> bool:
-        """Whether PyYAML would take the scalar for text although ROS reads a number."""
+        """Whether PyYAML reads the scalar as text although ROS reads a number."""
         is_quoted = getattr(self.node, "style", None)
         return bool(self.node.tag == "tag:yaml.org,2002:str" and not is_quoted)
 
@@ -167,7 +167,7 @@ def parse_mapping(path: Path, data: bytes, limits: YamlLimits = OF_MAPS) -> dict
 
 
 def parse_value(text: str, name: str, limits: YamlLimits = OF_MAPS) -> Any:
-    """Return the value of a text that is no file, with decimal numbers; errors call it `name`."""
+    """Return the value of a YAML text with decimal numbers; errors refer to it as `name`."""
     node = _compose(Path(name), text, limits)
     return None if node is None else Entry(Path(name), "value", node).plain_value()
 
@@ -191,15 +191,15 @@ def _scalars_of(path: Path, node: yaml.Node) -> Iterator[yaml.ScalarNode]:
     if isinstance(node, yaml.ScalarNode):
         yield node
         return
-    below = node.value
+    children = node.value
     if isinstance(node, yaml.MappingNode):
-        below = [entry.node for entry in _entries_of(path, node).values()]
-    for one in below:
-        yield from _scalars_of(path, one)
+        children = [entry.node for entry in _entries_of(path, node).values()]
+    for child in children:
+        yield from _scalars_of(path, child)
 
 
-def written(first: Any, last: Any = None, most: int = 1 << 62) -> str:
-    """Return the text of a node or an event, or from one to another; `most` characters of it."""
+def source_text(first: Any, last: Any = None, most: int = 1 << 62) -> str:
+    """Return the source text from one node or event to another, at most `most` characters."""
     start, end = first.start_mark.index, (last or first).end_mark.index
     return str(first.start_mark.buffer)[start : min(end, start + most)].strip()
 
@@ -229,7 +229,7 @@ def decoded_text(path: Path, data: bytes) -> str:
 def compose_documents(
     path: Path, data: bytes, limits: YamlLimits, tags: frozenset[str] = frozenset()
 ) -> list[yaml.Node]:
-    """Return the nodes of all documents in the contents of a YAML file, by PyYAML's own parser."""
+    """Return the root nodes of all documents in a YAML file, by PyYAML's own parser."""
     text = decoded_text(path, data)
     with _as_malformed(path, text):
         composer = _PYYAML(text).read(path, text, limits, tags)
@@ -246,7 +246,7 @@ def _compose(path: Path, text: str, limits: YamlLimits) -> yaml.Node | None:
 
 
 def events_of(path: Path, text: str, limits: YamlLimits) -> Iterator[yaml.Event]:
-    """Yield the events of a text, whose marks have it at hand."""
+    """Yield the events of a text; their marks refer to the text."""
     loader = _LIBYAML(text).read(path, text, limits)
     while loader.check_event():
         yield loader.get_event()
@@ -257,13 +257,13 @@ def _as_malformed(path: Path, text: str) -> Iterator[None]:
     try:
         yield
     except (yaml.YAMLError, UnicodeEncodeError) as error:
-        rule, at = fault_in(text, error)
-        where = f"line {at[0]}, column {at[1]}" if at else None
-        raise MalformedInputError(rule, source=path, place=where) from None
+        rule, position = fault_in(text, error)
+        place = f"line {position[0]}, column {position[1]}" if position else None
+        raise MalformedInputError(rule, source=path, place=place) from None
 
 
 def fault_in(text: str, error: Exception) -> tuple[str, tuple[int, int] | None]:
-    """Return what is wrong with a text, and its line and column, from 1 on, if they are known."""
+    """Return the error in a text as a rule, and its line and column, from 1 on, if known."""
     rule = f"not valid YAML: {one_line_of(error)}"
     mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
     if mark is None:
@@ -271,24 +271,24 @@ def fault_in(text: str, error: Exception) -> tuple[str, tuple[int, int] | None]:
     odd = text[mark.index : mark.index + 1]
     rule = rule.replace("character that cannot", f"character {odd!r} that cannot")
     if not (odd or mark.column) and text and text[-1] not in _BREAKS:
-        return rule, (mark.line, len(text.splitlines()[-1]) + 1)  # libyaml ends the last line
+        return rule, (mark.line, len(text.splitlines()[-1]) + 1)  # libyaml adds a line break
     return rule, (mark.line + 1, mark.column + 1)
 
 
 class _Composer(yaml.composer.Composer):
-    """PyYAML's composer, which looks at each event before it makes a node of it."""
+    """PyYAML's composer with limits, which it checks at each event."""
 
     def read(
         self, path: Path, text: str, limits: YamlLimits, tags: frozenset[str] = frozenset()
     ) -> Any:
-        """Set what is read, and its limits; loaders are made with the text alone."""
+        """Set the file, the limits and the allowed tags; loaders are created with only the text."""
         self._path, self._text, self._limits = path, text, limits
         self._tags = _PLAIN_TAGS | tags
         self._depth = self._nodes = self._aliases = 0
         return self
 
     def get_event(self) -> Any:
-        """Return the next event, whose marks have the text at hand."""
+        """Return the next event; its marks refer to the text."""
         event: Any = super().get_event()  # type: ignore[misc]
         event.start_mark, event.end_mark = (
             yaml.Mark("", mark.index, mark.line, mark.column, self._text, mark.index)
@@ -327,7 +327,7 @@ class _Composer(yaml.composer.Composer):
             most = self._limits.aliases
             rule = f"more than {most} aliases" if most else "aliases are not allowed"
             raise self._error(rule, event, got=f"*{event.anchor}")
-        # one that is not known yet is refused by PyYAML, or stands within what it stands for
+        # an anchor whose node is unfinished contains the alias; PyYAML refuses unknown anchors
         if event.anchor in self.anchors and event.anchor not in self._nodes_of:
             raise self._error("an alias within its own anchor", event, got=f"*{event.anchor}")
         self._count(self._nodes_of.get(event.anchor, 0), event)
@@ -363,10 +363,10 @@ def _number_hint(text: str, key: str) -> str | None:
     return None
 
 
-def edited(entries: Mapping[str, Entry], changes: Mapping[str, Any]) -> bytes:
-    """Return the file that entries were read from with other values, all else as it is."""
-    # The result is what it is meant to be only if the mapping is written in lines, as that of a map
-    # is; whoever calls this reads it again.
+def with_values(entries: Mapping[str, Entry], changes: Mapping[str, Any]) -> bytes:
+    """Return the contents of the file of `entries` with changed values, otherwise as they are."""
+    # This is correct only if the mapping has one key per line, as in map files; so callers read the
+    # result again.
     first = next(iter(entries.values()))
     text = first.node.start_mark.buffer or ""
     spans: list[tuple[int, int, str]] = []
@@ -377,9 +377,9 @@ def edited(entries: Mapping[str, Entry], changes: Mapping[str, Any]) -> bytes:
             parts, values = entry.items(), list(value)
             if len(parts) != len(values):
                 raise entry.error(f"must be a list of {len(values)}")
-        for part, one in zip(parts, values, strict=True):
+        for part, new_value in zip(parts, values, strict=True):
             start = part.node.start_mark.index
-            spans.append((start, start + len(written(part.node)), _flow_text(one)))
+            spans.append((start, start + len(source_text(part.node)), _flow_text(new_value)))
     for start, end, new in sorted(spans, reverse=True):
         text = f"{text[:start]}{new}{text[end:]}"
     newline = "\r\n" if "\r\n" in text else "\n"
@@ -395,7 +395,7 @@ def _flow_text(value: Any) -> str:
 
 
 def yaml_document(document: dict[str, Any]) -> bytes:
-    """Return a YAML file of `document`: keys in order, lists in brackets, floats shortest."""
+    """Return `document` as YAML: keys in order, lists in brackets, floats in shortest form."""
     text = yaml.safe_dump(
         document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1000
     )

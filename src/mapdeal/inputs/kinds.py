@@ -1,6 +1,6 @@
 """Kind of a file, by its first bytes, and the command that accepts it.
 
-Commands that are given another kind of file than they take say so with one line from here.
+Commands that get a wrong kind of file print one line from here.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ IMAGE, RECIPE, SHAPES, BAG, POINTER = "image", "recipe", "shapes", "bag", "Git L
 PARAMETERS = "ROS parameters"
 
 _HEAD = 1 << 16
-_COUNTED = 1 << 28  # bytes of a text of which the lines are counted
+_MOST_COUNTED = 1 << 28  # largest text in bytes whose lines are counted
 _SCAN_WORDS = re.compile(rb"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]")
 _JSON_START = re.compile(rb"\s*\{\s*\"")
 _STAGES_KEY = re.compile(rb"(?m)^stages[ \t]*:")
 _KEY = re.compile(rb"(?m)^[ \t{]*[\"']?([\w/]+)[\"']?[ \t]*:")
-_OF_COSTMAPS = frozenset((
+_COSTMAP_KEYS = frozenset((
     "ros__parameters", "local_costmap", "global_costmap",
     "obstacle_layer", "inflation_layer", "static_layer",
     "footprint", "footprint_padding", "robot_radius", "inflation_radius", "cost_scaling_factor",
@@ -57,19 +57,19 @@ _OF_COSTMAPS = frozenset((
     "trinary_costmap", "lethal_cost_threshold", "unknown_cost_value", "obstacle_range",
     "raytrace_range", "observation_sources",
 ))  # fmt: skip
-"""Keys of parameter files, of which one at any depth makes such a file."""
-_OF_ROBOTS = frozenset((
+"""Keys that only parameter files have: one at any depth identifies such a file."""
+_COMMON_KEYS = frozenset((
     "plugins", "transform_tolerance", "global_frame", "update_frequency", "publish_frequency",
     "always_send_full_costmap", "map_topic", "max_obstacle_height",
 ))  # fmt: skip
-"""Keys of such files that others have, too: two of them make one."""
+"""Keys that other files may have, too: two of them identify a parameter file."""
 _TUM, _PLANAR = 8, 3
 _MOST_OF_A_POINT = 16
 _KITTI_POINT = 16  # bytes
 
 _METADATA = "metadata.yaml"
-_OF_BAGS = (".mcap", ".db3")
-_BESIDE_BAGS = (".zstd", ".db3-wal", ".db3-shm", ".txt")
+_BAG_ENDINGS = (".mcap", ".db3")
+_OTHER_ENDINGS_IN_BAGS = (".zstd", ".db3-wal", ".db3-shm", ".txt")
 _UNKNOWN = "is not a kind of file that mapdeal knows"
 _MAPS_ARE = "a map is a map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal"
 
@@ -104,12 +104,12 @@ class FileKind:
 
 
 def kind_of(path: Path) -> FileKind | None:
-    """Return what a file or folder is, by its first bytes; None if it is nothing that is known."""
+    """Return the kind of a file or folder by its first bytes; None if it is unknown."""
     if is_folder(path):
         kind = _kind_of_folder(path)
     else:
         head = head_of(path, _HEAD)
-        kind = next(filter(None, (look(path, head) for look in _LOOKS)), None)
+        kind = next(filter(None, (detect(path, head) for detect in _DETECTORS)), None)
     as_typed = shlex.quote(str(path))
     return None if kind is None else replace(kind, use=kind.use.format(path=as_typed))
 
@@ -125,7 +125,7 @@ def is_bag(path: Path) -> bool:
 
 
 @contextmanager
-def recognised(path: Path, wanted: str, *kinds: str) -> Iterator[None]:
+def recognised(path: Path, expected: str, *kinds: str) -> Iterator[None]:
     """Name the kind of a file in errors if it is not the one expected."""
     try:
         yield
@@ -137,15 +137,15 @@ def recognised(path: Path, wanted: str, *kinds: str) -> Iterator[None]:
             kind = kind_of(path)
         if kind is None and MAP in kinds and path.suffix.lower() not in NAMED_MAPS:
             error.hint = error.hint or _MAPS_ARE
-            if isinstance(error, MalformedInputError):  # what is wrong with its YAML helps nobody
+            if isinstance(error, MalformedInputError):
                 raise MalformedInputError(_UNKNOWN, source=path, hint=_MAPS_ARE) from None
         if kind is None or kind.name in kinds:
             raise
-        raise other_kind(path, kind, wanted) from None
+        raise other_kind(path, kind, expected) from None
 
 
-def other_kind(path: Path, kind: FileKind, wanted: str) -> MalformedInputError:
-    return MalformedInputError(f"is {kind.what}, not {wanted}", source=path, hint=kind.use)
+def other_kind(path: Path, kind: FileKind, expected: str) -> MalformedInputError:
+    return MalformedInputError(f"is {kind.what}, not {expected}", source=path, hint=kind.use)
 
 
 def _kind_of_folder(path: Path) -> FileKind | None:
@@ -156,7 +156,7 @@ def _kind_of_folder(path: Path) -> FileKind | None:
         return _kind_of_json(path / "summary.json", b"{")
     with suppress(FileAccessError):
         suffixes = {Path(name).suffix.lower() for name in contents_of(path)[1]}
-        if suffixes & set(_OF_BAGS) and suffixes <= {*_OF_BAGS, *_BESIDE_BAGS}:
+        if suffixes & set(_BAG_ENDINGS) and suffixes <= {*_BAG_ENDINGS, *_OTHER_ENDINGS_IN_BAGS}:
             return FileKind(BAG, "a folder with a ROS 2 bag, without its metadata", _BAG_USE)
     return None
 
@@ -170,18 +170,18 @@ _MAGIC: tuple[tuple[bytes, tuple[str, ...], str], ...] = (
     (b"SQLite format 3\0", (), "an SQLite database"),
     (b"\x28\xb5\x2f\xfd", (".mcap", ".db3"), "a ROS 2 bag, compressed with zstd"),
 )
-"""First bytes of bags, the endings of which their names must have one, and what they are."""
+"""First bytes of bags, allowed endings of their names (none: any), and descriptions."""
 
 
 def _kind_by_magic(path: Path, head: bytes) -> FileKind | None:
     if head.startswith(LFS_POINTER):
         found = re.search(rb"(?m)^size (\d{1,18})$", head)
-        what = "a Git LFS pointer" + (f" to a file of {int(found[1])} bytes" if found else "")
-        return FileKind(POINTER, what, "git lfs pull fetches the file itself")
+        size = f" to a file of {int(found[1])} bytes" if found else ""
+        return FileKind(POINTER, f"a Git LFS pointer{size}", "git lfs pull fetches the file itself")
     suffixes = {suffix.lower() for suffix in path.suffixes}
-    for magic, endings, what in _MAGIC:
+    for magic, endings, description in _MAGIC:
         if head.startswith(magic) and (not endings or suffixes.intersection(endings)):
-            return FileKind(BAG, what, _BAG_USE, lambda: {"bytes": status_of(path).st_size})
+            return FileKind(BAG, description, _BAG_USE, lambda: {"bytes": status_of(path).st_size})
     return None
 
 
@@ -209,8 +209,8 @@ def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
     if head.startswith(b"\x93NUMPY"):
         from mapdeal.sensors.clouds import npy_figures
 
-        what = "an array of numpy (npy)"
-        return FileKind(CLOUD, what, f"of points, {_CLOUD_USE}", lambda: npy_figures(path))
+        description = "an array of numpy (npy)"
+        return FileKind(CLOUD, description, f"of points, {_CLOUD_USE}", lambda: npy_figures(path))
     return None
 
 
@@ -229,14 +229,14 @@ def _kind_of_npz(path: Path, head: bytes) -> FileKind | None:
             return FileKind(SCANS, "laser scans (npz)", _SCANS_USE, lambda: figures)
         if "points" in names or len(names) == 1:
             shape = reader.header("points" if "points" in names else next(iter(names))).shape
-            told = {"shape": " x ".join(map(str, shape))}
-            what = "an array of numpy (npz)"
-            return FileKind(CLOUD, what, f"of points, {_CLOUD_USE}", lambda: told)
+            text = " x ".join(map(str, shape))
+            description = "an array of numpy (npz)"
+            return FileKind(CLOUD, description, f"of points, {_CLOUD_USE}", lambda: {"shape": text})
     return None
 
 
 def _kind_of_image(path: Path, head: bytes) -> FileKind | None:
-    if head[:1].islower():  # as YAML does: no image, and the formats are slow to import
+    if head[:1].islower():  # YAML, not an image: avoids importing the formats, which is slow
         return None
     image = recognised_format(head)
     if image is None:
@@ -293,18 +293,18 @@ _DOCUMENTS = {
     "comparison": ("methods of mapping compared (JSON)", "", _REPORT_USE),
     "route graph": ("a route graph (GeoJSON)", "#features", _GRAPH_USE),
 }  # fmt: skip
-"""JSON that mapdeal writes: what it is, its figures, of lists (#) the length, and its use."""
+"""JSON of mapdeal: description, figures (# for the length of a list), and use."""
 
 
-def _figures_of(value: dict[str, Any], told: str) -> dict[str, Any]:
+def _figures_of(value: dict[str, Any], names: str) -> dict[str, Any]:
     figures: dict[str, Any] = {}
-    for word in told.split():
+    for word in names.split():
         name, _, key = word.lstrip("#").partition("=")
-        found = value.get(key or name)
+        value_of_key = value.get(key or name)
         if word[0] != "#":
-            figures[name] = found
-        elif isinstance(found, list):
-            figures[name] = len(found)
+            figures[name] = value_of_key
+        elif isinstance(value_of_key, list):
+            figures[name] = len(value_of_key)
     return figures
 
 
@@ -315,13 +315,13 @@ def _kind_of_json(path: Path, head: bytes) -> FileKind | None:
         return None
     if name == SHAPES:
         return _shapes("GeoJSON", _figures_of(value, "#shapes=features"))
-    what, told, use = _DOCUMENTS[name]
-    figures = _figures_of(value, told)
+    description, figure_names, use = _DOCUMENTS[name]
+    figures = _figures_of(value, figure_names)
     if name == "summary":
-        figures |= Counter(str(one["status"]) for one in value["maps"])
+        figures |= Counter(str(map_entry["status"]) for map_entry in value["maps"])
     if name == "comparison" and isinstance(value.get("methods"), dict):
         figures["methods"] = ", ".join(value["methods"])
-    return FileKind(name, what, use, lambda: figures)
+    return FileKind(name, description, use, lambda: figures)
 
 
 def _shapes(form: str, figures: dict[str, Any]) -> FileKind:
@@ -346,10 +346,10 @@ def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
         stages: list[str] = []
         with suppress(MalformedInputError):
             stages = [
-                one.text()
-                if isinstance(one.node, yaml.ScalarNode)
-                else next(iter(one.fields()), "")
-                for one in entries["stages"].items()
+                stage.text()
+                if isinstance(stage.node, yaml.ScalarNode)
+                else next(iter(stage.fields()), "")
+                for stage in entries["stages"].items()
             ]
         return FileKind(RECIPE, "a recipe", use, lambda: {"stages": ", ".join(stages)})
     if "shapes" in entries:
@@ -358,10 +358,10 @@ def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
     if "rosbag2_bagfile_information" in entries:
         return FileKind(BAG, "the description of a ROS 2 bag", _BAG_USE)
     names = {key.decode().rpartition("/")[2] for key in _KEY.findall(head)}
-    if names & _OF_COSTMAPS or len(names & _OF_ROBOTS) > 1 or b"costmap_2d::" in head:
-        what = "a file of ROS parameters"
+    if names & _COSTMAP_KEYS or len(names & _COMMON_KEYS) > 1 or b"costmap_2d::" in head:
+        description = "a file of ROS parameters"
         figures = {"nodes": ", ".join(entries)} if entries else {}
-        return FileKind(PARAMETERS, what, _PARAMETERS_USE, lambda: figures)
+        return FileKind(PARAMETERS, description, _PARAMETERS_USE, lambda: figures)
     return None
 
 
@@ -387,7 +387,7 @@ def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
             return None
 
     def figures() -> dict[str, Any]:
-        if status_of(path).st_size > _COUNTED:
+        if status_of(path).st_size > _MOST_COUNTED:
             return {"bytes": status_of(path).st_size}
         count, last = 0, b"\n"
         for chunk in chunks_of(path):
@@ -395,35 +395,35 @@ def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
         return {"lines": count + (last != b"\n")}
 
     if names or (2 <= width <= _MOST_OF_A_POINT and width not in (_PLANAR, _TUM)):
-        what = f"a point cloud (text with {width} numbers a line)"
-        return FileKind(NUMBERS, what, _CLOUD_USE, figures)
+        description = f"a point cloud (text with {width} numbers a line)"
+        return FileKind(NUMBERS, description, _CLOUD_USE, figures)
     if width == _TUM:
         return FileKind(POSES, "a file of poses (TUM)", _POSES_USE, figures)
-    what = f"a text with {width} number{'s' if width > 1 else ''} a line"
+    description = f"a text with {width} number{'s' if width > 1 else ''} a line"
     if width == _PLANAR:
         use = f"of points x y z, {_CLOUD_USE}; of poses x y yaw, {_POSES_USE}"
-        return FileKind(NUMBERS, what, use, figures)
+        return FileKind(NUMBERS, description, use, figures)
     use = "mapdeal build --poses P --angles A --ranges R takes scans in three texts"
-    return FileKind(NUMBERS, what, use, figures)
+    return FileKind(NUMBERS, description, use, figures)
 
 
-_LOOKS: tuple[Callable[[Path, bytes], FileKind | None], ...] = (
+_DETECTORS: tuple[Callable[[Path, bytes], FileKind | None], ...] = (
     _kind_by_magic, _kind_of_cloud, _kind_of_npz, _kind_of_image, _kind_of_log, _kind_of_json,
     _kind_of_numbers, _kind_of_yaml,
 )  # fmt: skip
-"""The first that knows a file counts; those that look at a few bytes come first."""
+"""Tried in this order, the fastest first; the first result counts."""
 
 
 STDIN, STDOUT = "standard input", "standard output"
 
 _ZIP = b"PK\3\4"
-_LOOKED_AT = 1 << 16
+_HEAD_OF_STREAM = 1 << 16
 _HINT = "a map comes by a pipe as an npz: mapdeal convert MAP -o - makes one of any map"
 
 
-def keep_npz(chunks: Iterable[bytes], folder: Path) -> Path:
-    """Write what comes in on standard input to a file, and return its name."""
-    # Readers seek, look at sizes and compare states, so they need a file.
+def save_npz(chunks: Iterable[bytes], folder: Path) -> Path:
+    """Write the npz from standard input to a file; return its path."""
+    # Readers need a file: they seek, and compare its size and state.
     path = folder / f"{STDIN}.npz"
     length = 0
     head = b""
@@ -431,9 +431,9 @@ def keep_npz(chunks: Iterable[bytes], folder: Path) -> Path:
         for chunk in chunks:
             length += len(chunk)
             file.write(chunk)
-            if len(head) < _LOOKED_AT:
-                head += chunk[:_LOOKED_AT]
-                if not head.startswith(_ZIP[: len(head)]) and len(head) >= _LOOKED_AT:
+            if len(head) < _HEAD_OF_STREAM:
+                head += chunk[:_HEAD_OF_STREAM]
+                if not head.startswith(_ZIP[: len(head)]) and len(head) >= _HEAD_OF_STREAM:
                     break
             if memory_limit()[0] is not None:
                 claim(STDIN, length)
@@ -447,6 +447,6 @@ def keep_npz(chunks: Iterable[bytes], folder: Path) -> Path:
         kind = None
         with suppress(MapdealError):
             kind = kind_of(path)
-        what = "is not an npz" if kind is None else f"is {kind.what}, not an npz"
-        raise MalformedInputError(what, source=STDIN, hint=_HINT)
+        rule = "is not an npz" if kind is None else f"is {kind.what}, not an npz"
+        raise MalformedInputError(rule, source=STDIN, hint=_HINT)
     return path

@@ -1,4 +1,4 @@
-"""Files that names, folders, patterns and lists stand for."""
+"""Expansion of names, folders, patterns and lists to files."""
 
 from __future__ import annotations
 
@@ -56,51 +56,52 @@ def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str])
     elif has_magic(name) and not exists(path):
         inside = files_matching(name)
     else:
-        status_of(path)  # which says why it is not there
+        status_of(path)  # raises if it is missing
         return [path]
-    files = [one for one in inside if one.suffix.lower() in suffixes]
+    files = [file for file in inside if file.suffix.lower() in suffixes]
     if not files:
         endings = ", ".join(suffixes)
         if exists(path):
             raise FileAccessError(f"the folder holds no file that ends in {endings}", source=name)
-        # a pattern is a word of the user's
+        # a pattern is an argument, not a file: exit code 2
         raise ParameterError(f"matches no file that ends in {endings}", source=name)
     return sorted_naturally(files)
 
 
 def files_matching(pattern: str) -> list[Path]:
-    """Return all but folders that a pattern stands for."""
-    # The files are those of ``glob.glob(pattern, recursive=True)``. But that follows each of the
-    # ways that links make to a folder, which can be 2 to the power of 40 with two links. Here each
-    # part of the pattern leads from some folders to others, and each folder is looked into once for
-    # each part, however many ways there are: the time is linear in the entries of all folders.
-    if pattern[-1] in (os.sep, os.altsep):  # folders alone
+    """Return the files that a pattern matches, without folders."""
+    # The files are those of ``glob.glob(pattern, recursive=True)``, which visits a folder once for
+    # each path to it: up to 2^40 times with two cyclic links. Here each part of the pattern maps a
+    # set of folders to another set, so the time is linear in the entries of all folders.
+    if pattern[-1] in (os.sep, os.altsep):  # matches only folders
         return []
     path = Path(pattern)
     *parts, last = path.parts[1:] if path.anchor else path.parts
     folders = [Path(path.anchor)]
     for part in parts:
         nearest: dict[tuple[int, int] | None, Path] = {}
-        for one in sorted(_one_part_on(folders, part), key=lambda one: len(one.parts)):
-            nearest.setdefault(identity_of(one), one)
+        matches = _folders_matching(folders, part)
+        for folder in sorted(matches, key=lambda folder: len(folder.parts)):
+            nearest.setdefault(identity_of(folder), folder)
         folders = list(nearest.values())
     if last == _ANY_FOLDERS:
-        return [one / name for one, files in folders_below(folders, _seen_in) for name in files]
+        tree = folders_below(folders, _readable)
+        return [folder / name for folder, files in tree for name in files]
     if has_magic(last):
-        return [one / name for one in folders for name in _matching(_seen_in(one)[1], last)]
-    named = (one / last for one in folders)
-    return [one for one in named if os.path.lexists(one) and not is_folder(one)]
+        return [at / name for at in folders for name in _matching(_readable(at)[1], last)]
+    files = (folder / last for folder in folders)
+    return [file for file in files if os.path.lexists(file) and not is_folder(file)]
 
 
-def _one_part_on(folders: Iterable[Path], part: str) -> Iterator[Path]:
+def _folders_matching(folders: Iterable[Path], part: str) -> Iterator[Path]:
     if part == _ANY_FOLDERS:
-        for one, _ in folders_below(folders, _seen_in):
-            yield one
+        for folder, _ in folders_below(folders, _readable):
+            yield folder
     elif has_magic(part):
-        for one in folders:
-            yield from (one / name for name in _matching(_seen_in(one)[0], part))
+        for folder in folders:
+            yield from (folder / name for name in _matching(_readable(folder)[0], part))
     else:
-        yield from (one / part for one in folders if is_folder(one / part))
+        yield from (folder / part for folder in folders if is_folder(folder / part))
 
 
 def _matching(names: Iterable[str], part: str) -> Iterator[str]:
@@ -109,7 +110,7 @@ def _matching(names: Iterable[str], part: str) -> Iterator[str]:
             yield name
 
 
-def _seen_in(folder: Path) -> Contents:
+def _readable(folder: Path) -> Contents:
     try:
         return contents_of(folder)
     except FileAccessError as error:
@@ -121,26 +122,26 @@ def folders_below(
     folders: Iterable[Path], look_into: Callable[[Path], Contents], *,
     leave_out: Callable[[Path], bool] = lambda _: False,
 ) -> Iterator[tuple[Path, list[str]]]:  # fmt: skip
-    seen: set[tuple[int, int] | None] = set()
-    waiting = [(len(one.parts), k, one) for k, one in enumerate(folders)]
+    visited: set[tuple[int, int] | None] = set()
+    waiting = [(len(folder.parts), k, folder) for k, folder in enumerate(folders)]
     heapq.heapify(waiting)
     count = len(waiting)
     while waiting:
         *_, folder = heapq.heappop(waiting)
         identity = identity_of(folder)
-        if identity in seen or leave_out(folder):
+        if identity in visited or leave_out(folder):
             continue
-        seen.add(identity)
-        below, files = look_into(folder)
+        visited.add(identity)
+        subfolders, files = look_into(folder)
         yield folder, [name for name in files if not name.startswith(".")]
-        for name in below:
+        for name in subfolders:
             if not name.startswith("."):
                 count += 1
                 heapq.heappush(waiting, (len(folder.parts) + 1, count, folder / name))
 
 
 def numbered_folders(folder: Path) -> list[Path]:
-    """Return the folders in a folder, if there is one, whose names are numbers, in order."""
+    """Return the subfolders whose names are numbers, in order; none if the folder is missing."""
     if not is_folder(folder):
         return []
     numbered = [name for name in contents_of(folder)[0] if name.isdecimal()]
@@ -148,18 +149,18 @@ def numbered_folders(folder: Path) -> list[Path]:
 
 
 def sorted_naturally(files: Iterable[Path]) -> list[Path]:
-    return sorted(files, key=lambda one: (natural_key(str(one.with_suffix(""))), one.suffix))
+    return sorted(files, key=lambda file: (natural_key(str(file.with_suffix(""))), file.suffix))
 
 
 def natural_key(text: str) -> tuple[list[str | int], str]:
-    """Return what to sort names by, so that their numbers are in order."""
-    parts = re.split(r"([0-9]+)", text)  # words and numbers take turns
+    """Return the sort key of a name, by which numbers within names are in order."""
+    parts = re.split(r"([0-9]+)", text)  # words and numbers alternate
     return [int(part) if k % 2 else part for k, part in enumerate(parts)], text
 
 
 _HEAD = 1 << 20
 _LARGEST_LIST = 1 << 26
-_PER_NAME = 400  # bytes that the name of a map takes in memory, and what is made of it
+_PER_NAME = 400  # bytes in memory for the name of a map and its entry in the listing
 
 
 @dataclass(frozen=True)
@@ -167,22 +168,22 @@ class ListedMap:
     path: Path
     name: str
     error: MapdealError | None = None
-    """Why a folder or pattern among several names has no map."""
+    """Reason why a folder or pattern, one of several names, has no map."""
 
     @property
     def place(self) -> Path:
-        """The folder for what is made of it, below that of all: the name without its ending."""
+        """Folder for the map's outputs, relative to that of all maps: its name without ending."""
         return Path(self.name).parent / self.path.stem
 
 
 @dataclass(frozen=True)
-class WholeFolders:
-    """Folders that count as one thing, listed as they are, rather than searched for maps."""
+class ListedFolders:
+    """Folders that are listed themselves instead of searched for maps, such as those of runs."""
 
-    # Other folders in one, and the files in those, are listed as everywhere. A folder that cannot
-    # be read, or holds nothing to be listed, is listed, too: whoever looks at it says so.
+    # Their subfolders are searched as usual. A folder that is unreadable or has no map is listed as
+    # well, so that the command can report it.
     mark: str
-    is_one: Callable[[Path], bool]
+    is_listed_itself: Callable[[Path], bool]
     summary: str
     parts: tuple[str, ...] = ()
 
@@ -194,23 +195,23 @@ class MapListing:
     left_out: tuple[Path, ...]
     repeated: tuple[Path, ...]
 
-    def say(self, terminal: Any, done: str) -> None:
-        """Say on a terminal what is left out, and what is `done` once though named more often."""
+    def print_notes(self, terminal: Any, participle: str) -> None:
+        """Print notes on files that were left out, and on maps named more than once."""
         no_maps = "YAML file{} without the key image {} left out"
-        often = f"map{{}} {{}} named more than once, and {{}} {done} once"
-        for paths, told in ((self.left_out, no_maps), (self.repeated, often)):
+        duplicates = f"map{{}} {{}} named more than once, and {{}} {participle} once"
+        for paths, template in ((self.left_out, no_maps), (self.repeated, duplicates)):
             if len(paths) == 1:
-                terminal.remark([f"note: 1 {told.format('', 'was', 'is')}: {paths[0]}"])
+                terminal.remark([f"note: 1 {template.format('', 'was', 'is')}: {paths[0]}"])
             elif paths:
-                many = told.format("s", "were", "are")
-                terminal.remark([f"note: {len(paths)} {many}, such as {paths[0]}; -v names all"])
+                text = template.format("s", "were", "are")
+                terminal.remark([f"note: {len(paths)} {text}, such as {paths[0]}; -v names all"])
                 for path in paths:
-                    terminal.detail(f"{many.rsplit(' ', 2)[0]}: {path}")
+                    terminal.detail(f"{text.rsplit(' ', 2)[0]}: {path}")
 
 
 @dataclass
-class _Found:
-    """Files that one name stands for; `root` is None if it is a map's own."""
+class _Expansion:
+    """Files of one argument; `root` is None if the argument is a map's own name."""
 
     root: Path | None
     files: list[Path]
@@ -220,115 +221,115 @@ class _Found:
 
 def list_maps(
     names: Iterable[str], output: Path | None, standard_input: Callable[[], Iterable[bytes]], *,
-    whole_folders: WholeFolders | None = None, lists_empty: bool = False,
+    exempt: ListedFolders | None = None, lists_empty: bool = False,
 ) -> MapListing:  # fmt: skip
-    """Return the maps of names: folders but for what lies in the output, patterns, and lists."""
-    # With `lists_empty`, a folder or pattern without a map among others is listed with its error.
+    """Return the maps of names, folders, patterns and lists; the output folder is not searched."""
+    # With `lists_empty`, one of several folders or patterns without a map is listed with its error.
     output = None if output is None else real_path(output)
-    found: list[_Found] = []
+    expansions: list[_Expansion] = []
     for name in names:
         is_list = name.startswith("@")
         lines = _lines_of(name[1:], standard_input) if is_list else [name]
         for line in lines:
             try:
-                found.append(_found_by(line, output, whole_folders, is_listed=is_list))
+                expansions.append(_expand(line, output, exempt, is_listed=is_list))
             except MapdealError as error:
                 if not lists_empty or not line:
                     raise
-                found.append(_Found(None, [Path(line)], [], error))
-    errors = [named.error for named in found if named.error is not None]
-    if errors and len(errors) == len(found):
+                expansions.append(_Expansion(None, [Path(line)], [], error))
+    errors = [expansion.error for expansion in expansions if expansion.error is not None]
+    if errors and len(errors) == len(expansions):
         raise errors[0]
-    root = _common_root(found)
+    root = _common_root(expansions)
     maps: dict[tuple[Path, str], ListedMap] = {}
     repeated: dict[tuple[Path, str], Path] = {}
-    for one in found:
-        for path in one.files:
+    for expansion in expansions:
+        for path in expansion.files:
             file = (yaml_at(path) if path.suffix.lower() == BIT_MAP else None) or path
             key = (real_path(file.parent), file.name)
             name = path.name or str(path)
-            if one.root is not None:
+            if expansion.root is not None:
                 name = normal_path(path).relative_to(root).as_posix()
             if key in maps:
                 repeated[key] = path
             else:
-                maps[key] = ListedMap(path, name, one.error)
-    left_out = {real_path(path): path for one in found for path in one.left_out}
-    is_set = any(one.root is not None for one in found)
+                maps[key] = ListedMap(path, name, expansion.error)
+    left_out = {real_path(path): path for expansion in expansions for path in expansion.left_out}
+    is_set = any(expansion.root is not None for expansion in expansions)
     return MapListing(
         tuple(maps.values()), is_set, tuple(left_out.values()), tuple(repeated.values())
     )
 
 
 def _lines_of(name: str, standard_input: Callable[[], Iterable[bytes]]) -> list[str]:
-    what = f"@{name}"
+    source = f"@{name}"
     try:
         if name == "-":
             data = joined(standard_input(), limit=_LARGEST_LIST, source="standard input")
         else:
             data = read_file(Path(name), limit=_LARGEST_LIST)
-        claim(what, 4 * len(data) + _PER_NAME * data.count(b"\n"))
+        claim(source, 4 * len(data) + _PER_NAME * data.count(b"\n"))
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         rule = "a list of maps must be UTF-8 text"
-        raise ParameterError(rule, source=what, place=f"line {line}") from None
+        raise ParameterError(rule, source=source, place=f"line {line}") from None
     stripped = map(str.strip, text.split("\n"))
     lines = [line for line in stripped if line and not line.startswith("#")]
     if not lines:
-        raise ParameterError("the list names no map", source=what)
+        raise ParameterError("the list names no map", source=source)
     if any("\0" in line for line in lines):
-        raise ParameterError("a list of maps must be UTF-8 text", source=what)
+        raise ParameterError("a list of maps must be UTF-8 text", source=source)
     return lines
 
 
-def _found_by(
-    name: str, output: Path | None, whole: WholeFolders | None, *, is_listed: bool
-) -> _Found:
+def _expand(
+    name: str, output: Path | None, exempt: ListedFolders | None, *, is_listed: bool
+) -> _Expansion:
     if not name:
         raise ParameterError("the name of a map must not be empty")
     path = Path(name)
-    if whole is not None and path.name in (whole.mark, whole.summary):
+    if exempt is not None and path.name in (exempt.mark, exempt.summary):
         path = path.parent
     if is_folder(path):
-        candidates, folders = _below_folder(path, output, whole)
-        maps = [one for one in candidates if _is_map(one)]
-        kind = None if maps or whole is not None else kind_of(path)
+        candidates, folders = _below_folder(path, output, exempt)
+        maps = [file for file in candidates if _is_map(file)]
+        kind = None if maps or exempt is not None else kind_of(path)
         if kind is not None:
             raise other_kind(path, kind, "a folder of maps")
-        if not maps and whole is None:
+        if not maps and exempt is None:
             rule = f"is a directory without a map: no .yaml with the key image{_outside_of(output)}"
             raise FileAccessError(rule, source=name)
         maps = [*maps, *folders] or [path]
         root = path
     elif has_magic(name) and not exists(path):
         matches = list_files([name], NAMED_MAPS)
-        candidates = [one for one in matches if not _lies_in(one.parent, output)]
+        candidates = [file for file in matches if not _lies_in(file.parent, output)]
         candidates = _without_images(candidates, keep_all=path.suffix.lower() == BIT_MAP)
-        maps = [one for one in candidates if one.suffix.lower() not in YAML or _is_map(one)]
+        maps = [file for file in candidates if file.suffix.lower() not in YAML or _is_map(file)]
         if not maps:
             rule = "matches no map: no .npz or .pbm, no .yaml with the key image"
             raise ParameterError(rule + _outside_of(output), source=name)
-        # the folder that the pattern names before its first sign
+        # the fixed folders before the first wildcard
         root = Path(*takewhile(lambda part: not has_magic(part), path.parts))
     else:
-        return _Found(path.parent if is_listed else None, [path], [])
+        return _Expansion(path.parent if is_listed else None, [path], [])
     known = set(maps)
-    return _Found(root, maps, [one for one in candidates if one not in known])
+    return _Expansion(root, maps, [file for file in candidates if file not in known])
 
 
 def _without_images(files: list[Path], *, keep_all: bool) -> list[Path]:
-    """Return the files without the bit maps that are the image of a YAML file's map."""
-    # Of a pair both match most patterns, and are one map. One that has no YAML file of its name
-    # beside it is another's image, unless it was asked for.
-    yamls = {one.with_suffix("") for one in files if one.suffix.lower() in YAML}
+    """Return the files without bit maps that are the image of a YAML file."""
+    # Most patterns match both files of a pair, which are one map. A bit map without a YAML file of
+    # its name is the image of another YAML file, unless the pattern names bit maps.
+    yamls = {file.with_suffix("") for file in files if file.suffix.lower() in YAML}
 
     def is_map(path: Path) -> bool:
         if path.suffix.lower() != BIT_MAP:
             return True
         return path.with_suffix("") not in yamls if yaml_at(path) else keep_all
 
-    return [one for one in files if is_map(one)]
+    return [file for file in files if is_map(file)]
 
 
 def _outside_of(output: Path | None) -> str:
@@ -344,49 +345,49 @@ def _lies_in(folder: Path, output: Path | None) -> bool:
 
 
 def _below_folder(
-    folder: Path, output: Path | None, whole: WholeFolders | None
+    folder: Path, output: Path | None, exempt: ListedFolders | None
 ) -> tuple[list[Path], list[Path]]:
-    """Return what may be maps in a folder and below, and the folders that are listed themselves."""
-    # Hidden ones and outputs are left aside.
+    """Return possible maps in a folder and below, and the folders that are listed themselves."""
+    # Hidden folders and the output folder are left out.
     listed: list[Path] = []
 
-    def look_into(one: Path) -> Contents:
+    def look_into(subfolder: Path) -> Contents:
         try:
-            folders, files = contents_of(one)
+            folders, files = contents_of(subfolder)
         except FileAccessError:
-            if whole is None:
+            if exempt is None:
                 raise
-            listed.append(one)
+            listed.append(subfolder)
             return [], []
-        if whole is not None and whole.mark in files and whole.is_one(one):
-            listed.append(one)
-            return [name for name in folders if name not in whole.parts], []
+        if exempt is not None and exempt.mark in files and exempt.is_listed_itself(subfolder):
+            listed.append(subfolder)
+            return [name for name in folders if name not in exempt.parts], []
         return folders, files
 
-    walk = folders_below([folder], look_into, leave_out=lambda one: _lies_in(one, output))
-    files = [one / name for one, names in walk for name in names]
-    # a link to nothing may have been a folder
-    yamls = (one for one in files if one.suffix.lower() in YAML or not (one.suffix or exists(one)))
-    return sorted_naturally(yamls), sorted(listed, key=lambda one: natural_key(str(one)))
+    walk = folders_below([folder], look_into, leave_out=lambda path: _lies_in(path, output))
+    files = [subfolder / name for subfolder, names in walk for name in names]
+    # a broken link may have been a folder
+    yamls = (f for f in files if f.suffix.lower() in YAML or not (f.suffix or exists(f)))
+    return sorted_naturally(yamls), sorted(listed, key=lambda path: natural_key(str(path)))
 
 
 def _is_map(path: Path) -> bool:
-    """Return whether a YAML file is a map's: it has the key image, broken though it may be."""
+    """Return whether a YAML file is that of a map, possibly a broken one: it has the key image."""
     try:
         return bool(IMAGE_KEY.search(head_of(path, _HEAD))) or "image" in read_mapping(path)
     except FileAccessError:
-        return True  # whoever reads it says why not
+        return True  # reading it as a map reports the error
     except MapdealError:
         return False
 
 
-def _common_root(found: Iterable[_Found]) -> Path:
-    sets = [one for one in found if one.root is not None]
-    # a pattern can lead upwards behind its fixed part, so the files count, too
-    folders = {one.root for one in sets} | {path.parent for one in sets for path in one.files}
+def _common_root(expansions: Iterable[_Expansion]) -> Path:
+    sets = [expansion for expansion in expansions if expansion.root is not None]
+    # a pattern can contain .. after its fixed part, so the folders of the files count as well
+    folders = {part.root for part in sets} | {path.parent for part in sets for path in part.files}
     if not folders:
         return Path()
     try:
         return Path(os.path.commonpath([normal_path(folder) for folder in folders if folder]))
-    except ValueError:  # Windows
+    except ValueError:  # only on Windows
         raise ParameterError("folders on several drives have no common root") from None

@@ -26,7 +26,7 @@ from mapdeal.errors import (
 )
 from mapdeal.files.json_values import json_of, read_json
 from mapdeal.files.source import MAPS, YAML, exists, holds, is_same_file, real_path, status_of
-from mapdeal.files.transaction import Begun, PutRows, RowsWriter, Transaction
+from mapdeal.files.transaction import OpenOutput, PutRows, RowsWriter, Transaction
 from mapdeal.files.yaml_text import yaml_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, FieldView, PotentialField
@@ -202,7 +202,7 @@ class _Pass:
         self._puts: list[tuple[Path, PutRows]] = []
         self.asked: Grid = grid.with_layer(made_by_rows(layer, layer.dtype, handed_on))
 
-    def write_all(self, files: Sequence[Begun]) -> None:
+    def write_all(self, files: Sequence[OpenOutput]) -> None:
         finishes = []
         for path, file, writer in sorted(files, key=lambda one: not isinstance(one[2], RowsWriter)):
             with _failing_at(path):

@@ -26,7 +26,7 @@ from typing import Any, NoReturn, TypeVar
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
 from mapdeal.files.source import exists
-from mapdeal.files.transaction import folder_for_sockets, signals_put_off
+from mapdeal.files.transaction import folder_for_sockets, signals_deferred
 from mapdeal.kernels.engine import VARIABLE
 from mapdeal.kernels.threads import Worker, use_threads
 from mapdeal.pipeline.batch import TOO_LARGE, Job, Outcome, Submit, Work, WorkerDiedError
@@ -117,7 +117,7 @@ def _start_told() -> Iterator[None]:
 
 def _sent(executor: ProcessPoolExecutor, function: Callable[..., _T], *given: Any) -> Future[_T]:
     """Send work to a pool, which may start a process for it, not to be lost by a Ctrl-C."""
-    with signals_put_off(), _terminal_blocked():
+    with signals_deferred(), _terminal_blocked():
         return executor.submit(function, *given)
 
 

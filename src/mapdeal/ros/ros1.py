@@ -28,7 +28,7 @@ import yaml
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import read_file
-from mapdeal.files.yaml_text import YamlLimits, compose_documents, one_line_of, written
+from mapdeal.files.yaml_text import YamlLimits, compose_documents, one_line_of, source_text
 from mapdeal.layers.area import CostmapArea
 from mapdeal.layers.catalogue import ROS1_PLUGINS
 from mapdeal.layers.layer import PluginEntry
@@ -320,7 +320,7 @@ class _Reader:
             self.fault("params.twice", "warning", f"{text}; the later one counts", line, parameter)
 
     def _set(self, path: _Path, node: yaml.Node) -> None:
-        value, text, line = _value_of(self.source, node), written(node), _line_of(node)
+        value, text, line = _value_of(self.source, node), source_text(node), _line_of(node)
         kind, reason = _kind_of(value), why_unsendable(value)
         if reason is not None:
             kind, (check, rule, hint) = _UNSENDABLE, reason

@@ -37,7 +37,7 @@ from mapdeal.files.yaml_text import (
     events_of,
     fault_in,
     refuse_image,
-    written,
+    source_text,
 )
 from mapdeal.ros.robot import ParameterFileError, ParameterValue
 
@@ -480,7 +480,7 @@ def line_of(event: yaml.Event) -> int:
 
 def _between(first: yaml.Event, last: yaml.Event) -> str:
     """Return what is written, on one line and cut where nobody reads on."""
-    return " ".join(written(first, last, _LONGEST_TEXT).split())
+    return " ".join(source_text(first, last, _LONGEST_TEXT).split())
 
 
 def _short(text: str) -> str:
