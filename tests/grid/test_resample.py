@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import oracles
 from mapdeal import Costmap, Frame, OccupancyGrid
-from mapdeal.grid.canvas import obstacles_in, resampled, wholly_in
+from mapdeal.grid.canvas import contained_in, obstacles_in, resampled
 from mapdeal.kernels.threads import use_threads
 
 
@@ -44,7 +44,7 @@ def test_cells_have_what_shares_area_with_them_or_what_is_at_their_centre(drawn,
     found, nearest = (resampled(grid, frame, rule=rule) for rule in ("area", "nearest"))
     assert found.frame == nearest.frame == frame
     has_obstacle = obstacles_in(frame, values > 0, source)
-    is_known = wholly_in(frame, values >= 0, source)
+    is_known = contained_in(frame, values >= 0, source)
     smallest = min(frame.resolution, source.resolution) ** 2
     others = [(int(values[cell]), corners(source, *cell)) for cell in np.ndindex(source.shape)]
     for cell in np.ndindex(frame.shape):
@@ -71,7 +71,7 @@ def test_cells_have_what_shares_area_with_them_or_what_is_at_their_centre(drawn,
 
 
 @pytest.mark.parametrize("far", [0.0, 3e5])
-@pytest.mark.parametrize("function", [obstacles_in, wholly_in])
+@pytest.mark.parametrize("function", [obstacles_in, contained_in])
 def test_cells_of_the_same_lattice_are_copied(function, far):
     mask = np.random.default_rng(1).random((9, 14)) < 0.3
     source = Frame(9, 14, 0.05, (far + 0.1, -2.0, 0.3))

@@ -25,7 +25,7 @@ from mapdeal.errors import (
 from mapdeal.files.source import exists, is_folder, sha256_of, status_of, sums_of_reads
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import PotentialField
-from mapdeal.grid.filters import FilterInfo, described_mask, mask_rows
+from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import robot_text
 from mapdeal.grid.values import UNKNOWN, count_text
@@ -250,7 +250,7 @@ def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report
         report |= {key: getattr(source.metadata, key) for key in _SHOWN_KEYS}
         info = FilterInfo.of(source.metadata.extra)
         if info is not None and isinstance(grid, OccupancyGrid):
-            report["filter"] = described_mask(info, grid)
+            report["filter"] = mask_description(info, grid)
     return report | _origin_of(path, grid, named)
 
 

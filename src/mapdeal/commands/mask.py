@@ -12,7 +12,7 @@ from mapdeal.command import Condition, Output, Result, Words, command
 from mapdeal.commands.mask_facts import PER_CELL, mask_facts
 from mapdeal.commands.reach import goals_of, start_of
 from mapdeal.errors import FindingError, ParameterError, emit_warning
-from mapdeal.grid.filters import KINDS, FilterInfo, FilterKind, SpeedUnit, described_mask
+from mapdeal.grid.filters import KINDS, FilterInfo, FilterKind, SpeedUnit, mask_description
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
@@ -58,7 +58,7 @@ class FilterMask:
             for one in self.zones
         ]
         named = {"file": self.path.name, "mode": self.mode, "zones": zones}
-        return described_mask(self.info, self.grid) | named
+        return mask_description(self.info, self.grid) | named
 
     def line(self) -> str:
         document = self.document()

@@ -52,7 +52,7 @@ from mapdeal.files.source import (
     status_of,
 )
 from mapdeal.files.transaction import Transaction
-from mapdeal.grid.filters import FilterInfo, described_mask, mask_rows
+from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import SHAPES, kind_of
@@ -389,7 +389,7 @@ class _Gathering:
         draft.figures |= {**columns_of({name: figures}), **draft.figures}
         info = _filter_of(path)
         if info is not None and isinstance(grid, OccupancyGrid):
-            rows = tuple(mask_rows(described_mask(info, grid)))
+            rows = tuple(mask_rows(mask_description(info, grid)))
             draft.tables.append(Table(f"{name}: zones", rows))
         draft.tables += [
             Table(f"{name}: figures", rows_of(figures)),

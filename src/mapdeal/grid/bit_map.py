@@ -38,7 +38,7 @@ class BitMap(Framed):
     Raises
     ------
     ParameterError
-        If the bytes do not fit the width, or the geometry is not finite.
+        If the bytes do not fit the width, or the geometry is infinite or nan.
 
     Notes
     -----
@@ -75,10 +75,10 @@ class BitMap(Framed):
         self._freeze(packed=packed)
 
     def _own_figures(self) -> Figures:
-        ones, cells = self.count(), self.shape[0] * self.shape[1]
-        return {"occupied": ones, "free": cells - ones, "unknown": 0, "between": 0}
+        occupied, cells = self.count(), self.shape[0] * self.shape[1]
+        return {"occupied": occupied, "free": cells - occupied, "unknown": 0, "between": 0}
 
-    def _told_of_values(self) -> Iterator[str]:
+    def _repr_values(self) -> Iterator[str]:
         yield f"{self.count()} ones"
 
     @property
@@ -94,8 +94,8 @@ class BitMap(Framed):
         if values.ndim != 2 or 0 in values.shape:
             rule = "a mask must be two-dimensional and not empty"
             raise ParameterError(rule, got=values.shape)
-        ones = values if values.dtype == np.bool_ else values > 0  # of bool numpy compares slowly
-        return cls(np.packbits(ones, axis=1), values.shape[1], resolution, origin)
+        is_set = values if values.dtype == np.bool_ else values > 0
+        return cls(np.packbits(is_set, axis=1), values.shape[1], resolution, origin)
 
     @classmethod
     def from_occupancy(
@@ -168,8 +168,9 @@ class BitMap(Framed):
 
     def count(self) -> int:
         """Return the number of ones."""
-        ones = np.unpackbits(np.arange(256, dtype=np.uint8)[:, np.newaxis], axis=1).sum(axis=1)
-        return int(histogram(self.packed) @ ones)
+        every_byte = np.arange(256, dtype=np.uint8)[:, np.newaxis]
+        bits_per_byte = np.unpackbits(every_byte, axis=1).sum(axis=1)
+        return int(histogram(self.packed) @ bits_per_byte)
 
     def with_packed(self, packed: NDArray[np.uint8]) -> Self:
         """Return a bit map with the same geometry and other bits."""
@@ -235,8 +236,8 @@ def draw(
         later, the larger or the smaller one, as in Nav2's vector object server. Any value
         replaces unknown, but unknown replaces other values only with ``seq``.
     strict : bool
-        Whether a shape that is not entirely inside the grid, or a polygon without area, is an
-        error; nothing is drawn then, as by ``setConvexPolygonCost`` of costmap_2d.
+        Whether to refuse shapes that reach beyond the grid, and polygons without area, as
+        ``setConvexPolygonCost`` of costmap_2d does; nothing is drawn then.
 
     Returns
     -------
@@ -246,15 +247,15 @@ def draw(
     Raises
     ------
     ParameterError
-        If a shape has no value, or one that is not on the grid's scale; MalformedInputError if
-        the shape was read from a file.
+        If a shape lacks a value, or its value is off the grid's scale; MalformedInputError if the
+        shape was read from a file.
     FindingError
-        If `strict` is set and a shape is not entirely inside the grid or has no area.
+        If `strict` is set and a shape reaches beyond the grid or has no area.
 
     Warns
     -----
     MapdealWarning
-        For each such shape if `strict` is not set: it is clipped to the grid, or drawn as a line.
+        For each such shape if `strict` is false: it is clipped to the grid, or drawn as a line.
 
     Examples
     --------
@@ -268,17 +269,17 @@ def draw(
            [  0,   0,   0,   0,   0]], dtype=int8)
     """
     check_choice(overlay, OverlayType, "overlay")
-    each = list(shapes) if isinstance(shapes, Iterable) else [shapes]
-    for one in each:
-        if not hasattr(one, "spans"):
+    shape_list = list(shapes) if isinstance(shapes, Iterable) else [shapes]
+    for shape in shape_list:
+        if not hasattr(shape, "spans"):
             rule = "must be Polygon, Line or Circle, or a sequence of them"
-            raise ParameterError(rule, place="shapes", got=one)
+            raise ParameterError(rule, place="shapes", got=shape)
     strokes = []
-    for shape, name in _named(each):
-        with _about(shape, name):  # cells are made when they are painted, but refused here
+    for shape, name in _numbered(shape_list):
+        with _located_errors(shape, name):  # cells follow lazily, but errors are raised here
             strokes.append((shape.spans(grid.frame), _value_of(grid, shape, value)))
-    for shape, name in _named(each):
-        for text, consequence in _findings(grid, shape):
+    for shape, name in _numbered(shape_list):
+        for text, consequence in _drawing_problems(grid, shape):
             if strict:
                 source = shape.source or None
                 raise FindingError(f"{text}; nothing was drawn", source=source, place=name)
@@ -288,7 +289,7 @@ def draw(
     return cast("G", painted)
 
 
-def _named(shapes: Sequence[Shape]) -> Iterator[tuple[Shape, str]]:
+def _numbered(shapes: Sequence[Shape]) -> Iterator[tuple[Shape, str]]:
     for index, shape in enumerate(shapes):
         alone = shape.source or len(shapes) == 1
         yield shape, shape.kind if alone else f"shape {index + 1}, {shape.kind}"
@@ -302,8 +303,8 @@ def _value_of(grid: ValueGrid | BitMap, shape: Shape, value: int | None) -> int:
 
 
 @contextmanager
-def _about(shape: Shape, name: str) -> Iterator[None]:
-    """Add the shape's name to errors; for a shape from a file, blame the file."""
+def _located_errors(shape: Shape, name: str) -> Iterator[None]:
+    """Add the shape's name to errors; errors of a shape from a file name the file."""
     try:
         yield
     except ParameterError as error:
@@ -313,13 +314,13 @@ def _about(shape: Shape, name: str) -> Iterator[None]:
         raise
 
 
-def _findings(grid: ValueGrid | BitMap, shape: Shape) -> Iterator[tuple[str, str]]:
-    """Return what of a shape cannot be drawn as it is meant, and what is drawn instead."""
+def _drawing_problems(grid: ValueGrid | BitMap, shape: Shape) -> Iterator[tuple[str, str]]:
+    """Yield each problem of drawing a shape, and its consequence."""
     if not shape.has_extent():
         yield "has no area, its corners lie on a line", "only the line is drawn"
     if part := shape.outside_part(grid.frame):
-        some = any(spans.rows.size for spans in shape.spans(grid.frame))
-        drawn = "the shape is clipped" if some else "nothing of the shape is drawn"
+        is_visible = any(spans.rows.size for spans in shape.spans(grid.frame))
+        drawn = "the shape is clipped" if is_visible else "nothing of the shape is drawn"
         yield f"{part} lies outside of the map", drawn
 
 
@@ -341,9 +342,9 @@ def reset_region(
     size_xy, corner_xy, center_xy : tuple of float
         Region, as in `window`.
     value : int, optional
-        Value on the grid's scale; unknown if not given. A bit map, which has none, needs it.
+        Value on the grid's scale; unknown by default. Required for a bit map.
     strict : bool
-        Whether a region that extends beyond the grid is an error; nothing is changed then.
+        Whether to refuse a region that extends beyond the grid; nothing is changed then.
 
     Raises
     ------

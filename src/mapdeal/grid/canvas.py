@@ -22,7 +22,7 @@ from mapdeal.kernels.lookup import TOUCHING, Lattice, largest_under, nearest_und
 from mapdeal.kernels.threads import for_rows
 
 ResamplingRule = Literal["area", "nearest"]
-"""How cells get their values: the largest that they overlap, or the one at their centre."""
+"""Value of a resampled cell: the largest under its area, or the one at its centre."""
 
 Mask = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
@@ -41,10 +41,10 @@ def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
         np.copyto(values.view(np.uint8), found, where=inside)
         del found, inside
         if rule == "area":
-            # of both scales unknown, -1 or 255, becomes 0 as free is: 1 is added to all others
-            above = cells + np.uint8(1)
-            above[above == 1] = 0
-            largest = largest_under(above, frame.shape, lattice)
+            # adding 1 wraps unknown, -1 or 255, to 0, so it never is the largest
+            shifted = cells + np.uint8(1)
+            shifted[shifted == 1] = 0
+            largest = largest_under(shifted, frame.shape, lattice)
             np.subtract(largest, 1, out=values.view(np.uint8), where=largest > 0)
     layers: dict[str, Any] = {grid.layer_names[0]: values}
     return replaced(grid, resolution=frame.resolution, origin=frame.origin, **layers)
@@ -55,7 +55,7 @@ def check_rule(rule: str) -> None:
 
 
 def check_values(grid: object) -> None:
-    """Refuse a grid that is neither a map nor a costmap."""
+    """Refuse all grids but maps and costmaps."""
     if not isinstance(grid, ValueGrid):
         rule, hint = "must be a map or a costmap", "edit the map, then run esdf or potential on it"
         raise ParameterError(rule, place="grid", got=type(grid).__name__, hint=hint)
@@ -70,14 +70,14 @@ def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
     return largest_under(values, frame.shape, lattice).view(np.bool_)
 
 
-def wholly_in(frame: Frame, cells: Mask, source: Frame) -> Mask:
+def contained_in(frame: Frame, cells: Mask, source: Frame) -> Mask:
     if region_on_lattice(source, frame) is not None:
         return obstacles_in(frame, cells, source)
     return _inside(frame, source) & ~obstacles_in(frame, ~cells, source)
 
 
 def sampled(frame: Frame, values: NDArray[np.int8], source: Frame) -> tuple[NDArray[np.int8], Mask]:
-    """Return the values of a grid at the centres of another frame's cells, and where it has any."""
+    """Return the values of a grid at the centres of a frame's cells, and which are inside it."""
     part = _under(frame, values.view(np.uint8), source)
     if part is None:
         return np.zeros(frame.shape, np.int8), np.zeros(frame.shape, np.bool_)
@@ -87,7 +87,7 @@ def sampled(frame: Frame, values: NDArray[np.int8], source: Frame) -> tuple[NDAr
 
 
 def region_on_lattice(lattice: Frame, frame: Frame) -> Region | None:
-    """Return a frame's cells as cells of a lattice, or None if their borders are not the same."""
+    """Return a frame's cells as a region of a lattice; None if their borders differ."""
     if frame.resolution != lattice.resolution or is_turned(lattice, frame.origin[2]):
         return None
     corner = lattice.continuous_rowcol_from_xy([frame.origin[:2]])[0]
@@ -99,14 +99,14 @@ def region_on_lattice(lattice: Frame, frame: Frame) -> Region | None:
 
 
 def is_turned(frame: Frame, yaw: float = 0.0) -> bool:
-    """Return whether a grid's axes differ from a yaw by so much that its cells show it."""
+    """Return whether a grid's axes differ from a yaw by enough to displace cells."""
     turn = math.remainder(frame.origin[2] - yaw, 2 * math.pi)
     return abs(turn) * max(frame.shape) > TOUCHING
 
 
-def frames_overlap(one: Frame, other: Frame) -> bool:
-    """Return whether two grids share an area: no line along a side of one parts them."""
-    for frame, source in ((one, other), (other, one)):
+def frames_overlap(first: Frame, second: Frame) -> bool:
+    """Return whether two grids overlap, by the separating axis theorem."""
+    for frame, source in ((first, second), (second, first)):
         places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(_corners(frame)))
         beyond = places.min(axis=0) >= np.subtract(source.shape, TOUCHING)
         if (places.max(axis=0) <= TOUCHING).any() or beyond.any():
@@ -115,7 +115,7 @@ def frames_overlap(one: Frame, other: Frame) -> bool:
 
 
 def rows_and_cols_under(frame: Frame, source: Frame) -> tuple[slice, slice]:
-    """Return rows and columns of a grid, outside of which none of its cells overlaps a frame."""
+    """Return the rows and columns of a grid that contain all its cells under a frame."""
     places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(_corners(frame)))
     first = np.clip(np.floor(places.min(axis=0)) - 1, 0, source.shape).astype(int)
     last = np.clip(np.ceil(places.max(axis=0)) + 1, 0, source.shape).astype(int)
@@ -125,15 +125,15 @@ def rows_and_cols_under(frame: Frame, source: Frame) -> tuple[slice, slice]:
 def _under(
     frame: Frame, values: NDArray[Any], source: Frame
 ) -> tuple[Bytes, Lattice] | None:  # fmt: skip
-    """Return the cells under a frame, turned by quarter turns toward its axes; None if none."""
+    """Return the cells under a frame, if any, turned by quarter turns towards its axes."""
     rows, cols = rows_and_cols_under(frame, source)
     if rows.start >= rows.stop or cols.start >= cols.stop:
         return None
-    some = np.asarray(values[rows])[:, cols].view(np.uint8)
-    part = source.window(rows.start, cols.start, *some.shape)
+    cells = np.asarray(values[rows])[:, cols].view(np.uint8)
+    part = source.window(rows.start, cols.start, *cells.shape)
     turn = math.remainder(frame.origin[2] - part.origin[2], 2 * math.pi)
     quarters = round(turn / (math.pi / 2))
-    part, some = _quartered(part, quarters), np.rot90(some, quarters)
+    part, cells = _quartered(part, quarters), np.rot90(cells, quarters)
     turn = math.remainder(frame.origin[2] - part.origin[2], 2 * math.pi)
     side = frame.resolution / part.resolution
     if abs(turn) * max(*part.shape, *(side * count for count in frame.shape)) <= TOUCHING:
@@ -141,11 +141,11 @@ def _under(
     corner = [frame.origin[:2]]
     row, col = part.continuous_rowcol_from_xy(corner)[0].tolist()
     slack = float(part.tolerance_at(corner)[0, 0])
-    return some, Lattice(row, col, side, turn, slack)
+    return cells, Lattice(row, col, side, turn, slack)
 
 
 def _quartered(frame: Frame, quarters: int) -> Frame:
-    """Return the frame of the same cells after ``np.rot90`` of them, by so many quarter turns."""
+    """Return the frame of the same cells after ``np.rot90`` by `quarters` quarter turns."""
     height, width = frame.shape
     corners = [(0, 0), (0, width), (height, width), (height, 0)]
     if quarters % 4 == 0:
@@ -157,33 +157,33 @@ def _quartered(frame: Frame, quarters: int) -> Frame:
 
 
 def _inside(frame: Frame, source: Frame) -> Mask:
-    """Return which cells of a frame reach nowhere beyond a grid: those whose corners do not."""
-    found = np.zeros(frame.shape, dtype=np.bool_)
+    """Return which cells of a frame lie in a grid with all corners."""
+    result = np.zeros(frame.shape, dtype=np.bool_)
 
-    def look(part: slice) -> None:
+    def test_rows(part: slice) -> None:
         rows, cols = np.arange(part.start, part.stop + 1), np.arange(frame.width + 1)
         corners = np.stack(np.meshgrid(rows, cols, indexing="ij"), axis=-1).reshape(-1, 2)
         places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
-        within = ((places >= -TOUCHING) & (places <= np.add(source.shape, TOUCHING))).all(axis=1)
-        held = within.reshape(len(rows), -1)
-        found[part] = held[:-1, :-1] & held[1:, :-1] & held[:-1, 1:] & held[1:, 1:]
+        is_inside = ((places >= -TOUCHING) & (places <= np.add(source.shape, TOUCHING))).all(axis=1)
+        corner = is_inside.reshape(len(rows), -1)
+        result[part] = corner[:-1, :-1] & corner[1:, :-1] & corner[:-1, 1:] & corner[1:, 1:]
 
-    for_rows(look, frame.shape)
-    return found
+    for_rows(test_rows, frame.shape)
+    return result
 
 
 def _corners(frame: Frame) -> list[list[int]]:
     return [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
 
 
-_LOOKED_AT_TOGETHER = 1 << 20
+_CELLS_AT_ONCE = 1 << 20
 
 
 class FieldGrid(Framed):
-    """A grid of computed numbers, which may be limited to one box of cells."""
+    """A grid of computed numbers, which may be confined to one box of cells."""
 
-    # Outside the box the numbers are nan and the map is unknown: the field was computed for the box
-    # and then extended. Further products are computed for the box and extended likewise.
+    # The field was computed for the box and then extended: outside the box the numbers are nan and
+    # the map is unknown. Derived layers are computed and extended in the same way.
 
     occupancy: NDArray[np.int8]
     region: Region | None  # the box; None if it is all of the grid
@@ -228,12 +228,12 @@ class FieldGrid(Framed):
         return part
 
     def with_layer(self, layer: Layer) -> Self:
-        other = super().with_layer(layer)
-        other.__dict__.pop("cropped", None)
-        return other
+        copy = super().with_layer(layer)
+        copy.__dict__.pop("cropped", None)
+        return copy
 
     def _find_region(self) -> None:
-        """Set the region to what the layers say; of lazy ones it must be known."""
+        """Detect the region from the layers; for lazy layers it must be known."""
         if not is_lazy(self.layer):
             region = _box_of_numbers(self.layer, self.occupancy, self.layer_names[0])
             object.__setattr__(self, "region", region)
@@ -243,22 +243,20 @@ G = TypeVar("G", bound=ValueGrid | FieldGrid | Reach)
 
 
 class layer_of_box(cached_property[NDArray[np.float64]]):  # noqa: N801 - a decorator
-    """A read-only array of a field, shape (..., H, W), that is made once, of its box alone."""
-
-    # Around the box it is nan.
+    """A cached, read-only layer of a field, shape (..., H, W), computed for its box only."""
 
     def __init__(self, function: Callable[[Any], Any]) -> None:
-        def made(field: FieldGrid) -> Any:
+        def compute(field: FieldGrid) -> Any:
             if field.region is not None:
                 inner = getattr(field.cropped, function.__name__)
-                return None if inner is None else put_around(inner, field.shape, field.region)
+                return None if inner is None else embedded(inner, field.shape, field.region)
             layer = function(field)
             if layer is not None:
                 layer.flags.writeable = False
             return layer
 
-        made.__doc__ = function.__doc__
-        super().__init__(made)
+        compute.__doc__ = function.__doc__
+        super().__init__(compute)
 
 
 def on_canvas(grid: G, frame: Frame, *, fill: int | None = None) -> G:
@@ -266,10 +264,10 @@ def on_canvas(grid: G, frame: Frame, *, fill: int | None = None) -> G:
         return grid
     place = region_on_lattice(frame, grid.frame)
     if place is None:
-        raise ParameterError("the two grids do not have their cells in common", place="canvas")
+        raise ParameterError("the cells of the two grids are not aligned", place="canvas")
     rows, cols = place.shared_with(frame.shape)
     if (rows.stop - rows.start, cols.stop - cols.start) != grid.shape:
-        raise ParameterError("does not hold all of the grid", place="canvas")
+        raise ParameterError("does not contain the whole grid", place="canvas")
     values = grid.outside_values
     if fill is not None:
         values = {**values, grid.layer_names[0]: fill}
@@ -281,10 +279,10 @@ def on_canvas(grid: G, frame: Frame, *, fill: int | None = None) -> G:
         return replaced(grid, origin=frame.origin, **layers)
     inner = grid.region or Region(0, 0, *grid.shape)
     region = inner._replace(row=place.row + inner.row, col=place.col + inner.col)
-    whole = replaced(grid, origin=frame.origin, region=region, **layers)
-    if whole.region is not None:
-        object.__setattr__(whole, "cropped", grid.cropped)  # it is there already
-    return whole
+    extended = replaced(grid, origin=frame.origin, region=region, **layers)
+    if extended.region is not None:
+        object.__setattr__(extended, "cropped", grid.cropped)
+    return extended
 
 
 def cut_out(layer: Layer, region: Region) -> Layer:
@@ -296,21 +294,21 @@ def cut_out(layer: Layer, region: Region) -> Layer:
     return made_by_rows(layer, layer.dtype, cut, shape=(region.height, region.width))
 
 
-def put_around(
+def embedded(
     values: NDArray[Any], shape: tuple[int, int], region: Region, fill: float = np.nan
 ) -> NDArray[Any]:
-    """Return an array of shape (..., H, W) in a larger one, read-only, the rest of it filled."""
-    whole = np.full((*values.shape[:-2], *shape), fill, dtype=values.dtype)
+    """Return a read-only array of `shape` with `values` in a region and `fill` around it."""
+    extended = np.full((*values.shape[:-2], *shape), fill, dtype=values.dtype)
     rows, cols = region.shared_with(shape)
-    whole[..., rows, cols] = values
-    whole.flags.writeable = False
-    return whole
+    extended[..., rows, cols] = values
+    extended.flags.writeable = False
+    return extended
 
 
 def replaced(grid: G, **changes: Any) -> G:
     grid_of_any_type: Any = grid
-    made: G = replace(grid_of_any_type, **changes)
-    return made
+    changed: G = replace(grid_of_any_type, **changes)
+    return changed
 
 
 def padded(layer: Layer, shape: tuple[int, int], place: Region, fill: float) -> Layer:
@@ -330,11 +328,11 @@ def padded(layer: Layer, shape: tuple[int, int], place: Region, fill: float) -> 
 
 
 def _box_of_numbers(layer: NDArray[Any], occupancy: NDArray[np.int8], name: str) -> Region | None:
-    if not np.isnan(layer.min()):  # min hands nan on
+    if not np.isnan(layer.min()):  # the minimum of values with a nan is nan
         return None
     has_number = (np.zeros(layer.shape[0], dtype=bool), np.zeros(layer.shape[1], dtype=bool))
     count = known = 0
-    step = max(1, _LOOKED_AT_TOGETHER // layer.shape[1])
+    step = max(1, _CELLS_AT_ONCE // layer.shape[1])
     for first in range(0, layer.shape[0], step):
         band = slice(first, first + step)
         numbers = ~np.isnan(layer[band])

@@ -32,7 +32,7 @@ from mapdeal.kernels.distance import squares_between_cells
 from mapdeal.kernels.lookup import look_up
 
 UNIFORM_SHARE = 0.98
-"""Share of the open cells above which one cost for them means that the costs say nothing."""
+"""Share of the open cells with one cost above which a costmap counts as uniform."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,16 +86,16 @@ class Costmap(ValueGrid):
             figures["circumscribed_cost"] = self.circumscribed_cost
         return figures
 
-    def _told_of_parameters(self) -> Iterator[str]:
+    def _repr_parameters(self) -> Iterator[str]:
         yield f"scale {self.scale}"
         if self.circumscribed_cost is not None:
             yield f"circumscribed_cost {self.circumscribed_cost}"
 
-    def _told_of_values(self) -> Iterator[str]:
+    def _repr_values(self) -> Iterator[str]:
         figures = self._own_figures()
         names = ("lethal", "inscribed", "graded", "free", "unknown")
-        shown = {"graded": "intermediate"}
-        yield from (f"{figures[name]} {shown.get(name, name)}" for name in names if name in figures)
+        label = {"graded": "intermediate"}
+        yield from (f"{figures[name]} {label.get(name, name)}" for name in names if name in figures)
 
     def entries(self) -> dict[str, Any]:
         entries: dict[str, Any] = {"cost": self.cost, "cost_scale": self.scale}
@@ -131,7 +131,7 @@ class Costmap(ValueGrid):
 
     @classmethod
     def from_occupancy(cls, grid: OccupancyGrid) -> Costmap:
-        """Create the costmap that Nav2's ``Costmap2D(OccupancyGrid)`` makes of a map.
+        """Create a costmap from a map as Nav2's ``Costmap2D(OccupancyGrid)`` does.
 
         A value v becomes round(2.54 v), and -1 becomes 255. So Nav2 reads costmap filter masks.
 
@@ -154,7 +154,7 @@ class Costmap(ValueGrid):
         track_unknown: bool = True,
         inscribed_value: int | None = 99,
     ) -> Costmap:
-        """Create the costmap that costmap_2d's static layer makes of a map.
+        """Create a costmap from a map as costmap_2d's static layer does.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class Costmap(ValueGrid):
             ``track_unknown_space``: whether unknown cells become 255 instead of 0.
         inscribed_value : int, optional
             ``inscribed_obstacle_cost_value`` of Nav2 lyrical and newer: value that becomes 253;
-            None for older releases and ROS 1, which have no such rule.
+            None for older releases and ROS 1, which lack this rule.
 
         Raises
         ------
@@ -208,16 +208,16 @@ def figures_of_costs(counts: NDArray[np.int64], scale: CostScale) -> Figures:
 
 
 def _most_common(counts: NDArray[np.int64], scale: CostScale) -> Figures | None:
-    """Return the cost that most open cells have, and which share of them; None without any."""
-    # Open are cells that are neither lethal, inscribed nor unknown. On scale ``occupancy`` 99 is
-    # what ROS publishes for inscribed, but to some models just the highest cost: where it is nearly
-    # everywhere, 99 is the answer, with its share of all cells but obstacles.
+    """Return the most common cost of the open cells, if there are any, and its share."""
+    # Open cells are free or graded. On scale ``occupancy`` ROS publishes 99 for inscribed, but for
+    # some models 99 is the highest graded cost. If nearly all cells but obstacles have it, it is
+    # returned.
     closed_from = INSCRIBED_INFLATED_OBSTACLE
     if scale == "occupancy":
         closed_from = INSCRIBED_PUBLISHED
-        besides, highest = int(counts[:OCCUPIED].sum()), int(counts[closed_from])
-        if highest > UNIFORM_SHARE * besides:
-            return {"cost": closed_from, "share": highest / besides}
+        not_lethal, highest = int(counts[:OCCUPIED].sum()), int(counts[closed_from])
+        if highest > UNIFORM_SHARE * not_lethal:
+            return {"cost": closed_from, "share": highest / not_lethal}
     open_ = counts[:closed_from]
     if not open_.any():
         return None
@@ -225,13 +225,13 @@ def _most_common(counts: NDArray[np.int64], scale: CostScale) -> Figures | None:
 
 
 Metric = Literal["euclidean", "chebyshev"]
-"""How distances between cells are measured: along the line, or along the longer axis alone."""
+"""Distance between cells: straight, or along the longer axis."""
 
 Formula = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Returns costs, not truncated, of distances in metres."""
+"""Function from distances in metres to costs before truncation."""
 
-FARTHEST_CELLS = 2048  # cells up to which a curve has every distance that occurs
-MOST_LISTED = 1000  # distances up to which a document lists every one
+FARTHEST_CELLS = 2048  # up to here, in cells, a curve has every distance between cells
+MOST_LISTED = 1000  # most distances of which a document lists every one
 _MOST_FAR = 1001
 
 
@@ -268,8 +268,8 @@ class CostCurve(Drawn):
 
     Notes
     -----
-    No other distances occur in a costmap. Lookups by rounded distances and truncation to whole
-    costs are included in `cost`, but not in `formula`.
+    These are all distances in a costmap. `cost` includes lookups by rounded distances and the
+    truncation to whole costs; `formula` does not.
     """
 
     resolution: float
@@ -327,7 +327,7 @@ class CostCurve(Drawn):
     def listed(self) -> NDArray[np.intp]:
         """Return the indices into `cells` that `document` lists.
 
-        Of more than `MOST_LISTED`, only the first and the last distance of each cost.
+        If there are more than `MOST_LISTED`, only the first and last distance of each cost.
         """
         if len(self.cells) <= MOST_LISTED:
             return np.arange(len(self.cells))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError, as_known
-from mapdeal.grid.canvas import FieldGrid, layer_of_box, padded, put_around
+from mapdeal.grid.canvas import FieldGrid, embedded, layer_of_box, padded
 from mapdeal.grid.frame import Figures, Origin, Point, Region, as_layer, check_point
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import (
@@ -27,7 +27,7 @@ from mapdeal.kernels.blocks import mapped, swept
 from mapdeal.kernels.lookup import interpolate
 from mapdeal.kernels.threads import in_parallel
 
-_POINTS_TOGETHER = 1 << 13  # whose arrays stay in the cache on their way through the steps
+_POINTS_AT_ONCE = 1 << 13  # their arrays stay in the processor's cache
 
 
 class FieldSamples(NamedTuple):
@@ -70,7 +70,7 @@ class DistanceField(FieldGrid):
     ----------
     distance : array_like of float32, shape (H, W)
         Signed distances, metres: positive in free space, negative or 0 inside obstacles, +inf
-        everywhere if the map has no obstacle, -inf if it has nothing else. They may be nan in
+        everywhere if the map has no obstacle, -inf if all cells are obstacles. They may be nan in
         unknown cells outside one box of cells, if the field was computed for the box only.
     occupancy : array_like of int8, shape (H, W)
         Map that the distances belong to.
@@ -141,14 +141,14 @@ class DistanceField(FieldGrid):
             "highest_distance": highest if finite else None,
         }
 
-    def _told_of_parameters(self) -> Iterator[str]:
+    def _repr_parameters(self) -> Iterator[str]:
         yield f"convention {self.convention}"
         if self.strength != 1.0:
             yield f"strength {self.strength:g}"
         if self.max_distance is not None:
             yield f"max_distance {self.max_distance:g} m"
 
-    def _told_of_values(self) -> Iterator[str]:
+    def _repr_values(self) -> Iterator[str]:
         figures = self.figures()
         lowest, highest = figures["lowest_distance"], figures["highest_distance"]
         if lowest is None:
@@ -171,7 +171,7 @@ class DistanceField(FieldGrid):
 
     def obstacles(self) -> NDArray[np.bool_]:
         """Return the mask of cells that the field counts as obstacles."""
-        if self.region is not None and self.unknown == "occupied":  # around the box none are
+        if self.region is not None and self.unknown == "occupied":  # around the box is no obstacle
             inner, (height, width) = self.cropped.obstacles(), self.shape
             return padded(inner, (height, width), self.region, fill=False)
         return obstacles_in(self.occupancy, self.lethal_threshold, self.unknown)
@@ -223,12 +223,12 @@ class DistanceField(FieldGrid):
         distance, gradient = np.empty(count), np.empty((count, 2))
         inside = np.empty(count, dtype=np.bool_)
 
-        def ask(first: int, end: int) -> None:
-            for start in range(first * _POINTS_TOGETHER, end * _POINTS_TOGETHER, _POINTS_TOGETHER):
-                some = slice(start, start + _POINTS_TOGETHER)
-                distance[some], gradient[some], inside[some] = self._query(points[some])
+        def sample(first: int, end: int) -> None:
+            for start in range(first * _POINTS_AT_ONCE, end * _POINTS_AT_ONCE, _POINTS_AT_ONCE):
+                part = slice(start, start + _POINTS_AT_ONCE)
+                distance[part], gradient[part], inside[part] = self._query(points[part])
 
-        in_parallel(ask, -(-count // _POINTS_TOGETHER))
+        in_parallel(sample, -(-count // _POINTS_AT_ONCE))
         return FieldSamples(distance, gradient, inside)
 
     def _query(
@@ -264,13 +264,13 @@ def obstacles_in(
 
 View = Literal["metric", "per-map"]
 
-ESDF_VIEW = "esdf_view"  # what files call the layer
+ESDF_VIEW = "esdf_view"  # name of the layer in files
 
 
-def whole_parts(products: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return products without fractions; 28.999999999999996, 0.58 * 50, is 29 as on paper."""
-    whole: NDArray[np.float64] = np.trunc(np.round(products, 9))
-    return whole
+def truncated(products: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return products truncated after rounding errors are removed: 0.58 * 50 gives 29, not 28."""
+    values: NDArray[np.float64] = np.trunc(np.round(products, 9))
+    return values
 
 
 @dataclass(frozen=True)
@@ -318,12 +318,12 @@ class ViewScale:
     def values_of(self, metres: NDArray[np.float64], resolution: float) -> NDArray[np.float64]:
         """Return the view values of distances times the field's strength, metres, possibly +inf."""
         if self.view == "metric":
-            return whole_parts(100 * (1 - np.minimum(metres, self.view_range) / self.view_range))
-        # no obstacle cell is less than a cell deep, though a clip may hide that
+            return truncated(100 * (1 - np.minimum(metres, self.view_range) / self.view_range))
+        # every obstacle cell is at least a cell deep, although a clipped field may show less
         span = self.farthest + max(self.deepest - resolution, 0.0)
         if span == 0:
             return np.zeros_like(metres)
-        return whole_parts(100 * (self.farthest - np.minimum(metres, self.farthest)) / span)
+        return truncated(100 * (self.farthest - np.minimum(metres, self.farthest)) / span)
 
     def value_at(self, distance: float, resolution: float) -> int:
         """Return the view value of one distance."""
@@ -373,7 +373,7 @@ class FieldView(OccupancyGrid):
     def entries(self) -> dict[str, Any]:
         return {**super().entries(), "layer": ESDF_VIEW, **self.scale.entries()}
 
-    def _told_of_parameters(self) -> Iterator[str]:
+    def _repr_parameters(self) -> Iterator[str]:
         yield f"view {self.scale.described()}"
 
     def _own_figures(self) -> Figures:
@@ -383,7 +383,7 @@ class FieldView(OccupancyGrid):
 _TOP_OF_NORMALISED = 10.0
 
 LARGEST_GAIN = 1e9
-LARGEST_REPULSION = 1e15  # beyond what any map has; within, no layer overflows
+LARGEST_REPULSION = 1e15  # more than any map has; up to here no layer overflows
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -430,7 +430,7 @@ class PotentialField(FieldGrid):
 
     def __post_init__(self) -> None:
         repulsive = as_layer(self.repulsive, np.float64, "repulsive")
-        if repulsive.size and (  # nan has a rule of its own
+        if repulsive.size and (  # `_find_region` checks nan
             np.fmin.reduce(repulsive, axis=None) < 0
             or np.fmax.reduce(repulsive, axis=None) > LARGEST_REPULSION
         ):
@@ -458,11 +458,11 @@ class PotentialField(FieldGrid):
             "steepest_gradient": float(self.gradient_magnitude.max()),
         }
 
-    def _told_of_parameters(self) -> Iterator[str]:
+    def _repr_parameters(self) -> Iterator[str]:
         yield "no goal" if self.goal is None else f"goal {numbers_text(self.goal)}"
 
-    def _told_of_values(self) -> Iterator[str]:
-        # Of its own layer alone: the others are arrays that are made when they are asked for.
+    def _repr_values(self) -> Iterator[str]:
+        # Only from the stored layer: all others would have to be computed.
         yield f"repulsion up to {np.fmax.reduce(self.repulsive, axis=None):.6g} per metre"
         yield count_text(int(np.count_nonzero(self.obstacles())), "obstacle cell")
 
@@ -488,7 +488,7 @@ class PotentialField(FieldGrid):
 
     @layer_of_box
     def attractive(self) -> NDArray[np.float64] | None:
-        """Distance from each cell centre to the goal, metres, shape (H, W); None without a goal."""
+        """Distance from each cell centre to the goal, metres, shape (H, W), if there is a goal."""
         if self.goal is None:
             return None
         row, col = self.frame.continuous_rowcol_from_xy([self.goal])[0]
@@ -536,7 +536,7 @@ class PotentialField(FieldGrid):
         a lone obstacle cell would be a pit. Here the term of its edge is added, 2 / resolution.
         """
         if self.region is not None:
-            return put_around(self.cropped.downhill_surface(), self.shape, self.region)
+            return embedded(self.cropped.downhill_surface(), self.shape, self.region)
         gain = 1.0 if self.goal is None else self.repulsive_gain
         surface = self.potential.copy()
         surface[self.obstacles()] += 2.0 * gain / self.resolution
@@ -548,7 +548,7 @@ class PotentialField(FieldGrid):
         Unit vectors along x and y of the map frame; 0 where it is level or there is no potential.
         """
         if self.region is not None:
-            return put_around(self.cropped.downhill(), self.shape, self.region, fill=0.0)
+            return embedded(self.cropped.downhill(), self.shape, self.region, fill=0.0)
         slopes = self._slopes(self.downhill_surface())
         length = np.hypot(*slopes)
         directions = np.zeros_like(slopes)

@@ -1,4 +1,4 @@
-"""Costmap filters of Nav2: what the values of a mask mean.
+"""Costmap filters of Nav2: the meaning of a mask's values.
 
 References
 ----------
@@ -30,15 +30,15 @@ _TYPES = {("keepout", None): 0, ("speed", "percent"): 1, ("speed", "m/s"): 2, ("
 _KEY, _UNIT, _BASE, _MULTIPLIER = "filter", "speed_unit", "filter_base", "filter_multiplier"
 
 FILTER_KEYS = (_KEY, _UNIT, _BASE, _MULTIPLIER)
-"""Keys in the YAML file of a mask that mapdeal has made; map_server passes them over."""
+"""Keys that mapdeal adds to the YAML file of a mask; map_server ignores them."""
 
-_STEPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.25, 0.5, 1.0)  # m/s; one that all speeds are multiples of
-_ALIKE = 1e-6
+_STEPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.25, 0.5, 1.0)  # multipliers in m/s
+_SLACK = 1e-6
 
 
 @dataclass(frozen=True)
 class FilterInfo:
-    """How a filter reads its mask: of the value v it takes ``base + v * multiplier``."""
+    """How a filter reads its mask: value v means ``base + v * multiplier``."""
 
     kind: FilterKind
     unit: SpeedUnit | None = None
@@ -52,32 +52,33 @@ class FilterInfo:
 
     @property
     def sign(self) -> str:
-        """The unit of its limits as texts have it."""
+        """Unit of the limits in messages."""
         return "%" if self.unit == "percent" else "m/s"
 
     def limit_of(self, value: int) -> float | None:
-        """Return the speed limit that a value 1..100 stands for; None if Nav2 sees no limit."""
+        """Return the speed limit of a value 1..100; None if Nav2 reads it as unlimited."""
         limit = self.base + value * self.multiplier
         is_limit = limit > 0 and (self.unit == "m/s" or limit <= 100)
         return limit if is_limit and value > 0 else None
 
     def value_of(self, speed: float) -> tuple[int, bool]:
-        """Return the value 1..100 for a limit, at most as fast, and whether that is exact."""
+        """Return the value 1..100 of the fastest limit up to a speed, and whether it is exact."""
         exact = (speed - self.base) / self.multiplier
         nearest = round(exact)
-        is_exact = abs(exact - nearest) <= _ALIKE
+        is_exact = abs(exact - nearest) <= _SLACK
         value = nearest if is_exact else (math.floor if self.multiplier > 0 else math.ceil)(exact)
         if not 1 <= value <= OCCUPIED or self.limit_of(value) is None:
-            limits = [one for v in range(1, OCCUPIED + 1) if (one := self.limit_of(v)) is not None]
-            reach = f"{min(limits):.6g} .. {max(limits):.6g} {self.sign}" if limits else "no number"
-            rule = f"must be {reach} with base {self.base:g} and multiplier {self.multiplier:g}"
+            every_limit = map(self.limit_of, range(1, OCCUPIED + 1))
+            limits = [limit for limit in every_limit if limit is not None]
+            span = f"{min(limits):.6g} .. {max(limits):.6g} {self.sign}" if limits else "no number"
+            rule = f"must be {span} with base {self.base:g} and multiplier {self.multiplier:g}"
             is_small = self.unit == "percent" and 0 < speed < 1
-            hint = "is it meant in m/s? --speed-unit m/s says so" if is_small else None
+            hint = "for a speed in m/s use --speed-unit m/s" if is_small else None
             raise ParameterError(rule, place="speed", got=speed, hint=hint)
         return value, is_exact
 
     def entries(self) -> dict[str, Any]:
-        """Return what the YAML file of the mask says of it."""
+        """Return the entries for the YAML file of the mask."""
         entries: dict[str, Any] = {_KEY: self.kind}
         if self.kind == "speed":
             entries |= {_UNIT: self.unit, _BASE: self.base, _MULTIPLIER: self.multiplier}
@@ -85,12 +86,12 @@ class FilterInfo:
 
     @classmethod
     def of(cls, entries: Mapping[str, Any]) -> FilterInfo | None:
-        """Return what `entries` has written; None if a YAML file has no such keys."""
+        """Read the filter entries of a mask's YAML file, if it has them."""
         kind, unit = entries.get(_KEY), entries.get(_UNIT)
         base, multiplier = entries.get(_BASE, 0.0), entries.get(_MULTIPLIER, 1.0)
         if not isinstance(kind, str) or (kind, unit) not in _TYPES:
             return None
-        if not all(isinstance(one, int | float) for one in (base, multiplier)):
+        if not all(isinstance(number, int | float) for number in (base, multiplier)):
             return None
         return cls(kind, unit, float(base), float(multiplier))  # type: ignore[arg-type]
 
@@ -99,8 +100,8 @@ def info_for(
     kind: FilterKind, speeds: Sequence[float], *, unit: SpeedUnit = "percent",
     base: float | None = None, multiplier: float | None = None,
 ) -> FilterInfo:  # fmt: skip
-    """Return how a filter is to read a mask: of speeds so that they are exact, if possible."""
-    # Percent as in Nav2's own example: 100 - v, so that darker pixels are slower.
+    """Return a way to encode a mask, by which the speeds are exact if possible."""
+    # Percent follows Nav2's own example: 100 - v, so that darker pixels are slower.
     if kind != "speed":
         return FilterInfo(kind)
     if base is not None or multiplier is not None:
@@ -108,41 +109,41 @@ def info_for(
     if unit == "percent":
         return FilterInfo(kind, unit, 100.0, -1.0)
     most = max(speeds, default=1.0)
-    fitting = [step for step in _STEPS if most / step <= OCCUPIED + _ALIKE]
+    fitting = [step for step in _STEPS if most / step <= OCCUPIED + _SLACK]
     if not fitting:
         return FilterInfo(kind, unit, 0.0, float(math.ceil(most / OCCUPIED)))
     exact = (
-        step for step in fitting if all(abs(v / step - round(v / step)) <= _ALIKE for v in speeds)
+        step for step in fitting if all(abs(v / step - round(v / step)) <= _SLACK for v in speeds)
     )
     return FilterInfo(kind, unit, 0.0, next(exact, fitting[0]))
 
 
-def described_mask(info: FilterInfo, grid: OccupancyGrid) -> dict[str, Any]:
-    """Return what a mask says to its filter, and the area of its zones, as JSON can hold it."""
+def mask_description(info: FilterInfo, grid: OccupancyGrid) -> dict[str, Any]:
+    """Return the encoding of a mask and the areas of its zones as a JSON-serialisable dict."""
     counts, area = histogram(grid.occupancy), grid.resolution**2
-    found: dict[str, Any] = {"kind": info.kind, "type": info.type}
-    found |= {"base": info.base, "multiplier": info.multiplier}
-    found["area_m2"] = round(float(counts[1 : OCCUPIED + 1].sum()) * area, 9)
+    description: dict[str, Any] = {"kind": info.kind, "type": info.type}
+    description |= {"base": info.base, "multiplier": info.multiplier}
+    description["area_m2"] = round(float(counts[1 : OCCUPIED + 1].sum()) * area, 9)
     if info.kind == "speed":
-        found["unit"] = info.unit
-        found["limits"] = [
+        description["unit"] = info.unit
+        description["limits"] = [
             {"value": value, "limit": limit, "area_m2": round(cells * area, 9)}
             for value, limit, cells in limits_in(info, counts)
         ]
-    return found
+    return description
 
 
-def mask_rows(described: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield what `described_mask` returns as rows of a table."""
-    if described["kind"] != "speed":
-        yield "filter", f"{described['kind']}, zones of {described['area_m2']:.4g} m2"
+def mask_rows(description: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the result of `mask_description` as rows of a table."""
+    if description["kind"] != "speed":
+        yield "filter", f"{description['kind']}, zones of {description['area_m2']:.4g} m2"
         return
-    scale = f"base {described['base']:g}, multiplier {described['multiplier']:g}"
-    yield "filter", f"{described['kind']}, {scale}"
-    sign = "%" if described["unit"] == "percent" else "m/s"
-    for one in described["limits"]:
-        limit = "no limit" if one["limit"] is None else f"limit {one['limit']:.4g} {sign}"
-        yield limit, f"{one['area_m2']:.4g} m2"
+    scale = f"base {description['base']:g}, multiplier {description['multiplier']:g}"
+    yield "filter", f"{description['kind']}, {scale}"
+    sign = "%" if description["unit"] == "percent" else "m/s"
+    for entry in description["limits"]:
+        limit = "no limit" if entry["limit"] is None else f"limit {entry['limit']:.4g} {sign}"
+        yield limit, f"{entry['area_m2']:.4g} m2"
 
 
 def limits_in(info: FilterInfo, counts: NDArray[np.int64]) -> list[tuple[int, float | None, int]]:

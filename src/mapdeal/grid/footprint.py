@@ -1,4 +1,4 @@
-"""A robot's footprint: its polygon, its cells, its costs."""
+"""Footprints of robots: their polygons, cells and costs."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from mapdeal.kernels.polygons import Lattice, Spans, costs_at_poses, stacked_spa
 
 
 def checked_corners(
-    points: Sequence[Sequence[float]], what: str, *, within: float, least: int, most: int
+    points: Sequence[Sequence[float]], shape: str, *, within: float, least: int, most: int
 ) -> tuple[Point, ...]:
     if not isinstance(points, Iterable) or isinstance(points, (str, bytes)):
-        raise ParameterError(f"a {what} takes a list of vertices [x, y]", place=what, got=points)
+        raise ParameterError(f"a {shape} takes a list of vertices [x, y]", place=shape, got=points)
     points = list(points)
     if len(points) > most:
-        raise ParameterError(f"a {what} has at most {most} vertices", place=what, got=len(points))
+        raise ParameterError(f"a {shape} has at most {most} vertices", place=shape, got=len(points))
     corners: list[Point] = []
     for index, vertex in enumerate(points):
-        place = f"{what} vertex {index + 1}"
+        place = f"{shape} vertex {index + 1}"
         try:
             x, y = (float(v) for v in vertex)
         except (TypeError, ValueError, OverflowError):
@@ -41,32 +41,32 @@ def checked_corners(
         corners.append((x, y))
     if len(corners) < least:
         words = {1: "one vertex", 2: "two vertices", 3: "three vertices"}[least]
-        raise ParameterError(f"a {what} needs at least {words}", place=what, got=len(corners))
+        raise ParameterError(f"a {shape} needs at least {words}", place=shape, got=len(corners))
     return tuple(corners)
 
 
 def edges_of(points: Sequence[Point]) -> list[tuple[Point, Point]]:
-    """Return the edges of a closed polygon, the one back to the first corner included."""
+    """Return the edges of a closed polygon, including the one back to the first corner."""
     return list(pairwise([*points, points[0]]))
 
 
-def check_simple(points: Sequence[Point], what: str) -> None:
-    """Refuse outlines whose edges cross, naming the edge by its first corner."""
+def check_simple(points: Sequence[Point], shape: str) -> None:
+    """Refuse outlines whose edges cross; the error names the edge's first corner."""
     starts = np.array(points, dtype=np.float64)
     ends = np.roll(starts, -1, axis=0)
     low, high = np.minimum(starts, ends), np.maximum(starts, ends)
     for i in range(len(points) - 1):
-        # Most edges are far from each other, which four comparisons tell.
+        # Four comparisons exclude most pairs of edges, which are far from each other.
         near = (low[i + 1 :, 0] <= high[i, 0]) & (high[i + 1 :, 0] >= low[i, 0])
         near &= (low[i + 1 :, 1] <= high[i, 1]) & (high[i + 1 :, 1] >= low[i, 1])
-        others = i + 1 + np.flatnonzero(near)
-        a, b, c, d = starts[i], ends[i], starts[others], ends[others]
+        candidates = i + 1 + np.flatnonzero(near)
+        a, b, c, d = starts[i], ends[i], starts[candidates], ends[candidates]
         apart = _side(a, b, c) * _side(a, b, d) < 0
         crosses = apart & (_side(c, d, a) * _side(c, d, b) < 0)
         if crosses.any():
-            other = int(others[np.argmax(crosses)])
-            rule = f"the edge crosses the one that starts at vertex {other + 1}"
-            raise ParameterError(rule, place=f"{what} vertex {i + 1}", got=points[i])
+            crossed = int(candidates[np.argmax(crosses)])
+            rule = f"the edge crosses the one that starts at vertex {crossed + 1}"
+            raise ParameterError(rule, place=f"{shape} vertex {i + 1}", got=points[i])
 
 
 def area_of(points: Sequence[Point]) -> float:
@@ -102,13 +102,13 @@ def is_number(value: object) -> bool:
 def _side(
     a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return on which side of the line through `a` and `b` a point lies: -1, 1, or 0 on it."""
-    # Decimal coordinates that touch on paper are apart by their rounding, and count as touching.
+    """Return the side of the line through `a` and `b` on which a point lies: -1, 1, or 0 on it."""
+    # Decimal coordinates that touch exactly differ by rounding; they still count as touching.
     along, beside = b - a, p - a
     rounding = 8 * np.finfo(np.float64).eps * np.maximum(np.abs(a), np.maximum(abs(b), abs(p)))
-    slack = _near_product(along, rounding) + _near_product(rounding, beside)
+    tolerance = _near_product(along, rounding) + _near_product(rounding, beside)
     cross = _cross(along, beside)
-    sign: NDArray[np.float64] = np.where(np.abs(cross) <= slack, 0.0, np.sign(cross))
+    sign: NDArray[np.float64] = np.where(np.abs(cross) <= tolerance, 0.0, np.sign(cross))
     return sign
 
 
@@ -196,7 +196,7 @@ class Footprint(OneLine):
         if not corners or not all(_NUMBER.fullmatch(part) for pair in corners for part in pair):
             rule = "a footprint must look like [[x1, y1], [x2, y2], ...]"
             raise ParameterError(rule, place="footprint", got=text)
-        # YAML's .nan and .inf are numbers, too, and refused as such
+        # YAML's .nan and .inf are parsed, so that the error is about a number that is not finite
         return cls.polygon([[float(part.lower().replace(".n", "n").replace(".i", "i"))
                              for part in pair] for pair in corners])  # fmt: skip
 
@@ -240,12 +240,12 @@ class Footprint(OneLine):
 
 
 def _pairs(text: str) -> list[str]:
-    """Return what stands in the inner brackets of ``[[...], [...]]``; nothing of other text."""
-    # Each character is looked at a few times, whatever the text.
-    whole = text.strip()
-    if not (whole.startswith("[") and whole.endswith("]")):
+    """Return the texts in the inner brackets of ``[[...], [...]]``; none for other texts."""
+    # The time is linear in the length of any text, unlike that of a regular expression.
+    outer = text.strip()
+    if not (outer.startswith("[") and outer.endswith("]")):
         return []
-    pieces = whole[1:-1].split("]")
+    pieces = outer[1:-1].split("]")
     pairs = []
     for index, piece in enumerate(pieces[:-1]):
         lead, bracket, inner = piece.partition("[")
@@ -256,28 +256,28 @@ def _pairs(text: str) -> list[str]:
 
 
 _ROUNDING = 1e-9
-"""Cells within which a corner on the edge between two cells counts as in the upper one, whatever
-the cosine and the division did to its last bits."""
+"""Tolerance in cells: a corner this close below the edge between two cells is in the upper cell,
+so rounding in the cosine and the division has no effect."""
 
 _FARTHEST = float(1 << 40)  # cells; more than any grid has, and whole numbers still convert
 
 
 def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> tuple[Spans, ...]:
     """Return the cells that a footprint covers in each heading, relative to the robot's cell."""
-    # The robot's centre is the middle of its cell. A corner is in the cell ``floor(0.5 + coordinate
-    # / resolution)``, and from there on cells are those that costmap_2d draws: the lines between
-    # the corners, and what is inside (`mapdeal.kernels.polygons`).
+    # The robot's centre is the middle of its cell, so a corner lies in cell ``floor(0.5 +
+    # coordinate / resolution)``. Between the corners the cells are those that costmap_2d draws: its
+    # lines and their inside (`mapdeal.kernels.polygons`).
     shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
     vertices = np.array(shape.vertices, dtype=np.float64)
     yaw = frame.origin[2]
     turns = [2 * math.pi * k / heading_count - yaw for k in range(heading_count)]
     corners = [_corner_cells(vertices, turn, frame.resolution) for turn in turns]
-    # a footprint that is larger than the grid stands nowhere
+    # a footprint larger than the grid fits nowhere
     fitting = [k for k, cells in enumerate(corners) if (np.ptp(cells, axis=0) < frame.shape).all()]
     spans = [Spans(cells[:, 0], cells[:, 1], cells[:, 1] + 1) for cells in corners]
-    drawn = _drawn([corners[k] for k in fitting]) if fitting else []
-    for k, found in zip(fitting, drawn, strict=True):
-        spans[k] = found
+    drawn = _polygon_cells([corners[k] for k in fitting]) if fitting else []
+    for k, drawn_spans in zip(fitting, drawn, strict=True):
+        spans[k] = drawn_spans
     return tuple(spans)
 
 
@@ -289,8 +289,8 @@ def _corner_cells(
     return np.clip(cells, -_FARTHEST, _FARTHEST).astype(np.int64)
 
 
-def _drawn(polygons: list[NDArray[np.int64]]) -> list[Spans]:
-    """Return the cells of polygons between these cells, each around its own (0, 0)."""
+def _polygon_cells(polygons: list[NDArray[np.int64]]) -> list[Spans]:
+    """Return the cells of polygons, given the cells of their corners."""
     least = np.array([cells.min(axis=0) for cells in polygons])
     sizes = np.array([cells.max(axis=0) for cells in polygons]) - least + 1
     tops = np.cumsum(sizes[:, 0])
@@ -301,13 +301,13 @@ def _drawn(polygons: list[NDArray[np.int64]]) -> list[Spans]:
     rows, starts, stops = map(np.concatenate, zip(*parts, strict=True))
     edges = np.searchsorted(rows, [0, *tops.tolist()])
     return [
-        Spans(rows[some] + row, starts[some] + col, stops[some] + col)
-        for some, (row, col) in zip(starmap(slice, pairwise(edges)), shifts.tolist(), strict=True)
+        Spans(rows[part] + row, starts[part] + col, stops[part] + col)
+        for part, (row, col) in zip(starmap(slice, pairwise(edges)), shifts.tolist(), strict=True)
     ]
 
 
 FootprintRule = Literal["outline", "full"]
-"""Which cells count: those of the outline, as in Nav2, or those inside of it, too."""
+"""Cells that count: those of the outline, as in Nav2, or all cells of the footprint."""
 
 
 def footprint_costs(
@@ -389,9 +389,9 @@ def sample_poses(
 
 
 def shape_of(footprint: Footprint | None, robot_radius: float | None) -> Footprint | None:
-    """Return a robot's shape that is given either way."""
+    """Return the shape of a robot from its footprint or its radius; refuse both."""
     if robot_radius is None:
         return footprint
     if footprint is not None:
-        raise ParameterError("cannot be given together with a footprint", place="robot_radius")
+        raise ParameterError("cannot be combined with a footprint", place="robot_radius")
     return Footprint.circle(robot_radius)

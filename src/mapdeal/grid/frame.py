@@ -1,4 +1,4 @@
-"""Where cells lie."""
+"""Geometry of grids: frames, regions, transforms, and the base classes of all grids."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from mapdeal.kernels.polygons import Spans, paint
 from mapdeal.kernels.sensing import cells_of_points
 
 CELL_TOLERANCE = 1e-9
-"""In cells. Lengths that are exact multiples of the resolution on paper may come out of a
-division one part in 1e16 short or long; the tolerance keeps them on their cell."""
+"""Cells. The division of a length by the resolution may be off by one part in 1e16; with this
+tolerance exact multiples stay on their cell."""
 
 RADIUS_TOLERANCE = 1e-9
-"""In metres: a cell whose centre lies exactly at the radius, on paper, lies within it. Products
-such as 6 * 0.05 and 0.3 differ in their last bits."""
+"""Metres. Products such as 6 * 0.05 and 0.3 differ in their last bits; with this tolerance a cell
+whose centre lies exactly at the radius is within it."""
 
 Origin = tuple[float, float, float]
 Point = tuple[float, float]
 _Real = TypeVar("_Real", bound=np.floating[Any])
 
-# Far beyond any robot; inside of them no product of lengths and cells overflows.
+# Far beyond any robot; within these limits no product of lengths and cells overflows.
 _SMALLEST_CELL, _LARGEST_CELL = 1e-6, 1e6
 FARTHEST = 1e12  # largest coordinate and length, metres
 
 
 def as_float32(value: float) -> float:
-    """Return a number as messages of ROS carry it, in 32 bits; infinity if it is too large."""
+    """Return a number rounded to float32, as in ROS messages; infinity if it is too large."""
     with np.errstate(over="ignore"):
         return float(np.float32(value))
 
@@ -82,7 +82,7 @@ def check_origin(origin: Sequence[float]) -> Origin:
 
 
 def check_point(point: Sequence[float], name: str) -> Point:
-    """Return `point` as two finite floats x, y; an error calls it `name`."""
+    """Return `point` as two finite floats x, y; errors refer to it as `name`."""
     try:
         x, y = (float(value) for value in point)
     except (TypeError, ValueError):
@@ -96,7 +96,7 @@ def check_point(point: Sequence[float], name: str) -> Point:
 def turned(vectors_xy: NDArray[_Real], angle: float) -> NDArray[_Real]:
     """Return vectors, shape (N, 2), turned anticlockwise by an angle, radians."""
     cos, sin = math.cos(angle), math.sin(angle)
-    # not a product of matrices, whose rounding depends on how many vectors there are
+    # the rounding of a matrix product would depend on the number of vectors
     x, y = vectors_xy[:, 0], vectors_xy[:, 1]
     result = np.empty_like(vectors_xy)
     result[:, 0] = x * cos - y * sin
@@ -107,12 +107,12 @@ def turned(vectors_xy: NDArray[_Real], angle: float) -> NDArray[_Real]:
 def cells_at(
     places_rowcol: ArrayLike, tolerance: ArrayLike = CELL_TOLERANCE
 ) -> NDArray[np.int64]:  # fmt: skip
-    """Return the cells that continuous cell coordinates lie in, exact multiples exactly."""
+    """Return the cells of continuous cell coordinates, with a tolerance for exact multiples."""
     return np.floor(np.asarray(places_rowcol) + tolerance).astype(np.int64)
 
 
 ROUNDING = 4 * float(np.finfo(np.float64).eps)
-"""Of a coordinate: what storing it, subtracting the origin and turning leave uncertain."""
+"""Relative error of a coordinate after storing it, subtracting the origin and turning."""
 
 _PRECISION = (ROUNDING, CELL_TOLERANCE, FARTHEST)
 
@@ -138,7 +138,7 @@ class Frame:
     All methods take array_like arguments of shape (N, 2): points are x and y in the map frame,
     metres; cells are row and column, int64 where they are returned; places are fractional cells,
     float64, whole at the edges between cells and at +0.5 in their centres. A point that is not
-    finite, or beyond 1e12 m, raises ParameterError, unless the method returns what is inside.
+    finite, or beyond 1e12 m, raises ParameterError, unless the method returns a mask of inside.
     """
 
     height: int
@@ -147,7 +147,7 @@ class Frame:
     origin: Origin = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        # numbers of numpy are written with their type's name
+        # the repr of numpy's numbers includes their type
         object.__setattr__(self, "resolution", float(self.resolution))
         x, y, yaw = map(float, self.origin)
         object.__setattr__(self, "origin", (x, y, yaw))
@@ -350,8 +350,8 @@ def xy_ahead(pose: Sequence[float], distance: float) -> tuple[float, float]:
 
 def _stepped(start: float, steps: int, step: float) -> float:
     """Return start + steps * step in decimals: -50 + 789 * 0.05 is -10.55, with no noise."""
-    # Origins and resolutions are decimal numbers in a file; the sum of the floats nearest to them
-    # would put the last digits of binary rounding into the next file.
+    # Origins and resolutions are decimal numbers in files. A sum of floats would write the digits
+    # of binary rounding into the next file.
     from decimal import Decimal  # slow to import
 
     return float(Decimal(repr(start)) + steps * Decimal(repr(step)))
@@ -436,14 +436,14 @@ class Transform(OneLine):
         return Frame(*frame.shape, frame.resolution, (float(x), float(y), yaw))
 
 
-MOST_CELLS = 1_000_000_000  # of a window that is made
+MOST_CELLS = 1_000_000_000  # of a new window
 
 
-_TOUCHING = 1e-6  # in cells: borders that differ by less are the same on paper
+_TOUCHING = 1e-6  # cells; borders that differ by less coincide
 
 
 class Region(NamedTuple):
-    """A rectangle of cells, inside a grid or not: its first cell and its size."""
+    """A rectangle of cells, which may reach beyond the grid: its first cell and its size."""
 
     row: int
     col: int
@@ -455,7 +455,7 @@ class Region(NamedTuple):
         return self.height * self.width
 
     def shared_with(self, shape: tuple[int, int]) -> tuple[slice, slice]:
-        """Return the rows and columns of a grid that lie in the region; they may be none."""
+        """Return the rows and columns of a grid that lie in the region, possibly none."""
         rows = _overlap(self.row, self.height, shape[0])
         return rows, _overlap(self.col, self.width, shape[1])
 
@@ -466,7 +466,7 @@ class Region(NamedTuple):
         return inside[:, 0] & inside[:, 1]
 
     def place_of(self, rows: slice, cols: slice) -> tuple[slice, slice]:
-        """Return where rows and columns of the grid lie in an array of the region's size."""
+        """Return the rows and columns of the grid as slices of an array of the region."""
         return (
             slice(rows.start - self.row, rows.stop - self.row),
             slice(cols.start - self.col, cols.stop - self.col),
@@ -497,15 +497,15 @@ def region_of(
         half = np.array([size_y, size_x]) / frame.resolution / 2
         row, col = cells_at(middle - half, frame.tolerance_at([center_xy])[0]).tolist()
     else:
-        raise ParameterError("either a corner or a center must be given", place="region")
+        raise ParameterError("needs either a corner or a center", place="region")
     height, width = (cells_to_cover(size, frame.resolution) for size in (size_y, size_x))
     return Region(row, col, max(height, 1), max(width, 1))
 
 
-def region_around(frame: Frame, other: Frame) -> Region:
-    """Return the cells of a lattice that hold all of another grid."""
-    corners = [[row, col] for row in (0, other.height) for col in (0, other.width)]
-    places = frame.continuous_rowcol_from_xy(other.xy_from_continuous_rowcol(corners))
+def region_around(frame: Frame, contents: Frame) -> Region:
+    """Return the cells of a lattice that cover another grid."""
+    corners = [[row, col] for row in (0, contents.height) for col in (0, contents.width)]
+    places = frame.continuous_rowcol_from_xy(contents.xy_from_continuous_rowcol(corners))
     row, col = np.floor(places.min(axis=0) + _TOUCHING).astype(int).tolist()
     top, right = np.ceil(places.max(axis=0) - _TOUCHING).astype(int).tolist()
     return Region(row, col, top - row, right - col)
@@ -526,17 +526,17 @@ class Framed(Drawn, ABC):
     by block; `layer[rows]` works for both.
     """
 
-    kind: ClassVar[str]  # what a person calls such a grid
-    layer_names: ClassVar[tuple[str, ...]]  # the attributes that hold layers, the grid's own first
-    parameter_names: ClassVar[tuple[str, ...]] = ()  # the attributes that the grid was made with
+    kind: ClassVar[str]  # name of the type in messages
+    layer_names: ClassVar[tuple[str, ...]]  # attributes with layers, the main one first
+    parameter_names: ClassVar[tuple[str, ...]] = ()  # attributes with parameters
     resolution: float
     origin: Origin
 
     @property
     def layer(self) -> Layer:
         """Main layer, whose shape all other layers share."""
-        own: Layer = getattr(self, self.layer_names[0])
-        return own
+        layer: Layer = getattr(self, self.layer_names[0])
+        return layer
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -563,9 +563,9 @@ class Framed(Drawn, ABC):
 
     def with_layer(self, layer: Layer) -> Self:
         """Return the grid with its layer replaced by another one with the same values."""
-        other = copy(self)
-        object.__setattr__(other, self.layer_names[0], layer)
-        return other
+        copied = copy(self)
+        object.__setattr__(copied, self.layer_names[0], layer)
+        return copied
 
     def figures(self) -> Figures:
         """Return the grid's size, place and counts as a JSON-serialisable dict."""
@@ -589,16 +589,16 @@ class Framed(Drawn, ABC):
         yield f"{width} x {height} cells"
         yield f"{self.resolution:.10g} m"
         yield f"origin {numbers_text(self.origin)}"
-        yield from self._told_of_parameters()
+        yield from self._repr_parameters()
         if not self.is_lazy and height * width <= MOST_COUNTED:
-            yield from self._told_of_values()
+            yield from self._repr_values()
 
-    def _told_of_parameters(self) -> Iterator[str]:
+    def _repr_parameters(self) -> Iterator[str]:
         yield from ()
 
     @abstractmethod
-    def _told_of_values(self) -> Iterator[str]:
-        """Yield what there is to say of the values."""
+    def _repr_values(self) -> Iterator[str]:
+        """Yield the parts of the repr about the values."""
 
     def entries(self) -> dict[str, Any]:
         """Return the entries of an npz besides the geometry: layers and parameters by key."""
@@ -681,7 +681,7 @@ class ValueGrid(Framed):
 
 def as_layer(values: ArrayLike, dtype: type[np.generic], name: str) -> Layer:
     """Return `values` as a layer of `dtype`, refusing conversions that change a value."""
-    # The values of a lazy layer are the business of who makes them.
+    # The producer of a lazy layer is responsible for its values.
     if isinstance(values, LazyLayer) and values.dtype == dtype:
         return cast("Layer", values)
     array = np.asarray(values)

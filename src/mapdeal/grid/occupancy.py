@@ -55,7 +55,7 @@ class OccupancyGrid(ValueGrid):
     def _own_figures(self) -> Figures:
         return occupancy_figures(counts_of(self.occupancy))
 
-    def _told_of_values(self) -> Iterator[str]:
+    def _repr_values(self) -> Iterator[str]:
         figures = occupancy_figures(counts_of(self.occupancy))
         if figures["between"]:
             yield f"{figures['between']} in 1..99"
@@ -88,7 +88,7 @@ class OccupancyGrid(ValueGrid):
         return states
 
     def as_amcl_sees_it(self) -> OccupancyGrid:
-        """Return the map as amcl interprets it: 0 free, 100 occupied, everything else unknown."""
+        """Return the map as amcl interprets it: 0 free, 100 occupied, all other values unknown."""
         table = np.full(256, UNKNOWN, dtype=np.int8)
         table[[FREE, OCCUPIED]] = FREE, OCCUPIED
         return self.with_values(look_up(self.occupancy, table))
@@ -104,7 +104,7 @@ class OccupancyGrid(ValueGrid):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class CloudLayers(OccupancyGrid):
-    """A map made of point clouds, with the layers that ``CloudMap.layers`` has."""
+    """A map made of point clouds, with the layers of ``CloudMap.layers``."""
 
     kind = "cloud"
     layer_names = ("occupancy", "floor_height", "obstacle_height", "slope", "points")

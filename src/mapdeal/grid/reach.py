@@ -285,11 +285,11 @@ class Reach(Framed):
             },
         }
 
-    def _told_of_parameters(self) -> Iterator[str]:
+    def _repr_parameters(self) -> Iterator[str]:
         yield f"start {numbers_text(self.start)}"
         yield "a point" if self.robot is None else repr(self.robot)
 
-    def _told_of_values(self) -> Iterator[str]:
+    def _repr_values(self) -> Iterator[str]:
         yield f"reaches {self.reachable_area:.4g} of {self.open_area:.4g} m2"
         if self.goals:
             got = sum(one.reachable for one in self.goals)

@@ -17,13 +17,13 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION, OneLine, count_text
 from mapdeal.kernels.lookup import least_along, places_along
 
-_SAMPLES = 1 << 17  # positions that are looked at together, so that they stay in the cache
+_SAMPLES = 1 << 17  # positions that are checked at once; their arrays stay in the cache
 _STEP = 0.5  # of a cell
-_NEAR_EDGE = 2.5e-3  # of a cell: more than coordinates are rounded by
+_NEAR_EDGE = 2.5e-3  # of a cell: more than the rounding of coordinates
 _ROUNDING = 1e-6  # metres
 _SLACK = 1.5
-"""Cells that a footprint may touch beyond its radius: half the diagonals of its cells and of its
-centre's."""
+"""Cells by which a footprint may touch beyond its radius: half the diagonals of a touched cell and
+of the centre's cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +39,8 @@ class RouteNode:
     frame : str
         Name of the frame of the coordinates.
     metadata : mapping
-        What else is known of it: of generated ones ``kind``, ``name`` of a goal, ``width`` of a
-        door in metres.
+        Further values; generated nodes have ``kind``, ``name`` of a goal, ``width`` of a door in
+        metres.
     """
 
     id: int
@@ -52,21 +52,21 @@ class RouteNode:
 
 @dataclass(frozen=True, eq=False)
 class RouteEdge:
-    """A directed edge of a route graph, which is driven along straight.
+    """A directed, straight edge of a route graph.
 
     Parameters
     ----------
     id : int
         Its number, unique over the nodes and edges of a graph.
     start, end : int
-        Numbers of the nodes that it leads from and to.
+        Ids of the nodes that it leads from and to.
     cost : float
         Its cost, if no scorer may change it.
     overridable : bool
         Whether scorers may change the cost.
     metadata : mapping
-        What else is known of it: of generated ones ``length`` and ``min_clearance`` in metres,
-        ``door_width``, ``speed_limit`` in percent.
+        Further values; generated edges have ``length``, ``min_clearance`` and ``door_width`` in
+        metres, ``speed_limit`` in percent.
     """
 
     id: int
@@ -104,7 +104,7 @@ class RouteGraph(OneLine):
 
     @cached_property
     def ends(self) -> NDArray[np.int64]:
-        """The nodes that each edge joins, by their indices, shape (M, 2)."""
+        """Indices of the nodes that each edge joins, shape (M, 2)."""
         index = {node.id: number for number, node in enumerate(self.nodes)}
         ends = [(index[edge.start], index[edge.end]) for edge in self.edges]
         return np.array(ends, dtype=np.int64).reshape(-1, 2)
@@ -118,7 +118,7 @@ class RouteGraph(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class Sweeps:
-    """Where a robot's centre may be, and what its footprint hits as it drives along lines.
+    """Test of whether a robot can drive along lines, by its centre and its footprint.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class Sweeps:
     closed : numpy.ndarray of uint8, shape (H, W)
         Costs of costmap_2d: 0, 254 in obstacles, 255 in unknown cells.
     squared : numpy.ndarray of int, shape (H, W)
-        Squared distances to what is not free, in cells; negative ones stand for 0.
+        Squared distances to the nearest cell that is not free, in cells; negative values mean 0.
     frame : Frame
         The cells' place.
     robot : Footprint, optional
@@ -152,61 +152,61 @@ class Sweeps:
 
         Lines are given by continuous rows and columns, shape (N, 2) each. The robot looks along
         its line, and is tried at every `step`, in cells: its centre must be in an open cell, and
-        with `touches` its footprint must be free by the rule of Nav2's collision checker.
+        with `touches` its footprint must be free by Nav2's collision checker.
         """
         if not len(starts):
             return np.zeros(0, dtype=np.bool_), np.zeros(0)
         counts = np.ceil(np.hypot(*(ends - starts).T) / step).astype(np.int64) + 1
         size = np.array(self.is_open.shape)
-        first, last = (np.clip(one, 0, size - _ROUNDING) for one in (starts, ends))
+        first, last = (np.clip(points, 0, size - _ROUNDING) for points in (starts, ends))
         off = np.maximum(np.abs(starts - first), np.abs(ends - last))
         is_inside = (off <= _NEAR_EDGE).all(axis=1)
         is_clear, least = np.empty(len(starts), dtype=np.bool_), np.empty(len(starts))
-        for some in _parts(counts):
-            squares, is_clear[some] = least_along(
-                self.squared, self.is_open, first[some], last[some], counts[some], near=_NEAR_EDGE
+        for part in _parts(counts):
+            squares, is_clear[part] = least_along(
+                self.squared, self.is_open, first[part], last[part], counts[part], near=_NEAR_EDGE
             )
-            least[some] = np.sqrt(np.maximum(squares, 0))
+            least[part] = np.sqrt(np.maximum(squares, 0))
         is_clear &= is_inside
         if touches and self.robot is not None:
             reach = self.robot.circumscribed_radius / self.frame.resolution + _SLACK
             tight = np.flatnonzero(is_clear & (least < reach))
-            for some in _parts(counts[tight]):
-                lines = tight[some]
+            for part in _parts(counts[tight]):
+                lines = tight[part]
                 is_clear[lines] = self._fits(first[lines], last[lines], counts[lines], reach)
         return is_clear, least * is_inside
 
     def worst_place(
         self, start: NDArray[np.float64], end: NDArray[np.float64], *, touches: bool
     ) -> NDArray[np.float64]:
-        """Return the place with least room among those on a line that the robot cannot pass."""
+        """Return the place with the least clearance on a line that the robot cannot pass."""
         count = math.ceil(float(np.hypot(*(end - start))) / _STEP) + 1
         places = start + np.linspace(0, 1, count)[:, np.newaxis] * (end - start)
         # short pieces, so that the robot looks along the line in each
         is_free, least = self.along(places[:-1], places[1:], touches=touches)
-        found: NDArray[np.float64] = places[np.where(is_free, np.inf, least).argmin()]
-        return found
+        worst: NDArray[np.float64] = places[np.where(is_free, np.inf, least).argmin()]
+        return worst
 
     def _fits(
         self, starts: NDArray[np.float64], ends: NDArray[np.float64], counts: NDArray[np.int64],
         reach: float,
     ) -> NDArray[np.bool_]:  # fmt: skip
-        """Return on which lines the footprint is free wherever something is within its reach."""
+        """Return which lines are free for the footprint, tested only near obstacles."""
         places, lines, firsts = places_along(starts, ends, counts)
         rows, cols = places.astype(np.int64).T
         tight = np.flatnonzero(self.squared[rows, cols] < reach * reach)
-        towards = self.frame.xy_vectors_from_rowcol((ends - starts)[lines[tight]])
-        at = self.frame.xy_from_continuous_rowcol(places[tight])
+        directions = self.frame.xy_vectors_from_rowcol((ends - starts)[lines[tight]])
+        places_xy = self.frame.xy_from_continuous_rowcol(places[tight])
         is_free = np.ones(len(places), dtype=np.bool_)
-        is_free[tight] = self._touch_nothing(at, np.arctan2(towards[:, 1], towards[:, 0]))
+        is_free[tight] = self._is_free(places_xy, np.arctan2(directions[:, 1], directions[:, 0]))
         return np.asarray(np.logical_and.reduceat(is_free, firsts), dtype=np.bool_)
 
-    def _touch_nothing(
+    def _is_free(
         self, places_xy: NDArray[np.float64], yaws: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        """Return where the robot is free, looking ahead as well as back."""
-        # A round robot's own cost is that of its centre, which unknown cells beside it do not
-        # raise. A corner that rounding may put into either of two cells has to be free in both.
+        """Return where the robot is free in both directions of a line."""
+        # Unknown cells count only for robots with corners. Rounding may put a corner into either of
+        # two cells, so both must be free: the padded shape tests the outer ones.
         robot = self.robot
         is_free = np.ones(len(yaws), dtype=np.bool_)
         if robot is None:
@@ -223,7 +223,7 @@ class Sweeps:
 
 
 def _parts(counts: NDArray[np.int64]) -> Iterator[slice]:
-    """Yield slices of lines that have few places together."""
+    """Yield slices of lines, each with at most `_SAMPLES` places unless it is one line."""
     bounds = np.append(0, np.cumsum(counts))
     first = 0
     while first < len(counts):
@@ -232,7 +232,7 @@ def _parts(counts: NDArray[np.int64]) -> Iterator[slice]:
 
 
 def closed_costs(occupied: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return costs of obstacles and unknown cells alone, which a footprint is tried on."""
+    """Return costs of obstacles and unknown cells, without inflation, for footprint tests."""
     costs = np.full(occupied.shape, FREE_SPACE, dtype=np.uint8)
     costs[unknown] = NO_INFORMATION
     costs[occupied] = LETHAL_OBSTACLE

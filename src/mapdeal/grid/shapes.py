@@ -26,7 +26,7 @@ from mapdeal.kernels.polygons import (
 
 _MOST_VERTICES = 10_000
 _FLAT = 1e-12
-"""Area, as a share of the square over a polygon's extent, up to which it has none."""
+"""Largest area that counts as none, relative to the square of the polygon's extent."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -76,11 +76,11 @@ class Polygon(OneLine):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points_xy", _ring(self.points_xy, "polygon"))
-        left = _MOST_VERTICES - len(self.points_xy)
+        vertices_left = _MOST_VERTICES - len(self.points_xy)
         holes = []
         for index, points in enumerate(self.holes_xy):
-            holes.append(_ring(points, f"hole {index + 1}", left))
-            left -= len(holes[-1])
+            holes.append(_ring(points, f"hole {index + 1}", vertices_left))
+            vertices_left -= len(holes[-1])
         object.__setattr__(self, "holes_xy", tuple(holes))
 
     def _repr_parts(self) -> Iterator[str]:
@@ -166,7 +166,7 @@ class Line(OneLine):
         thin = line_spans(edges_through(_cells(frame, self.points_xy, self.kind)), frame.shape)
         if self._reach(frame) == 0:
             return thin
-        radius = _near(frame, self.thickness, "line thickness") / 2
+        radius = _checked_cells(frame, self.thickness, "line thickness") / 2
         ends = pairwise(_positions(frame, self.points_xy))
         return chain(thin, (capsule_spans(a, b, radius, frame.shape) for a, b in ends))
 
@@ -236,14 +236,14 @@ class Circle:
     def spans(self, frame: Frame) -> Iterator[Spans]:
         (cell,) = _cells(frame, [self.center_xy], self.kind)
         (place,) = _positions(frame, [self.center_xy])
-        radius = _near(frame, self.radius, "circle radius")
-        own = []
+        radius = _checked_cells(frame, self.radius, "circle radius")
+        center = []
         if frame.holds(cell):
             row, col = (np.array([index]) for index in cell)
-            own.append(Spans(row, col, col + 1))
+            center.append(Spans(row, col, col + 1))
         if radius == 0:
-            return iter(own)
-        return chain(own, (capsule_spans(place, place, radius, frame.shape) for _ in range(1)))
+            return iter(center)
+        return chain(center, (capsule_spans(place, place, radius, frame.shape) for _ in range(1)))
 
     def outside_part(self, frame: Frame) -> str | None:
         """Return a description of the center, or else the rim, if outside a grid."""
@@ -260,19 +260,19 @@ class Circle:
 Shape = Polygon | Line | Circle
 
 
-def _ring(points: Sequence[Point], what: str, most: int = _MOST_VERTICES) -> tuple[Point, ...]:
-    corners = checked_corners(points, what, within=FARTHEST, least=3, most=most)
-    check_simple(corners, what)
+def _ring(points: Sequence[Point], name: str, most: int = _MOST_VERTICES) -> tuple[Point, ...]:
+    corners = checked_corners(points, name, within=FARTHEST, least=3, most=most)
+    check_simple(corners, name)
     return corners
 
 
-def _cells(frame: Frame, points: Sequence[Point], what: str) -> list[Cell]:
+def _cells(frame: Frame, points: Sequence[Point], kind: str) -> list[Cell]:
     cells = frame.unbounded_rowcol_from_xy(points)
     far = np.abs(cells).max(axis=1) > FARTHEST_CELL
     if far.any():
         index = int(np.argmax(far))
         rule = f"lies more than {FARTHEST_CELL} cells from the map"
-        raise ParameterError(rule, place=f"{what} vertex {index + 1}", got=points[index])
+        raise ParameterError(rule, place=f"{kind} vertex {index + 1}", got=points[index])
     return [(row, col) for row, col in cells.tolist()]
 
 
@@ -281,9 +281,9 @@ def _positions(frame: Frame, points: Sequence[Point]) -> list[tuple[float, float
     return [(row, col) for row, col in places.tolist()]
 
 
-def _near(frame: Frame, length: float, place: str) -> float:
+def _checked_cells(frame: Frame, length: float, place: str) -> float:
     cells = length / frame.resolution
-    if cells > FARTHEST_CELL:  # no arithmetic here is made for more
+    if cells > FARTHEST_CELL:  # larger numbers would overflow
         rule = f"must not be more than {FARTHEST_CELL} cells"
         raise ParameterError(rule, place=place, got=length)
     return cells

@@ -29,7 +29,7 @@ LETHAL_OBSTACLE: Final = 254
 NO_INFORMATION: Final = 255
 
 INSCRIBED_PUBLISHED: Final = 99
-"""What ROS publishes for inscribed, on the occupancy scale: planners enter no cell from here on."""
+"""Occupancy value that ROS publishes for inscribed: planners enter only cells below it."""
 
 DEFAULT_LETHAL_THRESHOLD: Final = 100
 
@@ -40,7 +40,7 @@ Convention = Literal["fast-planner", "center", "border"]
 
 
 def check_choice(value: object, choices: Any, name: str) -> None:
-    """Refuse a word that is none of the choices, a ``Literal``; the error calls it `name`."""
+    """Refuse a word that is missing in the choices, a ``Literal``; errors refer to it as `name`."""
     known = get_args(choices)
     if value not in known:
         raise ParameterError(f"must be one of {', '.join(known)}", place=name, got=value)
@@ -75,7 +75,7 @@ def static_layer_cost_from_occupancy(
     unknown_value: int = NO_INFORMATION,
 ) -> NDArray[np.uint8]:
     """Return the cost that costmap_2d's static layer assigns to each value."""
-    # From ``interpretValue`` in ``static_layer.cpp``, which casts the value to unsigned char first.
+    # As ``interpretValue`` in ``static_layer.cpp``, which first casts the value to unsigned char.
     if not 0 <= lethal_threshold <= OCCUPIED or lethal_threshold % 1:
         rule = "must be a whole number from 0 to 100"
         raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
@@ -95,10 +95,10 @@ def static_layer_cost_from_occupancy(
 
 
 Drawer = Callable[[object], bytes | None]
-"""Returns the picture of something as the bytes of a PNG, None if it is better not drawn."""
+"""Function from an object to its picture, if it has one, as PNG bytes."""
 
 MOST_COUNTED = 100_000_000
-"""Cells whose values a line of text counts: that takes some tenths of a second."""
+"""Largest grid in cells whose values a repr counts, in some tenths of a second."""
 
 _MOST_LISTED = 6
 
@@ -111,13 +111,13 @@ def draw_with(drawer: Drawer) -> None:
 
 
 class OneLine:
-    """Base class of objects whose repr is one line, whatever arrays they contain."""
+    """Base class of objects whose repr is one line even if they contain arrays."""
 
     __slots__ = ()
 
     @abstractmethod
     def _repr_parts(self) -> Iterator[str]:
-        """Yield what there is to say, piece by piece."""
+        """Yield the parts of the repr."""
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(self._repr_parts())})"
@@ -129,7 +129,7 @@ class Drawn(OneLine):
     __slots__ = ()
 
     def _repr_png_(self) -> bytes | None:
-        """Return the picture that IPython and Jupyter show, None if there is none."""
+        """Return the picture for IPython and Jupyter, if there is one."""
         return _drawers[0](self) if _drawers else None
 
 
@@ -139,12 +139,12 @@ def numbers_text(numbers: Iterable[float]) -> str:
 
 
 def points_text(points: Sequence[Sequence[float]]) -> str:
-    """Return points in brackets, or of many the first and how many there are."""
+    """Return points in brackets; for many points their number and the first one."""
     if len(points) > _MOST_LISTED:
         return f"{len(points)} points from {numbers_text(points[0])}"
     return f"[{', '.join(map(numbers_text, points))}]"
 
 
-def count_text(count: int, what: str) -> str:
-    """Return a count with its noun, which gets an s unless it is one."""
-    return f"{count} {what}{'s' * (count != 1)}"
+def count_text(count: int, noun: str) -> str:
+    """Return a count with its noun, in the plural unless the count is 1."""
+    return f"{count} {noun}{'s' * (count != 1)}"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.command import AT_LEAST_0, METRES, Words, parameters_of
 from mapdeal.errors import ParameterError
-from mapdeal.grid.canvas import is_turned, obstacles_in, rows_and_cols_under, wholly_in
+from mapdeal.grid.canvas import contained_in, is_turned, obstacles_in, rows_and_cols_under
 from mapdeal.grid.frame import (
     CELL_TOLERANCE,
     FARTHEST,
@@ -438,7 +438,7 @@ class _KnownMap:
                 known = np.asarray(self.grid.occupancy[rows])[:, cols]
                 part = source.window(rows.start, cols.start, *known.shape)
                 obstacles = obstacles_in(frame, known >= self.lethal_threshold, part)
-                values[wholly_in(frame, known != UNKNOWN, part) & (values == UNKNOWN)] = FREE
+                values[contained_in(frame, known != UNKNOWN, part) & (values == UNKNOWN)] = FREE
                 values[obstacles] = OCCUPIED
                 from_map = int(np.count_nonzero(obstacles))
         if not keeps_unknown:

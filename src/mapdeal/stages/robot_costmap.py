@@ -21,7 +21,7 @@ from mapdeal.command import (
 )
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import CostCurve, Costmap, squares_up_to
-from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, whole_parts
+from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, truncated
 from mapdeal.grid.frame import Framed
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import looked_up, made_by_windows, swept
@@ -232,7 +232,7 @@ class _Rule:
         highest = _HIGHEST_BELOW_OBSTACLE  # a larger factor makes no more of a view of 1
         factors = (min(factor, highest) for factor in self.factors)
         products = np.where(self.is_near(view, metres), *factors) * view
-        costs = np.minimum(whole_parts(products), highest)
+        costs = np.minimum(truncated(products), highest)
         return np.where(self.is_beyond(view, metres), 0.0, costs)
 
     def table(self) -> NDArray[np.int8]:
