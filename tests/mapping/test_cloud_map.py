@@ -240,7 +240,7 @@ def test_no_map_depends_on_how_much_is_worked_on_at_once(monkeypatch, level):
     points = room_points()[::3]
     wanted = cloud_map(points, level=level)
     for module, name, count in (
-        (voxels, "AT_ONCE", 100), (cloud_floor, "AT_ONCE", 100), (voxels, "_TOGETHER", 1000)
+        (voxels, "AT_ONCE", 100), (cloud_floor, "AT_ONCE", 100), (voxels, "_SORTED_AT_ONCE", 1000)
     ):  # fmt: skip
         monkeypatch.setattr(module, name, count)
     made = cloud_map(points, level=level)

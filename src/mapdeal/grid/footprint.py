@@ -393,5 +393,5 @@ def shape_of(footprint: Footprint | None, robot_radius: float | None) -> Footpri
     if robot_radius is None:
         return footprint
     if footprint is not None:
-        raise ParameterError("cannot be combined with a footprint", place="robot_radius")
+        raise ParameterError("cannot be given together with a footprint", place="robot_radius")
     return Footprint.circle(robot_radius)

@@ -46,11 +46,11 @@ METHODS: dict[Method, Callable[..., Evidence]] = {
     "tsdf": Tsdf,
 }
 MARGIN = 2
-"""Cells that a grid which sizes itself has around everything that beams reach."""
+"""Cells around all that beams reach in a grid without a requested size."""
 
 
 class Extent:
-    """The box around what beams reach: sensors, hits, and the ends of what is cleared."""
+    """The bounding box of sensors, hits, and ends of clearing beams."""
 
     def __init__(self, limits: BeamLimits, beyond: float = 0.0) -> None:
         self._limits = limits
@@ -68,7 +68,7 @@ class Extent:
         if not len(beams.ranges):
             return
         for points in (beams.sensors_xy, beams.ends_xy(self._beyond)):
-            for axis, values in enumerate(points.T):  # faster than along short rows
+            for axis, values in enumerate(points.T):  # faster than numpy along short rows
                 self._least[axis] = min(self._least[axis], values.min())
                 self._most[axis] = max(self._most[axis], values.max())
 
@@ -96,7 +96,7 @@ class Extent:
 
 
 def frame_of(size: Point | None, origin: Point | None, resolution: float) -> Frame | None:
-    """Return the grid of a size in metres with a given corner; None if neither is given."""
+    """Return the frame of a size and a corner in metres, if they are set."""
     if size is None and origin is None:
         return None
     if size is None or origin is None:
@@ -208,29 +208,29 @@ def _evidence(frame: Frame, method: Method, parameters: Mapping[str, Any]) -> Ev
     if method not in METHODS:
         rule = f"must be one of {', '.join(get_args(Method))}"
         raise ParameterError(rule, place="method", got=method)
-    kind, own = _kind_of(method, parameters)
+    kind, chosen = _kind_of(method, parameters)
     known = parameters_of(kind)
-    for name in own:
+    for name in chosen:
         if name not in known:
             raise ParameterError(f"does not apply to method {method}", place=name)
-    return kind(frame, **{name: known[name].accept(value) for name, value in own.items()})
+    return kind(frame, **{name: known[name].accept(value) for name, value in chosen.items()})
 
 
 def _kind_of(
-    method: Method, given: Mapping[str, Any]
+    method: Method, parameters: Mapping[str, Any]
 ) -> tuple[Callable[..., Evidence], dict[str, Any]]:
-    own = dict(given)
-    if method == "tsdf" and own.pop("as_written", False):
-        return TsdfAsWritten, own
-    return METHODS[method], own
+    method_parameters = dict(parameters)
+    if method == "tsdf" and method_parameters.pop("as_written", False):
+        return TsdfAsWritten, method_parameters
+    return METHODS[method], method_parameters
 
 
-def all_parameters(method: Method, given: Mapping[str, Any]) -> dict[str, Any]:
-    return {**(_kind_of(method, given)[0].__init__.__kwdefaults__ or {}), **given}
+def all_parameters(method: Method, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    return {**(_kind_of(method, parameters)[0].__init__.__kwdefaults__ or {}), **parameters}
 
 
 def reach_behind(method: Method, resolution: float, parameters: Mapping[str, Any]) -> float:
-    """Return how far behind hits a method has an effect, metres."""
+    """Return the distance behind hits up to which a method has an effect, metres."""
     frame = Frame(1, 1, check_resolution(resolution))
     return _evidence(frame, method, parameters).reach_behind * frame.resolution
 
@@ -281,7 +281,7 @@ def build_map(
     ParameterError
         If a parameter or an array is not allowed.
     MalformedInputError
-        If `size` is not given and no beam hits anything, or the beams reach too far for a map.
+        Without a `size`, if no beam hits anything or the beams reach too far for a map.
 
     Notes
     -----

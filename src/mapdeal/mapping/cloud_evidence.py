@@ -1,8 +1,8 @@
-"""Which level of a cloud is the floor: what the cloud shows for each of them, and against it.
+"""Choice of the floor among the levels of a cloud, by the evidence for and against each level.
 
-A floor is the lowest level that was seen over a fair share of the area, that things stand on, and
-below which there is nothing but noise. A cloud in which every level is contradicted is refused: the
-tops of walls, and ceilings, must not become floors.
+A floor is the lowest level that covers a fair share of the area, has things standing on it, and has
+only noise below it. A cloud without such a level is refused: the tops of walls, and ceilings, must
+not become floors.
 """
 
 from __future__ import annotations
@@ -40,24 +40,24 @@ class Floor(NamedTuple):
     tiles: Tiles
     spacing: float  # metres between points on it
     tilt: float = 0.0  # radians
-    overlaid_m2: float = 0.0  # above which other storeys of it lie
-    storeys: tuple[float, ...] = ()  # heights of those, metres
+    overlaid_m2: float = 0.0  # area with other storeys above it
+    storeys: tuple[float, ...] = ()  # heights of other storeys, metres
     may_be_ceiling: bool = False
     is_above_others: bool = False
-    is_stated: bool = False  # by the user: there may be no points on it
+    is_stated: bool = False  # by the user, so it may lack points
 
 
 class Evidence(NamedTuple):
-    """What a cloud shows of a level: its height, and areas in square metres."""
+    """Evidence about a level: its height, and areas in square metres."""
 
     height: float
     level: float
-    inner: float  # share inside its rim, of what a square has there: tops of walls have none
-    standing: float  # with points above the level that a robot meets
-    touching: float  # of these, with points just above the level
-    below: float  # of the level itself, with points below it
-    hanging: float  # with points just below a ceiling, and none just above the level
-    resting: float  # the other way round
+    inner: float  # area inside its rim relative to that of a square; tops of walls have none
+    standing: float  # with obstacles above the level
+    touching: float  # with obstacles that reach down to the level
+    below: float  # with points below the level
+    hanging: float  # with points just below a ceiling and no point just above the level
+    resting: float  # with points just above the level and no point just below a ceiling
 
     @property
     def may_be_ceiling(self) -> bool:
@@ -70,7 +70,7 @@ class Evidence(NamedTuple):
         return self.below > _SHARE_ABOVE * self.level
 
     def contradiction(self, area: float) -> str | None:
-        """Return why the level of a cloud that covers an area is no floor; None if it may be."""
+        """Return the reason why the level cannot be the floor of a cloud of an area, if any."""
         least = max(_LEAST_STANDING, _STANDING_PER_SIDE * math.sqrt(self.level))
         under = f"{self.below:.3g} m2 of it have points below" if self.below else ""
         is_open = self.inner > _SHARE_INNER and self.level > _SHARE_ALONE * area
@@ -115,17 +115,17 @@ _NEAR, _FEET = 0.05, 0.25  # metres above the clearance: of noise, and of feet t
 _BESIDE = 0.5  # metres from a level within which things stand on it
 _LEVEL_SLOPE = 0.05  # rise over run, against most of a level
 _LEAST_VOXELS = 3  # of a tile; fewer are noise
-_SAMPLED = 1 << 19  # voxels that are looked at
-_MOST_LEVELS = 6  # that are looked at
+_SAMPLED = 1 << 19  # voxels
+_MOST_LEVELS = 6  # levels that are tested
 
 
 def floor_in(
     columns: Columns, tile: int, limits: Limits, places: Floats, at: Floats | None, claim: Claim
 ) -> Floor:
-    """Return the floor of a cloud: the lowest level, or that under places of shape (N, 3)."""
+    """Return the floor of a cloud: the lowest level, or the one below places of shape (N, 3)."""
     patches = patches_of(columns, tile, limits)
     if not len(patches.z):
-        rule = "no floor found: nothing in it is level and has room above it"
+        rule = "no floor found: no level surface has room above it"
         raise MalformedInputError(rule, hint=f"{_HINT}; --level turns a tilted one")
     claim(400 * len(patches.z), f"{len(patches.z)} patches of surfaces")
     levels = Levels(patches, tile * columns.cell, limits)
@@ -184,11 +184,11 @@ def _in_order(levels: Levels, named: int | None) -> Iterator[int]:
 
 
 _LARGE = 0.1  # of the area of the largest level
-_OVER_OTHERS = 0.1  # of the area of a level, that may lie above another one
+_OVER_OTHERS = 0.1  # share of a level that may lie above another level
 
 
 def _level_under(levels: Levels, places: Floats) -> int | None:
-    """Return the level that is under most places, if there is one."""
+    """Return the level below most of the places, if there is one."""
     patches, area, votes = levels.patches, levels.area(), np.zeros(len(levels.label))
     for x, y, z in places.tolist():
         near = np.abs(patches.row + 0.5 - y / levels.side) <= _TILES_AROUND
@@ -202,12 +202,12 @@ def _level_under(levels: Levels, places: Floats) -> int | None:
 
 
 _TILES_AROUND = 4
-_ABOVE = 0.3  # metres of the floor above a sensor: poses may be those of the robot's base
-_BELOW = 3.0  # metres from a sensor down to the floor that its robot stands on, at most
+_ABOVE = 0.3  # metres of the floor above a pose, which may be that of the robot's base
+_BELOW = 3.0  # largest height of a sensor above its floor, metres
 
 
 def _sample_of(columns: Columns, tile: int) -> tuple[Columns, int]:
-    """Return every so many-th row of tiles, and this number."""
+    """Return a sample of every n-th row of tiles, and n."""
     every = math.ceil(len(columns.heights) / _SAMPLED)
     return columns.chosen(columns.row // tile % every == 0), every
 
@@ -233,7 +233,7 @@ def _evidence_of(
     is_high = (heights > low) & (heights <= limits.robot_height)
     standing = count_in(is_high) >= _LEAST_VOXELS
     touching = standing & (count_in(is_high & (heights <= low + _FEET + limits.steps)) > 0)
-    # gaps of a sparse floor are closed, and its rim is left out
+    # closes gaps of a sparse floor and excludes its rim
     closed = np.lib.stride_tricks.sliding_window_view(
         np.pad(tiles.away <= _TILES_CLOSED * side, 2), (5, 5)
     )
@@ -257,8 +257,8 @@ def _hanging(
     sample: Columns, whose: Integers, heights: Floats, count_in: Callable[[Mask], Floats],
     low: float, room: float,
 ) -> tuple[Mask, Mask]:  # fmt: skip
-    """Return in which tiles there are points just below a ceiling, and just above the level."""
-    # in a cloud that is upside down, furniture hangs from what seems to be the ceiling
+    """Return which tiles have points just below a ceiling, and which just above the level."""
+    # in an upside-down cloud, furniture seems to hang from the ceiling
     tops = np.full(len(count_in(heights > 0)), -np.inf)
     if len(sample.starts):
         np.maximum.at(tops, whose, heights[sample.starts + sample.lengths() - 1])

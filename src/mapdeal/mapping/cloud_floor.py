@@ -1,8 +1,8 @@
-"""The levels of a building in its point cloud: patches that a robot can drive between.
+"""The levels of a building in its point cloud, made of patches connected for a robot.
 
-Thin layers of voxels with room above them become patches, planes over tiles of some cells. Those
-that meet within a step and a slope that a robot drives over make levels, which lie above each place
-once. `mapdeal.mapping.cloud_evidence` chooses the floor among them.
+Thin layers of voxels with room above them become patches, planes over tiles of some cells. Patches
+that meet within a step and a slope that the robot can drive make a level, which has one height at
+each place. `mapdeal.mapping.cloud_evidence` chooses the floor among the levels.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from mapdeal.mapping.voxels import AT_ONCE, Claim, Columns, median
 _RUN_GAP = 0.12  # metres between voxels of a column that belong together
 _THIN = 0.05  # standard deviation of the heights of a surface within a cell, metres, at most
 TILE = 0.25  # metres: side of a tile, about
-_SHARE_OF_MOST = 0.2  # of the cells of a tile's largest patch, that others near it have
-_FAR = 1.0  # metres between patches of floor that may belong together
-_REACH = 3.0  # metres around the floor at which its height is still known
+_SHARE_OF_MOST = 0.2  # least cells of a patch, relative to the largest patch of its tile
+_FAR = 1.0  # largest gap in metres between connected patches
+_REACH = 3.0  # metres around the floor up to which its height is extrapolated
 
 
 class Limits(NamedTuple):
-    """What a robot drives over and under, metres, and up, degrees."""
+    """Limits of the robot: steps and height in metres, slopes in degrees."""
 
     climb: float
     robot_height: float
     max_slope: float
-    steps: float  # in which heights come, out of a voxel filter: next to nothing otherwise
+    steps: float  # between heights out of a voxel filter; nearly 0 for other clouds
 
     @property
     def gap(self) -> float:
@@ -51,23 +51,23 @@ class Patches(NamedTuple):
     along_y: Floats
     support: Floats  # cells
 
-    def chosen(self, which: Any) -> Patches:
-        return Patches(*(one[which] for one in self))
+    def chosen(self, indices: Any) -> Patches:
+        return Patches(*(field[indices] for field in self))
 
 
 def patches_of(columns: Columns, tile: int, limits: Limits) -> Patches:
-    """Return the thin layers of voxels that have room above them, as planes."""
+    """Return the thin layers of voxels with room above them, as planes."""
     row, col, z = _thin_layers(columns, limits)
     if not len(z):
         return Patches(*(np.zeros(0, np.int64),) * 2, *(np.zeros(0),) * 4)
     # whole rows of tiles at a time, so that arrays stay in the cache
     cuts = np.searchsorted(row, row[AT_ONCE::AT_ONCE] // tile * tile).tolist()
-    found = [
+    planes = [
         _planes(row[first:end], col[first:end], z[first:end], tile, columns.cell, limits)
         for first, end in pairwise([0, *cuts, len(z)])
         if first < end
     ]
-    *parts, spread, good = (np.concatenate(one) for one in zip(*found, strict=True))
+    *parts, spread, good = (np.concatenate(arrays) for arrays in zip(*planes, strict=True))
     patches = Patches(*parts)
     return patches.chosen(good & (spread <= _thin(spread[patches.support >= _FEW], limits.steps)))
 
@@ -84,17 +84,17 @@ def _planes(
     # a level ends where the next layer is higher than a robot climbs
     is_new = (np.diff(key, prepend=-1) != 0) | (np.diff(z, prepend=z[0]) > limits.gap)
     whose = np.cumsum(is_new) - 1
-    at = np.flatnonzero(is_new)
+    starts = np.flatnonzero(is_new)
     middle = (tile - 1) / 2
     x, y = (col % tile - middle) * cell, (row % tile - middle) * cell
 
     def total(values: NDArray[Any]) -> Floats:
-        return np.bincount(whose, values, len(at)).astype(np.float64)
+        return np.bincount(whose, values, len(starts)).astype(np.float64)
 
-    n = np.diff(at, append=len(z)).astype(np.float64)
+    n = np.diff(starts, append=len(z)).astype(np.float64)
     mx, my, mz = total(x) / n, total(y) / n, total(z) / n
     dx, dy, dz = x - mx[whose], y - my[whose], z - mz[whose]
-    # a weight that holds planes level which few cells tell about, in cells of half a tile away
+    # pulls planes of few cells towards the horizontal, with the weight of cells half a tile away
     weight = 4.0 * (cell * tile / 4) ** 2
     xx, yy, xy = total(dx * dx) + weight, total(dy * dy) + weight, total(dx * dy)
     xz, yz, zz = total(dx * dz), total(dy * dz), total(dz * dz)
@@ -103,29 +103,29 @@ def _planes(
     along_y = (yz * xx - xz * xy) / determinant
     spread = np.sqrt(np.maximum(zz - along_x * xz - along_y * yz, 0.0) / n)
     steep = np.hypot(along_x, along_y) > math.tan(math.radians(limits.max_slope))
-    # a few points above or below a surface are none; but a ceiling may have far more than a floor
-    in_tile = np.cumsum(np.diff(key[at], prepend=-1) != 0) - 1
+    # few points above or below a surface are noise, but a ceiling may have far more than a floor
+    in_tile = np.cumsum(np.diff(key[starts], prepend=-1) != 0) - 1
     is_large = n >= _SHARE_OF_MOST * _most(n, in_tile)
     is_apart = np.diff(mz, prepend=mz[0]) >= limits.robot_height
     storey = np.cumsum((np.diff(in_tile, prepend=-1) != 0) | is_apart) - 1
-    is_dense = np.zeros(len(at), np.bool_)
+    is_dense = np.zeros(len(starts), np.bool_)
     is_dense[storey[is_large]] = True
     is_large |= ~is_dense[storey] & (n >= _SHARE_OF_MOST * _most(n, storey))
     good = (n >= 2) & is_large & ~steep
     middle_z = mz - along_x * mx - along_y * my
-    return row[at] // tile, col[at] // tile, middle_z, along_x, along_y, n, spread, good
+    return row[starts] // tile, col[starts] // tile, middle_z, along_x, along_y, n, spread, good
 
 
 def _most(counts: Floats, groups: Integers) -> Floats:
-    """Return the largest count of the group of each."""
+    """Return for each count the largest one of its group."""
     most = np.zeros(len(counts))
     np.maximum.at(most, groups, counts)
     return np.asarray(most[groups])
 
 
 def _ordered(*keys: Integers) -> Integers:
-    """Return the order that `numpy.lexsort` finds, of keys that are not negative."""
-    # words of 16 bits are sorted by counting
+    """Return the result of `numpy.lexsort` for keys of at least 0."""
+    # numpy sorts 16-bit words by counting, which is fast
     words = [
         (key >> shift).astype(np.uint16)
         for key in keys
@@ -135,9 +135,9 @@ def _ordered(*keys: Integers) -> Integers:
 
 
 def _thin_layers(columns: Columns, limits: Limits) -> tuple[Integers, Integers, Floats]:
-    """Return row, column and height of the layers that may be a surface to drive on."""
-    found = [_open_layers(part, limits.robot_height) for _, part in columns.parts()]
-    row, col, z, weights, variances = (np.concatenate(one) for one in zip(*found, strict=True))
+    """Return the row, column and height of layers that may be a surface to drive on."""
+    layers = [_open_layers(part, limits.robot_height) for _, part in columns.parts()]
+    row, col, z, weights, variances = map(np.concatenate, zip(*layers, strict=True))
     thin = _thin(np.sqrt(variances[weights >= _FEW]), limits.steps)
     good = variances <= thin**2
     return row[good], col[good], z[good]
@@ -146,17 +146,17 @@ def _thin_layers(columns: Columns, limits: Limits) -> tuple[Integers, Integers, 
 def _open_layers(
     columns: Columns, room: float
 ) -> tuple[Integers, Integers, Floats, Floats, Floats]:
-    """Return row, column, height, points and variance of the layers with some room above them."""
+    """Return row, column, height, points and variance of layers with enough room above."""
     z, n = columns.heights, columns.counts.astype(np.float64)
     begins = np.zeros(len(z), np.bool_)
     begins[columns.starts] = True
-    at = np.flatnonzero(np.append(True, np.diff(z) > _RUN_GAP) | begins)
-    weights = np.add.reduceat(n, at)
-    means = np.add.reduceat(n * z, at) / weights
-    rest = z - np.repeat(means, np.diff(at, append=len(z)))
-    variances = np.add.reduceat(n * rest**2, at) / weights
-    column = np.cumsum(begins[at]) - 1
-    is_open = np.append((z[at[1:]] - z[at[1:] - 1] >= room) | begins[at[1:]], True)
+    starts = np.flatnonzero(np.append(True, np.diff(z) > _RUN_GAP) | begins)
+    weights = np.add.reduceat(n, starts)
+    means = np.add.reduceat(n * z, starts) / weights
+    deviations = z - np.repeat(means, np.diff(starts, append=len(z)))
+    variances = np.add.reduceat(n * deviations**2, starts) / weights
+    column = np.cumsum(begins[starts]) - 1
+    is_open = np.append((z[starts[1:]] - z[starts[1:] - 1] >= room) | begins[starts[1:]], True)
     column = column[is_open]
     return (
         columns.row[column], columns.col[column],
@@ -165,17 +165,17 @@ def _open_layers(
 
 
 def _thin(spreads: Floats, steps: float) -> float:
-    """Return up to which spread of heights a layer is level: faces of low steps are not."""
+    """Return the largest spread of heights of a level layer, which excludes faces of low steps."""
     typical = median(spreads) if len(spreads) else _THIN
     return max(0.6 * steps, min(_THIN, max(_LEAST_THIN, _TIMES_TYPICAL * typical)))
 
 
-_FEW = 5  # points or cells, from which a spread says something
+_FEW = 5  # points or cells for a meaningful spread
 _LEAST_THIN, _TIMES_TYPICAL = 0.02, 2.5
 
 
 def _links_of(patches: Patches, side: float, climb: float) -> tuple[Integers, Integers]:
-    """Return pairs of patches between which a robot can drive."""
+    """Return the pairs of patches between which a robot can drive."""
     far = max(1, round(_FAR / side))
     width = int(patches.col.max() - patches.col.min()) + 1 + 2 * far
     key = (patches.row - patches.row.min()) * width + patches.col - patches.col.min()
@@ -183,43 +183,44 @@ def _links_of(patches: Patches, side: float, climb: float) -> tuple[Integers, In
     stops = np.append(firsts[1:], len(key))
 
     def pairs(of: Integers, down: int, across: int) -> tuple[Integers, Integers]:
-        wanted = key[of] + down * width + across
-        found = np.minimum(np.searchsorted(tiles, wanted), len(tiles) - 1)
-        is_there = tiles[found] == wanted
-        of, found = of[is_there], found[is_there]
-        whose, other = enumerated(firsts[found], stops[found])
-        one = of[whose]
+        neighbour_key = key[of] + down * width + across
+        pair_lists = np.minimum(np.searchsorted(tiles, neighbour_key), len(tiles) - 1)
+        is_there = tiles[pair_lists] == neighbour_key
+        of, pair_lists = of[is_there], pair_lists[is_there]
+        whose, second_patches = enumerated(firsts[pair_lists], stops[pair_lists])
+        first_patches = of[whose]
         first, second = (
             (patches.along_x[at] * across + patches.along_y[at] * down) * side
-            for at in (one, other)
+            for at in (first_patches, second_patches)
         )
-        rise = patches.z[other] - patches.z[one] - (first + second) / 2
+        rise = patches.z[second_patches] - patches.z[first_patches] - (first + second) / 2
         close = np.abs(rise) <= climb
-        if max(down, abs(across)) > 1:  # over a gap, a slope must be that of both ends
+        if max(down, abs(across)) > 1:  # over a gap, both ends must have the same slope
             close &= np.abs(first - second) <= climb
-        return one[close], other[close]
+        return first_patches[close], second_patches[close]
 
     every = np.arange(len(key))
-    found = [pairs(every, *step) for step in ((0, 1), (1, -1), (1, 0), (1, 1))]
-    one, other = (np.concatenate(part) for part in zip(*found, strict=True))
-    # gaps are bridged from the rim of what hangs together
-    rim = np.flatnonzero(np.bincount(np.append(one, other), minlength=len(key)) < 8)
-    found = [
+    pair_lists = [pairs(every, *step) for step in ((0, 1), (1, -1), (1, 0), (1, 1))]
+    first_patches, second_patches = (np.concatenate(part) for part in zip(*pair_lists, strict=True))
+    # gaps are bridged only from rims, the patches with fewer than 8 neighbours
+    link_counts = np.bincount(np.append(first_patches, second_patches), minlength=len(key))
+    rim = np.flatnonzero(link_counts < 8)
+    pair_lists = [
         pairs(rim, down, across)
         for down in range(far + 1)
         for across in range(-far, far + 1)
         if (down, across) > (0, 0) and 1 < math.hypot(down, across) <= far
         and max(down, abs(across)) > 1
     ]  # fmt: skip
-    one = np.concatenate([one, *(a for a, _ in found)])
-    other = np.concatenate([other, *(b for _, b in found)])
-    return one, other
+    first_patches = np.concatenate([first_patches, *(a for a, _ in pair_lists)])
+    second_patches = np.concatenate([second_patches, *(b for _, b in pair_lists)])
+    return first_patches, second_patches
 
 
 def _lacks_room(patches: Patches, limits: Limits) -> Mask:
-    """Return which patches, in order of tiles and heights, lie below others with no room between.
+    """Return which patches, sorted by tile and height, have less than a robot's height above.
 
-    The underside of a slab shows between points on its top. Rims, as at ledges, are left.
+    The underside of a slab shows between points on its top. Rims, as at ledges, stay.
     """
     key = (patches.row - patches.row.min() + 1) * _WIDTH + patches.col - patches.col.min()
     rise = np.diff(patches.z, append=np.inf)
@@ -236,7 +237,7 @@ _MOST_AT_A_RIM = 4  # of the 8 tiles around
 
 
 class Levels:
-    """Patches of a cloud, and the level that each belongs to."""
+    """Patches of a cloud, and the level of each."""
 
     def __init__(self, patches: Patches, side: float, limits: Limits) -> None:
         patches = patches.chosen(np.lexsort((patches.z, patches.col, patches.row)))
@@ -252,11 +253,11 @@ class Levels:
         self._split()
 
     def area(self) -> Floats:
-        """Return the area of each label, square metres: 0 without a level."""
+        """Return the area of each label, square metres; 0 for unused labels."""
         return np.asarray(np.bincount(self.label) * self.side**2)
 
     def _split(self) -> None:
-        """Split levels that lie above themselves, such as two storeys and a ramp."""
+        """Split levels that overlap themselves, such as two storeys joined by a ramp."""
         sizes = np.bincount(self.label)
         is_open = sizes[self.label] >= _LEAST_SPLIT * sizes.max()
         for _ in range(_MOST_STOREYS):
@@ -267,34 +268,34 @@ class Levels:
             groups = self._joined(lowest)
             sizes = np.bincount(groups[lowest], minlength=len(groups))
             for label in np.unique(self.label[is_open]).tolist():
-                own = is_open & (self.label == label)
-                largest = int(np.where(own, sizes[: len(own)], -1).argmax())
-                sheet = self._grown(lowest & (groups == largest), own)
-                remaining = own & ~sheet
+                of_label = is_open & (self.label == label)
+                largest = int(np.where(of_label, sizes[: len(of_label)], -1).argmax())
+                sheet = self._grown(lowest & (groups == largest), of_label)
+                remaining = of_label & ~sheet
                 self.label[sheet] = int(np.flatnonzero(sheet)[0])
                 self.label[remaining] = self._joined(remaining)[remaining]
                 is_open &= ~sheet
 
     def _is_above_own(self, chosen: Mask, room: float | None = None) -> Mask:
-        """Return which patches lie above another one of their level by more than some room."""
+        """Return which patches lie more than `room` above another patch of their level."""
         room = self.limits.robot_height if room is None else room
-        at = np.flatnonzero(chosen)
-        at = at[np.lexsort((self.patches.z[at], self.tile[at], self.label[at]))]
-        tile, label, z = self.tile[at], self.label[at], self.patches.z[at]
+        order = np.flatnonzero(chosen)
+        order = order[np.lexsort((self.patches.z[order], self.tile[order], self.label[order]))]
+        tile, label, z = self.tile[order], self.label[order], self.patches.z[order]
         is_new = (np.diff(tile, prepend=-1) != 0) | (np.diff(label, prepend=-1) != 0)
         first = np.flatnonzero(is_new)[np.cumsum(is_new) - 1]
         found = np.zeros(len(chosen), np.bool_)
-        found[at] = (first != np.arange(len(at))) & (z - z[first] > room)
+        found[order] = (first != np.arange(len(order))) & (z - z[first] > room)
         return found
 
     def _joined(self, chosen: Mask) -> Integers:
-        """Return for each of some patches the first that it hangs together with."""
+        """Return for each chosen patch the first patch that it is connected to."""
         first, second = self._links
         both = chosen[first] & chosen[second]
         return least_joined(first[both], second[both], len(chosen))
 
     def _grown(self, seeds: Mask, allowed: Mask) -> Mask:
-        """Return the patches that are reached from seeds, one above each place."""
+        """Return the patches that are connected to seeds, one level per tile."""
         first, second = self._links
         both = allowed[first] & allowed[second]
         first, second = np.append(first[both], second[both]), np.append(second[both], first[both])
@@ -316,7 +317,7 @@ class Levels:
     def floor_from(
         self, level: int, claim: Claim
     ) -> tuple[Tiles, Patches, tuple[float, tuple[float, ...]]]:
-        """Return the floor that goes on from a level; area and heights of its storeys elsewhere."""
+        """Return the floor that continues a level, its patches, and its other storeys."""
         seeds = self.label == level
         allowed = self._connected == self._connected[level]
         main = seeds if (seeds == allowed).all() else self._grown(seeds, allowed)
@@ -327,67 +328,69 @@ class Levels:
         heights = sorted(
             median(patches.z[elsewhere][self.label[elsewhere] == first]) for first in large
         )
-        apart = np.diff(heights, append=np.inf) > self.limits.robot_height  # slabs have two sides
+        # the two sides of a slab are one storey
+        apart = np.diff(heights, append=np.inf) > self.limits.robot_height
         storeys = tuple(np.array(heights)[apart].tolist())
         for _ in range(_ROUNDS):
             tiles = _raster(patches.chosen(main), self.side, self.limits, claim)
             at = patches.row - tiles.first_row, patches.col - tiles.first_col
             inside = ~main & (at[0] >= 0) & (at[1] >= 0)
             inside &= (at[0] < tiles.z.shape[0]) & (at[1] < tiles.z.shape[1])
-            some = np.flatnonzero(inside)
-            rise = np.abs(patches.z[some] - tiles.z[at[0][some], at[1][some]])
-            more = some[rise <= self.limits.climb]
-            if not len(more):
+            candidates = np.flatnonzero(inside)
+            rise = np.abs(patches.z[candidates] - tiles.z[at[0][candidates], at[1][candidates]])
+            added = candidates[rise <= self.limits.climb]
+            if not len(added):
                 break
-            main[more] = True
+            main[added] = True
         return tiles, patches.chosen(main), (overlaid, storeys)
 
 
 _MOST_STOREYS = 16
 _LEAST_STOREY = 0.1  # of the patches of the floor
-_LEAST_SPLIT = 0.02  # of the patches of the largest level, that one has which is looked at
+_LEAST_SPLIT = 0.02  # least size of a level to split, relative to the largest level
 _ROUNDS = 5
 
 
 class Tiles(NamedTuple):
-    """The floor as a plane for each tile of a box; nan where it is not known."""
+    """The floor as a plane for each tile of a box; nan where it is unknown."""
 
     first_row: int
     first_col: int
     z: Floats
     along_x: Floats
     along_y: Floats
-    upper: Floats  # of a second floor within the robot's height, at a ledge; else nan
-    away: Floats  # metres to the nearest tile with a patch; inf beyond some
+    upper: Floats  # height of a second floor within the robot's height, at a ledge; else nan
+    away: Floats  # metres to the nearest tile with a patch; inf beyond `_REACH`
 
     def box(self, tile: int) -> tuple[int, int, int, int]:
-        """Return the first row and column of cells, and those behind the last."""
+        """Return the first row and column of the cells, and the end row and column."""
         height, width = self.z.shape
         row, col = self.first_row * tile, self.first_col * tile
         return row, col, row + height * tile, col + width * tile
 
 
-def tilt_of(own: Patches, side: float) -> float:
-    """Return the tilt of the plane that most of the floor lies on, radians."""
-    # Each patch by itself is level where heights are coarse. Least trimmed squares, so that ramps
-    # do not count, from several heights, so that of two levels one does: P. Rousseeuw, "Least
-    # median of squares regression", JASA 79, 1984.
+def tilt_of(patches: Patches, side: float) -> float:
+    """Return the tilt of the plane of most of the floor, radians."""
+    # A single patch looks level if heights are coarse, so a plane is fitted to all: by least
+    # trimmed squares, which ignore ramps, from several start heights, so that one of two levels
+    # wins. P. Rousseeuw, "Least median of squares regression", JASA 79, 1984.
     best, tilt = -1, 0.0
     for share in (0.25, 0.5, 0.75):
-        along_x, along_y = median(own.along_x), median(own.along_y)
-        off = _above(own, along_x, along_y, side)
+        along_x, along_y = median(patches.along_x), median(patches.along_y)
+        off = _above(patches, along_x, along_y, side)
         off -= np.quantile(off, share)
         for _ in range(_ROUNDS):
             chosen = np.abs(off) <= median(np.abs(off))
-            x, y, z = (one[chosen] - one[chosen].mean() for one in (own.col, own.row, own.z))
+            places = (patches.col, patches.row, patches.z)
+            x, y, z = (values[chosen] - values[chosen].mean() for values in places)
             xx, xy, yy = (x * x).sum(), (x * y).sum(), (y * y).sum()
             determinant = xx * yy - xy * xy
             if determinant <= _LEAST_SPREAD * (xx + yy) ** 2:
-                break  # all in one line
+                break  # collinear
             xz, yz = (x * z).sum(), (y * z).sum()
             along_x = float((xz * yy - yz * xy) / determinant / side)
             along_y = float((yz * xx - xz * xy) / determinant / side)
-            off = _above(own, along_x, along_y, side)
+            off = _above(patches, along_x, along_y, side)
             off -= off[chosen].mean()
         count = int(np.count_nonzero(np.abs(off) <= _SAME_PLANE))
         if count > best:
@@ -396,7 +399,7 @@ def tilt_of(own: Patches, side: float) -> float:
 
 
 _SAME_PLANE = 0.03  # metres
-_LEAST_SPREAD = 1e-3  # of places across their main direction, squared and as a share
+_LEAST_SPREAD = 1e-3  # least determinant relative to the squared trace: below it is a line
 
 
 def _above(own: Patches, along_x: float, along_y: float, side: float) -> Floats:
@@ -411,7 +414,7 @@ def _raster(patches: Patches, side: float, limits: Limits, claim: Claim) -> Tile
     claim(120 * height * width, f"a floor of {width * side:.0f} x {height * side:.0f} m")
     r, c = patches.row - first_row, patches.col - first_col
     layers = np.full((4, height, width), np.nan)
-    # of several patches in a tile the last one that is written counts: the lowest
+    # the lowest patch of a tile is written last and counts
     for layer, values in zip(layers, (patches.z, patches.along_x, patches.along_y), strict=False):
         layer[r[::-1], c[::-1]] = values[::-1]
     above = patches.z - layers[0][r, c]
@@ -422,7 +425,7 @@ def _raster(patches: Patches, side: float, limits: Limits, claim: Claim) -> Tile
     away, near_r, near_c = _nearest(~unknown, margin)
     rows, cols = np.indices((height, width))
     z, along_x, along_y = (layer[near_r, near_c] for layer in layers[:3])
-    # planes go on for a little, and then level
+    # planes continue for `_CONTINUED` metres, then horizontally
     share = np.minimum(1.0, _CONTINUED / np.maximum(away * side, _CONTINUED)) * side
     z = z + (along_x * (cols - near_c) + along_y * (rows - near_r)) * share
     z[away * side > _REACH] = np.nan
@@ -430,7 +433,7 @@ def _raster(patches: Patches, side: float, limits: Limits, claim: Claim) -> Tile
     along_x[flat] = along_y[flat] = 0.0
     between = unknown & np.isfinite(lowest)
     z[between] = lowest[between]
-    # the upper floor of a ledge reaches into the tiles beside it
+    # the upper floor of a ledge extends into neighbouring tiles
     upper = np.fmax(layers[3], highest)
     with np.errstate(invalid="ignore"):
         is_ledge = (upper - z > _LEDGE * limits.gap) & (upper - z <= limits.robot_height)
@@ -439,8 +442,8 @@ def _raster(patches: Patches, side: float, limits: Limits, claim: Claim) -> Tile
 
 
 def _nearest(known: Mask, reach: int) -> tuple[Floats, Integers, Integers]:
-    """Return how far the nearest known tile is, inf beyond some, and its row and column."""
-    # scipy.ndimage has this for any distance, but takes long to import
+    """Return distance, row and column of the nearest known tile; inf beyond `reach`."""
+    # scipy.ndimage could do this, but takes long to import
     height, width = known.shape
     rows, far = np.arange(height)[:, np.newaxis], height + width
     below = np.maximum.accumulate(np.where(known, rows, -far))
@@ -458,12 +461,12 @@ def _nearest(known: Mask, reach: int) -> tuple[Floats, Integers, Integers]:
     return away, np.where(least <= reach * reach, in_column[rows, near_c], 0), near_c
 
 
-_LEDGE = 1.5  # times the gap between levels: what is less is noise, or an obstacle
+_LEDGE = 1.5  # times the gap between levels: a lower rise is noise or an obstacle
 _CONTINUED = 0.5  # metres
 
 
 def _around(layers: Floats, side: float) -> tuple[Floats, Floats]:
-    """Return the lowest and the highest that a tile or one beside it makes of the tile's middle."""
+    """Return the lowest and highest height at each tile's middle by all planes around it."""
     height, width = layers[0].shape
     padded = np.pad(layers[:3], ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
     lowest, highest = layers[0].copy(), layers[0].copy()
@@ -479,14 +482,14 @@ def _around(layers: Floats, side: float) -> tuple[Floats, Floats]:
 def heights_of(
     tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Integers, climb: float
 ) -> Floats:
-    """Return the floor's height in cells of rows and columns, nan where it is not known."""
+    """Return the floor's height in cells, nan where it is unknown."""
     height, width = tiles.z.shape
     own_r, own_c, inside = tile_of(tiles, tile, rows, cols)
     own = _plane(tiles, tile, cell, rows, cols, own_r, own_c)
     own[~inside] = np.nan
     up, right = (
-        (one - first * tile) - at * tile - (tile - 1) / 2
-        for one, first, at in ((rows, tiles.first_row, own_r), (cols, tiles.first_col, own_c))
+        (cells - first * tile) - own * tile - (tile - 1) / 2
+        for cells, first, own in ((rows, tiles.first_row, own_r), (cols, tiles.first_col, own_c))
     )
     down, across = np.where(up >= 0, 1, -1), np.where(right >= 0, 1, -1)
     share_r, share_c = np.abs(up) / tile, np.abs(right) / tile
@@ -506,7 +509,7 @@ def heights_of(
 
 
 def uppers_of(tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Integers) -> Floats:
-    """Return the height of a second floor at ledges, nan elsewhere."""
+    """Return the height of the upper floor at ledges, nan elsewhere."""
     r, c, inside = tile_of(tiles, tile, rows, cols)
     upper = np.where(inside, tiles.upper[r, c], np.nan)
     at = np.flatnonzero(np.isfinite(upper))
@@ -525,7 +528,7 @@ def slopes_of(tiles: Tiles, tile: int, rows: Integers, cols: Integers) -> NDArra
 def tile_of(
     tiles: Tiles, tile: int, rows: Integers, cols: Integers
 ) -> tuple[Integers, Integers, Mask]:
-    """Return row and column of the tile of each cell, and whether there is one."""
+    """Return the row and column of each cell's tile, and whether it exists."""
     r, c = rows // tile - tiles.first_row, cols // tile - tiles.first_col
     height, width = tiles.z.shape
     inside = (r >= 0) & (r < height) & (c >= 0) & (c < width)
@@ -535,7 +538,7 @@ def tile_of(
 def _plane(
     tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Integers, r: Integers, c: Integers
 ) -> Floats:
-    """Return the heights in cells of the planes of some tiles."""
+    """Return the heights of tiles' planes in cells."""
     middle = (tile - 1) / 2
     y = (rows - (r + tiles.first_row) * tile - middle) * cell
     x = (cols - (c + tiles.first_col) * tile - middle) * cell

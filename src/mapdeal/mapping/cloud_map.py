@@ -1,9 +1,9 @@
-"""Maps for robots from point clouds of whole buildings: the floor first, and what stands on it.
+"""Maps for robots from point clouds of whole buildings: the floor, then obstacles on it.
 
-Points are counted in voxels, so memory grows with the surfaces that were seen and not with the
-points. Thin layers of voxels with room above them become patches of surface, one for each tile of
-some cells and each level; patches that a robot could drive between make the floor. All else is
-measured from the floor next to it.
+Points are counted in voxels, so memory grows with the scanned surfaces and not with the points.
+Thin layers of voxels with room above them become patches of surface, one per tile and level;
+patches that a robot could drive between make the floor. Heights of obstacles are relative to the
+floor beside them.
 """
 
 from __future__ import annotations
@@ -59,30 +59,30 @@ _SLOPE = Condition("above 0 and below 60", lambda value: 0 < value < 60)
 
 @dataclass(frozen=True, kw_only=True)
 class CloudOptions:
-    """What a map of a cloud shows as free and as occupied.
+    """Options that decide which cells of a cloud are free and which are occupied.
 
     Parameters
     ----------
     climb : float
-        Highest step that the robot drives over, metres; what is lower is floor.
+        Highest step that the robot drives over, metres; lower points are floor.
     robot_height : float
-        What is higher above the floor is no obstacle, metres.
+        Height above the floor up to which points are obstacles, metres.
     max_slope : float
         Steepest ramp that the robot drives on, degrees.
     drops : {'occupied', 'unknown'}
-        What places below the floor become where something was seen there.
+        Value of cells with points below the floor, such as stairs down.
     min_points : int
-        Points that an obstacle has in a cell and its 8 neighbours, at least.
+        Least number of points of an obstacle in a cell and its 8 neighbours.
     fill : float
         Widest gap between seen pieces of floor that becomes free, metres.
     level : bool
-        Turn the cloud so that its floor is level; by up to 40 degrees.
+        Whether to turn the cloud so that its floor is level, by up to 40 degrees.
     up : {'z', '-z', 'y', '-y', 'x', '-x'}, optional
         Axis of the cloud that points up. By default z, unless the cloud contradicts it.
     floor : float, optional
         Height of a floor that is not in the cloud, metres. Cells without points stay unknown.
     at : tuple of float, optional
-        Place on the storey that is wanted, metres; by default the lowest.
+        Place on the storey to map, metres; the lowest storey by default.
     """
 
     climb: Annotated[float, ABOVE_0, METRES] = 0.05
@@ -97,8 +97,8 @@ class CloudOptions:
     at: Annotated[tuple[float, float, float] | None, Words("X,Y,Z")] = None
 
     def __post_init__(self) -> None:
-        for name, one in parameters_of(CloudOptions).items():
-            object.__setattr__(self, name, one.accept(getattr(self, name)))
+        for name, parameter in parameters_of(CloudOptions).items():
+            object.__setattr__(self, name, parameter.accept(getattr(self, name)))
         if self.floor is not None and self.at is not None:
             rule = "cannot be given together with floor"
             raise ParameterError(rule, place="at", got=self.at)
@@ -120,7 +120,7 @@ class CloudMap(Drawn):
         known), ``obstacle_height`` (of the highest obstacle above the floor, metres; 0 for none),
         ``points`` (in the cell, at any height): float32 and int32 of the shape of the grid.
     points, not_finite, beyond : int
-        Number of points; of those that are not finite, and of those too far away for a map.
+        Number of all points, of points that are not finite, and of points too far away for a map.
     tilt : float
         Angle between the floor and the horizontal, degrees; the cloud was turned by it if
         `CloudOptions.level` asked for that.
@@ -129,13 +129,13 @@ class CloudMap(Drawn):
     clearance : float
         Height above the floor from which points are obstacles, metres.
     overlaid_m2 : float
-        Where other storeys lie above or below the one that the map shows, square metres.
+        Area of the map above or below which other storeys lie, square metres.
     storeys : tuple of float
         Heights of these storeys, metres.
     may_be_upside_down : bool
         Whether too much hangs from the ceiling, compared with things on the floor.
     at_sensor : int
-        Points at the sensor itself, or nearer to it than asked for, which are left out.
+        Points that were left out because they are at the sensor or below its least range.
     cleared : int
         Cells whose points were cleared by beams that passed later or more often.
     """
@@ -188,7 +188,7 @@ class CloudMap(Drawn):
 
 @dataclass(frozen=True, eq=False)
 class _CellContents:
-    """What was seen in the cells of a frame, by its height above the floor."""
+    """Counts and heights of points in the cells of a frame, relative to the floor."""
 
     frame: Frame
     floor: NDArray[np.float32]
@@ -196,8 +196,8 @@ class _CellContents:
     on_floor: NDArray[np.int32]
     below: NDArray[np.int32]
     points: NDArray[np.int32]
-    obstacles: NDArray[np.int32]  # of each slab of height
-    highest: NDArray[np.float32]  # of each slab of height
+    obstacles: NDArray[np.int32]  # by slab of height, (S, H, W)
+    highest: NDArray[np.float32]  # by slab of height, (S, H, W)
     clearance: float
     noise: float
     spacing: float  # metres between points on the floor
@@ -206,29 +206,29 @@ class _CellContents:
 
 
 _MOST_FAR = 0.4  # of the points
-_SEEDS = 200  # places of the robot that are looked under
-_SLAB = 0.2  # metres of height whose points beams clear together
-_LOW = 0.4  # metres above the floor, below which all that moves has a part
+_SEEDS = 200  # most places of the robot below which the floor is searched
+_SLAB = 0.2  # metres of height that beams clear as one
+_LOW = 0.4  # metres; everything that moves has points below this height
 _SHORTEST = 2.0  # cells: shorter beams clear nothing
 _LEVEL = 1e-6
-_TOGETHER = 1 << 16  # cells of a row that are worked on together
+_CELLS_AT_ONCE = 1 << 16  # of a row
 _PER_CELL = 80
 _PER_SLAB = 24
 
 
 class CloudMapper:
-    """Maker of a map from a point cloud that comes in parts.
+    """Builder of a map from a point cloud that is added in parts.
 
     Parameters
     ----------
     options : CloudOptions, optional
-        What is free and what is occupied.
+        Options of the map.
     resolution : float, optional
         Side of a cell, metres; by default 0.05, or the distance between points if that is larger.
     frame : Frame, optional
-        Cells of the map, without a yaw; by default those that hold what is known.
+        Cells of the map, without a yaw; by default the box of known cells.
     claim : callable, optional
-        Called with bytes that are about to be taken, and what for; it may raise an error.
+        Called with the bytes of each large allocation and a description; it may raise an error.
     """
 
     def __init__(
@@ -251,13 +251,13 @@ class CloudMapper:
         self._voxels = Voxels(cell, step, corner, claim)
         self._contents: _CellContents | None = None
         self._places: list[Floats] = []
-        self._scans: NDArray[np.int32] | None = None  # that hit, and that passed, of each slab
-        self._level: Floats | None = None  # which way is up
+        self._scans: NDArray[np.int32] | None = None  # hits and passes by slab
+        self._level: Floats | None = None  # unit vector that points up
         self.at_sensor = 0
         self._floor: Floor | None = None
 
     def turn(self, tilt: Tilt) -> None:
-        """Level all points that are added, of which a tilt is known."""
+        """Level all points added from now on by a known tilt."""
         self._level = tilt.up()
 
     def _upright(self, points: Floats) -> Floats:
@@ -265,7 +265,7 @@ class CloudMapper:
         return turned if self._level is None else levelled(turned, self._level)
 
     def add_place(self, place: ArrayLike | None) -> None:
-        """Add a place at which the sensor was, shape (3,): the floor is below it."""
+        """Add a position of the sensor, shape (3,), below which the floor is."""
         if place is not None:
             self._places.append(self._upright(np.array(place, np.float64)[np.newaxis])[0])
 
@@ -280,17 +280,17 @@ class CloudMapper:
         self._voxels.add(self._upright(away))
 
     def settle(self, *, follows_beams: bool = False) -> None:
-        """Find the floor, and what stands on it; no more points can be added.
+        """Find the floor and the obstacles; afterwards no points can be added.
 
         Parameters
         ----------
         follows_beams : bool
-            Whether `clear` will be called: it takes more memory.
+            Whether `clear` will be called, which takes more memory.
         """
         if self._contents is None:
-            self._contents = self._found(follows_beams=follows_beams)
+            self._contents = self._find_contents(follows_beams=follows_beams)
 
-    def _found(self, *, follows_beams: bool) -> _CellContents:
+    def _find_contents(self, *, follows_beams: bool) -> _CellContents:
         voxels, options = self._voxels, self.options
         columns = voxels.columns()
         bad, far = voxels.not_finite, voxels.beyond
@@ -304,7 +304,7 @@ class CloudMapper:
         check_extent(columns)
         if self._may_choose:
             columns = fitting(columns)
-        # heights out of a voxel filter come in steps, and so does the floor
+        # a voxel filter puts heights, and so the floor, on steps
         steps = steps_of(columns)
         limits = Limits(options.climb, options.robot_height, options.max_slope, steps)
         tile = max(3, round(TILE / columns.cell))
@@ -319,9 +319,9 @@ class CloudMapper:
             at = None if options.at is None else np.array(options.at) - corner
             floor = floor_in(columns, tile, limits, places, at, self._claim)
         self._floor = floor
-        return self._measured(columns, floor, tile, limits, follows_beams=follows_beams)
+        return self._measure(columns, floor, tile, limits, follows_beams=follows_beams)
 
-    def _measured(
+    def _measure(
         self, columns: Columns, floor_found: Floor, tile: int, limits: Limits, *,
         follows_beams: bool,
     ) -> _CellContents:  # fmt: skip
@@ -339,9 +339,9 @@ class CloudMapper:
             frame = self._frame
         height, width = frame.shape
         slabs = max(1, math.ceil((options.robot_height - gap) / _SLAB)) if follows_beams else 1
-        what = f"{width} x {height} cells"
-        each = _PER_CELL + _PER_SLAB * slabs
-        self._claim(each * height * width, what)
+        size_text = f"{width} x {height} cells"
+        bytes_per_cell = _PER_CELL + _PER_SLAB * slabs
+        self._claim(bytes_per_cell * height * width, size_text)
         rows, cols = columns.row - row, columns.col - col
         inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)
         flat = np.where(inside, rows * width + cols, 0)
@@ -350,12 +350,12 @@ class CloudMapper:
         all_cols = np.arange(col, col + width)
 
         def fill(part: slice) -> None:
-            some = np.arange(part.start + row, part.stop + row)[:, np.newaxis]
-            for first in range(0, width, _TOGETHER):  # rows may be very long
-                here = part, slice(first, first + _TOGETHER)
-                beside = all_cols[here[1]]
-                surface[here] = heights_of(tiles, tile, cell, some, beside, options.climb)
-                slope[here] = slopes_of(tiles, tile, some, beside)
+            band = np.arange(part.start + row, part.stop + row)[:, np.newaxis]
+            for first in range(0, width, _CELLS_AT_ONCE):  # rows may be very long
+                at = part, slice(first, first + _CELLS_AT_ONCE)
+                band_cols = all_cols[at[1]]
+                surface[at] = heights_of(tiles, tile, cell, band, band_cols, options.climb)
+                slope[at] = slopes_of(tiles, tile, band, band_cols)
 
         for_rows(fill, (height, width))
         floor, out = surface.ravel()[flat], np.flatnonzero(~inside)
@@ -389,16 +389,16 @@ class CloudMapper:
         obstacles = np.zeros((slabs, height, width), np.int32)
         highest = np.zeros(obstacles.shape, np.float32)
         for which, part in columns.parts():
-            heights, kept = part.above(floor[which]), inside[which]
-            cells = flat[which][kept]
+            heights, is_in_map = part.above(floor[which]), inside[which]
+            cells = flat[which][is_in_map]
             for layer, counted in (
                 (on_floor, part.counts * (np.abs(heights) <= clear)),
                 (below, part.counts * (heights < -clear)),
                 (points, part.counts),
             ):
-                layer.ravel()[cells] = np.add.reduceat(counted, part.starts)[kept]
+                layer.ravel()[cells] = np.add.reduceat(counted, part.starts)[is_in_map]
             is_high = (heights > clear) & (heights <= options.robot_height + half)
-            stands = np.flatnonzero(is_high & np.repeat(kept, part.lengths()))
+            stands = np.flatnonzero(is_high & np.repeat(is_in_map, part.lengths()))
             above = heights[stands]
             slab = np.minimum(((above - clear) / tall).astype(np.int64), slabs - 1)
             at = slab * (height * width) + flat[which][part.of_voxels()[stands]]
@@ -411,14 +411,14 @@ class CloudMapper:
         )  # fmt: skip
 
     def clear(self, points: ArrayLike, place: ArrayLike) -> None:
-        """Take note of what the beams of one cloud passed.
+        """Record which cells the beams of one cloud passed.
 
         Parameters
         ----------
         points : array_like of float, shape (N, 3)
             Points that have been added, metres.
         place : array_like of float, shape (3,)
-            Where the sensor was.
+            Position of the sensor, metres.
         """
         self.settle(follows_beams=True)
         contents = self._contents
@@ -436,7 +436,7 @@ class CloudMapper:
         if not ((here >= 0) & (here < shape)).all():
             return
         at, cells, z = at[inside], cells[inside], ends[inside, 2]
-        # heights above the floor along a beam: between those at its ends
+        # heights above the floor along a beam are interpolated between its ends
         z0 = float(start[2] - contents.floor[here[0], here[1]])
         z1 = z - contents.floor[cells[:, 0], cells[:, 1]]
         along = at - begin
@@ -459,9 +459,9 @@ class CloudMapper:
             is_hit = np.zeros(window, np.bool_)
             inside = (z1 > bottom) & (z1 <= bottom + tall)
             is_hit[tuple((cells[inside] - low).T)] = True
-            one, other = (bottom - z0) / rise, (bottom + tall - z0) / rise
-            enter = np.maximum(np.minimum(one, other), 0.0)
-            leave = np.minimum(np.maximum(one, other), stop)
+            at_bottom, at_top = (bottom - z0) / rise, (bottom + tall - z0) / rise
+            enter = np.maximum(np.minimum(at_bottom, at_top), 0.0)
+            leave = np.minimum(np.maximum(at_bottom, at_top), stop)
             passes = np.flatnonzero(leave > enter)
             first, last = (
                 np.floor(begin + along[passes] * share[passes, np.newaxis]).astype(np.int64) - low
@@ -478,7 +478,7 @@ class CloudMapper:
         Raises
         ------
         MalformedInputError
-            If there are no points, or no floor is found.
+            If the cloud is empty or has no floor.
         """
         self.settle()
         contents, floor_found = self._contents, self._floor
@@ -491,18 +491,18 @@ class CloudMapper:
         passed = np.zeros(contents.frame.shape, np.bool_)
         if self._scans is not None:
             hits, misses = self._scans
-            # what moves stands on the floor; beams pass below tables, and these stay
+            # moving things stand on the floor; beams pass below tables, which must stay
             low = max(1, round(_LOW / _SLAB))
-            is_left = (misses <= _PASSES * hits) | (hits[:low] == 0).all(axis=0)
-            left = np.where(is_left, contents.obstacles, 0).sum(axis=0, dtype=np.int32)
-            cleared = int(((left == 0) & (counts > 0)).sum())
-            counts, highest = left, np.where(is_left, contents.highest, 0).max(axis=0)
+            is_remaining = (misses <= _PASSES * hits) | (hits[:low] == 0).all(axis=0)
+            remaining = np.where(is_remaining, contents.obstacles, 0).sum(axis=0, dtype=np.int32)
+            cleared = int(((remaining == 0) & (counts > 0)).sum())
+            counts, highest = remaining, np.where(is_remaining, contents.highest, 0).max(axis=0)
             passed = misses.sum(axis=0) >= options.min_points
         occupied, floor = _states(contents, counts, passed, options)
         values = np.full(contents.frame.shape, UNKNOWN, np.int8)
         values[floor], values[occupied] = FREE, OCCUPIED
-        whole = Region(0, 0, *contents.frame.shape)
-        box = _box_of(values != UNKNOWN) if self._frame is None else whole
+        everything = Region(0, 0, *contents.frame.shape)
+        box = _box_of(values != UNKNOWN) if self._frame is None else everything
         rows, cols = (slice(box.row, box.row + box.height), slice(box.col, box.col + box.width))
         frame = box.frame_in(contents.frame)
         grid = OccupancyGrid(values[rows, cols].copy(), frame.resolution, frame.origin)
@@ -523,7 +523,7 @@ class CloudMapper:
         )  # fmt: skip
 
 
-_PASSES = 10  # clouds whose beams pass a place, for each that has points there, to clear it
+_PASSES = 10  # clouds whose beams pass a place per cloud with points there, to clear it
 
 
 def _states(
@@ -532,7 +532,7 @@ def _states(
     """Return which cells are occupied and which are free."""
     on_floor = contents.on_floor
     occupied = (counts > 0) & (_around(counts) >= options.min_points)
-    # the tails of the floor's own noise, and of that of a wall in the next cell
+    # excludes the tails of the noise of the floor, and of a wall in the next cell
     occupied &= counts >= _SHARE_OF_FLOOR * on_floor
     most = _around(counts, np.maximum)
     occupied &= (counts >= _SHARE_OF_NEXT * most) | (most < _DENSE)
@@ -543,38 +543,38 @@ def _states(
     lower &= _around(contents.below) >= options.min_points
     _drop_lone(lower, contents.below, on_floor, 3 * options.min_points)
     gap = math.floor(min(options.fill / contents.frame.resolution + 1e-6, max(floor.shape)))
-    if contents.is_above_others:  # the storey below is seen through gaps between points
+    if contents.is_above_others:  # the storey below shows through gaps between points
         lower &= ~_closed(floor, max(gap, math.ceil(_gap_of_sparse(contents))))
     if options.drops == "occupied":
         occupied |= lower | (_ledges(contents.floor, floor, contents.clearance) & floor)
         floor &= ~occupied
     may_be_floor = ~lower & ~occupied & np.isfinite(contents.floor)
-    for wide, where in ((gap, may_be_floor), (3 * gap, passed & may_be_floor)):
-        if wide and where.any():
-            floor |= _closed(floor, wide) & where
+    for wide, mask in ((gap, may_be_floor), (3 * gap, passed & may_be_floor)):
+        if wide and mask.any():
+            floor |= _closed(floor, wide) & mask
     if contents.is_stated:
         floor |= passed & may_be_floor
     elif contents.spacing > _SPARSE * contents.frame.resolution:
         wide = math.ceil(_gap_of_sparse(contents))
-        beside = _around(occupied.astype(np.int32)) > 0  # whose points may be feet of walls
+        beside = _around(occupied.astype(np.int32)) > 0  # their points may be feet of walls
         between = labelled(_closed(floor | occupied, wide) & may_be_floor, corners=False)
         floor |= between.cells_of(between.touched_by(floor & ~beside))
     return occupied, floor
 
 
 def _gap_of_sparse(contents: _CellContents) -> float:
-    """Return how wide gaps between points on the floor are by chance, in cells."""
+    """Return the width of random gaps between points on the floor, in cells."""
     return _GAP_OF_SPARSE * contents.spacing / contents.frame.resolution
 
 
-_SPARSE = 1.5  # cells between points on a floor, from which on there are gaps everywhere
-_GAP_OF_SPARSE = 2.5  # times the distance between points: one gap of 500 is as wide by chance
+_SPARSE = 1.5  # cells between points from which a floor has gaps everywhere
+_GAP_OF_SPARSE = 2.5  # times the distance between points: wider is one random gap of 500
 
 
 def _drop_lone(
     occupied: Mask, counts: NDArray[np.int32], on_floor: NDArray[np.int32], least: int
 ) -> None:
-    """Take away, in place, groups of a few cells that are seen much less than the floor there."""
+    """Remove, in place, groups of few cells with far fewer points than the floor around them."""
     is_inner = occupied & (_around(occupied.astype(np.int32)) > _LONE)
     loose = occupied & ~is_inner
     if not loose.any():
@@ -591,18 +591,18 @@ _LONE = 4  # cells
 _SHARE_OF_FLOOR = 0.02
 _SHARE_OF_NEXT, _DENSE = 0.12, 30  # points
 _SHARE_OF_EDGE = 0.1
-_ENCLOSED = 5  # of 8 neighbours, with which a cell is occupied, too
+_ENCLOSED = 5  # occupied neighbours of 8 that make a cell occupied
 
 
 def _around(counts: NDArray[np.int32], join: np.ufunc = np.add) -> NDArray[np.int32]:
-    """Return the sums, or what else joins two, over each cell and its 8 neighbours."""
+    """Reduce each cell and its 8 neighbours with a ufunc, by default to their sum."""
     padded = np.pad(counts, 1)
     rows = join(join(padded[:-2], padded[1:-1]), padded[2:])
     return np.asarray(join(join(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:]))
 
 
 def _closed(marked: Mask, wide: int) -> Mask:
-    """Return the cells that no square of wide + 1 cells covers without covering a marked one."""
+    """Return the morphological closing of a mask by squares of wide + 1 cells."""
     sides = [min(wide, side) for side in marked.shape]  # wider ones cover no more of the map
     found = np.pad(marked, [(side, side) for side in sides])
     for join in (np.logical_or, np.logical_and):
@@ -617,21 +617,21 @@ def _closed(marked: Mask, wide: int) -> Mask:
 
 
 def _ledges(floor: NDArray[np.float32], is_floor: Mask, climb: float) -> Mask:
-    """Return the cells of the floor beside which it is lower by more than a robot climbs."""
+    """Return the cells of the floor beside a drop of more than a robot climbs."""
     found = np.zeros(floor.shape, np.bool_)
     for axis in (0, 1):
         step = np.diff(floor, axis=axis)
         first: tuple[slice, ...] = (slice(None, -1), slice(None))[:: 1 - 2 * axis]
-        other: tuple[slice, ...] = (slice(1, None), slice(None))[:: 1 - 2 * axis]
-        both = is_floor[first] & is_floor[other]
+        second: tuple[slice, ...] = (slice(1, None), slice(None))[:: 1 - 2 * axis]
+        both = is_floor[first] & is_floor[second]
         with np.errstate(invalid="ignore"):
             found[first] |= both & (step < -climb)
-            found[other] |= both & (step > climb)
+            found[second] |= both & (step > climb)
     return found
 
 
 def _box_of(known: Mask) -> Region:
-    """Return the box around what is known, and a margin."""
+    """Return the box of the known cells with a margin."""
     rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if not len(rows):
         raise MalformedInputError("no floor found: nothing is known of any cell")
@@ -642,16 +642,16 @@ def _box_of(known: Mask) -> Region:
     return Region(row, col, last_row - row, last_col - col)
 
 
-MARGIN = 2  # cells around what is known, where there are any
+MARGIN = 2  # cells around the known cells, within the frame
 
 
 def _noise(columns: Columns, floor: Floats, robot_height: float) -> float:
-    """Return the standard deviation of points from the floor that they lie on, metres."""
+    """Return the standard deviation of points from the floor, metres."""
     found = np.zeros(_BINS + 1)
     for which, part in columns.parts():
         heights = part.above(floor[which])
         away = np.abs(heights)
-        stands = (heights > _NEAR_FLOOR) & (heights <= robot_height)  # whose feet are not floor
+        stands = (heights > _NEAR_FLOOR) & (heights <= robot_height)  # their feet are no floor
         is_open = ~np.logical_or.reduceat(stands, part.starts)
         near = np.flatnonzero((away < _NEAR_FLOOR) & np.repeat(is_open, part.lengths()))
         bins = (away[near] * (_BINS / _NEAR_FLOOR)).astype(np.int64)
@@ -682,28 +682,28 @@ def cloud_map(
     resolution : float, optional
         Side of a cell, metres; by default 0.05, or the distance between points if that is larger.
     frame : Frame, optional
-        Cells of the map, without a yaw; by default those that hold what is known.
+        Cells of the map, without a yaw; by default the box of known cells.
     **options
         Fields of `CloudOptions`.
 
     Returns
     -------
     CloudMap
-        The map, and the height of the floor and of what stands on it.
+        The map, with the heights of the floor and of obstacles.
 
     Raises
     ------
     ParameterError
         If an option is not allowed.
     MalformedInputError
-        If the points have no heights, are not finite, or no floor is found among them.
+        If the points lack heights, are infinite or nan, or show no floor.
     """
-    given = CloudOptions(**options)
+    settings = CloudOptions(**options)
     points = np.asarray(points, dtype=np.float64)
-    mapper = CloudMapper(given, resolution=resolution, frame=frame)
-    if given.level and points.ndim == 2 and points.shape[1] >= 3:
+    mapper = CloudMapper(settings, resolution=resolution, frame=frame)
+    if settings.level and points.ndim == 2 and points.shape[1] >= 3:
         tilt = Tilt()
-        tilt.add(upright(points[:, :3], given.up))
+        tilt.add(upright(points[:, :3], settings.up))
         mapper.turn(tilt)
     mapper.add(points)
     return mapper.result()

@@ -27,7 +27,7 @@ from mapdeal.kernels.rotations import rotated
 
 _LEVEL = 1e-6  # radians: of 30 m, 30 micrometres
 MOST_LEANING = math.radians(10)
-"""From here on what a beam hits says too little of what stands at the height of a robot."""
+"""Largest lean of a sensor, radians: beyond, its hits are too far from the robot's height."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ def stances(translations: Floats, quaternions: Floats) -> Stances:
 
 
 def beams_in_plane(quaternions: Floats, angles: Floats) -> tuple[Floats, Floats]:
-    """Return where beams go in the plane, and which part of their length lies in it."""
+    """Return the angles of beams in the plane, and the share of their length in it."""
     beams = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=-1)
     turned = rotated(quaternions, beams)
     shares = np.minimum(np.hypot(turned[:, 0], turned[:, 1]), 1.0)
@@ -56,7 +56,7 @@ def beams_in_plane(quaternions: Floats, angles: Floats) -> tuple[Floats, Floats]
 
 
 FARTHEST_POSE = FARTHEST / 10  # metres; beams may reach farther
-_BEAMS_TOGETHER = 1 << 18
+_BEAMS_AT_ONCE = 1 << 18
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,7 +77,7 @@ class Scans(OneLine):
     Raises
     ------
     ParameterError
-        If the shapes do not match, or poses or angles are not finite.
+        If the shapes differ, or a pose or angle is not finite.
     """
 
     poses: Floats
@@ -113,11 +113,11 @@ class Scans(OneLine):
 
     def parts(self) -> Iterator[Scans]:
         """Yield the scans in parts, so that arrays made from them stay small."""
-        together = max(1, _BEAMS_TOGETHER // max(1, len(self.angles)))
-        for first in range(0, len(self.poses), together):
-            some = slice(first, first + together)
+        scans_at_once = max(1, _BEAMS_AT_ONCE // max(1, len(self.angles)))
+        for first in range(0, len(self.poses), scans_at_once):
+            part = slice(first, first + scans_at_once)
             sweeps = self.sweeps if first == 0 or self.sweeps is None else 0
-            yield Scans(self.poses[some], self.angles, self.ranges[some], sweeps)
+            yield Scans(self.poses[part], self.angles, self.ranges[part], sweeps)
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class BeamLimits:
     Raises
     ------
     ParameterError
-        If a number is negative or not finite, or range_max is not above range_min.
+        If a number is negative or not finite, or range_max is at most range_min.
 
     References
     ----------
@@ -192,10 +192,10 @@ class Beams:
         arrays = self.sensors_xy, self.directions_xy, self.ranges, self.is_hit
         return sum(array.nbytes for array in arrays)
 
-    def chosen(self, which: Mask) -> Beams:
+    def chosen(self, mask: Mask) -> Beams:
         return Beams(
-            self.sensors_xy[which], self.directions_xy[which], self.ranges[which],
-            self.is_hit[which], self.counts,
+            self.sensors_xy[mask], self.directions_xy[mask], self.ranges[mask],
+            self.is_hit[mask], self.counts,
         )  # fmt: skip
 
     def ends_xy(self, beyond: float = 0.0) -> Floats:
@@ -233,10 +233,10 @@ def beams_of(scans: Scans, limits: BeamLimits) -> Beams:
     )
 
 
-OFTEN = sensing.MOST_HITS  # hits from which on a cell counts: fewer may be noise
-LEAST_CELLS = 3  # cells of a group: fewer may be people who walk by
+OFTEN = sensing.MOST_HITS  # least hits of a cell that count: fewer may be noise
+LEAST_CELLS = 3  # least cells of a group: fewer may be passers-by
 NEAR = 2
-"""Cells, along both axes, within which an occupied one stands for what was hit."""
+"""Cells along both axes within which an occupied cell accounts for a hit."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -267,31 +267,31 @@ class HitGroups(OneLine):
 
 
 def hit_groups(often_hit: Mask) -> HitGroups:
-    return _chosen(*touching_groups(often_hit))
+    return _largest_groups(*touching_groups(often_hit))
 
 
 def vanished_groups(often_hit: Mask, occupied: Mask) -> HitGroups:
-    # the cells in question are few: they are listed, and looked around from one by one
-    at = np.flatnonzero(often_hit & ~occupied)
-    candidates = np.stack(np.divmod(at, occupied.shape[1]), axis=1)
+    # such cells are few, so their neighbourhoods are tested one by one
+    candidates_flat = np.flatnonzero(often_hit & ~occupied)
+    candidates = np.stack(np.divmod(candidates_flat, occupied.shape[1]), axis=1)
     lost = np.zeros(occupied.shape, dtype=np.bool_)
-    lost.reshape(-1)[at[~_has_within(occupied, candidates, NEAR)]] = True
+    lost.reshape(-1)[candidates_flat[~_has_within(occupied, candidates, NEAR)]] = True
     cells, groups = touching_groups(lost)
-    is_kept = np.zeros(len(cells), dtype=np.bool_)  # by group: it goes on in cells not lost
+    is_kept = np.zeros(len(cells), dtype=np.bool_)  # groups that continue in cells of the map
     is_kept[groups[_has_within(often_hit & ~lost, cells, 1)]] = True
-    left = ~is_kept[groups]
-    return _chosen(cells[left], groups[left])
+    is_lost = ~is_kept[groups]
+    return _largest_groups(cells[is_lost], groups[is_lost])
 
 
 def _has_within(marked: Mask, cells: Integers, reach: int) -> Mask:
-    """Return for each cell whether a marked one lies within a reach along both axes."""
+    """Return for each cell whether a marked cell lies within `reach` along both axes."""
     found = np.zeros(len(cells), dtype=np.bool_)
     for step in product(range(-reach, reach + 1), repeat=2):
         found |= marked[tuple(np.clip(cells + step, 0, np.array(marked.shape) - 1).T)]
     return found
 
 
-def _chosen(cells: Integers, groups: Integers) -> HitGroups:
+def _largest_groups(cells: Integers, groups: Integers) -> HitGroups:
     sizes = np.bincount(groups)
     numbers = np.flatnonzero(sizes >= LEAST_CELLS)
     numbers = numbers[np.argsort(-sizes[numbers], kind="stable")]
@@ -344,31 +344,31 @@ class Evidence(ABC):
 
     def cells_of(self, beams: Beams, beyond: float = 0.0) -> tuple[Beams, Integers, Integers]:
         """Return beams with the cells, shape (K, 2), that they begin and end in."""
-        # These may lie outside of the grid. Beams more than 2^30 cells away, which cannot be
-        # followed in whole numbers of 64 bits and come nowhere near it, are left out.
+        # The cells may lie outside of the grid. Beams more than 2^30 cells away are left out: they
+        # cannot reach it, and would overflow 64-bit integers.
         starts = self.frame.unbounded_rowcol_from_xy(beams.sensors_xy)
         ends = self.frame.unbounded_rowcol_from_xy(beams.ends_xy(beyond))
         near = (np.abs(starts) <= FARTHEST_CELL) & (np.abs(ends) <= FARTHEST_CELL)
-        kept = near[:, 0] & near[:, 1]
-        if kept.all():
+        is_near = near[:, 0] & near[:, 1]
+        if is_near.all():
             return beams, starts, ends
-        return beams.chosen(kept), starts[kept], ends[kept]
+        return beams.chosen(is_near), starts[is_near], ends[is_near]
 
 
 _UNIT = 1 << 16
-"""What an evidence of 1 is: in whole numbers sums are exact, in whatever order they are made."""
+"""Fixed-point value of an evidence of 1: integer sums are exact in any order."""
 
 _EVEN, _FAR = 50, 1000
 
 
-def _whole(value: float) -> int:
+def _fixed_point(value: float) -> int:
     return round(max(-_FAR, min(value, _FAR)) * _UNIT)
 
 
-_PASSED = Condition("below 0, at least -100", lambda v: -100 * _UNIT <= _whole(v) < 0)
-_HIT = Condition("above 0, at most 100", lambda v: 0 < _whole(v) <= 100 * _UNIT)
-_LEAST = Condition("at least 0, below 50", lambda v: 0 <= _whole(v) < _EVEN * _UNIT)
-_MOST = Condition("above 50, at most 100", lambda v: 50 < _whole(v) / _UNIT <= 100)
+_PASSED = Condition("below 0, at least -100", lambda v: -100 * _UNIT <= _fixed_point(v) < 0)
+_HIT = Condition("above 0, at most 100", lambda v: 0 < _fixed_point(v) <= 100 * _UNIT)
+_LEAST = Condition("at least 0, below 50", lambda v: 0 <= _fixed_point(v) < _EVEN * _UNIT)
+_MOST = Condition("above 50, at most 100", lambda v: 50 < _fixed_point(v) / _UNIT <= 100)
 
 
 class LogOdds(Evidence):
@@ -404,14 +404,14 @@ class LogOdds(Evidence):
         values: bool = False,
     ) -> None:
         super().__init__(frame)
-        self._odds = sensing.Odds(*map(_whole, (log_free, log_occ, log_min, log_max)))
+        self._odds = sensing.Odds(*map(_fixed_point, (log_free, log_occ, log_min, log_max)))
         self._publish_values = values
         self._values = np.full(frame.shape, _EVEN * _UNIT, dtype=np.int32)
-        self._seen = np.zeros(frame.shape, dtype=np.uint8)
+        self._beam_marks = np.zeros(frame.shape, dtype=np.uint8)
 
     def add(self, beams: Beams) -> None:
         beams, starts, ends = self.cells_of(beams)
-        sensing.weigh_rays(starts, ends, beams.is_hit, self._odds, self._values, self._seen)
+        sensing.weigh_rays(starts, ends, beams.is_hit, self._odds, self._values, self._beam_marks)
 
     def occupancy(self) -> NDArray[np.int8]:
         if self._publish_values:
@@ -420,11 +420,11 @@ class LogOdds(Evidence):
             rounded = np.full(self.frame.shape, UNKNOWN, dtype=np.int8)
             rounded[self._values < _EVEN * _UNIT] = FREE
             rounded[self._values > _EVEN * _UNIT] = OCCUPIED
-        rounded[self._seen == 0] = UNKNOWN
+        rounded[self._beam_marks == 0] = UNKNOWN
         return rounded
 
     def often_hit(self) -> Mask:
-        return self._seen >= sensing.SEEN + OFTEN * sensing.A_HIT
+        return self._beam_marks >= sensing.SEEN + OFTEN * sensing.A_HIT
 
     def vanished_from(self, grid: OccupancyGrid) -> HitGroups:
         if self._publish_values:
@@ -437,7 +437,7 @@ class LogOdds(Evidence):
         return f"--log-occ above {now:g} {more}, --values keeps {all_} evidence"
 
     def layers(self) -> Layers:
-        return {"log_odds": np.where(self._seen > 0, self._values / _UNIT, np.nan)}
+        return {"log_odds": np.where(self._beam_marks > 0, self._values / _UNIT, np.nan)}
 
 
 _COUNT_UNIT = 1_000_000
@@ -445,7 +445,7 @@ _SHARE = Condition("at least 0, below 1", lambda value: 0 <= value < 1)
 
 
 class Counting(Evidence):
-    """Evidence as counts of the beams that hit each cell and of those that pass it.
+    """Evidence as counts of hits and passes of each cell.
 
     Parameters
     ----------
@@ -473,7 +473,7 @@ class Counting(Evidence):
         return values
 
     def _is_mostly_hit(self) -> Mask:
-        # in whole numbers, so that no rounding lifts a share above itself
+        # in integers, because rounding could lift a share above the ratio
         hits = self._hits.astype(np.int64)
         return hits * _COUNT_UNIT > (hits + self._misses) * self._ratio
 
@@ -483,7 +483,7 @@ class Counting(Evidence):
     def advice(self, vanished: HitGroups) -> str:
         at = tuple(vanished.cells.T)
         hits = self._hits[at].astype(np.int64)
-        # of each cell the largest number of percent below its share of hits
+        # the largest whole percentage below each cell's share of hits
         percent = (100 * hits - 1) // (hits + self._misses[at])
         most = np.maximum.reduceat(percent, vanished.starts).min()
         which = "it" if len(vanished) == 1 else "all of them"
@@ -497,7 +497,7 @@ _Slices = tuple[slice, slice]
 
 
 class Crossings(NamedTuple):
-    """Pairs of neighbours of different sign, and cells that are exactly zero."""
+    """Pairs of neighbours with different signs, and cells that are exactly zero."""
 
     along_rows: Mask
     along_cols: Mask
@@ -505,14 +505,14 @@ class Crossings(NamedTuple):
     field: Floats
 
     def sides(self) -> list[tuple[Mask, _Slices, _Slices]]:
-        """Return for both directions the changes, and where their first and second cells are."""
+        """Return the sign changes along both axes, with slices of their first and second cells."""
         return [
             (self.along_rows, np.s_[:, :-1], np.s_[:, 1:]),
             (self.along_cols, np.s_[:-1, :], np.s_[1:, :]),
         ]
 
     def places(self) -> Floats:
-        """Return where the field, linear between centres, is zero, in rows and columns, (N, 2)."""
+        """Return the zeros of the field, linear between centres, as rows and columns, (N, 2)."""
         parts = [np.argwhere(self.at_zero) + 0.5]
         for axis, changes in ((1, self.along_rows), (0, self.along_cols)):
             cells = np.argwhere(changes)
@@ -526,7 +526,7 @@ class Crossings(NamedTuple):
 
 
 def crossings_of(field: Floats) -> Crossings:
-    """Return where a field, nan where there are no values, changes its sign."""
+    """Return the sign changes of a field, which may contain nan."""
     with np.errstate(invalid="ignore"):
         positive, negative = field > 0, field < 0
     along_rows = positive[:, :-1] & negative[:, 1:] | negative[:, :-1] & positive[:, 1:]
@@ -535,14 +535,14 @@ def crossings_of(field: Floats) -> Crossings:
 
 
 def thin_surface(field: Floats, crossings: Crossings) -> Mask:
-    """Return cells that part positive from negative ones, as few as leave no gap."""
-    # Of each pair that the sign changes between at least one cell is chosen: the one nearer to
-    # zero. Where a cell's partners are all chosen themselves it is not needed, and is left out,
-    # those farthest from zero first.
+    """Return a thin wall of cells without gaps between positive and negative cells."""
+    # At each sign change at least one cell of the pair is chosen: the one nearer to zero. A cell is
+    # spare if all its partners are chosen, too; spare cells are removed, the farthest from zero
+    # first.
     size = np.abs(field)
     chosen = crossings.at_zero.copy()
     for changes, first, second in crossings.sides():
-        # of equal ones that behind the surface, so that free space stays
+        # of equal cells the one behind the surface, so that free space stays
         nearer = (size[first] < size[second]) | (size[first] == size[second]) & (field[first] < 0)
         chosen[first] |= changes & nearer
         chosen[second] |= changes & ~nearer
@@ -558,15 +558,15 @@ def thin_surface(field: Floats, crossings: Crossings) -> Mask:
         row, col = spare[index].tolist()
         if needed[row, col] == 0:
             chosen[row, col] = False
-            for other in _partners_of(crossings, row, col):
-                needed[other] += 1
+            for partner in _partners_of(crossings, row, col):
+                needed[partner] += 1
     thin_blocks(chosen, size)
     return chosen
 
 
 def thin_blocks(chosen: Mask, size: Floats) -> None:
-    """Take cells out of blocks of 2 x 2, in place, that the wall is as connected without."""
-    # Noise leaves such blocks where the sign changes to and fro. Those farthest from zero go first.
+    """Remove, in place, cells of 2 x 2 blocks that the wall's connectivity does not need."""
+    # Noise makes such blocks where the sign alternates. Cells far from zero are removed first.
     padded = np.pad(chosen, 1)
     blocks = padded[1:, 1:] & padded[1:, :-1] & padded[:-1, 1:] & padded[:-1, :-1]
     in_block = blocks[1:, 1:] | blocks[1:, :-1] | blocks[:-1, 1:] | blocks[:-1, :-1]
@@ -579,13 +579,13 @@ def thin_blocks(chosen: Mask, size: Floats) -> None:
 
 
 _RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
-"""The neighbours of a cell, one after the other."""
+"""The neighbours of a cell, in order around it."""
 
 
 def _is_spare(ring: list[bool]) -> bool:
-    """Return whether a cell of a block is not needed, given its neighbours."""
-    # What it connects is connected without it, diagonal steps included, if Yokoi's connectivity
-    # number is 1; in a block are three neighbours in a row with a diagonal one in the middle.
+    """Return whether a cell of a block can be removed, given its neighbours."""
+    # Its neighbours stay 8-connected without it if Yokoi's connectivity number is 1. A cell is in a
+    # block if three consecutive neighbours, the middle one diagonal, are set.
     corners = [(ring[k], ring[k + 1], ring[(k + 2) % 8]) for k in (0, 2, 4, 6)]
     number = sum(not first and (middle or last) for first, middle, last in corners)
     return number == 1 and any(map(all, corners))
@@ -602,14 +602,14 @@ def _partners_of(crossings: Crossings, row: int, col: int) -> list[tuple[int, in
     return found
 
 
-_FARTHEST = 1000.0  # cells that distances, and beams behind what they hit, reach at most
+_FARTHEST = 1000.0  # largest truncation distance, and reach of beams behind hits, in cells
 _TRUNCATION = Condition(f"1 to {_FARTHEST:g}", lambda value: 1 <= value <= _FARTHEST)
 
 _Truncation = Annotated[float, _TRUNCATION, CELLS]
 
 
 class Tsdf(Counting):
-    """The mean of each cell's signed distances along the beams to what they hit.
+    """Evidence as the mean signed distance of each cell to the hits along the beams.
 
     Parameters
     ----------
@@ -717,8 +717,8 @@ class TsdfAsWritten(Tsdf):
         resolution = self.frame.resolution
         near, starts, ends = self.cells_of(beams)
         region = Region(0, 0, *self.frame.shape)
-        kept = region.holds(ends) | ~near.is_hit
-        near, starts, ends = near.chosen(kept), starts[kept], ends[kept]
+        is_used = region.holds(ends) | ~near.is_hit
+        near, starts, ends = near.chosen(is_used), starts[is_used], ends[is_used]
         sensing.count_rays(starts, ends, near.is_hit, self._hits, self._misses)
         far = self.frame.unbounded_rowcol_from_xy(near.ends_xy(self.reach_behind * resolution))
         ends = np.where(region.holds(far)[:, np.newaxis], far, ends)
@@ -732,7 +732,7 @@ class TsdfAsWritten(Tsdf):
     def occupancy(self) -> NDArray[np.int8]:
         field, walls = self._sums, np.full(self.frame.shape, UNKNOWN, dtype=np.int8)
         pairs = [np.s_[1:, :], np.s_[:-1, :]], [np.s_[:1, 1:], np.s_[:1, :-1]]
-        # the search comes back to the first cell, which it has not marked: from the next in its row
+        # the search returns to the first cell, which is unmarked, from the next cell of its row
         width = self.frame.width
         back = [np.s_[:1, :1], np.s_[:1, 1:2] if width > 1 else np.s_[1:2, :1]]
         for reached, source in (*pairs, back):

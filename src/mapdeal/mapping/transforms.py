@@ -31,7 +31,7 @@ def wrapped(angle: float) -> float:
 
 
 def check_pose(pose: Sequence[float], name: str = "pose") -> Pose:
-    """Return a pose as x, y (metres) and a yaw of -pi < yaw <= pi; errors call it `name`."""
+    """Return a pose as x, y (metres) and yaw, -pi < yaw <= pi; errors refer to it as `name`."""
     try:
         x, y, yaw = (float(value) for value in pose)
     except (TypeError, ValueError):
@@ -75,10 +75,10 @@ class FrameOptions:
 
 
 class CoveredAngles:
-    """The smallest arc that holds all of many angles: it leaves out the largest gap."""
+    """The smallest arc that contains all added angles: the circle without the largest gap."""
 
-    # Kept are the first and the last angle of each of 16,384 bins, so that memory is bounded
-    # whatever is added. The arc is exact as soon as the gap is longer than a bin, 0.0004 rad.
+    # Memory is bounded: only the first and last angle of each of 16,384 bins are stored. The arc is
+    # exact if the gap is longer than a bin, 0.0004 rad.
 
     def __init__(self) -> None:
         self._first = np.full(_BINS, np.inf)
@@ -93,7 +93,7 @@ class CoveredAngles:
         first, last = self._first[used], self._last[used]
         if not len(first):
             return None
-        # The gap before each bin; of equal ones that across pi comes first.
+        # the gap before each bin; of equal gaps the one across pi comes first
         gaps = first - np.roll(last, 1)
         gaps[0] += _TURN
         start = int(np.argmax(gaps))
@@ -104,7 +104,7 @@ class CoveredAngles:
 _Link = tuple[str, str]  # parent and child
 _NAMED = 12
 _SLACK = 1000
-"""Nanoseconds: times that came through a float64 of seconds are off by a quarter of that."""
+"""Nanoseconds: times that were converted from float64 seconds are off by up to a quarter of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +125,7 @@ class Edge:
 
 
 class _Samples:
-    """The samples of one transform: 64 bytes each."""
+    """The samples of one transform, 64 bytes each."""
 
     def __init__(self, *, is_static: bool) -> None:
         self.is_static = is_static
@@ -145,8 +145,8 @@ class _Samples:
         self._numbers.extend(numbers)
 
     def in_time(self) -> tuple[Integers, Floats]:
-        """Return times that increase, and the numbers of each; of equal times the last counts."""
-        # They are views: `add` fails while one is kept.
+        """Return increasing times and their values; of equal times the last sample counts."""
+        # These are views: `add` fails while one exists.
         if not self._is_in_time:
             self._sort()
         return self._views()
@@ -156,7 +156,7 @@ class _Samples:
         return times, np.frombuffer(self._numbers, dtype=np.float64).reshape(-1, 7)
 
     def _sort(self) -> None:
-        """Sort in place, column by column: a recording may hold millions of samples."""
+        """Sort in place, column by column, because a recording may have millions of samples."""
         times, numbers = self._views()
         order = np.argsort(times, kind="stable")
         in_order = times[order]
@@ -165,7 +165,7 @@ class _Samples:
         times[:count] = times[order]
         for column in numbers.T:
             column[:count] = column[order]
-        del times, numbers, column  # arrays with views cannot be cut
+        del times, numbers, column  # an array with views cannot be shortened
         del self._times[count:], self._numbers[7 * count :]
         self._is_in_time = True
 
@@ -179,29 +179,28 @@ class _Samples:
         is_exact = known_times[after] == times
         before = np.where(is_exact, after, np.maximum(after - 1, 0))
         span = known_times[after] - known_times[before]
-        # differences of whole numbers: as floats, times of this century are 256 ns apart
+        # integer differences: float64 has steps of 256 ns at times of this century
         share = (times - known_times[before]) / np.maximum(span, 1)
         share = np.clip(np.where(known, share, 0.0), 0.0, 1.0)
-        one, other = numbers[before], numbers[after]
-        moves = one[:, :3] + share[:, np.newaxis] * (other[:, :3] - one[:, :3])
-        return moves, slerp(one[:, 3:], other[:, 3:], share), known
+        earlier, later = numbers[before], numbers[after]
+        moves = earlier[:, :3] + share[:, np.newaxis] * (later[:, :3] - earlier[:, :3])
+        return moves, slerp(earlier[:, 3:], later[:, 3:], share), known
 
 
 class TransformTree:
-    """The transforms of a recording, to be asked where one frame was in another."""
+    """The transforms of a recording, for lookups of one frame in another."""
 
     # As in tf2 (``BufferCore``, ``TimeCache``), a transform between two frames is interpolated
     # along a line and an arc between the samples before and after a time, each transform of a chain
-    # on its own, and never continued beyond its samples. A frame has one parent: where several
-    # come, the one that comes most often. A transform that comes both as static and as moving is
-    # what it comes as most often; a static one counts once, since it replaces what came before.
-    # (tf2 would keep to what came first, which in a recording may be either.)
+    # on its own, and never extrapolated. A frame has one parent, the most frequent one. A transform
+    # recorded both as static and as moving is of the more frequent kind; a static one counts once,
+    # because it replaces its predecessor. (tf2 uses the first one, which in a recording is random.)
 
     def __init__(self) -> None:
         self._samples: dict[_Link, _Samples] = {}
-        self._others: dict[_Link, _Samples] = {}
+        self._minority: dict[_Link, _Samples] = {}
         self.bad = 0
-        """Transforms that were left out: not finite, or without a rotation."""
+        """Number of transforms left out: not finite, or with a zero quaternion."""
 
     def add(
         self, parent: str, child: str, time: int, translation: Sequence[float],
@@ -220,12 +219,12 @@ class TransformTree:
         if chosen.is_static == is_static:
             chosen.add(time, numbers)
             return
-        other = self._others.get(edge)  # of the kind that did not count so far
-        if other is None:
-            other = self._others[edge] = _Samples(is_static=is_static)
-        other.add(time, numbers)
-        if (other.count, other.is_static) > (chosen.count, chosen.is_static):
-            self._samples[edge], self._others[edge] = other, chosen
+        minority = self._minority.get(edge)  # samples of the less frequent kind
+        if minority is None:
+            minority = self._minority[edge] = _Samples(is_static=is_static)
+        minority.add(time, numbers)
+        if (minority.count, minority.is_static) > (chosen.count, chosen.is_static):
+            self._samples[edge], self._minority[edge] = minority, chosen
 
     @property
     def frames(self) -> list[str]:
@@ -241,20 +240,20 @@ class TransformTree:
 
     @property
     def several_parents(self) -> dict[str, list[str]]:
-        """Frames that come with several parents: that which counts, and then the others."""
-        found: dict[str, list[str]] = {}
+        """Frames with several parents: the parent that counts, then the rest."""
+        parents: dict[str, list[str]] = {}
         for child, parent in self._chosen_parents().items():
-            others = sorted(p for p, c in self._samples if c == child and p != parent)
-            if others:
-                found[child] = [parent, *others]
-        return found
+            unused = sorted(p for p, c in self._samples if c == child and p != parent)
+            if unused:
+                parents[child] = [parent, *unused]
+        return parents
 
     @property
     def of_both_kinds(self) -> list[_Link]:
-        return sorted(self._others)
+        return sorted(self._minority)
 
     def leads(self, fixed: str, frame: str) -> bool:
-        return self._way(fixed.lstrip("/"), frame.lstrip("/")) is not None
+        return self._chains_between(fixed.lstrip("/"), frame.lstrip("/")) is not None
 
     def root_of(self, frame: str) -> str:
         return self._above(frame.lstrip("/"))[-1]
@@ -263,19 +262,19 @@ class TransformTree:
         return bool(self._moving(fixed, frame))
 
     def _moving(self, fixed: str, frame: str) -> list[_Samples]:
-        way = self._way(fixed.lstrip("/"), frame.lstrip("/")) or ([], [])
-        samples = [self._samples[edge] for part in way for edge in part]
-        return [one for one in samples if not one.is_static]
+        chains = self._chains_between(fixed.lstrip("/"), frame.lstrip("/")) or ([], [])
+        samples = [self._samples[edge] for part in chains for edge in part]
+        return [sample_set for sample_set in samples if not sample_set.is_static]
 
     def lookup(self, fixed: str, frame: str, times: Integers) -> Posed:
         fixed, frame = fixed.lstrip("/"), frame.lstrip("/")
-        way = self._way(fixed, frame)
-        if way is None:
-            raise self.no_way(fixed, frame)
+        links = self._chains_between(fixed, frame)
+        if links is None:
+            raise self.no_chain(fixed, frame)
         times = np.asarray(times, dtype=np.int64)
         known = np.ones(len(times), dtype=np.bool_)
         chains = []
-        for part in way:
+        for part in links:
             chain = np.zeros((len(times), 3)), np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
             for edge in part:
                 moves, turns, is_known = self._samples[edge].at(times)
@@ -283,24 +282,25 @@ class TransformTree:
                 known &= is_known
             chains.append(chain)
         down, up = chains
-        moves, turns = composed(undone(down), up) if way[0] else up
+        moves, turns = composed(undone(down), up) if links[0] else up
         moves, turns = np.array(moves), normalised(turns)
         moves[~known] = np.nan
         turns[~known] = np.nan
         return Posed(moves, turns, known)
 
-    def no_way(self, fixed: str, frame: str) -> MalformedInputError:
+    def no_chain(self, fixed: str, frame: str) -> MalformedInputError:
         names = self.frames
-        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        there = f"frames are {', '.join(names[:_NAMED])}{more}" if names else "there are none"
+        rest_text = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        there = f"frames are {', '.join(names[:_NAMED])}{rest_text}" if names else "there are none"
         return MalformedInputError(f"no transforms lead from {fixed!r} to {frame!r}: {there}")
 
     def span(self, fixed: str, frame: str) -> tuple[int, int] | None:
-        """Return the first and last time at which all transforms of a chain are known, if any."""
+        """Return the first and last time at which all moving transforms of a chain are known."""
         moving = [samples.in_time()[0] for samples in self._moving(fixed, frame)]
         if not moving:
             return None
-        first, last = max(int(one[0]) for one in moving), min(int(one[-1]) for one in moving)
+        first = max(int(times[0]) for times in moving)
+        last = min(int(times[-1]) for times in moving)
         return (first, last) if first <= last else None
 
     def _chosen_parents(self) -> dict[str, str]:
@@ -317,11 +317,11 @@ class TransformTree:
             found.append(parent)
         return found
 
-    def _way(self, fixed: str, frame: str) -> tuple[list[_Link], list[_Link]] | None:
+    def _chains_between(self, fixed: str, frame: str) -> tuple[list[_Link], list[_Link]] | None:
         first, second = self._above(fixed), self._above(frame)
         meeting = next((name for name in second if name in first), None)
         if meeting is None or (fixed != frame and not {fixed, frame} <= set(self.frames)):
             return None
-        ways = (chain[: chain.index(meeting) + 1] for chain in (first, second))
-        down, up = ([(p, c) for c, p in pairwise(way)] for way in ways)
+        chains = (chain[: chain.index(meeting) + 1] for chain in (first, second))
+        down, up = ([(p, c) for c, p in pairwise(chain)] for chain in chains)
         return down, up

@@ -1,4 +1,4 @@
-"""Points of clouds in voxels, and which way is up among them."""
+"""Points of clouds counted in voxels, and the direction that is up."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.kernels.arrays import Floats, Integers
 
 Claim = Callable[[int, str], object]
-"""Called with bytes that are about to be taken, and what for; it may raise an error."""
+"""Called with the bytes of an allocation and a description; it may raise an error."""
 
-FINEST = 0.05  # metres: cells, unless a resolution is asked for
-_COARSEST = 16  # times that, where points lie farther apart
-_TOGETHER = 1 << 20  # points that are sorted at once
-AT_ONCE = 1 << 14  # points or voxels that are worked on together: they stay in the cache
-_TO_PLACE = 1 << 16  # points that tell where cells lie
+FINEST = 0.05  # default side of a cell, metres
+_COARSEST = 16  # times FINEST: largest default, for sparse clouds
+_SORTED_AT_ONCE = 1 << 20  # points
+AT_ONCE = 1 << 14  # points or voxels whose arrays stay in the cache
+_TO_PLACE = 1 << 16  # points from which the lattice of cells is chosen
 _X_BITS, _Z_BITS = 24, 16
 _FARTHEST_INDEX = 1 << 22  # cells
 _HIGHEST_INDEX = 1 << (_Z_BITS - 1)
 _FARTHEST_ANCHOR = 1 << 53
-_PER_VOXEL = 64  # bytes, while voxels are merged, at most
+_PER_VOXEL = 64  # most bytes while voxels are merged
 
 
 class Voxels:
@@ -56,7 +56,7 @@ class Voxels:
         for first in range(0, len(points), AT_ONCE):
             self._waiting.append(self._keys(points[first : first + AT_ONCE], self._anchor))
         self._count += len(points)
-        if self._count >= _TOGETHER:
+        if self._count >= _SORTED_AT_ONCE:
             self._sort()
 
     def _keys(self, points: Floats, anchor: Integers) -> Integers:
@@ -85,9 +85,9 @@ class Voxels:
         return key
 
     def _place(self, points: Floats) -> Integers:
-        """Choose where cells lie; return the voxel that others are counted from."""
-        # Clouds out of a voxel filter lie on a lattice. If that falls onto the edges of cells,
-        # rounding puts points on either side: the cells are moved by half a cell then.
+        """Choose the lattice of cells; return the voxel with index 0."""
+        # Points out of a voxel filter lie on a lattice. If it coincides with the edges of cells,
+        # rounding would put points on either side, so the cells are shifted by half a cell.
         if not self._is_placed:
             for axis in (0, 1):
                 with np.errstate(over="ignore", invalid="ignore"):
@@ -98,7 +98,7 @@ class Voxels:
         low = np.array([*self.corner, 0.0])
         sizes = np.array([self.cell, self.cell, self.step])
         with np.errstate(over="ignore", invalid="ignore"):
-            middle = np.array([median(one) for one in points[:, :3].T])
+            middle = np.array([median(coordinates) for coordinates in points[:, :3].T])
             place = np.floor((middle - low) / sizes)
         place = place.clip(-_FARTHEST_ANCHOR, _FARTHEST_ANCHOR)
         return np.asarray(place, dtype=np.int64)
@@ -110,30 +110,30 @@ class Voxels:
         counts = np.diff(starts, append=len(keys)).astype(np.int32)
         self._parts.append((keys[starts], counts))
         if len(self._parts) > 1:
-            later = sum(len(one) for one, _ in self._parts[1:])
+            later = sum(len(keys) for keys, _ in self._parts[1:])
             if later >= len(self._parts[0][0]):
                 self._merge()
 
     def _merge(self) -> None:
-        total = sum(len(one) for one, _ in self._parts)
+        total = sum(len(array) for array, _ in self._parts)
         self._claim(_PER_VOXEL * total, f"{total} voxels of the cloud")
         cuts = self._parts[0][0][AT_ONCE::AT_ONCE]
         split = [
-            zip(*(np.split(one, np.searchsorted(part[0], cuts)) for one in part), strict=True)
+            zip(*(np.split(array, np.searchsorted(part[0], cuts)) for array in part), strict=True)
             for part in self._parts
         ]
         merged = []
-        for some in zip(*split, strict=True):
-            keys, counts = (np.concatenate(one) for one in zip(*some, strict=True))
+        for parts in zip(*split, strict=True):
+            keys, counts = (np.concatenate(array) for array in zip(*parts, strict=True))
             order = np.argsort(keys, kind="stable")
             keys, counts = keys[order], counts[order]
             starts = starts_of(keys)
             merged.append((keys[starts], np.add.reduceat(counts, starts, dtype=np.int32)))
-        keys, counts = (np.concatenate(one) for one in zip(*merged, strict=True))
+        keys, counts = (np.concatenate(array) for array in zip(*merged, strict=True))
         self._parts = [(keys, counts)]
 
     def columns(self) -> Columns | None:
-        """Return all voxels in their order; None if there are none. Nothing is left here."""
+        """Return all voxels in order, if there are any, and release them here."""
         if self._waiting:
             self._sort()
         if self._anchor is None or not any(len(keys) for keys, _ in self._parts):
@@ -165,29 +165,29 @@ class Columns(NamedTuple):
     cell: float
     corner: Floats
 
-    def chosen(self, which: NDArray[np.bool_]) -> Columns:
-        """Return some of the columns."""
-        if which.all():
+    def chosen(self, mask: NDArray[np.bool_]) -> Columns:
+        """Return the columns selected by a mask."""
+        if mask.all():
             return self
-        lengths, voxels = self.lengths(), np.repeat(which, self.lengths())
+        lengths, voxels = self.lengths(), np.repeat(mask, self.lengths())
         return self._replace(
-            row=self.row[which], col=self.col[which],
-            starts=np.cumsum(lengths[which]) - lengths[which],
+            row=self.row[mask], col=self.col[mask],
+            starts=np.cumsum(lengths[mask]) - lengths[mask],
             heights=self.heights[voxels], counts=self.counts[voxels],
         )  # fmt: skip
 
     def parts(self) -> Iterator[tuple[slice, Columns]]:
-        """Yield some columns at a time, and which they are."""
+        """Yield the columns in parts, each with its slice."""
         voxels = np.arange(AT_ONCE, len(self.heights), AT_ONCE)
         ends = np.searchsorted(self.starts, voxels).tolist()
         for first, end in pairwise([0, *ends, len(self.starts)]):
             if first < end:
                 which, starts = slice(first, end), self.starts[first:end]
                 last = self.starts[end] if end < len(self.starts) else len(self.heights)
-                own = slice(starts[0], last)
+                voxel_slice = slice(starts[0], last)
                 yield which, self._replace(
                     row=self.row[which], col=self.col[which], starts=starts - starts[0],
-                    heights=self.heights[own], counts=self.counts[own],
+                    heights=self.heights[voxel_slice], counts=self.counts[voxel_slice],
                 )  # fmt: skip
 
     def above(self, floor: Floats) -> Floats:
@@ -202,7 +202,7 @@ class Columns(NamedTuple):
         return np.diff(self.starts, append=len(self.heights))
 
     def coarser(self, times: int) -> Columns:
-        """Return the columns of cells some times as large, on the lattice of the small ones."""
+        """Return the columns of cells `times` as large, on the same lattice."""
         row, col = self.row // times, self.col // times
         first_row, first_col = row.min(), col.min()
         levels, level = np.unique(self.heights, return_inverse=True)
@@ -222,13 +222,13 @@ class Columns(NamedTuple):
 
 
 def starts_of(keys: NDArray[Any]) -> Integers:
-    """Return where another key begins, in an array that is ordered."""
+    """Return the index of each first occurrence in a sorted array."""
     is_new = np.ones(len(keys), np.bool_)
     np.not_equal(keys[1:], keys[:-1], out=is_new[1:])
     return np.flatnonzero(is_new)
 
 
-_TALLEST = 200.0  # metres that a cloud extends over in height
+_TALLEST = 200.0  # largest height of a cloud, metres
 _WIDEST = 20_000.0
 _SMALLEST = 1.0
 
@@ -240,10 +240,10 @@ def check_extent(columns: Columns) -> None:
         raise MalformedInputError(rule, hint="a scan of a plane is no cloud of a building")
     low, high = ends = [int(share * (len(order) - 1)) for share in (0.01, 0.99)]
     tall, sides = float(order[high] - order[low]), []
-    for one in (columns.col, columns.row):
-        along = np.argsort(one)
+    for indices in (columns.col, columns.row):
+        along = np.argsort(indices)
         voxels = np.cumsum(columns.lengths()[along])
-        first, last = one[along][np.searchsorted(voxels, ends, side="right")]
+        first, last = indices[along][np.searchsorted(voxels, ends, side="right")]
         sides.append(float(last - first + 1) * columns.cell)
     size = f"{sides[0]:.3g} x {sides[1]:.3g} x {tall:.3g} m"
     if tall > _TALLEST or max(sides) > _WIDEST:
@@ -254,13 +254,13 @@ def check_extent(columns: Columns) -> None:
         raise MalformedInputError(rule)
 
 
-_LOOKED_AT, _COARSE = 1 << 17, 0.25  # voxels looked at, and their side in metres
-_LARGER, _ROOM = 1.3, 1.9  # a room is at least as high as the last, metres
+_SAMPLED, _COARSE = 1 << 17, 0.25  # most voxels that are tested, and their side in metres
+_LARGER, _ROOM = 1.3, 1.9  # least ratio of areas, least height of a room in metres
 
 
 def check_upright(columns: Columns) -> None:
-    """Refuse a cloud that is a room with a larger and lower floor along another axis than z."""
-    every = -(-len(columns.heights) // _LOOKED_AT)
+    """Refuse a cloud in which the axis x or y shows a larger, lower floor than z."""
+    every = -(-len(columns.heights) // _SAMPLED)
     whose = columns.of_voxels()[::every]
     row, col = columns.row[whose], columns.col[whose]
     x, y, z = col * columns.cell, row * columns.cell, columns.heights[::every]
@@ -282,7 +282,7 @@ def check_upright(columns: Columns) -> None:
 
 
 def _lowest_level(voxels: Integers) -> int:
-    """Return in how many columns along the last axis the lowest voxels are level."""
+    """Return the number of columns along the last axis whose lowest voxels are level."""
     first, second, along = (voxels - voxels.min(axis=0)).T
     width = int(second.max()) + 2
     order = np.lexsort((along, first * width + second))
@@ -296,24 +296,24 @@ def _lowest_level(voxels: Integers) -> int:
     return int(is_level.sum())
 
 
-_FILLED = 0.45  # of the cells of a surface in which there are points
-_STOREY, _CUTS = 1.0, 10  # metres of height that count as one surface, and places to cut at
-_FITTED_TO = 1 << 17  # voxels looked at
+_FILLED = 0.45  # share of the cells of a surface that have points
+_STOREY, _CUTS = 1.0, 10  # height of a slab in metres, possible cuts
+_FITTED_TO = 1 << 17  # most voxels that are tested
 
 
 def fitting(columns: Columns) -> Columns:
-    """Return columns of cells so large that most of a surface has points."""
+    """Return columns with cells large enough that most cells of a surface have points."""
     every = -(-len(columns.heights) // _FITTED_TO)
-    some = columns.chosen(columns.row // (2 * _COARSEST) % every == 0)
-    # slabs end where few voxels are, which keeps floors and ceilings whole
-    tenth = np.floor(some.heights * (_CUTS / _STOREY)).astype(np.int64)
-    there = np.bincount(tenth % _CUTS, minlength=_CUTS)
-    slab = (tenth - int((there + np.roll(there, 1)).argmin())) // _CUTS
-    whose = some.of_voxels()
-    cells = np.stack([some.row[whose], some.col[whose], slab])
+    sample = columns.chosen(columns.row // (2 * _COARSEST) % every == 0)
+    # slabs are cut at heights with few voxels, so floors and ceilings stay in one slab
+    tenth = np.floor(sample.heights * (_CUTS / _STOREY)).astype(np.int64)
+    voxel_counts = np.bincount(tenth % _CUTS, minlength=_CUTS)
+    slab = (tenth - int((voxel_counts + np.roll(voxel_counts, 1)).argmin())) // _CUTS
+    whose = sample.of_voxels()
+    cells = np.stack([sample.row[whose], sample.col[whose], slab])
     cells -= cells.min(axis=1, keepdims=True)
     keys, spacing, chosen, times = _cell_keys(cells, 1), 0.0, 1, 1
-    # surfaces of which a filter made two layers have pairs of points: two sizes must be filled
+    # a filter may split a surface into two layers with pairs of points: two sizes must be filled
     while times < _COARSEST and times <= 2 * chosen:
         coarser = _cell_keys(cells, 2 * times)
         if len(keys) < _FILLED * 4 * len(coarser):
@@ -327,14 +327,14 @@ def fitting(columns: Columns) -> Columns:
 
 
 def _cell_keys(cells: Integers, times: int) -> Integers:
-    """Return the keys of all cells some times as large, in which there are points."""
+    """Return the keys of all cells with points, for cells `times` as large."""
     row, col, slab = cells
     keys = np.sort((row // times << 40) + (col // times << 16) + slab)
     return keys[starts_of(keys)]
 
 
 def _spacing(keys: Integers, coarser: Integers, times: int) -> float:
-    """Return the distance of points within surfaces, in cells, from cells of two sizes."""
+    """Return the distance of points within surfaces in cells, estimated from two cell sizes."""
     rim = np.zeros(len(coarser), np.bool_)
     for step in ((1 << 40) + (1 << 16), (1 << 40) - (1 << 16), 1 << 40, 1 << 16):
         for beside in (coarser - step, coarser + step):
@@ -347,11 +347,11 @@ def _spacing(keys: Integers, coarser: Integers, times: int) -> float:
 
 
 _FULL = 0.9  # share of cells with points, of a surface without gaps
-_WIDENED, _TOLERANCE = 1.1, 0.45  # of the distance, which pairs of points make too small; cells
+_WIDENED, _TOLERANCE = 1.1, 0.45  # corrects pairs of points; cells
 
 
 def steps_of(columns: Columns) -> float:
-    """Return the distance between the heights of points that a filter has put on a lattice."""
+    """Return the step between heights that a voxel filter has put on a lattice, else 0."""
     heights = np.sort(columns.heights)
     levels = heights[starts_of(heights)]
     levels = levels[len(levels) // 20 : len(levels) - len(levels) // 20]
@@ -361,42 +361,42 @@ def steps_of(columns: Columns) -> float:
 
 
 def median(values: Floats) -> float:
-    # `numpy.median`, and `numpy.unique` of nothing else, import masked arrays: a tenth of start-up
+    # numpy.median imports masked arrays, which takes a tenth of the start-up time
     middle = np.sort(values)[(len(values) - 1) // 2 : len(values) // 2 + 1]
     return float(middle.mean())
 
 
-_LEVELS = 8  # from which on they tell about a lattice
+_LEVELS = 8  # least heights of a lattice
 _LARGEST_STEP = 0.6  # metres
 
 
 class Tilt:
-    """Estimate of which way is up in a cloud that comes in parts."""
+    """Estimator of the up direction of a cloud that is added in parts."""
 
-    # Planes are fitted to cubes of half a metre; what most of them agree on is the floor, and
+    # Planes are fitted to cubes of half a metre. Most normals agree with that of the floor, because
     # ceilings and tables are parallel to it.
 
     def __init__(self) -> None:
-        self._kept: list[Floats] = []
+        self._samples: list[Floats] = []
         self._every = 1
-        self._seen = self._count = 0
+        self._point_count = self._count = 0
 
     def add(self, points: Floats) -> None:
         points = points[np.isfinite(points).all(axis=1)]
-        first = -self._seen % self._every
-        self._seen += len(points)
-        self._kept.append(points[first :: self._every, :3].copy())
-        self._count += len(self._kept[-1])
+        first = -self._point_count % self._every
+        self._point_count += len(points)
+        self._samples.append(points[first :: self._every, :3].copy())
+        self._count += len(self._samples[-1])
         while self._count > _MOST_SAMPLED:
-            whole = np.concatenate(self._kept)[::2]
-            self._kept, self._count, self._every = [whole], len(whole), 2 * self._every
+            thinned = np.concatenate(self._samples)[::2]
+            self._samples, self._count, self._every = [thinned], len(thinned), 2 * self._every
 
     def up(self) -> Floats:
-        """Return the unit vector that is normal to the floor, shape (3,)."""
+        """Return the unit normal of the floor, shape (3,)."""
         best = np.array([0.0, 0.0, 1.0])
         if not self._count:
             return best
-        points = np.concatenate(self._kept)
+        points = np.concatenate(self._samples)
         points = points[(np.abs(points) < _FARTHEST_SAMPLE).all(axis=1)]
         cells = np.floor(points / _SAMPLE_VOXEL).astype(np.int64)
         _, first = np.unique(cells, axis=0, return_index=True)
@@ -405,19 +405,20 @@ class Tilt:
         _, whose = np.unique(cubes, axis=0, return_inverse=True)
         whose = whose.ravel()
         n = np.bincount(whose).astype(np.float64)
-        means = np.stack([np.bincount(whose, one) for one in points.T], axis=1) / n[:, np.newaxis]
+        sums = np.stack([np.bincount(whose, values) for values in points.T], axis=1)
+        means = sums / n[:, np.newaxis]
         x, y, z = (points - means[whose]).T
         xx, xy, yy, xz, yz, zz = (
-            np.bincount(whose, one) for one in (x * x, x * y, y * y, x * z, y * z, z * z)
+            np.bincount(whose, values) for values in (x * x, x * y, y * y, x * z, y * z, z * z)
         )
         with np.errstate(divide="ignore", invalid="ignore"):
             determinant = xx * yy - xy * xy
             a, b = (xz * yy - yz * xy) / determinant, (yz * xx - xz * xy) / determinant
-            rest = (zz - a * xz - b * yz) / n
-        good = (n >= _LEAST_IN_CUBE) & (determinant > 1e-6 * n**2) & (rest < _FLAT**2)
+            residual = (zz - a * xz - b * yz) / n
+        good = (n >= _LEAST_IN_CUBE) & (determinant > 1e-6 * n**2) & (residual < _FLAT**2)
         if not good.any():
             return best
-        a, b, weights = a[good], b[good], n[good] / (rest[good] + _CLEAN**2)
+        a, b, weights = a[good], b[good], n[good] / (residual[good] + _CLEAN**2)
         length = np.sqrt(a * a + b * b + 1)
         normals = np.stack([-a, -b, np.ones(len(a))], axis=1) / length[:, np.newaxis]
         for degrees in np.repeat(_WINDOWS, 4).tolist():
@@ -431,14 +432,14 @@ class Tilt:
 
 
 def _refined(up: Floats, places: Floats, weights: Floats) -> Floats:
-    """Return the normal of the plane through the places that are at the most frequent height."""
+    """Return the normal of the plane through the places at the most frequent height."""
     for _ in range(_REFINEMENTS):
         x, y, z = levelled(places, up).T
         bins = np.floor((z - z.min()) / _SAME_LEVEL).astype(np.int64)
         peak = z.min() + (int(np.bincount(bins, weights).argmax()) + 0.5) * _SAME_LEVEL
         near = np.abs(z - peak) < _SAME_LEVEL
         w = weights[near] / weights[near].sum()
-        x, y, z = (one[near] - (w * one[near]).sum() for one in (x, y, z))
+        x, y, z = (coordinates[near] - (w * coordinates[near]).sum() for coordinates in (x, y, z))
         xx, xy, yy = (w * x * x).sum(), (w * x * y).sum(), (w * y * y).sum()
         determinant = xx * yy - xy * xy
         if np.count_nonzero(near) < _LEAST_PLACES or determinant < _CUBE**4:
@@ -452,9 +453,9 @@ def _refined(up: Floats, places: Floats, weights: Floats) -> Floats:
 
 _REFINEMENTS, _SAME_LEVEL, _LEAST_PLACES = 8, 0.15, 10
 _MOST_SAMPLED = 400_000
-_WINDOWS = (40.0, 20.0, 10.0, 5.0, 3.0, 2.0)  # degrees around what is the best so far
-_CLEAN = 0.01  # metres: noise of a plane that counts fully
-_FLAT = 0.05  # standard deviation from a plane, metres, at most
+_WINDOWS = (40.0, 20.0, 10.0, 5.0, 3.0, 2.0)  # degrees around the best direction so far
+_CLEAN = 0.01  # metres of noise up to which a plane has full weight
+_FLAT = 0.05  # largest standard deviation from a plane, metres
 _SAMPLE_VOXEL, _CUBE, _LEAST_IN_CUBE = 0.05, 0.5, 8
 _FARTHEST_SAMPLE = 1e5
 
@@ -464,11 +465,11 @@ _AXES = {
     "y": ((0, 2, 1), (1, -1, 1)), "-y": ((0, 2, 1), (1, 1, -1)),
     "x": ((2, 1, 0), (-1, 1, 1)), "-x": ((2, 1, 0), (1, 1, -1)),
 }  # fmt: skip
-"""For the axis that points up: which axes become x, y and z, and their signs."""
+"""By the axis that points up: the axes that become x, y and z, and their signs."""
 
 
 def upright(points: Floats, up: str | None) -> Floats:
-    """Return points turned by quarter turns so that an axis becomes z."""
+    """Rotate points by quarter turns so that the axis `up` becomes z."""
     if up in (None, "z"):
         return points
     axes, signs = _AXES[up]
@@ -476,7 +477,7 @@ def upright(points: Floats, up: str | None) -> Floats:
 
 
 def away_from_sensor(points: Floats, range_min: float = 0.0) -> Floats:
-    """Return points without those at the sensor, where drivers put beams without return."""
+    """Remove points at the sensor, where drivers put beams without return."""
     if range_min > 0:
         with np.errstate(over="ignore"):
             squares = np.einsum("ij,ij->i", points, points)
@@ -488,7 +489,7 @@ def away_from_sensor(points: Floats, range_min: float = 0.0) -> Floats:
 
 
 def levelled(points: Floats, up: Floats) -> Floats:
-    """Return points turned about the origin by the smallest angle that takes `up` to z."""
+    """Rotate points about the origin by the smallest angle that moves `up` to z."""
     x, y, z = up.tolist()
     share = 1.0 / (1.0 + z)
     px, py, pz = points[:, 0], points[:, 1], points[:, 2]

@@ -380,7 +380,7 @@ class SensorFrames:
 
     def _no_way(self, fixed: str, sensors: list[str]) -> MalformedInputError:
         sensor = next((one for one in sensors if not self.tree.leads(fixed, one)), sensors[0])
-        error = self.tree.no_way(fixed, sensor).found_in(self._bag.path)
+        error = self.tree.no_chain(fixed, sensor).found_in(self._bag.path)
         error.hint = "--poses FILE gives the robot's poses, t x y z qx qy qz qw a line"
         if len(self.tree.frames) > 1:
             error.hint = (
