@@ -3,7 +3,7 @@
 import pytest
 
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning, ParameterError
-from mapdeal.ros.load import found_in, is_ros2, read_robot
+from mapdeal.ros.load import is_ros2, load_robot, read_robot
 
 NAV2 = """\
 global_costmap:
@@ -86,6 +86,6 @@ def test_a_costmaps_file_beside_one_of_another_node_is_enough(tmp_path):
     paths = [_file(tmp_path, ROS1, "costmap.yaml"), _file(tmp_path, "max_vel_x: 0.5\n", "dwa.yaml")]
     assert read_robot(paths).robot_radius == 0.3
     layered = "inflation: {inflation_radius: 1.0}\n"
-    robot, problems = found_in([_file(tmp_path, layered)])
+    robot, problems = load_robot([_file(tmp_path, layered)])
     assert robot is not None
     assert "params.namespace" not in {one.check for one in problems}

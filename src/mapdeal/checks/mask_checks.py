@@ -211,7 +211,7 @@ def _places(frame: Frame, cells: Mask) -> tuple[Point, ...]:
 def filter_topic(facts: FilterFacts) -> Iterator[Remark]:
     servers = facts.servers
     published = {
-        topic_of(one.of("filter_info_topic", "costmap_filter_info")) for one in servers.info
+        topic_of(one.get("filter_info_topic", "costmap_filter_info")) for one in servers.info
     }
     for one in _filters(facts):
         value = facts.robot.value(one.name, "filter_info_topic")
@@ -224,7 +224,7 @@ def filter_topic(facts: FilterFacts) -> Iterator[Remark]:
             yield Remark(text, at=value)
     masks = {topic_of(one) for one in servers.mask_topics}
     for server in servers.info:
-        topic = server.of("mask_topic", "filter_mask")
+        topic = server.get("mask_topic", "filter_mask")
         if masks and topic_of(topic) not in masks:
             text = f"{server.name} names the mask {topic}, which no map server here publishes"
             yield Remark(text, at=server.values["mask_topic"])
@@ -234,12 +234,12 @@ def filter_topic(facts: FilterFacts) -> Iterator[Remark]:
 def filter_type(facts: FilterFacts) -> Iterator[Remark]:
     for one, server in _served(facts):
         plugin = one.plugin.rpartition(":")[2]
-        types, own = TYPES_OF_PLUGIN.get(plugin), server.of("type", 0)
-        at = server.values.get("type", server.at)
+        types, own = TYPES_OF_PLUGIN.get(plugin), server.get("type", 0)
+        at = server.values.get("type", server.first)
         if types is not None and own not in types:
             wanted = " or ".join(map(str, types))
             yield Remark(f"{server.name} has type {own}, and {plugin} needs {wanted}", at=at)
-        scale = server.of("base", 0.0), server.of("multiplier", 1.0)
+        scale = server.get("base", 0.0), server.get("multiplier", 1.0)
         if plugin == "KeepoutFilter" and scale != (0.0, 1.0):
             text = f"{plugin} takes base 0.0 and multiplier 1.0 only, and {server.name} has others"
             yield Remark(text, at=server.values.get("base", server.values.get("multiplier", at)))
@@ -252,7 +252,7 @@ def filter_lifecycle(facts: FilterFacts) -> Iterator[Remark]:
     for server in facts.servers.info if managed else ():
         name = server.name.rpartition("/")[2]
         if name not in managed:
-            yield Remark(f"{name} is in no node_names: it stays unconfigured", at=server.at)
+            yield Remark(f"{name} is in no node_names: it stays unconfigured", at=server.first)
 
 
 def _filters(facts: FilterFacts) -> Iterator[ListedLayer]:
@@ -266,6 +266,6 @@ def _served(facts: FilterFacts) -> Iterator[tuple[ListedLayer, InfoServer]]:
     for one in _filters(facts):
         value = facts.robot.value(one.name, "filter_info_topic")
         for server in facts.servers.info:
-            topic = server.of("filter_info_topic", "costmap_filter_info")
+            topic = server.get("filter_info_topic", "costmap_filter_info")
             if value is not None and topic_of(value.value) == topic_of(topic):
                 yield one, server

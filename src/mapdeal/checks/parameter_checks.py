@@ -26,7 +26,7 @@ from mapdeal.grid.values import NO_INFORMATION
 from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.ros.filters import filter_servers
-from mapdeal.ros.load import Name, costmap_values, costmaps_in, flavour_of, found_in
+from mapdeal.ros.load import Name, costmap_values, costmaps_in, flavour_of, load_robot
 from mapdeal.ros.robot import (
     INJECTED,
     CostmapName,
@@ -526,9 +526,9 @@ def lint_parameters(
     """Return what all checks find in a robot's parameter files, by file, line by line."""
     flavour = flavour_of(paths)
     names = costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
-    looked_at = [_Costmap(one, *found_in(paths, costmap=one, namespace=namespace)) for one in names]
-    present = [one for one in looked_at if not one.is_absent or one.is_misplaced]
-    present = present or looked_at[:1]
+    costmaps = [_Costmap(n, *load_robot(paths, costmap=n, namespace=namespace)) for n in names]
+    present = [item for item in costmaps if not item.is_absent or item.is_misplaced]
+    present = present or costmaps[:1]
     by_costmap: dict[CostmapName, list[Finding]] = {}
     last = str(paths[-1])
     for index, one in enumerate(present):
@@ -568,7 +568,7 @@ def robot_in(
     names: tuple[CostmapName, ...] = ("global", "local") if costmap is None else (costmap,)
     for name in names:
         with suppress(MapdealError):
-            one = _Costmap(name, *found_in(paths, costmap=name, namespace=namespace))
+            one = _Costmap(name, *load_robot(paths, costmap=name, namespace=namespace))
             if one.robot is not None and not one.is_absent:
                 return one.robot
     return None

@@ -145,7 +145,7 @@ class StaticLayer(CostmapLayer):
     @classmethod
     def from_nav2(cls, values: Nav2Values, entry: PluginEntry) -> StaticLayer:
         name = entry.name
-        values.look_at(cls.nav2_parameters, f"{name}.")
+        values.check_types(cls.nav2_parameters, f"{name}.")
         parameter = f"{name}.footprint_clearing_enabled"
         clears = not values.older and values.flag(parameter)
         if clears:

@@ -1,1 +1,1 @@
-"""Parameter files of robots, and what they mean."""
+"""Parameter files of robots: parsing, and the effect of the values on costmaps."""

@@ -1,7 +1,7 @@
-"""Costmap filters in parameter files of Nav2: written for masks, and read to be checked.
+"""Costmap filters in parameter files of Nav2: write them for masks, read them for checks.
 
 A filter needs three nodes that agree: a map_server for the mask, a ``costmap_filter_info_server``
-that says how to read it, and a lifecycle manager that activates both.
+that publishes the mask's type and scale, and a lifecycle manager that activates both.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _PLUGINS: dict[FilterKind, str] = {
 TYPES_OF_PLUGIN = {
     "KeepoutFilter": (0,), "SpeedFilter": (1, 2), "BinaryFilter": (3,), "ZoneParameterFilter": (4,)
 }  # fmt: skip
-_OWN: dict[FilterKind, str] = {
+_EXTRA_PARAMETERS: dict[FilterKind, str] = {
     "keepout": "",
     "speed": '        speed_limit_topic: "/speed_limit"\n',
     "binary": "        default_state: false\n"
@@ -38,10 +38,10 @@ def servers_of(kind: FilterKind) -> tuple[str, str]:
 
 
 def filter_parameters(infos: Sequence[FilterInfo]) -> str:
-    """Return the parameter file of the servers of some masks, and of the costmaps' filters."""
-    # Topics are absolute: Humble takes relative ones in the namespace of the costmap, and newer
-    # releases in that above it.
-    kinds = [one.kind for one in infos]
+    """Return the parameter file of the masks' servers and of the costmaps' filters."""
+    # Topics are absolute: Humble resolves relative topics in the costmap's namespace, newer
+    # releases in the namespace above it.
+    kinds = [info.kind for info in infos]
     nodes = [node for kind in kinds for node in servers_of(kind)]
     parts = ["# The servers of the masks. The launch file beside this one adds yaml_filename.\n"]
     for info in infos:
@@ -59,14 +59,14 @@ def filter_parameters(infos: Sequence[FilterInfo]) -> str:
     base: {float(info.base)!r}
     multiplier: {float(info.multiplier)!r}
 """)
-    listed = ", ".join(f'"{node}"' for node in nodes)
+    node_names = ", ".join(f'"{node}"' for node in nodes)
     parts.append(f"{MANAGER}:\n  ros__parameters:\n    autostart: true\n")
-    parts[-1] += f"    node_names: [{listed}]\n"
+    parts[-1] += f"    node_names: [{node_names}]\n"
     parts.append("# The filters, for the costmaps of the robot's own parameter file.\n")
     for costmap in ("global", "local"):
-        own = [kind for kind in kinds if costmap in _COSTMAPS[kind]]
-        if own:
-            parts.append(_costmap(costmap, own))
+        costmap_kinds = [kind for kind in kinds if costmap in _COSTMAPS[kind]]
+        if costmap_kinds:
+            parts.append(_costmap(costmap, costmap_kinds))
     return "\n".join(parts)
 
 
@@ -85,12 +85,12 @@ def filters_block(kinds: Sequence[FilterKind]) -> str:
         enabled: true
         filter_info_topic: "/{kind}_costmap_filter_info"
         transform_tolerance: 0.1
-{_OWN[kind]}"""
+{_EXTRA_PARAMETERS[kind]}"""
     return text
 
 
 def filter_launch(kinds: Sequence[FilterKind], parameters: str, masks: Sequence[str]) -> str:
-    """Return a launch file for the servers, given the names of the files beside it."""
+    """Return a launch file for the servers; parameters and masks are file names beside it."""
     nodes = ""
     for kind, mask in zip(kinds, masks, strict=True):
         mask_server, info_server = servers_of(kind)
@@ -144,23 +144,24 @@ def generate_launch_description():
 
 @dataclass(frozen=True)
 class InfoServer:
-    """Parameters of a node that says how a mask is to be read, and of others around it."""
+    """Parameters of a ``costmap_filter_info_server``."""
 
     name: str
     values: Mapping[str, ParameterValue]
 
-    def of(self, name: str, default: object = None) -> object:
-        found = self.values.get(name)
-        return default if found is None else found.value
+    def get(self, name: str, default: object = None) -> object:
+        parameter = self.values.get(name)
+        return default if parameter is None else parameter.value
 
     @property
-    def at(self) -> ParameterValue:
+    def first(self) -> ParameterValue:
+        """The value whose line stands for the whole node in findings."""
         return next(iter(self.values.values()))
 
 
 @dataclass(frozen=True)
 class FilterServers:
-    """What parameter files hold for filters besides the costmaps."""
+    """Nodes that costmap filters need, as parameter files list them."""
 
     info: tuple[InfoServer, ...]
     mask_topics: tuple[str, ...]
@@ -191,5 +192,5 @@ def _texts(value: object) -> Iterator[str]:
 
 
 def topic_of(text: object) -> str:
-    """Return a topic as it is compared: relative ones are in the namespace above the costmap."""
+    """Return a topic without outer slashes: relative topics are compared as absolute ones."""
     return str(text).strip("/")

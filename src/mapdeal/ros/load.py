@@ -1,4 +1,4 @@
-"""Reading a robot's parameters, whichever ROS they are of."""
+"""Read a robot's parameters from files of ROS 1 or ROS 2."""
 
 from __future__ import annotations
 
@@ -16,48 +16,48 @@ from mapdeal.ros.ros2_files import read_ros2
 
 _KEY = b"ros__parameters"
 _LARGEST = 1 << 24
-_OF_COSTS = frozenset(
+_ABOUT_COSTS = frozenset(
     {"params.custom-inscribed-radius", "params.inflation-radius", "params.no-static-layer",
      "params.not-modelled", "params.old-plugins", "params.other-map", "params.erases-map"}
 )  # fmt: skip
-"""Warnings that matter to a robot's costs alone."""
+"""Checks whose warnings concern costs only; commands that need just the shape skip them."""
 
 
 def read_robot(
     paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None,
     older: bool = False, is_shape: bool = False,
 ) -> RobotParameters:  # fmt: skip
-    robot, problems = found_in(paths, costmap=costmap, namespace=namespace, older=older)
-    for one in problems:
-        if one.level == "refused":
-            raise _error_of(one, paths)
+    robot, problems = load_robot(paths, costmap=costmap, namespace=namespace, older=older)
+    for problem in problems:
+        if problem.level == "refused":
+            raise _error_of(problem, paths)
     if robot is None:
         raise MalformedInputError("holds no robot", source=paths[-1])
-    warnings = [one for one in problems if one.level == "warning"]
-    own = [one for one in warnings if not (is_shape and one.check in _OF_COSTS)]
-    texts = tuple(_line_of(one, paths) for one in own)
+    warnings = [problem for problem in problems if problem.level == "warning"]
+    reported = [problem for problem in warnings if not (is_shape and problem.check in _ABOUT_COSTS)]
+    texts = tuple(_line_of(problem, paths) for problem in reported)
     for text in texts:
         emit_warning(text, stacklevel=2)
     return replace(robot, remarks=texts)
 
 
-def found_in(
+def load_robot(
     paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None,
     older: bool = False,
 ) -> tuple[RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
-    """Return a robot, as far as its files allow, and all that there is to say of them."""
+    """Return the robot, None if its files are unusable, and all problems found in them."""
     if not paths:
         raise ParameterError("takes at least one file", place="params_files")
-    of_ros2 = [path for path in paths if is_ros2(path)]
-    if of_ros2 and len(of_ros2) < len(paths):
-        other = next(path for path in paths if path not in of_ros2)
-        rule = f"contains no parameters of ROS 2, but {of_ros2[0].name} does"
-        raise ParameterError(rule, source=other, hint="pass the files of one robot")
-    if of_ros2:
+    ros2_paths = [path for path in paths if is_ros2(path)]
+    if ros2_paths and len(ros2_paths) < len(paths):
+        ros1_path = next(path for path in paths if path not in ros2_paths)
+        rule = f"contains no parameters of ROS 2, but {ros2_paths[0].name} does"
+        raise ParameterError(rule, source=ros1_path, hint="pass the files of one robot")
+    if ros2_paths:
         return nav2_robot(paths, costmap=costmap, namespace=namespace, older=older)
-    other_kind = next(filter(None, map(_other_kind, paths)), None)
-    if other_kind is not None:
-        return None, (other_kind,)
+    unrelated = next(filter(None, map(_other_kind, paths)), None)
+    if unrelated is not None:
+        return None, (unrelated,)
     return ros1_robot(paths, costmap=costmap, namespace=namespace)
 
 
@@ -67,7 +67,7 @@ def is_ros2(path: Path) -> bool:
 
 
 def flavour_of_file(path: Path) -> Flavour | None:
-    """Return the stack whose parameters a file holds; None for any other path."""
+    """Return the ROS flavour of a parameter file; None for all other files."""
     from mapdeal.inputs.kinds import PARAMETERS, kind_of
 
     with suppress(MapdealError):
@@ -78,8 +78,8 @@ def flavour_of_file(path: Path) -> Flavour | None:
 
 
 def _other_kind(path: Path) -> Problem | None:
-    """Return the problem of a map, a recipe or the like, whose keys ROS 1 would take, too."""
-    from mapdeal.inputs.kinds import PARAMETERS, kind_of, other_kind  # ROS 1's files alone need it
+    """Return a problem if the file is a map, recipe etc.; ROS 1 would load its keys, too."""
+    from mapdeal.inputs.kinds import PARAMETERS, kind_of, other_kind  # only for ROS 1
 
     kind = None
     with suppress(MapdealError):
@@ -90,22 +90,22 @@ def _other_kind(path: Path) -> Problem | None:
     return Problem("params.other-kind", "refused", error.rule, source=path, hint=error.hint)
 
 
-def _error_of(one: Problem, paths: Sequence[Path]) -> MalformedInputError:
-    place = f"line {one.line}" if one.line is not None else None
-    if one.parameter:
-        place = f"{one.parameter} ({place})" if place else one.parameter
-    extra = {} if one.got is None else {"got": one.got}
+def _error_of(problem: Problem, paths: Sequence[Path]) -> MalformedInputError:
+    place = f"line {problem.line}" if problem.line is not None else None
+    if problem.parameter:
+        place = f"{problem.parameter} ({place})" if place else problem.parameter
+    extra = {} if problem.got is None else {"got": problem.got}
     return MalformedInputError(
-        one.text, source=one.source or paths[-1], place=place, hint=one.hint, **extra
+        problem.text, source=problem.source or paths[-1], place=place, hint=problem.hint, **extra
     )
 
 
-def _line_of(one: Problem, paths: Sequence[Path]) -> str:
-    text = str(one.source or paths[-1])
-    if one.line is not None:
-        text += f":{one.line}"
-    text += f": {one.parameter}: {one.text}" if one.parameter else f": {one.text}"
-    return f"{text}; {one.hint}" if one.hint else text
+def _line_of(problem: Problem, paths: Sequence[Path]) -> str:
+    text = str(problem.source or paths[-1])
+    if problem.line is not None:
+        text += f":{problem.line}"
+    text += f": {problem.parameter}: {problem.text}" if problem.parameter else f": {problem.text}"
+    return f"{text}; {problem.hint}" if problem.hint else text
 
 
 Name = tuple[str, ...]
@@ -119,7 +119,7 @@ def flavour_of(paths: Sequence[Path]) -> Flavour:
 def costmaps_in(
     paths: Sequence[Path], flavour: Flavour, namespace: str | None
 ) -> tuple[CostmapName, ...]:
-    """Return the costmaps to look at: those of ROS 1 that files are of, and of Nav2 both."""
+    """Return the costmaps to check: both for Nav2, those that the files name for ROS 1."""
     if flavour == "nav2":
         return ("global", "local")
     server, _ = load_server(paths, "global", namespace)
@@ -129,18 +129,18 @@ def costmaps_in(
 def costmap_values(
     paths: Sequence[Path], flavour: Flavour, costmap: CostmapName, node: str, namespace: str | None
 ) -> dict[Name, ParameterValue]:
-    # Footprint and radius of ROS 1 are those that are found in the namespaces above, too.
+    # ROS 1 also searches the namespaces above the costmap for footprint and radius.
     if flavour == "nav2":
         try:
-            found = read_ros2(paths).for_node(node)
-        except MalformedInputError:  # which the robot's problems tell
+            parameters = read_ros2(paths).for_node(node)
+        except MalformedInputError:  # load_robot reports this error
             return {}
-        return {tuple(name.split(".")): value for name, value in found.items()}
+        return {tuple(name.split(".")): value for name, value in parameters.items()}
     server, _ = load_server(paths, costmap, namespace)
     own = server.root.get(server.path)
     values = dict(own.values()) if isinstance(own, Ros1Namespace) else {}
     for name in ("footprint", "robot_radius"):
-        above = server.search(name)
-        if above is not None and isinstance(above[1], ParameterValue):
-            values[(name,)] = above[1]
+        inherited = server.search(name)
+        if inherited is not None and isinstance(inherited[1], ParameterValue):
+            values[(name,)] = inherited[1]
     return values

@@ -64,33 +64,33 @@ class Nav2Values:
         return bool(self.get(name, "bool", default))
 
     def get(self, name: str, kind: str, default: Any, *, level: Level = "refused") -> Any:
-        # A value of another type becomes a problem, and what it means is returned if that is clear.
-        found = self.parameters.get(name)
-        if found is None or found.kind == "not set":  # Nav2 never sees the latter
+        # A value of another type is a problem; int and double are converted if that is exact.
+        parameter = self.parameters.get(name)
+        if parameter is None or parameter.kind == "not set":  # Nav2 never sees the latter
             return default
-        if found.ignored is not None and name not in self._known:
-            self._tell_ignored(name, found, found.ignored)
-        if found.replaced is not None:
-            self._tell_twice(name, found, found.replaced)
-        if found.kind == kind:
-            return found.value
+        if parameter.ignored is not None and name not in self._known:
+            self._report_hidden(name, parameter, parameter.ignored)
+        if parameter.replaced is not None:
+            self._report_repeated(name, parameter, parameter.replaced)
+        if parameter.kind == kind:
+            return parameter.value
         if name not in self._known:
-            self._tell_type(name, kind, found, level)
+            self._report_type(name, kind, parameter, level)
         self._known.add(name)
-        if kind == "double" and found.kind == "integer":
-            return float(found.value)
-        if kind == "integer" and found.kind == "double" and found.value.is_integer():
-            return int(found.value)
+        if kind == "double" and parameter.kind == "integer":
+            return float(parameter.value)
+        if kind == "integer" and parameter.kind == "double" and parameter.value.is_integer():
+            return int(parameter.value)
         return default
 
-    def look_at(self, parameters: Mapping[str, str], prefix: str = "") -> None:
-        """Report what is wrong with parameters that have no effect here, but end the node."""
+    def check_types(self, parameters: Mapping[str, str], prefix: str = "") -> None:
+        """Report wrong types of unused parameters, because these stop the node, too."""
         for name, kind in parameters.items():
-            if not (self.older and name in _NEWER):
+            if not (self.older and name in _NEWER_PARAMETERS):
                 self.get(prefix + name, kind, None)
 
     def number(self, name: str, default: float, *, least: float = -math.inf) -> float:
-        """Return a declared double that is finite, and not below what costs are defined for."""
+        """Return a double; report it and return the default if it is not finite or too small."""
         value = float(self.get(name, "double", default))
         if not math.isfinite(value):
             check, rule = "params.not-finite", "must be finite"
@@ -105,91 +105,91 @@ class Nav2Values:
     def problem(
         self, check: str, level: Level, text: str, name: str = "", hint: str | None = None
     ) -> None:
-        """Keep a problem, with the place and the text of the parameter that it is about."""
-        found = self.parameters.get(name)
-        one = Problem(check, level, text, parameter=name, source=self.source, hint=hint)
-        if found is not None:
-            one = replace(one, source=found.source, line=found.line, got=found.text)
-        if one not in self.problems:
-            self.problems.append(one)
+        """Record a problem, with file, line and text of the parameter if it is set."""
+        value = self.parameters.get(name)
+        problem = Problem(check, level, text, name, self.source, hint=hint)
+        if value is not None:
+            problem = replace(problem, source=value.source, line=value.line, got=value.text)
+        if problem not in self.problems:
+            self.problems.append(problem)
 
-    def _tell_type(self, name: str, kind: str, found: ParameterValue, level: Level) -> None:
-        wanted, given = _ARTICLES[kind], _ARTICLES[found.kind]
-        if _is_substitution(found) and kind != "string":
+    def _report_type(self, name: str, kind: str, parameter: ParameterValue, level: Level) -> None:
+        rule = f"must be {_ARTICLES[kind]}"
+        if _is_substitution(parameter) and kind != "string":
             hint = "launch files replace it; pass the file that the node gets, or write the value"
-            self.problem("params.substitution", level, f"must be {wanted}", name, hint)
+            self.problem("params.substitution", level, rule, name, hint)
             return
-        text = f"must be {wanted}, is {given}; Nav2 does not start"
-        self.problem("params.type", level, text, name, _hint(kind, found))
+        text = f"{rule}, is {_ARTICLES[parameter.kind]}; Nav2 does not start"
+        self.problem("params.type", level, text, name, _hint(kind, parameter))
 
-    def _tell_twice(self, name: str, found: ParameterValue, before: ParameterValue) -> None:
-        text = f"appears twice, on lines {before.line} and {found.line}"
-        if found.value == before.value:
+    def _report_repeated(self, name: str, later: ParameterValue, earlier: ParameterValue) -> None:
+        text = f"appears twice, on lines {earlier.line} and {later.line}"
+        if later.value == earlier.value:
             self.problem("params.repeated", "note", f"{text}, with one value", name)
         else:
             self.problem("params.twice", "warning", f"{text}; the later one counts", name)
 
-    def _tell_ignored(self, name: str, found: ParameterValue, ignored: ParameterValue) -> None:
+    def _report_hidden(self, name: str, used: ParameterValue, ignored: ParameterValue) -> None:
         self._known.add(name)
-        own, other = _ARTICLES[found.kind], _ARTICLES[ignored.kind]
-        of_file = f" of {ignored.source.name}" if ignored.source != found.source else ""
-        text = f"{own} counts, and not {other} that is set later, {ignored.text} on line "
-        text += f"{ignored.line}{of_file}: ROS 2 goes by the type"
-        hint = f"remove one of them, or write both as {other}"
+        used_type, ignored_type = _ARTICLES[used.kind], _ARTICLES[ignored.kind]
+        in_file = f" of {ignored.source.name}" if ignored.source != used.source else ""
+        text = f"{used_type} counts, and not {ignored_type} that is set later, {ignored.text} on "
+        text += f"line {ignored.line}{in_file}: ROS 2 goes by the type"
+        hint = f"remove one of them, or write both as {ignored_type}"
         self.problem("params.hidden", "warning", text, name, hint)
 
 
-def _is_substitution(found: ParameterValue) -> bool:
-    text = found.value if found.kind == "string" else ""
+def _is_substitution(parameter: ParameterValue) -> bool:
+    text = parameter.value if parameter.kind == "string" else ""
     is_name = text.isidentifier() and text.isupper() and "_" in text  # nav2_bringup's own form
     return "$(" in text or (text.startswith("<") and ">" in text) or is_name
 
 
-def _hint(kind: str, found: ParameterValue) -> str | None:
-    if kind == "double" and found.kind == "integer":
-        return f"write {found.value}.0"
-    if kind == "integer" and found.kind == "double":
-        is_whole = abs(found.value) < 1 << 31 and found.value.is_integer()
-        return f"write {int(found.value)}" if is_whole else "write a whole number"
+def _hint(kind: str, value: ParameterValue) -> str | None:
+    if kind == "double" and value.kind == "integer":
+        return f"write {value.value}.0"
+    if kind == "integer" and value.kind == "double":
+        is_whole = abs(value.value) < 1 << 31 and value.value.is_integer()
+        return f"write {int(value.value)}" if is_whole else "write a whole number"
     if kind == "string":
-        return f'write "{found.text}"' if '"' not in found.text else "put it in quotes"
+        return f'write "{value.text}"' if '"' not in value.text else "put it in quotes"
     if kind == "bool":
         return "write true or false, without quotes"
-    if kind == "string_array" and found.kind == "string":
-        return f'write ["{found.value}"]' if '"' not in found.value else "put it in brackets"
-    if kind in ("double", "integer") and found.kind == "string":
+    if kind == "string_array" and value.kind == "string":
+        return f'write ["{value.value}"]' if '"' not in value.value else "put it in brackets"
+    if kind in ("double", "integer") and value.kind == "string":
         return "write a number, without quotes or a unit"
     return None
 
 
-_OWN = "nav2_costmap_2d::"
-_STATIC = _OWN + "StaticLayer"
-_CONTAINER = _OWN + "PluginContainerLayer"
-_WITHOUT_COSTS = {
-    _OWN + "SpeedFilter": "limits the speed, and sets no costs",
-    _OWN + "BinaryFilter": "switches a topic, and sets no costs",
-    _OWN + "ZoneParameterFilter": "changes parameters, and sets no costs",
+_PREFIX = "nav2_costmap_2d::"
+_STATIC = _PREFIX + "StaticLayer"
+_CONTAINER = _PREFIX + "PluginContainerLayer"
+_COSTLESS_FILTERS = {
+    _PREFIX + "SpeedFilter": "limits the speed, and sets no costs",
+    _PREFIX + "BinaryFilter": "switches a topic, and sets no costs",
+    _PREFIX + "ZoneParameterFilter": "changes parameters, and sets no costs",
 }
-_FILTERS = (_OWN + "KeepoutFilter", *_WITHOUT_COSTS)
-_KNOWN = (*NAV2_PLUGINS, *_WITHOUT_COSTS, _CONTAINER)
-_LONGEST = 100  # characters of a name that are compared with names of classes
+_FILTERS = (_PREFIX + "KeepoutFilter", *_COSTLESS_FILTERS)
+_KNOWN_CLASSES = (*NAV2_PLUGINS, *_COSTLESS_FILTERS, _CONTAINER)
+_LONGEST_CLASS_NAME = 100  # characters of a name that are compared with names of classes
 _MOST_LAYERS = 200
 
 _DEFAULTS = {
     "static_layer": _STATIC,
-    "obstacle_layer": _OWN + "ObstacleLayer",
-    "inflation_layer": _OWN + "InflationLayer",
+    "obstacle_layer": _PREFIX + "ObstacleLayer",
+    "inflation_layer": _PREFIX + "InflationLayer",
 }
 """The layers of a costmap without a list of plugins."""
 
-_NEWER = frozenset(
+_NEWER_PARAMETERS = frozenset(
     {"inscribed_obstacle_cost_value", "subscribe_to_stamped_footprint",
      "footprint_clearing_enabled", "restore_cleared_footprint"}
 )  # fmt: skip
 
 
 def _listed_layers(values: Nav2Values, inscribed: float) -> tuple[ListedLayer, ...] | None:
-    """Return all layers in their order, then the filters; None where one has no class."""
+    """Return the layers in the order of the file, then the filters; None if a class is missing."""
     names = tuple(values.get("plugins", "string_array", tuple(_DEFAULTS)))
     filters = tuple(values.get("filters", "string_array", ()))
     defaults = _DEFAULTS if names == tuple(_DEFAULTS) else {}
@@ -201,66 +201,67 @@ def _listed_layers(values: Nav2Values, inscribed: float) -> tuple[ListedLayer, .
     if None in classes:
         return None
     kinds = [kind or "" for kind in classes]
-    of_layers = zip(names, kinds[: len(names)], strict=True)
-    of_filters = zip(filters, kinds[len(names) :], strict=True)
-    found = [_layer(values, name, kind, inscribed) for name, kind in of_layers]
-    found += [replace(_layer(values, name, kind, inscribed), is_filter=True)
-              for name, kind in of_filters]  # fmt: skip
-    _tell_topics(values, found)
-    return tuple(found)
+    layer_kinds = zip(names, kinds[: len(names)], strict=True)
+    filter_kinds = zip(filters, kinds[len(names) :], strict=True)
+    layers = [_layer(values, name, kind, inscribed) for name, kind in layer_kinds]
+    layers += [replace(_layer(values, name, kind, inscribed), is_filter=True)
+              for name, kind in filter_kinds]  # fmt: skip
+    _warn_of_other_maps(values, layers)
+    return tuple(layers)
 
 
-def _tell_topics(values: Nav2Values, layers: list[ListedLayer]) -> None:
-    """Warn where static layers read different maps: there is one map, and all of them get it."""
-    own_map = values.get("map_topic", "string", "map")
-    first: str | None = None
-    for one in layers:
-        if one.plugin != _STATIC or not one.is_enabled:
+def _warn_of_other_maps(values: Nav2Values, layers: list[ListedLayer]) -> None:
+    """Warn if static layers read different topics: mapdeal has one map for all of them."""
+    default_topic = values.get("map_topic", "string", "map")
+    first_topic: str | None = None
+    for listed in layers:
+        if listed.plugin != _STATIC or not listed.is_enabled:
             continue
-        parameter = f"{one.name}.map_topic"
-        topic = (values.get(parameter, "string", "") or own_map).lstrip("/")
-        if first is not None and topic != first:
-            text = f"reads {topic}, another map than {first}; here it gets the same map"
+        parameter = f"{listed.name}.map_topic"
+        topic = (values.get(parameter, "string", "") or default_topic).lstrip("/")
+        if first_topic is not None and topic != first_topic:
+            text = f"reads {topic}, another map than {first_topic}; here it gets the same map"
             values.problem("params.other-map", "warning", text, parameter)
-        first = first or topic
+        first_topic = first_topic or topic
 
 
 def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
-    """Return the class of a layer or filter, or the one that is meant; None if none is given."""
+    """Return a plugin's class, corrected if it is misspelt; None if it is missing."""
     parameter = f"{name}.plugin"
     kind: str | None = values.get(parameter, "string", default)
     if kind is None:
         if parameter not in values.parameters:
             text = f"{name} is listed, but has no {parameter}; Nav2 does not start"
-            alike = [plugin.removeprefix(_OWN).lower() for plugin in _KNOWN]
-            near = most_alike(name.replace("_", "").lower()[:_LONGEST], alike, least=0.0)
-            guess = _KNOWN[alike.index(near or "")]
+            plain_classes = [plugin.removeprefix(_PREFIX).lower() for plugin in _KNOWN_CLASSES]
+            plain_name = name.replace("_", "").lower()[:_LONGEST_CLASS_NAME]
+            nearest = most_alike(plain_name, plain_classes, least=0.0)
+            guess = _KNOWN_CLASSES[plain_classes.index(nearest or "")]
             hint = f'write {name}: {{plugin: "{guess}"}}, or take it out of the list'
             is_filter = name in values.get("filters", "string_array", ())
             place = "filters" if is_filter else "plugins"
             values.problem("params.plugins", "refused", text, place, hint)
         return None
-    meant = _meant_by(kind)
-    if meant is not None:
-        text = f"unknown class {kind[:_LONGEST]}; Nav2 does not start"
-        values.problem("params.plugins", "refused", text, parameter, f"did you mean {meant}?")
-    return meant or kind
+    suggested = _suggested_class(kind)
+    if suggested is not None:
+        text = f"unknown class {kind[:_LONGEST_CLASS_NAME]}; Nav2 does not start"
+        values.problem("params.plugins", "refused", text, parameter, f"did you mean {suggested}?")
+    return suggested or kind
 
 
-def _meant_by(kind: str) -> str | None:
-    """Return the class that is meant by one that pluginlib cannot load; None if it may."""
-    if kind in _KNOWN:
+def _suggested_class(kind: str) -> str | None:
+    """Return the class to suggest for a misspelt one; None if pluginlib may know the class."""
+    if kind in _KNOWN_CLASSES:
         return None
     package, _, plain = kind.replace("::", "/").rpartition("/")
-    own = _OWN + plain
-    if own in _KNOWN and package in ("nav2_costmap_2d", "costmap_2d", ""):
-        return own  # a slash, ROS 1's package, or none
-    return most_alike(kind[:_LONGEST], _KNOWN)
+    nav2_class = _PREFIX + plain
+    if nav2_class in _KNOWN_CLASSES and package in ("nav2_costmap_2d", "costmap_2d", ""):
+        return nav2_class  # written with a slash, with ROS 1's package or without a package
+    return most_alike(kind[:_LONGEST_CLASS_NAME], _KNOWN_CLASSES)
 
 
 def _layer(values: Nav2Values, name: str, kind: str, inscribed: float) -> ListedLayer:
     layer_class = NAV2_PLUGINS.get(kind)
-    # nav2_bringup's own file leaves it to launch files whether a filter is enabled
+    # in nav2_bringup's file, "enabled" of a filter is a name that launch files substitute
     is_known = layer_class is not None and kind not in _FILTERS
     if is_known:
         is_enabled = values.flag(f"{name}.enabled", True)
@@ -270,8 +271,8 @@ def _layer(values: Nav2Values, name: str, kind: str, inscribed: float) -> Listed
     if layer_class is not None:
         layer = layer_class.from_nav2(values, PluginEntry(name, kind, inscribed))
         return ListedLayer(name, kind, layer, is_enabled)
-    if kind in _WITHOUT_COSTS:
-        return ListedLayer(name, kind, None, is_enabled, why_ignored=_WITHOUT_COSTS[kind])
+    if kind in _COSTLESS_FILTERS:
+        return ListedLayer(name, kind, None, is_enabled, why_ignored=_COSTLESS_FILTERS[kind])
     if is_enabled:
         consequence = "its costs are left out"
         if kind == _CONTAINER:
@@ -283,7 +284,7 @@ def _layer(values: Nav2Values, name: str, kind: str, inscribed: float) -> Listed
 
 
 def _refuse_contents(values: Nav2Values, name: str) -> None:
-    """Refuse a container with layers whose costs matter: without them, hardly any are left."""
+    """Refuse a container of layers that set costs: a costmap without these is meaningless."""
     for contained in values.get(f"{name}.plugins", "string_array", ()):
         parameter = f"{name}.{contained}.plugin"
         layer_class = NAV2_PLUGINS.get(values.get(parameter, "string", ""))
@@ -293,7 +294,7 @@ def _refuse_contents(values: Nav2Values, name: str) -> None:
             values.problem("params.plugins", "refused", text, parameter, hint)
 
 
-_LARGEST = 1000.0  # metres that a corner may be away from the centre, as everywhere in mapdeal
+_LARGEST = 1000.0  # metres from the centre to a corner; the limit of all footprints in mapdeal
 _DECLARED = {
     "always_send_full_costmap": "bool", "map_vis_z": "double", "footprint": "string",
     "footprint_padding": "double", "global_frame": "string", "height": "integer",
@@ -311,8 +312,8 @@ _OF_ANY_NODE = frozenset(
     {"global_frame", "map_topic", "resolution", "robot_base_frame", "transform_tolerance"}
 )
 """Parameters of costmaps that other nodes of Nav2 declare, too."""
-_LONGEST_NAMESPACE = 245  # characters with its slash that ROS 2 allows in the namespace of a node
-_LIKE_THIS = 'write "[[x1, y1], [x2, y2], [x3, y3], ...]", metres'
+_LONGEST_NAMESPACE = 245  # characters of a node's namespace in ROS 2, including the slash
+_FOOTPRINT_HINT = 'write "[[x1, y1], [x2, y2], [x3, y3], ...]", metres'
 
 
 def nav2_robot(
@@ -322,14 +323,14 @@ def nav2_robot(
     try:
         parameters = read_ros2(paths)
     except MalformedInputError as error:
-        return None, (_of_error(error),)
+        return None, (_error_problem(error),)
     node, problems = _node_of(parameters, costmap, namespace)
     if node is None:
         return None, problems
     values = Nav2Values(parameters.for_node(node), node, paths[-1], older=older)
-    values.problems += (*problems, *_one_level(parameters, node, "warning"))
-    values.problems += [_of_alias(*alias) for alias in parameters.aliases]
-    _tell_old_plugins(values)
+    values.problems += (*problems, *_single_level_nodes(parameters, node, "warning"))
+    values.problems += [_alias_problem(*alias) for alias in parameters.aliases]
+    _warn_of_old_plugins(values)
     for name, value in parameters.unset_for(node):
         text = "has no value, and every node that it is for exits"
         hint = "an empty list has no type in ROS 2; take the parameter out"
@@ -340,8 +341,8 @@ def nav2_robot(
     return _resolved(values, parameters, costmap), tuple(values.problems)
 
 
-def _tell_old_plugins(values: Nav2Values) -> None:
-    """Warn of lists of layers that Nav2 does not read, and of what runs in their place."""
+def _warn_of_old_plugins(values: Nav2Values) -> None:
+    """Warn of layer lists in a form that Nav2 ignores, and name the layers that run instead."""
     for listed, effect in (
         ("plugins", f"the default layers run, {', '.join(_DEFAULTS)}"),
         ("filters", "no filter runs"),
@@ -359,7 +360,7 @@ def _tell_old_plugins(values: Nav2Values) -> None:
         )
 
 
-def _of_alias(path: Path, line: int, alias: str) -> Problem:
+def _alias_problem(path: Path, line: int, alias: str) -> Problem:
     text = (
         "ROS 2 does not support aliases; nav2_bringup's launch files write the value in its place"
     )
@@ -367,7 +368,7 @@ def _of_alias(path: Path, line: int, alias: str) -> Problem:
     return Problem("params.alias", "warning", text, "", path, line, alias, hint)
 
 
-def _of_error(error: MalformedInputError) -> Problem:
+def _error_problem(error: MalformedInputError) -> Problem:
     source = error.source if isinstance(error.source, Path) else None
     if isinstance(error, ParameterFileError):
         return Problem("params.syntax", "refused", error.rule, "", source, error.line, error.found,
@@ -379,20 +380,20 @@ def _of_error(error: MalformedInputError) -> Problem:
 def _resolved(
     values: Nav2Values, parameters: Ros2Parameters, costmap: CostmapName
 ) -> RobotParameters | None:
-    values.look_at(_DECLARED)
+    values.check_types(_DECLARED)
     _check_sizes(values)
     padding = as_float32(values.number("footprint_padding", 0.01))
     radius, corners = _outline(values)
-    if not max(abs(v) for one in padded_corners(corners, padding) for v in one) <= _LARGEST:
+    if not max(abs(v) for corner in padded_corners(corners, padding) for v in corner) <= _LARGEST:
         name = "footprint" if radius is None else "robot_radius"
         text = f"must be within {_LARGEST:g} m of the robot's centre, padding included"
         values.problem("params.too-large", "refused", text, name)
         return None
 
-    def tell(check: str, level: Level, text: str) -> None:
+    def report(check: str, level: Level, text: str) -> None:
         values.problem(check, level, text, "footprint")
 
-    shape = shape_of(corners, padding, radius, tell)
+    shape = shape_of(corners, padding, radius, report)
     layers = None if shape is None else _listed_layers(values, shape.inscribed_radius)
     if shape is None or layers is None:
         return None
@@ -423,7 +424,7 @@ def _area(values: Nav2Values) -> CostmapArea | None:
 
 
 def _check_sizes(values: Nav2Values) -> None:
-    """Report sizes with which the node does not configure; a map that is a file has its own."""
+    """Report sizes with which the node fails to configure, even if a map overrides them."""
     for name in ("width", "height"):
         if values.get(name, "integer", 5) <= 0:
             text = "must be above 0; Nav2 does not start"
@@ -435,13 +436,13 @@ def _check_sizes(values: Nav2Values) -> None:
 
 
 def _outline(values: Nav2Values) -> tuple[float | None, Corners]:
-    """Return the radius, if it counts, and the corners: a valid footprint wins over a radius."""
+    """Return radius and corners; the radius is None if a valid footprint overrides it."""
     text = values.get("footprint", "string", "[]")
     if text not in ("", "[]"):
         try:
             corners = corners_of_string(text)
         except FootprintStringError as error:
-            _tell_footprint(values, text, str(error))
+            _report_footprint(values, text, str(error))
         else:
             return None, corners
     elif "robot_radius" not in values.parameters:
@@ -454,7 +455,7 @@ def _outline(values: Nav2Values) -> tuple[float | None, Corners]:
     return radius, sixteen_corners(radius)
 
 
-def _tell_footprint(values: Nav2Values, text: str, reason: str) -> None:
+def _report_footprint(values: Nav2Values, text: str, reason: str) -> None:
     if "$(" in text or text.startswith("<"):
         rule = "must be a list of points"
         hint = "launch files replace it; pass the file that the node gets, or write the points"
@@ -463,21 +464,21 @@ def _tell_footprint(values: Nav2Values, text: str, reason: str) -> None:
     radius = values.get("robot_radius", "double", 0.1)
     radius_name = "robot_radius" if "robot_radius" in values.parameters else "a radius"
     rule = f"{reason}; Nav2 uses {radius_name} of {radius:g} m in its place"
-    values.problem("params.footprint-unused", "warning", rule, "footprint", _LIKE_THIS)
+    values.problem("params.footprint-unused", "warning", rule, "footprint", _FOOTPRINT_HINT)
 
 
 def _with_static(
     values: Nav2Values, layers: tuple[ListedLayer, ...], costmap: CostmapName
 ) -> tuple[ListedLayer, ...]:
-    """Return the layers with one that reads the map in front, if a local costmap has none."""
+    """Return the layers; a local costmap without a static layer gets one in front."""
     statics = [listed for listed in layers if listed.plugin == _STATIC]
     if not statics and costmap == "local":
         static = NAV2_PLUGINS[_STATIC].from_nav2(values, PluginEntry(INJECTED, _STATIC, 0.0))
         return (ListedLayer(INJECTED, _STATIC, static), *layers)
-    if not any(one.is_enabled for one in statics):
+    if not any(listed.is_enabled for listed in statics):
         value = "255, unknown" if values.flag("track_unknown_space") else "0, free"
-        what = "the static layer is switched off" if statics else "no static layer"
-        text = f"{what}: the costmap does not read the map, and all cells are {value}"
+        reason = "the static layer is switched off" if statics else "no static layer"
+        text = f"{reason}: the costmap does not read the map, and all cells are {value}"
         name = f"{statics[0].name}.enabled" if statics else "plugins"
         hint = f'add a layer with plugin: "{_STATIC}"' if not statics else None
         values.problem("params.no-static-layer", "warning", text, name, hint)
@@ -487,23 +488,23 @@ def _with_static(
 def _node_of(
     parameters: Ros2Parameters, costmap: CostmapName, namespace: str | None
 ) -> tuple[str | None, tuple[Problem, ...]]:
-    """Return the full name of the node that is meant, and what there is to say of the choice."""
-    own = f"{costmap}_costmap/{costmap}_costmap"
+    """Return the costmap's full name, None if it is unclear, and the problems of the choice."""
+    costmap_node = f"{costmap}_costmap/{costmap}_costmap"
     source = parameters.files[-1][0]
-    held = _namespaces(parameters, own)
-    asked = [part for part in (namespace or "").split("/") if part]
-    node = "/".join(["", *asked, own])
-    robots = [space for space in held if space]
+    spaces = _namespaces(parameters, costmap_node)
+    requested = [part for part in (namespace or "").split("/") if part]
+    node = "/".join(["", *requested, costmap_node])
+    robots = [space for space in spaces if space]
     sibling = "local" if costmap == "global" else "global"
-    held_by_sibling = _namespaces(parameters, f"{sibling}_costmap/{sibling}_costmap")
-    matching = [entry.name for entry in parameters.nodes if _means(entry, node)]
-    # A wildcard beside the robots of a file is meant for these: it does not make up another robot,
-    # nor, without the costmap's name, a costmap that no robot has.
+    sibling_spaces = _namespaces(parameters, f"{sibling}_costmap/{sibling}_costmap")
+    matching = [entry.name for entry in parameters.nodes if _is_meant_for(entry, node)]
+    # A wildcard applies to the robots that the file names. It defines neither another robot nor,
+    # without the costmap's name, another costmap.
     is_only_wildcard = all("*" in name for name in matching)
     if is_only_wildcard and any(f"{costmap}_costmap" in name for name in matching):
-        robots = robots or [space for space in held_by_sibling if space]
+        robots = robots or [space for space in sibling_spaces if space]
     if matching and (
-        namespace is not None or not is_only_wildcard or not {*robots, *held_by_sibling} - {"", "*"}
+        namespace is not None or not is_only_wildcard or not {*robots, *sibling_spaces} - {"", "*"}
     ):
         return node, ()
     check = "params.namespace"
@@ -512,64 +513,66 @@ def _node_of(
         hint = f"--namespace {robots[0]} takes a robot of the file" if robots else None
         return node, (Problem("params.defaults", "warning", text, source=source, hint=hint),)
     if namespace is not None:
-        text = f"no parameters of {node}; namespaces with such a node: {_listed(held) or 'none'}"
-        hint = f"--namespace {held[0]}" if held and held[0] else None
-        if held == [""]:
+        text = f"no parameters of {node}; namespaces with such a node: {_listed(spaces) or 'none'}"
+        hint = f"--namespace {spaces[0]}" if spaces and spaces[0] else None
+        if spaces == [""]:
             hint = "leave --namespace out: the file's nodes are in none"
     elif len(robots) == 1:
         text = f"its nodes are in the namespace {robots[0]}, which is taken"
         hint = f"--namespace {robots[0]} says so"
-        one = Problem("params.only-namespace", "warning", text, source=source, hint=hint)
-        return f"/{robots[0]}/{own}", (one,)
+        problem = Problem("params.only-namespace", "warning", text, source=source, hint=hint)
+        return f"/{robots[0]}/{costmap_node}", (problem,)
     elif robots:
         text = f"holds several robots, in the namespaces {_listed(robots)}"
         hint = f"choose one with --namespace {robots[0]}"
     else:
-        flat = tuple(_one_level(parameters, node, "refused"))
-        if flat:
-            return None, flat
+        single_level = tuple(_single_level_nodes(parameters, node, "refused"))
+        if single_level:
+            return None, single_level
         check = "params.no-node"
-        text = f"holds no parameter of {node}; it has {_listed(n.name for n in parameters.nodes)}"
+        names = _listed(entry.name for entry in parameters.nodes)
+        text = f"holds no parameter of {node}; it has {names}"
         hint = f"pass the file that has {costmap}_costmap: {costmap}_costmap: ros__parameters:"
-        if held_by_sibling:
+        if sibling_spaces:
             hint = f"--costmap {sibling} takes the one that it has"
     return None, (Problem(check, "refused", text, source=source, hint=hint),)
 
 
-def _one_level(parameters: Ros2Parameters, node: str, level: Level) -> Iterator[Problem]:
-    """Yield a problem for each costmap outside of the namespace of its name, where Nav2 has it."""
+def _single_level_nodes(parameters: Ros2Parameters, node: str, level: Level) -> Iterator[Problem]:
+    """Yield a problem for each costmap that is not nested twice, as Nav2 names its node."""
     name = node.rpartition("/")[2]
-    for one in parameters.nodes:
-        above, _, last = one.name.rpartition("/")
+    for entry in parameters.nodes:
+        above, _, last = entry.name.rpartition("/")
         if last == name and above.rpartition("/")[2] not in (name, "*", "**"):
-            text = f"applies to no node: Nav2's costmap is {node}, not {one.name}"
+            text = f"applies to no node: Nav2's costmap is {node}, not {entry.name}"
             hint = f"nest the name twice: {name}: {name}: ros__parameters:"
-            yield Problem("params.one-level", level, text, "", one.source, one.line, None, hint)
+            yield Problem("params.one-level", level, text, "", entry.source, entry.line, None, hint)
 
 
-def _means(one: Ros2Node, node: str) -> bool:
-    """Return whether parameters are for a node, or for any but only meant for costmaps."""
-    is_named = node.rpartition("/")[2] in one.name.split("/")
-    return matches(one.name, node) and (
-        is_named or any(_of_costmap(name) for name, _ in one.entries)
+def _is_meant_for(entry: Ros2Node, node: str) -> bool:
+    """Return whether an entry is for the node by its name, or by parameters of costmaps only."""
+    is_named = node.rpartition("/")[2] in entry.name.split("/")
+    return matches(entry.name, node) and (
+        is_named or any(_is_costmap_parameter(name) for name, _ in entry.entries)
     )
 
 
-def _of_costmap(name: str) -> bool:
-    """Return whether a parameter that is set for any node can only be meant for a costmap."""
+def _is_costmap_parameter(name: str) -> bool:
+    """Return whether a parameter below a wildcard can only be one of a costmap."""
     first, dot, _ = name.partition(".")
     return first in _DEFAULTS if dot else name in _DECLARED and name not in _OF_ANY_NODE
 
 
-def _namespaces(parameters: Ros2Parameters, own: str) -> list[str]:
-    """Return the namespaces in which files have the node, in their order; a * stands for any."""
+def _namespaces(parameters: Ros2Parameters, costmap_node: str) -> list[str]:
+    """Return the namespaces in which files name the node, in file order; * is a wildcard."""
     found: dict[str, None] = {}
-    for one in parameters.nodes:
-        parts = one.name.split("/")[1:]
+    for entry in parameters.nodes:
+        parts = entry.name.split("/")[1:]
         end = parts.index("**") if "**" in parts else len(parts)
         for count in range(max(end - 2, 0), end + 1):  # the node's own name has two parts
             space = "/".join(parts[:count])
-            if len(space) < _LONGEST_NAMESPACE and _means(one, f"{space and '/'}{space}/{own}"):
+            node = f"{space and '/'}{space}/{costmap_node}"
+            if len(space) < _LONGEST_NAMESPACE and _is_meant_for(entry, node):
                 found[space] = None
     return list(found)
 

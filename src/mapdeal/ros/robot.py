@@ -1,6 +1,6 @@
-"""A robot's parameters, and what they amount to.
+"""A robot's parameters, and the footprint and layers that follow from them.
 
-Footprints are those of ROS 1 and Nav2, to the last bit.
+Footprints equal those of ROS 1 and Nav2 bit by bit.
 
 References
 ----------
@@ -48,7 +48,7 @@ class Problem:
 
 
 class ParameterFileError(MalformedInputError):
-    """A file that its own parser refuses as a whole: the line where it stops, and what is there."""
+    """A file that ROS 2's parser refuses: the line where it stops, and the text there."""
 
     line: int | None = None
     found: str | None = None
@@ -62,34 +62,33 @@ class ParameterValue:
     line: int
     text: str
     ignored: ParameterValue | None = None
-    replaced: ParameterValue | None = None  # by this one, further down in its file
+    replaced: ParameterValue | None = None  # an earlier value of the same name in the same file
 
 
 Corners = tuple[tuple[float, float], ...]
 
 MOST_CORNERS = 2000
-"""Corners that a robot may have: looking for edges that cross takes the time of their square."""
+"""Most corners of a footprint: the search for crossing edges takes quadratic time."""
 
 _NUMBER = re.compile(
     r"[ \t\n\v\f\r]*([-+]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]*)?|\.?))"
 )
-"""What a stream of C++ takes bit by bit, whether or not it is a number in the end."""
+"""Characters that a C++ stream consumes for a number; the result may be invalid, as ``1e``."""
 
 
 class FootprintStringError(ValueError):
-    """Why ``parseVVF`` or ``makeFootprintFromString`` takes no footprint from a text."""
+    """Reason why ``parseVVF`` or ``makeFootprintFromString`` rejects a footprint string."""
 
 
 def corners_of_string(text: str) -> Corners:
-    """Return the corners that a text has, each coordinate a float32."""
-    # Numbers are read as a C++ stream reads them: ``0.3-0.2`` is two numbers, and behind ``0.3m``
-    # nothing is read any more. An end of a line is a blank to it, but only within the inner
-    # brackets.
+    """Return the corners in a footprint string; each coordinate is a float32."""
+    # Numbers are read as a C++ stream reads them: ``0.3-0.2`` is two numbers, and reading stops
+    # behind ``0.3m``. Line ends are blanks only within the inner brackets.
     groups: list[list[float]] = []
     current: list[float] = []
-    depth, at = 0, 0
-    while at < len(text):
-        char = text[at]
+    depth, index = 0, 0
+    while index < len(text):
+        char = text[index]
         if char == "[":
             depth += 1
             current = []
@@ -104,10 +103,10 @@ def corners_of_string(text: str) -> Corners:
         elif char not in ", \t":
             if depth != 2:
                 raise FootprintStringError(f"{char!r} stands outside the inner brackets")
-            value, at = _number_at(text, at)
+            value, index = _number_at(text, index)
             current.append(value)
             continue
-        at += 1
+        index += 1
     if depth:
         raise FootprintStringError("a bracket is not closed")
     if len(groups) < 3:
@@ -117,12 +116,12 @@ def corners_of_string(text: str) -> Corners:
     return tuple((x, y) for x, y in groups)
 
 
-def _number_at(text: str, at: int) -> tuple[float, int]:
-    """Return the number that a stream of C++ reads at a place, and where it stops."""
-    start, end = _NUMBER.match(text, at).span(1)  # type: ignore[union-attr] # it may be empty
+def _number_at(text: str, index: int) -> tuple[float, int]:
+    """Return the number that a C++ stream reads at an index, and the index where it stops."""
+    start, end = _NUMBER.match(text, index).span(1)  # type: ignore[union-attr] # it may be empty
     try:
         value = float(text[start:end])
-    except ValueError:  # what is accepted bit by bit may be no number in the end, as "1e"
+    except ValueError:  # consumed, but invalid, as "1e"
         word = text[start : max(end, start + 1) + 9].split("]")[0].split(",")[0].strip()
         raise FootprintStringError(f"{word!r} is not a number") from None
     single = as_float32(value)
@@ -150,7 +149,7 @@ def radii_of(corners: Corners) -> tuple[float, float]:
     """Return inscribed and circumscribed radius, as ``calculateMinAndMaxDistances``."""
     least, most = math.inf, 0.0
     for first, second in zip(corners, (*corners[1:], corners[0]), strict=True):
-        # numpy's hypot is that of C, which Python's own is not
+        # numpy's hypot is C's, as in costmap_2d; Python's math.hypot rounds differently
         edge = float(np.hypot(*_nearest_to_centre(first, second)))
         corner = float(np.hypot(*first))
         least, most = min(least, edge, corner), max(most, edge, corner)
@@ -173,7 +172,7 @@ def _nearest_to_centre(
 
 
 def oddities_of(corners: Corners) -> Iterator[str]:
-    """Yield what makes radii and costs of a polygon mean little; costmap_2d looks at neither."""
+    """Yield flaws of an outline that make its radii meaningless; costmap_2d accepts them."""
     try:
         check_simple(corners, "footprint")
     except ParameterError as error:
@@ -183,10 +182,10 @@ def oddities_of(corners: Corners) -> Iterator[str]:
 
 
 NOT_MODELLED = "not modelled"
-"""Why a layer is left out that sets costs."""
+"""Reason for leaving out a layer that sets costs."""
 
 INJECTED = "injected_static"
-"""The static layer that a local costmap without one is given: the map is what is asked about."""
+"""Name of the static layer that mapdeal adds to a local costmap without one."""
 
 
 @dataclass(frozen=True)
@@ -272,7 +271,7 @@ class RobotParameters(OneLine):
 
     @property
     def costmap_layers(self) -> CostmapLayers:
-        """Enabled layers, over the whole map and for a robot that stands outside of it."""
+        """Enabled layers for the whole map; the robot's pose is unknown."""
         layers = self._enabled_layers()
         if self._has_own_size:
             return replace(layers, area=self.area)
@@ -280,13 +279,13 @@ class RobotParameters(OneLine):
 
     @property
     def _has_own_size(self) -> bool:
-        # Nav2's costmap without a static layer is answered on the cells of the map
+        # For Nav2, mapdeal computes a costmap without a static layer on the cells of the map.
         has_map = bool(self._enabled_layers().static_layers)
         return self.flavour == "ros1" and not self.rolling_window and not has_map
 
     @property
     def layers_around_robot(self) -> CostmapLayers:
-        """Layers for a robot whose pose is known: those that its files list, where they say."""
+        """Layers for a robot with a known pose: as listed, on the area that the files define."""
         layers = self._enabled_layers()
         if layers.layers and layers.layers[0].name == INJECTED:
             layers = replace(layers, layers=layers.layers[1:])
@@ -360,9 +359,9 @@ class RobotParameters(OneLine):
 
         Inflation layers get its inscribed radius, unless the file sets one for them.
         """
-        own = self.inscribed_radius
+        inscribed = self.inscribed_radius
         layers = tuple(
-            replace(listed, layer=listed.layer.with_inscribed_radius(own, footprint))
+            replace(listed, layer=listed.layer.with_inscribed_radius(inscribed, footprint))
             if listed.layer is not None
             else listed
             for listed in self.layers
@@ -377,7 +376,7 @@ class RobotParameters(OneLine):
     def described(self) -> dict[str, Any]:
         """Return everything that was resolved, as values that JSON can represent."""
         shape = [list(corner) for corner in self.footprint.vertices]
-        plain = ("robot_radius", "footprint_padding", "inscribed_radius", "circumscribed_radius",
+        numbers = ("robot_radius", "footprint_padding", "inscribed_radius", "circumscribed_radius",
                  "track_unknown_space", "rolling_window")  # fmt: skip
         return {
             "flavour": self.flavour,
@@ -385,21 +384,21 @@ class RobotParameters(OneLine):
             "costmap": self.costmap,
             "node": self.node,
             "footprint": shape or {"radius": self.footprint.radius},
-            **{name: getattr(self, name) for name in plain},
-            "layers": [_described(one) for one in self.layers],
+            **{name: getattr(self, name) for name in numbers},
+            "layers": [_layer_document(listed) for listed in self.layers],
         }
 
     def _repr_parts(self) -> Iterator[str]:
         yield self.node
         yield f"inscribed_radius {self.inscribed_radius:.6g} m"
         yield f"circumscribed_radius {self.circumscribed_radius:.6g} m"
-        for one in self.layers:
-            yield one.name
+        for listed in self.layers:
+            yield listed.name
 
 
 @dataclass(frozen=True)
 class Shape:
-    """The padded polygon, its radii, and the radius that it was made of."""
+    """Padded polygon, its radii, and the radius from which the polygon was made."""
 
     footprint: Footprint
     padding: float
@@ -423,15 +422,15 @@ class Shape:
 
 def shape_of(
     corners: Corners, padding: float, radius: float | None,
-    tell: Callable[[str, Level, str], None],
+    report: Callable[[str, Level, str], None],
 ) -> Shape | None:  # fmt: skip
-    """Return a robot's shape, and report an odd outline; None if it has too many corners."""
+    """Return a robot's shape, None if it has too many corners; report a flawed outline."""
     if len(corners) > MOST_CORNERS:
-        tell("params.too-large", "refused", f"must not have more than {MOST_CORNERS} points")
+        report("params.too-large", "refused", f"must not have more than {MOST_CORNERS} points")
         return None
     padded = padded_corners(corners, padding)
     for text in oddities_of(padded) if radius is None else ():
-        tell("params.outline", "warning", f"{text}; its radii are meaningless")
+        report("params.outline", "warning", f"{text}; its radii are meaningless")
     return Shape(Footprint(vertices=padded), padding, radius, *radii_of(padded))
 
 
@@ -439,7 +438,7 @@ ERASES = "replaces all costs of the layers below, by free ones until there are o
 
 
 def erasing_layers(layers: Sequence[ListedLayer]) -> Iterator[ListedLayer]:
-    """Yield the layers without a map of their own that overwrite the costs of a map."""
+    """Yield layers that overwrite the costs of a map without reading a map themselves."""
     reads_map = False
     for listed in layers:
         if listed.layer is not None and listed.is_enabled:
@@ -448,27 +447,27 @@ def erasing_layers(layers: Sequence[ListedLayer]) -> Iterator[ListedLayer]:
             reads_map = reads_map or listed.layer.reads_map
 
 
-_MISSPELT = 0.95  # as alike as this, a class is misspelt; below it is somebody's own
+_MISSPELT = 0.95  # likeness from which a class counts as misspelt, not as a user's own class
 
 
 def most_alike(word: str, names: Sequence[str], *, least: float = _MISSPELT) -> str | None:
-    """Return the name that is most like a word; None if they are less alike than `least`."""
+    """Return the name most similar to a word; None if the similarity is below `least`."""
     likeness = {name: SequenceMatcher(None, name, word).ratio() for name in names}
-    near = max(names, key=likeness.__getitem__)
-    return near if likeness[near] >= least else None
+    nearest = max(names, key=likeness.__getitem__)
+    return nearest if likeness[nearest] >= least else None
 
 
-def _described(one: ListedLayer) -> dict[str, Any]:
-    entry: dict[str, Any] = {"name": one.name, "plugin": one.plugin}
-    if one.is_filter:
+def _layer_document(listed: ListedLayer) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": listed.name, "plugin": listed.plugin}
+    if listed.is_filter:
         entry["filter"] = True
-    if one.layer is None:
-        return entry | {"ignored": one.why_ignored}
-    if one.needs:
-        entry["needs"] = one.needs
-    values = asdict(one.layer)
+    if listed.layer is None:
+        return entry | {"ignored": listed.why_ignored}
+    if listed.needs:
+        entry["needs"] = listed.needs
+    values = asdict(listed.layer)
     values.pop("name")
-    return entry | {"enabled": one.is_enabled} | values
+    return entry | {"enabled": listed.is_enabled} | values
 
 
 def effect_of(listed: ListedLayer, robot: RobotParameters) -> str:
@@ -481,7 +480,7 @@ def effect_of(listed: ListedLayer, robot: RobotParameters) -> str:
     reason = layer.why_idle(True) or (
         None
         if layer.key == KeepoutFilter.key
-        or any(layer is effective for effective in layers.effective)
+        or any(layer is effective_layer for effective_layer in layers.effective)
         else layer.why_idle(False) or "a layer above it replaces all costs"
     )
     if reason is not None:
@@ -491,9 +490,9 @@ def effect_of(listed: ListedLayer, robot: RobotParameters) -> str:
 
 
 def on_map(robot: RobotParameters, resolution: float) -> list[dict[str, Any]]:
-    """Return what each inflation layer comes to on a map of some resolution, metres."""
-    # The resolution is that of the map's message: 0.45 m are 16 cells of 0.03 m, as float32(0.03)
-    # is a little less.
+    """Return each inflation layer's radii in cells on a map of a resolution in metres."""
+    # ROS sends the resolution as float32: 0.45 m are 16 cells of 0.03 m, since float32(0.03) is
+    # slightly less.
     cell = as_float32(resolution)
     return [
         {

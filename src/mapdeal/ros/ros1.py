@@ -1,8 +1,8 @@
 """Costmap parameters of ROS 1, as rosparam reads and costmap_2d takes them.
 
 Values are those of PyYAML's safe loader, YAML 1.1: ``1e-1`` is text, ``010`` is eight and ``yes``
-is true. What is nested becomes namespaces, which are merged; of two values the later one stays.
-Names are searched for in the costmap's namespace and all above it.
+is true. Nested mappings become namespaces, which are merged; later values replace earlier ones.
+Some parameters are searched for in the costmap's namespace and in all namespaces above it.
 
 References
 ----------
@@ -71,7 +71,7 @@ def _angle(loader: yaml.SafeLoader, node: yaml.Node) -> float:
     text = str(loader.construct_scalar(node)).strip()
     if node.tag == _DEGREES:
         return float(text[4:-1] if text.startswith("deg(") else text) * math.pi / 180.0
-    return _calculated(text[4:-1] if text.startswith("rad(") else text)
+    return _evaluate_angle(text[4:-1] if text.startswith("rad(") else text)
 
 
 _RosLoader.add_constructor(_DEGREES, _angle)
@@ -87,8 +87,8 @@ _OPERATORS: dict[type, Callable[[float, float], float]] = {
 }  # fmt: skip
 
 
-def _calculated(text: str) -> float:
-    """Return what an expression of numbers and ``pi`` comes to; rosparam runs it as Python."""
+def _evaluate_angle(text: str) -> float:
+    """Return the value of an expression of numbers and ``pi``; rosparam evaluates it as Python."""
     if len(text) > _LONGEST_ANGLE:
         raise ValueError("an angle of more than 200 characters")
     try:
@@ -114,7 +114,7 @@ def _value_of(source: Path, node: yaml.Node) -> Any:
     _resolve_angles(node, set())
     try:
         return _RosLoader("").construct_document(node)
-    # PyYAML's constructors fail on tags that do not fit in whatever way they fail.
+    # If a tag does not fit its value, PyYAML's constructors raise any of these.
     except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, OverflowError,
             binascii.Error) as error:  # fmt: skip
         rule = f"cannot be read ({one_line_of(error)})"
@@ -125,11 +125,11 @@ def _line_of(node: yaml.Node) -> int:
     return int(node.start_mark.line) + 1
 
 
-def _resolve_angles(node: yaml.Node, done: set[int]) -> None:
-    """Tag bare ``deg(...)`` and ``rad(...)`` as rosparam's resolvers do."""
-    if id(node) in done:
+def _resolve_angles(node: yaml.Node, visited: set[int]) -> None:
+    """Tag unquoted ``deg(...)`` and ``rad(...)``, as rosparam's resolvers do."""
+    if id(node) in visited:
         return
-    done.add(id(node))
+    visited.add(id(node))
     if isinstance(node, yaml.ScalarNode):
         if node.tag == "tag:yaml.org,2002:str" and node.style is None:
             text = str(node.value)
@@ -138,7 +138,7 @@ def _resolve_angles(node: yaml.Node, done: set[int]) -> None:
                     node.tag = tag
         return
     for item in node.value:
-        _resolve_angles(item[1] if isinstance(node, yaml.MappingNode) else item, done)
+        _resolve_angles(item[1] if isinstance(node, yaml.MappingNode) else item, visited)
 
 
 def _kind_of(value: Any) -> str:
@@ -172,9 +172,9 @@ def why_unsendable(value: Any) -> tuple[str, str, str | None] | None:
 
 _LIMITS = YamlLimits(bytes=1 << 20, nodes=50_000, aliases=200)
 _ROOT = ""
-"""The name, at a file's top, of what a leading slash puts below the root of all namespaces."""
+"""Top-level key, in a file's tree, of the names that begin with a slash."""
 
-_UNSENDABLE = "unsendable"  # the kind of what roslaunch cannot hand on; a fault says so
+_UNSENDABLE = "unsendable"  # kind of a value that roslaunch cannot send; a fault reports it
 _NAMESPACE_KEY = "_ns"
 _MERGE = "tag:yaml.org,2002:merge"
 
@@ -183,19 +183,19 @@ _Path = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Ros1Namespace:
-    """Parameters and the namespaces within, by name, in the order they came in."""
+    """Parameters and nested namespaces by name, in the order of loading."""
 
     line: int = 0
     source: Path | None = None
     members: dict[str, ParameterValue | Ros1Namespace] = field(default_factory=dict)
 
     def get(self, path: _Path) -> ParameterValue | Ros1Namespace | None:
-        here: ParameterValue | Ros1Namespace | None = self
+        member: ParameterValue | Ros1Namespace | None = self
         for name in path:
-            if not isinstance(here, Ros1Namespace):
+            if not isinstance(member, Ros1Namespace):
                 return None
-            here = here.members.get(name)
-        return here
+            member = member.members.get(name)
+        return member
 
     def values(self) -> Iterator[tuple[_Path, ParameterValue]]:
         for name, member in self.members.items():
@@ -208,28 +208,28 @@ class Ros1Namespace:
         for name, member in self.members.items():
             if isinstance(member, Ros1Namespace):
                 yield (name,), member
-                yield from (((name, *path), found) for path, found in member.namespaces())
+                yield from (((name, *path), namespace) for path, namespace in member.namespaces())
 
     def below(self, path: _Path, source: Path | None, line: int) -> Ros1Namespace:
-        """Return the namespace at a path, which is made; a value on its way becomes one."""
-        here = self
+        """Return the namespace at a path; create it, also in place of values on the path."""
+        namespace = self
         for name in path:
-            member = here.members.get(name)
+            member = namespace.members.get(name)
             if not isinstance(member, Ros1Namespace):
-                member = here.members[name] = Ros1Namespace(line, source)
-            here = member
-        return here
+                member = namespace.members[name] = Ros1Namespace(line, source)
+            namespace = member
+        return namespace
 
-    def put(self, path: _Path, value: ParameterValue) -> None:
-        """Set one parameter; a value on its way becomes a namespace, as rosmaster has it."""
+    def set(self, path: _Path, value: ParameterValue) -> None:
+        """Set a parameter; values on its path become namespaces, as in rosmaster."""
         self.below(path[:-1], value.source, value.line).members[path[-1]] = value
 
-    def merge(self, at: _Path, other: Ros1Namespace) -> None:
-        """Set all parameters of a namespace below a path, as one after the other."""
-        for path, value in other.values():
-            self.put((*at, *path), value)
-        for path, found in other.namespaces():  # empty ones, too, for what lint says of them
-            self.below((*at, *path), found.source, found.line)
+    def merge(self, prefix: _Path, namespace: Ros1Namespace) -> None:
+        """Set all parameters of a namespace below a path, in their order."""
+        for path, value in namespace.values():
+            self.set((*prefix, *path), value)
+        for path, nested in namespace.namespaces():  # lint reports empty namespaces, too
+            self.below((*prefix, *path), nested.source, nested.line)
 
 
 @dataclass(frozen=True)
@@ -283,38 +283,38 @@ class _Reader:
 
     def _add(self, path: _Path, node: yaml.MappingNode, above: _Path) -> None:
         for key, value in self._pairs(path, node):
-            where = _joined(path or above, key)
-            if not where or (path == () and key == _NAMESPACE_KEY):
+            parameter = _joined(path or above, key)
+            if not parameter or (path == () and key == _NAMESPACE_KEY):
                 continue
             if isinstance(value, yaml.MappingNode) and not value.tag.startswith("!"):
-                self.tree.below(where, self.source, _line_of(value))
-                self._add(where, value, above)
+                self.tree.below(parameter, self.source, _line_of(value))
+                self._add(parameter, value, above)
             else:
-                self._set(where, value)
+                self._set(parameter, value)
 
     def _pairs(self, path: _Path, node: yaml.MappingNode) -> Iterator[tuple[str, yaml.Node]]:
-        """Yield names and nodes of a mapping; a name twice only as it stands last."""
-        seen: dict[str, tuple[int, yaml.Node]] = {}
-        own = {id(key) for key, _ in node.value}
+        """Yield names and nodes of a mapping; of a repeated name only the last node."""
+        pairs: dict[str, tuple[int, yaml.Node]] = {}
+        own_keys = {id(key) for key, _ in node.value}
         for key, value in _flattened(self.source, node):
             name, line = _value_of(self.source, key), _line_of(key)
             if not isinstance(name, str):
-                shown, got = "/".join((*path, str(key.value))), f"{_kind_of(name)} {key.value}"
-                self.fault("params.name", "refused", "names must be text", line, shown, got,
+                parameter, got = "/".join((*path, str(key.value))), f"{_kind_of(name)} {key.value}"
+                self.fault("params.name", "refused", "names must be text", line, parameter, got,
                            "put it in quotes")  # fmt: skip
                 continue
-            if name in seen and id(key) in own and seen[name][0] > 0:
-                self._twice((*path, name), *seen[name], line, value)
-            seen.pop(name, None)
-            seen[name] = (line if id(key) in own else 0, value)
-        for name, (_, value) in seen.items():
+            if name in pairs and id(key) in own_keys and pairs[name][0] > 0:
+                self._twice((*path, name), *pairs[name], line, value)
+            pairs.pop(name, None)
+            pairs[name] = (line if id(key) in own_keys else 0, value)
+        for name, (_, value) in pairs.items():
             yield name, value
 
     def _twice(
-        self, path: _Path, first: int, before: yaml.Node, line: int, value: yaml.Node
+        self, path: _Path, first: int, earlier: yaml.Node, line: int, value: yaml.Node
     ) -> None:
         text, parameter = f"appears twice, on lines {first} and {line}", "/".join(path)
-        if _value_of(self.source, before) == _value_of(self.source, value):
+        if _value_of(self.source, earlier) == _value_of(self.source, value):
             self.fault("params.repeated", "note", f"{text}, with one value", line, parameter)
         else:
             self.fault("params.twice", "warning", f"{text}; the later one counts", line, parameter)
@@ -326,11 +326,11 @@ class _Reader:
             kind, (check, rule, hint) = _UNSENDABLE, reason
             name = "/".join(path).lstrip("/")
             self.fault(check, "refused", rule, line, name, text or None, hint)
-        self.tree.put(path, ParameterValue(value, kind, self.source, line, text))
+        self.tree.set(path, ParameterValue(value, kind, self.source, line, text))
 
 
 def _joined(path: _Path, name: str) -> _Path:
-    """Return the path of a name below another one, as ``ns_join``; a slash leads to the root."""
+    """Return path and name joined, as ``ns_join``; a leading slash starts at the root."""
     parts = tuple(part for part in name.split("/") if part)
     return (_ROOT, *parts) if name.startswith("/") else (*path, *parts)
 
@@ -358,7 +358,7 @@ _Value = TypeVar("_Value", bool, int, float, str)
 
 @dataclass
 class Ros1Server:
-    """The parameters of one robot, and what was found wrong while they were read."""
+    """The parameters of one robot, and the problems found while reading them."""
 
     node: _Path
     costmap: CostmapName
@@ -378,47 +378,47 @@ class Ros1Server:
     def search(self, name: str) -> tuple[_Path, ParameterValue | Ros1Namespace] | None:
         """Return what ``searchParam`` finds: in the costmap's namespace, or the nearest above."""
         for depth in range(len(self.path), -1, -1):
-            place = self.path[:depth]
-            found = self.root.get((*place, name))
-            if found is not None:
-                return place, found
+            namespace = self.path[:depth]
+            member = self.root.get((*namespace, name))
+            if member is not None:
+                return namespace, member
         return None
 
     def place(self, layer: str, parameter: str) -> _Path:
-        """Return where a layer's parameter is read: from the costmap, if that has it."""
+        """Return the path of a layer's parameter: the costmap's own value has precedence."""
         return (layer, parameter) if self.find(parameter) is None else (parameter,)
 
     @property
     def is_substituted(self) -> bool:
-        """Whether a launch file replaces a value, so that numbers made of it mean nothing."""
+        """Whether a launch file replaces a value, so that results would be meaningless."""
         return any(problem.check == "params.substitution" for problem in self.problems)
 
     def boolean(self, default: bool, *below: str) -> bool:
-        """Return a parameter as ``param(name, bool, default)`` does: other types leave that."""
+        """Return a parameter as ``param(name, bool, default)``: other types give the default."""
         return self._typed(default, "bool", below)
 
     def double(self, default: float, *below: str, unit: str = "") -> float:
-        """Return a number as ``param(name, double, default)`` does: whole numbers are numbers."""
+        """Return a number as ``param(name, double, default)``: integers are converted."""
         return self._typed(default, "double", below, unit)
 
     def integer(self, default: int, *below: str) -> int:
-        """Return a whole number as ``param(name, int, default)`` does: others are rounded."""
+        """Return an integer as ``param(name, int, default)``: doubles are rounded."""
         value = self.find(*below)
         if value is None or value.kind != "double" or not math.isfinite(value.value):
             return self._typed(default, "int", below)
         number = float(value.value)
-        # roscpp's own rounding: fmod of a number below 0 is never 0.5 or more
-        whole: int = math.floor(number) if math.fmod(number, 1.0) < 0.5 else math.ceil(number)
-        if whole != number:
-            text = f"must be a whole number; roscpp rounds it to {whole}"
+        # roscpp's rounding: fmod of a negative number is at most 0, so it is always rounded down
+        rounded: int = math.floor(number) if math.fmod(number, 1.0) < 0.5 else math.ceil(number)
+        if rounded != number:
+            text = f"must be a whole number; roscpp rounds it to {rounded}"
             self.problem("params.silent-default", "warning", text, below)
-        return whole
+        return rounded
 
     def limited(
         self, number: float, most: float, who: str, below: _Path, unit: str = "",
         value: ParameterValue | None = None,
     ) -> float:  # fmt: skip
-        """Return a number moved into its limits, of which 0 is one, and warn if it was outside."""
+        """Return a number clamped to 0 .. most, and warn if it was outside."""
         clamped = max(min(number, most), 0.0)
         if clamped != number:
             text = f"must be 0 .. {most:g}{unit}; {who} makes it {clamped:g}"
@@ -433,23 +433,23 @@ class Ros1Server:
             self.problem("params.not-finite", "refused", "must be finite", below)
         elif value.kind == kind or (kind == "double" and value.kind == "int"):
             return type(default)(value.value)
-        elif not self.tells_substitution(value, _KINDS[kind], below):
+        elif not self.refuse_substitution(value, _KINDS[kind], below):
             shown = f"{float(default):g}" if kind == "double" else str(default).lower()
             text = f"must be {_KINDS[kind]}; roscpp silently uses its default, {shown}{unit}"
             hint = _type_hint(value, kind)
             self.problem("params.silent-default", "warning", text, below, hint)
         return default
 
-    def tells_substitution(
-        self, value: ParameterValue | Ros1Namespace, what: str, below: _Path,
+    def refuse_substitution(
+        self, value: ParameterValue | Ros1Namespace, expected: str, below: _Path,
         written: str = "the value itself",
     ) -> bool:  # fmt: skip
-        """Return whether a text is there for launch files to replace it, and refuse it then."""
+        """Return whether a launch file replaces a text; record a problem if so."""
         if not isinstance(value, ParameterValue) or value.kind != "string":
             return False
         if "$(" not in value.value:
             return False
-        text = f"must be {what}, which a launch file would replace"
+        text = f"must be {expected}, which a launch file would replace"
         hint = f"write {written}, in this file or in one that comes after it"
         self.problem("params.substitution", "refused", text, below, hint, value)
         return True
@@ -458,7 +458,7 @@ class Ros1Server:
         self, check: str, level: Level, text: str, below: _Path = (), hint: str | None = None,
         value: ParameterValue | Ros1Namespace | None = None,
     ) -> None:  # fmt: skip
-        """Keep a problem with a parameter, which is that below the costmap if none is given."""
+        """Record a problem with a parameter; its value defaults to the costmap's own."""
         if value is None and below:
             value = self.find(*below)
         got = value.text if isinstance(value, ParameterValue) else None
@@ -490,7 +490,7 @@ def _type_hint(value: ParameterValue | Ros1Namespace, kind: str) -> str | None:
 def load_server(
     paths: Sequence[Path], costmap: CostmapName, namespace: str | None
 ) -> tuple[Ros1Server, bool]:
-    """Return the parameter server after files were loaded, and whether the robot is in it."""
+    """Return the parameter server with all files loaded, and whether that succeeded."""
     files: list[Ros1File] = []
     problems: list[Problem] = []
     for path in paths:
@@ -498,23 +498,23 @@ def load_server(
             files.append(read_ros1_parameters(path))
             problems += files[-1].faults
         except MalformedInputError as error:
-            problems.append(_of_error(error, path))
-    owners = [_nodes_in(one.parameters) for one in files]
+            problems.append(_error_problem(error, path))
+    owners = [_nodes_in(file.parameters) for file in files]
     node, why_not = _chosen_node([node for found in owners for node in found], namespace)
     server = Ros1Server(node, costmap, tuple(files), problems=problems)
     if why_not is not None:
         server.problems.append(why_not)
         return server, False
-    for one, found in zip(files, owners, strict=True):
-        if not found and len(files) > 1 and _costmap_of_name(one.source) not in (None, costmap):
+    for file, found in zip(files, owners, strict=True):
+        if not found and len(files) > 1 and _costmap_of_name(file.source) not in (None, costmap):
             text = "is left out: by its name it is a file of the other costmap; "
             text += f"{costmap} was requested"
             hint = "pass it with the files of its own costmap only, or rename it"
             server.problems.append(
-                Problem("params.other-costmap", "warning", text, source=one.source, hint=hint)
+                Problem("params.other-costmap", "warning", text, source=file.source, hint=hint)
             )
             continue
-        members = dict(one.parameters.members)
+        members = dict(file.parameters.members)
         absolute = members.pop(_ROOT, None)
         server.root.merge(_place_of(found, node, costmap), Ros1Namespace(members=members))
         if isinstance(absolute, Ros1Namespace):
@@ -523,21 +523,22 @@ def load_server(
 
 
 def _costmap_of_name(path: Path) -> CostmapName | None:
-    """Return the costmap that a file is of by its name, where nothing else shows it."""
+    """Return the costmap in a file's name; None unless the name contains exactly one."""
     found = [name for name in _NAMES if name in path.stem.lower()]
     return found[0] if len(found) == 1 else None
 
 
 def costmaps_named(files: Sequence[Ros1File]) -> tuple[CostmapName, ...]:
     named: set[str | None] = set()
-    for one in files:
-        own = {path[-1] for path, _ in one.parameters.namespaces()} & set(_COSTMAPS)
-        named |= {name.removesuffix("_costmap") for name in own} or {_costmap_of_name(one.source)}
+    for file in files:
+        costmaps = {path[-1] for path, _ in file.parameters.namespaces()} & set(_COSTMAPS)
+        names = {name.removesuffix("_costmap") for name in costmaps}
+        named |= names or {_costmap_of_name(file.source)}
     return tuple(name for name in _NAMES if name in named)
 
 
 def _nodes_in(namespace: Ros1Namespace) -> list[_Path]:
-    """Return the names above a costmap's in a file, those nearest to its top alone."""
+    """Return the paths of the nodes above a file's costmaps, only those of the least depth."""
     found = [
         path[:-1]
         for path, value in (*namespace.namespaces(), *namespace.values())
@@ -547,31 +548,31 @@ def _nodes_in(namespace: Ros1Namespace) -> list[_Path]:
     return list(dict.fromkeys(path for path in found if len(path) == nearest))
 
 
-def _chosen_node(found: Sequence[_Path], namespace: str | None) -> tuple[_Path, Problem | None]:
-    """Return the name of the node that has the costmaps, and why it is not known."""
-    plain = {tuple(name for name in path if name != _ROOT) for path in found}
-    longest = [
-        path for path in sorted(plain)
-        if path and not any(len(o) > len(path) and o[-len(path) :] == path for o in plain)
+def _chosen_node(paths: Sequence[_Path], namespace: str | None) -> tuple[_Path, Problem | None]:
+    """Return the path of the node that has the costmaps, and a problem if it is ambiguous."""
+    relative_paths = {tuple(name for name in path if name != _ROOT) for path in paths}
+    nodes = [
+        path for path in sorted(relative_paths)
+        if path and not any(p[-len(path) :] == path for p in relative_paths - {path})
     ]  # fmt: skip
-    asked = tuple(part for part in (namespace or "").split("/") if part)
-    spaces = {path[:-1] for path in longest}
-    if asked in spaces and namespace is not None:
-        longest = [path for path in longest if path[:-1] == asked]
+    requested = tuple(part for part in (namespace or "").split("/") if part)
+    spaces = {path[:-1] for path in nodes}
+    if requested in spaces and namespace is not None:
+        nodes = [path for path in nodes if path[:-1] == requested]
     elif namespace is not None and spaces - {()}:
         names = ", ".join("/".join(space) or "/" for space in sorted(spaces))
-        text = f"no robot has the namespace {'/'.join(asked) or '/'}"
+        text = f"no robot has the namespace {'/'.join(requested) or '/'}"
         hint = f"namespaces are {names}"
-        return (*asked, _NODE), Problem("params.namespace", "refused", text, hint=hint)
+        return (*requested, _NODE), Problem("params.namespace", "refused", text, hint=hint)
     else:
-        longest = [(*asked, *path) for path in longest]
-    if len(longest) > 1:
-        text = f"costmaps stand below several names: {', '.join(map('/'.join, longest))}"
-        hint = f"choose one with --namespace {'/'.join(longest[0][:-1])}"
-        return longest[0], Problem(
+        nodes = [(*requested, *path) for path in nodes]
+    if len(nodes) > 1:
+        text = f"costmaps stand below several names: {', '.join(map('/'.join, nodes))}"
+        hint = f"choose one with --namespace {'/'.join(nodes[0][:-1])}"
+        return nodes[0], Problem(
             "params.namespace", "refused", text, hint=hint if spaces - {()} else None
         )
-    return (longest[0] if longest else (*asked, _NODE)), None
+    return (nodes[0] if nodes else (*requested, _NODE)), None
 
 
 def _place_of(found: Sequence[_Path], node: _Path, costmap: CostmapName) -> _Path:
@@ -582,10 +583,10 @@ def _place_of(found: Sequence[_Path], node: _Path, costmap: CostmapName) -> _Pat
         above = len(node) - len(below)
         if above >= 0 and node[above:] == below:
             return node[:above]
-    return ()  # it names other robots alone
+    return ()  # the file names only other robots
 
 
-def _of_error(error: MalformedInputError, path: Path) -> Problem:
+def _error_problem(error: MalformedInputError, path: Path) -> Problem:
     place = error.place or ""
     digits = place.removeprefix("line ").partition(",")[0]
     line = int(digits) if place.startswith("line ") and digits.isdigit() else None
@@ -597,73 +598,73 @@ _FOOTPRINT, _RADIUS = "footprint", "robot_radius"
 _DEFAULT_RADIUS, _LARGEST_RADIUS = 0.46, 10.0
 _RADIUS_OF_WRONG_TYPE = 1.234
 _LARGEST_SINGLE = 3.4e38
-_AS_POLYGON = "write [[x1, y1], [x2, y2], [x3, y3], ...], metres"
+_POLYGON_HINT = "write [[x1, y1], [x2, y2], [x3, y3], ...], metres"
 
 
 def _shape(server: Ros1Server) -> Shape | None:
-    """Return the robot's shape; None if the node ends before there is one."""
+    """Return the robot's shape; None if the node exits while reading it."""
     padding = server.double(0.01, "footprint_padding", unit=" m")
     place, value = server.search(_FOOTPRINT) or ((), None)
     corners = None if value is None else _corners(server, place, value)
     radius = None
     if corners is None:
-        if any(one.level == "refused" and one.parameter == _FOOTPRINT for one in server.problems):
+        if any(p.level == "refused" and p.parameter == _FOOTPRINT for p in server.problems):
             return None
         radius = _radius(server)
         corners = sixteen_corners(radius)
 
-    def tell(check: str, level: Level, text: str) -> None:
+    def report(check: str, level: Level, text: str) -> None:
         server.problem(check, level, text, (_FOOTPRINT,), value=value)
 
-    return shape_of(corners, padding, radius, tell)
+    return shape_of(corners, padding, radius, report)
 
 
 def _corners(
     server: Ros1Server, place: _Path, value: ParameterValue | Ros1Namespace
 ) -> Corners | None:
-    """Return the corners that ``footprint`` has; None where the radius counts."""
+    """Return the corners in ``footprint``; None if the radius defines the shape."""
 
-    def tell(text: str, check: str = "params.footprint-unused", level: Level = "warning") -> None:
-        server.problem(check, level, text, (_FOOTPRINT,), _AS_POLYGON, value)
+    def report(text: str, check: str = "params.footprint-unused", level: Level = "warning") -> None:
+        server.problem(check, level, text, (_FOOTPRINT,), _POLYGON_HINT, value)
 
     if isinstance(value, ParameterValue) and value.kind == _UNSENDABLE:
         return None
     if isinstance(value, ParameterValue) and value.kind == "list":
-        reason = _why_no_footprint(value.value)
+        reason = _footprint_fault(value.value)
         if reason is None:
-            return _printed(value.value)
-        tell(f"{reason}; move_base exits", "params.footprint", "refused")
+            return _round_trip(value.value)
+        report(f"{reason}; move_base exits", "params.footprint", "refused")
     elif not isinstance(value, ParameterValue) or value.kind != "string":
-        tell("must be a list of points or a string; it is ignored, and robot_radius is used")
-    elif value.value not in ("", "[]") and not server.tells_substitution(
+        report("must be a list of points or a string; it is ignored, and robot_radius is used")
+    elif value.value not in ("", "[]") and not server.refuse_substitution(
         value, "a list of points", (_FOOTPRINT,), "the points themselves"
     ):
         try:
-            return _printed(corners_of_string(value.value))
+            return _round_trip(corners_of_string(value.value))
         except FootprintStringError as error:
             if place != server.path or server.search(_RADIUS) is not None:
-                tell(f"{error}; it is ignored, and robot_radius is used")
+                report(f"{error}; it is ignored, and robot_radius is used")
             else:
                 text = f"{error}, and there is no robot_radius: the robot has no footprint"
-                tell(text, "params.footprint", "refused")
+                report(text, "params.footprint", "refused")
     return None
 
 
-def _printed(points: Sequence[Sequence[float]]) -> Corners:
-    # writeFootprintToParam prints doubles as a C++ stream does, with six significant digits, and
-    # readFootprintFromConfig reads what it has printed
+def _round_trip(points: Sequence[Sequence[float]]) -> Corners:
+    # writeFootprintToParam prints doubles as a C++ stream does, with six significant digits;
+    # readFootprintFromConfig parses that text
     return corners_of_string(f"[{','.join(f'[{float(x):g},{float(y):g}]' for x, y in points)}]")
 
 
-def _why_no_footprint(points: list[object]) -> str | None:
-    """Return why ``makeFootprintFromXMLRPC`` throws; None if it does not."""
+def _footprint_fault(points: list[object]) -> str | None:
+    """Return the reason why ``makeFootprintFromXMLRPC`` throws; None if it succeeds."""
     if len(points) < 3:
         return f"a footprint needs three points or more, has {len(points)}"
     for index, point in enumerate(points, 1):
-        kinds = {_kind_of(one) for one in point} if isinstance(point, list) else set()
+        kinds = {_kind_of(coordinate) for coordinate in point} if isinstance(point, list) else set()
         if not isinstance(point, list) or len(point) != 2 or not kinds <= {"int", "double"}:
             return f"point {index} is not a pair of numbers"
-        if not all(abs(one) <= _LARGEST_SINGLE for one in point):
+        if not all(abs(coordinate) <= _LARGEST_SINGLE for coordinate in point):
             return f"point {index} is out of range"
     return None
 
@@ -678,7 +679,7 @@ def _radius(server: Ros1Server) -> float:
     if isinstance(value, ParameterValue) and value.kind == _UNSENDABLE:
         return _DEFAULT_RADIUS
     if not isinstance(value, ParameterValue) or value.kind not in ("int", "double"):
-        if not server.tells_substitution(value, "a number", (_RADIUS,)):
+        if not server.refuse_substitution(value, "a number", (_RADIUS,)):
             text = f"must be a number; costmap_2d silently uses {_RADIUS_OF_WRONG_TYPE} m"
             hint = _type_hint(value, "double")
             server.problem("params.silent-default", "warning", text, (_RADIUS,), hint, value)
@@ -692,7 +693,7 @@ def _radius(server: Ros1Server) -> float:
 
 _STATIC, _INFLATION = "costmap_2d::StaticLayer", "costmap_2d::InflationLayer"
 _OBSTACLE, _VOXEL = "costmap_2d::ObstacleLayer", "costmap_2d::VoxelLayer"
-_OF_COSTMAPS = frozenset(
+_COSTMAP_PARAMETERS = frozenset(
     {"always_send_full_costmap", "cost_scaling_factor", "footprint", "footprint_padding",
      "global_frame", "inflation_radius", "lethal_cost_threshold", "map_topic", "map_type",
      "max_obstacle_height", "observation_sources", "obstacle_range", "plugins",
@@ -700,43 +701,43 @@ _OF_COSTMAPS = frozenset(
      "rolling_window", "static_map", "track_unknown_space", "transform_tolerance",
      "trinary_costmap", "unknown_cost_value", "update_frequency"}
 )  # fmt: skip
-"""One of these, of the costmap or of a layer, tells its file from one of another node."""
-_LIKE_THIS = 'write - {name: static_layer, type: "costmap_2d::StaticLayer"}'
+"""Names that identify a file of costmap parameters, at the costmap's level or at a layer's."""
+_PLUGIN_HINT = 'write - {name: static_layer, type: "costmap_2d::StaticLayer"}'
 
 
 def ros1_robot(
     paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None
 ) -> tuple[RobotParameters | None, tuple[Problem, ...]]:
-    server, is_whole = load_server(paths, costmap, namespace)
-    if not is_whole or not _is_there(server):
+    server, is_complete = load_server(paths, costmap, namespace)
+    if not is_complete or not _has_costmap(server):
         return None, tuple(server.problems)
     robot = _resolved(server)
     if server.is_substituted:
-        robot = None  # nobody knows what the launch file says
-    places: dict[object, Problem] = {}
-    for one in server.problems:
-        places.setdefault((one.check, one.source, one.line, one.parameter), one)
-    return robot, tuple(places.values())
+        robot = None  # the launch file's value is unknown
+    distinct: dict[object, Problem] = {}
+    for p in server.problems:
+        distinct.setdefault((p.check, p.source, p.line, p.parameter), p)
+    return robot, tuple(distinct.values())
 
 
-def _is_there(server: Ros1Server) -> bool:
-    """Return whether files have parameters of the costmap, and refuse those that have none."""
+def _has_costmap(server: Ros1Server) -> bool:
+    """Return whether the files have parameters of the costmap; record a problem if not."""
     found = server.root.get(server.path)
     if found is None:
         text = f"no parameters of /{'/'.join(server.path)}"
         hint = f"a file of it has {server.costmap}_costmap: at its top, or no costmap's name at all"
-        (present,) = set(_NAMES) - {server.costmap}
-        if server.root.get((*server.node, f"{present}_costmap")) is not None:
-            hint = f"--costmap {present} takes the one that it has"
+        (sibling,) = set(_NAMES) - {server.costmap}
+        if server.root.get((*server.node, f"{sibling}_costmap")) is not None:
+            hint = f"--costmap {sibling} takes the one that it has"
         server.problem("params.namespace", "refused", text, hint=hint)
         return False
     if not isinstance(found, Ros1Namespace) or any(
-        path[-1] in _OF_COSTMAPS for path, _ in found.values()
+        path[-1] in _COSTMAP_PARAMETERS for path, _ in found.values()
     ):
         return True
-    spaces = [path for one in server.files for path, _ in one.parameters.namespaces()]
+    spaces = [path for file in server.files for path, _ in file.parameters.namespaces()]
     if any(path[-1] in _COSTMAPS for path in spaces):
-        return True  # a file with a costmap's name is of one whatever it holds there
+        return True  # a file that names a costmap is a costmap file, whatever its parameters
     names = list(found.members)
     text = f"holds no parameter of a costmap; it has {', '.join(names[:3])}"
     text += ", ..." if len(names) > 3 else ""
@@ -753,8 +754,8 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
     shape = _shape(server)
     inscribed = 0.0 if shape is None else shape.inscribed_radius
     layers = tuple(_layer(server, name, kind, inscribed) for name, kind in plugins or ())
-    _tell_topics(server, layers)
-    if plugins is None or shape is None:  # the layers' own problems are told all the same
+    _warn_of_other_maps(server, layers)
+    if plugins is None or shape is None:  # after reading the layers, to report their problems
         return None
     for listed in erasing_layers(layers):
         server.problem("params.erases-map", "warning", ERASES, (listed.name, "combination_method"))
@@ -765,7 +766,7 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
         else:
             text = "no static layer: the costmap does not read the map, and all cells are "
             text += "255, unknown" if track else "0, free"
-            hint = _LIKE_THIS if has_list else "set static_map: true"
+            hint = _PLUGIN_HINT if has_list else "set static_map: true"
             server.problem("params.no-static-layer", "warning", text, hint=hint)
     files = [(file.source, file.sha256) for file in server.files]
     node = "/" + "/".join(server.path)
@@ -777,7 +778,7 @@ def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
     """Return the costmap's own size and place; None if its resolution is unusable."""
     before = len(server.problems)
     area = _area_of_parameters(server, is_rolling=is_rolling)
-    # Where a map gives the size, these values have no effect: a note suffices.
+    # If a map defines the size, these values have no effect: a note suffices.
     server.problems[before:] = [
         replace(problem, level="note") for problem in server.problems[before:]
     ]
@@ -813,15 +814,15 @@ def _old_plugins(server: Ros1Server) -> list[tuple[str, str]]:
 
 
 def _plugins(server: Ros1Server) -> list[tuple[str, str]] | None:
-    """Return names and types of the plugins; None if move_base ends over them."""
+    """Return names and types of the plugins; None if move_base exits because of them."""
     value = server.find("plugins")
     if value is not None and value.kind == _UNSENDABLE:
         return None
     if value is None or value.kind != "list":
         text = "must be a list of {name, type}; move_base exits"
-        server.problem("params.plugins", "refused", text, ("plugins",), _LIKE_THIS)
+        server.problem("params.plugins", "refused", text, ("plugins",), _PLUGIN_HINT)
         return None
-    reasons = [_why_not(entry) for entry in value.value]
+    reasons = [_plugin_fault(entry) for entry in value.value]
     for index, (reason, hint) in enumerate(reasons, 1):
         if reason is not None:
             text = f"entry {index} {reason}; move_base exits"
@@ -831,13 +832,13 @@ def _plugins(server: Ros1Server) -> list[tuple[str, str]] | None:
     return [(entry["name"], entry["type"]) for entry in value.value]
 
 
-def _why_not(entry: object) -> tuple[str | None, str | None]:
+def _plugin_fault(entry: object) -> tuple[str | None, str | None]:
     if not isinstance(entry, dict):
-        hint = f"plugins as bare names are Nav2's; {_LIKE_THIS}"
-        return "must be a name and a type", hint if isinstance(entry, str) else _LIKE_THIS
+        hint = f"plugins as bare names are Nav2's; {_PLUGIN_HINT}"
+        return "must be a name and a type", hint if isinstance(entry, str) else _PLUGIN_HINT
     for key in ("name", "type"):
         if not isinstance(entry.get(key), str) or not entry[key]:
-            return f"has no {key}", _LIKE_THIS
+            return f"has no {key}", _PLUGIN_HINT
     kind = entry["type"]
     is_of_nav2 = kind.startswith("nav2_costmap_2d")
     known = tuple(ROS1_PLUGINS)
@@ -850,7 +851,7 @@ def _why_not(entry: object) -> tuple[str | None, str | None]:
 def _layer(server: Ros1Server, name: str, kind: str, inscribed: float) -> ListedLayer:
     is_enabled, layer_class = server.boolean(True, name, "enabled"), ROS1_PLUGINS.get(kind)
     if layer_class is not None:
-        _tell_overridden(server, name, layer_class.ros1_costmap_parameters)
+        _report_overridden(server, name, layer_class.ros1_costmap_parameters)
         layer = layer_class.from_ros1(server, PluginEntry(name, kind, inscribed))
         return ListedLayer(name, kind, layer, is_enabled)
     if is_enabled:
@@ -859,21 +860,21 @@ def _layer(server: Ros1Server, name: str, kind: str, inscribed: float) -> Listed
     return ListedLayer(name, kind, None, is_enabled, why_ignored=NOT_MODELLED)
 
 
-def _tell_overridden(server: Ros1Server, name: str, parameters: Sequence[str]) -> None:
-    """Report where the costmap's own value overrides that of a layer."""
+def _report_overridden(server: Ros1Server, name: str, parameters: Sequence[str]) -> None:
+    """Warn if the costmap's own value overrides a layer's."""
     for parameter in parameters:
-        own, above = server.find(name, parameter), server.find(parameter)
-        if own is not None and above is not None and own.value != above.value:
+        local, above = server.find(name, parameter), server.find(parameter)
+        if local is not None and above is not None and local.value != above.value:
             text = f"has no effect: the costmap's own {parameter}, {above.text}, takes its place"
             hint = f"remove one of them; the other stands on line {above.line}"
-            if above.source != own.source:
+            if above.source != local.source:
                 hint += f" of {above.source.name}"
             server.problem("params.overridden", "warning", text, (name, parameter), hint)
 
 
-def _tell_topics(server: Ros1Server, layers: Sequence[ListedLayer]) -> None:
-    """Warn where static layers read different maps: there is one map, and all of them get it."""
-    first: str | None = None
+def _warn_of_other_maps(server: Ros1Server, layers: Sequence[ListedLayer]) -> None:
+    """Warn if static layers read different topics: mapdeal has one map for all of them."""
+    first_topic: str | None = None
     for listed in layers:
         if listed.plugin != _STATIC or not listed.is_enabled:
             continue
@@ -881,7 +882,7 @@ def _tell_topics(server: Ros1Server, layers: Sequence[ListedLayer]) -> None:
         found = server.find(*place)
         is_text = found is not None and found.kind == "string"
         topic = found.value.lstrip("/") if found is not None and is_text else "map"
-        first = first or topic
-        if topic != first:
-            text = f"reads {topic}, another map than {first}; here it gets the same map"
+        first_topic = first_topic or topic
+        if topic != first_topic:
+            text = f"reads {topic}, another map than {first_topic}; here it gets the same map"
             server.problem("params.other-map", "warning", text, place)

@@ -1,16 +1,15 @@
 """Parameter files of ROS 2.
 
-The reader is a machine of few states, and not one of nested mappings: what it makes of keys that
-stand twice, of empty mappings and of lists in lists follows from these states alone, and nodes
-live with that. Tags are as in the parser of Nav2's main branch; releases up to Kilted know
-``!!str`` alone.
+The reader copies the state machine of ROS 2's parser, which does not build nested mappings: its
+results for repeated keys, empty mappings and lists in lists follow from these states. Tags are
+as in the parser that Nav2's main branch uses; releases up to Kilted know ``!!str`` only.
 
 References
 ----------
 ``get_value``, ``parse_file_events``, ``parse_key`` and ``parse_value`` of ros2/rcl,
-rcl_yaml_param_parser/src/parse.c, and namespace.c beside it. A value in quotes is a string; else
-it is the first of bool, integer (``strtoll`` with base 0), double (``strtod``) and string that
-takes the whole of it.
+rcl_yaml_param_parser/src/parse.c, and namespace.c beside it. A quoted value is a string; any other
+has the first type that parses all of it: bool, integer (``strtoll`` with base 0), double
+(``strtod``), string.
 """
 
 from __future__ import annotations
@@ -56,15 +55,15 @@ _YAML_SPECIAL = frozenset(
     [f".{word}" for word in ("nan", "NaN", "NAN")]
     + [f"{sign}.{word}" for sign in ("", "+", "-") for word in ("inf", "Inf", "INF")]
 )
-_MOST_DIGITS = 400  # of a number that may still fit a double; Python refuses to read many more
+_MOST_DIGITS = 400  # of a hexadecimal number that may fit a double
 
 
 class TagError(ValueError):
-    """A tag that the parser does not know, or that the value does not fit."""
+    """A tag that is unknown to the parser, or that does not fit the value."""
 
 
 def typed_scalar(text: str, *, is_quoted: bool, tag: str | None) -> tuple[str, Any]:
-    """Return the type of a value, as ROS 2 calls it, and the value."""
+    """Return the type of a value, by ROS 2's name, and the value."""
     text = text.partition("\0")[0]  # C's strings end there
     if tag is not None:
         return _tagged(text, tag)
@@ -100,7 +99,7 @@ def _bool(text: str) -> bool | None:
 
 
 def _integer(text: str) -> int | None:
-    """Return what ``strtoll(text, end, 0)`` makes of the whole text, unless it overflows."""
+    """Parse a text with the syntax of ``strtoll`` with base 0; None if invalid or too large."""
     match = _INTEGER.fullmatch(text.lstrip(_SPACES))
     if not match:
         return None
@@ -114,7 +113,7 @@ def _integer(text: str) -> int | None:
 
 
 def _double(text: str) -> float | None:
-    """Return what ``strtod`` makes of the whole text, unless it is out of range."""
+    """Parse a text with the syntax of ``strtod``; None if invalid or out of range."""
     if text in _YAML_SPECIAL:
         return float(text.replace(".", ""))
     text = text.lstrip(_SPACES)
@@ -138,7 +137,7 @@ def _from_hexadecimal(text: str) -> float | None:
         is_zero = not re.split("[pP]", text)[0].lower().lstrip("+-").removeprefix("0x").strip("0.")
         if is_zero or _is_normal(value):
             return value
-        mantissa, _, exponent = text.lower().partition("p")  # exact ones set no errno
+        mantissa, _, exponent = text.lower().partition("p")  # exact subnormals set no errno
         scaled = float.fromhex(f"{mantissa}p{int(exponent or 0) + 200}")
     except (OverflowError, ValueError):
         return None
@@ -146,12 +145,12 @@ def _from_hexadecimal(text: str) -> float | None:
 
 
 def _is_normal(value: float) -> bool:
-    """Return whether ``strtod`` is content: infinite and subnormal results set ``errno``."""
+    """Return whether ``strtod`` succeeds: infinite and subnormal results set ``errno``."""
     return math.isfinite(value) and abs(value) >= 2.0**-1022
 
 
 _PLAIN = (("bool", "bool", _bool), ("integer", "int", _integer), ("double", "float", _double))
-"""Types, their tags, and what reads them."""
+"""Types, their tags and their parsers."""
 
 PARAMETERS_KEY = "ros__parameters"
 _LONGEST_TEXT = 200
@@ -169,20 +168,20 @@ _NO_LISTS_OF_LISTS = 'ROS 2 has none; put a footprint in quotes: "[[x1, y1], [x2
 
 @dataclass
 class Slot:
-    """A parameter of a node: its name, and one value of each type that was ever set."""
+    """A parameter of a node: its name, and the last value of each type that was set."""
 
     name: str
     unset: ParameterValue
     values: dict[str, ParameterValue] = field(default_factory=dict)  # in the order of setting
 
     def result(self) -> ParameterValue:
-        """Return the value that rclcpp takes: by type, not by which one was set last."""
+        """Return the value that rclcpp uses: types have precedence, not the order of setting."""
         if not self.values:
             return self.unset
-        best = min(self.values.values(), key=lambda value: _PRECEDENCE.index(value.kind))
+        used = min(self.values.values(), key=lambda value: _PRECEDENCE.index(value.kind))
         last = next(reversed(self.values.values()))
-        value = tuple(best.value) if isinstance(best.value, list) else best.value
-        return replace(best, value=value, ignored=None if last is best else last)
+        value = tuple(used.value) if isinstance(used.value, list) else used.value
+        return replace(used, value=value, ignored=None if last is used else last)
 
 
 class Ros2Node:
@@ -193,7 +192,7 @@ class Ros2Node:
         self.source, self.line = source, line
         self.slots: list[Slot] = []
         self.entries: tuple[tuple[str, ParameterValue], ...] = ()
-        """Names and values, once all files are read."""
+        """Names and values; filled after all files are read."""
         self._places: dict[str, list[int]] = defaultdict(list)
 
     def find(self, name: str, unset: ParameterValue) -> int:
@@ -210,16 +209,16 @@ class Ros2Node:
         insort(self._places[name], index)
 
 
-class Walk:
-    """The walk through one file; nodes of the files before it are found again."""
+class FileReader:
+    """State machine that reads one file's events into nodes, which all files share."""
 
     def __init__(self, path: Path, nodes: dict[str, Ros2Node]) -> None:
         self._path, self._nodes = path, nodes
         self._node: Ros2Node | None = next(iter(nodes.values()), None)
         self._index = 0
-        self._is_key, self._is_sequence, self._is_new_map = True, False, False
+        self._is_key, self._is_sequence, self._starts_mapping = True, False, False
         self._in_parameters = False
-        self._key = ""  # the last one, for errors
+        self._key = ""  # the last key, for errors
         self._depth = 0
         self._anchored: dict[str | None, yaml.ScalarEvent] = {}
         self.aliases: list[yaml.AliasEvent] = []
@@ -229,15 +228,15 @@ class Walk:
         self._node_names = _Names("/")
         self._parameter_names = _Names(".")
 
-    def take(self, event: yaml.Event) -> None:
+    def handle(self, event: yaml.Event) -> None:
         if isinstance(event, yaml.AliasEvent):
             event = self._resolved(event)
         if isinstance(event, yaml.ScalarEvent):
             self._anchored[event.anchor] = event
             if self._is_key:
-                self._take_key(event)
+                self._handle_key(event)
             else:
-                self._take_value(event)
+                self._handle_value(event)
         elif isinstance(event, yaml.SequenceStartEvent):
             self._anchored.pop(event.anchor, None)
             self._start_sequence(event)
@@ -246,16 +245,16 @@ class Walk:
         elif isinstance(event, yaml.MappingStartEvent):
             self._anchored.pop(event.anchor, None)
             self._depth += 1
-            # that of ros__parameters itself is none
-            is_own = self._in_parameters and self._depth - self._node_names.count == 2
-            self._is_key, self._is_new_map = True, not is_own
+            # the mapping of ros__parameters itself adds no name
+            is_root = self._in_parameters and self._depth - self._node_names.count == 2
+            self._is_key, self._starts_mapping = True, not is_root
         elif isinstance(event, yaml.MappingEndEvent):
             self._end_mapping()
 
     def _resolved(self, alias: yaml.AliasEvent) -> yaml.ScalarEvent:
-        """Return the scalar that an alias stands for, at the alias's own place."""
-        # rcl knows no aliases. nav2_bringup's RewrittenYaml loads a file and dumps it again, which
-        # writes scalars in the place of their aliases, but again aliases of lists and mappings.
+        """Return the scalar that an alias refers to, at the alias's own place."""
+        # rcl refuses aliases. nav2_bringup's RewrittenYaml loads and dumps files, which replaces
+        # aliases of scalars by values, but writes those of lists and mappings as aliases again.
         scalar = self._anchored.get(alias.anchor)
         if scalar is None:
             rule, got = "ROS 2 does not support aliases", f"*{alias.anchor}"
@@ -292,20 +291,20 @@ class Walk:
         if slot is not None and not slot.values:
             slot.unset = self._value_of(None, "not set", event, "[]")
 
-    def _take_key(self, event: yaml.ScalarEvent) -> None:
+    def _handle_key(self, event: yaml.ScalarEvent) -> None:
         if not event.value:
             raise self._error("an empty key", event)
         key = event.value.partition("\0")[0]
         if self._in_parameters:
-            self._take_parameter(key, event)
+            self._handle_parameter(key, event)
         elif key.startswith(PARAMETERS_KEY):
-            self._take_parameters_key(event)
+            self._handle_parameters_key(event)
         else:
             self._node_names.add(key)
             self._key = self._node_names.text or key
         self._is_key = False
 
-    def _take_parameters_key(self, event: yaml.ScalarEvent) -> None:
+    def _handle_parameters_key(self, event: yaml.ScalarEvent) -> None:
         name = self._node_names.text
         if name is None:
             rule = f"no name of a node stands above {PARAMETERS_KEY}"
@@ -320,17 +319,17 @@ class Walk:
         self._in_parameters = True
         self._key = f"{PARAMETERS_KEY} of {name}"
 
-    def _take_parameter(self, key: str, event: yaml.ScalarEvent) -> None:
+    def _handle_parameter(self, key: str, event: yaml.ScalarEvent) -> None:
         node = self._node
-        if node is None:  # a value came first, and was refused
+        if node is None:
             raise self._error("a key before any node", event)
         unset = self._value_of(None, "not set", event, "{}")
-        if self._is_new_map:
+        if self._starts_mapping:
             slot = self._slot()
             if slot is None:
                 raise self._error("a mapping stands where a value should be", event)
             self._parameter_names.replace(slot.name)
-            self._is_new_map = False
+            self._starts_mapping = False
         space = self._parameter_names.text
         if space is None:
             self._index = node.find(key, unset)
@@ -342,24 +341,24 @@ class Walk:
         if not slot.values:
             slot.unset = unset
 
-    def _take_value(self, event: yaml.ScalarEvent) -> None:
+    def _handle_value(self, event: yaml.ScalarEvent) -> None:
         node = self._node
         is_quoted = event.style in ("'", '"')
         is_missing = not is_quoted and not event.value
         if is_missing or not self._in_parameters or node is None or not node.slots:
-            raise self._unplaced(event, is_missing=is_missing)
+            raise self._misplaced(event, is_missing=is_missing)
         tag = None if event.tag == "!" else event.tag
         try:
             kind, value = typed_scalar(event.value, is_quoted=is_quoted, tag=tag)
         except TagError as error:
             raise self._error(f"the value {error}", event, got=_short(event.value)) from None
         if self._is_sequence:
-            self._take_item(event, kind, value)
+            self._handle_item(event, kind, value)
         else:
             self._set(self._value_of(value, kind, event, _between(event, event)))
             self._is_key = True
 
-    def _unplaced(self, event: yaml.ScalarEvent, *, is_missing: bool) -> ParameterFileError:
+    def _misplaced(self, event: yaml.ScalarEvent, *, is_missing: bool) -> ParameterFileError:
         got, hint = None if is_missing else _short(event.value), _NESTING
         if self._key.startswith(f"{PARAMETERS_KEY} of "):
             rule = f"{self._key} holds no parameters, and ROS 2 refuses the whole file"
@@ -374,17 +373,17 @@ class Walk:
                 hint = 'write a value, "" for an empty text, or take the key out'
         return self._error(rule, event, got=got, hint=hint)
 
-    def _take_item(self, event: yaml.ScalarEvent, kind: str, value: Any) -> None:
-        """Put a value into a list, which has the type of its first one."""
+    def _handle_item(self, event: yaml.ScalarEvent, kind: str, value: Any) -> None:
+        """Append a value to a list; its first value determines the type."""
         if kind == "byte_array":
             raise self._error("bytes in base64 cannot stand in a list", event)
         if self._items_kind is None:
             self._items_kind, self._items = kind, []
         if kind != self._items_kind:
-            both, hint = {kind, self._items_kind}, None
-            if both == {"integer", "double"}:
+            kinds, hint = {kind, self._items_kind}, None
+            if kinds == {"integer", "double"}:
                 hint = "write all of them with a decimal point"
-            elif "string" in both:
+            elif "string" in kinds:
                 hint = "put texts into quotes"
             rule = f"the values of a list must be of one type, here {self._items_kind}"
             raise self._error(rule, event, got=f"{_short(event.value)} ({kind})", hint=hint)
@@ -396,13 +395,13 @@ class Walk:
     def _set(self, value: ParameterValue) -> None:
         slot = self._slot()
         if slot is not None:
-            before = slot.values.pop(value.kind, None)  # one of another type stays beside it
-            if before is not None and before.source == value.source and before.line != value.line:
-                value = replace(value, replaced=before)
+            earlier = slot.values.pop(value.kind, None)  # values of other types remain
+            if earlier and earlier.source == value.source and earlier.line != value.line:
+                value = replace(value, replaced=earlier)
             slot.values[value.kind] = value
 
     def _slot(self) -> Slot | None:
-        """Return the parameter at hand; none if the index is that of another node."""
+        """Return the current parameter; None if the index belongs to another node."""
         node = self._node
         return node.slots[self._index] if node and self._index < len(node.slots) else None
 
@@ -416,10 +415,9 @@ class Walk:
 
 
 class _Names:
-    """Names of mappings within each other, joined to one text, as namespace.c does it."""
+    """Names of nested mappings, joined to one text, as in namespace.c."""
 
-    # The last one is dropped by looking for a separator from behind, even if that stands within the
-    # name.
+    # To drop the last name, namespace.c cuts at the last separator, even one within a name.
     def __init__(self, separator: str) -> None:
         self._separator = separator
         self.text: str | None = None
@@ -456,7 +454,7 @@ def refusal(
 
 
 def name_fault(name: str) -> str | None:
-    """Return what is wrong with a name of a node and its namespaces; None if nothing is."""
+    """Return why a node's full name is invalid; None if it is valid."""
     if name in ("/**", "/*"):
         return None
     *spaces, last = name.removeprefix("/").split("/")
@@ -479,7 +477,7 @@ def line_of(event: yaml.Event) -> int:
 
 
 def _between(first: yaml.Event, last: yaml.Event) -> str:
-    """Return what is written, on one line and cut where nobody reads on."""
+    """Return the text from one event to another, on one line, shortened."""
     return " ".join(source_text(first, last, _LONGEST_TEXT).split())
 
 
@@ -496,50 +494,49 @@ class Ros2Parameters:
     nodes: tuple[Ros2Node, ...]
     files: tuple[tuple[Path, str], ...]
     aliases: tuple[tuple[Path, int, str], ...] = ()
-    """File, line and name of the first alias of each file that has some."""
+    """File, line and name of the first alias in each file with aliases."""
 
     def matching(self, node: str) -> tuple[Ros2Node, ...]:
-        """Return what is meant for a node of a full name, from the root on."""
-        return tuple(one for one in self.nodes if matches(one.name, node))
+        """Return the entries that apply to a node, by its full name."""
+        return tuple(entry for entry in self.nodes if matches(entry.name, node))
 
     def for_node(self, node: str) -> dict[str, ParameterValue]:
-        """Return the parameters that a node of a full name gets, by their names."""
-        # As rclcpp's ``parameter_map_from`` since Humble: what comes later overrides, in the order
-        # of the nodes in the files, whether ``/**`` or the very name.
-        return {name: value for one in self.matching(node) for name, value in one.entries}
+        """Return the parameters of a node, by its full name."""
+        # As in rclcpp's ``parameter_map_from`` since Humble, later entries override earlier ones,
+        # no matter whether their name is ``/**`` or the node's full name.
+        return {name: value for entry in self.matching(node) for name, value in entry.entries}
 
     def unset_for(self, node: str) -> list[tuple[str, ParameterValue]]:
-        """Return parameters without a value, ``[]`` and ``{}``: rclcpp ends a node over any."""
-        entries = (entry for one in self.matching(node) for entry in one.entries)
+        """Return parameters without a value, ``[]`` and ``{}``: with any, the node exits."""
+        entries = (pair for entry in self.matching(node) for pair in entry.entries)
         return [(name, value) for name, value in entries if value.kind == "not set"]
 
 
 def matches(pattern: str, node: str) -> bool:
-    """Return whether a name with wildcards stands for a node of a full name."""
-    wanted = node.split("/")[1:]
-    reached = {0}  # how much of the name the parts so far can be
-    for part in pattern.split("/")[1:]:
-        if part == "**":
-            reached = set(range(min(reached), len(wanted) + 1))
+    """Return whether a name with wildcards matches the full name of a node."""
+    parts = node.split("/")[1:]
+    counts = {0}  # numbers of the node's parts that the pattern's parts so far can match
+    for pattern_part in pattern.split("/")[1:]:
+        if pattern_part == "**":
+            counts = set(range(min(counts), len(parts) + 1))
         else:
-            left = [index for index in reached if index < len(wanted)]
-            reached = {index + 1 for index in left if part in ("*", wanted[index])}
-        if not reached:
+            counts = {n + 1 for n in counts if n < len(parts) and pattern_part in ("*", parts[n])}
+        if not counts:
             return False
-    return len(wanted) in reached
+    return len(parts) in counts
 
 
 def read_ros2(paths: Sequence[Path]) -> Ros2Parameters:
-    """Return the parameters in files, which are read into one another as ROS 2 does."""
+    """Return the parameters in files; later files add to and override earlier ones."""
     nodes: dict[str, Ros2Node] = {}
     files, aliases = [], []
     for path in paths:
         data = read_file(path, limit=_LIMITS.bytes, inspect=partial(refuse_image, path))
         files.append((path, hashlib.sha256(data).hexdigest()))
-        walk = Walk(path, nodes)
+        reader = FileReader(path, nodes)
         for event in _events(path, decoded_text(path, data)):
-            walk.take(event)
-        aliases += [(path, line_of(alias), f"*{alias.anchor}") for alias in walk.aliases[:1]]
+            reader.handle(event)
+        aliases += [(path, line_of(alias), f"*{alias.anchor}") for alias in reader.aliases[:1]]
     if not nodes:
         raise refusal(paths[0], "no parameters in it: no node has a key ros__parameters", None)
     for node in nodes.values():
@@ -560,5 +557,5 @@ def _events(path: Path, text: str) -> Iterator[yaml.Event]:
                 raise refusal(path, rule, line_of(event))
             yield event
     except yaml.YAMLError as error:
-        rule, at = fault_in(text, error)
-        raise refusal(path, rule, at[0] if at else None) from None
+        rule, place = fault_in(text, error)
+        raise refusal(path, rule, place[0] if place else None) from None
