@@ -191,7 +191,7 @@ TURNED = {"resolution": RESOLUTION, "origin": list(ORIGIN)}
 @pytest.mark.parametrize("kind", ["pgm", "png"])
 def test_greys_are_where_they_are_seen_first(tmp_path, monkeypatch, kind, strip):
     monkeypatch.setattr("mapdeal.maps.picture.STRIP", strip)
-    monkeypatch.setattr("mapdeal.checks.facts._PIXELS_TOGETHER", strip)
+    monkeypatch.setattr("mapdeal.checks.facts._PIXELS_PER_BAND", strip)
     image = GREYS if kind == "pgm" else np.stack([GREYS] * 3, axis=-1)
     free = {"free_thresh": "0.41176470588"}
     found = where(write_pair(tmp_path, image, name=f"m.{kind}", **TURNED, **free))

@@ -161,7 +161,7 @@ def test_every_kind_of_map(room, name):
 
 
 def test_a_map_that_takes_too_much_memory_is_left_out_with_one_note(room, monkeypatch):
-    monkeypatch.setattr(facts, "_OF_ROOMS", dict.fromkeys(("compiled", "scipy"), 10**9))
+    monkeypatch.setattr(facts, "_ROOM_BYTES", dict.fromkeys(("compiled", "scipy"), 10**9))
     with use_memory(100_000_000):
         found, *_ = (one for one in lint_file(room, radius=0.5) if one.check[:4] != "yaml")
     assert (found.check, found.severity) == ("lint.left-out", "note")

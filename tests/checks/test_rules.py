@@ -89,10 +89,10 @@ YAW, ALPHA, SPECKS = "yaml.origin-yaw", "image.alpha", "map.specks"
 def test_a_comment_suppresses_checks_and_areas():
     comments = [IgnoreComment(3, (YAW, "image"))]
     findings = found(YAW, ALPHA, SPECKS, ALPHA)
-    kept, suppressed = selection_of().judged(Path("m.yaml"), findings, comments)
+    kept, suppressed = selection_of().apply(Path("m.yaml"), findings, comments)
     assert (names_of(kept), suppressed) == ([SPECKS], 3)
     # those that are not wanted are not suppressed but gone
-    kept, suppressed = selection_of(["image"]).judged(Path("m.yaml"), found(YAW, ALPHA))
+    kept, suppressed = selection_of(["image"]).apply(Path("m.yaml"), found(YAW, ALPHA))
     assert (names_of(kept), suppressed) == ([ALPHA], 0)
 
 
@@ -105,16 +105,16 @@ def test_a_comment_suppresses_checks_and_areas():
 ])  # fmt: skip
 def test_a_comment_that_ignores_nothing_is_told(names, message):
     comments = [IgnoreComment(4, names)]
-    kept, suppressed = selection_of().judged(Path("m.yaml"), found(YAW), comments)
+    kept, suppressed = selection_of().apply(Path("m.yaml"), found(YAW), comments)
     assert (names_of(kept), suppressed) == ([YAW, "lint.unused-ignore"], 0)
     assert (kept[1].message, kept[1].line, kept[1].severity) == (message, 4, "note")
-    kept, _ = selection_of([], ["lint"]).judged(Path("m.yaml"), found(YAW), comments)
+    kept, _ = selection_of([], ["lint"]).apply(Path("m.yaml"), found(YAW), comments)
     assert names_of(kept) == [YAW]
 
 
 def test_a_comment_on_a_check_that_is_not_wanted_is_used_all_the_same():
     comments = [IgnoreComment(1, (YAW,))]
-    kept, suppressed = selection_of([], ["yaml"]).judged(Path("m.yaml"), found(YAW), comments)
+    kept, suppressed = selection_of([], ["yaml"]).apply(Path("m.yaml"), found(YAW), comments)
     assert (kept, suppressed) == ((), 0)
 
 
@@ -126,16 +126,16 @@ def test_a_comment_on_a_check_that_is_not_wanted_is_used_all_the_same():
 ])  # fmt: skip
 def test_patterns_are_of_names_below_the_files_folder(tmp_path, pattern, is_spared):
     made = selection_of(config=config(tmp_path, per_file_ignores=((pattern, ("image",)),)))
-    kept, suppressed = made.judged(tmp_path / "old/deep/m.yaml", found(YAW, ALPHA))
+    kept, suppressed = made.apply(tmp_path / "old/deep/m.yaml", found(YAW, ALPHA))
     assert (names_of(kept), suppressed) == (([YAW], 1) if is_spared else ([YAW, ALPHA], 0))
-    kept, suppressed = made.judged(tmp_path.parent / "m.yaml", found(YAW, ALPHA))
+    kept, suppressed = made.apply(tmp_path.parent / "m.yaml", found(YAW, ALPHA))
     assert suppressed == 0
 
 
 def test_severities_can_be_changed_and_the_worst_comes_first():
     of_config = config(severity=(("image.alpha", "error"), ("image", "note"), ("all", "warning")))
     made = selection_of(config=of_config)
-    kept, _ = made.judged(Path("m.yaml"), found(YAW, "image.colour", ALPHA, SPECKS))
+    kept, _ = made.apply(Path("m.yaml"), found(YAW, "image.colour", ALPHA, SPECKS))
     assert [(one.check, one.severity) for one in kept] == [
         (ALPHA, "error"), (YAW, "warning"), (SPECKS, "warning"), ("image.colour", "note"),
     ]  # fmt: skip

@@ -52,8 +52,8 @@ def is_map_saver_unknown(pixel):
 @pytest.mark.parametrize("name", PICTURES)
 def test_pixels_are_counted_as_if_taken_one_by_one(name, mode, negate, monkeypatch):
     if mode != "raw":  # as for a picture with more values than are kept
-        monkeypatch.setattr(facts, "_PIXELS_TOGETHER", 40)
-        monkeypatch.setattr(facts, "_MOST_KEPT", 5)
+        monkeypatch.setattr(facts, "_PIXELS_PER_BAND", 40)
+        monkeypatch.setattr(facts, "_MOST_CODES", 5)
     picture = PICTURES[name]
     metadata = replace(METADATA, mode=mode, negate=negate)
     states = {
@@ -130,7 +130,7 @@ def told(found):
 @given(occupancies(longest=14), st.integers(1, 5))
 def test_cells_are_counted_as_in_the_whole_whichever_side_comes_first(cells, rows):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(facts, "_CELLS_TOGETHER", 2 * cells.shape[1])
+        patch.setattr(facts, "_CELLS_PER_BAND", 2 * cells.shape[1])
         south, north = tallies_of(cells), CellTallies(cells.shape, from_north=True)
         for first in range(0, len(cells), rows):
             north.add(cells[::-1][first : first + rows])

@@ -1,1 +1,1 @@
-"""What is wrong with maps and parameter files."""
+"""Checks of maps and parameter files."""

@@ -1,4 +1,4 @@
-"""What checks look at, each found once, and the decorator of checks."""
+"""Facts about files, gathered once for all checks, and the decorator of checks."""
 
 from __future__ import annotations
 
@@ -57,27 +57,27 @@ from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, RobotParamet
 Codes = NDArray[np.uint64]
 Counts = NDArray[np.int64]
 
-_PIXELS_TOGETHER = 1 << 18
-"""Colours become wide numbers on the way to cells: not those of many pixels at once."""
-_MOST_KEPT = 1 << 16
+_PIXELS_PER_BAND = 1 << 18
+"""Colours are widened to 64 bits when they become cells, so only few are converted at once."""
+_MOST_CODES = 1 << 16
 _BITS = 16
 
 
 class DistinctPixels:
-    """Counts the different pixels of pictures that are of one kind, such as strips of a picture."""
+    """Counts the distinct pixels of pictures of the same kind, such as strips of one picture."""
 
     def __init__(self, report: Callable[[Picture, Counts], None]) -> None:
         self.firsts: dict[int, int] = {}
         """The first pixel of each opaque 8-bit grey, or index of a palette, by its number."""
-        self._seen = 0
+        self._pixel_count = 0
         self._report = report
         self._kind: Picture | None = None
         self._greys = np.zeros(0, dtype=np.int64)
-        self._others: list[tuple[Codes, Counts]] = []
+        self._codes: list[tuple[Codes, Counts]] = []
 
     def add(self, picture: Picture) -> None:
         self._kind = picture
-        for band in picture.bands(_PIXELS_TOGETHER):
+        for band in picture.bands(_PIXELS_PER_BAND):
             self._add_band(band)
 
     def finish(self) -> None:
@@ -91,18 +91,18 @@ class DistinctPixels:
                 channels.append(np.full_like(greys, kind.opaque))
             self._report(_row(channels, kind), self._greys[greys])
         self._greys = self._greys[:0]
-        self._tell_of_others(kind)
+        self._report_codes(kind)
 
     def _add_band(self, picture: Picture) -> None:
-        """Count some pixels: grey and opaque ones, which are most, without sorting."""
-        grey, exceptions = picture.greys_and_exceptions()
+        """Count pixels; opaque greys, the usual kind, are counted without sorting."""
+        grey, is_other = picture.greys_and_exceptions()
         counts = histogram(grey) if grey.dtype == np.uint8 else None
         if counts is not None:
-            self._note_firsts(grey, exceptions, counts)
-        self._seen += grey.size
-        if exceptions.any():
-            self._add_others(picture.only(exceptions))
-            grey = grey[~exceptions][np.newaxis]
+            self._record_firsts(grey, is_other, counts)
+        self._pixel_count += grey.size
+        if is_other.any():
+            self._add_other_pixels(picture.only(is_other))
+            grey = grey[~is_other][np.newaxis]
             counts = None if counts is None else histogram(grey)
         if counts is None:
             counts = np.bincount(grey.reshape(-1), minlength=256)
@@ -110,34 +110,34 @@ class DistinctPixels:
             counts, self._greys = self._greys, counts
         self._greys[: len(counts)] += counts
 
-    def _note_firsts(self, grey: Samples, exceptions: NDArray[np.bool_], counts: Counts) -> None:
-        """Note where the greys are that have not come up before, few as they are."""
+    def _record_firsts(self, grey: Samples, is_other: NDArray[np.bool_], counts: Counts) -> None:
+        """Record the first pixel of each grey that is new."""
         new = [value for value in np.flatnonzero(counts).tolist() if value not in self.firsts]
         for value in new:
-            is_here = (grey == value).reshape(-1)
-            first = int(is_here.argmax())
-            if exceptions.reshape(-1)[first]:
-                is_here &= ~exceptions.reshape(-1)
-                first = int(is_here.argmax())
-            if is_here[first]:
-                self.firsts[value] = self._seen + first
+            is_value = (grey == value).reshape(-1)
+            first = int(is_value.argmax())
+            if is_other.reshape(-1)[first]:
+                is_value &= ~is_other.reshape(-1)
+                first = int(is_value.argmax())
+            if is_value[first]:
+                self.firsts[value] = self._pixel_count + first
 
-    def _add_others(self, row: Picture) -> None:
+    def _add_other_pixels(self, row: Picture) -> None:
         code = np.zeros(row.shape[1], dtype=np.uint64)
         channels = list(np.atleast_2d(row.samples[0].T))
         for channel in channels if row.alpha is None else [*channels, row.alpha[0]]:
             code <<= np.uint64(_BITS)
             code |= channel
-        self._others.append(np.unique(code, return_counts=True))
-        if sum(len(codes) for codes, _ in self._others) > _MOST_KEPT and self._kind is not None:
-            self._tell_of_others(self._kind)
+        self._codes.append(np.unique(code, return_counts=True))
+        if sum(len(codes) for codes, _ in self._codes) > _MOST_CODES and self._kind is not None:
+            self._report_codes(self._kind)
 
-    def _tell_of_others(self, kind: Picture) -> None:
-        if not self._others:
+    def _report_codes(self, kind: Picture) -> None:
+        if not self._codes:
             return
-        listed, times = (np.concatenate(parts) for parts in zip(*self._others, strict=True))
-        self._others.clear()
-        codes, places = np.unique(listed, return_inverse=True)
+        pending, times = (np.concatenate(parts) for parts in zip(*self._codes, strict=True))
+        self._codes.clear()
+        codes, places = np.unique(pending, return_inverse=True)
         counts = np.zeros(len(codes), dtype=np.int64)
         np.add.at(counts, places, times)
         count = (3 if kind.samples.ndim == 3 else 1) + (kind.alpha is not None)
@@ -157,7 +157,7 @@ def _row(channels: Sequence[NDArray[np.integer[Any]]], kind: Picture) -> Picture
 
 
 def without_rounding_noise(value: float) -> float | None:
-    """Return the decimal of a value with the noise of a 32-bit or 64-bit float; None without it."""
+    """Return the short decimal that a value is a rounding of; None for an exact value."""
     plain = float(f"{value:.6g}")
     if plain != value and float(np.float32(plain)) == float(np.float32(value)):
         return plain
@@ -165,22 +165,22 @@ def without_rounding_noise(value: float) -> float | None:
 
 
 Place = tuple[int, int]  # row and column of a cell, row 0 in the south
-_CELLS_TOGETHER = 1 << 18
+_CELLS_PER_BAND = 1 << 18
 
 
 class CellTallies:
-    """Counts of the cells of a map, of which some rows come at a time, from whichever side."""
+    """Counts of a map's cells, which are added in bands of rows from the south or the north."""
 
     def __init__(
         self, shape: tuple[int, int], *, from_north: bool = False,
-        of_values: NDArray[np.int64] | None = None,
+        byte_counts: NDArray[np.int64] | None = None,
     ) -> None:  # fmt: skip
         height, width = shape
         self.shape = shape
         self.size = height * width
         self._rows = 0
-        self._counts_values = of_values is None
-        self._of_values = np.zeros(256, dtype=np.int64) if of_values is None else of_values
+        self._counts_bytes = byte_counts is None
+        self._byte_counts = np.zeros(256, dtype=np.int64) if byte_counts is None else byte_counts
         self._known_rows = np.zeros(height, dtype=np.bool_)
         self._known_cols = np.zeros(width, dtype=np.bool_)
         self._free = Components(last_row=height - 1 if from_north else None)
@@ -192,15 +192,15 @@ class CellTallies:
 
     def add(self, occupancy: NDArray[np.int8]) -> None:
         """Count the cells of the next rows, shape (rows, W)."""
-        step = max(1, _CELLS_TOGETHER // occupancy.shape[1])
+        step = max(1, _CELLS_PER_BAND // occupancy.shape[1])
         for first in range(0, len(occupancy), step):
             self._add_band(occupancy[first : first + step])
 
     def _add_band(self, band: NDArray[np.int8]) -> None:
         height, first = self.shape[0], self._rows
         stop = self._rows = first + len(band)
-        if self._counts_values:
-            self._of_values += histogram(band)
+        if self._counts_bytes:
+            self._byte_counts += histogram(band)
         free = band == FREE
         self._free.add(free)
         rows = (self._last_free, free[0]), (free[:-1], free[1:]), (free[:, :-1], free[:, 1:])
@@ -217,12 +217,12 @@ class CellTallies:
 
     @cached_property
     def counts(self) -> dict[str, int]:
-        """Number of occupied, free, unknown and other cells, once all rows have been counted."""
-        return states_of(self._of_values)
+        """Number of occupied, free, unknown and other cells, after all rows were added."""
+        return cell_states(self._byte_counts)
 
     @property
     def mean_free_width(self) -> float:
-        """Mean width of free space in cells, twice its area over its outline; 0 without any."""
+        """Mean width of free space in cells: twice its area divided by its outline, or 0."""
         area = self.counts["free"]
         outline = 4 * area - 2 * self._free_pairs
         return 2 * area / outline if outline else 0.0
@@ -238,10 +238,10 @@ class CellTallies:
 
     @property
     def free_stretches(self) -> list[Place]:
-        """The middles of the stretches of free cells along the border, of the longest first."""
+        """Middle cells of the free stretches along the border, longest stretch first."""
         cells, is_free = self._border
         stretches = _stretches(is_free, is_closed=min(self.shape) > 1)
-        stretches.sort(key=lambda one: (-one[1], one[0]))
+        stretches.sort(key=lambda stretch: (-stretch[1], stretch[0]))
         middles = [(start + (length - 1) // 2) % len(cells) for start, length in stretches]
         return [(row, col) for row, col in cells[middles[:MOST_PLACES]].tolist()]
 
@@ -249,19 +249,19 @@ class CellTallies:
     def _border(self) -> tuple[Integers, NDArray[np.bool_]]:
         height, width = self.shape
         rows, cols = np.arange(height), np.arange(width)
-        bottom, top = self._free_rows
-        left, right = self._free_cols.T
-        sides = [(0 * cols, cols, bottom), (rows[1:], 0 * rows[1:] + width - 1, right[1:])]
+        south, north = self._free_rows
+        west, east = self._free_cols.T
+        sides = [(0 * cols, cols, south), (rows[1:], 0 * rows[1:] + width - 1, east[1:])]
         if height > 1:
-            sides.append((0 * cols[1:] + height - 1, cols[-2::-1], top[-2::-1]))
+            sides.append((0 * cols[1:] + height - 1, cols[-2::-1], north[-2::-1]))
         if width > 1:
-            sides.append((rows[-2:0:-1], 0 * rows[-2:0:-1], left[-2:0:-1]))
+            sides.append((rows[-2:0:-1], 0 * rows[-2:0:-1], west[-2:0:-1]))
         row, col, is_free = (np.concatenate(parts) for parts in zip(*sides, strict=True))
         return np.stack([row, col], axis=1), is_free
 
     @property
     def known_box(self) -> tuple[int, int]:
-        """Rows and columns of the smallest box around all known cells, 0 and 0 without any."""
+        """Rows and columns of the smallest box around all known cells; 0 and 0 if none is known."""
         rows, cols = np.flatnonzero(self._known_rows), np.flatnonzero(self._known_cols)
         if not rows.size:
             return 0, 0
@@ -269,21 +269,21 @@ class CellTallies:
 
     @property
     def middle_of_known(self) -> tuple[float, float]:
-        """The middle of that box, in rows and columns as the centres of cells have them."""
+        """Row and column of the middle of `known_box`; whole numbers are centres of cells."""
         rows, cols = np.flatnonzero(self._known_rows), np.flatnonzero(self._known_cols)
         return float(rows[0] + rows[-1]) / 2, float(cols[0] + cols[-1]) / 2
 
     @cached_property
     def free_components(self) -> tuple[Integers, Integers]:
-        """The sizes of the 8-connected components of free cells, and how many there are of each."""
+        """Sizes of the 8-connected components of free cells, and the number of each size."""
         return self._free.sizes()
 
     def places_of_components(self, least: int, most: int) -> list[Place]:
-        """Return a cell of each of the largest components of free cells but the very largest."""
-        found = list(reversed(self._free.places().items()))
-        if found:  # of several that are as large as the largest, one is that
-            found[0] = found[0][0], found[0][1][1:]
-        cells = [cell for size, listed in found if least <= size <= most for cell in listed]
+        """Return one cell of each of the largest free components, except the very largest."""
+        groups = list(reversed(self._free.places().items()))
+        if groups:  # of several equally large components, the first counts as the largest
+            groups[0] = groups[0][0], groups[0][1][1:]
+        cells = [cell for size, members in groups if least <= size <= most for cell in members]
         return [divmod(cell, self.shape[1]) for cell in cells[:MOST_PLACES]]
 
 
@@ -291,11 +291,11 @@ def _stretches(marked: NDArray[np.bool_], *, is_closed: bool) -> list[tuple[int,
     if marked.all():
         return [(0, len(marked))]
     edges = np.flatnonzero(np.diff(marked, prepend=False, append=False))
-    found = [(start, stop - start) for start, stop in edges.reshape(-1, 2).tolist()]
-    if is_closed and len(found) > 1 and marked[0] and marked[-1]:
-        start, length = found.pop()
-        found[0] = start, length + found[0][1]
-    return found
+    stretches = [(start, stop - start) for start, stop in edges.reshape(-1, 2).tolist()]
+    if is_closed and len(stretches) > 1 and marked[0] and marked[-1]:
+        start, length = stretches.pop()
+        stretches[0] = start, length + stretches[0][1]
+    return stretches
 
 
 def tallies_of(occupancy: Layer) -> CellTallies:
@@ -306,56 +306,56 @@ def tallies_of(occupancy: Layer) -> CellTallies:
 
 
 class PixelTallies:
-    """Counts of the pixels of a map's image, and of what each reader makes of them."""
+    """Counts of the pixels of a map's image, and of the cells that each reader gets from them."""
 
     def __init__(self, metadata: MapMetadata) -> None:
         readers: tuple[Dialect, ...] = () if metadata.cost_scale is not None else tuple(DIALECTS)
         self.size = 0  # pixels
-        self.coloured = 0  # pixels that are no grey
+        self.coloured = 0  # pixels other than grey
         self.not_opaque = 0
-        self.lost = 0  # pixels of mode raw that hold no value of a map
+        self.lost = 0  # pixels of mode raw outside of the range of occupancy values
         self.freed = {name: map_server.FreedCells(metadata, name) for name in readers}
         """Map_saver's unknown cells that are free, for each reader; none in mode raw."""
         self._metadata = metadata
-        self.of_greys = np.zeros(256, dtype=np.int64)
+        self.grey_counts = np.zeros(256, dtype=np.int64)
         """Number of pixels of each grey, for 8-bit grey images."""
-        self.of_values = {name: np.zeros(256, dtype=np.int64) for name in readers}
-        """How often a reader has each byte, arrays that grow while pixels come."""
+        self.byte_counts = {name: np.zeros(256, dtype=np.int64) for name in readers}
+        """Number of cells of each byte, by reader."""
         self.differing = {name: 0 for name in readers if name != "nav2"}
         """Number of cells in which each other reader differs from nav2."""
         self.differing_greys: dict[Dialect, list[int]] = {name: [] for name in readers}
-        """Greys that nav2 and each of the others have differently, the most frequent first."""
+        """Greys that nav2 and each other reader read differently, the most frequent first."""
         self.freed_greys: list[int] = []
-        """Map_saver's grey for unknown, if a reader has free cells of it."""
+        """Map_saver's grey for unknown, if a reader reads it as free."""
         self._pixels = DistinctPixels(self._tally)
 
     def add(self, picture: Picture) -> None:
         self._pixels.add(picture)
 
     def finish(self) -> None:
-        """Be done with all rows: the counts are complete from now on."""
+        """Complete the counts after the last row."""
         self._pixels.finish()
 
     def first_pixels(self, greys: Iterable[int]) -> list[int]:
-        """Return the first opaque pixel of each grey that has one, rows counted from the north."""
+        """Return the indices of the first opaque pixels of greys, counted row by row from north."""
         firsts = self._pixels.firsts
         return [firsts[grey] for grey in greys if grey in firsts][:MOST_PLACES]
 
     @cached_property
     def greys(self) -> dict[int, int]:
-        """The same, of those that there are; empty for other images."""
-        return {grey: int(self.of_greys[grey]) for grey in np.flatnonzero(self.of_greys).tolist()}
+        """Number of pixels of each grey that occurs; empty for all but 8-bit grey images."""
+        return {grey: count for grey, count in enumerate(self.grey_counts.tolist()) if count}
 
     @cached_property
     def counts(self) -> dict[Dialect, dict[str, int]]:
         """Number of occupied, free, unknown and other cells for each reader."""
-        return {name: states_of(values) for name, values in self.of_values.items()}
+        return {name: cell_states(values) for name, values in self.byte_counts.items()}
 
     def _tally(self, pixels: Picture, counts: Counts) -> None:
-        """Count pixels that differ from each other, a row of them."""
+        """Add the counts of one row of distinct pixels."""
         self.size += int(counts.sum())
         if pixels.colour == "grey" and pixels.maxval == 255:
-            np.add.at(self.of_greys, pixels.samples[0], counts)
+            np.add.at(self.grey_counts, pixels.samples[0], counts)
         elif pixels.colour == "rgb":
             is_coloured = (pixels.samples[0] != pixels.samples[0, :, :1]).any(axis=1)
             self.coloured += int(counts[is_coloured].sum())
@@ -369,20 +369,20 @@ class PixelTallies:
             self.lost += map_server.count_of_lost(pixels, counts[np.newaxis])
         readings = {name: cells_of(pixels, self._metadata, name) for name in self.freed}
         for name, cells in readings.items():
-            np.add.at(self.of_values[name], cells[0].view(np.uint8), counts)
+            np.add.at(self.byte_counts[name], cells[0].view(np.uint8), counts)
             if name != "nav2":
                 self.differing[name] += int(counts[cells[0] != readings["nav2"][0]].sum())
             if not is_raw:
                 self.freed[name].add(pixels, cells, counts[np.newaxis])
         if pixels.samples.dtype == np.uint8 and readings:
-            self._note_greys(pixels, readings, counts)
+            self._record_greys(pixels, readings, counts)
 
-    def _note_greys(
+    def _record_greys(
         self, pixels: Picture, readings: dict[Dialect, NDArray[np.int8]], counts: Counts
     ) -> None:
-        """Note the greys whose places are reported: those of opaque pixels."""
-        grey, exceptions = pixels.greys_and_exceptions()
-        order = np.flatnonzero(~exceptions[0])
+        """Record the greys of opaque pixels whose places are reported."""
+        grey, is_other = pixels.greys_and_exceptions()
+        order = np.flatnonzero(~is_other[0])
         order = order[np.argsort(-counts[order], kind="stable")]
         for name, cells in readings.items():
             differs = cells[0, order] != readings["nav2"][0, order]
@@ -393,33 +393,33 @@ class PixelTallies:
                 self.freed_greys = [map_server.MAP_SAVER_UNKNOWN]
 
 
-def states_of(values: NDArray[np.int64]) -> dict[str, int]:
-    """Return how many cells are in each state, given how many have each byte."""
-    occupied, free, unknown = int(values[OCCUPIED]), int(values[FREE]), int(values[128:].sum())
-    between = int(values.sum()) - occupied - free - unknown
+def cell_states(counts: NDArray[np.int64]) -> dict[str, int]:
+    """Return the number of cells in each state, from the number of cells of each byte."""
+    occupied, free, unknown = int(counts[OCCUPIED]), int(counts[FREE]), int(counts[128:].sum())
+    between = int(counts.sum()) - occupied - free - unknown
     return {"occupied": occupied, "free": free, "unknown": unknown, "between": between}
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterFacts:
-    """The values of one costmap, whatever they mean."""
+    """The values in one costmap's section of the files, without interpretation."""
 
     flavour: Flavour
     costmap: CostmapName
     values: Mapping[Name, ParameterValue]
     plugins: tuple[tuple[str, str], ...]
 
-    def shown(self, *name: str) -> str:
+    def label(self, *name: str) -> str:
         return ("." if self.flavour == "nav2" else "/").join(name)
 
     @cached_property
     def sections(self) -> dict[str, dict[Name, ParameterValue]]:
-        """The values below each name right below the costmap that has some."""
-        found: dict[str, dict[Name, ParameterValue]] = {}
+        """Values of each section directly below the costmap, such as a layer."""
+        sections: dict[str, dict[Name, ParameterValue]] = {}
         for path, value in self.values.items():
             if len(path) > 1:
-                found.setdefault(path[0], {})[path] = value
-        return found
+                sections.setdefault(path[0], {})[path] = value
+        return sections
 
 
 @dataclass(frozen=True, eq=False)
@@ -428,35 +428,35 @@ class RobotFacts:
 
     robot: RobotParameters
     parameters: ParameterFacts
-    other: RobotParameters | None = None
+    sibling: RobotParameters | None = None
     map_resolutions: tuple[tuple[str, float], ...] = ()
 
     def value(self, *name: str) -> ParameterValue | None:
         return self.parameters.values.get(name)
 
     def of_layer(self, layer: str, parameter: str) -> ParameterValue | None:
-        """Return a parameter of a layer, or that of the costmap that a layer of ROS 1 takes."""
-        own = self.value(layer, parameter)
-        above = self.value(parameter) if self.robot.flavour == "ros1" else None
-        return above or own
+        """Return a layer's parameter; in ROS 1 the costmap's own value has precedence."""
+        layer_value = self.value(layer, parameter)
+        costmap_value = self.value(parameter) if self.robot.flavour == "ros1" else None
+        return costmap_value or layer_value
 
 
 _HEAD = 1 << 16
 
-_OF_ROOMS = {"compiled": 22, "scipy": 106}
-"""Bytes for each cell that looking for passages takes at its peak, by engine."""
+_ROOM_BYTES = {"compiled": 22, "scipy": 106}
+"""Peak memory of the search for passages, bytes per cell, by engine."""
 
 
 @dataclass(frozen=True, eq=False)
 class GridFacts:
-    """The cells of a map, of whatever file, as dialect nav2 reads them."""
+    """The cells of a map file of any format, as dialect nav2 reads them."""
 
     frame: Frame
     cells: CellTallies
 
     @classmethod
     def of(cls, grid: OccupancyGrid) -> GridFacts:
-        """Return the facts of a map in memory, or of one that is read by rows."""
+        """Return the facts of a map, which is in memory or read by rows."""
         return cls(grid.frame, tallies_of(grid.occupancy))
 
     def places(self, cells_rowcol: Sequence[tuple[float, float]]) -> tuple[Point, ...]:
@@ -465,16 +465,16 @@ class GridFacts:
 
     @property
     def other_components(self) -> tuple[Integers, Integers]:
-        """The sizes of the components of free cells but the largest, and how many of each."""
+        """Sizes of the free components and the number of each, without the largest component."""
         sizes, counts = self.cells.free_components
-        others = counts.copy()
-        others[-1:] -= 1
-        return sizes, others
+        other_counts = counts.copy()
+        other_counts[-1:] -= 1
+        return sizes, other_counts
 
 
 @dataclass(frozen=True, eq=False)
 class RoomFacts:
-    """A map in memory, and a robot that is to get through it."""
+    """A map in memory, and the radius of a robot, metres."""
 
     grid: OccupancyGrid
     radius: float
@@ -482,9 +482,9 @@ class RoomFacts:
 
 @dataclass(frozen=True, eq=False)
 class MaskFacts:
-    """The mask of a costmap filter, the map that it is for, and the robot that is to get about."""
+    """The mask of a costmap filter, its map, and the robot that drives there."""
 
-    pair: PairFacts | None  # none yet of a mask that is being made
+    pair: PairFacts | None  # None until the mask is written
     mask: OccupancyGrid
     info: FilterInfo
     grid: OccupancyGrid
@@ -510,22 +510,22 @@ class MaskFacts:
         return bool(inside[0] and self.closed[row, col])
 
     @cached_property
-    def ways(self) -> tuple[Reach, Reach] | None:
-        """What the robot reaches without the mask and with it; None if that cannot differ."""
+    def reaches(self) -> tuple[Reach, Reach] | None:
+        """Reach without the mask and with it; None if the mask cannot change it."""
         from mapdeal.grid.reaching import Ground, reach_on  # slow to import
 
         if self.info.kind != "keepout" or self.start_is_closed or not self.closed.any():
             return None
 
-        def found(start: Sequence[float] | None, keepout: NDArray[np.bool_] | None) -> Reach:
+        def reach(start: Sequence[float] | None, keepout: NDArray[np.bool_] | None) -> Reach:
             ground = Ground(np.asarray(self.grid.occupancy), self.grid.frame, False, keepout)
             return reach_on(
                 ground, self.robot, start=start, goals=self.goals, headings=72, margin=0.0,
                 min_area=1.0,
             )  # fmt: skip
 
-        after = found(self.start, self.closed)  # whose start, if none is given, is in no zone
-        return found(after.start if self.start is None else self.start, None), after
+        after = reach(self.start, self.closed)  # a default start lies outside of all zones
+        return reach(after.start if self.start is None else self.start, None), after
 
 
 @dataclass(frozen=True, eq=False)
@@ -555,17 +555,17 @@ class PairFacts:
     comments: list[str] = field(default_factory=list)
 
     def places_of_greys(self, greys: Iterable[int]) -> tuple[Point, ...]:
-        """Return where the first pixel of each grey is, in the map frame, metres."""
+        """Return the positions of the first pixel of each grey in the map frame, metres."""
         height, width = self.frame.shape
-        at = [divmod(pixel, width) for pixel in self.pixels.first_pixels(greys)]
-        cells = [(height - 1 - row, col) for row, col in at]  # pixels come from the north
+        pixels = [divmod(pixel, width) for pixel in self.pixels.first_pixels(greys)]
+        cells = [(height - 1 - row, col) for row, col in pixels]  # pixels come from the north
         return places_of(self.frame.xy_from_rowcol(cells).tolist())
 
 
 def gather(
     path: Path, *, max_cells: int | None = None
 ) -> tuple[PairFacts | None, GridFacts | None, list[Finding]]:
-    """Return what there is to check of a file, and what was found while it was read."""
+    """Return the facts to check and the findings made while reading a map."""
     findings: list[Finding] = []
     entries: dict[str, Entry] = {}
     pair: PairFacts | None = None
@@ -575,9 +575,9 @@ def gather(
         path = path if bits is None else map_server.yaml_beside(bits)
         with _warnings_as_findings(findings, path, entries):
             if path.suffix.lower() == ".npz":
-                cells = _of_npz(path, max_cells)
+                cells = _gather_npz(path, max_cells)
             else:
-                pair, cells = _of_pair(path, max_cells, bits, entries)
+                pair, cells = _gather_pair(path, max_cells, bits, entries)
     except (FileAccessError, MalformedInputError) as error:
         name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
         text = str(error) + (f" ({error.hint})" if error.hint else "")
@@ -586,15 +586,15 @@ def gather(
 
 
 def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> RoomFacts:
-    """Return a map that `gather` has gone through, for checks that need all of it in memory."""
+    """Return a map in memory for checks that need all of its cells; `gather` has checked it."""
     with kept_warnings(), open_map(path, max_cells=max_cells) as file:
         height, width = file.shape()
-        count = file.memory_to_read() + _OF_ROOMS[engine_name()] * height * width
-        claim(path, count, what=f"{width} x {height} cells")
+        needed = file.memory_to_read() + _ROOM_BYTES[engine_name()] * height * width
+        claim(path, needed, what=f"{width} x {height} cells")
         return RoomFacts(as_occupancy(file.read().grid, path), radius)
 
 
-def _of_npz(path: Path, max_cells: int | None) -> GridFacts | None:
+def _gather_npz(path: Path, max_cells: int | None) -> GridFacts | None:
     """Return the facts of the map in an npz, None if it holds costs or a view."""
     grid = read_npz(path, max_cells=max_cells)
     if isinstance(grid, Costmap):
@@ -606,11 +606,11 @@ def _of_npz(path: Path, max_cells: int | None) -> GridFacts | None:
     return GridFacts.of(grid if isinstance(grid, OccupancyGrid) else grid.grid)
 
 
-def _of_pair(
+def _gather_pair(
     path: Path, max_cells: int | None, bits: Path | None, entries: dict[str, Entry]
 ) -> tuple[PairFacts, GridFacts | None]:
-    """Return the facts of a YAML file, which must name the bit map that was asked for, if any."""
-    # Its keys are put into `entries` as soon as they are known, for what is found after that.
+    """Return the facts of a YAML file and its image; `bits` is the bit map it must name, if any."""
+    # `entries` gets the keys as soon as they are read, so that later findings can name their lines.
     bare = None if bits is not None else bare_image(path)
     with recognised(path, "a map", MAP):
         entries.update(read_mapping(path) if bare is None else parse_mapping(path, yaml_of(bare)))
@@ -620,7 +620,7 @@ def _of_pair(
     else:
         image = map_server.find_bits(bits, path, metadata)
     with open_for_one_pass(image, max_cells=max_cells) as (strips, head):
-        kind, pixels, cells = _counted(strips, metadata, image)
+        kind, pixels, cells = _count_pixels(strips, metadata, image)
     if pixels.lost:
         text = f"{image}: {map_server.remark_on_lost(pixels.lost)}"
         emit_warning(MapdealWarning(text, "image.raw-values"), stacklevel=2)
@@ -628,7 +628,7 @@ def _of_pair(
     frame = Frame(*strips.shape, metadata.resolution, metadata.origin)
     pair = PairFacts(path, entries, metadata, image, kind, pixels, frame, comments)
     if cells is None:
-        map_server.warn_of_cost_figures(path, figures_of_costs(pixels.of_greys, "costmap2d"))
+        map_server.warn_of_cost_figures(path, figures_of_costs(pixels.grey_counts, "costmap2d"))
         return pair, None
     if metadata.view is not None:
         _warn_of_view(path, metadata.view)
@@ -641,20 +641,18 @@ def _warn_of_view(path: Path, scale: ViewScale) -> None:
     emit_warning(MapdealWarning(text, "map.view"), stacklevel=3)
 
 
-def _counted(
+def _count_pixels(
     strips: Strips, metadata: MapMetadata, image: Path
 ) -> tuple[Picture, PixelTallies, CellTallies | None]:
-    """Go through a picture; return its kind, what its pixels come to, and its cells, if any."""
+    """Return a picture's kind, the tallies of its pixels and, unless it has costs, of its cells."""
     pixels = PixelTallies(metadata)
     cells = None
-    if (
-        metadata.cost_scale is None
-    ):  # a reader makes the same of equal pixels: these are counted already
-        of_values = pixels.of_values["nav2"]
-        cells = CellTallies(strips.shape, from_north=True, of_values=of_values)
+    if metadata.cost_scale is None:  # share the counts of cell bytes, which follow from the pixels
+        byte_counts = pixels.byte_counts["nav2"]
+        cells = CellTallies(strips.shape, from_north=True, byte_counts=byte_counts)
     for strip in strips.pictures():
         read = None if cells is None else reader_of(strip, metadata, "nav2")
-        for part in strip.bands(_PIXELS_TOGETHER):
+        for part in strip.bands(_PIXELS_PER_BAND):
             pixels.add(part)
             if read is None or cells is None:
                 map_server.costs_of(part, image)
@@ -670,36 +668,36 @@ def _warnings_as_findings(
     findings: list[Finding], path: Path, entries: Mapping[str, Entry]
 ) -> Iterator[None]:
     """Turn mapdeal's warnings in the block into findings."""
-    with kept_warnings() as kept:
+    with kept_warnings() as warnings:
         try:
             yield
         finally:
-            for one in kept:
-                name = one.check
+            for warning in warnings:
+                name = warning.check
                 if name is None:
-                    raise TypeError(f"a warning of the readers has no check: {one}")
-                findings.append(_finding(name, path, str(one), entries))
+                    raise TypeError(f"a warning of the readers has no check: {warning}")
+                findings.append(_finding(name, path, str(warning), entries))
 
 
 def _finding(name: str, path: Path, text: str, entries: Mapping[str, Entry]) -> Finding:
-    """Return a finding of what a reader says, ``PATH: PLACE: TEXT``, with the line of the place."""
+    """Return a finding for a reader's ``PATH: PLACE: TEXT``, with the line of the place."""
     line = None
     if text.startswith(f"{path}: "):
         text = text.removeprefix(f"{path}: ")
-        place, colon, rest = text.partition(": ")
-        line, place = _line_in(place)
+        place, colon, message = text.partition(": ")
+        line, place = _split_place(place)
         if line is None and place in entries:
             line = entries[place].line
-        text = f"{place}{colon}{rest}" if place else rest
+        text = f"{place}{colon}{message}" if place else message
     return CHECKS[name].finding(path, text, line)
 
 
-def _line_in(place: str) -> tuple[int | None, str]:
+def _split_place(place: str) -> tuple[int | None, str]:
     if place.startswith("line "):  # line 3; line 3, column 7
-        number, _, others = place.removeprefix("line ").partition(", ")
+        number, _, key = place.removeprefix("line ").partition(", ")
     else:  # origin (line 3)
-        others, _, number = place.removesuffix(")").rpartition(" (line ")
-    return (int(number), others) if number.isdecimal() else (None, place)
+        key, _, number = place.removesuffix(")").rpartition(" (line ")
+    return (int(number), key) if number.isdecimal() else (None, place)
 
 
 _FACTS = (
@@ -710,16 +708,16 @@ CheckFunction = TypeVar("CheckFunction", bound=Callable[[Any], Iterator[Remark |
 
 
 def check(name: str, severity: Severity, about: str) -> Callable[[CheckFunction], CheckFunction]:
-    """Add a function to the list of checks; it gets the facts that its parameter is annotated."""
+    """Add a function to the list of checks; its parameter's annotation selects the facts."""
 
-    def added(function: CheckFunction) -> CheckFunction:
+    def register(function: CheckFunction) -> CheckFunction:
         hints = get_type_hints(function)
         facts = [kind for parameter, kind in hints.items() if parameter != "return"]
         if len(facts) != 1 or facts[0] not in _FACTS:
-            known = " or ".join(one.__name__ for one in _FACTS)
+            known = " or ".join(facts_class.__name__ for facts_class in _FACTS)
             rule = f"check {name} must have one parameter, annotated {known}"
             raise TypeError(f"{rule}, got {facts}")
         add_check(Check(name, severity, about, function, facts[0]))
         return function
 
-    return added
+    return register

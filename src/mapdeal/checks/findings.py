@@ -1,4 +1,4 @@
-"""Checks and their findings; which of them count, by options, configuration, and comments."""
+"""Checks, their findings, and the selection of findings by options, configuration and comments."""
 
 from __future__ import annotations
 
@@ -75,8 +75,8 @@ class Check:
     facts: type | None = None
 
     def remarks(self, facts: Any) -> Iterator[Remark]:
-        for found in self.run(facts):
-            yield found if isinstance(found, Remark) else Remark(found)
+        for remark in self.run(facts):
+            yield remark if isinstance(remark, Remark) else Remark(remark)
 
     def finding(
         self, file: Path | str, message: str, line: int | None = None,
@@ -94,14 +94,14 @@ CHECKS: dict[str, Check] = {}  # all checks by name, in the order in which they 
 
 
 def add_check(check: Check) -> None:
-    """Add a check to the list; raise ValueError if there is one of its name."""
+    """Add a check to the list; raise ValueError if its name is not unique."""
     if check.name in CHECKS:
         raise ValueError(f"two checks are called {check.name}")
     CHECKS[check.name] = check
 
 
 def declare_check(name: str, severity: Severity, about: str) -> None:
-    """Add a check without a function: its findings come up while files are read."""
+    """Add a check without a function: readers of files make its findings."""
     add_check(Check(name, severity, about))
 
 
@@ -169,35 +169,35 @@ class LintConfig:
 
 
 def find_lint_config(folder: Path) -> LintConfig | None:
-    """Return what the nearest file says, in a folder or one above it; None if there is none."""
-    # A ``mapdeal.toml`` comes before a ``pyproject.toml`` beside it; one of the latter without the
-    # table ``[tool.mapdeal.lint]`` is passed over.
+    """Return the configuration in the nearest file, in a folder or above it, if there is one."""
+    # A ``mapdeal.toml`` has precedence over a ``pyproject.toml`` beside it. A ``pyproject.toml``
+    # without the table ``[tool.mapdeal.lint]`` is skipped.
     start = normal_path(folder)
     for place in (start, *start.parents):
         if exists(place / OWN_FILE):
             return read_lint_config(place / OWN_FILE) or LintConfig(place / OWN_FILE, "lint")
         if exists(place / PYPROJECT):
-            found = read_lint_config(place / PYPROJECT)
-            if found is not None:
-                return found
+            config = read_lint_config(place / PYPROJECT)
+            if config is not None:
+                return config
     return None
 
 
 def read_lint_config(path: Path) -> LintConfig | None:
-    """Return what a file says of lint; None if it has no such table."""
+    """Return the lint configuration in a file; None if its table is missing."""
     document = _document_of(path)
     if path.name == PYPROJECT:
         tool = document.get("tool", {})
-        ours = tool.get("mapdeal", {}) if isinstance(tool, dict) else {}
-        table, ours_at = "tool.mapdeal.lint", "tool.mapdeal."
+        own_table = tool.get("mapdeal", {}) if isinstance(tool, dict) else {}
+        table, prefix = "tool.mapdeal.lint", "tool.mapdeal."
     else:
-        ours, table, ours_at = document, "lint", ""
-    if not isinstance(ours, dict):
-        raise ParameterError("must be a table", source=path, place="tool.mapdeal", got=ours)
-    _check_keys(ours, ("lint",), path, ours_at)
-    if "lint" not in ours:
+        own_table, table, prefix = document, "lint", ""
+    if not isinstance(own_table, dict):
+        raise ParameterError("must be a table", source=path, place="tool.mapdeal", got=own_table)
+    _check_keys(own_table, ("lint",), path, prefix)
+    if "lint" not in own_table:
         return None
-    entries = ours["lint"]
+    entries = own_table["lint"]
     if not isinstance(entries, dict):
         raise ParameterError("must be a table", source=path, place=table, got=entries)
     _check_keys(entries, tuple(_KEYS), path, f"{table}.")
@@ -218,7 +218,7 @@ def _document_of(path: Path) -> dict[str, Any]:
         raise MalformedInputError("not UTF-8", source=path, place=f"byte {error.start}") from None
     except RecursionError:
         raise MalformedInputError("not valid TOML: nested too deeply", source=path) from None
-    except ValueError as error:  # of tomllib, or numbers of many thousand digits
+    except ValueError as error:  # tomllib's own errors, or numbers of many thousand digits
         raise MalformedInputError(f"not valid TOML: {error}", source=path) from None
 
 
@@ -227,15 +227,15 @@ def _check_keys(
 ) -> None:  # fmt: skip
     for key in table:
         if key not in known:
-            near = difflib.get_close_matches(key, known, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"known keys: {', '.join(known)}"
-            if key in _KEYS:  # of the table that it stands above
+            close = difflib.get_close_matches(key, known, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known)}"
+            if key in _KEYS:  # a key of lint in the table above
                 hint = f"it belongs in the table [{prefix}lint]"
             raise ParameterError("unknown key", source=path, place=f"{prefix}{key}", hint=hint)
 
 
 def _names(value: Any, path: Path, place: str) -> Names:
-    if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
+    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
         raise ParameterError("must be a list of names", source=path, place=place, got=value)
     return tuple(value)
 
@@ -284,19 +284,19 @@ class IgnoreComment:
 
 
 def read_ignore_comments(path: Path, limit: int = OF_MAPS.bytes) -> list[IgnoreComment]:
-    """Return the comments of a file that name checks of lint which are to be ignored."""
-    # A comment is recognised by its text, at the beginning of a line or behind white space. So it
-    # counts in a file, too, that is no YAML.
+    """Return the comments in a file that make lint ignore findings."""
+    # The search needs no YAML parser, so comments count in malformed files, too. They start at the
+    # beginning of a line or after white space.
     try:
         data = read_file(path, limit=limit)
     except (FileAccessError, MalformedInputError):
         return []
     lines = data.decode("utf-8-sig", "replace").splitlines()
-    found = ((number, line, _IGNORE.search(line)) for number, line in enumerate(lines, start=1))
-    return [IgnoreComment(number, _listed(line[one.end() :])) for number, line, one in found if one]
+    matches = ((n, line, _IGNORE.search(line)) for n, line in enumerate(lines, start=1))
+    return [IgnoreComment(n, _names_in(line[m.end() :])) for n, line, m in matches if m]
 
 
-def _listed(text: str) -> Names:
+def _names_in(text: str) -> Names:
     names = []
     for part in text.split(","):
         name = _NAME.match(part)
@@ -320,30 +320,31 @@ class Selection:
     per_file: tuple[tuple[str, frozenset[str]], ...] = ()
     severity: Mapping[str, Severity] = field(default_factory=dict)
 
-    def judged(
+    def apply(
         self, file: Path, findings: Iterable[Finding], comments: Sequence[IgnoreComment] = (), *,
-        without: Iterable[str] = (),
+        skipped: Iterable[str] = (),
     ) -> tuple[tuple[Finding, ...], int]:  # fmt: skip
-        """Return the findings of a map that count, worst first, and how many were suppressed."""
-        # Suppressed are findings of checks that are wanted, by a comment or a pattern. A comment
-        # that ignores nothing is a finding itself, which no comment ignores.
+        """Return a map's remaining findings, worst first, and the number of suppressed ones."""
+        # Suppressed means that the check is selected, but a comment or a pattern ignores it here.
+        # A comment without effect is itself a finding, which comments cannot suppress.
         findings = list(findings)
-        spared = self._spared(file)
-        wanted = [found for found in findings if found.check in self.checks]
-        ignored = {name for one in comments for text in one.names for name in _matching(text)}
+        spared = self._ignored_in(file)
+        selected = [found for found in findings if found.check in self.checks]
+        texts = [text for comment in comments for text in comment.names]
+        ignored = {name for text in texts for name in _matches(text)}
         ignored.discard(UNUSED)
-        kept = [found for found in wanted if found.check not in ignored | spared]
+        remaining = [found for found in selected if found.check not in ignored | spared]
         unused = []
         if UNUSED in self.checks - spared:
-            unused = list(_unused(file, comments, {*without, *(found.check for found in findings)}))
-        weighed = [
+            unused = list(_unused(file, comments, {*skipped, *(found.check for found in findings)}))
+        ranked = [
             replace(found, severity=self.severity.get(found.check, found.severity))
-            for found in [*kept, *unused]
+            for found in [*remaining, *unused]
         ]
-        weighed.sort(key=lambda found: SEVERITIES.index(found.severity))
-        return tuple(weighed), len(wanted) - len(kept)
+        ranked.sort(key=lambda found: SEVERITIES.index(found.severity))
+        return tuple(ranked), len(selected) - len(remaining)
 
-    def _spared(self, file: Path) -> frozenset[str]:
+    def _ignored_in(self, file: Path) -> frozenset[str]:
         if not self.per_file or self.folder is None:
             return frozenset()
         path, folder = normal_path(file), normal_path(self.folder)
@@ -351,11 +352,11 @@ class Selection:
             return frozenset()
         below = PurePosixPath(path.relative_to(folder).as_posix())
         names = [path.name, *map(str, (below, *below.parents[:-1]))]
-        spared: frozenset[str] = frozenset()
+        ignored: frozenset[str] = frozenset()
         for pattern, checks in self.per_file:
             if any(fnmatchcase(name, pattern.removesuffix("/")) for name in names):
-                spared |= checks
-        return spared
+                ignored |= checks
+        return ignored
 
 
 def selection_of(
@@ -368,24 +369,24 @@ def selection_of(
     severity: dict[str, Severity] = {}
     if config is not None:
         source, table = config.source, config.table
-        checks = _chosen(
+        checks = _refine(
             checks,
-            _ranked(config.select or (), source, f"{table}.select"),
-            _ranked(config.ignore or (), source, f"{table}.ignore"),
+            _ranks(config.select or (), source, f"{table}.select"),
+            _ranks(config.ignore or (), source, f"{table}.ignore"),
             selects=config.select is not None,
         )
         per_file = tuple(
-            (pattern, frozenset(_ranked(names, source, f'{table}.per-file-ignores."{pattern}"')))
+            (pattern, frozenset(_ranks(names, source, f'{table}.per-file-ignores."{pattern}"')))
             for pattern, names in config.per_file_ignores
         )
         ranks: dict[str, int] = {}
         for text, level in config.severity:
-            for name, rank in _ranked([text], source, f"{table}.severity").items():
+            for name, rank in _ranks([text], source, f"{table}.severity").items():
                 if rank >= ranks.get(name, 0):
                     ranks[name] = rank
                     severity[name] = level  # type: ignore[assignment]
-    checks = _chosen(
-        checks, _ranked(select, "--select"), _ranked(ignore, "--ignore"), selects=bool(select)
+    checks = _refine(
+        checks, _ranks(select, "--select"), _ranks(ignore, "--ignore"), selects=bool(select)
     )
     return Selection(
         checks, strict=strict or (config is not None and config.strict),
@@ -403,15 +404,15 @@ class Selections:
         self._make = partial(selection_of, select, ignore, strict=strict)
         self._is_nearest = config is True
         self._config = None if isinstance(config, bool) else _config_in(config)
-        self._of_folder: dict[Path, Selection] = {}
-        self._make(config=self._config)  # so that wrong names are told of before any work
+        self._by_folder: dict[Path, Selection] = {}
+        self._make(config=self._config)  # refuses unknown names before any work
 
     def of(self, path: Path) -> Selection:
         folder = normal_path(path if is_folder(path) else path.parent)
-        if folder not in self._of_folder:
+        if folder not in self._by_folder:
             config = find_lint_config(folder) if self._is_nearest else self._config
-            self._of_folder[folder] = self._make(config=config)
-        return self._of_folder[folder]
+            self._by_folder[folder] = self._make(config=config)
+        return self._by_folder[folder]
 
 
 def _config_in(path: Path) -> LintConfig:
@@ -422,19 +423,19 @@ def _config_in(path: Path) -> LintConfig:
     return config
 
 
-def _chosen(
+def _refine(
     before: frozenset[str], select: Mapping[str, int], ignore: Mapping[str, int], *, selects: bool
 ) -> frozenset[str]:
-    """Return checks after a choice, given how precisely each is selected and ignored."""
+    """Return the checks that are selected more precisely than they are ignored."""
     ranks = select if selects else dict.fromkeys(before, -1)
     return frozenset(name for name, rank in ranks.items() if rank > ignore.get(name, -2))
 
 
-def _ranked(names: Iterable[str], source: Path | str, place: str | None = None) -> dict[str, int]:
-    """Return how precisely each check is named, at best: 0 by all, 1 by its area, 2 by itself."""
+def _ranks(names: Iterable[str], source: Path | str, place: str | None = None) -> dict[str, int]:
+    """Return how precisely each check is named, at best: 0 by all, 1 by its area, 2 by name."""
     ranks: dict[str, int] = {}
     for text in names:
-        matching = _matching(text)
+        matching = _matches(text)
         if not matching:
             raise ParameterError(
                 "unknown check", source=source, place=place, got=text, hint=hint_for(text)
@@ -444,8 +445,8 @@ def _ranked(names: Iterable[str], source: Path | str, place: str | None = None) 
     return ranks
 
 
-def _matching(text: str) -> dict[str, int]:
-    """Return the checks that a name stands for, and how precisely; none of one that is none."""
+def _matches(text: str) -> dict[str, int]:
+    """Return the precision of each check that a name selects; empty if the name is unknown."""
     if text in CHECKS:
         return {text: 2}
     if text.lower() == EVERYTHING:
@@ -455,23 +456,23 @@ def _matching(text: str) -> dict[str, int]:
 
 
 def hint_for(text: str) -> str:
-    """Return which check, or area of checks, a name may be meant to be."""
+    """Return a hint with the check or area that is most similar to an unknown name."""
     areas = dict.fromkeys(name.partition(".")[0] for name in CHECKS)
-    near = difflib.get_close_matches(text.lower(), [*CHECKS, *areas], n=1)
-    if not near:  # a check's name without its area
-        near = [name for name in CHECKS if name.partition(".")[2] == text.lower()][:1]
-    return f"did you mean {near[0]}?" if near else f"areas are {', '.join(areas)}"
+    close = difflib.get_close_matches(text.lower(), [*CHECKS, *areas], n=1)
+    if not close:  # a check's name without its area
+        close = [name for name in CHECKS if name.partition(".")[2] == text.lower()][:1]
+    return f"did you mean {close[0]}?" if close else f"areas are {', '.join(areas)}"
 
 
-def _unused(file: Path, comments: Iterable[IgnoreComment], found: set[str]) -> Iterator[Finding]:
-    """Yield what is wrong with comments, given the checks that have found something."""
+def _unused(file: Path, comments: Iterable[IgnoreComment], active: set[str]) -> Iterator[Finding]:
+    """Yield a finding for each ignore comment without effect or with an unknown check."""
     for comment in comments:
         messages = [] if comment.names else ["names no check: write # mapdeal: ignore AREA.NAME"]
         for text in comment.names:
-            matching = _matching(text)
+            matching = _matches(text)
             if not matching:
                 messages.append(f"unknown check {text}; {hint_for(text)}")
-            elif found.isdisjoint(matching) or text == UNUSED:
+            elif active.isdisjoint(matching) or text == UNUSED:
                 messages.append(f"{text} ignores nothing here")
         for message in messages:
             yield Finding(UNUSED, CHECKS[UNUSED].severity, str(file), message, comment.line)

@@ -1,4 +1,4 @@
-"""All checks on maps and a robot's parameter files, and reports of what they find.
+"""Run all checks on maps and a robot's parameter files, and report their findings.
 
 References
 ----------
@@ -29,7 +29,7 @@ from mapdeal.checks.findings import (
     read_ignore_comments,
 )
 from mapdeal.checks.map_checks import lint_run
-from mapdeal.checks.mask_checks import filter_topic as _  # noqa: F401 - they are listed
+from mapdeal.checks.mask_checks import filter_topic as _  # noqa: F401 - adds its checks
 from mapdeal.checks.parameter_checks import lint_parameters
 from mapdeal.command import Result
 from mapdeal.errors import (
@@ -54,7 +54,7 @@ _LARGEST_PARAMETERS = 1 << 20  # bytes of a robot's parameter file
 def lint_file(
     path: Path, *, max_cells: int | None = None, radius: float | None = None
 ) -> list[Finding]:
-    """Return what all checks find in a map or a folder of outputs, the worst first."""
+    """Return the findings of all checks in a map or a run's folder, most severe first."""
     if is_folder(path):
         return lint_run(path)
     pair, cells, findings = gather(path, max_cells=max_cells)
@@ -65,7 +65,7 @@ def lint_file(
     if radius is not None and cells is not None:
         try:
             facts_by_type[RoomFacts] = gather_rooms(path, radius, max_cells=max_cells)
-        except MalformedInputError as error:  # which reading by strips is not: there is too little
+        except MalformedInputError as error:  # too little memory; other checks read by strips
             text = f"{', '.join(checks_of(RoomFacts))}: {error.rule}"
             findings.append(CHECKS[LEFT_OUT].finding(path, text.removeprefix(f"{path}: ")))
     entries = {} if pair is None else pair.entries
@@ -76,11 +76,11 @@ def lint_file(
                 if remark.key is not None and remark.key in entries:
                     line = entries[remark.key].node.start_mark.line + 1
                 findings.append(check.finding(path, remark.message, line, remark.places))
-    return sorted(dict.fromkeys(findings), key=lambda found: SEVERITIES.index(found.severity))
+    return sorted(dict.fromkeys(findings), key=lambda finding: SEVERITIES.index(finding.severity))
 
 
 def lint_mask(path: Path, facts: MaskFacts) -> Iterator[Finding]:
-    """Yield what checks find in the mask of a costmap filter that is for some map."""
+    """Yield the findings of all checks in the mask of a costmap filter."""
     entries = {} if facts.pair is None else facts.pair.entries
     for check in CHECKS.values():
         if check.facts is MaskFacts:
@@ -94,45 +94,45 @@ def checks_of(facts: type) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Found:
-    """Findings and comments of a file before rules are applied."""
+class Findings:
+    """Findings and ignore comments of a file, before a selection is applied."""
 
     findings: tuple[Finding, ...]
     comments: tuple[IgnoreComment, ...] = ()
 
 
-def found_in(path: Path, max_cells: int | None, radius: float | None = None) -> Found:
-    """Return what is found in a map, also if it cannot be checked."""
+def check_map(path: Path, max_cells: int | None, radius: float | None = None) -> Findings:
+    """Return the findings in a map; a failure of the checks is a finding, too."""
     try:
         findings = lint_file(path, max_cells=max_cells, radius=radius)
     except MapdealError as error:
         return not_checked(path, str(error))
-    except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
-        text = f"internal error: {type(problem).__name__}: {problem}; this is a bug in mapdeal"
-        return not_checked(path, str(refusal_of_the_system(problem) or text))
+    except Exception as error:  # noqa: BLE001 - a bug must not stop the checks of other maps
+        text = f"internal error: {type(error).__name__}: {error}; this is a bug in mapdeal"
+        return not_checked(path, str(refusal_of_the_system(error) or text))
     has_comments = not is_folder(path) and path.suffix.lower() not in (".npz", BIT_MAP)
-    return Found(tuple(findings), tuple(read_ignore_comments(path) if has_comments else ()))
+    return Findings(tuple(findings), tuple(read_ignore_comments(path) if has_comments else ()))
 
 
-def not_checked(path: Path, text: str) -> Found:
-    return Found((CHECKS["lint.not-checked"].finding(path, text.removeprefix(f"{path}: ")),))
+def not_checked(path: Path, text: str) -> Findings:
+    return Findings((CHECKS["lint.not-checked"].finding(path, text.removeprefix(f"{path}: ")),))
 
 
-def found_in_parameters(
+def check_parameters(
     paths: Sequence[Path], costmap: CostmapName | None, namespace: str | None,
     map_resolutions: Sequence[tuple[str, float]],
-) -> dict[Path, Found]:  # fmt: skip
+) -> dict[Path, Findings]:  # fmt: skip
     try:
-        found = lint_parameters(
+        by_file = lint_parameters(
             paths, costmap=costmap, namespace=namespace, map_resolutions=map_resolutions
         )
     except FileAccessError as error:
         faulty = Path(error.source) if error.source is not None else paths[-1]
         finding = CHECKS["file.access"].finding(faulty, str(error).removeprefix(f"{faulty}: "))
-        found = {path: [finding] if path == faulty else [] for path in paths}
+        by_file = {path: [finding] if path == faulty else [] for path in paths}
     return {
-        path: Found(tuple(findings), tuple(read_ignore_comments(path, _LARGEST_PARAMETERS)))
-        for path, findings in found.items()
+        path: Findings(tuple(findings), tuple(read_ignore_comments(path, _LARGEST_PARAMETERS)))
+        for path, findings in by_file.items()
     }
 
 
@@ -185,7 +185,7 @@ class MapReport(OneLine):
     def failures(self) -> tuple[Finding, ...]:
         """Findings that set the exit code to 1."""
         failing = ("error", "warning") if self.strict else ("error",)
-        return tuple(found for found in self.findings if found.severity in failing)
+        return tuple(finding for finding in self.findings if finding.severity in failing)
 
 
 @dataclass(frozen=True, repr=False)
@@ -230,41 +230,41 @@ class LintReport(Result, Sequence[Finding]):
     @property
     def errors(self) -> list[Finding]:
         """Findings of severity ``error``: wrong or unsafe for some reader."""
-        return self._of("error")
+        return self._with_severity("error")
 
     @property
     def warnings(self) -> list[Finding]:
         """Findings of severity ``warning``: traps."""
-        return self._of("warning")
+        return self._with_severity("warning")
 
     @property
     def notes(self) -> list[Finding]:
         """Findings of severity ``note``: worth knowing."""
-        return self._of("note")
+        return self._with_severity("note")
 
-    def _of(self, severity: Severity) -> list[Finding]:
-        return [found for found in self.findings if found.severity == severity]
+    def _with_severity(self, severity: Severity) -> list[Finding]:
+        return [finding for finding in self.findings if finding.severity == severity]
 
     def _repr_parts(self) -> Iterator[str]:
         yield self.summary()
 
     def summary(self, _output: Path | None = None) -> str:
         """Return the number of maps and of findings, in one line."""
-        folders = sum(one.is_folder for one in self.maps)
-        files = sum(one.is_parameters for one in self.maps)
+        folders = sum(report.is_folder for report in self.maps)
+        files = sum(report.is_parameters for report in self.maps)
         maps = len(self.maps) - folders - files
         kinds = [count_text(files, "parameter file")] if files else []
         kinds += [count_text(maps, "map")] if maps or not (folders or files) else []
         kinds += [count_text(folders, "folder")] if folders else []
         parts = [counts_text(self.counts, self.suppressed)]
-        repaired = sum(bool(one.repairs) for one in self.maps)
+        repaired = sum(bool(report.repairs) for report in self.maps)
         if repaired:
             parts.append(f"{repaired} repaired")
         return f"{', '.join(kinds)}: {', '.join(parts)}"
 
     @property
     def findings(self) -> list[Finding]:
-        return [found for one in self.maps for found in one.findings]
+        return [finding for report in self.maps for finding in report.findings]
 
     @cached_property
     def counts(self) -> dict[str, int]:
@@ -274,12 +274,12 @@ class LintReport(Result, Sequence[Finding]):
     @property
     def suppressed(self) -> int:
         """Number of findings suppressed by comments or configuration."""
-        return sum(one.suppressed for one in self.maps)
+        return sum(report.suppressed for report in self.maps)
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
         """Whether no finding sets the exit code to 1."""
-        return not any(one.failures for one in self.maps)
+        return not any(report.failures for report in self.maps)
 
     def check(self) -> None:
         """Raise the error of the first map that could not be repaired."""
@@ -288,10 +288,10 @@ class LintReport(Result, Sequence[Finding]):
 
     def document(self) -> dict[str, Any]:
         """Return the report as the dict that ``mapdeal lint --format json`` prints."""
-        files = [one.document() for one in self.maps if one.is_parameters]
+        files = [report.document() for report in self.maps if report.is_parameters]
         return {
             **({"parameter_files": files} if files else {}),
-            "maps": [one.document() for one in self.maps if not one.is_parameters],
+            "maps": [report.document() for report in self.maps if not report.is_parameters],
             **{f"{severity}s": count for severity, count in self.counts.items()},
             "suppressed": self.suppressed,
         }
@@ -303,22 +303,22 @@ class LintReport(Result, Sequence[Finding]):
         return super().parts()
 
     def lines(self) -> Iterator[str]:
-        """Yield what ``mapdeal lint`` prints in its format."""
+        """Yield the lines that ``mapdeal lint`` prints in its format."""
         if self.output is None:
             yield from (line for text in REPORTS[self.form](self) for line in text.split("\n"))
 
     def closing(self) -> Iterator[str]:
-        """Yield what ``mapdeal lint`` prints in the end: a sum, or what has been repaired."""
-        for one in self.maps if self.output is not None else ():
-            yield f"{one.file} -> {self.output}"
-            yield from (f"  {line}" for line in one.repairs)
+        """Yield the last lines of ``mapdeal lint``: the totals, or the repairs."""
+        for report in self.maps if self.output is not None else ():
+            yield f"{report.file} -> {self.output}"
+            yield from (f"  {line}" for line in report.repairs)
         if self.output is None and self.form == "text":
             yield self.summary()
 
 
 def counts_of(findings: Iterable[Finding]) -> dict[str, int]:
-    found = Counter(finding.severity for finding in findings)
-    return {severity: found[severity] for severity in SEVERITIES}
+    counts = Counter(finding.severity for finding in findings)
+    return {severity: counts[severity] for severity in SEVERITIES}
 
 
 def counts_text(counts: Mapping[str, int], suppressed: int) -> str:
@@ -329,33 +329,31 @@ def counts_text(counts: Mapping[str, int], suppressed: int) -> str:
 _COMMANDS = {"error": "error", "warning": "warning", "note": "notice"}
 
 
-def _annotation(found: Finding) -> str:
-    place = f"file={_escaped(found.file, more=True)}"
-    if found.line is not None:
-        place += f",line={found.line}"
-    title = _escaped(found.check, more=True)
-    return f"::{_COMMANDS[found.severity]} {place},title={title}::{_escaped(found.message)}"
+def _annotation(finding: Finding) -> str:
+    place = f"file={_escaped(finding.file, is_property=True)}"
+    if finding.line is not None:
+        place += f",line={finding.line}"
+    title = _escaped(finding.check, is_property=True)
+    return f"::{_COMMANDS[finding.severity]} {place},title={title}::{_escaped(finding.message)}"
 
 
-def _escaped(text: str, *, more: bool = False) -> str:
+def _escaped(text: str, *, is_property: bool = False) -> str:
     for mark, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
         text = text.replace(mark, code)
-    return text.replace(":", "%3A").replace(",", "%2C") if more else text
+    return text.replace(":", "%3A").replace(",", "%2C") if is_property else text
 
 
 def repair_lines(report: LintReport) -> list[str]:
-    return [
-        one_line(f"{one.file}: repaired: {told}") for one in report.maps for told in one.repairs
-    ]
+    return [one_line(f"{m.file}: repaired: {repair}") for m in report.maps for repair in m.repairs]
 
 
 def _junit_lines(report: LintReport) -> list[str]:
-    # A failing map has one failure, whose text lists all that makes it fail, since some readers
-    # show no more than the first; what else was found is its output. Times are left out, so that
-    # equal maps give equal bytes.
-    failing = sum(bool(one.failures) for one in report.maps)
+    # A failing map has a single failure that lists all failing findings, because some readers show
+    # only the first failure; other findings are its output. Without times, equal maps produce equal
+    # bytes.
+    failing = sum(bool(map_report.failures) for map_report in report.maps)
     counts = f'tests="{len(report.maps)}" failures="{failing}" errors="0"'
-    cases = [line for one in report.maps for line in _case(one)]
+    cases = [line for map_report in report.maps for line in _test_case(map_report)]
     return [
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<testsuites name="mapdeal lint" {counts}>',
@@ -366,21 +364,21 @@ def _junit_lines(report: LintReport) -> list[str]:
     ]
 
 
-def _case(one: MapReport) -> list[str]:
-    path = PurePath(one.file)
-    name = f"name={_attribute(path.name or one.file)} classname={_attribute(str(path.parent))}"
-    others = [found for found in one.findings if found not in one.failures]
-    if not one.findings:
+def _test_case(report: MapReport) -> list[str]:
+    path = PurePath(report.file)
+    name = f"name={_attribute(path.name or report.file)} classname={_attribute(str(path.parent))}"
+    passing = [finding for finding in report.findings if finding not in report.failures]
+    if not report.findings:
         return [f"    <testcase {name}/>"]
     lines = [f"    <testcase {name}>"]
-    if one.failures:
-        first = one.failures[0]
-        more = f" (and {len(one.failures) - 1} more)" if len(one.failures) > 1 else ""
-        message = _attribute(f"{first.message}{more}")
-        texts = "\n".join(escape(str(found)) for found in one.failures)
+    if report.failures:
+        first = report.failures[0]
+        suffix = f" (and {len(report.failures) - 1} more)" if len(report.failures) > 1 else ""
+        message = _attribute(f"{first.message}{suffix}")
+        texts = "\n".join(escape(str(finding)) for finding in report.failures)
         lines.append(f'      <failure type="{first.check}" message={message}>{texts}</failure>')
-    if others:
-        texts = "\n".join(escape(str(found)) for found in others)
+    if passing:
+        texts = "\n".join(escape(str(finding)) for finding in passing)
         lines.append(f"      <system-out>{texts}</system-out>")
     return [*lines, "    </testcase>"]
 
@@ -398,17 +396,15 @@ _MEANINGS = {
     "warning": "A warning: a trap.",
     "note": "A note: good to know.",
 }
-_OF_PARAMETERS = "params."
+_PARAMETERS_AREA = "params."
 _WRONG_PARAMETERS = "An error: ROS refuses the files, or the robot is unsafe with them."
 
 
 def _sarif_lines(report: LintReport) -> list[str]:
-    # Files below the working directory have relative URIs, as services expect it of the root of a
-    # repository; others absolute ones. A finding without a line gets line 1.
+    # Files below the working directory get relative URIs, which services resolve against the root
+    # of a repository; other files get absolute ones. A finding without a line gets line 1.
     indices = {name: index for index, name in enumerate(sorted(CHECKS))}
-    results = [
-        _result(found, indices[found.check], one) for one in report.maps for found in one.findings
-    ]
+    results = [_result(found, indices[found.check], m) for m in report.maps for found in m.findings]
     driver = {
         "name": "mapdeal lint",
         "semanticVersion": report.version,
@@ -423,7 +419,7 @@ def _rule(name: str) -> dict[str, Any]:
     check = CHECKS[name]
     about = f"{check.about[:1].upper()}{check.about[1:]}."
     meaning = _MEANINGS[check.severity]
-    if check.severity == "error" and name.startswith(_OF_PARAMETERS):
+    if check.severity == "error" and name.startswith(_PARAMETERS_AREA):
         meaning = _WRONG_PARAMETERS
     text = f"{about} {meaning}"
     return {
@@ -435,31 +431,31 @@ def _rule(name: str) -> dict[str, Any]:
     }
 
 
-def _result(found: Finding, index: int, one: MapReport) -> dict[str, Any]:
+def _result(finding: Finding, index: int, report: MapReport) -> dict[str, Any]:
     location = {
-        "artifactLocation": _location(found.file, is_folder=one.is_folder),
-        "region": {"startLine": found.line or 1},
+        "artifactLocation": _location(finding.file, is_folder=report.is_folder),
+        "region": {"startLine": finding.line or 1},
     }
-    if one.is_folder:  # a folder has no lines
+    if report.is_folder:
         del location["region"]
     return {
-        "ruleId": found.check,
+        "ruleId": finding.check,
         "ruleIndex": index,
-        "level": found.severity,
-        "message": {"text": one_line(found.message)},
+        "level": finding.severity,
+        "message": {"text": one_line(finding.message)},
         "locations": [{"physicalLocation": location}],
-        **({"properties": {"places": found.places}} if found.places else {}),
+        **({"properties": {"places": finding.places}} if finding.places else {}),
     }
 
 
 def _location(name: str, *, is_folder: bool) -> dict[str, str]:
-    """Return where a file is: its URI, relative to the working directory if it is below that."""
+    """Return a file's URI, relative to the working directory if the file is below it."""
     path = Path(name)
     try:
         path = normal_path(path).relative_to(absolute_path(Path()))
     except ValueError:
         path = normal_path(path)
-    except FileAccessError:  # without a working directory, names are all there is
+    except FileAccessError:  # the working directory is gone: use the name as it is
         pass
     uri = quote_from_bytes(os.fsencode(path.as_posix())) + "/" * is_folder
     if path.is_absolute():
@@ -474,4 +470,4 @@ REPORTS: dict[ReportForm, Callable[[LintReport], list[str]]] = {
     "sarif": _sarif_lines,
     "junit": _junit_lines,
 }
-"""Functions that make the lines of a report, by format name on the command line."""
+"""Functions that make the lines of a report, by the format's name on the command line."""

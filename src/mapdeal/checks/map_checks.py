@@ -24,10 +24,10 @@ from mapdeal.maps.dialects import MapMetadata
 from mapdeal.maps.images import IMAGE_FORMATS
 from mapdeal.maps.map_server import MAP_SAVER_UNKNOWN, NOTHING_KNOWN, percent, remark_on_freed
 
-_UNKNOWN_SHADE = 127 / 255  # the darkest grey that is used for unknown, Cartographer's
+_UNKNOWN_SHADE = 127 / 255  # of Cartographer's grey, the darkest one in use for unknown
 _CARTOGRAPHER_UNKNOWN = 128
 _TRINARY = {0, MAP_SAVER_UNKNOWN, 254, 255}
-# A number begins where none is before it and has an end, in a long comment of digits, too.
+# The bounds on digits keep the search linear in long comments of digits.
 _PER_PIXEL = re.compile(
     r"(?<![0-9.])([0-9]{1,15}(?:\.[0-9]{0,15})?|\.[0-9]{1,15})\s{0,9}m(?:eters?)?/pix"
 )
@@ -36,7 +36,7 @@ _PER_PIXEL = re.compile(
 @check("thresholds.unknown-becomes-free", "error",
        "map_saver's unknown, grey 205, is read as free in 0.1 % of the cells or more")  # fmt: skip
 def unknown_becomes_free(facts: PairFacts) -> Iterator[Remark]:
-    """Count them for each reader: free_thresh is above 0.196, or opacity makes them lighter."""
+    """Count free cells of grey 205; free_thresh above 0.196 or transparency causes them."""
     if facts.pixels.freed:
         text = remark_on_freed(facts.pixels.freed, facts.pixels.size, facts.metadata)
         if text is not None:
@@ -46,7 +46,7 @@ def unknown_becomes_free(facts: PairFacts) -> Iterator[Remark]:
 
 @check("thresholds.on-grey", "warning", "a threshold that is exactly a grey of the image")
 def on_grey(facts: PairFacts) -> Iterator[Remark]:
-    """Look for equality: readers compare in different precision, some with and some without it."""
+    """Compare thresholds with greys; on equality, the result depends on a reader's precision."""
     if facts.metadata.mode == "raw":
         return
     for key in ("occupied_thresh", "free_thresh"):
@@ -65,8 +65,8 @@ def readers_differ(facts: PairFacts) -> Iterator[Remark]:
     for name, cells in pixels.differing.items():
         if cells:
             counts = "; ".join(
-                f"{who}: {', '.join(f'{kind} {n}' for kind, n in pixels.counts[who].items() if n)}"
-                for who in ("nav2", name)
+                f"{r}: {', '.join(f'{kind} {n}' for kind, n in pixels.counts[r].items() if n)}"
+                for r in ("nav2", name)
             )
             share = percent(cells, pixels.size)
             text = f"{cells} cells ({share}) differ between nav2 and {name} ({counts})"
@@ -75,7 +75,7 @@ def readers_differ(facts: PairFacts) -> Iterator[Remark]:
 
 @check("image.ending", "note", "an image whose name ends as another format does")
 def ending(facts: PairFacts) -> Iterator[Remark]:
-    """Compare name and contents; these decide, here and in ROS, but people are misled."""
+    """Compare the file's suffix with its contents; readers go by the contents."""
     suffix, kind = facts.image_path.suffix.lower(), facts.kind.file_format
     if suffix not in IMAGE_FORMATS[kind].suffixes:
         yield Remark(f"{facts.image_path.name} is a {kind} image", "image")
@@ -118,17 +118,19 @@ def palette(facts: PairFacts) -> Iterator[str]:
 
 @check("image.greys", "note", "greys other than 0, 205, 254 and 255 in a trinary map")
 def greys(facts: PairFacts) -> Iterator[Remark]:
-    """Count them: of edited or anti-aliased maps, thresholds decide what they are."""
-    others = {g: n for g, n in facts.pixels.greys.items() if g not in _TRINARY}
-    if others and facts.metadata.mode == "trinary":
-        most = sorted(others.items(), key=lambda item: -item[1])[:5]
-        shown = ", ".join(f"{grey}: {count}" for grey, count in most)
-        rest = f", and {len(others) - len(most)} more greys" if len(others) > len(most) else ""
-        text = f"{sum(others.values())} pixels have greys other than 0, 205, 254 ({shown}{rest})"
-        between = sum(n for grey, n in others.items() if _is_between(grey, facts.metadata))
+    """Count unusual greys, as in edited or anti-aliased maps: thresholds decide their state."""
+    unusual = {g: n for g, n in facts.pixels.greys.items() if g not in _TRINARY}
+    if unusual and facts.metadata.mode == "trinary":
+        common = sorted(unusual.items(), key=lambda item: -item[1])[:5]
+        shown = ", ".join(f"{grey}: {count}" for grey, count in common)
+        rare = len(unusual) - len(common)
+        omitted = f", and {rare} more greys" if rare else ""
+        total = sum(unusual.values())
+        text = f"{total} pixels have greys other than 0, 205, 254 ({shown}{omitted})"
+        between = sum(n for grey, n in unusual.items() if _is_between(grey, facts.metadata))
         if between:
             text += f"; {between} of them are neither free nor occupied and become unknown"
-        yield Remark(text, places=facts.places_of_greys(grey for grey, _ in most))
+        yield Remark(text, places=facts.places_of_greys(grey for grey, _ in common))
 
 
 def _is_between(grey: int, metadata: MapMetadata) -> bool:
@@ -136,13 +138,13 @@ def _is_between(grey: int, metadata: MapMetadata) -> bool:
     return metadata.free_thresh <= share <= metadata.occupied_thresh
 
 
-_DARKER = 0.05  # in shade: what is so much darker than all greys for unknown is a wall
+_DARKER_THAN_UNKNOWN = 0.05  # least difference in shade of a wall from the darkest grey for unknown
 _MOST_FADED = 0.25
 
 
 @check("map.faded-walls", "warning", "walls that are too light to be obstacles, a quarter or more")
 def faded_walls(facts: PairFacts) -> Iterator[Remark]:
-    """Count the pixels that are darker than any grey for unknown, and not read as occupied."""
+    """Count the pixels that are darker than greys for unknown, but too light to be occupied."""
     if facts.metadata.mode != "trinary":
         return
     faded: dict[int, int] = {}
@@ -151,7 +153,7 @@ def faded_walls(facts: PairFacts) -> Iterator[Remark]:
         shade = (grey if facts.metadata.negate else 255 - grey) / 255
         if shade >= facts.metadata.occupied_thresh:
             walls += count
-        elif shade > _UNKNOWN_SHADE + _DARKER:
+        elif shade > _UNKNOWN_SHADE + _DARKER_THAN_UNKNOWN:
             faded[grey] = count
     count = sum(faded.values())
     if count > _MOST_FADED * (count + walls):
@@ -177,7 +179,7 @@ def comment_resolution(facts: PairFacts) -> Iterator[Remark]:
         if match is None:
             continue
         noted, used = float(match[1]), facts.metadata.resolution
-        if abs(noted - used) > 0.51e-3 + 1e-6 * used:  # it is written with 3 decimals
+        if abs(noted - used) > 0.51e-3 + 1e-6 * used:  # comments have 3 decimals
             yield Remark(f"the image says {noted:g} m per pixel, the YAML {used:g}", "resolution")
 
 
@@ -187,7 +189,7 @@ _MIN_ISLAND_AREA = 1.0
 
 @check("map.no-obstacle", "warning", "a map without any obstacle")
 def no_obstacle(facts: GridFacts) -> Iterator[str]:
-    """Look for obstacles: without one the distance field is infinite everywhere."""
+    """Report maps without obstacles, because their distance field is infinite everywhere."""
     if not facts.cells.counts["occupied"] and facts.cells.counts["unknown"] < facts.cells.size:
         yield "no cell is occupied; are the thresholds and negate right?"
 
@@ -206,7 +208,7 @@ def all_unknown(facts: GridFacts) -> Iterator[str]:
 
 @check("map.mostly-unknown", "note", "a small known part on a large unknown canvas")
 def mostly_unknown(facts: GridFacts) -> Iterator[Remark]:
-    """Compare the bounding box of known cells with the map: gmapping saves much unknown space."""
+    """Compare the bounding box of known cells with the map; gmapping's canvas is often larger."""
     height, width = facts.cells.known_box
     share = height * width / facts.cells.size
     if 0 < share < 0.5:
@@ -215,17 +217,17 @@ def mostly_unknown(facts: GridFacts) -> Iterator[Remark]:
         yield Remark(f"{text}: try mapdeal active", places=middle)
 
 
-_TOO_SMALL_TO_TELL = 1000  # cells, of a map for tests
+_LEAST_CELLS = 1000  # smaller maps are made for tests
 _WIDTH_OF_WALLS = 2.0  # cells
 _PIECES_OF_WALLS, _LARGEST_PIECE = 10, 0.75
 
 
 @check("map.inside-out", "warning", "free cells that look like walls, and more cells occupied")
 def inside_out(facts: GridFacts) -> Iterator[str]:
-    """Look at the shape of free space: race tracks and keepout masks have much occupied, too."""
+    """Judge by the shape of free space: race tracks and keepout masks are mostly occupied, too."""
     cells = facts.cells
     occupied, free = cells.counts["occupied"], cells.counts["free"]
-    if not occupied > free > 0 or cells.size < _TOO_SMALL_TO_TELL:
+    if not occupied > free > 0 or cells.size < _LEAST_CELLS:
         return
     sizes, counts = cells.free_components
     pieces = int(counts.sum())
@@ -256,7 +258,7 @@ def islands(facts: GridFacts) -> Iterator[Remark]:
 
 @check("map.specks", "note", "small patches of free space apart from the rest")
 def specks(facts: GridFacts) -> Iterator[Remark]:
-    """Count the smaller components: stray beams, mostly."""
+    """Count the smaller components, mostly caused by stray beams."""
     sizes, counts = facts.other_components
     is_small = sizes * facts.frame.resolution**2 < _MIN_ISLAND_AREA
     count = int(counts[is_small].sum())
@@ -275,11 +277,11 @@ def open_border(facts: GridFacts) -> Iterator[Remark]:
         yield Remark(text, places=facts.places(facts.cells.free_stretches))
 
 
-_ROOM = 4.0
-"""Square metres of places for the robot's centre that are worth a warning: two metres by two. What
-is smaller is a niche, a shaft, or the floor below a desk between the marks of its legs."""
+_LEAST_CUT_OFF = 4.0
+"""Least area for a warning, square metres of positions of the robot's centre. Smaller areas are
+niches, shafts, or the floor between the legs of a desk."""
 
-_SHOWN, _MOST_PLACES = 10, 20
+_MOST_PASSAGES, _MOST_PLACES = 10, 20
 
 
 @check(
@@ -291,22 +293,22 @@ def disconnected(facts: RoomFacts) -> Iterator[Remark]:
     from mapdeal.grid.reaching import disconnected as passages_between
 
     needed = 2 * facts.radius
-    found = passages_between(facts.grid, facts.radius, _ROOM)
-    found.sort(key=lambda one: -one.cut_off)
-    for one in found[:_SHOWN]:
-        x, y = round(one.x, 2) + 0.0, round(one.y, 2) + 0.0
+    passages = passages_between(facts.grid, facts.radius, _LEAST_CUT_OFF)
+    passages.sort(key=lambda p: -p.cut_off)
+    for p in passages[:_MOST_PASSAGES]:
+        x, y = round(p.x, 2) + 0.0, round(p.y, 2) + 0.0
         text = (
-            f"{one.cut_off:.4g} m2 are cut off by a passage of {one.width:.3g} m at {x:.10g}, "
+            f"{p.cut_off:.4g} m2 are cut off by a passage of {p.width:.3g} m at {x:.10g}, "
             f"{y:.10g}; the robot needs more than {needed:.3g} m"
         )
-        yield Remark(text, places=places_of([(one.x, one.y)]))
-    rest = found[_SHOWN:]
-    if rest:
-        text = f"{len(rest)} more passages cut off {rest[0].cut_off:.4g} m2 or less each"
-        yield Remark(text, places=places_of((one.x, one.y) for one in rest[:_MOST_PLACES]))
+        yield Remark(text, places=places_of([(p.x, p.y)]))
+    omitted = passages[_MOST_PASSAGES:]
+    if omitted:
+        text = f"{len(omitted)} more passages cut off {omitted[0].cut_off:.4g} m2 or less each"
+        yield Remark(text, places=places_of((p.x, p.y) for p in omitted[:_MOST_PLACES]))
 
 
-_KNOWN = ("image", "resolution", "origin", "mode", "negate", "occupied_thresh", "free_thresh")
+_KNOWN_KEYS = ("image", "resolution", "origin", "mode", "negate", "occupied_thresh", "free_thresh")
 _OLD_MODES = ("trinary", "scale", "raw")
 _STRING = "tag:yaml.org,2002:str"
 
@@ -314,11 +316,11 @@ _STRING = "tag:yaml.org,2002:str"
 @check("yaml.unknown-key", "warning", "a key that map_server does not know")
 def unknown_key(facts: PairFacts) -> Iterator[Remark]:
     for key in facts.metadata.extra:
-        if key in FILTER_KEYS:  # of a mask that mapdeal has made
+        if key in FILTER_KEYS:  # mapdeal writes these into masks
             continue
-        near = difflib.get_close_matches(key, _KNOWN, n=1)
-        meant = f"; did you mean {near[0]}?" if near else ""
-        yield Remark(f"unknown key '{key}', which map_server ignores{meant}", key)
+        close = difflib.get_close_matches(key, _KNOWN_KEYS, n=1)
+        suggestion = f"; did you mean {close[0]}?" if close else ""
+        yield Remark(f"unknown key '{key}', which map_server ignores{suggestion}", key)
 
 
 @check("yaml.mode-case", "warning", "a mode in capitals, which ROS 1 refuses")
@@ -331,7 +333,7 @@ def mode_case(facts: PairFacts) -> Iterator[Remark]:
 
 @check("yaml.image-unquoted", "warning", "an image name that YAML takes for a date or number")
 def image_unquoted(facts: PairFacts) -> Iterator[Remark]:
-    """Look at its type: the readers of ROS take the text, others the value."""
+    """Check the type of the name: ROS reads the text, other readers the value."""
     node = facts.entries["image"].node
     if node.tag != _STRING:
         yield Remark(f"{facts.metadata.image} is not text in YAML; put it in quotes", "image")
@@ -340,7 +342,7 @@ def image_unquoted(facts: PairFacts) -> Iterator[Remark]:
 @check("yaml.resolution-noise", "warning",
        "a resolution with the noise of rounding: 0.05000000074505806")  # fmt: skip
 def resolution_noise(facts: PairFacts) -> Iterator[Remark]:
-    """Name the decimal: cells lie a little off where other maps of that resolution have them."""
+    """Report the exact decimal: cells are displaced from those of maps with that resolution."""
     value = facts.metadata.resolution
     plain = without_rounding_noise(value)
     if plain is not None:
@@ -373,7 +375,7 @@ def origin_yaw(facts: PairFacts) -> Iterator[Remark]:
 
 @check("yaml.origin-off-lattice", "note", "an origin that is not a multiple of the resolution")
 def origin_off_lattice(facts: PairFacts) -> Iterator[Remark]:
-    """Compare them: layers of different maps do not share their cells then."""
+    """Compare origin and resolution: cells of different maps coincide only on the lattice."""
     x, y, _ = facts.metadata.origin
     cells = np.array([x, y]) / facts.metadata.resolution
     if np.abs(cells - np.rint(cells)).max() > 1e-3:
@@ -382,7 +384,7 @@ def origin_off_lattice(facts: PairFacts) -> Iterator[Remark]:
 
 @check("yaml.origin-far", "warning", "an origin too far for the 32-bit floats of some readers")
 def origin_far(facts: PairFacts) -> Iterator[Remark]:
-    """Compare the step of such floats with the resolution, of UTM coordinates for example."""
+    """Compare a 32-bit float's step at the origin with the resolution, as for UTM coordinates."""
     step = max(float(np.spacing(np.float32(abs(v)))) for v in facts.metadata.origin[:2])
     if step > facts.metadata.resolution / 10:
         yield Remark(f"32-bit floats have steps of {step:g} m there", "origin")
@@ -407,14 +409,14 @@ LOCAL_FOLDER = "local"
 
 
 def is_run(folder: Path) -> bool:
-    """Return whether the manifest in a folder is, or may have been, that of a run."""
-    # Programs of other kinds have files of that name, too: such a folder may hold maps.
+    """Return whether the manifest in a folder is a run's, or is damaged."""
+    # Other programs write a manifest.json, too; their folders may contain maps.
     manifest = read_json(folder / MANIFEST)
     return manifest is None or (isinstance(manifest, dict) and "outputs" in manifest)
 
 
 RUN_FOLDERS = ListedFolders(MANIFEST, is_run, "summary.json", parts=(LOCAL_FOLDER,))
-"""How the folders of runs are told from those of maps."""
+"""Rule that distinguishes folders of runs from folders of maps."""
 
 declare_check(
     "run.no-manifest", "error", "a folder without a map, and without the manifest of a run"
@@ -431,7 +433,7 @@ declare_check(
 
 
 def lint_run(folder: Path) -> list[Finding]:
-    # The local map that a run has made, too, is looked at with it.
+    # Includes the local map, if the run has made one.
     try:
         _, files = contents_of(folder)
     except FileAccessError as error:
@@ -448,13 +450,13 @@ def lint_run(folder: Path) -> list[Finding]:
         if MANIFEST in files:
             text = f"its {MANIFEST} is not that of a run"
         return [CHECKS["run.no-manifest"].finding(folder, text)]
-    found = [*_of_outputs(folder, outputs), *_of_costs(folder, manifest.get("figures"))]
+    findings = [*_check_outputs(folder, outputs), *_check_costs(folder, manifest.get("figures"))]
     if exists(folder / LOCAL_FOLDER / MANIFEST):
-        found += lint_run(folder / LOCAL_FOLDER)
-    return found
+        findings += lint_run(folder / LOCAL_FOLDER)
+    return findings
 
 
-def _of_outputs(folder: Path, outputs: dict[str, Any]) -> Iterator[Finding]:
+def _check_outputs(folder: Path, outputs: dict[str, Any]) -> Iterator[Finding]:
     for name, digest in outputs.items():
         path = folder / Path(name).name
         if not exists(path):
@@ -464,11 +466,11 @@ def _of_outputs(folder: Path, outputs: dict[str, Any]) -> Iterator[Finding]:
             yield CHECKS["run.other-file"].finding(folder, text)
 
 
-def _of_costs(folder: Path, figures: object) -> Iterator[Finding]:
-    for stage, told in figures.items() if isinstance(figures, dict) else ():
-        if not isinstance(told, dict) or "most_common" not in told:
+def _check_costs(folder: Path, figures: object) -> Iterator[Finding]:
+    for stage, costs in figures.items() if isinstance(figures, dict) else ():
+        if not isinstance(costs, dict) or "most_common" not in costs:
             continue
-        common = told["most_common"]
+        common = costs["most_common"]
         if common is None:
             yield CHECKS["run.uniform-cost"].finding(folder, f"{stage}: no cell is open")
         elif isinstance(common, dict):

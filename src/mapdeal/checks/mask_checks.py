@@ -25,26 +25,26 @@ from mapdeal.kernels.lookup import histogram
 from mapdeal.ros.filters import TYPES_OF_PLUGIN, InfoServer, topic_of
 from mapdeal.ros.robot import ListedLayer
 
-_SAME = 1e-6  # metres, and radians
-_LEAST_AREA = 1.0  # m2 behind a door that are worth a finding
+_TOLERANCE = 1e-6  # metres, and radians
+_LEAST_AREA = 1.0  # m2 that a zone must cut off to be reported
 _MOST_ZONES = 50
-_SHOWN = 10
+_MOST = 10
 
 
 @check("mask.geometry", "warning", "a mask of another resolution, size or origin than its map")
 def geometry(facts: MaskFacts) -> Iterator[Remark]:
     mask, grid = facts.mask.frame, facts.grid.frame
-    if not math.isclose(mask.resolution, grid.resolution, rel_tol=_SAME):
+    if not math.isclose(mask.resolution, grid.resolution, rel_tol=_TOLERANCE):
         text = f"resolution {mask.resolution:g} m; the map has {grid.resolution:g} m"
         yield Remark(text, "resolution")
-    sizes = [f"{one.width} x {one.height} cells" for one in (mask, grid)]
+    sizes = [f"{grid_frame.width} x {grid_frame.height} cells" for grid_frame in (mask, grid)]
     if mask.shape != grid.shape:
         yield Remark(f"{sizes[0]}; the map has {sizes[1]}", "image")
     origins = zip(mask.origin, grid.origin, strict=True)
-    if any(abs(own - other) > _SAME for own, other in origins):
-        texts = [", ".join(f"{v:g}" for v in one.origin) for one in (mask, grid)]
+    if any(abs(mask_value - map_value) > _TOLERANCE for mask_value, map_value in origins):
+        texts = [", ".join(f"{v:g}" for v in grid_frame.origin) for grid_frame in (mask, grid)]
         yield Remark(f"origin {texts[0]}; the map has {texts[1]}", "origin")
-    if abs(math.remainder(mask.origin[2], math.tau)) > _SAME:
+    if abs(math.remainder(mask.origin[2], math.tau)) > _TOLERANCE:
         yield Remark(f"yaw {mask.origin[2]:g}, which Nav2 takes for 0", "origin")
 
 
@@ -73,11 +73,11 @@ def nothing(facts: MaskFacts) -> Iterator[Remark]:
     if len(greys) < 2:
         yield Remark(f"the {facts.info.kind} mask has no zone: all pixels are alike", "image")
         return
-    how = f"mode {metadata.mode}"
+    cause = f"mode {metadata.mode}"
     if metadata.mode != "raw":
-        how += f" with occupied_thresh {metadata.occupied_thresh:g}"
-    text = f"its image has {len(greys)} greys, but {how} makes no cell of them more than 0"
-    yield Remark(text, "occupied_thresh", places=facts.pair.places_of_greys(list(greys)[:_SHOWN]))
+        cause += f" with occupied_thresh {metadata.occupied_thresh:g}"
+    text = f"its image has {len(greys)} greys, but {cause} makes no cell of them more than 0"
+    yield Remark(text, "occupied_thresh", places=facts.pair.places_of_greys(list(greys)[:_MOST]))
 
 
 @check("mask.all-or-nothing", "warning", "a speed mask in mode trinary: full speed or one limit")
@@ -85,8 +85,8 @@ def all_or_nothing(facts: MaskFacts) -> Iterator[Remark]:
     is_trinary = facts.pair is not None and facts.pair.metadata.mode == "trinary"
     if facts.info.kind == "speed" and is_trinary:
         limit = facts.info.limit_of(OCCUPIED)
-        told = "no limit" if limit is None else f"{limit:g} {facts.info.sign}"
-        text = f"mode trinary knows 0 and 100 only: every zone gets {told}"
+        limit_text = "no limit" if limit is None else f"{limit:g} {facts.info.sign}"
+        text = f"mode trinary knows 0 and 100 only: every zone gets {limit_text}"
         yield Remark(f"{text}; write mode: scale, with thresholds 1.0 and 0.0", "mode")
 
 
@@ -97,8 +97,8 @@ def no_limit(facts: MaskFacts) -> Iterator[Remark]:
     occupancy = np.asarray(facts.mask.occupancy)
     for value, limit, cells in limits_in(facts.info, histogram(occupancy)):
         if limit is None:
-            found = facts.info.base + value * facts.info.multiplier
-            text = f"{count_text(cells, 'cell')} of value {value}: {found:g} {facts.info.sign} "
+            speed = facts.info.base + value * facts.info.multiplier
+            text = f"{count_text(cells, 'cell')} of value {value}: {speed:g} {facts.info.sign} "
             places = _places(facts.mask.frame, occupancy == value)
             yield Remark(f"{text}is no limit to Nav2", places=places)
 
@@ -138,62 +138,62 @@ def start(facts: MaskFacts) -> Iterator[Remark]:
 
 @check("mask.goal", "error", "a place, such as a dock, that a keepout mask covers or cuts off")
 def goal(facts: MaskFacts) -> Iterator[Remark]:
-    if facts.ways is None:
+    if facts.reaches is None:
         return
-    before, after = (one.goals for one in facts.ways)
-    for free, kept in zip(before, after, strict=True):
-        if not free.reachable or kept.reachable:
+    before, after = (reach.goals for reach in facts.reaches)
+    for unmasked, masked in zip(before, after, strict=True):
+        if not unmasked.reachable or masked.reachable:
             continue
-        xy = (kept.goal.x, kept.goal.y)
+        xy = (masked.goal.x, masked.goal.y)
         row, col = facts.grid.frame.unbounded_rowcol_from_xy([xy])[0].tolist()
-        how = "lies in a keepout zone" if facts.closed[row, col] else "is cut off by keepout zones"
-        yield Remark(f"{kept.goal.label} {how}", places=places_of([xy]))
+        why = "lies in a keepout zone" if facts.closed[row, col] else "is cut off by keepout zones"
+        yield Remark(f"{masked.goal.label} {why}", places=places_of([xy]))
 
 
 @check("mask.closes", "warning", "a keepout zone that closes the only way to a part of the map")
 def closes(facts: MaskFacts) -> Iterator[Remark]:
-    """Compare what the robot reaches without the mask and with it."""
-    if facts.ways is None:
+    """Compare the areas that the robot reaches without the mask and with it."""
+    if facts.reaches is None:
         return
-    before, after = facts.ways
-    reachable, kept = before.reachable.view(np.bool_), after.reachable.view(np.bool_)
-    parts = labelled(reachable & ~kept & ~facts.closed, corners=True)
+    before, after = facts.reaches
+    reachable, kept_reachable = before.reachable.view(np.bool_), after.reachable.view(np.bool_)
+    parts = labelled(reachable & ~kept_reachable & ~facts.closed, corners=True)
     areas = parts.sizes * before.cell_area
     zones = labelled(facts.closed & reachable, corners=True)
-    for number in (np.argsort(-areas[1:], kind="stable")[:_SHOWN] + 1).tolist():
+    for number in (np.argsort(-areas[1:], kind="stable")[:_MOST] + 1).tolist():
         if areas[number] < _LEAST_AREA:
             break
         cells = parts.cells == number
-        blocking = _blocking(facts, zones, cells, reachable, kept)
-        places = [_middle(facts.grid.frame, zones.cells == one) for one in blocking]
+        blocking = _blocking(facts, zones, cells, reachable, kept_reachable)
+        places = [_middle(facts.grid.frame, zones.cells == zone) for zone in blocking]
         x, y = _middle(facts.grid.frame, cells)
-        told = (f"{facts.name_of(xy) or 'the zone'} at {_text_of(xy)}" for xy in places[:3])
-        who = " and ".join(told) + (" cuts" if len(places) == 1 else " together cut")
-        text = f"{who} off {areas[number]:.4g} m2 around {_text_of((x, y))}; reachable are "
+        zone_texts = (f"{facts.name_of(xy) or 'the zone'} at {_text_of(xy)}" for xy in places[:3])
+        zones_text = " and ".join(zone_texts) + (" cuts" if len(places) == 1 else " together cut")
+        text = f"{zones_text} off {areas[number]:.4g} m2 around {_text_of((x, y))}; reachable are "
         text += f"{before.reachable_area:.4g} m2 without the mask, {after.reachable_area:.4g} m2 "
         yield Remark(f"{text}with it", places=places_of([*places, (x, y)]))
 
 
 def _blocking(
-    facts: MaskFacts, zones: Labels, cells: Mask, reachable: Mask, kept: Mask
+    facts: MaskFacts, zones: Labels, cells: Mask, reachable: Mask, still_reachable: Mask
 ) -> list[int]:
-    """Return the zone that alone cuts some cells off, or else all zones beside them."""
-    near = np.unique(zones.cells[dilate_square(cells, 1)])
-    beside: list[int] = near[near > 0][:_MOST_ZONES].tolist()
-    for one in beside:
-        without = labelled(reachable & (~facts.closed | (zones.cells == one)), corners=False)
-        joined = np.zeros(len(without.sizes), dtype=np.bool_)
-        joined[without.cells[kept]] = True
-        if joined[without.cells[cells]].any():
-            return [one]
-    return beside
+    """Return the zone that cuts off the cells by itself, else all zones beside the cells."""
+    values = np.unique(zones.cells[dilate_square(cells, 1)])
+    neighbours: list[int] = values[values > 0][:_MOST_ZONES].tolist()
+    for zone in neighbours:
+        without_zone = labelled(reachable & (~facts.closed | (zones.cells == zone)), corners=False)
+        joined = np.zeros(len(without_zone.sizes), dtype=np.bool_)
+        joined[without_zone.cells[still_reachable]] = True
+        if joined[without_zone.cells[cells]].any():
+            return [zone]
+    return neighbours
 
 
 def _middle(frame: Frame, cells: Mask) -> tuple[float, float]:
-    """Return the centre of the cell that is nearest to the middle of some cells."""
-    found = np.argwhere(cells)
-    off = np.square(found - found.mean(axis=0)).sum(axis=1)
-    x, y = frame.xy_from_rowcol([found[int(off.argmin())]])[0].tolist()
+    """Return the centre of the cell nearest to the mean of the cells."""
+    cells_rowcol = np.argwhere(cells)
+    off = np.square(cells_rowcol - cells_rowcol.mean(axis=0)).sum(axis=1)
+    x, y = frame.xy_from_rowcol([cells_rowcol[int(off.argmin())]])[0].tolist()
     return x, y
 
 
@@ -202,7 +202,7 @@ def _text_of(xy: tuple[float, float]) -> str:
 
 
 def _places(frame: Frame, cells: Mask) -> tuple[Point, ...]:
-    """Return the middle of the cells that have to do with a finding."""
+    """Return the middle of a finding's cells as its places."""
     return places_of([_middle(frame, cells)])
 
 
@@ -211,18 +211,18 @@ def _places(frame: Frame, cells: Mask) -> tuple[Point, ...]:
 def filter_topic(facts: FilterFacts) -> Iterator[Remark]:
     servers = facts.servers
     published = {
-        topic_of(one.get("filter_info_topic", "costmap_filter_info")) for one in servers.info
+        topic_of(server.get("filter_info_topic", "costmap_filter_info")) for server in servers.info
     }
-    for one in _filters(facts):
-        value = facts.robot.value(one.name, "filter_info_topic")
+    for listed in _filters(facts):
+        value = facts.robot.value(listed.name, "filter_info_topic")
         if value is None:
-            text = f"{one.name} has no filter_info_topic; Nav2 does not start"
-            yield Remark(text, at=facts.robot.value(one.name, "plugin"))
+            text = f"{listed.name} has no filter_info_topic; Nav2 does not start"
+            yield Remark(text, at=facts.robot.value(listed.name, "plugin"))
         elif published and topic_of(value.value) not in published:
-            listed = ", ".join(sorted(published))
-            text = f"{one.name} waits for {value.value}, and the servers here publish {listed}"
+            topics = ", ".join(sorted(published))
+            text = f"{listed.name} waits for {value.value}, and the servers here publish {topics}"
             yield Remark(text, at=value)
-    masks = {topic_of(one) for one in servers.mask_topics}
+    masks = {topic_of(topic) for topic in servers.mask_topics}
     for server in servers.info:
         topic = server.get("mask_topic", "filter_mask")
         if masks and topic_of(topic) not in masks:
@@ -232,13 +232,13 @@ def filter_topic(facts: FilterFacts) -> Iterator[Remark]:
 
 @check("params.filter-type", "error", "an info server of a type that the filter refuses")
 def filter_type(facts: FilterFacts) -> Iterator[Remark]:
-    for one, server in _served(facts):
-        plugin = one.plugin.rpartition(":")[2]
-        types, own = TYPES_OF_PLUGIN.get(plugin), server.get("type", 0)
+    for listed, server in _served(facts):
+        plugin = listed.plugin.rpartition(":")[2]
+        types, kind = TYPES_OF_PLUGIN.get(plugin), server.get("type", 0)
         at = server.values.get("type", server.first)
-        if types is not None and own not in types:
-            wanted = " or ".join(map(str, types))
-            yield Remark(f"{server.name} has type {own}, and {plugin} needs {wanted}", at=at)
+        if types is not None and kind not in types:
+            needed = " or ".join(map(str, types))
+            yield Remark(f"{server.name} has type {kind}, and {plugin} needs {needed}", at=at)
         scale = server.get("base", 0.0), server.get("multiplier", 1.0)
         if plugin == "KeepoutFilter" and scale != (0.0, 1.0):
             text = f"{plugin} takes base 0.0 and multiplier 1.0 only, and {server.name} has others"
@@ -256,16 +256,16 @@ def filter_lifecycle(facts: FilterFacts) -> Iterator[Remark]:
 
 
 def _filters(facts: FilterFacts) -> Iterator[ListedLayer]:
-    for one in facts.robot.robot.layers:
-        if one.is_enabled and one.plugin.rpartition(":")[2] in TYPES_OF_PLUGIN:
-            yield one
+    for listed in facts.robot.robot.layers:
+        if listed.is_enabled and listed.plugin.rpartition(":")[2] in TYPES_OF_PLUGIN:
+            yield listed
 
 
 def _served(facts: FilterFacts) -> Iterator[tuple[ListedLayer, InfoServer]]:
     """Yield each filter with the server in the files that publishes its topic."""
-    for one in _filters(facts):
-        value = facts.robot.value(one.name, "filter_info_topic")
+    for listed in _filters(facts):
+        value = facts.robot.value(listed.name, "filter_info_topic")
         for server in facts.servers.info:
             topic = server.get("filter_info_topic", "costmap_filter_info")
             if value is not None and topic_of(value.value) == topic_of(topic):
-                yield one, server
+                yield listed, server

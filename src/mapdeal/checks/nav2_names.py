@@ -25,24 +25,24 @@ from mapdeal.ros.ros2_files import Ros2Parameters
 _RENAMED = {
     "obstacle_range": ("obstacle_max_range", 2.5), "raytrace_range": ("raytrace_max_range", 3.0)
 }  # fmt: skip
-"""Names that Nav2 has changed, the new ones, and their defaults, metres."""
+"""Renamed parameters of Nav2: the old names, the new ones and their defaults, metres."""
 
 _OBSTACLE_LAYERS = ("ObstacleLayer", "VoxelLayer")
-_ALIKE = 0.85
+_LEAST_SIMILARITY = 0.85
 _MOST_NAMES, _LONGEST_NAME = 1000, 60
-"""Names that are compared with all known ones, and the characters that they may have."""
+"""Limits of the search for misspelt names, which compares each name with all known ones."""
 
 
 @check("params.renamed", "warning", "a name that Nav2 has changed, and no longer reads")
 def renamed(facts: ParameterFacts) -> Iterator[Remark]:
-    """Look in obstacle layers and the costmap: layers of other packages have such names, too."""
-    own = {name for name, plugin in facts.plugins if _class_name(plugin) in _OBSTACLE_LAYERS}
+    """Check obstacle layers and the costmap; layers of other packages use the old names."""
+    layers = {name for name, plugin in facts.plugins if _class_name(plugin) in _OBSTACLE_LAYERS}
     for path, value in facts.values.items() if facts.flavour == "nav2" else ():
-        if path[-1] not in _RENAMED or (len(path) > 1 and path[0] not in own):
+        if path[-1] not in _RENAMED or (len(path) > 1 and path[0] not in layers):
             continue
         name, default = _RENAMED[path[-1]]
         if (*path[:-1], name) not in facts.values:
-            text = f"{facts.shown(*path)} has no effect since Galactic, and {name} is {default:g} m"
+            text = f"{facts.label(*path)} has no effect since Galactic, and {name} is {default:g} m"
             yield Remark(f"{text} by default: write {name}", at=value)
 
 
@@ -58,29 +58,29 @@ def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
             unlisted.setdefault(section, value)
             continue
         declared = PLANNER_PARAMETERS.get(classes[section], {}) if parameter else SERVER_PARAMETERS
-        above, _, last = (parameter or name).rpartition(".")
+        parent, _, last = (parameter or name).rpartition(".")
         paths = [declared_name.rpartition(".") for declared_name in declared]
-        siblings = {"plugin", *(path[2] for path in paths if path[0] == above)}
-        near = None if parameter in of_any_planner else _misspelt_name(last, siblings)
-        if near and f"{name.removesuffix(last)}{near}" not in facts.values:
-            yield Remark(f"no parameter is called {name}: did you mean {near}?", at=value)
+        siblings = {"plugin", *(path[2] for path in paths if path[0] == parent)}
+        closest = None if parameter in of_any_planner else _misspelt_name(last, siblings)
+        if closest and f"{name.removesuffix(last)}{closest}" not in facts.values:
+            yield Remark(f"no parameter is called {name}: did you mean {closest}?", at=value)
     for section, value in unlisted.items():
-        near = _misspelt_name(section, classes)
-        if near:
-            yield Remark(f"no planner is called {section}: did you mean {near}?", at=value)
+        closest = _misspelt_name(section, classes)
+        if closest:
+            yield Remark(f"no planner is called {section}: did you mean {closest}?", at=value)
 
 
 def _misspelt_name(name: str, known: Collection[str]) -> str | None:
-    """Return the known name that an unknown one is nearly, if there is one."""
+    """Return the known name that is most similar to an unknown one, if any is similar."""
     if name in known or len(name) > _LONGEST_NAME:
         return None
-    return next(iter(get_close_matches(name, known, n=1, cutoff=_ALIKE)), None)
+    return next(iter(get_close_matches(name, known, n=1, cutoff=_LEAST_SIMILARITY)), None)
 
 
 def _planner_classes(values: Mapping[str, ParameterValue]) -> dict[str, str]:
-    """Return the class of each planner of a server by the planner's name, without its package."""
-    listed = values.get("planner_plugins")
-    names = tuple(DEFAULT_PLANNERS) if listed is None else listed.value
+    """Return the class, without its package, of each planner of a server, by planner."""
+    listed_names = values.get("planner_plugins")
+    names = tuple(DEFAULT_PLANNERS) if listed_names is None else listed_names.value
     plugins = {
         str(name): values[f"{name}.plugin"].value
         if f"{name}.plugin" in values

@@ -44,7 +44,7 @@ _COSTMAP = {
     "robot_base_frame", "robot_radius", "rolling_window", "track_unknown_space",
     "transform_tolerance", "unknown_cost_value", "update_frequency", "width",
 }  # fmt: skip
-_COSTMAP_OF = {
+_COSTMAP_BY_FLAVOUR = {
     "ros1": {
         "cost_scaling_factor", "inflation_radius", "map_type", "mark_threshold",
         "max_obstacle_height", "observation_sources", "obstacle_range", "origin_z",
@@ -63,26 +63,26 @@ _COSTMAP_OF = {
         "always_reset_initial_pose", "stamped_footprint",
     },
 }  # fmt: skip
-LOOKS_LIKE_A_LAYER = frozenset(
+LAYER_PARAMETERS = frozenset(
     {"enabled", "plugin", "inflation_radius", "cost_scaling_factor", "observation_sources",
      "map_subscribe_transient_local", "map_topic", "inflate_unknown"}
 )  # fmt: skip
-"""A section with one of these is meant to be a layer."""
+"""Parameters that identify a section as a layer."""
 
-OF_AN_IDLE_LAYER = frozenset(
+IDLE_LAYER_PARAMETERS = frozenset(
     {"enabled", "plugin", "map_subscribe_transient_local", "map_topic", "subscribe_to_updates"}
 )
-"""A layer of no more than these that is not listed is not missed."""
+"""Parameters of a layer that may be unlisted without a finding, because it would do nothing."""
 
-BELOW_INFLATION = frozenset({"inflation_radius", "cost_scaling_factor", "inflate_unknown"})
-"""What an inflation layer reads; Nav2 does not hand it down from the costmap."""
+INFLATION_PARAMETERS = frozenset({"inflation_radius", "cost_scaling_factor", "inflate_unknown"})
+"""Parameters of inflation layers; Nav2's layers do not inherit them from the costmap."""
 
 _CLASSES = tuple(map(class_name, NAV2_PLUGINS))
 _MODELLED = tuple(name for name in _CLASSES if name.endswith(("StaticLayer", "InflationLayer")))
-_OF_COSTMAP = dict.fromkeys(("footprint", "robot_radius", "footprint_padding"), _MODELLED)
-ABOVE_LAYERS: dict[Flavour, dict[str, tuple[str, ...]]] = {
-    "ros1": _OF_COSTMAP,
-    "nav2": _OF_COSTMAP
+_SHAPE_PARAMETERS = dict.fromkeys(("footprint", "robot_radius", "footprint_padding"), _MODELLED)
+COSTMAP_ONLY: dict[Flavour, dict[str, tuple[str, ...]]] = {
+    "ros1": _SHAPE_PARAMETERS,
+    "nav2": _SHAPE_PARAMETERS
     | {
         parameter: (class_name(plugin),)
         for plugin, layer in NAV2_PLUGINS.items()
@@ -91,22 +91,22 @@ ABOVE_LAYERS: dict[Flavour, dict[str, tuple[str, ...]]] = {
 }
 """Parameters of a costmap that have no effect below layers of these classes."""
 
-SECTIONS_OF_OLD = ("static_map", "map_type")  # what ROS 1 reads where there is no list of plugins
+OLD_PARAMETERS = ("static_map", "map_type")  # ROS 1 reads them only without a list of plugins
 
 
 def known_names(flavour: Flavour, layer: str) -> frozenset[str]:
-    """Return the names that a costmap knows, or a layer of a class; none of other classes."""
+    """Return the parameters of a layer's class, or of the costmap if `layer` is empty."""
     if not layer:
-        return frozenset(_COSTMAP | _COSTMAP_OF[flavour])
+        return frozenset(_COSTMAP | _COSTMAP_BY_FLAVOUR[flavour])
     layer_class = layer_named(layer)
     return frozenset() if layer_class is None else layer_class.known_parameters(layer)
 
 
-_ALIKE = 0.85
+_LEAST_SIMILARITY = 0.85
 _MOST, _LONGEST = 1000, 60
-"""Unknown names that are compared with all known ones, and the characters that they may have."""
+"""Limits of the search for misspelt names, which compares each unknown name with all known."""
 _OTHER_MARKING = ("NonPersistentVoxelLayer", "SpatioTemporalVoxelLayer")
-"""Classes that write lethal cells, besides those that mapdeal models."""
+"""Layer classes that write lethal cells and that mapdeal does not model."""
 
 
 @check(
@@ -134,7 +134,7 @@ def layer_after_inflation(facts: RobotFacts) -> Iterator[Remark]:
 
 @check("params.two-inflations", "warning", "two inflation layers that are both switched on")
 def two_inflations(facts: RobotFacts) -> Iterator[Remark]:
-    names = [one.name for one in facts.robot.inflation_layers]
+    names = [layer.name for layer in facts.robot.inflation_layers]
     if len(set(names)) > 1:
         text = f"{' and '.join(names)} both inflate: a cell gets the higher of their costs"
         yield Remark(text, at=facts.value("plugins"))
@@ -142,16 +142,16 @@ def two_inflations(facts: RobotFacts) -> Iterator[Remark]:
 
 @check("params.layer-disabled", "note", "a layer that is listed, and switched off")
 def layer_disabled(facts: RobotFacts) -> Iterator[Remark]:
-    for one in facts.robot.layers:
-        is_inflation = one.layer is not None and one.layer.spreads
+    for listed in facts.robot.layers:
+        is_inflation = listed.layer is not None and listed.layer.spreads
         is_last = is_inflation and not facts.robot.inflation_layers
-        if not one.is_enabled and not is_last:  # which params.no-inflation tells
-            yield Remark(f"{one.name} is switched off", at=facts.value(one.name, "enabled"))
+        if not listed.is_enabled and not is_last:  # params.no-inflation reports the last one
+            yield Remark(f"{listed.name} is switched off", at=facts.value(listed.name, "enabled"))
 
 
 @check("params.mask-unused", "warning", "a keepout filter whose mask has no effect on the costs")
 def mask_unused(facts: RobotFacts) -> Iterator[Remark]:
-    # A filter that is switched off is params.layer-disabled.
+    # params.layer-disabled reports filters that are switched off.
     reason = facts.robot.why_mask_unused
     if reason is not None and facts.robot.has_keepout_filter:
         yield Remark(f"the keepout mask has no effect: {reason}", at=facts.value("plugins"))
@@ -168,77 +168,77 @@ def plugin_twice(facts: ParameterFacts) -> Iterator[Remark]:
 @check("params.unused-section", "note",
        "parameters of a layer that the list of plugins does not name")  # fmt: skip
 def unused_section(facts: ParameterFacts) -> Iterator[Remark]:
-    # A file of ROS 1 that both costmaps load has the layers of either; and every second Nav2 file
-    # has the static layer of Nav2's example in its local costmap, which changes nothing.
-    listed = {name for name, _ in facts.plugins} | set(_named_within(facts))
+    # ROS 1 files that both costmaps load contain the layers of both. Many Nav2 files have an unused
+    # static layer in the local costmap, as Nav2's example has.
+    listed_names = {name for name, _ in facts.plugins} | set(_nested_names(facts))
     for name, section in facts.sections.items():
         names = {path[1] for path in section}
-        if name in listed or names.isdisjoint(LOOKS_LIKE_A_LAYER):
+        if name in listed_names or names.isdisjoint(LAYER_PARAMETERS):
             continue
-        near = get_close_matches(name, listed, n=1, cutoff=_ALIKE)
-        if not near and (facts.flavour == "ros1" or names <= OF_AN_IDLE_LAYER):
+        close = get_close_matches(name, listed_names, n=1, cutoff=_LEAST_SIMILARITY)
+        if not close and (facts.flavour == "ros1" or names <= IDLE_LAYER_PARAMETERS):
             continue
         text = f"{name} is not in the list of plugins: its parameters have no effect"
-        hint = f"; did you mean {near[0]}?" if near else ""
+        hint = f"; did you mean {close[0]}?" if close else ""
         yield Remark(text + hint, at=next(iter(section.values())))
 
 
-def _named_within(facts: ParameterFacts) -> Iterator[str]:
-    """Yield what layers of layers, and of sensors, name in lists of their own."""
-    for path, one in facts.values.items():
+def _nested_names(facts: ParameterFacts) -> Iterator[str]:
+    """Yield the names in the lists of container layers and of observation sources."""
+    for path, value in facts.values.items():
         if len(path) == 2 and path[1] in ("plugins", "observation_sources"):
-            if isinstance(one.value, str):
-                yield from one.value.split()
-            elif isinstance(one.value, list | tuple):
-                yield from (name for name in one.value if isinstance(name, str))
+            if isinstance(value.value, str):
+                yield from value.value.split()
+            elif isinstance(value.value, list | tuple):
+                yield from (name for name in value.value if isinstance(name, str))
 
 
 @check("params.misspelt", "warning", "a name that is nearly that of a parameter")
 def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
     unknown = 0
-    for places, known in _places(facts):
-        for path, value in places.items():
+    for section, known in _scopes(facts):
+        for path, value in section.items():
             name = path[-1]
             if name in known or len(name) > _LONGEST or (unknown := unknown + 1) > _MOST:
                 continue
-            near = get_close_matches(name, known, n=1, cutoff=_ALIKE)
-            if near and (*path[:-1], near[0]) not in facts.values:
-                text = f"no parameter is called {facts.shown(*path)}: did you mean {near[0]}?"
+            close = get_close_matches(name, known, n=1, cutoff=_LEAST_SIMILARITY)
+            if close and (*path[:-1], close[0]) not in facts.values:
+                text = f"no parameter is called {facts.label(*path)}: did you mean {close[0]}?"
                 yield Remark(text, at=value)
 
 
-def _places(facts: ParameterFacts) -> Iterator[tuple[dict[Name, ParameterValue], frozenset[str]]]:
+def _scopes(facts: ParameterFacts) -> Iterator[tuple[dict[Name, ParameterValue], frozenset[str]]]:
     """Yield the parameters of the costmap and of each layer, with the names known there."""
-    own: dict[Name, ParameterValue] = {}
-    own |= {path: one for path, one in facts.values.items() if len(path) == 1}
-    yield own, known_names(facts.flavour, "")
+    costmap_values: dict[Name, ParameterValue] = {}
+    costmap_values |= {path: value for path, value in facts.values.items() if len(path) == 1}
+    yield costmap_values, known_names(facts.flavour, "")
     for name, plugin in dict(facts.plugins).items():
         known = known_names(facts.flavour, class_name(plugin))
         if known:
             section = facts.sections.get(name, {})
-            yield {path: one for path, one in section.items() if len(path) == 2}, known
+            yield {path: value for path, value in section.items() if len(path) == 2}, known
 
 
 @check("params.misplaced", "warning", "a parameter where nobody reads it")
 def misplaced(facts: ParameterFacts) -> Iterator[Remark]:
     inflations = [name for name, kind in facts.plugins if kind.endswith("InflationLayer")]
     for path, value in facts.values.items():
-        if facts.flavour == "nav2" and len(path) == 1 and path[0] in BELOW_INFLATION:
+        if facts.flavour == "nav2" and len(path) == 1 and path[0] in INFLATION_PARAMETERS:
             where = f"it belongs below {inflations[0]}" if inflations else "no layer takes it"
             yield Remark(f"{path[0]} has no effect here: {where}", at=value)
-        if len(path) == 2 and path[1] in ABOVE_LAYERS[facts.flavour]:
-            classes = ABOVE_LAYERS[facts.flavour][path[1]]
+        if len(path) == 2 and path[1] in COSTMAP_ONLY[facts.flavour]:
+            classes = COSTMAP_ONLY[facts.flavour][path[1]]
             if any(name == path[0] and class_name(kind) in classes for name, kind in facts.plugins):
-                text = f"{facts.shown(*path)} has no effect: it is a parameter of the costmap"
+                text = f"{facts.label(*path)} has no effect: it is a parameter of the costmap"
                 yield Remark(text, at=value)
 
 
 @check("params.without-effect", "note", "parameters of ROS 1 that a list of plugins makes useless")
 def without_effect(facts: ParameterFacts) -> Iterator[Remark]:
-    """Look for what pre-Hydro costmaps read, as ``warnForOldParameters`` does."""
+    """Report parameters of costmaps before Hydro, as ``warnForOldParameters``."""
     if facts.flavour != "ros1" or ("plugins",) not in facts.values:
         return
-    for name in SECTIONS_OF_OLD:
+    for name in OLD_PARAMETERS:
         value = facts.values.get((name,))
         if value is not None:
             yield Remark(f"{name} has no effect: the layers are those of plugins", at=value)
@@ -304,16 +304,16 @@ def finding_of(problem: Problem, file: str) -> Finding:
 
 
 _INSCRIBED_COST = 252
-_STEEP = 0.5
-_CLIFF = 128
+_LEAST_FADING_SHARE = 0.5
+_LEAST_CLIFF_COST = 128
 _SAME_RADIUS = 1e-6
-_SIDES = ("", "_left", "_right")
-"""Ends of the names of a factor: an AsymmetricInflationLayer has two."""
+_SUFFIXES = ("", "_left", "_right")
+"""Suffixes of cost_scaling_factor: an AsymmetricInflationLayer has one factor for each side."""
 
 
-def _widest(facts: RobotFacts) -> InflationLayer | None:
-    layers = [one for one in facts.robot.inflation_layers if one.inflation_radius > 0]
-    return max(layers, key=lambda one: one.inflation_radius, default=None)
+def _widest_inflation(facts: RobotFacts) -> InflationLayer | None:
+    layers = [layer for layer in facts.robot.inflation_layers if layer.inflation_radius > 0]
+    return max(layers, key=lambda layer: layer.inflation_radius, default=None)
 
 
 @check(
@@ -322,10 +322,10 @@ def _widest(facts: RobotFacts) -> InflationLayer | None:
     "an inflation radius between the footprint's inscribed and circumscribed radius",
 )
 def inflation_below_circumscribed(facts: RobotFacts) -> Iterator[Remark]:
-    """Compare them: planners that trust in cost 0 turn the footprint into walls."""
-    layer, robot = _widest(facts), facts.robot
+    """Compare the radii: planners check the footprint's heading only at costs above 0."""
+    layer, robot = _widest_inflation(facts), facts.robot
     if layer is None or robot.robot_radius is not None:
-        return  # of a round robot, headings make no difference
+        return  # a round robot fits in all headings or in none
     if robot.inscribed_radius <= layer.inflation_radius < robot.circumscribed_radius:
         yield Remark(
             f"{_reach(layer)} is below the circumscribed radius, "
@@ -337,18 +337,18 @@ def inflation_below_circumscribed(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.no-inflation", "warning", "a costmap in which no inflation layer has an effect")
 def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
     robot = facts.robot
-    if _widest(facts) is not None:
+    if _widest_inflation(facts) is not None:
         return
     if robot.flavour == "nav2" and robot.inflation_layers:
-        return  # of radius 0, which params.inflation-radius tells
-    listed = [entry for entry in robot.layers if entry.layer is not None and entry.layer.spreads]
-    why = "no inflation layer is listed" if not listed else f"{listed[0].name} is switched off"
+        return  # params.inflation-radius reports radius 0
+    layers = [entry for entry in robot.layers if entry.layer is not None and entry.layer.spreads]
+    why = "no inflation layer is listed" if not layers else f"{layers[0].name} is switched off"
     at = facts.value("plugins")
-    if listed and listed[0].is_enabled:
-        why = f"{listed[0].name}'s inflation_radius is 0"
-        at = facts.of_layer(listed[0].name, "inflation_radius")
-    elif listed:
-        at = facts.value(listed[0].name, "enabled")
+    if layers and layers[0].is_enabled:
+        why = f"{layers[0].name}'s inflation_radius is 0"
+        at = facts.of_layer(layers[0].name, "inflation_radius")
+    elif layers:
+        at = facts.value(layers[0].name, "enabled")
     yield Remark(
         f"{why}: cells beside obstacles cost 0, although the robot collides there "
         f"(inscribed radius {robot.inscribed_radius:.4g} m)",
@@ -358,19 +358,19 @@ def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
 
 @check("params.cost-cliff", "note", "costs that are still high where inflation ends")
 def cost_cliff(facts: RobotFacts) -> Iterator[Remark]:
-    layer = _widest(facts)
+    layer = _widest_inflation(facts)
     if layer is None or layer.inflation_radius <= layer.inscribed_radius:
         return
     beyond = layer.inflation_radius - layer.inscribed_radius
     cost = math.floor(_INSCRIBED_COST * math.exp(-layer.cost_scaling_factor * beyond))
-    if cost >= _CLIFF:
-        fades = "cost_scaling_factor is 0"
+    if cost >= _LEAST_CLIFF_COST:
+        fading = "cost_scaling_factor is 0"
         if layer.cost_scaling_factor > 0:
-            ends = layer.inscribed_radius + math.log(_INSCRIBED_COST) / layer.cost_scaling_factor
-            fades = f"cost_scaling_factor {layer.cost_scaling_factor:g} lets them fade out at "
-            fades += f"{ends:.3g} m"
+            radius = layer.inscribed_radius + math.log(_INSCRIBED_COST) / layer.cost_scaling_factor
+            fading = f"cost_scaling_factor {layer.cost_scaling_factor:g} lets them fade out at "
+            fading += f"{radius:.3g} m"
         yield Remark(
-            f"costs drop from {cost} to 0 at {_reach(layer)}; {fades}",
+            f"costs drop from {cost} to 0 at {_reach(layer)}; {fading}",
             at=facts.of_layer(layer.name, "cost_scaling_factor")
             or facts.of_layer(layer.name, "inflation_radius"),
         )
@@ -378,14 +378,14 @@ def cost_cliff(facts: RobotFacts) -> Iterator[Remark]:
 
 @check("params.cost-ends-early", "note", "costs that are 0 long before inflation ends")
 def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
-    layer = _widest(facts)
+    layer = _widest_inflation(facts)
     if layer is None or layer.cost_scaling_factor <= 0:
         return
     beyond = layer.inflation_radius - layer.inscribed_radius
-    fades = math.log(_INSCRIBED_COST) / layer.cost_scaling_factor
-    if fades < _STEEP * beyond:
+    width = math.log(_INSCRIBED_COST) / layer.cost_scaling_factor
+    if width < _LEAST_FADING_SHARE * beyond:
         yield Remark(
-            f"costs are 0 from {layer.inscribed_radius + fades:.3g} m on: with cost_scaling_factor "
+            f"costs are 0 from {layer.inscribed_radius + width:.3g} m on: with cost_scaling_factor "
             f"{layer.cost_scaling_factor:g} the rest of {_reach(layer)} has none",
             at=facts.of_layer(layer.name, "cost_scaling_factor")
             or facts.of_layer(layer.name, "inflation_radius"),
@@ -395,24 +395,24 @@ def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.inflation-defaults", "note", "an inflation layer that leaves ROS's defaults")
 def inflation_defaults(facts: RobotFacts) -> Iterator[Remark]:
     for layer in facts.robot.inflation_layers:
-        told = [
+        defaults = [
             f"{name} is {value:g}{unit}"
             for name, value, unit in (
                 ("inflation_radius", layer.inflation_radius, " m"),
                 ("cost_scaling_factor", layer.cost_scaling_factor, ""),
             )
-            if not any(facts.of_layer(layer.name, f"{name}{side}") for side in _SIDES)
+            if not any(facts.of_layer(layer.name, f"{name}{side}") for side in _SUFFIXES)
         ]
-        if told:
+        if defaults:
             section = facts.parameters.sections.get(layer.name, {})
             at = next(iter(section.values()), facts.value("plugins"))
-            yield Remark(f"{layer.name}: not set, and so {' and '.join(told)}", at=at)
+            yield Remark(f"{layer.name}: not set, and so {' and '.join(defaults)}", at=at)
 
 
 @check("params.radius-and-footprint", "warning",
        "a robot_radius beside a footprint: it has no effect")  # fmt: skip
 def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
-    """Look for both: ``setRobotFootprint`` takes the polygon."""
+    """Report a radius beside a polygon: ``setRobotFootprint`` uses the polygon."""
     radius = facts.value("robot_radius")
     if facts.robot.robot_radius is None and radius is not None:
         footprint = facts.value("footprint")
@@ -423,10 +423,10 @@ def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.unknown-is-free", "warning",
        "unknown space that is free to drive in, as track_unknown_space is not set")  # fmt: skip
 def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
-    layers = [one for one in facts.robot.static_layers if one.name != INJECTED]
-    free = [one for one in layers if not one.track_unknown_space]
-    own = facts.value("track_unknown_space")  # of Nav2 the costmap's alone
-    if free and own is None and facts.of_layer(free[0].name, "track_unknown_space") is None:
+    layers = [layer for layer in facts.robot.static_layers if layer.name != INJECTED]
+    free = [layer for layer in layers if not layer.track_unknown_space]
+    name = "track_unknown_space"
+    if free and not facts.value(name) and not facts.of_layer(free[0].name, name):
         text = "track_unknown_space is not set, and is false: the map's unknown cells cost 0"
         yield Remark(text, at=facts.value("plugins"))
 
@@ -434,7 +434,7 @@ def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.unknown-cost-value", "warning",
        "an unknown_cost_value other than 255, by which unknown cells become lethal")  # fmt: skip
 def unknown_cost_value(facts: RobotFacts) -> Iterator[Remark]:
-    """Look at what the static layer compares cells with, 255 for unknown ones and 100 for walls."""
+    """Check the value that the static layer compares with cells, 255 for unknown ones."""
     for layer in facts.robot.static_layers:
         value = layer.unknown_cost_value
         if value == NO_INFORMATION or layer.name == INJECTED:
@@ -453,15 +453,15 @@ def unknown_cost_value(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.costmaps-differ", "note",
        "a global and a local costmap of robots of different shape")  # fmt: skip
 def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
-    robot, other = facts.robot, facts.other
-    if other is None:
+    robot, sibling = facts.robot, facts.sibling
+    if sibling is None:
         return
-    radii = [(one.inscribed_radius, one.circumscribed_radius) for one in (robot, other)]
+    radii = [(r.inscribed_radius, r.circumscribed_radius) for r in (robot, sibling)]
     if all(abs(a - b) <= _SAME_RADIUS for a, b in zip(*radii, strict=True)):
         return
     shapes = " and ".join(
         f"in the {r.costmap} one {r.inscribed_radius:.4g} m and {r.circumscribed_radius:.4g} m"
-        for r in (robot, other)
+        for r in (robot, sibling)
     )
     yield Remark(
         f"the robot differs between the costmaps: inscribed and circumscribed radius are {shapes}",
@@ -472,7 +472,7 @@ def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.resolution", "note",
        "a resolution of the global costmap that is not that of the map")  # fmt: skip
 def resolution(facts: RobotFacts) -> Iterator[Remark]:
-    """Compare it with the map, whose geometry the static layer gives the costmap."""
+    """Compare the resolution with the map's, which the static layer sets for the costmap."""
     value = facts.value("resolution")
     if value is None or facts.robot.rolling_window or not facts.robot.static_layers:
         return
@@ -483,8 +483,8 @@ def resolution(facts: RobotFacts) -> Iterator[Remark]:
         maps.setdefault(cell, []).append(name)
     for cell, names in maps.items():
         if not math.isclose(value.value, cell, rel_tol=1e-6):
-            of = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
-            text = f"has no effect: the static layer takes the map's, {cell:g} m ({of})"
+            map_names = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+            text = f"has no effect: the static layer takes the map's, {cell:g} m ({map_names})"
             yield Remark(f"resolution {value.value:g} m {text}", at=value)
 
 
@@ -493,17 +493,17 @@ def _reach(layer: InflationLayer) -> str:
 
 
 _ONE_LEVEL = "params.one-level"
-_NOT_THERE = ("params.namespace", "params.no-node", _ONE_LEVEL)
-_OTHER_KIND = "params.other-kind"  # a file of which no name and no value is a parameter
-_OF_THE_OTHER = "params.other-costmap"
-"""A file that one costmap leaves out is one of the other's, if both are looked at."""
-_OF_FILES = ("params.syntax", _OTHER_KIND, *_NOT_THERE)
-"""Findings about a file as a whole, or whose text names the node of the costmap."""
+_ABSENT = ("params.namespace", "params.no-node", _ONE_LEVEL)
+_OTHER_KIND = "params.other-kind"
+_OTHER_COSTMAP = "params.other-costmap"
+"""Omitted if both costmaps are checked: the file belongs to the other one."""
+_ABOUT_FILES = ("params.syntax", _OTHER_KIND, *_ABSENT)
+"""Findings about a whole file, or with the costmap's node in their text."""
 
 
 @dataclass(frozen=True)
 class _Costmap:
-    """One costmap of the files: the robot, if it resolves, and all that was found while reading."""
+    """One costmap of the files: the robot, None if unusable, and the problems found."""
 
     name: CostmapName
     robot: RobotParameters | None
@@ -511,11 +511,11 @@ class _Costmap:
 
     @property
     def is_absent(self) -> bool:
-        return any(p.check in _NOT_THERE and p.level == "refused" for p in self.problems)
+        return any(p.check in _ABSENT and p.level == "refused" for p in self.problems)
 
     @property
     def is_misplaced(self) -> bool:
-        """Whether the files mean to say something of it, at the wrong level."""
+        """Whether the files have its parameters at a wrong level of nesting."""
         return any(problem.check == _ONE_LEVEL for problem in self.problems)
 
 
@@ -523,7 +523,7 @@ def lint_parameters(
     paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None,
     map_resolutions: Sequence[tuple[str, float]] = (),
 ) -> dict[Path, list[Finding]]:  # fmt: skip
-    """Return what all checks find in a robot's parameter files, by file, line by line."""
+    """Return the findings of all checks in a robot's parameter files, by file, sorted by line."""
     flavour = flavour_of(paths)
     names = costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
     costmaps = [_Costmap(n, *load_robot(paths, costmap=n, namespace=namespace)) for n in names]
@@ -531,11 +531,11 @@ def lint_parameters(
     present = present or costmaps[:1]
     by_costmap: dict[CostmapName, list[Finding]] = {}
     last = str(paths[-1])
-    for index, one in enumerate(present):
-        other = present[1].robot if index == 0 and len(present) > 1 else None
-        told = [one for one in one.problems if len(present) == 1 or one.check != _OF_THE_OTHER]
-        by_costmap[one.name] = [finding_of(problem, last) for problem in told]
-        by_costmap[one.name] += _checked(paths, one, flavour, namespace, other, map_resolutions)
+    for index, item in enumerate(present):
+        sibling = present[1].robot if index == 0 and len(present) > 1 else None
+        problems = [p for p in item.problems if len(present) == 1 or p.check != _OTHER_COSTMAP]
+        by_costmap[item.name] = [finding_of(problem, last) for problem in problems]
+        by_costmap[item.name] += _check(paths, item, flavour, namespace, sibling, map_resolutions)
     findings = list(_with_costmap(by_costmap))
     with suppress(MalformedInputError):  # reported with the costmaps
         for facts in planner_facts(read_ros2(paths)) if flavour == "nav2" else ():
@@ -547,14 +547,14 @@ def lint_parameters(
 
 
 def _with_costmap(by_costmap: Mapping[CostmapName, Sequence[Finding]]) -> Iterator[Finding]:
-    """Yield findings; those of the local costmap, or without a line, or found twice, name it."""
+    """Yield findings with the costmap's name where file and line do not identify the costmap."""
     for name, findings in by_costmap.items():
         twins = {found for key in by_costmap if key != name for found in by_costmap[key]}
         texts = {(found.check, found.message) for found in twins}
         for found in findings:
             is_twice = (found.check, found.message) in texts
             is_placed = found.line is not None or len(by_costmap) == 1
-            if found.check in _OF_FILES or (found in twins and is_placed):
+            if found.check in _ABOUT_FILES or (found in twins and is_placed):
                 yield found
             elif name == "local" or is_twice or not is_placed:
                 yield replace(found, message=f"{name} costmap: {found.message}")
@@ -562,33 +562,33 @@ def _with_costmap(by_costmap: Mapping[CostmapName, Sequence[Finding]]) -> Iterat
                 yield found
 
 
-def robot_in(
+def first_robot(
     paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None
 ) -> RobotParameters | None:
     names: tuple[CostmapName, ...] = ("global", "local") if costmap is None else (costmap,)
     for name in names:
         with suppress(MapdealError):
-            one = _Costmap(name, *load_robot(paths, costmap=name, namespace=namespace))
-            if one.robot is not None and not one.is_absent:
-                return one.robot
+            candidate = _Costmap(name, *load_robot(paths, costmap=name, namespace=namespace))
+            if candidate.robot is not None and not candidate.is_absent:
+                return candidate.robot
     return None
 
 
-def _checked(
-    paths: Sequence[Path], one: _Costmap, flavour: Flavour, namespace: str | None,
-    other: RobotParameters | None, map_resolutions: Sequence[tuple[str, float]],
+def _check(
+    paths: Sequence[Path], costmap: _Costmap, flavour: Flavour, namespace: str | None,
+    sibling: RobotParameters | None, map_resolutions: Sequence[tuple[str, float]],
 ) -> Iterator[Finding]:  # fmt: skip
-    if any(problem.check == _OTHER_KIND for problem in one.problems):
+    if any(problem.check == _OTHER_KIND for problem in costmap.problems):
         return
-    values = costmap_values(paths, flavour, one.name, _node_of(one, namespace), namespace)
+    values = costmap_values(paths, flavour, costmap.name, _node_of(costmap, namespace), namespace)
     facts: dict[type, Any] = {
         ParameterFacts: ParameterFacts(
-            flavour, one.name, values, _plugins(flavour, values, one.robot)
+            flavour, costmap.name, values, _plugins(flavour, values, costmap.robot)
         )
     }
-    if one.robot is not None and not one.is_absent:
+    if costmap.robot is not None and not costmap.is_absent:
         facts[RobotFacts] = RobotFacts(
-            one.robot, facts[ParameterFacts], other, tuple(map_resolutions)
+            costmap.robot, facts[ParameterFacts], sibling, tuple(map_resolutions)
         )
         if flavour == "nav2":
             servers = filter_servers(read_ros2(paths))
@@ -597,43 +597,42 @@ def _checked(
 
 
 def _findings_on(facts: Mapping[type, Any], file: str) -> Iterator[Finding]:
-    """Yield what checks find in facts; `file` is that of remarks without a place."""
-    for known in CHECKS.values():
-        own = None if known.facts is None else facts.get(known.facts)
-        for remark in () if own is None else known.remarks(own):
+    """Yield the findings of all checks on facts; remarks without a place belong to `file`."""
+    for item in CHECKS.values():
+        item_facts = None if item.facts is None else facts.get(item.facts)
+        for remark in () if item_facts is None else item.remarks(item_facts):
             if remark.at is None:
-                yield known.finding(file, remark.message)
+                yield item.finding(file, remark.message)
             else:
-                yield known.finding(remark.at.source, remark.message, remark.at.line)
+                yield item.finding(remark.at.source, remark.message, remark.at.line)
 
 
-def _node_of(one: _Costmap, namespace: str | None) -> str:
-    """Return the name of the node of a costmap of Nav2, also of one that does not resolve."""
-    if one.robot is not None:
-        return one.robot.node
-    name = f"{one.name}_costmap"
+def _node_of(costmap: _Costmap, namespace: str | None) -> str:
+    """Return the node's name of a Nav2 costmap, even if its robot is unusable."""
+    if costmap.robot is not None:
+        return costmap.robot.node
+    name = f"{costmap.name}_costmap"
     return "/".join(["", *(part for part in (namespace or "").split("/") if part), name, name])
 
 
 def _plugins(
     flavour: Flavour, values: Mapping[Name, ParameterValue], robot: RobotParameters | None
 ) -> tuple[tuple[str, str], ...]:
-    """Return names and classes of the layers and filters, of a robot that does not resolve, too."""
+    """Return names and classes of the layers and filters, even if the robot is unusable."""
     if robot is not None:
-        return tuple((one.name, one.plugin) for one in robot.layers)
-    listed = values.get(("plugins",))
-    entries = listed.value if listed is not None and isinstance(listed.value, list | tuple) else ()
+        return tuple((listed.name, listed.plugin) for listed in robot.layers)
+
+    def entries(key: str) -> Sequence[Any]:
+        parameter = values.get((key,))
+        is_list = parameter is not None and isinstance(parameter.value, list | tuple)
+        return parameter.value if parameter is not None and is_list else ()
+
     if flavour == "ros1":
-        return tuple(
-            (str(one.get("name", "")), str(one.get("type", "")))
-            for one in entries
-            if isinstance(one, dict)
-        )
-    filters = values.get(("filters",))
-    more = filters.value if filters is not None and isinstance(filters.value, tuple) else ()
-    names = [one for one in (*entries, *more) if isinstance(one, str)]
-    plugins = ((name, values.get((name, "plugin"))) for name in names)
+        mappings = [entry for entry in entries("plugins") if isinstance(entry, dict)]
+        return tuple((str(m.get("name", "")), str(m.get("type", ""))) for m in mappings)
+    names = [n for n in (*entries("plugins"), *entries("filters")) if isinstance(n, str)]
+    classes = [values.get((name, "plugin")) for name in names]
     return tuple(
-        (name, one.value if one is not None and isinstance(one.value, str) else "")
-        for name, one in plugins
+        (name, kind.value if kind is not None and isinstance(kind.value, str) else "")
+        for name, kind in zip(names, classes, strict=True)
     )

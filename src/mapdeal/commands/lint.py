@@ -22,7 +22,7 @@ from mapdeal.checks.facts import PairFacts, RoomFacts, gather, without_rounding_
 from mapdeal.checks.findings import CHECKS, Finding, Selections, read_ignore_comments
 from mapdeal.checks.lint import LintReport, MapReport, ReportForm, repair_lines
 from mapdeal.checks.map_checks import RUN_FOLDERS
-from mapdeal.checks.parameter_checks import robot_in
+from mapdeal.checks.parameter_checks import first_robot
 from mapdeal.command import AT_LEAST_1, Output, Words, command
 from mapdeal.commands.mask_facts import info_of, mask_facts, read_mask
 from mapdeal.commands.reach import COSTS_PER_CELL, goals_of, lethal_cells, start_of
@@ -356,7 +356,7 @@ def lint(
                 counted = partial(work.terminal.counted, what="map")
         robot = None
         if len(robots) == 1 and maps:
-            robot = robot_in(robots[0], costmap=costmap, namespace=namespace)
+            robot = first_robot(robots[0], costmap=costmap, namespace=namespace)
         shape = footprint  # as costs of a planner have it
         if footprint is None and robot is not None:
             footprint, shape = robot.footprint, planned_shape(robot)
@@ -427,7 +427,7 @@ class _Lint:
             for path in maps
             if (found := _of_header(path, self.settings, lambda file: file.frame().resolution))
         ]
-        found_by_file = checks.found_in_parameters(files, costmap, namespace, headers)
+        found_by_file = checks.check_parameters(files, costmap, namespace, headers)
         reports = [self._report(path, found) for path, found in found_by_file.items()]
         return [replace(one, is_parameters=True) for one in reports]
 
@@ -438,9 +438,9 @@ class _Lint:
             for path in paths
             if not self.selections.of(path).checks.isdisjoint(of_robot) and self.radius is not None
         }
-        found: dict[int, checks.Found] = {}
+        found: dict[int, checks.Findings] = {}
 
-        def take(index: int, one: checks.Found) -> None:
+        def take(index: int, one: checks.Findings) -> None:
             found[index] = one
             done(1)
 
@@ -448,7 +448,7 @@ class _Lint:
             _lint_in_processes(paths, self.settings, radii, min(self.jobs, len(paths)), take)
         else:
             for index, path in enumerate(paths):
-                take(index, checks.found_in(path, self.settings.max_cells, radii.get(path)))
+                take(index, checks.check_map(path, self.settings.max_cells, radii.get(path)))
         reports = []
         for index, path in enumerate(paths):
             is_left_out = any(one.check == checks.LEFT_OUT for one in found[index].findings)
@@ -472,11 +472,11 @@ class _Lint:
             refuse(f"applies to keepout masks, not to {info.kind}", start=start, goals=tuple(goals))
         facts = mask_facts(given, mask.grid, info, pair=pair, robot=robot, start=start, goals=goals)
         findings = tuple(checks.lint_mask(path, facts))
-        return self._report(path, checks.Found(findings, tuple(read_ignore_comments(path))))
+        return self._report(path, checks.Findings(findings, tuple(read_ignore_comments(path))))
 
-    def _report(self, path: Path, found: checks.Found, without: Iterable[str] = ()) -> MapReport:
+    def _report(self, path: Path, found: checks.Findings, without: Iterable[str] = ()) -> MapReport:
         selection = self.selections.of(path)
-        judged = selection.judged(path, found.findings, found.comments, without=without)
+        judged = selection.apply(path, found.findings, found.comments, skipped=without)
         return MapReport(str(path), *judged, selection.strict)
 
 
@@ -485,7 +485,7 @@ def _found_on_map(
     settings: Settings,
 ) -> Sequence[Finding]:  # fmt: skip
     """Return what is wrong with a graph on a map."""
-    from mapdeal.checks.graph_checks import found_in_graph  # of use to few, and slow to import
+    from mapdeal.checks.graph_checks import check_graph  # of use to few, and slow to import
 
     try:
         with kept_warnings(), open_map(path, max_cells=settings.max_cells) as file:
@@ -494,7 +494,7 @@ def _found_on_map(
             claim(path, int(per_cell * height * width))
             given = map_input(file.read(), path)
             grid = given.occupancy if robot is None else lethal_cells(robot, given)
-            return found_in_graph(graph, grid, shape)
+            return check_graph(graph, grid, shape)
     except MapdealError as error:  # of the map
         return checks.not_checked(graph, f"its map cannot be read: {error}").findings
 
@@ -551,16 +551,16 @@ def _are_worth_workers(paths: Sequence[Path], settings: Settings) -> bool:
 
 def _lint_in_processes(
     paths: Sequence[Path], settings: Settings, radii: Mapping[Path, float], jobs: int,
-    done: Callable[[int, checks.Found], None],
+    done: Callable[[int, checks.Findings], None],
 ) -> None:  # fmt: skip
     from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
 
     def take(index: int, outcome: Outcome) -> None:
         path, found = paths[index], outcome.result
-        if not isinstance(found, checks.Found):
+        if not isinstance(found, checks.Findings):
             found = checks.not_checked(path, str(found))
         elif any(SHARE_OF_JOB in one.message for one in found.findings):
-            found = checks.found_in(
+            found = checks.check_map(
                 path, settings.max_cells, radii.get(path)
             )  # alone it may have all
         done(index, found)
@@ -573,9 +573,9 @@ def _lint_in_processes(
     dispatch(len(paths), all_jobs.__getitem__, work, ProcessWorkers(jobs), take)
 
 
-def _found_by(settings: Settings, radii: Mapping[Path, float], job: Job) -> checks.Found:
+def _found_by(settings: Settings, radii: Mapping[Path, float], job: Job) -> checks.Findings:
     with settings.reading(anew=True):
-        return checks.found_in(job.path, settings.max_cells, radii.get(job.path))
+        return checks.check_map(job.path, settings.max_cells, radii.get(job.path))
 
 
 def repaired(
