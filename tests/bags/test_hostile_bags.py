@@ -16,7 +16,7 @@ from bags.making import START, Maker, occupancy, ros2_store, scan, tf
 from cli.test_memory_of_commands import measured
 from mapdeal import FileAccessError, MalformedInputError
 from mapdeal.bags.bag import zstd_module
-from mapdeal.bags.chunked import KeptChunks
+from mapdeal.bags.chunked import ChunkCache
 from mapdeal.bags.messages import Decoder
 from mapdeal.bags.reader import open_bag
 from mapdeal.files.source import use_memory
@@ -367,10 +367,10 @@ def test_large_chunks_are_never_kept_beside_each_other():
     alive = []
 
     def read(number):
-        alive.append(sum(len(chunk) for chunk in kept._kept.values()))
+        alive.append(sum(len(chunk) for chunk in kept._chunks.values()))
         return bytes(30_000_000)
 
-    kept = KeptChunks(read)
+    kept = ChunkCache(read)
     for number in (0, 1, 0, 1, 2, 0):
         assert len(kept[number]) == 30_000_000
     assert alive == [0, 30_000_000, 30_000_000, 30_000_000]

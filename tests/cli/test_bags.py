@@ -667,4 +667,4 @@ def test_a_chunk_is_not_called_damaged_for_lack_of_memory(monkeypatch, here):
 
     monkeypatch.setitem(chunked._EXPANDERS, "lz4", without_memory)
     with pytest.raises(MemoryError):  # and not what comes before it, as of a truncated bag
-        chunked.expanded(b"abc", "lz4", 10, here, partly=True)
+        chunked.decompress(b"abc", "lz4", 10, here, partly=True)

@@ -30,7 +30,7 @@ from mapdeal.files.transaction import PREFIX
 BAG_OUTPUTS = (".bag", ".mcap", ".db3")  # suffixes of bags
 _PART = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _LONGEST_TOPIC = 247
-_PLAIN = re.compile(r"[A-Za-z0-9_. +-]+")
+_PLAIN_NAME = re.compile(r"[A-Za-z0-9_. +-]+")
 METADATA = "metadata.yaml"
 
 
@@ -41,18 +41,18 @@ def bag_paths(output: Path) -> tuple[Path, ...]:
     paths = output / f"{name_inside(output)}.db3", output / METADATA
     if is_folder(output):
         folders, files = contents_of(output)
-        own = {path.name for path in paths}
-        others = [*folders, *(f for f in files if f not in own and not f.startswith(PREFIX))]
-        if others:
-            rule = f"is a folder with more than the bag of a map in it: {others[0]}"
+        known = {path.name for path in paths}
+        extra = [*folders, *(f for f in files if f not in known and not f.startswith(PREFIX))]
+        if extra:
+            rule = f"is a folder with more than the bag of a map in it: {extra[0]}"
             raise FileAccessError(rule, source=output, hint="choose another name")
     return paths
 
 
 def name_inside(output: Path) -> str:
-    """Return what a bag calls its file, without the ending."""
-    # Names that a URI or YAML would have to escape are no names for all readers.
-    return output.stem if _PLAIN.fullmatch(output.stem) else "bag"
+    """Return the name of a bag's inner file, without the suffix."""
+    # Not all readers accept names that a URI or YAML must escape.
+    return output.stem if _PLAIN_NAME.fullmatch(output.stem) else "bag"
 
 
 def check_topic(topic: str) -> str:
@@ -113,16 +113,16 @@ class Recorded:
     first: int = 0
     last: int = 0
 
-    def joined(self, other: Recorded) -> Recorded:
-        if not (other.count and self.count):
-            return self if self.count else other
-        first, last = min(self.first, other.first), max(self.last, other.last)
-        return Recorded(self.count + other.count, first, last)
+    def joined(self, second: Recorded) -> Recorded:
+        if not (second.count and self.count):
+            return self if self.count else second
+        first, last = min(self.first, second.first), max(self.last, second.last)
+        return Recorded(self.count + second.count, first, last)
 
 
 @dataclass(frozen=True, eq=False)
 class MessageIndex:
-    """The places of messages, 32 bytes for each."""
+    """The places of messages, one row for each; 32 bytes per message."""
 
     connections: Integers
     times: Integers
@@ -133,29 +133,29 @@ class MessageIndex:
         return len(self.times)
 
     def __iter__(self) -> Iterator[Place]:
-        for start in range(0, len(self), _TOGETHER):
-            some = slice(start, start + _TOGETHER)
-            yield from map(Place, *(one[some].tolist() for one in self.columns))
+        for start in range(0, len(self), _PER_PART):
+            part = slice(start, start + _PER_PART)
+            yield from map(Place, *(column[part].tolist() for column in self.columns))
 
     def __getitem__(self, number: int) -> Place:
-        return Place(*(int(one[number]) for one in self.columns))
+        return Place(*(int(column[number]) for column in self.columns))
 
     @property
     def columns(self) -> tuple[Integers, Integers, Integers, Integers]:
         return self.connections, self.times, self.blocks, self.offsets
 
-    def chosen(self, which: NDArray[np.bool_] | Integers) -> MessageIndex:
-        return MessageIndex(*(one[which] for one in self.columns))
+    def select(self, selection: NDArray[np.bool_] | Integers) -> MessageIndex:
+        return MessageIndex(*(column[selection] for column in self.columns))
 
     def in_time(self) -> MessageIndex:
-        """Return the places in the order of their times; of equal ones as they were recorded."""
+        """Return the places sorted by time; equal times stay in the order of recording."""
         if len(self) < 2 or bool((self.times[1:] >= self.times[:-1]).all()):
             return self
-        return self.chosen(np.argsort(self.times, kind="stable"))
+        return self.select(np.argsort(self.times, kind="stable"))
 
     @classmethod
     def of(cls, numbers: Sequence[int] | Sequence[Place]) -> MessageIndex:
-        """Return the index of places that stand one behind the other, four numbers each."""
+        """Return the index of a flat sequence with four numbers for each place."""
         return cls(*np.array(numbers, dtype=np.int64).reshape(-1, 4).T)
 
     @classmethod
@@ -168,8 +168,8 @@ class MessageIndex:
 class Bag(ABC):
     """A recording of messages that is open for reading."""
 
-    # An index of the messages that are wanted is small whatever the size of the bag; messages are
-    # then read one by one, and memory holds some chunks at most.
+    # Only an index of the requested messages is in memory. Messages are read one by one, with a
+    # few chunks in memory at most.
     def __init__(self, path: Path, form: str) -> None:
         self.path = path
         self.form = form
@@ -187,44 +187,45 @@ class Bag(ABC):
 
     @abstractmethod
     def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
-        """Yield the places of all messages of some connections, some at a time, as recorded."""
+        """Yield the places of all messages of connections, in parts, in the order of recording."""
 
     @abstractmethod
     def data(self, place: Place) -> bytes:
         """Return a message as it was serialized."""
 
     def index(self, connections: Collection[int]) -> MessageIndex:
-        """Return the places of all messages of some connections, in the order of their times."""
-        parts, taken = [], 0
+        """Return the places of all messages of connections, sorted by time."""
+        parts, count = [], 0
         for part in self.pieces(connections):
-            taken += len(part)
-            claim(self.path, 2 * _PLACE * taken + PIECES, what=f"the places of {taken} messages")
+            count += len(part)
+            needed = 2 * _PLACE_BYTES * count + PIECES
+            claim(self.path, needed, what=f"the places of {count} messages")
             parts.append(part)
         return MessageIndex.joined(parts).in_time()
 
     def summary(self) -> dict[int, Recorded]:
-        """Return how many messages each connection has, and when the first and last came."""
-        found = {one.id: Recorded() for one in self.connections}
-        for piece in self.pieces(found.keys()):
+        """Return the number of messages and the first and last time of each connection."""
+        recorded = {connection.id: Recorded() for connection in self.connections}
+        for piece in self.pieces(recorded.keys()):
             for number in np.unique(piece.connections).tolist():
                 times = piece.times[piece.connections == number]
-                told = Recorded(len(times), int(times.min()), int(times.max()))
-                found[number] = found[number].joined(told)
-        return found
+                in_piece = Recorded(len(times), int(times.min()), int(times.max()))
+                recorded[number] = recorded[number].joined(in_piece)
+        return recorded
 
     def remark(self, text: str) -> None:
-        """Note what is wrong with the bag; each thing is warned of once."""
+        """Warn of a fault of the bag, unless the same warning was emitted before."""
         if text not in self._remarks:
             self._remarks.append(text)
             emit_warning(f"{self.path}: {text}", stacklevel=3)
 
     def of_types(self, *types: str) -> list[Connection]:
-        return [one for one in self.connections if one.type in types]
+        return [connection for connection in self.connections if connection.type in types]
 
     def malformed(self, rule: str, place: str | None = None) -> MalformedInputError:
         return MalformedInputError(rule, source=self.path, place=place)
 
-    def close(self) -> None:  # noqa: B027 - most have a file
+    def close(self) -> None:  # noqa: B027 - a subclass without a file need not override it
         ...
 
     def __enter__(self) -> Self:
@@ -239,16 +240,16 @@ def normalised_topic(topic: str) -> str:
 
 
 def normalised_type(name: str) -> str:
-    """Return the name of a message type as ROS 2 spells it."""
+    """Return the name of a message type in the spelling of ROS 2."""
     match = re.fullmatch(r"([^/]+)/([^/]+)", name)
     return f"{match[1]}/msg/{match[2]}" if match else name
 
 
-_TOGETHER = 1 << 14
-_PLACE = 32  # bytes of a place
+_PER_PART = 1 << 14
+_PLACE_BYTES = 32  # bytes of a place
 
 
-def expanded(
+def decompress(
     data: bytes, compression: str, size: int | None, path: Path, *, partly: bool = False
 ) -> bytes:
     if compression in ("", "none"):
@@ -261,27 +262,27 @@ def expanded(
         claim(path, len(data) + 2 * size, what=f"the {size} bytes of a chunk")
     most = most_expanded(len(data)) if size is None else size
     try:
-        # one byte more than it claims, so that a lie shows, and a bomb stays small
-        found = bytes(_EXPANDERS[compression]().decompress(data, most + 1))
-    except MemoryError:  # what it expands to has been claimed: the chunk is not to blame
+        # one byte above the declared size reveals a wrong size, and limits decompression bombs
+        content = bytes(_EXPANDERS[compression]().decompress(data, most + 1))
+    except MemoryError:  # the memory was claimed above, so the chunk is not the cause
         raise
     except Exception as error:  # noqa: BLE001 - each library has errors of its own
         if partly:
             return b""
         rule = f"a chunk is damaged: {error}"
         raise MalformedInputError(rule, source=path) from None
-    if size is None and len(found) > most:
+    if size is None and len(content) > most:
         rule = f"{len(data)} bytes of a message would expand to more than {most}"
         hint = "--max-memory SIZE allows more, if that much is available"
         raise MalformedInputError(rule, source=path, hint=hint)
-    if size is not None and len(found) != size and not (partly and len(found) < size):
+    if size is not None and len(content) != size and not (partly and len(content) < size):
         rule = f"a chunk must expand to {size} bytes, and does not"
         raise MalformedInputError(rule, source=path)
-    return found
+    return content
 
 
 def zstd_module() -> Any:
-    """Return what reads zstd: Python's own module, or that of rosbags' dependencies before 3.14."""
+    """Return the module that reads zstd: Python's since 3.14, before that rosbags' dependency."""
     return import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
 
 

@@ -16,24 +16,24 @@ _PIECE = 1 << 20
 
 
 def add_checksums(path: Path) -> None:
-    """Write the checksums of chunks, which are not compressed, of the data and of the summary."""
+    """Write the checksums of the chunks, which must be uncompressed, the data and the summary."""
     # mcap.dev, "MCAP Format Specification": CRC-32 of a chunk's records; of all bytes before the
-    # record DataEnd; and of those from the summary to the footer's own checksum. The first is
-    # written before the second is summed up.
+    # record DataEnd; and of those from the summary to the footer's own checksum. DataEnd's checksum
+    # covers those of the chunks, which therefore come first.
     with path.open("r+b") as file:
         for opcode, start, length in _records(file):
             if opcode == _CHUNK:
                 file.seek(start + _TIMES_AND_SIZE + 4)
                 (name,) = struct.unpack("<I", file.read(4))
                 first = start + _TIMES_AND_SIZE + 4 + 4 + name + 8
-                _put(file, start + _TIMES_AND_SIZE, _sum(file, first, start + length))
+                _write(file, start + _TIMES_AND_SIZE, _crc(file, first, start + length))
             elif opcode == _DATA_END:
-                _put(file, start, _sum(file, 0, start - 9))
+                _write(file, start, _crc(file, 0, start - 9))
             elif opcode == _FOOTER:
                 file.seek(start)
                 (summary,) = struct.unpack("<Q", file.read(8))
                 if summary:
-                    _put(file, start + _OFFSETS, _sum(file, summary, start + _OFFSETS))
+                    _write(file, start + _OFFSETS, _crc(file, summary, start + _OFFSETS))
 
 
 def _records(file: IO[bytes]) -> Iterator[tuple[int, int, int]]:
@@ -47,16 +47,16 @@ def _records(file: IO[bytes]) -> Iterator[tuple[int, int, int]]:
         position += 9 + length
 
 
-def _put(file: IO[bytes], position: int, checksum: int) -> None:
+def _write(file: IO[bytes], position: int, checksum: int) -> None:
     file.seek(position)
     file.write(struct.pack("<I", checksum))
 
 
-def _sum(file: IO[bytes], start: int, end: int) -> int:
+def _crc(file: IO[bytes], start: int, end: int) -> int:
     file.seek(start)
-    found = 0
+    checksum = 0
     while start < end:
         piece = file.read(min(_PIECE, end - start))
-        found = crc32(piece, found)
+        checksum = crc32(piece, checksum)
         start += len(piece)
-    return found
+    return checksum

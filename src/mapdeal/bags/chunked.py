@@ -1,7 +1,7 @@
-"""Bags of records, some of them in chunks: of ROS 1, version 2.0, and MCAP; also cut ones.
+"""Bags of ROS 1 (version 2.0) and MCAP: files of records, some in chunks; also truncated ones.
 
-Records are gone through from the start, and the data of chunks passed over: neither the position
-of an index matters, nor a recorder that was killed.
+Records are read from the start, without the data of chunks. So a bag needs no index at its end,
+which is missing after a recorder was killed.
 
 References
 ----------
@@ -25,35 +25,35 @@ from zlib import crc32
 
 import numpy as np
 
-from mapdeal.bags.bag import Bag, Connection, Encoding, MessageIndex, Place, expanded
+from mapdeal.bags.bag import Bag, Connection, Encoding, MessageIndex, Place, decompress
 from mapdeal.files.source import access_to, claim, status_of
 
-_KEPT_BYTES = 1 << 25
-_KEPT = 8
+_MOST_CACHED_BYTES = 1 << 25
+_MOST_CACHED = 8
 
 _TOGETHER = 1 << 16  # entries of an index record that are read at once
-_IN_THE_FILE = -1  # the number of no chunk: a message that stands between them
+_OUTSIDE = -1  # stands for the chunk's number in places of messages outside of chunks
 
 
-class KeptChunks:
-    """The last few chunks: messages in order of time alternate between two or three."""
+class ChunkCache:
+    """Cache of the last few chunks: messages sorted by time alternate between two or three."""
 
     def __init__(self, read: Callable[[int], bytes]) -> None:
         self._read = read
-        self._kept: OrderedDict[int, bytes] = OrderedDict()
+        self._chunks: OrderedDict[int, bytes] = OrderedDict()
         self._bytes = 0
 
     def __getitem__(self, number: int) -> bytes:
-        found = self._kept.get(number)
-        if found is not None:
-            self._kept.move_to_end(number)
-            return found
-        while len(self._kept) >= _KEPT or self._bytes > _KEPT_BYTES:
-            _, old = self._kept.popitem(last=False)
+        chunk = self._chunks.get(number)
+        if chunk is not None:
+            self._chunks.move_to_end(number)
+            return chunk
+        while len(self._chunks) >= _MOST_CACHED or self._bytes > _MOST_CACHED_BYTES:
+            _, old = self._chunks.popitem(last=False)
             self._bytes -= len(old)
-            del old  # before another is read
+            del old  # frees the memory before reading another chunk
         chunk = self._read(number)
-        self._kept[number] = chunk
+        self._chunks[number] = chunk
         self._bytes += len(chunk)
         return chunk
 
@@ -71,7 +71,7 @@ class _Chunk:
 
 
 class _Record(NamedTuple):
-    """A record in a chunk: where it begins, its opcode or fields, and where its data are."""
+    """A record in a chunk: its position, its opcode or fields, and the range of its data."""
 
     chunk: bytes
     position: int
@@ -85,14 +85,14 @@ class _Record(NamedTuple):
 
 
 class _CutError(Exception):
-    """A record that does not end before the data do, or is none."""
+    """A record that is invalid, or extends beyond the end of the data."""
 
 
 class ChunkedBag(Bag):
-    """A file of records, which are gone through once to find chunks, connections, and the rest."""
+    """A file of records; one pass finds its chunks, connections, indices and loose messages."""
 
-    _OF_ENTRY, _OF_LOOSE, _OF_CHUNK, _OF_CONNECTION = 160, 40, 600, 1500
-    """Bytes that are kept of an index record, a message outside of chunks, and so on, at most."""
+    _ENTRY_BYTES, _LOOSE_BYTES, _CHUNK_BYTES, _CONNECTION_BYTES = 160, 40, 600, 1500
+    """Upper bounds of memory for an index record, a message outside of chunks, a chunk, etc."""
 
     _ENTRY: int  # bytes of an entry of an index record
 
@@ -112,7 +112,7 @@ class ChunkedBag(Bag):
         except BaseException:
             self._file.close()
             raise
-        self._kept = KeptChunks(self._expanded)
+        self._cache = ChunkCache(self._chunk_data)
 
     @property
     def connections(self) -> Sequence[Connection]:
@@ -122,25 +122,25 @@ class ChunkedBag(Bag):
         self._file.close()
 
     def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
-        wanted = set(connections)
+        selected = set(connections)
         if self._loose:
             index = MessageIndex.of(self._loose)
-            yield index.chosen(np.isin(index.connections, list(wanted)))
+            yield index.select(np.isin(index.connections, list(selected)))
         for number, chunk in enumerate(self._chunks):
             if chunk.is_indexed:
-                yield from self._indexed(number, wanted)
+                yield from self._indexed(number, selected)
                 continue
-            found = array("q")
+            places = array("q")
             for record in self._records_of(number):
                 place = self._place_of(record, number)
-                if place is not None and place.connection in wanted:
-                    found.extend(place)
-            if found:
-                yield MessageIndex.of(found)
+                if place is not None and place.connection in selected:
+                    places.extend(place)
+            if places:
+                yield MessageIndex.of(places)
 
     @abstractmethod
     def _walk(self) -> None:
-        """Go through all records of the file."""
+        """Read all records of the file, except the data of chunks."""
 
     @abstractmethod
     def _record(self, data: bytes, position: int) -> _Record:
@@ -148,26 +148,26 @@ class ChunkedBag(Bag):
 
     @abstractmethod
     def _note_described(self, record: _Record) -> None:
-        """Take in the connection that a record in a chunk describes, if it does."""
+        """Add the connection, if a record in a chunk describes one."""
 
     @abstractmethod
     def _place_of(self, record: _Record, number: int) -> Place | None:
-        """Return the place of the message that a record in a chunk is, if it is one."""
+        """Return the place of a record in a chunk; None unless it is a message."""
 
     @abstractmethod
     def _entries(self, data: bytes, number: int, connection: int) -> MessageIndex:
-        """Return the places that the entries of an index record stand for."""
+        """Return the places in the entries of an index record."""
 
     def _find_connections(self) -> None:
-        """Look into chunks for connections that no record behind them describes."""
+        """Search chunks for the connections that are described only within them."""
         for number, chunk in enumerate(self._chunks):
-            known = {one for one, _, _ in chunk.entries}
+            known = {connection for connection, _, _ in chunk.entries}
             if not (chunk.is_indexed and known <= self._found.keys()):
                 for record in self._records_of(number):
                     self._note_described(record)
 
     def _records_of(self, number: int) -> Iterator[_Record]:
-        data, position = self._expanded(number), 0
+        data, position = self._chunk_data(number), 0
         while position < len(data):
             try:
                 record = self._record(data, position)
@@ -178,45 +178,45 @@ class ChunkedBag(Bag):
             yield record
             position = record.end
 
-    def _indexed(self, number: int, wanted: set[int]) -> Iterator[MessageIndex]:
+    def _indexed(self, number: int, selected: set[int]) -> Iterator[MessageIndex]:
         for connection, start, count in self._chunks[number].entries:
-            for first in range(0, count if connection in wanted else 0, _TOGETHER):
+            for first in range(0, count if connection in selected else 0, _TOGETHER):
                 with access_to(self.path):
                     self._file.seek(start + self._ENTRY * first)
                     data = self._read(self._ENTRY * min(count - first, _TOGETHER))
                 yield self._entries(data, number, connection)
 
-    def _expanded(self, number: int) -> bytes:
+    def _chunk_data(self, number: int) -> bytes:
         chunk = self._chunks[number]
         with access_to(self.path):
             self._file.seek(chunk.start)
             data = self._read(chunk.length)
-        data = expanded(data, chunk.compression, chunk.size, self.path, partly=chunk.is_cut)
+        data = decompress(data, chunk.compression, chunk.size, self.path, partly=chunk.is_cut)
         if chunk.crc and not chunk.is_cut and crc32(data) != chunk.crc:
             raise self.malformed("a chunk is damaged: its checksum differs")
         return data
 
-    def _remark_on_end(self, why: str = "") -> None:
-        """Warn of a file that ends too early, and do without the last index: it may be cut, too."""
-        self.remark(f"ends too early{why}; the intact part before it is read")
+    def _warn_of_early_end(self, cause: str = "") -> None:
+        """Warn that the file ends too early; ignore the last index, which may be truncated, too."""
+        self.remark(f"ends too early{cause}; the intact part before it is read")
         if self._chunks:
             self._chunks[-1].is_indexed = False
 
     def _note_chunk(self, chunk: _Chunk) -> None:
-        self._note_memory(self._OF_CHUNK)
+        self._note_memory(self._CHUNK_BYTES)
         self._chunks.append(chunk)
 
     def _note_loose(self, connection: int, time: int, position: int) -> None:
-        self._note_memory(self._OF_LOOSE)
-        self._loose.extend((connection, time, _IN_THE_FILE, position))
+        self._note_memory(self._LOOSE_BYTES)
+        self._loose.extend((connection, time, _OUTSIDE, position))
 
     def _note_index(self, connection: int, start: int, count: int) -> None:
-        self._note_memory(self._OF_ENTRY)
+        self._note_memory(self._ENTRY_BYTES)
         self._chunks[-1].entries.append((connection, start, count))
         self._chunks[-1].is_indexed = True
 
     def _note_memory(self, count: int) -> None:
-        """Refuse a file of which more is to be kept than there is memory for."""
+        """Claim memory for entries of the index; refuse the file if there is too little."""
         self._noted += count
         claim(self.path, self._noted, what="its connections and chunks")
 
@@ -233,15 +233,15 @@ _ROS1_MESSAGE, _ROS1_BAG, _ROS1_INDEX, _ROS1_CHUNK, _ROS1_CHUNK_INFO, _ROS1_CONN
     bytes([op]) for op in range(2, 8)
 )
 _LONGEST_HEADER = 1 << 20
-_MOST_BEFORE = 100  # descriptions of connections before a message that some writers count to it
+_MOST_DESCRIPTIONS = 100  # of connections; some writers' indices point to them, not the message
 _U32 = struct.Struct("<I")
 
 _Fields = Mapping[bytes, bytes]
 
 
 class Ros1Bag(ChunkedBag):
-    # The entries of an index record are counted by its field ``count``, since some writers have a
-    # wrong length there.
+    # The field ``count`` gives the length of an index record, because some writers declare a wrong
+    # length.
     _ENTRY = 12
 
     def __init__(self, path: Path) -> None:
@@ -250,14 +250,14 @@ class Ros1Bag(ChunkedBag):
 
     def data(self, place: Place) -> bytes:
         with access_to(self.path):
-            if place.block == _IN_THE_FILE:
+            if place.block == _OUTSIDE:
                 self._file.seek(place.offset)
                 _, length = self._header_at(place.offset)
                 return self._read(length)
-        chunk = self._kept[place.block]
+        chunk = self._cache[place.block]
         try:
             record = self._record(chunk, place.offset)
-            for _ in range(_MOST_BEFORE):
+            for _ in range(_MOST_DESCRIPTIONS):
                 if record.head.get(b"op") != _ROS1_CONNECTION:
                     break
                 record = self._record(chunk, record.end)
@@ -282,13 +282,13 @@ class Ros1Bag(ChunkedBag):
             try:
                 position = self._walk_record(position)
             except _CutError as error:
-                self._remark_on_end(f" ({error})")
+                self._warn_of_early_end(f" ({error})")
                 return
         if not self._has_summary and self._chunks:
             self.remark("has no index, as left by a recorder that was killed; it is read all")
 
     def _walk_record(self, position: int) -> int:
-        """Take in the record at a position, and return where the next one begins."""
+        """Read the record at a position, and return the position of the next one."""
         self._file.seek(position)
         fields, length = self._header_at(position)
         start = self._file.tell()
@@ -304,9 +304,9 @@ class Ros1Bag(ChunkedBag):
         is_cut = end > self._size
         if op == _ROS1_CHUNK:
             compression = fields.get(b"compression", b"").decode("latin-1")
-            there = min(length, self._size - start)
+            available = min(length, self._size - start)
             size = _number(fields, b"size")
-            self._note_chunk(_Chunk(compression, size, start, there, is_cut=is_cut))
+            self._note_chunk(_Chunk(compression, size, start, available, is_cut=is_cut))
         if is_cut:
             raise _CutError(f"a record of {length} bytes at byte {position}")
         if op == _ROS1_BAG and fields.get(b"encryptor", b""):
@@ -323,11 +323,11 @@ class Ros1Bag(ChunkedBag):
         number = _number(fields, b"conn")
         if number in self._found:
             return
-        self._note_memory(self._OF_CONNECTION + 4 * len(data))
-        told = _fields_in(data)
-        topic = fields.get(b"topic", told.get(b"topic", b""))
-        texts = topic, told.get(b"type", b""), told.get(b"message_definition", b"")
-        topic_name, name, text = (one.decode("utf-8", "replace") for one in texts)
+        self._note_memory(self._CONNECTION_BYTES + 4 * len(data))
+        details = _fields_in(data)
+        topic = fields.get(b"topic", details.get(b"topic", b""))
+        texts = topic, details.get(b"type", b""), details.get(b"message_definition", b"")
+        topic_name, name, text = (value.decode("utf-8", "replace") for value in texts)
         self._found[number] = Connection(number, topic_name, name, "ros1", text, False, "ros1")
 
     def _note_described(self, record: _Record) -> None:
@@ -365,17 +365,17 @@ class Ros1Bag(ChunkedBag):
         return _Record(data, position, fields, start + 4, end)
 
     def _header_at(self, position: int) -> tuple[_Fields, int]:
-        """Return fields of the record that the file stands at, and the length of its data."""
-        where = f"a record at byte {position}"
+        """Return the fields of the record at the file's position, and the length of its data."""
+        place = f"a record at byte {position}"
         word = self._file.read(4)
         if len(word) < 4:
-            raise _CutError(where)
+            raise _CutError(place)
         (length,) = _U32.unpack(word)
         if length > min(_LONGEST_HEADER, self._size - position):
-            raise _CutError(where)
+            raise _CutError(place)
         header, word = self._file.read(length), self._file.read(4)
         if len(header) < length or len(word) < 4:
-            raise _CutError(where)
+            raise _CutError(place)
         return _fields_in(header), _U32.unpack(word)[0]
 
 
@@ -425,8 +425,8 @@ class _Schema(NamedTuple):
 
 
 class McapBag(ChunkedBag):
-    # The summary at the end is not needed. Chunks without index records are expanded to see what
-    # they hold.
+    # The summary at the end is ignored. Chunks without index records are decompressed to find their
+    # messages.
     _ENTRY = 16
 
     def __init__(self, path: Path) -> None:
@@ -435,12 +435,12 @@ class McapBag(ChunkedBag):
 
     def data(self, place: Place) -> bytes:
         with access_to(self.path):
-            if place.block == _IN_THE_FILE:
+            if place.block == _OUTSIDE:
                 self._file.seek(place.offset + 1)
                 (length,) = struct.unpack("<Q", self._read(8))
                 self._file.seek(_BEFORE_DATA, os.SEEK_CUR)
                 return self._read(length - _BEFORE_DATA)
-        chunk = self._kept[place.block]
+        chunk = self._cache[place.block]
         try:
             _, _, opcode, start, end = self._record(chunk, place.offset)
         except _CutError:
@@ -456,16 +456,16 @@ class McapBag(ChunkedBag):
         while position + 9 <= self._size:
             self._file.seek(position)
             opcode, length = struct.unpack("<BQ", self._read(9))
-            left = self._size - position - 9
+            remaining = self._size - position - 9
             if is_ended and opcode not in (_SCHEMA, _CHANNEL):
                 if opcode == _FOOTER:
                     return
-            elif length > left:
+            elif length > remaining:
                 if opcode == _CHUNK and not is_ended:
-                    self._take_chunk(position + 9, left, is_cut=True)
+                    self._add_chunk(position + 9, remaining, is_cut=True)
                 break
             else:
-                self._take(opcode, position, length)
+                self._add_record(opcode, position, length)
                 is_ended = is_ended or opcode == _DATA_END
                 if opcode == _FOOTER:
                     return
@@ -473,15 +473,15 @@ class McapBag(ChunkedBag):
         if is_ended:
             self.remark("ends early, after its messages; all of them are read")
         else:
-            self._remark_on_end()
+            self._warn_of_early_end()
 
-    def _take(self, opcode: int, position: int, length: int) -> None:
-        """Take in the record at a position, behind the head of which the file stands."""
+    def _add_record(self, opcode: int, position: int, length: int) -> None:
+        """Read the record at a position; the file's position is behind the record's head."""
         start = position + 9
         if opcode in (_SCHEMA, _CHANNEL):
             self._note(opcode, self._read(min(length, _LONGEST_RECORD + 1)))
         elif opcode == _CHUNK:
-            self._take_chunk(start, length)
+            self._add_chunk(start, length)
         elif opcode == _INDEX and self._chunks:
             head = self._read(min(length, 6))
             channel, size = struct.unpack("<HI", head) if len(head) == 6 else (0, 1)
@@ -492,22 +492,22 @@ class McapBag(ChunkedBag):
             channel, _, time = struct.unpack("<HIQ", self._read(14))
             self._note_loose(channel, _signed(time), position)
 
-    def _take_chunk(self, start: int, length: int, *, is_cut: bool = False) -> None:
+    def _add_chunk(self, start: int, length: int, *, is_cut: bool = False) -> None:
         head = self._file.read(min(length, 32))
         if len(head) < 32:
             return
         _, _, size, crc, name_length = struct.unpack("<QQQII", head)
         name = self._file.read(min(name_length, 64, length - 32))
         word = self._file.read(8)
-        before = 40 + name_length
+        prefix = 40 + name_length
         stored = int.from_bytes(word, "little")
-        is_whole = len(name) == name_length and len(word) == 8
-        if not is_cut and (not is_whole or stored > length - before):
+        is_complete = len(name) == name_length and len(word) == 8
+        if not is_cut and (not is_complete or stored > length - prefix):
             raise self.malformed("the head of a chunk is damaged")
-        if is_whole:
-            there = min(stored, length - before)
-            form = name.decode("latin-1")
-            self._note_chunk(_Chunk(form, size, start + before, there, crc, is_cut=is_cut))
+        if is_complete:
+            available = min(stored, length - prefix)
+            text = name.decode("latin-1")
+            self._note_chunk(_Chunk(text, size, start + prefix, available, crc, is_cut=is_cut))
 
     def _note(self, opcode: int, data: bytes) -> None:
         if len(data) > _LONGEST_RECORD:
@@ -516,13 +516,13 @@ class McapBag(ChunkedBag):
             if opcode == _SCHEMA:
                 (number,) = struct.unpack_from("<H", data)
                 if number not in self._schemas:
-                    self._note_memory(self._OF_CONNECTION + 2 * len(data))
+                    self._note_memory(self._CONNECTION_BYTES + 2 * len(data))
                     self._schemas[number] = _Schema(*_texts(data, 2, 3))
                 return
             number, schema_number = struct.unpack_from("<HH", data)
             if number in self._found:
                 return
-            self._note_memory(self._OF_CONNECTION + 2 * len(data))
+            self._note_memory(self._CONNECTION_BYTES + 2 * len(data))
             topic, serialization = _texts(data, 4, 2)
         except (struct.error, _CutError):
             raise self.malformed("a schema or channel is damaged") from None
@@ -561,7 +561,7 @@ class McapBag(ChunkedBag):
 
 
 def _texts(data: bytes, position: int, count: int) -> Iterator[str]:
-    """Yield texts that stand one behind the other, each with its length before it."""
+    """Yield consecutive texts, each of which is preceded by its length."""
     for _ in range(count):
         (length,) = struct.unpack_from("<I", data, position)
         position += 4 + length
@@ -571,5 +571,5 @@ def _texts(data: bytes, position: int, count: int) -> Iterator[str]:
 
 
 def _signed(time: int) -> int:
-    """Return a time that numpy can hold; what is beyond is no time of a recording."""
+    """Return a time limited to int64; later ones occur in damaged files only."""
     return min(time, (1 << 63) - 1)

@@ -1,10 +1,10 @@
 """Messages of Livox lidars: ``CustomMsg`` of livox_ros_driver and livox_ros_driver2.
 
-Decoded from their bytes: a message has tens of thousands of points, each an object for rosbags.
+They are decoded with numpy: rosbags would make an object of each of the many thousand points.
 
 References
 ----------
-The drivers' ``msg/CustomMsg.msg`` and ``msg/CustomPoint.msg``, which are the same in both.
+``msg/CustomMsg.msg`` and ``msg/CustomPoint.msg``, which are identical in both drivers.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def points_of_custom(data: bytes, encoding: str) -> NDArray[np.float64]:
     try:
         (length,) = struct.unpack_from(f"{order}I", data, 12)
         start = 16 + length
-        if not is_ros1:  # 64 bits are aligned behind the 4 bytes that name the byte order
+        if not is_ros1:  # CDR aligns 64-bit numbers, counted from the end of its 4-byte header
             start = 4 + -(-(start - 4) // 8) * 8
         (count,) = struct.unpack_from(f"{order}I", data, start + _BEFORE_POINTS - 4)
     except struct.error:

@@ -1,4 +1,4 @@
-"""Decoded messages as what mapdeal works with: scans, transforms, grids, points."""
+"""Conversion of decoded messages to scans, transforms, grids and points, and of grids to bags."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ GRID_TYPES = (OCCUPANCY_GRID, NAV2_COSTMAP)
 
 _SECOND = 10**9
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""The types of numbers in a PointField, by its constants."""
+"""numpy's types for the constants of a PointField."""
 
 _UPRIGHT = math.cos(math.radians(10))
 _MOST_POINTS = 1 << 32
@@ -71,7 +71,7 @@ class LaserScan:
 
     @property
     def angles(self) -> NDArray[np.float64]:
-        """Of the beams, shape (M,), radians."""
+        """Angles of the beams, shape (M,), radians."""
         return self.start + self.step * np.arange(len(self.ranges), dtype=np.float64)
 
     @property
@@ -80,9 +80,9 @@ class LaserScan:
         return self.frame, self.start, self.step, len(self.ranges)
 
     def beam_times(self) -> NDArray[np.int64]:
-        """Return when each beam was measured, shape (M,), nanoseconds."""
-        after = np.arange(len(self.ranges)) * (self.between * _SECOND)
-        return np.asarray(self.time + np.rint(after).astype(np.int64))
+        """Return the time of each beam, shape (M,), nanoseconds."""
+        delays = np.arange(len(self.ranges)) * (self.between * _SECOND)
+        return np.asarray(self.time + np.rint(delays).astype(np.int64))
 
     def at(self, time: int) -> LaserScan:
         return replace(self, time=time)
@@ -97,10 +97,9 @@ def frame_of(header: Any) -> str:
 
 
 def laser_scan_of(message: Any) -> LaserScan:
-    # Source: REP 117: a reading of inf hits nothing, one of -inf is too near, one of nan means
-    # nothing. sensor_msgs/LaserScan: readings below ``range_min`` or above ``range_max`` are to be
-    # discarded. A reading of ``range_max`` is that of a beam that hits nothing, as with gmapping's
-    # ``maxRange``.
+    # REP 117: a beam of range inf hits nothing, -inf means too near, nan is invalid.
+    # sensor_msgs/LaserScan: discard ranges below ``range_min`` and above ``range_max``. As with
+    # gmapping's ``maxRange``, a range of ``range_max`` means that the beam hits nothing.
     start, step = float(message.angle_min), float(message.angle_increment)
     ranges = np.array(message.ranges, dtype=np.float64)
     last = start + step * max(0, len(ranges) - 1)
@@ -113,38 +112,38 @@ def laser_scan_of(message: Any) -> LaserScan:
             ranges[ranges >= most] = np.inf
         if math.isfinite(least):
             ranges[ranges < least] = np.nan
-    between = float(message.time_increment)
+    interval = float(message.time_increment)
     return LaserScan(
         frame_of(message.header), time_of(message.header.stamp), start, step,
-        between if math.isfinite(between) else 0.0, ranges,
+        interval if math.isfinite(interval) else 0.0, ranges,
     )  # fmt: skip
 
 
 def transforms_of(message: Any) -> list[Stamped]:
     """Return the transforms of a ``tf2_msgs/TFMessage`` or ``tf/tfMessage``."""
     return [
-        _stamped(one, one.transform.translation, one.transform.rotation)
-        for one in message.transforms
+        _stamped(item, item.transform.translation, item.transform.rotation)
+        for item in message.transforms
     ]
 
 
 def odometry_of(message: Any) -> Stamped:
-    """Return the pose of a ``nav_msgs/Odometry`` as the transform that it stands for."""
+    """Return the pose of a ``nav_msgs/Odometry`` as a transform to its child frame."""
     pose = message.pose.pose
     return _stamped(message, pose.position, pose.orientation)
 
 
-def _stamped(one: Any, move: Any, turn: Any) -> Stamped:
+def _stamped(item: Any, translation: Any, rotation: Any) -> Stamped:
     return Stamped(
-        frame_of(one.header), str(one.child_frame_id).lstrip("/"), time_of(one.header.stamp),
-        (float(move.x), float(move.y), float(move.z)),
-        (float(turn.x), float(turn.y), float(turn.z), float(turn.w)),
+        frame_of(item.header), str(item.child_frame_id).lstrip("/"), time_of(item.header.stamp),
+        (float(translation.x), float(translation.y), float(translation.z)),
+        (float(rotation.x), float(rotation.y), float(rotation.z), float(rotation.w)),
     )  # fmt: skip
 
 
 def grid_of(message: Any, name: str, *, is_costs: bool) -> OccupancyGrid | Costmap:
-    # The resolution is a float32 in both: it becomes the number with the fewest digits that stands
-    # for it, 0.05 and not 0.05000000074505806. The time that the map was loaded is left out.
+    # Both types have a float32 resolution. It becomes the shortest decimal of the same float32:
+    # 0.05, not 0.05000000074505806.
     if name == NAV2_COSTMAP:
         info = message.metadata
         width, height = int(info.size_x), int(info.size_y)
@@ -171,9 +170,9 @@ def grid_of(message: Any, name: str, *, is_costs: bool) -> OccupancyGrid | Costm
 
 
 def _planar(pose: Any) -> tuple[float, float, float]:
-    place, turn = pose.position, pose.orientation
-    parts = [float(part) for part in (turn.x, turn.y, turn.z, turn.w)]
-    if not any(parts):  # of publishers that never set it: map_server takes it for no turn, too
+    position, rotation = pose.position, pose.orientation
+    parts = [float(part) for part in (rotation.x, rotation.y, rotation.z, rotation.w)]
+    if not any(parts):  # some publishers never set it; map_server reads it as yaw 0, too
         parts = [0.0, 0.0, 0.0, 1.0]
     length = math.hypot(*parts)
     if not math.isfinite(length):
@@ -183,44 +182,44 @@ def _planar(pose: Any) -> tuple[float, float, float]:
         rule = "must lie in the plane: it leans by more than 10 degrees"
         raise MalformedInputError(rule, place="origin")
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return float(place.x), float(place.y), yaw
+    return float(position.x), float(position.y), yaw
 
 
 def points_of(message: Any) -> NDArray[np.float64]:
     """Return the points of a ``sensor_msgs/PointCloud2``."""
-    fields = {str(one.name): one for one in message.fields}
+    fields = {str(field.name): field for field in message.fields}
     if not {"x", "y"} <= fields.keys():
         raise MalformedInputError("must name x and y", place="fields", got=" ".join(fields))
     order = ">" if message.is_bigendian else "<"
     width, height = int(message.width), int(message.height)
-    step, row = int(message.point_step), int(message.row_step)
+    step, row_step = int(message.point_step), int(message.row_step)
     if not width or not height:
         return np.empty((0, 3 if "z" in fields else 2))
     if width * height > _MOST_POINTS:
         raise MalformedInputError("has too many points", place="width, height")
-    if row < width * step:  # of drivers that leave it 0
-        row = width * step
+    if row_step < width * step:  # some drivers leave it 0
+        row_step = width * step
     data = np.ascontiguousarray(message.data).view(np.uint8)
-    if len(data) < (height - 1) * row + width * step:
-        rule = f"must have {height} rows of {row} bytes, has {len(data)}"
+    if len(data) < (height - 1) * row_step + width * step:
+        rule = f"must have {height} rows of {row_step} bytes, has {len(data)}"
         raise MalformedInputError(rule, place="data")
     axes = [fields[name] for name in ("x", "y", "z") if name in fields]
     points = np.empty((height, width, len(axes)))
-    for k, one in enumerate(axes):
-        place, number, offset = f"field {one.name}", int(one.datatype), int(one.offset)
+    for axis, field in enumerate(axes):
+        place, number, offset = f"field {field.name}", int(field.datatype), int(field.offset)
         if number not in _NUMBERS:
             raise MalformedInputError("must be of a datatype from 1 to 8", place=place, got=number)
         kind = np.dtype(order + _NUMBERS[number])
         if offset + kind.itemsize > step:
             rule = f"must lie within a point of {step} bytes"
             raise MalformedInputError(rule, place=place, got=offset)
-        with np.errstate(invalid="ignore"):  # of a signalling nan, which is one like others
-            points[..., k] = np.ndarray((height, width), kind, data, offset, (row, step))
+        with np.errstate(invalid="ignore"):  # conversion of a signalling nan
+            points[..., axis] = np.ndarray((height, width), kind, data, offset, (row_step, step))
     return points.reshape(-1, len(axes))
 
 
 def points_of_scan(scan: LaserScan) -> NDArray[np.float64]:
-    """Return the points that a scan hits, in the frame of its sensor, shape (M, 2)."""
+    """Return the points where beams of a scan end, in its sensor's frame, shape (M, 2)."""
     hit = np.isfinite(scan.ranges)
     ranges, angles = scan.ranges[hit], scan.angles[hit]
     return np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
@@ -244,54 +243,53 @@ geometry_msgs/Pose origin
 """
 
 _SEPARATOR = "=" * 80
-_LONGEST_DEFINITION = 100_000  # characters: those of the types that are read have some thousand
+_LONGEST_DEFINITION = 100_000  # characters; definitions of common types have a few thousand
 _LONGEST_ARRAYS = 10_000
-_OF_ARRAYS, _OF_OBJECTS = 4, 30  # times the length of a message that it takes when it is decoded
+_ARRAY_FACTOR, _OBJECT_FACTOR = 4, 30  # memory for decoding a message, relative to its length
 
 
 class Decoder:
-    # A type is what the bag says it is; where it says nothing, as before ROS 2 Iron, what the
-    # latest ROS 2 has, which for the types that are asked for here has never changed.
+    # The bag's own definition of a type is used. Bags before ROS 2 Iron have none; they use the
+    # definitions of the latest ROS 2, which have never changed for the types read here.
     def __init__(self, bag: Bag) -> None:
         needs_bags(bag.path)
         self._bag = bag
-        self._connections = {one.id: one for one in bag.connections}
-        self._readers: dict[int, Callable[[bytes], Any]] = {}
+        self._connections = {connection.id: connection for connection in bag.connections}
+        self._deserializers: dict[int, Callable[[bytes], Any]] = {}
 
     def message(self, place: Place) -> Any:
-        one = self._connections[place.connection]
-        if one.id not in self._readers:
-            self._readers[one.id] = self._reader_of(one)
+        connection = self._connections[place.connection]
+        if connection.id not in self._deserializers:
+            self._deserializers[connection.id] = self._deserializer(connection)
         data = self._bag.data(place)
-        needed = (_OF_OBJECTS if one.type in TF_TYPES else _OF_ARRAYS) * len(data)
+        needed = (_OBJECT_FACTOR if connection.type in TF_TYPES else _ARRAY_FACTOR) * len(data)
         claim(self._bag.path, needed, what=f"the {len(data)} bytes of a message")
         try:
-            return self._readers[one.id](data)
+            return self._deserializers[connection.id](data)
         except Exception as error:  # noqa: BLE001 - decoders of damaged bytes fail in many ways
-            rule = f"a message at {place.time} ns is not a valid {one.type}"
+            rule = f"a message at {place.time} ns is not a valid {connection.type}"
             rule += f": {error or type(error).__name__}"
-            raise self._bag.malformed(rule, one.topic) from None
+            raise self._bag.malformed(rule, connection.topic) from None
 
     def read(self, place: Place, make: Callable[[Any], _T]) -> _T:
-        message, one = self.message(place), self._connections[place.connection]
+        message, connection = self.message(place), self._connections[place.connection]
         try:
             return make(message)
         except ParameterError as error:
-            raise error.in_file(self._bag.path, one.topic) from None
+            raise error.in_file(self._bag.path, connection.topic) from None
         except MalformedInputError as error:
             if error.source is None:
-                error.place = ": ".join(part for part in (one.topic, error.place) if part)
+                error.place = ": ".join(part for part in (connection.topic, error.place) if part)
             raise error.found_in(self._bag.path) from None
         except (AttributeError, TypeError, ValueError, OverflowError) as error:
-            rule = f"the bag has another {one.type}: {error}"
-            raise self._bag.malformed(rule, one.topic) from None
+            rule = f"the bag has another {connection.type}: {error}"
+            raise self._bag.malformed(rule, connection.topic) from None
 
     def header(self, place: Place) -> tuple[int, str]:
-        """Return time (nanoseconds) and frame of the header of the message at a place."""
-        # The rest of the message is not decoded.
-        data, one = self._bag.data(place), self._connections[place.connection]
-        order = "<" if one.encoding == "ros1" or data[1:2] == b"\x01" else ">"
-        try:  # behind a number in ROS 1, behind the byte order in ROS 2
+        """Return a header's time, nanoseconds, and frame, without decoding the whole message."""
+        data, connection = self._bag.data(place), self._connections[place.connection]
+        order = "<" if connection.encoding == "ros1" or data[1:2] == b"\x01" else ">"
+        try:  # preceded by a sequence number in ROS 1, by CDR's byte order in ROS 2
             seconds, nanoseconds, length = struct.unpack_from(f"{order}III", data, 4)
             frame = data[16 : 16 + length]
             if len(frame) < length:
@@ -299,10 +297,10 @@ class Decoder:
             text = frame.rstrip(b"\0").decode()
         except (struct.error, ValueError):
             rule = f"a message at {place.time} ns has no header"
-            raise self._bag.malformed(rule, one.topic) from None
+            raise self._bag.malformed(rule, connection.topic) from None
         return seconds * 10**9 + nanoseconds, text.lstrip("/")
 
-    def _reader_of(self, connection: Connection) -> Callable[[bytes], Any]:
+    def _deserializer(self, connection: Connection) -> Callable[[bytes], Any]:
         name = connection.type
         try:
             store = _store(name, connection.definition, connection.is_idl)
@@ -316,9 +314,9 @@ class Decoder:
         return lambda data: store.deserialize_cdr(data, name)
 
 
-@lru_cache(maxsize=32)  # of all bags: the readers that a store makes take longer than most messages
+@lru_cache(maxsize=32)  # for all bags: to compile a store takes longer than to decode messages
 def _store(name: str, definition: str, is_idl: bool) -> Any:
-    """Return the types of a definition, or those of the latest ROS 2 if there is none."""
+    """Return the types in a definition; those of the latest ROS 2 if the definition is empty."""
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     if not definition:
@@ -328,26 +326,26 @@ def _store(name: str, definition: str, is_idl: bool) -> Any:
     if len(definition) > _LONGEST_DEFINITION:
         raise ValueError(f"{len(definition)} characters, the limit is {_LONGEST_DEFINITION}")
     store = get_typestore(Stores.EMPTY)
-    found = [get_types_from_msg(definition, name)] if not is_idl else []
-    for types in found or map(get_types_from_idl, _idl_parts(definition)):
+    msg_types = [get_types_from_msg(definition, name)] if not is_idl else []
+    for types in msg_types or map(get_types_from_idl, _idl_parts(definition)):
         _check_arrays(types)
         store.register(types)
     return store
 
 
 def _check_arrays(types: Any) -> None:
-    """Refuse arrays of fixed lengths for which rosbags would write endless code, or none."""
+    """Refuse fixed lengths of arrays below 1 or so large that rosbags would generate huge code."""
     from rosbags.interfaces import Nodetype
 
     kinds = [kind for _, fields in types.values() for _, kind in fields]
-    lengths = [inner[1] for kind, inner in kinds if kind == Nodetype.ARRAY]
+    lengths = [item[1] for kind, item in kinds if kind == Nodetype.ARRAY]
     if min(lengths, default=1) < 1 or sum(lengths) > _LONGEST_ARRAYS:
         rule = f"fixed lengths of arrays must be 1 or more, and {_LONGEST_ARRAYS} together at most"
         raise ValueError(rule)
 
 
 def costmap_types() -> Any:
-    """Return the types of a costmap of Nav2, which rosbags does not have."""
+    """Return the types of Nav2's costmap, which are missing in rosbags."""
     from rosbags.typesys import get_types_from_msg
 
     types = get_types_from_msg(_COSTMAP, "nav2_msgs/msg/Costmap")
@@ -362,10 +360,10 @@ def _idl_parts(text: str) -> list[str]:
 
 MAP_TOPIC, COSTS_TOPIC, FRAME = "/map", "/costmap", "map"
 
-_STAMP = 1  # seconds: ROS 1 refuses 0, and the same map has to make the same bytes
+_STAMP = 1  # seconds: constant, so that equal maps give equal bytes; ROS 1 refuses 0
 _NANOSECONDS = _STAMP * 10**9
-_VERSION: Literal[8] = 8  # of the metadata: rosbag2 of Humble and newer reads it, 9 only newer ones
-_COPIES = 5  # bytes for each cell that are there at the same time, at most
+_VERSION: Literal[8] = 8  # of the metadata: Humble cannot read version 9
+_COPIES = 5  # peak memory, bytes per cell
 
 
 def write_bag(
@@ -417,10 +415,10 @@ def _write_ros2(
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(costmap_types())
-    name = NAV2_COSTMAP if _has_own_message(grid) else OCCUPANCY_GRID
+    name = NAV2_COSTMAP if _is_nav2_costmap(grid) else OCCUPANCY_GRID
     plugin = StoragePlugin.MCAP if suffix == ".mcap" else StoragePlugin.SQLITE3
     unset = Time(sec=0, nsec=0)
-    # as map_server publishes: whoever subscribes later gets the last one, too
+    # as map_server publishes: later subscribers get the last message, too
     latched = Qos(
         history=QosHistory.KEEP_LAST, depth=1, reliability=QosReliability.RELIABLE,
         durability=QosDurability.TRANSIENT_LOCAL, deadline=unset, lifespan=unset,
@@ -439,13 +437,13 @@ def _write_ros2(
     return (file,) if suffix == ".mcap" else (file, bag / METADATA)
 
 
-def _has_own_message(grid: OccupancyGrid | Costmap) -> bool:
+def _is_nav2_costmap(grid: OccupancyGrid | Costmap) -> bool:
     return isinstance(grid, Costmap) and grid.scale == "costmap2d"
 
 
 @contextmanager
 def _scratch(output: Path) -> Iterator[Path]:
-    """Yield a folder for rosbags to write to, which accepts names but no open files."""
+    """Yield a temporary folder, because rosbags writes to paths, not to open files."""
     with access_to(output, "written"), temporary_folder() as folder:
         try:
             yield folder
@@ -458,8 +456,8 @@ def _message(
     is_ros1: bool,
 ) -> Any:  # fmt: skip
     time = types["builtin_interfaces/msg/Time"](sec=_STAMP, nanosec=0)
-    number = {"seq": 0} if is_ros1 else {}
-    header = types["std_msgs/msg/Header"](stamp=time, frame_id=frame, **number)
+    sequence = {"seq": 0} if is_ros1 else {}
+    header = types["std_msgs/msg/Header"](stamp=time, frame_id=frame, **sequence)
     x, y, yaw = grid.origin
     origin = types["geometry_msgs/msg/Pose"](
         position=types["geometry_msgs/msg/Point"](x=x, y=y, z=0.0),
@@ -470,7 +468,7 @@ def _message(
     height, width = grid.shape
     resolution = float(np.float32(grid.resolution))
     values = np.ascontiguousarray(grid.layer).reshape(-1)
-    if _has_own_message(grid):
+    if _is_nav2_costmap(grid):
         info = types["nav2_msgs/msg/CostmapMetaData"](
             map_load_time=time, update_time=time, layer="master", resolution=resolution,
             size_x=width, size_y=height, origin=origin,

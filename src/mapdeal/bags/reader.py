@@ -1,4 +1,4 @@
-"""Opening bags of all kinds."""
+"""Open bags of all formats: ROS 1, MCAP, SQLite, and folders of ROS 2."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mapdeal.bags.bag import (
     MessageIndex,
     Place,
     Recorded,
-    expanded,
+    decompress,
     normalised_topic,
     zstd_module,
 )
@@ -46,17 +46,17 @@ _ZSTD_SUFFIXES = (".zstd", ".zst")
 _LIMITS = YamlLimits(bytes=1 << 22, nodes=100_000, aliases=1000)
 _STORAGES: dict[str, Callable[[Path], Bag]] = {"sqlite3": SqliteBag, "mcap": McapBag}
 _KINDS: dict[bytes, Callable[[Path], Bag]] = {
-    b"#ROSBAG V": Ros1Bag, b"#ROSRECORD V": Ros1Bag, b"#ROSLOG V": Ros1Bag,  # old ones, too
+    b"#ROSBAG V": Ros1Bag, b"#ROSRECORD V": Ros1Bag, b"#ROSLOG V": Ros1Bag,
     MCAP_MAGIC: McapBag, SQLITE_MAGIC: SqliteBag,
 }  # fmt: skip
 _SUFFIXES = {".db3": "sqlite3", ".mcap": "mcap"}
 _PIECE = 1 << 20
-_NAMED = 12
+_MOST_NAMED = 12
 _TOPICS = "topics_with_message_count"
 
 
 class _Metadata(NamedTuple):
-    """What ``metadata.yaml`` says of files, of their compression, and of topics."""
+    """Contents of ``metadata.yaml``: storage, files, compression, serialization by topic."""
 
     storage: str
     files: tuple[str, ...]
@@ -65,8 +65,8 @@ class _Metadata(NamedTuple):
 
 
 class FolderBag(Bag):
-    # Topics, counts and times are those of the files. A file that is compressed as a whole is
-    # expanded into a temporary folder, which goes with the bag.
+    # Topics, counts and times are read from the files, not from the metadata. A compressed file is
+    # decompressed into a temporary folder, which is deleted when the bag is closed.
     def __init__(self, path: Path) -> None:
         super().__init__(path, "a folder with a ROS 2 bag")
         self._stack = ExitStack()
@@ -74,21 +74,21 @@ class FolderBag(Bag):
             metadata = self._metadata()
             self._compresses_messages = metadata.compression == "message"
             self._parts = [
-                self._stack.enter_context(self._opened(path / name, metadata.storage))
+                self._stack.enter_context(self._open_part(path / name, metadata.storage))
                 for name in metadata.files
             ]
         except BaseException:
             self._stack.close()
             raise
         self._found: list[Connection] = []
-        self._homes: list[tuple[Bag, int]] = []
+        self._origins: list[tuple[Bag, int]] = []
         for part in self._parts:
-            for one in part.connections:
-                self._homes.append((part, one.id))
-                said = metadata.serializations.get(one.topic, one.serialization)
-                encoding = one.encoding if said == one.serialization else ""
+            for c in part.connections:
+                self._origins.append((part, c.id))
+                declared = metadata.serializations.get(c.topic, c.serialization)
+                encoding = c.encoding if declared == c.serialization else ""
                 number = len(self._found)
-                self._found.append(replace(one, id=number, encoding=encoding, serialization=said))
+                self._found.append(replace(c, id=number, encoding=encoding, serialization=declared))
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -104,29 +104,27 @@ class FolderBag(Bag):
 
     def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
         for part in self._parts:
-            numbers = {
-                self._homes[one][1]: one for one in connections if self._homes[one][0] is part
-            }
+            numbers = {self._origins[n][1]: n for n in connections if self._origins[n][0] is part}
             if numbers:
-                own = np.array(sorted(numbers), np.int64)
-                ids = np.array([numbers[one] for one in own.tolist()], np.int64)
+                part_ids = np.array(sorted(numbers), np.int64)
+                ids = np.array([numbers[number] for number in part_ids.tolist()], np.int64)
                 for piece in part.pieces(numbers):
-                    at = np.searchsorted(own, piece.connections)
-                    yield replace(piece, connections=ids[at])
+                    indices = np.searchsorted(part_ids, piece.connections)
+                    yield replace(piece, connections=ids[indices])
 
     def summary(self) -> dict[int, Recorded]:
-        of_parts = {id(part): part.summary() for part in self._parts}
-        return {number: of_parts[id(part)][own] for number, (part, own) in enumerate(self._homes)}
+        summaries = {id(part): part.summary() for part in self._parts}
+        return {n: summaries[id(part)][i] for n, (part, i) in enumerate(self._origins)}
 
     def data(self, place: Place) -> bytes:
-        part, own = self._homes[place.connection]
-        data = part.data(place._replace(connection=own))
-        return expanded(data, "zstd", None, self.path) if self._compresses_messages else data
+        part, part_id = self._origins[place.connection]
+        data = part.data(place._replace(connection=part_id))
+        return decompress(data, "zstd", None, self.path) if self._compresses_messages else data
 
     def _metadata(self) -> _Metadata:
         path = self.path / METADATA
         if not exists(path):
-            return self._guessed(f"has no {METADATA}, as left by a recorder that was killed")
+            return self._guess(f"has no {METADATA}, as left by a recorder that was killed")
         top = read_mapping(path, _LIMITS).get(_TOP_KEY)
         fields = {} if top is None else top.fields()
         for key in ("storage_identifier", "relative_file_paths"):
@@ -135,49 +133,49 @@ class FolderBag(Bag):
                 raise MalformedInputError("missing", source=path, place=place)
         storage = _text_of(fields, "storage_identifier")
         if not storage:
-            return self._guessed(f"{METADATA} names no storage, as ros2 bag reindex leaves it")
+            return self._guess(f"{METADATA} names no storage, as ros2 bag reindex leaves it")
         if storage not in _STORAGES:
             raise fields["storage_identifier"].error("must be sqlite3 or mcap: others are not read")
         mode = _text_of(fields, "compression_mode").lower() or "none"
-        form = _text_of(fields, "compression_format").lower()
+        compression = _text_of(fields, "compression_format").lower()
         if mode not in ("none", "file", "message", "storage"):
             raise fields["compression_mode"].error("must be none, file or message")
-        if mode in ("file", "message") and form != "zstd":
+        if mode in ("file", "message") and compression != "zstd":
             raise fields["compression_mode"].error("can be read with compression_format zstd alone")
-        names = self._present(fields["relative_file_paths"])
+        names = self._present_files(fields["relative_file_paths"])
         return _Metadata(storage, names, mode, _serializations(fields))
 
-    def _present(self, entry: Entry) -> tuple[str, ...]:
-        """Return the names of the files that are there; older bags name them with folders."""
-        paths = [PurePosixPath(PureWindowsPath(one.text()).as_posix()) for one in entry.items()]
-        names, there = dict.fromkeys(path.name for path in paths), set(contents_of(self.path)[1])
-        missing = [name for name in names if name not in there]
+    def _present_files(self, entry: Entry) -> tuple[str, ...]:
+        """Return the names of the files that exist; older metadata list them with folders."""
+        paths = [PurePosixPath(PureWindowsPath(item.text()).as_posix()) for item in entry.items()]
+        names, present = dict.fromkeys(path.name for path in paths), set(contents_of(self.path)[1])
+        missing = [name for name in names if name not in present]
         if names and len(missing) == len(names):
-            check_readable(self.path / missing[0])  # which says why not
+            check_readable(self.path / missing[0])  # raises the error
         if missing:
             more = f" and {len(missing) - 1} more are" if len(missing) > 1 else " is"
             self.remark(f"its file {missing[0]}{more} missing; the others are read")
-        return tuple(name for name in names if name in there)
+        return tuple(name for name in names if name in present)
 
-    def _guessed(self, remark: str) -> _Metadata:
+    def _guess(self, remark: str) -> _Metadata:
         names = sorted(contents_of(self.path)[1], key=natural_key)
         for suffix, storage in _SUFFIXES.items():
-            found = [name for name in names if _plain(name).endswith(suffix)]
-            if found:
+            files = [name for name in names if _plain(name).endswith(suffix)]
+            if files:
                 self.remark(remark)
-                return _Metadata(storage, tuple(found), "none", {})
+                return _Metadata(storage, tuple(files), "none", {})
         raise self.malformed("is a folder without .db3 and .mcap files")
 
     @contextmanager
-    def _opened(self, path: Path, storage: str) -> Iterator[Bag]:
+    def _open_part(self, path: Path, storage: str) -> Iterator[Bag]:
         with _plain_file(path) as file, _STORAGES[storage](file) as bag:
-            bag.path = path  # that errors name, and not a temporary one
+            bag.path = path  # errors name this file, not the temporary one
             yield bag
 
 
 @contextmanager
 def _plain_file(path: Path) -> Iterator[Path]:
-    """Yield a file that is not compressed as a whole: the file itself, or a temporary one."""
+    """Yield the file itself, or a temporary decompressed one if its suffix is zstd's."""
     if path.suffix.lower() not in _ZSTD_SUFFIXES:
         yield path
         return
@@ -200,14 +198,14 @@ def _plain_file(path: Path) -> Iterator[Path]:
 
 
 def _serializations(fields: Mapping[str, Entry]) -> dict[str, str]:
-    found = {}
-    for one in fields[_TOPICS].items() if _TOPICS in fields else ():
-        topic = one.fields().get("topic_metadata")
+    serializations = {}
+    for entry in fields[_TOPICS].items() if _TOPICS in fields else ():
+        topic = entry.fields().get("topic_metadata")
         of_topic = topic.fields() if topic is not None else {}
         if {"name", "serialization_format"} <= of_topic.keys():
             name = normalised_topic(of_topic["name"].text())
-            found[name] = of_topic["serialization_format"].text()
-    return found
+            serializations[name] = of_topic["serialization_format"].text()
+    return serializations
 
 
 def _text_of(fields: Mapping[str, Entry], key: str) -> str:
@@ -220,17 +218,17 @@ def _plain(name: str) -> str:
 
 
 def needs_bags(source: Path | str, *modules: str) -> None:
-    """Import rosbags' types, and other modules of it."""
+    """Import modules of rosbags, or raise the error that it is not installed."""
     try:
         for module in ("rosbags.typesys", *modules):
             import_module(module)
     except ImportError as error:
         if error.path and not error.path.endswith(".py"):
-            raise  # it is installed, and the system has no room for it
+            raise  # a compiled module that fails to load, for example without memory
         missing = (error.name or "").partition(".")[0] in ("rosbags", "")
-        why = "" if missing else f" ({error})"
+        reason = "" if missing else f" ({error})"
         hint = "pip install 'rosbags>=0.11'"
-        raise ParameterError(f"needs the extra 'bags'{why}", source=source, hint=hint) from None
+        raise ParameterError(f"needs the extra 'bags'{reason}", source=source, hint=hint) from None
 
 
 @contextmanager
@@ -242,16 +240,16 @@ def open_bag(path: Path) -> Iterator[Bag]:
         if is_folder(path):
             bag: Bag = stack.enter_context(FolderBag(path))
         else:
-            bag = stack.enter_context(_opened(path, stack.enter_context(_plain_file(path))))
+            bag = stack.enter_context(_open_file(path, stack.enter_context(_plain_file(path))))
             bag.path = path
-        names = sorted({one.serialization for one in bag.connections})
-        if names and not any(one.encoding in CAN_BE_READ for one in bag.connections):
-            are = ", ".join(map(repr, names))
-            raise bag.malformed(f"its messages are serialized as {are}; cdr and ros1 are read")
+        names = sorted({connection.serialization for connection in bag.connections})
+        if names and not any(connection.encoding in CAN_BE_READ for connection in bag.connections):
+            listed = ", ".join(map(repr, names))
+            raise bag.malformed(f"its messages are serialized as {listed}; cdr and ros1 are read")
         yield bag
 
 
-def _opened(path: Path, file: Path) -> Bag:
+def _open_file(path: Path, file: Path) -> Bag:
     head = head_of(file, 16)
     for magic, kind in _KINDS.items():
         if head.startswith(magic):
@@ -261,37 +259,37 @@ def _opened(path: Path, file: Path) -> Bag:
 
 
 def chosen_connections(
-    bag: Bag, topics: Sequence[str], types: Sequence[str], what: str
+    bag: Bag, topics: Sequence[str], types: Sequence[str], kind: str
 ) -> list[Connection]:
     if not bag.connections:
         raise bag.malformed("holds no messages")
-    fitting = bag.of_types(*types)
+    candidates = bag.of_types(*types)
     if not topics:
-        names = sorted({one.topic for one in fitting})
+        names = sorted({connection.topic for connection in candidates})
         if not names:
-            raise _error(bag, f"has no topic of {what}", bag.connections, "its topics")
+            raise _error(bag, f"has no topic of {kind}", bag.connections, "its topics")
         if len(names) > 1:
-            rule = f"has {len(names)} topics of {what}"
-            raise _error(bag, rule, fitting, "--topic names one of")
+            rule = f"has {len(names)} topics of {kind}"
+            raise _error(bag, rule, candidates, "--topic names one of")
         topics = names
-    found = []
+    chosen = []
     for topic in map(normalised_topic, topics):
-        ours = [one for one in bag.connections if one.topic == topic]
-        if not ours:
-            raise _error(bag, f"has no topic {topic}", fitting or bag.connections, "there are")
-        fits = [one for one in ours if one.type in types]
-        if not fits:
-            rule = f"{topic} is of type {ours[0].spelled}; {what} are of {' or '.join(types)}"
-            raise _error(bag, rule, fitting, "there are")
-        if fits[0].encoding not in CAN_BE_READ:
-            rule = f"{topic} is serialized as {fits[0].serialization!r}; cdr and ros1 are read"
+        same_topic = [connection for connection in bag.connections if connection.topic == topic]
+        if not same_topic:
+            raise _error(bag, f"has no topic {topic}", candidates or bag.connections, "there are")
+        same_type = [connection for connection in same_topic if connection.type in types]
+        if not same_type:
+            rule = f"{topic} is of type {same_topic[0].spelled}; {kind} are of {' or '.join(types)}"
+            raise _error(bag, rule, candidates, "there are")
+        if same_type[0].encoding not in CAN_BE_READ:
+            rule = f"{topic} is serialized as {same_type[0].serialization!r}; cdr and ros1 are read"
             raise bag.malformed(rule)
-        found += fits
-    return found
+        chosen += same_type
+    return chosen
 
 
-def _error(bag: Bag, rule: str, connections: Sequence[Connection], before: str) -> Exception:
-    named = sorted({f"{one.topic} ({one.spelled})" for one in connections})
-    text = ", ".join(named[:_NAMED])
-    text += f" and {len(named) - _NAMED} more" if named[_NAMED:] else ""
-    return MalformedInputError(rule, source=bag.path, hint=f"{before} {text}" if named else None)
+def _error(bag: Bag, rule: str, connections: Sequence[Connection], label: str) -> Exception:
+    named = sorted({f"{c.topic} ({c.spelled})" for c in connections})
+    text = ", ".join(named[:_MOST_NAMED])
+    text += f" and {len(named) - _MOST_NAMED} more" if named[_MOST_NAMED:] else ""
+    return MalformedInputError(rule, source=bag.path, hint=f"{label} {text}" if named else None)
