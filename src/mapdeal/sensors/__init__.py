@@ -1,1 +1,1 @@
-"""Files of clouds, scans, poses and points."""
+"""Readers of clouds, scans, poses and points."""

@@ -1,4 +1,4 @@
-"""Files of point clouds: PCD, PLY, text, npy and npz; others have modules of their own.
+"""Point clouds in PCD, PLY, text, npy and npz files; other formats have their own modules.
 
 References
 ----------
@@ -50,19 +50,19 @@ class Record:
 
     def axes(self, place: str) -> tuple[int, ...]:
         names = [coordinate_name(name) for name in self.names]
-        found = tuple(names.index(name) for name in ("x", "y", "z") if name in names)
+        columns = tuple(names.index(name) for name in ("x", "y", "z") if name in names)
         if not {"x", "y"} <= set(names):
             raise MalformedInputError("must name x and y", place=place, got=" ".join(self.names))
-        for column in found:
+        for column in columns:
             if self.counts[column] != 1:
                 rule = f"{self.names[column]} must be one number"
                 raise MalformedInputError(rule, place=place, got=self.counts[column])
-        return found
+        return columns
 
     def offset(self, column: int) -> int:
         """Return the bytes of a point before a column."""
-        before = zip(self.types[:column], self.counts[:column], strict=True)
-        return sum(kind.itemsize * count for kind, count in before)
+        preceding = zip(self.types[:column], self.counts[:column], strict=True)
+        return sum(kind.itemsize * count for kind, count in preceding)
 
 
 def _binary_points(
@@ -78,17 +78,17 @@ def _binary_points(
     layout = np.dtype(
         {"names": names, "formats": types, "offsets": offsets, "itemsize": record.size}
     )
-    together = max(1, _BYTES_TOGETHER // max(record.size, 8 * len(axes)))
-    for done in range(0, count, together):
-        want = min(together, count - done)
-        data = file.read(want * record.size)
-        if len(data) < want * record.size:
-            found = done + len(data) // record.size
+    part_size = max(1, _BYTES_TOGETHER // max(record.size, 8 * len(axes)))
+    for start in range(0, count, part_size):
+        size = min(part_size, count - start)
+        data = file.read(size * record.size)
+        if len(data) < size * record.size:
+            found = start + len(data) // record.size
             raise MalformedInputError(f"ends after {found} of {count} points")
-        points = np.empty((want, len(axes)))
-        with np.errstate(invalid="ignore"):  # of a signalling nan, which is one like others
+        points = np.empty((size, len(axes)))
+        with np.errstate(invalid="ignore"):  # conversion of a signalling nan
             if are_neighbours:
-                first = (want, len(axes)), types[0], data, offsets[0]
+                first = (size, len(axes)), types[0], data, offsets[0]
                 points[:] = np.ndarray(*first, (record.size, types[0].itemsize))
             else:
                 rows = np.frombuffer(data, dtype=layout)
@@ -111,13 +111,13 @@ def _ascii_points(
 
 
 def _header_lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
-    """Yield number and text of lines as long as they look like a header."""
-    read, number = 0, 0
+    """Yield number and text of each line; raise an error if the header is too long."""
+    length, number = 0, 0
     while True:
         line = file.readline(4096)
         number += 1
-        read += len(line)
-        if not line.endswith(b"\n") or read > _LONGEST_HEADER:
+        length += len(line)
+        if not line.endswith(b"\n") or length > _LONGEST_HEADER:
             raise MalformedInputError("the header does not end", place=f"line {number}")
         yield number, line.decode("latin-1").strip()
 
@@ -144,21 +144,21 @@ def _npz_points(path: Path) -> Iterator[Points]:
 
 
 def _npy_points(file: BinaryIO, path: Path) -> Iterator[Points]:
-    # Not through a memory map: a file that gets shorter would end the process.
+    # A memory map would crash the process if another program truncates the file.
     table = _Table(file, path)
-    together = max(1, min(_POINTS_TOGETHER, _ARRAYS_BYTES_TOGETHER // table.row_size))
-    for first in range(0, table.height, together):
-        yield table.points(first, min(together, table.height - first))
+    part_size = max(1, min(_POINTS_TOGETHER, _ARRAYS_BYTES_TOGETHER // table.row_size))
+    for first in range(0, table.height, part_size):
+        yield table.points(first, min(part_size, table.height - first))
 
 
 def npy_figures(path: Path) -> dict[str, Any]:
-    with _opened(path) as file:
+    with _open(path) as file:
         shape, _, dtype, _ = _npy_header(file)
     return {"shape": " x ".join(map(str, shape)), "type": str(dtype)}
 
 
 def octree_figures(path: Path) -> dict[str, Any]:
-    with _opened(path) as file:
+    with _open(path) as file:
         header = read_octree_header(file)
     return {"tree": header.tree, "voxel_m": header.resolution}
 
@@ -171,7 +171,7 @@ def _npy_header(file: BinaryIO) -> NpyHeader:
 
 
 class _Table:
-    """The array of an npy file: where it lies, and which of its columns are x, y and z."""
+    """The array of an npy file: its position in the file, and its columns x, y and z."""
 
     def __init__(self, file: BinaryIO, path: Path) -> None:
         shape, self.is_fortran, dtype, self.start = _npy_header(file)
@@ -196,19 +196,19 @@ class _Table:
         self.file, self.path, self.dtype = file, path, dtype
         self.height, self.width = shape[0], width
         self.row_size = dtype.itemsize * (1 if self.is_fortran else width)
-        """Bytes that are read for a point, about."""
+        """Approximate number of bytes read for each point."""
 
     def points(self, first: int, count: int) -> Points:
-        names, used = self.dtype.names, min(3, self.width)
+        names, axis_count = self.dtype.names, min(3, self.width)
         if names is not None:
             rows = self._read(first, count)
             columns = [rows[name] for name in ("x", "y", "z") if name in names]
         elif self.is_fortran:
-            columns = [self._read(k * self.height + first, count) for k in range(used)]
+            columns = [self._read(k * self.height + first, count) for k in range(axis_count)]
         else:
-            numbers = self._read(first * self.width, (count - 1) * self.width + used)
-            columns = [numbers[k :: self.width] for k in range(used)]
-        with np.errstate(invalid="ignore"):  # of a signalling nan, which is one like others
+            numbers = self._read(first * self.width, (count - 1) * self.width + axis_count)
+            columns = [numbers[k :: self.width] for k in range(axis_count)]
+        with np.errstate(invalid="ignore"):  # conversion of a signalling nan
             return np.stack(columns, axis=1).astype(np.float64)
 
     def _read(self, element: int, count: int) -> NDArray[Any]:
@@ -220,7 +220,7 @@ class _Table:
 
 
 _PCD_TYPES = {"I": ("i", (1, 2, 4, 8)), "U": ("u", (1, 2, 4, 8)), "F": ("f", (4, 8))}
-"""Numpy's letter of each type, and the sizes that it may have."""
+"""numpy's letter for each type, and the permitted sizes, bytes."""
 
 _PCD_KEYS = ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT",
              "VIEWPOINT", "POINTS")  # fmt: skip
@@ -235,7 +235,7 @@ class _PcdHeader:
 
 
 def _pcd_points(file: BinaryIO, path: Path) -> Iterator[Points]:
-    # The viewpoint is not applied, as in the Point Cloud Library.
+    # Like the Point Cloud Library, this ignores the viewpoint.
     header = _read_pcd_header(file)
     record, count = header.record, header.points
     axes = record.axes("FIELDS")
@@ -246,13 +246,13 @@ def _pcd_points(file: BinaryIO, path: Path) -> Iterator[Points]:
         yield from _binary_points(file, record, axes, count)
     else:
         yield from _compressed_points(file, header, axes, path)
-    rest = file.read(1 << 16)
-    if rest.strip(b"\0 \r\n\t"):  # which would be padding
+    trailing = file.read(1 << 16)
+    if trailing.strip(b"\0 \r\n\t"):  # these are padding
         emit_warning(f"{path}: data after the points are ignored", stacklevel=2)
 
 
 def pcd_figures(path: Path) -> dict[str, Any]:
-    with _opened(path) as file:
+    with _open(path) as file:
         header = _read_pcd_header(file)
     fields = " ".join(header.record.names)
     return {"encoding": header.encoding, "points": header.points, "fields": fields}
@@ -324,22 +324,22 @@ def _number_of_points(entries: dict[str, list[str]]) -> int:
 def _compressed_points(
     file: BinaryIO, header: _PcdHeader, axes: tuple[int, ...], path: Path
 ) -> Iterator[Points]:
-    """Yield points whose columns were stored one after the other, and compressed."""
+    """Yield the points of a file that stores columns one after the other, compressed with LZF."""
     record, count = header.record, header.points
     sizes = file.read(8)
     if not sizes and count == 0:
         return
     if len(sizes) < 8:
         raise MalformedInputError("ends before its data", place="DATA")
-    compressed, expanded = struct.unpack("<II", sizes)
-    if expanded != record.size * count:
+    compressed, length = struct.unpack("<II", sizes)
+    if length != record.size * count:
         rule = f"must expand to {record.size * count} bytes"
-        raise MalformedInputError(rule, place="DATA", got=expanded)
-    left = os.fstat(file.fileno()).st_size - file.tell()
-    if left < compressed:  # asked before memory is taken
-        raise MalformedInputError(f"ends after {left} of {compressed} bytes", place="DATA")
-    claim(path, compressed + expanded + min(PIECES, expanded), what=f"{count} compressed points")
-    data = lzf_expanded(file.read(compressed), expanded)
+        raise MalformedInputError(rule, place="DATA", got=length)
+    remaining = os.fstat(file.fileno()).st_size - file.tell()
+    if remaining < compressed:  # before memory is allocated
+        raise MalformedInputError(f"ends after {remaining} of {compressed} bytes", place="DATA")
+    claim(path, compressed + length + min(PIECES, length), what=f"{count} compressed points")
+    data = lzf_expanded(file.read(compressed), length)
     if data is None:
         raise MalformedInputError("the compressed data are damaged", place="DATA")
     columns = []
@@ -363,7 +363,7 @@ _MOST_PROPERTIES = 1 << 12
 
 @dataclass
 class _Element:
-    """One kind of things in a PLY file: its name, how many there are, and their properties."""
+    """An element of a PLY file, such as vertex: its name, count and properties."""
 
     name: str
     count: int
@@ -395,23 +395,24 @@ def _ply_points(file: BinaryIO, path: Path) -> Iterator[Points]:
                 pass
             lines += count
         else:
-            size, left = record.size * count, os.fstat(file.fileno()).st_size - file.tell()
-            if size > left:
-                raise MalformedInputError(f"ends after {left} of {size} bytes", place=place)
+            size, remaining = record.size * count, os.fstat(file.fileno()).st_size - file.tell()
+            if size > remaining:
+                raise MalformedInputError(f"ends after {remaining} of {size} bytes", place=place)
             file.seek(size, os.SEEK_CUR)
     raise MalformedInputError("has no element vertex")
 
 
 def ply_figures(path: Path) -> dict[str, Any]:
-    with _opened(path) as file:
+    with _open(path) as file:
         encoding, elements, _ = _read_ply_header(file)
-    vertices = [one for one in elements if one.name == "vertex"]
-    fields = " ".join(name for one in vertices for name in one.names)
-    return {"encoding": encoding, "points": sum(one.count for one in vertices), "fields": fields}
+    vertices = [element for element in elements if element.name == "vertex"]
+    count = sum(vertex.count for vertex in vertices)
+    fields = " ".join(name for vertex in vertices for name in vertex.names)
+    return {"encoding": encoding, "points": count, "fields": fields}
 
 
 def _read_ply_header(file: BinaryIO) -> tuple[str, list[_Element], int]:
-    """Return the encoding, the elements, and the number of lines that name them."""
+    """Return the encoding, the elements and the number of lines of the header."""
     encoding: str | None = None
     elements: list[_Element] = []
     for number, line in _header_lines(file):
@@ -439,7 +440,7 @@ def _read_ply_header(file: BinaryIO) -> tuple[str, list[_Element], int]:
             _add_property(elements[-1], words, encoding, place)
         else:
             raise MalformedInputError("invalid PLY header line", place=place, got=line)
-    raise AssertionError  # _header_lines ends with an error
+    raise AssertionError  # unreachable: _header_lines raises an error at the end
 
 
 def _add_property(element: _Element, words: list[str], encoding: str, place: str) -> None:
@@ -456,8 +457,8 @@ def _add_property(element: _Element, words: list[str], encoding: str, place: str
 
 
 def _text_points(file: BinaryIO, path: Path) -> Iterator[Points]:
-    # Numbers are separated by white space, commas or semicolons, as the first line of them shows;
-    # they are x, y and z, or what a line of names above says. Lines that begin with # are skipped.
+    # The first line of numbers shows the delimiter: white space, commas or semicolons. Columns are
+    # x, y and z unless a line of names stands above. Lines that begin with # are skipped.
     number, start, line = first_line(file)
     if not line:
         return
@@ -465,7 +466,7 @@ def _text_points(file: BinaryIO, path: Path) -> Iterator[Points]:
         yield from _counted_points(file, path, number, line)
         return
     delimiter = delimiter_of(line)
-    # CloudCompare puts two slashes before its names
+    # CloudCompare writes two slashes before column names
     words = [word.strip().strip('"') for word in line.removeprefix("//").split(delimiter)]
     if words and is_number(words[0]):
         if len(words) < 2:
@@ -484,7 +485,7 @@ def _text_points(file: BinaryIO, path: Path) -> Iterator[Points]:
 
 
 def _counted_points(file: BinaryIO, path: Path, number: int, line: str) -> Iterator[Points]:
-    """Yield the points of scans that each begin with a line with their number, as in ``.pts``."""
+    """Yield the points of a ``.pts`` file, in which each scan begins with its number of points."""
     while line:
         count, start, found = _whole_number(line, f"line {number}"), file.tell(), 0
         delimiter = delimiter_of(first_line(file)[2])
@@ -500,18 +501,18 @@ def _counted_points(file: BinaryIO, path: Path, number: int, line: str) -> Itera
         _, _, line = first_line(file)
 
 
-_IN_A_FILE: dict[str, Callable[[BinaryIO, Path], Iterator[Points]]] = {
+_READERS: dict[str, Callable[[BinaryIO, Path], Iterator[Points]]] = {
     ".pcd": _pcd_points, ".ply": _ply_points, ".xyz": _text_points, ".txt": _text_points,
     ".csv": _text_points, ".asc": _text_points, ".pts": _text_points, ".npy": _npy_points,
     ".bt": octree_points, ".ot": octree_points, ".bin": kitti_points,
 }  # fmt: skip
 
-CLOUD_SUFFIXES = (*_IN_A_FILE, ".npz")  # suffixes of point clouds
+CLOUD_SUFFIXES = (*_READERS, ".npz")  # suffixes of point clouds
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[BinaryIO]:
-    """Yield a file; its name is put into errors that have none."""
+def _open(path: Path) -> Iterator[BinaryIO]:
+    """Yield an open file; errors raised in the block get its name."""
     try:
         with access_to(path), path.open("rb") as file:
             yield file
@@ -521,7 +522,7 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
 
 
 def cloud_chunks(path: Path) -> Iterator[Points]:
-    """Yield the points of a cloud, shape (n, 2) or (n, 3), some at a time."""
+    """Yield the points of a cloud in parts of shape (n, 2) or (n, 3), metres."""
     with recognised(path, "a point cloud", CLOUD, NUMBERS):
         check_readable(path)
         suffix = path.suffix.lower()
@@ -532,8 +533,8 @@ def cloud_chunks(path: Path) -> Iterator[Points]:
             with access_to(path):
                 yield from _npz_points(path)
         else:
-            with _opened(path) as file:
-                yield from _IN_A_FILE[suffix](file, path)
+            with _open(path) as file:
+                yield from _READERS[suffix](file, path)
 
 
 def read_cloud(path: Path | str, *, max_memory: int | None = None) -> Points:
@@ -560,10 +561,10 @@ def read_cloud(path: Path | str, *, max_memory: int | None = None) -> Points:
     MalformedInputError
         If the file is malformed or of another type.
     """
-    path, chunks, taken = Path(path), [], 0
+    path, chunks, total = Path(path), [], 0
     with use_memory(max_memory):
         for chunk in cloud_chunks(path):
-            taken += chunk.nbytes
-            claim(path, 2 * taken + PIECES)  # parts, and the whole that they make
+            total += chunk.nbytes
+            claim(path, 2 * total + PIECES)  # the parts and their concatenation
             chunks.append(chunk)
     return np.concatenate(chunks) if chunks else np.empty((0, 3))

@@ -20,21 +20,21 @@ from mapdeal.errors import MalformedInputError
 _RECORD = 16  # bytes: x, y, z and the reflectance
 _TOGETHER = 1 << 17
 _NEAREST, _FARTHEST_LIKELY = 1e-3, 1e4  # metres
-_FARTHEST = 1e5  # metres: a file with larger coordinates holds other numbers
+_FARTHEST = 1e5  # metres; a file with larger coordinates does not contain points
 
 
 def looks_like_kitti(head: bytes, size: int) -> bool:
-    """Return whether the first bytes of a file are points: there is nothing else to know it by."""
+    """Return whether the first bytes of a file are likely points; the format has no header."""
     numbers = np.frombuffer(head, "<f4", len(head) // _RECORD * 4).reshape(-1, 4)
     if size % _RECORD or not len(numbers) or not np.isfinite(numbers).all():
         return False
-    places = np.abs(numbers[:, :3])
-    is_there = float(np.median(places)) > _NEAREST and float(places.max()) < _FARTHEST_LIKELY
-    return is_there and bool(((numbers[:, 3] >= 0) & (numbers[:, 3] <= 255)).all())
+    xyz = np.abs(numbers[:, :3])
+    is_likely = float(np.median(xyz)) > _NEAREST and float(xyz.max()) < _FARTHEST_LIKELY
+    return is_likely and bool(((numbers[:, 3] >= 0) & (numbers[:, 3] <= 255)).all())
 
 
 def kitti_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
-    """Yield the points of a file, shape (n, 3), some at a time."""
+    """Yield the points of a file in parts of shape (n, 3), metres."""
     size = os.fstat(file.fileno()).st_size
     if size % _RECORD:
         rule = f"must have {_RECORD} bytes for each point: x, y, z and reflectance as float32"
@@ -42,7 +42,7 @@ def kitti_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
     while data := file.read(_RECORD * _TOGETHER):
         count = len(data) // _RECORD
         singles = np.frombuffer(data, "<f4", 4 * count).reshape(-1, 4)[:, :3]
-        with np.errstate(invalid="ignore"):  # of a signalling nan, which is one like others
+        with np.errstate(invalid="ignore"):  # conversion of a signalling nan
             numbers = singles.astype(np.float64)
         if (np.abs(numbers) > _FARTHEST).any():
             rule = f"must be coordinates within {_FARTHEST:g} m, as float32"

@@ -1,4 +1,4 @@
-"""OctoMap's files of octrees: ``.bt`` and ``.ot``, whose occupied voxels are points.
+"""OctoMap's octrees, ``.bt`` and ``.ot``: the centres of their occupied voxels are points.
 
 References
 ----------
@@ -24,14 +24,14 @@ _MIDDLE = 1 << (_DEPTH - 1)  # key of the voxel whose lower corner is the origin
 _SLOTS = np.arange(8)
 _CORNERS = np.stack([_SLOTS & 1, _SLOTS >> 1 & 1, _SLOTS >> 2], axis=1)  # of children: x, y, z
 _MOST_LINES = 100
-_PER_NODE, _PER_POINT = 200, 120  # bytes while a tree is read, at most
+_PER_NODE, _PER_POINT = 200, 120  # peak memory, bytes
 _TOGETHER = 1 << 17
 
-_PLAIN: list[tuple[Any, ...]] = [("value", "<f4"), ("children", "u1")]
+_FIELDS: list[tuple[Any, ...]] = [("value", "<f4"), ("children", "u1")]
 _RECORDS = {
-    "OcTree": np.dtype(_PLAIN),
-    "OcTreeStamped": np.dtype(_PLAIN),
-    "ColorOcTree": np.dtype([_PLAIN[0], ("colour", "u1", 3), _PLAIN[1]]),
+    "OcTree": np.dtype(_FIELDS),
+    "OcTreeStamped": np.dtype(_FIELDS),
+    "ColorOcTree": np.dtype([_FIELDS[0], ("colour", "u1", 3), _FIELDS[1]]),
 }
 """Layout of the nodes in a ``.ot`` file; in a ``.bt`` file each child has two bits."""
 
@@ -43,7 +43,7 @@ class OctreeHeader(NamedTuple):
 
 
 def read_octree_header(file: BinaryIO) -> OctreeHeader:
-    """Read the header, and leave the file at the data."""
+    """Read the header; the file's position is then at the data."""
     first, entries = file.readline(256), {"id": "", "res": ""}
     for _ in range(_MOST_LINES):
         key, _, value = file.readline(4096).decode("latin-1").strip().partition(" ")
@@ -62,7 +62,7 @@ def read_octree_header(file: BinaryIO) -> OctreeHeader:
 
 
 def octree_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
-    """Yield the centres of all occupied voxels, some at a time."""
+    """Yield the centres of all occupied voxels in parts of shape (n, 3), metres."""
     header = read_octree_header(file)
     record = np.dtype("<u2") if header.is_binary else _RECORDS[header.tree]
     size = os.fstat(file.fileno()).st_size - file.tell()
@@ -77,32 +77,32 @@ def octree_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
     else:
         inner = (nodes["children"][:, np.newaxis] >> _SLOTS) & 1 == 1
         leaves = ~inner.any(axis=1) & (nodes["value"] >= 0)
-    found = list(_occupied_leaves(inner, leaves))
-    count = sum(len(corners) << 3 * height for height, corners in found)
+    leaves_by_height = list(_occupied_leaves(inner, leaves))
+    count = sum(len(corners) << 3 * height for height, corners in leaves_by_height)
     claim(path, _PER_POINT * count, what=f"{count} voxels")
-    for height, corners in found:
+    for height, corners in leaves_by_height:
         side = np.arange(1 << height if len(corners) else 1)
         within = np.stack(np.meshgrid(side, side, side), axis=-1).reshape(-1, 3)
-        together = max(1, _TOGETHER // len(within))
-        for start in range(0, len(corners), together):
-            voxels = corners[start : start + together, np.newaxis] + within
-            middles = voxels.reshape(-1, 3) - (_MIDDLE - 0.5)
-            yield np.asarray(middles * header.resolution, dtype=np.float64)
+        part_size = max(1, _TOGETHER // len(within))
+        for start in range(0, len(corners), part_size):
+            voxels = corners[start : start + part_size, np.newaxis] + within
+            centres = voxels.reshape(-1, 3) - (_MIDDLE - 0.5)
+            yield np.asarray(centres * header.resolution, dtype=np.float64)
 
 
 def _occupied_leaves(
     inner: NDArray[np.bool_], leaves: NDArray[np.bool_]
 ) -> Iterator[tuple[int, NDArray[np.int64]]]:
-    """Yield heights of leaves, and their corners in voxels; `leaves` marks nodes or children.
+    """Yield the height and the corners, in voxels, of the leaves of each level.
 
-    Nodes are stored depth first. The subtree of a node ends where fewer nodes are still to come
-    than before it.
+    `leaves` marks nodes, or the eight children of each node. Nodes are stored depth first: the
+    subtree of a node ends where fewer nodes are pending than before it.
     """
     pending = np.cumsum(inner.sum(axis=1, dtype=np.int64) - 1)
     if pending[-1] > -1:
         raise MalformedInputError("ends within its tree")
     order = np.argsort(pending, kind="stable")
-    ranked = pending[order] * len(pending) + order
+    ranks = pending[order] * len(pending) + order
     places, keys = np.zeros(1, np.int64), np.zeros((1, 3), np.int64)
     for height in range(_DEPTH, -1, -1):
         steps = _CORNERS << max(height - 1, 0)
@@ -118,7 +118,7 @@ def _occupied_leaves(
             children.append(child)
             corners.append(keys[has_child] + step)
             end = (pending[child - 1] - 1) * len(pending) + child
-            following[has_child] = order[np.searchsorted(ranked, end)] + 1
+            following[has_child] = order[np.searchsorted(ranks, end)] + 1
         places, keys = np.concatenate(children), np.concatenate(corners)
     if len(places):
         raise MalformedInputError(f"a tree must have {_DEPTH} levels at most")

@@ -1,4 +1,4 @@
-"""Points, pairs of them, and poses as lines of text: CSV or JSON lines, read as they come."""
+"""Points, pairs of points and poses in lines of text, CSV or JSON, which may be streamed."""
 
 from __future__ import annotations
 
@@ -35,32 +35,32 @@ def transform_document(transform: Transform) -> dict[str, Any]:
 
 
 def read_transform(path: Path) -> TransformFile:
-    # The file is what ``mapdeal align`` has written, or an object with x, y (metres) and yaw
-    # (radians) written by hand.
+    # The file was written by ``mapdeal align``, or by hand: an object with x, y (metres) and yaw
+    # (radians).
     document = read_document(path)
-    place = document.get("transform")
-    own = document if place is None else place
-    sure = document.get("same_place")
-    if sure is not None and not sure.flag():
+    nested = document.get("transform")
+    entries = document if nested is None else nested
+    same_place = document.get("same_place")
+    if same_place is not None and not same_place.flag():
         text = f"{path}: align was uncertain about this transform; it is used as it is"
         emit_warning(text, stacklevel=2)
-    transform = Transform(*(own[key].number() for key in ("x", "y", "yaw")))
-    return TransformFile(transform, *(_sums_of(document.get(key)) for key in ("first", "second")))
+    transform = Transform(*(entries[key].number() for key in ("x", "y", "yaw")))
+    return TransformFile(transform, *(_checksums(document.get(key)) for key in ("first", "second")))
 
 
-def _sums_of(told: JsonValue | None) -> dict[str, str]:
-    sums = None if told is None or told.is_null else told.get("sha256")
+def _checksums(document: JsonValue | None) -> dict[str, str]:
+    sums = None if document is None or document.is_null else document.get("sha256")
     return {} if sums is None else {key: value.sha256() for key, value in sums.fields().items()}
 
 
 TUM = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")  # columns in files of the TUM benchmark tools
 _PLANAR, _TUM = 3, len(TUM)
-_UNIT = 1e-3  # tolerance of the length of a quaternion: files contain rounded numbers
-_ROUNDED = 1e-2  # the same where a longer or shorter one is refused: two decimals are enough
-_LEVEL = math.radians(10)  # largest tilt of a robot at which its heading is still meaningful
-_LATEST = 9e9  # seconds: what is later is in other units
-_COPIES = 5  # arrays of the size of all numbers that are there at the same time, at most
-_LEANS = "a robot that leans by more than 10 degrees; does w come last?"
+_LENGTH_TOLERANCE = 1e-3  # tolerance of the length of a quaternion: files contain rounded numbers
+_MOST_LENGTH_ERROR = 1e-2  # quaternions beyond are refused; two decimals suffice
+_MOST_TILT = math.radians(10)  # largest tilt of a robot at which its heading is still meaningful
+_LATEST = 9e9  # seconds; larger times are in other units
+_COPIES = 5  # peak memory, relative to the size of the numbers
+_TILTED = "a robot that leans by more than 10 degrees; does w come last?"
 
 Poses = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ def read_poses(path: Path | str) -> Poses:
 
 
 def has_times(path: Path) -> bool:
-    """Return whether a file has poses with times; one that cannot be read has none."""
+    """Return whether a file has poses with times; False if it cannot be read."""
     with suppress(MapdealError, OSError), path.open("rb") as file:
         _, _, line = first_line(file)
         return len(line.split(delimiter_of(line))) == _TUM
@@ -114,39 +114,40 @@ class Trajectory(NamedTuple):
 
 
 def read_trajectory(path: Path | str) -> Trajectory:
-    """Return the poses in a file of TUM's benchmark tools, with their times."""
+    """Return the poses and times in a file of TUM's benchmark tools."""
     path = Path(path)
     with recognised(path, "a file of poses", POSES, NUMBERS):
         rows = _rows_in(path)
         if rows.shape[1] != _TUM:
             rule = "has poses without times; scans of a bag need t x y z qx qy qz qw"
             raise MalformedInputError(rule, source=path)
-        _planar_poses(rows, path)  # with its errors and warnings
+        _planar_poses(rows, path)  # for its errors and warnings
     times = rows[:, 0]
     if not (np.abs(times) < _LATEST).all():
         rule = f"must be seconds, below {_LATEST:g}"
         raise MalformedInputError(rule, source=path, place="t", got=times[np.argmax(np.abs(times))])
-    whole = np.floor(times)
-    nanoseconds = whole.astype(np.int64) * 10**9 + np.rint((times - whole) * 1e9).astype(np.int64)
+    seconds = np.floor(times)
+    fractions = np.rint((times - seconds) * 1e9)
+    nanoseconds = seconds.astype(np.int64) * 10**9 + fractions.astype(np.int64)
     return Trajectory(nanoseconds, rows[:, 1:4], rows[:, 4:])
 
 
 def planar_pose(numbers: Sequence[float]) -> tuple[float, float, float]:
-    """Return x, y and yaw of a pose as TUM's tools have it."""
+    """Return x, y and yaw of a pose in the format of TUM's tools."""
     _, x, y, _, *quaternion = numbers
     length = math.hypot(*quaternion)
     if not math.isfinite(length):
         return x, y, math.nan
-    if abs(length - 1) > _ROUNDED:
+    if abs(length - 1) > _MOST_LENGTH_ERROR:
         raise MalformedInputError("the quaternion must be of length 1")
     qx, qy, qz, qw = (part / length for part in quaternion)
-    if 1 - 2 * (qx * qx + qy * qy) < math.cos(_LEVEL):
+    if 1 - 2 * (qx * qx + qy * qy) < math.cos(_MOST_TILT):
         raise MalformedInputError("the robot leans by more than 10 degrees; w must come last")
     return x, y, math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
 
 
 def _rows_in(path: Path) -> Poses:
-    """Return all numbers in a file, shape (N, 3) or (N, 8)."""
+    """Return all numbers in a file of poses, shape (N, 3) or (N, 8)."""
     file = io.BytesIO(_contents_of(path))
     number, start, line = first_line(file)
     delimiter = delimiter_of(line)
@@ -158,49 +159,49 @@ def _rows_in(path: Path) -> Poses:
         number += 1  # the names of the columns
     else:
         file.seek(start)
-    table = whole_table(file, path, number, delimiter, width, taken=file.getbuffer().nbytes)
+    table = read_table(file, path, number, delimiter, width, total=file.getbuffer().nbytes)
     if table is None:
         raise MalformedInputError("holds no poses", source=path)
     return table
 
 
-def whole_table(
-    file: BinaryIO, path: Path, line: int, delimiter: str | None, width: int, *, taken: int = 0
+def read_table(
+    file: BinaryIO, path: Path, line: int, delimiter: str | None, width: int, *, total: int = 0
 ) -> Poses | None:
     parts = []
     for part in read_rows(
         file, range(width), path=path, first_line=line, delimiter=delimiter, width=width
     ):
-        taken += _COPIES * part.nbytes
-        claim(path, taken + PIECES)
+        total += _COPIES * part.nbytes
+        claim(path, total + PIECES)
         parts.append(part)
     return np.concatenate(parts) if parts else None
 
 
 def _planar_poses(rows: Poses, path: Path) -> Poses:
     width = rows.shape[1]
-    used = rows if width == _PLANAR else rows[:, 1:]  # times may be in nanoseconds
-    good = (np.abs(used) <= FARTHEST).all(axis=1) & np.isfinite(rows[:, 0])  # refuses nan too
-    if not good.all():
-        first = int(np.argmin(good))
+    values = rows if width == _PLANAR else rows[:, 1:]  # times may be in nanoseconds
+    is_good = (np.abs(values) <= FARTHEST).all(axis=1) & np.isfinite(rows[:, 0])  # refuses nan too
+    if not is_good.all():
+        first = int(np.argmin(is_good))
         rule = f"must be finite numbers within {FARTHEST:g}"
         got = rows[first].tolist()
         raise MalformedInputError(rule, source=path, place=f"pose {first + 1}", got=got)
     if width == _PLANAR:
-        odd = np.abs(rows[:, 2]) > 2 * math.pi
-        _warn_of(odd, "a yaw of more than a turn; is it in degrees?", path)
-        turns = np.where(odd, np.round(rows[:, 2] / (2 * math.pi)), 0.0)
+        is_odd = np.abs(rows[:, 2]) > 2 * math.pi
+        _warn_of(is_odd, "a yaw of more than a turn; is it in degrees?", path)
+        turns = np.where(is_odd, np.round(rows[:, 2] / (2 * math.pi)), 0.0)
         return np.column_stack([rows[:, :2], rows[:, 2] - turns * 2 * math.pi])
     headings = _headings(rows[:, 4:], path)
     times = rows[:, 0]
-    if (times != times[0]).any():  # one time for all, mostly 0, is none
+    if (times != times[0]).any():  # a constant time, usually 0, means that times are missing
         is_late = np.concatenate([[False], times[1:] <= times[:-1]])
         _warn_of(is_late, "a time that is not after the last", path)
     return np.column_stack([rows[:, 1:3], headings])
 
 
 def _contents_of(path: Path) -> bytes:
-    """Return what stands in a file, which may be a pipe without an end."""
+    """Return the contents of a file, limited because it may be an endless pipe."""
     most = LARGEST_FILE if is_regular(path) else LONGEST_STREAM
     chunks, length = [], 0
     for chunk in chunks_of(path):
@@ -217,31 +218,31 @@ def _headings(quaternions: NDArray[np.float64], path: Path) -> NDArray[np.float6
     if not lengths.all():
         place = f"pose {int(np.argmin(lengths)) + 1}"
         raise MalformedInputError("the quaternion is zero", source=path, place=place)
-    _warn_of(np.abs(lengths - 1) > _UNIT, "a quaternion that is not of length 1", path)
+    _warn_of(np.abs(lengths - 1) > _LENGTH_TOLERANCE, "a quaternion that is not of length 1", path)
     x, y, z, w = (quaternions / lengths[:, np.newaxis]).T
     upright = 1 - 2 * (x * x + y * y)  # the cosine of the angle between both z axes
-    _warn_of(upright < math.cos(_LEVEL), _LEANS, path)
+    _warn_of(upright < math.cos(_MOST_TILT), _TILTED, path)
     yaw: NDArray[np.float64] = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return yaw
 
 
-def _warn_of(which: NDArray[np.bool_], what: str, path: Path) -> None:
-    count = int(np.count_nonzero(which))
+def _warn_of(mask: NDArray[np.bool_], fault: str, path: Path) -> None:
+    count = int(np.count_nonzero(mask))
     if count:
-        first = int(np.argmax(which)) + 1
-        text = f"{path}: {count} of {len(which)} poses, the first of them pose {first}, have {what}"
+        first = int(np.argmax(mask)) + 1
+        text = f"{path}: {count} of {len(mask)} poses, the first of them pose {first}, have {fault}"
         emit_warning(text, stacklevel=4)
 
 
 _LONGEST_LINE = 1 << 16
 _LINE_FEED = ord("\n")
 _Line = TypeVar("_Line")
-_NO_NUMBERS = (ValueError, TypeError, LookupError, OverflowError, RecursionError)
+_PARSE_ERRORS = (ValueError, TypeError, LookupError, OverflowError, RecursionError)
 
 
 @dataclass(frozen=True, eq=False)
 class NumberLines:
-    """Numbers of some lines, shape (N, 2) of points, (N, 3) of poses."""
+    """Numbers in lines: shape (N, 2) for points, (N, 3) for poses."""
 
     numbers: NDArray[np.float64]
     lines: Sequence[int]
@@ -250,7 +251,7 @@ class NumberLines:
 
 @dataclass(frozen=True)
 class PairLine:
-    """A start and a goal, or what is wrong with the line that should hold them."""
+    """A start and a goal, or the error of their line."""
 
     line: int
     start: Point | None = None
@@ -260,7 +261,7 @@ class PairLine:
 
 @dataclass(frozen=True)
 class NamedPointLine:
-    """A point with a name if it has one, or what is wrong with the line that should hold it."""
+    """A point with an optional name, or the error of its line."""
 
     line: int
     point: Point | None = None
@@ -268,8 +269,8 @@ class NamedPointLine:
     error: str | None = None
 
 
-class _Form(NamedTuple):
-    """What a line can be, as plain numbers and as JSON."""
+class _LineFormat(NamedTuple):
+    """Format of a line: its columns, and descriptions of its plain and its JSON form."""
 
     names: tuple[str, ...]
     plain: str
@@ -282,7 +283,7 @@ class _Form(NamedTuple):
     def is_header(self, text: str) -> bool:
         """Return whether a line has the names of its columns."""
         words = [word.strip(' "') for word in text.lower().split(self.delimiter(text))]
-        if self.allows_tum:  # as files of poses: people write theta, too
+        if self.allows_tum:  # any names count, such as theta for yaw
             return len(words) in (len(self.names), len(TUM)) and not any(map(is_number, words))
         if self is _PAIR:
             are_names = all(word.isidentifier() for word in words)
@@ -290,54 +291,54 @@ class _Form(NamedTuple):
         return words == [*self.names]
 
 
-_POINT = _Form(("x", "y"), "two numbers x,y", '{"x": x, "y": y} or [x, y]')
-_POSE = _Form(
+_POINT = _LineFormat(("x", "y"), "two numbers x,y", '{"x": x, "y": y} or [x, y]')
+_POSE = _LineFormat(
     ("x", "y", "yaw"), f"three numbers x,y,yaw, or TUM's {' '.join(TUM)}",
     '{"x": x, "y": y, "yaw": yaw} or [x, y, yaw]', allows_tum=True,
 )  # fmt: skip
-_PAIR = _Form(
+_PAIR = _LineFormat(
     ("x", "y", "x", "y"), "four numbers x,y,x,y",
     '{"from": [x, y], "to": [x, y]} or [[x, y], [x, y]]',
 )  # fmt: skip
-_NAMED_POINT = _Form(
+_NAMED_POINT = _LineFormat(
     ("x", "y"), "x,y or NAME=x,y", '{"x": x, "y": y}, with a "name" if it has one, or [x, y]'
 )
 
 
 def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NumberLines]:
-    """Yield the points of a text, those of each chunk as soon as its lines are complete."""
+    """Yield the points in a text, for each chunk those of the lines that it completes."""
     for text, first in _complete_lines(chunks, source):
-        yield _parsed(text, first, _POINT)
+        yield _parse_lines(text, first, _POINT)
 
 
 def read_pose_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[NumberLines]:
-    """Yield the poses of a text, those of each chunk as soon as its lines are complete."""
+    """Yield the poses in a text, for each chunk those of the lines that it completes."""
     for text, first in _complete_lines(chunks, source):
-        yield _parsed(text, first, _POSE)
+        yield _parse_lines(text, first, _POSE)
 
 
 def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine]:
-    """Yield pairs of points, each as soon as its line is complete."""
+    """Yield the pairs of points in a text, each as soon as its line is complete."""
     return _read_lines(chunks, source, _PAIR, _pair_of, PairLine)
 
 
 def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NamedPointLine]:
-    """Yield points that may have names, each as soon as its line is complete."""
+    """Yield the points and their names in a text, each as soon as its line is complete."""
     return _read_lines(chunks, source, _NAMED_POINT, _named_point_of, NamedPointLine)
 
 
 def _read_lines(
-    chunks: Iterable[bytes], source: Path | str, form: _Form,
+    chunks: Iterable[bytes], source: Path | str, form: _LineFormat,
     parse: Callable[[str], tuple[Any, ...]], make: Callable[..., _Line],
 ) -> Iterator[_Line]:  # fmt: skip
-    for some, first in _complete_lines(chunks, source):
-        for number, text in _numbered(some, first, form):
-            found, error = _line_of(text, parse, form)
-            yield make(number, *found) if error is None else make(number, error=error)
+    for block, first in _complete_lines(chunks, source):
+        for number, text in _numbered(block, first, form):
+            parsed, error = _parse_line(text, parse, form)
+            yield make(number, *parsed) if error is None else make(number, error=error)
 
 
-def _numbered(text: bytes, first: int, form: _Form) -> Iterator[tuple[int, str]]:
-    """Yield number and text of the lines that are no comment, nor a header in the first place."""
+def _numbered(text: bytes, first: int, form: _LineFormat) -> Iterator[tuple[int, str]]:
+    """Yield number and text of the lines, except comments and a header in the first line."""
     for number, raw in enumerate(text.split(b"\n"), first):
         line = _text_of(raw)
         if not (line.startswith("#") or (number == 1 and form.is_header(line))):
@@ -345,26 +346,26 @@ def _numbered(text: bytes, first: int, form: _Form) -> Iterator[tuple[int, str]]
 
 
 def _complete_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[tuple[bytes, int]]:
-    """Yield the lines that each chunk completes, without the last end, and the first's number."""
-    rest, line = b"", 1
+    """Yield the lines that each chunk completes, as one text, and the number of the first."""
+    incomplete, line = b"", 1
     for chunk in chunks:
-        text = rest + chunk
+        text = incomplete + chunk
         end = text.rfind(b"\n")
-        rest = text[end + 1 :]
+        incomplete = text[end + 1 :]
         long = _first_long_line(text)
         short = text[:end] if long is None else text[: max(0, long - 1)]
         if end >= 0 and long != 0:
-            yield _unmarked(short, line), line
+            yield _without_bom(short, line), line
             line += _line_count(short)
         if long is not None:
             rule = f"a line must not be longer than {_LONGEST_LINE} bytes"
             raise MalformedInputError(rule, source=source, place=f"line {line}")
-    if rest:
-        yield _unmarked(rest, line), line
+    if incomplete:
+        yield _without_bom(incomplete, line), line
 
 
 def _line_count(text: bytes) -> int:
-    # bytes.count is made for what is rare
+    # bytes.count is slow for frequent bytes
     return 1 + int(np.count_nonzero(np.frombuffer(text, dtype=np.uint8) == _LINE_FEED))
 
 
@@ -374,11 +375,11 @@ def _first_long_line(text: bytes) -> int | None:
         end = text.rfind(b"\n", start, start + _LONGEST_LINE + 1)
         if end < 0:
             return start
-        start = end + 1  # the lines before it are all shorter than what was looked at
+        start = end + 1  # all lines before it fit into the window that was searched
     return None
 
 
-def _unmarked(text: bytes, first: int) -> bytes:
+def _without_bom(text: bytes, first: int) -> bytes:
     return text.removeprefix(b"\xef\xbb\xbf") if first == 1 else text
 
 
@@ -390,32 +391,32 @@ def _is_json(text: str) -> bool:
     return text[:1] in ("{", "[")
 
 
-def _parsed(text: bytes, first: int, form: _Form) -> NumberLines:
+def _parse_lines(text: bytes, first: int, form: _LineFormat) -> NumberLines:
     if first == 1:
-        head, end, others = text.partition(b"\n")
+        head, end, body = text.partition(b"\n")
         if end and form.is_header(_text_of(head)):
-            text, first = others, 2
-    at_once = _parsed_at_once(text, first, form)
+            text, first = body, 2
+    at_once = _parse_at_once(text, first, form)
     if at_once is not None:
         return NumberLines(*at_once, {})
     rows: list[Sequence[float]] = []
-    kept: list[int] = []
+    numbers_of_lines: list[int] = []
     errors: dict[int, str] = {}
     for number, line in _numbered(text, first, form):
-        found, error = _line_of(line, lambda text: (_row_of(text, form),), form)
+        parsed, error = _parse_line(line, lambda text: (_row_of(text, form),), form)
         if error is not None:
             errors[len(rows)] = error
-        rows.append(found[0] if found else [math.nan] * len(form.names))
-        kept.append(number)
+        rows.append(parsed[0] if parsed else [math.nan] * len(form.names))
+        numbers_of_lines.append(number)
     numbers = np.array(rows, dtype=np.float64).reshape(-1, len(form.names))
-    return NumberLines(numbers, kept, errors)
+    return NumberLines(numbers, numbers_of_lines, errors)
 
 
-def _parsed_at_once(
-    text: bytes, first: int, form: _Form
+def _parse_at_once(
+    text: bytes, first: int, form: _LineFormat
 ) -> tuple[NDArray[np.float64], Sequence[int]] | None:
-    """Return the numbers of lines, and which these are, if all are plain numbers."""
-    # numpy takes more characters for blanks, and warns of a text without numbers
+    """Return numbers and line numbers if all lines are plain numbers, else None."""
+    # numpy accepts more kinds of blanks, and warns of a text without numbers
     if text.translate(None, b"0123456789+-.eE, \t\r\n") or not text.strip():
         return None
     delimiter = form.delimiter("," if b"," in text else " ")
@@ -424,27 +425,27 @@ def _parsed_at_once(
     except ValueError:
         return None
     lines = range(first, first + _line_count(text))
-    # empty lines were passed over, and 1e999 is infinite
+    # numpy skips empty lines, and reads 1e999 as infinity
     is_plain = numbers.shape == (len(lines), len(form.names))
     return (numbers, lines) if is_plain and np.isfinite(numbers).all() else None
 
 
-def _line_of(
-    text: str, parse: Callable[[str], tuple[Any, ...]], form: _Form
+def _parse_line(
+    text: str, parse: Callable[[str], tuple[Any, ...]], form: _LineFormat
 ) -> tuple[tuple[Any, ...], str | None]:
     try:
-        found = parse(text)
+        parsed = parse(text)
     except MalformedInputError as error:
         return (), f"{error.rule}, got {shown(text)}"
-    except _NO_NUMBERS:
+    except _PARSE_ERRORS:
         rule = form.json if _is_json(text) else form.plain
         return (), f"must be {rule}, got {shown(text)}" if text else "empty line"
-    places = (place for place in found if isinstance(place, tuple))
+    places = (place for place in parsed if isinstance(place, tuple))
     is_finite = all(math.isfinite(number) for place in places for number in place)
-    return found, None if is_finite else f"must be finite, got {shown(text)}"
+    return parsed, None if is_finite else f"must be finite, got {shown(text)}"
 
 
-def _row_of(text: str, form: _Form) -> tuple[float, ...]:
+def _row_of(text: str, form: _LineFormat) -> tuple[float, ...]:
     if _is_json(text):
         return _row_of_json(json.loads(text), form)
     numbers = _numbers_of(text, form.delimiter(text))
@@ -455,9 +456,9 @@ def _row_of(text: str, form: _Form) -> tuple[float, ...]:
     return tuple(numbers)
 
 
-def _row_of_json(value: Any, form: _Form) -> tuple[float, ...]:
+def _row_of_json(value: Any, form: _LineFormat) -> tuple[float, ...]:
     row = [value[name] for name in form.names] if isinstance(value, dict) else list(value)
-    if len(row) != len(form.names) or any(type(one) not in (int, float) for one in row):
+    if len(row) != len(form.names) or any(type(number) not in (int, float) for number in row):
         raise ValueError  # bools are ints, too
     return tuple(map(float, row))
 
@@ -468,7 +469,7 @@ def _point_of_json(value: Any) -> Point:
 
 
 def _numbers_of(text: str, delimiter: str | None = ",") -> list[float]:
-    if not text.isascii() or "_" in text:  # which Python reads as digits, too
+    if not text.isascii() or "_" in text:  # Python's float accepts these, too
         raise ValueError
     return [float(part) for part in text.split(delimiter)]
 

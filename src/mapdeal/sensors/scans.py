@@ -1,4 +1,4 @@
-"""Laser scans in files: text, npz, and CARMEN logs, perhaps compressed with gzip.
+"""Laser scans in files: text, npz, and CARMEN logs, which may be compressed with gzip.
 
 References
 ----------
@@ -28,12 +28,12 @@ from mapdeal.files.text import LONGEST_LINE, delimiter_of, first_line, read_rows
 from mapdeal.grid.frame import FARTHEST
 from mapdeal.inputs.kinds import SCANS, recognised
 from mapdeal.maps.npz import NpzReader
-from mapdeal.sensors.points import read_poses, whole_table
+from mapdeal.sensors.points import read_poses, read_table
 
 Floats = NDArray[np.float64]
 
 DEFAULT_MAX_BAD = 10
-_NAMED = 3
+_MOST_NAMED = 3
 FARTHEST_POSE = 1e11  # metres, and radians
 
 
@@ -45,7 +45,7 @@ class ScanArrays(NamedTuple):
 
 
 class ScanSource(ABC):
-    """Scans in files, which can be read more than once."""
+    """Source of scans from files; it can be read more than once."""
 
     files: tuple[Path, ...]
 
@@ -55,11 +55,11 @@ class ScanSource(ABC):
         return 0
 
     def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:  # noqa: B027
-        """Read what scans need, once, before any of them; `advance` is called for each step."""
+        """Read data that all scans need, such as poses; call `advance` after each step."""
 
     @abstractmethod
     def scans(self) -> Iterator[ScanArrays]:
-        """Yield all scans in their order, some at a time."""
+        """Yield all scans in their order, in groups with the same angles."""
 
     @property
     @abstractmethod
@@ -68,11 +68,11 @@ class ScanSource(ABC):
 
     @property
     def named(self) -> Path:
-        """The file that errors about the scans name."""
+        """File that errors about the scans refer to."""
         return self.files[-1]
 
-    def warn(self) -> None:  # noqa: B027 - most have nothing to say
-        """Warn of what was passed over, once all scans were read."""
+    def warn(self) -> None:  # noqa: B027 - most sources have no warnings
+        """Warn of skipped lines and scans, after all scans were read."""
 
 
 @dataclass
@@ -81,24 +81,24 @@ class BadLines:
     most: int
     count: int = 0
     first: list[str] = field(default_factory=list)
-    is_told: bool = False
+    is_reported: bool = False
 
     def add(self, number: int, rule: str) -> None:
         self.count += 1
-        if len(self.first) < _NAMED:
+        if len(self.first) < _MOST_NAMED:
             self.first.append(f"line {number}: {rule}")
         if self.count > self.most:
             raise self.error()
 
     def error(self) -> MalformedInputError:
-        self.is_told = True
-        more = f" (and {self.count - 1} more bad lines)" if self.count > 1 else ""
+        self.is_reported = True
+        others_text = f" (and {self.count - 1} more bad lines)" if self.count > 1 else ""
         hint = "--max-bad N lets N such lines pass"
-        return MalformedInputError(f"{self.first[0]}{more}", source=self.path, hint=hint)
+        return MalformedInputError(f"{self.first[0]}{others_text}", source=self.path, hint=hint)
 
     def warn(self) -> None:
-        if self.count and not self.is_told:
-            more = f" (and {self.count - len(self.first)} more)" if self.count > _NAMED else ""
+        if self.count and not self.is_reported:
+            more = f" (and {self.count - len(self.first)} more)" if self.count > _MOST_NAMED else ""
             text = f"{self.count} malformed lines ignored: {'; '.join(self.first)}{more}"
             emit_warning(f"{self.path}: {text}", stacklevel=2)
 
@@ -119,32 +119,32 @@ class ScanTexts(ScanSource):
 
     def scans(self) -> Iterator[ScanArrays]:
         poses, angles, path = self.files
-        done, width = 0, len(self._angles)
-        with _opened(path) as (file, number, delimiter, found):
-            if found not in (0, width):
+        start, width = 0, len(self._angles)
+        with _open_at_numbers(path) as (file, number, delimiter, length):
+            if length not in (0, width):
                 rule = f"must have {width} numbers, one for each angle of {angles}"
-                raise MalformedInputError(rule, source=path, place=f"line {number}", got=found)
+                raise MalformedInputError(rule, source=path, place=f"line {number}", got=length)
             for rows in read_rows(
                 file, range(width), path=path, first_line=number, delimiter=delimiter, width=width
             ):
-                if done + len(rows) > self.count:
+                if start + len(rows) > self.count:
                     rule = f"has more lines than {poses} has poses, {self.count}"
                     raise MalformedInputError(rule, source=path)
-                yield ScanArrays(self._poses[done : done + len(rows)], self._angles, rows)
-                done += len(rows)
-        if done < self.count:
-            rule = f"ends after {done} scans, {poses} has {self.count} poses"
+                yield ScanArrays(self._poses[start : start + len(rows)], self._angles, rows)
+                start += len(rows)
+        if start < self.count:
+            rule = f"ends after {start} scans, {poses} has {self.count} poses"
             raise MalformedInputError(rule, source=path)
 
 
 def _read_angles(path: Path) -> Floats:
-    with _opened(path) as (file, number, delimiter, found):
-        table = whole_table(file, path, number, delimiter, found)
+    with _open_at_numbers(path) as (file, number, delimiter, length):
+        table = read_table(file, path, number, delimiter, length)
     if table is None:
         raise MalformedInputError("holds no angles", source=path)
     if 1 not in table.shape:
         rule = "must be one line of angles, or one angle a line"
-        raise MalformedInputError(rule, source=path, got=f"{len(table)} lines of {found}")
+        raise MalformedInputError(rule, source=path, got=f"{len(table)} lines of {length}")
     angles = table.reshape(-1)
     is_good = np.abs(angles) <= FARTHEST  # refuses nan too
     if not is_good.all():
@@ -156,8 +156,8 @@ def _read_angles(path: Path) -> Floats:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[BinaryIO, int, str | None, int]]:
-    """Yield a file at its first line of numbers, with that line's number, delimiter and length."""
+def _open_at_numbers(path: Path) -> Iterator[tuple[BinaryIO, int, str | None, int]]:
+    """Yield a file at its first line of numbers, and that line's number, delimiter and length."""
     with access_to(path), path.open("rb") as file:
         number, start, line = first_line(file)
         delimiter = delimiter_of(line)
@@ -167,22 +167,22 @@ def _opened(path: Path) -> Iterator[tuple[BinaryIO, int, str | None, int]]:
 
 _SCANS_TOGETHER = 512
 _READINGS_TOGETHER = 1 << 18
-_POSED = ("FLASER", "ROBOTLASER1")
-_TAGS = (*_POSED, "RAWLASER1")
+_POSE_TAGS = ("FLASER", "ROBOTLASER1")
+_TAGS = (*_POSE_TAGS, "RAWLASER1")
 _LONGEST_TAG = max(map(len, _TAGS)) + 1
 _GZIP = b"\x1f\x8b"
 _EXPANSION = 200  # largest ratio of a log's length to that of its gzip file; 4 to 10 is usual
 _SHORT_LINE = 20
-"""Bytes that a line counts as besides its own: a log of empty lines takes long, too."""
+"""Bytes added to the length of each line, because many empty lines take long, too."""
 
 _BEFORE_TAG = b"\xef\xbb\xbf \t"
 _LARGEST_ANGLE = 100.0
 
 _FLASER_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
-"""Degrees between the readings of a half circle, by their number; the first is at -90."""
+"""Degrees between the readings of a half circle, by their number; the first is at -90 degrees."""
 
 _LINES_TOGETHER, _BYTES_TOGETHER = 512, 1 << 20
-_SAME = {"head", "middle"}
+_SHARED_PARTS = {"head", "middle"}
 _TYPES = {"head": "S40", "middle": "S40", "ranges": "f8", "pose": "f8", "time": "f8"}
 _NO_POSE = (0.0, 0.0, 0.0)
 
@@ -199,19 +199,19 @@ class _Laser(NamedTuple):
 
 
 class _Layout(NamedTuple):
-    """What the words of a line are: how many of them belong to each part, in their order."""
+    """Layout of a line: the number of words of each part, in their order."""
 
     laser: _Laser
     longest: float
     parts: dict[str, int]
 
     def part(self, name: str, words: list[bytes]) -> list[bytes]:
-        before = takewhile(lambda part: part != name, self.parts)
-        start = sum(self.parts[part] for part in before)
+        preceding = takewhile(lambda part: part != name, self.parts)
+        start = sum(self.parts[part] for part in preceding)
         return words[start : start + self.parts[name]]
 
     def record(self) -> np.dtype[np.void]:
-        """Return the type of a line for numpy; of words that are not used one letter is kept."""
+        """Return numpy's type of a line; unused words are truncated to one letter."""
         parts = [(name, count) for name, count in self.parts.items() if count]
         return np.dtype([(name, _TYPES.get(name, "S1"), (count,)) for name, count in parts])
 
@@ -222,40 +222,40 @@ class _Scan(NamedTuple):
     ranges: Floats
     time: float
 
-    def repeats(self, other: _Scan) -> bool:
-        is_same = (self.time, self.pose, self.laser) == (other.time, other.pose, other.laser)
-        return is_same and np.array_equal(self.ranges, other.ranges)
+    def repeats(self, previous: _Scan) -> bool:
+        heads = [(scan.time, scan.pose, scan.laser) for scan in (self, previous)]
+        return heads[0] == heads[1] and np.array_equal(self.ranges, previous.ranges)
 
 
 class _BadLineError(Exception):
-    """A line that is not what its first word says."""
+    """A line that breaks the format of its first word."""
 
 
 class CarmenLog(ScanSource):
     # FLASER lines have 180, 181, 360 or 361 readings over a half circle, and the laser's pose.
-    # ROBOTLASER1 lines contain their angles and their maximum range, from which on a reading means
-    # that nothing was hit. RAWLASER1 lines do, too, but have no pose: that of the last ODOM line is
-    # taken. A log may have several kinds for the same scans; the one with a pose that has the most
-    # lines counts. All other lines are passed over.
+    # ROBOTLASER1 lines contain angles, a pose and a maximum range; readings of the maximum or more
+    # hit nothing. RAWLASER1 lines have no pose: the last ODOM line supplies it. Different kinds of
+    # lines describe the same scans, so only the most frequent kind with a pose is used. All other
+    # lines are skipped.
     def __init__(self, path: Path, *, max_bad: int) -> None:
         check_readable(path)
         self.files = (path,)
         self._path = path
         self._start_over(max_bad)
-        # not of the whole line, all of which would be copied
+        # split only the beginning, because splitting copies the whole line
         self._tags = Counter(
             line[:_LONGEST_TAG].split(maxsplit=1)[0].decode() for _, line in self._lines(_TAGS)
         )
         if not self._tags:
             rule = f"no line begins with {', '.join(_TAGS)}"
             raise MalformedInputError(rule, source=path, hint="CARMEN logs have such lines")
-        posed = [tag for tag in _POSED if tag in self._tags]
+        posed = [tag for tag in _POSE_TAGS if tag in self._tags]
         self._tag = max(posed, key=self._tags.__getitem__) if posed else "RAWLASER1"
 
     def _start_over(self, max_bad: int) -> None:
         self._bad = BadLines(self._path, max_bad)
         self._late = self._without_pose = self._repeated = 0
-        self._has_times = False  # one time for all, mostly 0, is none
+        self._has_times = False  # a constant time, usually 0, means that times are missing
         self._odometry: tuple[float, float, float] | None = None
 
     @property
@@ -264,29 +264,29 @@ class CarmenLog(ScanSource):
 
     def scans(self) -> Iterator[ScanArrays]:
         self._start_over(self._bad.most)
-        together: list[_Scan] = []
+        group: list[_Scan] = []
         latest = -math.inf
-        before: _Scan | None = None
+        previous: _Scan | None = None
         first_time: float | None = None
-        for scan in self._parsed():
-            if before is not None and scan.repeats(before):
+        for scan in self._parse():
+            if previous is not None and scan.repeats(previous):
                 self._repeated += 1
                 continue
-            before = scan
+            previous = scan
             first_time = scan.time if first_time is None else first_time
             self._has_times |= scan.time != first_time
             self._late += scan.time <= latest
             latest = max(latest, scan.time)
             most = max(1, min(_SCANS_TOGETHER, _READINGS_TOGETHER // max(1, len(scan.ranges))))
-            if together and (scan.laser != together[0].laser or len(together) == most):
-                yield _arrays(together)
-                together = []
-            together.append(scan)
+            if group and (scan.laser != group[0].laser or len(group) == most):
+                yield _arrays(group)
+                group = []
+            group.append(scan)
         if 2 * self._without_pose > self.count:
             rule = f"{self._without_pose} of {self.count} RAWLASER1 lines have no ODOM line before"
             raise MalformedInputError(rule, source=self._path)
-        if together:
-            yield _arrays(together)
+        if group:
+            yield _arrays(group)
         elif self._bad.count:
             raise self._bad.error()
 
@@ -294,32 +294,32 @@ class CarmenLog(ScanSource):
         self._bad.warn()
         for tag, count in self._tags.items():
             if tag != self._tag:
-                self._say(f"{count} lines of {tag} are not used beside those of {self._tag}")
+                self._warn(f"{count} lines of {tag} are not used beside those of {self._tag}")
         if self._without_pose:
-            self._say(f"{self._without_pose} scans have no ODOM line before them, dropped")
+            self._warn(f"{self._without_pose} scans have no ODOM line before them, dropped")
         if self._repeated:
-            self._say(f"{self._repeated} of {self.count} scans repeat the one before, dropped")
+            self._warn(f"{self._repeated} of {self.count} scans repeat the one before, dropped")
         if self._late and self._has_times:
             text = f"{self._late} of {self.count} scans are not later than those before"
-            self._say(f"{text}, kept in this order")
+            self._warn(f"{text}, kept in this order")
 
-    def _say(self, text: str) -> None:
+    def _warn(self, text: str) -> None:
         emit_warning(f"{self._path}: {text}", stacklevel=3)
 
-    def _parsed(self) -> Iterator[_Scan]:
-        wanted = (self._tag,) if self._tag in _POSED else (self._tag, "ODOM")
-        together: list[tuple[int, bytes]] = []
+    def _parse(self) -> Iterator[_Scan]:
+        tags = (self._tag,) if self._tag in _POSE_TAGS else (self._tag, "ODOM")
+        numbered: list[tuple[int, bytes]] = []
         length = 0
-        for number, line in self._lines(wanted):
-            together.append((number, line))
+        for number, line in self._lines(tags):
+            numbered.append((number, line))
             length += len(line)
-            if len(together) == _LINES_TOGETHER or length > _BYTES_TOGETHER:
-                yield from self._scans_of(together)
-                together, length = [], 0
-        yield from self._scans_of(together)
+            if len(numbered) == _LINES_TOGETHER or length > _BYTES_TOGETHER:
+                yield from self._scans_of(numbered)
+                numbered, length = [], 0
+        yield from self._scans_of(numbered)
 
     def _scans_of(self, numbered: list[tuple[int, bytes]]) -> Iterator[_Scan]:
-        """Yield the scans of lines, those with a pose by odometry if it is known."""
+        """Yield the scans of lines; RAWLASER1 scans get the latest pose of odometry."""
         lines = [line for _, line in numbered if not line.startswith(b"ODOM")]
         scans = iter(_scans_at_once(lines) or repeat(None))
         for number, line in numbered:
@@ -331,7 +331,7 @@ class CarmenLog(ScanSource):
             except _BadLineError as error:
                 self._bad.add(number, str(error))
                 continue
-            if self._tag in _POSED:
+            if self._tag in _POSE_TAGS:
                 yield scan
             elif self._odometry is not None:
                 yield scan._replace(pose=self._odometry)
@@ -339,24 +339,24 @@ class CarmenLog(ScanSource):
                 self._without_pose += 1
 
     def _lines(self, tags: tuple[str, ...]) -> Iterator[tuple[int, bytes]]:
-        """Yield the lines that begin with one of some words, and their numbers."""
-        wanted = tuple(f"{tag}{blank}".encode() for tag in tags for blank in (" ", "\t"))
+        """Yield number and text of the lines that begin with one of the tags."""
+        starts = tuple(f"{tag}{blank}".encode() for tag in tags for blank in (" ", "\t"))
         most = _EXPANSION * status_of(self._path).st_size + LONGEST_LINE
         number = length = 0
         is_start = True
-        with self._opened() as file:
+        with self._open() as file:
             while line := file.readline(LONGEST_LINE):
                 length += len(line) + _SHORT_LINE
                 if length > most:
                     rule = f"the gzip data expand to more than {_EXPANSION} times their size"
                     raise MalformedInputError(rule, source=self._path)
                 number += is_start
-                if is_start and (text := line.lstrip(_BEFORE_TAG)).startswith(wanted):
+                if is_start and (text := line.lstrip(_BEFORE_TAG)).startswith(starts):
                     yield number, text
-                is_start = line.endswith(b"\n")  # else more of the same line follows
+                is_start = line.endswith(b"\n")  # False if the line continues
 
     @contextmanager
-    def _opened(self) -> Iterator[BinaryIO]:
+    def _open(self) -> Iterator[BinaryIO]:
         with access_to(self._path), self._path.open("rb") as file:
             is_compressed = file.read(2) == _GZIP
             file.seek(0)
@@ -364,8 +364,8 @@ class CarmenLog(ScanSource):
                 yield file
                 return
             try:
-                with gzip.open(file) as expanded:
-                    yield expanded  # type: ignore[misc]
+                with gzip.open(file) as text:
+                    yield text  # type: ignore[misc]
             except (gzip.BadGzipFile, EOFError, zlib.error) as error:
                 rule = f"the gzip data are damaged: {error}"
                 raise MalformedInputError(rule, source=self._path) from None
@@ -381,19 +381,19 @@ def _arrays(scans: list[_Scan]) -> ScanArrays:
 
 def _layout_of(words: list[bytes]) -> _Layout:
     if words[0] == b"FLASER":
-        count = _whole(words, 1)
+        count = _reading_count(words, 1)
         if count not in _FLASER_STEPS:
             raise _BadLineError(f"FLASER must have 180, 181, 360 or 361 readings, has {count}")
         laser = _Laser(-math.pi / 2, math.radians(_FLASER_STEPS[count]), count)
         longest = 0.0
         parts = {"head": 2, "ranges": count, "pose": 3, "robot": 3}
     else:
-        count = _whole(words, 8)
+        count = _reading_count(words, 8)
         if len(words) < 10 + count:
             raise _BadLineError(f"must have {count} readings and more, ends before")
         start, field, step, longest = _numbers(words[2:6])
         laser = _laser(start, field, step, count)
-        remissions = _whole(words, 9 + count)
+        remissions = _reading_count(words, 9 + count)
         parts = {"head": 9, "ranges": count, "middle": 1, "remissions": remissions}
         if words[0] == b"ROBOTLASER1":
             parts |= {"pose": 3, "robot": 8}
@@ -409,11 +409,11 @@ def _scan_of(words: list[bytes]) -> _Scan:
     pose = _pose(layout.part("pose", words)) if "pose" in layout.parts else _NO_POSE
     ranges = np.array(_numbers(layout.part("ranges", words)))
     (time,) = _numbers(layout.part("time", words))
-    return _Scan(layout.laser, pose, _within(layout.longest, ranges), time)
+    return _Scan(layout.laser, pose, _without_maxima(layout.longest, ranges), time)
 
 
 def _scans_at_once(lines: list[bytes]) -> list[_Scan] | None:
-    """Return the scans of lines that are laid out as the first is; None of others."""
+    """Return the scans of lines with the same layout; None if the layouts differ."""
     if not lines:
         return None
     try:
@@ -421,7 +421,7 @@ def _scans_at_once(lines: list[bytes]) -> list[_Scan] | None:
         table = np.loadtxt(lines, layout.record(), comments=None, encoding="ascii", ndmin=1)
     except (_BadLineError, ValueError):
         return None
-    for name in _SAME.intersection(layout.parts):
+    for name in _SHARED_PARTS.intersection(layout.parts):
         if (table[name] != table[name][0]).any():
             return None
     times = table["time"][:, 0].tolist()
@@ -430,8 +430,8 @@ def _scans_at_once(lines: list[bytes]) -> list[_Scan] | None:
         if not (np.abs(table["pose"]) <= FARTHEST_POSE).all():  # refuses nan too
             return None
         poses = list(map(tuple, table["pose"].tolist()))
-    ranges = _within(layout.longest, table["ranges"])
-    return [_Scan(layout.laser, *one) for one in zip(poses, ranges, times, strict=True)]
+    ranges = _without_maxima(layout.longest, table["ranges"])
+    return [_Scan(layout.laser, *fields) for fields in zip(poses, ranges, times, strict=True)]
 
 
 def _laser(start: float, field: float, step: float, count: int) -> _Laser:
@@ -444,12 +444,12 @@ def _laser(start: float, field: float, step: float, count: int) -> _Laser:
     return _Laser(start, step, count)
 
 
-def _within(longest: float, ranges: Floats) -> Floats:
-    """Return ranges without those at the scanner's maximum, if it has one: these hit nothing."""
+def _without_maxima(longest: float, ranges: Floats) -> Floats:
+    """Return ranges with inf, no hit, in place of the scanner's maximum; 0 means no maximum."""
     return np.where(ranges >= longest, math.inf, ranges) if longest > 0 else ranges
 
 
-def _whole(words: list[bytes], index: int) -> int:
+def _reading_count(words: list[bytes], index: int) -> int:
     word = words[index] if index < len(words) else b""
     if not (word.isdigit() and len(word) < 6):
         raise _BadLineError("the number of readings is missing or no whole number")
@@ -458,7 +458,7 @@ def _whole(words: list[bytes], index: int) -> int:
 
 def _numbers(words: list[bytes]) -> list[float]:
     try:
-        if any(b"_" in word for word in words):  # which Python reads past
+        if any(b"_" in word for word in words):  # Python's float accepts underscores
             raise ValueError
         return [float(word) for word in words]
     except ValueError:
@@ -467,7 +467,7 @@ def _numbers(words: list[bytes]) -> list[float]:
 
 def _pose(words: list[bytes]) -> tuple[float, float, float]:
     numbers = _numbers(words)
-    if len(numbers) == 3 and all(abs(one) <= FARTHEST_POSE for one in numbers):  # refuses nan too
+    if len(numbers) == 3 and all(abs(n) <= FARTHEST_POSE for n in numbers):  # refuses nan too
         return numbers[0], numbers[1], numbers[2]
     raise _BadLineError("the pose must be three finite numbers")
 
@@ -498,11 +498,11 @@ class ScanNpz(ScanSource):
 
     def scans(self) -> Iterator[ScanArrays]:
         expected = (self.count, len(self._angles))
-        done = 0
+        start = 0
         with NpzReader(self._path, _MOST_ELEMENTS) as reader:
             for rows in reader.rows("ranges", len(self._angles), shape=expected):
-                yield ScanArrays(self._poses[done : done + len(rows)], self._angles, rows)
-                done += len(rows)
+                yield ScanArrays(self._poses[start : start + len(rows)], self._angles, rows)
+                start += len(rows)
 
 
 def open_log(path: Path, *, max_bad: int = DEFAULT_MAX_BAD) -> ScanSource:
