@@ -103,7 +103,7 @@ READERS = {
 }
 
 
-def load_robot(kind, paths, options):
+def read_case(kind, paths, options):
     try:
         return READERS[kind](paths, **options)
     except MalformedInputError as error:
@@ -133,7 +133,7 @@ def test_what_is_found_in_files(files, kind, name):
     ]
     options = case.get("options", {})
     found = [line.encode("unicode_escape").decode() if not line.isprintable() else line
-             for line in load_robot(kind, files(*texts), options)]  # fmt: skip
+             for line in read_case(kind, files(*texts), options)]  # fmt: skip
     if "MAPDEAL_RECORD" in os.environ:
         case["found"] = found
         text = yaml.dump(CASES[kind], Dumper=Readable, sort_keys=False, width=1000)

@@ -22,7 +22,7 @@ Cells = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 @dataclass(frozen=True)
 class CostmapArea:
-    """Size and place of a costmap whose own parameters give them, not a map.
+    """Size and place of a costmap that are set by parameters instead of a map.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class CostmapArea:
 
     def _moved(self, corner: float, cells: int, robot: float) -> float:
         goal = robot - (cells - self.size_margin) * self.resolution / 2
-        for _ in range(3):  # updates, each by whole cells; rounding may leave one for the second
+        for _ in range(3):  # updates move by whole cells; rounding may defer a cell to the next one
             corner += int((goal - corner) / self.resolution) * self.resolution
         return corner
 
@@ -84,14 +84,14 @@ _FIELDS |= {
         ("size_margin", float, 0.0),
     )
 }  # fmt: skip
-_LOOKS = "{height: 60, width: 60, resolution: 0.05, is_rolling: yes, global_frame: odom}"
+_EXAMPLE = "{height: 60, width: 60, resolution: 0.05, is_rolling: yes, global_frame: odom}"
 
 
 def accept_area(name: str, value: object) -> CostmapArea:
     if isinstance(value, CostmapArea):
         return value
     if not isinstance(value, Mapping) or not {"height", "width", "resolution"} <= set(value):
-        raise ParameterError(f"must look like {_LOOKS}", place=name, got=value)
+        raise ParameterError(f"must look like {_EXAMPLE}", place=name, got=value)
     values = dict(value)
     global_frame = values.pop("global_frame", "map")
     if not isinstance(global_frame, str):
@@ -106,7 +106,7 @@ structured(CostmapArea, accept_area)
 
 
 def cells_below(area: Frame, map_to_area: Pose | None, map_frame: Frame, rows: slice) -> Cells:
-    """Return the row and column of a map below each cell centre of some rows of a costmap.
+    """Return the map's row and column below each cell centre in rows of a costmap.
 
     Cells outside of the map have a negative row or column, or one beyond its size. `map_to_area`
     is the pose of the costmap's frame of reference in that of the map; None if they are the same.
@@ -140,7 +140,7 @@ def _cells_of(
 ) -> Cells:
     """Return the cells of points, as costmap_2d's ``worldToMap``."""
     x, y, yaw = x - origin[0], y - origin[1], origin[2]
-    if yaw != 0.0:  # costmap_2d ignores it
+    if yaw != 0.0:  # costmap_2d ignores the yaw
         cos, sin = math.cos(yaw), math.sin(yaw)
         x, y = x * cos + y * sin, y * cos - x * sin
     return np.floor(y / cell_size).astype(np.int64), np.floor(x / cell_size).astype(np.int64)

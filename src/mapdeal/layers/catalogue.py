@@ -10,7 +10,7 @@ from mapdeal import layers
 from mapdeal.layers.layer import CostmapLayer
 
 
-def _defined() -> Iterator[type[CostmapLayer]]:
+def _layer_classes() -> Iterator[type[CostmapLayer]]:
     for module in sorted(found.name for found in iter_modules(layers.__path__)):
         for member in vars(import_module(f"{layers.__name__}.{module}")).values():
             is_layer = isinstance(member, type) and issubclass(member, CostmapLayer)
@@ -18,10 +18,10 @@ def _defined() -> Iterator[type[CostmapLayer]]:
                 yield member
 
 
-LAYERS: tuple[type[CostmapLayer], ...] = tuple(_defined())
+LAYERS: tuple[type[CostmapLayer], ...] = tuple(_layer_classes())
 
 KINDS: dict[str, type[CostmapLayer]] = {layer.key: layer for layer in LAYERS}
-"""By their key in recipes."""
+"""Layer classes by their key in recipes."""
 
 NAV2_PLUGINS = {plugin: layer for layer in LAYERS for plugin in layer.nav2_plugins}
 ROS1_PLUGINS = {plugin: layer for layer in LAYERS for plugin in layer.ros1_plugins}
@@ -33,6 +33,6 @@ def class_name(plugin: str) -> str:
 
 
 def layer_named(name: str) -> type[CostmapLayer] | None:
-    """Return the layer of a class, whichever package that is said to be in."""
+    """Return the layer class by the name of a plugin's class without its package."""
     plugins = {**ROS1_PLUGINS, **NAV2_PLUGINS}
     return {class_name(plugin): layer for plugin, layer in plugins.items()}.get(name)

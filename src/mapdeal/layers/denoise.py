@@ -45,7 +45,7 @@ class DenoiseLayer(CostmapLayer):
         return "minimal_group_size is 1" if self.minimal_group_size <= 1 else None
 
     def halo(self, shape: tuple[int, int], cell_size: float) -> int:
-        # A group that the edge of a window cuts, a denoise layer's size away, is not small.
+        # A group that reaches from here to the edge of a window has enough cells to stay.
         return min(self.minimal_group_size, shape[0])
 
     def apply(self, master: MasterGrid) -> None:

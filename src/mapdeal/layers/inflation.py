@@ -204,7 +204,7 @@ def _custom_inscribed_radius(values: Nav2Values, name: str, inscribed_radius: fl
 
 
 def _factor_without_path(values: Nav2Values, name: str) -> float:
-    """Return the factor of both sides where there is no path: the larger one counts."""
+    """Return the larger of both sides' factors, which applies if there is no path."""
     for parameter, kind, least in (
         (f"{name}.inflation_radius", "double", 0), (f"{name}.num_threads", "integer", -1),
         (f"{name}.cost_scaling_factor_left", "double", 0),

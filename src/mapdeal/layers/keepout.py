@@ -22,7 +22,7 @@ from mapdeal.layers.layer import CostmapLayer, MasterGrid, Nav2Values, PluginEnt
 
 @dataclass(frozen=True, repr=False)
 class KeepoutFilter(CostmapLayer):
-    """Settings of Nav2's keepout filter, whose mask is given apart.
+    """Settings of Nav2's keepout filter, without its mask.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class KeepoutFilter(CostmapLayer):
 
 
 CellsAt = Callable[[slice], tuple[NDArray[np.int64], NDArray[np.int64]]]
-"""Returns, for some rows of a costmap, the row and the column of a mask below each cell."""
+"""Function that returns the mask's row and column below each cell in rows of a costmap."""
 
 
 class MaskCosts:
@@ -85,7 +85,7 @@ class MaskCosts:
     def at_centres(
         cls, mask: OccupancyGrid, frame: Frame, scale: CostScale = "costmap2d"
     ) -> MaskCosts:
-        """Return the mask below the cell centres of a frame; origins, yaws and cells may differ."""
+        """Return the mask's costs at the cell centres of a frame, which may have another yaw."""
         return cls(mask, partial(cells_at_centres, frame, mask.frame), scale)
 
     def lay_over(self, costs: NDArray[Any], rows: slice) -> None:
@@ -122,8 +122,8 @@ class MaskCosts:
 def cells_at_centres(
     target: Frame, source: Frame, rows: slice
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the row and column of a source below each cell centre of some rows of a target."""
-    # Without a turn between the two they are a column and a row that broadcast.
+    """Return the source's row and column below each cell centre in rows of a target."""
+    # If both have the same yaw, the results are a column and a row that broadcast.
     along = np.arange(rows.start, rows.stop)[:, np.newaxis]
     across = np.arange(target.width)[np.newaxis, :]
     centre = target.xy_from_rowcol([[0, 0]])

@@ -95,7 +95,7 @@ class MasterGrid:
 
 
 class Nav2Values(Protocol):
-    """What layers read of the parameters that a Nav2 node gets."""
+    """Interface through which layers read the parameters of a Nav2 node."""
 
     parameters: Mapping[str, Any]
     older: bool
@@ -110,7 +110,7 @@ class Nav2Values(Protocol):
 
 
 class Ros1Values(Protocol):
-    """What layers read of ROS 1's parameter server, below the namespace of a costmap."""
+    """Interface through which layers read ROS 1's parameters below a costmap's namespace."""
 
     @property
     def is_substituted(self) -> bool: ...
@@ -130,7 +130,7 @@ class Ros1Values(Protocol):
 
 @dataclass(frozen=True)
 class PluginEntry:
-    """An entry of a costmap's list of plugins: its name and class, and the robot that it is for."""
+    """An entry of a costmap's list of plugins, with the robot's inscribed radius, metres."""
 
     name: str
     plugin: str
@@ -177,7 +177,7 @@ class CostmapLayer(OneLine):
     """Types of parameters that Nav2 declares below the layer, besides the fields."""
 
     other_parameters: ClassVar[frozenset[str]] = frozenset()
-    """Further names that some release reads below the layer, or reads elsewhere."""
+    """Names without effect on a map that some release reads, here or at another level."""
 
     costmap_parameters: ClassVar[tuple[str, ...]] = ()
     """Parameters that Nav2 reads from the costmap: below the layer they have no effect."""
@@ -187,29 +187,29 @@ class CostmapLayer(OneLine):
 
     @property
     def overwrites_all(self) -> bool:
-        """Whether no cost below the layer is left."""
+        """Whether the layer replaces all costs below it."""
         return False
 
     def why_idle(self, has_unknown: bool) -> str | None:
-        """Return why the layer changes no cost, given whether unknown cells lie below it."""
+        """Return why the layer changes no cost; `has_unknown`: cells below may be unknown."""
         return None
 
     def unknown_after(self, is_unknown: bool) -> bool:
-        """Return whether a cell that the map does not know is unknown once this layer is applied.
+        """Return whether a cell unknown in the map is unknown after this layer is applied.
 
-        `is_unknown` is whether it was unknown before.
+        `is_unknown` is whether the cell was unknown before.
         """
         return is_unknown
 
     def may_leave_unknown(self, may_be_unknown: bool) -> bool:
-        """Return whether any cell may be unknown once this layer is applied.
+        """Return whether any cell may be unknown after this layer is applied.
 
-        `may_be_unknown` is whether any may be before.
+        `may_be_unknown` is whether any cell may be unknown before.
         """
         return self.unknown_after(may_be_unknown)
 
     def halo(self, shape: tuple[int, int], cell_size: float) -> int:
-        """Return the largest number of rows between a cell and another one that it affects."""
+        """Return the largest number of rows between a cell and a cell that it affects."""
         return 0
 
     @abstractmethod
@@ -217,35 +217,35 @@ class CostmapLayer(OneLine):
         """Change the costs of the master grid, in place."""
 
     def effect(self) -> str:
-        """Return in words what the layer does with these settings."""
+        """Describe the effect of the layer with these settings."""
         return self.about
 
     @classmethod
     def from_nav2(cls, values: Nav2Values, entry: PluginEntry) -> CostmapLayer:
-        """Read the layer's own parameters, each a field of the class."""
+        """Return the layer with its parameters; each is a field of the class."""
         values.check_types(cls.nav2_parameters, f"{entry.name}.")
-        own = {
+        settings = {
             field: values.get(f"{entry.name}.{field}", _TYPES[kind], default)
             for field, (kind, default) in cls._plain_fields().items()
         }
-        return cls(entry.name, **own)
+        return cls(entry.name, **settings)
 
     @classmethod
     def from_ros1(cls, server: Ros1Values, entry: PluginEntry) -> CostmapLayer:
         readers: dict[type, Any] = {
             bool: server.boolean, int: server.integer, float: server.double
         }  # fmt: skip
-        own = {
+        settings = {
             field: readers[kind](default, entry.name, field)
             for field, (kind, default) in cls._plain_fields().items()
         }
-        return cls(entry.name, **own)
+        return cls(entry.name, **settings)
 
     @classmethod
     def known_parameters(cls, plugin: str) -> frozenset[str]:
-        """Return the names that ``lint`` does not take for misspelt below a layer of this class."""
-        own = (field.name for field in fields(cls) if field.name != "name")
-        return frozenset({"plugin", "enabled", *own, *cls.nav2_parameters, *cls.other_parameters})
+        """Return the parameter names that ``lint`` accepts below a layer of this class."""
+        names = (field.name for field in fields(cls) if field.name != "name")
+        return frozenset({"plugin", "enabled", *names, *cls.nav2_parameters, *cls.other_parameters})
 
     @classmethod
     def _plain_fields(cls) -> dict[str, tuple[type, Any]]:
@@ -257,11 +257,11 @@ class CostmapLayer(OneLine):
         }
 
     def with_inscribed_radius(self, before: float, footprint: Footprint) -> CostmapLayer:
-        """Return the layer for another footprint, if it has the inscribed radius of the old one."""
+        """Return the layer for a footprint, if its inscribed radius was that of the old one."""
         return self
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """Return the layer as recipes and manifests have it: its kind and its settings."""
+        """Return kind and settings of the layer in the form of recipes and manifests."""
         return {self.key: asdict(self)}
 
     def _repr_parts(self) -> Iterator[str]:

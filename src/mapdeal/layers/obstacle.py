@@ -1,4 +1,4 @@
-"""Costmap layers ``obstacle`` and ``voxel``, as they are before the first observation."""
+"""Costmap layers ``obstacle`` and ``voxel`` before their first observation."""
 
 from __future__ import annotations
 
@@ -108,19 +108,19 @@ class ObstacleLayer(CostmapLayer):
             np.copyto(master.costs, FREE_SPACE, where=free)
 
     def effect(self) -> str:
-        freed = "unknown cells" if self.combination_method == _MAXIMUM else "all cells"
-        return f"no observations: {freed} become free"
+        cells = "unknown cells" if self.combination_method == _MAXIMUM else "all cells"
+        return f"no observations: {cells} become free"
 
     @classmethod
     def from_nav2(cls, values: Nav2Values, entry: PluginEntry) -> ObstacleLayer:
         name = entry.name
         sources = set(values.get(f"{name}.observation_sources", "string", "").split())
         for parameter in values.parameters:
-            prefix, _, own = parameter.removeprefix(f"{name}.").rpartition(".")
-            of_source = _SOURCE_PARAMETERS if prefix in sources else {}
-            types = of_source if prefix else cls.nav2_parameters
-            if own in types and parameter.startswith(f"{name}."):
-                values.get(parameter, types[own], None)
+            prefix, _, plain_name = parameter.removeprefix(f"{name}.").rpartition(".")
+            source_types = _SOURCE_PARAMETERS if prefix in sources else {}
+            types = source_types if prefix else cls.nav2_parameters
+            if plain_name in types and parameter.startswith(f"{name}."):
+                values.get(parameter, types[plain_name], None)
         method = values.get(f"{name}.combination_method", "integer", _MAXIMUM)
         return cls(
             name=name,
@@ -133,9 +133,9 @@ class ObstacleLayer(CostmapLayer):
     def from_ros1(cls, server: Ros1Values, entry: PluginEntry) -> ObstacleLayer:
         name = entry.name
         costmap_tracks = server.boolean(False, "track_unknown_space")
-        own = (name, "track_unknown_space")
+        path = (name, "track_unknown_space")
         is_overridden = "track_unknown_space" in cls.ros1_costmap_parameters
-        place = server.place(*own) if is_overridden else own
+        place = server.place(*path) if is_overridden else path
         method = cls._ros1_method(server.integer(_MAXIMUM, name, "combination_method"))
         return cls(
             name=name,

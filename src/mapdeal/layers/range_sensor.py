@@ -1,4 +1,4 @@
-"""Costmap layer ``range``: that of sonars, as it is before the first reading."""
+"""Costmap layer ``range``, used for sonars, before its first reading."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE
 from mapdeal.layers.layer import CostmapLayer, MasterGrid
 
-_PRIOR = 0.5  # probability of an obstacle that no reading has changed
+_PRIOR = 0.5  # probability of an obstacle before the first reading
 
 
 @dataclass(frozen=True, repr=False)
@@ -54,7 +54,7 @@ class RangeSensorLayer(CostmapLayer):
     }  # fmt: skip
 
     def _cost(self) -> int | None:
-        """Return the cost that the layer gives to every cell, if it changes any."""
+        """Return the cost that the layer writes to all cells; None without an effect."""
         prior, clear, mark = (
             int(probability * LETHAL_OBSTACLE)
             for probability in (_PRIOR, self.clear_threshold, self.mark_threshold)

@@ -86,7 +86,7 @@ class CostmapLayers:
     def with_mask_last(self) -> CostmapLayers:
         """Return the layers without keepout filters where it makes no difference.
 
-        A mask that is laid over the finished costs does the same as filters behind all layers.
+        A mask over the finished costs has the same effect as filters after all layers.
         """
         layers = list(self.layers)
         while layers and _is_keepout(layers[-1]):
@@ -97,7 +97,7 @@ class CostmapLayers:
     @property
     def static_and_inflation(self) -> tuple[StaticLayer, InflationLayer | None] | None:
         """One static layer, and at most one inflation layer above it; None for other layers."""
-        # A static layer that only raises costs counts as well: there is nothing below it.
+        # Includes static layers that only raise costs, because no layer lies below them.
         match self.effective:
             case (StaticLayer() as static,):
                 return static, None
