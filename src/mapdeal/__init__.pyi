@@ -1,6 +1,7 @@
 # The public names of `mapdeal`, each loaded on first use.
 # `mapdeal.__init__` reads this file, so that every name is listed only once.
 
+from mapdeal.bags.messages import from_msg as from_msg
 from mapdeal.checks.findings import Finding as Finding
 from mapdeal.checks.lint import LintReport as LintReport
 from mapdeal.checks.lint import MapReport as MapReport
@@ -50,6 +51,7 @@ from mapdeal.grid.field import PotentialField as PotentialField
 from mapdeal.grid.field import ViewScale as ViewScale
 from mapdeal.grid.footprint import Footprint as Footprint
 from mapdeal.grid.footprint import footprint_costs as footprint_costs
+from mapdeal.grid.frame import CellSamples as CellSamples
 from mapdeal.grid.frame import Frame as Frame
 from mapdeal.grid.frame import Transform as Transform
 from mapdeal.grid.frame import xy_ahead as xy_ahead
@@ -102,6 +104,7 @@ from mapdeal.pipeline.recipe import load_recipe as load_recipe
 from mapdeal.pipeline.recipe import read_robot_parameters as read_robot_parameters
 from mapdeal.pipeline.run import RunReport as RunReport
 from mapdeal.pipeline.run import apply_recipe as apply_recipe
+from mapdeal.pipeline.run import costmap as costmap
 from mapdeal.planning.routes import descend as descend
 from mapdeal.planning.routes import shortest_route as shortest_route
 from mapdeal.ros.robot import RobotParameters as RobotParameters

@@ -21,6 +21,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from collections.abc import Sequence as AbcSequence
 from dataclasses import dataclass, field, is_dataclass, replace
+from functools import partial
 from numbers import Real
 from os import PathLike
 from pathlib import Path
@@ -698,7 +699,8 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
             raise ParameterError("takes a grid: read_map(path)", source=function.__name__)
         if is_cropped and args and not isinstance(args[0], taken()):
             rule = f"takes a grid: {' or '.join(one.__name__ for one in taken())}"
-            hint = "to_occupancy() makes a map of it" if hasattr(args[0], "to_occupancy") else None
+            is_costs = getattr(args[0], "layer_names", ())[:1] == ("cost",)
+            hint = "to_occupancy() makes a map of it" if is_costs else None
             got = type(args[0]).__name__
             raise ParameterError(rule, source=function.__name__, got=got, hint=hint)
         field: Any = args[0] if args else None
@@ -709,6 +711,79 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
         return function(*args, **accepted)
 
     return with_checks
+
+
+def with_plain_errors(function: Callable[P, R]) -> Callable[P, R]:
+    """Make wrong arguments of a public function a `ParameterError`, not a TypeError from inside."""
+    signature = inspect.signature(function)
+
+    @functools.cache  # looked up late: types are slow to import
+    def hints() -> dict[str, Any]:
+        return hints_of(inspect.unwrap(function))
+
+    @functools.wraps(function)
+    def checked_call(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            bound = signature.bind(*args, **kwargs)
+        except TypeError as error:
+            raise _call_error(function.__name__, signature, args, kwargs, str(error)) from None
+        try:
+            return function(*args, **kwargs)
+        except (TypeError, AttributeError):
+            for name, value in bound.arguments.items():
+                if signature.parameters[name].kind in _NAMED:
+                    _check_type(value, hints().get(name, Any), f"{function.__name__}()", name)
+            raise
+
+    return checked_call
+
+
+def _call_error(
+    name: str, signature: inspect.Signature, args: tuple[Any, ...], kwargs: Mapping[str, Any],
+    text: str,
+) -> ParameterError:  # fmt: skip
+    """Return the error for arguments that do not fit a signature."""
+    by_name = [p.name for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY]
+    positional = [p for p in signature.parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
+    hint = None
+    if len(args) > len(positional) and by_name:
+        hint = f"further arguments are named, as {by_name[0]}=..."
+    unknown = [word for word in kwargs if word not in signature.parameters]
+    if unknown:
+        hint = meant(unknown[0], signature.parameters)
+    return ParameterError(text, source=f"{name}()", hint=hint)
+
+
+_AS_GRID: dict[type[Any], str] = {
+    str: "mapdeal.read_map(path) reads a map",
+    np.ndarray: "mapdeal.OccupancyGrid(array, resolution, origin) is a map",
+}
+_NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+
+
+def _check_type(value: object, hint: Any, function: str, name: str) -> None:
+    """Refuse a value that an annotation excludes: of None, numbers, paths, sequences, grids."""
+    kind, is_optional = split_optional(_split_annotated(hint)[0])
+    if isinstance(kind, TypeVar) or kind in (Any, object):
+        return
+    error = partial(ParameterError, source=function, place=name)
+    if value is None and not is_optional:
+        raise error("must not be None")
+    if get_origin(kind) is AbcSequence and not (value is None or hasattr(value, "__len__")):
+        raise error("must be a sequence", got=value)
+    is_union = get_origin(kind) in (Union, types.UnionType)
+    arms = [get_origin(arm) or arm for arm in (get_args(kind) if is_union else [kind])]
+    if value is None or not all(map(_is_checked, arms)):
+        return
+    if not isinstance(value, tuple(Real if arm in (int, float) else arm for arm in arms)):
+        is_grid_missing = any(hasattr(arm, "layer_names") for arm in arms)
+        hint = _AS_GRID.get(type(value)) if is_grid_missing else None
+        raise error(f"must be {' or '.join(arm.__name__ for arm in arms)}", got=value, hint=hint)
+
+
+def _is_checked(arm: Any) -> bool:
+    is_plain_type = arm in (str, PathLike, Path, int, float)
+    return isinstance(arm, type) and (is_plain_type or arm.__module__.startswith("mapdeal."))
 
 
 def meanings_of(function: Callable[..., Any]) -> dict[str, str]:

@@ -7,6 +7,7 @@ other place has to decide it. Anything else that escapes is a bug (exit 70).
 from __future__ import annotations
 
 import errno
+import sys
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -52,6 +53,8 @@ def emit_warning(message: str | MapdealWarning, *, stacklevel: int = 1) -> None:
         heard.append(warning)
         if keeps:
             return
+    while sys._getframe(stacklevel).f_code.co_name == "checked_call":  # noqa: SLF001
+        stacklevel += 1  # the wrapper around public functions is not whom a warning is for
     warnings.warn(warning, stacklevel=stacklevel + 1)
 
 

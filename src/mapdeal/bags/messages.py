@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -167,6 +168,65 @@ def grid_of(message: Any, name: str, *, is_costs: bool) -> OccupancyGrid | Costm
     if is_costs:
         return Costmap(values, resolution, origin, "occupancy")
     return OccupancyGrid(values, resolution, origin)
+
+
+def from_msg(message: Any, onto: OccupancyGrid | None = None) -> OccupancyGrid | Costmap:
+    """Return the grid of a ROS message: the inverse of ``grid.to_msg()``.
+
+    Parameters
+    ----------
+    message : object or dict
+        ``nav_msgs/OccupancyGrid``, ``nav2_msgs/Costmap`` or ``map_msgs/OccupancyGridUpdate``, of
+        ROS 1 or 2, or a dict with its fields.
+    onto : OccupancyGrid, optional
+        Map that an update changes.
+
+    Returns
+    -------
+    OccupancyGrid or Costmap
+        A costmap for ``nav2_msgs/Costmap``.
+
+    Raises
+    ------
+    MalformedInputError
+        If the message lacks a field, has another number of values than cells, or is rotated out
+        of the plane.
+    ParameterError
+        If `onto` is missing for an update, or does not contain it.
+
+    Examples
+    --------
+    >>> message = OccupancyGrid([[0, 100, -1]], 0.5, (1.0, 2.0, 0.0)).to_msg()
+    >>> from_msg(message)
+    OccupancyGrid(3 x 1 cells, 0.5 m, origin (1, 2, 0), 1 occupied, 1 free, 1 unknown)
+    >>> update = {"x": 1, "y": 0, "width": 2, "height": 1, "data": [0, 0]}
+    >>> from_msg(update, onto=from_msg(message)).occupancy.tolist()
+    [[0, 0, 0]]
+    """
+    fields = _as_object(message)
+    try:
+        if hasattr(fields, "metadata"):
+            return grid_of(fields, NAV2_COSTMAP, is_costs=True)
+        if hasattr(fields, "info"):
+            return grid_of(fields, OCCUPANCY_GRID, is_costs=False)
+        values = np.asarray(fields.data, dtype=np.int8).reshape(fields.height, fields.width)
+        x, y = int(fields.x), int(fields.y)
+    except (AttributeError, TypeError, ValueError, OverflowError) as error:
+        raise MalformedInputError(f"is no grid message: {error}", source="message") from None
+    height, width = values.shape
+    if onto is None:
+        raise ParameterError("an update needs the map that it changes", place="onto")
+    if not (0 <= y <= y + height <= onto.shape[0] and 0 <= x <= x + width <= onto.shape[1]):
+        raise ParameterError("the update lies outside of the map", place="onto", got=onto.shape)
+    changed = onto.occupancy.copy()
+    changed[y : y + height, x : x + width] = values
+    return onto.with_values(changed)
+
+
+def _as_object(value: Any) -> Any:
+    if not isinstance(value, Mapping):
+        return value
+    return SimpleNamespace(**{str(name): _as_object(field) for name, field in value.items()})
 
 
 def _planar(pose: Any) -> tuple[float, float, float]:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError, as_known
 from mapdeal.grid.canvas import FieldGrid, embedded, layer_of_box, padded
-from mapdeal.grid.frame import Figures, Origin, Point, Region, as_layer, check_point
+from mapdeal.grid.frame import Figures, Origin, Point, Region, as_layer, as_points, check_point
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
@@ -213,12 +213,7 @@ class DistanceField(FieldGrid):
         >>> inside
         array([ True, False])
         """
-        points = np.asarray(points_xy, dtype=np.float64)
-        if points.shape == (2,):
-            points = points.reshape(1, 2)
-        if points.ndim != 2 or points.shape[1] != 2:
-            rule = "points must be an array of x, y pairs, shape (N, 2)"
-            raise ParameterError(rule, got=points.shape)
+        points = as_points(points_xy)
         count = len(points)
         distance, gradient = np.empty(count), np.empty((count, 2))
         inside = np.empty(count, dtype=np.bool_)

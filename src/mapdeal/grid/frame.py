@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, TypeVar, cast
@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.compatibility import Self
 from mapdeal.errors import ParameterError
-from mapdeal.grid.values import MOST_COUNTED, Drawn, OneLine, OverlayType, numbers_text
+from mapdeal.grid.interchange import Interchange, message_of
+from mapdeal.grid.values import MOST_COUNTED, Drawn, OneLine, OverlayType, count_text, numbers_text
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
 from mapdeal.kernels.polygons import Spans, paint
 from mapdeal.kernels.sensing import cells_of_points
@@ -519,7 +520,7 @@ def _overlap(first: int, count: int, size: int) -> slice:
 Figures = dict[str, Any]  # the figures of a grid, as JSON can hold them
 
 
-class Framed(Drawn, ABC):
+class Framed(Drawn, Interchange, ABC):
     """Base class of all grids, with layers, a resolution, an origin, and a frame.
 
     Layers are arrays, or lazy layers (`mapdeal.kernels.blocks`) of a map that is processed block
@@ -625,6 +626,25 @@ class Framed(Drawn, ABC):
             object.__setattr__(self, name, view)
 
 
+class CellSamples(NamedTuple):
+    """Values of a grid's cells at N points.
+
+    Parameters
+    ----------
+    values : numpy.ndarray of int8 or uint8, shape (N,)
+        Value of the cell that contains each point, on the grid's scale; unknown outside.
+    inside : numpy.ndarray of bool, shape (N,)
+        Whether each point lies within the grid.
+    """
+
+    values: NDArray[Any]
+    inside: NDArray[np.bool_]
+
+    def __repr__(self) -> str:
+        points = count_text(len(self.values), "point")
+        return f"CellSamples({points}, {np.count_nonzero(self.inside)} inside)"
+
+
 class ValueGrid(Framed):
     """A grid with one value per cell: a map or a costmap, on any scale."""
 
@@ -647,6 +667,65 @@ class ValueGrid(Framed):
     def values(self) -> NDArray[Any]:
         """Values of the cells, shape (H, W), read-only."""
         return self.layer
+
+    def query(self, points_xy: ArrayLike) -> CellSamples:
+        """Return the values of the cells that contain some points.
+
+        Parameters
+        ----------
+        points_xy : array_like of float, shape (N, 2)
+            Points in the map frame, or a single point, metres.
+
+        Raises
+        ------
+        ParameterError
+            If `points_xy` has another shape.
+
+        Examples
+        --------
+        >>> from mapdeal import OccupancyGrid
+        >>> samples = OccupancyGrid([[0, 100, -1]], 0.5).query([[0.7, 0.1], [9.0, 0.0]])
+        >>> samples, samples.values.tolist()
+        (CellSamples(2 points, 1 inside), [100, -1])
+        """
+        points = as_points(points_xy)
+        cells = self.frame.unbounded_rowcol_from_xy(points)
+        inside = np.all((cells >= 0) & (cells < self.shape), axis=1)
+        values = np.full(len(points), self.unknown_value, dtype=self.values.dtype)
+        values[inside] = np.asarray(self)[tuple(cells[inside].T)]
+        return CellSamples(values, inside)
+
+    @abstractmethod
+    def to_occupancy(self) -> ValueGrid:
+        """Return the grid as ROS publishes it, -1..100."""
+
+    def to_msg(
+        self, message_type: Callable[[], Any] | None = None, *, frame_id: str = "map"
+    ) -> Any:
+        """Return the grid as a ``nav_msgs/OccupancyGrid``; `mapdeal.from_msg` reads it.
+
+        Parameters
+        ----------
+        message_type : type, optional
+            ``nav_msgs.msg.OccupancyGrid`` of ROS 1 or 2; by default a plain dict is returned.
+        frame_id : str
+            Frame of the header.
+
+        Notes
+        -----
+        Costs are converted as ROS publishes them. The time stamps are 0.
+
+        Examples
+        --------
+        >>> from mapdeal import OccupancyGrid
+        >>> message = OccupancyGrid([[0, 100, -1]], 0.5).to_msg()
+        >>> message["data"], message["info"]["width"]
+        ([0, 100, -1], 3)
+        """
+        return message_of(self.frame, np.asarray(self.to_occupancy()), frame_id, message_type)
+
+    def _drawn_values(self) -> NDArray[Any]:
+        return np.ma.masked_equal(np.asarray(self), self.unknown_value)
 
     @abstractmethod
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Self:
@@ -679,6 +758,20 @@ class ValueGrid(Framed):
         return int(value)
 
 
+def as_points(points_xy: ArrayLike) -> NDArray[np.float64]:
+    """Return one or several points as an array of shape (N, 2)."""
+    rule = "points must be an array of x, y pairs, shape (N, 2)"
+    try:
+        points = np.asarray(points_xy, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ParameterError(rule, got=points_xy) from None
+    if points.shape == (2,):
+        points = points.reshape(1, 2)
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise ParameterError(rule, got=points.shape)
+    return points
+
+
 def as_layer(values: ArrayLike, dtype: type[np.generic], name: str) -> Layer:
     """Return `values` as a layer of `dtype`, refusing conversions that change a value."""
     # The producer of a lazy layer is responsible for its values.
@@ -688,7 +781,8 @@ def as_layer(values: ArrayLike, dtype: type[np.generic], name: str) -> Layer:
     if array.dtype != dtype:
         converted = array.astype(dtype)
         if not np.array_equal(converted, array, equal_nan=array.dtype.kind == "f"):
+            changed = array[(converted != array) & (array == array)]
             rule = f"{name} must hold values of {np.dtype(dtype).name}"
-            raise ParameterError(rule, got=array.dtype.name)
+            raise ParameterError(rule, got=changed.flat[0].item() if changed.size else array)
         array = converted
     return array

@@ -69,6 +69,13 @@ class OccupancyGrid(ValueGrid):
     def unknown_value(self) -> int:
         return UNKNOWN
 
+    def to_occupancy(self) -> OccupancyGrid:
+        """Return the map itself, which ROS publishes as it is."""
+        return self
+
+    def _colours(self) -> str:
+        return "gray_r"
+
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> OccupancyGrid:
         return OccupancyGrid(values, self.resolution, origin or self.origin)
 

@@ -86,7 +86,7 @@ _BAG_USE = (
 )
 _PARAMETERS_USE = (
     "mapdeal run MAP -o DIR --params-file {path} takes it, mapdeal lint --params-file {path} "
-    "checks it"
+    "checks it; in Python mapdeal.read_robot_parameters reads it"
 )
 _REPORT_USE = "mapdeal report {path} -o OUT.html shows it"
 _GRAPH_USE = (

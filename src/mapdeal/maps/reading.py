@@ -7,8 +7,9 @@ from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args, overload
 
 from numpy.typing import NDArray
 
@@ -47,6 +48,8 @@ from mapdeal.maps.images import IMAGE_SUFFIXES, BinaryRows, PnmImage, open_image
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import Grid, holds_reach, npz_frame, npz_memory, read_npz, write_npz
 from mapdeal.maps.picture import OpenImage
+
+GridType = TypeVar("GridType", bound=Grid)
 
 
 @dataclass(frozen=True)
@@ -248,10 +251,20 @@ def as_occupancy(grid: Grid, source: Path | str) -> OccupancyGrid:
     return grid
 
 
+@overload
 def read_map(
-    path: Path | str, *, dialect: Dialect = "nav2", max_cells: int | None = None,
-    max_memory: int | None = None,
-) -> Grid:  # fmt: skip
+    path: str | PathLike[str], kind: type[GridType], *, dialect: Dialect = "nav2",
+    max_cells: int | None = None, max_memory: int | None = None,
+) -> GridType: ...  # fmt: skip
+@overload
+def read_map(
+    path: str | PathLike[str], kind: None = None, *, dialect: Dialect = "nav2",
+    max_cells: int | None = None, max_memory: int | None = None,
+) -> Any: ...  # fmt: skip
+def read_map(
+    path: str | PathLike[str], kind: type[Any] | None = None, *, dialect: Dialect = "nav2",
+    max_cells: int | None = None, max_memory: int | None = None,
+) -> Any:  # fmt: skip
     """Read a map.
 
     Parameters
@@ -259,6 +272,9 @@ def read_map(
     path : path or str
         A map_server ``.yaml`` file, a ``.pbm`` file with its ``.yaml`` next to it, or an ``.npz``
         file written by mapdeal.
+    kind : type, optional
+        Type of grid that is expected, such as ``mapdeal.Costmap``: any other is an error, and type
+        checkers know the result.
     dialect : {'nav2', 'humble', 'ros1'}
         map_server whose reading of the image to follow: Nav2 since Jazzy, Nav2 Humble, or ROS 1.
     max_cells : int, optional
@@ -279,16 +295,25 @@ def read_map(
     MalformedInputError
         If a file is malformed.
     ParameterError
-        If the dialect is unknown.
+        If the dialect is unknown, or the file holds another kind of grid than expected.
 
     Warns
     -----
     MapdealWarning
         For each assumption that had to be made, such as a default for a missing key.
+
+    Examples
+    --------
+    >>> read_map("examples/maps/office.yaml", OccupancyGrid).shape
+    (544, 544)
     """
     check_choice(dialect, Dialect, "dialect")
     with use_memory(max_memory):
-        return read_source(Path(path), dialect=dialect, max_cells=max_cells).grid
+        grid = read_source(Path(path), dialect=dialect, max_cells=max_cells).grid
+    if kind is not None and not isinstance(grid, kind):
+        rule = f"must hold a grid of type {kind.__name__}"
+        raise ParameterError(rule, source=Path(path), got=type(grid).__name__)
+    return grid
 
 
 def output_paths(output: Path) -> tuple[Path, ...]:

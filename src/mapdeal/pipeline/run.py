@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -25,7 +26,7 @@ from mapdeal.grid.values import count_text
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import Grid
-from mapdeal.maps.reading import output_paths, write_grid
+from mapdeal.maps.reading import output_paths, read_map, write_grid
 from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import (
@@ -45,9 +46,16 @@ from mapdeal.pipeline.folder import (
     write_picture,
     write_product,
 )
-from mapdeal.pipeline.recipe import DEFAULT, Recipe, RecipeLike, load_recipe
+from mapdeal.pipeline.recipe import (
+    DEFAULT,
+    Recipe,
+    RecipeLike,
+    load_recipe,
+    read_robot_parameters,
+)
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Canvas, Settings, heard, passes_reported
 from mapdeal.pipeline.step import Step, grid_of
+from mapdeal.ros.robot import CostmapName, RobotParameters
 
 if TYPE_CHECKING:  # only runs around a robot need what it imports
     from mapdeal.pipeline.local import Around
@@ -187,7 +195,7 @@ def apply_recipe(
     changes: Mapping[str, object] | Sequence[str] | None = None, *,
     footprint: Footprint | None = None, sim: bool = False, canvas: Canvas = "crop",
     mask: OccupancyGrid | None = None, robot_radius: float | None = None,
-) -> dict[str, Grid]:  # fmt: skip
+) -> dict[str, Any]:  # fmt: skip
     """Apply a recipe to a grid in memory; the counterpart of `run` without files.
 
     Parameters
@@ -241,6 +249,70 @@ def apply_recipe(
         if remark is not None:
             emit_warning(remark, stacklevel=2)
     return made
+
+
+def costmap(
+    map: Grid | str | PathLike[str],  # noqa: A002 - the word that users expect
+    robot: RobotParameters | str | PathLike[str] | Sequence[str | PathLike[str]] | None = None, *,
+    robot_radius: float | None = None, footprint: Footprint | str | None = None,
+    costmap: CostmapName = "global", namespace: str | None = None,
+    mask: OccupancyGrid | None = None,
+) -> Costmap:  # fmt: skip
+    """Compute the costmap that a robot has of a map.
+
+    Parameters
+    ----------
+    map : grid, path or str
+        Map, or its file.
+    robot : path, str, sequence of them or RobotParameters, optional
+        The robot's Nav2 parameter file or ROS 1 files. By default Nav2's own layers with its
+        default inflation are used, and a radius or a footprint is required.
+    robot_radius : float, optional
+        Radius of a round robot, metres.
+    footprint : Footprint or str, optional
+        Shape of any other robot: ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``.
+    costmap : {'global', 'local'}
+        Costmap of the parameter files to compute.
+    namespace : str, optional
+        Namespace of the robot, if the files describe several.
+    mask : OccupancyGrid, optional
+        Keepout mask.
+
+    Returns
+    -------
+    Costmap
+        Costs 0..255 of costmap_2d.
+
+    Raises
+    ------
+    ParameterError
+        If no robot is given, or an argument has a wrong value.
+    FileAccessError, MalformedInputError
+        If a file cannot be read or is malformed.
+
+    Examples
+    --------
+    >>> costs = costmap("examples/maps/office.yaml", robot_radius=0.2)
+    >>> int((costs.cost >= 253).sum())
+    228233
+    """
+    grid = read_map(map) if isinstance(map, str | PathLike) else map
+    if robot is None and robot_radius is None and footprint is None:
+        hint = "robot_radius=0.2, or the robot's own parameter file"
+        raise ParameterError("needs a robot", place="costmap", hint=hint)
+    recipe: Any = robot
+    if robot is None:
+        recipe = "nav2"
+    elif not isinstance(robot, RobotParameters):
+        recipe = read_robot_parameters(robot, costmap=costmap, namespace=namespace)
+    shape = Footprint.parse(footprint) if isinstance(footprint, str) else footprint
+    products = apply_recipe(
+        grid, recipe, footprint=shape, robot_radius=robot_radius, mask=mask, canvas="full"
+    )
+    costs = next((item for item in products.values() if isinstance(item, Costmap)), None)
+    if costs is None:
+        raise ParameterError("makes no costs", place="robot", got=recipe)
+    return costs
 
 
 def run_map(

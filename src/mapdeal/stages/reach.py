@@ -30,7 +30,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, reach_radius, robot_text
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
 from mapdeal.stages.cost import check_lethal_threshold, closed_by, obstacles_of
-from mapdeal.stages.structured import Goals
+from mapdeal.stages.structured import Goals, accept_goals
 
 _SHOWN = 3
 
@@ -163,7 +163,7 @@ def reach(
         ),
         _shape_of({"footprint": footprint, "radius": radius}),
         start=start,
-        goals=goals,
+        goals=accept_goals("goals", goals),
         headings=headings,
         margin=margin,
         min_area=min_area,

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mapdeal.command import (
     ABOVE_0,
@@ -119,9 +119,11 @@ def _is_pair(value: object) -> bool:
     )
 
 
-Goals = tuple[Goal, ...]  # places that a robot should get to, as a parameter of a stage
-
-structured(Goals, accept_goals)
+if TYPE_CHECKING:  # what callers pass; a stage gets the goals made of it
+    Goals = Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | tuple[Goal, ...]
+else:
+    Goals = tuple[Goal, ...]
+    structured(Goals, accept_goals)
 
 
 _LAYERS_LOOK = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"

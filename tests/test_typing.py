@@ -1,0 +1,28 @@
+"""Examples of the documentation, checked by mypy as strictly as users may check their own code."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_examples_pass_mypy_strict(tmp_path):
+    pytest.importorskip("mypy")
+    names = []
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+        blocks = re.findall(
+            r"^```python\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.MULTILINE
+        )
+        for number, block in enumerate(blocks):
+            names.append(f"{page.stem.replace('.', '_')}_{number}.py")
+            (tmp_path / names[-1]).write_text(block, "utf-8")
+    assert len(names) > 10
+    words = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", *names]
+    checked = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (checked.stdout, checked.stderr, checked.returncode) == ("", "", 0)
