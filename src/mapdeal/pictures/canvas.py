@@ -21,48 +21,48 @@ from mapdeal.pictures.overlay import Overlay, Raster, Surface
 _SHADES = 16
 
 MOST_COLOURS = 256 - _SHADES
-"""Palette entries that a picture may use; the rest are the greys of the text."""
+"""Palette entries for a picture; the remaining ones are the greys of the text."""
 
 BLACK, WHITE = MOST_COLOURS, 255
 GREY = MOST_COLOURS + _SHADES // 3
 
 _INK = [WHITE - round(covered * (_SHADES - 1) / 255) for covered in range(256)]
-"""Indices by how much of a pixel is covered."""
+"""Palette index of each coverage of a pixel, 0..255."""
 
-_FREETYPE = 16 << 20  # bytes, more than FreeType takes for letters: it dies where it finds none
+_FREETYPE = 16 << 20  # bytes; more than FreeType needs, which crashes without memory
 
-_ALIKE = str.maketrans({
+_REPLACEMENTS = str.maketrans({
     "\u00d7": "x", "\u2010": "-", "\u2011": "-", "\u2012": "-", "\u2013": "-", "\u2014": "-",
     "\u2212": "-", "\u00df": "ss", "\u00b5": "u", "\u00f8": "o", "\u00d8": "O",
 })  # fmt: skip
-"""Characters that the font of Pillow does not have and accents do not make of others."""
+"""Replacements of characters that Pillow's font lacks even after accents are removed."""
 
 _NO_CHARACTER = "\ufffd"  # drawn as a box
 
 
 def printable(text: str) -> str:
-    """Return `text` in characters that the font has: no accents if need be, else boxes."""
+    """Return `text` in characters of the font: accents are dropped, others become boxes."""
     if text.isascii() and text.isprintable():
         return text
-    kept = []
-    for character in unicodedata.normalize("NFC", text).translate(_ALIKE):
+    characters = []
+    for character in unicodedata.normalize("NFC", text).translate(_REPLACEMENTS):
         plain = unicodedata.normalize("NFKD", character)
         parts = [c for c in plain if not unicodedata.combining(c)]
-        shown = [character] if _has(character) else parts
-        kept += [c if _has(c) else _NO_CHARACTER for c in shown]
-    return "".join(kept)
+        variants = [character] if _has(character) else parts
+        characters += [c if _has(c) else _NO_CHARACTER for c in variants]
+    return "".join(characters)
 
 
 @cache
 def _has(character: str) -> bool:
     font = _font(20)
-    masks = [bytes(font.getmask(one)) for one in (character, _NO_CHARACTER)]
+    masks = [bytes(font.getmask(tested)) for tested in (character, _NO_CHARACTER)]
     return character.isprintable() and masks[0] != masks[1]
 
 
 @cache
 def _font(size: int) -> Any:
-    """Return Pillow's own font, Aileron, laid out alike with and without further libraries."""
+    """Return Pillow's own font, Aileron, with a layout that no optional library changes."""
     from PIL import ImageFont
 
     font: Any = ImageFont.load_default(size)
@@ -70,13 +70,13 @@ def _font(size: int) -> Any:
 
 
 def text_width(text: str, size: int) -> int:
-    """Return the pixels that `text` takes in a line."""
+    """Return the width of a line of text in pixels."""
     length: float = _font(size).getlength(printable(text))
     return math.ceil(length)
 
 
 def ascent(size: int) -> int:
-    """Return the rows between the top of a line and its baseline."""
+    """Return the height of a line above its baseline in pixels."""
     return int(_font(size).getmetrics()[0])
 
 
@@ -93,7 +93,7 @@ class Image:
 
 
 class Pen:
-    """Text and lines, in one size, on a white sheet of palette indices."""
+    """Drawer of text and lines on a white sheet of palette indices."""
 
     def __init__(self, size: int) -> None:
         check_room(_FREETYPE)
@@ -105,12 +105,12 @@ class Pen:
         self.sheet = np.full((height, width), WHITE, dtype=np.uint8)
 
     def text(self, x: int, y: int, text: str, *, limit: int, large: bool = False) -> None:
-        """Write a line whose upper left corner is given; what does not fit `limit` is cut."""
+        """Write a line at an upper left corner, cut to `limit` pixels."""
         size = self.title_size if large else self.size
         self.write(x, y + ascent(size), fitting(text, limit, size), size)
 
     def label(self, x: float, y: float, text: str) -> None:
-        """Write a line that begins at x, its middle at y."""
+        """Write a line that begins at x and is vertically centred at y."""
         above, below = _font(self.size).getmetrics()
         self.write(int(x), int(y) + (above - below) // 2, printable(text), self.size)
 
@@ -120,17 +120,17 @@ class Pen:
         from PIL import ImageDraw
 
         line = Pillow.new("L", (text_width(text, size) + size, 2 * size))
-        at = (size // 2, ascent(size))  # a letter may begin left of its place
+        at = (size // 2, ascent(size))  # a letter may extend to the left of its place
         ImageDraw.Draw(line).text(at, text, fill=255, font=_font(size), anchor="ls")
-        left, top = x - at[0], baseline - at[1]
-        under = self.sheet[max(top, 0) : top + line.height, max(left, 0) : left + line.width]
-        # numpy dies for lack of memory where it converts types, so Pillow turns shades to indices
-        ink = np.asarray(line.point(_INK))[max(-top, 0) :, max(-left, 0) :]
+        left_x, top = x - at[0], baseline - at[1]
+        under = self.sheet[max(top, 0) : top + line.height, max(left_x, 0) : left_x + line.width]
+        # numpy crashes without memory for a type conversion, so Pillow converts shades to indices
+        ink = np.asarray(line.point(_INK))[max(-top, 0) :, max(-left_x, 0) :]
         np.minimum(under, ink[: len(under), : under.shape[1]], out=under)
 
-    def fill(self, left: float, top: float, right: float, bottom: float) -> None:
+    def fill(self, left_x: float, top: float, right: float, bottom: float) -> None:
         """Fill a black box, its edges included."""
-        self.sheet[int(top) : int(bottom) + 1, int(left) : int(right) + 1] = BLACK
+        self.sheet[int(top) : int(bottom) + 1, int(left_x) : int(right) + 1] = BLACK
 
     def frame(self, x: int, y: int, width: int, height: int) -> None:
         """Draw a thin dark line around a rectangle, outside of it."""
@@ -142,7 +142,7 @@ class Pen:
     def legend(
         self, x: int, y: int, height: int, bar: ColourBar | None, swatches: Sequence[Swatch]
     ) -> list[tuple[tuple[int, int], NDArray[np.uint8]]]:
-        """Draw the labels; return the corners of the boxes of colour, and their palette indices."""
+        """Draw the labels; return the corner and palette indices of each box of colour."""
         boxes = []
         size = self.size
         if bar is not None:
@@ -166,28 +166,28 @@ class Pen:
         return boxes
 
     def coordinates(
-        self, left: int, bottom: int, across: Sequence[tuple[int, str]],
+        self, left_x: int, bottom: int, across: Sequence[tuple[int, str]],
         along: Sequence[tuple[int, str]],
     ) -> None:  # fmt: skip
-        """Draw round coordinates below and left of the map, whose lower left corner is given."""
+        """Draw round coordinates below and to the left of a map with this lower left corner."""
         mark = max(3, self.size // 3)
         for pixel, label in across:
-            x = left + pixel
+            x = left_x + pixel
             self.fill(x, bottom, x, bottom + mark)
             baseline = int(bottom + 1.3 * mark) + capital_height(self.size)
             self.write(x - text_width(label, self.size) // 2, baseline, label, self.size)
         for pixel, label in along:
             y = bottom - pixel
-            self.fill(left - mark, y, left, y)
-            self.label(left - 1.5 * mark - text_width(label, self.size), y, label)
+            self.fill(left_x - mark, y, left_x, y)
+            self.label(left_x - 1.5 * mark - text_width(label, self.size), y, label)
 
-    def above(self, left: int, right: int, top: int, name: str) -> None:
-        """Name the labels left of a map, which end at `right`, above its upper edge `top`."""
-        x = max(left, right - text_width(name, self.size) - self.size // 2)
+    def above(self, left_x: int, right: int, top: int, name: str) -> None:
+        """Write the axis name above the labels on the left of a map, which end at `right`."""
+        x = max(left_x, right - text_width(name, self.size) - self.size // 2)
         self.write(x, top - int(0.55 * self.size), name, self.size)
 
     def scale_bar(self, x: int, y: int, width: int, metres_per_pixel: float) -> int:
-        """Draw a bar of a round length; return where something else may follow."""
+        """Draw a bar of a round length; return the x coordinate behind it."""
         length = round_length(width * metres_per_pixel * 0.4)
         pixels = round(length / metres_per_pixel)
         thick = max(2, self.size // 6)
@@ -199,16 +199,16 @@ class Pen:
         return x + pixels + 2 * self.size + text_width(label, self.size)
 
     def image(self, colours: ArrayLike) -> Image:
-        """Return the sheet as a picture, given what the indices below `MOST_COLOURS` mean."""
-        own = np.asarray(colours, dtype=np.uint8)
+        """Return the sheet as a picture, given the colours of the indices below `MOST_COLOURS`."""
+        given_colours = np.asarray(colours, dtype=np.uint8)
         palette = np.zeros((256, 3), dtype=np.uint8)
-        palette[: len(own)] = own
+        palette[: len(given_colours)] = given_colours
         palette[MOST_COLOURS:] = np.linspace(0, 255, _SHADES).astype(np.uint8)[:, np.newaxis]
         return Image(self.sheet, palette)
 
 
 def fitting(text: str, limit: int, size: int) -> str:
-    """Return `printable` text, cut if it does not fit `limit` pixels."""
+    """Return `printable` text, cut to `limit` pixels."""
     text = printable(text)
     if text_width(text, size) <= limit:
         return text
@@ -226,7 +226,7 @@ def sheet(
     metres_per_pixel: float, corner_xy: tuple[float, float] | None = None,
     bar: ColourBar | None = None, swatches: Sequence[Swatch] = (),
 ) -> Image:  # fmt: skip
-    """Return the picture of a map on a sheet with everything that explains it."""
+    """Return the picture of a map on a sheet with title, legend and scales."""
     height, width = pixels.shape
     text_size = text_size_of(pixels.shape)
     pen = Pen(text_size)
@@ -236,33 +236,33 @@ def sheet(
         labels += [label for _, label in bar.ticks] + [bar.unit]
     widest = max((text_width(label, text_size) for label in labels), default=0)
     column = int(1.9 * text_size + widest) if labels else 0
-    map_width = max(width, 8 * text_size)  # on less a scale bar makes no sense
-    of_legend = 1.6 * len(swatches) + (14 if bar is not None else 0)
-    legend_height = max(height, int(text_size * of_legend))
+    map_width = max(width, 8 * text_size)  # the least for a scale bar
+    legend_lines = 1.6 * len(swatches) + (14 if bar is not None else 0)
+    legend_height = max(height, int(text_size * legend_lines))
     across = ticks_between(corner_xy[0], width, metres_per_pixel, text_size) if corner_xy else []
     along = ticks_between(corner_xy[1], height, metres_per_pixel, text_size) if corner_xy else []
-    left, top = pad, pad + int((4.2 if along else 3.4) * text_size)
-    if along:  # their labels are left of the map
-        left += int(max(text_width(label, text_size) for _, label in along) + 0.6 * text_size)
+    left_x, top = pad, pad + int((4.2 if along else 3.4) * text_size)
+    if along:  # room for their labels
+        left_x += int(max(text_width(label, text_size) for _, label in along) + 0.6 * text_size)
     below = int(1.6 * text_size) if across else 0
-    needed = left + map_width + (pad + column if column else 0) + pad
-    of_title = 1 + max(text_width(title, pen.title_size), text_width(subtitle, text_size))
-    # Thin maps get a sheet that their title fits on, very long titles are cut.
-    sheet_width = max(needed, min(of_title, 60 * text_size) + 2 * pad)
+    needed = left_x + map_width + (pad + column if column else 0) + pad
+    title_width = 1 + max(text_width(title, pen.title_size), text_width(subtitle, text_size))
+    # The sheet of a thin map is as wide as its title, but very long titles are cut.
+    sheet_width = max(needed, min(title_width, 60 * text_size) + 2 * pad)
     sheet_height = max(top + height + below + int(3.2 * text_size), top + legend_height + pad)
 
     pen.open(sheet_width, sheet_height)
     pen.text(pad, pad, title, limit=sheet_width - 2 * pad, large=True)
     pen.text(pad, pad + int(1.55 * text_size), subtitle, limit=sheet_width - 2 * pad)
-    pen.coordinates(left, top + height, across, along)
+    pen.coordinates(left_x, top + height, across, along)
     scale_top = top + height + below + int(0.9 * text_size)
-    end = pen.scale_bar(left, scale_top, map_width, metres_per_pixel)
+    end = pen.scale_bar(left_x, scale_top, map_width, metres_per_pixel)
     if along:
-        pen.above(pad, left, top, _Y_AXIS)
+        pen.above(pad, left_x, top, _Y_AXIS)
     if across:
-        pen.label(max(end, left + width - text_width(_X_AXIS, text_size)), scale_top, _X_AXIS)
-    boxes = pen.legend(left + map_width + pad, top, legend_height, bar, swatches)
-    for (x, y), content in [((left, top), pixels[::-1]), *boxes]:
+        pen.label(max(end, left_x + width - text_width(_X_AXIS, text_size)), scale_top, _X_AXIS)
+    boxes = pen.legend(left_x + map_width + pad, top, legend_height, bar, swatches)
+    for (x, y), content in [((left_x, top), pixels[::-1]), *boxes]:
         h, w = content.shape
         pen.sheet[y : y + h, x : x + w] = content
         pen.frame(x, y, w, h)
@@ -276,13 +276,13 @@ def on_sheet(
 ) -> Image:  # fmt: skip
     """Return the picture of a layer of a frame, with an overlay over it, on a sheet.
 
-    Without `swatches` the legend has those of the style whose colour there is.
+    Without `swatches` the legend has the swatches of the style that occur in the picture.
     """
     texts = [before, frame_text(frame, raster.part), more]
     shown, palette = raster.frame_of(frame), style.colours
     legend = list(swatches_in(pixels, style.swatches) if swatches is None else swatches)
     if overlay is not None:
-        if not pixels.flags.writeable:  # they are the layer itself
+        if not pixels.flags.writeable:  # a view of the layer itself
             pixels = np.array(pixels)
         legend += overlay.draw(Surface(pixels, shown, raster), len(palette))
         palette = np.vstack([palette, overlay.colours])
@@ -295,18 +295,18 @@ def on_sheet(
 
 
 def text_size_of(shape: tuple[int, ...]) -> int:
-    """Return the pixels per em of the text around a map of so many pixels."""
+    """Return the text size, pixels per em, for a map of a shape in pixels."""
     return int(min(40, max(14, max(shape) / 55)))
 
 
 def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[Swatch]:
-    shown = histogram(pixels) > 0
-    return [swatch for swatch in swatches if shown[swatch.index]]
+    occurs = histogram(pixels) > 0
+    return [swatch for swatch in swatches if occurs[swatch.index]]
 
 
 def frame_text(frame: Frame, part: Region | None = None) -> str:
-    """Return a map's size in cells and metres, for a subtitle; of a turned one corner and yaw."""
-    # If a picture shows a part of it alone, its size in cells is shown as well.
+    """Return a map's size in cells and metres for a subtitle; if it is turned, with its pose."""
+    # If the picture shows only a part of the map, the part's size is added.
     width, height = frame.width * frame.resolution, frame.height * frame.resolution
     text = (
         f"{frame.width} x {frame.height} cells, {frame.resolution:.6g} m each, "
@@ -319,7 +319,7 @@ def frame_text(frame: Frame, part: Region | None = None) -> str:
 
 
 def corner_of(frame: Frame) -> tuple[float, float] | None:
-    """Return the lower left corner of a map that is not turned, for `sheet`."""
+    """Return the lower left corner of a map, None if it is turned."""
     x, y, yaw = frame.origin
     return None if yaw else (x, y)
 
@@ -327,7 +327,7 @@ def corner_of(frame: Frame) -> tuple[float, float] | None:
 def ticks_between(
     start: float, pixels: int, metres_per_pixel: float, text_size: int
 ) -> list[tuple[int, str]]:  # fmt: skip
-    """Return the round coordinates along an edge, each with its pixel, as many as find room."""
+    """Return round coordinates along an edge with their pixels, as many as fit."""
     widest = max(len(f"{value:.0f}") for value in (start, start + pixels * metres_per_pixel))
     room = text_size * max(4.0, 0.7 * widest + 2)  # pixels
     step = round_step(room * metres_per_pixel)
@@ -341,7 +341,7 @@ def ticks_between(
 
 
 def round_step(least: float) -> float:
-    """Return the smallest of 1, 2, 5 times a power of ten that is at least so large."""
+    """Return the smallest of 1, 2, 5 times a power of ten that is at least `least`."""
     steps = (factor * 10.0**power for power in range(-12, 20) for factor in (1, 2, 5))
     return next(step for step in steps if step >= least)
 

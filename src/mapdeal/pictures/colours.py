@@ -40,7 +40,7 @@ CHANGED = (250, 220, 130)
 FILLED = (110, 200, 90)
 OUTSIDE = (225, 225, 225)
 
-# What a robot reaches: told apart by people without one kind of cones, too.
+# Reach of a robot; people with colour blindness can distinguish these, too.
 REACHABLE = (110, 215, 190)
 NO_TURN = (172, 230, 208)
 REACHABLE_UNKNOWN = (80, 178, 150)
@@ -78,9 +78,9 @@ _LAB_FROM_LMS = np.array([
 ])  # fmt: skip
 
 
-def mixed(colours: ArrayLike, other: tuple[int, int, int], share: float) -> Colours:
+def mixed(colours: ArrayLike, tint: tuple[int, int, int], share: float) -> Colours:
     base = np.asarray(colours, dtype=np.float64)
-    return np.rint(base * (1 - share) + np.array(other) * share).astype(np.uint8)
+    return np.rint(base * (1 - share) + np.array(tint) * share).astype(np.uint8)
 
 
 def palette_of(*parts: ArrayLike) -> Colours:
@@ -114,7 +114,7 @@ def _product(matrix: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArr
 
 @dataclass(frozen=True)
 class Swatch:
-    """A legend entry: a palette index and what it stands for."""
+    """A legend entry: a palette index and its meaning."""
 
     index: int
     label: str
@@ -131,9 +131,7 @@ class ColourBar:
 
 @dataclass(frozen=True)
 class Scale:
-    """An even scale of numbers: `levels` palette indices from `first` on, from `low` to `high`."""
-
-    # Values beyond an end take its index, infinite ones, too.
+    """An even scale from `low` to `high`: `levels` palette indices from `first` on, clipped."""
 
     low: float
     high: float
@@ -153,7 +151,7 @@ class Scale:
 
 @dataclass(frozen=True, eq=False)
 class LayerStyle:
-    """How the values of a layer become colours."""
+    """Mapping of a layer's values to colours, with its legend."""
 
     colours: Colours
     by_value: NDArray[np.uint8] | None = None

@@ -1,4 +1,4 @@
-"""Pictures of two maps or more: what differs, conflicts of a merge, and walls of a score."""
+"""Pictures of several maps: differences, conflicts of a merge, and walls of a score."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from mapdeal.pictures.colours import ColourBar, LayerStyle, Swatch, interpolated
 from mapdeal.pictures.overlay import DEFAULT_IMAGE_MAX, ImageExtent, Raster, shown_part
 from mapdeal.pictures.styles import difference_style, occupancy_style
 
-_UNKNOWN = 1  # what cells are up to which neither map knows anything
-_SMALL_SIDE = 1200  # pixels to which maps that differ by single cells are enlarged
+_UNKNOWN = 1  # the largest kind of cells that are unknown in both maps
+_SMALL_SIDE = 1200  # pixels; enlarges small maps until single cells are visible
 
 
 def difference_image(
@@ -45,9 +45,9 @@ def difference_image(
 
 
 _NOT_KNOWN, _FREE, _OCCUPIED, _NO_CONFLICT = 0, 1, 101, 101
-"""Each value of the map has the index above it, so that the largest shows; conflicts follow."""
+"""Indices are values plus 1, so that the largest shows; those of conflicts follow."""
 
-_ALIKE = 3  # of conflicts: the kind that has a colour of its own where there are more maps than two
+_ANY_CONFLICT = 3  # the only kind of conflict with more than two maps
 
 
 def merge_image(
@@ -55,10 +55,10 @@ def merge_image(
     title: str | None = None, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "known",
 ) -> Image:  # fmt: skip
-    kinds = grid.occupancy.view(np.uint8) + np.uint8(1)  # of unknown, which is 255, it is 0
+    kinds = grid.occupancy.view(np.uint8) + np.uint8(1)  # unknown, 255, wraps to 0
     if len(names) > 2:
-        legend = {_NO_CONFLICT + _ALIKE: "occupied in one map, free in another"}
-        kinds[conflicts > 0] = _NO_CONFLICT + _ALIKE
+        legend = {_NO_CONFLICT + _ANY_CONFLICT: "occupied in one map, free in another"}
+        kinds[conflicts > 0] = _NO_CONFLICT + _ANY_CONFLICT
     else:
         first, second = names
         legend = {
@@ -80,7 +80,7 @@ def merge_image(
     return on_sheet(raster.enlarged(raster.largest(kinds)), style, frame, raster, title=title)
 
 
-# What a cell shows; where cells share a pixel the largest does.
+# Codes of cells; of several cells in a pixel the largest code shows.
 UNKNOWN, KNOWN_BY_MAP, FREE, UNCOVERED, FOUND, MISSED = range(6)
 _FIRST, _LEVELS = 6, 100
 
@@ -100,7 +100,7 @@ _ANCHORS = [(12, 12, 30), (95, 20, 115), (190, 35, 85), (240, 95, 30), (255, 170
 
 _NEAR = 0.1
 _TOP, _LEAST_CELLS = 0.5, 5
-"""Metres, and cells, at the end of the scale: the same for all maps, so that pictures compare."""
+"""End of the scale in metres, and its least in cells: equal for all maps, to compare pictures."""
 
 _TICKS = 5
 _ROUNDING = 1e-9
@@ -125,8 +125,8 @@ def score_image(
     image_extent: ImageExtent = "all",
 ) -> Image:  # fmt: skip
     """Return the walls of a map over the truth, coloured by their distance, and a histogram."""
-    # Walls of the truth from which none of the map's is within 0.1 m are marked. Where cells share
-    # a pixel the wall shows that is farthest off.
+    # True walls without a wall of the map within 0.1 m are marked. Of several walls in a pixel the
+    # one with the largest distance shows.
     codes = codes_of(walls)
     part = shown_part(codes, walls.frame, image_extent, is_known=lambda some: some != UNKNOWN)
     raster = Raster.fitting(walls.frame.shape, image_max, part=part)
@@ -144,7 +144,7 @@ def score_image(
 
 
 def codes_of(walls: ScoredWalls) -> NDArray[np.uint8]:
-    """Return what each cell shows, `UNKNOWN` to `MISSED`, and beyond, walls by their distance."""
+    """Return the codes of cells: `UNKNOWN` to `MISSED`, then walls by their distance."""
     known, true_known = walls.estimate != 0, walls.truth != 0
     codes = np.zeros(walls.frame.shape, dtype=np.uint8)
     codes[known & ~true_known] = KNOWN_BY_MAP
@@ -166,8 +166,8 @@ def _index_of(metres: NDArray[np.floating[Any]], top: float) -> NDArray[np.uint8
 def bins_of(
     metres: NDArray[np.floating[Any]], resolution: float, top: float
 ) -> list[tuple[float, float]]:  # fmt: skip
-    """Return the middles of bins of a cell's side, metres, and the share of distances in each."""
-    # The last bin is that of all that is farther than `top`; its middle is infinite.
+    """Return the middles of bins as wide as a cell, metres, and the share of distances in each."""
+    # The last bin has all distances above `top`; its middle is infinite.
     count = math.floor(top / resolution + _ROUNDING) + 1
     places = np.minimum(np.floor(metres / resolution + 0.5), count).astype(np.int64)
     shares = np.bincount(places, minlength=count + 1) / max(1, len(metres))
@@ -184,10 +184,10 @@ def _with_histogram(above: Image, walls: ScoredWalls, size: int) -> Image:
     room, tall = 4 * size, 12 * size  # above the bars, and they themselves
     pen.open(wide, height + room + tall + 4 * size)
     pen.sheet[:height, :width] = above.indices
-    left, bottom = labels, height + room + tall
+    left_x, bottom = labels, height + room + tall
     bar = max(2, min(4 * size, (wide - labels - 3 * size) // len(bins)))
     pen.label(size, height + int(0.8 * size), _summary(walls))
-    _bars(pen, bins, walls.top, (left, bottom), bar, tall)
+    _bars(pen, bins, walls.top, (left_x, bottom), bar, tall)
     return Image(pen.sheet, above.palette)
 
 
@@ -195,30 +195,30 @@ def _bars(
     pen: Pen, bins: list[tuple[float, float]], top: float, corner: tuple[int, int], bar: int,
     tall: int,
 ) -> None:  # fmt: skip
-    left, bottom = corner
+    left_x, bottom = corner
     size = pen.size
     highest = max(0.1, math.ceil(10 * max(share for _, share in bins) - _ROUNDING) / 10)
     step = 0.2 if highest > 0.4 else 0.1
     for k in range(math.floor(highest / step + _ROUNDING) + 1):
         y = bottom - round(tall * k * step / highest)
         label = f"{100 * k * step:.0f} %"
-        pen.label(left - size - text_width(label, size), y, label)
-        row = pen.sheet[y, left : left + bar * len(bins)]
+        pen.label(left_x - size - text_width(label, size), y, label)
+        row = pen.sheet[y, left_x : left_x + bar * len(bins)]
         row[row == WHITE] = WHITE - 2
     names = ["farther" if math.isinf(middle) else f"{middle:g}" for middle, _ in bins]
     widths = [text_width(name, size) for name in names]
     every = max(1, math.ceil((max(widths[:-1]) + size) / bar))
-    last_free = left + len(bins) * bar - (bar + widths[-1]) // 2 - size // 2
+    last_free = left_x + len(bins) * bar - (bar + widths[-1]) // 2 - size // 2
     for k, (middle, share) in enumerate(bins):
-        x = left + k * bar
+        x = left_x + k * bar
         index = int(_index_of(np.array([middle]), top)[0])
         pen.sheet[bottom - round(tall * share / highest) : bottom, x + 1 : x + bar] = index
-        start = max(left, x + (bar - widths[k]) // 2)
+        start = max(left_x, x + (bar - widths[k]) // 2)
         is_last = k == len(bins) - 1
         if is_last or (k % every == 0 and start + widths[k] <= last_free):
             pen.label(start, bottom + int(0.9 * size), names[k])
-    pen.sheet[bottom, left - size // 3 : left + bar * len(bins)] = GREY
-    pen.label(left, bottom + int(2.4 * size), "distance to the nearest true wall [m]")
+    pen.sheet[bottom, left_x - size // 3 : left_x + bar * len(bins)] = GREY
+    pen.label(left_x, bottom + int(2.4 * size), "distance to the nearest true wall [m]")
 
 
 def _summary(walls: ScoredWalls) -> str:

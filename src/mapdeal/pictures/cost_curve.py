@@ -28,12 +28,12 @@ from mapdeal.pictures.canvas import (
 from mapdeal.pictures.overlay import Brush
 from mapdeal.pictures.styles import CostPalette
 
-_FAR = 2.5  # times everything else that a reach may be before it is left out of the picture
-_FARTHEST = 1e9  # metres that a picture shows at most
+_FAR = 2.5  # largest reach that is shown, relative to all other distances
+_FARTHEST = 1e9  # metres; largest distance in a picture
 
 
 class ZoneKind(Enum):
-    """What holds in a zone, in words."""
+    """Kinds of zones, with their labels."""
 
     OBSTACLE = "obstacle"
     COLLISION = "collision at any heading"
@@ -48,7 +48,7 @@ class ZoneKind(Enum):
 
 @dataclass(frozen=True)
 class Zone:
-    """Distances of which the same is true."""
+    """A range of distances with the same consequences."""
 
     kind: ZoneKind
     start: float
@@ -58,8 +58,7 @@ class Zone:
 
 def zones_of(curve: CostCurve, end: float) -> list[Zone]:
     """Return the zones of a curve, from the obstacle's cell up to `end` metres."""
-    # Where the shape of the robot is not known, beyond the inscribed radius nothing is said of
-    # collisions.
+    # Beyond the inscribed radius, zones mention collisions only if the robot's shape is known.
     half = curve.resolution / 2
     inscribed, circumscribed = curve.inscribed_radius or 0.0, curve.circumscribed_radius or 0.0
     places = sorted({p for p in (inscribed, circumscribed, curve.end) if half < p < end})
@@ -86,7 +85,7 @@ def _kind_at(metres: float, curve: CostCurve) -> ZoneKind:
 
 def _costs_between(curve: CostCurve, start: float, end: float) -> tuple[int, int] | None:
     distance = curve.distance - RADIUS_TOLERANCE
-    # float32 resolutions may put a cell beyond the radius that it lies at on paper
+    # a float32 resolution may put a cell slightly beyond its nominal radius
     beyond = (curve.inscribed_radius or 0.0) + RADIUS_TOLERANCE
     np.maximum(distance, beyond, out=distance, where=curve.cost < INSCRIBED_INFLATED_OBSTACLE)
     inside = curve.cost[(distance > start) & (distance <= end)]
@@ -97,14 +96,14 @@ def _costs_between(curve: CostCurve, start: float, end: float) -> tuple[int, int
 
 @dataclass(frozen=True)
 class Mark:
-    """A distance of note, in metres, and what to call it."""
+    """A notable distance in metres, and its label."""
 
     distance: float
     label: str
 
 
 def described(zone: Zone, end: float) -> str:
-    """Return how far a zone goes, and its costs; `end` is that of the picture."""
+    """Return the end of a zone and its costs as text; `end` is that of the picture."""
     if zone.kind is ZoneKind.OBSTACLE:
         return f"cost {zone.costs[0]}" if zone.costs else ""
     where = "beyond" if zone.end >= end else f"up to {zone.end:.4g} m"
@@ -115,18 +114,18 @@ def described(zone: Zone, end: float) -> str:
 
 
 def end_of(curve: CostCurve) -> float:
-    """Return the metres at which the picture ends: beyond all that is of note, unless it is far."""
+    """Return the distance at which the picture ends, metres: beyond the notable distances."""
     near = max(
         curve.end, curve.inscribed_radius or 0.0, curve.circumscribed_radius or 0.0,
         2 * curve.resolution, *(metres for _, metres in curve.marks),
     )  # fmt: skip
     far = max(near, curve.reach, curve.inflation_radius or 0.0)
-    shown = min(far if far <= _FAR * near else near, _FARTHEST)
-    return 1.18 * shown + curve.resolution / 2
+    farthest = min(far if far <= _FAR * near else near, _FARTHEST)
+    return 1.18 * farthest + curve.resolution / 2
 
 
 def marks_of(curve: CostCurve) -> list[Mark]:
-    """Return the distances of note, near to far; radii that are the same share a mark."""
+    """Return the notable distances in order; equal radii share a mark."""
     inscribed, circumscribed = curve.inscribed_radius, curve.circumscribed_radius
     named = list(curve.marks)
     if inscribed and circumscribed is not None and math.isclose(inscribed, circumscribed):
@@ -173,7 +172,7 @@ _TINT = (255, 228, 232)
 
 @dataclass(frozen=True)
 class _Dot:
-    """A kind of dots: their radius, and the pixels of a cell below which there is no room."""
+    """A kind of dots: their radius, and the least pixels per cell at which they are drawn."""
 
     label: str
     radius: float
@@ -181,7 +180,7 @@ class _Dot:
 
 
 _ALONG_ROW = _Dot("distances along a row", 4.0, 7.0)
-_OTHER = _Dot("other distances between cells", 2.5, 24.0)
+_OFF_ROW = _Dot("other distances between cells", 2.5, 24.0)
 
 
 _TICKS = {"costmap2d": (0, 50, 100, 150, 200, 254), "occupancy": (0, 20, 40, 60, 80, 100)}
@@ -203,7 +202,7 @@ class Plot:
         self.is_along_row = curve.cells == np.floor(curve.cells)
 
     def formula(self, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Return so many distances, and their costs by the formula; None if it has no line."""
+        """Return `count` distances and their costs by the formula, if it can be drawn."""
         if self.curve.formula is None or self.curve.reach <= self.half:
             return None
         metres = np.linspace(self.half, min(self.curve.reach, self.end), count)
@@ -216,13 +215,13 @@ class _Drawing(Plot):
         self.per_cost = _PER_COST[curve.scale]
         self.pen = Pen(_SIZE)
         top_cost = self.palette.lethal_cost
-        self.left = _SIZE + text_width("254", _SIZE) + int(1.6 * _SIZE)
+        self.left_x = _SIZE + text_width("254", _SIZE) + int(1.6 * _SIZE)
         self.band_top = _SIZE + int(3.4 * _SIZE) + _LINE
         self.top = self.band_top + _BAND + 1 + int(_ROW * len(self.marks) + 0.4 * _SIZE)
         self.bottom = self.top + top_cost * self.per_cost
-        self.right = self.left + _WIDTH
+        self.right = self.left_x + _WIDTH
 
-    def drawn(self, title: str) -> Image:
+    def image(self, title: str) -> Image:
         pen = self.pen
         legend = self._legend_lines()
         legend_width = int(1.9 * _SIZE) + max(text_width(line, _SIZE) for _, line in legend)
@@ -246,7 +245,7 @@ class _Drawing(Plot):
 
     @property
     def _metres(self) -> NDArray[np.float64]:
-        """The distance at the middle of each column of the plot."""
+        """Distance at the middle of each column of the plot, metres."""
         return (np.arange(_WIDTH) + 0.5) / _WIDTH * (self.end + self.half) - self.half
 
     @property
@@ -256,13 +255,13 @@ class _Drawing(Plot):
     def _places(self, metres: ArrayLike, costs: ArrayLike) -> NDArray[np.float64]:
         share = (np.asarray(metres) + self.half) / (self.end + self.half)
         rows = self.bottom - np.asarray(costs, dtype=np.float64) * self.per_cost
-        return np.stack([self.left + _WIDTH * share, rows], axis=-1)
+        return np.stack([self.left_x + _WIDTH * share, rows], axis=-1)
 
     def _column(self, metres: float) -> int:
         return round(float(self._places(metres, 0)[0]))
 
     def _costs_of_columns(self) -> NDArray[np.int64]:
-        """Return the cost at the nearest distance that occurs, and 0 from the reach on."""
+        """Return the cost of each column, by the nearest distance between cells."""
         curve = self.curve
         costs = curve.cost_near(np.maximum(self._metres / curve.resolution, 0.0))
         if curve.metric == "euclidean":
@@ -272,15 +271,15 @@ class _Drawing(Plot):
     def _bars(self) -> None:
         for column, cost in enumerate(self._costs_of_columns().tolist()):
             top = self.bottom - cost * self.per_cost
-            self.pen.sheet[top : self.bottom, self.left + column] = self.palette.by_value[cost]
+            self.pen.sheet[top : self.bottom, self.left_x + column] = self.palette.by_value[cost]
 
     def _grid_lines(self) -> None:
         for cost in self.ticks[1:]:
-            row = self.pen.sheet[self.bottom - cost * self.per_cost, self.left : self.right]
+            row = self.pen.sheet[self.bottom - cost * self.per_cost, self.left_x : self.right]
             row[row == WHITE] = WHITE - 2
 
     def _unseen(self) -> None:
-        """Tint the distances at which the robot may collide though there is no cost."""
+        """Tint the distances at which the robot may collide although there is no cost."""
         for zone in self.zones:
             if zone.kind in (ZoneKind.UNSEEN_COLLISION, ZoneKind.UNSEEN_HEADING):
                 a, b = (self._column(x) for x in (zone.start, zone.end))
@@ -293,7 +292,7 @@ class _Drawing(Plot):
             Brush(self.pen.sheet).polyline(self._places(*line), BLACK, thickness=2)
 
     def _dots_shown(self) -> list[_Dot]:
-        kinds = [_ALONG_ROW, _OTHER] if self.curve.metric == "euclidean" else [_ALONG_ROW]
+        kinds = [_ALONG_ROW, _OFF_ROW] if self.curve.metric == "euclidean" else [_ALONG_ROW]
         return [kind for kind in kinds if self._per_cell >= kind.room]
 
     def _dots(self) -> None:
@@ -341,25 +340,25 @@ class _Drawing(Plot):
     def _axes(self) -> None:
         pen = self.pen
         under_band = self.band_top + _BAND + 1
-        pen.frame(self.left, under_band, _WIDTH, self.bottom - under_band)
+        pen.frame(self.left_x, under_band, _WIDTH, self.bottom - under_band)
         for cost in self.ticks:
             y = self.bottom - cost * self.per_cost
-            pen.fill(self.left - 6, y, self.left - 2, y)
-            pen.label(self.left - 10 - text_width(str(cost), _SIZE), y, str(cost))
-        pen.label(self.left - 10 - text_width("cost", _SIZE), self.top - int(1.4 * _SIZE), "cost")
+            pen.fill(self.left_x - 6, y, self.left_x - 2, y)
+            pen.label(self.left_x - 10 - text_width(str(cost), _SIZE), y, str(cost))
+        pen.label(self.left_x - 10 - text_width("cost", _SIZE), self.top - int(1.4 * _SIZE), "cost")
         scale = (self.end + self.half) / _WIDTH
         ticks = ticks_between(-self.half, _WIDTH, scale, _SIZE)
-        self._ticks(self.bottom, [one for one in ticks if not one[1].startswith("-")])
+        self._ticks(self.bottom, [tick for tick in ticks if not tick[1].startswith("-")])
         self._centred(self.bottom + int(2.8 * _SIZE), f"{self.axis}, metres")
 
     def _ticks(self, bottom: int, ticks: Sequence[tuple[int, str]]) -> None:
         for pixel, label in ticks:
-            x = self.left + pixel
+            x = self.left_x + pixel
             self.pen.fill(x, bottom + 1, x, bottom + 6)
             self.pen.label(x - text_width(label, _SIZE) // 2, bottom + 6 + int(0.8 * _SIZE), label)
 
     def _centred(self, middle: int, text: str) -> None:
-        x = self.left + (_WIDTH - text_width(text, _SIZE)) // 2
+        x = self.left_x + (_WIDTH - text_width(text, _SIZE)) // 2
         self.pen.label(x, middle, text)
 
     def _draw_band(self) -> None:
@@ -375,19 +374,19 @@ class _Drawing(Plot):
                 self.pen.label(
                     (a + b - width) // 2, self.band_top - int(0.8 * _SIZE), zone.kind.value
                 )
-        self.pen.frame(self.left, self.band_top, _WIDTH, _BAND)
+        self.pen.frame(self.left_x, self.band_top, _WIDTH, _BAND)
 
     def _ribbon(self, top: int) -> None:
         sheet, resolution = self.pen.sheet, self.curve.resolution
         cells = np.rint(self._metres / resolution)
         costs = self.curve.cost_near(np.maximum(cells, 0.0))
         bottom = top + int(1.5 * _SIZE)
-        sheet[top:bottom, self.left : self.right] = self.palette.by_value[costs]
+        sheet[top:bottom, self.left_x : self.right] = self.palette.by_value[costs]
         if self._per_cell >= 6:
             edges = np.flatnonzero(np.diff(cells)) + 1
-            sheet[top:bottom, self.left + edges] = GREY
-        self.pen.frame(self.left, top, _WIDTH, bottom - top)
-        self._ticks(bottom, _whole_ticks(self._per_cell))
+            sheet[top:bottom, self.left_x + edges] = GREY
+        self.pen.frame(self.left_x, top, _WIDTH, bottom - top)
+        self._ticks(bottom, _cell_ticks(self._per_cell))
         self._centred(
             bottom + int(2.8 * _SIZE), f"cells of {resolution:.6g} m, along a row or a column"
         )
@@ -428,8 +427,8 @@ class _Drawing(Plot):
             y += _LINE
 
 
-def _whole_ticks(per_cell: float) -> list[tuple[int, str]]:
-    """Return whole numbers of cells, as many as find room, each with its pixel."""
+def _cell_ticks(per_cell: float) -> list[tuple[int, str]]:
+    """Return whole numbers of cells with their pixels, as many as fit."""
     last = int(_WIDTH / per_cell - 0.5)
     room = text_width(str(last), _SIZE) + 1.2 * _SIZE
     step = int(max(round_step(room / per_cell), 1.0))
@@ -437,7 +436,7 @@ def _whole_ticks(per_cell: float) -> list[tuple[int, str]]:
 
 
 def cost_curve_image(curve: CostCurve, *, title: str) -> Image:
-    return _Drawing(curve).drawn(title)
+    return _Drawing(curve).image(title)
 
 
 def _subtitle(curve: CostCurve) -> str:

@@ -1,4 +1,4 @@
-"""The picture of each kind of layer: which colour each value takes."""
+"""Pictures of all kinds of layers."""
 
 from __future__ import annotations
 
@@ -36,48 +36,48 @@ from mapdeal.pictures.overlay import (
 )
 
 
-class Look(TypedDict, total=False):
+class PictureOptions(TypedDict, total=False):
     image_max: int
     image_extent: ImageExtent
     overlay: Overlay | None
 
 
 class Drawing(ABC):
-    """The picture of a grid in the making: first its rows are looked at, then it is drawn."""
+    """A picture that is drawn in two steps: all rows of the grid are collected, then rendered."""
 
     def __init__(
         self, grid: Any, *, image_max: int = DEFAULT_IMAGE_MAX, image_extent: ImageExtent = "all",
         overlay: Overlay | None = None,
     ) -> None:  # fmt: skip
-        layer, unknown = self._told_unknown(grid)
+        layer, unknown = self._layer_and_unknown(grid)
         part = shown_part(
             layer, grid.frame, image_extent, is_known=OtherThan(unknown), overlay=overlay
         )
         self._grid, self._overlay = grid, overlay
         self._raster = Raster.fitting(grid.shape, image_max, part=part)
-        self._looks: list[Pooling | styles.EndsByRows] = []
+        self._collectors: list[Pooling | styles.EndsByRows] = []
         self._begin()
 
-    def _told_unknown(self, grid: Any) -> tuple[Layer, int]:
+    def _layer_and_unknown(self, grid: Any) -> tuple[Layer, int]:
         return grid.occupancy, UNKNOWN
 
     @abstractmethod
     def _begin(self) -> None:
-        """Get ready to look at the rows."""
+        """Prepare the collection of rows."""
 
     def _pooling(self, layer: Layer, choose: np.ufunc) -> Pooling:
         pooling = Pooling(self._raster, layer, choose)
-        self._looks.append(pooling)
+        self._collectors.append(pooling)
         return pooling
 
     def take(self, rows: slice) -> None:
-        """Look at some rows of the grid: those after the ones that were taken before."""
-        for look in self._looks:
-            look.take(rows)
+        """Collect the next rows of the grid."""
+        for collector in self._collectors:
+            collector.take(rows)
 
     @abstractmethod
     def image(self, title: str) -> Image:
-        """Return the picture, once all rows were taken."""
+        """Return the picture, after all rows were collected."""
 
     def _on_sheet(
         self, pixels: NDArray[np.uint8], style: LayerStyle, title: str, *, more: str = "",
@@ -103,10 +103,10 @@ class OccupancyDrawing(Drawing):
         return self._on_sheet(self._raster.enlarged(pixels), style, title)
 
 
-def occupancy_image(grid: OccupancyGrid, *, title: str, **look: Unpack[Look]) -> Image:
+def occupancy_image(grid: OccupancyGrid, *, title: str, **options: Unpack[PictureOptions]) -> Image:
     """Return a map in the greys of RViz's scheme "map"."""
-    # Where cells share a pixel the most occupied one shows.
-    return _drawn(OccupancyDrawing(grid, **look), grid, title)
+    # Of several cells in a pixel the most occupied one shows.
+    return _draw_by_rows(OccupancyDrawing(grid, **options), grid, title)
 
 
 class FieldDrawing(Drawing):
@@ -116,9 +116,9 @@ class FieldDrawing(Drawing):
         field = self._grid
         is_unknown = np.zeros(256, dtype=np.bool_)
         is_unknown[UNKNOWN] = True
-        # around the box of numbers there is nothing to look at: the box is gone through alone
+        # of a field with a box, only the box is scanned
         self._ends = styles.EndsByRows(field) if field.region is None else None
-        self._looks += [] if self._ends is None else [self._ends]
+        self._collectors += [] if self._ends is None else [self._ends]
         self._obstacles = self._pooling(field.obstacles(), np.fmax)
         self._distance = self._pooling(field.distance, np.fmin)
         self._unknown = self._pooling(looked_up(field.occupancy, is_unknown), np.fmin)
@@ -134,9 +134,9 @@ class FieldDrawing(Drawing):
         return self._on_sheet(pixels, style, title, more=more, swatches=swatches)
 
     def _pixels(self, scale: Scale) -> tuple[NDArray[np.uint8], int | None]:
-        """Return palette indices, and one that shows what unknown cells look like, if any do."""
-        # Levels inside, then outside of obstacles; the same again, faded, for unknown cells; then
-        # the outline of obstacles, and cells without a distance.
+        """Return palette indices, and the legend's index for unknown cells, if there are any."""
+        # Palette: levels inside obstacles, levels outside, both again faded for unknown cells, the
+        # outline of obstacles, and cells without a distance.
         obstacles, unknown = self._obstacles.pixels, self._unknown.pixels
         distance = self._distance.pixels
         nowhere = np.isnan(distance) if self._grid.region is not None else None
@@ -144,7 +144,7 @@ class FieldDrawing(Drawing):
             distance = np.where(nowhere, np.float32(0), distance)
             unknown = unknown & ~nowhere
         below = styles.steps_below_zero(scale)
-        # Whatever rounding says, and where obstacles have the distance 0: they are red.
+        # Obstacles are red even if rounding or a distance of 0 would put them outside.
         levels = level_rows(
             distance, obstacles, unknown, low=scale.low, factor=scale.factor, levels=scale.levels,
             first=scale.first, below=below, faded_by=styles.FIELD_LEVELS,
@@ -157,18 +157,18 @@ class FieldDrawing(Drawing):
         return pixels, styles.faded_index(below, outside=outside) if unknown.any() else None
 
 
-def field_image(field: DistanceField, *, title: str, **look: Unpack[Look]) -> Image:
+def field_image(field: DistanceField, *, title: str, **options: Unpack[PictureOptions]) -> Image:
     """Return a distance field in a diverging scale, obstacles red, free space blue."""
-    # The outermost obstacle cells, where a field of the Fast-Planner convention is 0, are black.
-    # Unknown cells are faded, those without a distance grey. Where cells share a pixel the smallest
+    # The outermost obstacle cells, which are 0 in the Fast-Planner convention, are black. Unknown
+    # cells are faded, cells without a distance grey. Of several cells in a pixel the smallest
     # distance shows. The scale ends at the largest distances of known cells.
-    return _drawn(FieldDrawing(field, **look), field, title)
+    return _draw_by_rows(FieldDrawing(field, **options), field, title)
 
 
 def _field_swatches(
     style: LayerStyle, pixels: NDArray[np.uint8], faded: int | None
 ) -> list[Swatch]:
-    """Return the legend entries of what a picture shows; `faded` shows what unknown cells do."""
+    """Return the legend entries for a picture; `faded` is the index for unknown cells."""
     swatches = []
     for swatch in style.swatches:
         index: int | None = swatch.index
@@ -176,7 +176,7 @@ def _field_swatches(
             index = index if (pixels == index).any() else None
         elif styles.FIELD_LEVELS <= swatch.index < styles.LINE:
             index = faded
-        elif style.bar is None:  # of a field that is the same everywhere, known or not
+        elif style.bar is None:  # a uniform field
             index = int(pixels[pixels != styles.NOWHERE][0])
         if index is not None:
             swatches.append(Swatch(index, swatch.label))
@@ -186,13 +186,13 @@ def _field_swatches(
 class CostDrawing(Drawing):
     _grid: Costmap
 
-    def _told_unknown(self, grid: Any) -> tuple[Layer, int]:
+    def _layer_and_unknown(self, grid: Any) -> tuple[Layer, int]:
         return grid.cost, grid.unknown_value
 
     def _begin(self) -> None:
-        # One more than the cost, so that unknown cells are the lowest: 255 + 1 is 0.
-        one_more = (np.arange(256) + 1).astype(np.uint8)
-        self._ranks = self._pooling(looked_up(self._grid.cost, one_more), np.fmax)
+        # Adding 1 wraps 255 (unknown) to 0, so unknown never wins.
+        shifted = (np.arange(256) + 1).astype(np.uint8)
+        self._ranks = self._pooling(looked_up(self._grid.cost, shifted), np.fmax)
 
     def image(self, title: str) -> Image:
         costmap, raster, ranks = self._grid, self._raster, self._ranks.pixels
@@ -207,14 +207,14 @@ class CostDrawing(Drawing):
         return self._on_sheet(pixels, style, title)
 
 
-def cost_image(costmap: Costmap, *, title: str, **look: Unpack[Look]) -> Image:
+def cost_image(costmap: Costmap, *, title: str, **options: Unpack[PictureOptions]) -> Image:
     """Return a costmap in an even scale; lethal, inscribed, unknown and free stand apart."""
-    # Where cells share a pixel the highest cost shows. If the circumscribed cost is known, a line
-    # bounds the cells of that cost and more.
-    return _drawn(CostDrawing(costmap, **look), costmap, title)
+    # Of several cells in a pixel the highest cost shows. If the circumscribed cost is known, a line
+    # encloses the cells at or above it.
+    return _draw_by_rows(CostDrawing(costmap, **options), costmap, title)
 
 
-def _drawn(drawing: Drawing, grid: Framed, title: str) -> Image:
+def _draw_by_rows(drawing: Drawing, grid: Framed, title: str) -> Image:
     for rows in swept(grid.layer):
         drawing.take(rows)
     return drawing.image(title)
@@ -228,9 +228,9 @@ def potential_image(
     image_extent: ImageExtent = "all", overlay: Overlay | None = None,
 ) -> Image:  # fmt: skip
     """Return the normalised potential in an even scale, with arrows that point downhill."""
-    # Obstacles are black, unknown cells faded, those without a potential grey. Where cells share a
-    # pixel the highest potential shows, and an obstacle before all. The arrows stand on a coarse
-    # lattice and show the direction only.
+    # Obstacles are black, unknown cells faded, cells without a potential grey. Of several cells in
+    # a pixel an obstacle shows, or else the highest potential. The arrows are on a coarse lattice
+    # and have one length.
     goal = () if field.goal is None else field.goal
     part = shown_part(field.occupancy, field.frame, image_extent, overlay=overlay, places_xy=goal)
     raster = Raster.fitting(field.shape, image_max, part=part)
@@ -279,7 +279,7 @@ def _range_text(field: PotentialField) -> str:
 
 
 def _draw_arrows(on: Surface, field: PotentialField) -> int:
-    """Draw arrows on a lattice of free cells; return how many there are."""
+    """Draw arrows on a lattice of free cells; return their number."""
     scale = on.raster.enlarge / on.raster.reduce  # pixels per cell
     step = max(1, math.ceil(max(_ARROW_SPACING, on.side / 36) / scale))
     row, col, *size = on.raster.part or (0, 0, *field.shape)
@@ -287,7 +287,7 @@ def _draw_arrows(on: Surface, field: PotentialField) -> int:
         first + np.arange(step // 2, length, step)
         for first, length in zip((row, col), size, strict=True)
     )
-    # along columns and rows, which are the picture's axes
+    # turned to columns and rows, the axes of the picture
     x, y = field.downhill()
     cos, sin = math.cos(field.origin[2]), math.sin(field.origin[2])
     along = np.stack([x * cos + y * sin, y * cos - x * sin])

@@ -1,6 +1,6 @@
-"""From cells to pixels, and what is drawn over them: routes, robots, poses, zones.
+"""Rasters from cells to pixels, and overlays on them: routes, robots, poses, zones.
 
-Cells become pixels by whole factors only, so that they stay sharp and obstacles stay.
+Cells are scaled to pixels by integer factors only, so edges stay sharp and no obstacle vanishes.
 """
 
 from __future__ import annotations
@@ -36,26 +36,26 @@ from mapdeal.pictures.colours import (
     Swatch,
 )
 
-_SMALL_SIDE = 600  # pixels that the long side of a small map is enlarged to, about
+_SMALL_SIDE = 600  # approximate long side of enlarged small maps, pixels
 DEFAULT_IMAGE_MAX = 2048
 
 
 @dataclass(frozen=True)
 class Raster:
-    """How cells become pixels: `enlarge` pixels per cell, or `reduce` cells per pixel."""
+    """Scale of a picture: `enlarge` pixels per cell, or `reduce` cells per pixel."""
 
     enlarge: int = 1
     reduce: int = 1
-    part: Region | None = None  # the cells that become pixels, inside of the map; None for all
+    part: Region | None = None  # cells in the picture, inside of the map; None for all
 
     @classmethod
     def fitting(
         cls, shape: tuple[int, int], image_max: int, *, small_side: int = _SMALL_SIDE,
         part: Region | None = None,
     ) -> Raster:  # fmt: skip
-        """Return the factors for a map or a part of it, of at most `image_max` pixels a side."""
-        # 0 means one pixel per cell, whatever the size. The long side of a small map is enlarged
-        # to `small_side` pixels or a little more.
+        """Return the raster for a map or a part of it with at most `image_max` pixels per side."""
+        # An `image_max` of 0 means one pixel per cell. The long side of a small map is enlarged to
+        # `small_side` pixels or slightly more.
         side = max(shape if part is None else (part.height, part.width))
         if image_max == 0:
             return cls(part=part)
@@ -72,7 +72,7 @@ class Raster:
 
     def largest(self, layer: Layer) -> NDArray[Any]:
         """Return the largest value of the cells under each pixel, before enlarging."""
-        # Of numbers it is nan only where all cells are.
+        # A pixel is nan only if all its cells are.
         return Pooling(self, layer, np.fmax).all()
 
     def smallest(self, layer: Layer) -> NDArray[Any]:
@@ -86,7 +86,7 @@ class Raster:
 
 
 class Pooling:
-    """Cells that become pixels, some rows at a time."""
+    """Reduction of cells to pixels, in bands of rows."""
 
     def __init__(self, raster: Raster, layer: Layer, choose: np.ufunc) -> None:
         self._step = raster.reduce
@@ -96,20 +96,20 @@ class Pooling:
         self._pixels: NDArray[Any] | None = None
 
     def all(self) -> NDArray[Any]:
-        """Return the pixels of a layer that nothing else goes through."""
+        """Process all rows of the layer; return the pixels."""
         for rows in blocks_of(self._layer):
             self.take(slice(rows.start + self._first, rows.stop + self._first))
         return self.pixels
 
     @property
     def pixels(self) -> NDArray[Any]:
-        """The chosen value under each pixel, before enlarging, once all rows were taken."""
+        """Value of each pixel before enlarging, after all rows were taken."""
         if self._pixels is None:
             raise ValueError("no rows were taken")
         return self._pixels
 
     def take(self, rows: slice) -> None:
-        """Take rows of the map: those after the ones that were taken before."""
+        """Process the next rows of the map."""
         height = self._layer.shape[0]
         first, end = (min(max(row - self._first, 0), height) for row in (rows.start, rows.stop))
         if first == end:
@@ -122,21 +122,21 @@ class Pooling:
             size = (math.ceil(length / self._step) for length in self._layer.shape)
             self._pixels = np.empty(tuple(size), dtype=self._layer.dtype)
         under_last = min(-first % self._step, len(cells))
-        if under_last:  # the rest of what is under the last row of pixels
+        if under_last:  # remaining cells of the last row of pixels
             row = self._pixels[first // self._step]
             self._choose(row, pooled(cells[:under_last], self._step, self._choose)[0], out=row)
-        whole, pixels = cells[under_last:], self._pixels[-(-first // self._step) :]
+        full_rows, pixels = cells[under_last:], self._pixels[-(-first // self._step) :]
 
         def pool(rows: slice) -> None:
-            under = whole[rows.start * self._step : rows.stop * self._step]
+            under = full_rows[rows.start * self._step : rows.stop * self._step]
             pixels[rows] = pooled(under, self._step, self._choose)
 
-        # by the cells, not the pixels, are there enough for threads
-        for_rows(pool, (math.ceil(len(whole) / self._step), whole.shape[1]))
+        # the number of cells, not of pixels, decides about threads
+        for_rows(pool, (math.ceil(len(full_rows) / self._step), full_rows.shape[1]))
 
 
 def pooled(cells: NDArray[Any], step: int, choose: np.ufunc) -> NDArray[Any]:
-    """Return one value for each square of `step` cells a side; the last ones may have fewer."""
+    """Return one value per square of `step` x `step` cells; squares at the end may be smaller."""
     return _pooled_rows(_pooled_rows(cells, step, choose).T, step, choose).T
 
 
@@ -149,7 +149,7 @@ def _pooled_rows(cells: NDArray[Any], step: int, choose: np.ufunc) -> NDArray[An
 
 
 def inner_outline(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the pixels of `mask` that touch one outside of it, over an edge."""
+    """Return the pixels of `mask` with a straight neighbour outside of it."""
     inner = mask.copy()
     inner[1:] &= mask[:-1]
     inner[:-1] &= mask[1:]
@@ -162,12 +162,12 @@ def inner_outline(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 _FARTHEST = 2.0**20  # pixels; beyond, Pillow's coordinates overflow
 _MOST_PIXELS = 1 << 24
-"""Of a picture, that are copied to be drawn on, unless a single shape takes more."""
+"""Most pixels of a picture that are copied for drawing, unless a single shape needs more."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The palette indices of a map to be drawn on, row 0 in the south, and where they lie."""
+    """Palette indices of a map to draw on, row 0 in the south, with their frame."""
 
     pixels: NDArray[np.uint8]
     frame: Frame
@@ -184,11 +184,11 @@ class Surface:
 
 
 class Overlay(Protocol):
-    """Something that is drawn over the picture of a layer."""
+    """Protocol of drawings over the picture of a layer."""
 
     @property
     def colours(self) -> Sequence[Colour]:
-        """What a palette needs for it, one after the other."""
+        """Colours that the palette needs, in order."""
 
     @property
     def text(self) -> str:
@@ -196,11 +196,11 @@ class Overlay(Protocol):
 
     @property
     def places_xy(self) -> NDArray[np.float64]:
-        """What a picture has to show of it, shape (N, 2), metres in the map frame."""
+        """Points that the picture must show, shape (N, 2), metres in the map frame."""
         return np.empty((0, 2))
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
-        """Draw in `colours`, which begin at `first_index` of the palette; return the legend."""
+        """Draw with `colours`, from `first_index` of the palette on; return the legend."""
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ class Overlays(Overlay):
 
     @property
     def places_xy(self) -> NDArray[np.float64]:
-        return np.concatenate([np.reshape(one.places_xy, (-1, 2)) for one in self.overlays])
+        return np.concatenate([np.reshape(overlay.places_xy, (-1, 2)) for overlay in self.overlays])
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         swatches = []
@@ -228,7 +228,7 @@ class Overlays(Overlay):
 
 
 class Brush:
-    """Draws on pixels whose row 0 is the south; coordinates are in pixels, (column, row)."""
+    """Drawer on pixels with row 0 in the south; coordinates are pixels, (column, row)."""
 
     def __init__(self, pixels: NDArray[np.uint8]) -> None:
         self._pixels = pixels
@@ -268,13 +268,13 @@ class Brush:
         """Draw an arrowhead around a point, along a unit vector."""
         along, across = direction * length, _left_of(direction) * length
         tip, notch = centre + along * 0.6, centre - along * 0.2
-        left, right = (centre - along * 0.4 + side * across * 0.35 for side in (1, -1))
-        self._draw(index, np.array([[tip, left, notch, right]]))
+        left_wing, right_wing = (centre - along * 0.4 + side * across * 0.35 for side in (1, -1))
+        self._draw(index, np.array([[tip, left_wing, notch, right_wing]]))
 
     def _draw(
         self, index: int, shapes: NDArray[np.float64], *, thickness: int = 0, radius: float = 0.0
     ) -> None:
-        """Draw shapes of some points each, shape (N, K, 2): discs, lines, or filled corners."""
+        """Draw shapes with K points each, shape (N, K, 2): discs, lines, or filled polygons."""
         from PIL import Image, ImageDraw
 
         if not len(shapes):
@@ -306,7 +306,7 @@ class Brush:
 
 
 def _edge(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.floor(places + 0.5)  # half a pixel always to the same side
+    return np.floor(places + 0.5)  # half a pixel always rounds up
 
 
 def _left_of(direction: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -364,7 +364,7 @@ class PoseOverlay(Overlay):
 
 @dataclass(frozen=True)
 class RouteOverlay(Overlay):
-    """A route with its ends, and the local minimum that it may have stopped in."""
+    """A route with its ends, and the local minimum in which it stopped, if any."""
 
     route: Route
 
@@ -403,7 +403,7 @@ class RouteOverlay(Overlay):
 
 _AWAY = 10  # pixels between the shape and the edges
 _LEAST, _LARGEST_SHARE = 4, 0.4
-"""Of a shape that is drawn: pixels, and its part of the picture's sides."""
+"""Least size of a drawn shape in pixels, and its largest share of the picture's sides."""
 
 
 def outline_of(
@@ -421,7 +421,7 @@ def outline_of(
 
 @dataclass(frozen=True)
 class RobotOverlay(Overlay):
-    """A robot's shape, true to scale, in the corner of a picture where least is to be seen."""
+    """A robot's shape, true to scale, in the emptiest corner of a picture."""
 
     robot: Footprint
     label: str = "robot, to scale"
@@ -436,30 +436,30 @@ class RobotOverlay(Overlay):
         if outline.max() < _LEAST or (size > _LARGEST_SHARE * np.array([width, height])).any():
             return []
         cols, rows = size.astype(int).tolist()
-        corners = [(left, low) for low in (0, height - rows) for left in (width - cols, 0)]
-        left, low = max(corners, key=lambda at: _evenness(on.pixels, at, (cols, rows)))
-        outline += np.array([left, low]) + _AWAY
+        corners = [(left_x, low) for low in (0, height - rows) for left_x in (width - cols, 0)]
+        left_x, low = max(corners, key=lambda at: _evenness(on.pixels, at, (cols, rows)))
+        outline += np.array([left_x, low]) + _AWAY
         for index, thickness in ((first_index + 1, 4), (first_index, 2)):
             Brush(on.pixels).polyline(outline, index, thickness=thickness)
         return [Swatch(first_index, self.label)]
 
 
 def _evenness(pixels: NDArray[np.uint8], corner: tuple[int, int], size: tuple[int, int]) -> int:
-    """Return how many pixels of a box, columns and rows, have the colour that most have."""
-    (left, low), (width, height) = corner, size
-    part = np.ascontiguousarray(pixels[low : low + height, left : left + width])
+    """Return the number of pixels of a box that have its most common colour."""
+    (left_x, low), (width, height) = corner, size
+    part = np.ascontiguousarray(pixels[low : low + height, left_x : left_x + width])
     return int(histogram(part).max())
 
 
 @dataclass(frozen=True, eq=False)
 class KeepoutOverlay(Overlay):
-    """Cells that are lethal by a mask alone."""
+    """Cells that are lethal only because of a mask."""
 
     closed: Layer
 
     @classmethod
     def of(cls, before: Costmap, after: Costmap) -> KeepoutOverlay:
-        """Return what a mask has closed, given the costs without it and with it."""
+        """Create the overlay from the costs without and with a mask."""
         lethal = LETHAL_OBSTACLE if after.scale == "costmap2d" else OCCUPIED
 
         def closed(rows: slice) -> NDArray[np.bool_]:
@@ -483,14 +483,14 @@ DEFAULT_EXTENT: ImageExtent = "known"
 
 _MARGIN, _LEAST_MARGIN = 0.05, 10  # around the known cells: of their longer side, and cells
 _WORTH = 0.95
-"""Of both sides of the map: what a part must be below, on one, for a picture to be of it alone."""
+"""A picture shows only the known part if that is below this share of the map along one side."""
 
 IsKnown = Callable[[NDArray[Any]], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
 class OtherThan:
-    """Which values differ from one that stands for unknown cells."""
+    """Predicate: values other than that of unknown cells."""
 
     value: int
 
@@ -504,7 +504,7 @@ _IS_KNOWN = OtherThan(UNKNOWN)  # of occupancy
 
 @dataclass(frozen=True)
 class KnownLines:
-    """What rows, and what columns, have a known cell: what `known_box` gathers."""
+    """Function for `known_box`: which rows and which columns have a known cell."""
 
     is_known: IsKnown
 
@@ -514,7 +514,7 @@ class KnownLines:
 
 
 def known_box(layer: Layer, is_known: IsKnown) -> Region | None:
-    # Rows are looked at once, from the first to the last, and those of a lazy layer not again.
+    # Each row of a lazy layer is computed once, in order.
     (parts,) = gathered(layer, KnownLines(is_known))
     with_known = np.flatnonzero(np.concatenate([rows for rows, _ in parts]))
     columns = np.flatnonzero(np.logical_or.reduce([cols for _, cols in parts]))
@@ -528,7 +528,7 @@ def shown_part(
     layer: Layer, frame: Frame, extent: ImageExtent, *, is_known: IsKnown = _IS_KNOWN,
     overlay: Overlay | None = None, places_xy: ArrayLike = (),
 ) -> Region | None:  # fmt: skip
-    """Return what a picture shows of a map if that is less: what is known, and some places."""
+    """Return the part of a map that a picture shows: known cells and places; None for all."""
     box = None if extent == "all" else known_box(layer, is_known)
     if box is None:
         return None

@@ -1,4 +1,4 @@
-"""The picture of what a robot can reach."""
+"""Picture of a robot's reach."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ from mapdeal.pictures.overlay import (
 
 _DIRECTIONS = 16
 _DISTANCES = (1.0, 1.7, 2.8, 4.5)
-_FIRST_WITH_A_LINE = 1  # from this distance on a line leads from the text to its place
+_FIRST_WITH_A_LINE = 1  # first distance with a line from the text to its place
 Box = tuple[int, int, int, int]  # first column and row, and those after the last
 
 
 class Captions:
-    """Writes texts on the pixels of a map, each in a box of its own."""
+    """Writer of texts on the pixels of a map, in boxes that do not overlap."""
 
     def __init__(self, pixels: NDArray[np.uint8], size: int) -> None:
         self._pixels = pixels
         self._size = size
-        self._taken = np.zeros_like(pixels)
-        self.kept_free = Brush(self._taken)  # draws, with any index but 0, where no text may be
+        self._occupied = np.zeros_like(pixels)
+        self.kept_free = Brush(self._occupied)  # marks pixels for which texts make room
 
     def write(
         self, text: str, place: NDArray[np.float64], index: int, *, away: float,
@@ -55,17 +55,17 @@ class Captions:
     ) -> bool:  # fmt: skip
         letters = self._letters(text)
         height, width = letters.shape
-        found = self._free_box(place, width, height, away, towards)
-        if found is None:
+        placed = self._free_box(place, width, height, away, towards)
+        if placed is None:
             return False
-        box, distance = found
-        left, bottom, right, top = box
+        box, distance = placed
+        left_x, bottom, right, top = box
         if distance >= _FIRST_WITH_A_LINE:
-            nearest = np.clip(place, (left, bottom), (right, top))
+            nearest = np.clip(place, (left_x, bottom), (right, top))
             Brush(self._pixels).polyline(np.array([place, nearest]), index, thickness=2)
-        self._pixels[bottom:top, left:right] = index
-        self._pixels[bottom + 1 : top - 1, left + 1 : right - 1] = letters[::-1][1:-1, 1:-1]
-        self._taken[bottom:top, left:right] = 1
+        self._pixels[bottom:top, left_x:right] = index
+        self._pixels[bottom + 1 : top - 1, left_x + 1 : right - 1] = letters[::-1][1:-1, 1:-1]
+        self._occupied[bottom:top, left_x:right] = 1
         return True
 
     def _letters(self, text: str) -> NDArray[np.uint8]:
@@ -83,43 +83,44 @@ class Captions:
         self, place: NDArray[np.float64], width: int, height: int, away: float,
         towards: Sequence[float],
     ) -> tuple[Box, int] | None:  # fmt: skip
-        """Return a box that lies on the map and on no other, and how many steps away it is."""
+        """Return a free box on the map, and the step of its distance."""
         first = math.atan2(towards[1], towards[0])
-        turns = [(k + 1) // 2 * (-1) ** k for k in range(_DIRECTIONS)]  # to both sides by turns
+        turns = [(k + 1) // 2 * (-1) ** k for k in range(_DIRECTIONS)]  # alternating sides
         angles = [first + 2 * math.pi * turn / _DIRECTIONS for turn in turns]
         for step, factor in enumerate(_DISTANCES):
             for angle in angles:
                 x, y = math.cos(angle), math.sin(angle)
                 reach = away * factor + abs(x) * width / 2 + abs(y) * height / 2
-                left = math.floor(place[0] + x * reach - width / 2 + 0.5)
+                left_x = math.floor(place[0] + x * reach - width / 2 + 0.5)
                 bottom = math.floor(place[1] + y * reach - height / 2 + 0.5)
-                box = (left, bottom, left + width, bottom + height)
+                box = (left_x, bottom, left_x + width, bottom + height)
                 if self._is_free(box):
                     return box, step
         return None
 
     def _is_free(self, box: Box) -> bool:
-        left, bottom, right, top = box
+        left_x, bottom, right, top = box
         height, width = self._pixels.shape
-        if left < 0 or bottom < 0 or right > width or top > height:
+        if left_x < 0 or bottom < 0 or right > width or top > height:
             return False
-        return not self._taken[bottom:top, left:right].any()
+        return not self._occupied[bottom:top, left_x:right].any()
 
 
-_MOST_WIDTHS = 300  # passages whose width is written: those that cut off most
+_MOST_WIDTHS = 300  # most passages with a written width: those that cut off most
 
 
 def reach_image(
     reach: Reach, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all", overlay: Overlay | None = None,
 ) -> Image:  # fmt: skip
-    """Return a map with the area that a robot reaches, and what cuts off the rest."""
-    # The largest areas that are open to the robot, but out of its reach, have a colour each.
-    # Passages are bars across the door with their width beside them, red where the robot is
-    # stopped; the robot's outline at the start is true to scale. Where cells share a pixel an
-    # obstacle shows before a cut-off area, and that before the reachable one.
+    """Return a map with the area that a robot reaches, and the passages that limit it."""
+    # The largest cut-off areas have a colour each. Passages are bars across the door with their
+    # width beside them, red if they are closed. The robot's outline at the start is true to scale.
+    # Of several cells in a pixel an obstacle shows first, then a cut-off area, then the reachable
+    # one.
     codes, style = styles.reach_codes(reach)
-    places = [reach.start[:2], *((one.goal.x, one.goal.y) for one in _goals_on(reach))]
+    goals = [answer.goal for answer in _goals_on(reach)]
+    places = [reach.start[:2], *((goal.x, goal.y) for goal in goals)]
     part = shown_part(
         codes, reach.frame, image_extent, is_known=OtherThan(styles.UNKNOWN_CODE), overlay=overlay,
         places_xy=places,
@@ -134,8 +135,8 @@ def reach_image(
 
 
 def _summary(reach: Reach) -> str:
-    reached, whole = styles.area_text(reach.reachable_area), styles.area_text(reach.open_area)
-    text = f"reaches {reached.removesuffix(' m2')} of {whole}"
+    reached, total = styles.area_text(reach.reachable_area), styles.area_text(reach.open_area)
+    text = f"reaches {reached.removesuffix(' m2')} of {total}"
     closed = sum(not passage.is_open for passage in reach.passages)
     if closed:
         text += f"; {count_text(closed, 'closed passage')}"
@@ -145,11 +146,12 @@ def _summary(reach: Reach) -> str:
 
 
 def _goals_on(reach: Reach) -> list[GoalReach]:
-    return [one for one in reach.goals if reach.frame.contains([(one.goal.x, one.goal.y)])[0]]
+    is_on_map = reach.frame.contains([(answer.goal.x, answer.goal.y) for answer in reach.goals])
+    return [answer for answer, is_inside in zip(reach.goals, is_on_map, strict=True) if is_inside]
 
 
 class _Marks:
-    """Draws what there is to see besides areas, on the pixels of a map."""
+    """Drawer of passages, goals and the robot on the pixels of a map."""
 
     def __init__(self, on: Surface) -> None:
         self._on, self._brush = on, Brush(on.pixels)
@@ -168,17 +170,17 @@ class _Marks:
                 index = styles.GOAL if goal.reachable else styles.MISSED
                 place = self._place((goal.goal.x, goal.goal.y))
                 self._captions.write(goal.goal.name, place, index, away=1.4 * self._dot)
-        most = sorted(reach.passages, key=lambda one: (one.is_open, -one.cut_off))
-        for passage in most[:_MOST_WIDTHS]:
+        by_loss = sorted(reach.passages, key=lambda passage: (passage.is_open, -passage.cut_off))
+        for passage in by_loss[:_MOST_WIDTHS]:
             self._width(passage)
         closed = [passage for passage in reach.passages if not passage.is_open]
-        shown = [
+        legend = [
             (closed, styles.CLOSED, "closed passage"),
             (len(reach.passages) > len(closed), styles.TIGHT, "open, but tight"),
             (any(goal.reachable for goal in goals), styles.GOAL, "goal, reached"),
             (any(not goal.reachable for goal in goals), styles.MISSED, "goal, not reached"),
         ]
-        return swatches + [Swatch(index, label) for is_there, index, label in shown if is_there]
+        return swatches + [Swatch(index, label) for is_there, index, label in legend if is_there]
 
     def _place(self, point: Sequence[float]) -> NDArray[np.float64]:
         place: NDArray[np.float64] = self._on.places([point])[0]
@@ -194,14 +196,14 @@ class _Marks:
         halves *= np.maximum(1.5 * self._thickness / lengths, 1)[:, np.newaxis]
         starts, stops = middles - halves, middles + halves
         is_open = np.array([passage.is_open for passage in passages])
-        for brush, which, index, more in (
+        for brush, mask, index, extra in (
             (self._captions.kept_free, slice(None), 1, 6),
             (self._brush, slice(None), WHITE, 4),
             (self._brush, is_open, styles.TIGHT, 0),
             (self._brush, ~is_open, styles.CLOSED, 0),
         ):
-            thickness = self._thickness + more
-            brush.segments(starts[which], stops[which], index, thickness=thickness)
+            thickness = self._thickness + extra
+            brush.segments(starts[mask], stops[mask], index, thickness=thickness)
 
     def _width(self, passage: Passage) -> None:
         ends = self._on.places(passage.ends)

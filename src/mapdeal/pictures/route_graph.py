@@ -16,14 +16,14 @@ from mapdeal.pictures.reach import Captions
 
 _NODE: Colour = (0, 35, 120)
 _BELOW: Colour = (60, 72, 88)
-_CAPTION = 20  # pixels of the text of a name, at most
+_CAPTION = 20  # largest text size of a name, pixels
 
 
 @dataclass(frozen=True, eq=False)
 class GraphOverlay(Overlay):
-    """Edges as lines, with an arrow where they lead one way only, and nodes as dots.
+    """Edges as lines, with an arrow if they are one-way, and nodes as dots.
 
-    If it lies below a route, all of it has one colour.
+    Below a route, the graph has one colour.
     """
 
     graph: RouteGraph
@@ -37,7 +37,7 @@ class GraphOverlay(Overlay):
 
     @property
     def text(self) -> str:
-        nodes, edges = (count_text(len(one), word) for one, word in
+        nodes, edges = (count_text(len(items), word) for items, word in
                         ((self.graph.nodes, "node"), (self.graph.edges, "edge")))  # fmt: skip
         return f"{nodes}, {edges}"
 
@@ -54,7 +54,7 @@ class GraphOverlay(Overlay):
         brush.segments(places[ends[:, 0]], places[ends[:, 1]], line, thickness=thickness)
         self._draw_arrows(brush, places, line, length=max(10.0, 6.0 * thickness))
         radius = max(3.0, on.side / 320)
-        kinds = [one.metadata.get("kind") for one in graph.nodes]
+        kinds = [graph_node.metadata.get("kind") for graph_node in graph.nodes]
         for place, kind in zip(places, kinds, strict=True):
             if kind not in ("door", "goal"):
                 brush.dot(place, node, radius=radius)
@@ -65,32 +65,30 @@ class GraphOverlay(Overlay):
                     brush.dot(place, paper, radius=1.4 * radius + 1)
                     brush.dot(place, index, radius=1.4 * radius)
                     captions.kept_free.dot(place, 1, radius=2 * radius)
-        for place, one in zip(places, graph.nodes, strict=True):
-            if one.metadata.get("kind") == "goal":
-                captions.write(
-                    str(one.metadata.get("name", one.id)), place, goal, away=2.5 * radius
-                )
+        for place, graph_node in zip(places, graph.nodes, strict=True):
+            if graph_node.metadata.get("kind") == "goal":
+                name = str(graph_node.metadata.get("name", graph_node.id))
+                captions.write(name, place, goal, away=2.5 * radius)
         if self.is_below:
             return [Swatch(line, "route graph")]
-        named: Sequence[tuple[bool, int, str]] = (
+        legend: Sequence[tuple[bool, int, str]] = (
             (bool(len(ends)), line, "edge"), (True, node, "node"), ("door" in kinds, door, "door"),
             ("goal" in kinds, goal, "goal"),
         )  # fmt: skip
-        return [Swatch(index, label) for is_there, index, label in named if is_there]
+        return [Swatch(index, label) for is_there, index, label in legend if is_there]
 
     def _draw_arrows(
         self, brush: Brush, places: NDArray[np.float64], index: int, *, length: float
     ) -> None:
-        both = {(start, end) for start, end in self.graph.ends.tolist()}
-        alone = [ends for ends in both if ends[::-1] not in both]
-        if not alone:
+        arcs = {(start, end) for start, end in self.graph.ends.tolist()}
+        single_arcs = [ends for ends in arcs if ends[::-1] not in arcs]
+        if not single_arcs:
             return
-        starts, ends = places[np.array(sorted(alone)).T]
-        ways = ends - starts
-        lengths = np.hypot(*ways.T)
-        shown = lengths > 1.5 * length  # others have no room
-        for middle, way in zip(
-            (starts + ends)[shown] / 2, (ways / np.maximum(lengths, 1e-9)[:, np.newaxis])[shown],
-            strict=True,
-        ):  # fmt: skip
-            brush.dart(middle, way, index, length=length)
+        starts, ends = places[np.array(sorted(single_arcs)).T]
+        directions = ends - starts
+        lengths = np.hypot(*directions.T)
+        is_long = lengths > 1.5 * length  # room for an arrow
+        middles = (starts + ends)[is_long] / 2
+        directions = directions[is_long] / lengths[is_long, np.newaxis]
+        for middle, direction in zip(middles, directions, strict=True):
+            brush.dart(middle, direction, index, length=length)

@@ -82,7 +82,7 @@ _HIGHEST_NORMALISED = 10.0
 POTENTIAL_OBSTACLE, POTENTIAL_ARROW, POTENTIAL_GOAL, POTENTIAL_NOWHERE = range(
     2 * POTENTIAL_LEVELS, 2 * POTENTIAL_LEVELS + 4
 )
-"""Of a potential: indices beside those of its scale and of the same, faded."""
+"""Palette indices of a potential after those of its scale and its faded scale."""
 
 _KINDS_OF_DIFFERENCE = (
     ("only in one map", colours.OUTSIDE), ("unknown", colours.RVIZ_UNKNOWN),
@@ -93,7 +93,7 @@ _KINDS_OF_DIFFERENCE = (
 
 
 def occupancy_style() -> LayerStyle:
-    """Return the greys of RViz's scheme "map", of cells as bytes: unknown ones are 255."""
+    """Return the greys of RViz's scheme "map" for cells as bytes; unknown is 255."""
     unknown = OCCUPIED + 1
     ramp = np.rint(255 - 255 * np.arange(OCCUPIED + 1) / OCCUPIED).astype(np.uint8)
     by_value = np.full(256, unknown, dtype=np.uint8)
@@ -109,26 +109,27 @@ def occupancy_style() -> LayerStyle:
 
 
 def cost_style(costmap: Costmap) -> LayerStyle:
-    """Return the even scale of a costmap's graded costs; those that mean something stand apart."""
-    # The legend has an entry for the contour of the circumscribed cost if the costmap knows it.
-    own = CostPalette.of(costmap.scale)
-    swatches = [Swatch(own.lethal, f"lethal {own.lethal_cost}")]
-    labels = {0: "free", own.lethal_cost: "lethal", NO_INFORMATION: "unknown"}
+    """Return the even scale of a costmap's graded costs; special costs have separate colours."""
+    # The legend includes the contour of the circumscribed cost if the costmap has one.
+    palette = CostPalette.of(costmap.scale)
+    swatches = [Swatch(palette.lethal, f"lethal {palette.lethal_cost}")]
+    labels = {0: "free", palette.lethal_cost: "lethal", NO_INFORMATION: "unknown"}
     if costmap.scale == "costmap2d":
-        swatches.append(Swatch(own.inscribed, f"inscribed {INSCRIBED_INFLATED_OBSTACLE}"))
+        swatches.append(Swatch(palette.inscribed, f"inscribed {INSCRIBED_INFLATED_OBSTACLE}"))
         labels[INSCRIBED_INFLATED_OBSTACLE] = "inscribed"
-    swatches += [Swatch(own.free, "free 0"), Swatch(own.unknown, "unknown")]
+    swatches += [Swatch(palette.free, "free 0"), Swatch(palette.unknown, "unknown")]
     if bounds_circumscribed(costmap):
-        swatches.append(Swatch(own.contour, f"circumscribed {costmap.circumscribed_cost}"))
-    top = own.highest_graded
+        swatches.append(Swatch(palette.contour, f"circumscribed {costmap.circumscribed_cost}"))
+    top = palette.highest_graded
     ticks = [(value / top, f"{value:g}") for value in (1, *round_values(top, 5), top)]
     bar = ColourBar(range(COST_LEVELS), ticks, "cost")
-    return LayerStyle(own.colours, own.by_value, swatches=tuple(swatches), bar=bar, labels=labels)
+    entries = tuple(swatches)
+    return LayerStyle(palette.colours, palette.by_value, swatches=entries, bar=bar, labels=labels)
 
 
 def bounds_circumscribed(costmap: Costmap) -> bool:
-    """Return whether there is a contour to draw where the circumscribed cost begins."""
-    # Between the radii of a round robot there is nothing to bound: its cost is inscribed.
+    """Return whether the picture has a contour of the circumscribed cost."""
+    # A round robot has none: its circumscribed cost is that of the inscribed radius.
     cost = costmap.circumscribed_cost
     return bool(cost) and cast("int", cost) < INSCRIBED_INFLATED_OBSTACLE
 
@@ -167,7 +168,7 @@ def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
 
 def cleaning_style() -> LayerStyle:
     """Return the colours of the kinds of cells of a cleaned map, 0 to 7."""
-    # They are those of a difference, and 7 for unknown cells that have become free.
+    # The kinds are those of a difference, and 7 for unknown cells that became free.
     kinds = list(_KINDS_OF_DIFFERENCE)
     names = ["free, now unknown", "wall", "wall, now free", "unknown, now wall"]
     kinds[3:] = [(name, colour) for name, (_, colour) in zip(names, kinds[3:], strict=True)]
@@ -210,7 +211,7 @@ def number_style(low: float, high: float, unit: str, *, nowhere: str = "no value
 
 
 def ticks_of(low: float, high: float, about: int) -> list[float]:
-    """Return the multiples of a round length from `low` to `high`, about so many."""
+    """Return about `about` multiples of a round length from `low` to `high`."""
     step = round_length((high - low) / about * 1.5)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     decimals = max(0, -math.floor(math.log10(step)))
@@ -223,15 +224,15 @@ def round_values(end: float, about: int) -> list[float]:
     return [step * k for k in range(1, math.ceil(end / step)) if end - step * k > 0.35 * step]
 
 
-FIELD_LEVELS = 119  # of known cells; the palette has them again, faded, for unknown ones
+FIELD_LEVELS = 119  # of known cells; unknown cells have as many faded ones
 LINE = 2 * FIELD_LEVELS
 NOWHERE = LINE + 1  # the outline of obstacles, and cells without a distance
-_LEAST_GAP = 0.08  # between two labels of a bar, of its height
+_LEAST_GAP = 0.08  # between two labels of a bar, relative to its height
 
 
 @dataclass(frozen=True)
 class FieldEnds:
-    """How far a field goes: over known cells, 0 for none, and over all."""
+    """Extremes of a field: over known cells (0 for none) and over all cells."""
 
     far: float
     deep: float
@@ -244,7 +245,7 @@ class FieldEnds:
 
     @classmethod
     def of(cls, field: DistanceField) -> FieldEnds:
-        """Return the ends of a field; where nothing is known, its unknown cells count."""
+        """Return the extremes of a field; without known cells, unknown cells count."""
         ends = EndsByRows(field.cropped)
         for rows in blocks_of(field.cropped.distance):
             ends.take(rows)
@@ -252,7 +253,7 @@ class FieldEnds:
 
 
 class EndsByRows:
-    """The ends of a field of which some rows are looked at at a time."""
+    """Collector of the extremes of a field, in bands of rows."""
 
     def __init__(self, field: DistanceField) -> None:
         self._field = field
@@ -262,7 +263,7 @@ class EndsByRows:
     def take(self, rows: slice) -> None:
         distances, occupancies = self._field.distance[rows], self._field.occupancy[rows]
 
-        def look(rows: slice) -> None:
+        def collect(rows: slice) -> None:
             distance, occupancy = distances[rows], occupancies[rows]
             self._every.append((float(distance.max()), float(distance.min())))
             is_known = occupancy != UNKNOWN
@@ -270,7 +271,7 @@ class EndsByRows:
                 finite = np.where(is_known & np.isfinite(distance), distance, np.float32(0))
                 self._known.append((float(finite.max()), float(finite.min())))
 
-        for_rows(look, distances.shape)
+        for_rows(collect, distances.shape)
 
     def found(self) -> FieldEnds:
         known, every = self._known, self._every
@@ -283,10 +284,10 @@ class EndsByRows:
 
 def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
     """Return the scale of a distance field: obstacles red, free space blue, even in metres."""
-    # A step of colour is the same length on both sides of zero, and zero lies between two steps.
-    # Each side goes through all its shades, however short it is, so that thin walls stay red.
+    # A step of colour has the same length on both sides of zero, which lies between two steps. Each
+    # side uses all its shades even if it is short, so thin walls stay red.
     scale, below = _scale(ends)
-    # One shade more, of which the palest is left out: a side of one step is not white.
+    # The palest shade is left out, so that a side with one step is not white.
     known = np.vstack([
         colours.interpolated(colours.OBSTACLE_ANCHORS, below + 1)[:0:-1],
         colours.interpolated(colours.FREE_ANCHORS, FIELD_LEVELS - below + 1)[1:],
@@ -311,12 +312,12 @@ def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
 
 
 def steps_below_zero(scale: Scale) -> int:
-    """Return how many steps of a field's scale are negative distances."""
+    """Return the number of steps of a field's scale below zero."""
     return round(-scale.low / (scale.high - scale.low) * scale.levels)
 
 
 def faded_index(below: int, *, outside: bool) -> int:
-    """Return an index that shows what unknown cells look like, out of obstacles or in them."""
+    """Return a typical index of unknown cells, outside or inside obstacles."""
     typical = below + (FIELD_LEVELS - below) // 3 if outside else below // 2
     return FIELD_LEVELS + typical
 
@@ -328,7 +329,7 @@ def _scale(ends: FieldEnds) -> tuple[Scale, int]:
 
 
 def _bar(scale: Scale, ends: FieldEnds) -> tuple[ColourBar, list[Swatch]]:
-    """Return the bar, and a legend entry for an end that is too near to zero to be labelled."""
+    """Return the bar, and legend entries for ends too close to zero for a label."""
     length = scale.high - scale.low
     lowest = f"{'<' if ends.lowest < -ends.deep else ''}-{ends.deep:.3g}"
     highest = f"{'>' if ends.highest > ends.far else ''}{ends.far:.3g}"
@@ -344,21 +345,21 @@ def _bar(scale: Scale, ends: FieldEnds) -> tuple[ColourBar, list[Swatch]]:
         swatches.append(Swatch(FIELD_LEVELS - 1, f"free, to {highest} m"))
     for value in ticks_of(scale.low, scale.high, 6):
         place = (value - scale.low) / length
-        if all(abs(place - taken) >= _LEAST_GAP for taken, _ in ticks):
+        if all(abs(place - labelled) >= _LEAST_GAP for labelled, _ in ticks):
             ticks.append((place, f"{value:g}"))
     return ColourBar(range(FIELD_LEVELS), sorted(ticks), "distance, m"), swatches
 
 
 _MOST_AREAS = 6  # cut-off areas that have a colour of their own
-_LEAST_SHARE = 0.001  # of the open cells: what such an area must have
+_LEAST_SHARE = 0.001  # least share of the open cells of such an area
 
-# In the order in which the cells that share a pixel take precedence.
+# In order of precedence among the cells of a pixel.
 _UNKNOWN, _NARROW, _REACHED, _NO_TURN, _REACHED_UNKNOWN, _CUT_OFF = range(6)
 UNKNOWN_CODE = _UNKNOWN
 _AREAS = range(_CUT_OFF + 1, _CUT_OFF + 1 + _MOST_AREAS)
 _OBSTACLE = _AREAS.stop
 CLOSED, TIGHT, START, ROBOT, GOAL, MISSED = range(_OBSTACLE + 1, _OBSTACLE + 7)
-"""Palette indices of what is drawn over the cells."""
+"""Palette indices of marks over the cells."""
 
 _COLOURS = [
     colours.RVIZ_UNKNOWN, colours.TOO_NARROW, colours.REACHABLE, colours.NO_TURN,
@@ -385,12 +386,12 @@ def reach_codes(reach: Reach) -> tuple[NDArray[np.uint8], LayerStyle]:
 
 
 def area_text(area: float) -> str:
-    """Return square metres in three digits, or as many as there are before the point."""
+    """Return square metres with three digits, or all digits before the decimal point."""
     return f"{area:.3g} m2" if area < 999.5 else f"{area:.0f} m2"
 
 
 def _codes(reach: Reach) -> NDArray[np.uint8]:
-    """Return what each cell is; all cut-off areas are one yet."""
+    """Return the code of each cell; all cut-off areas still share one code."""
     of_occupancy = np.full(256, _NARROW, dtype=np.uint8)
     of_occupancy[OCCUPIED], of_occupancy[UNKNOWN] = _OBSTACLE, _UNKNOWN
     codes = np.empty(reach.shape, dtype=np.uint8)
@@ -412,7 +413,7 @@ def _codes(reach: Reach) -> NDArray[np.uint8]:
 
 
 def _colour_areas(codes: NDArray[np.uint8]) -> int:
-    """Give the largest cut-off areas codes of their own, in place; return how many."""
+    """Assign codes to the largest cut-off areas, in place; return their number."""
     counts = histogram(codes)
     if not counts[_CUT_OFF]:
         return 0
@@ -438,7 +439,7 @@ def _colour_areas(codes: NDArray[np.uint8]) -> int:
 
 
 def _names(areas: int, *, turns: bool) -> list[tuple[int, str, bool]]:
-    """Return codes, their names, and whether the legend has their areas, in its order."""
+    """Return codes in the order of the legend, with names and whether to show their area."""
     return [
         (_REACHED, f"reachable{', room to turn' if turns else ''}", True),
         (_NO_TURN, "reachable, no room to turn", True),

@@ -31,12 +31,12 @@ from mapdeal.pictures.overlay import Overlay, Surface, inner_outline
 
 _BINARY = (140, 92, 200)
 _SLOW_TO_FAST = [CLOSED_PASSAGE, TIGHT_PASSAGE, CHANGED]
-_MOST_LIMITS = 12  # colours of limits; more share them
+_MOST_LIMITS = 12  # colours of limits; further limits share them
 
 
 @dataclass(frozen=True, eq=False)
-class _Zones:
-    """The cells of one colour: those of a limit, or of another filter."""
+class _ColouredCells:
+    """The cells of a speed limit or of another filter, with their colour."""
 
     cells: NDArray[np.bool_]
     colour: Colour
@@ -51,38 +51,38 @@ class ZonesOverlay(Overlay):
     masks: Sequence[tuple[OccupancyGrid, FilterInfo]]
 
     @cached_property
-    def _zones(self) -> list[_Zones]:
-        return [one for grid, info in self.masks for one in _zones_in(grid, info)]
+    def _coloured_cells(self) -> list[_ColouredCells]:
+        return [zone for grid, info in self.masks for zone in _coloured_cells_in(grid, info)]
 
     @property
     def colours(self) -> list[Colour]:
-        found: list[Colour] = []
-        for one in self._zones:
-            colour = np.array([one.colour])
+        colours: list[Colour] = []
+        for zone in self._coloured_cells:
+            colour = np.array([zone.colour])
             free, unknown = mixed(colour, (255, 255, 255), 0.55), mixed(colour, RVIZ_UNKNOWN, 0.6)
-            found += [tuple(map(int, each[0])) for each in (free, unknown, colour)]  # type: ignore[misc]
-        return found
+            colours += [tuple(map(int, each[0])) for each in (free, unknown, colour)]  # type: ignore[misc]
+        return colours
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         values = np.asarray(self.grid.occupancy)
         free = on.raster.enlarged(on.raster.largest(values) <= FREE)
         unknown = on.raster.enlarged(on.raster.largest(values) == UNKNOWN)
         swatches = []
-        for number, one in enumerate(self._zones):
+        for number, zone in enumerate(self._coloured_cells):
             index = first_index + 3 * number
-            cells = on.raster.enlarged(on.raster.largest(one.cells))
+            cells = on.raster.enlarged(on.raster.largest(zone.cells))
             on.pixels[cells & free] = index
             on.pixels[cells & unknown] = index + 1
             on.pixels[inner_outline(cells)] = index + 2
-            swatches.append(Swatch(index, one.label))
+            swatches.append(Swatch(index, zone.label))
         return swatches
 
 
-def _zones_in(grid: OccupancyGrid, info: FilterInfo) -> Iterator[_Zones]:
+def _coloured_cells_in(grid: OccupancyGrid, info: FilterInfo) -> Iterator[_ColouredCells]:
     values = np.asarray(grid.occupancy)
     if info.kind != "speed":
         colour = KEEPOUT if info.kind == "keepout" else _BINARY
-        yield _Zones(values > FREE, colour, info.kind)
+        yield _ColouredCells(values > FREE, colour, info.kind)
         return
     found = np.flatnonzero(histogram(values)[FREE + 1 : OCCUPIED + 1]) + 1
     limits = sorted((info.limit_of(v) or 0.0, v) for v in found.tolist())
@@ -90,7 +90,7 @@ def _zones_in(grid: OccupancyGrid, info: FilterInfo) -> Iterator[_Zones]:
     for number, (limit, value) in enumerate(limits):
         colour = scale[number * (len(scale) - 1) // max(len(limits) - 1, 1)].tolist()
         label = f"{limit:.4g} {info.sign}" if limit else "no limit"
-        yield _Zones(values == value, (colour[0], colour[1], colour[2]), label)
+        yield _ColouredCells(values == value, (colour[0], colour[1], colour[2]), label)
 
 
 def zones_image(
