@@ -14,14 +14,14 @@ import sys
 
 from mapdeal.version import __version__ as __version__
 
-# Nothing is imported here but for whoever asks for a name: each command passes through.
+# Names are imported on demand, because every command imports this module.
 _known: dict[str, str] = {}
 
 
-def _homes() -> dict[str, str]:
+def _modules() -> dict[str, str]:
     """Return the module of each name that the stub beside this file imports.
 
-    A module of which it imports all stands under its own name.
+    A module with a star import is listed under its own name.
     """
     if not _known:
         _known.update(_read_stub())
@@ -38,11 +38,11 @@ def _read_stub() -> dict[str, str]:
     return {module if name == "*" else name: module for name, module in pairs}
 
 
-def _home_of(name: str) -> str | None:
-    if name in _homes():
-        return _homes()[name]
-    whole = (module for one, module in _homes().items() if one == module)
-    return next((module for module in whole if name in _names_in(module)), None)
+def _module_of(name: str) -> str | None:
+    if name in _modules():
+        return _modules()[name]
+    star_imports = (module for listed, module in _modules().items() if listed == module)
+    return next((module for module in star_imports if name in _names_in(module)), None)
 
 
 def _names_in(module: str) -> list[str]:
@@ -51,10 +51,10 @@ def _names_in(module: str) -> list[str]:
     return [name for name in vars(import_module(module)) if not name.startswith("_")]
 
 
-def _draw(shown: object) -> bytes | None:
+def _draw(drawable: object) -> bytes | None:
     from mapdeal.commands.draw_picture import png_of
 
-    return png_of(shown)
+    return png_of(drawable)
 
 
 def __getattr__(name: str) -> object:
@@ -62,10 +62,10 @@ def __getattr__(name: str) -> object:
 
     if name == "__all__":
         return __dir__()
-    home = None if name.startswith("__") else _home_of(name)
-    if home is None:
+    module_name = None if name.startswith("__") else _module_of(name)
+    if module_name is None:
         raise AttributeError(f"module 'mapdeal' has no attribute {name!r}")
-    value = getattr(import_module(home), name)
+    value = getattr(import_module(module_name), name)
     if "mapdeal.grid.values" in sys.modules:  # grids lie below what draws them
         import_module("mapdeal.grid.values").draw_with(_draw)
     if getattr(value, "__annotations__", None) and not isinstance(value, type):
@@ -77,7 +77,7 @@ def __getattr__(name: str) -> object:
 
 
 def _show_plain_types(function: object) -> None:
-    """Give a function a signature for tooltips, without the marks of its parameters."""
+    """Set a signature for tooltips, with plain types in place of annotated ones."""
     import inspect
     import re
     import typing
@@ -86,14 +86,14 @@ def _show_plain_types(function: object) -> None:
     hints = typing.get_type_hints(inspect.unwrap(known))
     signature = inspect.signature(known)
     parameters = [
-        one.replace(annotation=re.sub(r"\b[\w.]*\.", "", inspect.formatannotation(hints[name])))
-        if name in hints and one.kind is not one.VAR_KEYWORD
-        else one
-        for name, one in signature.parameters.items()
+        item.replace(annotation=re.sub(r"\b[\w.]*\.", "", inspect.formatannotation(hints[name])))
+        if name in hints and item.kind is not item.VAR_KEYWORD
+        else item
+        for name, item in signature.parameters.items()
     ]
     known.__signature__ = signature.replace(parameters=parameters)
 
 
 def __dir__() -> list[str]:
-    named = (_names_in(module) if name == module else [name] for name, module in _homes().items())
+    named = (_names_in(module) if name == module else [name] for name, module in _modules().items())
     return sorted(name for names in named for name in names)

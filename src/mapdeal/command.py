@@ -1,12 +1,11 @@
-"""What a stage and a command are: a function, and a record of all else that the program asks.
+"""Definitions of stages and commands: a function, and a record with all further facts.
 
-The keyword-only arguments of the function are its parameters: names, defaults, types and conditions
-stand in its signature, their meanings in its docstring, and nowhere else. They hold for the shell,
-for Python and for recipes alike; help texts and the tables of the docs are made of them.
+The keyword-only arguments of the function are its parameters. Their names, defaults, types and
+conditions are in its signature and their descriptions in its docstring, for the shell, Python and
+recipes alike; help texts and the tables of the docs are generated from them.
 
-A stage makes a grid of a grid. It has the decorator `stage`, whose record also serves recipes, the
-plan of memory, manifests and titles. A command answers with a `Result`, and has the decorator
-`command`.
+A stage turns a grid into a grid and has the decorator `stage`; its record also serves recipes,
+memory planning, manifests and titles. A command returns a `Result` and has the decorator `command`.
 """
 
 from __future__ import annotations
@@ -91,7 +90,7 @@ SQUARE_METRES = Unit("m2", "M2")
 
 @dataclass(frozen=True)
 class Words:
-    """How the shell writes a parameter: what stands for its value, its name, what reads it."""
+    """A parameter in the shell: placeholder of its value, name, parser and completion."""
 
     metavar: str | None = None
     read: Callable[[Any], Any] | None = None
@@ -101,7 +100,7 @@ class Words:
     completed: Callable[..., Iterable[str]] | None = None
     short: str | None = None
     typed: Any = None
-    """What the shell hands over, as it is: a list of files for one file or several, say."""
+    """Type of the shell's value if it needs no conversion, such as a list of files."""
 
 
 class FromRobot:
@@ -109,7 +108,7 @@ class FromRobot:
 
 
 class OnlyInPython:
-    """Mark of a parameter that the shell has no option for."""
+    """Mark of a parameter without an option in the shell."""
 
 
 LethalThreshold = Annotated[int, LETHAL, OCCUPANCY]  # occupancy from which a cell is an obstacle
@@ -139,12 +138,12 @@ class Parameter:
 
     @property
     def is_structured(self) -> bool:
-        """Whether it needs more than a line of text: recipes can set it, options cannot."""
+        """Whether its value needs more than a line of text: only recipes can set it."""
         return self.kind in _STRUCTURED
 
     @property
     def is_yaml(self) -> bool:
-        """Whether a text that sets it is read as YAML first: lists and mappings, not a shape."""
+        """Whether a text for it is parsed as YAML, as lists and mappings are, but no footprint."""
         return self.is_structured and self.kind is not Footprint
 
     @property
@@ -177,11 +176,11 @@ class Parameter:
             values = value.strip().strip("[]").split(",") if isinstance(value, str) else value
             if not isinstance(values, Iterable) or isinstance(values, Mapping):
                 raise self._error("a list of numbers", value)
-            kind, *others = get_args(self.kind)
+            kind, *more_kinds = get_args(self.kind)
             accepted = tuple(self._accept_number(kind, item) for item in values)
-            if others != [Ellipsis] and len(accepted) != 1 + len(others):
-                written = (self.words and self.words.metavar) or (self.unit and self.unit.metavar)
-                raise self._error(f"{1 + len(others)} numbers {written or ''}".rstrip(), value)
+            if more_kinds != [Ellipsis] and len(accepted) != (count := 1 + len(more_kinds)):
+                metavar = (self.words and self.words.metavar) or (self.unit and self.unit.metavar)
+                raise self._error(f"{count} numbers {metavar or ''}".rstrip(), value)
             return accepted
         return self._accept_number(self.kind, value)
 
@@ -200,11 +199,11 @@ class Parameter:
                 number = float(value) if is_plain(value) else None
             except (ValueError, OverflowError):
                 number = None
-        what = "a whole number" if kind is int else "a finite number"
-        rule = ", ".join([what, *(one.rule for one in self.conditions)])
+        number_kind = "a whole number" if kind is int else "a finite number"
+        rule = ", ".join([number_kind, *(condition.rule for condition in self.conditions)])
         if number is None or not math.isfinite(number) or (kind is int and number % 1):
             raise self._error(rule, value)
-        if not all(one.holds(number) for one in self.conditions):
+        if not all(condition.holds(number) for condition in self.conditions):
             raise self._error(rule, value)
         return int(number) if kind is int else number
 
@@ -213,7 +212,7 @@ class Parameter:
 
 
 def is_plain(value: object) -> bool:
-    """Return whether a value is not text, or is text that not only Python reads as a number."""
+    """Return whether a text is a number in other languages, too; True for other values."""
     # Python accepts ``1_000`` and digits of all scripts.
     return not isinstance(value, str) or (value.isascii() and "_" not in value)
 
@@ -224,8 +223,8 @@ def parameters_of(
 ) -> dict[str, Parameter]:  # fmt: skip
     """Return the parameters of a function, or of a class: its keyword-only arguments.
 
-    Those of a stage are all but the first, even if Python users may give them without their names,
-    and those of a data class all of its fields.
+    For a stage these are all but the first argument, also positional ones; for a data class all
+    fields.
     """
     function = inspect.unwrap(function)
     typed: Any = function
@@ -261,11 +260,11 @@ def parameters_of(
 
 
 def accept_parameters(
-    known: Mapping[str, Parameter], given: Mapping[str, object], owner: str
+    known: Mapping[str, Parameter], values_by_name: Mapping[str, object], owner: str
 ) -> dict[str, Any]:
-    """Return all parameters of a stage: those given, checked, and the defaults of the rest."""
+    """Return all parameters of a stage: the checked values, and defaults for the others."""
     values = {name: parameter.default for name, parameter in known.items()}
-    for name, value in given.items():
+    for name, value in values_by_name.items():
         if name not in known:
             raise unknown_parameter(name, known, owner)
         try:
@@ -274,7 +273,7 @@ def accept_parameters(
             error.place = f"{owner}.{error.place or name}"
             raise
     for name, parameter in known.items():
-        if parameter.is_required and name not in given:
+        if parameter.is_required and name not in values_by_name:
             raise ParameterError("is required", place=f"{owner}.{name}")
     return values
 
@@ -285,26 +284,26 @@ def unknown_parameter(name: str, known: Iterable[str], owner: str) -> ParameterE
 
 
 def unknown_name(
-    what: str, name: object, known: Iterable[str], *, place: str | None = None
+    noun: str, name: object, known: Iterable[str], *, place: str | None = None
 ) -> ParameterError:
-    """Return the error for a name that is not among the `known` ones, suggesting the nearest."""
+    """Return the error for a name that is not `known`, with a hint of the nearest name."""
     names = list(known)
     hint = meant(str(name), names) or f"known: {', '.join(names)}"
-    return ParameterError(f"no such {what}", place=place, got=name, hint=hint)
+    return ParameterError(f"no such {noun}", place=place, got=name, hint=hint)
 
 
 def _is_supported(kind: Any) -> bool:
     if kind in _STRUCTURED:
         return True
     if get_origin(kind) is tuple:
-        return all(one in (int, float, Ellipsis) for one in get_args(kind))
+        return all(part in (int, float, Ellipsis) for part in get_args(kind))
     if get_origin(kind) in (list, AbcSequence):
         return get_args(kind)[0] in (str, Path)
     return kind in (bool, int, float, str, Path) or get_origin(kind) is Literal
 
 
 def split_optional(hint: Any) -> tuple[Any, bool]:
-    """Return a type without None, and whether None is allowed.
+    """Return a type with None removed, and whether it was optional.
 
     Examples
     --------
@@ -314,14 +313,14 @@ def split_optional(hint: Any) -> tuple[Any, bool]:
     if get_origin(hint) not in (Union, types.UnionType):
         return hint, False
     arms = [arm for arm in get_args(hint) if arm is not type(None)]
-    kind = arms[0] if len(arms) == 1 else Union[tuple(arms)]  # noqa: UP007 - made of a list
+    kind = arms[0] if len(arms) == 1 else Union[tuple(arms)]  # noqa: UP007 - decorate of a list
     return kind, len(arms) < len(get_args(hint))
 
 
 def _split_annotated(hint: Any) -> tuple[Any, tuple[Any, ...]]:
     inner, is_optional = split_optional(hint)
     if is_optional and get_origin(inner) is Annotated and split_optional(get_args(inner)[0])[1]:
-        hint = inner  # Python 3.10 wraps what is None by default once more
+        hint = inner  # Python 3.10 adds another Optional for a default of None
     if get_origin(hint) is Annotated:
         kind, *marks = get_args(hint)
         return kind, tuple(marks)
@@ -345,7 +344,7 @@ def _footprint(_: str, value: object) -> Footprint:
 
 
 _STRUCTURED: dict[Any, Callable[[str, object], Any]] = {Footprint: _footprint}
-"""Types that are more than a line of text, and what makes them, given the parameter's name."""
+"""Functions that convert values to structured types, given the parameter's name."""
 
 
 def structured(kind: Any, accept: Callable[[str, object], Any]) -> None:
@@ -376,7 +375,7 @@ class RobotShape:
 
 @dataclass(frozen=True)
 class InPlaceOf:
-    """How a parameter, if given, replaces another one."""
+    """Replacement of one parameter by another one."""
 
     parameter: str
     value: Callable[[Parameters], float | None]
@@ -408,24 +407,24 @@ class Stage:
     view_passes: Callable[[Parameters], int] = lambda _: 0
     passes: int = 0
     more_memory: Callable[[Parameters], float] = lambda _: 0.0
-    of_library: int = 0  # bytes that a library takes, beside those for each cell
+    of_library: int = 0  # bytes of a library, in addition to those per cell
     cells: Callable[[Any, Parameters], Iterable[int]] | None = None
-    """Yields for how many cells, one number after another, it takes `memory`, if not for all."""
+    """Yields the cells that need `memory` each, as several numbers; by default all cells."""
 
     edits: bool = False
-    """Whether it changes a grid of any type that it takes into one of the same type."""
+    """Whether the result has the type of the input, for all types that it accepts."""
 
     moves: Callable[[Parameters], bool] = lambda _: False
-    """Whether its product may lie elsewhere than its input, on other cells."""
+    """Whether its product may have other cells than its input."""
 
     shows_changes: bool = False
-    """Whether the picture that its command draws is of the cells that it changes."""
+    """Whether its command draws a picture of the changed cells."""
 
     is_whole: Callable[[Parameters], bool] = lambda _: False
     is_smaller: Callable[[Parameters], bool] = lambda _: False
     hands_on: bool = True
     accepts_mask: Callable[[Parameters], bool] = lambda _: False
-    """Whether it applies the keepout mask of a run itself, which its parameter `mask` is for."""
+    """Whether it applies the keepout mask of a run itself, by its parameter `mask`."""
 
     is_last: bool = False
     robot: RobotShape | None = None
@@ -436,7 +435,7 @@ class Stage:
     remark: Callable[[Parameters, Figures], str | None] = lambda *_: None
     curve: Callable[[Any, Parameters], CostCurve | None] = lambda *_: None
     parameters_from_layers: Callable[[Any], dict[str, object] | None] = lambda _: None
-    """Returns the parameters that do what a `CostmapLayers` does, None if it cannot."""
+    """Returns the parameters equivalent to a `CostmapLayers`, if there are any."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "product", self.product or self.name)
@@ -447,7 +446,8 @@ class Stage:
 
     @functools.cached_property
     def own_parameters(self) -> dict[str, Parameter]:
-        return {one.key: one for one in parameters_of(self.function, of_stage=True).values()}
+        own = parameters_of(self.function, of_stage=True).values()
+        return {parameter.key: parameter for parameter in own}
 
     @functools.cached_property
     def view_parameters(self) -> dict[str, Parameter]:
@@ -463,11 +463,12 @@ class Stage:
         """Description of each parameter, from the docstrings of function and view."""
         functions = [self.function, *([] if self.view is None else [self.view])]
         texts = {k: text for function in functions for k, text in meanings_of(function).items()}
-        return {k: texts[one.name] for k, one in self.parameters.items() if one.name in texts}
+        names = {key: parameter.name for key, parameter in self.parameters.items()}
+        return {key: texts[name] for key, name in names.items() if name in texts}
 
     @functools.cached_property
     def returns(self) -> Any:
-        """What the function returns: a grid, or a result that has one as its attribute `grid`."""
+        """Return type of the function: a grid, or a result with the attribute `grid`."""
         returned = get_type_hints(inspect.unwrap(self.function)).get("return")
         if returned is None:
             raise TypeError(f"stage {self.name}: the function must say what it returns")
@@ -475,77 +476,77 @@ class Stage:
 
     @functools.cached_property
     def makes(self) -> type[Any]:
-        """Type of its product; of a stage that edits, the one that it has in recipes."""
-        made: type[Any] = self.returns
-        return OccupancyGrid if self.edits else made
+        """Type of its product; for a stage that edits, the type in recipes."""
+        product_type: type[Any] = self.returns
+        return OccupancyGrid if self.edits else product_type
 
     @functools.cached_property
     def takes(self) -> tuple[type[Any], ...]:
-        """Types of grids that it works on directly; of other grids it receives the map."""
+        """Types of grids that it accepts; other grids are converted to their map."""
         if self.edits:
             return (OccupancyGrid,)
-        return taken_by(self.function)
+        return input_types_of(self.function)
 
 
-def taken_by(function: Callable[..., Any]) -> tuple[type[Any], ...]:
+def input_types_of(function: Callable[..., Any]) -> tuple[type[Any], ...]:
     """Return the types of a function's first argument."""
     function = inspect.unwrap(function)
     first = next(iter(inspect.signature(function).parameters))
-    taken = get_type_hints(function)[first]
-    return get_args(taken) or (taken,)
+    input_type = get_type_hints(function)[first]
+    return get_args(input_type) or (input_type,)
 
 
 @dataclass(frozen=True)
 class Output:
-    """What the option ``-o`` of a command names."""
+    """The output of a command, its option ``-o``."""
 
     metavar: str
     about: str
     is_required: bool = True
     streams: bool = True
-    ending: str = ".npz"  # of what goes to standard output
+    ending: str = ".npz"  # of data on standard output
     paths: Callable[[Path], Iterable[Path]] = lambda path: [path]
-    parameter: str = "output"  # parameter of a function that is given it, and writes itself
+    parameter: str = "output"  # parameter for functions that write themselves
 
 
 class Result(Drawn):
-    """What a command answers: its document, its lines of text, and its picture if it has one."""
+    """Result of a command: document, lines of text, and a picture if it has one."""
 
-    passes = True  # whether the command has found what it was asked to find; else it ends with 1
+    passes = True  # False makes the command end with exit code 1
 
     @abstractmethod
     def document(self) -> dict[str, Any]:
-        """Return what ``--json`` prints, as values that JSON can represent."""
+        """Return the JSON-serialisable dict that ``--json`` prints."""
 
     @abstractmethod
     def lines(self) -> Iterable[str]:
-        """Return what is printed without ``--json``, a line each."""
+        """Return the lines to print without ``--json``."""
 
     def _repr_parts(self) -> Iterator[str]:
         yield from map(str.strip, self.lines())
 
     def summary(self, _output: Path) -> Iterable[str]:
-        """Return what is printed when the answer is in a file, a line each."""
+        """Return the lines to print if the result is written to a file."""
         return self.lines()
 
     def parts(self) -> Iterable[str]:
-        """Yield the document as text, whole or piece by piece, each as soon as it is found."""
+        """Yield the document as text, in parts as soon as they are known."""
         yield json.dumps(self.document(), indent=2)
 
     def details(self) -> Iterable[str]:
-        """Return what only a verbose command says besides, a line each."""
+        """Return the additional lines of a verbose command."""
         return ()
 
     def closing(self) -> Iterable[str]:
-        """Return what is printed below the lines, without ``--json``, unless it is quiet."""
+        """Return the lines to print last, without ``--json``, unless the command is quiet."""
         return ()
 
     def found(self) -> Iterable[str]:
-        """Return what is printed below the summary even if the command is quiet, a line each."""
+        """Return the lines to print below the summary even if the command is quiet."""
         return ()
 
     def remarks(self) -> Iterable[str]:
-        """Return what goes with the answer, on stderr, a line each."""
+        """Return the remarks to print on stderr."""
         return ()
 
     def drawn(self, **_: Any) -> Any:
@@ -553,16 +554,16 @@ class Result(Drawn):
         raise ParameterError("has no picture", place=type(self).__name__.lower())
 
     def write(self, transaction: Any, output: Path) -> None:
-        """Write what ``-o`` asks for: by default the document."""
+        """Write the output of ``-o``: by default the document."""
         transaction.write_json(output, self.document())
 
     def check(self) -> None:
-        """Raise the error with which the command ends though the result has been printed."""
+        """Raise the error with which the command ends after it has printed the result."""
 
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """A command: a function, and what only the shell needs to know of it."""
+    """A command: a function, and facts that only the shell needs."""
 
     function: Callable[..., Any]
     group: str
@@ -572,10 +573,10 @@ class Command:
     shared: tuple[str, ...] = ("files",)
     texts: Mapping[str, str] = field(default_factory=dict)
     also: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
-    """Functions and classes to which it hands keyword arguments, by what their help begins with."""
+    """Functions and classes that receive keyword arguments, by the prefix of their help texts."""
 
     words: Mapping[str, Words] = field(default_factory=dict)
-    """How the shell writes parameters that are declared where there is no shell."""
+    """`Words` of parameters that are declared without them."""
 
     json: Literal["asked", "default", "never"] = "asked"
     makes_costs: Callable[[Mapping[str, Any]], bool] = lambda _: True
@@ -592,34 +593,34 @@ class Command:
     @functools.cached_property
     def meanings(self) -> dict[str, str]:
         found = {
-            name: f"{begin}: {text[:1].lower()}{text[1:]}" if begin else text
-            for begin, one in self.also.items()
-            for name, text in meanings_of(one).items()
+            name: f"{prefix}: {text[:1].lower()}{text[1:]}" if prefix else text
+            for prefix, owner in self.also.items()
+            for name, text in meanings_of(owner).items()
         }
         return found | meanings_of(self.function)
 
     @functools.cached_property
     def parameters(self) -> dict[str, Parameter]:
         found: dict[str, Parameter] = {}
-        for one in (self.function, *self.also.values()):
-            found |= {k: own for k, own in parameters_of(one).items() if k not in found}
-        return found | {name: replace(found[name], words=one) for name, one in self.words.items()}
+        for owner in (self.function, *self.also.values()):
+            found |= {k: own for k, own in parameters_of(owner).items() if k not in found}
+        return found | {name: replace(found[name], words=w) for name, w in self.words.items()}
 
     @functools.cached_property
     def takes_output(self) -> bool:
-        """Whether the function is given the output, and writes itself."""
+        """Whether the function receives the output and writes it itself."""
         return self.output is not None and self.output.parameter in {*self.inputs, *self.parameters}
 
     @functools.cached_property
     def inputs(self) -> dict[str, tuple[Any, Words, bool]]:
-        """Type, words, and whether it is required, of each positional argument."""
+        """Type, words and whether it is required, by positional argument."""
         hints = hints_of(self.function, include_extras=True)
         found = {}
-        for name, one in inspect.signature(self.function).parameters.items():
-            if one.kind is one.POSITIONAL_OR_KEYWORD:
+        for name, argument in inspect.signature(self.function).parameters.items():
+            if argument.kind is argument.POSITIONAL_OR_KEYWORD:
                 kind, marks = _split_annotated(hints[name])
                 words = next((mark for mark in marks if isinstance(mark, Words)), Words())
-                found[name] = kind, words, one.default is one.empty
+                found[name] = kind, words, argument.default is argument.empty
         return found
 
 
@@ -627,39 +628,39 @@ _COMMANDS: dict[Callable[..., Any], Command] = {}
 
 
 def command(*, group: str, example: str, **more: Any) -> Callable[[C], C]:
-    """Make a function a command, with the record that `Command` describes."""
+    """Turn a function into a command, with the fields of `Command`."""
 
-    def made(function: C) -> C:
+    def decorate(function: C) -> C:
         _COMMANDS[function] = Command(function, group, example, **more)
         return function
 
-    return made
+    return decorate
 
 
 def commands_named(name: str) -> dict[str, Command]:
-    """Return the command of a name, or those of a group by the word behind its name."""
-    # Their module has been imported.
-    found = {one.name: one for one in _COMMANDS.values()}
+    """Return the command of a name, or the commands of a group by their second word."""
+    # Their module must have been imported.
+    found = {full_name.name: full_name for full_name in _COMMANDS.values()}
     return {
-        one.removeprefix(name).strip(): own
-        for one, own in found.items()
-        if f"{one} ".startswith(f"{name} ")
+        full_name.removeprefix(name).strip(): own
+        for full_name, own in found.items()
+        if f"{full_name} ".startswith(f"{name} ")
     }
 
 
 def stage(
     *, name: str, summary: str, title: Callable[[Parameters], str], memory: float, **more: Any
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Turn a function into a stage, with the record that `Stage` describes."""
-    # Its keyword arguments are checked and converted as by `checked`. It must also be listed in
+    """Turn a function into a stage, with the fields of `Stage`."""
+    # `checked` converts its keyword arguments. The stage must also be listed in
     # `mapdeal.stages.listed`.
 
-    def made(function: Callable[P, R]) -> Callable[P, R]:
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
         wrapped = checked(function, is_cropped=not more.get("edits"))
         _STAGES[wrapped] = Stage(wrapped, name, summary, title, memory, **more)
         return wrapped
 
-    return made
+    return decorate
 
 
 def stage_of(function: Callable[..., Any]) -> Stage:
@@ -667,24 +668,24 @@ def stage_of(function: Callable[..., Any]) -> Stage:
 
 
 def stages_among(values: Mapping[str, object]) -> tuple[Stage, ...]:
-    """Return the stages whose functions are among some values, in their order."""
+    """Return the stages whose functions are among values, in order."""
     found = [_STAGES[value] for value in values.values() if callable(value) and value in _STAGES]
-    names = [" ".join(filter(None, (one.name, one.model))) for one in found]
-    twice = {name for name in names if names.count(name) > 1}
-    if twice:
-        raise ValueError(f"two stages have one name: {', '.join(sorted(twice))}")
+    names = [" ".join(filter(None, (record.name, record.model))) for record in found]
+    duplicates = {name for name in names if names.count(name) > 1}
+    if duplicates:
+        raise ValueError(f"two stages have one name: {', '.join(sorted(duplicates))}")
     return tuple(found)
 
 
 def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P, R]:
-    """Make `function` check and convert its keyword arguments according to its signature."""
-    # If a field has numbers only in one box of cells, the function receives the box, and its result
-    # is extended to the field's frame, unless it minds the box itself.
+    """Wrap a function to check and convert its keyword arguments by its signature."""
+    # With `is_cropped`, the function receives only the box of a field that has numbers in one box
+    # of cells, and its result is extended to the field's frame.
     known = parameters_of(function, of_stage=True)
 
-    @functools.cache  # looked up late: types are slow to import
-    def taken() -> tuple[type[Any], ...]:
-        return taken_by(function)
+    @functools.cache  # evaluated late, because types are slow to import
+    def accepted_types() -> tuple[type[Any], ...]:
+        return input_types_of(function)
 
     @functools.wraps(function)
     def with_checks(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -697,8 +698,8 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
             raise ParameterError(rule, source=function.__name__)
         if args and isinstance(args[0], (str, PathLike)):
             raise ParameterError("takes a grid: read_map(path)", source=function.__name__)
-        if is_cropped and args and not isinstance(args[0], taken()):
-            rule = f"takes a grid: {' or '.join(one.__name__ for one in taken())}"
+        if is_cropped and args and not isinstance(args[0], accepted_types()):
+            rule = f"takes a grid: {' or '.join(kind.__name__ for kind in accepted_types())}"
             is_costs = getattr(args[0], "layer_names", ())[:1] == ("cost",)
             hint = "to_occupancy() makes a map of it" if is_costs else None
             got = type(args[0]).__name__
@@ -706,8 +707,8 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
         field: Any = args[0] if args else None
         if is_cropped and isinstance(field, FieldGrid) and field.region is not None:
             make: Any = function
-            whole: R = on_canvas(make(field.cropped, *args[1:], **accepted), field.frame)
-            return whole
+            extended: R = on_canvas(make(field.cropped, *args[1:], **accepted), field.frame)
+            return extended
         return function(*args, **accepted)
 
     return with_checks

@@ -1,4 +1,4 @@
-"""What Python 3.11 has and 3.10, the Python of ROS 2 Humble, has not."""
+"""Parts of Python 3.11 for Python 3.10, which ROS 2 Humble uses."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The errors and the warning that mapdeal raises on purpose.
+"""Errors and warnings of mapdeal.
 
-Each error class owns the exit code that the command line ends with, so that no
-other place has to decide it. Anything else that escapes is a bug (exit 70).
+Each error class has the exit code of the command line. Any other exception is a bug, with exit
+code 70.
 """
 
 from __future__ import annotations
@@ -41,17 +41,17 @@ class MapdealWarning(UserWarning):
 _LISTENERS: ContextVar[tuple[tuple[list[MapdealWarning], bool], ...]] = ContextVar(
     "mapdeal_listeners", default=()
 )
-"""Where the enclosing blocks collect warnings, and whether nobody further out gets them."""
+"""Lists of warnings of the enclosing blocks, each with whether outer blocks are skipped."""
 
 _STRICT: ContextVar[tuple[list[MapdealWarning], ...]] = ContextVar("mapdeal_strict", default=())
 
 
 def emit_warning(message: str | MapdealWarning, *, stacklevel: int = 1) -> None:
-    """Emit a warning like `warnings.warn`, also to enclosing blocks that listen to warnings."""
+    """Emit a warning like `warnings.warn`, also to enclosing blocks that collect warnings."""
     warning = MapdealWarning(message) if isinstance(message, str) else message
-    for heard, keeps in reversed(_LISTENERS.get()):
-        heard.append(warning)
-        if keeps:
+    for collected, captures in reversed(_LISTENERS.get()):
+        collected.append(warning)
+        if captures:
             return
     while sys._getframe(stacklevel).f_code.co_name == "checked_call":  # noqa: SLF001
         stacklevel += 1  # the wrapper around public functions is not whom a warning is for
@@ -61,19 +61,19 @@ def emit_warning(message: str | MapdealWarning, *, stacklevel: int = 1) -> None:
 @contextmanager
 def heard_warnings(*, keep: bool = False) -> Iterator[list[MapdealWarning]]:
     """Collect the warnings of the block, and of the threads that share its work, in a list."""
-    heard: list[MapdealWarning] = []
-    before = _LISTENERS.set((*_LISTENERS.get(), (heard, keep)))
+    collected: list[MapdealWarning] = []
+    before = _LISTENERS.set((*_LISTENERS.get(), (collected, keep)))
     try:
-        yield heard
+        yield collected
     finally:
         _LISTENERS.reset(before)
 
 
 def kept_warnings() -> AbstractContextManager[list[MapdealWarning]]:
-    """Keep the warnings of the block, and of the threads that share its work, in a list.
+    """Capture the warnings of the block and of threads that share its work, unseen by outer blocks.
 
-    Python's own means change the filters of the whole process: of two threads that read maps at
-    once, one would receive the warnings of the other, and both would leave wrong filters behind.
+    `warnings.catch_warnings` changes the filters of the process: of two threads that read maps, one
+    would get the warnings of the other, and wrong filters would stay.
     """
     return heard_warnings(keep=True)
 
@@ -84,8 +84,8 @@ def strict_warnings(is_strict: bool = True, source: Path | str | None = None) ->
     if not is_strict:
         yield
         return
-    with heard_warnings() as heard:
-        before = _STRICT.set((*_STRICT.get(), heard))
+    with heard_warnings() as collected:
+        before = _STRICT.set((*_STRICT.get(), collected))
         try:
             yield
             refuse_warnings("")
@@ -98,11 +98,11 @@ def strict_warnings(is_strict: bool = True, source: Path | str | None = None) ->
 
 
 def refuse_warnings(consequence: str = "; nothing was written") -> None:
-    """Raise FindingError if an enclosing `strict_warnings` block has been warned of something."""
-    count = max((len(set(map(str, heard))) for heard in _STRICT.get()), default=0)
+    """Raise FindingError if an enclosing `strict_warnings` block has collected a warning."""
+    count = max((len(set(map(str, collected))) for collected in _STRICT.get()), default=0)
     if count:
-        told = "1 warning" if count == 1 else f"{count} warnings"
-        raise FindingError(f"{told}, and --strict allows none{consequence}")
+        text = "1 warning" if count == 1 else f"{count} warnings"
+        raise FindingError(f"{text}, and --strict allows none{consequence}")
 
 
 class MapdealError(Exception):
@@ -111,7 +111,7 @@ class MapdealError(Exception):
     Parameters
     ----------
     rule : str
-        Description of what is allowed or what went wrong, one line.
+        Rule that was broken, or the problem, one line.
     source : path or str, optional
         File (or option) at fault.
     place : str, optional
@@ -137,7 +137,7 @@ class MapdealError(Exception):
         self.source = source
         self.place = place
         self.hint = hint
-        # The text, not the value: an error crosses from process to process as it is shown.
+        # text instead of the value, because errors are pickled between processes
         self._got = None if got is _MISSING else shown(got)
         super().__init__(rule)
 
@@ -177,8 +177,8 @@ class FindingError(MapdealError):
 class ParameterError(MapdealError, ValueError):
     """A parameter, recipe or usage is invalid."""
 
-    # The only one with a built-in base: an "except OSError" around file access must never
-    # swallow a FileAccessError.
+    # The only class with a built-in base besides Exception: an "except OSError" around file access
+    # must never catch a FileAccessError.
 
     exit_code = 2
 
@@ -208,28 +208,28 @@ class BatchError(MapdealError):
     exit_code = 5
 
 
-_UNSAID = (
+_OUT_OF_MEMORY = (
     "without exception set", "without setting an exception", "without raising an exception",
     "raised unreported exception",
 )  # fmt: skip
-"""What Python's SystemError says where there was no memory for the exception itself."""
+"""Texts of Python's SystemError if there is no memory for an exception object."""
 
 
 def refusal_of_the_system(error: Exception, source: Path | None = None) -> MapdealError | None:
-    """Return what to report if the system has no more to give, or a library cannot be loaded.
+    """Return the error to report if a system resource is exhausted or a library cannot be loaded.
 
     Such errors can come from anywhere, also from imports within libraries.
     """
     hint = "ulimit -a shows the limits of processes, memory and open files"
-    is_out = isinstance(error, SystemError) and any(words in str(error) for words in _UNSAID)
+    is_out = isinstance(error, SystemError) and any(text in str(error) for text in _OUT_OF_MEMORY)
     if is_out or isinstance(error, MemoryError):
         return MalformedInputError("not enough memory for a map of this size", source=source)
     if isinstance(error, OSError) and error.errno in _EXHAUSTED:
-        rule = f"the system has no more to give: {error.strerror}"
+        rule = f"a system resource is exhausted: {error.strerror}"
         return FileAccessError(rule, source=source, hint=hint)
     if isinstance(error, ImportError) and not (error.name or "").startswith("mapdeal"):
         first: BaseException = error
-        while first.__cause__ is not None:  # numpy wraps it into advice of many lines
+        while first.__cause__ is not None:  # numpy wraps it in long advice
             first = first.__cause__
         return FileAccessError(f"a library cannot be loaded: {first}", source=source, hint=hint)
     return None
@@ -240,14 +240,14 @@ def _short(text: str, limit: int = 400) -> str:
 
 
 def one_line(text: str) -> str:
-    """Return `text` with control characters escaped, so that it stays on its line."""
+    """Return `text` on one line, with control characters escaped."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def shown(value: object, limit: int = 60) -> str:
-    """Return a value as an error message shows it: short, text in quotes."""
+    """Return a value for error messages: shortened, texts in quotes."""
     try:
         text = repr(value)
     except ValueError:  # Python refuses to print numbers of many thousand digits
@@ -256,10 +256,10 @@ def shown(value: object, limit: int = 60) -> str:
 
 
 BRITISH_AND_AMERICAN = (("centre", "center"), ("disc", "disk"))
-"""Spellings of one word, in choices and in names: either is as good."""
+"""British and American spellings, both accepted in choices and names."""
 
-_ALIKE = 0.75
-"""From this ratio on words with different first letters are alike: nflate and inflate."""
+_SIMILAR = 0.75
+"""Smallest difflib ratio of similar words with different first letters: nflate and inflate."""
 
 
 def _plain(word: str) -> str:
@@ -270,7 +270,7 @@ def _plain(word: str) -> str:
 
 
 def as_known(word: str, known: Iterable[str]) -> str:
-    """Return the known word that `word` is another spelling of; `word` itself if there is none."""
+    """Return the known word with another spelling of `word`, or else `word` itself."""
     names = list(known)
     if word in names:
         return word
@@ -278,21 +278,23 @@ def as_known(word: str, known: Iterable[str]) -> str:
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """Return the known word that `word` is most like, or alone begins with it; None if none is.
+    """Return the most similar known word, or the only one that `word` abbreviates, if there is one.
 
-    What begins with another letter must be more alike.
+    Words with another first letter must be more similar.
     """
-    import difflib  # of use to mistakes alone
+    import difflib  # only mistakes need it
 
-    plain, asked = {_plain(name): name for name in reversed(list(known))}, _plain(word)
-    for near in difflib.get_close_matches(asked, plain):
-        if near[0] == asked[0] or difflib.SequenceMatcher(None, near, asked).ratio() >= _ALIKE:
-            return plain[near]
-    begun = [name for near, name in plain.items() if len(asked) > 2 and near.startswith(asked)]
-    return begun[0] if len(begun) == 1 else None
+    names, start = {_plain(name): name for name in reversed(list(known))}, _plain(word)
+    for plain in difflib.get_close_matches(start, names):
+        ratio = difflib.SequenceMatcher(None, plain, start).ratio()
+        if plain[0] == start[0] or ratio >= _SIMILAR:
+            return names[plain]
+    is_long = len(start) > 2
+    completions = [name for plain, name in names.items() if is_long and plain.startswith(start)]
+    return completions[0] if len(completions) == 1 else None
 
 
 def meant(word: str, known: Iterable[str]) -> str | None:
-    """Return the hint that asks for the nearest known word, if there is one."""
+    """Return a hint that suggests the nearest known word, if there is one."""
     near = nearest(word, known)
     return None if near is None else f"did you mean {near}?"

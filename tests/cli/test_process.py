@@ -172,7 +172,7 @@ def test_a_signal_during_the_start_is_one_line(which, sent):
         (RuntimeError("a bug"), 70, "error: internal error"),
         (PermissionError(13, "Permission denied"), 70, "error: internal error"),
         *(
-            (OSError(number, "x"), 4, "error: the system has no more to give: x")
+            (OSError(number, "x"), 4, "error: a system resource is exhausted: x")
             for number in (errno.EAGAIN, errno.ENOMEM, errno.ENFILE, errno.EMFILE)
         ),
     ],

@@ -1,4 +1,4 @@
-"""All stages, in the order in which they are listed in `mapdeal.stages.listed`."""
+"""All stages, in the order of `mapdeal.stages.listed`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ STAGE_NAMES: tuple[str, ...] = tuple(dict.fromkeys(stage.name for stage in STAGE
 
 
 def models_of(name: str) -> dict[str | None, Stage]:
-    """Return the models of a stage by their names, the default first; a lone one has none."""
+    """Return the models of a stage by name, the default first; a single model has no name."""
     return {stage.model: stage for stage in STAGES if stage.name == name}
 
 

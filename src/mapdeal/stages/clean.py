@@ -84,9 +84,9 @@ class Cleaned(OneLine):
             yield f"{patches.components} {name}"
 
 
-# In maps of real robots at 5 cm most specks in free space are single cells or pairs, as noise is; a
-# table's leg has more. Most holes between beams have less than ten cells, and most islands beyond
-# walls and windows less than a hundred, 0.25 m2.
+# In maps of real robots at 5 cm, most specks of noise have one or two cells, but a table's leg has
+# more. Most holes between beams have fewer than ten cells, and most islands behind walls and
+# windows fewer than a hundred, 0.25 m2.
 @stage(
     name="clean",
     group="Changing a map",
@@ -168,7 +168,7 @@ def clean(
         hint = "clean the map first, then compute costs or distances from it"
         raise ParameterError(rule, place="clean", got=type(grid).__name__, hint=hint)
     limits = {"min_obstacle": min_obstacle, "min_hole": min_hole, "min_free": min_free}
-    least_obstacle, least_hole, least_free = (min(one, _ANY_SIZE) for one in limits.values())
+    least_obstacle, least_hole, least_free = (min(limit, _ANY_SIZE) for limit in limits.values())
     before = np.asarray(grid.occupancy)
     values = before.copy()
     free_holes = _replace(values, UNKNOWN, least_hole, around=FREE, value=FREE)
@@ -178,8 +178,8 @@ def clean(
     changed = int(np.count_nonzero(values != before))
     if not changed:
         between = int(np.count_nonzero(_between(before)))
-        why = f"; {count_text(between, 'cell')} of 1..99 stay as they are" if between else ""
-        emit_warning(f"clean: nothing has changed{why}", stacklevel=3)
+        note = f"; {count_text(between, 'cell')} of 1..99 stay as they are" if between else ""
+        emit_warning(f"clean: nothing has changed{note}", stacklevel=3)
     counts = CleanCounts(free_holes, islands, wall_holes, specks, changed)
     return Cleaned(grid.with_values(values), counts, limits)
 
@@ -212,9 +212,9 @@ def _set(values: Values, cells: Mask, value: int, chosen: Mask) -> Patches:
     return Patches(int(np.count_nonzero(chosen)), int(np.count_nonzero(cells)))
 
 
-def _near(others: Mask) -> Mask:
-    """Return the cells with one of the others around them, or the edge of the map."""
-    near = dilate_square(others, 1)
+def _near(stops: Mask) -> Mask:
+    """Return the cells with a neighbour in a mask, and those at the edge of the map."""
+    near = dilate_square(stops, 1)
     near[[0, -1]] = True
     near[:, [0, -1]] = True
     return near
@@ -225,7 +225,7 @@ def _between(values: Values) -> Mask:
 
 
 def beside(cells: Mask) -> Mask:
-    """Return the cells that share an edge with one of some cells."""
+    """Return the cells that share an edge with a cell of a mask."""
     found = np.zeros_like(cells)
     found[1:] |= cells[:-1]
     found[:-1] |= cells[1:]

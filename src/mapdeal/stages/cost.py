@@ -1,4 +1,4 @@
-"""Stage ``cost``: what its models share, and keepout masks that are laid over costs."""
+"""Stage ``cost``: code shared by its models, and keepout masks over costs."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def cost_model(
     name: str, *, advice: Callable[[Parameters, int], str], when_closed: str, **more: Any
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Turn a function into a cost model; see `mapdeal.command.Stage`."""
-    # The advice is which of the parameters to change, given the cost that most cells have.
+    # `advice` returns which parameters to change, given the most common cost.
 
     def remark(parameters: Parameters, figures: Figures) -> str | None:
-        """Return what to say of costs that are the same nearly everywhere, None of others."""
+        """Return a remark on costs that are nearly uniform, None for all others."""
         common = figures["most_common"]
         if common is None:
             if figures["unknown"] == figures["width"] * figures["height"]:
@@ -65,7 +65,7 @@ ObstacleSource = OccupancyGrid | DistanceField
 
 
 def check_lethal_threshold(source: ObstacleSource, lethal_threshold: int | None) -> int:
-    """Return the threshold to use: the field's own for a field, else the given or 100."""
+    """Return the threshold to use: the field's own for a field, else the argument or 100."""
     refuse_view(source)
     if isinstance(source, DistanceField):
         if lethal_threshold not in (None, source.lethal_threshold):
@@ -83,7 +83,7 @@ def refuse_view(source: ObstacleSource) -> None:
 
 
 def warn_of_strength(source: ObstacleSource, model: str) -> None:
-    """Warn where costs are made of a field whose strength the model takes no account of."""
+    """Warn if the model ignores the strength of a field."""
     if isinstance(source, DistanceField) and source.strength != 1:
         text = f"cost: model {model} takes no account of the field's strength"
         text += f", {source.strength:g}; views and model threshold do"
@@ -142,7 +142,7 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
         return cost
 
     layer = made_by_rows(costmap.cost, costmap.cost.dtype, raised, is_kept=True)
-    for rows in swept(layer):  # for the counts; of an array it is done already
+    for rows in swept(layer):  # a lazy layer is computed for the counts in the warnings
         layer[rows]
     keepout.warn()
     return costmap.with_values(layer)

@@ -87,7 +87,7 @@ def _largest_distance_in(field: DistanceField, obstacles: Mask) -> float:
 
 
 def _deepest_in(field: DistanceField, obstacles: Mask) -> float:
-    """Return the metres from the centre of the deepest obstacle cell to the nearest free one's."""
+    """Return the largest distance from an obstacle cell to a free cell, between centres, metres."""
     depth = -float(field.distance.min(where=obstacles, initial=math.inf))
     _, shift = _shifts(field.convention, field.resolution)
     if field.max_distance is not None and depth >= field.max_distance * (1 - _CLIP_TOLERANCE):
@@ -97,7 +97,7 @@ def _deepest_in(field: DistanceField, obstacles: Mask) -> float:
 
 
 def furthest_kept(field: DistanceField) -> float:
-    """Return the metres between centres beyond which the field was clipped."""
+    """Return the distance between centres beyond which the field was clipped, metres."""
     if field.max_distance is None:
         return math.inf
     return field.max_distance - _shifts(field.convention, field.resolution)[0]
@@ -111,7 +111,7 @@ def _measure(field: DistanceField) -> dict[str, Any]:
 
 
 def _shifts(convention: Convention, resolution: float) -> tuple[float, float]:
-    """Return what a convention adds to distances outside of obstacles, and inside."""
+    """Return the offsets of a convention for distances outside and inside of obstacles, metres."""
     return {
         "fast-planner": (0.0, resolution),
         "center": (0.0, 0.0),
@@ -120,7 +120,7 @@ def _shifts(convention: Convention, resolution: float) -> tuple[float, float]:
 
 
 CostOfView = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
-"""Returns costs of view values and of the distances, metres, that these were made of."""
+"""Function from view values and their distances in metres to costs."""
 
 
 @checked
@@ -162,7 +162,7 @@ def field_view(
 
 
 class Viewer:
-    """Converter of a field to its view, once everything that concerns the whole field is known."""
+    """Converter of a field to its view, in blocks, after the extremes of the field are known."""
 
     def __init__(self, field: DistanceField, view: View, view_range: float) -> None:
         self._field, self._obstacles = field, field.obstacles()
@@ -174,7 +174,7 @@ class Viewer:
                 part, mask = field.part(block), self._obstacles[block]
                 farthest = max(farthest, field.strength * _largest_distance_in(part, mask))
                 deepest = max(deepest, _deepest_in(part, mask))
-        # sqrt(9) cells of 0.05 m are 0.15000000000000002 m in floats, and 0.15 m in the file
+        # rounding writes 0.15 instead of 0.15000000000000002, three cells of 0.05 m, into files
         farthest, deepest = (float(f"{metres:.15g}") for metres in (farthest, deepest))
         self.scale = ViewScale(view, view_range, farthest, deepest)
 

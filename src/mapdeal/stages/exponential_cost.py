@@ -46,7 +46,7 @@ from mapdeal.layers.stack import CostmapLayers
 from mapdeal.stages.cost import ObstacleSource, check_lethal_threshold, cost_model, warn_of_strength
 from mapdeal.stages.esdf import bytes_in, furthest_kept
 
-_RAISED_TOGETHER = 1 << 22  # cells: no more memory than for some of them
+_CELLS_AT_ONCE = 1 << 22  # bounds the memory
 _RADII = ("inscribed_radius", "circumscribed_radius")
 
 
@@ -66,7 +66,7 @@ def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object] | None:
         return None
     if static.use_maximum and static.unknown_is_highest:
         return None
-    # updateWithMax leaves what is unknown below, and a free costmap is all that lies below
+    # updateWithMax skips unknown cells, so the free cells of the costmap below stay free
     keeps_free = static.use_maximum and layers.default_cost == FREE_SPACE
     values: dict[str, object] = {
         "lethal_threshold": threshold,
@@ -84,9 +84,9 @@ def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object] | None:
     return {**values, "circumscribed_radius": layers.circumscribed_radius}
 
 
-def _settled(parameters: Parameters) -> dict[str, Any]:
-    lookup, asked = parameters["lookup"], parameters["float32_resolution"]
-    return {"float32_resolution": _resolution_is_float32(lookup, asked)}
+def _derived(parameters: Parameters) -> dict[str, Any]:
+    lookup, requested = parameters["lookup"], parameters["float32_resolution"]
+    return {"float32_resolution": _resolution_is_float32(lookup, requested)}
 
 
 def _curve(source: Framed, parameters: Parameters) -> CostCurve:
@@ -94,7 +94,7 @@ def _curve(source: Framed, parameters: Parameters) -> CostCurve:
         [layer_of(parameters)],
         source.resolution,
         circumscribed_radius=parameters["circumscribed_radius"],
-        **_settled(parameters),
+        **_derived(parameters),
     )
 
 
@@ -113,7 +113,7 @@ def _curve(source: Framed, parameters: Parameters) -> CostCurve:
         _RADII,
         lambda footprint: {name: getattr(footprint, name) for name in _RADII},
     ),
-    settled=_settled,
+    settled=_derived,
     parameters_from_layers=_parameters_from_layers,
 )
 def exponential_cost(
@@ -227,8 +227,8 @@ def exponential_cost(
     )  # fmt: skip
     field = None
     if isinstance(source, DistanceField) and profile.reach > 0:
-        of_obstacles = base.spread_from_obstacles(source, around_unknown=inflate_around_unknown)
-        field = source if of_obstacles and _distinguishes(source, profile) else None
+        has_seeds = base.spread_from_obstacles(source, around_unknown=inflate_around_unknown)
+        field = source if has_seeds and _distinguishes(source, profile) else None
 
     def costs(rows: slice) -> NDArray[np.uint8]:
         cost = base.costs(rows)
@@ -247,15 +247,15 @@ def exponential_cost(
 
 
 class BaseCosts:
-    """Costs before inflation, of parameters of `exponential_cost`; unrelated ones are ignored."""
+    """Costs before inflation, by the parameters of `exponential_cost` about the static layer."""
 
-    def __init__(self, source: ObstacleSource, **given: Any) -> None:
+    def __init__(self, source: ObstacleSource, **parameters: Any) -> None:
         self.source = source
         self.table = static_layer_cost_from_occupancy(
-            lethal_threshold=check_lethal_threshold(source, given["lethal_threshold"]),
-            trinary=given["trinary_costmap"],
-            track_unknown=given["track_unknown_space"],
-            inscribed_value=given["inscribed_obstacle_cost_value"],
+            lethal_threshold=check_lethal_threshold(source, parameters["lethal_threshold"]),
+            trinary=parameters["trinary_costmap"],
+            track_unknown=parameters["track_unknown_space"],
+            inscribed_value=parameters["inscribed_obstacle_cost_value"],
         )
 
     def costs(self, rows: slice) -> NDArray[np.uint8]:
@@ -266,13 +266,13 @@ class BaseCosts:
         return cost
 
     def spread_from_obstacles(self, field: DistanceField, *, around_unknown: bool) -> bool:
-        others = np.zeros(256, dtype=np.uint8)
-        others[: field.lethal_threshold] = self.table[: field.lethal_threshold] == LETHAL_OBSTACLE
+        differs = np.zeros(256, dtype=np.uint8)
+        differs[: field.lethal_threshold] = self.table[: field.lethal_threshold] == LETHAL_OBSTACLE
         lethal = slice(field.lethal_threshold, OCCUPIED + 1)
-        others[lethal] = self.table[lethal] != LETHAL_OBSTACLE
+        differs[lethal] = self.table[lethal] != LETHAL_OBSTACLE
         if field.unknown == "free":
-            others[UNKNOWN] = around_unknown and self.table[UNKNOWN] == NO_INFORMATION
-        return not others.any() or not counts_of(field.occupancy)[others.view(np.bool_)].any()
+            differs[UNKNOWN] = around_unknown and self.table[UNKNOWN] == NO_INFORMATION
+        return not differs.any() or not counts_of(field.occupancy)[differs.view(np.bool_)].any()
 
 
 def _distinguishes(field: DistanceField, profile: CostProfile) -> bool:
@@ -290,7 +290,7 @@ def _distinguishes(field: DistanceField, profile: CostProfile) -> bool:
 
 def _raise_from_field(profile: CostProfile, cost: NDArray[np.uint8], field: DistanceField) -> None:
     height, width = cost.shape
-    step = max(1, _RAISED_TOGETHER // max(1, width))
+    step = max(1, _CELLS_AT_ONCE // max(1, width))
     for first in range(0, height, step):
         rows = slice(first, min(first + step, height))
         part = field.part(rows)

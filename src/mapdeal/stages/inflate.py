@@ -80,7 +80,7 @@ def inflate(
     """
     if footprint is not None:
         radius = footprint.circumscribed_radius
-    side, kept = grid.resolution, None if inflate_unknown else UNKNOWN
+    side, kept_value = grid.resolution, None if inflate_unknown else UNKNOWN
     if kernel == "disc" and 0 < radius < side - RADIUS_TOLERANCE:
         text = f"inflate: radius {radius:g} m is below a cell of {side:g} m and has no effect"
         emit_warning(text, stacklevel=2)
@@ -89,9 +89,9 @@ def inflate(
         values = grid.occupancy[rows]
         if kernel == "square":
             reach = cells_to_cover(min(radius, max(values.shape) * side), side)
-            return inflated(values, lethal_threshold, reach=reach, value=OCCUPIED, kept=kept)
+            return inflated(values, lethal_threshold, reach=reach, value=OCCUPIED, kept=kept_value)
         limit = largest_square_within(min(radius, math.hypot(*values.shape) * side), side)
-        return inflated(values, lethal_threshold, square=limit, value=OCCUPIED, kept=kept)
+        return inflated(values, lethal_threshold, square=limit, value=OCCUPIED, kept=kept_value)
 
     halo = cells_to_cover(min(radius, max(grid.shape) * side), side) + 1
     occupancy = made_by_windows(grid.occupancy, np.int8, inflated_rows, halo=halo)

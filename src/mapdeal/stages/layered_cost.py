@@ -44,8 +44,8 @@ from mapdeal.layers.static import StaticLayer
 from mapdeal.stages.cost import ObstacleSource, cost_model, refuse_view, warn_of_strength
 from mapdeal.stages.structured import LayerList
 
-_OF_COSTMAP_2D = (StaticLayer(), InflationLayer())
-_OF_EMPTY_COSTMAP = Condition("0 or 255", lambda value: value in (FREE_SPACE, NO_INFORMATION))
+_DEFAULT_LAYERS = (StaticLayer(), InflationLayer())
+_EMPTY_COST = Condition("0 or 255", lambda value: value in (FREE_SPACE, NO_INFORMATION))
 
 
 def _stack_of(parameters: Parameters) -> CostmapLayers:
@@ -70,7 +70,7 @@ def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object]:
 
 def _curve(source: Framed, parameters: Parameters) -> CostCurve | None:
     inflations = _stack_of(parameters).inflations_above_map
-    if inflations is None:  # there is no obstacle to be at a distance from
+    if inflations is None:  # no layer below the inflation has obstacles
         return None
     radius = parameters["circumscribed_radius"]
     return inflation_curve(inflations, source.resolution, circumscribed_radius=radius)
@@ -86,7 +86,7 @@ def _radius_in(parameters: Parameters) -> tuple[str, float]:
 
 
 def _has_own_area(parameters: Parameters) -> bool:
-    """Return whether the costmap lies elsewhere than the map, on other cells."""
+    """Return whether the costmap has other cells than the map."""
     area = parameters["area"]
     return area is not None and not (area.is_rolling and parameters["pose"] is None)
 
@@ -114,8 +114,8 @@ def _cells(_: Framed, parameters: Parameters) -> Iterator[int]:
 def layered_cost(
     source: ObstacleSource,
     *,
-    layers: LayerList = _OF_COSTMAP_2D,
-    default_cost: Annotated[int, _OF_EMPTY_COSTMAP, COST] = FREE_SPACE,
+    layers: LayerList = _DEFAULT_LAYERS,
+    default_cost: Annotated[int, _EMPTY_COST, COST] = FREE_SPACE,
     circumscribed_radius: Annotated[float, AT_LEAST_0, METRES, FromRobot] | None = None,
     area: Annotated[CostmapArea | None, FromRobot] = None,
     footprint: Annotated[Footprint | None, FromRobot] = None,
@@ -273,7 +273,7 @@ def _occupancy(source: ObstacleSource, rows: slice) -> NDArray[np.int8]:
 def _sampled(
     source: ObstacleSource, row: NDArray[np.int64], col: NDArray[np.int64]
 ) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
-    """Return the map's values at some of its cells, and which of the cells lie in the map."""
+    """Return the map's values at cells, and which of the cells lie in the map."""
     height, width = source.shape
     in_map = (row >= 0) & (row < height) & (col >= 0) & (col < width)
     row, col = np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)

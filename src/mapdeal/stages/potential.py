@@ -20,7 +20,7 @@ CAP = Condition(
 )
 
 LEAST_DISTANCE = 0.001
-"""Metres up to which a term is left out, of a cell's distance to itself above all."""
+"""Metres up to which terms are omitted: the distance of a cell to itself is 0."""
 
 
 @stage(

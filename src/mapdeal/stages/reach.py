@@ -35,7 +35,7 @@ from mapdeal.stages.structured import Goals, accept_goals
 _SHOWN = 3
 
 _MEMORY = 15.0
-"""Bytes for each cell: squares and basins take four each. Python 3.14 was seen to take 14.3."""
+"""Bytes per cell: squares and basins need four each; 14.3 were measured with Python 3.14."""
 
 
 def _shape_of(parameters: Parameters) -> Footprint | None:
@@ -53,15 +53,15 @@ def _memory_of_headings(parameters: Parameters) -> float:
 
 
 def _remark(_: Parameters, figures: Figures) -> str | None:
-    """Return which goals a run does not reach, and what stops it; None if it reaches all."""
+    """Return a remark on the goals that are unreachable, if there are any, with the reasons."""
     missed = [name for name, is_reached in figures["goals"].items() if not is_reached]
     if not missed:
         return None
     stopped_by = figures["stopped_by"]
-    shown = missed[:_SHOWN]
-    told = [f"{name} ({stopped_by[name]})" if name in stopped_by else name for name in shown]
+    texts = [f"{name} ({stopped_by[name]})" if name in stopped_by else name
+             for name in missed[:_SHOWN]]  # fmt: skip
     more = f" and {len(missed) - _SHOWN} more" if len(missed) > _SHOWN else ""
-    return f"not reachable: {', '.join(told)}{more}"
+    return f"not reachable: {', '.join(texts)}{more}"
 
 
 @stage(
@@ -152,7 +152,7 @@ def reach(
     >>> int(found.reachable.sum()), found.widest[1, 3:].tolist()
     (19, [1.0, 1.0, 1.0, 1.0])
     """
-    from mapdeal.grid.reaching import Ground, reach_on  # of use to few, and slow to import
+    from mapdeal.grid.reaching import Ground, reach_on  # few need it, and it is slow to import
 
     return reach_on(
         Ground(
@@ -173,7 +173,7 @@ def reach(
 def _occupancy_of(
     source: OccupancyGrid | DistanceField | Costmap, lethal_threshold: int | None
 ) -> NDArray[np.int8]:
-    """Return a map in which every obstacle is 100, of a map, a field or costs."""
+    """Return a map, a field or costs as occupancy in which every obstacle is 100."""
     if isinstance(source, Costmap):
         lethal = LETHAL_OBSTACLE if source.scale == "costmap2d" else OCCUPIED
         if lethal_threshold not in (None, OCCUPIED):

@@ -28,17 +28,17 @@ from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
 from mapdeal.stages.clean import beside
 
 _QUARTER = math.pi / 2
-_AS_WRITTEN = 2e-5  # radians. 1.5708 and 4.7124 stand for quarter turns; over 100 m this is 2 mm
-_THICKEST_WALL = 5  # cells of it that count, from its open side
+_TOLERANCE = 2e-5  # radians; makes 1.5708 and 4.7124 quarter turns, and is 2 mm over 100 m
+_THICKEST_WALL = 5  # cells of a wall that count, from its open side
 V = TypeVar("V", bound=ValueGrid)
 
 _angles: WeakKeyDictionary[ValueGrid, float | None] = WeakKeyDictionary()
-"""Results of `yaw_to_straighten`, of which a turn asks twice: how many cells it takes, and then."""
+"""Results of `yaw_to_straighten`, which a turn needs twice: for its memory and for its cells."""
 
 
 @dataclass(frozen=True, eq=False)
 class Turned(Generic[V]):
-    """A map that was turned, and how points turn with it; None if it was not."""
+    """A turned map, and the transform of its points; None if the map is unchanged."""
 
     grid: V
     transform: Transform | None
@@ -63,9 +63,9 @@ def _cells_to_turn(grid: ValueGrid, parameters: Parameters) -> Iterator[int]:
     if yaw is None:
         yield count
         yaw = yaw_to_straighten(grid)
-    made = count if yaw is None else cells_when_turned(grid.frame, yaw)
-    if made <= MOST_CELLS:  # more are refused by the turn
-        yield made + min(made, count)
+    new_count = count if yaw is None else cells_when_turned(grid.frame, yaw)
+    if new_count <= MOST_CELLS:  # the turn refuses more
+        yield new_count + min(new_count, count)
 
 
 @stage(
@@ -254,13 +254,13 @@ def cells_when_turned(frame: Frame, yaw: float) -> int:
 
 
 def _turned(frame: Frame, yaw: float) -> tuple[Frame, int | None]:
-    """Return where a turned grid lies; for quarter turns its frame without yaw, and how many."""
+    """Return the frame of a turned grid; for quarter turns without yaw, and with their number."""
     turn = turn_of(yaw)
     x, y, total = turn.frame(frame).origin
-    whole = _quarters_of(turn.yaw)
-    if whole is not None:  # exactly, without the cosine of a right angle
+    quarters_of_turn = _quarters_of(turn.yaw)
+    if quarters_of_turn is not None:  # exact, because the cosine of a right angle is not 0
         x, y = frame.origin[:2]
-        x, y = ((x, y), (-y, x), (-x, -y), (y, -x))[whole % 4]
+        x, y = ((x, y), (-y, x), (-x, -y), (y, -x))[quarters_of_turn % 4]
     quarters = _quarters_of(total)
     if quarters is None:
         return Frame(*frame.shape, frame.resolution, (x, y, total)), None
@@ -273,12 +273,12 @@ def _turned(frame: Frame, yaw: float) -> tuple[Frame, int | None]:
 
 def _quarters_of(yaw: float) -> int | None:
     quarters = round(yaw / _QUARTER)
-    return quarters if abs(yaw - quarters * _QUARTER) <= _AS_WRITTEN else None
+    return quarters if abs(yaw - quarters * _QUARTER) <= _TOLERANCE else None
 
 
 def _walls_of(grid: ValueGrid) -> NDArray[np.bool_]:
-    """Return the obstacle cells near known open space, all of them if none is."""
-    # The outline of a map that is occupied outside, where it has been turned before, is no wall.
+    """Return the obstacle cells near open space, or all obstacle cells without open space."""
+    # A map that was turned before may be occupied around its old outline, which is not a wall.
     check_values(grid)
     obstacles: NDArray[np.bool_] = grid.values >= DEFAULT_LETHAL_THRESHOLD
     if isinstance(grid, Costmap):
@@ -292,8 +292,8 @@ def _walls_of(grid: ValueGrid) -> NDArray[np.bool_]:
 
 def _cells_to_rescale(grid: ValueGrid, parameters: Parameters) -> Iterator[int]:
     frame = rescaled_frame(grid.frame, parameters["resolution"])
-    count, made = math.prod(grid.shape), math.prod(frame.shape)
-    yield max(count, made) + count
+    count, new_count = math.prod(grid.shape), math.prod(frame.shape)
+    yield max(count, new_count) + count
 
 
 @stage(

@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 
 _HIGHEST_BELOW_OBSTACLE = 99
 
-_TOLERANCE = 1e-9  # metres by which a cell may be nearer than a threshold, through rounding
+_TOLERANCE = 1e-9  # metres; rounding may put a cell this far below a threshold
 
 
 def _title(parameters: Parameters) -> str:
@@ -58,7 +58,7 @@ def _advice(parameters: Parameters, cost: int) -> str:
         return f"lower up_factor ({parameters['up_factor']:g})"
     if cost:
         return "change down, up and their factors"
-    # The costs begin at `down`, but where the factor makes 0 of the whole middle range, at `up`.
+    # Costs begin at `down`, or at `up` if the factor reduces the whole middle range to 0.
     up, factor = parameters["up"], parameters["down_factor"]
     begin = "down" if factor * (OCCUPIED if up is None else up) >= 1 else "up"
     if begin == "up" and parameters["up_factor"] * _HIGHEST_BELOW_OBSTACLE < 1:
@@ -66,11 +66,11 @@ def _advice(parameters: Parameters, cost: int) -> str:
     lengths = {} if is_per_map else {"view_range": parameters["view_range"]}
     value, distance = parameters[begin], parameters[f"{begin}_distance"]
     if distance is not None:
-        # up_distance must not be larger than down_distance, and neither than view_range
+        # raising one distance requires raising those that limit it
         limits = {"down_distance": parameters["down_distance"], **lengths}
         reached = [name for name, limit in limits.items() if limit == distance]
-        others = [f" and {name}" for name in reached if name != f"{begin}_distance"]
-        return f"raise {begin}_distance ({distance:g} m){''.join(others)}"
+        along_with = [f" and {name}" for name in reached if name != f"{begin}_distance"]
+        return f"raise {begin}_distance ({distance:g} m){''.join(along_with)}"
     if value == 0:
         return ", or ".join(["raise up_factor and down_factor", *lengths])
     if begin == "down" or not parameters["down"]:
@@ -200,22 +200,22 @@ def _field_of(source: ObstacleSource, lethal_threshold: int | None) -> DistanceF
 
 
 class _Rule:
-    """Thresholds, each a value of the view or metres, and the factors of the ranges between."""
+    """Thresholds, as view values or metres, and the factors of the ranges between them."""
 
-    def __init__(self, source: ObstacleSource | FieldView, scale: ViewScale, **given: Any) -> None:
-        down_distance: float | None = given["down_distance"]
-        up_distance: float | None = given["up_distance"]
+    def __init__(self, source: ObstacleSource | FieldView, scale: ViewScale, **limits: Any) -> None:
+        down_distance: float | None = limits["down_distance"]
+        up_distance: float | None = limits["up_distance"]
         if down_distance is not None and up_distance is not None and down_distance < up_distance:
             rule = f"must not be less than up_distance ({up_distance:g} m)"
             raise ParameterError(rule, place="down_distance", got=down_distance)
-        self.down = _value_at("down", given, scale, source.resolution)
-        self.up = _value_at("up", given, scale, source.resolution)
+        self.down = _value_at("down", limits, scale, source.resolution)
+        self.up = _value_at("up", limits, scale, source.resolution)
         if self.down > self.up:
             raise _contradiction(self.down, self.up, down_distance, up_distance)
-        if isinstance(source, FieldView):  # of a view, metres are values, too
+        if isinstance(source, FieldView):  # a view has no metres: distances are now values
             down_distance = up_distance = None
         self.down_distance, self.up_distance = down_distance, up_distance
-        self.factors = given["up_factor"], given["down_factor"]
+        self.factors = limits["up_factor"], limits["down_factor"]
 
     def is_beyond(self, view: Floats, metres: Floats) -> NDArray[np.bool_]:
         if self.down_distance is None:
@@ -223,20 +223,20 @@ class _Rule:
         return np.greater_equal(metres, self.down_distance - _TOLERANCE)
 
     def is_near(self, view: Floats, metres: Floats) -> NDArray[np.bool_]:
-        """Return where `up_factor` applies, but where nothing is to be paid."""
+        """Return where `up_factor` applies, if the cell is not beyond `down`."""
         if self.up_distance is None:
             return np.greater(view, self.up)
         return np.less(metres, self.up_distance - _TOLERANCE)
 
     def costs_of(self, view: Floats, metres: Floats) -> Floats:
-        highest = _HIGHEST_BELOW_OBSTACLE  # a larger factor makes no more of a view of 1
+        highest = _HIGHEST_BELOW_OBSTACLE  # also the largest useful factor: the least view is 1
         factors = (min(factor, highest) for factor in self.factors)
         products = np.where(self.is_near(view, metres), *factors) * view
         costs = np.minimum(truncated(products), highest)
         return np.where(self.is_beyond(view, metres), 0.0, costs)
 
     def table(self) -> NDArray[np.int8]:
-        """Return the cost of each value of a view, shape (256,), by byte: -1 is the last."""
+        """Return the cost of each byte of a view, shape (256,); the last one is -1."""
         table = np.zeros(256, dtype=np.int8)
         view = np.arange(float(OCCUPIED))
         table[:OCCUPIED] = self.costs_of(view, view)
@@ -245,7 +245,7 @@ class _Rule:
         return table
 
     def curve(self, scale: ViewScale, strength: float, resolution: float) -> CostCurve:
-        """Return the cost curve; marked is the farthest distance of each range."""
+        """Return the cost curve with marks at the farthest distance of each range."""
         cells = np.sqrt(squares_up_to(scale.end / strength / resolution + 1))
         metres = strength * (cells * resolution)
         view = scale.values_of(metres, resolution)
@@ -267,22 +267,22 @@ class _Rule:
 def _contradiction(
     lower: float, upper: float, down_distance: float | None, up_distance: float | None
 ) -> ParameterError:
-    """Return the error of a threshold that contradicts the other one, which is a view value."""
+    """Return the error for thresholds that contradict each other."""
     if down_distance is None and up_distance is None:
         return ParameterError(f"must not be larger than up ({upper:g})", place="down", got=lower)
     if up_distance is None:
         rule = f"the view is {lower:g} there, above up ({upper:g})"
-        place, got, other = "down_distance", down_distance, "up_distance"
+        place, got, second_name = "down_distance", down_distance, "up_distance"
     else:
         rule = f"the view is {upper:g} there, below down ({lower:g})"
-        place, got, other = "up_distance", up_distance, "down_distance"
-    return ParameterError(rule, place=place, got=got, hint=f"give {other} as well")
+        place, got, second_name = "up_distance", up_distance, "down_distance"
+    return ParameterError(rule, place=place, got=got, hint=f"give {second_name} as well")
 
 
-def _value_at(threshold: str, given: Parameters, scale: ViewScale, resolution: float) -> float:
+def _value_at(threshold: str, parameters: Parameters, scale: ViewScale, resolution: float) -> float:
     name = f"{threshold}_distance"
-    value: float | None = given[threshold]
-    distance: float | None = given[name]
+    value: float | None = parameters[threshold]
+    distance: float | None = parameters[name]
     if distance is None:
         if value is None:
             raise ParameterError("is required if its value is none", place=name)
@@ -294,7 +294,7 @@ def _value_at(threshold: str, given: Parameters, scale: ViewScale, resolution: f
 
 
 def _check_clip(field: DistanceField, rule: _Rule, scale: ViewScale) -> None:
-    """Refuse a field whose clipped cells would cost something else at their true distance."""
+    """Refuse a field whose clipped cells would have other costs at their true distance."""
     # In the metric view, clipping has no effect if cells at the limit already cost 0. The per-map
     # view is scaled by the farthest and deepest cells, which clipping hides.
     limit = field.max_distance

@@ -1,4 +1,4 @@
-"""Parameters of stages that are more than a line of text, as written in recipes and manifests.
+"""Parameters of stages with structured values in recipes and manifests.
 
 Layers of costmap_2d form a list of mappings, each with one key, the kind of the layer, and its
 settings below::
@@ -33,14 +33,14 @@ _FRAME = {
     for name, kind in {"height": int, "width": int, "resolution": float}.items()
 }
 _FRAME["origin"] = Parameter("origin", None, tuple[float, float, float], False, ())
-_FRAME_LOOKS = "{height: 60, width: 80, resolution: 0.05, origin: [-2, -1.5, 0]}"
+_FRAME_EXAMPLE = "{height: 60, width: 80, resolution: 0.05, origin: [-2, -1.5, 0]}"
 
 
 def accept_frame(name: str, value: object) -> Frame:
     if isinstance(value, Frame):
         return value
     if not isinstance(value, Mapping) or set(value) != set(_FRAME):
-        raise ParameterError(f"must look like {_FRAME_LOOKS}", place=name, got=value)
+        raise ParameterError(f"must look like {_FRAME_EXAMPLE}", place=name, got=value)
     found = accept_parameters(_FRAME, value, name)
     if found["height"] * found["width"] > MOST_CELLS:
         raise ParameterError(f"must not have more than {MOST_CELLS} cells", place=name, got=value)
@@ -50,7 +50,7 @@ def accept_frame(name: str, value: object) -> Frame:
 
 structured(Frame, accept_frame)
 
-_GOALS_LOOK = "{kitchen: [7.1, 3.2], ...} or [[7.1, 3.2], ...]"
+_GOALS_EXAMPLE = "{kitchen: [7.1, 3.2], ...} or [[7.1, 3.2], ...]"
 
 
 def accept_goals(name: str, value: object) -> tuple[Goal, ...]:
@@ -64,7 +64,7 @@ def accept_goals(name: str, value: object) -> tuple[Goal, ...]:
 
 
 def described_goals(goals: Sequence[Goal]) -> dict[str, list[float]] | list[Any]:
-    """Return goals as JSON or YAML can hold them, which `accept_goals` reads again."""
+    """Return goals as JSON-serialisable values, which `accept_goals` converts back."""
     places = [(goal.name, [goal.x, goal.y]) for goal in goals]
     named = {name: place for name, place in places if name is not None}
     if named and len(named) == len(goals):
@@ -80,7 +80,7 @@ def _goals(name: str, value: object) -> Iterator[Goal]:
     elif isinstance(value, Mapping):
         value = [{key: place} for key, place in value.items()]
     if not isinstance(value, Iterable) or isinstance(value, bytes):
-        raise ParameterError(f"must look like {_GOALS_LOOK}", place=name, got=value)
+        raise ParameterError(f"must look like {_GOALS_EXAMPLE}", place=name, got=value)
     for number, item in enumerate(value, start=1):
         place = f"{name} {number}"
         if isinstance(item, Mapping):
@@ -111,11 +111,11 @@ def _goal_name(place: str, value: object) -> str:
 
 
 def _is_pair(value: object) -> bool:
-    """Return whether it is a single place as numbers, rather than a list of places."""
+    """Return whether a value is one place as two numbers, not a list of places."""
     return (
         isinstance(value, (list, tuple))
         and bool(value)
-        and all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in value)
+        and all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in value)
     )
 
 
@@ -126,12 +126,12 @@ else:
     structured(Goals, accept_goals)
 
 
-_LAYERS_LOOK = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
+_LAYERS_EXAMPLE = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
 
 
 def accept_layers(name: str, value: object) -> tuple[CostmapLayer, ...]:
     if not isinstance(value, (list, tuple)):
-        rule = f"must be a list of layers such as {_LAYERS_LOOK}"
+        rule = f"must be a list of layers such as {_LAYERS_EXAMPLE}"
         raise ParameterError(rule, place=name, got=value)
     return tuple(_layer(f"{name} {number}", item) for number, item in enumerate(value, start=1))
 
@@ -139,7 +139,7 @@ def accept_layers(name: str, value: object) -> tuple[CostmapLayer, ...]:
 def layers_with(
     layers: tuple[CostmapLayer, ...], name: str, value: object
 ) -> tuple[CostmapLayer, ...] | None:
-    """Return layers with a new value for the parameter of a name in model ``exponential``."""
+    """Return layers with a new value for a parameter that is named as in model ``exponential``."""
     if name == "lethal_threshold":
         name = "lethal_cost_threshold"  # as ROS calls it
     kind = next((kind for kind in KINDS.values() if name in _parameters_of(kind)), None)
@@ -148,27 +148,27 @@ def layers_with(
     owners = [layer for layer in layers if layer.key == kind.key]
     if kind.spreads and name != "lookup" and len(owners) != 1:
         names = ", ".join(layer.name for layer in owners) or "none"
-        rule = f"there must be one inflation layer for it to be of, there are: {names}"
+        rule = f"needs exactly one inflation layer, found: {names}"
         raise ParameterError(rule, place=name)
     accepted: Any = {name: _parameters_of(kind)[name].accept(value)}
     return tuple(replace(layer, **accepted) if layer.key == kind.key else layer for layer in layers)
 
 
 def _layer(place: str, item: object) -> CostmapLayer:
-    given: object = None
+    settings: object = None
     if hasattr(item, "described"):  # a layer
         item = item.described()
     if isinstance(item, Mapping) and len(item) == 1:
-        ((item, given),) = item.items()
-    if given is not None and not isinstance(given, Mapping):
-        raise ParameterError(f"must look like {_LAYERS_LOOK}", place=place, got={item: given})
+        ((item, settings),) = item.items()
+    if settings is not None and not isinstance(settings, Mapping):
+        raise ParameterError(f"must look like {_LAYERS_EXAMPLE}", place=place, got={item: settings})
     if not isinstance(item, str):
-        raise ParameterError(f"must look like one of {_LAYERS_LOOK}", place=place, got=item)
+        raise ParameterError(f"must look like one of {_LAYERS_EXAMPLE}", place=place, got=item)
     if item not in KINDS:
         raise unknown_name("kind of layer", item, KINDS, place=place)
     known = _parameters_of(KINDS[item])
     values: dict[str, Any] = {}
-    for key, value in (given or {}).items():
+    for key, value in (settings or {}).items():
         if key == "name":
             if not isinstance(value, str) or not value.isprintable() or not value:
                 raise ParameterError("must be a word", place=f"{place} {item}.{key}", got=value)
@@ -186,9 +186,9 @@ def _layer(place: str, item: object) -> CostmapLayer:
 
 def _parameters_of(kind: type[CostmapLayer]) -> dict[str, Parameter]:
     fields: Any = kind
-    return {name: own for name, own in parameters_of(fields).items() if name != "name"}
+    return {name: parameter for name, parameter in parameters_of(fields).items() if name != "name"}
 
 
-LayerList = tuple[CostmapLayer, ...]  # layers of a costmap, as a parameter of a stage
+LayerList = tuple[CostmapLayer, ...]  # layers of a costmap as a parameter of a stage
 
 structured(LayerList, accept_layers)

@@ -115,7 +115,7 @@ def active_region(
     in_rows, in_cols = _known_lines(grid, min_component)
     if not in_rows.any():
         raise MalformedInputError("no active cells: every cell is unknown")
-    # A margin of more than the map is as good as one of the map.
+    # a larger margin than the map has no further effect
     margin = min(margin, max(grid.shape) * grid.resolution)
     grow = cells_to_cover(margin, grid.resolution)
     rows, cols = _span(in_rows, grow), _span(in_cols, grow)
@@ -127,7 +127,7 @@ def active_region(
 
 
 def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
-    """Return in which rows and in which columns anything is known that counts."""
+    """Return which rows and which columns have known cells of large enough groups."""
     if min_component > 1:
         known = drop_small_groups(np.asarray(grid.occupancy) != UNKNOWN, min_component)
         if not known.any():
@@ -154,7 +154,7 @@ def _cells(grid: Any, parameters: Parameters) -> Iterator[int]:
         region = region_of(grid.frame, parameters["size"], corner_xy=corner, center_xy=center)
         frame = region.frame_in(grid.frame)
     count = math.prod(frame.shape)
-    if count <= MOST_CELLS:  # more are refused by the window
+    if count <= MOST_CELLS:  # the window refuses more
         yield count + min(count, math.prod(grid.shape))
 
 
@@ -253,25 +253,25 @@ def window(
             raise ParameterError("takes the place of size, corner and center", place="frame")
         place = region_on_lattice(grid.frame, frame)
         if place is None:
-            raise ParameterError(_other_cells(grid.frame, frame), place="frame")
-        return copied(grid, place, frame, fill=fill, what="window")
+            raise ParameterError(_mismatch_text(grid.frame, frame), place="frame")
+        return copied(grid, place, frame, fill=fill, stage_name="window")
     if size_xy is None:
         raise ParameterError("must be given, or a frame", place="size")
     region = region_of(grid.frame, size_xy, corner_xy=corner_xy, center_xy=center_xy)
-    return copied(grid, region, region.frame_in(grid.frame), fill=fill, what="window")
+    return copied(grid, region, region.frame_in(grid.frame), fill=fill, stage_name="window")
 
 
-def _other_cells(lattice: Frame, frame: Frame) -> str:
+def _mismatch_text(lattice: Frame, frame: Frame) -> str:
     if frame.resolution != lattice.resolution:
-        own, other = lattice.resolution, frame.resolution
-        return f"must have cells of {own:g} m as the grid has, not of {other:g} m"
+        lattice_side, frame_side = lattice.resolution, frame.resolution
+        return f"must have cells of {lattice_side:g} m as the grid has, not of {frame_side:g} m"
     if is_turned(lattice, frame.origin[2]):
         return f"must have the grid's yaw, {lattice.origin[2]:g} rad, not {frame.origin[2]:g} rad"
     return "the edges of the cells must coincide: the origins are not whole cells apart"
 
 
 def default_of(grid: Framed, value: int | None) -> int | None:
-    """Return a value for cells beyond a grid, which must be on its scale; None for unknown."""
+    """Return a value for cells beyond a grid, checked against its scale; None for unknown."""
     if value is None:
         return None
     if not isinstance(grid, ValueGrid):
@@ -279,8 +279,8 @@ def default_of(grid: Framed, value: int | None) -> int | None:
     return grid.accept_value(value, "default")
 
 
-def copied(grid: G, region: Region, frame: Frame, *, fill: int | None, what: str) -> G:
-    """Return the cells of a region, whose place in the map frame is `frame`."""
+def copied(grid: G, region: Region, frame: Frame, *, fill: int | None, stage_name: str) -> G:
+    """Return a grid with the cells of a region, whose frame is `frame`."""
     if not isinstance(grid, (ValueGrid, DistanceField)):
         raise ParameterError("takes a map, a costmap or a distance field", source="window")
     known = Region(0, 0, *grid.shape)
@@ -295,8 +295,8 @@ def copied(grid: G, region: Region, frame: Frame, *, fill: int | None, what: str
     )
     if shared.height <= 0 or shared.width <= 0:
         if not isinstance(grid, ValueGrid):
-            raise ParameterError("no cell of it has a distance", place=what)
-        emit_warning(f"{what}: lies outside of the map, no cell is kept", stacklevel=4)
+            raise ParameterError("no cell of it has a distance", place=stage_name)
+        emit_warning(f"{stage_name}: lies outside of the map, no cell is kept", stacklevel=4)
         value = grid.unknown_value if fill is None else fill
         values: NDArray[np.generic] = np.full(frame.shape, value, dtype=grid.values.dtype)
         return grid.with_values(values, frame.origin)
@@ -362,4 +362,4 @@ def shift_origin(
     fill = default_of(grid, default)
     region = region_of(grid.frame, grid.frame.size_xy, corner_xy=check_point(origin_xy, "origin"))
     region = region._replace(height=grid.shape[0], width=grid.shape[1])
-    return copied(grid, region, region.frame_in(grid.frame), fill=fill, what="origin")
+    return copied(grid, region, region.frame_in(grid.frame), fill=fill, stage_name="origin")
