@@ -22,7 +22,7 @@ Method = Literal["astar", "descent", "graph"]
 _ROUNDING = 12
 """Decimals of widths, so that twice six cells of 0.05 m are 0.6 m and not wider by a last bit."""
 
-_DECIMALS = 9  # of figures: what is beyond is the rounding of binary fractions
+_DECIMALS = 9  # of figures; further digits are rounding errors
 MOST_HEADINGS = 255  # as many as a byte of the layer `Reach.headings` can count
 
 
@@ -271,18 +271,17 @@ class Reach(Framed):
         return self.reachable_area / free if free else 0.0
 
     def _own_figures(self) -> Figures:
+        reasons = [(answer.goal.label, answer.stopped_by) for answer in self.goals]
         return {
             "start": list(self.start),
             "reachable_m2": round(self.reachable_area, _DECIMALS),
             "open_m2": round(self.open_area, _DECIMALS),
             "free_m2": round(self.free_area, _DECIMALS),
             "share": round(self.share, _DECIMALS),
-            "goals": {one.goal.label: one.reachable for one in self.goals},
+            "goals": {answer.goal.label: answer.reachable for answer in self.goals},
             "passages": len(self.passages),
-            "closed_passages": sum(not one.is_open for one in self.passages),
-            "stopped_by": {
-                one.goal.label: one.stopped_by for one in self.goals if one.stopped_by is not None
-            },
+            "closed_passages": sum(not passage.is_open for passage in self.passages),
+            "stopped_by": {label: reason for label, reason in reasons if reason is not None},
         }
 
     def _repr_parameters(self) -> Iterator[str]:
@@ -292,7 +291,7 @@ class Reach(Framed):
     def _repr_values(self) -> Iterator[str]:
         yield f"reaches {self.reachable_area:.4g} of {self.open_area:.4g} m2"
         if self.goals:
-            got = sum(one.reachable for one in self.goals)
+            got = sum(answer.reachable for answer in self.goals)
             yield f"{got} of {count_text(len(self.goals), 'goal')}"
         yield count_text(len(self.passages), "passage")
 

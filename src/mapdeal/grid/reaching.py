@@ -72,7 +72,7 @@ def nearest_open_text(frame: Frame, is_open: NDArray[np.bool_], cell: Cell) -> s
 
 
 def nearest_marked(marked: NDArray[np.bool_], cell: Cell) -> Cell | None:
-    """Return the marked cell nearest to a cell, the first of several by rows; None if none is."""
+    """Return the marked cell nearest to a cell, if there is one; of several the first by rows."""
     # The cell may lie outside. Rows are searched from it on: a list of all marked cells would take
     # much memory.
     best = None
@@ -152,7 +152,7 @@ class Ways:
         return clearance_metres(self.squared, self.frame.resolution, in_place=in_place)
 
     def in_largest_area(self, closed_up_to: int) -> NDArray[np.bool_] | None:
-        """Return the cells of the largest area above a square, shape (H, W); None if none is."""
+        """Return the cells of the largest area above a square, shape (H, W), if there is one."""
         # Areas are connected by the four straight neighbours. Of areas of equal size, the one whose
         # first basin comes first is returned.
         tree = self.tree
@@ -307,7 +307,7 @@ def passages(
     if root < 0 or not len(tree.squares):
         return ()
     closed, tight = (
-        largest_closed_square(one, ways.frame) for one in (radius, radius + margin)
+        largest_closed_square(limit, ways.frame) for limit in (radius, radius + margin)
     )  # fmt: skip
     levels = [(closed, -1), (tight, closed)]
     if is_reached is not None and circumscribed_radius is not None:
@@ -338,15 +338,15 @@ def passages(
         if stops[of_level].any():
             doors = _other_doors(ways, level, far[of_level], behind[of_level, 0])
             cells += [(cell, of_level.start + i) for cell, i in doors if stops[of_level][i]]
-    made = [
+    found = [
         _passage(ways, cell, float(behind[which, 0]), bool(is_passed[which]))
         for cell, which in cells
     ]
-    return tuple(sorted(made, key=_order))
+    return tuple(sorted(found, key=_order))
 
 
-def _order(one: Passage) -> tuple[object, ...]:
-    return one.width, -one.cut_off, one.ends
+def _order(passage: Passage) -> tuple[object, ...]:
+    return passage.width, -passage.cut_off, passage.ends
 
 
 def disconnected(
@@ -360,8 +360,8 @@ def disconnected(
     parts, _ = joined(len(counts), ways.tree.one, ways.tree.other)
     _, first, which = np.unique(parts[basins], return_index=True, return_inverse=True)
     largest = counts[basins[first]]
-    others = np.bincount(which, counts[basins], minlength=len(first)) - largest
-    is_parted = np.minimum(largest, others) >= ways.least_count(min_area)
+    remaining = np.bincount(which, counts[basins], minlength=len(first)) - largest
+    is_parted = np.minimum(largest, remaining) >= ways.least_count(min_area)
     found: list[Passage] = []
     for basin in basins[first[is_parted]].tolist():
         start = divmod(int(ways.tree.peak_cells[basin]), grid.frame.width)
@@ -408,8 +408,8 @@ def _meetings(
     least: float,
 ) -> NDArray[np.intp]:
     """Return the edges at which large regions meet, of squares above `narrow` and up to `wide`."""
-    # A region is what is connected by wider edges; that of the root may be small. Where a robot is
-    # stopped, small regions that lie behind one another are a large one together.
+    # A region is a set of basins connected by wider edges; that of the root may be small. If the
+    # robot is stopped, consecutive small regions count together as a large one.
     first, end = (_first_not_above(tree.squares, limit) for limit in (wide, narrow))
     count = len(counts)
     labels, _ = joined(count, tree.one[:first], tree.other[:first])
@@ -461,7 +461,7 @@ def _other_doors(
 ) -> Iterator[tuple[int, int]]:
     """Yield the other doors between areas than the edges, the widest ones, that part them."""
     # Each is the flat index of its narrowest cell, and which of the edges leads to the same area.
-    # What is less than half as wide as that edge is left out: a laser's walls are full of holes.
+    # Doors less than half as wide as that edge are skipped: walls seen by lasers are full of holes.
     labels = _parted(ways.tree, edges)
     leading_to = {
         label: which
@@ -521,13 +521,13 @@ def reach_on(
     """Compute where a robot can go; see the stage ``reach``."""
     if start is not None and len(start) not in (2, 3):
         raise ParameterError("must be x,y or x,y,yaw", place="start", got=tuple(start))
-    asked = None if start is None else tuple(start)
-    first = None if asked is None else cell_of_point(ground.frame, (asked[0], asked[1]), "start")
+    pose = None if start is None else tuple(start)
+    first = None if pose is None else cell_of_point(ground.frame, (pose[0], pose[1]), "start")
     points = [check_point((goal.x, goal.y), _name_of(goal)) for goal in goals]
     cells = [(row, col) for row, col in ground.frame.unbounded_rowcol_from_xy(points).tolist()]
     inside = [cell for cell in cells if ground.frame.holds(cell)]
     # robots with corners first: what both need at once would take twice the memory
-    stood = _stood(ground, robot, headings, first, asked, inside)
+    stood = _stood(ground, robot, headings, first, pose, inside)
     ways = ground.ways() if stood.ways is None else stood.ways
     from_start = ways.begun_at(stood.first)
     is_open = stood.headings > 0
@@ -624,7 +624,7 @@ def _stood(
     if not poses.headings.any():
         raise MalformedInputError(f"no cell is open to {robot_text(robot)}")
     if first is None or start is None:
-        # there may be no room for the robot's corners, or none for a circle within them
+        # the robot's corners may not fit there, and even its inscribed circle may fit nowhere
         first = nearest_marked(poses.headings > 0, widest or (0, 0)) or (0, 0)
         start = tuple(ground.frame.xy_from_rowcol([first])[0].round(_DECIMALS).tolist())
     seeds = [(heading, *first) for heading in _headings_at(poses, first, start, ground, robot)]
@@ -691,8 +691,8 @@ def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | Non
     row, col = cell
     height, width = ground.frame.shape
     to_edge = min(row + 1, height - row, col + 1, width - col)
-    what = "the map's edge" if to_edge**2 == square else "an obstacle"
-    return f"{clearance:.4g} m from {what}, the robot's radius is {reach_radius(robot):.4g} m"
+    nearest = "the map's edge" if to_edge**2 == square else "an obstacle"
+    return f"{clearance:.4g} m from {nearest}, the robot's radius is {reach_radius(robot):.4g} m"
 
 
 def _answer(

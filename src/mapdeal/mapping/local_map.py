@@ -93,8 +93,8 @@ class LocalOptions:
     unknown: Unknown = "keep"
 
     def __post_init__(self) -> None:
-        for name, one in parameters_of(LocalOptions).items():
-            object.__setattr__(self, name, one.accept(getattr(self, name)))
+        for name, parameter in parameters_of(LocalOptions).items():
+            object.__setattr__(self, name, parameter.accept(getattr(self, name)))
         object.__setattr__(self, "offset", check_point(self.offset, "offset"))
         object.__setattr__(self, "size", check_point(self.size, "size"))
         object.__setattr__(self, "resolution", check_resolution(self.resolution))
@@ -154,10 +154,10 @@ class SeenCloud:
             rule = "the cloud has no heights"
             raise ParameterError(rule, place="min_height, max_height")
         if engine_name() == "compiled" and not self._with_beams:
-            counts, seen = mark_cloud(
+            counts, from_robot = mark_cloud(
                 points, self._rule(), self.is_hit, is_placed=self._options.frame == "map"
             )
-            self._angles.add(np.arctan2(seen[:, 1], seen[:, 0]))
+            self._angles.add(np.arctan2(from_robot[:, 1], from_robot[:, 0]))
             self._counts += counts
             return
         count = len(points)
@@ -169,15 +169,15 @@ class SeenCloud:
             points = points[_between(points[:, 2], least, most)]
         beyond_height = count - not_finite - len(points)
         with np.errstate(over="ignore", invalid="ignore"):  # of points at 1e300
-            seen, placed = self._from_robot(points[:, :2])
-            distance = np.hypot(seen[:, 0], seen[:, 1])
+            from_robot, placed = self._from_robot(points[:, :2])
+            distance = np.hypot(from_robot[:, 0], from_robot[:, 1])
         near = _between(distance, self._options.min_range, self._options.max_range)
         if self._with_beams:
             self._add_beams(placed, distance, near)
         beyond_range = int(len(near) - np.count_nonzero(near))
-        seen, placed = seen[near], placed[near]
+        from_robot, placed = from_robot[near], placed[near]
         away = (distance[near] > 0) & np.isfinite(distance[near])
-        self._angles.add(np.arctan2(seen[away, 1], seen[away, 0]))
+        self._angles.add(np.arctan2(from_robot[away, 1], from_robot[away, 0]))
         cells, inside = self._frame.bounded_rowcol_from_xy(placed)
         cells = cells[inside]
         self.is_hit[cells[:, 0], cells[:, 1]] = True
@@ -238,7 +238,7 @@ class SeenCloud:
         return here if self._options.frame == "map" else here - np.array(self._options.offset)
 
     def _add_beams(self, placed: Floats, distance: Floats, near: Mask) -> None:
-        """Keep cells with a point, and those in which beams end: there, or where they clear to."""
+        """Collect the cells with a point, and the cells in which beams end or stop clearing."""
         useful = _between(distance, self._options.min_range, None) & np.isfinite(distance)
         useful &= _both(np.abs(placed) <= FARTHEST)
         placed, distance = placed[useful], distance[useful]
@@ -265,8 +265,8 @@ def _both(pairs: Mask) -> Mask:
     return pairs[:, 0] & pairs[:, 1]
 
 
-def _union(one: Integers, other: Integers) -> Integers:
-    return np.union1d(one, other) if len(one) else other
+def _union(first: Integers, second: Integers) -> Integers:
+    return np.union1d(first, second) if len(first) else second
 
 
 def _cells_from(keys: Integers) -> Integers:
@@ -332,15 +332,15 @@ class LocalMap(Drawn):
 class Sightings:
     """Cells of a lattice in which clouds leave obstacles, and through which beams clear."""
 
-    # A cell is what the last cloud says that has an end of a beam in it, an obstacle, or a beam
-    # through it, free; where a cloud has both it is an obstacle, as in costmap_2d, which clears
-    # first and marks then. So one number a cell is enough: which cloud it was, and what it said.
+    # The last cloud with a beam in a cell decides: an end makes it an obstacle, a passing beam
+    # free, and both an obstacle, as costmap_2d clears before it marks. So each cell stores one
+    # number: the cloud, and its evidence.
 
     def __init__(self, region: Region, keep: int | None = None) -> None:
         self._region = region
         self._keep = keep
         self._count = 0
-        # 2 k where the k-th cloud was the last to say something, one more if that was an obstacle
+        # 2 k if the k-th cloud was the last with evidence, 2 k + 1 if that was an obstacle
         self._words = np.zeros((region.height, region.width), dtype=np.int32)
 
     def move(self, region: Region) -> None:
@@ -351,7 +351,7 @@ class Sightings:
             self._region, self._words = region, self._words_in(region)
 
     def skip(self) -> None:
-        """Take the turn of a cloud that says nothing."""
+        """Count a cloud without evidence."""
         self._count += 1
 
     def add(self, sensor: Integers, ends: Integers, marks: Integers) -> None:
@@ -363,10 +363,10 @@ class Sightings:
         if (np.abs(start) <= FARTHEST_CELL).all():
             ends = ends[(np.abs(ends) <= FARTHEST_CELL).all(axis=1)]
             starts = np.broadcast_to(start, ends.shape)
-            # what is added reaches the upper bound from anywhere: each cell becomes just that
+            # the increment reaches the upper bound from any value, so each cell becomes `word`
             word = Odds(2 * self._count, 1, 0, 2 * self._count)
-            is_hit, seen = np.zeros(len(ends), np.bool_), np.zeros(self._words.shape, np.uint8)
-            weigh_rays(starts, ends, is_hit, word, self._words, seen)
+            is_hit, touched = np.zeros(len(ends), np.bool_), np.zeros(self._words.shape, np.uint8)
+            weigh_rays(starts, ends, is_hit, word, self._words, touched)
         marks = marks[self._region.holds(marks)] - corner
         self._words[marks[:, 0], marks[:, 1]] = 2 * self._count + 1
 
@@ -634,7 +634,7 @@ class RollingMapper:
         self._sightings = Sightings(Region(0, 0, 0, 0), keep)
         self.turn = 0
         """Number of clouds added or skipped so far."""
-        self._said = np.zeros(len(self.poses), dtype=np.bool_)
+        self._was_added = np.zeros(len(self.poses), dtype=np.bool_)
         self._newest: SeenCloud | None = None
 
     @property
@@ -672,7 +672,7 @@ class RollingMapper:
             cloud.add(points)
         self._sightings.move(self._canvas(turn))
         self._sightings.add(cloud.sensor, cloud.ends, cloud.marks)
-        self._newest, self.turn, self._said[turn] = cloud, turn + 1, True
+        self._newest, self.turn, self._was_added[turn] = cloud, turn + 1, True
 
     def skip(self) -> None:
         """Skip the next cloud, which adds nothing but still counts towards `keep`."""
@@ -697,7 +697,7 @@ class RollingMapper:
         frame = window.frame_in(self._lattice)
         grid, from_map = self._known.joined_with(evidence, frame, keeps_unknown=keeps)
         first = 0 if self._keep is None else max(0, self.turn - self._keep)
-        clouds = int(np.count_nonzero(self._said[first : self.turn]))
+        clouds = int(np.count_nonzero(self._was_added[first : self.turn]))
         earlier = self._sightings.count_earlier(window)
         newest = self._newest
         return LocalMap(
