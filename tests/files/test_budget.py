@@ -25,7 +25,7 @@ def free(monkeypatch):
     return set_free
 
 
-def test_what_fits_is_allowed_and_what_does_not_is_told_with_both_figures():
+def test_claims_above_the_limit_are_refused_with_both_figures():
     with use_memory(100 * MB):
         claim("a.npz", 50 * MB)
         with pytest.raises(MalformedInputError) as caught:
@@ -148,11 +148,13 @@ def test_readers_and_lint_take_what_they_say_before(tmp_path, name, codes):
     path = tmp_path / name
     {**IMAGES, **GRIDS, **OTHERS}[name](path)
     words = [sys.executable, "-c", MEASURE, str(path), *codes]
-    done = subprocess.run(words, capture_output=True, text=True, check=True)
-    for told in done.stdout.splitlines():
-        taken, said = map(int, told.split())
-        assert taken < 1.05 * said + 6 * MB  # for what belongs to no file, such as pieces of it
-        assert said < 3 * taken + 8 * MB
+    process = subprocess.run(words, capture_output=True, text=True, check=True)
+    for line in process.stdout.splitlines():
+        measured, claimed = map(int, line.split())
+        assert (
+            measured < 1.05 * claimed + 6 * MB
+        )  # for what belongs to no file, such as pieces of it
+        assert claimed < 3 * measured + 8 * MB
 
 
 @pytest.mark.parametrize(

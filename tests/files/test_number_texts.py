@@ -33,20 +33,20 @@ def _single(number):
 @example([562949953421312.25, 562949953421312.75, 0.001, 1e15, 999999999999999.9, 2.0**52, -0.0])
 @example([9.5367431640625e-07, 4503599627370497.5, 5e-324, 1.7976931348623157e308, 1e-5, 1e16])
 def test_exact_numbers_are_written_as_python_does(numbers):
-    expected = [repr(one) if math.isfinite(one) else "null" for one in numbers]
+    expected = [repr(number) if math.isfinite(number) else "null" for number in numbers]
     assert _texts(numbers, Kind.EXACT) == expected
 
 
 @given(st.lists(st.floats(width=32) | st.floats(0, 1e6, width=32)))
 def test_a_float32_is_written_as_numpy_does(numbers):
-    assert _texts(numbers, Kind.SINGLE) == [_single(one) for one in numbers]
+    assert _texts(numbers, Kind.SINGLE) == [_single(number) for number in numbers]
 
 
 @given(st.lists(FLOATS), st.lists(st.tuples(st.integers(0, 1 << 40), st.integers(0, 60))))
 @example([99999999.95, 999999999.5, 0.000123456785, 1e-5, 1.5e-12], [(3, 30), (1, 9)])
 def test_between_them_nine_digits_are_written(numbers, binary):
-    numbers = [*numbers, *((2 * whole + 1) / 2**places for whole, places in binary)]
-    assert _texts(numbers, Kind.SINGLE) == [_single(one) for one in numbers]
+    numbers = [*numbers, *((2 * integer + 1) / 2**places for integer, places in binary)]
+    assert _texts(numbers, Kind.SINGLE) == [_single(number) for number in numbers]
 
 
 WHOLE = st.integers(-9, 9) | st.integers(-(10**15) + 1, 10**15 - 1)

@@ -86,10 +86,10 @@ def test_lines_read_together_are_those_that_are_read_alone(
     options = {"delimiter": delimiter, "most": most, "width": width}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(text_rows, "_BYTES_TOGETHER", together)
-        parts, error, rest = _outcome(text, columns, **options)
+        parts, error, unread = _outcome(text, columns, **options)
     rows = [] if error else [row for part in parts for row in part]
     expected = _line_by_line(text, columns, **options)
-    assert repr((rows, error, rest)) == repr(expected)  # nan is not itself
+    assert repr((rows, error, unread)) == repr(expected)  # nan is not itself
 
 
 DIGITS = st.text("0123456789", min_size=1, max_size=25)

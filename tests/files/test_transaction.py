@@ -51,13 +51,13 @@ def refuse(patch, operation, when):
 
 
 def test_nothing_appears_before_the_end(tmp_path):
-    one, two = tmp_path / "one.txt", tmp_path / "two.txt"
-    with Transaction([one, two], checksums=True) as transaction:
-        transaction.write(one, lambda file: file.write(b"1"))
-        assert transaction.checksums() == {one: hashlib.sha256(b"1").hexdigest()}
+    first, two = tmp_path / "one.txt", tmp_path / "two.txt"
+    with Transaction([first, two], checksums=True) as transaction:
+        transaction.write(first, lambda file: file.write(b"1"))
+        assert transaction.checksums() == {first: hashlib.sha256(b"1").hexdigest()}
         transaction.write_parts(two, iter([b"2", b"", b"34"]))
         assert transaction.checksums()[two] == hashlib.sha256(b"234").hexdigest()
-        assert not one.exists()
+        assert not first.exists()
         assert not two.exists()
     assert contents(tmp_path) == {"one.txt": b"1", "two.txt": b"234"}
 
@@ -248,13 +248,15 @@ def test_a_failure_at_any_step_puts_everything_back(tmp_path, monkeypatch, opera
 def test_a_folder_that_has_come_in_the_way_of_a_file_leaves_the_others_as_they_were(old, name):
     with (
         pytest.raises(FileAccessError, match="cannot be replaced: Is a directory"),
-        Transaction([old / one for one in NEW], force=True) as transaction,
+        Transaction([old / file_name for file_name in NEW], force=True) as transaction,
     ):
-        for one, data in NEW.items():
-            transaction.write_bytes(old / one, data)
+        for file_name, data in NEW.items():
+            transaction.write_bytes(old / file_name, data)
         (old / name).unlink(missing_ok=True)
         (old / name).mkdir()
-    assert contents(old) == {one: data for one, data in OLD.items() if one != name}
+    assert contents(old) == {
+        file_name: data for file_name, data in OLD.items() if file_name != name
+    }
 
 
 def test_an_old_file_that_cannot_be_kept_is_not_replaced(old, monkeypatch):
@@ -275,9 +277,9 @@ def test_an_old_file_that_cannot_go_back_is_named_and_stays(old, monkeypatch):
     refuse(monkeypatch, "replace", lambda path, to: to.name == "map.yaml" or path.suffix == ".old")
     with pytest.raises(FileAccessError, match=r"map\.pgm: cannot be restored") as caught:
         replace_all(old)
-    (kept,) = old.glob("*/.mapdeal-*")
-    assert caught.value.hint == f"its backup is {kept}"
-    assert kept.read_bytes() == OLD["a/map.pgm"]
+    (backup,) = old.glob("*/.mapdeal-*")
+    assert caught.value.hint == f"its backup is {backup}"
+    assert backup.read_bytes() == OLD["a/map.pgm"]
 
 
 KILLED_AT_EACH_STEP = """
@@ -329,9 +331,9 @@ def test_a_kill_at_any_step_leaves_files_old_or_new_in_order_and_the_next_comman
     tmp_path,
 ):
     words = [sys.executable, "-c", KILLED_AT_EACH_STEP, str(tmp_path), str(Path(__file__).parent)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    steps, mixed = map(int, done.stdout.split())
+    process = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr
+    steps, mixed = map(int, process.stdout.split())
     assert steps > 20
     assert mixed >= 3  # some kills came between two renames
 
@@ -342,11 +344,11 @@ def test_signals_wait_for_the_last_rename(old, monkeypatch, number):
         raise KeyboardInterrupt
 
     before = signal.signal(number, end)
-    real, seen = Path.replace, []
+    real, renamed = Path.replace, []
 
     def send_first(self, target):
         signal.raise_signal(number)
-        seen.append(target.name)
+        renamed.append(target.name)
         return real(self, target)
 
     monkeypatch.setattr(Path, "replace", send_first)
@@ -356,7 +358,7 @@ def test_signals_wait_for_the_last_rename(old, monkeypatch, number):
         assert signal.getsignal(number) is end
     finally:
         signal.signal(number, before)
-    assert seen == ["map.pgm", "map.yaml", "picture.png"]
+    assert renamed == ["map.pgm", "map.yaml", "picture.png"]
     assert contents(old) == NEW
 
 
@@ -386,15 +388,15 @@ def test_a_link_is_replaced_and_what_it_leads_to_stays(old, monkeypatch):
 
 def test_where_there_are_no_locks_old_files_that_are_kept_stay(tmp_path, monkeypatch):
     """A live command may have kept them."""
-    kept = tmp_path / ".mapdeal-0123456789ab.old"
-    kept.write_bytes(b"old")
+    backup = tmp_path / ".mapdeal-0123456789ab.old"
+    backup.write_bytes(b"old")
     for is_kept in (True, False):
         with monkeypatch.context() as patch:
             if is_kept:
                 patch.setattr(fcntl, "flock", raising(FULL))
             with Transaction([tmp_path / f"{is_kept}.txt"]) as transaction:
                 transaction.write_bytes(tmp_path / f"{is_kept}.txt", b"1")
-        assert kept.exists() == is_kept
+        assert backup.exists() == is_kept
 
 
 def test_a_map_that_is_read_between_two_renames_is_refused(tmp_path, monkeypatch):
@@ -441,7 +443,7 @@ def test_folders_are_locked_all_of_them_and_no_longer_than_needed(tmp_path):
     for folder in folders:
         folder.mkdir()
     with pytest.raises(RuntimeError), locked(folders):
-        assert [is_locked(one) for one in (*folders, tmp_path)] == [True, True, False]
+        assert [is_locked(folder) for folder in (*folders, tmp_path)] == [True, True, False]
         raise RuntimeError
     assert not any(map(is_locked, folders))
 
@@ -451,8 +453,8 @@ def as_on_windows(monkeypatch):
     """There are no locks, and no open file can be renamed or removed."""
 
     def is_open(path, *_):
-        links = (Path("/proc/self/fd") / one for one in os.listdir("/proc/self/fd"))  # noqa: PTH208
-        return any(os.path.realpath(one) == os.path.realpath(path) for one in links)
+        links = (Path("/proc/self/fd") / descriptor for descriptor in os.listdir("/proc/self/fd"))  # noqa: PTH208
+        return any(os.path.realpath(link) == os.path.realpath(path) for link in links)
 
     monkeypatch.setattr(temporary, "fcntl", None)
     for name in ("replace", "rename", "unlink"):

@@ -51,9 +51,9 @@ def tree(node, text):
     """Return what a node holds, and where: of collections not where they end."""
     start, value = node.start_mark, node.value
     if isinstance(node, yaml.SequenceNode):
-        value = [tree(one, text) for one in value]
+        value = [tree(child, text) for child in value]
     elif isinstance(node, yaml.MappingNode):
-        value = [(tree(key, text), tree(one, text)) for key, one in value]
+        value = [(tree(key, text), tree(child, text)) for key, child in value]
     else:
         value = value, text[start.index : node.end_mark.index], node.style or None
     return type(node), node.tag, value, start.index, start.line, start.column
@@ -69,7 +69,7 @@ def check(text):
                 yaml.compose(text, Loader=LOADER)
         return
     node = yaml.compose(text, Loader=LOADER)
-    assert [(tree(one.node, text), one.line) for one in entries.values()] == [
+    assert [(tree(entry.node, text), entry.line) for entry in entries.values()] == [
         (tree(value, text), key.start_mark.line + 1) for key, value in node.value
     ]
     assert list(entries) == [key.value for key, _ in node.value]
@@ -103,7 +103,7 @@ def test_real_files(real_maps):
         text = path.read_text()
         ours = compose_documents(path, text.encode(), OF_RECIPES)
         theirs = list(yaml.compose_all(text, Loader=LOADER))
-        assert [tree(one, text) for one in ours] == [tree(one, text) for one in theirs]
+        assert [tree(our, text) for our in ours] == [tree(their, text) for their in theirs]
         if len(ours) == 1:
             check(text)
 
@@ -115,7 +115,7 @@ def test_real_files(real_maps):
     ("a: 1\n---\nb: 2\n", "line 2, column 1: not valid YAML: but found another document"),
     ("a: &a 1\nb: &a 2\nc: *a\n", "line 2, column 4: not valid YAML: second occurrence"),
 ])  # fmt: skip
-def test_what_is_not_yaml_is_told_with_its_place(text, place):
+def test_invalid_yaml_is_refused_with_its_place(text, place):
     with pytest.raises(MalformedInputError) as caught:
         parse_mapping(NAME, text.encode(), OF_RECIPES)
     assert f"m.yaml: {place}" in str(caught.value)
@@ -141,7 +141,7 @@ def test_a_value_of_the_command_line_that_is_not_unicode_is_refused():
 def test_tabs_stand_where_libyaml_takes_them():
     entries = parse_mapping(NAME, b"a:\t1\nb:\t[1,\t2]\t# c\n", OF_MAPS)
     assert entries["a"].number() == 1
-    assert [one.number() for one in entries["b"].items()] == [1, 2]
+    assert [item.number() for item in entries["b"].items()] == [1, 2]
 
 
 def test_without_libyaml_pyyaml_serves(monkeypatch):

@@ -146,28 +146,32 @@ OTHERS = ("bag", "ROS parameters", "image", "Git LFS pointer")
 def test_a_file_is_what_it_is_by_its_bytes_whatever_its_name_and_info_tells(
     command, tmp_path, name
 ):
-    data, kind, what, figures, use = FILES[name]
+    data, kind, description, figures, use = FILES[name]
     path = tmp_path / name
     path.write_bytes(data)
     found = kind_of(path)
     assert (found.name, found.figures()) == (kind, figures)
-    assert what in found.what
+    assert description in found.what
     assert use in found.use
     assert "{" not in found.use
     if kind not in OTHERS:
         code, out, err = command("info", path)
-        first, told, *of_figures, last = out.splitlines()
+        first, kind_line, *of_figures, last = out.splitlines()
         assert (code, err, first, len(of_figures)) == (0, "", str(path), 1 if figures else 0)
-        assert found.what in told
+        assert found.what in kind_line
         assert use in last
         assert all(str(value) in of_figures[0] for value in figures.values())
         report = json.loads(command("info", path, "--json")[1])
         assert (report["kind"], report["figures"]) == (kind, figures)
-    other = kind_of(path.rename(tmp_path / "braces {path} of nothing"))
+    kind_of_renamed = kind_of(path.rename(tmp_path / "braces {path} of nothing"))
     if name == "a.db3":  # SQLite is used by others, too: its name counts
-        assert other.what == "an SQLite database"
+        assert kind_of_renamed.what == "an SQLite database"
     else:
-        assert (other.name, other.what, other.figures()) == (kind, found.what, figures)
+        assert (kind_of_renamed.name, kind_of_renamed.what, kind_of_renamed.figures()) == (
+            kind,
+            found.what,
+            figures,
+        )
 
 
 @pytest.mark.slow
@@ -179,9 +183,9 @@ def test_what_is_not_known_is_nothing(tmp_path, name, command):
     if name.endswith((".md", ".bin", ".txt", ".xml", "long.json")):
         for words in (["info"], ["esdf", "-o", tmp_path / "o.npz"]):
             code, _, err = command(*words, tmp_path / name)
-            told, hint = err.splitlines()
+            message, hint = err.splitlines()
             assert code == 3
-            assert told.endswith(f"{name}: is not a kind of file that mapdeal knows")
+            assert message.endswith(f"{name}: is not a kind of file that mapdeal knows")
             assert hint.startswith("hint: a map is a map_server .yaml")
 
 
@@ -196,12 +200,12 @@ DAMAGED = {
 
 
 @pytest.mark.parametrize("name", DAMAGED)
-def test_a_file_of_some_kind_is_told_what_is_wrong_with_it(command, tmp_path, name):
-    data, told = DAMAGED[name]
+def test_a_damaged_file_of_a_known_kind_is_refused_with_its_fault(command, tmp_path, name):
+    data, message = DAMAGED[name]
     (tmp_path / name).write_bytes(data)
     code, out, err = command("info", tmp_path / name)
     assert (code, out) == (3, "")
-    assert f"{name}: {told}" in err
+    assert f"{name}: {message}" in err
 
 
 def test_maps_and_folders_with_a_bag_and_of_a_batch(here):
@@ -216,14 +220,14 @@ def test_maps_and_folders_with_a_bag_and_of_a_batch(here):
     assert kind_of(here) is None
 
 
-@pytest.mark.parametrize(("error", "told"), [
+@pytest.mark.parametrize(("error", "message"), [
     (MalformedInputError("some rule", source="c.pcd"), r"is a point cloud \(PCD\), not a map"),
     (MalformedInputError("some rule", source="other.pgm"), "some rule"),
     (MalformedInputError("some rule"), "some rule"),
     (ParameterError("some rule", source="c.pcd"), "some rule"),
 ], ids=str)  # fmt: skip
-def test_only_errors_about_the_file_itself_are_changed(here, error, told):
-    with pytest.raises(type(error), match=told), recognised(Path("c.pcd"), "a map", "map"):
+def test_only_errors_about_the_file_itself_are_changed(here, error, message):
+    with pytest.raises(type(error), match=message), recognised(Path("c.pcd"), "a map", "map"):
         raise error
 
 
@@ -254,9 +258,9 @@ WRONG = [
 def test_every_command_says_what_it_was_given(command, here, words, name, rule):
     before = sorted(here.iterdir())
     code, out, err = command(*words.format(name).split())
-    told, hint = err.splitlines()
+    message, hint = err.splitlines()
     assert (code, out) == (3, "")
-    assert told.startswith(f"error: {name}: {rule}")
+    assert message.startswith(f"error: {name}: {rule}")
     assert hint.startswith("hint: ")
     assert sorted(here.iterdir()) == before
 

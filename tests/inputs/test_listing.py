@@ -44,7 +44,7 @@ def test_files_folders_and_patterns(folder, names, found):
     assert [str(path) for path in list_files(names, SUFFIXES)] == found
 
 
-@pytest.mark.parametrize(("name", "error", "told"), [
+@pytest.mark.parametrize(("name", "error", "message"), [
     ("*.txt", ParameterError, "no file"),
     ("q*", ParameterError, "no file"),
     ("d.pcd", FileAccessError, "no file"),
@@ -52,8 +52,8 @@ def test_files_folders_and_patterns(folder, names, found):
     ("missing", FileAccessError, "No such file"),
     ("no/such.pcd", FileAccessError, "No such file"),
 ])  # fmt: skip
-def test_names_that_stand_for_no_file(folder, name, error, told):
-    with pytest.raises(error, match=told):
+def test_names_that_stand_for_no_file(folder, name, error, message):
+    with pytest.raises(error, match=message):
         list_files([name], SUFFIXES)
 
 
@@ -100,7 +100,7 @@ def test_links_into_nothing_and_in_circles_are_left_to_whoever_reads_them(folder
         status_of(folder / "z.pcd")
 
 
-def test_a_folder_that_cannot_be_read_is_left_out_of_a_pattern_and_told(folder, monkeypatch):
+def test_an_unreadable_folder_is_left_out_of_a_pattern_with_a_warning(folder, monkeypatch):
     private(folder / "b" / "c", monkeypatch)
     for pattern in ("*/*/*.pcd", "b/**/*.pcd", "b/**"):
         with pytest.warns(MapdealWarning, match="c: cannot be read: Permission denied; left out"):
@@ -134,7 +134,7 @@ def test_patterns_mean_what_glob_means_by_them(files, parts, end):
         pattern = pattern.replace(f"{folder}/", f"{folder}/./") if end == "./" else pattern
         matching = glob(pattern, recursive=True)  # noqa: PTH207
         # "a/**" gives "a/" even where "a" is no folder; of a path the slash would be lost
-        expected = {Path(one) for one in matching if os.path.isfile(one)}  # noqa: PTH113
+        expected = {Path(match) for match in matching if os.path.isfile(match)}  # noqa: PTH113
         found = files_matching(pattern)
         assert len(set(found)) == len(found)
         assert set(found) == expected

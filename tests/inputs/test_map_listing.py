@@ -16,19 +16,19 @@ MAP = "image: m.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("maps/a.yaml", "maps/b10.yaml", "maps/b9.yml", "maps/deep/er/c.yaml"):
-        put(tmp_path / name, MAP)
-    put(tmp_path / "maps/params.yaml", "amcl:\n  ros__parameters:\n    image: none\n")
-    put(tmp_path / "maps/recipe.yaml", "stages: [inflate]\n")
-    put(tmp_path / "maps/.hidden/h.yaml", MAP)
-    put(tmp_path / "maps/n.npz", "")
-    put(tmp_path / "other/d.yaml", MAP)
+        write(tmp_path / name, MAP)
+    write(tmp_path / "maps/params.yaml", "amcl:\n  ros__parameters:\n    image: none\n")
+    write(tmp_path / "maps/recipe.yaml", "stages: [inflate]\n")
+    write(tmp_path / "maps/.hidden/h.yaml", MAP)
+    write(tmp_path / "maps/n.npz", "")
+    write(tmp_path / "other/d.yaml", MAP)
     return tmp_path
 
 
 GOOD = {"maps/a.yaml", "maps/b10.yaml", "maps/b9.yml", "maps/deep/er/c.yaml"}
 
 
-def put(path, text):
+def write(path, text):
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
 
@@ -38,7 +38,7 @@ def listed(*names, output="out", stdin=b""):
 
 
 def places(*names, **more):
-    return {one.path.as_posix(): one.place.as_posix() for one in listed(*names, **more).maps}
+    return {entry.path.as_posix(): entry.place.as_posix() for entry in listed(*names, **more).maps}
 
 
 @pytest.mark.parametrize(("names", "expected"), [
@@ -60,25 +60,25 @@ def test_maps_and_their_places(folder, names, expected):
 
 
 def test_the_parents_of_listed_files_count_for_the_common_root(folder):
-    put(folder / "list.txt", "# of today\r\n\r\nmaps/deep/er/c.yaml\r\nother/*.yaml  \r\n")
+    write(folder / "list.txt", "# of today\r\n\r\nmaps/deep/er/c.yaml\r\nother/*.yaml  \r\n")
     expected = {"maps/deep/er/c.yaml": "maps/deep/er/c", "other/d.yaml": "other/d"}
     assert places("@list.txt") == expected
     assert places("@-", stdin=(folder / "list.txt").read_bytes()) == expected
-    put(folder / "one.txt", "\ufeffmaps/a.yaml\nmaps/deep")
+    write(folder / "one.txt", "\ufeffmaps/a.yaml\nmaps/deep")
     assert places("@one.txt") == {"maps/a.yaml": "a", "maps/deep/er/c.yaml": "deep/er/c"}
 
 
-@pytest.mark.parametrize(("content", "told"), [
+@pytest.mark.parametrize(("content", "message"), [
     (b"", "names no map"),
     (b"# nothing\n\n", "names no map"),
     (b"a.yaml\nb\xe9.yaml\n", "line 2: a list of maps must be UTF-8"),
     ("maps\n".encode("utf-16"), "must be UTF-8"),
     (None, "cannot be read"),
 ])  # fmt: skip
-def test_lists_that_are_none(folder, content, told):
+def test_lists_that_are_none(folder, content, message):
     if content is not None:
         (folder / "list.txt").write_bytes(content)
-    with pytest.raises((ParameterError, FileAccessError), match=told):
+    with pytest.raises((ParameterError, FileAccessError), match=message):
         listed("@list.txt")
 
 
@@ -94,15 +94,15 @@ def test_lists_that_are_none(folder, content, told):
     ("broken: [\n", False),
 ])  # fmt: skip
 def test_what_makes_a_yaml_file_a_map(folder, text, is_map):
-    put(folder / "some" / "x.yaml", text)
-    put(folder / "some" / "y.yaml", MAP)
-    assert [one.path.stem for one in listed("some").maps] == ["x", "y"][not is_map :]
+    write(folder / "some" / "x.yaml", text)
+    write(folder / "some" / "y.yaml", MAP)
+    assert [entry.path.stem for entry in listed("some").maps] == ["x", "y"][not is_map :]
 
 
 @pytest.mark.parametrize("names", [["."], ["**/*.y*ml"]])
 def test_nothing_in_the_output_folder_is_an_input(folder, names):
-    put(folder / "out" / "a" / "inflated.yaml", MAP)
-    put(folder / "out.yaml", MAP)
+    write(folder / "out" / "a" / "inflated.yaml", MAP)
+    write(folder / "out.yaml", MAP)
     (folder / "link").symlink_to("out", target_is_directory=True)
     assert set(places(*names)) == GOOD | {"other/d.yaml", "out.yaml"}
     assert places("out/a/inflated.yaml") == {"out/a/inflated.yaml": "inflated"}  # named itself
@@ -110,7 +110,7 @@ def test_nothing_in_the_output_folder_is_an_input(folder, names):
 
 def test_what_is_named_twice_is_one_map_at_its_first_place_and_other_yaml_is_left_out(folder):
     found = listed("maps/deep/er/c.yaml", "maps", "maps/../maps/a.yaml", "maps/a*", "maps/*.yaml")
-    assert [one.place.as_posix() for one in found.maps] == ["c", "a", "b9", "b10"]
+    assert [entry.place.as_posix() for entry in found.maps] == ["c", "a", "b9", "b10"]
     assert [path.name for path in found.repeated] == ["c.yaml", "a.yaml", "b10.yaml"]
     assert [path.name for path in found.left_out] == ["params.yaml", "recipe.yaml"]
 
@@ -133,11 +133,11 @@ def test_what_cannot_be_followed_may_be_a_map_or_a_folder_of_maps(folder):
     os.mkfifo(folder / "maps" / "pipe")
     broken = {"maps/gone.yaml", "maps/site", "maps/deep/gone.yml", "maps/pipe.yaml"}
     assert set(places("maps")) == GOOD | broken | {"maps/a-folder/d.yaml"}
-    in_maps = {one for one in GOOD | broken if one.count("/") == 1}
+    in_maps = {file_name for file_name in GOOD | broken if file_name.count("/") == 1}
     assert set(places("maps/*.y*ml")) == in_maps - {"maps/site"}
 
 
-@pytest.mark.parametrize(("names", "error", "told"), [
+@pytest.mark.parametrize(("names", "error", "message"), [
     (["*.png"], ParameterError, "matches no"),
     (["maps/p*.yaml"], ParameterError, "matches no"),
     (["q[1]"], ParameterError, "matches no"),
@@ -146,10 +146,10 @@ def test_what_cannot_be_followed_may_be_a_map_or_a_folder_of_maps(folder):
     (["empty"], FileAccessError, "empty: is a directory without a map"),
     (["empty", "out"], FileAccessError, "outside of"),
 ])  # fmt: skip
-def test_names_that_stand_for_no_map(folder, names, error, told):
+def test_names_that_stand_for_no_map(folder, names, error, message):
     (folder / "empty").mkdir()
-    put(folder / "out" / "a" / "inflated.yaml", MAP)
-    with pytest.raises(error, match=told):
+    write(folder / "out" / "a" / "inflated.yaml", MAP)
+    with pytest.raises(error, match=message):
         listed(*names)
 
 
@@ -160,9 +160,9 @@ def test_a_list_that_never_ends_is_refused(folder):
 
 
 def test_a_bit_map_and_its_yaml_are_one_map(folder):
-    put(folder / "maps/x.yaml", MAP.replace("m.pgm", "x.pbm"))
-    put(folder / "maps/x.pbm", "")
-    put(folder / "maps/image_of_another.pbm", "")
+    write(folder / "maps/x.yaml", MAP.replace("m.pgm", "x.pbm"))
+    write(folder / "maps/x.pbm", "")
+    write(folder / "maps/image_of_another.pbm", "")
     assert "maps/x.yaml" in places("maps")
     for pattern in ("maps/*", "maps/[xi]*", "maps/**"):
         found = listed(pattern)
@@ -176,5 +176,5 @@ def test_a_bit_map_and_its_yaml_are_one_map(folder):
         (["maps/x.yaml", "maps/*.pbm"], ["x.yaml", "image_of_another.pbm"], "x.pbm"),
     ):
         both = listed(*names)
-        assert [one.path.name for one in both.maps] == found
+        assert [entry.path.name for entry in both.maps] == found
         assert [path.name for path in both.repeated] == [repeated]

@@ -66,11 +66,11 @@ def test_commands_take_bits_as_they_take_their_yaml(pair, command, monkeypatch, 
     for source in ("b.pbm", "b.yaml"):
         code, out, err = command(*words.split(), source)
         assert code in (0, 2), err
-        written = [one.read_bytes() for one in pair.parent.glob("o.*")]
-        told = re.sub(r"b\.(pbm|yaml)", "?", out + err)  # lint has lines of the YAML
-        found.append((code, told, written))
-        for one in pair.parent.glob("o.*"):
-            one.unlink()
+        written = [path.read_bytes() for path in pair.parent.glob("o.*")]
+        output = re.sub(r"b\.(pbm|yaml)", "?", out + err)  # lint has lines of the YAML
+        found.append((code, output, written))
+        for path in pair.parent.glob("o.*"):
+            path.unlink()
     assert found[0] == found[1]
     assert bool(found[0][2]) == (" -o " in words)
 
@@ -98,8 +98,10 @@ BROKEN = [
 ]
 
 
-@pytest.mark.parametrize(("change", "code", "said"), BROKEN, ids=[said for *_, said in BROKEN])
-def test_a_bit_map_that_is_no_map_is_one_line(pair, command, tmp_path, change, code, said):
+@pytest.mark.parametrize(
+    ("change", "code", "message"), BROKEN, ids=[message for *_, message in BROKEN]
+)
+def test_a_bit_map_that_is_no_map_is_one_line(pair, command, tmp_path, change, code, message):
     (pair.parent / "c.pbm").write_bytes(pair.read_bytes())
     change(pair)
     with pytest.raises(FileAccessError if code == 4 else MalformedInputError):
@@ -108,20 +110,20 @@ def test_a_bit_map_that_is_no_map_is_one_line(pair, command, tmp_path, change, c
     circle = ["edit", "circle", "--point=1.7,-1.7", "--radius=0", "--value=100", "-o", output]
     for words in (["run", "-o", output], circle, ["info"]):
         found, _, err = command(*words, pair)
-        assert (found, said in err.splitlines()[0]) == (code, True), err
+        assert (found, message in err.splitlines()[0]) == (code, True), err
         assert not output.exists()
     found, out, _ = command("lint", pair)
-    assert (found, said in out) == (1, True)
+    assert (found, message in out) == (1, True)
 
 
-@pytest.mark.parametrize(("change", "told"), [
+@pytest.mark.parametrize(("change", "message"), [
     (lambda p: p.write_bytes(b"P5\n1 1\n255\n\0"), "P5"),
     (lambda p: _rewrite(p, "trinary", "raw"), "trinary"),
     (lambda p: _rewrite(p, "mode:", "cost_scale: costmap2d\nmode:"), "cannot hold costs"),
 ])  # fmt: skip
-def test_pictures_that_are_no_bits_are_refused(pair, change, told):
+def test_pictures_that_are_no_bits_are_refused(pair, change, message):
     change(pair)
-    with pytest.raises(MalformedInputError, match=told):
+    with pytest.raises(MalformedInputError, match=message):
         read_bit_map(pair)
 
 
@@ -165,7 +167,7 @@ def test_edits_of_bits_keep_to_what_bits_hold(pair, command, tmp_path):
     circle = ["edit", "circle", "--point=2.2,-1.4", "--radius=0.3"]
     full, grid = [*circle, "--value=100"], pair.with_name("g.yaml")
     command("convert", pair, "-o", grid)
-    for words, source, code, said in (
+    for words, source, code, message in (
         ([*circle, "--value=50"], pair, 2, "must be 0 or 100"),
         ([*full, "--blank", "--background=7"], pair, 2, "background: must be 0 or 100"),
         ([*full, "--strict", "--point=99,0"], pair, 1, "the shape is clipped"),
@@ -173,7 +175,7 @@ def test_edits_of_bits_keep_to_what_bits_hold(pair, command, tmp_path):
         (full, grid, 2, "e.pbm"),
     ):
         found, _, err = command(*words, source, "-o", tmp_path / "e.pbm")
-        assert (found, said in err.splitlines()[0]) == (code, True), err
+        assert (found, message in err.splitlines()[0]) == (code, True), err
         assert not (tmp_path / "e.pbm").exists()
     assert "mapdeal pack" in err
     code, _, err = command(*full, pair, "-o", pair, "--force")

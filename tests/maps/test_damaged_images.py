@@ -94,8 +94,8 @@ def test_warnings_from_elsewhere_pass(path):
 def test_many_threads_read_the_same_and_leave_the_process_as_it_was(every_path):
     before, expected = state_of_the_process(), read_image(every_path).samples
     with ThreadPoolExecutor(8) as pool:
-        found = [one.samples for one in pool.map(read_image, [every_path] * 40)]
-    assert all(np.array_equal(one, expected) for one in found)
+        found = [picture.samples for picture in pool.map(read_image, [every_path] * 40)]
+    assert all(np.array_equal(samples, expected) for samples in found)
     assert state_of_the_process() == before
 
 
@@ -116,12 +116,12 @@ def test_only_one_thread_at_once_changes_the_process(path):
 
 
 def test_a_tiff_is_read_without_a_standard_error(path):
-    kept = os.dup(2)
+    terminal = os.dup(2)
     try:
         os.close(2)
         assert np.array_equal(read_image(path).samples, PIXELS)
         with pytest.raises(OSError, match="descriptor"):
             os.fstat(2)
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(terminal, 2)
+        os.close(terminal)

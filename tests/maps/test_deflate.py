@@ -35,8 +35,8 @@ def test_the_stream_gives_the_data_back_and_is_the_same_by_any_number_of_threads
 def test_parts_know_the_end_of_the_one_before():
     block = noise(1 << 14)
     data = np.tile(block, 2 * PART // len(block))
-    whole = b"".join(deflated(pieces(data)))
-    assert len(whole) < 1.3 * (len(block) + len(data) // 258 * 3)
+    stream = b"".join(deflated(pieces(data)))
+    assert len(stream) < 1.3 * (len(block) + len(data) // 258 * 3)
 
 
 def encoded(write, *arrays):
@@ -65,17 +65,17 @@ def test_pictures_are_those_that_readers_see(tmp_path, shape):
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
 def test_no_more_parts_are_taken_than_threads_are_busy_with(threads):
-    taken = 0
+    count = 0
 
     def parts():
-        nonlocal taken
+        nonlocal count
         for _ in range(12):
-            taken += 1
+            count += 1
             yield noise(PART).data
 
     with use_threads(threads):
         stream = deflated(parts())
         next(stream)
-        assert taken <= threads + 1
+        assert count <= threads + 1
         next(stream)
-        assert taken <= threads + 2
+        assert count <= threads + 2

@@ -76,7 +76,7 @@ def test_max_cells_is_the_largest_size_that_is_read(tmp_path, name, data, tolera
         assert "--max-cells" in caught.value.hint
 
 
-@pytest.mark.parametrize("suffix", [one for one in IMAGE_SUFFIXES if one != ".pbm"])
+@pytest.mark.parametrize("suffix", [suffix for suffix in IMAGE_SUFFIXES if suffix != ".pbm"])
 def test_an_image_alone_is_refused_by_its_name(tmp_path, suffix):
     (tmp_path / f"m{suffix}").write_bytes(b"")
     with pytest.raises(MalformedInputError, match="looks like an image"):

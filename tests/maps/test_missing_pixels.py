@@ -65,7 +65,10 @@ def cases():
         strips = {"tiffinfo": {ROWS_PER_STRIP: height}}
         kinds += [("bits", "TIFF", {"compression": fax, **strips}) for fax in FAXES]
         for picture in ("bits", "colour"):
-            kinds += [(picture, "TIFF", {"compression": one, **strips}) for one in COMPRESSIONS]
+            kinds += [
+                (picture, "TIFF", {"compression": compression, **strips})
+                for compression in COMPRESSIONS
+            ]
         kinds += [(picture, "TIFF", strips) for picture in ("bits", "grey", "colour")]
     return kinds
 
@@ -100,12 +103,12 @@ def some(count):
 @pytest.mark.parametrize(("picture", "name", "options"), cases(), ids=in_words)
 def test_a_file_that_is_cut_is_refused_or_still_the_same_picture(read, picture, name, options):
     data = saved(picture, name, **options)
-    whole = read(data)
-    assert whole is not None
+    complete = read(data)
+    assert complete is not None
     refused = 0
     for end in some(len(data)):
         found = read(data[:end])
-        assert found is None or np.array_equal(found, whole), end
+        assert found is None or np.array_equal(found, complete), end
         refused += found is None
     assert refused > PLACES // 2
 
@@ -132,14 +135,14 @@ def test_a_tiff_whose_last_strip_ends_early_is_refused_though_its_tables_fit(
     read, picture, name, options
 ):
     data = saved(picture, name, **options)
-    whole = read(data)
+    complete = read(data)
     tags = TiffImagePlugin.TiffImageFile(io.BytesIO(data)).tag_v2
     start, size = tags[STRIP_OFFSETS][-1], tags[STRIP_SIZES][-1]
     for missing in some(size)[1:]:
         end = start + size - missing
         cut = data[:end] + bytes(missing) + data[start + size :]
         found = read(with_last_size(cut, size - missing))
-        assert found is None or np.array_equal(found, whole), missing
+        assert found is None or np.array_equal(found, complete), missing
 
 
 def tiff(parts, *, tags, tiled=False):
@@ -167,16 +170,16 @@ def test_tiles_must_cover_the_picture(read, compression):
     padded = np.zeros((32, 32), np.uint8)
     padded[:HEIGHT, :WIDTH] = GREY
     corners = [(0, 0), (0, 16), (16, 0), (16, 16)]
-    whole = [padded[row : row + 16, col : col + 16].tobytes() for row, col in corners]
-    whole = [zlib.compress(tile) for tile in whole] if compression == 8 else whole
+    tiles = [padded[row : row + 16, col : col + 16].tobytes() for row, col in corners]
+    tiles = [zlib.compress(tile) for tile in tiles] if compression == 8 else tiles
     tags = {**TILED, 259: compression}
-    assert np.array_equal(read(tiff(whole, tags=tags, tiled=True)), GREY)
-    for parts in (*(whole[:count] for count in range(4)), [*whole[:3], whole[3][:-9]]):
+    assert np.array_equal(read(tiff(tiles, tags=tags, tiled=True)), GREY)
+    for parts in (*(tiles[:count] for count in range(4)), [*tiles[:3], tiles[3][:-9]]):
         assert read(tiff(parts, tags=tags, tiled=True)) is None
-    sizes = [len(whole[0])] * 3, [0, *map(len, whole[1:])], [1 << 30] * 4
+    sizes = [len(tiles[0])] * 3, [0, *map(len, tiles[1:])], [1 << 30] * 4
     offsets = [8] * 3, [1 << 31] * 4
     for changes in (*({TILE_SIZES: o} for o in sizes), *({TILE_OFFSETS: o} for o in offsets)):
-        assert read(tiff(whole, tags={**tags, **changes}, tiled=True)) is None
+        assert read(tiff(tiles, tags={**tags, **changes}, tiled=True)) is None
 
 
 STRIPS = [GREY[:10].tobytes(), GREY[10:20].tobytes(), GREY[20:].tobytes()]

@@ -46,11 +46,11 @@ def written(request, tmp_path_factory):
     return path, grid
 
 
-def check_facts(found, wanted):
-    names = *wanted.parameter_names, "scale", "circumscribed_cost"  # these of costmaps
-    assert (type(found), found.frame) == (type(wanted), wanted.frame)
+def check_facts(found, expected):
+    names = *expected.parameter_names, "scale", "circumscribed_cost"  # these of costmaps
+    assert (type(found), found.frame) == (type(expected), expected.frame)
     for name in names:
-        assert getattr(found, name, None) == getattr(wanted, name, None), name
+        assert getattr(found, name, None) == getattr(expected, name, None), name
 
 
 @pytest.mark.slow
@@ -73,10 +73,10 @@ def test_any_rows_are_what_was_written_in_whatever_order(written, requests):
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_all_at_once_is_what_was_written(written):
     path, grid = written
-    whole = mapdeal.read_map(path)
-    check_facts(whole, grid)
+    again = mapdeal.read_map(path)
+    check_facts(again, grid)
     for name in grid.layer_names:
-        np.testing.assert_array_equal(getattr(whole, name), getattr(grid, name))
+        np.testing.assert_array_equal(getattr(again, name), getattr(grid, name))
     with open_map(path) as file:
         assert file.shape() == grid.shape
 
@@ -84,7 +84,7 @@ def test_all_at_once_is_what_was_written(written):
 def _written_by_numpy(path, save=np.savez_compressed, **changes):
     entries = {"format": "mapdeal/1", "resolution": 0.1, "origin": np.array(ORIGIN)}
     entries |= {"occupancy": _map().occupancy, **changes}
-    save(path, **{name: one for name, one in entries.items() if one is not None})
+    save(path, **{name: entry for name, entry in entries.items() if entry is not None})
 
 
 def test_layers_stored_column_by_column_are_read(tmp_path):
@@ -114,12 +114,12 @@ _FIELD = {
 def test_what_headers_and_parameters_tell_is_refused_as_at_once(tmp_path, changes):
     path = tmp_path / "grid.npz"
     _written_by_numpy(path, **changes)
-    with pytest.raises(MalformedInputError) as wanted:
+    with pytest.raises(MalformedInputError) as expected:
         read_npz(path, max_cells=1000)
     with pytest.raises(MalformedInputError) as found, open_npz(path, max_cells=1000):
         pass
-    assert str(found.value) == str(wanted.value)
-    assert found.value.hint == wanted.value.hint
+    assert str(found.value) == str(expected.value)
+    assert found.value.hint == expected.value.hint
 
 
 @pytest.mark.parametrize("scale", [None, "occupancy"])
@@ -136,7 +136,7 @@ def test_values_that_are_none_are_refused_with_their_rows(tmp_path, scale):
 
 @pytest.mark.parametrize("save", [np.savez_compressed, np.savez])
 @pytest.mark.parametrize("part", ["bytes", "checksum"])
-def test_damage_is_told_with_the_last_row_at_the_latest(tmp_path, part, save):
+def test_damage_is_found_with_the_last_row_at_the_latest(tmp_path, part, save):
     path = tmp_path / "field.npz"
     _written_by_numpy(path, save, occupancy=_map((430, 170)).occupancy)
     with zipfile.ZipFile(path) as archive:

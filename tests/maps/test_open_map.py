@@ -46,7 +46,7 @@ def shape_by_rows(path):
         return file.shape_by_rows
 
 
-def told(read, *arguments, **options):
+def result_and_warnings(read, *arguments, **options):
     """What reading gives, and what it warns of."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -54,7 +54,7 @@ def told(read, *arguments, **options):
             result = read(*arguments, **options)
         except MapdealError as error:
             result = (type(error), str(error))
-    return result, [str(one.message) for one in caught]
+    return result, [str(warning.message) for warning in caught]
 
 
 def without_pixel(text):
@@ -73,13 +73,13 @@ BODIES |= dict.fromkeys((b"P4\n53 37\n", b"P4 # by hand\n53\n37\r"), BITS)
 @pytest.mark.parametrize("header", BODIES, ids=lambda header: header[:20])
 def test_values_and_warnings_are_those_of_the_whole(tmp_path, header, keys, dialect):
     path = pair(tmp_path, header, BODIES[header], **keys)
-    whole, of_whole = told(read_source, path, dialect=dialect)
+    read_at_once, of_whole = result_and_warnings(read_source, path, dialect=dialect)
     for height in (1, 8, 40):
-        (source, values), of_rows = told(rows_of, path, height, dialect=dialect)
+        (source, values), of_rows = result_and_warnings(rows_of, path, height, dialect=dialect)
         assert source.grid.is_lazy
-        assert np.array_equal(values, whole.grid.occupancy)
+        assert np.array_equal(values, read_at_once.grid.occupancy)
         assert of_rows == of_whole
-    assert source.files == whole.files
+    assert source.files == read_at_once.files
     assert (source.grid.resolution, source.grid.origin) == (0.3, (1.5, -2.0, 0.4))
     if BODIES[header] == BITS and not keys:
         assert np.array_equal(values == 100, PIXELS[::-1] < 128)
@@ -94,10 +94,13 @@ def test_values_and_warnings_are_those_of_the_whole(tmp_path, header, keys, dial
 ])  # fmt: skip
 def test_malformed_images_get_the_same_line(tmp_path, header, body):
     path = pair(tmp_path, header, body)
-    whole, of_whole = told(read_source, path)
-    rows, of_rows = told(rows_of, path)
-    if isinstance(whole, tuple):
-        assert (rows[0], without_pixel(rows[1])) == (whole[0], without_pixel(whole[1]))
+    read_at_once, of_whole = result_and_warnings(read_source, path)
+    rows, of_rows = result_and_warnings(rows_of, path)
+    if isinstance(read_at_once, tuple):
+        assert (rows[0], without_pixel(rows[1])) == (
+            read_at_once[0],
+            without_pixel(read_at_once[1]),
+        )
     else:
         assert of_rows == of_whole != []
 
@@ -108,7 +111,7 @@ def test_other_kinds_of_images_and_costs_are_left_to_be_read_whole(tmp_path, hea
     assert shape_by_rows(pair(tmp_path, mode="raw", cost_scale="costmap2d")) is None
 
 
-def test_the_shape_is_told_from_the_header_alone(tmp_path, recwarn):
+def test_the_shape_comes_from_the_header_alone(tmp_path, recwarn):
     path = pair(tmp_path, b"P5\n50000 40000\n255\n", b"")
     with open(tmp_path / "map.pgm", "r+b") as file:
         file.truncate(2_000_000_019)  # sparse: nobody reads it
@@ -127,7 +130,7 @@ def test_the_shape_is_told_from_the_header_alone(tmp_path, recwarn):
 def test_checksums_are_of_the_bytes_that_were_read(tmp_path):
     path = pair(tmp_path)
     files = path, tmp_path / "map.pgm"
-    expected = {one: hashlib.sha256(one.read_bytes()).hexdigest() for one in files}
+    expected = {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
     with sums_of_reads() as sums:
         read_source(path)
         files[1].write_bytes(b"replaced")
@@ -135,7 +138,7 @@ def test_checksums_are_of_the_bytes_that_were_read(tmp_path):
     pair(tmp_path)
     with sums_of_reads() as sums, open_map(path) as file:
         assert sums == {path: expected[path]}
-        assert file.sums_by_name(sums) == {one.name: sum_ for one, sum_ in expected.items()}
+        assert file.sums_by_name(sums) == {path.name: sum_ for path, sum_ in expected.items()}
 
 
 @pytest.mark.parametrize("change", [

@@ -30,23 +30,23 @@ REAL = [
 
 def polygons_in(path):
     features = json.loads(path.read_text())["features"]
-    polygons = [shapely.geometry.shape(one["geometry"]) for one in features]
-    areas = [one["properties"]["area"] for one in features]
-    assert areas == pytest.approx([one.area for one in polygons], abs=1e-5)
-    assert all(one.is_valid and shapely.is_ccw(one.exterior) for one in polygons)
+    polygons = [shapely.geometry.shape(feature["geometry"]) for feature in features]
+    areas = [feature["properties"]["area"] for feature in features]
+    assert areas == pytest.approx([polygon.area for polygon in polygons], abs=1e-5)
+    assert all(polygon.is_valid and shapely.is_ccw(polygon.exterior) for polygon in polygons)
     return polygons
 
 
 def cells_in(polygons, grid):
     """Rasterise polygons: the cells whose centres they hold."""
     found = np.zeros(grid.shape, bool)
-    for one in polygons:
-        in_cells = shapely.transform(one, grid.frame.continuous_rowcol_from_xy)
-        low, left, high, right = (round(bound) for bound in in_cells.bounds)
-        rows, cols = np.indices((high - low, right - left))
+    for polygon in polygons:
+        in_cells = shapely.transform(polygon, grid.frame.continuous_rowcol_from_xy)
+        low, first_col, high, right = (round(bound) for bound in in_cells.bounds)
+        rows, cols = np.indices((high - low, right - first_col))
         shapely.prepare(in_cells)
-        held = shapely.contains_xy(in_cells, rows + low + 0.5, cols + left + 0.5)
-        found[low:high, left:right] |= held
+        covered = shapely.contains_xy(in_cells, rows + low + 0.5, cols + first_col + 0.5)
+        found[low:high, first_col:right] |= covered
     return found
 
 
@@ -55,7 +55,9 @@ def exact_polygons(converted, source, grid, of):
     exact = polygons_in(converted(source, "a.geojson", "--of", of, "--tolerance", "0"))
     cells = grid.occupancy == OF[of]
     assert np.array_equal(cells_in(exact, grid), cells)
-    assert sum(one.area for one in exact) == pytest.approx(cells.sum() * grid.resolution**2, 1e-5)
+    assert sum(polygon.area for polygon in exact) == pytest.approx(
+        cells.sum() * grid.resolution**2, 1e-5
+    )
     return exact
 
 
@@ -70,22 +72,24 @@ def test_polygons_of_real_maps(real_maps, converted, of, name, mapdeal_warnings)
     grid = read_map(real_maps / name)
     exact = exact_polygons(converted, real_maps / name, grid, of)
     simple = polygons_in(converted(real_maps / name, "b.geojson", "--of", of))
-    area = sum(one.area for one in exact)
-    assert sum(one.area for one in simple) == pytest.approx(area, rel=0.01)
+    area = sum(polygon.area for polygon in exact)
+    assert sum(polygon.area for polygon in simple) == pytest.approx(area, rel=0.01)
     corners = [sum(map(shapely.get_num_coordinates, many)) for many in (exact, simple)]
     assert corners[1] < corners[0]
 
 
 def test_of_a_robot_it_is_what_it_reaches(converted):
-    whole = polygons_in(converted(GRID, "a.geojson", "--tolerance", "0"))
+    exact = polygons_in(converted(GRID, "a.geojson", "--tolerance", "0"))
     x, y = GRID.frame.xy_from_rowcol([[3, 5]])[0]
     start = f"{x},{y}"
     reached = polygons_in(converted(GRID, "b.geojson", "--tolerance", "0", "--from", start))
-    assert [one.area for one in reached] == pytest.approx([one.area for one in whole])
+    assert [polygon.area for polygon in reached] == pytest.approx(
+        [polygon.area for polygon in exact]
+    )
     narrow = polygons_in(
         converted(GRID, "c.geojson", "--tolerance", "0", "--from", start, "--robot-radius", "0.26")
     )
-    assert sum(one.area for one in narrow) < sum(one.area for one in whole) / 2
+    assert sum(polygon.area for polygon in narrow) < sum(polygon.area for polygon in exact) / 2
 
 
 def test_shapes_of_polygons_are_drawn_again_by_edit(converted, tmp_path, command):
@@ -102,10 +106,10 @@ def test_drawings_are_to_scale(converted, unit, scale):
     text = converted(GRID, "a.svg", "--tolerance", "0", "--unit", unit).read_text()
     root = ET.fromstring(text)  # noqa: S314 - our own
     size = [float(root.get(name).removesuffix("mm")) for name in ("width", "height")]
-    view = [float(one) for one in root.get("viewBox").split()]
-    assert view[2:] == pytest.approx([one / 1000 * scale for one in size])
+    view = [float(number) for number in root.get("viewBox").split()]
+    assert view[2:] == pytest.approx([pixels / 1000 * scale for pixels in size])
     x, y = map(float, re.search(r"\(0, 0\) is (\S+), (\S+) m", text).groups())
-    layers = {one.get("id"): one for one in root.iter("{http://www.w3.org/2000/svg}g")}
+    layers = {group.get("id"): group for group in root.iter("{http://www.w3.org/2000/svg}g")}
     for name, cells in (("known", GRID.occupancy >= 0), ("obstacles", GRID.occupancy == 100)):
         rings = [
             shapely.Polygon([tuple(map(float, point.split())) for point in part.split(" L")])

@@ -140,9 +140,9 @@ DAMAGED = {
 
 @pytest.mark.parametrize("name", DAMAGED)
 def test_damage_is_one_line(tmp_path, name):
-    data, told = DAMAGED[name]
+    data, message = DAMAGED[name]
     (tmp_path / "m.png").write_bytes(data)
-    with pytest.raises(MalformedInputError, match=told) as caught:
+    with pytest.raises(MalformedInputError, match=message) as caught:
         read_image(tmp_path / "m.png")
     assert str(caught.value).startswith(f"{tmp_path / 'm.png'}: ")
     assert "\n" not in str(caught.value)
@@ -159,7 +159,7 @@ def test_what_can_be_read_is_read_without_a_word(tmp_path, recwarn, data):
 
 @pytest.mark.parametrize("data", [file_of(5, 3, TURNED, chunk(b"IDAT", STREAM)),
                                   of_stream(STREAM, TURNED)], ids=["before", "behind"])  # fmt: skip
-def test_an_orientation_is_told_wherever_it_stands(tmp_path, data):
+def test_an_orientation_is_warned_of_wherever_it_stands(tmp_path, data):
     (tmp_path / "m.png").write_bytes(data)
     with pytest.warns(MapdealWarning, match="orientation was not applied"):
         read_image(tmp_path / "m.png")

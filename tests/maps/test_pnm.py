@@ -59,9 +59,9 @@ def test_long_plain_pictures_are_read_piece_by_piece_as_if_at_once():
     head = b"P2 700 300 999\n"
     assert np.array_equal(decode(head + text.encode()).samples, pixels)
     for index in (3, 150_000, len(words) - 1):
-        for bad, told in (("1000", "maxval"), ("x", "whole numbers")):
+        for bad, message in (("1000", "maxval"), ("x", "whole numbers")):
             damaged = " ".join([*words[:index], bad, *words[index + 1 :]])
-            with pytest.raises(MalformedInputError, match=f"pixel {index}: .*{told}"):
+            with pytest.raises(MalformedInputError, match=f"pixel {index}: .*{message}"):
                 decode(head + damaged.encode())
     with pytest.raises(MalformedInputError, match="must hold 210000 pixel values, got 209999"):
         decode(head + " ".join(words[:-1]).encode())
@@ -90,16 +90,16 @@ def test_colour_wide_samples_and_text(data, samples, maxval):
     assert (picture.samples.tolist(), picture.maxval) == (samples, maxval)
 
 
-@pytest.mark.parametrize(("data", "told"), [
+@pytest.mark.parametrize(("data", "message"), [
     (b"P5\r\n3 2\r\n255\r\n" + BODY, "DOS"),
     (b"P5 3 2 255\n" + BODY + b"tail", "4 bytes"),
 ])  # fmt: skip
-def test_what_is_read_right_with_a_warning(data, told):
-    with pytest.warns(MapdealWarning, match=told):
+def test_what_is_read_right_with_a_warning(data, message):
+    with pytest.warns(MapdealWarning, match=message):
         assert np.array_equal(decode(data).samples, PIXELS)
 
 
-@pytest.mark.parametrize(("data", "said"), [
+@pytest.mark.parametrize(("data", "message"), [
     # a text conversion has damaged the pixels, or eaten one
     (b"P5\r\n3 2\r\n255\r\n" + BODY.replace(b"\n", b"\r\n"), "CRLF-damaged"),
     (b"P5\r\n3 2\r\n255\r" + b"\n" + BODY[1:], "CRLF-damaged"),
@@ -120,17 +120,17 @@ def test_what_is_read_right_with_a_warning(data, told):
     (b"PF 3 2 -1.0\n" + BODY, "PFM"),
     (b"P7\nWIDTH 3\n", "PAM"),
 ])  # fmt: skip
-def test_damaged_files_are_refused_with_the_place(data, said):
-    with pytest.raises(MalformedInputError, match=said):
+def test_damaged_files_are_refused_with_the_place(data, message):
+    with pytest.raises(MalformedInputError, match=message):
         decode(data)
 
 
 def test_rows_may_be_written_in_any_order(tmp_path):
     rows = np.arange(35, dtype=np.uint8).reshape(7, 5)
     with (tmp_path / "map.pgm").open("wb") as file:
-        put = begin_pgm(file, rows, comment="CREATOR: mapdeal 0.05 m/pix")
+        write_rows = begin_pgm(file, rows, comment="CREATOR: mapdeal 0.05 m/pix")
         for part in (slice(3, 5), slice(0, 3), slice(5, 7)):
-            put(part)
+            write_rows(part)
     assert np.array_equal(decode((tmp_path / "map.pgm").read_bytes()).samples, rows[::-1])
 
 

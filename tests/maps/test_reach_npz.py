@@ -58,9 +58,9 @@ def test_it_is_read_as_it_was_written(tmp_path, more):
 
 
 def test_as_a_map_it_is_the_one_that_was_looked_at_with_one_warning(path):
-    with pytest.warns(MapdealWarning, match="is a result of reach; only its map is used") as told:
+    with pytest.warns(MapdealWarning, match="is a result of reach; only its map is used") as caught:
         again = mapdeal.read_map(path)
-    assert len(told) == 1
+    assert len(caught) == 1
     assert (type(again), again.frame) == (mapdeal.OccupancyGrid, MAP.frame)
     np.testing.assert_array_equal(again.occupancy, MAP.occupancy)
 
@@ -80,20 +80,20 @@ def test_info_names_the_layers(command, path):
     assert not {"goals", "passages", "closed_passages"} & set(report)
 
 
-def test_the_answers_are_told_in_a_line():
+def test_the_answers_are_summed_up_in_a_line():
     passage = mapdeal.Passage(1.5, -2.0, 0.8, 12.0, False, ((1.0, -2.0), (2.0, -2.0)))
     goals = [
         mapdeal.GoalReach(mapdeal.Goal(k, 0.5, name), k == 0, k == 0, 0.4)
         for k, name in enumerate(["kitchen", "hall", None, "lift", "stairs"])
     ]
-    told = summary_of(reach(goals=tuple(goals), passages=(passage,)).figures())
-    assert told == (
+    summary = summary_of(reach(goals=tuple(goals), passages=(passage,)).figures())
+    assert summary == (
         "from 1.5, -2 the robot reaches 0.125 of 0.25 m2 open to it; "
         "1 of 5 goals (not hall, 2,0.5, lift and 1 more); 1 passage, 1 closed"
     )
 
 
-@pytest.mark.parametrize(("name", "value", "said"), [
+@pytest.mark.parametrize(("name", "value", "message"), [
     ("start", np.array([1.0, np.nan]), "start: must be finite"),
     ("start", np.array([1.0]), r"start: must have shape \(2,\)"),
     ("heading_count", np.uint8(0), "heading_count: must be from 1 to 255"),
@@ -102,11 +102,11 @@ def test_the_answers_are_told_in_a_line():
     ("robot", np.zeros((3, 5)), r"robot: must have shape \(3, 2\)"),
     ("clearance", None, "clearance: missing key"),
 ])  # fmt: skip
-def test_damaged_ones_are_refused(command, path, name, value, said):
+def test_damaged_ones_are_refused(command, path, name, value, message):
     with np.load(path) as arrays:
-        kept = {key: arrays[key] for key in arrays if key != name}
-    np.savez(path, **kept, **({} if value is None else {name: value}))
-    with pytest.raises((MalformedInputError, ParameterError), match=said):
+        remaining = {key: arrays[key] for key in arrays if key != name}
+    np.savez(path, **remaining, **({} if value is None else {name: value}))
+    with pytest.raises((MalformedInputError, ParameterError), match=message):
         read_reach(path)
     code, _, err = command("info", path)
     assert (code, err.count("\n")) == (3, 1)
@@ -122,7 +122,7 @@ def test_it_only_fits_an_npz_and_a_byte_counts_no_more_headings(tmp_path):
 @pytest.mark.parametrize(("through_unknown", "free_area"), [(False, 5 / 16), (True, 7 / 16)])
 def test_on_a_larger_canvas_nothing_around_it_is_counted(through_unknown, free_area):
     grid = reach(through_unknown=through_unknown, start=(1.5, -2.0))
-    whole = on_canvas(grid, grid.frame.window(-1, -2, 6, 9))
+    extended = on_canvas(grid, grid.frame.window(-1, -2, 6, 9))
     for name in ("reachable_area", "open_area", "free_area", "share"):
-        assert getattr(whole, name) == getattr(grid, name)
-    assert whole.free_area == pytest.approx(free_area)
+        assert getattr(extended, name) == getattr(grid, name)
+    assert extended.free_area == pytest.approx(free_area)

@@ -24,8 +24,8 @@ def loaded(text):
     document = json.loads(text)
     features = document["features"]
     nodes, edges = {}, {}
-    for one in features:
-        properties, geometry = one["properties"], one["geometry"]
+    for item in features:
+        properties, geometry = item["properties"], item["geometry"]
         if geometry["type"] == "Point":
             number = properties["id"]
             assert type(number) is int
@@ -35,8 +35,8 @@ def loaded(text):
             assert math.isfinite(x + y)
             assert number not in nodes
             nodes[number] = (x, y), properties.get("metadata", {})
-    for one in features:
-        properties, geometry = one["properties"], one["geometry"]
+    for item in features:
+        properties, geometry = item["properties"], item["geometry"]
         if geometry["type"] in ("LineString", "MultiLineString"):
             number, start, end = (properties[key] for key in ("id", "startid", "endid"))
             assert type(number) is int
@@ -60,19 +60,23 @@ def loaded(text):
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-@pytest.mark.parametrize("how", [{}, {"slow_below": 1.0}, {"one_way": "right", "hall": 9.0}])
-def test_the_server_s_rules_hold_for_files_and_they_are_read_back(tmp_path, how):
+@pytest.mark.parametrize("options", [{}, {"slow_below": 1.0}, {"one_way": "right", "hall": 9.0}])
+def test_the_server_s_rules_hold_for_files_and_they_are_read_back(tmp_path, options):
     grid = grid_from_text(ROOMS)
-    made = graph(grid, footprint=Footprint.circle(0.2), **how).graph
-    text = "\n".join(graph_text(made))
+    route_graph = graph(grid, footprint=Footprint.circle(0.2), **options).graph
+    text = "\n".join(graph_text(route_graph))
     nodes, edges = loaded(text)
-    assert (len(nodes), len(edges)) == (len(made.nodes), len(made.edges))
+    assert (len(nodes), len(edges)) == (len(route_graph.nodes), len(route_graph.edges))
     assert any(metadata.get("kind") == "door" for _, metadata in nodes.values())
     (tmp_path / "g.geojson").write_text(text)
     again = read_route_graph(tmp_path / "g.geojson")
-    assert list(map(vars, again.nodes)) == list(map(vars, made.nodes))
-    assert [{**vars(one)} for one in again.edges] == [{**vars(one)} for one in made.edges]
-    assert text == "\n".join(graph_text(graph(grid, footprint=Footprint.circle(0.2), **how).graph))
+    assert list(map(vars, again.nodes)) == list(map(vars, route_graph.nodes))
+    assert [{**vars(edge)} for edge in again.edges] == [
+        {**vars(edge)} for edge in route_graph.edges
+    ]
+    assert text == "\n".join(
+        graph_text(graph(grid, footprint=Footprint.circle(0.2), **options).graph)
+    )
 
 
 GOOD = [node(0), node(1, 1.0), edge(2, 0, 1)]
@@ -108,7 +112,7 @@ def test_lines_are_not_read_and_other_geometries_are_passed_over(tmp_path):
 ])  # fmt: skip
 def test_what_the_server_refuses_or_takes_otherwise_than_meant_is_found(tmp_path, features, check):
     path = written(tmp_path, features)
-    found = [one.check for one in read_graph_file(path).problems]
+    found = [problem.check for problem in read_graph_file(path).problems]
     if check in ("missing-end", "refused"):
         assert check in found
         with pytest.raises(MalformedInputError, match=r"g\.geojson"):
@@ -139,7 +143,11 @@ HAND_MADE = {"depot": (34, 78, ["double-id"] * 6), "turtlebot3": (20, 65, []),
 def test_graphs_that_come_with_nav2(real_maps, name):
     folder = real_maps / "ros-navigation__navigation2/nav2_bringup/graphs"
     found = read_graph_file(folder / f"{name}_graph.geojson")
-    count = len(found.graph.nodes), len(found.graph.edges), [one.check for one in found.problems]
+    count = (
+        len(found.graph.nodes),
+        len(found.graph.edges),
+        [problem.check for problem in found.problems],
+    )
     assert count == HAND_MADE[name]
 
 
@@ -147,8 +155,8 @@ def test_graphs_that_come_with_nav2(real_maps, name):
 @pytest.mark.parametrize("name", ["depot", "warehouse", "tb3_sandbox"])
 def test_graphs_of_nav2_s_maps_pass_lint(real_maps, tmp_path, name):
     path = real_maps / f"ros-navigation__navigation2/nav2_bringup/maps/{name}.yaml"
-    made = graph(path, footprint=Footprint.circle(0.22))
-    text = "\n".join(graph_text(made.graph))
+    result = graph(path, footprint=Footprint.circle(0.22))
+    text = "\n".join(graph_text(result.graph))
     loaded(text)
     (tmp_path / "g.geojson").write_text(text)
     report = mapdeal.lint(path, graph=tmp_path / "g.geojson", footprint=Footprint.circle(0.22),

@@ -82,7 +82,7 @@ def ring(*points):
     return json.dumps(geometry("Polygon", [points]))
 
 
-@pytest.mark.parametrize(("text", "told"), [
+@pytest.mark.parametrize(("text", "message"), [
     ("", "no mapping"),
     ("shapes: []", "no shape"),
     (CIRCLE.replace("[0, 0]", "[0, 0, 0]"), "two numbers"),
@@ -117,10 +117,10 @@ def ring(*points):
     ("[" * 100_000, "nested too deep"),
     ('{"type": "\udcff"}', "UTF-8"),
 ], ids=lambda text: text[:70])  # fmt: skip
-def test_files_that_are_no_shapes(tmp_path, text, told):
+def test_files_that_are_no_shapes(tmp_path, text, message):
     path = tmp_path / ("zones.json" if text[:1] in ("[", "{") else "zones.yaml")
     path.write_bytes(text.encode(errors="surrogateescape"))
     with pytest.raises(MalformedInputError) as caught:
         read_shapes(path)
-    assert re.search(told, f"{caught.value} {caught.value.hint}")
+    assert re.search(message, f"{caught.value} {caught.value.hint}")
     assert str(path) in str(caught.value)

@@ -31,16 +31,16 @@ def parsed(path):
 
 
 def numbers(text):
-    return [float(one) for one in text.split()]
+    return [float(part) for part in text.split()]
 
 
 def boxes_in(path, name="collision"):
     """The boxes of the walls: centres in the map frame, (N, 3), and sizes."""
-    (walls,) = (one for one in parsed(path).iter("model") if one.get("name") == "walls")
+    (walls,) = (model for model in parsed(path).iter("model") if model.get("name") == "walls")
     x, y, *_, yaw = numbers(walls.find("pose").text)
     found = walls.findall(f"link/{name}")
-    at = np.array([numbers(one.find("pose").text)[:3] for one in found])
-    sizes = np.array([numbers(one.find("geometry/box/size").text) for one in found])
+    at = np.array([numbers(collision.find("pose").text)[:3] for collision in found])
+    sizes = np.array([numbers(collision.find("geometry/box/size").text) for collision in found])
     cos, sin = np.cos(yaw), np.sin(yaw)
     return at @ [[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]] + np.array([x, y, 0]), sizes
 
@@ -52,8 +52,8 @@ def seen_from_above(mesh, grid):
     at = grid.frame.continuous_rowcol_from_xy(corners).reshape(-1, 3, 2)[:, :, ::-1] * 4 - 0.5
     image = Image.new("1", (grid.shape[1] * 4, grid.shape[0] * 4))
     draw = ImageDraw.Draw(image)
-    for one in np.round(at, 4).reshape(len(at), 6).tolist():
-        draw.polygon(one, fill=1)
+    for row in np.round(at, 4).reshape(len(at), 6).tolist():
+        draw.polygon(row, fill=1)
     return np.asarray(image)[2::4, 2::4]
 
 
@@ -111,31 +111,31 @@ SDF = {
 }  # fmt: skip
 
 
-def check_element(one, parent=""):
-    rule = SDF.get(f"{parent}/{one.tag}", SDF.get(one.tag))
+def check_element(element, parent=""):
+    rule = SDF.get(f"{parent}/{element.tag}", SDF.get(element.tag))
     if not isinstance(rule, tuple):
         form = " ".join([NUMBER] * rule) if isinstance(rule, int) else rule
-        assert re.fullmatch(form, one.text), (one.tag, one.text)
+        assert re.fullmatch(form, element.text), (element.tag, element.text)
         return
     children, attributes = rule
-    assert sorted(one.attrib) == attributes
-    tags = [child.tag for child in one]
+    assert sorted(element.attrib) == attributes
+    tags = [child.tag for child in element]
     for word in children.split():
         tag = word.rstrip("?*+")
-        assert re.fullmatch(f"x{word[len(tag) :]}", "x" * tags.count(tag)), (one.tag, tag)
-        tags = [other for other in tags if other != tag]
-    assert tags == [], one.tag
-    names = [child.get("name") for child in one if child.get("name")]
+        assert re.fullmatch(f"x{word[len(tag) :]}", "x" * tags.count(tag)), (element.tag, tag)
+        tags = [following for following in tags if following != tag]
+    assert tags == [], element.tag
+    names = [child.get("name") for child in element if child.get("name")]
     assert len(names) == len(set(names))
-    for child in one:
-        check_element(child, one.tag)
+    for child in element:
+        check_element(child, element.tag)
 
 
 def test_worlds_follow_the_rules_of_sdformat(converted):
     root = parsed(converted(GRID, "w.sdf"))
     assert root.get("version") == "1.7"
     check_element(root)
-    floor = next(one for one in root.iter("model") if one.get("name") == "floor")
+    floor = next(model for model in root.iter("model") if model.get("name") == "floor")
     x, y, z, *_, yaw = numbers(floor.find("pose").text)
     middle = GRID.frame.xy_from_continuous_rowcol([[2, 4]])[0]
     assert (x, y, z, yaw) == pytest.approx((*middle, 0, 0.4), abs=1e-5)

@@ -68,8 +68,8 @@ def test_a_speed_that_a_mask_cannot_hold_is_rounded_down_or_refused():
     for info, speed in ((percent, 0.5), (percent, 120.0), (metres, 0.5)):
         with pytest.raises(ParameterError, match="must be"):
             info.value_of(speed)
-    given_ones = info_for("speed", [1.2], unit="m/s", base=1.0, multiplier=0.1)
-    assert given_ones.value_of(1.2) == (2, True)
+    chosen = info_for("speed", [1.2], unit="m/s", base=1.0, multiplier=0.1)
+    assert chosen.value_of(1.2) == (2, True)
 
 
 @pytest.mark.parametrize("info", [FilterInfo("keepout"), FilterInfo("speed", "m/s", 0.5, 0.25)])
@@ -81,11 +81,11 @@ def test_the_yaml_says_how_a_mask_is_read(info):
 
 def test_zones_know_their_kind_name_and_speed(zones):
     found = zones(zone(kind="keepout", name="stairs"), zone(speed=30), zone(kind="binary"))
-    told = [(one.name, one.kind, one.speed) for one in found]
-    assert told == [("stairs", "keepout", None), ("zone 2", "speed", 30.0),
+    described = [(found_zone.name, found_zone.kind, found_zone.speed) for found_zone in found]
+    assert described == [("stairs", "keepout", None), ("zone 2", "speed", 30.0),
                     ("zone 3", "binary", None)]  # fmt: skip
-    (one,) = zones(zone(), zone(speed=30), kind="keepout")
-    assert (one.name, one.kind) == ("zone 1", "keepout")
+    (keepout_zone,) = zones(zone(), zone(speed=30), kind="keepout")
+    assert (keepout_zone.name, keepout_zone.kind) == ("zone 1", "keepout")
 
 
 BAD = [
@@ -98,10 +98,10 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("one", "words"), BAD)
-def test_bad_zones_are_refused_with_their_place(zones, one, words):
+@pytest.mark.parametrize(("bad_zone", "words"), BAD)
+def test_bad_zones_are_refused_with_their_place(zones, bad_zone, words):
     with pytest.raises(MalformedInputError, match=words):
-        zones(one)
+        zones(bad_zone)
 
 
 def test_a_file_without_zones_of_the_kind_says_which_it_has(zones):
@@ -112,10 +112,12 @@ def test_a_file_without_zones_of_the_kind_says_which_it_has(zones):
 
 def test_masks_have_zones_where_they_lie(zones):
     shapely = pytest.importorskip("shapely")
-    made = zones(zone(3.1, -1.1), zone(4.1, 0.1, 3.0, kind="keepout"), kind="keepout")
-    mask, info = filter_mask(GRID, "keepout", made)
+    drawn_zones = zones(zone(3.1, -1.1), zone(4.1, 0.1, 3.0, kind="keepout"), kind="keepout")
+    mask, info = filter_mask(GRID, "keepout", drawn_zones)
     assert (mask.frame, info.type) == (GRID.frame, 0)
-    area = shapely.union_all([shapely.Polygon(one.shapes[0].points_xy) for one in made])
+    area = shapely.union_all(
+        [shapely.Polygon(drawn_zone.shapes[0].points_xy) for drawn_zone in drawn_zones]
+    )
     rows, cols = np.indices(mask.shape)
     centres = shapely.points(1.0 + (cols + 0.5) * 0.25, -2.0 + (rows + 0.5) * 0.25)
     inside, near = shapely.contains(area, centres), shapely.distance(area, centres) < 0.36
@@ -125,8 +127,8 @@ def test_masks_have_zones_where_they_lie(zones):
 
 def test_of_overlapping_limits_the_lower_one_counts(zones):
     for unit, speeds in (("percent", (20, 60)), ("m/s", (0.2, 0.6))):
-        made = zones(*(zone(3.0 + n, -1.0, speed=v) for n, v in enumerate(speeds)))
-        for order in (made, made[::-1]):
+        drawn_zones = zones(*(zone(3.0 + n, -1.0, speed=v) for n, v in enumerate(speeds)))
+        for order in (drawn_zones, drawn_zones[::-1]):
             mask, info = filter_mask(GRID, "speed", order, unit=unit)
             limits = {x: info.limit_of(int(mask.occupancy[5, int((x - 1) * 4)]))
                       for x in (3.5, 4.5, 5.5, 7.5)}  # fmt: skip

@@ -20,20 +20,20 @@ TWO_AREAS = """
 """
 
 
-def reach_of(text, **rest):
+def reach_of(text, **options):
     """Return what a robot reaches of a drawing.
 
     # obstacle, ? unknown, . reached, - reached without room to turn, : no room, o out of reach,
     u unknown and reached.
     """
     drawn = np.array([list(line.strip()) for line in text.strip().splitlines()])
-    kept = np.where(drawn == "u", "?", np.where(np.isin(drawn, list("#?")), drawn, "."))
-    occupancy = cells("\n".join("".join(row) for row in kept))
+    symbols = np.where(drawn == "u", "?", np.where(np.isin(drawn, list("#?")), drawn, "."))
+    occupancy = cells("\n".join("".join(row) for row in symbols))
     drawn = drawn[::-1]
     reachable = np.isin(drawn, list(".-u")).astype(np.uint8)
     headings = np.where(drawn == "-", 5, np.where(np.isin(drawn, list(".ou")), 72, 0))
     nothing = np.zeros(drawn.shape, np.float32)
-    parameters = {"resolution": RESOLUTION, "origin": ORIGIN, "start": (90.0, 9.0), **rest}
+    parameters = {"resolution": RESOLUTION, "origin": ORIGIN, "start": (90.0, 9.0), **options}
     return Reach(reachable, headings.astype(np.uint8), nothing, nothing, occupancy, **parameters)
 
 

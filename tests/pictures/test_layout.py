@@ -83,8 +83,8 @@ def test_no_text_of_a_sheet_covers_another(monkeypatch, shape, corner):
 
 def check_apart(boxes, shape):
     """Boxes left, top, right, bottom lie in a picture, and none over another."""
-    for left, top, right, bottom in boxes:
-        assert 0 <= left < right <= shape[1]
+    for left_x, top, right, bottom in boxes:
+        assert 0 <= left_x < right <= shape[1]
         assert 0 <= top < bottom <= shape[0]
     for (a, b, c, d), (e, f, g, h) in itertools.combinations(boxes, 2):
         assert a >= g or e >= c or b >= h or f >= d
@@ -100,9 +100,9 @@ def test_texts_on_a_map_cover_neither_each_other_nor_a_door(monkeypatch, shape, 
         boxes.append(found and found[0])
         return found
 
-    def record(pixels, palette, **rest):
+    def record(pixels, palette, **options):
         sizes.append(pixels.shape)
-        return sheet(pixels, palette, **rest)
+        return sheet(pixels, palette, **options)
 
     monkeypatch.setattr(Captions, "_free_box", note)
     monkeypatch.setattr(canvas, "sheet", record)

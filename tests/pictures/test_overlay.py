@@ -74,15 +74,15 @@ def test_far_away_places_do_no_harm():
 
 def test_a_route_over_a_large_picture_is_drawn_part_by_part(monkeypatch):
     path = np.array([60, 40]) + np.random.default_rng(2).normal(size=(300, 2)).cumsum(axis=0)
-    whole, parts = np.zeros((2, 90, 120), np.uint8)
-    Brush(whole).polyline(path, 5, thickness=4)
+    at_once, parts = np.zeros((2, 90, 120), np.uint8)
+    Brush(at_once).polyline(path, 5, thickness=4)
     sizes = []
     monkeypatch.setattr("mapdeal.pictures.overlay._MOST_PIXELS", 400)
     fromarray = Image.fromarray
     monkeypatch.setattr(Image, "fromarray", lambda a: (sizes.append(a.size), fromarray(a))[1])
     Brush(parts).polyline(path, 5, thickness=4)
-    assert whole.any()
-    assert np.array_equal(parts, whole)
+    assert at_once.any()
+    assert np.array_equal(parts, at_once)
     assert max(sizes) <= 400
     Brush(parts).polyline(np.array([[2.0, 2.0], [110.0, 80.0]]), 6, thickness=4)  # in one piece
     assert (parts == 6).any()
@@ -92,10 +92,10 @@ def test_a_route_over_a_large_picture_is_drawn_part_by_part(monkeypatch):
 def test_lazy_layers_are_pooled_without_more_than_a_block_of_rows(block_height):
     values = np.random.default_rng(3).normal(size=(53, 38)).astype(np.float32)
     values[5:9, 3:11] = np.nan
-    asked = []
+    calls = []
 
     def rows_of(rows):
-        asked.append(rows.stop - rows.start)
+        calls.append(rows.stop - rows.start)
         return values[rows]
 
     layer = lazy_layer(values.shape, np.float32, rows_of, block_height=block_height)
@@ -107,7 +107,7 @@ def test_lazy_layers_are_pooled_without_more_than_a_block_of_rows(block_height):
         ]  # fmt: skip
         found = getattr(Raster(reduce=3), method)(layer)
         assert np.array_equal(found, np.array(expected, np.float32), equal_nan=True)
-    assert max(asked) <= max(3, block_height)  # a row of pixels has three of cells under it
+    assert max(calls) <= max(3, block_height)  # a row of pixels has three of cells under it
 
 
 @given(
@@ -135,7 +135,7 @@ FRAME = Frame(80, 120, 0.05, (1.0, -2.0, 0.3))
 
 def drawn(overlay, pixels, raster):
     (*swatches,) = overlay.draw(Surface(pixels, FRAME, raster), 7)
-    return [(one.index, one.label) for one in swatches], np.argwhere(pixels == 7)
+    return [(swatch.index, swatch.label) for swatch in swatches], np.argwhere(pixels == 7)
 
 
 @pytest.mark.parametrize("corner", [(0, 0), (0, 1), (1, 0), (1, 1)])
@@ -157,7 +157,7 @@ def test_what_is_too_small_or_too_large_is_left_out(robot):
 
 
 @pytest.mark.parametrize(
-    ("stage", "given", "robot", "told"),
+    ("stage", "parameters", "robot", "label"),
     [
         ("inflate", {"radius": 0.3}, None, ("robot, to scale", 0.3)),
         ("inflate", {"radius": 0.0}, None, None),
@@ -172,14 +172,14 @@ def test_what_is_too_small_or_too_large_is_left_out(robot):
         ("reach", {"radius": 0.3}, None, None),
     ],
 )  # fmt: skip
-def test_pictures_of_what_is_about_a_robot_show_it(stage, given, robot, told):
-    found = robot_overlays(make_step(stage, given), robot)
-    if told is None:
+def test_pictures_of_what_is_about_a_robot_show_it(stage, parameters, robot, label):
+    found = robot_overlays(make_step(stage, parameters), robot)
+    if label is None:
         assert found == []
         return
-    (one,) = found
-    shape = told[1] if told[1] is LONG else mapdeal.Footprint.circle(told[1])
-    assert (one.label, one.robot) == (told[0], shape)
+    (drawn,) = found
+    shape = label[1] if label[1] is LONG else mapdeal.Footprint.circle(label[1])
+    assert (drawn.label, drawn.robot) == (label[0], shape)
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ def test_cells_that_a_mask_alone_has_closed(scale, kind, lethal, is_lazy):
     overlay = KeepoutOverlay.of(*maps)
     pixels = np.zeros((4, 6), np.uint8)
     surface = Surface(pixels, maps[0].frame, Raster(enlarge=2))
-    assert [(one.index, one.label) for one in overlay.draw(surface, 9)] == [(9, "keepout")]
+    assert [(swatch.index, swatch.label) for swatch in overlay.draw(surface, 9)] == [(9, "keepout")]
     assert (pixels[::2, ::2] == 9).tolist() == [[False, True, False], [False, False, True]]
     small = Surface(np.zeros((2, 3), np.uint8), maps[0].frame, Raster())
     assert overlay.draw(small, 9)
@@ -280,5 +280,5 @@ def test_lazy_maps_have_the_same_picture():
     lazy = grid.with_values(
         lazy_layer(grid.shape, np.int8, grid.occupancy.__getitem__, block_height=7)
     )
-    pictures = [occupancy_image(one, title="a", image_extent="known") for one in (grid, lazy)]
+    pictures = [occupancy_image(grid, title="a", image_extent="known") for grid in (grid, lazy)]
     assert np.array_equal(pictures[0].indices, pictures[1].indices)

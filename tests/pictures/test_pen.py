@@ -79,16 +79,16 @@ def test_text_takes_only_its_greys_and_leaves_darker_ones():
     pen.sheet[:, 30:50] = 3
     pen.text(5, 3, "HHHHHH", limit=80)
     assert (pen.sheet[:, 30:50] == 3).all()
-    others = np.delete(pen.sheet, np.s_[30:50], axis=1)
-    assert canvas.MOST_COLOURS <= others.min() < others.max() == canvas.WHITE
+    outside = np.delete(pen.sheet, np.s_[30:50], axis=1)
+    assert canvas.MOST_COLOURS <= outside.min() < outside.max() == canvas.WHITE
 
 
 @pytest.mark.parametrize("place", [(5, 3), (-8, -6), (40, 3), (3, 40), (-300, 0), (0, -300)])
 def test_a_text_at_the_edge_of_a_sheet_is_cut(place):
-    pen, whole = canvas.Pen(20), canvas.Pen(20)
+    pen, complete = canvas.Pen(20), canvas.Pen(20)
     pen.open(12, 12)
     pen.text(*place, "Hg", limit=50)
     assert pen.sheet.shape == (12, 12)
-    whole.open(700, 700)
-    whole.text(place[0] + 310, place[1] + 310, "Hg", limit=50)
-    assert np.array_equal(pen.sheet, whole.sheet[310:322, 310:322])
+    complete.open(700, 700)
+    complete.text(place[0] + 310, place[1] + 310, "Hg", limit=50)
+    assert np.array_equal(pen.sheet, complete.sheet[310:322, 310:322])

@@ -202,8 +202,8 @@ def test_a_picture_is_as_it_was_recorded(name, texts):
     found = {"size": list(pixels.shape[1::-1]), "pixels": digest, "texts": texts}
     recorded = json.loads(RECORDED.read_text()) if RECORDED.exists() else {}
     if "MAPDEAL_RECORD" in os.environ:
-        lines = (f"{json.dumps(one)}: {json.dumps(known)}"
-                 for one, known in sorted({**recorded, name: found}.items()))  # fmt: skip
+        lines = (f"{json.dumps(picture_name)}: {json.dumps(known)}"
+                 for picture_name, known in sorted({**recorded, name: found}.items()))  # fmt: skip
         RECORDED.write_text("{\n" + ",\n".join(lines) + "\n}\n")
     else:
         assert found == recorded[name]

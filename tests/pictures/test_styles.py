@@ -96,15 +96,17 @@ SEEN_WITHOUT = {
 
 
 @pytest.mark.parametrize("cones", list(SEEN_WITHOUT))
-def test_what_is_reached_is_told_from_what_is_not_by_everybody(cones):
+def test_reachable_areas_are_distinct_for_colour_blind_people(cones):
     areas = np.array([
         colours.REACHABLE, colours.CUT_OFF, *colours.CUT_OFF_AREAS, colours.TOO_NARROW,
         colours.RVIZ_UNKNOWN,
     ]) / 255  # fmt: skip
     linear = np.where(areas <= 0.04045, areas / 12.92, ((areas + 0.055) / 1.055) ** 2.4)
-    seen = np.clip(linear @ np.transpose(SEEN_WITHOUT[cones]), 0, 1)
-    seen = np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055)
-    lab = _oklab_from_rgb(seen)
+    perceived = np.clip(linear @ np.transpose(SEEN_WITHOUT[cones]), 0, 1)
+    perceived = np.where(
+        perceived <= 0.0031308, 12.92 * perceived, 1.055 * perceived ** (1 / 2.4) - 0.055
+    )
+    lab = _oklab_from_rgb(perceived)
     assert np.linalg.norm(lab[1:] - lab[0], axis=1).min() > 0.075
     apart = [np.linalg.norm(a - b) for a, b in itertools.combinations(lab[2:8], 2)]
     assert min(apart) > 0.05
