@@ -1,4 +1,4 @@
-"""What readers say they take of memory is what they take, and too much is refused."""
+"""Readers claim the memory that they allocate, and claims above the limit are refused."""
 
 import subprocess
 import sys
@@ -153,7 +153,7 @@ def test_readers_and_lint_take_what_they_say_before(tmp_path, name, codes):
         measured, claimed = map(int, line.split())
         assert (
             measured < 1.05 * claimed + 6 * MB
-        )  # for what belongs to no file, such as pieces of it
+        )  # for allocations besides the file's contents, such as pieces of it
         assert claimed < 3 * measured + 8 * MB
 
 

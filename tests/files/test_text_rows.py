@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 
 def _outcome(text, columns, **options):
-    """Return the parts that are read, the error in the end, and what is left of the file."""
+    """Return the parts that are read, the final error, and the unread remainder of the file."""
     file = io.BytesIO(text)
     parts, error = [], None
     try:
@@ -30,7 +30,7 @@ def _outcome(text, columns, **options):
 
 
 def _line_by_line(text, columns, *, delimiter, most, width):
-    """Return rows, error and what is left as `float` and `split` make them of one line each."""
+    """Return rows, error and unread remainder, computed line by line with `float` and `split`."""
     file, rows, number = io.BytesIO(text), [], 6
     needed = max(columns) + 1 if width is None else width
     more = " or more" if width is None else ""

@@ -39,7 +39,7 @@ def raising(error):
 
 
 def refuse(patch, operation, when):
-    """Let a method of paths fail where `when` says so of its path and what else it is given."""
+    """Make a method of paths fail if `when` is true for its path and further arguments."""
     real = getattr(Path, operation)
 
     def do(*args, **options):
@@ -178,7 +178,7 @@ def test_files_are_on_the_disk_before_any_has_its_name_and_then_the_names(
 
 
 def test_a_folder_that_is_gone_when_it_is_looked_at_is_made_again(tmp_path, monkeypatch):
-    """pathlib looks at what is in the way: it may be a folder that another run takes away."""
+    """pathlib checks the existing path, which may be a folder that another run removes."""
     calls, real = itertools.count(), Path.mkdir
 
     def mkdir(path, *args, **kwargs):
@@ -237,7 +237,7 @@ def test_a_failure_at_any_step_puts_everything_back(tmp_path, monkeypatch, opera
                 assert "Operation not permitted" in str(error)
                 assert contents(folder) == OLD
                 assert {stat.S_IMODE((folder / name).stat().st_mode) for name in OLD} == {0o640}
-            else:  # or it did not matter: what is left of it goes with the next command
+            else:  # or it did not matter: the next command removes its leftovers
                 assert contents(folder, but=LEFT_BY_KILLS) == NEW
         if next(calls) <= step:
             break
@@ -400,7 +400,7 @@ def test_where_there_are_no_locks_old_files_that_are_kept_stay(tmp_path, monkeyp
 
 
 def test_a_map_that_is_read_between_two_renames_is_refused(tmp_path, monkeypatch):
-    """What was read is the new picture with the old YAML file, which a moment later is another."""
+    """The reader got the new picture and the old YAML file, which then was replaced."""
     path = tmp_path / "m.yaml"
     write_map(path, OccupancyGrid([[100, 0]], 0.5))
     real, is_between, has_read = Path.replace, threading.Event(), threading.Event()
@@ -450,7 +450,7 @@ def test_folders_are_locked_all_of_them_and_no_longer_than_needed(tmp_path):
 
 @pytest.fixture
 def as_on_windows(monkeypatch):
-    """There are no locks, and no open file can be renamed or removed."""
+    """Without locks; open files cannot be renamed or removed."""
 
     def is_open(path, *_):
         links = (Path("/proc/self/fd") / descriptor for descriptor in os.listdir("/proc/self/fd"))  # noqa: PTH208

@@ -31,9 +31,9 @@ def test_the_way_there_and_back(mask):
     assert not (packed & ~full).any()
     assert np.array_equal(bits.fill().packed, full)
     assert not bits.fill(False).packed.any()
-    ones = np.full(packed.shape, 0xFF, np.uint8)
-    assert np.array_equal(BitMap(ones, mask.shape[1], *PLACE).packed, full)
-    assert (ones == 0xFF).all()
+    all_set = np.full(packed.shape, 0xFF, np.uint8)
+    assert np.array_equal(BitMap(all_set, mask.shape[1], *PLACE).packed, full)
+    assert (all_set == 0xFF).all()
 
 
 @given(masks(35), st.data())
@@ -54,7 +54,7 @@ def test_get_and_set_of_many_cells(mask, data):
 
 
 @pytest.mark.parametrize(
-    ("made", "expected"),
+    ("bits", "expected"),
     [
         (BitMap.from_mask([[-1, 0, 1, 100]], *PLACE), [0, 0, 1, 1]),
         (BitMap.from_mask(np.array([[0, 1, 254, 255]], np.uint8), *PLACE), [0, 1, 1, 1]),
@@ -66,8 +66,8 @@ def test_get_and_set_of_many_cells(mask, data):
         ),
     ],
 )
-def test_any_value_above_0_or_up_to_a_threshold_is_a_1(made, expected):
-    assert made.to_mask()[0].tolist() == expected
+def test_any_value_above_0_or_up_to_a_threshold_is_a_1(bits, expected):
+    assert bits.to_mask()[0].tolist() == expected
 
 
 def test_cells_are_cleared_by_shapes_and_never_in_place():

@@ -18,7 +18,7 @@ from strategies import RESOLUTIONS, occupancies
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 OUTSIDE = {"i": -1, "u": 255, "f": np.nan}
-"""What is written around a grid, by the kind of number of a layer: the rule of the contract."""
+"""Values around a grid by the type of a layer's numbers: the rule of the contract."""
 NOT_REACHED = {"reachable": 0, "headings": 0, "widest": 0.0}
 WALL = grid_from_text("#...?\n#....\n##..#", 0.25, (1.5, -2.0, 0.4))
 
@@ -35,18 +35,18 @@ def arrays_of(grid):
     return {k: v for k, v in grid.entries().items() if np.shape(v)[-2:] == grid.shape}
 
 
-def assert_padded(whole, part, margins):
-    """Hold a grid to the hand-padded layers of another, all that an npz has of it."""
-    assert type(whole) is type(part)
+def assert_padded(extended, part, margins):
+    """Compare a grid with the hand-padded layers of another, all entries of its npz."""
+    assert type(extended) is type(part)
     layers = arrays_of(part)
-    assert arrays_of(whole).keys() == layers.keys()
+    assert arrays_of(extended).keys() == layers.keys()
     for name, layer in layers.items():
-        found = np.asarray(arrays_of(whole)[name])
+        found = np.asarray(arrays_of(extended)[name])
         assert found.dtype == layer.dtype
         expected = padded(np.asarray(layer), margins, NOT_REACHED.get(name))
         np.testing.assert_array_equal(found, expected, err_msg=name)
     for name in (*part.parameter_names, "convention", "scale", "circumscribed_cost", "goal"):
-        assert getattr(whole, name, None) == getattr(part, name, None)
+        assert getattr(extended, name, None) == getattr(part, name, None)
 
 
 def kinds_of(grid, goal=(1.6, -1.9)):
@@ -74,9 +74,9 @@ def test_every_kind_of_grid_is_padded(occupancy, resolution, yaw, margins):
     kinds = list(kinds_of(OccupancyGrid(occupancy, resolution, part.origin)))
     assert {type(grid) for grid in kinds} == {stage.makes for stage in STAGES}
     for grid in kinds:
-        whole = on_canvas(grid, frame)
-        assert (whole.frame, whole.origin) == (frame, frame.origin)
-        assert_padded(whole, grid, margins)
+        extended = on_canvas(grid, frame)
+        assert (extended.frame, extended.origin) == (frame, frame.origin)
+        assert_padded(extended, grid, margins)
 
 
 @settings(max_examples=20)
@@ -87,26 +87,26 @@ def test_lazy_layers_are_padded_rows_by_rows(occupancy, margins, block_height, s
     frame = margins_of(part.frame, margins)
     known = mapdeal.esdf(part, unknown="occupied")
     field = mapdeal.esdf(OccupancyGrid(layer, 0.1, part.origin), unknown="occupied")
-    costs = [mapdeal.exponential_cost(one, inscribed_radius=0.1) for one in (field, known)]
+    costs = [mapdeal.exponential_cost(source, inscribed_radius=0.1) for source in (field, known)]
     for lazy, whole_part in ((field, known), costs):
-        whole = on_canvas(lazy, frame)
-        assert whole.is_lazy
+        extended = on_canvas(lazy, frame)
+        assert extended.is_lazy
         for name in whole_part.layer_names:
-            rows = [getattr(whole, name)[k : k + step] for k in range(0, frame.height, step)]
+            rows = [getattr(extended, name)[k : k + step] for k in range(0, frame.height, step)]
             expected = padded(np.asarray(getattr(whole_part, name)), margins)
             np.testing.assert_array_equal(np.vstack(rows), expected)
-        assert whole.figures() == on_canvas(whole_part, frame).figures()
-    whole = on_canvas(field, frame)
+        assert extended.figures() == on_canvas(whole_part, frame).figures()
+    extended = on_canvas(field, frame)
     mask = padded(np.isin(occupancy, (-1, 100)).astype(np.int8), margins, outside=0)
-    np.testing.assert_array_equal(np.asarray(whole.obstacles()), mask == 1)
+    np.testing.assert_array_equal(np.asarray(extended.obstacles()), mask == 1)
     expected = padded(np.asarray(mapdeal.field_view(field).occupancy), margins)
-    np.testing.assert_array_equal(np.asarray(mapdeal.field_view(whole).occupancy), expected)
+    np.testing.assert_array_equal(np.asarray(mapdeal.field_view(extended).occupancy), expected)
 
 
 def test_another_value_around_a_map():
-    whole = on_canvas(WALL, margins_of(WALL.frame, (0, 1, 2, 0)), fill=100)
-    assert whole.occupancy[-1].tolist() == [100] * 7
-    assert whole.occupancy[0].tolist() == [100, 100, 100, 100, 0, 0, 100]
+    extended = on_canvas(WALL, margins_of(WALL.frame, (0, 1, 2, 0)), fill=100)
+    assert extended.occupancy[-1].tolist() == [100] * 7
+    assert extended.occupancy[0].tolist() == [100, 100, 100, 100, 0, 0, 100]
 
 
 FIELD_STAGES = [stage for stage in STAGES if DistanceField in stage.takes]
@@ -135,30 +135,30 @@ def test_a_stage_makes_of_it_what_it_makes_of_the_box(
     origin = frame.window(margins[0], margins[2], *occupancy.shape).origin
     about = {"unknown": unknown, "convention": convention, "strength": 2.0}
     field = mapdeal.esdf(OccupancyGrid(occupancy, 0.25, origin), **about)
-    whole = on_canvas(field, frame)
+    extended = on_canvas(field, frame)
     # as a file has it: nothing but arrays
-    layers = np.array(whole.distance), np.array(whole.occupancy)
-    again = DistanceField(*layers, whole.resolution, whole.origin, **about)
+    layers = np.array(extended.distance), np.array(extended.occupancy)
+    again = DistanceField(*layers, extended.resolution, extended.origin, **about)
     chosen = CHOSEN[stage.model or stage.name]
     assume(stage.name != "reach" or (not field.obstacles().all() and (occupancy == 0).any()))
-    made = stage.function(field, **chosen)
+    product = stage.function(field, **chosen)
     view = mapdeal.field_view(field, view="per-map").occupancy
-    for one in (whole, again):
-        assert_padded(stage.function(one, **chosen), made, margins)
-        found = mapdeal.field_view(one, view="per-map").occupancy
+    for grid in (extended, again):
+        assert_padded(stage.function(grid, **chosen), product, margins)
+        found = mapdeal.field_view(grid, view="per-map").occupancy
         np.testing.assert_array_equal(found, padded(view, margins))
         obstacles = padded(field.obstacles().astype(np.int8), margins)
-        np.testing.assert_array_equal(one.obstacles(), obstacles == 1)
+        np.testing.assert_array_equal(grid.obstacles(), obstacles == 1)
 
 
 @given(occupancies(longest=6), MARGINS, st.integers(0, 2**32 - 1))
 def test_points_in_the_box_are_answered_as_if_there_were_nothing_else(occupancy, margins, seed):
     grid = OccupancyGrid(occupancy, 0.25, (1.5, -2.0, 0.4))
     field = mapdeal.esdf(grid)
-    whole = on_canvas(field, margins_of(grid.frame, margins))
+    extended = on_canvas(field, margins_of(grid.frame, margins))
     places = np.random.default_rng(seed).random((50, 2)) * (12, 12) - 3
     points = grid.frame.xy_from_continuous_rowcol(places)
-    expected, found = field.query(points), whole.query(points)
+    expected, found = field.query(points), extended.query(points)
     in_box = ((places >= 0) & (places < grid.shape)).all(axis=1)
     for name in ("distance", "gradient"):
         values = getattr(found, name)
@@ -171,9 +171,9 @@ def test_points_in_the_box_are_answered_as_if_there_were_nothing_else(occupancy,
 
 def test_figures_are_of_the_cells_that_have_a_distance():
     field = mapdeal.esdf(WALL)
-    whole = on_canvas(field, margins_of(WALL.frame, (1, 2, 3, 4)))
-    assert whole.figures() == {
-        **field.figures(), "width": 12, "height": 6, "origin": list(whole.origin),
+    extended = on_canvas(field, margins_of(WALL.frame, (1, 2, 3, 4)))
+    assert extended.figures() == {
+        **field.figures(), "width": 12, "height": 6, "origin": list(extended.origin),
         "without_value": 6 * 12 - 3 * 5,
     }  # fmt: skip
     free = mapdeal.esdf(grid_from_text("..\n..", 0.5))
@@ -182,7 +182,7 @@ def test_figures_are_of_the_cells_that_have_a_distance():
 
 
 @pytest.mark.parametrize(
-    ("distance", "occupancy", "said"),
+    ("distance", "occupancy", "message"),
     [
         ("nnn nnn", "??? ???", "nan everywhere"),
         ("n12 123", "?.. ...", "around one box"),
@@ -191,12 +191,12 @@ def test_figures_are_of_the_cells_that_have_a_distance():
         ("nnn n12", "??# ?..", "where the map is unknown"),
     ],
 )
-def test_nan_anywhere_else_is_refused(distance, occupancy, said):
+def test_nan_anywhere_else_is_refused(distance, occupancy, message):
     values = [[np.nan if v == "n" else float(v) for v in row] for row in distance.split()]
     known = [[{"?": -1, ".": 0, "#": 100}[v] for v in row] for row in occupancy.split()]
-    with pytest.raises(ParameterError, match=f"distance .*{said}"):
+    with pytest.raises(ParameterError, match=f"distance .*{message}"):
         DistanceField(values, known, 0.1)
-    with pytest.raises(ParameterError, match=f"repulsive .*{said}"):
+    with pytest.raises(ParameterError, match=f"repulsive .*{message}"):
         PotentialField(values, known, 0.1)
 
 
@@ -219,10 +219,10 @@ def test_parts_of_a_field_know_their_part_of_the_box():
 
 
 def test_grids_side_by_side_share_no_area_whatever_the_rounding():
-    one = Frame(3, 11, 1.0, (1.5, -2.0, 0.4))
+    turned = Frame(3, 11, 1.0, (1.5, -2.0, 0.4))
     above = Frame(2, 30, 1.0, (0.3317449730740485, 0.7631829820086553, 0.4))  # begins at row 3
-    assert not frames_overlap(one, above)
-    assert frames_overlap(one, Frame(2, 30, 1.0, (0.33, 0.75, 0.4)))
+    assert not frames_overlap(turned, above)
+    assert frames_overlap(turned, Frame(2, 30, 1.0, (0.33, 0.75, 0.4)))
 
 
 def margins_of(frame, margins):

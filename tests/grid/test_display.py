@@ -116,7 +116,9 @@ SAMPLES = samples()
 
 def test_every_public_type_has_a_sample():
     types = [value for name in dir(mapdeal) if inspect.isclass(value := getattr(mapdeal, name))]
-    assert {one.__name__ for one in types if not issubclass(one, Exception)} == set(SAMPLES)
+    assert {
+        public_type.__name__ for public_type in types if not issubclass(public_type, Exception)
+    } == set(SAMPLES)
 
 
 @pytest.mark.parametrize("name", SAMPLES)

@@ -62,14 +62,14 @@ def test_convex_polygons_are_those_of_costmap_2d_cell_for_cell(peers):
             drawn = draw(small, polygon, value=case["cost"], strict=True)
             assert np.array_equal(drawn.cost, expected), case
             continue
-        # what it refuses is the part inside of a larger map
+        # a polygon that it refuses equals the part of one inside of a larger map
         refused += 1
         with pytest.raises(FindingError, match="map"):
             draw(small, polygon, value=200, strict=True)
         with pytest.warns(MapdealWarning, match="map"):
             clipped = draw(small, polygon, value=200).cost
-        whole = draw(costs_of(case, 2000, 7), polygon, value=200, strict=True).cost
-        assert np.array_equal(clipped, whole[2000:-2000, 2000:-2000]), case
+        in_larger_map = draw(costs_of(case, 2000, 7), polygon, value=200, strict=True).cost
+        assert np.array_equal(clipped, in_larger_map[2000:-2000, 2000:-2000]), case
     assert refused == 7
 
 
@@ -180,7 +180,7 @@ def test_the_larger_or_the_smaller_value_wins_and_unknown_gives_way(scale, overl
         (Circle((0.5, 0.9), 0.2), "its rim lies"),
         (Circle((-0.1, 0.5), 0.05), "circle: its center lies outside of the map; nothing"),
     ],
-    ids=lambda one: one.split()[0] if isinstance(one, str) else None,
+    ids=lambda parameter: parameter.split()[0] if isinstance(parameter, str) else None,
 )
 def test_what_cannot_be_drawn_as_meant_is_a_warning_or_with_strict_a_finding(shape, text):
     grid = OccupancyGrid(np.zeros((4, 5), np.int8), 0.25)

@@ -117,7 +117,7 @@ def test_what_takes_maps_says_that_it_takes_the_values_of_a_view(command, files,
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "message"),
     [
         ("run v.yaml -o o --strict", 1, TAKEN),
         ("run v.yaml -o o --strict --recipe nav2", 1, "--strict allows none; nothing was written"),
@@ -127,9 +127,9 @@ def test_what_takes_maps_says_that_it_takes_the_values_of_a_view(command, files,
         ("reach v.yaml --from 1.5,2.5", 2, NEEDS_A_MAP),
     ],
 )
-def test_what_needs_a_map_refuses_a_view(command, files, words, code, told):
+def test_what_needs_a_map_refuses_a_view(command, files, words, code, message):
     found, _, err = command(*words.split())
-    assert (found, err.count(told)) == (code, 1)
+    assert (found, err.count(message)) == (code, 1)
     assert not list(files.glob("o*"))
 
 

@@ -24,7 +24,7 @@ ROBOT = Footprint.polygon([[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]])
 def recorded(real_maps):
     """What Nav2's own code said: costs of maps, footprints, poses, and their costs."""
     folder = real_maps / "expected"
-    told = json.loads((folder / "params.json").read_text())["footprint_poses"]
+    recorded = json.loads((folder / "params.json").read_text())["footprint_poses"]
     cases = []
     with (
         np.load(folder / "footprint_poses.npz") as poses,
@@ -32,7 +32,7 @@ def recorded(real_maps):
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore", MapdealWarning)
-        for case in told:
+        for case in recorded:
             grid = read_map(real_maps / case["map"])
             name = case["costmap"].removeprefix("the case ")
             if name == case["costmap"]:
@@ -40,7 +40,10 @@ def recorded(real_maps):
             else:
                 cells = costmaps[name.replace(" (distance_transform)", "|distance_transform")]
                 costs = Costmap(cells, grid.resolution, grid.origin)
-            arrays = [poses[f"{case['key']}_{what}"] for what in ("footprint", "poses", "cost")]
+            arrays = [
+                poses[f"{case['key']}_{array_name}"]
+                for array_name in ("footprint", "poses", "cost")
+            ]
             cases.append((case["key"], costs, *arrays))
     return cases
 

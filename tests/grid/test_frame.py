@@ -137,7 +137,7 @@ UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
 
 
 @pytest.mark.parametrize(
-    ("other", "region"),
+    ("contents", "region"),
     [
         (Frame(2, 3, 0.5, (2.0, -2.5, 0.0)), Region(-1, 2, 2, 3)),
         # borders that differ by rounding are the same, others take one more cell
@@ -146,8 +146,8 @@ UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
         (Frame(2, 3, 0.5, (2.0, -1.0, math.pi / 2)), Region(2, 0, 3, 2)),  # rows go to the left
     ],
 )
-def test_the_cells_around_another_grid(other, region):
-    assert region_around(UPRIGHT, other) == region
+def test_the_cells_around_another_grid(contents, region):
+    assert region_around(UPRIGHT, contents) == region
 
 
 def test_a_window_has_at_most_so_many_cells(monkeypatch):
@@ -174,7 +174,7 @@ def test_points_and_frames_are_turned_and_then_shifted(first, second, place, yaw
     frame, cells = Frame(3, 5, 0.4, (-2.0, 1.5, yaw)), [[0, 0], [2, 4], [1, 3]]
     turn = complex(0.4 * math.cos(yaw), 0.4 * math.sin(yaw))
     centres = [complex(-2.0, 1.5) + complex(col + 0.5, row + 0.5) * turn for row, col in cells]
-    expected = first.points([(one.real, one.imag) for one in centres])
+    expected = first.points([(centre.real, centre.imag) for centre in centres])
     np.testing.assert_allclose(first.points(frame.xy_from_rowcol(cells)), expected, atol=1e-9)
     np.testing.assert_allclose(first.frame(frame).xy_from_rowcol(cells), expected, atol=1e-9)
     assert -math.pi <= first.yaw <= math.pi

@@ -34,9 +34,9 @@ def open_cells(ways, radius):
     return (ways.tree.basins >= 0) & (distance > radius)
 
 
-def found(grid, start, radius, **rest):
+def found(grid, start, radius, **options):
     ways = ways_of(grid)
-    return passages(ways, open_cells(ways, radius), start, radius=radius, **rest)
+    return passages(ways, open_cells(ways, radius), start, radius=radius, **options)
 
 
 def flooded(is_open, start):
@@ -66,10 +66,10 @@ def rooms(*doors, thickness=1, side=21):
     """Return square rooms in a row, with a door of so many cells (0 is none) between them."""
     occupancy = np.full((side + 2, 1 + (len(doors) + 1) * (side + thickness)), 100, dtype=np.int8)
     for index in range(len(doors) + 1):
-        left = 1 + index * (side + thickness)
-        occupancy[1:-1, left : left + side] = 0
+        first_col = 1 + index * (side + thickness)
+        occupancy[1:-1, first_col : first_col + side] = 0
         if index:
-            occupancy[5 : 5 + doors[index - 1], left - thickness : left] = 0
+            occupancy[5 : 5 + doors[index - 1], first_col - thickness : first_col] = 0
     return OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
 
 
@@ -97,7 +97,7 @@ HALF = 4 * RESOLUTION
 
 
 @pytest.mark.parametrize(
-    ("radius", "margin", "told"),
+    ("radius", "margin", "are_open"),
     [
         (HALF + 1e-6, 0.1, [False]),
         (HALF, 0.1, [False]),
@@ -108,30 +108,33 @@ HALF = 4 * RESOLUTION
         (0.0, 0.1, []),
     ],
 )
-def test_a_door_is_open_below_half_its_width_and_tight_up_to_a_margin(radius, margin, told):
+def test_a_door_is_open_below_half_its_width_and_tight_up_to_a_margin(radius, margin, are_open):
     grid = rooms(7)
     doors = found(grid, (3, 3), radius, margin=margin, min_area=0.5)
-    assert [one.is_open for one in doors] == told
-    if radius < HALF:  # a robot that turns and gets everywhere is told the same
+    assert [door.is_open for door in doors] == are_open
+    if radius < HALF:  # a robot that can turn everywhere gets the same result
         everywhere = {"is_reached": open_cells(ways_of(grid), radius), "circumscribed_radius": 0.5}
         doors = found(grid, (3, 3), radius, margin=margin, min_area=0.5, **everywhere)
-        assert [one.is_open for one in doors] == told
+        assert [door.is_open for door in doors] == are_open
 
 
 @pytest.mark.parametrize(
-    ("reached", "told"),
+    ("reached", "expected"),
     [
-        (88, [(3, True)]),  # only what is within the margin is told where it gets through,
-        (66, [(3, False)]),  # and of what it does not get through only what it stands before
+        (
+            88,
+            [(3, True)],
+        ),  # of passages that it can pass only those within the margin are reported,
+        (66, [(3, False)]),  # and of passages that it cannot pass only those that it reaches
         (44, [(3, False), (4, False)]),
         (22, [(3, False), (4, False)]),
     ],
 )
-def test_a_robot_that_turns_is_stopped_where_it_does_not_get_through(reached, told):
+def test_a_robot_that_turns_is_stopped_where_it_does_not_get_through(reached, expected):
     grid = rooms(7, 7, 5)  # doors of 4, 4 and 3 cells to each side: 0.28, 0.28, 0.21 m
     is_reached = open_cells(ways_of(grid), 0.15) & (np.arange(grid.shape[1]) < reached)
     doors = found(grid, (3, 3), 0.15, is_reached=is_reached, circumscribed_radius=0.4)
-    assert [(round(one.width / RESOLUTION / 2), one.is_open) for one in doors] == told
+    assert [(round(door.width / RESOLUTION / 2), door.is_open) for door in doors] == expected
 
 
 def test_a_robot_that_turns_is_through_with_half_of_what_lies_behind():
@@ -169,11 +172,11 @@ def added(squared, is_traversable):
 
     It belongs to the highest of them, and joins the others to that in the order of `ClearanceTree`.
     """
-    seen = set()
+    visited = set()
     for row, col in sorted(cells_in(is_traversable), key=lambda cell: -squared[cell]):
-        seen.add((row, col))
+        visited.add((row, col))
         places = ((row + 1, col), (row - 1, col), (row, col + 1), (row, col - 1))
-        places = sorted((p for p in places if p in seen), key=lambda p: -squared[p])
+        places = sorted((p for p in places if p in visited), key=lambda p: -squared[p])
         yield (row, col), places[:1] + sorted(places[1:], reverse=True)
 
 
@@ -195,8 +198,8 @@ def brute_open(squared, is_open, is_traversable, start, radius, margin, min_cell
     group, links, is_certain = {}, [], True
     for cell, places in added(squared, is_traversable):
         group[cell] = {cell}
-        others = [id(group[p]) for p in places[1:] if group[p] is not group[places[0]]]
-        is_certain &= len(others) == len(set(others))
+        merged = [id(group[p]) for p in places[1:] if group[p] is not group[places[0]]]
+        is_certain &= len(merged) == len(set(merged))
         is_tight = radius < math.sqrt(squared[cell]) <= radius + margin
         for place in places:
             if (one := group[cell]) is (other := group[place]):
@@ -204,7 +207,7 @@ def brute_open(squared, is_open, is_traversable, start, radius, margin, min_cell
             is_meeting = all(any(area <= side for area in large) for side in (one, other))
             links.append((cell, place, is_meeting and is_tight))
             group |= dict.fromkeys(one | other, one | other)
-    told = []
+    stopping = []
     for link in links:
         if link[2] and group[link[0]] is group[start]:
             without = DisjointSet(group)
@@ -213,8 +216,8 @@ def brute_open(squared, is_open, is_traversable, start, radius, margin, min_cell
             side = without[start]
             behind = sum(is_open[cell] and without[cell] != side for cell in group[start])
             if behind:
-                told.append((int(squared[link[0]]), int(behind)))
-    return told, is_certain
+                stopping.append((int(squared[link[0]]), int(behind)))
+    return stopping, is_certain
 
 
 @st.composite
@@ -289,11 +292,11 @@ def brute_closed(squared, is_traversable, start, radius, min_cells):
         return total
 
     walk(owned[start], None)
-    told = [(int(squared[leading[k]]), int(behind[k])) for k in behind]
-    others = []
+    at_doors = [(int(squared[leading[k]]), int(behind[k])) for k in behind]
+    other_doors = []
     for door in borders_of(owned, squared):
         met = DisjointSet(every)
-        for _, cell, ends, _ in sorted(door, key=lambda one: one[0]):
+        for _, cell, ends, _ in sorted(door, key=lambda entry: entry[0]):
             if met[ends[0]] == met[ends[1]]:
                 continue
             met.merge(*ends)
@@ -301,8 +304,8 @@ def brute_closed(squared, is_traversable, start, radius, min_cells):
             if far and cell not in leading.values():
                 far = min(far, key=lambda end: (behind[end], -squared[leading[end]]))
                 if 2 * math.sqrt(squared[cell]) >= math.sqrt(squared[leading[far]]):
-                    others.append((int(squared[cell]), int(behind[far])))
-    return told, others
+                    other_doors.append((int(squared[cell]), int(behind[far])))
+    return at_doors, other_doors
 
 
 def borders_of(owned, squared):
@@ -318,7 +321,7 @@ def borders_of(owned, squared):
     while borders:
         door = [borders.pop()]
         corners = set(door[0][-1])
-        while more := [one for one in borders if one[-1] & corners]:
+        while more := [border for border in borders if border[-1] & corners]:
             door += more
             corners = corners.union(*(one[-1] for one in more))
             borders = [one for one in borders if one not in more]
@@ -335,20 +338,20 @@ def test_passages_are_those_of_the_definition(drawn, radius, margin, min_cells, 
     frame = Frame(*squared.shape, 1.0)
     ways = Ways(clearance_tree(squared, is_traversable), squared, frame)
     is_open = is_traversable & (np.sqrt(squared) > radius)
-    told = passages(ways, is_open, start, radius=radius, margin=margin, min_area=float(min_cells))
+    doors = passages(ways, is_open, start, radius=radius, margin=margin, min_area=float(min_cells))
     expected, is_certain = brute_open(
         squared, is_open, is_traversable, start, radius, margin, min_cells
     )
     hill = climbed(squared, is_traversable, start)
-    closed, others = brute_closed(squared, is_traversable, hill, radius, min_cells)
-    squares = [round((one.width / 2) ** 2) for one in told]
+    closed, other_doors = brute_closed(squared, is_traversable, hill, radius, min_cells)
+    squares = [round((warning.width / 2) ** 2) for warning in doors]
     if is_certain:
-        found_doors = zip(squares, [round(one.cut_off) for one in told], strict=True)
-        assert sorted(found_doors) == sorted(expected + closed + others)
+        found_doors = zip(squares, [round(door.cut_off) for door in doors], strict=True)
+        assert sorted(found_doors) == sorted(expected + closed + other_doors)
     else:
         assert not Counter(square for square, _ in expected + closed) - Counter(squares)
-    assert [one.width for one in told] == sorted(one.width for one in told)
-    assert all(one.is_open == (one.width / 2 > radius) for one in told)
+    assert [door.width for door in doors] == sorted(door.width for door in doors)
+    assert all(door.is_open == (door.width / 2 > radius) for door in doors)
 
 
 def assert_split_by(grid, passage, start, radius):
@@ -373,9 +376,9 @@ def assert_split_by(grid, passage, start, radius):
     assert any(sides_of(tuple(cell)) >= 2 for cell in near)
 
 
-def widest_doors(told):
+def widest_doors(doors):
     """Return of the doors to the same areas the widest."""
-    by_area = {one.cut_off: one for one in sorted(told, key=lambda one: one.width)}
+    by_area = {door.cut_off: door for door in sorted(doors, key=lambda door: door.width)}
     return list(by_area.values())
 
 
@@ -389,9 +392,9 @@ def test_a_robot_a_hair_narrower_passes_and_one_a_hair_wider_does_not(seed, radi
     grid = OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
     free = np.argwhere(occupancy == 0)
     start = tuple(free[rng.integers(len(free))].tolist())
-    told = found(grid, start, radius, min_area=0.1)
-    assert list(told) == sorted(told, key=lambda one: (one.width, -one.cut_off, one.ends))
-    for passage in widest_doors(told):
+    doors = found(grid, start, radius, min_area=0.1)
+    assert list(doors) == sorted(doors, key=lambda door: (door.width, -door.cut_off, door.ends))
+    for passage in widest_doors(doors):
         assert_split_by(grid, passage, start, radius)
 
 
@@ -410,11 +413,13 @@ def test_doors_of_real_maps(real_maps, name, count, closed):
     ways = ways_of(grid)
     largest = ways.in_largest_area(largest_closed_square(0.45, grid.frame))
     start = divmod(int(np.where(largest, ways.squared, 0).argmax()), grid.shape[1])
-    told = found(grid, start, 0.45)
-    assert len(told) == count
-    assert [one.is_open for one in told] == [False] * closed + [True] * (count - closed)
-    assert [one.width for one in disconnected(grid, 0.45)] == [one.width for one in told[:closed]]
-    for passage in widest_doors(told)[:2]:
+    doors = found(grid, start, 0.45)
+    assert len(doors) == count
+    assert [warning.is_open for warning in doors] == [False] * closed + [True] * (count - closed)
+    assert [door.width for door in disconnected(grid, 0.45)] == [
+        door.width for door in doors[:closed]
+    ]
+    for passage in widest_doors(doors)[:2]:
         assert_split_by(grid, passage, start, 0.45)
 
 
@@ -451,13 +456,15 @@ def test_the_nearest_open_cell_is_that_of_a_search_through_all(height, width, co
     marked = np.zeros((height, width), dtype=bool)
     marked[rng.integers(height, size=count), rng.integers(width, size=count)] = True
     cell = (int(rng.integers(-height, 2 * height)), int(rng.integers(-width, 2 * width)))
-    told = nearest_open_text(Frame(height, width, 0.5, (-3.0, 2.0, 0.0)), marked, cell)
+    hint = nearest_open_text(Frame(height, width, 0.5, (-3.0, 2.0, 0.0)), marked, cell)
     if not count:
-        assert told == "no cell of the map is open"
+        assert hint == "no cell of the map is open"
         return
-    distance, row, col = min((math.dist(one, cell), *one) for one in np.argwhere(marked).tolist())
+    distance, row, col = min(
+        (math.dist(marked_cell, cell), *marked_cell) for marked_cell in np.argwhere(marked).tolist()
+    )
     place = f"{-3.0 + (col + 0.5) * 0.5:.10g},{2.0 + (row + 0.5) * 0.5:.10g}"
-    assert told == f"the nearest open cell is {distance * 0.5:.3g} m away, at {place}"
+    assert hint == f"the nearest open cell is {distance * 0.5:.3g} m away, at {place}"
 
 
 def test_the_nearest_cell_to_one_that_is_very_far_away():

@@ -40,7 +40,7 @@ UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
             (BITS.get, "cell", [[[0, 9]], [[-1, 0]], [[2, 0]], [[0.5, 0]], [[1, 2, 3]]]),
             (BITS.set, "cell", [[[0, 9]], [[0]]]),
             (BITS.accept_value, "0 or 1", [2]),
-            (lambda one: BitMap(*one, 0.25), None,
+            (lambda arguments: BitMap(*arguments, 0.25), None,
              [([[0, 0]], 8), ([[0]], 9), ([[0]], 0), ([0], 8), ([[256]], 8)]),
             (lambda frame: on_canvas(MAP, frame), "not aligned",
              [Frame(9, 9, 0.2, MAP.origin), Frame(9, 9, 0.25, (1.5, -2.0, 0.5)),
@@ -59,7 +59,7 @@ UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
             (COSTS.accept_value, "whole number", [-1, 256, 2.5, math.nan]),
             (PUBLISHED.accept_value, "whole number", [-2, 101]),
             (esdf(MAP).query, "shape", [[1.0, 2.0, 3.0], [[1.0, 2.0, 3.0]], 1.0]),
-            (lambda one: ViewScale(**one), None,
+            (lambda options: ViewScale(**options), None,
              [{"view": "polar"}, {"view_range": 0.0}, {"farthest": -1.0}, {"deepest": math.inf}]),
             (MAP.frame.unbounded_rowcol_from_xy, "finite", [[(0, 0), (math.nan, 0)], [(1e13, 0)]]),
             (MAP.frame.clamped_rowcol_from_xy, "finite", [[(0, 0), (math.nan, 0)], [(1e13, 0)]]),
@@ -68,14 +68,14 @@ UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
             (lambda place: region_of(UPRIGHT, (1.0, 1.0), **place), None,
              [{}, {"corner_xy": (1.0, 1.0), "center_xy": (1.0, 1.0)}]),
             (lambda rule: resampled(MAP, MAP.frame, rule=rule), "one of area, nearest", ["median"]),
-            (lambda one: static_layer_cost_from_occupancy(**one), "0 to 100",
+            (lambda options: static_layer_cost_from_occupancy(**options), "0 to 100",
              [{"lethal_threshold": 101}, {"lethal_threshold": -1}, {"lethal_threshold": 65.5},
               {"inscribed_value": 101}]),
-            (lambda one: Transform(**one), "(x|y|yaw): must be a finite number",
+            (lambda options: Transform(**options), "(x|y|yaw): must be a finite number",
              [{"x": 1e13}, {"y": math.inf}, {"yaw": -1e13}]),
             (lambda value: draw(MAP, DOT, value=value), "-1 to 100", [101, -2]),
             (lambda value: draw(MAP, DOT, value=value), "needs a value", [None]),
-            (lambda one: draw(MAP, one, value=100), "shapes: must be Polygon, Line or Circle",
+            (lambda shapes: draw(MAP, shapes, value=100), "shapes: must be Polygon, Line or Circle",
              [[(0, 0), (1, 1)], "circle", [None]]),
             (lambda word: draw(BITS, DOT, value=1, overlay=word), "overlay", ["add"]),
             (lambda poses: footprint_costs(COSTS, ROBOT, poses), "poses must be an array of x, y",
@@ -90,7 +90,7 @@ UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
         ]
         for value in values
     ],
-    ids=lambda one: None if callable(one) else repr(one)[:40],
+    ids=lambda parameter: None if callable(parameter) else repr(parameter)[:40],
 )  # fmt: skip
 def test_values_that_are_none_are_refused(value, call, words):
     with pytest.raises(ParameterError, match=words):
@@ -119,7 +119,7 @@ def test_values_that_are_none_are_refused(value, call, words):
           for radius in (-0.1, math.inf, None)],
         (Footprint.sixteen_gon, 0.0, "radius"),
     ],
-    ids=lambda one: None if callable(one) else repr(one)[:40],
+    ids=lambda parameter: None if callable(parameter) else repr(parameter)[:40],
 )  # fmt: skip
 def test_shapes_that_are_none_are_refused_by_name(shape, points, words):
     with pytest.raises(ParameterError, match=words):

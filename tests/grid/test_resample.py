@@ -27,16 +27,16 @@ def lattices(draw):
     far = draw(st.sampled_from([0.0, 0.0, 5e6]))
     shapes = draw(st.tuples(*[st.integers(1, 6)] * 4))
     origin = (far - 1.5, 2.0, draw(YAWS))
-    other = (far - 1.5 + draw(SHIFTS), 2.0 + draw(SHIFTS), draw(YAWS))
+    far_origin = (far - 1.5 + draw(SHIFTS), 2.0 + draw(SHIFTS), draw(YAWS))
     frame = Frame(*shapes[:2], draw(RESOLUTIONS), origin)
-    return frame, Frame(*shapes[2:], draw(RESOLUTIONS), other), far
+    return frame, Frame(*shapes[2:], draw(RESOLUTIONS), far_origin), far
 
 
 @pytest.mark.slow
 @given(lattices(), st.integers(0, 999))
 @settings(max_examples=40)
 def test_cells_have_what_shares_area_with_them_or_what_is_at_their_centre(drawn, seed):
-    """By clipping polygons; what shares next to nothing may count or not."""
+    """By clipping polygons; cells with a negligible shared area may have either value."""
     frame, source, far = drawn
     choices = np.array([-1, 0, 0, 0, 1, 30, 99, 100], np.int8)
     values = np.random.default_rng(seed).choice(choices, source.shape)
@@ -46,10 +46,14 @@ def test_cells_have_what_shares_area_with_them_or_what_is_at_their_centre(drawn,
     has_obstacle = obstacles_in(frame, values > 0, source)
     is_known = contained_in(frame, values >= 0, source)
     smallest = min(frame.resolution, source.resolution) ** 2
-    others = [(int(values[cell]), corners(source, *cell)) for cell in np.ndindex(source.shape)]
+    source_cells = [
+        (int(values[cell]), corners(source, *cell)) for cell in np.ndindex(source.shape)
+    ]
     for cell in np.ndindex(frame.shape):
         own = corners(frame, *cell)
-        shared = [(value, oracles.shared_area(own, other)) for value, other in others]
+        shared = [
+            (value, oracles.shared_area(own, cell_corners)) for value, cell_corners in source_cells
+        ]
         at_least = max((v for v, area in shared if area > 1e-5 * smallest and v > 0), default=0)
         at_most = max((v for v, area in shared if area > 1e-14 * smallest and v > 0), default=0)
         value = int(found.occupancy[cell])
@@ -110,7 +114,7 @@ def test_threads_and_bands_make_no_difference(threads):
     grid = OccupancyGrid(values, 0.05, (1.0, 2.0, 0.0))
     frame = Frame(800, 700, 0.05, (1.4, -2.2, 0.5))
     with use_threads(threads):
-        whole = resampled(grid, frame).occupancy
+        at_once = resampled(grid, frame).occupancy
     for row in (0, 417, 799):
-        one = resampled(grid, frame.window(row, 0, 1, 700)).occupancy
-        np.testing.assert_array_equal(one[0], whole[row])
+        single_row = resampled(grid, frame.window(row, 0, 1, 700)).occupancy
+        np.testing.assert_array_equal(single_row[0], at_once[row])

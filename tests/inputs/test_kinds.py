@@ -1,4 +1,4 @@
-"""What files are that are no maps, and which command takes them."""
+"""Kinds of files other than maps, and the commands that accept them."""
 
 import gzip
 import io
@@ -39,7 +39,7 @@ NAV2 = b"amcl:\n  ros__parameters:\n    alpha1: 0.2\nglobal_costmap: {}\n"
 CLOUD, INFO, BUILD = "mapdeal build --cloud", "mapdeal info", "mapdeal build"
 EDIT, REPORT = "mapdeal edit polygon", "mapdeal report MAP "
 
-# Name and contents of a file; its kind; words of what it is; figures; a command that takes it.
+# Name and contents of a file; its kind; words of its description; figures; a command for it.
 FILES = {
     "c.pcd": (PCD, "point cloud", "PCD", {"encoding": "binary", "points": 6, "fields": "x y z rgb"},
               CLOUD),
@@ -138,7 +138,7 @@ def test_a_parameter_file_that_only_ros_1_reads_is_one(tmp_path):
     assert kind_of(tmp_path / "twice.yaml").name == "ROS parameters"
 
 
-# Of bags and parameters info tells more, and of images that they are no maps.
+# For bags and parameters info prints more, and images are refused as maps.
 OTHERS = ("bag", "ROS parameters", "image", "Git LFS pointer")
 
 
@@ -177,7 +177,7 @@ def test_a_file_is_what_it_is_by_its_bytes_whatever_its_name_and_info_tells(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", UNKNOWN)
 def test_what_is_not_known_is_nothing(tmp_path, name, command):
-    """Nor is it told what is wrong with the YAML of a file that is none."""
+    """A file that is not YAML gets no error about its YAML either."""
     (tmp_path / name).write_bytes(UNKNOWN[name])
     assert kind_of(tmp_path / name) is None
     if name.endswith((".md", ".bin", ".txt", ".xml", "long.json")):

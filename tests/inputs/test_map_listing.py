@@ -1,4 +1,4 @@
-"""Which maps names stand for, and where what is made of them goes."""
+"""Maps that names stand for, and the folders of their outputs."""
 
 import itertools
 import os
@@ -169,7 +169,7 @@ def test_a_bit_map_and_its_yaml_are_one_map(folder):
         assert [p for p in places(pattern) if "x" in p or "image" in p] == ["maps/x.yaml"]
         assert found.repeated == ()
     assert places("maps/x.pbm") == {"maps/x.pbm": "x"}
-    # asked for by their ending, they are what they are: who reads one says what it lacks
+    # a pattern with their ending lists all; reading one reports its missing YAML file
     assert set(places("maps/*.pbm")) == {"maps/image_of_another.pbm", "maps/x.pbm"}
     for names, found, repeated in (
         (["maps/x.pbm", "maps/x.yaml"], ["x.pbm"], "x.yaml"),

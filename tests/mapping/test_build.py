@@ -93,19 +93,19 @@ def test_log_odds_are_added_and_clamped_beam_by_beam(each_engine, run, limits, o
     built = build_map(*run, **options, **GRID, **limits)
     as_values = build_map(*run, **options, values=True, **GRID, **limits)
     free, occ, least, most = odds
-    values, seen = np.full(SHAPE, 50.0), np.zeros(SHAPE, bool)
+    values, is_known = np.full(SHAPE, 50.0), np.zeros(SHAPE, bool)
     for cells, r, _ in walk(run, **limits):
         added = [(cell, free) for cell in cells[:-1]] + [(cells[-1], occ)] * (r is not None)
         for cell, change in added:
             if inside(cell):
                 values[cell] = min(max(values[cell] + change, least), most)
-                seen[cell] = True
-    np.testing.assert_allclose(built.layers["log_odds"][seen], values[seen], atol=2e-4)
-    assert np.isnan(built.layers["log_odds"][~seen]).all()
+                is_known[cell] = True
+    np.testing.assert_allclose(built.layers["log_odds"][is_known], values[is_known], atol=2e-4)
+    assert np.isnan(built.layers["log_odds"][~is_known]).all()
     exact = np.round(values, 3)
     expected = np.where(exact < 50, 0, np.where(exact > 50, 100, -1))
-    np.testing.assert_array_equal(built.grid.occupancy, np.where(seen, expected, -1))
-    off = np.abs(as_values.grid.occupancy - np.where(seen, values, -1))
+    np.testing.assert_array_equal(built.grid.occupancy, np.where(is_known, expected, -1))
+    off = np.abs(as_values.grid.occupancy - np.where(is_known, values, -1))
     assert off.max() <= 0.501
 
 
@@ -115,20 +115,20 @@ def test_tsdf_is_the_mean_of_distances_along_the_beams(each_engine, run, limits,
     options = {"truncation": truncation, "truncation_behind": behind}
     built = build_map(*run, method="tsdf", **options, **GRID, **limits)
     sums, weights = np.zeros(SHAPE), np.zeros(SHAPE, int)
-    left, bottom = GRID["origin"]
+    origin_x, bottom = GRID["origin"]
     cut = truncation * RES
     for cells, r, sensor in walk(run, beyond=behind * cut, **limits):
         for row, col in filter(inside, cells):
-            centre = (left + (col + 0.5) * RES, bottom + (row + 0.5) * RES)
+            centre = (origin_x + (col + 0.5) * RES, bottom + (row + 0.5) * RES)
             share = 1.0 if r is None else (r - math.dist(centre, sensor)) / cut
             if share >= -behind:
                 sums[row, col] += max(min(share, 1.0), -1.0)
                 weights[row, col] += 1
     np.testing.assert_array_equal(built.layers["weight"], weights)
     field = built.layers["tsdf"]
-    seen = weights > 0
-    np.testing.assert_allclose(field[seen], sums[seen] / weights[seen], atol=2e-6)
-    assert np.isnan(field[~seen]).all()
+    is_known = weights > 0
+    np.testing.assert_allclose(field[is_known], sums[is_known] / weights[is_known], atol=2e-6)
+    assert np.isnan(field[~is_known]).all()
     _check_surface(built, sums, weights)
 
 
@@ -138,7 +138,7 @@ def blocks_of(wall):
 
 
 def _check_surface(built, sums, weights):
-    """Walls part both signs, but where thinning has let a block be; free is what is positive."""
+    """Walls separate both signs, except in blocks that thinning keeps; positive cells are free."""
     grid = built.grid.occupancy
     wall = grid == 100
     assert not blocks_of(wall).any()
@@ -228,18 +228,18 @@ def room(count):
 def test_engines_threads_and_parts_give_the_same_bytes(options):
     scans = room(6)
 
-    def made():
+    def build_both_ways():
         built = build_map(*scans, **options)
         in_parts = added_in_parts(MapBuilder(built.grid.frame, **options), *scans).result()
         assert in_parts.counts == built.counts
         return [
-            [layer.tobytes() for layer in (one.grid.occupancy, *one.layers.values())]
-            for one in (built, in_parts)
+            [layer.tobytes() for layer in (result.grid.occupancy, *result.layers.values())]
+            for result in (built, in_parts)
         ]
 
-    (first, same), *others = by_each_engine(made, threads=(1, 3))
+    (first, same), *repeated = by_each_engine(build_both_ways, threads=(1, 3))
     assert same == first
-    assert others == [[first, first]] * 2
+    assert repeated == [[first, first]] * 2
 
 
 def added_in_parts(builder, poses, angles, ranges):
@@ -325,7 +325,7 @@ def pole(hits, passes):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_pole_that_is_mostly_seen_through_vanishes_and_is_told(method):
+def test_a_pole_that_most_beams_pass_vanishes_with_a_warning(method):
     built = build_map(*pole(3, 9), method=method, **AROUND_POLE)
     assert built.vanished.sizes.tolist() == [3]
     # x -0.25 + 2 m and y 1.5, 2 and 2.5
@@ -343,11 +343,11 @@ def test_the_ratio_that_is_advised_keeps_the_groups_and_is_the_largest_percent(h
     assert advice.startswith("--ratio ")
     assert advice.endswith(" keeps it")
     ratio = float(advice.split()[1])
-    kept, lost = (
+    on_map, lost = (
         build_map(*pole(hits, passes), method="counting", ratio=r, **AROUND_POLE).vanished
         for r in (ratio, ratio + 0.01)
     )
-    assert (len(kept), len(lost)) == (0, 1)
+    assert (len(on_map), len(lost)) == (0, 1)
 
 
 def legs(diameter, noise):
@@ -411,7 +411,7 @@ def listed(poses, angles, ranges, shape, origin):
 
 def searched(means):
     """The walls that a search through the neighbours finds; its first cell is not marked."""
-    walls, seen = np.zeros((2, *means.shape), bool)
+    walls, visited = np.zeros((2, *means.shape), bool)
     queue = deque([(0, 0)])
     while queue:
         node = queue.popleft()
@@ -419,10 +419,10 @@ def searched(means):
             cell = node[0] + down, node[1] + right
             if min(cell) < 0 or cell[0] >= means.shape[0] or cell[1] >= means.shape[1]:
                 continue
-            if not seen[cell]:
+            if not visited[cell]:
                 if means[cell] * means[node] < 0:
                     walls[cell if abs(means[cell]) < abs(means[node]) else node] = True
-                seen[cell] = True
+                visited[cell] = True
                 queue.append(cell)
     return walls
 
@@ -487,9 +487,13 @@ def fields(draw):
 def pairs(field):
     """Neighbours of different sign, as pairs of cells."""
     for (row, col), value in np.ndenumerate(field):
-        for other in ((row + 1, col), (row, col + 1)):
-            if other[0] < field.shape[0] and other[1] < field.shape[1] and value * field[other] < 0:
-                yield (row, col), other
+        for neighbour in ((row + 1, col), (row, col + 1)):
+            if (
+                neighbour[0] < field.shape[0]
+                and neighbour[1] < field.shape[1]
+                and value * field[neighbour] < 0
+            ):
+                yield (row, col), neighbour
 
 
 @given(field=fields())
@@ -533,7 +537,7 @@ def test_thinned_blocks_are_as_connected_as_before(seed, density):
     assert not (after & ~before).any()
     walls = [len(list(oracles.groups(mask))) for mask in (before, after)]
     assert walls[0] == walls[1]
-    # and what is open stays parted: no two rooms become one, the outside being one
+    # and open areas stay separate: no rooms merge, with the outside as one of them
     opened = [np.pad(~mask, 1, constant_values=True) for mask in (before, after)]
     rooms = [len(list(oracles.groups(mask, oracles.EDGES))) for mask in opened]
     assert rooms[0] == rooms[1]

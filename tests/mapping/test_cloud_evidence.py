@@ -17,8 +17,8 @@ SEEDS = st.integers(0, 10_000)
 
 
 def map_in_frame(room, points, **options):
-    made = cloud_map(points, frame=room.frame(), **options)
-    return np.asarray(made.grid.occupancy), room.truth(), made
+    result = cloud_map(points, frame=room.frame(), **options)
+    return np.asarray(result.grid.occupancy), room.truth(), result
 
 
 def near(marked):
@@ -27,16 +27,16 @@ def near(marked):
 
 
 def check_walls(values, truth):
-    """No true wall is lost and none is made up, but for one cell to each side."""
+    """All true walls are found and no others, within one cell to each side."""
     occupied, walls = values == 100, truth == 100
     assert (occupied & near(walls)).sum() > 0.97 * occupied.sum()
     assert (walls & near(occupied)).sum() > 0.97 * walls.sum()
 
 
 def free_overlap(values, truth):
-    asked = truth != SampledRoom.HIDDEN
-    ours, wanted = (values == 0) & asked, (truth == 0) & asked
-    return (ours & wanted).sum() / (ours | wanted).sum()
+    compared = truth != SampledRoom.HIDDEN
+    ours, expected = (values == 0) & compared, (truth == 0) & compared
+    return (ours & expected).sum() / (ours | expected).sum()
 
 
 def sliced(room, low, high):
@@ -78,10 +78,10 @@ def test_clouds_without_a_floor_are_refused(name, seed):
 @given(SEEDS)
 def test_a_stated_floor_shows_obstacles_and_leaves_the_rest_unknown(seed):
     room = SampledRoom(seed, ceiling=False)
-    values, truth, made = map_in_frame(room, sliced(room, 0.15, 9.0), floor=0.0)
+    values, truth, result = map_in_frame(room, sliced(room, 0.15, 9.0), floor=0.0)
     check_walls(values, truth)
     assert not (values == 0).any()
-    assert np.nanmax(made.layers["floor_height"]) == 0.0
+    assert np.nanmax(result.layers["floor_height"]) == 0.0
 
 
 def test_beams_make_places_free_above_a_stated_floor():
@@ -102,10 +102,10 @@ def test_beams_make_places_free_above_a_stated_floor():
 @given(SEEDS, st.sampled_from([25, 31, 62, 400]))
 def test_sparse_floors_are_found_below_dense_ceilings(seed, density):
     room = SampledRoom(seed, floor_density=density, density=1500)
-    values, truth, made = map_in_frame(room, room.points())
+    values, truth, result = map_in_frame(room, room.points())
     check_walls(values, truth)
     assert free_overlap(values, truth) > 0.95
-    assert abs(np.nanmedian(made.layers["floor_height"])) < 0.02
+    assert abs(np.nanmedian(result.layers["floor_height"])) < 0.02
 
 
 def test_floors_of_hardly_any_points_are_refused():
@@ -123,9 +123,9 @@ def test_turned_clouds_make_the_map_of_upright_ones(seed, up):
     turned = points @ turn.T
     assert np.linalg.det(turn) == pytest.approx(1.0)
     assert np.allclose(upright(turned, up), points)
-    made, wanted = cloud_map(turned, up=up), cloud_map(points)
-    assert np.array_equal(made.grid.occupancy, wanted.grid.occupancy)
-    assert not wanted.may_be_upside_down
+    result, expected = cloud_map(turned, up=up), cloud_map(points)
+    assert np.array_equal(result.grid.occupancy, expected.grid.occupancy)
+    assert not expected.may_be_upside_down
 
 
 def test_upside_down_rooms_with_walls_up_to_the_ceiling_are_doubted(tmp_path, command):
@@ -139,7 +139,7 @@ def test_upside_down_rooms_with_walls_up_to_the_ceiling_are_doubted(tmp_path, co
 
 
 def car_park(storeys=2, height=2.8, is_open=True):
-    """Return points of storeys joined by ramps, with a car on each, and a hole in what was seen."""
+    """Return points of storeys joined by ramps, with a car on each, and a gap in the scan."""
     random, parts = np.random.default_rng(5), []
 
     def surface(count, x, y, z):
@@ -171,17 +171,17 @@ def car_park(storeys=2, height=2.8, is_open=True):
 @pytest.mark.parametrize("is_open", [True, False])
 def test_one_storey_of_a_car_park_is_mapped(is_open):
     points = car_park(is_open=is_open)
-    made = cloud_map(points)
-    heights = made.layers["floor_height"]
-    rows, cols = made.grid.frame.unbounded_rowcol_from_xy(
+    result = cloud_map(points)
+    heights = result.layers["floor_height"]
+    rows, cols = result.grid.frame.unbounded_rowcol_from_xy(
         [[6, 6], [14, 3.01], [20, 2], [22, 10.5], [10, 7]]
     ).T
-    values = made.grid.occupancy[rows, cols]
+    values = result.grid.occupancy[rows, cols]
     assert values.tolist() == [-1, 100, 0, 0, 0]
     off_ramp = heights[: rows[0] + 40]
     assert np.nanmax(np.abs(off_ramp[np.isfinite(off_ramp)])) < 0.1
-    assert made.storeys == pytest.approx((2.8,), abs=0.05)
-    assert made.overlaid_m2 > 200
+    assert result.storeys == pytest.approx((2.8,), abs=0.05)
+    assert result.overlaid_m2 > 200
     upper = cloud_map(points, at=(20.0, 2.0, 2.9))
     assert np.nanmedian(upper.layers["floor_height"]) == pytest.approx(2.8, abs=0.02)
     (row, col), (car_row, car_col) = upper.grid.frame.unbounded_rowcol_from_xy([[20, 2], [14, 4]])
@@ -228,12 +228,12 @@ def test_cells_are_no_finer_than_a_voxel_filter(leaf, has_ceiling):
     sums = np.stack([np.bincount(whose.ravel(), axis) for axis in sampled.T], axis=1)
     centroids = sums / np.bincount(whose.ravel())[:, np.newaxis]
     for points in (centroids, (keys + 0.5) * leaf):
-        made = cloud_map(points)
+        result = cloud_map(points)
         assert (
-            made.grid.resolution > (0.45 if leaf < 0.2 else 0.8) * leaf
+            result.grid.resolution > (0.45 if leaf < 0.2 else 0.8) * leaf
         )  # a filter can leave pairs of points
-        assert made.grid.resolution < 1.5 * leaf + 1e-9
-        assert (made.grid.occupancy == 0).mean() > 0.4
+        assert result.grid.resolution < 1.5 * leaf + 1e-9
+        assert (result.grid.occupancy == 0).mean() > 0.4
 
 
 def test_table_tops_of_voxels_whose_centres_are_above_the_robot_are_obstacles():
@@ -242,9 +242,9 @@ def test_table_tops_of_voxels_whose_centres_are_above_the_robot_are_obstacles():
     floor = np.column_stack([x, y, np.full(len(x), 0.025)])
     table = floor[(np.abs(x - 3) < 0.5) & (np.abs(y - 3) < 0.5)] + [0, 0, 1.0]
     wall = np.concatenate([floor[x < 0.05] + [0, 0, 0.05 * k] for k in range(40)])
-    made = cloud_map(np.concatenate([floor, table, wall]))
-    (cell,) = made.grid.frame.unbounded_rowcol_from_xy([[3.0, 3.0]])
-    assert made.grid.occupancy[tuple(cell)] == 100
+    result = cloud_map(np.concatenate([floor, table, wall]))
+    (cell,) = result.grid.frame.unbounded_rowcol_from_xy([[3.0, 3.0]])
+    assert result.grid.occupancy[tuple(cell)] == 100
 
 
 def test_points_at_the_sensor_are_left_out_and_counted(tmp_path, command):
@@ -271,9 +271,9 @@ def test_points_at_the_sensor_are_left_out_and_counted(tmp_path, command):
 @given(st.lists(st.tuples(*[st.sampled_from([0.0, 0.5, -2.0, np.nan])] * 3), min_size=1),
        st.sampled_from([0.0, 1.0]))  # fmt: skip
 def test_points_away_from_the_sensor_are_those_of_a_loop(points, range_min):
-    wanted = [p for p in points if any(p) and not np.linalg.norm(p) < range_min]
+    expected = [p for p in points if any(p) and not np.linalg.norm(p) < range_min]
     found = away_from_sensor(np.array(points), range_min)
-    assert np.array_equal(found, np.array(wanted).reshape(-1, 3), equal_nan=True)
+    assert np.array_equal(found, np.array(expected).reshape(-1, 3), equal_nan=True)
 
 
 def test_one_pose_names_a_place_and_moves_nothing(tmp_path, command):
@@ -324,6 +324,6 @@ def test_reported_clouds_are_refused(real_maps, name):
 
 
 def test_a_reported_voxel_cloud_is_mapped(real_maps):
-    made = cloud_map(np.load(real_maps / "cases" / "voxel-0.3-resolution" / "vx0.3.npy"))
-    assert made.grid.resolution == pytest.approx(0.3)
-    assert (made.grid.occupancy == 0).mean() > 0.8
+    result = cloud_map(np.load(real_maps / "cases" / "voxel-0.3-resolution" / "vx0.3.npy"))
+    assert result.grid.resolution == pytest.approx(0.3)
+    assert (result.grid.occupancy == 0).mean() > 0.8

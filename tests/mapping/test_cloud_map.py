@@ -60,9 +60,9 @@ def test_what_stands_on_a_sloping_floor_is_measured_from_it(
     height, width = (PITCH * (slots + 1) for slots in SLOTS)
     rows, cols = np.indices((height, width))
     stands = np.zeros((height, width))
-    for k, one in enumerate(heights):
+    for k, block_height in enumerate(heights):
         row, col = PITCH * (k // SLOTS[1] + 1), PITCH * (k % SLOTS[1] + 1)
-        stands[row : row + 3, col : col + 3] = one
+        stands[row : row + 3, col : col + 3] = block_height
     x, y = (corner[0] + (cols + 0.5) * cell, corner[1] + (rows + 0.5) * cell)
     floor = base + along_x * (cols - width / 2) * cell + along_y * (rows - height / 2) * cell
     is_block = stands > 0
@@ -71,19 +71,19 @@ def test_what_stands_on_a_sloping_floor_is_measured_from_it(
     frame = Frame(height, width, cell, (*corner, 0.0))
     points = np.concatenate(layers)
     points[:, 2] += np.random.default_rng(3).normal(0, 0.005, len(points))
-    made = cloud_map(points, frame=frame, climb=0.06, robot_height=1.0)
-    # a cell has what is in it: heights are counted in steps of a centimetre and a half
+    result = cloud_map(points, frame=frame, climb=0.06, robot_height=1.0)
+    # each cell has its own height, in steps of a centimetre and a half
     surely = (stands > 0) & (stands < 0.95)
     maybe = (stands >= 0.95) & (stands < 1.05)
-    occupied = made.grid.occupancy == 100
+    occupied = result.grid.occupancy == 100
     assert occupied[surely].all()
     assert not occupied[~surely & ~maybe].any()
-    assert (made.grid.occupancy[~occupied] == 0).all()
-    assert np.nanmax(np.abs(made.layers["floor_height"] - floor)) < 0.06
-    assert np.abs(made.layers["obstacle_height"][surely] - stands[surely]).max(initial=0) < 0.08
+    assert (result.grid.occupancy[~occupied] == 0).all()
+    assert np.nanmax(np.abs(result.layers["floor_height"] - floor)) < 0.06
+    assert np.abs(result.layers["obstacle_height"][surely] - stands[surely]).max(initial=0) < 0.08
     rise = np.hypot(along_x, along_y)
-    inner = made.layers["slope"][PITCH:-PITCH, PITCH:-PITCH]
-    # under what is about as high as the robot, some points are floor and some are not
+    inner = result.layers["slope"][PITCH:-PITCH, PITCH:-PITCH]
+    # below objects about as high as the robot, only some points are floor
     assert np.abs(inner - rise).max() < 0.3 * rise + 0.08 or maybe.any()
 
 
@@ -114,9 +114,9 @@ def hall(*solids: Solid, **more) -> World:
     return world
 
 
-def state_at(made, x, y):
-    (cell,) = made.grid.frame.unbounded_rowcol_from_xy([[x, y]])
-    return int(made.grid.occupancy[tuple(cell)])
+def state_at(result, x, y):
+    (cell,) = result.grid.frame.unbounded_rowcol_from_xy([[x, y]])
+    return int(result.grid.occupancy[tuple(cell)])
 
 
 LAMP = box(2.3, 2.7, 1.8, 2.2, 1.3, 1.4)
@@ -134,23 +134,23 @@ PLACES = {
 @pytest.mark.parametrize("name", PLACES)
 def test_obstacles_are_what_the_robot_meets(name):
     solids, options, state = PLACES[name]
-    made = cloud_map(hall(*solids).cloud(), **options)
-    assert state_at(made, 2.51 + 0.013, 2.01 + 0.021) == state
+    result = cloud_map(hall(*solids).cloud(), **options)
+    assert state_at(result, 2.51 + 0.013, 2.01 + 0.021) == state
 
 
 @pytest.mark.parametrize(("drops", "state"), [("occupied", 100), ("unknown", -1)])
 def test_drops_are_never_free(drops, state):
     world = small(WORLDS["drops"]())
-    made = cloud_map(world.cloud(), drops=drops)
-    assert state_at(made, 2.7, 2.7) == state  # the pit
-    assert state_at(made, 5.3, 4.7) == 0
+    result = cloud_map(world.cloud(), drops=drops)
+    assert state_at(result, 2.7, 2.7) == state  # the pit
+    assert state_at(result, 5.3, 4.7) == 0
 
 
 def test_what_was_not_seen_is_unknown():
     points = hall().cloud()
     hole = (np.abs(points[:, 0] - 2.5) < 0.4) & (np.abs(points[:, 1] - 2.0) < 0.4)
-    made = cloud_map(points[~hole | (points[:, 2] > 1.5)])
-    assert state_at(made, 2.5, 2.0) == -1
+    result = cloud_map(points[~hole | (points[:, 2] > 1.5)])
+    assert state_at(result, 2.5, 2.0) == -1
     assert state_at(cloud_map(points), 2.5, 2.0) == 0
     assert state_at(cloud_map(points[~hole | (points[:, 2] > 1.5)], fill=1e308), 2.5, 2.0) == 0
 
@@ -173,9 +173,9 @@ def test_the_floor_is_that_under_the_robot():
 @pytest.mark.thorough
 def test_beams_clear_people_that_walked_on_and_nothing_else():
     trail = [
-        Solid(one.normals, one.offsets, only_in=(0.2 + k / 40, 0.22 + k / 40))
+        Solid(solid.normals, solid.offsets, only_in=(0.2 + k / 40, 0.22 + k / 40))
         for k in range(8)
-        for one in [post(1.0 + 0.3 * k, 2.0, 0.2, 1.7)]
+        for solid in [post(1.0 + 0.3 * k, 2.0, 0.2, 1.7)]
     ]
     world = hall(*trail, *table(3.0, 3.2), post(1.7, 3.3, 0.03, 1.2), steps=60)
     truth = world.truth()
@@ -188,8 +188,8 @@ def test_beams_clear_people_that_walked_on_and_nothing_else():
     assert (posed[path] == 100).sum() < 5
     elsewhere = np.ones(without.shape, bool)
     elsewhere[path] = False
-    kept = (posed == 100) & (without == 100) & elsewhere
-    assert kept.sum() > 0.95 * ((without == 100) & elsewhere).sum()
+    in_both = (posed == 100) & (without == 100) & elsewhere
+    assert in_both.sum() > 0.95 * ((without == 100) & elsewhere).sum()
 
 
 @settings(max_examples=15, deadline=None)
@@ -226,11 +226,11 @@ def test_voxels_are_counted_as_one_by_one(piece, cell, is_shifted):
     columns = counted.columns()
     good = np.delete(points, 7, axis=0)
     keys = np.floor(good / [cell, cell, 0.025] + 1e-9).astype(int)
-    wanted, counts = np.unique(keys[:, [1, 0, 2]], axis=0, return_counts=True)
+    expected, counts = np.unique(keys[:, [1, 0, 2]], axis=0, return_counts=True)
     whose = columns.of_voxels()
     levels = np.round(columns.heights / 0.025 - 0.5).astype(int)
     found = np.stack([columns.row[whose], columns.col[whose], levels], axis=1)
-    assert np.array_equal(found, wanted)
+    assert np.array_equal(found, expected)
     assert np.array_equal(columns.counts, counts)
     assert (counted.points, counted.not_finite) == (4000, 1)
 
@@ -238,16 +238,16 @@ def test_voxels_are_counted_as_one_by_one(piece, cell, is_shifted):
 @pytest.mark.parametrize("level", [False, True])
 def test_no_map_depends_on_how_much_is_worked_on_at_once(monkeypatch, level):
     points = room_points()[::3]
-    wanted = cloud_map(points, level=level)
+    expected = cloud_map(points, level=level)
     for module, name, count in (
         (voxels, "AT_ONCE", 100), (cloud_floor, "AT_ONCE", 100), (voxels, "_SORTED_AT_ONCE", 1000)
     ):  # fmt: skip
         monkeypatch.setattr(module, name, count)
-    made = cloud_map(points, level=level)
-    assert made.figures() == wanted.figures()
-    assert np.array_equal(made.grid.occupancy, wanted.grid.occupancy)
-    for name, layer in wanted.layers.items():
-        assert np.array_equal(made.layers[name], layer, equal_nan=True)
+    result = cloud_map(points, level=level)
+    assert result.figures() == expected.figures()
+    assert np.array_equal(result.grid.occupancy, expected.grid.occupancy)
+    for name, layer in expected.layers.items():
+        assert np.array_equal(result.layers[name], layer, equal_nan=True)
 
 
 MARKED = st.tuples(st.integers(1, 20), st.integers(1, 20)).flatmap(
@@ -259,8 +259,8 @@ MARKED = st.tuples(st.integers(1, 20), st.integers(1, 20)).flatmap(
 @given(MARKED, st.integers(1, 25))
 def test_gaps_are_closed_as_scipy_does(marked, wide):
     padded = np.pad(marked, wide)
-    wanted = ndimage.binary_closing(padded, np.ones((wide + 1, wide + 1)))
-    assert np.array_equal(_closed(marked, wide), wanted[wide:-wide, wide:-wide])
+    expected = ndimage.binary_closing(padded, np.ones((wide + 1, wide + 1)))
+    assert np.array_equal(_closed(marked, wide), expected[wide:-wide, wide:-wide])
 
 
 @settings(max_examples=100, deadline=None)
@@ -272,8 +272,8 @@ def test_the_nearest_tiles_are_those_of_scipy(known, reach):
     near = far <= reach
     away, *found = _nearest(known, reach)
     assert np.array_equal(away, np.where(near, far, np.inf))
-    for one, wanted in zip(found, (rows, cols), strict=True):
-        assert np.array_equal(one[near], wanted[near])
+    for indices, expected in zip(found, (rows, cols), strict=True):
+        assert np.array_equal(indices[near], expected[near])
 
 
 @settings(max_examples=100, deadline=None)
@@ -281,22 +281,22 @@ def test_the_nearest_tiles_are_those_of_scipy(known, reach):
 def test_groups_of_a_few_cells_are_dropped_if_little_was_seen_of_them(marked, seed):
     counts, on_floor = np.random.default_rng(seed).integers(1, 9, (2, *marked.shape)).astype("i4")
     groups, count = ndimage.label(marked, np.ones((3, 3)))
-    wanted = marked.copy()
+    expected = marked.copy()
     floor = ndimage.convolve(on_floor, np.ones((3, 3), "i4"), mode="constant")
     for cells in (groups == k + 1 for k in range(count)):
         if cells.sum() <= 4 and counts[cells].sum() < max(9, sum(floor[cells] / 9)):
-            wanted[cells] = False
+            expected[cells] = False
     _drop_lone(marked, counts, on_floor, 9)
-    assert np.array_equal(marked, wanted)
+    assert np.array_equal(marked, expected)
 
 
 def test_the_resolution_is_that_of_a_voxel_filter_even_if_its_lattice_is_that_of_cells():
     points = small(rooms(), noise=0.0, outliers=0.0).cloud()
     jitter = np.random.default_rng(2).normal(0, 1e-7, (1, 3))
     filtered = np.unique(np.round(points / 0.1), axis=0) * 0.1
-    made = cloud_map(filtered + jitter * np.sign(filtered))
-    assert made.grid.resolution == pytest.approx(0.1)
-    values = made.grid.occupancy[25:35, 10:40]
+    result = cloud_map(filtered + jitter * np.sign(filtered))
+    assert result.grid.resolution == pytest.approx(0.1)
+    values = result.grid.occupancy[25:35, 10:40]
     assert (values == 0).mean() > 0.9
     assert cloud_map(points).grid.resolution == 0.05
 
@@ -361,16 +361,16 @@ def test_the_command_makes_the_map_of_python(tmp_path, command):
     )
     assert code == 0, err
     document = json.loads(text)
-    made = mapdeal.build_map_from_clouds(RAMP)
-    assert np.array_equal(mapdeal.read_map(out).occupancy, made.grid.occupancy)
+    result = mapdeal.build_map_from_clouds(RAMP)
+    assert np.array_equal(mapdeal.read_map(out).occupancy, result.grid.occupancy)
     assert document["points"] == 21444
-    shares = [document[f"{one}_share"] for one in ("floor", "obstacle", "unknown")]
+    shares = [document[f"{state}_share"] for state in ("floor", "obstacle", "unknown")]
     assert sum(shares) == pytest.approx(1.0, abs=1e-5)
     assert document["floor_height_max"] - document["floor_height_min"] == pytest.approx(
         0.36, abs=0.07
     )
     with np.load(layers) as stored:
-        for name, layer in made.layers.items():
+        for name, layer in result.layers.items():
             assert np.array_equal(stored[name], layer, equal_nan=True)
     assert image.read_bytes().startswith(b"\x89PNG")
 
@@ -388,9 +388,9 @@ def test_a_sequence_with_poses_makes_the_map_of_its_points(tmp_path, command):
         "build", "--cloud", tmp_path, "--poses", poses, "-o", tmp_path / "map.yaml"
     )
     assert code == 0, err
-    wanted, found = ours_with_poses(world), mapdeal.read_map(tmp_path / "map.yaml")
-    assert found.occupancy.shape == wanted.occupancy.shape
-    assert (found.occupancy == wanted.occupancy).mean() > 0.995  # float32, and rounded poses
+    expected, found = ours_with_poses(world), mapdeal.read_map(tmp_path / "map.yaml")
+    assert found.occupancy.shape == expected.occupancy.shape
+    assert (found.occupancy == expected.occupancy).mean() > 0.995  # float32, and rounded poses
     poses.write_text("\n".join(lines[1:]))
     code, _, err = command(
         "build", "--cloud", tmp_path, "--poses", poses, "-o", tmp_path / "m.yaml"
@@ -422,22 +422,22 @@ def test_a_bag_makes_the_map_of_its_clouds_where_its_transforms_place_them(tmp_p
         maker.add("/points", "sensor_msgs/msg/PointCloud2", time,
                   message(time, data.tobytes(), fields, width=len(data), step=12,
                           frame="lidar"))  # fmt: skip
-    made = mapdeal.build_map_from_clouds(maker.write(tmp_path, "mcap"))
-    wanted = cloud_map(np.concatenate(every))
-    assert made.points == wanted.points
-    assert made.grid.shape == wanted.grid.shape
-    assert made.grid.origin == pytest.approx(wanted.grid.origin)
-    assert (made.grid.occupancy == wanted.grid.occupancy).mean() > 0.98
+    result = mapdeal.build_map_from_clouds(maker.write(tmp_path, "mcap"))
+    expected = cloud_map(np.concatenate(every))
+    assert result.points == expected.points
+    assert result.grid.shape == expected.grid.shape
+    assert result.grid.origin == pytest.approx(expected.grid.origin)
+    assert (result.grid.occupancy == expected.grid.occupancy).mean() > 0.98
 
 
 def test_a_tilted_floor_is_warned_of_and_levelled():
     points = hall(tilt=(1, 0.5, 3)).cloud()
-    made = cloud_map(points, level=True)
-    assert made.tilt == pytest.approx(3.0, abs=0.3)
+    result = cloud_map(points, level=True)
+    assert result.tilt == pytest.approx(3.0, abs=0.3)
     assert cloud_map(points).tilt == pytest.approx(3.0, abs=0.5)
     coarse = np.column_stack([points[:, :2], points[:, 2].round(1)])  # its tiles are level
     assert cloud_map(coarse).tilt == pytest.approx(3.0, abs=0.5)
-    flat = np.nanstd(made.layers["floor_height"])
+    flat = np.nanstd(result.layers["floor_height"])
     assert flat < 0.015 < np.nanstd(cloud_map(points).layers["floor_height"])
 
 
@@ -447,19 +447,19 @@ def test_two_levels_and_a_ramp_between_them_are_no_tilt(split):
     x, y = draw.uniform(0, 20, 40000), draw.uniform(0, 10, 40000)
     floor = np.clip((x - split) / 3, 0, 1) * 0.3 + draw.normal(0, 0.005, len(x))
     wall = np.column_stack([x, np.zeros(len(x)), floor + draw.uniform(0, 2, len(x))])[::10]
-    made = cloud_map(np.concatenate([np.column_stack([x, y, floor]), wall]))
-    assert made.tilt < 0.5
+    result = cloud_map(np.concatenate([np.column_stack([x, y, floor]), wall]))
+    assert result.tilt < 0.5
 
 
 def test_a_cloud_of_which_few_planes_are_level_is_levelled_as_well_as_may_be():
-    made = mapdeal.build_map_from_clouds(EXAMPLES / "clouds" / "corridor3.pcd", level=True)
-    assert 0 <= made.tilt < 45
-    assert np.isfinite(made.layers["floor_height"]).any()
+    result = mapdeal.build_map_from_clouds(EXAMPLES / "clouds" / "corridor3.pcd", level=True)
+    assert 0 <= result.tilt < 45
+    assert np.isfinite(result.layers["floor_height"]).any()
 
 
 def test_a_real_building_is_mapped(real_maps):
-    made = mapdeal.build_map_from_clouds(real_maps / "KevinLADLee__invs_bringup" / "dufomap.pcd")
-    assert made.grid.resolution == pytest.approx(0.1)
-    figures = made.figures()
+    result = mapdeal.build_map_from_clouds(real_maps / "KevinLADLee__invs_bringup" / "dufomap.pcd")
+    assert result.grid.resolution == pytest.approx(0.1)
+    figures = result.figures()
     assert 330 < figures["floor_m2"] < 420
     assert 200 < figures["obstacle_m2"] < 280

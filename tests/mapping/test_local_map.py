@@ -52,7 +52,7 @@ def test_a_turned_global_map_of_another_resolution_loses_no_obstacle():
     hit, inside = grid.frame.bounded_rowcol_from_xy(points)
     assert inside.all()
     assert grid.occupied()[tuple(hit.T)].all()
-    # and what is set lies within a cell of an obstacle
+    # and every occupied cell lies within a cell of an obstacle
     row_col = known.frame.continuous_rowcol_from_xy(
         grid.frame.xy_from_rowcol(np.argwhere(grid.occupied()))
     )
@@ -65,8 +65,8 @@ def test_a_turned_global_map_of_another_resolution_loses_no_obstacle():
 def test_a_whole_turn_is_no_turn(yaw):
     known = OccupancyGrid((np.indices((40, 40))[0] % 9 == 0) * 100, 0.1, (-2.03, -2.03, 0.0))
     turned = OccupancyGrid(known.occupancy, 0.1, (-2.03, -2.03, yaw))
-    grids = [make(NOTHING, (0, 0, 0), size=(2, 2), resolution=0.1, global_map=one)
-             for one in (known, turned)]  # fmt: skip
+    grids = [make(NOTHING, (0, 0, 0), size=(2, 2), resolution=0.1, global_map=global_map)
+             for global_map in (known, turned)]  # fmt: skip
     assert grids[0].origin == grids[1].origin
     assert np.array_equal(grids[0].occupancy, grids[1].occupancy)
 
@@ -83,9 +83,9 @@ def test_what_neither_the_map_nor_the_cloud_has_seen_is_unknown():
         [-1, -1, -1, 0, 0, 100],
         [-1, -1, -1, -1, -1, -1],
     ]
-    seen = make([[-1.2, 0.0], [0.0, 0.6]], pose, global_map=known, **options).occupancy
-    assert seen[2].tolist() == [-1, 100, 0, 0, 0, 100]
-    assert seen[3].tolist() == [-1, -1, -1, 100, -1, -1]
+    occupancy = make([[-1.2, 0.0], [0.0, 0.6]], pose, global_map=known, **options).occupancy
+    assert occupancy[2].tolist() == [-1, 100, 0, 0, 0, 100]
+    assert occupancy[3].tolist() == [-1, -1, -1, 100, -1, -1]
     free = make([[1.7, 0.0]], pose, global_map=known, unknown="free", **options).occupancy
     assert np.array_equal(free, np.where(grid.occupancy == -1, 0, grid.occupancy))
 
@@ -137,7 +137,7 @@ def test_each_point_is_counted_once(frame):
     counts = mapper.result().counts
     assert counts.points == len(CLOUD)
     for name in ("marking", "outside", "beyond_range", "beyond_height", "not_finite"):
-        assert getattr(counts, name) == sum(what == name for _, what in CLOUD), name
+        assert getattr(counts, name) == sum(outcome == name for _, outcome in CLOUD), name
 
 
 COORDINATES = st.one_of(
@@ -165,11 +165,11 @@ def test_cells_are_those_of_exact_arithmetic(
         for p, length in zip(pose, (width, height), strict=True)
     ]
     columns, rows = (math.ceil(length / step - tolerance) for length in (width, height))
-    expected, kept = set(), []
+    expected, in_window = set(), []
     cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter % 4]
     for x, y in points:
         if math.isnan(x) or math.isnan(y):
-            kept.append((x, y))
+            in_window.append((x, y))
             continue
         a, b = Fraction(x), Fraction(y)
         if frame == "robot":
@@ -178,15 +178,16 @@ def test_cells_are_those_of_exact_arithmetic(
         places = [c / step - first + tolerance for c, first in zip((a, b), corner, strict=True)]
         if min(abs(p - round(p)) for p in places) < tolerance / 100:
             continue
-        kept.append((x, y))
+        in_window.append((x, y))
         col, row = map(math.floor, places)
         if 0 <= col < columns and 0 <= row < rows:
             expected.add((col, row))
-    made = by_each_engine(lambda: make(
-        np.array(kept).reshape(-1, 2), (*pose, quarter * math.pi / 2), frame=frame, offset=offset,
+    local = by_each_engine(lambda: make(
+        np.array(in_window).reshape(-1, 2), (*pose, quarter * math.pi / 2), frame=frame,
+        offset=offset,
         size=tuple(k / 20 for k in size), resolution=float(step),
     ))  # fmt: skip
-    for grid in made:
+    for grid in local:
         assert grid.shape == (rows, columns)
         assert grid.origin[:2] == tuple(float(k * step) for k in corner)
         assert set(cells(grid)) == expected
@@ -242,7 +243,7 @@ def test_angles_across_pi_and_below_zero():
     # of points in the map, the angles are the robot's, too: ahead is -2 there
     ahead = [1.0 + math.cos(-1.8), 2.0 + math.sin(-1.8)]
     assert angles_of([ahead], frame="map") == pytest.approx((0.2, 0.2))
-    # points that do not count are not seen
+    # excluded points have no effect
     assert angles_of([at(0.1), at(1.0, 9)], max_range=5.0) == pytest.approx((0.1, 0.1))
 
 

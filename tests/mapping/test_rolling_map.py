@@ -81,14 +81,14 @@ def test_each_map_is_a_replay_of_the_last_clouds(each_engine, run, keep, limits,
     for k, points in enumerate(clouds):
         mapper.add(points)
         first = 0 if keep is None else max(0, k + 1 - keep)
-        made = mapper.result()
+        result = mapper.result()
         expected = replayed(clouds[first : k + 1], poses[first : k + 1], size, 0.3, **oracle)
-        np.testing.assert_array_equal(made.grid.occupancy, expected)
-        assert made.clouds == k + 1 - first
-        corner = np.array(made.grid.origin[:2]) / 0.3  # of all windows on one lattice
+        np.testing.assert_array_equal(result.grid.occupancy, expected)
+        assert result.clouds == k + 1 - first
+        corner = np.array(result.grid.origin[:2]) / 0.3  # of all windows on one lattice
         np.testing.assert_allclose(corner, np.round(corner), atol=1e-9)
         alone = replayed([clouds[k]], [poses[k]], size, 0.3, **oracle)
-        assert made.from_earlier == np.count_nonzero((expected == 100) & (alone != 100))
+        assert result.from_earlier == np.count_nonzero((expected == 100) & (alone != 100))
 
 
 def test_the_map_s_obstacles_are_not_cleared_and_its_free_cells_are_known():
@@ -96,12 +96,12 @@ def test_the_map_s_obstacles_are_not_cleared_and_its_free_cells_are_known():
     mapper = RollingMapper([[-0.85, 0.45, 0.0]] * 2, LocalOptions(size=(7, 0.5), resolution=0.5),
                            keep=1, global_map=known)  # fmt: skip
     mapper.add([[1.7, 0.0]])  # at 0.85, behind the map's obstacle
-    made = mapper.result()
-    ((row, col),) = known.frame.continuous_rowcol_from_xy([made.grid.origin[:2]])
+    result = mapper.result()
+    ((row, col),) = known.frame.continuous_rowcol_from_xy([result.grid.origin[:2]])
     assert (row, col) == pytest.approx((0, round(col)), abs=1e-9)  # one lattice
-    shown = made.grid.occupancy[0, -round(col) :]
+    shown = result.grid.occupancy[0, -round(col) :]
     assert shown[:6].tolist() == [0, 0, 100, 100, -1, -1]
-    assert made.from_map == 1
+    assert result.from_map == 1
 
 
 @pytest.mark.parametrize(("unknown", "value"), [("keep", -1), ("free", 0)])

@@ -25,10 +25,10 @@ moves = st.tuples(numbers, numbers, numbers)
 
 
 def matrix(move, quaternion):
-    made = np.eye(4)
-    made[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
-    made[:3, 3] = move
-    return made
+    matrix_4x4 = np.eye(4)
+    matrix_4x4[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+    matrix_4x4[:3, 3] = move
+    return matrix_4x4
 
 
 @pytest.mark.slow
@@ -49,28 +49,28 @@ def test_each_transform_of_a_chain_is_interpolated_alone(data, lengths):
             for t, move, quaternion in data.draw(st.permutations(samples)):
                 tree.add(f"/{parent}", child, T0 + t * MS, move, quaternion, is_static=is_static)
             known[child] = parent, samples, is_static
-    asked = [data.draw(st.integers(-10, 1010)) for _ in range(4)]
-    one, other = f"a{lengths[0] - 1}", f"b{lengths[1] - 1}"
-    found = tree.lookup(one, other, np.array(asked) * MS + T0)
+    query_times = [data.draw(st.integers(-10, 1010)) for _ in range(4)]
+    first_leaf, second_leaf = f"a{lengths[0] - 1}", f"b{lengths[1] - 1}"
+    found = tree.lookup(first_leaf, second_leaf, np.array(query_times) * MS + T0)
 
     def above(frame, time):
-        whole = np.eye(4)
+        product = np.eye(4)
         while frame != "root":
             parent, samples, is_static = known[frame]
             step = at(samples, time) if not is_static else matrix(*samples[-1][1:])
             if step is None:
                 return None
-            whole = step @ whole
+            product = step @ product
             frame = parent
-        return whole
+        return product
 
-    for k, time in enumerate(asked):
-        to_one, to_other = above(one, time), above(other, time)
-        assert found.known[k] == (to_one is not None and to_other is not None)
+    for k, time in enumerate(query_times):
+        to_first, to_second = above(first_leaf, time), above(second_leaf, time)
+        assert found.known[k] == (to_first is not None and to_second is not None)
         if found.known[k]:
-            wanted = np.linalg.inv(to_one) @ to_other
-            made = matrix(found.translations[k], found.quaternions[k])
-            np.testing.assert_allclose(made, wanted, atol=1e-6)
+            expected = np.linalg.inv(to_first) @ to_second
+            found_matrix = matrix(found.translations[k], found.quaternions[k])
+            np.testing.assert_allclose(found_matrix, expected, atol=1e-6)
         else:
             assert np.isnan(found.translations[k]).all()
 
@@ -80,10 +80,10 @@ def at(samples, time):
     times = [t for t, _, _ in samples]
     if not times[0] <= time <= times[-1]:
         return None
-    for (t, move, turn), (u, other, back) in pairwise(samples):
+    for (t, move, turn), (u, next_move, back) in pairwise(samples):
         if t <= time <= u:
             share = (time - t) / (u - t)
-            middle = np.array(move) + share * (np.array(other) - np.array(move))
+            middle = np.array(move) + share * (np.array(next_move) - np.array(move))
             if abs(turn @ back) > 1 - 1e-12:
                 return matrix(middle, turn)
             rotation = Slerp([0, 1], Rotation.from_quat([turn, back]))(share)
@@ -129,9 +129,9 @@ def test_what_comes_static_and_moving_is_what_it_comes_as_most_often(moving, pla
     is_static = moving == 1
     assert [(e.count, e.is_static) for e in tree.edges()] == [(moving, is_static)]
     assert tree.of_both_kinds == [("a", "b")]
-    wanted = [9, 9, 9] if is_static else [np.nan, 0, moving - 1]
+    expected = [9, 9, 9] if is_static else [np.nan, 0, moving - 1]
     np.testing.assert_array_equal(
-        xs(tree, "a", "b", T0 + MS * np.array([-5, 0, moving - 1])), wanted
+        xs(tree, "a", "b", T0 + MS * np.array([-5, 0, moving - 1])), expected
     )
 
 
@@ -199,8 +199,8 @@ def test_a_circle_ends():
 
 
 def test_frames_that_no_transforms_join_are_named():
-    told = r"no transforms lead from 'map' to 'laser': frames are map, odom"
-    with pytest.raises(MalformedInputError, match=told):
+    message = r"no transforms lead from 'map' to 'laser': frames are map, odom"
+    with pytest.raises(MalformedInputError, match=message):
         xs(tree_of(("map", "odom", 0, 1, True)), "/map", "/laser", [0])
     with pytest.raises(MalformedInputError, match="there are none"):
         xs(TransformTree(), "map", "laser", [0])

@@ -21,7 +21,7 @@ def converted(tmp_path, command):
 
 @pytest.fixture(params=[4, pytest.param(1, marks=pytest.mark.thorough)])
 def real_sources(request, real_maps, mapdeal_warnings):
-    """Paths of real maps that can be read, some or all of them, and what was read."""
+    """Return paths of readable real maps, some or all of them, with their contents."""
 
     def read():
         count = 0

@@ -1,4 +1,4 @@
-"""Pictures of every kind that readers tell apart, in memory."""
+"""Pictures in memory of every kind that readers distinguish."""
 
 import numpy as np
 

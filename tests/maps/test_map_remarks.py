@@ -1,4 +1,4 @@
-"""Maps that are dangerous or say nothing: whoever reads one is told, once, with the share."""
+"""Warnings about dangerous or meaningless maps: one each, with the share of the cells."""
 
 import warnings
 

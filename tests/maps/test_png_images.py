@@ -34,7 +34,7 @@ def png(kind, width, rows, *before):
 
 
 def pixels_of(kind, width, rows, key):
-    """Samples, bit by bit, and the opacities that a transparent colour makes, None without one.
+    """Return samples, bit by bit, and opacities if there is a transparent colour.
 
     The samples are brightness up to 255 or 65535, or indices.
     """

@@ -21,7 +21,7 @@ SHAPE = Footprint.polygon([(0.2, 0.1), (-0.1, 0.1), (-0.1, -0.1)])
 
 
 def reach(**more):
-    """A reach by hand: all free cells but one are open, of these the left two reached."""
+    """A reach by hand: all free cells except one are open, and the two on the left are reached."""
     is_free = MAP.occupancy == 0
     headings = is_free * np.uint8(8)
     headings[2, 3] = 0

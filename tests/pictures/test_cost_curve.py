@@ -1,4 +1,4 @@
-"""What stands where in the picture of a cost curve."""
+"""Positions of texts and marks in the picture of a cost curve."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Shapes on pixels: whole pixels, so what is near an edge may fall to either side."""
+"""Shapes on whole pixels: points near an edge may fall to either side."""
 
 import itertools
 from itertools import pairwise

@@ -179,7 +179,7 @@ def boxes(size):
 
 @pytest.fixture
 def texts(monkeypatch):
-    """What is written, with places, in boxes that stand for letters."""
+    """Texts with their places, in boxes in place of letters."""
     written = []
 
     def write(pen, x, baseline, text, size):
