@@ -59,23 +59,23 @@ def emit_warning(message: str | MapdealWarning, *, stacklevel: int = 1) -> None:
 
 
 @contextmanager
-def heard_warnings(*, keep: bool = False) -> Iterator[list[MapdealWarning]]:
+def collect_warnings(*, captures: bool = False) -> Iterator[list[MapdealWarning]]:
     """Collect the warnings of the block, and of the threads that share its work, in a list."""
     collected: list[MapdealWarning] = []
-    before = _LISTENERS.set((*_LISTENERS.get(), (collected, keep)))
+    before = _LISTENERS.set((*_LISTENERS.get(), (collected, captures)))
     try:
         yield collected
     finally:
         _LISTENERS.reset(before)
 
 
-def kept_warnings() -> AbstractContextManager[list[MapdealWarning]]:
+def capture_warnings() -> AbstractContextManager[list[MapdealWarning]]:
     """Capture the warnings of the block and of threads that share its work, unseen by outer blocks.
 
     `warnings.catch_warnings` changes the filters of the process: of two threads that read maps, one
     would get the warnings of the other, and wrong filters would stay.
     """
-    return heard_warnings(keep=True)
+    return collect_warnings(captures=True)
 
 
 @contextmanager
@@ -84,7 +84,7 @@ def strict_warnings(is_strict: bool = True, source: Path | str | None = None) ->
     if not is_strict:
         yield
         return
-    with heard_warnings() as collected:
+    with collect_warnings() as collected:
         before = _STRICT.set((*_STRICT.get(), collected))
         try:
             yield

@@ -177,7 +177,7 @@ def test_a_file_is_what_it_is_by_its_bytes_whatever_its_name_and_info_tells(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", UNKNOWN)
 def test_what_is_not_known_is_nothing(tmp_path, name, command):
-    """A file that is not YAML gets no error about its YAML either."""
+    """A file without YAML is refused without errors about YAML."""
     (tmp_path / name).write_bytes(UNKNOWN[name])
     assert kind_of(tmp_path / name) is None
     if name.endswith((".md", ".bin", ".txt", ".xml", "long.json")):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mapdeal.errors import MalformedInputError, MapdealWarning, emit_warning, kept_warnings
+from mapdeal.errors import MalformedInputError, MapdealWarning, capture_warnings, emit_warning
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings, heard
@@ -90,6 +90,6 @@ def test_a_warning_is_about_the_code_that_its_level_tells(recwarn):
 
 
 def test_warnings_that_are_heard_twice_keep_their_place():
-    with kept_warnings() as kept, heard(texts := []):
+    with capture_warnings() as kept, heard(texts := []):
         emit_warning(MapdealWarning("odd", "image.lossy"))
     assert (texts, [one.check for one in kept]) == (["odd"], ["image.lossy"])

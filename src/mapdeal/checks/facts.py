@@ -17,8 +17,8 @@ from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
     MapdealWarning,
+    capture_warnings,
     emit_warning,
-    kept_warnings,
 )
 from mapdeal.files.source import BIT_MAP, claim
 from mapdeal.files.yaml_text import Entry, parse_mapping, read_mapping
@@ -587,7 +587,7 @@ def gather(
 
 def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> RoomFacts:
     """Return a map in memory for checks that need all of its cells; `gather` has checked it."""
-    with kept_warnings(), open_map(path, max_cells=max_cells) as file:
+    with capture_warnings(), open_map(path, max_cells=max_cells) as file:
         height, width = file.shape()
         needed = file.memory_to_read() + _ROOM_BYTES[engine_name()] * height * width
         claim(path, needed, what=f"{width} x {height} cells")
@@ -668,7 +668,7 @@ def _warnings_as_findings(
     findings: list[Finding], path: Path, entries: Mapping[str, Entry]
 ) -> Iterator[None]:
     """Turn mapdeal's warnings in the block into findings."""
-    with kept_warnings() as warnings:
+    with capture_warnings() as warnings:
         try:
             yield
         finally:

@@ -20,7 +20,7 @@ from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
     MapdealError,
-    kept_warnings,
+    capture_warnings,
 )
 from mapdeal.files.source import exists, is_folder, sha256_of, status_of, sums_of_reads
 from mapdeal.grid.costmap import Costmap
@@ -201,7 +201,7 @@ def _describe_robot(
     map_path: Path | None,
 ) -> Report:  # fmt: skip
     """Return what a robot's parameter files say of one of its costmaps, as JSON can hold it."""
-    with kept_warnings():
+    with capture_warnings():
         robot = read_robot(paths, costmap=costmap, namespace=namespace, older=dialect != "nav2")
     report = {"file": str(paths[-1]), "kind": "robot parameters", **robot.described()}
     for entry, one in zip(report["layers"], robot.layers, strict=True):

@@ -31,7 +31,7 @@ from mapdeal.errors import (
     MalformedInputError,
     MapdealError,
     ParameterError,
-    kept_warnings,
+    capture_warnings,
 )
 from mapdeal.files.source import (
     PIECES,
@@ -375,7 +375,7 @@ def lint(
         with counted(len(maps)) as done:
             reports += lint_maps(maps, done)
         if filter_mask is not None:
-            with kept_warnings():  # which are among the findings
+            with capture_warnings():  # which are among the findings
                 given = map_input(read_input(maps[0], settings), maps[0])
             path = Path(filter_mask)
             reports.append(lint_maps.mask(path, given, mask_kind, footprint, start, goals))
@@ -488,7 +488,7 @@ def _found_on_map(
     from mapdeal.checks.graph_checks import check_graph  # of use to few, and slow to import
 
     try:
-        with kept_warnings(), open_map(path, max_cells=settings.max_cells) as file:
+        with capture_warnings(), open_map(path, max_cells=settings.max_cells) as file:
             height, width = file.shape()
             per_cell = _PER_CELL_OF_GRAPH + (0 if robot is None else COSTS_PER_CELL)
             claim(path, int(per_cell * height * width))
@@ -527,7 +527,7 @@ def _of_header(path: Path, settings: Settings, take: Callable[[MapFile], T]) -> 
     if is_folder(path):
         return None
     with (
-        kept_warnings(),  # reading itself warns
+        capture_warnings(),  # reading itself warns
         suppress(MapdealError),
         open_map(path, max_cells=settings.max_cells) as file,
     ):
@@ -583,7 +583,7 @@ def repaired(
 ) -> tuple[OccupancyGrid, list[str]]:
     """Return a map as it should be, and what was changed, a line each."""
     done: list[str] = []
-    with kept_warnings():  # all was told when it was read first
+    with capture_warnings():  # all was told when it was read first
         grid: Any = (
             read_npz(path, max_cells=max_cells)
             if pair is None
@@ -770,7 +770,7 @@ def _repaired_in_place(
 
 
 def _metadata_in(data: bytes, path: Path) -> MapMetadata | None:
-    with kept_warnings(), suppress(MalformedInputError):  # warnings that stay are found again
+    with capture_warnings(), suppress(MalformedInputError):  # warnings that stay are found again
         return metadata_of(parse_mapping(path, data), path)
     return None
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mapdeal.checks.facts import MaskFacts, PairFacts, gather
-from mapdeal.errors import MalformedInputError, kept_warnings
+from mapdeal.errors import MalformedInputError, capture_warnings
 from mapdeal.grid.filters import FilterInfo, FilterKind, info_for
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -34,7 +34,7 @@ def read_mask(path: Path, settings: Settings, beside: MapInput) -> tuple[Keepout
     if pair is None:
         rule = "is no mask that Nav2 loads"
         raise MalformedInputError(rule, source=path, hint="pass the .yaml of a mask")
-    with kept_warnings():  # what it says of a map is no trap in a mask
+    with capture_warnings():  # what it says of a map is no trap in a mask
         mask = mask_of(path, settings, beside.grid)
     if mask is None:
         raise TypeError("there is a mask")
@@ -57,7 +57,7 @@ def mask_facts(
     grid = given.occupancy
     claim_work(given.name, grid, PER_CELL)
     known = np.asarray(grid.occupancy) != UNKNOWN
-    with kept_warnings():  # of costs, which there are none of
+    with capture_warnings():  # of costs, which there are none of
         closed = closed_by(mask, grid.frame) if info.kind == "keepout" else np.zeros_like(known)
         full = np.full(mask.shape, OCCUPIED, dtype=np.int8)
         inside = closed_by(mask.with_values(full), grid.frame)

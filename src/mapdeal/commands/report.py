@@ -35,8 +35,8 @@ from mapdeal.errors import (
     FindingError,
     MapdealError,
     ParameterError,
+    capture_warnings,
     emit_warning,
-    kept_warnings,
     one_line,
 )
 from mapdeal.files.json_values import ALIGNMENT, COMPARISON, DIFF, LINT, SCORE
@@ -340,7 +340,7 @@ def _filter_of(path: Path) -> FilterInfo | None:
     """Return how the filter reads a mask that mapdeal has made; None of another file."""
     if path.suffix not in YAML:
         return None
-    with kept_warnings():  # said when the map was read
+    with capture_warnings():  # said when the map was read
         return FilterInfo.of(read_metadata(path).extra)
 
 

@@ -31,8 +31,8 @@ from mapdeal.errors import (
     MalformedInputError,
     MapdealError,
     ParameterError,
+    capture_warnings,
     emit_warning,
-    kept_warnings,
     one_line,
 )
 from mapdeal.files.json_values import COMPARISON, DIFF, NamedMap, read_json
@@ -249,7 +249,7 @@ class Grids:
             texts: list[str] = []
             with ExitStack() as stack:
                 if quietly:
-                    stack.enter_context(kept_warnings())
+                    stack.enter_context(capture_warnings())
                 stack.enter_context(heard(texts))
                 read = stack.enter_context(sums_of_reads())
                 grid, file = self._read(path)
@@ -270,7 +270,7 @@ class Grids:
     def grid(self, path: Path) -> Grid:
         # A `FileAccessError` if it has changed since.
         if path not in self._kept:
-            with kept_warnings(), sums_of_reads() as read:  # they were given when it was opened
+            with capture_warnings(), sums_of_reads() as read:  # they were given when it was opened
                 grid, file = self._read(path)
                 sums = file.sums_by_name(read)
             if sums != self._opened[path].sums:
@@ -701,7 +701,7 @@ def _add_difference(
     draft: Draft, paths: Sequence[Path], grids: Grids, results: Results
 ) -> None:  # fmt: skip
     settings = grids.settings
-    with kept_warnings():  # they were given when the maps were opened
+    with capture_warnings():  # they were given when the maps were opened
         sources = zip(paths, read_together(paths, settings), strict=True)
         maps = [map_input(one, path) for path, one in sources]
         found = compared(

@@ -18,8 +18,8 @@ from mapdeal.errors import (
     MapdealError,
     MapdealWarning,
     ParameterError,
+    capture_warnings,
     emit_warning,
-    kept_warnings,
 )
 from mapdeal.files.source import (
     BIT_MAP,
@@ -86,7 +86,7 @@ class MapFile:
         if self.metadata is None or self.metadata.cost_scale is not None:
             return None
         # Faults of the image are reported when the map is read.
-        with kept_warnings() as self._remarks, suppress(MapdealError):
+        with capture_warnings() as self._remarks, suppress(MapdealError):
             if isinstance(self._image, PnmImage):
                 return self._image.rows()
         return None

@@ -12,8 +12,8 @@ import numpy as np
 from mapdeal.errors import (
     MalformedInputError,
     ParameterError,
+    capture_warnings,
     emit_warning,
-    kept_warnings,
     meant,
 )
 from mapdeal.files.json_values import read_document
@@ -181,7 +181,7 @@ def name_at(zones: Sequence[Zone], grid: OccupancyGrid, xy: Point) -> str | None
     """Return the name of the first zone that covers the cell of a point."""
     row, col = grid.frame.unbounded_rowcol_from_xy([xy])[0].tolist()
     for zone in zones:
-        with kept_warnings():  # drawing the mask has already emitted these
+        with capture_warnings():  # drawing the mask has already emitted these
             drawn = draw(blank(grid, FREE), zone.shapes_with(OCCUPIED)).occupancy
         if drawn[row, col]:
             return zone.name

@@ -20,7 +20,7 @@ from mapdeal.errors import (
     FindingError,
     MapdealError,
     ParameterError,
-    kept_warnings,
+    capture_warnings,
     one_line,
     refusal_of_the_system,
     refuse_warnings,
@@ -125,7 +125,7 @@ def jobs_at_once(wanted: int | None, maps: int, terminal: Terminal) -> int:
 
 def attempt(run_one: Callable[[Any], Any], job: Job) -> Outcome:
     """Do a job; whatever it raises or warns of is part of the outcome."""
-    with kept_warnings() as kept:
+    with capture_warnings() as kept:
         try:
             result = run_one(job)
         except MapdealError as error:
@@ -220,7 +220,7 @@ def plan_of(job: Job, run: MapRun) -> Plan:
         return Plan(job, "failed", *size, error=job.error)
     try:
         with (
-            kept_warnings(),  # the run itself warns
+            capture_warnings(),  # the run itself warns
             sums_of_reads() as sums,
             open_map(job.path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
         ):

@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any, Literal, TypeVar
 
-from mapdeal.errors import ParameterError, heard_warnings, one_line
+from mapdeal.errors import ParameterError, collect_warnings, one_line
 from mapdeal.files.source import use_memory
 from mapdeal.grid.frame import Origin, check_origin, check_resolution
 from mapdeal.grid.values import check_choice
@@ -131,7 +131,7 @@ def report_nothing(_: int) -> Iterator[Advance]:
 @contextmanager
 def heard(texts: list[str]) -> Iterator[None]:
     """Add the texts of mapdeal's warnings in the block to a list when it ends."""
-    with heard_warnings() as told:
+    with collect_warnings() as told:
         try:
             yield
         finally:
