@@ -2,7 +2,7 @@
 
 import pytest
 
-from mapdeal.errors import BRITISH_AND_AMERICAN, as_known, meant, nearest
+from mapdeal.errors import BRITISH_AND_AMERICAN, as_known, nearest, nearest_hint
 from mapdeal.stages.catalogue import STAGES
 
 
@@ -34,7 +34,7 @@ def test_either_spelling_stands_for_the_one_that_is_known(british, american):
 )
 def test_the_nearest_known_word(word, known, expected):
     assert nearest(word, known) == expected
-    assert meant(word, known) == (f"did you mean {expected}?" if expected else None)
+    assert nearest_hint(word, known) == (f"did you mean {expected}?" if expected else None)
 
 
 def test_every_choice_of_every_stage_is_known_by_its_other_spelling():

@@ -39,7 +39,7 @@ from typing import get_type_hints as hints_of
 
 import numpy as np
 
-from mapdeal.errors import ParameterError, as_known, meant
+from mapdeal.errors import ParameterError, as_known, nearest_hint
 from mapdeal.grid.canvas import FieldGrid, on_canvas
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.footprint import Footprint
@@ -166,7 +166,7 @@ class Parameter:
             if word in self.choices:
                 return word
             error = self._error(f"one of {', '.join(self.choices)}", value)
-            error.hint = meant(str(value), self.choices)
+            error.hint = nearest_hint(str(value), self.choices)
             raise error
         if self.kind in _STRUCTURED:
             return _STRUCTURED[self.kind](self.key, value)
@@ -288,7 +288,7 @@ def unknown_name(
 ) -> ParameterError:
     """Return the error for a name that is not `known`, with a hint of the nearest name."""
     names = list(known)
-    hint = meant(str(name), names) or f"known: {', '.join(names)}"
+    hint = nearest_hint(str(name), names) or f"known: {', '.join(names)}"
     return ParameterError(f"no such {noun}", place=place, got=name, hint=hint)
 
 

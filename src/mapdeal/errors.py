@@ -294,7 +294,7 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
     return completions[0] if len(completions) == 1 else None
 
 
-def meant(word: str, known: Iterable[str]) -> str | None:
+def nearest_hint(word: str, known: Iterable[str]) -> str | None:
     """Return a hint that suggests the nearest known word, if there is one."""
     near = nearest(word, known)
     return None if near is None else f"did you mean {near}?"

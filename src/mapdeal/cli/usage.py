@@ -13,7 +13,7 @@ from typing import Any
 import typer
 
 from mapdeal.cli.terminal import DASH
-from mapdeal.errors import ParameterError, as_known, meant, nearest
+from mapdeal.errors import ParameterError, as_known, nearest, nearest_hint
 
 _NUMBER = re.compile(r"\(?-?\d+(\.\d*)?\)?")
 _UNKNOWN = re.compile(r"no such (option|command):? '?(?P<name>(?<=')[^']*|[^ ']*)'?")
@@ -124,7 +124,7 @@ def usage_error(error: Any) -> ParameterError:
         message = unknown[0]
         hint = _meant(unknown["name"], command, context)
     elif no_choice is not None:
-        hint = meant(no_choice["word"], map(str, getattr(error.param.type, "choices", ())))
+        hint = nearest_hint(no_choice["word"], map(str, getattr(error.param.type, "choices", ())))
     if (
         hint is None
         and path.endswith(" local")
@@ -142,7 +142,7 @@ def _meant(word: str, command: Any, context: Any) -> str | None:
         known = command.list_commands(context)
         if word.lower() in _SYNONYMS:
             return f"did you mean {_SYNONYMS[word.lower()]}?"
-        return meant(word, [*known, "help"])
+        return nearest_hint(word, [*known, "help"])
     options = [name for one in command.params for name in (*one.opts, *one.secondary_opts)]
     near = nearest(word.lstrip("-"), [name[2:] for name in options if name[:2] == "--"])
     if near is not None or command.name != "run":

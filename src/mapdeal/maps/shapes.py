@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import MalformedInputError, ParameterError, as_known, emit_warning, meant
+from mapdeal.errors import MalformedInputError, ParameterError, as_known, emit_warning, nearest_hint
 from mapdeal.files.json_values import JsonValue, read_document
 from mapdeal.files.yaml_text import OF_SHAPES, Entry, read_mapping
 from mapdeal.grid.frame import Point
@@ -223,7 +223,7 @@ def _with_known_keys(fields: dict[str, Entry], kind: str) -> dict[str, Entry]:
         name = as_known(key, known)
         if name not in known:
             rule = f"unknown key of a {kind}"
-            hint = meant(key, known) or f"known: {', '.join(known)}"
+            hint = nearest_hint(key, known) or f"known: {', '.join(known)}"
             raise MalformedInputError(rule, source=field.source, place=field.place, got=key,
                                       hint=hint)  # fmt: skip
         if name in named:

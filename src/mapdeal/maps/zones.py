@@ -14,7 +14,7 @@ from mapdeal.errors import (
     ParameterError,
     capture_warnings,
     emit_warning,
-    meant,
+    nearest_hint,
 )
 from mapdeal.files.json_values import read_document
 from mapdeal.grid.bit_map import blank, draw
@@ -96,7 +96,7 @@ def _zone(
         kind = "speed" if speed is not None else default_kind
     if kind not in KINDS:
         rule = f"needs a property kind: {', '.join(KINDS)}"
-        hint = meant(str(kind), KINDS) if kind is not None else "or choose one with --kind"
+        hint = nearest_hint(str(kind), KINDS) if kind is not None else "or choose one with --kind"
         raise MalformedInputError(rule, source=path, place=place, got=kind, hint=hint)
     if kind == "speed":
         speed = _speed(path, place, speed)
