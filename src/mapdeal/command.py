@@ -431,7 +431,7 @@ class Stage:
     radius_in: Callable[[Parameters], tuple[str, float]] | None = None
     in_simulation: InSimulation | None = None
     in_place_of: Mapping[str, InPlaceOf] = field(default_factory=dict)
-    settled: Callable[[Parameters], Parameters] = lambda _: {}
+    derived: Callable[[Parameters], Parameters] = lambda _: {}
     remark: Callable[[Parameters, Figures], str | None] = lambda *_: None
     curve: Callable[[Any, Parameters], CostCurve | None] = lambda *_: None
     parameters_from_layers: Callable[[Any], dict[str, object] | None] = lambda _: None

@@ -144,7 +144,7 @@ def _settle(parameters: dict[str, Any], stage: Stage, given: Mapping[str, object
             raise ParameterError(conflict, place=f"{stage.name}.{key}", got=old)
         parameters[key] = value
     try:
-        parameters.update(stage.settled(parameters))
+        parameters.update(stage.derived(parameters))
     except ParameterError as error:
         error.place = ".".join(filter(None, (stage.name, error.place)))
         raise

@@ -113,7 +113,7 @@ def _curve(source: Framed, parameters: Parameters) -> CostCurve:
         _RADII,
         lambda footprint: {name: getattr(footprint, name) for name in _RADII},
     ),
-    settled=_derived,
+    derived=_derived,
     parameters_from_layers=_parameters_from_layers,
 )
 def exponential_cost(

@@ -85,7 +85,7 @@ mapdeal rotate out/turned.yaml -o out/straight.yaml --straighten""",
     is_whole=lambda _: True,
     edits=True,
     moves=lambda _: True,
-    settled=_check,
+    derived=_check,
 )
 def turned(
     grid: V,
@@ -310,7 +310,7 @@ def _cells_to_rescale(grid: ValueGrid, parameters: Parameters) -> Iterator[int]:
     is_whole=lambda _: True,
     edits=True,
     moves=lambda _: True,
-    settled=lambda parameters: {"resolution": check_resolution(parameters["resolution"])},
+    derived=lambda parameters: {"resolution": check_resolution(parameters["resolution"])},
 )
 def rescale(
     grid: V, resolution: Annotated[float, ABOVE_0, METRES], *, rule: ResamplingRule = "area"

@@ -185,7 +185,7 @@ def _check(parameters: Parameters) -> Parameters:
     cells=_cells,
     edits=True,
     moves=lambda _: True,
-    settled=_check,
+    derived=_check,
 )
 def window(
     grid: G,
