@@ -18,7 +18,7 @@ seen = []
     summary="Count goals.",
     title=lambda _: "visited",
     memory=4.0,
-    hands_on=False,
+    passes_output_on=False,
     is_whole=lambda _: True,
     robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
 )

@@ -422,7 +422,7 @@ class Stage:
 
     is_whole: Callable[[Parameters], bool] = lambda _: False
     is_smaller: Callable[[Parameters], bool] = lambda _: False
-    hands_on: bool = True
+    passes_output_on: bool = True  # to the next stage, which else gets the same input
     accepts_mask: Callable[[Parameters], bool] = lambda _: False
     """Whether it applies the keepout mask of a run itself, by its parameter `mask`."""
 

@@ -164,7 +164,7 @@ def _check_place(item: Entry, stage: str, done: Sequence[str], name: str) -> Non
     if stage in done:
         raise _at(item, ParameterError("a stage can run once", place=stage), name)
     first = {one: next(iter(models_of(one).values())) for one in (*done, stage)}
-    works_on = next((first[one] for one in reversed(done) if first[one].hands_on), None)
+    works_on = next((first[one] for one in reversed(done) if first[one].passes_output_on), None)
     if works_on and works_on.is_last and works_on.makes not in first[stage].takes:
         raise _at(item, ParameterError(f"cannot follow {works_on.name}", place=stage), name)
 
@@ -246,7 +246,7 @@ def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
     works_on: type[Any] = OccupancyGrid
     for name, given in draft:
         stage = next(iter(models_of(name).values()))
-        if stage.hands_on:
+        if stage.passes_output_on:
             works_on = stage.makes
         elif stage.robot is not None:
             rules = {**of_all, **(of_map if works_on is OccupancyGrid else {})}
@@ -487,12 +487,12 @@ def _adapt_to_footprint(draft: Draft, footprint: Footprint, seen: Footprint, nam
     grown, is_used = False, False
     for done, given in draft:
         stage = _stage_in(done, given)
-        if stage.robot is None or grown or (stage.hands_on and shaped is not None):
+        if stage.robot is None or grown or (stage.passes_output_on and shaped is not None):
             continue
         given.pop(stage.robot.replaces, None)
-        given.put(stage.robot.parameters(footprint if stage.hands_on else seen))
+        given.put(stage.robot.parameters(footprint if stage.passes_output_on else seen))
         is_used = True
-        if stage.hands_on:
+        if stage.passes_output_on:
             shaped, grown = stage, stage.makes is not Costmap
     if not is_used:
         raise ParameterError("the recipe has no stage that uses a robot's shape", source=name)
@@ -575,7 +575,7 @@ def _remarks_on(steps: Sequence[Step]) -> Iterator[str]:
             continue
         name, radius = found
         if before is None:
-            before = one if one.stage.hands_on else None
+            before = one if one.stage.passes_output_on else None
         elif radius > 0 and not (before.stage.makes is Costmap and Costmap in one.stage.takes):
             yield (
                 f"{one.name}: {name} {radius:g} m comes on top of stage {before.name} "

@@ -186,7 +186,7 @@ def products_of(
             if canvas is not None and step.moves:
                 canvas = product.frame
             yield Product(step, product if canvas is None else on_canvas(product, canvas))
-        if step.stage.hands_on:
+        if step.stage.passes_output_on:
             grid = product
 
 

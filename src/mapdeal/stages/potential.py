@@ -35,7 +35,7 @@ mapdeal potential examples/maps/office.yaml -o out/potential.npz --goal 9,5 \\
     title=lambda parameters: "potential field" if parameters["goal"] else "repulsive field",
     memory=125.0,
     is_whole=lambda _: True,
-    hands_on=False,
+    passes_output_on=False,
 )
 def potential(
     source: ObstacleSource,

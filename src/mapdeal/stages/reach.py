@@ -71,7 +71,7 @@ def _remark(_: Parameters, figures: Figures) -> str | None:
     memory=_MEMORY,
     more_memory=_memory_of_headings,
     is_whole=lambda _: True,
-    hands_on=False,
+    passes_output_on=False,
     accepts_mask=lambda _: True,
     remark=_remark,
     robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
