@@ -164,7 +164,7 @@ def _lint(document: JsonValue) -> Results:
     parts = [_linted(one, is_map=False) for one in ([] if files is None else files.items())]
     parts += [_linted(one, is_map=True) for one in document["maps"].items()]
     for key in ("errors", "warnings", "notes", "suppressed"):
-        document[key].whole()
+        document[key].integer()
     return Results(LINT, parts=parts, files=tuple(part.name for part in parts))
 
 
@@ -173,7 +173,7 @@ def _linted(one: JsonValue, *, is_map: bool) -> Part:
     findings = [_finding(found, file) for found in one["findings"].items()]
     counts = Counter(found.severity for found in findings)
     rows = [(f"{severity}s", str(counts[severity])) for severity in SEVERITIES]
-    rows.append(("suppressed", str(one["suppressed"].whole())))
+    rows.append(("suppressed", str(one["suppressed"].integer())))
     for number, repair in enumerate([] if repairs is None else repairs.items(), start=1):
         rows.append((f"repair {number}", short(repair.text())))
     items = _shortened((item for found in findings for item in _items_of(found)), "finding")
@@ -188,7 +188,7 @@ def _linted(one: JsonValue, *, is_map: bool) -> Part:
 
 def _finding(one: JsonValue, file: str) -> Finding:
     severity = cast("Severity", one["severity"].word(*SEVERITIES))
-    line = one["line"].or_none(JsonValue.whole)
+    line = one["line"].or_none(JsonValue.integer)
     places = tuple(place.point() for place in one["places"].items())
     return Finding(one["check"].text(), severity, file, one["message"].text(), line, places)
 
@@ -207,7 +207,7 @@ def _items_of(found: Finding) -> Iterator[Item]:
 
 def _reach(document: JsonValue) -> Results:
     robot, yaw = _robot(document["robot"]), document["start"]["yaw"]
-    headings = document["robot"]["headings"].whole(1, MOST_HEADINGS)
+    headings = document["robot"]["headings"].integer(1, MOST_HEADINGS)
     place = _place(document["start"])
     heading = "" if yaw.is_null else f", yaw {yaw.number():.4g}"
     goals = [goal_of(one) for one in document["goals"].items()]
@@ -269,7 +269,7 @@ def goal_of(one: JsonValue) -> GoalReach:
     name = one.get("name")
     return GoalReach(
         Goal(*_place(one), None if name is None else name.text()), one["reachable"].flag(),
-        one["heading_count"].whole(), one["widest_radius_m"].number_or(math.inf),
+        one["heading_count"].integer(), one["widest_radius_m"].number_or(math.inf),
         one["limited_by"].or_none(_bottleneck), one["reason"].or_none(JsonValue.text),
         one["nearest_open"].or_none(_place),
     )  # fmt: skip
@@ -359,7 +359,7 @@ def route_of(document: JsonValue) -> Route:
         document["min_clearance_m"].number_or(nowhere),
         None if minimum is None else minimum.or_none(JsonValue.point),
         document["mean_clearance_m"].number_or(nowhere),
-        document["expanded"].or_none(JsonValue.whole), document["optimal"].flag(),
+        document["expanded"].or_none(JsonValue.integer), document["optimal"].flag(),
     )  # fmt: skip
 
 
@@ -507,7 +507,7 @@ def _diff(document: JsonValue) -> Results:
         ("beyond_tolerance", "beyond the tolerance"),
         ("known_only_in_first", "known in the first alone"),
     ):  # fmt: skip
-        rows.append((what, str(document[key].whole())))
+        rows.append((what, str(document[key].integer())))
     symmetry = document["symmetry"].or_none(JsonValue.text)
     if symmetry is not None:
         rows.append(("the second is much more like it", f"if it is {short(symmetry)}"))
@@ -522,7 +522,7 @@ def _diff(document: JsonValue) -> Results:
     if pairs:
         tables.append(Table("Geometry and metadata, first → second", tuple(pairs.items())))
     cells = [
-        (short(f"{state} → {other}"), count.whole())
+        (short(f"{state} → {other}"), count.integer())
         for state, row in document["confusion"].fields().items()
         for other, count in row.fields().items()
     ]
@@ -597,14 +597,14 @@ def change_items(changes: Sequence[Change], left: int, frame: Frame) -> list[Ite
 def _comparison(document: JsonValue) -> Results:
     for one in document["inputs"].items():
         one.text()
-    document["width"].whole(1), document["height"].whole(1)
+    document["width"].integer(1), document["height"].integer(1)
     document["resolution"].number(least=1e-6)
     if len([one.number() for one in document["origin"].items()]) != 3:
         raise document["origin"].error("must be three numbers [x, y, yaw]")
     parts = [_method(name, one) for name, one in document["methods"].fields().items()]
     pairs = {}
     for one in document["pairs"].items():
-        pairs[short(f"{one['first'].text()}, {one['second'].text()}")] = one["differing"].whole()
+        pairs[short(f"{one['first'].text()}, {one['second'].text()}")] = one["differing"].integer()
     rows = tuple((name, str(count)) for name, count in pairs.items())
     tables = [table for part in parts for table in part.tables]
     return Results(COMPARISON, [], [*tables, Table("Differing cells", rows)], parts)
@@ -618,7 +618,7 @@ def _method(name: str, one: JsonValue) -> Part:
             rows.append((short(key.replace("_", " ")), text))
     items = []
     for place in one["vanished"].items():
-        count = count_text(place["cells"].whole(), "cell")
+        count = count_text(place["cells"].integer(), "cell")
         text = short(f"{name}: {count} with hits vanished")
         group = short(f"{name}: hits vanished")
         items.append(Item("finding", text, "note", _place(place), group=group))
@@ -637,7 +637,7 @@ def _score(document: JsonValue) -> Results:
         if x or y or yaw:
             pose = f"x {x:.6g} m, y {y:.6g} m, yaw {math.degrees(yaw):.6g} deg"
             rows.append(("moved by", pose))
-    size = f"{lattice['width'].whole(1)} x {lattice['height'].whole(1)} cells of "
+    size = f"{lattice['width'].integer(1)} x {lattice['height'].integer(1)} cells of "
     size += f"{lattice['resolution'].number(least=1e-6):.6g} m"
     rows.append(("size" if moved.is_null else "compared on", size))
     figures, names = _figures(document["values"]), figures_named(with_truth=not moved.is_null)

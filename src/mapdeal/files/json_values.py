@@ -111,7 +111,7 @@ class JsonValue:
     def number_or(self, default: float, *, least: float = 0.0) -> float:
         return default if self.is_null else self.number(least=least)
 
-    def whole(self, least: int = 0, most: int = _LARGEST_INTEGER) -> int:
+    def integer(self, least: int = 0, most: int = _LARGEST_INTEGER) -> int:
         if isinstance(self.value, bool) or not isinstance(self.value, int):
             raise self.error("must be a whole number")
         if not least <= self.value <= most:
