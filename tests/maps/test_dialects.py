@@ -181,3 +181,13 @@ def test_greys_that_are_looked_up_are_what_the_reader_makes_of_each(
     into = np.full(SHAPE, 77, np.int8)
     assert cells_of(picture, metadata, dialect, out=into) is into
     assert np.array_equal(into, expected)
+
+
+@pytest.mark.parametrize("dialect", ["nav2", "ros1"])
+def test_a_mode_in_capitals_is_read_and_ros_1_warns_of_it(tmp_path, dialect, recwarn):
+    (tmp_path / "m.pgm").write_bytes(b"P5 3 1 255\n\x00\x32\x64")
+    _write_yaml(tmp_path / "m.yaml", "m.pgm", mode="RAW")
+    assert read_map(tmp_path / "m.yaml", dialect=dialect).occupancy.tolist() == [[0, 50, 100]]
+    remarks = [str(warning.message).rpartition("m.yaml: ")[2] for warning in recwarn]
+    expected = "mode (line 2): RAW is refused by ROS 1; read as raw"
+    assert remarks == ([expected] if dialect == "ros1" else [])

@@ -197,8 +197,8 @@ def _mode(path: Path, entries: dict[str, Entry], dialect: Dialect) -> Mode:
     if text.lower() not in get_args(Mode):
         raise entry.error("must be trinary, scale or raw")
     if dialect == "ros1" and text != text.lower():
-        text = f"{text} is refused by ROS 1; read as {text.lower()}"
-        _warn(path, entry.place, text, "yaml.mode-case")
+        remark = f"{text} is refused by ROS 1; read as {text.lower()}"
+        _warn(path, entry.place, remark, "yaml.mode-case")
     return text.lower()  # type: ignore[return-value]
 
 

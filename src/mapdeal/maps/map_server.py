@@ -397,7 +397,7 @@ def _checked_image_name(image: Path) -> Path:
     try:
         image.name.encode()
     except UnicodeEncodeError:
-        rule = "the name of a map must be UTF-8, because its YAML file contains it"
+        rule = "the name of a map is not UTF-8, which its YAML file requires"
         raise ParameterError(rule, source=image, hint="an .npz takes any name") from None
     return image
 
