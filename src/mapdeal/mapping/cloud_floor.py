@@ -328,8 +328,7 @@ class Levels:
         heights = sorted(
             median(patches.z[elsewhere][self.label[elsewhere] == first]) for first in large
         )
-        # the two sides of a slab are one storey
-        apart = np.diff(heights, append=np.inf) > self.limits.robot_height
+        apart = np.diff(heights, append=np.inf) > self.limits.robot_height  # a slab has two sides
         storeys = tuple(np.array(heights)[apart].tolist())
         for _ in range(_ROUNDS):
             tiles = _raster(patches.chosen(main), self.side, self.limits, claim)

@@ -376,7 +376,7 @@ class CloudMapper:
             )
             for level in (upper, floor)
         )  # fmt: skip
-        # a cell with both is the edge: what is up there stands on the lower floor
+        # in a cell with both, at the edge, points on top stand on the lower floor
         is_upper = (on_top > 0) & (on_foot <= _SHARE_OF_EDGE * on_top)
         floor[is_upper] = upper[is_upper]
         known = inside & np.isfinite(floor)

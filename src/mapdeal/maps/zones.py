@@ -39,11 +39,8 @@ class Zone:
 
     def shapes_with(self, value: int) -> list[Shape]:
         """Return the shapes with a value; shapes of keepout zones may have a cost of their own."""
-        has_own_values = self.kind == "keepout"
-        return [
-            shape if has_own_values and shape.value else replace(shape, value=value)
-            for shape in self.shapes
-        ]
+        own = self.kind == "keepout"
+        return [s if own and s.value else replace(s, value=value) for s in self.shapes]
 
 
 def read_zones(path: Path, kind: FilterKind | None = None) -> list[Zone]:

@@ -99,7 +99,7 @@ def active_region(
     Raises
     ------
     MalformedInputError
-        If no cell is known, or no group of known cells is large enough.
+        If no cell is known, or all groups of known cells are too small.
 
     References
     ----------
@@ -339,7 +339,7 @@ def shift_origin(
     Raises
     ------
     ParameterError
-        If a coordinate is not finite, or `default` is not on the scale.
+        If a coordinate is infinite or nan, or `default` is off the scale.
 
     Warns
     -----
