@@ -1,9 +1,9 @@
-"""Parameter files of all kinds, and what is found in them, as in ``cases/*.yaml``.
+"""Parameter files of all kinds, with the expected results in ``cases/*.yaml``.
 
-Each case has files, as texts, and what its reader finds: problems first, one a line, then the robot
-or the parameters; or what lint finds. ``<good>`` stands for a good beginning, of which lines may be
-replaced. The rules are those of ROS's own sources, and the cases were held against them by hand.
-For a new case write its files, and record what is found, once it was looked at:
+A case contains files, as texts, and the result of their reader, line by line: problems, then the
+robot or the parameters; or the findings of lint. ``<good>`` stands for valid first lines, which a
+case may replace. The results were checked by hand against the sources of ROS. To add a case, write
+its files and record the result, then check it:
 ``MAPDEAL_RECORD=1 python -m pytest -n0 tests/ros/test_cases.py``.
 """
 
@@ -27,7 +27,7 @@ CASES = {path.stem: yaml.load(path.read_text("utf-8"), LOADER)  # noqa: S506 - a
          for path in sorted(FOLDER.glob("*.yaml"))}  # fmt: skip
 
 
-def told(problem):
+def describe(problem):
     place = f"{problem.source.name}:{problem.line}" if problem.source else "-"
     text = f"{problem.level} {problem.check} {problem.parameter!r} at {place}: {problem.text}"
     return (
@@ -37,8 +37,8 @@ def told(problem):
     )
 
 
-def robot_found(robot, problems):
-    lines = [told(one) for one in problems]
+def describe_robot(robot, problems):
+    lines = [describe(problem) for problem in problems]
     if robot is None:
         return [*lines, "no robot"]
     size = f"radii {robot.inscribed_radius!r} {robot.circumscribed_radius!r}"
@@ -47,59 +47,62 @@ def robot_found(robot, problems):
                  f" padding {robot.footprint_padding}{corners}"
                  + " track_unknown_space" * robot.track_unknown_space
                  + " rolling_window" * robot.rolling_window)  # fmt: skip
-    for one in robot.layers:
-        words = ["off"] * (not one.is_enabled) + ["filter"] * one.is_filter
-        lines.append(" ".join([one.name, one.plugin, *words, one.why_ignored or set_in(one.layer)]))
+    for listed in robot.layers:
+        words = ["off"] * (not listed.is_enabled) + ["filter"] * listed.is_filter
+        effect = listed.why_ignored or changed_settings(listed.layer)
+        lines.append(" ".join([listed.name, listed.plugin, *words, effect]))
     return lines
 
 
-def set_in(layer):
-    """Return what a layer does otherwise than by default."""
-    found = {one.name: getattr(layer, one.name) for one in fields(layer)
-             if getattr(layer, one.name) != one.default}  # fmt: skip
-    return f"{type(layer).__name__} {found}"
+def changed_settings(layer):
+    """Return the class of a layer and its settings that differ from the defaults."""
+    changed = {setting.name: getattr(layer, setting.name) for setting in fields(layer)
+             if getattr(layer, setting.name) != setting.default}  # fmt: skip
+    return f"{type(layer).__name__} {changed}"
 
 
-def of_ros2(paths):
-    found = read_ros2(paths)
+def describe_ros2(paths):
+    parameters = read_ros2(paths)
     return [
-        f"{node.name} {name}: {one.kind} {one.value!r} at {one.source.name}:{one.line}: {one.text}"
-        + (f", not {one.ignored.value!r} in line {one.ignored.line}" if one.ignored else "")
-        for node in found.nodes
-        for name, one in node.entries
+        f"{node.name} {name}: {value.kind} {value.value!r} "
+        f"at {value.source.name}:{value.line}: {value.text}"
+        + (f", not {value.ignored.value!r} in line {value.ignored.line}" if value.ignored else "")
+        for node in parameters.nodes
+        for name, value in node.entries
     ]
 
 
-def of_ros1(paths):
-    def values(namespace, before):
-        for name, one in namespace.members.items():
-            if isinstance(one, Ros1Namespace):
-                yield from values(one, f"{before}{name}/")
+def describe_ros1(paths):
+    def values(namespace, prefix):
+        for name, value in namespace.members.items():
+            if isinstance(value, Ros1Namespace):
+                yield from values(value, f"{prefix}{name}/")
             else:
-                yield f"{before}{name}: {one.kind} {one.value!r} in line {one.line}: {one.text}"
+                text = f"{value.kind} {value.value!r} in line {value.line}: {value.text}"
+                yield f"{prefix}{name}: {text}"
 
     (path,) = paths
     file = read_ros1_parameters(path)
-    return [*map(told, file.faults), *values(file.parameters, "")]
+    return [*map(describe, file.faults), *values(file.parameters, "")]
 
 
-def of_lint(paths, maps=(), **options):
-    """Return the findings, line by line, and hold each against the list of checks."""
+def describe_lint(paths, maps=(), **options):
+    """Return a line for each finding; compare severities with the list of checks."""
     by_file = lint_parameters(paths, map_resolutions=maps, **options)
-    found = [one for path in paths for one in by_file[path]]
-    assert len(found) == sum(map(len, by_file.values()))
-    assert all(one.severity == CHECKS[one.check].severity for one in found)
-    told = [f"{one.check} at {Path(one.file).name}:{one.line}: {one.message}" for one in found]
-    return [line.replace(f"{paths[0].parent}/", "") for line in told]
+    findings = [finding for path in paths for finding in by_file[path]]
+    assert len(findings) == sum(map(len, by_file.values()))
+    assert all(finding.severity == CHECKS[finding.check].severity for finding in findings)
+    lines = [f"{f.check} at {Path(f.file).name}:{f.line}: {f.message}" for f in findings]
+    return [line.replace(f"{paths[0].parent}/", "") for line in lines]
 
 
 READERS = {
-    "lint_nav2": of_lint,
-    "lint_ros1": of_lint,
-    "nav2": lambda paths, **options: robot_found(*nav2_robot(paths, **options)),
-    "ros1": lambda paths, **options: robot_found(*ros1_robot(paths, **options)),
-    "ros2_files": of_ros2,
-    "ros1_files": of_ros1,
+    "lint_nav2": describe_lint,
+    "lint_ros1": describe_lint,
+    "nav2": lambda paths, **options: describe_robot(*nav2_robot(paths, **options)),
+    "ros1": lambda paths, **options: describe_robot(*ros1_robot(paths, **options)),
+    "ros2_files": describe_ros2,
+    "ros1_files": describe_ros1,
 }
 
 
@@ -113,7 +116,7 @@ def read_case(kind, paths, options):
 
 
 class Readable(yaml.SafeDumper):
-    """Writes texts of several lines as such."""
+    """Dumper that writes texts of several lines in block style."""
 
 
 Readable.add_representer(str, lambda dumper, text: dumper.represent_scalar(
@@ -123,7 +126,7 @@ Readable.add_representer(str, lambda dumper, text: dumper.represent_scalar(
 @pytest.mark.parametrize(
     ("kind", "name"), [(kind, name) for kind, cases in CASES.items() for name in cases["cases"]]
 )
-def test_what_is_found_in_files(files, kind, name):
+def test_files_give_the_recorded_result(files, kind, name):
     case, good = CASES[kind]["cases"][name], CASES[kind]["good"]
     for before, after in case.get("replace", {}).items():
         assert before in good

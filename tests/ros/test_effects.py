@@ -1,4 +1,4 @@
-"""What layers do to a map that is a file, in words and in cells."""
+"""Effects of layers on a map file, in words and in cells."""
 
 import math
 
@@ -14,8 +14,8 @@ from mapdeal.ros.robot import ListedLayer, effect_of, on_map
 
 def _robot(*layers, track=True):
     listed = tuple(
-        one if isinstance(one, ListedLayer) else ListedLayer(one.name, "a::B", one)
-        for one in layers
+        layer if isinstance(layer, ListedLayer) else ListedLayer(layer.name, "a::B", layer)
+        for layer in layers
     )
     shape = Footprint.circle(0.3)
     return RobotParameters(
@@ -28,7 +28,7 @@ REPLACED = "no effect: a layer above it replaces all costs"
 BELOW = InflationLayer("below", 0.3, 0.7, 3.0)
 FAR = "cost 253 as far as 0.3 m from obstacles, then falling with cost_scaling_factor 3 "
 FAR += "as far as 0.7 m"
-OTHERS = [
+IDLE_LAYERS = [
     ListedLayer("off", "a::B", InflationLayer("off"), is_enabled=False),
     ListedLayer("sonar", "a::C", None, why_ignored="needs sensor data"),
     InflationLayer("zero", 0.3, 0.0),
@@ -51,15 +51,15 @@ PLAIN = StaticLayer(trinary_costmap=False, lethal_cost_threshold=70, track_unkno
      ["frees groups of fewer than 2 obstacle cells that share an edge or a corner",
       "frees groups of fewer than 5 obstacle cells that share an edge",
       "no effect: minimal_group_size is 1"]),
-    ([StaticLayer("injected_static"), *OTHERS],
+    ([StaticLayer("injected_static"), *IDLE_LAYERS],
      [f"not in the file, put in front: {USUAL}", "switched off", "ignored: needs sensor data",
       "no effect: inflation_radius is 0"]),
     ([InflationLayer("i", 0.3, 0.7, 3.0, inflate_unknown=True)],
      [f"{FAR}; unknown cells take costs, too"]),
 ])  # fmt: skip
-def test_layers_say_what_they_do_and_what_takes_that_away(layers, effects):
+def test_effects_name_what_layers_do_and_why_some_do_nothing(layers, effects):
     robot = _robot(*layers)
-    assert [effect_of(one, robot) for one in robot.layers] == effects
+    assert [effect_of(listed, robot) for listed in robot.layers] == effects
 
 
 @pytest.mark.parametrize(
@@ -73,11 +73,11 @@ def test_the_reach_is_counted_in_cells_of_the_message(radius, resolution, cells)
     assert math.ceil(radius / float(np.float32(resolution))) == cells
 
 
-def test_what_inflation_comes_to_on_a_map():
-    (one,) = on_map(_robot(StaticLayer(), InflationLayer("i", 0.3, 0.85, 2.5)), 0.15)
-    assert (one["layer"], one["cell_inflation_radius"]) == ("i", 6)
-    assert one["reach"] == 6 * float(np.float32(0.15))
-    assert one["circumscribed_cost"] == int(252 * math.exp(-2.5 * (0.4 - 0.3))) == 196
+def test_inflation_on_a_map_has_its_reach_and_circumscribed_cost():
+    (entry,) = on_map(_robot(StaticLayer(), InflationLayer("i", 0.3, 0.85, 2.5)), 0.15)
+    assert (entry["layer"], entry["cell_inflation_radius"]) == ("i", 6)
+    assert entry["reach"] == 6 * float(np.float32(0.15))
+    assert entry["circumscribed_cost"] == int(252 * math.exp(-2.5 * (0.4 - 0.3))) == 196
     (short,) = on_map(_robot(InflationLayer("i", 0.3, 0.35, 2.5)), 0.15)
     assert short["circumscribed_cost"] == 0
     (edge,) = on_map(_robot(InflationLayer("i", 0.3, 0.4, 2.5)), 0.15)  # the radius is within

@@ -1,4 +1,4 @@
-"""Polygons of costmap_2d, by hand and by its own rules."""
+"""Footprints against values computed by hand and the rules of costmap_2d."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("text", REFUSED)
-def test_texts_that_costmap_2d_takes_no_footprint_from(text):
+def test_texts_without_a_footprint_are_refused(text):
     with pytest.raises(FootprintStringError) as caught:
         corners_of_string(text)
     assert REFUSED[text] in str(caught.value)

@@ -1,4 +1,4 @@
-"""A robot's files: whose they are, and how what is wrong with them is said."""
+"""Loading of a robot's files: recognition of their kind, errors and warnings."""
 
 import pytest
 
@@ -31,7 +31,7 @@ def _file(tmp_path, text, name="params.yaml"):
     ("text", "expected"),
     [(NAV2, True), (ROS1, False), ("# ros__parameters:\n" + ROS1, False), ("", False)],
 )
-def test_files_of_ros_2_are_told_by_their_key(tmp_path, text, expected):
+def test_files_of_ros_2_are_recognised_by_their_key(tmp_path, text, expected):
     assert is_ros2(_file(tmp_path, text)) is expected
 
 
@@ -55,17 +55,17 @@ def test_the_first_reason_to_refuse_is_an_error_with_file_and_line(tmp_path):
 
 
 @pytest.mark.parametrize(("flavour", "text"), [("nav2", NAV2), ("ros1", ROS1)])
-def test_warnings_are_given_and_kept_with_file_and_line(tmp_path, flavour, text):
+def test_warnings_are_emitted_and_stored_with_file_and_line(tmp_path, flavour, text):
     read_robot([_file(tmp_path, text)])  # warnings are errors here
     path = _file(tmp_path, text.replace("StaticLayer", "ObstacleLayer"))
     with pytest.warns(MapdealWarning, match="no static layer") as caught:
         robot = read_robot([path])
-    assert robot.remarks == tuple(str(one.message) for one in caught)
+    assert robot.remarks == tuple(str(warning.message) for warning in caught)
     assert all(text.startswith(str(path)) for text in robot.remarks)
     assert (robot.paths, robot.flavour) == ((path,), flavour)
 
 
-@pytest.mark.parametrize(("text", "what", "hint"), [
+@pytest.mark.parametrize(("text", "rule", "hint"), [
     ("image: a.pgm\nresolution: 0.1\norigin: [1, 2, 0.5]\n", "is a map, not", "mapdeal info"),
     ("stages:\n  - inflate: {radius: 0.4}\n", "is a recipe, not", "--recipe"),
     ("launch:\n- node: {pkg: a, exec: b}\n", "no parameter of a costmap; it has launch",
@@ -73,12 +73,12 @@ def test_warnings_are_given_and_kept_with_file_and_line(tmp_path, flavour, text)
     ("max_vel_x: 0.5\nmin_vel_x: 0.1\na: 1\nb: 2\n", "it has max_vel_x, min_vel_x, a, ...",
      "ros__parameters"),
 ])  # fmt: skip
-def test_files_of_other_kinds_are_not_taken_for_a_costmap_of_defaults(tmp_path, text, what, hint):
-    """ROS 1 would load each of them, and the costmap would be that of no robot: all of it free."""
+def test_files_of_other_kinds_are_not_taken_for_a_costmap_of_defaults(tmp_path, text, rule, hint):
+    """ROS 1 would load each of them and use defaults for the costmap."""
     path = _file(tmp_path, text)
     with pytest.raises(MalformedInputError) as caught:
         read_robot([path])
-    assert what in str(caught.value)
+    assert rule in str(caught.value)
     assert hint in caught.value.hint
 
 
@@ -88,4 +88,4 @@ def test_a_costmaps_file_beside_one_of_another_node_is_enough(tmp_path):
     layered = "inflation: {inflation_radius: 1.0}\n"
     robot, problems = load_robot([_file(tmp_path, layered)])
     assert robot is not None
-    assert "params.namespace" not in {one.check for one in problems}
+    assert "params.namespace" not in {problem.check for problem in problems}

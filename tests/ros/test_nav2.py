@@ -1,4 +1,4 @@
-"""Nav2's parameter files, against what the real code made of them and the rules of its sources."""
+"""Nav2's parameter files, against recordings of the real code and the rules of its sources."""
 
 import json
 import re
@@ -24,34 +24,33 @@ plugins: [static_layer, inflation_layer]
 
 @pytest.fixture
 def resolve(files):
-    """Return what resolves texts as files, in their order."""
+    """Return a function that resolves texts as files, in their order."""
     return lambda *texts, **options: nav2_robot(files(*texts), **options)
 
 
 @pytest.fixture
 def of_node(resolve):
-    """Return what resolves lines of the global costmap's parameters, or of another node's."""
+    """Return a function that resolves parameter lines of the global costmap or another node."""
 
-    def resolved(text, head=HEAD, **options):
+    def resolve_lines(text, head=HEAD, **options):
         lines = "".join(f"      {line}\n" for line in text.splitlines())
         return resolve(head + lines, **options)
 
-    return resolved
+    return resolve_lines
 
 
-def told(problems):
-    return [(one.check, one.level, one.parameter, one.line) for one in problems]
+def summaries(problems):
+    return [(problem.check, problem.level, problem.parameter, problem.line) for problem in problems]
 
 
 def refused(problems):
-    return [one for one in problems if one.level == "refused"]
+    return [problem for problem in problems if problem.level == "refused"]
 
 
 def with_line(text, line):
-    """Return `GOOD` with a line of its own in place of the one with that key."""
+    """Return a text with a line in place of the one with the same key."""
     key = line.partition(":")[0]
-    kept = [one for one in text.splitlines() if one.partition(":")[0] != key]
-    return "\n".join([*kept, line])
+    return "\n".join([*(row for row in text.splitlines() if row.partition(":")[0] != key), line])
 
 
 def test_recorded_files_resolve_as_in_the_real_code(real_maps):
@@ -68,8 +67,8 @@ def test_recorded_files_resolve_as_in_the_real_code(real_maps):
     for case in cases:
         costmap = case["costmap"].partition("_")[0]
         robot, problems = resolved_as(tuple(case["params_files"]), costmap, case["node_namespace"])
-        if "one_level" in case["id"]:  # Nav2 takes nothing of it, and runs with its defaults
-            assert told(problems) == [("params.one-level", "refused", "", 3)]
+        if "one_level" in case["id"]:  # Nav2 ignores the file and runs with its defaults
+            assert summaries(problems) == [("params.one-level", "refused", "", 3)]
             assert case["resolved"]["robot_radius"] == 0.1
             continue
         assert _status(problems) == case["status"], case["id"]
@@ -78,10 +77,10 @@ def test_recorded_files_resolve_as_in_the_real_code(real_maps):
             assert "obstacles.plugin" in refused(problems)[0].text
             continue
         resolved = case["resolved"]
-        ours = _as_recorded(robot)
-        if case["static_layer_injected"]:  # it is no plugin of the file's, and has no type there
-            ours["plugin_types"] = ours["plugin_types"][-len(resolved["plugin_types"]) :]
-        assert ours == {name: resolved[name] for name in ours}
+        summary = _as_recorded(robot)
+        if case["static_layer_injected"]:  # the file has no type for the layer
+            summary["plugin_types"] = summary["plugin_types"][-len(resolved["plugin_types"]) :]
+        assert summary == {name: resolved[name] for name in summary}
         if robot.robot_radius is not None:
             assert robot.robot_radius == resolved["robot_radius"]
         _compare_layers(robot, resolved)
@@ -90,31 +89,32 @@ def test_recorded_files_resolve_as_in_the_real_code(real_maps):
 def _status(problems):
     if refused(problems):
         return "refused"
-    is_without = any(one.check == "params.no-static-layer" for one in problems)
+    is_without = any(problem.check == "params.no-static-layer" for problem in problems)
     return "no_static_layer" if is_without else "ok"
 
 
 def _as_recorded(robot):
-    layers = [one for one in robot.layers if not one.is_filter]
+    layers = [listed for listed in robot.layers if not listed.is_filter]
     names = ("inscribed_radius", "circumscribed_radius", "footprint_padding",
              "track_unknown_space", "rolling_window")  # fmt: skip
     return {
         **{name: getattr(robot, name) for name in names},
         "padded_footprint": [list(corner) for corner in robot.footprint.vertices],
         "use_radius": robot.robot_radius is not None,
-        "plugins": [one.name for one in layers],
-        "plugin_types": [one.plugin for one in layers],
-        "filters": [one.name for one in robot.layers if one.is_filter],
-        "ignored": [f"{'filter ' * one.is_filter}{one.name} ({one.plugin})"
-                    for one in robot.layers if one.needs or one.layer is None],
+        "plugins": [listed.name for listed in layers],
+        "plugin_types": [listed.plugin for listed in layers],
+        "filters": [listed.name for listed in robot.layers if listed.is_filter],
+        "ignored": [f"{'filter ' * listed.is_filter}{listed.name} ({listed.plugin})"
+                    for listed in robot.layers if listed.needs or listed.layer is None],
     }  # fmt: skip
 
 
 def _compare_layers(robot, resolved):
-    found = {one.name: one for one in robot.layers if one.layer is not None and not one.needs}
+    modelled = [listed for listed in robot.layers if listed.layer is not None and not listed.needs]
+    by_name = {listed.name: listed for listed in modelled}
     statics, inflations = resolved["static_layers"], resolved["inflation_layers"]
-    assert set(found) == {*statics, *inflations}
-    of_maps = [found[name].layer for name in statics if found[name].is_enabled]
+    assert set(by_name) == {*statics, *inflations}
+    of_maps = [by_name[name].layer for name in statics if by_name[name].is_enabled]
     assert set(robot.static_layers) == set(of_maps)
     of_statics = ("track_unknown_space", "lethal_cost_threshold", "unknown_cost_value",
                   "inscribed_obstacle_cost_value", "trinary_costmap", "use_maximum")  # fmt: skip
@@ -122,15 +122,15 @@ def _compare_layers(robot, resolved):
                      "inflate_around_unknown")  # fmt: skip
     for kind, keys, values in ((StaticLayer, of_statics, statics),
                                (InflationLayer, of_inflations, inflations)):  # fmt: skip
-        for name, its in values.items():
-            assert isinstance(found[name].layer, kind)
-            assert {key: getattr(found[name].layer, key) for key in keys} == {
-                key: its[key] for key in keys
+        for name, expected in values.items():
+            assert isinstance(by_name[name].layer, kind)
+            assert {key: getattr(by_name[name].layer, key) for key in keys} == {
+                key: expected[key] for key in keys
             }
-            assert found[name].is_enabled == its["enabled"]
-    for name, its in inflations.items():
-        assert found[name].layer.inscribed_radius == its["inscribed_radius_used"]
-        assert found[name].layer.lookup == "nav2"
+            assert by_name[name].is_enabled == expected["enabled"]
+    for name, expected in inflations.items():
+        assert by_name[name].layer.inscribed_radius == expected["inscribed_radius_used"]
+        assert by_name[name].layer.lookup == "nav2"
 
 
 @pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.thorough)])
@@ -145,7 +145,7 @@ def test_files_of_public_robots_are_good_for_older_costmaps_too(real_maps, every
         costmap = "global" if "\nglobal_costmap:" in path.read_text() else "local"
         robot, problems = nav2_robot([path], older=True, costmap=costmap)
         assert not refused(problems), path
-        assert {one.lookup for one in robot.inflation_layers} <= {"exact"}
+        assert {layer.lookup for layer in robot.inflation_layers} <= {"exact"}
 
 
 NAMED = [
@@ -159,7 +159,7 @@ NAMED = [
 
 @pytest.mark.parametrize("name", NAMED)
 @pytest.mark.parametrize("namespace", ["", "a", "a/b"])
-def test_a_costmap_is_meant_where_rclcpps_expression_matches(resolve, name, namespace):
+def test_names_apply_to_a_costmap_where_rclcpps_expression_matches(resolve, name, namespace):
     text = f"'{name}': {{ros__parameters: {{inflation_layer: {{inflation_radius: 0.8}}}}}}\n"
     expression = ("/" + name.removeprefix("/")).replace("/*", r"(/\w+)")  # as rclcpp makes it
     node = "/".join(["", *filter(None, [namespace]), "global_costmap/global_costmap"])
@@ -168,22 +168,22 @@ def test_a_costmap_is_meant_where_rclcpps_expression_matches(resolve, name, name
     if robot is not None:
         assert robot.node == node
         assert robot.inflation_layers[0].inflation_radius == 0.8
-        assert [one.check for one in problems] == ["params.no-shape"]
+        assert [problem.check for problem in problems] == ["params.no-shape"]
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_asymmetric_inflation_makes_the_recorded_costs_of_inflation(real_maps, tmp_path):
     """Without a path its ``updateCosts`` is the inherited one, which was recorded."""
     recorded = json.loads((real_maps / "expected" / "params.json").read_text())["cases"]
-    own = "params/ros-navigation__navigation2/nav2_bringup/params/nav2_params.yaml"
-    text = (real_maps / own).read_text()
+    file_name = "params/ros-navigation__navigation2/nav2_bringup/params/nav2_params.yaml"
+    text = (real_maps / file_name).read_text()
     text = text.replace("d::InflationLayer", "d::AsymmetricInflationLayer")
     text = text.replace("cost_scaling_factor: 3.0", "cost_scaling_factor_right: 3.0\n"
                         "        cost_scaling_factor_left: 1.5")  # fmt: skip
     path = tmp_path / "nav2_params.yaml"
     path.write_text(text)
     robot, _ = nav2_robot([path])
-    cases = [case for case in recorded if case["params_files"] == [own]]
+    cases = [case for case in recorded if case["params_files"] == [file_name]]
     cases = [case for case in cases if case["costmap"] == "global_costmap"]
     assert len(cases) == 3
     for case in cases:
@@ -194,17 +194,17 @@ def test_asymmetric_inflation_makes_the_recorded_costs_of_inflation(real_maps, t
 
 def test_long_lists_and_names_take_no_long_time(of_node, resolve):
     _, problems = resolve("? /" + "a/" * 100_000 + "b\n: {ros__parameters: {x: 1}}\n")
-    assert told(problems) == [("params.no-node", "refused", "", None)]
+    assert summaries(problems) == [("params.no-node", "refused", "", None)]
     names = ", ".join(f"l{index}" for index in range(300))
     _, problems = of_node(f"robot_radius: 0.2\nplugins: [{names}]\n")
-    assert [one.text for one in refused(problems)] == ["more than 200 layers and filters"]
+    assert [problem.text for problem in refused(problems)] == ["more than 200 layers and filters"]
     text = GOOD.replace("[static_layer,", "[static_layer, more,") + "more: {plugin: "
     _, problems = of_node(f'{text}"{"a" * 100_000}", enabled: true}}\n')
-    assert [one.check for one in problems] == ["params.not-modelled"]
+    assert [problem.check for problem in problems] == ["params.not-modelled"]
 
 
-def test_footprints_have_an_end(of_node):
+def test_footprints_with_too_many_or_too_distant_points_are_refused(of_node):
     for corners in ("[1, 1]" * 2001, "[1, 1][1, -1][-2e3, 0]"):
         robot, problems = of_node(with_line(GOOD, f'footprint: "[{corners}]"'))
         assert robot is None
-        assert [one.check for one in refused(problems)] == ["params.too-large"]
+        assert [problem.check for problem in refused(problems)] == ["params.too-large"]

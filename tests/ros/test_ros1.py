@@ -1,4 +1,4 @@
-"""ROS 1's costmap files, against what the real code made of them and the rules of its sources."""
+"""ROS 1's costmap files, against recordings of the real code and the rules of its sources."""
 
 import json
 
@@ -12,7 +12,7 @@ from mapdeal.ros.ros1 import ros1_robot
 
 @pytest.fixture
 def resolve(files):
-    """Return what reads texts as files, in their order."""
+    """Return a function that reads texts as files, in their order."""
     return lambda *texts, **options: ros1_robot(files(*texts), **options)
 
 
@@ -27,7 +27,7 @@ def test_recorded_stacks_resolve_as_in_the_real_code(real_maps):
             if not place.endswith("_costmap") or case["costmap"] in place
         ]
         robot, problems = ros1_robot(paths, costmap=case["costmap"].partition("_")[0])
-        assert not [one for one in problems if one.level != "note"], case["id"]
+        assert not [problem for problem in problems if problem.level != "note"], case["id"]
         assert _as_recorded(robot) == {
             **{name: case["resolved"][name] for name in (
                 "inscribed_radius", "circumscribed_radius", "padded_footprint",
@@ -40,14 +40,14 @@ def test_recorded_stacks_resolve_as_in_the_real_code(real_maps):
 
 
 def _as_recorded(robot):
-    def of_layers(kind, before, names, **others):
+    def of_layers(kind, prefix, names, **derived):
         return {
-            f"{before}{one.name}": {
-                **{name: getattr(one.layer, name) for name in names},
-                **{name: of(one.layer) for name, of in others.items()},
-                "enabled": one.is_enabled,
+            f"{prefix}{listed.name}": {
+                **{name: getattr(listed.layer, name) for name in names},
+                **{name: of(listed.layer) for name, of in derived.items()},
+                "enabled": listed.is_enabled,
             }
-            for one in robot.layers if isinstance(one.layer, kind)
+            for listed in robot.layers if isinstance(listed.layer, kind)
         }  # fmt: skip
 
     names = ("inscribed_radius", "circumscribed_radius", "footprint_padding", "robot_radius",
@@ -55,8 +55,8 @@ def _as_recorded(robot):
     return {
         **{name: getattr(robot, name) for name in names},
         "padded_footprint": [list(corner) for corner in robot.footprint.vertices],
-        "ignored": [f"{one.name} ({one.plugin})" for one in robot.layers if one.needs],
-        "plugins": [{"name": one.name, "type": one.plugin} for one in robot.layers],
+        "ignored": [f"{listed.name} ({listed.plugin})" for listed in robot.layers if listed.needs],
+        "plugins": [{"name": listed.name, "type": listed.plugin} for listed in robot.layers],
         "static_layers": of_layers(
             StaticLayer, "",
             ("track_unknown_space", "lethal_cost_threshold", "trinary_costmap", "use_maximum"),
@@ -75,7 +75,7 @@ def test_footprints_of_very_many_points_are_refused(resolve):
     corners = [[i, j] for i in range(25) for j in range(81)]
     robot, problems = resolve(f"static_map: true\nfootprint: {corners}\n")
     assert robot is None
-    assert [(one.check, one.level, one.line) for one in problems] == [
+    assert [(problem.check, problem.level, problem.line) for problem in problems] == [
         ("params.too-large", "refused", 2)
     ]
     assert resolve(f"static_map: true\nfootprint: {corners[:2000]}\n")[0] is not None
@@ -85,7 +85,7 @@ def test_many_problems_are_not_compared_with_each_other(resolve, monkeypatch):
     compared = []
     equal = Problem.__eq__
     monkeypatch.setattr(
-        Problem, "__eq__", lambda one, other: compared.append(one) or equal(one, other)
+        Problem, "__eq__", lambda first, second: compared.append(first) or equal(first, second)
     )
     _, problems = resolve("static_map: true\nrobot_radius: 0.3\n" + "a: 1\n" * 300)
     assert len(problems) == 299  # each on its own line

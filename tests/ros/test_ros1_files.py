@@ -59,18 +59,18 @@ def test_real_files_hold_what_pyyaml_reads(real_maps, every):
     files = sorted((real_maps / "params").rglob("*.yaml"))
     assert len(files) > 60
     for path in files[::every]:
-        if "wildcard" not in path.name:  # its name begins with a slash, which is the root's
-            read_it = as_mapping(read_ros1_parameters(path).parameters)
-            assert read_it == yaml.safe_load(path.read_text()), path
+        if "wildcard" not in path.name:  # it has a name with a leading slash, for the root
+            parameters = as_mapping(read_ros1_parameters(path).parameters)
+            assert parameters == yaml.safe_load(path.read_text()), path
 
 
 def test_later_values_stay_and_namespaces_are_merged():
-    into = Ros1Namespace()
-    into.merge(("x",), read("a: {b: 1, c: [1, 2]}\nd: 1\n").parameters)
-    into.merge(("x",), read("a: {c: [3]}\nd: {e: 2}\n").parameters)
-    assert as_mapping(into) == {"x": {"a": {"b": 1, "c": [3]}, "d": {"e": 2}}}
-    into.merge(("x",), read("a: 5").parameters)
-    assert as_mapping(into)["x"]["a"] == 5
+    merged = Ros1Namespace()
+    merged.merge(("x",), read("a: {b: 1, c: [1, 2]}\nd: 1\n").parameters)
+    merged.merge(("x",), read("a: {c: [3]}\nd: {e: 2}\n").parameters)
+    assert as_mapping(merged) == {"x": {"a": {"b": 1, "c": [3]}, "d": {"e": 2}}}
+    merged.merge(("x",), read("a: 5").parameters)
+    assert as_mapping(merged)["x"]["a"] == 5
 
 
 def test_the_largest_whole_number_is_of_32_bits():

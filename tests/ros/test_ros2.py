@@ -1,4 +1,4 @@
-"""Files of ROS 2 parameters: what ``rcl_yaml_param_parser`` 10.1.3, run on them, made of each."""
+"""Files of ROS 2 parameters, against results of ``rcl_yaml_param_parser`` 10.1.3."""
 
 import pytest
 import yaml
@@ -9,11 +9,11 @@ from mapdeal.ros.ros2_files import read_ros2
 
 @pytest.fixture
 def read(files):
-    """Return what reads texts as files, in their order."""
+    """Return a function that reads texts as files, in their order."""
     return lambda *texts, **options: read_ros2(files(*texts), **options)
 
 
-def test_what_comes_later_overrides_wherever_it_stands(read):
+def test_later_values_override_earlier_ones_of_other_names(read):
     text = """\
 a: {b: {ros__parameters: {x: 1, y: 1}}}
 /**: {ros__parameters: {x: 2.0, e: []}}
@@ -64,7 +64,7 @@ a:\t# behind a colon
 @pytest.mark.skipif(not yaml.__with_libyaml__, reason="PyYAML comes without libyaml here")
 def test_tabs_are_those_of_libyaml(read):
     values = read(TABS).for_node("/a")
-    assert {name: one.value for name, one in values.items()} == {
+    assert {name: value.value for name, value in values.items()} == {
         "x": 0.22, "y": 1, "z": "two\twords", "v": (1, 2, 3), "w": "several lines more",
     }  # fmt: skip
 
@@ -73,18 +73,18 @@ def test_tabs_are_those_of_libyaml(read):
 def test_a_byte_order_mark_within_a_file_is_as_wide_as_a_blank(read):
     text = "\ufeffa:\n  ros__parameters:\n    x: \ufeff1\n\ufeff   y: 2\n"
     values = read(text).for_node("/a")
-    assert [one.value for one in values.values()] == ["\ufeff1", 2]
+    assert [value.value for value in values.values()] == ["\ufeff1", 2]
     with pytest.raises(MalformedInputError, match="line 3: not valid YAML"):
         read("a:\n  ros__parameters: {x: 1}\n\ufeffb:\n  ros__parameters: {x: 2}\n")
 
 
 @pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.thorough)])
-def test_real_files_are_read_whole(real_maps, every):
+def test_real_files_are_read_completely(real_maps, every):
     for path in sorted((real_maps / "params").rglob("*.yaml"))[::every]:
         if "ros__parameters" not in path.read_text():
             continue
         for node in read_ros2([path]).nodes:
-            for name, one in node.entries:
-                assert one.kind != "not set", (path, name)
-                line = path.read_text().splitlines()[one.line - 1]
-                assert one.text.split()[0][:1] in line, (path, name)
+            for name, value in node.entries:
+                assert value.kind != "not set", (path, name)
+                line = path.read_text().splitlines()[value.line - 1]
+                assert value.text.split()[0][:1] in line, (path, name)
