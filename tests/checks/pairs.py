@@ -1,4 +1,4 @@
-"""A small map_server pair, good but for what a test changes."""
+"""A small valid map_server pair with optional changes."""
 
 import io
 
@@ -27,7 +27,7 @@ def png(pixels, **options):
 
 
 def painted(row, col, value):
-    """The room with one of its pixels changed."""
+    """Return the room with one pixel changed."""
     pixels = ROOM.copy()
     pixels[row, col] = value
     return pixels
@@ -38,7 +38,7 @@ def good_yaml(**changes):
 
 
 def write_pair(folder, image=None, *, name="m.pgm", text=None, **changes):
-    """Write m.yaml, of keys that are changed or another text, and an image, bytes or pixels."""
+    """Write m.yaml, with changed keys or another text, and an image given as bytes or pixels."""
     data = ROOM if image is None else image
     if not isinstance(data, bytes):
         data = png(data) if name.endswith("png") else pgm(data)

@@ -1,4 +1,4 @@
-"""Each check of lint on both sides of its limits, and the numbers that it gives, by hand."""
+"""Each check of lint on both sides of its limits, with its numbers computed by hand."""
 
 import io
 import re
@@ -22,24 +22,24 @@ def test_a_good_map_has_no_finding(tmp_path):
     assert lint_file(write_pair(tmp_path)) == []
 
 
-def said(check, path):
-    """Return what a check says of a file, whose findings are in the order of their weight."""
+def messages(check, path):
+    """Return the messages of a check; assert that lint sorts findings by severity."""
     findings = lint_file(path)
-    ranks = [("error", "warning", "note").index(one.severity) for one in findings]
+    ranks = [("error", "warning", "note").index(finding.severity) for finding in findings]
     assert ranks == sorted(ranks)
-    found = [one for one in findings if one.check == check]
-    assert all(one.severity == CHECKS[check].severity for one in found)
-    assert all(one.message.isprintable() for one in found)
-    return [one.message for one in found]
+    findings = [finding for finding in findings if finding.check == check]
+    assert all(finding.severity == CHECKS[check].severity for finding in findings)
+    assert all(finding.message.isprintable() for finding in findings)
+    return [finding.message for finding in findings]
 
 
-SOME = "something"
+ANY = "something"
 
 
 def compare(found, expected):
-    """Hold what is said against a text, something, or None for nothing."""
+    """Compare messages with one exact text, or `ANY`, or None for an empty list."""
     assert len(found) == (expected is not None)
-    assert expected in (None, SOME, *found)
+    assert expected in (None, ANY, *found)
 
 
 EXIF = Image.Exif()
@@ -51,7 +51,7 @@ TINTED[5, 5] = (250, 120, 0)
 
 
 def with_chunk(image, name, body):
-    """A PNG with one more chunk behind its header, which ends at byte 33."""
+    """Return a PNG with one more chunk behind its header, which ends at byte 33."""
     return image[:33] + chunk(name, body) + image[33:]
 
 
@@ -95,7 +95,7 @@ CASES = [
 
 @pytest.mark.parametrize(("check", "pair"), CASES, ids=lambda value: str(value)[:40])
 def test_a_check_finds_what_it_is_about(tmp_path, check, pair):
-    assert said(check, write_pair(tmp_path, **pair)) != []
+    assert messages(check, write_pair(tmp_path, **pair)) != []
 
 
 ON_GREY = "0.2 is the shade of grey {} (1 pixels): readers disagree on it"
@@ -148,7 +148,7 @@ UNUSUAL, OFF_LATTICE = "yaml.resolution-unusual", "yaml.origin-off-lattice"
     (COMMENT, pgm(ROOM, comment="0.051 m/pix"), {"resolution": 0.0505}, None),
     (COMMENT, pgm(ROOM, comment="1000.000 m/pix"), {"resolution": 1000.001}, None),
     # however it is written
-    *[(COMMENT, pgm(ROOM, comment=comment), {}, SOME)
+    *[(COMMENT, pgm(ROOM, comment=comment), {}, ANY)
       for comment in ("saver 0.100 m/pix", "saver .1 m/pix", "saver 1. m/pix")],
     *[(COMMENT, pgm(ROOM, comment=comment), {}, None)
       for comment in ("1" * 60_000, "." * 60_000, "0.050" + " " * 60_000 + "m/pix",
@@ -156,12 +156,12 @@ UNUSUAL, OFF_LATTICE = "yaml.resolution-unusual", "yaml.origin-off-lattice"
     (UNUSUAL, [0], {"resolution": 0.001}, None),
     (UNUSUAL, [0], {"resolution": 0.00099}, "0.00099 m per cell is unusual; is the unit right?"),
     (UNUSUAL, [0], {"resolution": 10}, None),
-    (UNUSUAL, [0], {"resolution": 10.01}, SOME),
+    (UNUSUAL, [0], {"resolution": 10.01}, ANY),
     # within a thousandth of a cell: a half of it, two of them
     (OFF_LATTICE, [0], {"origin": "[-1.5, 2.0, 0]"}, None),
     (OFF_LATTICE, [0], {"origin": "[-1.499975, 2.0, 0]"}, None),
-    (OFF_LATTICE, [0], {"origin": "[-1.4999, 2.0, 0]"}, SOME),
-    (OFF_LATTICE, [0], {"origin": "[-1.5, 2.001, 0]"}, SOME),
+    (OFF_LATTICE, [0], {"origin": "[-1.4999, 2.0, 0]"}, ANY),
+    (OFF_LATTICE, [0], {"origin": "[-1.5, 2.001, 0]"}, ANY),
     (OFF_LATTICE, [0], {"origin": "[-1.5, 2.0, 0.7]"}, None),
     # where 32-bit floats are coarser than a tenth of a cell: steps of 2^-8 and 2^-7 m
     ("yaml.origin-far", [0], {"origin": "[40000, 0, 0]"}, None),
@@ -176,10 +176,10 @@ UNUSUAL, OFF_LATTICE = "yaml.resolution-unusual", "yaml.origin-off-lattice"
     ("image.alpha", [[9, 9, 9, 255]], {"name": "m.png"}, None),
     ("image.absolute-path", [0], {}, None),
 ], ids=lambda value: str(value)[:30])  # fmt: skip
-def test_what_a_check_says_of_a_pair(tmp_path, check, row, changes, expected):
+def test_messages_of_checks_of_pairs(tmp_path, check, row, changes, expected):
     if not isinstance(row, bytes):
         row = np.array([row], dtype=np.uint8)
-    compare(said(check, write_pair(tmp_path, row, **changes)), expected)
+    compare(messages(check, write_pair(tmp_path, row, **changes)), expected)
 
 
 CUT_OFF = "area{} of free space, {} m2, cannot be reached from the largest, 1.5 m2"
@@ -213,15 +213,15 @@ SMALL = "all that is known lies in {}: try mapdeal active"
     ("mostly-unknown", "???", None),
     ("all-unknown", "???",
      "every cell is unknown; are the thresholds, mode and negate right?"),
-    *[(one, "???", None) for one in ("no-obstacle", "no-free")],
-    ("no-obstacle", "?.?", SOME), ("no-free", "?.?", None),
-    ("no-obstacle", "?#?", None), ("no-free", "?#?", SOME), ("all-unknown", "?#?", None),
-    ("no-obstacle", "?+?", SOME), ("no-free", "?+?", SOME),
+    *[(check, "???", None) for check in ("no-obstacle", "no-free")],
+    ("no-obstacle", "?.?", ANY), ("no-free", "?.?", None),
+    ("no-obstacle", "?#?", None), ("no-free", "?#?", ANY), ("all-unknown", "?#?", None),
+    ("no-obstacle", "?+?", ANY), ("no-free", "?+?", ANY),
     ("no-obstacle", "#.?", None), ("no-free", "#.?", None),
 ])  # fmt: skip
-def test_what_a_check_says_of_cells(tmp_path, check, text, expected):
+def test_messages_of_checks_of_cells(tmp_path, check, text, expected):
     write_map(tmp_path / "m.npz", grid_from_text(text, 0.5))
-    compare(said(f"map.{check}", tmp_path / "m.npz"), expected)
+    compare(messages(f"map.{check}", tmp_path / "m.npz"), expected)
 
 
 def rooms_with_walls():
@@ -252,7 +252,7 @@ def scattered_squares(side, count):
     (rooms_with_walls(), None),
     (100 - rooms_with_walls(), "2 pieces of 1"),
     (100 - np.pad(rooms_with_walls(), 6), "2 pieces of 1"),
-    (100 - rooms_with_walls()[:25, :36], None),  # too few cells to tell
+    (100 - rooms_with_walls()[:25, :36], None),  # too few cells for the check
     *[(ring_track(width), None) for width in (1, 2, 6)],
     (scattered_squares(6, 9), None),  # rooms behind doors
     (scattered_squares(6, 10), "10 pieces of 3"),
@@ -261,7 +261,7 @@ def test_free_cells_that_look_like_walls_are_inside_out(tmp_path, cells, pieces)
     write_map(tmp_path / "m.npz", OccupancyGrid(cells, 0.25, (1.0, -2.0, 0.0)))
     expected = pieces and f"{np.count_nonzero(cells)} cells are occupied, and the "
     expected = pieces and f"{expected}{np.count_nonzero(cells == 0)} free ones form {pieces} "
-    compare(said("map.inside-out", tmp_path / "m.npz"),
+    compare(messages("map.inside-out", tmp_path / "m.npz"),
             pieces and f"{expected}cells' width, as walls do; is negate right?")  # fmt: skip
 
 
@@ -270,16 +270,16 @@ def test_free_cells_that_look_like_walls_are_inside_out(tmp_path, cells, pieces)
 def test_a_view_of_a_field_is_named_and_not_taken_for_a_map(tmp_path, name, view, end):
     grid = OccupancyGrid([[100, 0, 0, -1], [100, 0, 0, 0]], 0.25, (1.0, 2.0, 0.3))
     write_map(tmp_path / name, field_view(esdf(grid), view=view))
-    (found,) = [one for one in lint_file(tmp_path / name, radius=0.1) if "yaw" not in one.check]
+    (found,) = [f for f in lint_file(tmp_path / name, radius=0.1) if "yaw" not in f.check]
     assert (found.check, found.severity) == ("map.view", "warning")
-    told = f"is the 0..100 view of a distance field ({view}, 0 at {end} m), not a map"
-    assert found.message == told
+    message = f"is the 0..100 view of a distance field ({view}, 0 at {end} m), not a map"
+    assert found.message == message
 
 
 def test_every_check_is_tried_here_or_elsewhere():
     tables = [
         test.pytestmark[0].args[1]
-        for test in (test_what_a_check_says_of_a_pair, test_what_a_check_says_of_cells)
+        for test in (test_messages_of_checks_of_pairs, test_messages_of_checks_of_cells)
     ]
     tried = {row[0] for table in [CASES, *tables] for row in table}
     tried |= {f"map.{name}" for name in tried}
@@ -298,28 +298,28 @@ def test_every_check_is_tried_here_or_elsewhere():
     assert all(re.fullmatch(r"[a-z]+\.[a-z-]+", name) for name in CHECKS)
 
 
-def test_counts_of_the_readers_are_told(tmp_path):
+def test_findings_contain_the_counts_of_both_readers(tmp_path):
     path = write_pair(tmp_path, painted(5, 5, 102), occupied_thresh="0.6")
-    first, second = said("readers.differ", path)
+    first, second = messages("readers.differ", path)
     counts = "(nav2: occupied 43, free 87"
     assert first.startswith(f"1 cells (0.556 %) differ between nav2 and humble {counts}")
     assert second.endswith("ros1: occupied 42, free 87, unknown 51)")
 
 
-@pytest.mark.parametrize(("name", "body", "told"), [
+@pytest.mark.parametrize(("name", "body", "message"), [
     (b"gAMA", (100_000).to_bytes(4, "big"), "a gamma of 1: viewers"),
     (b"iCCP", b"profile\0\0" + zlib.compress(bytes(128)), "a colour profile: viewers"),
 ])  # fmt: skip
-def test_a_gamma_is_told_and_changes_no_cell(tmp_path, name, body, told):
+def test_a_gamma_is_a_finding_and_changes_no_cell(tmp_path, name, body, message):
     path = write_pair(tmp_path, with_chunk(png(ROOM), name, body), name="m.png")
     (found,) = lint_file(path)
-    assert (found.check, found.message.startswith(told)) == ("image.gamma", True)
-    seen = read_map(path).occupancy
-    assert np.array_equal(seen[::-1] == 100, ROOM == 0)
-    assert np.array_equal(seen[::-1] == 0, ROOM == 254)
+    assert (found.check, found.message.startswith(message)) == ("image.gamma", True)
+    occupancy = read_map(path).occupancy
+    assert np.array_equal(occupancy[::-1] == 100, ROOM == 0)
+    assert np.array_equal(occupancy[::-1] == 0, ROOM == 254)
 
 
-@pytest.mark.parametrize(("greys", "free", "cells", "done"), [
+@pytest.mark.parametrize(("greys", "free", "cells", "repairs"), [
     # a repair raises no threshold; grey 215 has the shade 0.157, grey 205 has 0.196
     ([[0, 205, 215, 254]], 0.1, [[100, -1, -1, 0]], []),
     ([[0, 205, 215, 254]], 0.25, [[100, -1, 0, 0]],
@@ -327,8 +327,8 @@ def test_a_gamma_is_told_and_changes_no_cell(tmp_path, name, body, told):
     # a few pixels of that grey are the blur of edges
     ([[205, *[254] * 1000]], 0.25, [[0] * 1001], []),
 ], ids=map(str, range(3)))  # fmt: skip
-def test_repairs_of_thresholds(tmp_path, greys, free, cells, done):
+def test_repairs_of_thresholds(tmp_path, greys, free, cells, repairs):
     path = write_pair(tmp_path, np.array(greys, np.uint8), free_thresh=free)
     facts, *_ = gather(path)
-    grid, told = repaired(path, facts)
-    assert (grid.occupancy.tolist(), told) == (cells, done)
+    grid, reported = repaired(path, facts)
+    assert (grid.occupancy.tolist(), reported) == (cells, repairs)

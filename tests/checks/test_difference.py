@@ -1,4 +1,4 @@
-"""What differs between two maps, against a comparison in plain Python."""
+"""Differences between two maps, against a comparison in plain Python."""
 
 import json
 import math
@@ -32,7 +32,7 @@ def state(value):
     return 0 if value == 100 else 1 if value == 0 else 2 if value < 0 else 3
 
 
-def shown(first, second):
+def change_of(first, second):
     if first == second:
         return (COMMON, BOTH_FREE, BOTH_UNKNOWN, BOTH_FREE)[first]
     return ADDED if second == 0 else REMOVED if first == 0 else CHANGED
@@ -52,7 +52,7 @@ def table_of(found):
     bounds=st.tuples(st.floats(0, 4), st.floats(0, 100)),
 )  # fmt: skip
 def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, yaw, bounds):
-    """Maps on one lattice, `b` so many rows and columns away."""
+    """Maps on one lattice; `shift` is the offset of `b` in rows and columns."""
     first = OccupancyGrid(a, RES, (1.0, -2.0, yaw))
     second = OccupancyGrid(b, RES, first.frame.window(*shift, *b.shape).origin)
     found = compare(first, second, tolerance=tolerance)
@@ -69,14 +69,14 @@ def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, ya
     assert found.differing == sum(x != y for x, y in cells.values())
     changes = np.full(found.changes.shape, OUTSIDE)
     for (r, c), (x, y) in cells.items():
-        changes[r - min(shift[0], 0), c - min(shift[1], 0)] = shown(state(x), state(y))
+        changes[r - min(shift[0], 0), c - min(shift[1], 0)] = change_of(state(x), state(y))
     np.testing.assert_array_equal(found.changes, changes)
 
-    def like_near(cell, own, other):
+    def like_near(cell, own, cells_of_other):
         """Whether the other map has the state of a cell within the tolerance."""
-        wanted = state(cells[cell][own])
+        expected = state(cells[cell][own])
         return any(
-            state(pair[other]) == wanted
+            state(pair[cells_of_other]) == expected
             and (place[0] - cell[0]) ** 2 + (place[1] - cell[1]) ** 2 <= tolerance**2
             for place, pair in cells.items()
         )
@@ -89,18 +89,18 @@ def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, ya
     same = a.shape == b.shape and shift == (0, 0) and beyond == 0
     assert found.is_equal == same
     walls = [[cell for cell, pair in cells.items() if pair[which] == 100] for which in (0, 1)]
-    others = [
+    obstacles = [
         [(r + shift[0], c + shift[1]) for r, c in np.argwhere(b == 100).tolist()],
         np.argwhere(a == 100).tolist(),
     ]
     shifts = (found.first_to_second, found.second_to_first)
     farthest = [0.0]
-    for shift_of, wall, other in zip(shifts, walls, others, strict=True):
-        if not wall or not other:
+    for shift_of, wall, cells_of_other in zip(shifts, walls, obstacles, strict=True):
+        if not wall or not cells_of_other:
             assert shift_of is None
             farthest.append(math.inf if wall else 0.0)
             continue
-        distances = [min(math.dist(p, q) for q in other) * RES for p in wall]
+        distances = [min(math.dist(p, q) for q in cells_of_other) * RES for p in wall]
         assert shift_of.largest == pytest.approx(max(distances), abs=1e-9)
         assert shift_of.mean == pytest.approx(np.mean(distances), abs=1e-9)
         assert shift_of.percentile_95 == pytest.approx(np.percentile(distances, 95), abs=1e-9)
@@ -111,10 +111,12 @@ def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, ya
     )
     share = 100 * beyond / len(cells) if cells else math.nan
     most = max(farthest) if cells else math.nan
-    for bound, allowed, wanted in zip(found.bounds_of(*bounds), bounds, (most, share), strict=True):
-        assert bound.found == pytest.approx(wanted, nan_ok=True)
-        if not abs(allowed - wanted) <= 1e-6:
-            assert bound.holds == (wanted <= allowed)
+    for bound, allowed, expected in zip(
+        found.bounds_of(*bounds), bounds, (most, share), strict=True
+    ):
+        assert bound.found == pytest.approx(expected, nan_ok=True)
+        if not abs(allowed - expected) <= 1e-6:
+            assert bound.holds == (expected <= allowed)
 
 
 def test_a_map_of_another_resolution_is_looked_up_at_the_centres():
@@ -130,7 +132,7 @@ def test_a_map_of_another_resolution_is_looked_up_at_the_centres():
 
 @pytest.mark.parametrize("shape", [(12, 17), (14, 14)])
 @pytest.mark.parametrize("name", [None, *SYMMETRIES])
-def test_a_map_that_was_mirrored_or_turned_is_told_g11(shape, name):
+def test_a_mirrored_or_turned_map_is_recognised(shape, name):
     rng = np.random.default_rng(3)
     first = OccupancyGrid(rng.choice([0, 100, -1], shape), 0.1)
     if name is None:
@@ -142,13 +144,13 @@ def test_a_map_that_was_mirrored_or_turned_is_told_g11(shape, name):
     assert compare(first, second).symmetry == undone
 
 
-@pytest.mark.parametrize(("other", "symmetry"), [
+@pytest.mark.parametrize(("cells", "symmetry"), [
     ([-1, 0, 0, 0], None),  # 2 cells agree, mirrored 3: one of two differences is gone
     ([-1, 0, 0, 100], "mirrored left to right"),
 ])  # fmt: skip
-def test_a_map_is_mirrored_if_that_takes_away_more_than_half_of_what_differs(other, symmetry):
+def test_a_map_counts_as_mirrored_if_more_than_half_of_the_differences_vanish(cells, symmetry):
     first = OccupancyGrid([[100, 0, 0, -1]], 0.5)
-    assert compare(first, OccupancyGrid([other], 0.5)).symmetry == symmetry
+    assert compare(first, OccupancyGrid([cells], 0.5)).symmetry == symmetry
 
 
 # Bounds on what may differ
@@ -163,7 +165,7 @@ def test_six_cells_are_as_far_as_one_writes_it():
 
 @pytest.fixture
 def walls(tmp_path, monkeypatch):
-    """A map, one whose wall is two cells to the right, one that is smaller, one far away."""
+    """Write a map, one with the wall two cells to the right, a smaller one and a distant one."""
     monkeypatch.chdir(tmp_path)
     drawn = {"a": "...#......", "b": ".....#....", "part": "...#...", "empty": ".........."}
     for name, text in drawn.items():

@@ -1,4 +1,4 @@
-"""``lint --graph``: what it finds in a route graph on its map."""
+"""``lint --graph``: findings in a route graph on its map."""
 
 import json
 
@@ -62,10 +62,10 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("check", "cells", "edges", "how", "text"), CASES)
-def test_a_mistake_is_found_where_it_is(linted, check, cells, edges, how, text):
-    finding, *others = linted(cells, edges, **how)
-    assert not others or how == {"robot": 0.3}  # which the door is too narrow for, too
+@pytest.mark.parametrize(("check", "cells", "edges", "options", "text"), CASES)
+def test_a_mistake_is_found_where_it_is(linted, check, cells, edges, options, text):
+    finding, *extra = linted(cells, edges, **options)
+    assert not extra or options == {"robot": 0.3}  # the door is too narrow for it, too
     assert finding.check == check
     assert text in finding.message
     assert finding.file.endswith("g.geojson")
@@ -83,10 +83,10 @@ def test_every_check_of_graphs_has_a_case():
     assert covered == {name for name in CHECKS if name.startswith("graph.")}
 
 
-def test_many_findings_of_a_kind_are_told_together(linted):
+def test_many_findings_of_a_check_are_summarised(linted):
     cells = {number: (0.5, 1 + number / 4) for number in range(60)}
     found = list(linted(cells, both((0, 1))))
-    closed = [one for one in found if one.check == "graph.node-closed"]
+    closed = [finding for finding in found if finding.check == "graph.node-closed"]
     assert len(closed) == 21
     assert closed[-1].message.startswith("40 more of the same")
     assert len(closed[-1].places) == 40
@@ -98,10 +98,11 @@ def test_findings_of_a_graph_stand_in_the_map_s_entry(command, tmp_path, linted,
     code, out, _ = command("lint", "hall.yaml", "--graph", "g.geojson", "--format", "json")
     (entry,) = json.loads(out)["maps"]
     assert (code, entry["file"]) == (1, "hall.yaml")
-    assert [one["file"] for one in entry["findings"] if "file" in one] == ["g.geojson"]
+    assert [finding["file"] for finding in entry["findings"] if "file" in finding] == ["g.geojson"]
     code, out, _ = command("lint", "hall.yaml", "--graph", "g.geojson", "--format", "sarif")
     results = json.loads(out)["runs"][0]["results"]
-    uris = {one["locations"][0]["physicalLocation"]["artifactLocation"]["uri"] for one in results}
+    locations = [result["locations"][0]["physicalLocation"] for result in results]
+    uris = {location["artifactLocation"]["uri"] for location in locations}
     assert "g.geojson" in uris
     for words in (["--graph", "g.geojson"], ["hall.yaml", "no.yaml", "--graph", "g.geojson"],
                   ["hall.yaml", "--graph", "g.geojson", "--fix", "--in-place"]):  # fmt: skip

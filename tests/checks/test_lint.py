@@ -11,7 +11,7 @@ from mapdeal import read_map
 from mapdeal.checks.lint import lint_file
 
 
-def test_a_folder_of_a_run_is_what_its_manifest_says(command, folder):
+def test_a_runs_folder_is_compared_with_its_manifest(command, folder):
     words = ["--no-images", "--set", "inflate.radius=0.01"]
     assert command("run", "good.yaml", "-o", "out", *words)[0] == 0
     assert lint_file(folder / "out" / "good") == []
@@ -29,8 +29,8 @@ def test_a_run_whose_costs_say_nothing_has_a_finding(command, folder):
     words = ["--recipe", "design-real", "--set", "inflate.radius=0"]
     words += ["--set", "cost.down=100", "--set", "cost.up=100"]
     code, _, err = command("run", "good.yaml", "-o", "out", "--no-images", *words)
-    told = "% of the open cells (below 99) cost 0: lower up (100) and down (100)"
-    assert (code, err.count(told)) == (0, 1)
+    warning = "% of the open cells (below 99) cost 0: lower up (100) and down (100)"
+    assert (code, err.count(warning)) == (0, 1)
     (found,) = lint_file(folder / "out" / "good")
     assert (found.check, found.severity) == ("run.uniform-cost", "warning")
     assert found.message == "cost: 100 % of the open cells cost 0"
@@ -71,7 +71,7 @@ def test_fixes_that_cannot_be(command, folder, words, code):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A good map, one with a warning, one with an error, one that is malformed."""
+    """Write a good map, one with a warning, one with an error and a malformed one."""
     monkeypatch.chdir(tmp_path)
     write_pair(tmp_path)
     for name, change in (("good", {}), ("turned", {"origin": "[0, 0, 1]"}),
@@ -94,7 +94,7 @@ def test_notes_are_no_failure_however_strict(command, folder):
     ("image: m.pgm", "image: /gone/m.pgm", "1: warning: image.foreign-path: image: /gone/m"),
     ("image: m.pgm", "", "m.yaml: error: file.malformed: missing key image"),
 ])  # fmt: skip
-def test_what_readers_find_stands_at_its_line(command, folder, before, after, expected):
+def test_findings_of_readers_have_a_line(command, folder, before, after, expected):
     text = (folder / "m.yaml").read_text()
     assert before in text
     Path("m.yaml").write_text(text.replace(before, after))
@@ -104,8 +104,8 @@ def test_what_readers_find_stands_at_its_line(command, folder, before, after, ex
 
 
 def test_real_maps_are_all_linted(command, real_maps):
-    others = {"expected", "params"}
-    maps = sorted(path for path in real_maps.rglob("*.yaml") if not others & {*path.parts})
+    excluded = {"expected", "params"}
+    maps = sorted(path for path in real_maps.rglob("*.yaml") if not excluded & {*path.parts})
     assert len(maps) > 35
     code, out, _ = command("lint", *maps, "--format", "json")
     assert code == 1
@@ -125,19 +125,19 @@ def test_real_maps_are_all_linted(command, real_maps):
         assert (name, expected) in found
 
 
-@pytest.mark.parametrize(("name", "changes", "told"), [
+@pytest.mark.parametrize(("name", "changes", "repair"), [
     ("free.yaml", [], f"{(ROOM == 205).sum()} cells are now unknown instead of free: map_saver's"),
     ("good.yaml", [("0.0]", "-nan]")], "yaw -nan, a fault of some map savers: must be 0"),
-    ("good.yaml", [("0.0]", "0.00000001]")], ""),  # which no cell shows
+    ("good.yaml", [("0.0]", "0.00000001]")], ""),  # too small to change a cell
     ("good.yaml", [("0.05", "0.05000000074505806"), ("-1.5", "-1.5000000000000009")], ""),
 ])  # fmt: skip
-def test_fix_takes_the_traps_out(command, folder, name, changes, told):
+def test_fix_repairs_findings(command, folder, name, changes, repair):
     text = (folder / name).read_text()
     for before, after in changes:
         text = text.replace(before, after)
     (folder / "odd.yaml").write_text(text)
     code, out, err = command("lint", "odd.yaml", "--fix", "-o", "new/fixed.yaml")
-    assert (code, err, told in out) == (0, "", True)
+    assert (code, err, repair in out) == (0, "", True)
     assert lint_file(folder / "new" / "fixed.yaml") == []
     fixed, good = read_map("new/fixed.yaml"), read_map("good.yaml")
     assert (fixed.resolution, fixed.origin) == (0.05, (-1.5, 2.0, 0.0))

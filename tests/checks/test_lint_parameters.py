@@ -44,9 +44,9 @@ def test_filters_and_their_servers_go_together(tmp_path, check, changes, line, w
     for before, after in changes.items():
         text = text.replace(before, after)
     (tmp_path / "nav2.yaml").write_text(text)
-    found = [one for one in lint_parameters([tmp_path / "nav2.yaml"])[tmp_path / "nav2.yaml"]
-             if one.check == check and words in one.message]  # fmt: skip
-    assert [one.line for one in found] == [line]
+    findings = lint_parameters([tmp_path / "nav2.yaml"])[tmp_path / "nav2.yaml"]
+    found = [f for f in findings if f.check == check and words in f.message]
+    assert [finding.line for finding in found] == [line]
 
 
 def test_every_check_has_a_case():
@@ -67,8 +67,8 @@ def test_files_are_of_the_costmaps_that_they_or_their_names_say(tmp_path):
     for path in paths:
         path.write_text(texts[path.stem])
     assert not any(lint_parameters(paths).values())
-    found = lint_parameters(paths, costmap="local")
-    assert [one.check for one in found[paths[2]]] == ["params.other-costmap"]
+    by_file = lint_parameters(paths, costmap="local")
+    assert [finding.check for finding in by_file[paths[2]]] == ["params.other-costmap"]
     assert not any(lint_parameters(paths[:2]).values())  # no global costmap that could miss a map
-    found = lint_parameters(paths[:1])
-    assert [one.check for one in found[paths[0]]] == ["params.no-static-layer"]
+    by_file = lint_parameters(paths[:1])
+    assert [finding.check for finding in by_file[paths[0]]] == ["params.no-static-layer"]

@@ -1,4 +1,4 @@
-"""Each check of a filter's mask on one that it is about, and none on a good one."""
+"""Each check of a filter's mask on a faulty mask, and all of them on a good one."""
 
 import numpy as np
 import pytest
@@ -46,8 +46,8 @@ def found(tmp_path):
             head = b"P5\n%d %d\n255\n" % (width, height)
             (tmp_path / "mask.pgm").write_bytes(head + pixels.astype(np.uint8).tobytes())
         report = mapdeal.lint(tmp_path / "map.yaml", filter_mask=path, select="mask", **options)
-        assert all(one.file == str(path) for one in report)
-        return {one.check: one for one in report}
+        assert all(finding.file == str(path) for finding in report)
+        return {finding.check: finding for finding in report}
 
     return run
 
@@ -89,15 +89,15 @@ CASES = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "given", "words"), CASES)
-def test_a_check_finds_what_it_is_about(found, name, given, words):
-    given = dict(given)
-    if "mode" in (given.get("extra") or {}):
-        given["mode"] = "scale"
-    one = found(**given)[name]
-    assert words in one.message
-    assert one.severity == CHECKS[name].severity
-    assert one.message.isprintable()
+@pytest.mark.parametrize(("name", "options", "words"), CASES)
+def test_a_check_finds_what_it_is_about(found, name, options, words):
+    options = dict(options)
+    if "mode" in (options.get("extra") or {}):
+        options["mode"] = "scale"
+    finding = found(**options)[name]
+    assert words in finding.message
+    assert finding.severity == CHECKS[name].severity
+    assert finding.message.isprintable()
 
 
 @pytest.mark.slow
@@ -126,4 +126,4 @@ def test_the_kind_is_that_of_the_yaml_of_the_mode_or_as_asked(found):
 
 
 def test_every_check_has_a_case():
-    assert {name for name, *_ in CASES} == {one for one in CHECKS if one.startswith("mask.")}
+    assert {name for name, *_ in CASES} == {name for name in CHECKS if name.startswith("mask.")}

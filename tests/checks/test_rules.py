@@ -1,4 +1,4 @@
-"""Which findings count: comments, files of configuration, and rules in plain Python."""
+"""Selection of findings by comments and configuration, against rules in plain Python."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def config(tmp_path=Path("/p"), **values):
 
 
 def precision(name, texts):
-    """How precisely a check is named: 2 by itself, 1 by its area, 0 by all, -1 not at all."""
+    """Return how precisely a check is named: 2 by itself, 1 by its area, 0 by all, -1 not."""
     ranks = [
         2 if text == name else 1 if text.rstrip(".") == name.split(".")[0] else 0
         for text in texts
@@ -48,8 +48,8 @@ some = st.lists(st.sampled_from(NAMES), max_size=3).map(tuple)
 @example(select=(), ignore=(), of_file=((), ()))  # nothing
 @given(select=some, ignore=some, of_file=st.tuples(st.none() | some, some))
 def test_the_more_precise_name_wins_and_the_caller_comes_after_the_file(select, ignore, of_file):
-    made = selection_of(select, ignore, config=config(select=of_file[0], ignore=of_file[1]))
-    assert made.checks == chosen(chosen(CHECKS, *of_file), select or None, ignore)
+    selection = selection_of(select, ignore, config=config(select=of_file[0], ignore=of_file[1]))
+    assert selection.checks == chosen(chosen(CHECKS, *of_file), select or None, ignore)
 
 
 @pytest.mark.parametrize(("text", "hint"), [
@@ -75,12 +75,12 @@ def test_an_unknown_name_is_an_error_with_a_hint(text, hint):
         assert str(caught.value).startswith(f"/p/mapdeal.toml: {place}: unknown check")
 
 
-def found(*names):
+def findings_of(*names):
     return [Finding(name, CHECKS[name].severity, "m.yaml", "told") for name in names]
 
 
 def names_of(findings):
-    return [one.check for one in findings]
+    return [finding.check for finding in findings]
 
 
 YAW, ALPHA, SPECKS = "yaml.origin-yaw", "image.alpha", "map.specks"
@@ -88,12 +88,12 @@ YAW, ALPHA, SPECKS = "yaml.origin-yaw", "image.alpha", "map.specks"
 
 def test_a_comment_suppresses_checks_and_areas():
     comments = [IgnoreComment(3, (YAW, "image"))]
-    findings = found(YAW, ALPHA, SPECKS, ALPHA)
-    kept, suppressed = selection_of().apply(Path("m.yaml"), findings, comments)
-    assert (names_of(kept), suppressed) == ([SPECKS], 3)
-    # those that are not wanted are not suppressed but gone
-    kept, suppressed = selection_of(["image"]).apply(Path("m.yaml"), found(YAW, ALPHA))
-    assert (names_of(kept), suppressed) == ([ALPHA], 0)
+    findings = findings_of(YAW, ALPHA, SPECKS, ALPHA)
+    remaining, suppressed = selection_of().apply(Path("m.yaml"), findings, comments)
+    assert (names_of(remaining), suppressed) == ([SPECKS], 3)
+    # findings of unselected checks do not count as suppressed
+    remaining, suppressed = selection_of(["image"]).apply(Path("m.yaml"), findings_of(YAW, ALPHA))
+    assert (names_of(remaining), suppressed) == ([ALPHA], 0)
 
 
 @pytest.mark.parametrize(("names", "message"), [
@@ -103,19 +103,21 @@ def test_a_comment_suppresses_checks_and_areas():
     (("yaml.orign-yaw",), "unknown check yaml.orign-yaw; did you mean yaml.origin-yaw?"),
     (("lint.unused-ignore",), "lint.unused-ignore ignores nothing here"),
 ])  # fmt: skip
-def test_a_comment_that_ignores_nothing_is_told(names, message):
+def test_a_comment_that_ignores_nothing_is_a_finding(names, message):
     comments = [IgnoreComment(4, names)]
-    kept, suppressed = selection_of().apply(Path("m.yaml"), found(YAW), comments)
-    assert (names_of(kept), suppressed) == ([YAW, "lint.unused-ignore"], 0)
-    assert (kept[1].message, kept[1].line, kept[1].severity) == (message, 4, "note")
-    kept, _ = selection_of([], ["lint"]).apply(Path("m.yaml"), found(YAW), comments)
-    assert names_of(kept) == [YAW]
+    remaining, suppressed = selection_of().apply(Path("m.yaml"), findings_of(YAW), comments)
+    assert (names_of(remaining), suppressed) == ([YAW, "lint.unused-ignore"], 0)
+    assert (remaining[1].message, remaining[1].line, remaining[1].severity) == (message, 4, "note")
+    remaining, _ = selection_of([], ["lint"]).apply(Path("m.yaml"), findings_of(YAW), comments)
+    assert names_of(remaining) == [YAW]
 
 
-def test_a_comment_on_a_check_that_is_not_wanted_is_used_all_the_same():
+def test_a_comment_on_an_unselected_check_counts_as_used():
     comments = [IgnoreComment(1, (YAW,))]
-    kept, suppressed = selection_of([], ["yaml"]).apply(Path("m.yaml"), found(YAW), comments)
-    assert (kept, suppressed) == ((), 0)
+    remaining, suppressed = selection_of([], ["yaml"]).apply(
+        Path("m.yaml"), findings_of(YAW), comments
+    )
+    assert (remaining, suppressed) == ((), 0)
 
 
 @pytest.mark.parametrize(("pattern", "is_spared"), [
@@ -125,18 +127,18 @@ def test_a_comment_on_a_check_that_is_not_wanted_is_used_all_the_same():
     *[(name, False) for name in ("deep", "new/*", "n.yaml", "../*")],
 ])  # fmt: skip
 def test_patterns_are_of_names_below_the_files_folder(tmp_path, pattern, is_spared):
-    made = selection_of(config=config(tmp_path, per_file_ignores=((pattern, ("image",)),)))
-    kept, suppressed = made.apply(tmp_path / "old/deep/m.yaml", found(YAW, ALPHA))
-    assert (names_of(kept), suppressed) == (([YAW], 1) if is_spared else ([YAW, ALPHA], 0))
-    kept, suppressed = made.apply(tmp_path.parent / "m.yaml", found(YAW, ALPHA))
+    selection = selection_of(config=config(tmp_path, per_file_ignores=((pattern, ("image",)),)))
+    remaining, suppressed = selection.apply(tmp_path / "old/deep/m.yaml", findings_of(YAW, ALPHA))
+    assert (names_of(remaining), suppressed) == (([YAW], 1) if is_spared else ([YAW, ALPHA], 0))
+    remaining, suppressed = selection.apply(tmp_path.parent / "m.yaml", findings_of(YAW, ALPHA))
     assert suppressed == 0
 
 
 def test_severities_can_be_changed_and_the_worst_comes_first():
     of_config = config(severity=(("image.alpha", "error"), ("image", "note"), ("all", "warning")))
-    made = selection_of(config=of_config)
-    kept, _ = made.apply(Path("m.yaml"), found(YAW, "image.colour", ALPHA, SPECKS))
-    assert [(one.check, one.severity) for one in kept] == [
+    selection = selection_of(config=of_config)
+    remaining, _ = selection.apply(Path("m.yaml"), findings_of(YAW, "image.colour", ALPHA, SPECKS))
+    assert [(finding.check, finding.severity) for finding in remaining] == [
         (ALPHA, "error"), (YAW, "warning"), (SPECKS, "warning"), ("image.colour", "note"),
     ]  # fmt: skip
 
@@ -163,7 +165,7 @@ def test_a_table_is_read_as_it_is_written(tmp_path, name, table):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "told", "hint"), [
+@pytest.mark.parametrize(("text", "error", "hint"), [
     ("[lint]\nselct = []\n", "lint.selct: unknown key", "did you mean select?"),
     ("[lint]\nxyz = 1\n", "lint.xyz: unknown key", "known keys: select, ignore, strict"),
     ("strict = true\n", "strict: unknown key", "it belongs in the table [lint]"),
@@ -177,19 +179,19 @@ def test_a_table_is_read_as_it_is_written(tmp_path, name, table):
     ("[lint]\nseverity = {x = 'bad'}\n", 'lint.severity."x": must be error, warning or', ""),
     ("[lint]\nseverity = 1\n", "lint.severity: must be a table of names", ""),
 ])  # fmt: skip
-def test_what_cannot_be_is_refused_with_file_and_key(tmp_path, text, told, hint):
+def test_invalid_values_are_refused_with_file_and_key(tmp_path, text, error, hint):
     path = tmp_path / "mapdeal.toml"
     path.write_text(text)
     with pytest.raises(ParameterError) as caught:
         read_lint_config(path)
-    assert str(caught.value).startswith(f"{path}: {told}")
+    assert str(caught.value).startswith(f"{path}: {error}")
     assert (caught.value.hint or "").startswith(hint)
 
 
 @pytest.mark.parametrize(
     "data", [b"[lint\n", b"\xff", b"a = " + b"[" * 5000, b"a = " + b"7" * 5000, b"x" * (1 << 21)]
 )
-def test_what_is_no_toml_is_malformed(tmp_path, data):
+def test_invalid_toml_is_malformed(tmp_path, data):
     path = tmp_path / "mapdeal.toml"
     path.write_bytes(data)
     with pytest.raises(MalformedInputError, match=r"mapdeal\.toml: "):

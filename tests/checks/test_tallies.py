@@ -1,4 +1,4 @@
-"""What is counted while rows go by is what the whole map has."""
+"""Tallies that are updated row by row, against counts of the whole map."""
 
 import itertools
 import re
@@ -32,7 +32,7 @@ PICTURES = picture_of_each_kind([0, 90, 100, 101, 128, 200, 205, 206, 254, 255])
 
 
 def pixels_one_by_one(picture):
-    """Pictures of one pixel each, from the first to the last."""
+    """Yield a picture of each single pixel, in order."""
     for row, col in np.ndindex(picture.shape):
         place = slice(row, row + 1), slice(col, col + 1)
         alpha = None if picture.alpha is None else picture.alpha[place]
@@ -50,7 +50,7 @@ def is_map_saver_unknown(pixel):
     ("mode", "negate"), [("trinary", False), ("trinary", True), ("scale", False), ("raw", False)]
 )
 @pytest.mark.parametrize("name", PICTURES)
-def test_pixels_are_counted_as_if_taken_one_by_one(name, mode, negate, monkeypatch):
+def test_tallies_of_pixels_equal_a_count_pixel_by_pixel(name, mode, negate, monkeypatch):
     if mode != "raw":  # as for a picture with more values than are kept
         monkeypatch.setattr(facts, "_PIXELS_PER_BAND", 40)
         monkeypatch.setattr(facts, "_MOST_CODES", 5)
@@ -62,7 +62,7 @@ def test_pixels_are_counted_as_if_taken_one_by_one(name, mode, negate, monkeypat
     differing = {"humble": 0, "ros1": 0}
     freed = dict.fromkeys(DIALECTS, 0)
     coloured = see_through = lost = 0
-    seen, readings = {}, {}
+    greys, readings = {}, {}
     for pixel in pixels_one_by_one(picture):
         key = pixel.samples.tobytes(), None if pixel.alpha is None else pixel.alpha.tobytes()
         if key not in readings:  # takes a millisecond
@@ -81,7 +81,7 @@ def test_pixels_are_counted_as_if_taken_one_by_one(name, mode, negate, monkeypat
         else:
             see_through += pixel.alpha is not None and pixel.alpha[0, 0] < picture.maxval
         if pixel.colour == "grey" and pixel.maxval == 255:
-            seen[int(sample)] = seen.get(int(sample), 0) + 1
+            greys[int(sample)] = greys.get(int(sample), 0) + 1
             lost += mode == "raw" and 100 < sample < 255
     found = PixelTallies(metadata)
     for band in picture.bands(50):
@@ -90,13 +90,13 @@ def test_pixels_are_counted_as_if_taken_one_by_one(name, mode, negate, monkeypat
     assert found.size == SHAPE[0] * SHAPE[1]
     assert found.counts == states
     assert found.differing == differing
-    assert {name: one.count for name, one in found.freed.items()} == freed
+    assert {name: freed_cells.count for name, freed_cells in found.freed.items()} == freed
     assert (found.coloured, found.not_opaque, found.lost) == (coloured, see_through, lost)
-    assert found.greys == seen
+    assert found.greys == greys
 
 
 def by_hand(cells):
-    """The same facts of cells, without any cleverness."""
+    """Return the facts of cells by a naive count."""
     height, width = cells.shape
     border = [(r, c) for r, c in np.ndindex(cells.shape)
               if r in (0, height - 1) or c in (0, width - 1)]  # fmt: skip
@@ -116,7 +116,7 @@ def by_hand(cells):
     }  # fmt: skip
 
 
-def told(found):
+def summary(found):
     sizes, counts = found.free_components
     return {
         "border": found.border,
@@ -134,7 +134,7 @@ def test_cells_are_counted_as_in_the_whole_whichever_side_comes_first(cells, row
         south, north = tallies_of(cells), CellTallies(cells.shape, from_north=True)
         for first in range(0, len(cells), rows):
             north.add(cells[::-1][first : first + rows])
-    assert told(south) == told(north) == by_hand(cells)
+    assert summary(south) == summary(north) == by_hand(cells)
     for least, most in ((1, 3), (4, 10**6)):
         assert south.places_of_components(least, most) == north.places_of_components(least, most)
     assert south.free_stretches == north.free_stretches
@@ -144,8 +144,8 @@ def test_cells_are_counted_as_in_the_whole_whichever_side_comes_first(cells, row
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["grey", "rgba"])
-def test_nothing_is_kept_of_the_cells_however_many_rows_come(kind, tmp_path, monkeypatch):
-    """Were they kept, they would be 15 MB, or 3, but then nearly all would differ."""
+def test_memory_does_not_grow_with_the_number_of_rows(kind, tmp_path, monkeypatch):
+    """All cells would take 15 MB or 3 MB; of the latter, nearly all colours differ."""
     strip = np.tile(np.repeat(np.array([0, 205, 254, 254], np.uint8), 256), (1 << 8, 1))
     picture = Picture("PNM", "grey", strip)
     if kind == "rgba":
@@ -169,11 +169,11 @@ def test_nothing_is_kept_of_the_cells_however_many_rows_come(kind, tmp_path, mon
     path = write_pair(tmp_path, b"P5 1 1 255\n0")
     tracemalloc.start()
     pair, cells, findings = gather(path)
-    held, peak = tracemalloc.get_traced_memory()
+    current, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert findings == []
     assert pair.pixels.size == cells.cells.size == count * strip.size
-    assert held < 1_000_000
+    assert current < 1_000_000
     assert peak < (6_000_000 if kind == "grey" else 60_000_000)
 
 
@@ -192,15 +192,15 @@ def test_lint_asks_for_no_memory_for_cells(tmp_path):
             return str(error)
 
     reading, linting = least_memory(refusal_of_reading), least_memory(refusal_of_lint)
-    assert linting == pytest.approx(reading - side**2, abs=500_000)  # three digits are told
+    assert linting == pytest.approx(reading - side**2, abs=500_000)  # messages have three digits
 
 
 def least_memory(refusal):
-    """Bytes with which something is not refused; what it needs in the end is asked for last."""
+    """Return the memory, bytes, with which a call is not refused; its last claim is the largest."""
     needed = 1_000_000
     while True:
         with use_memory(needed):
-            told = refusal()
-        if told is None:
+            message = refusal()
+        if message is None:
             return needed
-        needed = round(float(re.search(r"needs? ([0-9.]+) MB", told)[1]) * 1e6)
+        needed = round(float(re.search(r"needs? ([0-9.]+) MB", message)[1]) * 1e6)
