@@ -24,13 +24,13 @@ ROS2 = {
     "mcap-message": (StoragePlugin.MCAP, CompressionMode.MESSAGE),
     "mcap-file": (StoragePlugin.MCAP, CompressionMode.FILE),
 }
-OF_MCAP = {
+IN_MCAP = {
     "mcap-lz4": CompressionType.LZ4,
     "mcap-zstd": CompressionType.ZSTD,
     "mcap-plain": CompressionType.NONE,
 }
-FORMATS = (*ROS1, *ROS2, *OF_MCAP)
-"""All of them; the last are single files by the mcap package."""
+FORMATS = (*ROS1, *ROS2, *IN_MCAP)
+"""All formats; those of the mcap package are single files."""
 
 COSTMAP = {
     "nav2_msgs/msg/Costmap": (
@@ -62,7 +62,7 @@ TF = {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n"}
 
 
 class Maker:
-    """Messages that are written to bags in any format: functions of a store of types."""
+    """Messages for bags of any format, as functions that create them from a store of types."""
 
     def __init__(self):
         self.messages = []
@@ -70,13 +70,13 @@ class Maker:
     def add(self, topic, name, time, make):
         self.messages.append((time, topic, name, make))
 
-    def write(self, folder, form):
+    def write(self, folder, storage):
         """Write a bag named bag into a folder; return its path."""
-        if form in ROS1:
-            return self._write_ros1(Path(folder) / "bag.bag", ROS1[form])
-        if form in ROS2:
-            return self._write_ros2(Path(folder) / "bag", *ROS2[form])
-        return self._write_mcap(Path(folder) / "bag.mcap", OF_MCAP[form])
+        if storage in ROS1:
+            return self._write_ros1(Path(folder) / "bag.bag", ROS1[storage])
+        if storage in ROS2:
+            return self._write_ros2(Path(folder) / "bag", *ROS2[storage])
+        return self._write_mcap(Path(folder) / "bag.mcap", IN_MCAP[storage])
 
     def _write_ros1(self, path, compression):
         store = ros1_store()
@@ -134,20 +134,20 @@ def ros2_store():
 
 
 def message(name, **values):
-    """Return what makes a message with a store of types; what is not given is 0 or empty."""
+    """Return a function that creates a message from a store of types; missing fields are 0."""
 
     def make(store, name=name, values=values):
         fields = {}
-        for field, (kind, of) in store.fielddefs[name][1]:
+        for field, (kind, item_type) in store.fielddefs[name][1]:
             value = values.get(field)
             if kind == Nodetype.NAME:
-                value = make(store, of, value or {})
+                value = make(store, item_type, value or {})
             elif kind == Nodetype.BASE:
-                value = ("" if of[0] == "string" else 0) if value is None else value
-            elif of[0][0] == Nodetype.NAME:
-                value = [make(store, of[0][1], one) for one in value]
+                value = ("" if item_type[0] == "string" else 0) if value is None else value
+            elif item_type[0][0] == Nodetype.NAME:
+                value = [make(store, item_type[0][1], item) for item in value]
             elif value is None:
-                value = np.zeros(of[1], of[0][1][0])
+                value = np.zeros(item_type[1], item_type[0][1][0])
             fields[field] = value
         return store.types[name](**fields)
 
@@ -205,12 +205,12 @@ def scan(time, ranges, *, frame="laser", start=-1.5, step=0.01, limits=(0.1, 20.
 
 def tf(time, *transforms, name="tf2_msgs/msg/TFMessage"):
     """Return a message with transforms: parent, child, x y z, quaternion."""
-    made = [
+    stamped = [
         {"header": header(time, parent), "child_frame_id": child,
-         "transform": {"translation": vector(*move), "rotation": turn(quaternion)}}
-        for parent, child, move, quaternion in transforms
+         "transform": {"translation": vector(*translation), "rotation": turn(quaternion)}}
+        for parent, child, translation, quaternion in transforms
     ]  # fmt: skip
-    return message(name, transforms=made)
+    return message(name, transforms=stamped)
 
 
 def odometry(time, x, y, yaw, frame="odom", child="base_link"):
@@ -222,24 +222,24 @@ def odometry(time, x, y, yaw, frame="odom", child="base_link"):
 
 def cloud(time, data, fields, *, width, height=1, step, row=None, is_big=False, frame="base_link"):
     """Return a PointCloud2 of bytes; fields are name, offset, datatype."""
-    made = [{"name": n, "offset": o, "datatype": d, "count": 1} for n, o, d in fields]
+    named_fields = [{"name": n, "offset": o, "datatype": d, "count": 1} for n, o, d in fields]
     return message(
         "sensor_msgs/msg/PointCloud2", header=header(time, frame), height=height, width=width,
-        fields=made, is_bigendian=is_big, point_step=step,
+        fields=named_fields, is_bigendian=is_big, point_step=step,
         row_step=width * step if row is None else row, data=np.frombuffer(bytes(data), np.uint8),
     )  # fmt: skip
 
 
 def words(text):
-    """Return a message of a type that nothing is made of."""
+    """Return a message of a type that mapdeal ignores."""
     return message("std_msgs/msg/String", data=text)
 
 
 def custom(time, points, driver, frame="livox_frame"):
-    """Return what makes the message of a Livox lidar."""
-    named = [
+    """Return a function that creates a message of a Livox lidar."""
+    lidar_points = [
         {"offset_time": k, "x": x, "y": y, "z": z, "reflectivity": 9, "tag": 1, "line": k % 6}
         for k, (x, y, z) in enumerate(points)
     ]
     return message(f"{driver}/msg/CustomMsg", header=header(time, frame), timebase=time,
-                   point_num=len(named), lidar_id=3, points=named)  # fmt: skip
+                   point_num=len(lidar_points), lidar_id=3, points=lidar_points)  # fmt: skip

@@ -26,30 +26,30 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
 LIMIT = 90_000_000
 MAGIC = b"\x89MCAP0\r\n"
 COUNT = "WITH RECURSIVE c(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM c)"
-NO_VIEW = "contains a view, a trigger or a virtual table"
+NO_VIEWS = "contains a view, a trigger or a virtual table"
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """Return the file of a small ROS 2 bag in SQLite."""
-    made = Maker()
+    maker = Maker()
     for k in range(30):
         grid = occupancy(START, np.zeros((20, 30)), 0.05, (1.5, -2.25, 0.5))
-        made.add("/map", "nav_msgs/msg/OccupancyGrid", START + k, grid)
+        maker.add("/map", "nav_msgs/msg/OccupancyGrid", START + k, grid)
         moved = tf(START + k, ("odom", "laser", (k, 0, 0), (0, 0, 0, 1)))
-        made.add("/tf", "tf2_msgs/msg/TFMessage", START + k, moved)
-    return made.write(tmp_path_factory.mktemp("bag"), "sqlite3") / "bag.db3"
+        maker.add("/tf", "tf2_msgs/msg/TFMessage", START + k, moved)
+    return maker.write(tmp_path_factory.mktemp("bag"), "sqlite3") / "bag.db3"
 
 
 @pytest.fixture
 def changed(written, tmp_path):
-    """Return what copies that bag and changes it by statements."""
+    """Return a function that copies that bag and changes it by SQL statements."""
 
     def change(*statements):
         path = shutil.copy(written, tmp_path / "a.db3")
         db = sqlite3.connect(path, isolation_level=None)
-        for one in statements:
-            db.execute(one)
+        for statement in statements:
+            db.execute(statement)
         db.close()
         return path
 
@@ -57,19 +57,19 @@ def changed(written, tmp_path):
 
 
 def read_all(path, limit=LIMIT):
-    """Return how many messages a bag has, each of them read, as commands would."""
+    """Decode all messages of a bag, as commands do, and return their number."""
     with use_memory(limit), open_bag(path) as bag:
-        told = bag.summary()
+        summary = bag.summary()
         decoder = Decoder(bag)
-        index = bag.index(told)
+        index = bag.index(summary)
         for place in index:
             decoder.message(place)
-        assert sum(one.count for one in told.values()) == len(index)
+        assert sum(recorded.count for recorded in summary.values()) == len(index)
         return len(index)
 
 
-def refused(path, told, limit=LIMIT):
-    with pytest.raises(MalformedInputError, match=told):
+def refused(path, rule, limit=LIMIT):
+    with pytest.raises(MalformedInputError, match=rule):
         read_all(path, limit)
 
 
@@ -86,9 +86,9 @@ GENERATED = {
 }
 
 
-def generated(table, how):
-    made = f"id INTEGER PRIMARY KEY, {GENERATED[table]} AS (zeroblob(900000000)) {how}"
-    return f"DROP TABLE IF EXISTS {table}", f"CREATE TABLE {table}({made})"
+def generated(table, storage):
+    columns = f"id INTEGER PRIMARY KEY, {GENERATED[table]} AS (zeroblob(900000000)) {storage}"
+    return f"DROP TABLE IF EXISTS {table}", f"CREATE TABLE {table}({columns})"
 
 
 OF_VIEWS = {
@@ -100,18 +100,18 @@ OF_VIEWS = {
     "a trigger": ("CREATE TRIGGER t AFTER INSERT ON topics BEGIN SELECT 1; END",),
 }  # fmt: skip
 CHANGES = {
-    **{name: (statements, NO_VIEW) for name, statements in OF_VIEWS.items()},
+    **{name: (statements, NO_VIEWS) for name, statements in OF_VIEWS.items()},
     **{
-        f"{how} columns of {table}": (generated(table, how), f"table {table} has generated")
-        for how, table in [("VIRTUAL", "messages"), ("STORED", "message_definitions")]
+        f"{storage} columns of {table}": (generated(table, storage), f"table {table} has generated")
+        for storage, table in [("VIRTUAL", "messages"), ("STORED", "message_definitions")]
     },
-    # SQLite goes by the text of a definition, whatever name and type stand beside it.
+    # SQLite uses the SQL text of a definition and ignores the name and type stored beside it.
     "another schema": (
         ("DROP INDEX IF EXISTS timestamp_idx", "PRAGMA writable_schema = ON",
          f"UPDATE sqlite_master SET sql = '{ENDLESS}' WHERE name = 'messages'"),
-        f"{NO_VIEW}|is damaged",
+        f"{NO_VIEWS}|is damaged",
     ),
-    # Each message would be looked for among all others.
+    # Each lookup of a message would search the whole table.
     "no key": (
         ("ALTER TABLE messages RENAME TO other", f"CREATE TABLE messages({MESSAGES})",
          "INSERT INTO messages SELECT * FROM other"), "table messages has no primary key id",
@@ -127,15 +127,15 @@ CHANGES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("statements", "told"), CHANGES.values(), ids=CHANGES)
-def test_what_sqlite_would_compute_or_hold_is_refused(changed, statements, told):
-    refused(changed(*statements), told)
+@pytest.mark.parametrize(("statements", "rule"), CHANGES.values(), ids=CHANGES)
+def test_tables_that_compute_or_hold_too_much_are_refused(changed, statements, rule):
+    refused(changed(*statements), rule)
 
 
-def test_a_damaged_file_is_looked_at_in_the_same_way(changed):
+def test_damaged_files_are_checked_for_views_too(changed):
     path = changed(*OF_VIEWS["messages without end"])
     path.write_bytes(path.read_bytes()[:-100])
-    refused(path, f"{NO_VIEW}|is damaged")
+    refused(path, f"{NO_VIEWS}|is damaged")
 
 
 @pytest.mark.parametrize("table", ["messages", "topics"])
@@ -163,7 +163,7 @@ def test_pages_that_lead_to_each_other_end(changed, table):
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, Path.mkdir, lambda log: log.symlink_to("/dev/zero")])
-def test_a_log_beside_a_bag_that_is_no_file_is_none(changed, make, tmp_path):
+def test_a_log_that_is_not_a_file_is_ignored(changed, make, tmp_path):
     path = changed()
     make(tmp_path / "a.db3-wal")
     assert read_all(path) == 60
@@ -184,7 +184,7 @@ def test_messages_that_expand_to_more_than_the_memory_are_refused(written, tmp_p
 
 
 def bomb(size):
-    """Return many MB of zeros as one zstd stream that does not tell its size."""
+    """Return `size` MB of zeros as a zstd stream without its size in the header."""
     compressor = zstd_module().ZstdCompressor()
     zeros = bytes(1_000_000)
     return b"".join(compressor.compress(zeros) for _ in range(size)) + compressor.flush()
@@ -203,16 +203,16 @@ def metadata_of(folder, names):
 
 
 @pytest.mark.parametrize("name", ["metadata.yaml", "/etc/passwd", "../other/bag.db3", "pipe.db3"])
-def test_a_folder_leads_to_bags_of_its_own_alone(written, tmp_path, name):
+def test_metadata_cannot_name_files_outside_the_folder(written, tmp_path, name):
     (tmp_path / "other").mkdir()
     shutil.copy(written, tmp_path / "other")
     folder = tmp_path / "bag"
     folder.mkdir()
     os.mkfifo(folder / "pipe.db3")
     metadata_of(folder, name)
-    with pytest.raises((FileAccessError, MalformedInputError)) as told:
+    with pytest.raises((FileAccessError, MalformedInputError)) as caught:
         read_all(folder)
-    assert str(told.value).startswith(f"{folder}/{Path(name).name}: ")
+    assert str(caught.value).startswith(f"{folder}/{Path(name).name}: ")
 
 
 def test_a_file_that_is_named_many_times_is_read_once(written, tmp_path):
@@ -262,7 +262,7 @@ def message(number, data):
 
 
 def sparse(path, data, size):
-    """Write a file with zeros behind that take no room on the disk."""
+    """Write a file followed by a hole of zeros, which occupies no disk space."""
     path.write_bytes(data)
     os.truncate(path, len(data) + size)
     with path.open("ab") as file:
@@ -280,12 +280,12 @@ PACKED = {
 @pytest.mark.parametrize("compression", PACKED)
 def test_a_chunk_that_expands_to_too_much_is_refused(tmp_path, compression):
     data = PACKED[compression](20)
-    for told, rule in (100_000_000, "bytes of a chunk need"), (1000, "must expand to 1000 bytes"):
-        refused(mcap(tmp_path / "a.mcap", chunk(data, compression, told)), rule)
+    for size, rule in (100_000_000, "bytes of a chunk need"), (1000, "must expand to 1000 bytes"):
+        refused(mcap(tmp_path / "a.mcap", chunk(data, compression, size)), rule)
 
 
-def test_zeros_are_no_records(tmp_path):
-    """They would be read one by one, two million of them from a few kB."""
+def test_zeros_are_not_read_as_records(tmp_path):
+    """A few kB would expand to two million records of zeros."""
     path = mcap(tmp_path / "a.mcap", chunk(bomb(18), "zstd", 18_000_000))
     assert read_all(path) == 0
 
@@ -294,53 +294,55 @@ def test_zeros_are_no_records(tmp_path):
     [chunk(b"", "", 0)] * 30_000,
     [chunk(b"", "", 0), *[record(7, struct.pack("<HI", 1, 0))] * 120_000],
     [
-        chunk(zstd_module().compress(one), "zstd", len(one))
-        for one in (schema(k, "a/msg/T", " " * 4_000_000) for k in range(4))
+        chunk(zstd_module().compress(text), "zstd", len(text))
+        for text in (schema(k, "a/msg/T", " " * 4_000_000) for k in range(4))
     ],
 ], ids=["chunks", "index records", "definitions"])  # fmt: skip
-def test_what_is_kept_of_a_file_is_counted(tmp_path, records):
-    told = "its connections and chunks need"
-    refused(mcap(tmp_path / "a.mcap", *records), told, limit=62_000_000)
+def test_memory_of_the_index_is_limited(tmp_path, records):
+    rule = "its connections and chunks need"
+    refused(mcap(tmp_path / "a.mcap", *records), rule, limit=62_000_000)
 
 
 def test_a_type_of_many_megabytes_is_refused(tmp_path):
-    one = schema(1, "a/msg/T", " " * 17_000_000)
-    told = "a schema or channel is too long"
-    refused(mcap(tmp_path / "a.mcap", one), told)
-    refused(mcap(tmp_path / "a.mcap", chunk(one, "", len(one))), told)
+    long_schema = schema(1, "a/msg/T", " " * 17_000_000)
+    rule = "a schema or channel is too long"
+    refused(mcap(tmp_path / "a.mcap", long_schema), rule)
+    refused(mcap(tmp_path / "a.mcap", chunk(long_schema, "", len(long_schema))), rule)
 
 
 def test_records_are_not_read_at_once(tmp_path):
     length = 100_000_000
     scans = schema(1, "sensor_msgs/msg/LaserScan", "") + channel(1, "/scan")
     start = START_OF_MCAP + scans
-    one = start + struct.pack("<BQHIQQ", 5, length, 1, 0, 0, 0)
-    with use_memory(LIMIT), open_bag(sparse(tmp_path / "a.mcap", one, length)) as bag:
+    head = start + struct.pack("<BQHIQQ", 5, length, 1, 0, 0, 0)
+    with use_memory(LIMIT), open_bag(sparse(tmp_path / "a.mcap", head, length)) as bag:
         (place,) = bag.index([1])
         with pytest.raises(MalformedInputError, match="bytes of a record need"):
             bag.data(place)
-    listed = start + chunk(b"", "", 0) + struct.pack("<BQHI", 7, length + 6, 1, length)
-    refused(sparse(tmp_path / "b.mcap", listed, length), "the places of .* messages need")
+    indexed = start + chunk(b"", "", 0) + struct.pack("<BQHI", 7, length + 6, 1, length)
+    refused(sparse(tmp_path / "b.mcap", indexed, length), "the places of .* messages need")
 
 
-def test_a_message_behind_many_descriptions_is_not_looked_for(tmp_path):
-    """Some writers count the description before a message to it; each place could lead to all."""
+def test_the_search_for_a_message_behind_descriptions_ends(tmp_path):
+    """Some writers index the description before a message, so reading skips descriptions."""
 
     def fields(**values):
-        whole = b"".join(word(name.encode() + b"=" + one) for name, one in values.items())
-        return struct.pack("<I", len(whole)) + whole
+        content = b"".join(word(name.encode() + b"=" + v) for name, v in values.items())
+        return struct.pack("<I", len(content)) + content
 
     def number(value):
         return struct.pack("<I", value)
 
-    told = word(b"type=tf2_msgs/TFMessage")
-    one = fields(op=b"\7", conn=number(0), topic=b"/tf") + number(len(told)) + told
-    data = one * 5000
-    whole = fields(op=b"\5", compression=b"none", size=number(len(data))) + number(len(data)) + data
+    details = word(b"type=tf2_msgs/TFMessage")
+    description = fields(op=b"\7", conn=number(0), topic=b"/tf") + number(len(details)) + details
+    data = description * 5000
+    size = number(len(data))
+    content = fields(op=b"\5", compression=b"none", size=size) + size + data
     entries = struct.pack("<III", 1, 1, 0) * 5000
     index = fields(op=b"\4", ver=number(1), conn=number(0), count=number(5000))
     path = tmp_path / "a.bag"
-    path.write_bytes(b"#ROSBAG V2.0\n" + one + whole + index + number(len(entries)) + entries)
+    index += number(len(entries)) + entries
+    path.write_bytes(b"#ROSBAG V2.0\n" + description + content + index)
     refused(path, "an index record points to no message")
 
 
@@ -363,20 +365,20 @@ def test_types_that_code_is_made_of_are_short(tmp_path, text, rule):
     refused(path, rule)
 
 
-def test_large_chunks_are_never_kept_beside_each_other():
+def test_only_one_large_chunk_is_in_the_cache():
     alive = []
 
     def read(number):
-        alive.append(sum(len(chunk) for chunk in kept._chunks.values()))
+        alive.append(sum(len(chunk) for chunk in cache._chunks.values()))
         return bytes(30_000_000)
 
-    kept = ChunkCache(read)
+    cache = ChunkCache(read)
     for number in (0, 1, 0, 1, 2, 0):
-        assert len(kept[number]) == 30_000_000
+        assert len(cache[number]) == 30_000_000
     assert alive == [0, 30_000_000, 30_000_000, 30_000_000]
 
 
-OF_ALL = 200_000_000
+MEMORY = 200_000_000
 
 
 @pytest.mark.thorough
@@ -384,8 +386,8 @@ def test_hostile_bags_take_no_more_than_the_limit(changed, tmp_path):
     store = ros2_store()
     name = "sensor_msgs/msg/LaserScan"
     text = store.generate_msgdef(name, ros_version=2)[0]
-    made = scan(START, np.full(8_000_000, 2, np.float32), step=1e-7)(store)
-    scans = message(1, bytes(store.serialize_cdr(made, name)))
+    message_object = scan(START, np.full(8_000_000, 2, np.float32), step=1e-7)(store)
+    scans = message(1, bytes(store.serialize_cdr(message_object, name)))
     zeros = chunk(bomb(140), "zstd", 140_000_000)
     paths = [
         mcap(tmp_path / "scan.mcap", schema(1, name, text), channel(1, "/scan"), scans),
@@ -396,6 +398,6 @@ def test_hostile_bags_take_no_more_than_the_limit(changed, tmp_path):
     for path in paths:
         for command in ("info", "build", "convert"):
             out = "" if command == "info" else "-o m.npz --force"
-            code, said, peak = measured(tmp_path, f"{command} {path} {out}", str(OF_ALL))
-            assert code in (0, 3), said
-            assert peak < OF_ALL + 20_000_000, (command, path.name, peak)
+            code, output, peak = measured(tmp_path, f"{command} {path} {out}", str(MEMORY))
+            assert code in (0, 3), output
+            assert peak < MEMORY + 20_000_000, (command, path.name, peak)

@@ -24,8 +24,8 @@ def test_points_are_those_that_were_written(form, driver, points, frame):
     name = f"{driver}/msg/CustomMsg"
     is_ros1 = form == "ros1"
     store = ros1_store() if is_ros1 else ros2_store()
-    made = custom(START, points, driver, frame)(store)
-    data = bytes((store.serialize_ros1 if is_ros1 else store.serialize_cdr)(made, name))
+    message = custom(START, points, driver, frame)(store)
+    data = bytes((store.serialize_ros1 if is_ros1 else store.serialize_cdr)(message, name))
     found = points_of_custom(data, "ros1" if is_ros1 else "cdr")
     assert np.array_equal(found, np.reshape(points, (-1, 3)))
     for cut in (3, 14, len(data) - 2 - 20 * bool(points)):
@@ -41,14 +41,14 @@ def test_a_bag_of_custom_messages_makes_a_map(tmp_path, command, form, driver):
         time = START + k * 10**8
         maker.add("/tf", "tf2_msgs/msg/TFMessage", time,
                   tf(time, ("map", "base_link", sensor, (0, 0, 0, 1))))  # fmt: skip
-        own = np.concatenate([part - sensor, np.zeros((20, 3))])
+        sensor_points = np.concatenate([part - sensor, np.zeros((20, 3))])
         maker.add("/livox/lidar", f"{driver}/msg/CustomMsg", time,
-                  custom(time, own, driver, "base_link"))  # fmt: skip
+                  custom(time, sensor_points, driver, "base_link"))  # fmt: skip
     bag = maker.write(tmp_path, form)
-    made, wanted = build_map_from_clouds(bag), cloud_map(points)
-    assert made.at_sensor == 60
-    assert made.grid.shape == wanted.grid.shape
-    assert (made.grid.occupancy == wanted.grid.occupancy).mean() > 0.98
+    built, expected = build_map_from_clouds(bag), cloud_map(points)
+    assert built.at_sensor == 60
+    assert built.grid.shape == expected.grid.shape
+    assert (built.grid.occupancy == expected.grid.occupancy).mean() > 0.98
     document = json.loads(command("info", bag, "--json")[1])
     assert any("mapdeal build --cloud" in line and "/livox/lidar" in line
                for line in document["use"])  # fmt: skip

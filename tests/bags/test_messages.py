@@ -1,4 +1,4 @@
-"""Decoded messages, against what was written and what REP 117 and PointField say."""
+"""Decoded messages, against their sources and the rules of REP 117 and PointField."""
 
 from types import SimpleNamespace
 
@@ -24,13 +24,13 @@ STORE = ros2_store()
 CELLS = np.array([[-1, 0, 100], [37, 0, -1]], np.int8)
 
 
-def made(make):
+def created(make):
     return make(STORE)
 
 
 def test_readings_beyond_the_limits_of_the_scanner_are_none():
     ranges = [0.05, 0.1, 5.0, 20.0, 25.0, np.inf, -np.inf, np.nan]
-    found = laser_scan_of(made(scan(7_000_000_123, ranges, step=0.25, between=0.001)))
+    found = laser_scan_of(created(scan(7_000_000_123, ranges, step=0.25, between=0.001)))
     assert found.ranges.tolist()[1:3] == [np.float32(0.1), 5.0]
     assert np.isnan(found.ranges[[0, 6, 7]]).all()
     assert np.isposinf(found.ranges[[3, 4, 5]]).all()
@@ -39,30 +39,30 @@ def test_readings_beyond_the_limits_of_the_scanner_are_none():
     assert found.beam_times()[3] == 7_003_000_123
 
 
-def test_a_scanner_without_limits_is_taken_at_its_word_but_for_angles_that_are_none():
-    found = laser_scan_of(made(scan(1, [0.01, 500.0], limits=(np.nan, 0.0))))
+def test_a_scanner_without_limits_keeps_all_ranges_but_needs_valid_angles():
+    found = laser_scan_of(created(scan(1, [0.01, 500.0], limits=(np.nan, 0.0))))
     assert found.ranges.tolist() == [np.float32(0.01), 500.0]
     with pytest.raises(MalformedInputError, match="must be angles in radians"):
-        laser_scan_of(made(scan(1, [1.0], start=np.nan)))
+        laser_scan_of(created(scan(1, [1.0], start=np.nan)))
 
 
 def test_points_of_a_scan_are_what_it_hits():
-    found = laser_scan_of(made(scan(1, [2.0, np.inf, 3.0], start=0.0, step=np.pi / 2)))
+    found = laser_scan_of(created(scan(1, [2.0, np.inf, 3.0], start=0.0, step=np.pi / 2)))
     np.testing.assert_allclose(points_of_scan(found), [[2, 0], [-3, 0]], atol=1e-6)
 
 
 def test_frames_lose_their_leading_slash():
     edges = ("/map", "/odom", (1, 2, 3), (0, 0, 0, 1)), ("odom", "b", (0, 0, 0), (1, 0, 0, 0))
-    one, other = transforms_of(made(tf(5, *edges)))
-    assert one == ("map", "odom", 5, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
-    assert other.quaternion == (1.0, 0.0, 0.0, 0.0)
-    found = odometry_of(made(odometry(9, 1.5, -2.0, 0.6)))
+    first, second = transforms_of(created(tf(5, *edges)))
+    assert first == ("map", "odom", 5, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+    assert second.quaternion == (1.0, 0.0, 0.0, 0.0)
+    found = odometry_of(created(odometry(9, 1.5, -2.0, 0.6)))
     assert found[:4] == ("odom", "base_link", 9, (1.5, -2.0, 0.0))
     np.testing.assert_allclose(found.quaternion, (0, 0, np.sin(0.3), np.cos(0.3)))
 
 
 def test_a_map_keeps_its_cells_and_its_pose():
-    message = made(occupancy(1, CELLS, 0.05, (1.5, -2.25, 0.7)))
+    message = created(occupancy(1, CELLS, 0.05, (1.5, -2.25, 0.7)))
     found = grid_of(message, OCCUPANCY_GRID, is_costs=False)
     assert isinstance(found, OccupancyGrid)
     np.testing.assert_array_equal(found.occupancy, CELLS)
@@ -72,32 +72,33 @@ def test_a_map_keeps_its_cells_and_its_pose():
 
 
 def test_costs_keep_their_scale():
-    message = made(occupancy(1, CELLS, 0.1, (0.0, 0.0, 0.0)))
+    message = created(occupancy(1, CELLS, 0.1, (0.0, 0.0, 0.0)))
     published = grid_of(message, OCCUPANCY_GRID, is_costs=True)
     assert isinstance(published, Costmap)
     assert (published.scale, published.cost.tolist()) == ("occupancy", CELLS.tolist())
-    own = grid_of(made(costmap(1, [[0, 253, 255]], 0.25, (1, 2, 0.5))), NAV2_COSTMAP, is_costs=True)
-    assert (own.scale, own.cost.tolist(), own.resolution) == ("costmap2d", [[0, 253, 255]], 0.25)
+    message = created(costmap(1, [[0, 253, 255]], 0.25, (1, 2, 0.5)))
+    raw = grid_of(message, NAV2_COSTMAP, is_costs=True)
+    assert (raw.scale, raw.cost.tolist(), raw.resolution) == ("costmap2d", [[0, 253, 255]], 0.25)
 
 
 def test_an_origin_without_rotation_is_not_turned():
-    message = made(occupancy(1, CELLS, 0.1, (0.0, 0.0, 0.0)))
+    message = created(occupancy(1, CELLS, 0.1, (0.0, 0.0, 0.0)))
     message.info.origin.orientation.w = 0.0
     assert grid_of(message, OCCUPANCY_GRID, is_costs=False).origin == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(("change", "told"), [
+@pytest.mark.parametrize(("change", "rule"), [
     (lambda m: setattr(m.info, "width", 4), "must have 4 x 2 values, has 6"),
     (lambda m: m.data.__setitem__(3, 101), "must be -1 to 100, got 101"),
     (lambda m: m.data.__setitem__(3, -2), "must be -1 to 100, got -2"),
     (lambda m: setattr(m.info.origin.orientation, "x", 0.5), "leans by more than 10 degrees"),
     (lambda m: setattr(m.info.origin.orientation, "x", np.nan), "must be finite"),
 ])  # fmt: skip
-def test_a_grid_that_is_none_is_refused(change, told):
-    message = made(occupancy(1, CELLS, 0.1, (0.0, 0.0, 0.0)))
+def test_invalid_grids_are_refused(change, rule):
+    message = created(occupancy(1, CELLS, 0.1, (0.0, 0.0, 0.0)))
     message.data = message.data.copy()
     change(message)
-    with pytest.raises(MalformedInputError, match=told):
+    with pytest.raises(MalformedInputError, match=rule):
         grid_of(message, OCCUPANCY_GRID, is_costs=False)
 
 
@@ -106,7 +107,7 @@ NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8
 
 @given(data=st.data(), is_big=st.booleans(), width=st.integers(1, 5), height=st.integers(1, 4))
 def test_points_of_any_layout(data, is_big, width, height):
-    """Fields of any type, in any order, with gaps between them, points and rows."""
+    """Fields of any type in any order, with gaps between fields, points and rows."""
     order = ">" if is_big else "<"
     fields, offset = [], data.draw(st.integers(0, 3))
     for name in data.draw(st.permutations(["x", "y", "z", "rgb"])):
@@ -118,7 +119,7 @@ def test_points_of_any_layout(data, is_big, width, height):
     names, offsets, numbers = zip(*fields, strict=True)
     formats = [order + NUMBERS[number] for number in numbers]
     layout = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
-    rows, wanted = [], []
+    rows, expected = [], []
     for _ in range(height):
         line = np.zeros(width, layout)
         for name, _, number in fields:
@@ -126,31 +127,32 @@ def test_points_of_any_layout(data, is_big, width, height):
             if NUMBERS[number][0] == "f":
                 line[name] /= 8
         rows.append(line.tobytes() + b"\xa5" * (row - width * step))
-        wanted += [[float(point[name]) for name in "xyz"] for point in line]
-    made_ = made(cloud(1, b"".join(rows), fields, width=width, height=height, step=step, row=row,
-                       is_big=is_big))  # fmt: skip
-    assert points_of(made_).tolist() == wanted
+        expected += [[float(point[name]) for name in "xyz"] for point in line]
+    recipe = cloud(1, b"".join(rows), fields, width=width, height=height, step=step, row=row,
+                   is_big=is_big)  # fmt: skip
+    assert points_of(created(recipe)).tolist() == expected
 
 
 def test_points_that_are_not_finite_stay_so_and_flat_ones_have_two_numbers():
     data = np.array([[1, np.nan], [np.inf, 2]], "<f4")
-    found = points_of(made(cloud(1, data.tobytes(), [("x", 0, 7), ("y", 4, 7)], width=2, step=8)))
+    flat = cloud(1, data.tobytes(), [("x", 0, 7), ("y", 4, 7)], width=2, step=8)
+    found = points_of(created(flat))
     np.testing.assert_array_equal(found, data)
     empty = cloud(1, b"", [("x", 0, 7), ("y", 4, 7), ("z", 8, 7)], width=0, step=12)
-    assert points_of(made(empty)).shape == (0, 3)
+    assert points_of(created(empty)).shape == (0, 3)
 
 
-@pytest.mark.parametrize(("change", "told"), [
+@pytest.mark.parametrize(("change", "rule"), [
     ({"fields": [("x", 0, 7)]}, "must name x and y, got 'x'"),
     ({"fields": [("x", 0, 9), ("y", 4, 7)]}, "datatype from 1 to 8, got 9"),
     ({"fields": [("x", 0, 7), ("y", 6, 7)]}, "within a point of 8 bytes, got 6"),
     ({"width": 3}, "must have 1 rows of 24 bytes, has 16"),
     ({"width": 1 << 31, "height": 1 << 31}, "too many points"),
 ])  # fmt: skip
-def test_a_cloud_whose_numbers_do_not_fit_is_refused(change, told):
+def test_a_cloud_whose_numbers_do_not_fit_is_refused(change, rule):
     fields = [("x", 0, 7), ("y", 4, 7)]
-    given_ = {"fields": fields, "width": 2, "height": 1} | change
-    written = made(cloud(1, bytes(16), given_.pop("fields"), width=2, step=8))
-    message = SimpleNamespace(**{**vars(written), **given_, "row_step": given_["width"] * 8})
-    with pytest.raises(MalformedInputError, match=told):
+    changed = {"fields": fields, "width": 2, "height": 1} | change
+    written = created(cloud(1, bytes(16), changed.pop("fields"), width=2, step=8))
+    message = SimpleNamespace(**{**vars(written), **changed, "row_step": changed["width"] * 8})
+    with pytest.raises(MalformedInputError, match=rule):
         points_of(message)

@@ -1,7 +1,8 @@
-"""Bags of public repositories, and made ones whose contents are recorded beside them."""
+"""Bags of public repositories and generated ones, against recorded contents."""
 
 import hashlib
 import json
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -26,80 +27,84 @@ def recorded(real_maps):
 
 def test_topics_counts_and_times_are_those_recorded(bags, recorded):
     assert len(recorded["bags"]) > 20
-    for one in recorded["bags"]:
-        if "error" in one:
+    for entry in recorded["bags"]:
+        if "error" in entry:
             continue
-        with open_bag(bags / one["path"]) as bag:
-            told = bag.summary()
-            found = {}
+        with open_bag(bags / entry["path"]) as bag:
+            summary = bag.summary()
+            found = Counter()
             for connection in bag.connections:
-                found[connection.topic] = found.get(connection.topic, 0) + told[connection.id].count
+                found[connection.topic] += summary[connection.id].count
             types = {connection.topic: connection.type for connection in bag.connections}
-        assert found == {topic: its["count"] for topic, its in one["topics"].items()}, one["path"]
-        for topic, its in one["topics"].items():
-            assert types[topic] == normalised_type(its["type"])
-        if one.get("messages"):
-            assert min(its.first for its in told.values() if its.count) == one["start_ns"]
-            assert max(its.last for its in told.values()) + 1 == one["end_ns"]
+        topics = entry["topics"]
+        assert found == {topic: topics[topic]["count"] for topic in topics}, entry["path"]
+        for topic, expected in topics.items():
+            assert types[topic] == normalised_type(expected["type"])
+        if entry.get("messages"):
+            first = min(topic.first for topic in summary.values() if topic.count)
+            last = max(topic.last for topic in summary.values())
+            assert (first, last + 1) == (entry["start_ns"], entry["end_ns"])
 
 
 def test_readings_and_transforms_are_those_recorded(bags, recorded):
-    seen = 0
-    for one in recorded["bags"]:
-        wanted = {**one.get("scans", {}), **one.get("tf", {})}
-        if not wanted:
+    topic_count = 0
+    for entry in recorded["bags"]:
+        expected_topics = {**entry.get("scans", {}), **entry.get("tf", {})}
+        if not expected_topics:
             continue
-        with open_bag(bags / one["path"]) as bag:
+        with open_bag(bags / entry["path"]) as bag:
             decoder = Decoder(bag)
-            for topic, its in one["scans"].items():
-                ours = [c.id for c in bag.connections if c.topic == topic]
-                messages = [decoder.message(place) for place in bag.index(ours)]
-                assert len(messages) == its["scans"]
+            for topic, expected in entry["scans"].items():
+                connections = [c.id for c in bag.connections if c.topic == topic]
+                messages = [decoder.message(place) for place in bag.index(connections)]
+                assert len(messages) == expected["scans"]
                 data = b"".join(np.asarray(m.ranges, "<f4").tobytes() for m in messages)
-                assert hashlib.sha256(data).hexdigest() == its["sha256_of_all_ranges_f32le"]
+                assert hashlib.sha256(data).hexdigest() == expected["sha256_of_all_ranges_f32le"]
                 scans = [laser_scan_of(message) for message in messages]
-                assert scans[0].time == its["first_stamp_ns"]
-                assert (scans[0].frame, scans[0].start) == (its["frame"], its["angle_min"])
-                assert scans[0].step == its["angle_increment"]
-                if "in_limits" in its:
+                assert scans[0].time == expected["first_stamp_ns"]
+                assert scans[0].frame == expected["frame"]
+                assert scans[0].start == expected["angle_min"]
+                assert scans[0].step == expected["angle_increment"]
+                if "in_limits" in expected:
                     hits = sum(int(np.isfinite(scan.ranges).sum()) for scan in scans)
-                    assert hits == its["in_limits"]
-            for topic, its in one["tf"].items():
-                ours = [c.id for c in bag.connections if c.topic == topic and c.type in TF_TYPES]
+                    assert hits == expected["in_limits"]
+            for topic, expected in entry["tf"].items():
+                of_tf = [c for c in bag.connections if c.type in TF_TYPES]
+                connections = [c.id for c in of_tf if c.topic == topic]
                 found = {}
-                for place in bag.index(ours):
+                for place in bag.index(connections):
                     for edge in transforms_of(decoder.message(place)):
                         name = f"{edge.parent} -> {edge.child}"
                         found[name] = found.get(name, 0) + 1
-                assert found == its
-                seen += 1
-    assert seen > 10
+                assert found == expected
+                topic_count += 1
+    assert topic_count > 10
 
 
 @pytest.mark.parametrize("form", SCANS)
 def test_made_maps_keep_every_cell_and_their_place(bags, recorded, form):
     path = bags / "made" / f"map-{form}"
-    (one,) = [b for b in recorded["bags"] if b["path"] == f"made/map-{form}"]
-    for topic, grids in one["grids"].items():
-        for index, its in enumerate(grids):
+    (entry,) = [b for b in recorded["bags"] if b["path"] == f"made/map-{form}"]
+    for topic, grids in entry["grids"].items():
+        for index, expected in enumerate(grids):
             found = read_map_from_bag(path, topic, index=index)
-            assert hashlib.sha256(found.occupancy.tobytes()).hexdigest() == its["sha256"]
-            assert found.shape == (its["height"], its["width"])
-            assert np.float32(found.resolution) == its["resolution_float32"]
-            assert list(found.origin[:2]) == its["origin_xyz"][:2]
-            turn = its["origin_quat_xyzw"]
+            assert hashlib.sha256(found.occupancy.tobytes()).hexdigest() == expected["sha256"]
+            assert found.shape == (expected["height"], expected["width"])
+            assert np.float32(found.resolution) == expected["resolution_float32"]
+            assert list(found.origin[:2]) == expected["origin_xyz"][:2]
+            turn = expected["origin_quat_xyzw"]
             assert found.origin[2] == pytest.approx(2 * np.arctan2(turn[2], turn[3]), abs=1e-12)
 
 
 @pytest.mark.parametrize("form", SCANS)
 def test_made_scans_make_the_map_of_their_log(bags, recorded, form):
-    """With the nearest transforms, or without the mount, more than 1,300 cells would differ."""
+    """Nearest instead of interpolated transforms, or no mount, would change 1,300 cells."""
     limits = {"method": "counting", "ratio": 0.0}
     found = build_map_from_bag(bags / "made" / f"scans-{form}", **limits)
-    wanted = build_map_from_log(bags / "made" / "sim.log", **limits)
-    assert found.grid.frame == wanted.grid.frame
-    np.testing.assert_array_equal(found.layers["hits"], wanted.layers["hits"])
-    np.testing.assert_array_equal(found.layers["misses"], wanted.layers["misses"])
+    expected = build_map_from_log(bags / "made" / "sim.log", **limits)
+    assert found.grid.frame == expected.grid.frame
+    np.testing.assert_array_equal(found.layers["hits"], expected.layers["hits"])
+    np.testing.assert_array_equal(found.layers["misses"], expected.layers["misses"])
     hit = int(np.count_nonzero(found.layers["hits"]))
     assert hit == recorded["made_scans_reference"]["from_sim_log"]
 
