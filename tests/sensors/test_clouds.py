@@ -23,13 +23,13 @@ ODD = [("rgb", "u8", 1), ("z", "f4", 1), ("hist", "f4", 3), ("y", "f8", 1), ("_"
 
 
 def row(x, y, z):
-    """A point with the fields of ODD."""
+    """Return a point with the fields of `ODD`."""
     return [[2**40 + 1], [z], [0.5, 1.5, -9.0], [y], [7, 8], [x]]
 
 
 @pytest.fixture
 def read(tmp_path):
-    """Read a cloud from bytes, by the name it would have."""
+    """Return a function that writes bytes to a file of a name and reads it as a cloud."""
 
     def read_bytes(name, data):
         path = tmp_path / name
@@ -42,7 +42,7 @@ def read(tmp_path):
 POINTS = [(-3, 0.1, -2.5), (0, -7e9, 0.25), (32767, math.inf, 1.0)]
 
 
-def test_a_damaged_entry_is_seen_although_not_all_of_it_is_needed(read):
+def test_damage_behind_the_used_part_of_an_entry_is_an_error(read):
     for order in "CF":
         table = np.asfortranarray(TABLE) if order == "F" else TABLE
         data = bytearray(saved(np.savez, points=table))
@@ -51,7 +51,7 @@ def test_a_damaged_entry_is_seen_although_not_all_of_it_is_needed(read):
             read("c.npz", bytes(data))
 
 
-def test_more_points_than_are_read_together(read):
+def test_clouds_larger_than_one_part_are_read_completely(read):
     points = np.random.default_rng(5).normal(size=(700_000, 3)).astype("<f4")
     head = pcd_header(XYZ, len(points), "binary")
     np.testing.assert_array_equal(read("c.pcd", head + points.tobytes()), points)
@@ -123,7 +123,7 @@ TEXTS = {
 
 
 def between_others(encoding):
-    """Two vertices behind two cameras and before a face."""
+    """Return a PLY file with its vertices after two cameras and before a face."""
     before = {"ascii": b"1 2\n3 4\n", "binary_little_endian": b"\0" * 18}.get(encoding, b"\1" * 18)
     return ply(
         [("x", "f4"), ("y", "f4")], [(1.5, -2.0)], encoding,
@@ -143,16 +143,16 @@ def tables():
 
 
 GOOD = [
-    *[(f"{one}.pcd", pcd(ODD, [row(*p) for p in POINTS], one, padding=b"\0" * 9), POINTS)
-      for one in PCD],
-    *[(f"none-{one}.pcd", pcd(XYZ, [], one), np.zeros((0, 3))) for one in PCD],
+    *[(f"{form}.pcd", pcd(ODD, [row(*p) for p in POINTS], form, padding=b"\0" * 9), POINTS)
+      for form in PCD],
+    *[(f"none-{form}.pcd", pcd(XYZ, [], form), np.zeros((0, 3))) for form in PCD],
     ("flat.pcd", FLAT, [[-2.0, 0.1], [4.0, math.nan]]),
     ("old-name.pcd", pcd(XYZ, [[[1.0], [2.0], [3.0]]]).replace(b"FIELDS", b"COLUMNS"),
      [[1.0, 2.0, 3.0]]),
     ("windows.pcd", DOS.replace(b"ascii\r\n", b"ascii\r\n# the first\r\n\r\n"), [[1.5, 2.5, 3.5]]),
-    *[(f"{one}.ply", ply(FIELDS, [(255, y, x, z, -(2**31)) for x, y, z in POINTS], one), POINTS)
-      for one in ENCODINGS],
-    *[(f"elements-{one}.ply", between_others(one), [[1.5, -2.0]]) for one in ENCODINGS],
+    *[(f"{form}.ply", ply(FIELDS, [(255, y, x, z, -(2**31)) for x, y, z in POINTS], form), POINTS)
+      for form in ENCODINGS],
+    *[(f"elements-{form}.ply", between_others(form), [[1.5, -2.0]]) for form in ENCODINGS],
     *[(f"{name}.{ending}", text, [[1.0, 2.0, 3.0], [-4.0, 50.0, 0.6]])
       for name, text in TEXTS.items() for ending in ("xyz", "TXT", "csv", "asc", "pts")],
     ("large-names.pcd", pcd(XYZ, [[[1.0], [2.0], [3.0]]]).replace(b"x y z", b"X Y Z"),
@@ -183,7 +183,7 @@ def test_large_arrays_are_read_some_rows_at_a_time(tmp_path, monkeypatch, order)
 
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_an_array_that_gets_shorter_while_it_is_read_is_an_error(tmp_path, monkeypatch, order):
-    """Through a memory map, the process would be killed."""
+    """With a memory map, the process would crash."""
     monkeypatch.setattr(arrays, "_POINTS_TOGETHER", 3)
     path = tmp_path / "c.npy"
     np.save(path, np.asarray(np.ones((100_000, 3)), order=order))
@@ -233,7 +233,7 @@ def test_all_formats_agree(tmp_path_factory, points):
 
 
 def head(**changes):
-    """A PCD header with some of its lines changed, or left out if None."""
+    """Return a PCD header with changed lines; None removes a line."""
     lines = {"FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1", "WIDTH": "1",
              "HEIGHT": "1", "POINTS": "1", "DATA": "binary", **changes}  # fmt: skip
     return "".join(f"{key} {value}\n" for key, value in lines.items() if value is not None).encode()
@@ -253,7 +253,7 @@ OBJECT_FIELD = saved(
 
 
 def deflated(shape, size, dtype="<f8", order=False):
-    """An npz that claims a table of a shape, and has so many zeros of it."""
+    """Return an npz that declares a shape but contains only a number of zeros."""
     file = io.BytesIO()
     with (
         zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
@@ -333,17 +333,17 @@ BAD = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "data", "told"), [pytest.param(*c, id=c[0]) for c in BAD])
-def test_a_cloud_that_is_wrong_is_refused(read, name, data, told):
+@pytest.mark.parametrize(("name", "data", "rule"), [pytest.param(*c, id=c[0]) for c in BAD])
+def test_invalid_clouds_are_refused(read, name, data, rule):
     with pytest.raises(MalformedInputError) as caught:
         read(name, data)
     assert name in str(caught.value)
-    assert told in str(caught.value)
+    assert rule in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_real_clouds(real_maps):
-    """Two authors wrote the same frame in two formats; bounds are those in viewers of clouds."""
+    """Two projects published one frame in two formats; bounds were read in cloud viewers."""
     frame = read_cloud(real_maps / "koide3__fast_gicp" / "251370668.pcd")
     assert frame.shape == (69088, 3)
     np.testing.assert_array_equal(frame, read_cloud(real_maps / "koide3__small_gicp/target.ply"))

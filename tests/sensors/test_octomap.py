@@ -1,4 +1,4 @@
-"""OctoMap's files against trees that are written node by node."""
+"""OctoMap's files, against trees that the test writes node by node."""
 
 import struct
 
@@ -14,7 +14,7 @@ DEPTH, RESOLUTION = 16, 0.05
 
 
 def trees(depth=3):
-    """Return nodes of up to 8 children, each a state, a node or nothing."""
+    """Return a strategy for nodes whose up to 8 children are states or nodes."""
     leaf = st.sampled_from([FREE, OCCUPIED])
     if depth == 0:
         return leaf
@@ -23,7 +23,7 @@ def trees(depth=3):
 
 
 def deep(tree, path):
-    """Put a tree below a node, many levels down."""
+    """Return a tree nested along a path of slots."""
     for slot in reversed(path):
         tree = {slot: tree}
     return tree
@@ -74,13 +74,13 @@ def file_of(tree, kind, name="OcTree"):
     st.sampled_from([("bt", "OcTree"), ("ot", "OcTree"), ("ot", "ColorOcTree")]),
 )
 def test_occupied_voxels_are_those_of_the_tree(tmp_path_factory, tree, path, kind):
-    whole = deep(tree, path)
+    deep_tree = deep(tree, path)
     file = tmp_path_factory.mktemp("trees") / f"map.{kind[0]}"
-    file.write_bytes(file_of(whole, *kind))
-    wanted = np.reshape(list(points_of(whole)), (-1, 3))
+    file.write_bytes(file_of(deep_tree, *kind))
+    expected = np.reshape(list(points_of(deep_tree)), (-1, 3))
     found = read_cloud(file)
-    assert found.shape == wanted.shape
-    assert np.allclose(found[np.lexsort(found.T)], wanted[np.lexsort(wanted.T)])
+    assert found.shape == expected.shape
+    assert np.allclose(found[np.lexsort(found.T)], expected[np.lexsort(expected.T)])
 
 
 TREE = deep({0: OCCUPIED, 3: FREE, 5: {1: OCCUPIED}}, [0] * 12)
@@ -96,9 +96,9 @@ BAD = {
 
 @pytest.mark.parametrize("name", BAD)
 def test_damaged_trees_are_refused(tmp_path, name):
-    data, told = BAD[name]
+    data, rule = BAD[name]
     (tmp_path / name).write_bytes(data)
-    with pytest.raises(MalformedInputError, match=told):
+    with pytest.raises(MalformedInputError, match=rule):
         read_cloud(tmp_path / name)
 
 

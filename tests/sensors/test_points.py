@@ -11,7 +11,7 @@ from mapdeal.sensors.points import read_named_points, read_pairs, read_points, r
 
 
 def rows_of(read):
-    """Return what reads chunks of a text as line, numbers and error of each row."""
+    """Return a function that yields line number, numbers and error of each row of chunks."""
 
     def read_rows(chunks):
         for part in read(chunks, "p.csv"):
@@ -23,13 +23,13 @@ def rows_of(read):
 
 
 def named(chunks):
-    for one in read_named_points(chunks, "p.csv"):
-        yield one.line, one.point and [one.name, *one.point], one.error
+    for parsed in read_named_points(chunks, "p.csv"):
+        yield parsed.line, parsed.point and [parsed.name, *parsed.point], parsed.error
 
 
 def pairs(chunks):
-    for one in read_pairs(chunks, "p.csv"):
-        yield one.line, one.start and [*one.start, *one.goal], one.error
+    for parsed in read_pairs(chunks, "p.csv"):
+        yield parsed.line, parsed.start and [*parsed.start, *parsed.goal], parsed.error
 
 
 POINTS, POSES = rows_of(read_points), rows_of(read_pose_lines)
@@ -45,7 +45,7 @@ def good_rows(read, *chunks):
     return [(line, row) for line, row, error in read(chunks) if error is None]
 
 
-# A text, its good rows by their lines, and what is said of the others.
+# A text, its valid rows by line number, and the errors of the other lines.
 TEXTS = {
     "points": (
         ('x, y\n1,2\n# why\n\n1,2,3\r\n[0.5, -1]\n{"y": 4, "x": 3, "name": "a"}\n-1e-3, .5\n'
@@ -85,11 +85,11 @@ TEXTS = {
 def test_a_text_is_read_wherever_it_is_cut(kind, size):
     text, rows, errors = TEXTS[kind]
     data = text.encode()
-    chunks = [data[at : at + size] for at in range(0, len(data), size)]
+    chunks = [data[start : start + size] for start in range(0, len(data), size)]
     found = dict(good_rows(READERS[kind], *chunks))
     assert list(found) == list(rows)
     for line, row in rows.items():
-        names = len(row) - sum(isinstance(one, (int, float)) for one in row)
+        names = len(row) - sum(isinstance(value, (int, float)) for value in row)
         assert found[line][:names] == row[:names]
         assert found[line][names:] == pytest.approx(row[names:], abs=1e-15)
     assert errors_of(READERS[kind], *chunks) == errors
@@ -108,9 +108,10 @@ LINES_OF_ALL_KINDS = st.sampled_from(
 @given(st.lists(LINES_OF_ALL_KINDS, max_size=9), st.booleans(), st.integers(1, 40))
 def test_lines_are_read_alike_together_and_alone(kind, lines, has_end, size):
     text, read = ("\n".join(lines) + "\n" * has_end).encode(), READERS[kind]
-    alone = repr(list(read(text.splitlines(keepends=True))))
-    assert repr(list(read([text]))) == alone
-    assert repr(list(read(text[at : at + size] for at in range(0, len(text), size)))) == alone
+    by_line = repr(list(read(text.splitlines(keepends=True))))
+    assert repr(list(read([text]))) == by_line
+    chunks = [text[start : start + size] for start in range(0, len(text), size)]
+    assert repr(list(read(chunks))) == by_line
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e9, 1e9)] * 3), min_size=1, max_size=30), st.booleans())
@@ -118,8 +119,8 @@ def test_plain_numbers_are_read_exactly(rows, has_crlf):
     end = "\r\n" if has_crlf else "\n"
     text = end.join(f"{x!r},{y!r}" for x, y, _ in rows).encode()
     assert [row for _, row in good_rows(POINTS, text)] == [[x, y] for x, y, _ in rows]
-    for between in (",", " ", "\t", " , "):
-        text = end.join(between.join(map(repr, row)) for row in rows).encode()
+    for delimiter in (",", " ", "\t", " , "):
+        text = end.join(delimiter.join(map(repr, row)) for row in rows).encode()
         assert [row for _, row in good_rows(POSES, text)] == [list(row) for row in rows]
 
 
@@ -150,9 +151,9 @@ BAD_LINES = [
 
 
 @pytest.mark.parametrize(
-    ("kind", "line", "told"), BAD_LINES, ids=lambda value: ascii(value)[:30].replace("\\", "")
+    ("kind", "line", "error"), BAD_LINES, ids=lambda value: ascii(value)[:30].replace("\\", "")
 )
-def test_a_bad_line_is_told_by_its_number(kind, line, told):
+def test_a_bad_line_is_an_error_with_its_number(kind, line, error):
     good = GOOD_LINES[kind]
     text = f"{good}\n{line}\n{good}\n".encode(errors="surrogateescape")
     assert [number for number, _ in good_rows(READERS[kind], text)] == [1, 3]
@@ -160,7 +161,7 @@ def test_a_bad_line_is_told_by_its_number(kind, line, told):
     assert list(errors) == [2]
     _, (_, row, _), _ = READERS[kind]([text])
     assert row is None or not math.isfinite(sum(row))
-    assert told in errors[2]
+    assert error in errors[2]
     assert len(errors[2]) < 150
 
 

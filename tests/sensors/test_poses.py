@@ -37,13 +37,13 @@ def test_tum_s_quaternions_about_the_vertical(tmp_path_factory, yaw, x, y):
 
 
 def test_the_heading_of_a_robot_that_leans(read):
-    """Turned by 0.3 about the vertical, then by 0.1 about its own y axis."""
+    """The rotation is 0.3 about the vertical, then 0.1 about the robot's y axis."""
     (a, b), (c, d) = ((math.sin(v / 2), math.cos(v / 2)) for v in (0.3, 0.1))
     (pose,) = read(f"0 1 2 3 {-a * c} {b * c} {a * d} {b * d}\n")
     np.testing.assert_allclose(pose, [1.0, 2.0, 0.3], atol=1e-15)
 
 
-def test_what_is_odd_is_warned_of_once(read):
+def test_unusual_poses_give_one_warning_of_each_kind(read):
     with pytest.warns(MapdealWarning, match="2 of 3 poses, the first of them pose 2.*degrees"):
         poses = read("0 0 0\n0 0 90\n0 0 -180\n")
     assert np.cos(poses[:, 2] - [0, 90, -180]) == pytest.approx(1.0)
@@ -58,7 +58,7 @@ def test_what_is_odd_is_warned_of_once(read):
 
 
 @pytest.mark.parametrize("time", ["0", "-0.0", "12.5"])
-def test_poses_without_times_are_not_scolded_for_their_order(read, time):
+def test_poses_with_a_constant_time_give_no_warning(read, time):
     poses = read("".join(f"{time} {x} 2 0 0 0 0 1\n" for x in (5, 3, 4)))  # a warning is an error
     assert poses[:, 0].tolist() == [5, 3, 4]
     far = read("-1.7e308 1 2 0 0 0 0 1\n1.7e308 3 4 0 0 0 0 1\n")
@@ -67,10 +67,10 @@ def test_poses_without_times_are_not_scolded_for_their_order(read, time):
         read("3 5 2 0 0 0 0 1\n2 5 2 0 0 0 0 1\n1 5 2 0 0 0 0 1\n")
 
 
-@pytest.mark.parametrize(("text", "told"), [
-    ("1 2 3\n1 nan 3\n", "pose 2"),  # S7
+@pytest.mark.parametrize(("text", "place"), [
+    ("1 2 3\n1 nan 3\n", "pose 2"),
     ("1 1e300 0\n", "pose 1"),
-    ("0 1 2 3 0 0 0 1\nnan 1 2 3 0 0 0 1\n", "pose 2"),  # S10
+    ("0 1 2 3 0 0 0 1\nnan 1 2 3 0 0 0 1\n", "pose 2"),
     ("0 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 0\n", "pose 2"),
     ("1 2\n", "line 1"),
     ("# a\n1 2 3\n1 2\n", "line 3"),
@@ -78,6 +78,6 @@ def test_poses_without_times_are_not_scolded_for_their_order(read, time):
     ("x y 1\n1 2 3\n", "line 1"),
     ("# none\n", "no poses"),
 ])  # fmt: skip
-def test_poses_that_are_wrong_are_refused(read, text, told):
-    with pytest.raises(MalformedInputError, match=told):
+def test_invalid_poses_are_refused(read, text, place):
+    with pytest.raises(MalformedInputError, match=place):
         read(text)

@@ -41,7 +41,7 @@ HALF = [round(1 + 0.01 * k, 2) for k in range(180)]
 
 @pytest.fixture
 def read(tmp_path):
-    """Read a log from lines; return all its poses, angles and ranges as they come."""
+    """Return a function that reads a log from lines; its parts are poses, angles and ranges."""
 
     def read_lines(*lines, max_bad=0, name="a.log", packed=False):
         data = ("\n".join(lines) + "\n").encode()
@@ -68,7 +68,7 @@ def test_flaser_has_its_readings_from_the_right_to_the_left(read, count, step, p
     assert np.degrees(angles) == pytest.approx(-90 + step * np.arange(count))
 
 
-def test_other_lines_tell_their_angles_and_reach_and_take_the_last_odometry(read):
+def test_other_lines_contain_angles_and_range_or_use_the_last_odometry(read):
     ((poses, angles, ranges),) = read(robotlaser([1.0, 49.9, 50.0, 80.0]))
     assert poses == [[1.0, -2.0, 0.5]]
     assert angles == pytest.approx([-0.7, -0.68, -0.66, -0.64])
@@ -85,7 +85,7 @@ def test_other_lines_tell_their_angles_and_reach_and_take_the_last_odometry(read
     assert ranges == [[1.0], [2.0], [3.0]]
 
 
-def test_scanners_that_change_come_in_parts(read):
+def test_scans_of_different_scanners_come_in_separate_parts(read):
     parts = read(
         robotlaser([1.0] * 3), robotlaser([2.0] * 4, time=8), robotlaser([3.0] * 4, time=9)
     )
@@ -93,21 +93,21 @@ def test_scanners_that_change_come_in_parts(read):
     assert [len(part[1]) for part in parts] == [3, 4]
 
 
-@pytest.mark.parametrize(("lines", "told", "kept"), [
+@pytest.mark.parametrize(("lines", "warning", "expected"), [
     ([odom(0, 0, 0), rawlaser([1.0]), robotlaser([2.0]), rawlaser([1.0])],
      "2 lines of RAWLASER1 are not used beside those of ROB", [[2.0]]),
     ([robotlaser([2.0]), robotlaser([2.0]), robotlaser([2.0], time=8)],
      "1 of 3 scans repeat the one before, dropped", [[2.0], [2.0]]),
     ([rawlaser([1.0]), odom(1, 2, 3), rawlaser([2.0], time=8), rawlaser([3.0], time=9)],
      "1 scans have no ODOM line", [[2.0], [3.0]]),
-], ids=["one kind counts", "repeated", "S10-no-pose"])  # fmt: skip
-def test_scans_that_are_dropped_are_warned_of(read, lines, told, kept):
-    with pytest.warns(MapdealWarning, match=told):
+], ids=["one kind counts", "repeated", "no pose"])  # fmt: skip
+def test_dropped_scans_give_a_warning(read, lines, warning, expected):
+    with pytest.warns(MapdealWarning, match=warning):
         ((_, _, ranges),) = read(*lines)
-    assert ranges == kept
+    assert ranges == expected
 
 
-def test_a_log_without_a_pose_for_half_of_its_scans_is_refused_s10(read):
+def test_a_log_without_a_pose_for_half_of_its_scans_is_refused(read):
     line = rawlaser([1.0])
     with pytest.raises(MalformedInputError, match="2 of 3"):
         read(line, line, odom(1, 2, 3), rawlaser([2.0], time=8))
@@ -122,7 +122,7 @@ def test_a_long_log_comes_in_parts_of_few_readings(read):
     assert max(len(ranges) * len(ranges[0]) for _, _, ranges in parts) <= 1 << 18
 
 
-def test_what_stands_before_a_tag_and_long_lines_that_are_no_scans_do_not_matter(read):
+def test_blanks_before_tags_and_long_other_lines_are_ignored(read):
     noise = ["# " + "x" * 3_000_000, "OTHER " + "FLASER 180 " * 200_000]
     for before in ("  ", "\t", "\ufeff", " \t "):
         first, second = flaser(HALF, time=1), flaser(HALF, time=2).replace("FLASER ", "FLASER\t")
@@ -139,12 +139,12 @@ def test_a_log_whose_lines_are_all_bad_names_the_first(read):
 
 @pytest.mark.parametrize("time", [0, 0.0, 7.5])
 @pytest.mark.parametrize("line", [flaser, robotlaser])
-def test_a_log_without_times_is_not_scolded_for_their_order(read, line, time):
+def test_a_log_with_a_constant_time_gives_no_warning(read, line, time):
     lines = [line(HALF, (k, 0, 0), time=time) for k in range(3)]
     ((poses, _, _),) = read(*lines)  # a warning is an error
     assert [pose[0] for pose in poses] == [0.0, 1.0, 2.0]
     with pytest.warns(MapdealWarning, match="2 of 4 scans are not later"):
-        read(*lines, line(HALF, (3, 0, 0), time=8))  # it has a time: so the others do
+        read(*lines, line(HALF, (3, 0, 0), time=8))  # times that differ count
 
 
 BAD_LINES = [
@@ -164,13 +164,13 @@ BAD_LINES = [
 ]
 
 
-@pytest.mark.parametrize(("line", "told"), [pytest.param(*c, id=name) for name, *c in BAD_LINES])
-def test_a_bad_line_is_named_and_passed_over_up_to_a_number(read, line, told):
+@pytest.mark.parametrize(("line", "rule"), [pytest.param(*c, id=name) for name, *c in BAD_LINES])
+def test_bad_lines_are_skipped_up_to_max_bad_and_named(read, line, rule):
     good = robotlaser(HALF, (4, 5, 6)) if line.startswith("R") else flaser(HALF, (4, 5, 6))
     with pytest.raises(MalformedInputError) as caught:
         read("# log", good, line, max_bad=0)
     assert "line 3: " in str(caught.value)
-    assert told in str(caught.value)
+    assert rule in str(caught.value)
     assert "--max-bad" in caught.value.hint
     with pytest.warns(MapdealWarning, match=r"1 malformed lines ignored: line 3: "):
         ((poses, _, _),) = read("# log", good, line, max_bad=1)
@@ -178,22 +178,22 @@ def test_a_bad_line_is_named_and_passed_over_up_to_a_number(read, line, told):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("data", "told"), [
+@pytest.mark.parametrize(("data", "rule"), [
     (b"", "FLASER"),
     (gzip.compress(flaser(HALF).encode() * 50)[:200], "gzip"),
     (b"\x1f\x8bhello", "gzip"),
     (b"FLASER " + b"1 " * 40_000 + b"\n", "line 1"),
     (gzip.compress(b"#\n" * 8_000_000), "expand"),
 ], ids=["empty", "gz cut", "gz damaged", "long line", "gz bomb"])  # fmt: skip
-def test_what_is_no_log_is_refused(tmp_path, data, told):
+def test_invalid_logs_are_refused(tmp_path, data, rule):
     (tmp_path / "a.log").write_bytes(data)
-    with pytest.raises(MalformedInputError, match=told):
+    with pytest.raises(MalformedInputError, match=rule):
         list(open_log(tmp_path / "a.log").scans())
 
 
 @pytest.fixture
 def texts(tmp_path):
-    """Read scans from the texts of three files."""
+    """Return a function that reads scans from the texts of three files."""
 
     def read_texts(poses, angles, ranges, **options):
         paths = [tmp_path / name for name in ("pose.txt", "angles.txt", "ranges.txt")]
@@ -219,17 +219,17 @@ def test_three_texts(texts):
     assert flipped[:2] == [[[1.0, -2.0, -4.7], [3.0, -4.0, 0.5]], angles]
 
 
-@pytest.mark.parametrize(("poses", "angles", "ranges", "told"), [
+@pytest.mark.parametrize(("poses", "angles", "ranges", "rule"), [
     (POSES, ANGLES, "1,2,3\n", "after 1 scans"),
     (POSES, ANGLES, RANGES + "1,2,3\n", "more lines"),
-    (POSES, ANGLES, "1,2,3\n1,2\n", "ranges.txt: line 2"),  # S9
+    (POSES, ANGLES, "1,2,3\n1,2\n", "ranges.txt: line 2"),
     (POSES, "0,1\n2,3\n", RANGES, "angles.txt"),
     (POSES, "0,nan,1\n", RANGES, "angle 2"),
     (POSES, "", RANGES, "no angles"),
     (POSES, ANGLES, "1,2,3\n1,b,3\n", "ranges.txt: line 2"),
 ])  # fmt: skip
-def test_texts_that_do_not_fit_are_refused(texts, poses, angles, ranges, told):
-    with pytest.raises(MalformedInputError, match=told):
+def test_texts_of_different_sizes_are_refused(texts, poses, angles, ranges, rule):
+    with pytest.raises(MalformedInputError, match=rule):
         texts(poses, angles, ranges)
 
 
@@ -254,7 +254,7 @@ def test_an_npz_of_scans(tmp_path, order):
         assert [array.tolist() for array in part[:3]] == [a.tolist() for a in SCANS.values()]
 
 
-@pytest.mark.parametrize(("changes", "told"), [
+@pytest.mark.parametrize(("changes", "rule"), [
     ({"poses": None}, "poses: missing"),
     ({"angles": np.zeros((4, 1))}, "angles"),
     ({"ranges": np.array([["a"] * 4] * 2)}, "ranges"),
@@ -264,9 +264,9 @@ def test_an_npz_of_scans(tmp_path, order):
     ({"angles": np.zeros(0), "ranges": np.zeros((2, 0))}, "angles"),
     ({"poses": np.zeros((0, 3)), "ranges": np.zeros((0, 4))}, "poses"),
 ])  # fmt: skip
-def test_an_npz_that_is_wrong_is_refused(tmp_path, changes, told):
+def test_an_invalid_npz_is_refused(tmp_path, changes, rule):
     arrays = {k: v for k, v in {**SCANS, **changes}.items() if v is not None}
-    with pytest.raises(MalformedInputError, match=told):
+    with pytest.raises(MalformedInputError, match=rule):
         list(npz_of(tmp_path, arrays).scans())
 
 
@@ -277,8 +277,8 @@ def test_real_logs(real_maps):
         parts = list(open_log(folder / name).scans())
         assert sum(len(part.poses) for part in parts) == count
         packed = list(open_log(folder / f"{name}.gz").scans())
-        for part, other in zip(parts, packed, strict=True):
-            assert all(np.array_equal(a, b) for a, b in zip(part, other, strict=True))
+        for part, packed_part in zip(parts, packed, strict=True):
+            assert all(np.array_equal(a, b) for a, b in zip(part, packed_part, strict=True))
     ranges = np.concatenate([p.ranges for p in open_log(folder / "intel-corrected.log").scans()])
     assert (ranges == 81.83).mean() == pytest.approx(0.025, abs=0.001)
 
@@ -296,8 +296,8 @@ WRITERS = {
 }
 
 
-def _told(path):
-    """Return what a log holds, what it warns of, and how it ends."""
+def results_of(path):
+    """Return a log's parts, its warnings and its error, as one text."""
     parts, error = [], None
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -305,13 +305,13 @@ def _told(path):
             log = carmen.CarmenLog(path, max_bad=3)
             parts.extend([array.tolist() for array in part[:3]] for part in log.scans())
             log.warn()
-        except MalformedInputError as told:
-            error = str(told)
-    return repr((parts, [str(one.message) for one in caught], error))
+        except MalformedInputError as malformed:
+            error = str(malformed)
+    return repr((parts, [str(warning.message) for warning in caught], error))
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-def test_lines_of_one_scanner_are_taken_at_once(kind):
+def test_lines_of_one_scanner_are_parsed_together(kind):
     lines = [WRITERS[kind](time).encode() for time in ("2.5", "3", "1e1")]
     scans = carmen._scans_at_once(lines)
     assert scans is not None
@@ -333,16 +333,16 @@ def test_lines_of_one_scanner_are_taken_at_once(kind):
     st.booleans(),
 )
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-def test_lines_of_a_log_are_read_at_once_as_word_by_word(tmp_path, lines, has_odometry):
+def test_lines_parsed_together_equal_lines_parsed_word_by_word(tmp_path, lines, has_odometry):
     text = "ODOM 1 2 0.5 0 0 0 1 host 1\n" if has_odometry else ""
     for kind, time, changed, blank, end in lines:
         words = WRITERS[kind](time).split()
-        for place, word in changed.items():
-            words[place % len(words)] = word
+        for index, word in changed.items():
+            words[index % len(words)] = word
         text += blank.join(words) + end + "\n"
     path = tmp_path / "a.log"
     path.write_bytes(text.encode())
-    at_once = _told(path)
+    at_once = results_of(path)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(carmen, "_scans_at_once", lambda _: None)
-        assert _told(path) == at_once
+        assert results_of(path) == at_once

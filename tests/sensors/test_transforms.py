@@ -1,4 +1,4 @@
-"""Files with a transform: those of align, those of a person, and those that hold none."""
+"""Transforms in files of align and in files written by hand, and files without a transform."""
 
 import json
 import math
@@ -33,13 +33,13 @@ def test_a_document_of_align_says_between_which_maps(tmp_path):
     assert (found.first, found.second) == ({"a.pgm": "0" * 64}, {"b.pgm": "f" * 64})
 
 
-@pytest.mark.parametrize(("value", "told"), [
+@pytest.mark.parametrize(("value", "rule"), [
     ({"x": 1, "y": 2}, "must have a key yaw"),
     ({"x": 1, "y": "2", "yaw": 0}, "must be a number"),
     ('{"x": 1, "y": 1e400, "yaw": 0}', "must be a number from"),
     ('{"x": NaN, "y": 0, "yaw": 0}', "NaN is not a JSON number"),
     ({"transform": {"x": 1, "y": 2, "yaw": 0}, "first": {"sha256": {"a": "1"}}}, "sha256"),
 ])  # fmt: skip
-def test_what_holds_no_transform_is_refused(tmp_path, value, told):
-    with pytest.raises(MalformedInputError, match=told):
+def test_files_without_a_transform_are_refused(tmp_path, value, rule):
+    with pytest.raises(MalformedInputError, match=rule):
         read_transform(written(tmp_path, value))
