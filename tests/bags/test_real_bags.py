@@ -41,8 +41,8 @@ def test_topics_counts_and_times_are_those_recorded(bags, recorded):
         for topic, expected in topics.items():
             assert types[topic] == normalised_type(expected["type"])
         if entry.get("messages"):
-            first = min(topic.first for topic in summary.values() if topic.count)
-            last = max(topic.last for topic in summary.values())
+            first = min(messages.first for messages in summary.values() if messages.count)
+            last = max(messages.last for messages in summary.values())
             assert (first, last + 1) == (entry["start_ns"], entry["end_ns"])
 
 

@@ -169,14 +169,14 @@ def test_a_wildcard_beside_a_robot_in_a_namespace_does_not_hide_it(cost):
     wildcard = "/**:\n  ros__parameters:\n    robot_radius: 0.3\n"
     found, err = cost(wildcard + ROBOT1)
     assert found.cost.tolist() == [[254, 0, 0, 0, 255, 255, 0]]
-    assert "its nodes are in the namespace robot1, which is taken" in err
+    assert "uses the namespace robot1, the only one with such a node" in err
     err = cost(wildcard + ROBOT1 + ROBOT1.replace("robot1", "robot2"), expected=3)[1]
     assert "holds several robots, in the namespaces robot1, robot2" in err
     found, err = cost(wildcard + ROBOT1, "--namespace", "/")  # the root node: default layers
     assert found.cost[0, 4] != 255
     assert "robot1" not in err
     err = cost(wildcard + ROBOT1, "--costmap", "local", expected=3)[1]
-    assert "--costmap global takes the one that it has" in err
+    assert "--costmap global selects the costmap that the files have" in err
     err = cost(ROBOT1, "--namespace", "/")[1]
     assert "no parameters of /global_costmap/global_costmap: it has Nav2's defaults" in err
 

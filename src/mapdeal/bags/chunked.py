@@ -285,7 +285,7 @@ class Ros1Bag(ChunkedBag):
                 self._warn_of_early_end(f" ({error})")
                 return
         if not self._has_summary and self._chunks:
-            self.remark("has no index, as left by a recorder that was killed; it is read all")
+            self.remark("has no index, as left by a recorder that was killed; all records are read")
 
     def _walk_record(self, position: int) -> int:
         """Read the record at a position, and return the position of the next one."""

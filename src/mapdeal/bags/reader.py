@@ -135,13 +135,13 @@ class FolderBag(Bag):
         if not storage:
             return self._guess(f"{METADATA} names no storage, as ros2 bag reindex leaves it")
         if storage not in _STORAGES:
-            raise fields["storage_identifier"].error("must be sqlite3 or mcap: others are not read")
+            raise fields["storage_identifier"].error("must be sqlite3 or mcap")
         mode = _text_of(fields, "compression_mode").lower() or "none"
         compression = _text_of(fields, "compression_format").lower()
         if mode not in ("none", "file", "message", "storage"):
             raise fields["compression_mode"].error("must be none, file or message")
         if mode in ("file", "message") and compression != "zstd":
-            raise fields["compression_mode"].error("can be read with compression_format zstd alone")
+            raise fields["compression_mode"].error("requires compression_format zstd")
         names = self._present_files(fields["relative_file_paths"])
         return _Metadata(storage, names, mode, _serializations(fields))
 

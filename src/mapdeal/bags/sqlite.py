@@ -225,7 +225,7 @@ class SqliteBag(Bag):
         except sqlite3.Error as error:
             raise self._error(error) from None
         except (TypeError, ValueError, OverflowError):
-            raise self.malformed("is damaged: a table holds what it must not") from None
+            raise self.malformed("is damaged: a table contains values of a wrong type") from None
 
 
 @contextmanager

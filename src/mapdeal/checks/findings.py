@@ -109,11 +109,11 @@ declare_check("file.access", "error", "a file is missing or cannot be read")
 declare_check("file.malformed", "error", "a file breaks its format's rules")
 declare_check("yaml.defaults", "warning", "negate or a threshold is missing; ROS requires them")
 declare_check("yaml.number-as-text", "warning", "a number such as 5e-2 that YAML 1.1 reads as text")
-declare_check("yaml.nan-yaw", "error", "a yaw that is not a number, which some map savers write")
-declare_check("yaml.legacy-mode", "warning", "the mode is written in an old way")
+declare_check("yaml.nan-yaw", "error", "a yaw of nan, which some map savers write")
+declare_check("yaml.legacy-mode", "warning", "the mode is in an outdated form")
 declare_check("thresholds.equal", "warning", "free_thresh equals occupied_thresh")
-declare_check("image.foreign-path", "warning", "the image's path only makes sense elsewhere")
-declare_check("image.lossy", "warning", "the image is a JPEG: greys may have moved")
+declare_check("image.foreign-path", "warning", "the path of the image is that of another machine")
+declare_check("image.lossy", "warning", "the image is a JPEG: greys may have changed")
 declare_check("image.orientation", "warning", "an EXIF orientation that ROS does not apply")
 declare_check("image.depth", "warning", "16-bit colour, of which 8 bits were read")
 declare_check("image.transparent-colour", "warning", "a transparent colour (PNG tRNS)")
@@ -126,24 +126,20 @@ declare_check(
 declare_check("map.view", "warning", "a 0..100 view of a distance field, which is not a map")
 declare_check("graph.refused", "error", "a graph that Nav2's route server refuses to load")
 declare_check(
-    "graph.missing-end", "error", "an edge that begins or ends at no node: all is refused"
+    "graph.missing-end", "error", "an edge without a start or end node: Nav2 refuses the file"
 )
 declare_check("graph.double-id", "error", "two nodes, or two edges, with the same id")
 declare_check("graph.shared-id", "warning", "a node and an edge with the same id")
-declare_check(
-    "graph.whole-number", "error", "a whole number where a scorer asks for a float: it throws"
-)
+declare_check("graph.whole-number", "error", "an integer where a scorer reads a float: it throws")
 declare_check("graph.mixed-limits", "warning", "speed_limit on some edges and not on all")
 declare_check("graph.other-frame", "error", "coordinates of another frame than the map's")
-declare_check(
-    "graph.node-closed", "error", "a node in an obstacle, in unknown space, or too near to one"
-)
-declare_check("graph.edge-blocked", "error", "an edge on which the robot hits something")
-declare_check("graph.one-way", "warning", "nodes that can be entered, but not left, or the reverse")
+declare_check("graph.node-closed", "error", "a node in an obstacle or unknown space, or too near")
+declare_check("graph.edge-blocked", "error", "an edge along which the robot collides")
+declare_check("graph.one-way", "warning", "nodes that can be only entered or only left")
 declare_check("graph.parts", "warning", "parts of a graph that are not connected")
 declare_check("lint.not-checked", "error", "a map that could not be checked: no memory, or a bug")
 declare_check(
-    "lint.unused-ignore", "note", "a comment that ignores nothing, or names a check that is none"
+    "lint.unused-ignore", "note", "an ignore comment without effect, or with an unknown check"
 )
 
 

@@ -46,7 +46,7 @@ from mapdeal.ros.robot import CostmapName
 
 LEFT_OUT = "lint.left-out"
 
-declare_check(LEFT_OUT, "note", "a check that takes more memory than it may was left out")
+declare_check(LEFT_OUT, "note", "a check was skipped because it needs too much memory")
 
 _LARGEST_PARAMETERS = 1 << 20  # bytes of a robot's parameter file
 

@@ -73,7 +73,7 @@ def readers_differ(facts: PairFacts) -> Iterator[Remark]:
             yield Remark(text, places=facts.places_of_greys(pixels.differing_greys[name]))
 
 
-@check("image.ending", "note", "an image whose name ends as another format does")
+@check("image.ending", "note", "an image with the suffix of another format")
 def ending(facts: PairFacts) -> Iterator[Remark]:
     """Compare the file's suffix with its contents; readers go by the contents."""
     suffix, kind = facts.image_path.suffix.lower(), facts.kind.file_format
@@ -81,7 +81,7 @@ def ending(facts: PairFacts) -> Iterator[Remark]:
         yield Remark(f"{facts.image_path.name} is a {kind} image", "image")
 
 
-@check("image.maxval", "warning", "a brightness that does not end at 255")
+@check("image.maxval", "warning", "a maximum brightness other than 255")
 def maxval(facts: PairFacts) -> Iterator[str]:
     if facts.kind.file_format == "PNM" and facts.kind.maxval not in (1, 255):
         yield f"maxval is {facts.kind.maxval}: not all readers scale it"
@@ -110,7 +110,7 @@ def colour(facts: PairFacts) -> Iterator[str]:
         yield f"{count} pixels ({share}) are coloured; readers make grey of them differently"
 
 
-@check("image.palette", "warning", "an image with a palette, of which ROS 1 reads the indices")
+@check("image.palette", "warning", "an image with a palette: ROS 1 reads its indices as greys")
 def palette(facts: PairFacts) -> Iterator[str]:
     if facts.kind.colour == "palette" and facts.kind.file_format != "BMP":
         yield "ROS 1 reads indices of the palette, not colours"
@@ -142,7 +142,7 @@ _DARKER_THAN_UNKNOWN = 0.05  # least difference in shade of a wall from the dark
 _MOST_FADED = 0.25
 
 
-@check("map.faded-walls", "warning", "walls that are too light to be obstacles, a quarter or more")
+@check("map.faded-walls", "warning", "a quarter or more of the walls are too light to be obstacles")
 def faded_walls(facts: PairFacts) -> Iterator[Remark]:
     """Count the pixels that are darker than greys for unknown, but too light to be occupied."""
     if facts.metadata.mode != "trinary":
@@ -171,7 +171,7 @@ def cartographer(facts: PairFacts) -> Iterator[str]:
         yield f"{count} pixels have grey 128, Cartographer's unknown"
 
 
-@check("image.comment-resolution", "warning", "a resolution in the image that is not the YAML's")
+@check("image.comment-resolution", "warning", "a resolution in the image other than the YAML's")
 def comment_resolution(facts: PairFacts) -> Iterator[Remark]:
     """Read the comments that map_saver and Cartographer write into the image's header."""
     for comment in facts.comments:
@@ -200,7 +200,7 @@ def no_free(facts: GridFacts) -> Iterator[str]:
         yield "no cell is free; are the thresholds and negate right?"
 
 
-@check("map.all-unknown", "error", "a map of which nothing is known")
+@check("map.all-unknown", "error", "a map with unknown cells only")
 def all_unknown(facts: GridFacts) -> Iterator[str]:
     if facts.cells.counts["unknown"] == facts.cells.size:
         yield NOTHING_KNOWN
@@ -256,7 +256,7 @@ def islands(facts: GridFacts) -> Iterator[Remark]:
         yield Remark(text, places=facts.places(cells))
 
 
-@check("map.specks", "note", "small patches of free space apart from the rest")
+@check("map.specks", "note", "small isolated patches of free space")
 def specks(facts: GridFacts) -> Iterator[Remark]:
     """Count the smaller components, mostly caused by stray beams."""
     sizes, counts = facts.other_components
@@ -287,7 +287,7 @@ _MOST_PASSAGES, _MOST_PLACES = 10, 20
 @check(
     "map.disconnected",
     "warning",
-    "areas that only a passage too narrow for the robot joins; with a robot's shape alone",
+    "areas joined only by passages too narrow for the robot; needs a robot's shape",
 )
 def disconnected(facts: RoomFacts) -> Iterator[Remark]:
     from mapdeal.grid.reaching import disconnected as passages_between
@@ -340,7 +340,7 @@ def image_unquoted(facts: PairFacts) -> Iterator[Remark]:
 
 
 @check("yaml.resolution-noise", "warning",
-       "a resolution with the noise of rounding: 0.05000000074505806")  # fmt: skip
+       "a resolution with rounding noise, such as 0.05000000074505806")  # fmt: skip
 def resolution_noise(facts: PairFacts) -> Iterator[Remark]:
     """Report the exact decimal: cells are displaced from those of maps with that resolution."""
     value = facts.metadata.resolution
@@ -358,7 +358,7 @@ def resolution_unusual(facts: PairFacts) -> Iterator[Remark]:
         yield Remark(f"{value:g} m per cell is unusual; is the unit right?", "resolution")
 
 
-@check("yaml.origin-noise", "note", "an origin with the noise of rounding, as -10.000000149011612")
+@check("yaml.origin-noise", "note", "an origin with rounding noise, such as -10.000000149011612")
 def origin_noise(facts: PairFacts) -> Iterator[Remark]:
     for name, value in zip(("x", "y", "yaw"), facts.metadata.origin, strict=True):
         plain = without_rounding_noise(value)
@@ -366,7 +366,7 @@ def origin_noise(facts: PairFacts) -> Iterator[Remark]:
             yield Remark(f"{name} {value!r} is {plain!r} with the noise of rounding", "origin")
 
 
-@check("yaml.origin-yaw", "warning", "a map that is turned, which costmap_2d and AMCL ignore")
+@check("yaml.origin-yaw", "warning", "a map with a yaw, which costmap_2d and AMCL ignore")
 def origin_yaw(facts: PairFacts) -> Iterator[Remark]:
     yaw = facts.metadata.origin[2]
     if yaw:
@@ -390,7 +390,7 @@ def origin_far(facts: PairFacts) -> Iterator[Remark]:
         yield Remark(f"32-bit floats have steps of {step:g} m there", "origin")
 
 
-@check("image.absolute-path", "warning", "an absolute path, which holds on one machine")
+@check("image.absolute-path", "warning", "an absolute path, which is valid on one machine only")
 def absolute_path(facts: PairFacts) -> Iterator[Remark]:
     name = facts.metadata.image
     if PurePosixPath(name).is_absolute() or PureWindowsPath(name).is_absolute():
@@ -428,7 +428,7 @@ declare_check(
 declare_check(
     "run.uniform-cost",
     "warning",
-    "costs that say nothing: one for nearly all cells, or no cell open",
+    "uninformative costs: nearly all cells have the same, or none is open",
 )
 
 

@@ -54,14 +54,14 @@ def elsewhere(facts: MaskFacts) -> Iterator[Remark]:
         yield Remark(f"covers no known cell of {facts.map_name}: it lies elsewhere", "origin")
 
 
-@check("mask.part", "warning", "a mask that does not cover all that the map knows")
+@check("mask.part", "warning", "a mask that does not cover all known cells of the map")
 def part(facts: MaskFacts) -> Iterator[Remark]:
     if 0 < facts.covered < 1:
         share = f"{math.floor(1000 * facts.covered) / 10:g} %"
         yield Remark(f"covers {share} of the known cells of {facts.map_name}", "image")
 
 
-@check("mask.nothing", "error", "a mask that its mode and thresholds turn into nothing")
+@check("mask.nothing", "error", "a mask whose mode and thresholds leave no zone")
 def nothing(facts: MaskFacts) -> Iterator[Remark]:
     counts = histogram(facts.mask.occupancy)
     if counts[FREE + 1 : OCCUPIED + 1].any():
@@ -90,7 +90,7 @@ def all_or_nothing(facts: MaskFacts) -> Iterator[Remark]:
         yield Remark(f"{text}; write mode: scale, with thresholds 1.0 and 0.0", "mode")
 
 
-@check("mask.no-limit", "warning", "zones of a speed mask that Nav2 takes for no limit")
+@check("mask.no-limit", "warning", "zones of a speed mask that Nav2 reads as 'no limit'")
 def no_limit(facts: MaskFacts) -> Iterator[Remark]:
     if facts.info.kind != "speed":
         return
@@ -103,7 +103,7 @@ def no_limit(facts: MaskFacts) -> Iterator[Remark]:
             yield Remark(f"{text}is no limit to Nav2", places=places)
 
 
-@check("mask.unknown", "warning", "unknown cells in a speed mask, in which the last limit stays")
+@check("mask.unknown", "warning", "unknown cells in a speed mask, where the last limit persists")
 def unknown_in_mask(facts: MaskFacts) -> Iterator[Remark]:
     unknown = np.asarray(facts.mask.occupancy) == UNKNOWN
     count = int(np.count_nonzero(unknown))

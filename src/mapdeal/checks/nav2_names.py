@@ -33,7 +33,7 @@ _MOST_NAMES, _LONGEST_NAME = 1000, 60
 """Limits of the search for misspelt names, which compares each name with all known ones."""
 
 
-@check("params.renamed", "warning", "a name that Nav2 has changed, and no longer reads")
+@check("params.renamed", "warning", "a parameter that Nav2 has renamed")
 def renamed(facts: ParameterFacts) -> Iterator[Remark]:
     """Check obstacle layers and the costmap; layers of other packages use the old names."""
     layers = {name for name, plugin in facts.plugins if _class_name(plugin) in _OBSTACLE_LAYERS}
@@ -47,7 +47,7 @@ def renamed(facts: ParameterFacts) -> Iterator[Remark]:
 
 
 @check("params.planner-misspelt", "warning",
-       "a name in a planner's section that is nearly that of a parameter")  # fmt: skip
+       "a misspelt parameter of a planner")  # fmt: skip
 def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
     classes = _planner_classes(facts.values)
     of_any_planner = set().union(*PLANNER_PARAMETERS.values())

@@ -140,7 +140,7 @@ def two_inflations(facts: RobotFacts) -> Iterator[Remark]:
         yield Remark(text, at=facts.value("plugins"))
 
 
-@check("params.layer-disabled", "note", "a layer that is listed, and switched off")
+@check("params.layer-disabled", "note", "a listed layer that is switched off")
 def layer_disabled(facts: RobotFacts) -> Iterator[Remark]:
     for listed in facts.robot.layers:
         is_inflation = listed.layer is not None and listed.layer.spreads
@@ -193,7 +193,7 @@ def _nested_names(facts: ParameterFacts) -> Iterator[str]:
                 yield from (name for name in value.value if isinstance(name, str))
 
 
-@check("params.misspelt", "warning", "a name that is nearly that of a parameter")
+@check("params.misspelt", "warning", "a misspelt parameter")
 def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
     unknown = 0
     for section, known in _scopes(facts):
@@ -219,7 +219,7 @@ def _scopes(facts: ParameterFacts) -> Iterator[tuple[dict[Name, ParameterValue],
             yield {path: value for path, value in section.items() if len(path) == 2}, known
 
 
-@check("params.misplaced", "warning", "a parameter where nobody reads it")
+@check("params.misplaced", "warning", "a parameter at a level where it has no effect")
 def misplaced(facts: ParameterFacts) -> Iterator[Remark]:
     inflations = [name for name, kind in facts.plugins if kind.endswith("InflationLayer")]
     for path, value in facts.values.items():
@@ -233,7 +233,7 @@ def misplaced(facts: ParameterFacts) -> Iterator[Remark]:
                 yield Remark(text, at=value)
 
 
-@check("params.without-effect", "note", "parameters of ROS 1 that a list of plugins makes useless")
+@check("params.without-effect", "note", "ROS 1 parameters without effect beside a list of plugins")
 def without_effect(facts: ParameterFacts) -> Iterator[Remark]:
     """Report parameters of costmaps before Hydro, as ``warnForOldParameters``."""
     if facts.flavour != "ros1" or ("plugins",) not in facts.values:
@@ -250,26 +250,26 @@ _DECLARED: tuple[tuple[str, Severity, str], ...] = (
     ("syntax", "error", "a parameter file that ROS cannot read"),
     ("alias", "warning", "an alias in a Nav2 file, which only nav2_bringup's launch files replace"),
     ("other-kind", "error", "a file of another kind, such as a map or a recipe"),
-    ("empty", "error", "a parameter without a value, at which roslaunch ends"),
+    ("empty", "error", "a parameter without a value: roslaunch exits"),
     ("name", "error", "a name that is not text"),
     ("type", "error", "a value of a type that ROS refuses"),
     ("silent-default", "warning",
      "a value of a wrong type in ROS 1, which silently takes its default, or rounds a number"),
     ("not-finite", "error", "a number that is not finite"),
-    ("not-positive", "error", "a number that must be above 0, or not below it"),
-    ("range", "warning", "a number out of its range, which ROS moves into it, or takes as it is"),
-    ("substitution", "error", "a value that a launch file would fill in"),
-    ("namespace", "error", "no costmap of the name that is asked for, or several"),
-    ("other-costmap", "warning", "a file of ROS 1 that is left out, as one of another costmap"),
+    ("not-positive", "error", "a number that must be positive, or not negative"),
+    ("range", "warning", "a number out of range, which ROS clamps or accepts"),
+    ("substitution", "error", "a value that a launch file would substitute"),
+    ("namespace", "error", "no costmap of the requested name, or several"),
+    ("other-costmap", "warning", "a ROS 1 file that is ignored, as it belongs to another costmap"),
     ("footprint", "error", "a footprint that ROS refuses"),
-    ("footprint-unused", "warning", "a footprint that ROS passes over"),
-    ("outline", "warning", "a footprint that crosses itself, or is not around (0, 0)"),
+    ("footprint-unused", "warning", "a footprint that ROS ignores"),
+    ("outline", "warning", "a footprint that crosses itself, or does not contain (0, 0)"),
     ("no-shape", "warning", "neither a footprint nor a radius"),
-    ("too-large", "error", "a footprint that reaches farther than a kilometre"),
+    ("too-large", "error", "a footprint with points farther than a kilometre"),
     ("plugins", "error", "layers that cannot be loaded"),
     ("old-plugins", "warning",
      "a list of layers in the form of ROS 1 or Eloquent, which Nav2 does not read"),
-    ("not-modelled", "warning", "a layer that mapdeal does not know, and leaves out"),
+    ("not-modelled", "warning", "a layer that mapdeal does not model, and leaves out"),
     ("erases-map", "warning", "an obstacle layer that replaces the map by free space"),
     ("footprint-clearing", "note", "a static layer that frees the cells below the robot"),
     ("inflation-radius", "error", "an inflation radius below the robot's inscribed radius"),
@@ -277,14 +277,14 @@ _DECLARED: tuple[tuple[str, Severity, str], ...] = (
     ("asymmetric", "note", "inflation that depends on the path, which a map does not have"),
     ("no-static-layer", "warning", "a global costmap whose layers do not read the map"),
     ("other-map", "warning", "static layers that read different maps: all get the one here"),
-    ("only-namespace", "warning", "a robot in a namespace that was not asked for"),
-    ("defaults", "warning", "the root node, of which the files say nothing: Nav2's defaults count"),
-    ("no-node", "error", "a Nav2 file that says nothing of the costmap"),
-    ("one-level", "error", "a costmap of Nav2 that is not nested twice, and so applies to no node"),
-    ("hidden", "warning", "a later value that ROS 2 ignores for its type"),
-    ("overridden", "warning", "a value that another one takes the place of"),
-    ("twice", "warning", "a key given twice, with different values"),
-    ("repeated", "note", "a key given twice, with one value"),
+    ("only-namespace", "warning", "a robot in a namespace that was not requested"),
+    ("defaults", "warning", "a root node without parameters in the files: Nav2's defaults apply"),
+    ("no-node", "error", "a Nav2 file without parameters of the costmap"),
+    ("one-level", "error", "a Nav2 costmap that is not nested twice: it applies to no node"),
+    ("hidden", "warning", "a later value that ROS 2 ignores because of its type"),
+    ("overridden", "warning", "a layer's value that the costmap's own overrides"),
+    ("twice", "warning", "a repeated key with different values"),
+    ("repeated", "note", "a repeated key with equal values"),
 )  # fmt: skip
 for _name, _severity, _about in _DECLARED:
     declare_check(f"params.{_name}", _severity, _about)
@@ -392,7 +392,7 @@ def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
         )
 
 
-@check("params.inflation-defaults", "note", "an inflation layer that leaves ROS's defaults")
+@check("params.inflation-defaults", "note", "an inflation layer with ROS's default values")
 def inflation_defaults(facts: RobotFacts) -> Iterator[Remark]:
     for layer in facts.robot.inflation_layers:
         defaults = [
@@ -410,7 +410,7 @@ def inflation_defaults(facts: RobotFacts) -> Iterator[Remark]:
 
 
 @check("params.radius-and-footprint", "warning",
-       "a robot_radius beside a footprint: it has no effect")  # fmt: skip
+       "a robot_radius without effect beside a footprint")  # fmt: skip
 def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
     """Report a radius beside a polygon: ``setRobotFootprint`` uses the polygon."""
     radius = facts.value("robot_radius")
@@ -421,18 +421,18 @@ def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
 
 
 @check("params.unknown-is-free", "warning",
-       "unknown space that is free to drive in, as track_unknown_space is not set")  # fmt: skip
+       "unknown space is free, because track_unknown_space is not set")  # fmt: skip
 def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
     layers = [layer for layer in facts.robot.static_layers if layer.name != INJECTED]
     free = [layer for layer in layers if not layer.track_unknown_space]
     name = "track_unknown_space"
     if free and not facts.value(name) and not facts.of_layer(free[0].name, name):
-        text = "track_unknown_space is not set, and is false: the map's unknown cells cost 0"
+        text = "track_unknown_space is not set, so false: the map's unknown cells cost 0"
         yield Remark(text, at=facts.value("plugins"))
 
 
 @check("params.unknown-cost-value", "warning",
-       "an unknown_cost_value other than 255, by which unknown cells become lethal")  # fmt: skip
+       "an unknown_cost_value other than 255, which makes unknown cells lethal")  # fmt: skip
 def unknown_cost_value(facts: RobotFacts) -> Iterator[Remark]:
     """Check the value that the static layer compares with cells, 255 for unknown ones."""
     for layer in facts.robot.static_layers:
@@ -451,7 +451,7 @@ def unknown_cost_value(facts: RobotFacts) -> Iterator[Remark]:
 
 
 @check("params.costmaps-differ", "note",
-       "a global and a local costmap of robots of different shape")  # fmt: skip
+       "a global and a local costmap with different robot shapes")  # fmt: skip
 def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
     robot, sibling = facts.robot, facts.sibling
     if sibling is None:
@@ -470,7 +470,7 @@ def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
 
 
 @check("params.resolution", "note",
-       "a resolution of the global costmap that is not that of the map")  # fmt: skip
+       "a resolution of the global costmap that differs from the map's")  # fmt: skip
 def resolution(facts: RobotFacts) -> Iterator[Remark]:
     """Compare the resolution with the map's, which the static layer sets for the costmap."""
     value = facts.value("resolution")

@@ -54,7 +54,7 @@ class RangeSensorLayer(CostmapLayer):
     }  # fmt: skip
 
     def _cost(self) -> int | None:
-        """Return the cost that the layer writes to all cells; None without an effect."""
+        """Return the cost that the layer writes to all cells, if it has an effect."""
         prior, clear, mark = (
             int(probability * LETHAL_OBSTACLE)
             for probability in (_PRIOR, self.clear_threshold, self.mark_threshold)

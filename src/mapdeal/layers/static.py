@@ -154,7 +154,7 @@ class StaticLayer(CostmapLayer):
         lethal = values.get("lethal_cost_threshold", "integer", 100)
         clamped = max(min(lethal, 100), 0)
         if clamped != lethal:
-            text = f"must be 0 .. 100; the static layer takes it for {clamped}"
+            text = f"must be 0 .. 100; the static layer uses {clamped}"
             values.problem("params.range", "warning", text, "lethal_cost_threshold")
         inscribed = None
         if not values.older:

@@ -134,7 +134,7 @@ class Nav2Values:
         used_type, ignored_type = _ARTICLES[used.kind], _ARTICLES[ignored.kind]
         in_file = f" of {ignored.source.name}" if ignored.source != used.source else ""
         text = f"{used_type} counts, and not {ignored_type} that is set later, {ignored.text} on "
-        text += f"line {ignored.line}{in_file}: ROS 2 goes by the type"
+        text += f"line {ignored.line}{in_file}: ROS 2 selects by type"
         hint = f"remove one of them, or write both as {ignored_type}"
         self.problem("params.hidden", "warning", text, name, hint)
 
@@ -516,10 +516,10 @@ def _node_of(
         text = f"no parameters of {node}; namespaces with such a node: {_listed(spaces) or 'none'}"
         hint = f"--namespace {spaces[0]}" if spaces and spaces[0] else None
         if spaces == [""]:
-            hint = "leave --namespace out: the file's nodes are in none"
+            hint = "omit --namespace: the file's nodes have none"
     elif len(robots) == 1:
-        text = f"its nodes are in the namespace {robots[0]}, which is taken"
-        hint = f"--namespace {robots[0]} says so"
+        text = f"uses the namespace {robots[0]}, the only one with such a node"
+        hint = f"--namespace {robots[0]} avoids this warning"
         problem = Problem("params.only-namespace", "warning", text, source=source, hint=hint)
         return f"/{robots[0]}/{costmap_node}", (problem,)
     elif robots:
@@ -534,7 +534,7 @@ def _node_of(
         text = f"holds no parameter of {node}; it has {names}"
         hint = f"pass the file that has {costmap}_costmap: {costmap}_costmap: ros__parameters:"
         if sibling_spaces:
-            hint = f"--costmap {sibling} takes the one that it has"
+            hint = f"--costmap {sibling} selects the costmap that the files have"
     return None, (Problem(check, "refused", text, source=source, hint=hint),)
 
 

@@ -158,7 +158,7 @@ def why_unsendable(value: Any) -> tuple[str, str, str | None] | None:
         return None
     if isinstance(value, int):
         is_good = -_INT32 <= value < _INT32
-        text = "roslaunch sends whole numbers of 32 bits alone"
+        text = "roslaunch sends 32-bit integers only"
         return None if is_good else ("params.type", text, None)
     if isinstance(value, list):
         return next(filter(None, map(why_unsendable, value)), None)
@@ -421,7 +421,7 @@ class Ros1Server:
         """Return a number clamped to 0 .. most, and warn if it was outside."""
         clamped = max(min(number, most), 0.0)
         if clamped != number:
-            text = f"must be 0 .. {most:g}{unit}; {who} makes it {clamped:g}"
+            text = f"must be 0 .. {most:g}{unit}; {who} clamps it to {clamped:g}"
             self.problem("params.range", "warning", text, below, value=value)
         return clamped
 
@@ -507,7 +507,7 @@ def load_server(
         return server, False
     for file, found in zip(files, owners, strict=True):
         if not found and len(files) > 1 and _costmap_of_name(file.source) not in (None, costmap):
-            text = "is left out: by its name it is a file of the other costmap; "
+            text = "is ignored: by its name it belongs to the other costmap; "
             text += f"{costmap} was requested"
             hint = "pass it with the files of its own costmap only, or rename it"
             server.problems.append(
@@ -567,7 +567,7 @@ def _chosen_node(paths: Sequence[_Path], namespace: str | None) -> tuple[_Path, 
     else:
         nodes = [(*requested, *path) for path in nodes]
     if len(nodes) > 1:
-        text = f"costmaps stand below several names: {', '.join(map('/'.join, nodes))}"
+        text = f"costmaps have several parent nodes: {', '.join(map('/'.join, nodes))}"
         hint = f"choose one with --namespace {'/'.join(nodes[0][:-1])}"
         return nodes[0], Problem(
             "params.namespace", "refused", text, hint=hint if spaces - {()} else None
@@ -725,10 +725,10 @@ def _has_costmap(server: Ros1Server) -> bool:
     found = server.root.get(server.path)
     if found is None:
         text = f"no parameters of /{'/'.join(server.path)}"
-        hint = f"a file of it has {server.costmap}_costmap: at its top, or no costmap's name at all"
+        hint = f"write {server.costmap}_costmap: at the top of its file, or no name of a costmap"
         (sibling,) = set(_NAMES) - {server.costmap}
         if server.root.get((*server.node, f"{sibling}_costmap")) is not None:
-            hint = f"--costmap {sibling} takes the one that it has"
+            hint = f"--costmap {sibling} selects the costmap that the files have"
         server.problem("params.namespace", "refused", text, hint=hint)
         return False
     if not isinstance(found, Ros1Namespace) or any(

@@ -93,7 +93,7 @@ class BadLines:
     def error(self) -> MalformedInputError:
         self.is_reported = True
         others_text = f" (and {self.count - 1} more bad lines)" if self.count > 1 else ""
-        hint = "--max-bad N lets N such lines pass"
+        hint = "--max-bad N skips up to N such lines"
         return MalformedInputError(f"{self.first[0]}{others_text}", source=self.path, hint=hint)
 
     def warn(self) -> None:
