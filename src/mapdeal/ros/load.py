@@ -137,8 +137,8 @@ def costmap_values(
             return {}
         return {tuple(name.split(".")): value for name, value in parameters.items()}
     server, _ = load_server(paths, costmap, namespace)
-    own = server.root.get(server.path)
-    values = dict(own.values()) if isinstance(own, Ros1Namespace) else {}
+    member = server.root.get(server.path)
+    values = dict(member.values()) if isinstance(member, Ros1Namespace) else {}
     for name in ("footprint", "robot_radius"):
         inherited = server.search(name)
         if inherited is not None and isinstance(inherited[1], ParameterValue):

@@ -542,8 +542,8 @@ def _single_level_nodes(parameters: Ros2Parameters, node: str, level: Level) -> 
     """Yield a problem for each costmap that is not nested twice, as Nav2 names its node."""
     name = node.rpartition("/")[2]
     for entry in parameters.nodes:
-        above, _, last = entry.name.rpartition("/")
-        if last == name and above.rpartition("/")[2] not in (name, "*", "**"):
+        parent, _, last = entry.name.rpartition("/")
+        if last == name and parent.rpartition("/")[2] not in (name, "*", "**"):
             text = f"applies to no node: Nav2's costmap is {node}, not {entry.name}"
             hint = f"nest the name twice: {name}: {name}: ros__parameters:"
             yield Problem("params.one-level", level, text, "", entry.source, entry.line, None, hint)

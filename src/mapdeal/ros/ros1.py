@@ -275,20 +275,20 @@ class _Reader:
             kind = "list" if isinstance(node, yaml.SequenceNode) else "single value"
             rule = f"must be a mapping of parameters, is a {kind}"
             raise MalformedInputError(rule, source=self.source)
-        above: _Path = ()
+        prefix: _Path = ()
         for key, value in reversed(node.value):
             if getattr(key, "value", None) == _NAMESPACE_KEY and isinstance(value, yaml.ScalarNode):
-                above = _joined((), str(value.value))
-        self._add((), node, above)
+                prefix = _joined((), str(value.value))
+        self._add((), node, prefix)
 
-    def _add(self, path: _Path, node: yaml.MappingNode, above: _Path) -> None:
+    def _add(self, path: _Path, node: yaml.MappingNode, prefix: _Path) -> None:
         for key, value in self._pairs(path, node):
-            parameter = _joined(path or above, key)
+            parameter = _joined(path or prefix, key)
             if not parameter or (path == () and key == _NAMESPACE_KEY):
                 continue
             if isinstance(value, yaml.MappingNode) and not value.tag.startswith("!"):
                 self.tree.below(parameter, self.source, _line_of(value))
-                self._add(parameter, value, above)
+                self._add(parameter, value, prefix)
             else:
                 self._set(parameter, value)
 
@@ -575,14 +575,14 @@ def _chosen_node(paths: Sequence[_Path], namespace: str | None) -> tuple[_Path, 
     return (nodes[0] if nodes else (*requested, _NODE)), None
 
 
-def _place_of(found: Sequence[_Path], node: _Path, costmap: CostmapName) -> _Path:
-    if not found:
+def _place_of(nodes: Sequence[_Path], node: _Path, costmap: CostmapName) -> _Path:
+    if not nodes:
         return (*node, f"{costmap}_costmap")
-    for path in found:
-        below = tuple(name for name in path if name != _ROOT)
-        above = len(node) - len(below)
-        if above >= 0 and node[above:] == below:
-            return node[:above]
+    for path in nodes:
+        relative = tuple(name for name in path if name != _ROOT)
+        depth = len(node) - len(relative)
+        if depth >= 0 and node[depth:] == relative:
+            return node[:depth]
     return ()  # the file names only other robots
 
 
@@ -776,11 +776,11 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
 
 def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
     """Return the costmap's own size and place; None if its resolution is unusable."""
-    before = len(server.problems)
+    count = len(server.problems)
     area = _area_of_parameters(server, is_rolling=is_rolling)
     # If a map defines the size, these values have no effect: a note suffices.
-    server.problems[before:] = [
-        replace(problem, level="note") for problem in server.problems[before:]
+    server.problems[count:] = [
+        replace(problem, level="note") for problem in server.problems[count:]
     ]
     return area
 
@@ -842,10 +842,10 @@ def _plugin_fault(entry: object) -> tuple[str | None, str | None]:
     kind = entry["type"]
     is_of_nav2 = kind.startswith("nav2_costmap_2d")
     known = tuple(ROS1_PLUGINS)
-    near = most_alike(kind, known, least=0.0) if is_of_nav2 else most_alike(kind, known)
-    if kind in known or near is None:
+    nearest = most_alike(kind, known, least=0.0) if is_of_nav2 else most_alike(kind, known)
+    if kind in known or nearest is None:
         return None, None
-    return f"has an unknown type, {kind}", f"did you mean {near}?"
+    return f"has an unknown type, {kind}", f"did you mean {nearest}?"
 
 
 def _layer(server: Ros1Server, name: str, kind: str, inscribed: float) -> ListedLayer:

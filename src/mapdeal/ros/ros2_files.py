@@ -90,8 +90,8 @@ def _tagged(text: str, tag: str) -> tuple[str, Any]:
             if value is None:
                 raise TagError(f"is not a value of its tag !!{name}")
             return kind, value
-    shown = f"!!{name}" if name != tag else tag
-    raise TagError(f"has a tag that ROS 2 does not know, {shown}")
+    tag_text = f"!!{name}" if name != tag else tag
+    raise TagError(f"has a tag that ROS 2 does not know, {tag_text}")
 
 
 def _bool(text: str) -> bool | None:
