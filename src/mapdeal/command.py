@@ -751,7 +751,7 @@ def _call_error(
         hint = f"further arguments are named, as {by_name[0]}=..."
     unknown = [word for word in kwargs if word not in signature.parameters]
     if unknown:
-        hint = meant(unknown[0], signature.parameters)
+        hint = nearest_hint(unknown[0], signature.parameters)
     return ParameterError(text, source=f"{name}()", hint=hint)
 
 
