@@ -4,8 +4,10 @@ import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import CancelledError, Future
 from pathlib import Path
@@ -14,7 +16,7 @@ import numpy as np
 import pytest
 
 import batch_work
-from mapdeal import OccupancyGrid, write_map
+from mapdeal import FileAccessError, OccupancyGrid, ParameterError, write_map
 from mapdeal.inputs.listing import ListedMap
 from mapdeal.pipeline import workers as cluster
 from mapdeal.pipeline.batch import Batch, Job, jobs_of, run_all
@@ -202,6 +204,113 @@ def test_no_scheduler_or_no_extra_is_told_in_one_line_f19(sh, maps, monkeypatch,
     assert not (maps / "o").exists()
 
 
+@contextlib.contextmanager
+def other_server(reply):
+    """Yield the port of a server that sends each client some bytes, and then nothing more."""
+    clients = []
+
+    def serve():
+        with contextlib.suppress(OSError):  # the listener is closed
+            while True:
+                clients.append(listener.accept()[0])
+                clients[-1].sendall(reply)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        try:
+            yield listener.getsockname()[1]
+        finally:
+            listener.shutdown(socket.SHUT_RDWR)
+            for client in clients:
+                client.close()
+    thread.join(timeout=60)
+
+
+@pytest.mark.parametrize(
+    ("reply", "message"),
+    [
+        (b"", "the scheduler does not answer: no reply within 1.5 s"),
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "does not answer as a dask scheduler"),
+        (bytes(1000), "does not answer as a dask scheduler"),
+    ],
+)
+def test_programs_that_are_no_scheduler_are_refused_in_time(sh, maps, monkeypatch, reply, message):
+    monkeypatch.setattr(cluster, "_TIMEOUT", 0.5)
+    with other_server(reply) as port:
+        begin = time.monotonic()
+        code, out, err = sh(f"run maps/0.yaml -o o --scheduler tcp://127.0.0.1:{port}")
+        assert time.monotonic() - begin < 9
+    assert (code, out, err.count("\n")) == (4, "", 1)
+    assert err.startswith(f"error: tcp://127.0.0.1:{port}: {message}")
+    assert not (maps / "o").exists()
+
+
+def test_default_timeout_for_a_reply_is_ten_seconds():
+    assert cluster._TIMEOUT + cluster._SECONDS_TO_ANSWER == 10
+
+
+@pytest.mark.parametrize(
+    "address",
+    [*(f"tcp://h:{port}" for port in (0, 65536, 99999, -1, "abc", "", "\u0669", "80/", "8 0")),
+     "inproc://h:1", "foo://h:1", "h:1", "tcp://h", "tcp://:1", "tcp://::1:1", "tcp://a:b:1", ""],
+)  # fmt: skip
+def test_impossible_addresses_are_refused_before_a_connection(address):
+    with (
+        pytest.raises(ParameterError, match="must be tcp://HOST:PORT with a port fr") as refusal,
+        cluster.connected(address, []),
+    ):
+        pass
+    assert refusal.value.hint.endswith(": tcp://127.0.0.1:8786")
+
+
+@pytest.mark.parametrize("scheme", ["tls", "ucx"])
+def test_schemes_that_are_not_set_up_are_refused_with_what_they_need(sh, maps, scheme):
+    code, out, err = sh(f"run maps/0.yaml -o o --scheduler {scheme}://127.0.0.1:9")
+    error, hint = err.splitlines()
+    assert (code, out) == (2, "")
+    assert error.startswith(f"error: --scheduler: {scheme} is not set up on this machine: ")
+    assert hint == f"hint: {cluster._SET_UPS[scheme]}"
+    assert not (maps / "o").exists()
+
+
+def test_workers_that_do_not_answer_are_refused_in_time(monkeypatch):
+    monkeypatch.setattr(cluster, "_TIMEOUT", 0.1)
+    has_ended = threading.Event()
+
+    class SilentClient:
+        def run(self, *_, **__):
+            has_ended.wait(timeout=60)
+
+    try:
+        with pytest.raises(FileAccessError, match="the workers do not answer: no reply wit"):
+            cluster.ClusterWorkers(SilentClient(), "tcp://h:1").memory_of_each()
+    finally:
+        has_ended.set()
+
+
+def test_jobs_that_a_closed_client_refuses_have_failed(tmp_path):
+    class ClosedClient:
+        status = "running"
+
+        def get_executor(self, **_):
+            return self
+
+        def submit(self, *_):
+            raise Exception("it has closed")
+
+        def shutdown(self, **_):
+            pass
+
+    jobs = jobs_of([ListedMap(tmp_path / "m.yaml", "m")], tmp_path / "o", [])
+    workers = cluster.ClusterWorkers(ClosedClient(), "tcp://h:1")
+    (outcome,) = run_all(
+        jobs, tmp_path / "o", batch_work.do, lambda *_: None, Batch, workers=workers
+    ).outcomes
+    assert str(outcome.result).endswith("m.yaml: was not started: it has closed")
+    assert outcome.result.exit_code == 5
+
+
 def test_what_befalls_a_cluster_is_told_of_the_map():
     from distributed import KilledWorker
 
@@ -209,7 +318,7 @@ def test_what_befalls_a_cluster_is_told_of_the_map():
     for problem, text in (
         (KilledWorker("task", None, 3), "/d/m.yaml: every worker that tried this map died"),
         (CancelledError(), "/d/m.yaml: was lost: the scheduler is gone or has dropped it"),
-        (ZeroDivisionError("x"), "x"),
+        (ZeroDivisionError("x"), "/d/m.yaml: was lost: x"),
     ):
         sent = Future()
         told = cluster._told_as_ours(sent, job)

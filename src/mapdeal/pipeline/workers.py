@@ -28,7 +28,7 @@ from mapdeal.errors import FileAccessError, MapdealError, ParameterError
 from mapdeal.files.source import exists
 from mapdeal.files.transaction import folder_for_sockets, signals_deferred
 from mapdeal.kernels.engine import VARIABLE
-from mapdeal.kernels.threads import Worker, use_threads
+from mapdeal.kernels.threads import ThreadPool, Worker, use_threads
 from mapdeal.pipeline.batch import TOO_LARGE, Job, Outcome, Submit, Work, WorkerDiedError
 from mapdeal.version import __version__
 
@@ -232,13 +232,23 @@ def _stoppable(work: Work, job: Job) -> Outcome:
         os._exit(_STOPPED)
 
 
-_TIMEOUT = 10.0
-"""For the scheduler to answer, for the first worker to come, and for a lost connection."""
+_TIMEOUT = 9.0
+"""For a connection, for the first worker to come, and for a lost connection."""
+
+_SECONDS_TO_ANSWER = 1.0
+"""Added to `_TIMEOUT`: dask itself waits without a limit for the reply to a message."""
 
 _AT_ONCE = 1000
 """Jobs that the scheduler is given at the same time: enough for a cluster that grows."""
 
-_ADDRESS = re.compile(r"(tcp|tls|ucx|ws|wss)://[^/\s]+:\d{1,5}")
+_ADDRESS = re.compile(r"(tcp|tls|ucx|ws|wss)://(?:\[[^/\s\[\]]+\]|[^/:\s\[\]]+):([0-9]{1,5})")
+_UNENCRYPTED = ("tcp", "ws")
+_TLS = (
+    "export DASK_DISTRIBUTED__COMM__TLS__CA_FILE=ca.pem"
+    " DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT=cert.pem"
+    " DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY=key.pem"
+)
+_SET_UPS = {"tls": _TLS, "wss": _TLS, "ucx": "pip install distributed-ucxx-cu12"}
 _VERSION = "mapdeal.version.__version__"
 
 
@@ -255,11 +265,8 @@ class ClusterWorkers:
         self._address = address
 
     def memory_of_each(self) -> int | None:
-        try:
-            found = self._client.run(_memory_limit, on_error="ignore").values()
-        except Exception:  # noqa: BLE001 - then each looks what is free
-            return None
-        limits = [limit for limit in found if limit]
+        limits_by_worker = _answers(self._client, self._address, _memory_limit)
+        limits = [limit for _, limit in limits_by_worker if limit]
         return min(limits) // 2 if limits else None
 
     @contextmanager
@@ -271,7 +278,11 @@ class ClusterWorkers:
 
         def submit(job: Job) -> Future[Outcome]:
             self._wait_for_scheduler(job)
-            return _told_as_ours(executor.submit(on_worker, job), job)
+            try:
+                return _told_as_ours(executor.submit(on_worker, job), job)
+            except Exception as error:  # noqa: BLE001 - dask raises plain ones if it has just lost it
+                rule = f"was not started: {_first_line(error)}"
+                raise WorkerDiedError(rule, source=job.path) from None
 
         try:
             yield submit
@@ -290,8 +301,11 @@ class ClusterWorkers:
 
 @contextmanager
 def connected(address: str, shared: Sequence[Path]) -> Iterator[Any]:
-    if _ADDRESS.fullmatch(address) is None:
-        raise ParameterError("must be tcp://HOST:PORT", source="--scheduler", got=address)
+    match = _ADDRESS.fullmatch(address)
+    if match is None or not 1 <= int(match[2]) <= 65535:
+        rule = "must be tcp://HOST:PORT with a port from 1 to 65535"
+        hint = "dask scheduler listens on port 8786 by default: tcp://127.0.0.1:8786"
+        raise ParameterError(rule, source="--scheduler", got=address, hint=hint)
     client = _client(address)
     try:
         _check_workers(client, address, shared)
@@ -318,46 +332,68 @@ def _client(address: str) -> Any:
         if name.partition(".")[0] in ("asyncio", "distributed", "tornado"):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     client_type: Any = distributed.Client
+    connect = partial(client_type, timeout=_TIMEOUT, set_as_default=False, name="mapdeal")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # such as that versions of Python differ
-            return client_type(address, timeout=_TIMEOUT, set_as_default=False, name="mapdeal")
-    except (OSError, ValueError, RuntimeError) as error:
-        rule = f"the scheduler does not answer: {_first_line(error)}"
-        raise FileAccessError(rule, source=address) from None
+            return _within_timeout(connect, address)
+    except Exception as error:  # noqa: BLE001 - of any type where another program answers
+        scheme = address.partition(":")[0]
+        if isinstance(error, OSError):
+            rule = f"the scheduler does not answer: {_first_line(error)}"
+            raise FileAccessError(rule, source=address) from None
+        if scheme in _UNENCRYPTED:
+            rule = f"does not answer as a dask scheduler of this version: {_first_line(error)}"
+            raise FileAccessError(rule, source=address) from None
+        rule = f"{scheme} is not set up on this machine: {_first_line(error)}"
+        raise ParameterError(rule, source="--scheduler", hint=_SET_UPS[scheme]) from None
+
+
+def _within_timeout(request: Callable[..., _T], *arguments: Any, **options: Any) -> _T:
+    """Return what a request to the cluster returns, or raise a TimeoutError."""
+    seconds = _TIMEOUT + _SECONDS_TO_ANSWER
+    thread = ThreadPool(1)
+    reply = thread.submit(request, *arguments, **options)
+    thread.shutdown(wait=False)
+    if not wait_for([reply], timeout=seconds).done:
+        raise TimeoutError(f"no reply within {seconds:g} s")
+    return reply.result()
 
 
 def _check_workers(client: Any, address: str, shared: Sequence[Path]) -> None:
     """Refuse a cluster that has no workers, or some that cannot do this work."""
+    import pydoc  # slow to import
+
     try:
-        client.wait_for_workers(1, timeout=_TIMEOUT)
-    except OSError:
+        _within_timeout(client.wait_for_workers, 1, timeout=_TIMEOUT)
+    except Exception as error:  # noqa: BLE001 - its class depends on the version of Python
+        rule = f"the scheduler has no workers: {_first_line(error)}"
         hint = f"dask worker {address} --nthreads 1 starts one"
-        raise FileAccessError("the scheduler has no workers", source=address, hint=hint) from None
+        raise FileAccessError(rule, source=address, hint=hint) from None
     # Functions of the standard library, since a worker may lack ours.
     hint = f"install mapdeal {__version__} on the workers"
-    for worker, found in _asked(client, address, "pydoc", "locate", _VERSION):
+    for worker, found in _answers(client, address, pydoc.locate, _VERSION):
         if found is None:
             raise ParameterError("has no mapdeal", source=f"worker {worker}", hint=hint)
         if found != __version__:
             rule = f"has mapdeal {found}, here it is {__version__}"
             raise ParameterError(rule, source=f"worker {worker}", hint=hint)
     for path in shared:
-        for worker, found in _asked(client, address, "os.path", "exists", str(path)):
+        for worker, found in _answers(client, address, os.path.exists, str(path)):
             if not found:
                 rule = f"does not exist for worker {worker}"
                 hint = "workers must see inputs and outputs under the same paths"
                 raise FileAccessError(rule, source=path, hint=hint)
 
 
-def _asked(client: Any, address: str, module: str, name: str, text: str) -> list[tuple[str, Any]]:
-    function = getattr(__import__(module, fromlist=[name]), name)
+def _answers(client: Any, address: str, function: Any, *arguments: str) -> list[tuple[str, Any]]:
+    """Return what a function returns on each worker that can call it."""
     try:
-        found = client.run(function, text, on_error="ignore")
+        answers = _within_timeout(client.run, function, *arguments, on_error="ignore")
     except Exception as error:  # noqa: BLE001 - of the network, of pickles, of the event loop
         rule = f"the workers do not answer: {_first_line(error)}"
         raise FileAccessError(rule, source=address) from None
-    return sorted(found.items())
+    return sorted(answers.items())
 
 
 def _memory_limit(dask_worker: Any) -> int | None:
@@ -380,8 +416,9 @@ def _told_as_ours(sent: Future[Outcome], job: Job) -> Future[Outcome]:
         except KilledWorker:
             rule = "every worker that tried this map died"
             told.set_exception(WorkerDiedError(rule, source=job.path, hint=TOO_LARGE))
-        except Exception as error:  # noqa: BLE001 - whatever it is, somebody waits for it
-            told.set_exception(error)
+        except Exception as error:  # noqa: BLE001 - the work itself raises none
+            rule = f"was lost: {_first_line(error)}"
+            told.set_exception(WorkerDiedError(rule, source=job.path))
 
     sent.add_done_callback(pass_on)
     return told
