@@ -1,11 +1,14 @@
 """Worker processes where the system has little to give, and what they leave."""
 
+import contextlib
 import errno
 import os
 import resource
+import signal
 import subprocess
 import sys
 import threading
+import time
 from concurrent.futures import process, wait
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.process import BaseProcess
@@ -95,6 +98,42 @@ def batch(tmp_path, folder="T", limit=None):
 def test_a_batch_leaves_nothing_among_temporary_files_however_long_their_folder(tmp_path, folder):
     told, left = batch(tmp_path, folder)
     assert (told.returncode, told.stderr, left) == (0, "", [])
+
+
+def processes_of_session(number):
+    """Return the numbers of the processes of a session that have not ended."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            state, _, _, session = stat.read_text().rpartition(")")[2].split()[:4]
+            if int(session) == number and state != "Z":
+                found.append(int(stat.parent.name))
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")
+@pytest.mark.parametrize(
+    ("second_map", "stop", "code"),
+    [("b.yaml", None, 0), ("bad.yaml", None, 5), ("b.yaml", signal.SIGINT, 130)],
+)
+def test_no_process_outlives_its_command(tmp_path, second_map, stop, code):
+    for name in ("a", "b"):
+        write_map(tmp_path / f"{name}.yaml", rooms_grid())
+    (tmp_path / "bad.yaml").write_text("image: none.pgm\n")
+    words = ["-m", "mapdeal", "run", "a.yaml", second_map, "-o", "o", "-j", "2", "--no-images"]
+    command = subprocess.Popen(
+        [sys.executable, *words], cwd=tmp_path, start_new_session=True,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    end = time.monotonic() + 60
+    while stop is not None and len(processes_of_session(command.pid)) < 3:
+        assert command.poll() is None
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    if stop is not None:
+        os.killpg(command.pid, stop)
+    assert command.wait(timeout=60) == code
+    assert processes_of_session(command.pid) == []
 
 
 @pytest.mark.parametrize("descriptors", [8, 12])

@@ -9,6 +9,7 @@ import multiprocessing
 import os
 import re
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -19,6 +20,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import resource_tracker, util
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
 from pathlib import Path
@@ -141,13 +143,27 @@ def _wait_for_first(executor: ProcessPoolExecutor) -> None:
         threading.excepthook = before
 
 
+def _end_helpers() -> None:
+    """End the server that workers are forked from, and multiprocessing's tracker of semaphores."""
+    server: Any = getattr(sys.modules.get("multiprocessing.forkserver"), "_forkserver", None)
+    tracker: Any = resource_tracker._resource_tracker  # noqa: SLF001
+    with suppress(ProcessLookupError, ChildProcessError):  # they have ended
+        if server is not None and server._forkserver_pid is not None:  # noqa: SLF001
+            os.kill(server._forkserver_pid, signal.SIGKILL)  # noqa: SLF001 - it holds no state
+            os.waitpid(server._forkserver_pid, 0)  # noqa: SLF001
+        tracker._stop()  # noqa: SLF001
+
+
 def _context() -> BaseContext:
     """Return how processes are started: forked from one that has imported everything."""
+    # Left alone, helpers notice only later that this process has ended. The number makes this the
+    # last thing that multiprocessing does at its end, after it has removed the server's socket.
+    util.Finalize(None, _end_helpers, exitpriority=-101)
     # Never from this one: it may have threads, whose locks a fork would copy as they are. Where the
     # server cannot have its socket, as the folder for temporary files has too long a name or is
     # none, each process starts afresh.
     if "forkserver" in multiprocessing.get_all_start_methods():
-        from multiprocessing import forkserver, resource_tracker
+        from multiprocessing import forkserver
 
         # Ctrl-C goes to all processes of a terminal. Here it is this one's to answer; a worker
         # that is only starting would print a traceback. It inherits that the signal is blocked.
