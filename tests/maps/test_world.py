@@ -3,13 +3,20 @@
 import os
 import re
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from PIL import Image, ImageDraw
 
 from drawn import grid_from_text
-from mapdeal import OccupancyGrid, read_map, write_map
+from mapdeal import OccupancyGrid, ParameterError, read_map, write_map
+from mapdeal.grid.frame import Frame
+from mapdeal.kernels.solids import surface
+from mapdeal.maps.world import mesh_of, stl_parts
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -72,6 +79,56 @@ def test_meshes_are_closed_solids_of_the_walls_in_the_map_frame(converted, endin
     corners = GRID.frame.xy_from_continuous_rowcol([[0, 0], [0, 8], [4, 8], [4, 0]])
     assert mesh.bounds[0, :2] == pytest.approx(corners.min(axis=0), abs=1e-5)
     assert mesh.bounds[1, :2] == pytest.approx(corners.max(axis=0), abs=1e-5)
+
+
+TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+
+
+@given(
+    st.floats(0, 7), st.floats(0, 7), st.sampled_from([0.05, 0.25, 1.0]),
+    st.sampled_from([0.0, 0.4, 2.0]), arrays(np.bool_, (4, 9)).filter(np.any),
+)  # fmt: skip
+def test_stl_keeps_walls_of_distant_maps_or_is_refused(x_log, y_log, cell, yaw, walls):
+    frame = Frame(*walls.shape, cell, (10.0**x_log, -(10.0**y_log), yaw))
+    mesh = mesh_of(surface(walls), frame, 2.0)
+    moved = np.abs(mesh.corners.astype(np.float32) - mesh.corners).max()
+    try:
+        data = b"".join(stl_parts(mesh, Path("m.yaml"), cell))
+    except ParameterError as refusal:
+        assert "too far from 0 for .stl" in str(refusal)
+        assert moved > 1e-3 * cell
+        return
+    corners = np.frombuffer(data[84:], TRIANGLE)["corners"].astype(float)
+    assert np.abs(corners - mesh.corners[mesh.triangles]).max() <= cell / 10
+    sides = np.diff(corners, axis=1)
+    assert (np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) > 0).all()
+
+
+@pytest.mark.parametrize(("yaw", "moved"), [(0.0, "0.2"), (0.4, "0.23")])
+def test_maps_in_utm_coordinates_become_obj_but_not_stl(
+    tmp_path, monkeypatch, command, converted, yaw, moved
+):
+    monkeypatch.chdir(tmp_path)
+    grid = grid_from_text(TEXT, 0.05, (500000.0, 5400000.0, yaw))
+    mesh = trimesh.load_mesh(converted(grid, "m.obj"))
+    assert mesh.bounds[0, :2] == pytest.approx(
+        np.min(grid.frame.xy_from_continuous_rowcol([[0, 0], [4, 0]]), axis=0), abs=1e-6
+    )
+    code, out, err = command("convert", "map.yaml", "-o", "m.stl")
+    assert (code, out) == (2, "")
+    assert err == (
+        "error: map.yaml: origin: is too far from 0 for .stl, whose float32 moves walls by up to "
+        f"{moved} m\nhint: mapdeal convert map.yaml -o map.obj keeps all digits\n"
+    )
+    assert not (tmp_path / "m.stl").exists()
+
+
+def test_whole_metres_of_distant_maps_are_exact_in_stl(converted):
+    grid = grid_from_text(TEXT, 1.0, (500000.0, 5400000.0, 0.0))
+    data = converted(grid, "m.stl").read_bytes()
+    corners = np.frombuffer(data[84:], TRIANGLE)["corners"]
+    assert corners.min(axis=(0, 1)).tolist() == [500000, 5400000, 0]
+    assert corners.max(axis=(0, 1)).tolist() == [500008, 5400004, 2]
 
 
 def test_boxes_are_the_walls_where_the_map_has_them(converted):

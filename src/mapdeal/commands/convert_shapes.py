@@ -197,8 +197,10 @@ def convert_world(
     else:
         mesh = mesh_of(surface(walls), grid.frame, wall_height)
         figures["triangles"] = len(mesh.triangles)
-        made = stl_parts if output.suffix.lower() == ".stl" else obj_parts
-        parts = made(mesh, source.stem)
+        if output.suffix.lower() == ".stl":
+            parts = stl_parts(mesh, source, grid.resolution)
+        else:
+            parts = obj_parts(mesh, source.stem)
         text = count_text(figures["triangles"], "triangle")
     transaction.write_parts(output, parts)
     return Shapes(output, figures, f"walls of {volume:.6g} m3, {wall_height:g} m high, {text}")

@@ -13,20 +13,22 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import one_line
+from mapdeal.errors import ParameterError, one_line
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.arrays import Integers
 from mapdeal.kernels.solids import Rectangles, Surface
 
 WORLD_ENDINGS = (".sdf", ".stl", ".obj")
 
-_DECIMALS = 9  # keeps volumes exact
+_DECIMALS = 9  # so that volumes are exact
 _FLOOR_MARGIN = 1.0  # metres of floor around the map
 _ROWS_AT_ONCE = 1 << 14
+_MOST_ERROR = 0.1  # of a cell, by which float32 may move corners
 
 _BEGIN = """\
 <?xml version="1.0"?>
@@ -119,18 +121,29 @@ def sdf_parts(
     yield _END.encode()
 
 
-def stl_parts(mesh: Mesh, name: str) -> Iterator[bytes]:
-    """Yield a binary STL file; its coordinates are float32."""
-    title = f"mapdeal {name}, metres, z up".encode("ascii", "replace")[:80]
+def stl_parts(mesh: Mesh, source: Path, resolution: float) -> Iterator[bytes]:
+    """Yield a binary STL file; refuse corners that its float32 would merge, or move visibly."""
+    title = f"mapdeal {source.stem}, metres, z up".encode("ascii", "replace")[:80]
     yield title.ljust(80) + len(mesh.triangles).to_bytes(4, "little")
     layout = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
     for first in range(0, len(mesh.triangles), _ROWS_AT_ONCE):
         corners = mesh.corners[mesh.triangles[first : first + _ROWS_AT_ONCE]]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        rounded = corners.astype(np.float32).astype(np.float64)
+        error = np.abs(rounded - corners).max()
+        if error > _MOST_ERROR * resolution or not _area_vectors(rounded).any(axis=1).all():
+            rule = f"is too far from 0 for .stl, whose float32 moves walls by up to {error:.2g} m"
+            hint = f"mapdeal convert {source} -o {source.stem}.obj keeps all digits"
+            raise ParameterError(rule, source=source, place="origin", hint=hint)
+        normals = _area_vectors(corners)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         part = np.zeros(len(corners), dtype=layout)
         part["normal"], part["corners"] = normals, corners
         yield part.tobytes()
+
+
+def _area_vectors(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the normals of triangles, shape (N, 3), as long as twice their areas."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def obj_parts(mesh: Mesh, name: str) -> Iterator[bytes]:
