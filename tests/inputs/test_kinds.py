@@ -174,6 +174,52 @@ def test_a_file_is_what_it_is_by_its_bytes_whatever_its_name_and_info_tells(
         )
 
 
+JSONS = [name for name in FILES if name.endswith("json")]
+MARKED = [*JSONS, *(name for name in FILES if name.endswith((".csv", ".txt", ".yaml", "s.log")))]
+
+
+@pytest.mark.parametrize("name", MARKED)
+def test_a_byte_order_mark_changes_no_kind(tmp_path, name):
+    data, kind, _, figures, _ = FILES[name]
+    (tmp_path / name).write_bytes(b"\xef\xbb\xbf" + data)
+    found = kind_of(tmp_path / name)
+    assert (found.name, found.figures()) == (kind, figures)
+
+
+@pytest.mark.parametrize("name", JSONS)
+def test_documents_with_large_numbers_or_of_many_bytes_are_known(tmp_path, name):
+    data, kind, _, figures, _ = FILES[name]
+    (tmp_path / name).write_bytes(data[:-1] + b', "more": 1e400}' + b" " * (5 << 20))
+    found = kind_of(tmp_path / name)
+    assert (found.name, found.figures()) == (kind, figures)
+
+
+def test_figures_too_large_for_a_number_are_shown_as_they_are(tmp_path, command):
+    document = FILES["reach.json"][0].replace(b"8.5", b"-1e400")
+    (tmp_path / "reach.json").write_bytes(document)
+    code, out, _ = command("info", tmp_path / "reach.json", "--json")
+    assert (code, json.loads(out)["figures"]["reachable_m2"]) == (0, "-1e400")
+
+
+def test_shapes_of_many_bytes_are_known(tmp_path):
+    (tmp_path / "s.yaml").write_bytes(FILES["s.yaml"][0] + b"#" + b" " * 900_000)
+    assert kind_of(tmp_path / "s.yaml").name == "shapes"
+
+
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_info_describes_the_shapes_that_edit_draws(tmp_path, command, mark):
+    ring = [[1.5, -2.0], [2.0, -2.0], [2.0, -1.5], [1.5, -2.0]]
+    shape = {"type": "Polygon", "coordinates": [ring]}
+    text = json.dumps({"type": "Feature", "properties": {"a": 0.0}, "geometry": shape})
+    path = tmp_path / "s.geojson"
+    path.write_text(mark + text.replace("0.0}", "1e400}") + " " * (5 << 20), encoding="utf-8")
+    write_map(tmp_path / "map.yaml", grid_from_text("..#\n.?."))
+    edit = ["edit", "polygon", tmp_path / "map.yaml", "--value", "100", "--file", path]
+    assert command(*edit, "-o", tmp_path / "o.yaml")[0] == 0
+    code, out, _ = command("info", path)
+    assert (code, out.splitlines()[1]) == (0, "  kind        a file of shapes (GeoJSON)")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", UNKNOWN)
 def test_what_is_not_known_is_nothing(tmp_path, name, command):

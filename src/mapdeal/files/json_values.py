@@ -31,16 +31,18 @@ def json_of(value: Any) -> bytes:
         return f"{json.dumps(value, indent=2, allow_nan=False)}\n".encode()
 
 
-def read_json(path: Path) -> Any:
-    """Return the value in a JSON file, or None if the file is missing, damaged or too large."""
+def read_json(
+    path: Path, *, limit: int = _LARGEST_FILE, parse_float: Callable[[str], Any] | None = None
+) -> Any:
+    """Return the value in a JSON file, or None if there is none, or it is damaged or too large."""
     try:
-        data = read_file(path, limit=_LARGEST_FILE)
+        data = read_file(path, limit=limit)
     except (FileAccessError, MalformedInputError):
         return None
     claim(path, OF_JSON * len(data))
     try:
-        return json.loads(data, parse_constant=_refuse_constant, parse_float=_finite)
-    # ValueError: invalid UTF-8, or a number of many thousand digits
+        return json.loads(data, parse_constant=_refuse_constant, parse_float=parse_float or _finite)
+    # numbers of many thousand digits are ValueErrors, as is text that is not UTF-8
     except (ValueError, RecursionError):
         return None
 
@@ -54,6 +56,12 @@ def _finite(text: str) -> float:
     if not math.isfinite(value):  # JSON has no infinity to write it again
         raise ValueError(f"{text} is too large")
     return value
+
+
+def finite_or_text(text: str) -> float | str:
+    """Return a JSON number, or its text if it is too large to be written as a number again."""
+    value = float(text)
+    return value if math.isfinite(value) else text
 
 
 LARGEST_DOCUMENT = 1 << 26

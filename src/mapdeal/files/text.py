@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import MalformedInputError
 
 LONGEST_LINE = 1 << 20
-_MARK = b"\xef\xbb\xbf"
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _BYTES_TOGETHER = 1 << 20
 _LINE_FEED = ord("\n")
 
@@ -71,8 +71,8 @@ def first_line(file: BinaryIO) -> tuple[int, int, str]:
     start = file.tell()
     while raw := file.readline(LONGEST_LINE):
         number += 1
-        if number == 1 and raw.startswith(_MARK):
-            start, raw = start + len(_MARK), raw.removeprefix(_MARK)
+        if number == 1 and raw.startswith(BYTE_ORDER_MARK):
+            start, raw = start + len(BYTE_ORDER_MARK), raw.removeprefix(BYTE_ORDER_MARK)
         line = raw.decode("latin-1").strip()
         if line and not line.startswith("#"):
             return number, start, line

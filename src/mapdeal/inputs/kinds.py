@@ -18,7 +18,7 @@ from typing import Any
 import yaml
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError
-from mapdeal.files.json_values import document_kind, read_json
+from mapdeal.files.json_values import LARGEST_DOCUMENT, document_kind, finite_or_text, read_json
 from mapdeal.files.source import (
     IMAGE_KEY,
     LFS_POINTER,
@@ -35,8 +35,8 @@ from mapdeal.files.source import (
     memory_limit,
     status_of,
 )
-from mapdeal.files.text import coordinate_name, delimiter_of, is_number
-from mapdeal.files.yaml_text import OF_RECIPES, read_mapping
+from mapdeal.files.text import BYTE_ORDER_MARK, coordinate_name, delimiter_of, is_number
+from mapdeal.files.yaml_text import OF_SHAPES, read_mapping
 from mapdeal.maps.images import read_image_size, recognised_format
 
 MAP, CLOUD, SCANS, POSES, NUMBERS = "map", "point cloud", "laser scans", "poses", "numbers"
@@ -108,7 +108,7 @@ def kind_of(path: Path) -> FileKind | None:
     if is_folder(path):
         kind = _kind_of_folder(path)
     else:
-        head = head_of(path, _HEAD)
+        head = head_of(path, _HEAD).removeprefix(BYTE_ORDER_MARK)
         kind = next(filter(None, (detect(path, head) for detect in _DETECTORS)), None)
     as_typed = shlex.quote(str(path))
     return None if kind is None else replace(kind, use=kind.use.format(path=as_typed))
@@ -309,7 +309,9 @@ def _figures_of(value: dict[str, Any], names: str) -> dict[str, Any]:
 
 
 def _kind_of_json(path: Path, head: bytes) -> FileKind | None:
-    value = read_json(path) if head.lstrip()[:1] == b"{" else None
+    if head.lstrip()[:1] != b"{":
+        return None
+    value = read_json(path, limit=LARGEST_DOCUMENT, parse_float=finite_or_text)
     name = document_kind(value)
     if value is None or name is None:
         return None
@@ -335,7 +337,7 @@ def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
     is_map = IMAGE_KEY.search(head)
     entries = {}
     try:
-        entries = {} if is_map else read_mapping(path, OF_RECIPES)
+        entries = {} if is_map else read_mapping(path, OF_SHAPES)
     except MalformedInputError:
         if path.suffix.lower() not in YAML or _STAGES_KEY.search(head):
             return None
