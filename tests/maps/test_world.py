@@ -14,6 +14,7 @@ from PIL import Image, ImageDraw
 
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, ParameterError, read_map, write_map
+from mapdeal.errors import one_line
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.solids import surface
 from mapdeal.maps.world import mesh_of, stl_parts
@@ -198,10 +199,22 @@ def test_worlds_follow_the_rules_of_sdformat(converted):
     assert (x, y, z, yaw) == pytest.approx((*middle, 0, 0.4), abs=1e-5)
 
 
+NOT_IN_XML = "[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]"  # XML 1.0, section 2.2
+
+
 @pytest.mark.parametrize(
-    "name", [b"m\xff", b"m\xed\xa0\x80", b"m\x01\x1b", b"m\xef\xbf\xbe<&", b"m\\"]
+    "name",
+    [
+        b"m\xff",
+        b"m\xed\xa0\x80",
+        b"m\x01\x1b",
+        b"m\n\t",
+        b"m\xef\xbf\xbe<&",
+        b'm"]]>\xef\xbf\xbf',
+        b"m\\",
+    ],
 )
-def test_files_are_well_formed_whatever_the_map_is_called(tmp_path, converted, name):
+def test_files_are_well_formed_whatever_the_map_is_called(tmp_path, command, converted, name):
     source = tmp_path / f"{os.fsdecode(name)}.npz"
     try:
         write_map(source, GRID)
@@ -214,6 +227,16 @@ def test_files_are_well_formed_whatever_the_map_is_called(tmp_path, converted, n
     assert lines[1].startswith("o m")
     assert len([line for line in lines if re.match("[vf] ", line)]) == len(lines) - 2
     assert trimesh.load_mesh(tmp_path / "w.obj").is_watertight
+    report = ET.fromstring(command("lint", source, "--format", "junit")[1].encode())  # noqa: S314
+    assert report.find("testsuite/testcase").get("name").startswith("m")
+    assert command("report", source, "-o", tmp_path / "w.html")[0] == 0
+    assert not re.search(NOT_IN_XML, (tmp_path / "w.html").read_text(encoding="utf-8"))
+
+
+def test_all_characters_that_xml_forbids_are_escaped():
+    forbidden = re.findall(NOT_IN_XML, "".join(map(chr, range(0x110000))))
+    assert len(forbidden) == 29 + 2048 + 2
+    assert re.fullmatch("[!-~]+", one_line("".join(forbidden)))
 
 
 @pytest.mark.parametrize("name", REAL)
