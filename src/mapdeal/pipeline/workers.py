@@ -355,7 +355,7 @@ def _client(address: str) -> Any:
             return _within_timeout(connect, address)
     except Exception as error:  # noqa: BLE001 - of any type where another program answers
         scheme = address.partition(":")[0]
-        if isinstance(error, OSError):
+        if isinstance(error, OSError | distributed.TimeoutError):  # not one of Python 3.10
             rule = f"the scheduler does not answer: {_first_line(error)}"
             raise FileAccessError(rule, source=address) from None
         if scheme in _UNENCRYPTED:
