@@ -47,8 +47,8 @@ def test_the_transform_leads_from_columns_and_rows_to_metres(yaw, x, resolution,
         x + resolution * (col * cos - row * sin), 2 * x + resolution * (col * sin + row * cos), 1
     )  # fmt: skip
     assert np.allclose(place, expected)
-    left, bottom, right, top = grid.bounds
-    assert left - 1e-6 <= place[0] <= right + 1e-6
+    west, bottom, east, top = grid.bounds
+    assert west - 1e-6 <= place[0] <= east + 1e-6
     assert bottom - 1e-6 <= place[1] <= top + 1e-6
 
 
