@@ -139,7 +139,7 @@ def test_a_parameter_file_that_only_ros_1_reads_is_one(tmp_path):
 
 
 # For bags and parameters info prints more, and images are refused as maps.
-OTHERS = ("bag", "ROS parameters", "image", "Git LFS pointer")
+OTHER_KINDS = ("bag", "ROS parameters", "image", "Git LFS pointer")
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -154,7 +154,7 @@ def test_a_file_is_what_it_is_by_its_bytes_whatever_its_name_and_info_tells(
     assert description in found.what
     assert use in found.use
     assert "{" not in found.use
-    if kind not in OTHERS:
+    if kind not in OTHER_KINDS:
         code, out, err = command("info", path)
         first, kind_line, *of_figures, last = out.splitlines()
         assert (code, err, first, len(of_figures)) == (0, "", str(path), 1 if figures else 0)

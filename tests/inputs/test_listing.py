@@ -63,7 +63,7 @@ def test_endings_that_a_folder_does_not_stand_for(folder):
 
 
 @pytest.mark.parametrize("pattern", ["**/" * 12 + "*.pcd", "*/../" * 12 + "*.pcd", "b/**/[12].pcd"])
-def test_each_part_of_a_pattern_looks_into_each_folder_once_f17(folder, monkeypatch, pattern):
+def test_each_part_of_a_pattern_looks_into_each_folder_once(folder, monkeypatch, pattern):
     """Though two links to their own folder are two to the power of forty ways."""
     for name in ("one", "other"):
         (folder / "b" / name).symlink_to(".", target_is_directory=True)
