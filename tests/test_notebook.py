@@ -1,4 +1,4 @@
-"""The example notebook, run cell by cell, and what it shows."""
+"""The example notebook, run cell by cell, and its output."""
 
 import ast
 import base64
@@ -99,8 +99,8 @@ def test_its_pictures_and_files_are_those_of_the_commands(shown, folder, command
     for name, picture in titled.items():
         assert np.array_equal(_untitled(shown[name][0]), _untitled((out / picture).read_bytes()))
     assert (folder / "out" / "route.png").read_bytes() == shown["route"][0]
-    for made in (folder / "out" / "office").iterdir():
-        assert made.read_bytes() == (out / "office" / made.name).read_bytes()
+    for file in (folder / "out" / "office").iterdir():
+        assert file.read_bytes() == (out / "office" / file.name).read_bytes()
 
 
 @pytest.mark.thorough

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mapdeal import read_map
-from taken import memory_below
+from traced_memory import memory_below
 
 GOOD = "1 0 0\n0 1 0\n"
 LOCAL = ["local", "--cloud", "c.xyz", "-o", "out", "--no-images", "--size", "4,4"]

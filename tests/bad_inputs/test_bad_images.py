@@ -14,7 +14,7 @@ from PIL import Image
 from bad_maps import DRAWING, PGM, PIXELS, cells_of, named, write_map, yaml_text
 from drawn import cells
 from maps.pngs import chunk, file_of
-from taken import memory_below
+from traced_memory import memory_below
 
 
 def encoded(picture, image_format, **options):

@@ -11,7 +11,7 @@ from bad_maps import DRAWING, PGM, cells_of, named, write_map, yaml_text
 from drawn import cells
 from mapdeal import MalformedInputError
 from mapdeal.files.yaml_text import YamlLimits, read_mapping
-from taken import memory_below
+from traced_memory import memory_below
 
 MALFORMED_FILES = [
     ("Y2-empty", b"", "no mapping in file"),

@@ -16,7 +16,7 @@ from mapdeal.maps import picture as strips
 from mapdeal.maps.dialects import DIALECTS, MapMetadata, cells_of
 from mapdeal.maps.images import open_strips, read_image, read_image_size
 from maps.pngs import adam7, chunk, file_of
-from taken import memory_below
+from traced_memory import memory_below
 
 CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 KINDS = [(0, 1), (0, 2), (0, 4), (0, 8), (0, 16), (2, 8), (2, 16), (3, 1), (3, 2), (3, 4), (3, 8),
