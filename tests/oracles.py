@@ -10,7 +10,7 @@ import numpy as np
 
 
 def squared_distance(marked):
-    """Return squared distances in cells to the nearest marked cell; None without marked cells."""
+    """Return squared distances in cells to the nearest marked cell; None if no cell is marked."""
     sites = np.argwhere(marked)
     result = np.empty(marked.shape, dtype=object)
     for row, col in np.ndindex(marked.shape):

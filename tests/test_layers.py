@@ -32,7 +32,7 @@ FILE_SYSTEM_CALLS = re.compile(
 )
 
 
-def test_the_system_is_asked_about_names_in_one_place():
+def test_only_two_modules_call_the_file_system_about_names():
     """The errors of such calls depend on the name, the caller, and the version of Python."""
     asking = {
         place_of(path) for path in MODULES if FILE_SYSTEM_CALLS.search(path.read_text("utf-8"))

@@ -66,7 +66,7 @@ def test_no_outputs_are_stored():
     assert all(cell.get("execution_count") is None for cell in CELLS.values())
 
 
-def test_each_cell_shows_what_it_should(shown):
+def test_each_cell_shows_the_expected_output(shown):
     assert {name for name, (png, _, _) in shown.items() if png} == SHOWN
     assert all("\n" not in line for _, line, _ in shown.values())
     assert shown["map"][1].startswith("OccupancyGrid(544 x 544 cells, 0.05 m, ")

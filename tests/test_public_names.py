@@ -29,7 +29,7 @@ def test_every_public_name_has_a_docstring():
 
 
 @pytest.mark.parametrize("words", [{"mode": "ternary"}, {"encoding": "costmap"}])
-def test_words_that_are_no_choice_are_refused(tmp_path, words):
+def test_invalid_choices_are_refused(tmp_path, words):
     grid = mapdeal.OccupancyGrid(np.zeros((2, 3), np.int8), 0.5, (1, 2, 0.3))
     path = tmp_path / "a.yaml"
     with pytest.raises(mapdeal.ParameterError, match=rf"^{next(iter(words))}: must be one of "):

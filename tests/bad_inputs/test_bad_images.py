@@ -133,7 +133,7 @@ READABLE = [
 
 
 @pytest.mark.parametrize(("image", "drawing"), named(READABLE))
-def test_an_odd_image_is_read_for_what_it_holds(read_cells, image, drawing):
+def test_odd_images_are_read_as_their_pixels(read_cells, image, drawing):
     occupancy, warned = read_cells(image)
     assert occupancy == cells(drawing).tolist()
     assert image[:3] != b"P5\r" or "m.pgm" in warned[0]

@@ -33,7 +33,7 @@ MALFORMED_FILES = [
 
 
 @pytest.mark.parametrize(("text", "place"), named(MALFORMED_FILES))
-def test_a_file_that_is_no_map_yaml_is_refused(folder, refused, text, place):
+def test_yaml_files_that_describe_no_map_are_refused(folder, refused, text, place):
     write_map(folder, text)
     refused(["info", "m.yaml"], 3, "m.yaml", place)
     refused(["run", "m.yaml", "-o", "out"], 3, "m.yaml", place)

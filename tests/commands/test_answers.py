@@ -113,7 +113,7 @@ def test_what_lint_has_found(read):
     ]
 
 
-def test_where_reach_and_methods_show_what_they_say(read):
+def test_items_of_reach_and_methods_have_their_places(read):
     start, dock, unreachable, passage = read(REACH).items
     assert (start.place, dock.place, unreachable.place) == ((1.5, -2.0), (3.0, 4.0), (-3.0, 4.0))
     assert start.text.startswith("start at 1.5, -2, yaw 0.5: ")

@@ -56,6 +56,6 @@ def test_what_cannot_be_merged_is_refused(maps, options, message):
 
 
 @pytest.mark.parametrize("rotations", [[], [math.nan], [math.inf]])
-def test_turns_that_are_none_are_refused(rotations):
+def test_invalid_rotations_are_refused(rotations):
     with pytest.raises(ParameterError, match="rotations"):
         placed(GRID, GRID, rotations=rotations)

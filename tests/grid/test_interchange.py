@@ -52,7 +52,7 @@ def test_the_transform_leads_from_columns_and_rows_to_metres(yaw, x, resolution,
     assert bottom - 1e-6 <= place[1] <= top + 1e-6
 
 
-def test_values_are_asked_for_by_metres():
+def test_values_are_read_by_metres():
     values, inside = COSTS.query([[1.05, 2.1], [50.0, 2.0]])
     assert (values.tolist(), inside.tolist()) == ([0, 255], [True, False])
     rows, cols = np.indices(COSTS.shape).reshape(2, -1)

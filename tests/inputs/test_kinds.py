@@ -301,7 +301,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("words", "name", "rule"), WRONG)
-def test_every_command_says_what_it_was_given(command, here, words, name, rule):
+def test_every_command_names_the_kind_of_a_wrong_file(command, here, words, name, rule):
     before = sorted(here.iterdir())
     code, out, err = command(*words.format(name).split())
     message, hint = err.splitlines()
@@ -320,7 +320,7 @@ def test_a_recipe_that_is_a_map_is_usage_and_lint_finds_what_files_and_folders_a
     assert "bag: error: run.no-manifest: is a folder with a ROS 2 bag, not a folder of maps" in out
 
 
-def test_info_of_a_run_is_for_people(command, here):
+def test_info_of_a_run_prints_a_table(command, here):
     assert command("run", "map.yaml", "-o", "out", "-q", "--no-images")[0] == 0
     code, out, _ = command("info", "out/map")
     assert code == 0

@@ -85,7 +85,7 @@ def test_a_file_by_its_shortest_way(folder):
     assert [str(path) for path in list_files(["[ab]/*/2.pcd"], SUFFIXES)] == ["a/down/2.pcd"]
 
 
-def test_links_into_nothing_and_in_circles_are_left_to_whoever_reads_them(folder):
+def test_broken_and_circular_links_are_listed_for_their_reader(folder):
     (folder / "x.pcd").symlink_to("y.pcd")
     (folder / "y.pcd").symlink_to("x.pcd")
     (folder / "z.pcd").symlink_to("nothing")

@@ -75,7 +75,7 @@ def test_the_parents_of_listed_files_count_for_the_common_root(folder):
     ("maps\n".encode("utf-16"), "must be UTF-8"),
     (None, "cannot be read"),
 ])  # fmt: skip
-def test_lists_that_are_none(folder, content, message):
+def test_malformed_lists_are_refused(folder, content, message):
     if content is not None:
         (folder / "list.txt").write_bytes(content)
     with pytest.raises((ParameterError, FileAccessError), match=message):

@@ -62,7 +62,7 @@ def test_a_block_that_two_threads_ask_for_is_made_once():
     assert requested == [(0, 23)]
 
 
-def test_an_error_is_raised_to_whoever_asks_and_not_kept():
+def test_an_error_is_raised_to_each_caller_and_not_cached():
     outcomes = mock.Mock(side_effect=[OSError("gone"), ALL_ROWS])
     layer = lazy(23, keep=1, make=outcomes)
     with pytest.raises(OSError, match="gone"):

@@ -156,7 +156,7 @@ def test_a_diagonal_gap_is_crossed_from_corner_to_corner():
     assert second in {(11.0, 11.0), (11.0, 12.0)}
 
 
-def test_where_there_is_no_obstacle_opposite_the_bar_ends_where_ways_do():
+def test_without_an_opposite_obstacle_the_bar_ends_with_the_open_cells():
     occupied = np.zeros((12, 20), dtype=bool)
     occupied[2] = True
     basins = np.where(occupied, -1, 0).astype(np.int32)

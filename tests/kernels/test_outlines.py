@@ -22,7 +22,7 @@ def union_of_cells(mask):
 @given(masks(18))
 def test_exact_outlines_are_the_union_of_the_cells(mask):
     found = outlines(mask)
-    polygons = [polygon(one) for one in found]
+    polygons = [polygon(outline) for outline in found]
     assert all(polygon.is_valid and shapely.is_ccw(polygon.exterior) for polygon in polygons)
     assert all(not shapely.is_ccw(ring) for polygon in polygons for ring in polygon.interiors)
     assert sum(polygon.area for polygon in polygons) == mask.sum()

@@ -81,7 +81,7 @@ OBSTACLES = {"s": "costmap_2d::StaticLayer", "o": "costmap_2d::ObstacleLayer"}
     (nav2("s", STATIC, costmap="local", robot_radius=0.01, rolling_window="true",
           use_maximum="true", track_unknown_space="true"),
      ["--costmap", "local"], [254, 0, 0, 0, 255, 255, 0]),
-    # sonars have no effect without readings, except if their thresholds make them act
+    # sonars have no effect without readings, but some thresholds let them act
     (nav2("sr", STATIC, 'r: {plugin: "nav2_costmap_2d::RangeSensorLayer"}', robot_radius=0.01,
           track_unknown_space="true"), [], [254, 0, 0, 0, 255, 255, 0]),
     (nav2("sr", STATIC, 'r: {plugin: "nav2_costmap_2d::RangeSensorLayer", clear_threshold: 0.6}',
@@ -266,7 +266,7 @@ def test_a_costmap_of_ros_1_without_a_map_has_the_size_of_its_parameters(cost):
 
 
 @pytest.mark.parametrize("layer", LAYERS, ids=lambda layer: layer.key)
-def test_every_layer_goes_through_recipes_and_says_what_it_does(layer):
+def test_every_layer_goes_through_recipes_and_describes_its_effect(layer):
     default = layer()
     grid = grid_from_text("#..?", resolution=0.5)
     costs = layered_cost(grid, layers=["static", {layer.key: {"name": "mine"}}, default])

@@ -184,7 +184,7 @@ def test_a_chunk_of_more_bytes_than_the_memory_is_refused_unread(tmp_path, read)
         read(tmp_path / "m.png")
 
 
-def test_files_may_give_fewer_bytes_than_they_are_asked_for(tmp_path, monkeypatch):
+def test_files_may_give_fewer_bytes_than_requested(tmp_path, monkeypatch):
     """As those of other machines do."""
     (tmp_path / "m.png").write_bytes(SOUND)
     pread = os.pread

@@ -89,7 +89,7 @@ def test_a_warning_is_about_the_code_that_its_level_names(recwarn):
     assert [lines[warning.lineno - 1].strip() for warning in recwarn] == ["work()"] * 2
 
 
-def test_warnings_that_are_heard_twice_keep_their_place():
+def test_warnings_that_are_captured_twice_keep_their_place():
     with capture_warnings() as captured, heard(texts := []):
         emit_warning(MapdealWarning("odd", "image.lossy"))
     assert (texts, [warning.check for warning in captured]) == (["odd"], ["image.lossy"])

@@ -34,7 +34,7 @@ def recipe(tmp_path, stages, **options):
     "grid", [MAP, esdf(MAP), layered_cost(MAP), field_view(esdf(MAP))],
     ids=["map", "field", "costs", "view"],
 )  # fmt: skip
-def test_a_stage_is_given_what_its_function_takes(visit, grid):
+def test_a_stage_passes_the_parameters_of_its_function(visit, grid):
     make_step("visit", {}).apply(grid, None)
     assert visit == [grid]
 

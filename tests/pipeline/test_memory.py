@@ -66,7 +66,7 @@ def test_too_little_memory_says_how_much_would_do():
         cut(80_000_000, base=0, steps=(Step, InMemory))
 
 
-def test_a_map_in_memory_takes_what_its_steps_say_and_its_pictures():
+def test_the_memory_of_a_map_includes_its_steps_and_pictures():
     # 1000 of the engine; 3 of the engine, 1 of the map and 1.5 of the step for each of 12 cells
     assert memory.bytes_in_memory((3, 4), [Step], None) == 1000 + 66
     assert memory.bytes_in_memory((3, 4), [Step, Step], 0) == 1000 + 84 + 10 * 12

@@ -269,7 +269,7 @@ def test_an_odd_golden_manifest_is_refused_or_differs(runs):
     b'{"figures": {}, "outputs": {}, "stages": 5}', b"[" * 100_000, b"1" * 5000, b"NaN",
     b'{"x": 1e999}', b"\xff\xfe", b" " * (1 << 23),
 ], ids=["stages of 5", "nested", "a long number", "nan", "1e999", "no text", "8 MiB"])  # fmt: skip
-def test_a_manifest_that_is_none_is_one_line_in_every_command(command, runs, text):
+def test_a_malformed_manifest_is_one_line_in_every_command(command, runs, text):
     for name in ("out", "gold"):
         (runs / name / "m" / "manifest.json").write_bytes(text)
     for more, expected in (

@@ -126,7 +126,7 @@ def test_what_does_not_count_or_cannot_be_edited_is_left(fixed, folder, text, wo
     assert [path.stat().st_mtime_ns for path in folder.iterdir()] == times
 
 
-def test_maps_that_are_no_pairs_are_left(command, fixed, folder):
+def test_fix_leaves_npz_maps_unchanged(command, fixed, folder):
     assert command("convert", "m.yaml", "-o", "m.npz")[0] == 0
     before = tree(folder)
     assert fixed(name="m.npz")[0] == 0

@@ -372,7 +372,7 @@ def batch(run):
 @pytest.mark.parametrize(("name", "column"), [
     ("width", "cells"), ("height", "cells"), ("resolution", "m per cell"), ("lethal", "lethal %"),
 ])  # fmt: skip
-def test_figures_that_are_no_numbers_are_no_columns(name, column):
+def test_texts_lists_and_huge_numbers_become_no_columns(name, column):
     """A text times a height, or a list, would fill the memory."""
     good = {"width": 20, "height": 10**9, "resolution": 0.25, "lethal": 7}
     assert column in columns_of({"cost": good})

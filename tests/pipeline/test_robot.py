@@ -73,7 +73,7 @@ def test_parameters_that_are_given_win_over_the_robots(stage, chosen, expected):
     assert {name: parameters[name] for name in expected} == expected
 
 
-def test_a_model_that_is_asked_for_follows_the_robots_layers_or_is_refused():
+def test_a_chosen_model_follows_the_robots_layers_or_is_refused():
     static, inflation = StaticLayer("s"), InflationLayer("i", 0.2, 0.7, 3.0, lookup="nav2")
     step = step_for("cost", _robot(static, inflation), {"model": "layers"})
     assert step.parameters["layers"] == (static, inflation)

@@ -53,7 +53,7 @@ NASTY = st.text(
 
 
 @given(NASTY, NASTY)
-def test_text_and_attributes_stay_what_they_are(text, value):
+def test_texts_and_attributes_are_read_back(text, value):
     tags, found = read(element("p", text, title=value))
     assert [tag for tag, _ in tags] == ["p"]
     if (text + value).isprintable():

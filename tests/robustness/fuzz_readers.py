@@ -115,7 +115,7 @@ def read_seeds(reader, folder):
 
 
 def _problem_of(reader, path, data, found, longest):
-    """Return the problem of a reader with some data, None if there is none."""
+    """Return the problem of a reader with some data, or None."""
     signal.setitimer(signal.ITIMER_REAL, longest)
     try:
         reader.read(path, data)

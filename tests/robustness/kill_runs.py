@@ -78,7 +78,7 @@ def judge(folder, sums):
     again = run_process(command(folder, "out", [*NEW, *([] if kind == "new" else ["--force"])]))
     if again.returncode or ("unchanged" in again.stdout) != (kind == "new"):
         problems.append(f"the next run over a set that is {kind}: {again.stdout}{again.stderr}")
-    # a run that is up to date writes nothing, and removes no temporary file either
+    # a run that is up to date writes nothing and leaves temporary files
     if kind != "new" and list(remaining.glob(".mapdeal-*")):
         problems.append("the next run leaves temporary files")
     if sums_of(remaining) != sums["new"]:

@@ -6,7 +6,7 @@ import struct
 from robustness.words import words_of
 
 NUMBERS = words_of("numbers")
-"""Replacements of a number in a text: limits of types, odd spellings, words that are no number."""
+"""Replacements of a number in a text: limits of types, odd spellings, and other words."""
 
 BYTES = b"\0\1\x7f\x80\xff \t\n\r\v\f\x1a\x1c\x85\xa0\xc3#,;:.-+/\\'\"[]{}()<>&*!|%@~=?_$`^019eEnxX"
 """Bytes that mean something in one format or another."""

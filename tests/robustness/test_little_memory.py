@@ -44,8 +44,8 @@ def check(words, folder, limits):
     for limit in limits:
         completed, written = run(words, folder / str(limit), limit)
         if completed.returncode in (3, 4):
-            lines_of_stderr = completed.stderr.splitlines()
-            lines = [one for one in lines_of_stderr if not one.startswith("warning: ")]
+            stderr_lines = completed.stderr.splitlines()
+            lines = [line for line in stderr_lines if not line.startswith("warning: ")]
             assert lines[0].startswith("error: ")
             assert all(line.startswith("hint: ") for line in lines[1:]), completed.stderr
             assert not written

@@ -111,7 +111,7 @@ def test_what_a_stage_needs_is_named_and_described_as_it_is_read(stage):
     ("name", "text", "value"),
     [("goal", "1.5,-2", (1.5, -2.0)), ("goal", "none", None), ("goal", None, None)],
 )
-def test_an_optional_parameter_is_none_only_if_it_says_so(name, text, value):
+def test_only_optional_parameters_accept_none(name, text, value):
     parameters = parameters_of(mapdeal.potential)
     assert parameters[name].accept(text) == value
     with pytest.raises(ParameterError, match="repulsive_cap"):

@@ -43,7 +43,7 @@ def peak(*words):
     [stage for stage in STAGES if stage.cells is None],  # others: test_memory_of_commands.py
     ids=lambda stage: f"{stage.name} {stage.model or ''}",
 )
-def test_a_command_takes_no_more_memory_than_its_stage_says(site, tmp_path, stage):
+def test_a_command_takes_no_more_memory_than_its_stage_estimates(site, tmp_path, stage):
     model = {"model": stage.model} if stage.model else {}
     if stage.name == "shift":
         model["origin"] = "20,30"
@@ -57,7 +57,7 @@ def test_a_command_takes_no_more_memory_than_its_stage_says(site, tmp_path, stag
     assert over < 0, f"{stage.name}: memory= must be at least {needed:.1f} bytes a cell"
 
 
-def test_many_headings_take_no_more_memory_than_is_said(site, tmp_path):
+def test_many_headings_take_no_more_memory_than_estimated(site, tmp_path):
     corners = [[0.45, 0.2], [0.45, -0.2], [-0.45, -0.2], [-0.45, 0.2]]
     robot = ["--footprint", str(corners), "--headings", "255"]
     used = peak("reach", str(site), "-o", str(tmp_path / "out.json"), *robot)
