@@ -208,6 +208,7 @@ def site(folder, side):
     shifted = np.roll(values, 3, axis=0)
     write_map(folder / "other.yaml", OccupancyGrid(shifted, 0.05, (2.5, -2.0, 0.0)))
     write_map(folder / "cost.npz", Costmap((values == 100).astype(np.uint8) * 254, 0.05))
+    write_map(folder / "other_cost.npz", Costmap((shifted == 100).astype(np.uint8) * 254, 0.05))
     write_bit_map(folder / "bits.pbm", BitMap.from_occupancy(grid))
     write_map(folder / "esdf.npz", esdf(grid))
     around = grid.frame.window(-1, -2, side + 3, side + 105)
@@ -253,6 +254,8 @@ COMMANDS = {
     "costs of a field on a canvas": "cost canvas.npz -q -o out.npz",
     "pack": "pack site.yaml -o out.pbm",
     "diff": "diff site.yaml other.yaml",
+    "diff of costs": "diff cost.npz other_cost.npz",
+    "diff of costs drawn": "diff cost.npz other_cost.npz --image d.png --force",
     "merge": f"merge site.yaml other.yaml {OUT}",
     "merge turned": f"merge site.yaml turned.yaml other.yaml {OUT} --image o.png",
     "merge by evidence": "merge odds.npz turned.yaml --rule evidence -q -o out.npz",

@@ -39,7 +39,7 @@ from mapdeal.errors import (
     emit_warning,
     one_line,
 )
-from mapdeal.files.json_values import ALIGNMENT, COMPARISON, DIFF, LINT, SCORE
+from mapdeal.files.json_values import ALIGNMENT, COMPARISON, COST_DIFF, DIFF, LINT, SCORE
 from mapdeal.files.source import (
     NAMED_MAPS,
     YAML,
@@ -415,7 +415,7 @@ class _Gathering:
         """Read a document; its content goes where it belongs, at the end."""
         results = read_results(path)
         self.named |= set(results.files)
-        if results.kind in (DIFF, ALIGNMENT):
+        if results.kind in (DIFF, COST_DIFF, ALIGNMENT):
             self.drafts.append(two_maps(path, results, self._grids))
         elif results.kind == COMPARISON:
             rule = "is what build --compare has written beside its maps"

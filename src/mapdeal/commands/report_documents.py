@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 
 from mapdeal.checks.findings import SEVERITIES, Finding, Severity
 from mapdeal.compare.bounds import figure_text, figures_named
+from mapdeal.compare.costs import CostChange
 from mapdeal.compare.difference import Change
 from mapdeal.errors import MalformedInputError, ParameterError, one_line
 from mapdeal.files.json_values import (
     ALIGNMENT,
     COMPARISON,
+    COST_DIFF,
     DIFF,
     LINT,
     REACH,
@@ -52,13 +54,13 @@ from mapdeal.grid.reach import (
 )
 from mapdeal.grid.route_graph import RouteNode
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
-from mapdeal.grid.values import count_text
+from mapdeal.grid.values import CostScale, count_text
 from mapdeal.inputs.kinds import SHAPES, recognised
 from mapdeal.maps.route_graphs import parsed_graph
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
-from mapdeal.report.document import Claim, Item, ItemKind, Table, Tone, Zone
+from mapdeal.report.document import About, Claim, Item, ItemKind, Table, Tone, Zone
 from mapdeal.report.outlines import outlines_of
-from mapdeal.report.verdict import on_findings, on_goals
+from mapdeal.report.verdict import GEOMETRY, on_findings, on_goals
 
 MOST_ITEMS = 1000
 """Of one kind: nobody looks through more, and a page with a million of them opens nowhere."""
@@ -66,6 +68,7 @@ MOST_ITEMS = 1000
 MOST_POINTS = 20_000
 """Of a route on a page, which would grow by some megabytes for a million of them."""
 
+_MOST_OF_A_CHANGE = 5  # regions that are listed of costs that changed in one way
 MOST_CHANGES = 20  # places that are listed of obstacles that are new, or gone
 _MOST_ROWS = 200
 _LONGEST = 400
@@ -497,17 +500,32 @@ def _alignment(document: JsonValue) -> Results:
     return Results(ALIGNMENT, [], [table], [], maps, files, transform, claims=claims)
 
 
+_COUNTS_OF_DIFF = {
+    "common_cells": "common cells", "differing": "differing",
+    "beyond_tolerance": "beyond the tolerance", "known_only_in_first": "known in the first alone",
+}  # fmt: skip
+
+
+def _rows_of_diff(document: JsonValue, maps: Iterable[NamedMap | None]) -> list[Row]:
+    rows = [(key, "yes" if document[key].flag() else "no") for key in ("equal", "passes")]
+    for title, named in zip(("first map", "second map"), maps, strict=True):
+        rows += [] if named is None else [(title, short(named.file))]
+    for key, title in _COUNTS_OF_DIFF.items():
+        if key != "beyond_tolerance" or "confusion" in document.fields():
+            rows.append((title, str(document[key].integer())))
+    return rows
+
+
+def _claims_on_bounds(document: JsonValue, about: About, evidence: str) -> tuple[Claim, ...]:
+    bounds = document["bounds"].fields()
+    missed = [name for name, bound in bounds.items() if not bound["holds"].flag()]
+    text = f"The bound on {short(' and '.join(missed))} does not hold"
+    return (Claim(about, "error", text, evidence),) if missed else ()
+
+
 def _diff(document: JsonValue) -> Results:
     maps, files = _named(document, "first", "second")
-    rows = [(key, "yes" if document[key].flag() else "no") for key in ("equal", "passes")]
-    for what, named in zip(("first map", "second map"), maps, strict=True):
-        rows += [] if named is None else [(what, short(named.file))]
-    for key, what in (
-        ("common_cells", "common cells"), ("differing", "differing"),
-        ("beyond_tolerance", "beyond the tolerance"),
-        ("known_only_in_first", "known in the first alone"),
-    ):  # fmt: skip
-        rows.append((what, str(document[key].integer())))
+    rows = _rows_of_diff(document, maps)
     symmetry = document["symmetry"].or_none(JsonValue.text)
     if symmetry is not None:
         rows.append(("the second is much more like it", f"if it is {short(symmetry)}"))
@@ -520,7 +538,7 @@ def _diff(document: JsonValue) -> Results:
     tables = [Table("What differs", tuple(rows))]
     pairs = {**_pairs(document["geometry"]), **_pairs(document["metadata"])}
     if pairs:
-        tables.append(Table("Geometry and metadata, first → second", tuple(pairs.items())))
+        tables.append(Table(GEOMETRY, tuple(pairs.items())))
     cells = [
         (short(f"{state} → {other}"), count.integer())
         for state, row in document["confusion"].fields().items()
@@ -529,14 +547,37 @@ def _diff(document: JsonValue) -> Results:
     counted = tuple((what, str(count)) for what, count in cells if count)
     tables.append(Table("Cells, first → second", counted))
     moved, tolerance = document.get("transform"), document.get("tolerance")
-    missed = [name for name, one in document["bounds"].fields().items() if not one["holds"].flag()]
-    text = f"The bound on {short(' and '.join(missed))} does not hold"
     return Results(
         DIFF, [], tables, [], maps, files,
         transform=None if moved is None else moved.or_none(_transform),
         tolerance=0.0 if tolerance is None else tolerance.number(least=0),
-        claims=(Claim("obstacles", "error", text, tables[0].title),) if missed else (),
+        claims=_claims_on_bounds(document, "obstacles", tables[0].title),
     )  # fmt: skip
+
+
+def _cost_diff(document: JsonValue) -> Results:
+    maps, files = _named(document, "first", "second")
+    rows = _rows_of_diff(document, maps)
+    rows.append(("cost scale", document["cost_scale"].word(*get_args(CostScale))))
+    for name, bound in document["bounds"].fields().items():
+        rows.append((short(name), _bound_of_diff(bound)))
+    tables = [Table("What differs", tuple(rows))]
+    if pairs := _pairs(document["geometry"]):
+        tables.append(Table(GEOMETRY, tuple(pairs.items())))
+    return Results(
+        COST_DIFF, [], tables, [], maps, files,
+        transform=document["transform"].or_none(_transform),
+        claims=_claims_on_bounds(document, "cells", tables[0].title),
+    )  # fmt: skip
+
+
+def cost_change_items(changes: Iterable[CostChange], frame: Frame) -> list[Item]:
+    """Return the largest regions of each change; only those of closed cells with outlines."""
+    listed = [region for change in changes for region in change.largest[:_MOST_OF_A_CHANGE]]
+    if not listed:
+        return []
+    items = change_items(listed, sum(change.regions for change in changes) - len(listed), frame)
+    return [replace(item, lines=()) if item.kind in ("rose", "fell") else item for item in items]
 
 
 def _transform_text(one: Transform) -> str:
@@ -703,5 +744,5 @@ def _at(point: Sequence[float]) -> str:
 
 _READERS: dict[str | None, Callable[[JsonValue], Results]] = {
     LINT: _lint, REACH: _reach, ROUTE: _route, DIFF: _diff, COMPARISON: _comparison,
-    SCORE: _score, ALIGNMENT: _alignment, ROUTE_GRAPH: _route_graph,
+    SCORE: _score, ALIGNMENT: _alignment, ROUTE_GRAPH: _route_graph, COST_DIFF: _cost_diff,
 }  # fmt: skip

@@ -15,17 +15,21 @@ import numpy as np
 
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.diff import compared
+from mapdeal.commands.diff_costs import change_codes, change_text, costmaps_compared
 from mapdeal.commands.report_documents import (
     MOST_CHANGES,
     Part,
     Results,
     Subject,
     change_items,
+    cost_change_items,
     costmap_subject,
     read_results,
     robot_subject,
     short,
 )
+from mapdeal.commands.two_maps import names_of_two
+from mapdeal.compare.costs import CostDifference
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
@@ -35,7 +39,7 @@ from mapdeal.errors import (
     emit_warning,
     one_line,
 )
-from mapdeal.files.json_values import COMPARISON, DIFF, NamedMap, read_json
+from mapdeal.files.json_values import COMPARISON, COST_DIFF, DIFF, NamedMap, read_json
 from mapdeal.files.source import (
     CHANGED,
     contents_of,
@@ -52,15 +56,21 @@ from mapdeal.inputs.listing import folders_below
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy, lazy_layer
 from mapdeal.maps.npz import Grid, holds_reach, open_npz, read_cloud_layers, read_reach
 from mapdeal.maps.reading import MapFile, open_map
-from mapdeal.pictures.styles import difference_style
+from mapdeal.pictures.styles import cost_change_style, difference_style
 from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST, manifest_in, product_of, said
-from mapdeal.pipeline.inputs import bytes_of, map_input, read_together
+from mapdeal.pipeline.inputs import Reading, bytes_of, map_input, read_together
 from mapdeal.pipeline.settings import Settings, heard, portable
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.report.document import MAP, Claim, Entry, Item, PageLayer, Table, kinds_of
 from mapdeal.report.tiles import extent_of
-from mapdeal.report.verdict import on_costs, on_difference, on_failure, settled
+from mapdeal.report.verdict import (
+    on_cost_difference,
+    on_costs,
+    on_difference,
+    on_failure,
+    settled,
+)
 
 Kind = TypeVar("Kind")
 
@@ -661,12 +671,12 @@ def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
     """Return the draft of a document of ``diff`` or ``align``: one map over the other."""
     # The maps are read again. A map that is missing, or has changed since, is reported.
     first, second = results.maps
-    is_diff = results.kind == DIFF
+    is_diff = results.kind in (DIFF, COST_DIFF)
     if first is None or second is None:
         hint = "mapdeal diff A B --json also writes their names" if is_diff else None
         raise MalformedInputError("does not name its two maps", source=path, hint=hint)
-    stems = [Path(one.file).stem for one in (first, second)]
-    draft = Draft(f" {'and' if is_diff else 'on'} ".join(stems), path, tables=list(results.tables))
+    names = names_of_two(Path(first.file), Path(second.file))
+    draft = Draft(f" {'and' if is_diff else 'on'} ".join(names), path, tables=list(results.tables))
     found = []
     for named, name in ((first, "first"), (second, "second")):
         place = place_of(named, path)
@@ -704,12 +714,29 @@ def _add_difference(
     with capture_warnings():  # they were given when the maps were opened
         sources = zip(paths, read_together(paths, settings), strict=True)
         maps = [map_input(one, path) for path, one in sources]
-        found = compared(
-            maps, tolerance=results.tolerance, move=results.transform,
-            max_memory=settings.max_memory,
-        )  # fmt: skip
+        reading: Reading = {"max_memory": settings.max_memory}
+        if results.kind == DIFF:
+            found = compared(maps, tolerance=results.tolerance, move=results.transform, **reading)
+    if results.kind == COST_DIFF:
+        try:
+            costs = costmaps_compared(maps, results.transform, None, **reading).costs
+            add_cost_changes(draft, costs)
+        except ParameterError as error:  # a file that was replaced by a map
+            draft.lacks("what differs", Path(str(error.source)), error)
+        return
     style, title = difference_style(), "What differs"
     draft.layers.append(PageLayer("difference", title, found.frame, found.changes, style))
     changes, left = found.largest_changes(MOST_CHANGES)
     draft.items += change_items(changes, left, found.frame)
     draft.claims += on_difference(found, changes, left)
+
+
+def add_cost_changes(draft: Draft, found: CostDifference) -> None:
+    """Add what differs between two costmaps: its layer, its regions and what follows."""
+    style, title = cost_change_style(), "Change of the cost"
+    draft.layers.append(PageLayer("difference", title, found.frame, change_codes(found), style))
+    changes = [change for change in found.changes.values() if change.cells]
+    rows = tuple((change.kind, change_text(change)) for change in changes)
+    draft.tables.append(Table("Changes of the cost", rows or (("changes", "none"),)))
+    draft.items += cost_change_items(changes, found.frame)
+    draft.claims += on_cost_difference(found, draft.tables[-1].title)

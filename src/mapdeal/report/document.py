@@ -35,8 +35,9 @@ Tone = Literal["error", "warning", "note", "good", "plain"]
 """Severity of an item: its colour on the page, never the only sign of it."""
 
 ItemKind = Literal[
-    "finding", "passage", "start", "goal", "route", "graph", "shape", "added", "removed"
-]
+    "finding", "passage", "start", "goal", "route", "graph", "shape", "added", "removed",
+    "closed", "opened", "unknown", "known", "rose", "fell",
+]  # fmt: skip
 
 State = Literal["error", "warning", "unknown", "good"]
 """What a claim comes to, the worst first; ``unknown`` if nobody has looked."""

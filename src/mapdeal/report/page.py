@@ -20,6 +20,7 @@ from typing import Any, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.compare.difference import ChangeKind
 from mapdeal.errors import one_line
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.values import count_text
@@ -282,13 +283,15 @@ class _Plot(Plot):
 
 
 _KINDS = {
-    "added": "Added", "removed": "Removed", "passage": "Passages", "start": "Starts",
+    "added": "Added", "removed": "Removed", "closed": "Now closed", "opened": "No longer closed",
+    "unknown": "Now unknown", "known": "No longer unknown", "rose": "Higher cost",
+    "fell": "Lower cost", "passage": "Passages", "start": "Starts",
     "goal": "Goals", "route": "Routes", "graph": "Route graphs", "finding": "Findings",
     "shape": "Shapes",
 }  # fmt: skip
 """What items are called, in the order in which they are listed."""
 
-_IN_ONE_LIST = dict.fromkeys(("added", "removed"), "Largest changes")
+_IN_ONE_LIST = dict.fromkeys(get_args(ChangeKind), "Largest changes")
 
 _STATES = {"error": "Problem", "warning": "Check", "unknown": "Not checked", "good": "OK"}
 """What a verdict says of its states: they have colours, but nobody needs to see these."""

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, get_args
 
+from mapdeal.compare.costs import CostDifference
 from mapdeal.compare.difference import Change, Difference
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import RADIUS_TOLERANCE
@@ -194,14 +195,48 @@ def on_difference(found: Difference, changes: Sequence[Change], left: int) -> li
     if found.symmetry is not None:
         text = f"The second map would be much more like the first if {found.symmetry}"
         claims.append(Claim("geometry", "error", text, "What differs"))
-    elif found.geometry:
-        names = ", ".join(found.geometry)
-        text = f"The maps do not cover the same cells: {names} differ{'s' * (',' not in names)}"
-        title = "Geometry and metadata, first \u2192 second"
-        claims.append(Claim("geometry", "warning", text, title))
     else:
-        claims.append(Claim("geometry", "good", "Both maps cover the same cells"))
+        claims.append(_on_geometry(found.geometry))
     return claims
+
+
+GEOMETRY = "Geometry and metadata, first \u2192 second"
+"""Title of the table of what differs in the geometry of two maps."""
+
+
+def _on_geometry(geometry: Mapping[str, object]) -> Claim:
+    if not geometry:
+        return Claim("geometry", "good", "Both maps cover the same cells")
+    names = ", ".join(geometry)
+    text = f"The maps do not cover the same cells: {names} differ{'s' * (',' not in names)}"
+    return Claim("geometry", "warning", text, GEOMETRY)
+
+
+def on_cost_difference(found: CostDifference, evidence: str) -> list[Claim]:
+    """Return how much two costmaps differ: closed cells, all costs, and geometry."""
+    if not found.common_cells:
+        return [Claim("costmap", "error", "The costmaps have no cell in common")]
+    closed, opened, _, _, rose, fell = found.changes.values()
+    claims = [Claim("costmap", "good", "The same cells are closed in both costmaps")]
+    if closed.cells or opened.cells:
+        parts = [
+            f"{change.area:.3g} m2 {words} closed"
+            for change, words in ((closed, "are now"), (opened, "are no longer"))
+            if change.cells
+        ]
+        kind = closed.kind if closed.cells else opened.kind
+        text = f"The closed cells differ: {' and '.join(parts)}"
+        claims = [Claim("costmap", "warning", text, kind)]
+    share = 100 * found.differing / found.common_cells
+    text = "All common cells have the same cost"
+    if share:
+        parts = [
+            f"{change.kind} on {change.area:.3g} m2" for change in (rose, fell) if change.cells
+        ]
+        text = f"{share:.3g} % of the common cells have another cost"
+        text += f": it {' and '.join(parts)}" if parts else ""
+    claims.append(Claim("cells", "warning" if share else "good", text, evidence))
+    return [*claims, _on_geometry(found.geometry)]
 
 
 def verdicts_of(entries: Sequence[Entry]) -> tuple[Verdict, ...]:
