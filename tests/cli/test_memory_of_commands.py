@@ -3,6 +3,7 @@
 Processes of their own are measured, since a peak is never taken back.
 """
 
+import json
 import re
 import struct
 import zipfile
@@ -217,6 +218,10 @@ def site(folder, side):
     write_map(folder / "potential.npz", PotentialField(repulsive, values, 0.05, goal=(1.0, 2.0)))
     scans(folder / "scans.npz", np.zeros((100, 3)))
     np.save(folder / "cloud.npy", np.ones((10, 3)))
+    for name, radius in (("robot", 0.04), ("wide", 0.06)):
+        parameters = {"robot_radius": radius, "footprint_padding": 0.0}
+        nodes = {"global_costmap": {"global_costmap": {"ros__parameters": parameters}}}
+        (folder / f"{name}.yaml").write_text(json.dumps(nodes))
     (folder / "pairs.csv").write_text("0.1,0.1,70.1,70.1\n")
 
 
@@ -256,6 +261,7 @@ COMMANDS = {
     "diff": "diff site.yaml other.yaml",
     "diff of costs": "diff cost.npz other_cost.npz",
     "diff of costs drawn": "diff cost.npz other_cost.npz --image d.png --force",
+    "diff of robots": "diff site.yaml --params-file robot.yaml --against wide.yaml -q",
     "merge": f"merge site.yaml other.yaml {OUT}",
     "merge turned": f"merge site.yaml turned.yaml other.yaml {OUT} --image o.png",
     "merge by evidence": "merge odds.npz turned.yaml --rule evidence -q -o out.npz",

@@ -308,7 +308,9 @@ def _warn_of_unused(step: Step, robot: RobotParameters) -> None:
         )
 
 
-_OF_ROBOT = {"footprint": "--footprint, --robot-radius", "robot": "--params-file"}
+_OF_ROBOT = {
+    "footprint": "--footprint, --robot-radius", "robot": "--params-file", "against": "--against"
+}  # fmt: skip
 """Parameters that options in common stand for, and which these are."""
 
 _OF_SETTINGS = SHARED_OPTIONS.keys() & {one.name for one in fields(Settings)} - {*opt.OF_IMAGES}

@@ -20,7 +20,9 @@ from mapdeal.command import (
     parameters_of,
 )
 from mapdeal.commands import two_maps
-from mapdeal.commands.diff_costs import CostmapDiff, costmaps_compared
+from mapdeal.commands.diff_costs import costmaps_compared
+from mapdeal.commands.diff_robots import compare_robots, robots_compared
+from mapdeal.commands.reach import goals_in, goals_of, start_of
 from mapdeal.compare import faults as finding
 from mapdeal.compare.difference import STATES, Bound, Difference, WallShift, compare, frame_around
 from mapdeal.compare.score import states_of
@@ -33,7 +35,8 @@ from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text
 from mapdeal.kernels.lookup import histogram
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
-from mapdeal.pipeline.inputs import Map, MapInput, Reading, claim_for, errors_named, refuse
+from mapdeal.pipeline.inputs import Map, MapInput, Reading, claim_for, errors_named, opened, refuse
+from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import transform_document
 
 File = str | PathLike[str]
@@ -300,33 +303,65 @@ def _maps_compared(
 
 @command(
     name="diff",
-    also={"": diff},
+    also={"": diff, "With --against": compare_robots},
+    shared=("params_file", "costmap", "namespace", "against", "files"),
+    words={
+        "start": Words("X,Y[,YAW]", start_of, "from"),
+        "goals": Words("[NAME=]X,Y", goals_of, "to", is_repeated=True),
+    },
     group="Two maps of one place",
     example="""\
 mapdeal edit line examples/maps/office.yaml -o out/new.yaml \\
     --point 1,-0.8 1.5,-0.8 --value 100
-mapdeal diff examples/maps/office.yaml out/new.yaml --tolerance 1""",
+mapdeal diff examples/maps/office.yaml out/new.yaml --tolerance 1
+mapdeal diff examples/maps/office.yaml \\
+    --params-file examples/robots/nav2_params.yaml \\
+    --against examples/robots/nav2_params.yaml \\
+    --against examples/robots/nav2_wider.yaml""",
 )
 def differences(
     first: Annotated[Map, Words("A")],
-    second: Annotated[Map, Words("B")],
+    second: Annotated[Map | None, Words("[B]")] = None,
+    *,
+    points: Annotated[Path | None, Words("FILE|-")] = None,
+    robot: Annotated[RobotParameters | None, Words()] = None,
+    against: Annotated[RobotParameters | None, Words()] = None,
     **parameters: Any,
-) -> DiffReport | CostmapDiff:
-    """Compare two maps of one place, or two costmaps.
+) -> Result:
+    """Compare two maps, two costmaps, or a robot's parameters on a map.
 
     Size, origin, yaw and resolution may differ: cells are compared where both maps have some. Exit
     code 0 if the maps are equal within the tolerance, 1 if not. With --max-shift or --max-differing
     the exit code is 0 if the differences in the common area stay within these bounds, whatever the
-    geometry of the maps. Of two costmaps the costs are compared, on costmap_2d's scale.
+    geometry of the maps. Of two costmaps the costs are compared, on costmap_2d's scale. With
+    --params-file and --against both costmaps are computed on one map; the exit code is 1 if a
+    passage closes or a goal is lost.
 
     Parameters
     ----------
     first : path
         A map or costs: .yaml, .pbm or .npz. Costs are compared with a map as the map that ROS would
         publish, and fields as their maps.
-    second : path
-        Another map, or other costs.
+    second : path, optional
+        Another map, or other costs; none with --against.
+    points : path, optional
+        With --against: file of goals, one [NAME=]x,y or JSON object per line; - reads standard
+        input.
+    robot, against : RobotParameters, optional
+        Two versions of a robot's parameters.
     """
+    start, goals = parameters.pop("start", None), parameters.pop("goals", ())
+    if robot is not None and against is not None and second is None:
+        refuse("applies to two files", **parameters)
+        goals = (*goals, *(() if points is None else goals_in(points)))
+        also = [*robot.paths, *against.paths, *([] if points is None else [points])]
+        (source,) = opened(first, names=("the map",), also=also)
+        return robots_compared(source, robot, against, start, goals)
+    if second is None:
+        hint = "diff A B compares two files, diff MAP --params-file A --against B two robots"
+        raise ParameterError("needs two files, or --params-file and --against", hint=hint)
+    rule = "applies to one map, with --params-file and --against"
+    refuse(rule, robot=robot, against=against, start=start, goals=goals, points=points)
     align, by = parameters.pop("align", False), parameters.pop("by", None)
     limits = accept_parameters(parameters_of(diff), parameters, "diff")
     maps, move = two_maps.opened_in_one_frame(first, second, align=align, by=by)

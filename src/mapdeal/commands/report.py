@@ -29,6 +29,7 @@ from mapdeal.commands.report_entries import (
     rows_of,
     runs_in,
     two_maps,
+    two_robots,
 )
 from mapdeal.errors import (
     FileAccessError,
@@ -39,7 +40,15 @@ from mapdeal.errors import (
     emit_warning,
     one_line,
 )
-from mapdeal.files.json_values import ALIGNMENT, COMPARISON, COST_DIFF, DIFF, LINT, SCORE
+from mapdeal.files.json_values import (
+    ALIGNMENT,
+    COMPARISON,
+    COST_DIFF,
+    DIFF,
+    LINT,
+    ROBOT_DIFF,
+    SCORE,
+)
 from mapdeal.files.source import (
     NAMED_MAPS,
     YAML,
@@ -417,6 +426,8 @@ class _Gathering:
         self.named |= set(results.files)
         if results.kind in (DIFF, COST_DIFF, ALIGNMENT):
             self.drafts.append(two_maps(path, results, self._grids))
+        elif results.kind == ROBOT_DIFF:
+            self.drafts.append(two_robots(path, results, self._grids))
         elif results.kind == COMPARISON:
             rule = "is what build --compare has written beside its maps"
             raise ParameterError(rule, source=path, hint=f"name the folder, {path.parent}")

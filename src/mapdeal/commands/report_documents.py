@@ -12,12 +12,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import cast, get_args
+from typing import NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.checks.findings import SEVERITIES, Finding, Severity
+from mapdeal.commands.diff_robots import passage_text
 from mapdeal.compare.bounds import figure_text, figures_named
 from mapdeal.compare.costs import CostChange
 from mapdeal.compare.difference import Change
@@ -29,6 +30,7 @@ from mapdeal.files.json_values import (
     DIFF,
     LINT,
     REACH,
+    ROBOT_DIFF,
     ROUTE,
     ROUTE_GRAPH,
     SCORE,
@@ -61,6 +63,7 @@ from mapdeal.maps.shapes import geojson_shapes, read_shapes
 from mapdeal.report.document import About, Claim, Item, ItemKind, Table, Tone, Zone
 from mapdeal.report.outlines import outlines_of
 from mapdeal.report.verdict import GEOMETRY, on_findings, on_goals
+from mapdeal.ros.robot import CostmapName
 
 MOST_ITEMS = 1000
 """Of one kind: nobody looks through more, and a page with a million of them opens nowhere."""
@@ -123,6 +126,20 @@ def costmap_subject(name: str, files: Iterable[tuple[str, str]]) -> Subject:
     return Subject("costmap", (name, sums), f"the {name} costmap of {', '.join(names)}")
 
 
+class NamedFile(NamedTuple):
+    file: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class NamedRobot:
+    """The parameter files of a robot, and which of its costmaps is read from them."""
+
+    files: tuple[NamedFile, ...]
+    costmap: CostmapName
+    namespace: str | None
+
+
 @dataclass(frozen=True)
 class Results:
     """What a document says of maps, as a page shows it."""
@@ -138,6 +155,9 @@ class Results:
     tolerance: float = 0.0  # cells
     claims: tuple[Claim, ...] = ()
     subjects: tuple[Subject, ...] = ()
+    start: tuple[float, ...] = ()
+    goals: tuple[Goal, ...] = ()
+    robots: tuple[NamedRobot, ...] = ()  # of which the parameters are compared
 
 
 def read_results(path: Path) -> Results:
@@ -571,6 +591,36 @@ def _cost_diff(document: JsonValue) -> Results:
     )  # fmt: skip
 
 
+def _robot_diff(document: JsonValue) -> Results:
+    maps, files = _named(document, "map")
+    robots = tuple(
+        NamedRobot(
+            tuple(
+                NamedFile(file["file"].text(), file["sha256"].sha256())
+                for file in robot["files"].items()
+            ),
+            cast("CostmapName", robot["costmap"].word(*get_args(CostmapName))),
+            robot["namespace"].or_none(JsonValue.text),
+        )
+        for robot in document["robots"].items()
+    )
+    if len(robots) != 2 or not all(robot.files for robot in robots):
+        raise document["robots"].error("must be two robots with parameter files")
+    start = tuple(number.number() for number in document["start"].items())
+    reaches = document["reach"].items()[:1]  # both have the same goals
+    goals = tuple(goal_of(goal).goal for reach in reaches for goal in reach["goals"].items())
+    files += tuple(file.file for robot in robots for file in robot.files)
+    return Results(ROBOT_DIFF, maps=maps, files=files, start=start, goals=goals, robots=robots)
+
+
+def passage_change_items(passages: Iterable[Passage], word: str, tone: Tone) -> list[Item]:
+    """Return passages that close or open, as `word` says."""
+    return [
+        replace(item, tone=tone, text=f"passage that {word}: {passage_text(passage)}")
+        for item, passage in zip(passage_items(passages), passages, strict=False)
+    ]
+
+
 def cost_change_items(changes: Iterable[CostChange], frame: Frame) -> list[Item]:
     """Return the largest regions of each change; only those of closed cells with outlines."""
     listed = [region for change in changes for region in change.largest[:_MOST_OF_A_CHANGE]]
@@ -745,4 +795,5 @@ def _at(point: Sequence[float]) -> str:
 _READERS: dict[str | None, Callable[[JsonValue], Results]] = {
     LINT: _lint, REACH: _reach, ROUTE: _route, DIFF: _diff, COMPARISON: _comparison,
     SCORE: _score, ALIGNMENT: _alignment, ROUTE_GRAPH: _route_graph, COST_DIFF: _cost_diff,
+    ROBOT_DIFF: _robot_diff,
 }  # fmt: skip

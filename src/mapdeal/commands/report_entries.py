@@ -16,14 +16,18 @@ import numpy as np
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.diff import compared
 from mapdeal.commands.diff_costs import change_codes, change_text, costmaps_compared
+from mapdeal.commands.diff_robots import robots_compared, value_text
 from mapdeal.commands.report_documents import (
     MOST_CHANGES,
+    NamedFile,
     Part,
     Results,
     Subject,
     change_items,
     cost_change_items,
     costmap_subject,
+    goal_items,
+    passage_change_items,
     read_results,
     robot_subject,
     short,
@@ -62,15 +66,18 @@ from mapdeal.pipeline.folder import MANIFEST, manifest_in, product_of, said
 from mapdeal.pipeline.inputs import Reading, bytes_of, map_input, read_together
 from mapdeal.pipeline.settings import Settings, heard, portable
 from mapdeal.pipeline.step import Step, make_step
-from mapdeal.report.document import MAP, Claim, Entry, Item, PageLayer, Table, kinds_of
+from mapdeal.report.document import MAP, Claim, Entry, Item, PageLayer, Table, kinds_of, page_layers
 from mapdeal.report.tiles import extent_of
 from mapdeal.report.verdict import (
+    COST_CHANGES,
     on_cost_difference,
     on_costs,
     on_difference,
     on_failure,
+    on_robots,
     settled,
 )
+from mapdeal.ros.load import read_robot
 
 Kind = TypeVar("Kind")
 
@@ -622,8 +629,8 @@ def _ends_with(file: str, name: str) -> bool:
     return bool(parts) and PurePath(file).parts[-len(parts) :] == parts
 
 
-def place_of(named: NamedMap, document: Path) -> Path:
-    """Return where a map is: as it was named, or beside the document."""
+def place_of(named: NamedMap | NamedFile, document: Path) -> Path:
+    """Return where a file is: as it was named, or beside the document."""
     places = (Path(named.file), document.parent / Path(named.file).name)
     return next((one for one in places if exists(one)), places[0])
 
@@ -721,6 +728,8 @@ def _add_difference(
         try:
             costs = costmaps_compared(maps, results.transform, None, **reading).costs
             add_cost_changes(draft, costs)
+            draft.items += cost_change_items(costs.changes.values(), costs.frame)
+            draft.claims += on_cost_difference(costs)
         except ParameterError as error:  # a file that was replaced by a map
             draft.lacks("what differs", Path(str(error.source)), error)
         return
@@ -731,12 +740,61 @@ def _add_difference(
     draft.claims += on_difference(found, changes, left)
 
 
+def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
+    """Return the draft of two versions of a robot's parameters, which are read again."""
+    (named,), settings = results.maps, grids.settings
+    if named is None:
+        raise MalformedInputError("does not name its map", source=path)
+    place = place_of(named, path)
+    draft = Draft("", path, paths=[place])
+    with kept_warnings():
+        robots = [
+            read_robot(
+                [place_of(file, path) for file in robot.files],
+                costmap=robot.costmap, namespace=robot.namespace,
+                older=settings.dialect != "nav2",
+            )
+            for robot in results.robots
+        ]  # fmt: skip
+        (source,) = read_together([place], settings)
+        reading: Reading = {"max_memory": settings.max_memory}
+        found = robots_compared(
+            map_input(source, place), robots[0], robots[1], results.start, results.goals, **reading
+        )
+    sums = grids.open(place).sums
+    draft.compare_sums(place, dict(sums), dict(named.sha256), f"{path.name} names")
+    for robot, named_robot in zip(robots, results.robots, strict=True):
+        for file, named_file in zip(robot.files, named_robot.files, strict=False):
+            if file.sha256 != named_file.sha256:
+                draft.miss(f"{file.path}: is not the file that {path.name} names", file.path)
+    draft.name = f"{Path(place).stem}: {' → '.join(found.names)}"
+    draft.layers += grids.layers(place, "map", f"Map: {place.name}")[-1:]
+    for name, shown, costmap in zip(("first", "second"), found.names, found.costmaps, strict=True):
+        draft.layers += page_layers(costmap, name, f"Costs of {shown}")
+    pairs = {name: " → ".join(map(value_text, pair)) for name, pair in found.parameters.items()}
+    draft.tables.append(Table("Parameters that differ", rows_of(pairs)))
+    draft.tables.append(Table("Reach", (("reached", found.reach_text()), *found.goal_rows())))
+    draft.compared = "first", "second"
+    draft.opens_swiped = False
+    after = found.reaches[1]
+    draft.items += passage_change_items(found.closed, "closes", "error")
+    draft.items += passage_change_items(found.opened, "opens", "good")
+    draft.items += goal_items(after.goals, after.robot, after.heading_count)
+    add_cost_changes(draft, found.costs)
+    draft.claims += on_robots(
+        list(pairs),
+        found.verdict,
+        found.reach_text().replace("->", "→"),
+        found.costs,
+        passes=found.passes,
+    )
+    return draft
+
+
 def add_cost_changes(draft: Draft, found: CostDifference) -> None:
-    """Add what differs between two costmaps: its layer, its regions and what follows."""
+    """Add the layer and the table of what differs between two costmaps."""
     style, title = cost_change_style(), "Change of the cost"
     draft.layers.append(PageLayer("difference", title, found.frame, change_codes(found), style))
     changes = [change for change in found.changes.values() if change.cells]
     rows = tuple((change.kind, change_text(change)) for change in changes)
-    draft.tables.append(Table("Changes of the cost", rows or (("changes", "none"),)))
-    draft.items += cost_change_items(changes, found.frame)
-    draft.claims += on_cost_difference(found, draft.tables[-1].title)
+    draft.tables.append(Table(COST_CHANGES, rows or (("changes", "none"),)))

@@ -79,11 +79,11 @@ def are_costs(maps: Sequence[inputs.MapInput]) -> bool:
 
 
 def names_of_two(first: Path, second: Path) -> list[str]:
-    """Return the names of two files without endings; with their folders if they are equal."""
-    names = [path.stem for path in (first, second)]
-    if names[0] != names[1]:
-        return names
-    return [f"{path.parent.name}/{path.stem}" for path in (first, second)]
+    """Return the names of two files without endings, with folders where the names are equal."""
+    parts = [path.with_suffix("").parts for path in (first, second)]
+    count = next((k for k in range(1, max(map(len, parts)) + 1)
+                  if parts[0][-k:] != parts[1][-k:]), 1)  # fmt: skip
+    return ["/".join(names[-count:]) for names in parts]
 
 
 def moved_line(transform: Transform) -> str:

@@ -212,7 +212,11 @@ def _on_geometry(geometry: Mapping[str, object]) -> Claim:
     return Claim("geometry", "warning", text, GEOMETRY)
 
 
-def on_cost_difference(found: CostDifference, evidence: str) -> list[Claim]:
+COST_CHANGES = "Changes of the cost"
+"""Title of the table of what differs between two costmaps."""
+
+
+def on_cost_difference(found: CostDifference) -> list[Claim]:
     """Return how much two costmaps differ: closed cells, all costs, and geometry."""
     if not found.common_cells:
         return [Claim("costmap", "error", "The costmaps have no cell in common")]
@@ -224,9 +228,8 @@ def on_cost_difference(found: CostDifference, evidence: str) -> list[Claim]:
             for change, words in ((closed, "are now"), (opened, "are no longer"))
             if change.cells
         ]
-        kind = closed.kind if closed.cells else opened.kind
         text = f"The closed cells differ: {' and '.join(parts)}"
-        claims = [Claim("costmap", "warning", text, kind)]
+        claims = [Claim("costmap", "warning", text, COST_CHANGES)]
     share = 100 * found.differing / found.common_cells
     text = "All common cells have the same cost"
     if share:
@@ -235,8 +238,24 @@ def on_cost_difference(found: CostDifference, evidence: str) -> list[Claim]:
         ]
         text = f"{share:.3g} % of the common cells have another cost"
         text += f": it {' and '.join(parts)}" if parts else ""
-    claims.append(Claim("cells", "warning" if share else "good", text, evidence))
+    claims.append(Claim("cells", "warning" if share else "good", text, COST_CHANGES))
     return [*claims, _on_geometry(found.geometry)]
+
+
+def on_robots(
+    parameters: Sequence[str], verdict: str, reach: str, costs: CostDifference, *, passes: bool
+) -> list[Claim]:
+    """Return which parameters of a robot differ, and what this means for where it gets."""
+    text = f"{count_text(len(parameters), 'parameter')} of the costmap differ"
+    text += f": {', '.join(parameters[:MOST_CLAIMS])}" if parameters else ""
+    text += f" and {len(parameters) - MOST_CLAIMS} more" if len(parameters) > MOST_CLAIMS else ""
+    state: State = "good" if passes else "error"
+    text_on_goals = f"{verdict[:1].upper()}{verdict[1:]}; reached {reach}"
+    return [
+        Claim("run", "good", text, "Parameters that differ"),
+        Claim("goals", state, text_on_goals, "Reach" if passes else "passage"),
+        on_cost_difference(costs)[0],
+    ]
 
 
 def verdicts_of(entries: Sequence[Entry]) -> tuple[Verdict, ...]:
