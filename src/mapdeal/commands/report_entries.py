@@ -747,7 +747,7 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
         raise MalformedInputError("does not name its map", source=path)
     place = place_of(named, path)
     draft = Draft("", path, paths=[place])
-    with kept_warnings():
+    with capture_warnings():
         robots = [
             read_robot(
                 [place_of(file, path) for file in robot.files],
