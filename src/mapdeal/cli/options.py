@@ -376,7 +376,8 @@ def with_shared_options(
                 read = {name: piped_values.pop(name) for name in of_streams}
                 if "mask" in read and makes_costs(values):
                     read["mask"] = used_mask(read["mask"], values.get("robot"))
-                function(**{**piped_values, "settings": replace(settings, **read)})
+                with terminal.activity_shown(function.__name__):
+                    function(**{**piped_values, "settings": replace(settings, **read)})
 
     typed: Any = command
     parameters = [p.replace(annotation=_for_typer(p.annotation)) for p in parameters]

@@ -16,6 +16,7 @@ from mapdeal.grid.field import DistanceField, FieldView
 from mapdeal.grid.frame import Figures, Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
+from mapdeal.kernels.blocks import activity
 from mapdeal.layers.area import CostmapArea
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import as_occupancy
@@ -73,7 +74,8 @@ class Step:
         if mask is not None and self.accepts_mask:
             values["mask"] = mask
         try:
-            return self.stage.function(taken, **values)
+            with activity(self.name):
+                return self.stage.function(taken, **values)
         except MapdealError as error:
             raise error if source is None else error.found_in(source) from None
 
