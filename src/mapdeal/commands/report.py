@@ -170,7 +170,7 @@ def write_report(
     The page is a single file that needs no network. It begins with a verdict on each map. Below are
     all layers to zoom and pan, with the values under the pointer; findings, passages and routes in
     their places; parameters, figures and checksums. Several maps become a table with thumbnails.
-    Polygons drawn over a map are saved as zones for mapdeal edit --file.
+    Polygons drawn over a map are saved as zones for mapdeal mask.
 
     Each run and each map is an entry of its own. The map that a run was made from joins that run;
     a field or costmap joins the entry named before it, if it covers the same cells. JSON of reach

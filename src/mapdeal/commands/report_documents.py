@@ -41,6 +41,7 @@ from mapdeal.files.json_values import (
     read_document,
 )
 from mapdeal.files.source import head_of
+from mapdeal.grid.filters import KINDS
 from mapdeal.grid.footprint import Footprint, checked_corners
 from mapdeal.grid.frame import FARTHEST, Frame, Point, Transform
 from mapdeal.grid.reach import (
@@ -444,14 +445,14 @@ def shape_items(shapes: Sequence[Shape], zones: Sequence[Zone] = ()) -> list[Ite
 
 
 def _zone_item(item: Item, zone: Zone) -> Item:
-    speed = "" if zone.speed is None else f", speed {zone.speed:g}"
-    kind = f"{zone.kind} zone{speed}" if zone.kind else "zone"
+    speed = "" if zone.speed is None else f", speed {zone.speed:g} %"
+    kind = f"{zone.kind} zone{speed}"
     text = f"{zone.name}: {kind}, {item.text}" if zone.name else f"{kind}, {item.text}"
     return replace(item, text=short(text), label=zone.name or zone.kind, zone=zone)
 
 
 def zones_in(document: object) -> list[Zone]:
-    """Return what the polygons of a file are for; none if it holds anything else."""
+    """Return the zones in a file of shapes; none if a shape is no polygon, or of no zone's kind."""
     features = document.get("features") if isinstance(document, dict) else None
     zones = []
     for one in features if isinstance(features, list) else ():
@@ -461,9 +462,11 @@ def zones_in(document: object) -> list[Zone]:
         known = known if isinstance(known, dict) else {}
         kind, name, speed = (known.get(key) for key in ("kind", "name", "speed"))
         number = None if isinstance(speed, bool) or not isinstance(speed, int | float) else speed
-        texts = [short(text) if isinstance(text, str) else "" for text in (kind, name)]
-        is_speed = number is not None and abs(number) <= _LARGEST
-        zones.append(Zone(texts[0], number if is_speed else None, texts[1]))
+        if kind not in KINDS:
+            return []
+        is_speed = kind == "speed" and number is not None and 0 < number <= _LARGEST
+        label = short(name) if isinstance(name, str) else ""
+        zones.append(Zone(kind, number if is_speed else None, label))
     return zones
 
 

@@ -104,8 +104,8 @@ class PageLayer:
 class Zone:
     """What a polygon of a file is for, so that it can be edited on the page."""
 
-    kind: str = ""
-    speed: float | None = None
+    kind: str
+    speed: float | None = None  # percent of the robot's maximum
     name: str = ""
 
 
