@@ -35,18 +35,20 @@ _ABOUT_COSTS = {
 
 def settled(claims: Iterable[Claim]) -> tuple[Claim, ...]:
     """Return at most three claims, of those about the same the worst, in the order of `About`."""
+    # A failed run has one claim: findings of lint would repeat its reason.
     chosen: dict[About, Claim] = {}
     for one in claims:
         known = chosen.get(one.about)
         if known is None or worst_of([one.state, known.state]) != known.state:
             chosen[one.about] = one
+    chosen = {"run": chosen["run"]} if "run" in chosen else chosen
     return tuple(sorted(chosen.values(), key=lambda one: get_args(About).index(one.about)))[
         :MOST_CLAIMS
     ]
 
 
 def on_failure(reason: str) -> Claim:
-    return Claim("run", "error", f"Nothing was made of this map: {reason}")
+    return Claim("run", "error", f"Processing failed: {reason}", "finding")
 
 
 def on_findings(messages: Mapping[str, Sequence[str]]) -> Claim:
