@@ -1,6 +1,9 @@
 """The page in real browsers, against what the library says of the same grids."""
 
 import json
+import shutil
+import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -613,6 +616,79 @@ def test_a_speed_zone_is_saved_with_its_limit_alone(chromium, pages, tmp_path):
     download.value.save_as(tmp_path / "zones.geojson")
     (zone,) = read_zones(tmp_path / "zones.geojson")
     assert (zone.kind, zone.speed) == ("speed", 40)
+
+
+def noted(checks):
+    """Return a page with 20 places of a note of each check, the first at the centre of the map."""
+    steps = np.linspace(0, 1, 20)[:, np.newaxis]
+    places = np.array(CENTRE) + steps * (np.array(CORNER) - np.array(CENTRE))
+    items = [
+        Item("finding", f"{check}: place {k + 1} of 20", "note", (x, y), group=f"note {check}")
+        for check in checks for k, (x, y) in enumerate(places.tolist())
+    ]  # fmt: skip
+    blank = mapdeal.OccupancyGrid(np.zeros_like(GRID.occupancy), GRID.resolution, GRID.origin)
+    claims = (Claim("map", "good", "The map is sound"),)
+    entry = Entry("noted", page_layers(blank, "map", "Map"), tuple(items), claims=claims)
+    return Report(f"noted {checks}", (entry,), "1.0")
+
+
+def test_notes_are_on_the_map_while_their_line_of_the_list_is_open(browser, pages):
+    browser.show(pages(noted("a")))
+    assert browser.pixel(CENTRE, lambda colour: colour == [255] * 3) == [255] * 3
+    browser.click(".items summary")
+    blue = [0x0B, 0x57, 0xC0]
+    assert browser.pixel(CENTRE, lambda colour: colour == blue) == blue
+    browser.click(".items summary")
+    assert browser.pixel(CENTRE, lambda colour: colour == [255] * 3) == [255] * 3
+    assert browser.complaints == []
+
+
+def test_notes_of_many_checks_are_one_line(chromium, pages):
+    chromium.show(pages(noted("abcd")))
+    visible = "() => [...document.querySelectorAll('.items summary')].filter((e) => e.checkVisibility()).map((e) => e.textContent)"  # noqa: E501
+    assert chromium.evaluate(visible) == ["4 notes"]
+    chromium.click(".items summary")
+    assert len(chromium.evaluate(visible)) == 5
+    # each line has its own places
+    assert chromium.pixel(CENTRE, lambda colour: colour == [255] * 3) == [255] * 3
+
+
+def test_a_page_counts_as_loaded_when_its_map_is_drawn(browser, pages):
+    browser.open(pages(one()))  # which waits for the event load
+    assert browser.evaluate("() => performance.getEntriesByName('mapdeal').length") > 0
+    assert browser.evaluate("() => document.querySelectorAll('iframe').length") == 0
+
+
+def test_the_first_sheet_of_paper_has_verdict_and_map(chromium, pages, tmp_path):
+    report = noted("abcd")
+    entry = replace(report.entries[0], warnings=tuple(f"warning {k}" for k in range(100)))
+    chromium.show(pages(Report("printed", (entry,), "1.0")), width=718, height=1047)  # of A4
+    chromium.page.emulate_media(media="print")
+    chromium.page.evaluate("() => dispatchEvent(new Event('beforeprint'))")
+    boxes = """() => [".verdict", "#map"].map((css) => {
+      const box = document.querySelector(css).getBoundingClientRect();
+      return [box.top + scrollY, box.bottom + scrollY, box.width / box.height];
+    })"""
+    verdict, canvas = chromium.evaluate(boxes)
+    assert 0 < verdict[0] < verdict[1] <= canvas[0] < canvas[1] < 1047
+    fits = chromium.evaluate("() => getComputedStyle(document.getElementById('map')).objectFit")
+    assert fits == "contain"  # not stretched to the width of the paper
+    assert chromium.evaluate("() => document.querySelectorAll('.notes[open]').length") == 0
+    chromium.page.emulate_media(media="screen")
+
+
+@pytest.mark.skipif(shutil.which("pdfimages") is None, reason="needs poppler-utils")
+def test_the_first_page_of_a_pdf_has_verdict_and_map(pages, tmp_path):
+    path = tmp_path / "page.pdf"
+    options = ["--headless", "--no-sandbox", f"--user-data-dir={tmp_path}"]
+    words = ["chromium", *options, f"--print-to-pdf={path}", pages(noted("abcd")).as_uri()]
+    subprocess.run(words, check=True, capture_output=True, timeout=120)
+    text, images = (
+        subprocess.run([*command, str(path), *rest], check=True, capture_output=True).stdout
+        for command, rest in ((["pdftotext", "-l", "1"], ["-"]), (["pdfimages", "-list"], []))
+    )
+    assert b"The map is sound" in text
+    assert b"1" in [line.split()[0] for line in images.splitlines()[2:]]  # the page of each
 
 
 def test_a_page_is_left_without_a_question_unless_zones_are_not_saved(chromium, pages):

@@ -452,7 +452,7 @@ def _zone_item(item: Item, zone: Zone) -> Item:
 
 
 def zones_in(document: object) -> list[Zone]:
-    """Return the zones in a file of shapes; none if a shape is no polygon, or of no zone's kind."""
+    """Return the zones in a file of shapes, if all are polygons that have a zone's kind."""
     features = document.get("features") if isinstance(document, dict) else None
     zones = []
     for one in features if isinstance(features, list) else ():

@@ -671,7 +671,7 @@ def _items(entry: Entry, number: int) -> Markup:
         for k, item in enumerate(items):
             if item.kind in kinds:
                 groups.setdefault(item.group or k, []).append(k)
-        rows = [_group(items, group) for group in groups.values()]
+        rows = _folded(items, groups.values())
         name = f"list-{number}-{index}"
         lists.append(element("ul", *rows, aria_label=title, id=name, tabindex=-1))
     return _section("On the map", element("p", *boxes, class_="kinds"), *lists, class_="items")
@@ -681,6 +681,20 @@ def _count(items: Sequence[Item], kind: str) -> int:
     """Return the number of items of a kind, without the line about changes that are left out."""
     own = [item for item in items if item.kind == kind]
     return sum(item.place is not None for item in own) if kind in _IN_ONE_LIST else len(own)
+
+
+def _folded(items: Sequence[Item], groups: Iterable[Sequence[int]]) -> list[Markup]:
+    """Return groups of items as rows of a list, many notes in one row that opens."""
+    rows: list[Markup] = []
+    notes: list[Markup] = []
+    for group in groups:
+        first = items[group[0]]
+        is_note = first.kind == "finding" and first.tone == "note"
+        (notes if is_note else rows).append(_group(items, group))
+    if len(notes) > _MOST_NOTES:
+        head = element("summary", element("b", f"{len(notes)} notes", class_="tone note"))
+        notes = [element("li", element("details", head, element("ul", *notes), class_="notes"))]
+    return rows + notes
 
 
 def _group(items: Sequence[Item], group: Sequence[int]) -> Markup:
@@ -700,9 +714,11 @@ def _group(items: Sequence[Item], group: Sequence[int]) -> Markup:
         shown = f"{text} at {_at(place)}" if place is not None and is_bare else text
         rows.append(_item(items[k], k, shown, is_told=False))
     head = element("summary", _told(first, first.text), " ", element("i", f"({count})"))
-    return element("li", element("details", head, element("ul", *rows)))
+    css = _css(notes=first.tone == "note")
+    return element("li", element("details", head, element("ul", *rows), class_=css))
 
 
+_MOST_NOTES = 3  # kinds of notes that a list shows one by one
 _PLACE = "place "  # what the text of a further place of a finding begins with
 
 
