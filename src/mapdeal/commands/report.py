@@ -73,7 +73,7 @@ from mapdeal.pipeline.folder import MANIFEST
 from mapdeal.pipeline.settings import Settings, is_whole
 from mapdeal.report.document import Report, State, Table, Verdict, worst_of
 from mapdeal.report.page import page_of
-from mapdeal.report.verdict import on_no_lint, verdicts_of
+from mapdeal.report.verdict import most_urgent, on_no_lint, verdicts_of
 from mapdeal.version import __version__
 
 File = str | PathLike[str]
@@ -124,6 +124,8 @@ class WrittenReport(Result):
         entries = [asdict(one) for one in self.verdicts]
         for claim in (claim for entry in entries for claim in entry["claims"]):
             del claim["evidence"]  # a place on the page
+        for entry in entries:
+            entry["next"] = entry.pop("next_command")
         return {
             "format": _VERDICT_FORMAT, "path": str(self.path), "maps": self.maps,
             "bytes": self.size, "state": self.state, "entries": entries,
@@ -132,6 +134,8 @@ class WrittenReport(Result):
     def lines(self) -> Iterator[str]:
         """Yield what ``mapdeal report`` prints."""
         yield f"{self.path}: {count_text(self.maps, 'map')}, {size_text(self.size)}"
+        if command := most_urgent(self.verdicts):
+            yield f"Next: {command}"
 
     def check(self) -> None:
         """Raise FindingError if a map on the page has a problem."""
@@ -293,6 +297,9 @@ def gathered(
     seen: set[object] = set()
     entries_of = {path: _entries_of(path, grids, seen) for path in paths}
     gathering.runs = [draft for found in entries_of.values() for draft in found or ()]
+    if asked is not None:
+        for draft in gathering.runs:
+            draft.map_path, draft.question = asked.map_of_folder.get(draft.path), asked.question
     for path in paths:
         found = entries_of[path]
         if found is not None:
@@ -315,7 +322,7 @@ def gathered(
     files = {*paths, *grids.files, *(one for draft in gathering.drafts for one in draft.places)}
     names = {*gathering.named, *map(str, files)}
     folders = {folder for name in names if (folder := folder_of(name)) is not None}
-    entries = tuple(draft.entry(folders) for draft in gathering.drafts)
+    entries = tuple(draft.entry(grids.settings, folders) for draft in gathering.drafts)
     if title is None:
         title = entries[0].name if len(entries) == 1 else count_text(len(entries), "map")
     return Report(title, entries, __version__)
@@ -390,6 +397,8 @@ class _Gathering:
         if draft is None or opened.kind is OccupancyGrid or not fits:
             draft = Draft(path.stem, path)
             self.drafts.append(draft)
+        if opened.kind is OccupancyGrid and draft.map_path is None:
+            draft.map_path = path
         name = draft.free_name(path.stem)
         add_layers(draft, self._grids.layers(path, name, grid.kind.capitalize()))
         draft.paths.append(path)
@@ -417,6 +426,7 @@ class _Gathering:
             of_map = columns_of({name: self._grids.grid(opened.path).figures()})
             run.figures = {**of_map, **{k: v for k, v in run.figures.items() if k not in of_map}}
             run.paths.append(opened.path)
+            run.map_path = opened.path
             run.warn(opened.heard, opened.files)
         return runs
 
@@ -459,7 +469,7 @@ class _Gathering:
             try:
                 self.add_grid(path)
             except MapdealError as error:
-                self.drafts.append(Draft(path.stem, path))
+                self.drafts.append(Draft(path.stem, path, map_path=path))
                 self.drafts[-1].lacks("this map", path, error)
 
     def add_lint(self, paths: Sequence[Path], asked: Asked) -> None:

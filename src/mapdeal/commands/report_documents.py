@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mapdeal.checks.findings import SEVERITIES, Finding, Severity
 from mapdeal.commands.diff_robots import passage_text
+from mapdeal.commands.report_next import ReachQuestion, robot_words
 from mapdeal.compare.bounds import figure_text, figures_named
 from mapdeal.compare.costs import CostChange
 from mapdeal.compare.difference import Change
@@ -156,9 +157,10 @@ class Results:
     tolerance: float = 0.0  # cells
     claims: tuple[Claim, ...] = ()
     subjects: tuple[Subject, ...] = ()
+    question: ReachQuestion | None = None
     start: tuple[float, ...] = ()
     goals: tuple[Goal, ...] = ()
-    robots: tuple[NamedRobot, ...] = ()  # of which the parameters are compared
+    robots: tuple[NamedRobot, ...] = ()  # whose parameters are compared
 
 
 def read_results(path: Path) -> Results:
@@ -262,6 +264,9 @@ def _reach(document: JsonValue) -> Results:
             robot.circumscribed_radius if robot.vertices else None,
         )
     ]  # fmt: skip
+    words = (*robot_words(robot), *(("--through-unknown",) if is_open else ()))
+    start_pose = place if yaw.is_null else (*place, yaw.number())
+    question = ReachQuestion(start_pose, tuple(goal.goal for goal in goals), words)
     costmap, about = document.get("costmap"), document.get("map")
     named = None if about is None else named_map(about)
     if costmap is not None and not costmap.is_null:
@@ -272,6 +277,7 @@ def _reach(document: JsonValue) -> Results:
     return Results(
         REACH, items, [Table("What the robot can reach", rows)], claims=claims,
         maps=(named,), files=() if named is None else (named.file,), subjects=tuple(subjects),
+        question=question,
     )  # fmt: skip
 
 

@@ -32,6 +32,7 @@ from mapdeal.commands.report_documents import (
     robot_subject,
     short,
 )
+from mapdeal.commands.report_next import ReachQuestion, next_command
 from mapdeal.commands.two_maps import names_of_two
 from mapdeal.compare.costs import CostDifference
 from mapdeal.errors import (
@@ -59,7 +60,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.inputs.listing import folders_below
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy, lazy_layer
 from mapdeal.maps.npz import Grid, holds_reach, open_npz, read_cloud_layers, read_reach
-from mapdeal.maps.reading import MapFile, open_map
+from mapdeal.maps.reading import MapFile, is_bare_image, open_map
 from mapdeal.pictures.styles import cost_change_style, difference_style
 from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST, manifest_in, product_of, said
@@ -112,6 +113,8 @@ class Draft:
     claims: list[Claim] = field(default_factory=list)
     outputs: set[str] = field(default_factory=set)  # checksums of what the run wrote
     subjects: list[tuple[Path, Subject]] = field(default_factory=list)
+    map_path: Path | None = None  # of the map that this is about
+    question: ReachQuestion | None = None
 
     @property
     def places(self) -> tuple[Path, ...]:
@@ -163,13 +166,25 @@ class Draft:
         self.items += one.items
         self.tables += one.tables
         self.claims += one.claims
+        if isinstance(one, Results):
+            self.question = self.question or one.question
 
     def free_name(self, name: str) -> str:
         taken = {layer.name for layer in self.layers}
         names = (name if number == 1 else f"{name}-{number}" for number in range(1, len(taken) + 2))
         return next(one for one in names if one not in taken)
 
-    def entry(self, folders: Collection[str] = ()) -> Entry:
+    def next_command(self, settings: Settings, claims: Iterable[Claim]) -> str:
+        named = next(path for path in (self.path, *self.path.parents) if exists(path))
+        options = [] if settings.max_cells is None else ["--max-cells", str(settings.max_cells)]
+        if self.map_path is not None and is_bare_image(self.map_path) and self.layers:
+            frame = self.layers[0].frame
+            origin = ",".join(f"{value:.9g}" for value in frame.origin)
+            options += ["--resolution", f"{frame.resolution:.9g}", "--origin", origin]
+        dialect = [] if settings.dialect == "nav2" else ["--dialect", settings.dialect]
+        return next_command(claims, named, self.map_path, self.question, options, dialect)
+
+    def entry(self, settings: Settings, folders: Collection[str] = ()) -> Entry:
         """Return the entry as it is now; of very many items, tables and rows the first ones."""
         # Texts name files without the absolute `folders`, of this machine or of a document's.
 
@@ -181,13 +196,14 @@ class Draft:
         for table in _first(self.tables, lambda rest: Table(rest, ())):
             rows = _first(table.rows, lambda rest: (rest, ""))
             tables.append(Table(shown(table.title), tuple((shown(k), shown(v)) for k, v in rows)))
+        claims = settled(self.claims)
         return Entry(
             shown(self.name), tuple(self.layers),
             tuple(replace(one, text=shown(one.text)) for one in items), tuple(tables),
             tuple(map(shown, _first(tuple(self.warnings), str))), self.status,
             dict(self.figures), self.curve, self.compared, extent_of(self.layers, self.items),
-            tuple(replace(one, text=shown(one.text)) for one in settled(self.claims)),
-            self.opens_swiped,
+            tuple(replace(claim, text=shown(claim.text)) for claim in claims),
+            self.opens_swiped, self.next_command(settings, claims),
         )  # fmt: skip
 
 

@@ -149,15 +149,17 @@ class Entry:
     extent: tuple[float, float, float, float] | None = None
     claims: tuple[Claim, ...] = ()
     opens_swiped: bool = True  # where two layers are compared
+    next_command: str = ""  # as it is typed
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is claimed of a map, and what it comes to."""
+    """The claims about a map, the state that follows, and the command to type next."""
 
     name: str
     state: State
     claims: tuple[Claim, ...]
+    next_command: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,7 @@ from mapdeal.pictures.colours import ColourBar, LayerStyle
 from mapdeal.pictures.cost_curve import ZONE_COLOURS, Plot, described
 from mapdeal.report.document import Claim, Entry, Item, PageLayer, Report, State, Table
 from mapdeal.report.tiles import TILE, encoded
-from mapdeal.report.verdict import MOST_CLAIMS, shared_by, state_of
+from mapdeal.report.verdict import MOST_CLAIMS, most_urgent, shared_by, state_of, verdicts_of
 
 Value = str | int | float | bool | None
 """Of an attribute: True for its name alone, False and None for no attribute."""
@@ -360,9 +360,11 @@ def _counts(entry: Entry) -> tuple[int, int]:
     return errors, warnings + len(entry.warnings)
 
 
-def _verdict(claims: Iterable[Content]) -> Markup:
-    lines = element("ul", *claims)
-    return element("section", lines, class_="verdict", aria_label="Verdict")
+def _verdict(claims: Iterable[Content], command: str) -> Markup:
+    parts = [element("ul", *claims)]
+    if command:
+        parts.append(element("p", "Next: ", element("code", command), class_="next"))
+    return element("section", *parts, class_="verdict", aria_label="Verdict")
 
 
 def _claim(state: State, *content: Content) -> Markup:
@@ -386,7 +388,7 @@ def _verdict_on(entry: Entry, number: int) -> Markup:
             [" ", element("a", title, href=f"#{place}", class_="evidence")] if place else []
         )
         claims.append(_claim(one.state, f"{one.text}.", *link))
-    return _verdict(claims)
+    return _verdict(claims, entry.next_command)
 
 
 def _verdict_on_all(entries: tuple[Entry, ...]) -> Markup:
@@ -409,7 +411,7 @@ def _verdict_on_all(entries: tuple[Entry, ...]) -> Markup:
     told += [f"{unknown} {'was' if unknown == 1 else 'were'} not checked"] if unknown else []
     if told:
         claims.append(_claim("good" if good else "unknown", f"{', '.join(told)}."))
-    return _verdict(claims[:MOST_CLAIMS])
+    return _verdict(claims[:MOST_CLAIMS], most_urgent(verdicts_of(entries)))
 
 
 def _links(numbers: Sequence[int], entries: tuple[Entry, ...]) -> Iterator[Content]:
@@ -548,7 +550,7 @@ def _entry(entry: Entry, number: int, *, several: bool) -> Markup:
         parts.append(element("p", status, class_="subtitle"))
     else:
         parts.append(element("h2", entry.name, class_="unseen"))  # between headings 1 and 3
-    if entry.claims:
+    if entry.claims or entry.next_command:
         parts.append(_verdict_on(entry, number))
     if entry.warnings and not (entry.status == _FAILED and entry.claims):  # which is the verdict
         lines = element("ul", *(element("li", text) for text in entry.warnings))

@@ -262,7 +262,17 @@ def on_robots(
 
 def verdicts_of(entries: Sequence[Entry]) -> tuple[Verdict, ...]:
     shared = shared_by(entries)
-    return tuple(Verdict(one.name, state_of(one, shared), one.claims) for one in entries)
+    return tuple(
+        Verdict(entry.name, state_of(entry, shared), entry.claims, entry.next_command)
+        for entry in entries
+    )
+
+
+def most_urgent(verdicts: Sequence[Verdict]) -> str:
+    """Return the next command of the verdict with the worst state that has one."""
+    order = get_args(State).index
+    found = [verdict for verdict in verdicts if verdict.next_command]
+    return min(found, key=lambda verdict: order(verdict.state)).next_command if found else ""
 
 
 def shared_by(entries: Sequence[Entry]) -> tuple[Claim, ...]:
