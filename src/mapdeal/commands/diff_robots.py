@@ -248,11 +248,23 @@ def _reaches(
 ) -> tuple[Reach, Reach]:  # fmt: skip
     """Return where both robots get from one start; by default one that suits the wider robot."""
     shapes = [planned_shape(robot) for robot in robots]
-    reaches: dict[int, Reach] = {}
-    for index in sorted((0, 1), key=lambda index: -reach_radius(shapes[index])):
-        step = make_step("reach", {"start": start, "goals": goals, "footprint": shapes[index]})
-        reaches[index] = reach_on_input(source, step, robots[index], None)
-        start = reaches[index].start
+    wider = sorted((0, 1), key=lambda index: -reach_radius(shapes[index]))
+
+    def reaches_in(order: Sequence[int]) -> dict[int, Reach]:
+        found: dict[int, Reach] = {}
+        place = start
+        for index in order:
+            step = make_step("reach", {"start": place, "goals": goals, "footprint": shapes[index]})
+            found[index] = reach_on_input(source, step, robots[index], None)
+            place = found[index].start
+        return found
+
+    try:
+        reaches = reaches_in(wider)
+    except ParameterError:
+        if start is not None:
+            raise
+        reaches = reaches_in(wider[::-1])  # unknown cells may be open to the wider robot alone
     return reaches[0], reaches[1]
 
 
