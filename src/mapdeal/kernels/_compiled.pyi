@@ -92,3 +92,14 @@ def look_along_lines(
     least: NDArray[Any],
     are_open: NDArray[Any],
 ) -> None: ...
+def trace_rings(
+    follows: NDArray[Any],
+    partner: NDArray[Any],
+    stack: NDArray[Any],
+    places: NDArray[Any],
+    order: NDArray[Any],
+    ends: NDArray[Any],
+) -> int: ...
+def straighten(
+    corners: NDArray[Any], chains: NDArray[Any], tolerances: NDArray[Any], is_kept: NDArray[Any]
+) -> None: ...

@@ -3,12 +3,12 @@
 """Compiled kernels, without the GIL: distance transforms in bands of rows, table look-ups,
 interpolation, footprints, lines, the search for paths, floods, and LZF.
 
-The modules compiled.py, lookup.py, polygons.py, paths.py, skeleton.py and sensing.py are
-their face to the rest; the algorithms are in the headers.
+The modules compiled.py, lookup.py, outlines.py, polygons.py, paths.py, skeleton.py and sensing.py
+are their face to the rest; the algorithms are in the headers.
 """
 
 from cpython.exc cimport PyErr_CheckSignals
-from libc.math cimport INFINITY
+from libc.math cimport INFINITY, M_PI, asin, atan2, remainder, sqrt
 from libc.stdint cimport int8_t, int32_t, int64_t, uint8_t, uint32_t, uint64_t
 from libc.stdlib cimport calloc, free, malloc
 from libc.string cimport memset
@@ -598,3 +598,89 @@ def look_along_lines(
                 &plane, &starts[line, 0], &ends[line, 0], counts[line], &least[line],
                 &are_open[line],
             )
+
+
+def trace_rings(
+    const int64_t[::1] follows, const int64_t[::1] partner, int64_t[::1] stack,
+    int64_t[::1] places, int64_t[::1] order, int64_t[::1] ends,
+):
+    """Write the turns of rings in a row, and where each ends; return how many rings there are.
+
+    `places` are those in the stack: -1 behind it, -2 for all that is ahead.
+    """
+    cdef int64_t count = follows.shape[0], rings = 0, size = 0
+    cdef int64_t first, node, start, depth, k
+    if not (
+        partner.shape[0] == stack.shape[0] == places.shape[0] == order.shape[0] == ends.shape[0]
+        == count
+    ):
+        raise ValueError("the arrays have not the same size")
+    with nogil:
+        for first in range(count):
+            node, depth = first, 0
+            while places[node] == -2:
+                start = -1 if partner[node] < 0 else places[partner[node]]
+                places[node] = -1
+                if start < 0:
+                    places[node] = depth
+                    stack[depth] = node
+                    depth += 1
+                else:  # the ring is at this point again
+                    for k in range(start, depth):
+                        order[size] = stack[k]
+                        places[stack[k]] = start if k == start else -1
+                        size += 1
+                    ends[rings] = size
+                    rings += 1
+                    depth = start + 1
+                node = follows[node]
+            for k in range(depth):
+                order[size] = stack[k]
+                places[stack[k]] = -1
+                size += 1
+            if depth:
+                ends[rings] = size
+                rings += 1
+    return rings
+
+
+def straighten(
+    const double[:, ::1] corners, const int64_t[:, ::1] chains, const double[::1] tolerances,
+    uint8_t[::1] is_kept,
+):
+    """Mark the places of chains of corners that stay, as outlines.py says."""
+    cdef int64_t chain, at, end, best, place
+    cdef double up, right, far, angle, base, low, high, spread, tolerance
+    cdef bint has_base
+    if chains.shape[1] != tolerances.shape[0] or is_kept.shape[0] != 2 * corners.shape[0]:
+        raise ValueError("the arrays have not the same size")
+    with nogil:
+        for chain in range(tolerances.shape[0]):
+            at, end, tolerance = 2 * chains[0, chain], 2 * chains[1, chain], tolerances[chain]
+            while at < end:
+                best, low, high, base, has_base = at + 1, -INFINITY, INFINITY, 0.0, False
+                for place in range(at + 1, end + 1):
+                    up, right = _ahead(corners, at, place, 0), _ahead(corners, at, place, 1)
+                    far = sqrt(up * up + right * right)
+                    if far <= tolerance:
+                        continue
+                    angle = atan2(up, right)
+                    if not has_base:
+                        base, has_base = angle, True
+                    angle = remainder(angle - base, 2 * M_PI)
+                    if low <= angle <= high and (place % 2 or place == end):
+                        best = place
+                    if place % 2 == 0:
+                        spread = asin(tolerance / far)
+                        low, high = max(low, angle - spread), min(high, angle + spread)
+                        if low > high:
+                            break
+                is_kept[best] = True
+                at = best
+
+
+cdef inline double _ahead(const double[:, ::1] corners, int64_t at, int64_t to, int axis) nogil:
+    return (
+        (corners[to // 2, axis] + corners[(to + 1) // 2, axis])
+        - (corners[at // 2, axis] + corners[(at + 1) // 2, axis])
+    ) / 2
