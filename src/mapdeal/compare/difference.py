@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.canvas import sampled
+from mapdeal.grid.canvas import region_on_lattice, sampled
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
@@ -221,7 +221,13 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
         beyond = differs & _is_beyond(state_a, state_b, both, math.floor(tolerance**2))
     known = np.count_nonzero(first.occupancy >= 0) - np.count_nonzero(both & (a >= 0))
     walls = [grid.frame.xy_from_rowcol(np.argwhere(grid.occupied())) for grid in (first, second)]
-    in_common = [frame.xy_from_rowcol(np.argwhere((cells == OCCUPIED) & both)) for cells in (a, b)]
+    in_both = [(cells == OCCUPIED) & both for cells in (a, b)]
+    in_common = [frame.xy_from_rowcol(np.argwhere(cells)) for cells in in_both]
+    are_same_cells = region_on_lattice(frame, second.frame) is not None
+    apart = [
+        ~in_both[1 - k][in_both[k]] if are_same_cells else np.ones(len(in_common[k]), np.bool_)
+        for k in (0, 1)
+    ]
     return Difference(
         geometry=geometry_pairs(first.frame, second.frame),
         common_cells=int(np.count_nonzero(both)),
@@ -232,8 +238,8 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
             state: dict(zip(STATES, row, strict=True))
             for state, row in zip(STATES, counts, strict=True)
         },
-        first_to_second=_shift(in_common[0], walls[1]),
-        second_to_first=_shift(in_common[1], walls[0]),
+        first_to_second=_shift(in_common[0], walls[1], apart[0]),
+        second_to_first=_shift(in_common[1], walls[0], apart[1]),
         symmetry=_better_symmetry(first.occupancy, second.occupancy),
         tolerance=tolerance,
         frame=frame,
@@ -306,13 +312,18 @@ def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str |
     return best
 
 
-def _shift(walls: NDArray[np.float64], others: NDArray[np.float64]) -> WallShift | None:
+def _shift(
+    walls: NDArray[np.float64], others: NDArray[np.float64], apart: NDArray[np.bool_]
+) -> WallShift | None:
+    """Return the distances of walls from others; those that are not apart have the same cell."""
     if not len(walls) or not len(others):
         return None
     from scipy.spatial import cKDTree
 
-    distance, _ = cKDTree(others).query(walls)
-    clean = np.where(distance < 1e-9, 0.0, distance)
+    tree = cKDTree(others, balanced_tree=False, compact_nodes=False)  # three times as fast
+    distance, _ = tree.query(walls[apart])
+    clean = np.zeros(len(walls))
+    clean[apart] = np.where(distance < 1e-9, 0.0, distance)
     return WallShift(float(clean.max()), float(np.percentile(clean, 95)), float(clean.mean()))
 
 
