@@ -313,14 +313,14 @@ def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str |
 
 
 def _shift(
-    walls: NDArray[np.float64], others: NDArray[np.float64], apart: NDArray[np.bool_]
+    walls: NDArray[np.float64], obstacles: NDArray[np.float64], apart: NDArray[np.bool_]
 ) -> WallShift | None:
-    """Return the distances of walls from others; those that are not apart have the same cell."""
-    if not len(walls) or not len(others):
+    """Return the distances of walls from obstacles; walls that are not apart have the same cell."""
+    if not len(walls) or not len(obstacles):
         return None
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(others, balanced_tree=False, compact_nodes=False)  # three times as fast
+    tree = cKDTree(obstacles, balanced_tree=False, compact_nodes=False)  # three times as fast
     distance, _ = tree.query(walls[apart])
     clean = np.zeros(len(walls))
     clean[apart] = np.where(distance < 1e-9, 0.0, distance)

@@ -50,7 +50,7 @@ def edges_of(points: Sequence[Point]) -> list[tuple[Point, Point]]:
     return list(pairwise([*points, points[0]]))
 
 
-_FEW = 16  # edges up to which plain Python finds those that are near each other sooner than numpy
+_FEW = 16  # edges up to which plain Python is faster than numpy
 
 
 def check_simple(points: Sequence[Point], shape: str) -> None:
@@ -80,21 +80,21 @@ def _near_edges(points: Sequence[Point]) -> Iterator[tuple[int, NDArray[np.int64
 
 
 def _near_edges_of_few(points: Sequence[Point]) -> Iterator[tuple[int, NDArray[np.int64]]]:
-    """Yield the same without edges that share a corner, which cannot cross."""
+    """Yield what `_near_edges` does, without edges that share a corner, which cannot cross."""
     boxes = [
         (min(ax, bx), max(ax, bx), min(ay, by), max(ay, by))
         for (ax, ay), (bx, by) in edges_of(points)
     ]
-    for i, (left, right, bottom, top) in enumerate(boxes):
-        behind = len(boxes) - (i == 0)
-        others = [
+    for i, (low_x, high_x, low_y, high_y) in enumerate(boxes):
+        end = len(boxes) - (i == 0)
+        later = [
             j
-            for j in range(i + 2, behind)
-            if boxes[j][0] <= right and boxes[j][1] >= left
-            and boxes[j][2] <= top and boxes[j][3] >= bottom
+            for j in range(i + 2, end)
+            if boxes[j][0] <= high_x and boxes[j][1] >= low_x
+            and boxes[j][2] <= high_y and boxes[j][3] >= low_y
         ]  # fmt: skip
-        if others:
-            yield i, np.array(others)
+        if later:
+            yield i, np.array(later)
 
 
 def area_of(points: Sequence[Point]) -> float:

@@ -268,7 +268,7 @@ Shape = Polygon | Line | Circle
 class PlainPolygons:
     """The polygons without holes among shapes, whose cells are found together.
 
-    `is_plain` says which shapes they are, `fits` which of them lie inside the grid and have an area.
+    `is_plain` says which shapes they are, `fits` which of them lie inside the grid and have area.
     """
 
     def __init__(self, frame: Frame, shapes: Sequence[Shape]) -> None:
