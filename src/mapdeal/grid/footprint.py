@@ -55,10 +55,10 @@ _FEW = 16  # edges up to which plain Python is faster than numpy
 
 def check_simple(points: Sequence[Point], shape: str) -> None:
     """Refuse outlines whose edges cross, naming the edge by its first corner."""
-    near_edges = _near_edges_of_few(points) if len(points) <= _FEW else _near_edges(points)
-    for i, candidates in near_edges:
-        starts = np.array(points, dtype=np.float64)
-        ends = np.roll(starts, -1, axis=0)
+    starts = np.array(points, dtype=np.float64)
+    ends = np.concatenate([starts[1:], starts[:1]])
+    is_few = len(points) <= _FEW
+    for i, candidates in _near_edges_of_few(points) if is_few else _near_edges(starts, ends):
         a, b, c, d = starts[i], ends[i], starts[candidates], ends[candidates]
         apart = _side(a, b, c) * _side(a, b, d) < 0
         crosses = apart & (_side(c, d, a) * _side(c, d, b) < 0)
@@ -68,12 +68,12 @@ def check_simple(points: Sequence[Point], shape: str) -> None:
             raise ParameterError(rule, place=f"{shape} vertex {i + 1}", got=points[i])
 
 
-def _near_edges(points: Sequence[Point]) -> Iterator[tuple[int, NDArray[np.int64]]]:
+def _near_edges(
+    starts: NDArray[np.float64], ends: NDArray[np.float64]
+) -> Iterator[tuple[int, NDArray[np.int64]]]:
     """Yield each edge, and the later ones whose bounding boxes meet its own."""
-    starts = np.array(points, dtype=np.float64)
-    ends = np.roll(starts, -1, axis=0)
     low, high = np.minimum(starts, ends), np.maximum(starts, ends)
-    for i in range(len(points) - 1):
+    for i in range(len(starts) - 1):
         near = (low[i + 1 :, 0] <= high[i, 0]) & (high[i + 1 :, 0] >= low[i, 0])
         near &= (low[i + 1 :, 1] <= high[i, 1]) & (high[i + 1 :, 1] >= low[i, 1])
         yield i, i + 1 + np.flatnonzero(near)
