@@ -453,7 +453,7 @@ def _costs_of(
     over = inputs.mask_of(mask, inputs.settings_of(**reading))
     also = [*(robot.paths if robot else ()), *files, *(over.files if over else ())]
     (one,) = inputs.opened(map, names=("map",), also=also, **reading)
-    inputs.claim_cells(one, per_cell, **reading)
+    inputs.claim_cells(one, per_cell, measures=True, **reading)
     grid = one.grid
     if isinstance(grid, Costmap):
         rule = "applies to maps: these costs are already computed"

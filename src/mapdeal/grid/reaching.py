@@ -639,9 +639,10 @@ def _widest_place(ground: Ground, ways: Ways, closed_up_to: int) -> Cell | None:
         return None
     room = squares_to(ground.blocked)
     room[~inside] = -1
-    places = np.flatnonzero(room == room.max())
-    best = places[np.argmax(ways.squared.reshape(-1)[places])]  # of equal ones away from walls
-    row, col = divmod(int(best), room.shape[1])
+    is_widest = room == room.max()
+    np.copyto(room, ways.squared, where=is_widest)  # of equal ones the one farthest from walls
+    room[~is_widest] = -1
+    row, col = divmod(int(np.argmax(room)), room.shape[1])
     return row, col
 
 
