@@ -20,7 +20,7 @@ from mapdeal.errors import (
     capture_warnings,
     emit_warning,
 )
-from mapdeal.files.source import BIT_MAP, claimed
+from mapdeal.files.source import BIT_MAP, bytes_of_lines, claim, claimed
 from mapdeal.files.yaml_text import Entry, parse_mapping, read_mapping
 from mapdeal.grid.costmap import Costmap, figures_of_costs
 from mapdeal.grid.field import FieldView, ViewScale
@@ -447,6 +447,8 @@ _LEAST_CUT_OFF = 4.0
 """Least area for a warning, square metres of positions of the robot's centre. Smaller areas are
 niches, shafts, or the floor between the legs of a desk."""
 
+_LINE_BYTES = 120  # of runs, per row and column: a band has at least one row
+
 _ROOM_BYTES = {"compiled": 22, "scipy": 106}
 """Peak memory of the search for passages, bytes per cell, by engine."""
 
@@ -600,6 +602,7 @@ def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> 
     with capture_warnings(), open_map(path, max_cells=max_cells) as file:
         height, width = file.shape()
         needed = file.memory_to_read() + _ROOM_BYTES[engine_name()] * height * width
+        needed += bytes_of_lines((height, width), _LINE_BYTES)
         with claimed(path, needed, what=f"{width} x {height} cells"):
             return RoomFacts.of(as_occupancy(file.read().grid, path), radius)
 
@@ -630,6 +633,7 @@ def _gather_pair(
     else:
         image = map_server.find_bits(bits, path, metadata)
     with open_for_one_pass(image, max_cells=max_cells) as (strips, head):
+        claim(path, bytes_of_lines(strips.shape, _LINE_BYTES))
         kind, pixels, cells = _count_pixels(strips, metadata, image)
     if pixels.lost:
         text = f"{image}: {map_server.remark_on_lost(pixels.lost)}"

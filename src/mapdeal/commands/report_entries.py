@@ -47,6 +47,8 @@ from mapdeal.errors import (
 from mapdeal.files.json_values import COMPARISON, COST_DIFF, DIFF, NamedMap, read_json
 from mapdeal.files.source import (
     CHANGED,
+    bytes_of_lines,
+    claim,
     contents_of,
     exists,
     holds,
@@ -231,6 +233,9 @@ def _first(found: Sequence[Kind], told: Callable[[str], Kind]) -> tuple[Kind, ..
     return (*found[:_MOST], told(f"{len(found) - _MOST} more are not listed"))
 
 
+_OF_PAGE, _PER_LINE = 20_000_000, 16
+"""Bytes of a page while it is made, and of each row and column of a map on it."""
+
 _SHARE = 4  # of the memory that may be used the part that grids may take which are kept
 _ROWS = 512
 _NO_LIMIT = 1 << 62
@@ -327,6 +332,7 @@ class Grids:
             file = stack.enter_context(
                 open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
             )
+            claim(path, _OF_PAGE + bytes_of_lines(file.shape(), _PER_LINE))
             is_npz = path.suffix.lower() == ".npz"
             if is_npz and holds_reach(path):
                 return read_reach(path, max_cells=settings.max_cells), file

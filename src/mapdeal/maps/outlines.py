@@ -60,31 +60,31 @@ class Outlines:
         ring_ends = [0, *polygons.ring_ends.tolist()]
         firsts = [*polygons.shells.tolist(), len(polygons.ring_ends)]
         for first in range(0, len(polygons), _TOGETHER):  # one by one takes ten times as long
-            some = firsts[first : first + _TOGETHER + 1]
-            offset = ring_ends[some[0]]
-            corners = polygons.corners[offset : ring_ends[some[-1]]]
-            at = np.round(self.frame.xy_from_continuous_rowcol(corners), _DECIMALS) + 0.0
-            points = moved(at).tolist()
-            ends = [end - offset for end in ring_ends[some[0] : some[-1] + 1]]
+            shells = firsts[first : first + _TOGETHER + 1]
+            offset = ring_ends[shells[0]]
+            corners = polygons.corners[offset : ring_ends[shells[-1]]]
+            rounded = np.round(self.frame.xy_from_continuous_rowcol(corners), _DECIMALS) + 0.0
+            points = moved(rounded).tolist()
+            ends = [end - offset for end in ring_ends[shells[0] : shells[-1] + 1]]
             rings = [points[start:end] for start, end in pairwise(ends)]
-            yield [rings[start - some[0] : end - some[0]] for start, end in pairwise(some)]
+            yield [rings[start - shells[0] : end - shells[0]] for start, end in pairwise(shells)]
 
 
 def outlines_of(cells: Mask, frame: Frame, tolerance: float, name: str) -> Outlines:
-    """Return the polygons around some cells, moved by at most a tolerance in metres."""
+    """Return the polygons around cells, simplified by at most a tolerance in metres."""
     return Outlines(outlines(cells, tolerance / frame.resolution), frame, name)
 
 
-def geojson_parts(areas: Outlines) -> Iterator[bytes]:
+def geojson_parts(layer: Outlines) -> Iterator[bytes]:
     """Yield a FeatureCollection with one polygon per area, the largest first, one per line."""
     yield b'{"type": "FeatureCollection", "features": [\n'
-    areas = iter((found.polygons.areas * found.frame.resolution**2).tolist())
+    areas = iter((layer.polygons.areas * layer.frame.resolution**2).tolist())
     number = 0
-    for polygons in found.points():
+    for polygons in layer.points():
         closed = [[[*ring, ring[0]] for ring in rings] for rings in polygons]
         texts = json.dumps(closed)[4:-4].split("]]], [[[")  # all at once: three times as fast
         features = [
-            f'{{"type": "Feature", "properties": {{"name": "{found.name} {number + index}", '
+            f'{{"type": "Feature", "properties": {{"name": "{layer.name} {number + index}", '
             f'"area": {round(area, _DECIMALS)}}}, '
             f'"geometry": {{"type": "Polygon", "coordinates": [[[{text}]]]}}}}'
             for index, (text, area) in enumerate(zip(texts, areas, strict=False), 1)
@@ -102,16 +102,16 @@ def svg_parts(
 
     User units are millimetres or metres.
     """
-    corners = np.concatenate([found.polygons.corners for found, _ in layers])
-    at = frame.xy_from_continuous_rowcol(corners)
-    left, bottom = np.round(at.min(axis=0) - _MARGIN * frame.resolution, _DECIMALS)
-    right, top = np.round(at.max(axis=0) + _MARGIN * frame.resolution, _DECIMALS)
-    width, height = right - left, top - bottom
-    sheet = np.array([[left, bottom], [right, bottom], [right, top], [left, top]])
+    corners = np.concatenate([layer.polygons.corners for layer, _ in layers])
+    points = frame.xy_from_continuous_rowcol(corners)
+    west, south = np.round(points.min(axis=0) - _MARGIN * frame.resolution, _DECIMALS)
+    east, north = np.round(points.max(axis=0) + _MARGIN * frame.resolution, _DECIMALS)
+    width, height = east - west, north - south
+    sheet = np.array([[west, south], [east, south], [east, north], [west, north]])
     scale = _MM if unit == "mm" else 1.0
 
     def on_sheet(points: Floats) -> Floats:
-        places: Floats = (points - (left, bottom)) * (scale, -scale) + (0, height * scale)
+        places: Floats = (points - (west, south)) * (scale, -scale) + (0, height * scale)
         return places
 
     def path(rings: _Rings) -> str:
@@ -132,9 +132,9 @@ def svg_parts(
     ).encode()
     if background is not None:
         yield f'<path fill="{background}" d="{path([on_sheet(sheet).tolist()])}"/>\n'.encode()
-    for found, fill in layers:
-        yield f'<g id="{escape(found.name)}" fill="{fill}" fill-rule="evenodd">\n'.encode()
-        for polygons in found.points(on_sheet):
+    for layer, fill in layers:
+        yield f'<g id="{escape(layer.name)}" fill="{fill}" fill-rule="evenodd">\n'.encode()
+        for polygons in layer.points(on_sheet):
             yield "".join(f'<path d="{path(rings)}"/>\n' for rings in polygons).encode()
         yield b"</g>\n"
     yield b"</svg>\n"
