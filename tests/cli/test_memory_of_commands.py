@@ -333,6 +333,7 @@ ON_SHAPES = {
     "report": "report {}.yaml -q -o o.html --force",
     "align": "align {0}.yaml {0}.yaml",
     "diff": "diff {0}.yaml {0}.yaml",
+    "merge": "merge {0}.yaml {0}.yaml -q -o o.yaml --force",
 }
 
 
