@@ -45,7 +45,7 @@ _PER_CELL, _OF_EVIDENCE, _PER_WALL = 26, 26, 60
 """Bytes for each cell of the result, more of them for sums, and for each wall cell of a map; each
 map takes another one for each cell."""
 
-_PER_LINE = 350  # bytes of the corners of what is known, for each row
+_PER_LINE = 350  # bytes of corners of known cells, for each row
 _OF_PICTURE = 2  # bytes more for a picture, besides its own
 
 Placing = Sequence[Transform | str | PathLike[str] | None]

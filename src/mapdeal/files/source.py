@@ -434,13 +434,13 @@ _FEW_LINES = 1 << 14
 
 
 def bytes_of_lines(shape: tuple[int, int], of_each: int) -> int:
-    """Return what the rows and columns of a map take, where they are so many that it counts."""
+    """Return the bytes of tables for each row and column of a map; 0 for a few thousand lines."""
     return of_each * max(sum(shape) - _FEW_LINES, 0)
 
 
 @contextmanager
 def claimed(path: Path | str, count: int, *, what: str = "") -> Iterator[None]:
-    """Claim bytes, and within a ``with`` block tables as long as the cells make them, too."""
+    """Claim bytes, and the tables that kernels claim within a ``with`` block."""
     claim(path, count, what=what)
     with tables_claimed(lambda size: claim(path, count + size, what=what)):
         yield

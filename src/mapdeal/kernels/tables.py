@@ -11,7 +11,7 @@ _claim: ContextVar[Callable[[int], object]] = ContextVar("claim", default=lambda
 
 @contextmanager
 def tables_claimed(claim: Callable[[int], object]) -> Iterator[None]:
-    """Have `claim_tables` call a function, which may refuse, within a ``with`` block."""
+    """Make `claim_tables` call a function within a ``with`` block."""
     token = _claim.set(claim)
     try:
         yield
@@ -20,5 +20,5 @@ def tables_claimed(claim: Callable[[int], object]) -> Iterator[None]:
 
 
 def claim_tables(size: int) -> None:
-    """Report the bytes of tables before they are made; whoever limits the memory may refuse."""
+    """Report the bytes of tables before they are allocated; the caller's limit may refuse them."""
     _claim.get()(size)

@@ -129,9 +129,9 @@ def opened_map(
             )
             source = _read(file, steps, image_max, settings.canvas)
         shape = source.grid.shape
-        held = bytes_in_memory(shape, steps, image_max, canvas=settings.canvas) - bytes_to_read(0)
-        what = f"{shape[1]} x {shape[0]} cells"
-        stack.enter_context(tables_claimed(lambda size: claim(path, held + size, what=what)))
+        work = bytes_in_memory(shape, steps, image_max, canvas=settings.canvas) - bytes_to_read(0)
+        cells = f"{shape[1]} x {shape[0]} cells"
+        stack.enter_context(tables_claimed(lambda size: claim(path, work + size, what=cells)))
         yield replace(source, sums=file.sums_by_name(sums) if with_sums else {})
 
 
