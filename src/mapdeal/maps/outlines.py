@@ -59,8 +59,8 @@ class Outlines:
         polygons = self.polygons
         ring_ends = [0, *polygons.ring_ends.tolist()]
         firsts = [*polygons.shells.tolist(), len(polygons.ring_ends)]
-        for first in range(0, len(polygons), _TOGETHER):  # one by one takes ten times as long
-            shells = firsts[first : first + _TOGETHER + 1]
+        for first in range(0, len(polygons), _AT_ONCE):  # one by one takes ten times as long
+            shells = firsts[first : first + _AT_ONCE + 1]
             offset = ring_ends[shells[0]]
             corners = polygons.corners[offset : ring_ends[shells[-1]]]
             rounded = np.round(self.frame.xy_from_continuous_rowcol(corners), _DECIMALS) + 0.0
