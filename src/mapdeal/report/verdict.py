@@ -41,7 +41,8 @@ def settled(claims: Iterable[Claim]) -> tuple[Claim, ...]:
         known = chosen.get(one.about)
         if known is None or worst_of([one.state, known.state]) != known.state:
             chosen[one.about] = one
-    chosen = {"run": chosen["run"]} if "run" in chosen else chosen
+    if "run" in chosen and chosen["run"].state == "error":
+        chosen = {"run": chosen["run"]}
     return tuple(sorted(chosen.values(), key=lambda one: get_args(About).index(one.about)))[
         :MOST_CLAIMS
     ]
