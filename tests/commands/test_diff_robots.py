@@ -190,6 +190,19 @@ def test_without_a_start_it_is_one_that_suits_both(command, site):
         assert starts[0] == starts[1] == tuple(document["start"])
 
 
+def test_unknown_cells_open_to_the_wider_robot_alone_are_no_start(command, site):
+    cells = np.full((60, 200), -1, np.int8)
+    cells[5:25, 5:25] = 0  # all that is known; the wider robot has most room far from it
+    cells[5:25, 4] = 100
+    write_map("site.yaml", OccupancyGrid(cells, RESOLUTION, ORIGIN), force=True)
+    through = Path("wide.yaml").read_text().replace("space: true", "space: false")
+    Path("through.yaml").write_text(through)
+    code, out, err = command(*words("slim.yaml", "through.yaml", "--json"))
+    assert code in (0, 1), err
+    x, y = json.loads(out)["start"]
+    assert mapdeal.read_map("site.yaml").query([x, y]).values.tolist() == [0]
+
+
 def test_later_files_win_and_points_are_goals(command, site):
     Path("wider.yaml").write_text(
         "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.5}}}\n"
