@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,6 +18,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint, shape_of
 from mapdeal.grid.frame import Point
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Method, Route, reach_radius
 from mapdeal.grid.reaching import largest_closed_square, squares_to
 from mapdeal.grid.route_graph import RouteGraph
@@ -30,6 +32,7 @@ from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import Spread, rounded, spread_json
 from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape
 from mapdeal.planning import routes
+from mapdeal.planning.goal_routes import shortest_over
 from mapdeal.planning.graph_routes import route_on_graph
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import PairLine, read_pairs
@@ -41,7 +44,9 @@ WAYS = ("plain", "cost", "heuristic")
 """Where the distance field acts: nowhere, in the cost of a step, or in the heuristic."""
 
 _RECIPE = "nav2"
-_PER_CELL: dict[Method, float] = {"astar": 36.0, "descent": 126.0, "graph": 36.0}
+_PER_CELL: dict[Method, float] = {
+    "astar": 36.0, "descent": 126.0, "geodesic": 56.0, "graph": 36.0,
+}  # fmt: skip
 """Bytes for each cell, those of the recipe included."""
 
 _PER_CELL_OF_PAIRS = 60.0
@@ -124,7 +129,7 @@ class PlannedRoute(Route, Spread):
             x, y = (round(value, 3) + 0.0 for value in self.local_minimum)
             rule = f"stopped at {x:.10g}, {y:.10g}, in a local minimum of the potential over "
             rule += "open cells"
-            hint = "every potential may have some; --method astar finds its way around them"
+            hint = "every potential may have some; --method geodesic finds its way around them"
         elif len(self.points_xy):
             rule = f"stopped after {self.length:.4g} m on the way to {goal}"
         elif self.method == "graph":
@@ -141,14 +146,13 @@ class PlannedRoute(Route, Spread):
 class PairedRoutes(Spread):
     """Routes of many pairs of points by several ways, found as the pairs are read.
 
-    `searches` has what each way hands to `route_over`; `sums` those of the figures of each way over
-    the pairs whose goals are all reached.
+    `searches` finds a route each way; `sums` are those of the figures of each way over the pairs
+    whose goals are all reached.
     """
 
     pairs: Iterable[PairLine]
     pairs_in: Path | str
-    terrain: routes.Terrain
-    searches: Mapping[str, Mapping[str, Any]]
+    searches: Mapping[str, Callable[[Point, Point], Route]]
     counts: Counter[str] = field(default_factory=Counter)
     sums: dict[tuple[str, str], float] = field(default_factory=lambda: defaultdict(float))
 
@@ -164,7 +168,8 @@ class PairedRoutes(Spread):
             if all(route.reached for route in found.values()):
                 for way, route in found.items():
                     for name, _ in _MEANS.values():
-                        self.sums[way, name] += getattr(route, name)
+                        figure = getattr(route, name)
+                        self.sums[way, name] += math.nan if figure is None else figure
             else:
                 self.counts["unreached"] += 1
             for way, route in found.items():
@@ -177,10 +182,8 @@ class PairedRoutes(Spread):
         if pair.start is None or pair.goal is None:
             return {}, {"error": pair.error}
         try:
-            return {
-                way: routes.route_over(self.terrain, pair.start, pair.goal, **search)
-                for way, search in self.searches.items()
-            }, {}
+            found = {name: find(pair.start, pair.goal) for name, find in self.searches.items()}
+            return found, {}
         except ParameterError as error:
             places = {"start": _place(pair.start), "goal": _place(pair.goal)}
             return {}, {**places, "error": str(error), **_given(hint=error.hint)}
@@ -308,9 +311,10 @@ def route(
     compare : sequence of {'plain', 'cost', 'heuristic'}, optional
         With pairs: search without the distance field (plain), with it in the cost, or in the
         heuristic; by default all three.
-    method : {'astar', 'descent', 'graph'}, optional
-        Cheapest route (astar, the default), steepest descent of the potential (descent), or the
-        cheapest on a route graph (graph, the default with one).
+    method : {'astar', 'descent', 'geodesic', 'graph'}, optional
+        Cheapest route over cells (astar, the default), steepest descent of the potential (descent),
+        shortest route in any direction (geodesic), or the cheapest on a route graph (graph, the
+        default with one).
     graph : path, optional
         Route graph to go by: a GeoJSON file for Nav2's route server.
     through_unknown : bool
@@ -380,26 +384,33 @@ def route(
     if method != "graph":
         inputs.refuse(f"does not apply to method {method}", graph=graph)
     if pairs is not None:
-        of_one = {"start": start, "goal": goal, "heuristic": heuristic, **gains}
+        of_one = {"start": start, "goal": goal, "heuristic": heuristic}
         image = inputs.settings_of(**reading).image
         inputs.refuse("applies to one route, not to pairs", **of_one, image=image)
+        if method == "graph":
+            raise ParameterError("are for methods astar, descent and geodesic", place="pairs")
+        compared: tuple[str, ...] = (method,)
+        if method == "astar":
+            compared = tuple(dict.fromkeys(WAYS if compare is None else compare))
+            if not compared or not set(compared) <= set(WAYS):
+                rule = f"must be some of {', '.join(WAYS)}"
+                raise ParameterError(rule, place="compare", got=",".join(compared))
+        for name, search in (("field_weight", "cost"), ("heuristic_weight", "heuristic")):
+            if name in of_field and search not in compared:
+                raise ParameterError(f"needs {search} among the methods to compare", place=name)
         if method != "astar":
-            raise ParameterError("compares routes of method astar", place="pairs")
-        ways = tuple(dict.fromkeys(WAYS if compare is None else compare))
-        if not ways or not set(ways) <= set(WAYS):
-            rule = f"must be some of {', '.join(WAYS)}"
-            raise ParameterError(rule, place="compare", got=",".join(ways))
-        for name, way in (("field_weight", "cost"), ("heuristic_weight", "heuristic")):
-            if name in of_field and way not in ways:
-                raise ParameterError(f"needs {way} among the methods to compare", place=name)
+            inputs.refuse("compares routes of method astar", compare=compare)
+        if method != "descent":
+            inputs.refuse(f"does not apply to method {method}", **gains)
         inputs.need_ending(".jsonl")
         chunks, pairs_in = inputs.text_in(pairs)
         files = [pairs_in] if isinstance(pairs_in, Path) else []
-        one, costs = _costs_of(map, footprint, robot, mask, files, _PER_CELL_OF_PAIRS, reading)
-        with inputs.errors_named(one.name):
+        per_cell = max(_PER_CELL_OF_PAIRS, _PER_CELL[method])
+        source, costs = _costs_of(map, footprint, robot, mask, files, per_cell, reading)
+        with inputs.errors_named(source.name):
             terrain = routes.Terrain.of(costs, **weights)
-            searches = {way: _search_by(way, terrain, **of_field) for way in ways}
-        return PairedRoutes(read_pairs(chunks, pairs_in), pairs_in, terrain, searches)
+            searches = {name: _search_by(name, terrain, gains, **of_field) for name in compared}
+        return PairedRoutes(read_pairs(chunks, pairs_in), pairs_in, searches)
     inputs.refuse("applies to pairs alone", compare=compare)
     if start is None or goal is None:
         raise ParameterError("both are required, unless pairs are given", place="start, goal")
@@ -423,9 +434,8 @@ def route(
         elif method == "astar":
             found = routes.shortest_route(costs, start, goal, **weights, **of_field)
         else:
-            published = costs.to_occupancy()
-            lethal = published.with_values(published.occupied().astype("int8") * OCCUPIED)
-            found = routes.descend(costs, potential(lethal, goal=goal, **gains), start, **weights)
+            find = _search_by(method, routes.Terrain.of(costs, **weights), gains)
+            found = find(start, goal)
     return PlannedRoute(**vars(found), map=one, costs=costs, graph=followed)
 
 
@@ -434,14 +444,26 @@ def _given(**options: Any) -> dict[str, Any]:
 
 
 def _search_by(
-    way: str, terrain: routes.Terrain, *, field_weight: float = _FIELD_WEIGHT,
-    heuristic_weight: float = _HEURISTIC_WEIGHT,
-) -> dict[str, Any]:  # fmt: skip
-    if way == "cost":
-        return {"weights": terrain.weights_near_obstacles(field_weight)}
-    if way == "heuristic":
-        return {"surcharges": routes.surcharges_near_obstacles(terrain, heuristic_weight)}
-    return {}
+    name: str, terrain: routes.Terrain, gains: Mapping[str, Any], *,
+    field_weight: float = _FIELD_WEIGHT, heuristic_weight: float = _HEURISTIC_WEIGHT,
+) -> Callable[[Point, Point], Route]:  # fmt: skip
+    """Return what finds a route by a method, or one of the ways of A*."""
+    if name == "geodesic":
+        return partial(shortest_over, terrain)
+    if name == "descent":
+        repulsion = potential(_lethal_cells(terrain.costmap), **gains)
+        return lambda start, goal: routes.descend_on(terrain, replace(repulsion, goal=goal), start)
+    search: dict[str, Any] = {}
+    if name == "cost":
+        search = {"weights": terrain.weights_near_obstacles(field_weight)}
+    elif name == "heuristic":
+        search = {"surcharges": routes.surcharges_near_obstacles(terrain, heuristic_weight)}
+    return partial(routes.route_over, terrain, **search)
+
+
+def _lethal_cells(costs: Costmap) -> OccupancyGrid:
+    published = costs.to_occupancy()
+    return published.with_values(published.occupied().astype("int8") * OCCUPIED)
 
 
 def _costs_of(

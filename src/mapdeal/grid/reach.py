@@ -17,7 +17,7 @@ from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import UNKNOWN, OneLine, count_text, numbers_text
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
-Method = Literal["astar", "descent", "graph"]
+Method = Literal["astar", "descent", "geodesic", "graph"]
 
 _ROUNDING = 12
 """Decimals of widths, so that twice six cells of 0.05 m are 0.6 m and not wider by a last bit."""
@@ -315,7 +315,7 @@ class Route(OneLine):
 
     Parameters
     ----------
-    method : {'astar', 'descent', 'graph'}
+    method : {'astar', 'descent', 'geodesic', 'graph'}
         Search method.
     reached : bool
         Whether the last point is the goal.

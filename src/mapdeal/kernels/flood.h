@@ -23,9 +23,8 @@ typedef struct {
     CellList lists[LISTS];
 } Flood;
 
-static int note_cell(Flood *flood, int64_t length, int64_t cell)
+static int append_cell(CellList *list, int64_t cell)
 {
-    CellList *list = &flood->lists[length % LISTS];
     if (list->count == list->room) {
         const int64_t room = list->room ? 2 * list->room : 256;
         int64_t *cells = realloc(list->cells, (size_t)room * sizeof(int64_t));
@@ -34,8 +33,13 @@ static int note_cell(Flood *flood, int64_t length, int64_t cell)
         list->room = room;
     }
     list->cells[list->count++] = cell;
-    flood->waiting++;
     return 1;
+}
+
+static int note_cell(Flood *flood, int64_t length, int64_t cell)
+{
+    flood->waiting++;
+    return append_cell(&flood->lists[length % LISTS], cell);
 }
 
 /* Go one step on from all cells at the next length. Returns 0 if there is no memory. */
