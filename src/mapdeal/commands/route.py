@@ -13,7 +13,13 @@ from typing import Annotated, Any, Literal
 
 from mapdeal.command import FACTOR, METRES, REPULSION, OnlyInPython, Output, Words, command
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import BatchError, FindingError, MalformedInputError, ParameterError
+from mapdeal.errors import (
+    BatchError,
+    FindingError,
+    MalformedInputError,
+    ParameterError,
+    emit_warning,
+)
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint, shape_of
@@ -32,7 +38,7 @@ from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import Spread, rounded, spread_json
 from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape
 from mapdeal.planning import routes
-from mapdeal.planning.goal_routes import shortest_over
+from mapdeal.planning.goal_routes import route_in_window, shortest_over
 from mapdeal.planning.graph_routes import route_on_graph
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import PairLine, read_pairs
@@ -86,15 +92,11 @@ class PlannedRoute(Route, Spread):
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
-        """Whether the goal is reached."""
-        return self.reached
+        """Whether the goal is reached, or the border on the way to one beyond the map."""
+        return self.reached or self.beyond_window
 
     def document(self) -> dict[str, Any]:
-        minimum = self.local_minimum
-        document = {"method": self.method, **_entries(self)}
-        if self.method == "descent":
-            document["local_minimum"] = None if minimum is None else _place(minimum)
-        return {**document, "points": list(map(_place, self.points_xy.tolist()))}
+        return route_document(self)
 
     def parts(self) -> Iterator[str]:
         yield spread_json(self.document(), "points")
@@ -107,7 +109,8 @@ class PlannedRoute(Route, Spread):
         if math.isfinite(self.min_clearance):
             text += f", at least {self.min_clearance:.2f} m from obstacles"
             text += f", {self.mean_clearance:.2f} m on average"
-        yield text if self.reached else f"not reached: {text}"
+        ending = "to the border, the goal is beyond it" if self.beyond_window else "not reached"
+        yield text if self.reached else f"{ending}: {text}"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         """Return the route over the costs."""
@@ -120,8 +123,8 @@ class PlannedRoute(Route, Spread):
         return cost_image(self.costs, title=title, overlay=overlay, **look)
 
     def check(self) -> None:
-        """Raise FindingError if the goal is not reached."""
-        if self.reached:
+        """Raise FindingError if the goal is not reached, nor the border on the way to it."""
+        if self.passes:
             return
         goal = f"{self.goal[0]:.10g}, {self.goal[1]:.10g}"
         hint = None
@@ -231,6 +234,16 @@ class PairedRoutes(Spread):
             raise FindingError(rule, source=self.pairs_in)
 
 
+def route_document(route: Route) -> dict[str, Any]:
+    document = {"method": route.method, **_entries(route)}
+    if route.method == "descent":
+        minimum = route.local_minimum
+        document["local_minimum"] = None if minimum is None else _place(minimum)
+    if route.beyond_window:
+        document["beyond_window"] = True
+    return {**document, "points": list(map(_place, route.points_xy.tolist()))}
+
+
 def _entries(route: Route) -> dict[str, Any]:
     return {
         "reached": route.reached,
@@ -276,6 +289,7 @@ def route(
     compare: Annotated[Sequence[str] | None, Words("METHOD,...", lambda t: t.split(","))] = None,
     method: Method | None = None,
     graph: Annotated[Path | None, Words("GRAPH.geojson")] = None,
+    global_map: Annotated[inputs.Map | None, Words("GLOBAL", name="map", typed=Path)] = None,
     through_unknown: bool = False,
     cost_travel_multiplier: Annotated[float, FACTOR] = 2.0,
     field_weight: Annotated[float | None, Words("W")] = None,
@@ -295,7 +309,8 @@ def route(
     Lethal, inscribed and unknown cells are closed. A map gets the costs of --params-file, or else
     those of the recipe nav2; the shape of a robot replaces its radius of 0.22 m. Without -o the
     result is printed, on a terminal as lines, elsewhere as JSON. With --pairs, one line is printed
-    for each pair and method, and their means on stderr.
+    for each pair and method, and their means on stderr. To a goal beyond the map, the route ends at
+    the border cell with the least cost so far plus remaining distance, with a warning.
 
     Parameters
     ----------
@@ -317,6 +332,9 @@ def route(
         default with one).
     graph : path, optional
         Route graph to go by: a GeoJSON file for Nav2's route server.
+    global_map : path or grid, optional
+        Map or costs of the surroundings, which say how far it is from the border to a goal that
+        is beyond the map, or behind what closes it; the straight distance by default.
     through_unknown : bool
         Treat unknown cells as free, at the highest cost.
     cost_travel_multiplier : float
@@ -426,17 +444,27 @@ def route(
     per_cell = _PER_CELL[method] + _OF_HEURISTIC * bool(of_field.get("heuristic_weight"))
     followed = None if graph is None else read_route_graph(graph)
     files = [] if graph is None else [graph]
-    one, costs = _costs_of(map, footprint, robot, mask, files, per_cell, reading)
-    with inputs.errors_named(one.name):
+    shape = (footprint, robot, mask, files, per_cell, reading)
+    source, costs = _costs_of(map, *shape, is_local=global_map is not None)
+    known = None
+    if global_map is not None:
+        known = routes.Terrain.of(_costs_of(global_map, *shape)[1], **weights)
+    with inputs.errors_named(source.name):
+        is_inside = bool(costs.frame.contains([goal])[0])
+        terrain = routes.Terrain.of(costs, **weights, **_given(field_weight=field_weight))
         if followed is not None:
-            terrain = routes.Terrain.of(costs, **weights)
             found = route_on_graph(terrain, followed, start, goal)
-        elif method == "astar":
-            found = routes.shortest_route(costs, start, goal, **weights, **of_field)
         else:
-            find = _search_by(method, routes.Terrain.of(costs, **weights), gains)
-            found = find(start, goal)
-    return PlannedRoute(**vars(found), map=one, costs=costs, graph=followed)
+            name = "heuristic" if method == "astar" and heuristic == "field" else method
+            find = _search_by(name, terrain, gains, **_given(heuristic_weight=heuristic_weight))
+            by_length = method != "astar"
+            found = route_in_window(terrain, find, start, goal, by_length=by_length, known=known)
+            if found.beyond_window:
+                x, y = (round(value, 3) + 0.0 for value in found.points_xy[-1].tolist())
+                place = "not reachable within" if is_inside else "beyond"
+                text = f"the goal {goal[0]:.10g}, {goal[1]:.10g} is {place} the map"
+                emit_warning(f"{text}: the route ends at its border, at {x:.10g}, {y:.10g}")
+    return PlannedRoute(**vars(found), map=source, costs=costs, graph=followed)
 
 
 def _given(**options: Any) -> dict[str, Any]:
@@ -469,7 +497,7 @@ def _lethal_cells(costs: Costmap) -> OccupancyGrid:
 def _costs_of(
     map: inputs.Map,  # noqa: A002 - as the command calls it
     footprint: Footprint | None, robot: RobotParameters | None, mask: inputs.Map | None,
-    files: Sequence[Path], per_cell: float, reading: inputs.Reading,
+    files: Sequence[Path], per_cell: float, reading: inputs.Reading, *, is_local: bool = False,
 ) -> tuple[inputs.MapInput, Costmap]:  # fmt: skip
     """Return a map and its costs: those in the file, the robot's, or the recipe ``nav2``'s."""
     over = inputs.mask_of(mask, inputs.settings_of(**reading))
@@ -479,7 +507,8 @@ def _costs_of(
     grid = one.grid
     if isinstance(grid, Costmap):
         rule = "applies to maps: these costs are already computed"
-        inputs.refuse(rule, robot=robot, footprint=footprint)
+        if not is_local:  # otherwise they are for the global map
+            inputs.refuse(rule, robot=robot, footprint=footprint)
         return one, grid if over is None else over.over(grid)
     inputs.warn_of_published_costs(one)
     inputs.warn_of_potential(one)

@@ -49,9 +49,9 @@ def weighted_lengths_to(
     reach = _EXACT_WITHIN if least == most else 1
     rows, cols = (range(index - reach, index + reach + 1) for index in goal)
     centres = [(row + 0.5, col + 0.5) for row in rows for col in cols if is_open((row, col))]
-    seen = [centre for centre in centres if is_line_clear(is_open, centre, place)]
-    sources = np.array(seen).astype(np.int64)
-    starts = np.hypot(*(np.array(seen) - place).T)
+    visible = [centre for centre in centres if is_line_clear(is_open, centre, place)]
+    sources = np.array(visible).astype(np.int64)
+    starts = np.hypot(*(np.array(visible) - place).T)
     starts *= weights[classes[sources[:, 0], sources[:, 1]]]
     return costs_to_go(classes, weights, sources, starts)
 
@@ -72,9 +72,9 @@ def may_step(is_open: Callable[[Cell], bool], cell: Cell, following: Cell) -> bo
 
 def _cells_on(start: Place, end: Place) -> Iterator[Cell]:
     """Yield the cells that a straight piece of way passes, one after the other."""
-    way = (end[0] - start[0], end[1] - start[1])
+    extent = (end[0] - start[0], end[1] - start[1])
     shares = {0.0, 1.0}
-    for from_, along in zip(start, way, strict=True):
+    for from_, along in zip(start, extent, strict=True):
         if along:
             low, high = sorted((from_, from_ + along))
             shares |= {
@@ -83,7 +83,10 @@ def _cells_on(start: Place, end: Place) -> Iterator[Cell]:
     last = None
     for before, after in pairwise(sorted(share for share in shares if 0 <= share <= 1)):
         middle = (before + after) / 2
-        cell = (math.floor(start[0] + middle * way[0]), math.floor(start[1] + middle * way[1]))
+        cell = (
+            math.floor(start[0] + middle * extent[0]),
+            math.floor(start[1] + middle * extent[1]),
+        )
         if cell != last:
             yield cell
         last = cell

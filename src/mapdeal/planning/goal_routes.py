@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Point
 from mapdeal.grid.goal_field import SEEN_WITHIN, Place, is_line_clear, lengths_to, may_step
-from mapdeal.grid.reach import Route
+from mapdeal.grid.reach import Method, Route
 from mapdeal.kernels.polygons import Cell
 from mapdeal.planning.routes import Terrain
 
@@ -87,38 +88,76 @@ def shortest_over(terrain: Terrain, start_xy: Point, goal_xy: Point) -> Route:
     places, _ = frame.bounded_continuous_rowcol_from_xy([start_xy, goal_xy])
     start, goal = (tuple(place) for place in places.tolist())
     is_open = terrain.weights > 0
-    way = _tight_way(is_open, start, goal)
-    if way is None:
+    line = _tight_way(is_open, start, goal)
+    if line is None:
         none, nan = np.empty((0, 2)), math.nan
         return Route("geodesic", False, start_xy, goal_xy, none, nan, nan, nan)
-    way = min(way, _finer_way(is_open, way), key=_length)
-    points = frame.xy_from_continuous_rowcol(_in_steps(np.array(way)))
+    line = min(line, _finer_way(is_open, line), key=_length)
+    points = frame.xy_from_continuous_rowcol(_in_steps(np.array(line)))
     points[0], points[-1] = start_xy, goal_xy
     return Route("geodesic", True, start_xy, goal_xy, points, **terrain.measured(points))
 
 
-def _finer_way(is_open: Mask, way: list[Place]) -> list[Place]:
-    """Return a way by lengths between parts of cells: the first may have erred about sides."""
+def route_in_window(
+    terrain: Terrain, find: Callable[[Point, Point], Route], start_xy: Point, goal_xy: Point, *,
+    by_length: bool, known: Terrain | None = None,
+) -> Route:  # fmt: skip
+    """Return a route to a goal, or to the border on the way to one that is beyond the terrain.
+
+    `find` finds a route to a point, by its length or its cost. The rest from a border cell to the
+    goal is the straight distance, or the lowest cost on a terrain that is known; then the route
+    also ends at the border if none leads to a goal in the window.
+    """
+    route = None
+    if terrain.costmap.frame.contains([goal_xy])[0]:
+        route = find(start_xy, goal_xy)
+        if route.reached or known is None:
+            return route
+    terrain.open_cell_of(start_xy, "start")
+    costs = terrain.costs_to(start_xy, by_length=by_length)
+    inner = np.zeros(costs.shape, np.bool_)
+    inner[1:-1, 1:-1] = True
+    cells = np.argwhere(np.isfinite(costs) & ~inner)
+    centres = terrain.costmap.frame.xy_from_rowcol(cells)
+    if known is None:
+        remaining = np.hypot(*(centres - goal_xy).T)
+    else:
+        known_cells, inside = known.costmap.frame.bounded_rowcol_from_xy(centres)
+        known_cells[~inside] = 0
+        costs_known = known.costs_to(goal_xy, by_length=by_length)
+        remaining = np.where(inside, costs_known[known_cells[:, 0], known_cells[:, 1]], math.inf)
+    total = costs[cells[:, 0], cells[:, 1]] + remaining
+    if not np.isfinite(total).any():
+        none, nan = np.empty((0, 2)), math.nan
+        method: Method = "geodesic" if by_length else "astar"
+        return route or Route(method, False, start_xy, goal_xy, none, nan, nan, nan)
+    x, y = centres[int(np.argmin(total))].tolist()
+    route = find(start_xy, (x, y))
+    return replace(route, goal=goal_xy, reached=False, beyond_window=route.reached)
+
+
+def _finer_way(is_open: Mask, line: list[Place]) -> list[Place]:
+    """Return a line by lengths between parts of cells: the first may have erred about sides."""
     # No shorter way leaves the ellipse of its length around both ends.
-    start, goal = way[0], way[-1]
+    start, goal = line[0], line[-1]
     across = np.subtract(goal, start)[::-1]
-    half = np.sqrt(np.maximum(_length(way) ** 2 - across**2, 0)) / 2 + 1
+    half = np.sqrt(np.maximum(_length(line) ** 2 - across**2, 0)) / 2 + 1
     middle = np.add(start, goal) / 2
     low = np.maximum(np.floor(middle - half), 0).astype(int)
     high = np.ceil(middle + half).astype(int)
     box = is_open[low[0] : high[0], low[1] : high[1]]
     parts = min(math.isqrt(_MOST_PARTS // box.size), _MOST_PARTS_OF_SIDE)
     if parts < 2:
-        return way
+        return line
     ends = [(row - low[0], col - low[1]) for row, col in (start, goal)]
     found = _tight_way(box, ends[0], ends[1], parts=parts)
     if found is None:
-        return way
+        return line
     return [start, *((row + low[0], col + low[1]) for row, col in found[1:-1]), goal]
 
 
 def _tight_way(is_open: Mask, start: Place, goal: Place, *, parts: int = 1) -> list[Place] | None:
-    """Return a way that no pull shortens, None if there is none; by parts of cells if asked."""
+    """Return a taut line from a start to a goal, by lengths between parts of cells."""
     finer = is_open.repeat(parts, axis=0).repeat(parts, axis=1) if parts > 1 else is_open
     end = (goal[0] * parts, goal[1] * parts)
     lengths = lengths_to(finer, end)
@@ -129,8 +168,8 @@ def _tight_way(is_open: Mask, start: Place, goal: Place, *, parts: int = 1) -> l
     return _pulled_tight(is_open, [start, *map(tuple, centres.tolist()), goal])
 
 
-def _length(way: list[Place]) -> float:
-    return sum(itertools.starmap(math.dist, pairwise(way)))
+def _length(line: list[Place]) -> float:
+    return sum(itertools.starmap(math.dist, pairwise(line)))
 
 
 def _opens(mask: Mask) -> Callable[[Cell], bool]:
@@ -162,9 +201,9 @@ def _descended(mask: Mask, lengths: Floats, cell: Cell, goal: Place) -> list[Pla
 class _Corners:
     """The corners of closed cells that a tight line can bend at, in the order of their rows."""
 
-    def __init__(self, is_open: Mask, way: list[Place]) -> None:
-        low = np.maximum(np.floor(np.min(way, axis=0)).astype(int) - 1, 0)
-        high = np.ceil(np.max(way, axis=0)).astype(int) + 1
+    def __init__(self, is_open: Mask, line: list[Place]) -> None:
+        low = np.maximum(np.floor(np.min(line, axis=0)).astype(int) - 1, 0)
+        high = np.ceil(np.max(line, axis=0)).astype(int) + 1
         closed = np.pad(~is_open[low[0] : high[0], low[1] : high[1]], 1, constant_values=True)
         around = np.stack([closed[:-1, :-1], closed[:-1, 1:], closed[1:, :-1], closed[1:, 1:]])
         corners = np.argwhere(around.sum(axis=0) == 1)
@@ -222,9 +261,9 @@ def _cross(start: Place, end: Place, places: Floats) -> Floats:
     return crossed
 
 
-def _pulled_tight(mask: Mask, way: list[Place]) -> list[Place]:
-    corners = _Corners(mask, way)
-    tight, before = list(way), math.inf
+def _pulled_tight(mask: Mask, line: list[Place]) -> list[Place]:
+    corners = _Corners(mask, line)
+    tight, before = list(line), math.inf
     while (length := _length(tight)) < before - _ROUNDING:
         before = length
         for parity in (1, 0):
@@ -242,15 +281,15 @@ def _pulled_tight(mask: Mask, way: list[Place]) -> list[Place]:
         ]
     beside.append(tight[-1])
     is_valid = all(is_line_clear(_opens(mask), *piece) for piece in pairwise(beside))
-    return beside if is_valid else way
+    return beside if is_valid else line
 
 
-def _in_steps(way: Floats) -> Floats:
+def _in_steps(line: Floats) -> Floats:
     """Return places on a line that are at most half a cell apart, its bends among them."""
-    steps = np.hypot(*np.diff(way, axis=0).T)
+    steps = np.hypot(*np.diff(line, axis=0).T)
     counts = np.maximum(np.ceil(steps / _LONGEST_STEP).astype(int), 1)
     shares = np.concatenate([np.arange(count) / count for count in counts] + [np.zeros(1)])
     index = np.append(np.repeat(np.arange(len(counts)), counts), len(counts) - 1)
     shares[-1] = 1.0
-    stepped: Floats = way[index] + shares[:, np.newaxis] * (way[index + 1] - way[index])
+    stepped: Floats = line[index] + shares[:, np.newaxis] * (line[index + 1] - line[index])
     return stepped

@@ -13,7 +13,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.frame import Point
-from mapdeal.grid.goal_field import Place, is_line_clear
+from mapdeal.grid.goal_field import Place, is_line_clear, lengths_to, weighted_lengths_to
 from mapdeal.grid.reach import Route
 from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED
@@ -37,6 +37,7 @@ class Terrain:
     costmap: Costmap
     weights: NDArray[np.float64]
     field: DistanceField
+    weights_by_cost: NDArray[np.float64]
 
     @classmethod
     def of(
@@ -61,7 +62,7 @@ class Terrain:
         occupancy = np.where(obstacles, OCCUPIED, 0).astype(np.int8)
         field = DistanceField(distance, occupancy, resolution, origin, convention="center")
         by_cost = _weights_by_cost(costmap, cost_travel_multiplier, through_unknown)
-        terrain = cls(costmap, by_cost[costmap.cost.view(np.uint8)], field)
+        terrain = cls(costmap, by_cost[costmap.cost.view(np.uint8)], field, by_cost)
         return replace(terrain, weights=terrain.weights_near_obstacles(field_weight))
 
     def weights_near_obstacles(self, field_weight: float) -> NDArray[np.float64]:
@@ -79,6 +80,19 @@ class Terrain:
         near: NDArray[np.float64] = self.field.distance / np.float64(FIELD_RANGE)
         np.clip(near, 0, 1, out=near)
         return np.subtract(1, near, out=near)
+
+    def costs_to(self, point: Point, *, by_length: bool) -> NDArray[np.float64]:
+        """Return the lowest cost from each cell to a point, or the length, metres; inf if none."""
+        (place,), inside = self.costmap.frame.bounded_continuous_rowcol_from_xy([point])
+        if not inside[0]:
+            return np.full(self.weights.shape, math.inf)
+        row, col = place.tolist()
+        if by_length:
+            costs = lengths_to(self.weights > 0, (row, col))
+        else:
+            classes = self.costmap.cost.view(np.uint8)
+            costs = weighted_lengths_to(classes, self.weights_by_cost, (row, col))
+        return costs * self.costmap.resolution
 
     def is_open(self, cell: Cell) -> bool:
         return self.costmap.frame.holds(cell) and bool(self.weights[cell] > 0)
