@@ -4,6 +4,10 @@
 #include <stdint.h>
 #include <stdlib.h>
 
+#include "flood.h"
+
+static const double DIAGONAL = 1.4142135623730951;
+
 typedef struct {
     const uint8_t *classes; /* of cells; those along the border are closed */
     const double *weights; /* of each class; 0 if it is closed */
@@ -42,7 +46,7 @@ static int update_around(Front *front, int64_t cell)
                 return 0;
         }
         for (int64_t turn = -side; turn <= side; turn += 2 * side) { /* past an open cell */
-            const double beyond = front->weights[front->classes[next + turn]] * ROOT_OF_2;
+            const double beyond = front->weights[front->classes[next + turn]] * DIAGONAL;
             if (beyond > 0 && !lower_cost(front, next + turn, cost + beyond)) return 0;
         }
     }

@@ -1,6 +1,9 @@
 /* Lengths of the shortest ways from several cells: Dijkstra's algorithm, with a list of cells for
  * each length. skeleton.py has the rules. */
 
+#ifndef MAPDEAL_FLOOD_H
+#define MAPDEAL_FLOOD_H
+
 #include <stdint.h>
 #include <stdlib.h>
 
@@ -74,3 +77,5 @@ static int flood_on(Flood *flood)
     now->count = 0;
     return 1;
 }
+
+#endif
