@@ -287,7 +287,9 @@ def test_pairs_go_by_methods_other_than_astar(sh, hall):
     line = "route hall.yaml --pairs pairs.csv --method"
     for method, options in (("descent", "--attractive-gain 100"), ("geodesic", "")):
         _, out, _ = sh(f"{line} {method} {options}")
-        for answer, ends in zip(map(json.loads, out.splitlines()), ("5,3.6", "5.5,3.5"), strict=True):
+        for answer, ends in zip(
+            map(json.loads, out.splitlines()), ("5,3.6", "5.5,3.5"), strict=True
+        ):
             own = sh(f"route hall.yaml --from 2,3.5 --to {ends} --method {method} {options}")[1]
             keys = ("method", "reached", "start", "goal", "length_m", "cost")
             assert [answer[key] for key in keys] == [json.loads(own)[key] for key in keys]

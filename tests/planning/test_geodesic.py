@@ -65,5 +65,5 @@ def test_a_way_bends_at_the_corner_of_a_wall():
     costmap = mapdeal.Costmap(np.where(grid.occupancy == 100, 254, 0).astype(np.uint8), *FRAME)
     start, goal = costmap.frame.xy_from_continuous_rowcol([[0.5, 0.5], [2.5, 0.5]]).tolist()
     route = shortest_way(costmap, tuple(start), tuple(goal))
-    assert route.length == pytest.approx((2 * math.hypot(3.5, 0.5) + 1) * 0.25, rel=1e-5)
+    assert route.length == pytest.approx((2 * math.hypot(3.5, 0.5) + 1) * 0.25, rel=1e-3)
     assert (route.method, route.optimal, route.expanded) == ("geodesic", False, None)

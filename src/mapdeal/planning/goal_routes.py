@@ -21,8 +21,11 @@ from mapdeal.planning.routes import Terrain
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
-_OFF = 1e-6  # in cells: how far routes pass by corners, more than what rounding moves a place by
-_TOUCHING = 1e-4
+_OFF = 1e-6  # in cells: how far taut lines cut corners, more than rounding moves a place by
+_BESIDE = (
+    1e-3  # in cells: how far routes pass by corners, so that rounded points stay in open cells
+)
+_TOUCHING = 4e-3  # in cells: corners nearer to a taut line become bends
 _ROUNDING = 1e-9  # of angles in radians, and of lengths in cells
 _LONGEST_STEP = 0.5
 _MOST_PARTS, _MOST_PARTS_OF_SIDE = 1 << 20, 8
@@ -65,15 +68,15 @@ def shortest_way(
     -----
     The route descends the lengths to the goal from cell to cell (see `potential`, `cost_to_go`) and
     is then pulled tight: no route that passes closed cells on the same sides is shorter. It bends
-    at corners of closed cells alone, a millionth of a cell away from them.
+    at corners of closed cells alone, a thousandth of a cell away from them.
 
     Examples
     --------
     >>> from mapdeal.grid.costmap import Costmap
     >>> wall = Costmap([[0, 0, 0], [0, 254, 254], [0, 0, 0]], 0.5)
     >>> route = shortest_way(wall, (1.25, 0.25), (1.25, 1.25))
-    >>> route.reached, round(route.length, 4)
-    (True, 2.0811)
+    >>> route.reached, round(route.length, 2)
+    (True, 2.08)
     """
     terrain = Terrain.of(
         costmap, cost_travel_multiplier=cost_travel_multiplier, through_unknown=through_unknown
@@ -213,7 +216,7 @@ class _Corners:
         self.inner = self.places + _OFF * toward
         """Places in the closed cell: a line that passes by does not touch them."""
         self._deeper = self.places + 2 * _OFF * toward
-        self.outer = self.places - _OFF * toward
+        self.outer = self.places - _BESIDE * toward
 
     def hull(self, before: Place, bend: Place, after: Place) -> list[Place]:
         """Return where a line bends that is pulled from a bend towards its neighbours' line."""
