@@ -102,7 +102,7 @@ class WindowPlanner:
         return Costmap(layer, side, (x, y, yaw), costs[0].scale)
 
     def costs_in(self, folder: Path) -> Costmap:
-        with heard([]):  # making them has warned of what there is to warn of
+        with heard([]):  # the run that wrote these costs has shown its warnings
             costs = read_map(folder / f"{self.common.recipe.steps[-1].stage.product}.npz")
         if not isinstance(costs, Costmap):
             raise TypeError("the recipe of a planner ends in costs")
