@@ -68,9 +68,12 @@ class LocalOptions:
         Smallest horizontal distance from the robot of the points to use, metres.
     max_range : float, optional
         Largest horizontal distance from the robot of the points to use, metres.
-    angle_min, angle_max : float, optional
-        First and last direction of the points to use, anticlockwise from the robot's heading,
-        radians; a fan from 2.4 to -2.4 is the one behind the robot. Both or neither.
+    angle_min : float, optional
+        First direction of the points to use, radians from the robot's heading, anticlockwise; needs
+        `angle_max`.
+    angle_max : float, optional
+        Last direction of the points to use, anticlockwise from `angle_min`, radians; below it, the
+        fan includes the robot's back.
     raytrace_range : float, optional
         Distance from the robot up to which beams clear cells, metres. [default: `max_range`, else
         up to the point]

@@ -28,7 +28,7 @@ _BESIDE = (
 _TOUCHING = 4e-3  # in cells: corners nearer to a taut line become bends
 _ROUNDING = 1e-9  # of angles in radians, and of lengths in cells
 _LONGEST_STEP = 0.5
-_MOST_PARTS, _MOST_PARTS_OF_SIDE = 1 << 20, 8
+_MOST_PARTS, _MOST_PARTS_OF_SIDE = 1 << 21, 16
 _STEPS = tuple((row, col) for row in (-1, 0, 1) for col in (-1, 0, 1) if row or col)
 
 
@@ -230,8 +230,7 @@ class _Corners:
             deeper, places = deeper[is_inside], places[is_inside]
         bends, here = [], before
         while len(places):
-            ahead = np.subtract(after, here)
-            turns = np.arctan2(side * _cross(here, after, places), (places - here) @ ahead)
+            turns = np.arctan2(side * _cross(here, after, places), _along(here, after, places))
             if not turns.max() > 0:
                 break
             is_first = turns > turns.max() - _ROUNDING  # the farthest of those on a line
@@ -243,10 +242,9 @@ class _Corners:
 
     def touched(self, start: Place, end: Place) -> Floats:
         """Return places beside the corners that a straight line touches, in its order."""
-        along = np.subtract(end, start)
-        length = math.hypot(*along)
+        length = math.dist(start, end)
         rows = self._between(*sorted((start[0], end[0])))
-        shares = (self.places[rows] - start) @ along / (length or 1.0)
+        shares = _along(start, end, self.places[rows]) / (length or 1.0)
         is_near = np.abs(_cross(start, end, self.places[rows])) < _TOUCHING * length
         is_near &= (shares > _TOUCHING) & (shares < length - _TOUCHING)
         found: Floats = self.outer[rows][is_near][np.argsort(shares[is_near], kind="stable")]
@@ -262,6 +260,13 @@ def _cross(start: Place, end: Place, places: Floats) -> Floats:
     row, col = end[0] - start[0], end[1] - start[1]
     crossed: Floats = row * (places[..., 1] - start[1]) - col * (places[..., 0] - start[0])
     return crossed
+
+
+def _along(start: Place, end: Place, places: Floats) -> Floats:
+    """Return how far along a line places lie, times the line's length."""
+    row, col = end[0] - start[0], end[1] - start[1]
+    lengths: Floats = row * (places[..., 0] - start[0]) + col * (places[..., 1] - start[1])
+    return lengths
 
 
 def _pulled_tight(mask: Mask, line: list[Place]) -> list[Place]:
