@@ -10,7 +10,7 @@ import numpy as np
 
 
 def squared_distance(marked):
-    """Return squared distances in cells to the nearest marked cell; None if no cell is marked."""
+    """Return squared distances in cells to the nearest marked cell, or None."""
     sites = np.argwhere(marked)
     result = np.empty(marked.shape, dtype=object)
     for row, col in np.ndindex(marked.shape):
@@ -602,3 +602,71 @@ def reached_poses(opened, seeds):
         steps += [(k, row + r, col + c) for r, c in ((0, 1), (0, -1), (1, 0), (-1, 0))]
         waiting += [s for s in steps if 0 <= s[1] < height and 0 <= s[2] < width and opened[s]]
     return reached
+
+
+def costs_to_go(weights, sources):
+    """Costs over the eight triangles of each cell, updated until none falls, as a list of rows."""
+    height, width = len(weights), len(weights[0])
+    costs = {(r, c): math.inf for r in range(-1, height + 1) for c in range(-1, width + 1)}
+    open_cells = [(r, c) for r in range(height) for c in range(width) if weights[r][c] > 0]
+    costs.update(sources)
+    is_lower = True
+    while is_lower:
+        is_lower = False
+        for row, col in open_cells:
+            weight, found = weights[row][col], [costs[row, col]]
+            for r, c in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+                beside = costs[row + r, col + c]
+                if math.isinf(beside):
+                    continue
+                found.append(beside + weight)
+                for turn in (-1, 1):
+                    diagonal = costs[row + r + turn * c, col + c + turn * r]
+                    drop = beside - diagonal
+                    if drop > 0 and 2 * drop * drop < weight * weight:
+                        found.append(beside + math.sqrt(weight * weight - drop * drop))
+                    found.append(diagonal + weight * math.sqrt(2))
+            if min(found) < costs[row, col]:
+                costs[row, col], is_lower = min(found), True
+    return [[costs[row, col] for col in range(width)] for row in range(height)]
+
+
+def shortest_way(is_open, start, goal):
+    """Length in cells of the shortest way in any direction, over corners that see one another.
+
+    Closed cells are grown by a little, so that none is passed at a corner that two have in common,
+    and corners lie a little farther outside.
+    """
+    grown = 1e-9
+    closed = np.argwhere(~np.pad(is_open, 1)) - 1
+    squares = set(map(tuple, closed.tolist()))
+    nodes = [start, goal]
+    for row, col in np.ndindex(is_open.shape[0] + 1, is_open.shape[1] + 1):
+        around = [(row + r, col + c) for r in (-1, 0) for c in (-1, 0)]
+        beside = [cell for cell in around if cell in squares]
+        if len(beside) == 1:
+            away = [2 * grown * (1 if k != at else -1)
+                    for k, at in zip(beside[0], (row, col), strict=True)]  # fmt: skip
+            nodes.append((row + away[0], col + away[1]))
+
+    def sees(first_point, second_point):
+        """By clipping the line with all squares at once (Liang and Barsky)."""
+        along = np.subtract(second_point, first_point)
+        along[along == 0] = 1e-300
+        first = (closed - grown - first_point) / along
+        last = (closed + 1 + grown - first_point) / along
+        enters = np.minimum(first, last).max(axis=1).clip(0, 1)
+        return not (enters < np.maximum(first, last).min(axis=1).clip(0, 1)).any()
+
+    lengths, waiting = dict.fromkeys(range(len(nodes)), math.inf), set(range(len(nodes)))
+    lengths[0] = 0.0
+    while waiting:
+        here = min(waiting, key=lengths.get)
+        waiting.remove(here)
+        if here == 1 or math.isinf(lengths[here]):
+            break
+        for there in waiting:
+            length = lengths[here] + math.dist(nodes[here], nodes[there])
+            if length < lengths[there] and sees(nodes[here], nodes[there]):
+                lengths[there] = length
+    return lengths[1]

@@ -12,6 +12,8 @@ from mapdeal.commands.build import build_map_from_log as build_map_from_log
 from mapdeal.commands.build_cloud import build_map_from_clouds as build_map_from_clouds
 from mapdeal.commands.diff import DiffReport as DiffReport
 from mapdeal.commands.diff import diff as diff
+from mapdeal.commands.diff_robots import RobotDiff as RobotDiff
+from mapdeal.commands.diff_robots import compare_robots as compare_robots
 from mapdeal.commands.draw_picture import Picture as Picture
 from mapdeal.commands.draw_picture import draw_picture as draw_picture
 from mapdeal.commands.draw_picture import write_picture as write_picture
@@ -29,6 +31,9 @@ from mapdeal.commands.run import run as run
 from mapdeal.commands.score import Score as Score
 from mapdeal.commands.score import score as score
 from mapdeal.compare.bounds import ScoreBound as ScoreBound
+from mapdeal.compare.costs import CostChange as CostChange
+from mapdeal.compare.costs import CostDifference as CostDifference
+from mapdeal.compare.costs import compare_costmaps as compare_costmaps
 from mapdeal.compare.difference import Bound as Bound
 from mapdeal.compare.difference import WallShift as WallShift
 from mapdeal.compare.merge import MapCounts as MapCounts
@@ -105,6 +110,7 @@ from mapdeal.pipeline.recipe import read_robot_parameters as read_robot_paramete
 from mapdeal.pipeline.run import RunReport as RunReport
 from mapdeal.pipeline.run import apply_recipe as apply_recipe
 from mapdeal.pipeline.run import costmap as costmap
+from mapdeal.planning.goal_routes import shortest_way as shortest_way
 from mapdeal.planning.routes import descend as descend
 from mapdeal.planning.routes import shortest_route as shortest_route
 from mapdeal.ros.robot import RobotParameters as RobotParameters

@@ -408,6 +408,10 @@ class Stage:
     passes: int = 0
     more_memory: Callable[[Parameters], float] = lambda _: 0.0
     of_library: int = 0  # bytes of a library, in addition to those per cell
+    where_it_fits: tuple[str, str, float] | None = None
+    """Argument of the function that is False where memory is short, the products left out then, and
+    the bytes for each cell of a run with these products."""
+
     cells: Callable[[Any, Parameters], Iterable[int]] | None = None
     """Yields the cells that need `memory` each, as several numbers; by default all cells."""
 

@@ -38,7 +38,7 @@ def room(tmp_path, monkeypatch):
 
 
 def messages(radius, grid=TWO_ROOMS):
-    return [remark.message for remark in map_checks.disconnected(RoomFacts(grid, radius))]
+    return [remark.message for remark in map_checks.disconnected(RoomFacts.of(grid, radius))]
 
 
 def mask_of(is_open, seed):
@@ -66,7 +66,7 @@ def test_a_finding_names_the_door_that_stops_the_robot_and_its_width():
     assert (float(found[2]), float(found[3])) == pytest.approx(tuple(expected), abs=0.006)
     # and on a map turned by 90 degrees about its origin
     turned = OccupancyGrid(TWO_ROOMS.occupancy, 0.25, (1.0, -2.0, math.pi / 2))
-    (remark,) = map_checks.disconnected(RoomFacts(turned, 0.5))
+    (remark,) = map_checks.disconnected(RoomFacts.of(turned, 0.5))
     (place,) = remark.places
     assert place == pytest.approx((1.0 - 7.5 * 0.25, -2.0 + (SIDE + 1.5) * 0.25), abs=0.13)
     position = re.search(r"at (\S+), (\S+);", remark.message)

@@ -284,6 +284,48 @@ def test_route_by_descent_reaches_the_goal_or_tells_the_local_minimum(sh, hall):
     assert Path("r.png").exists()
 
 
+def test_pairs_go_by_methods_other_than_astar(sh, hall):
+    Path("pairs.csv").write_text("2,3.5,5,3.6\n2,3.5,5.5,3.5\n")
+    line = "route hall.yaml --pairs pairs.csv --method"
+    for method, options in (("descent", "--attractive-gain 100"), ("geodesic", "")):
+        _, out, _ = sh(f"{line} {method} {options}")
+        for answer, ends in zip(
+            map(json.loads, out.splitlines()), ("5,3.6", "5.5,3.5"), strict=True
+        ):
+            own = sh(f"route hall.yaml --from 2,3.5 --to {ends} --method {method} {options}")[1]
+            keys = ("method", "reached", "start", "goal", "length_m", "cost")
+            assert [answer[key] for key in keys] == [json.loads(own)[key] for key in keys]
+    assert "attractive" in sh.err(f"{line} geodesic --attractive-gain 3", 2)
+    assert "compare" in sh.err(f"{line} geodesic --compare plain", 2)
+
+
+def test_geodesic_reaches_every_pair_of_the_office_where_descent_stops(sh):
+    folder = Path(__file__).parents[2] / "examples"
+    line = f"route {folder}/maps/office.yaml --pairs {folder}/points/office_pairs.csv --method"
+    answers = [json.loads(text) for text in sh(f"{line} geodesic")[1].splitlines()]
+    assert [answer["reached"] for answer in answers] == [True] * 20
+    _, out, err = sh(
+        f"route {folder}/maps/office.yaml --from -7.5,2.5 --to 9,5 --method descent "
+        "--attractive-gain 50"
+    )
+    x, y = (round(value, 3) for value in json.loads(out)["local_minimum"])
+    assert f"stopped at {x}, {y}, in a local minimum" in err
+    assert "--method geodesic finds its way" in err
+
+
+def test_potential_leaves_the_cost_to_go_out_where_memory_is_short(sh, room, monkeypatch):
+    x, y = room.frame.xy_from_rowcol([[3, 6]])[0]
+    sh.ok(f"potential room.yaml --goal {x},{y} -o all.npz")
+    monkeypatch.setattr("mapdeal.pipeline.step.room", lambda: 1000)
+    err = sh.err(f"potential room.yaml --goal {x},{y} -o few.npz")
+    assert "cost_to_go and its gradient are left out: with them it would take " in err
+    with np.load("all.npz") as every, np.load("few.npz") as few:
+        assert set(every) - set(few) == {"cost_to_go", "cost_to_go_gradient"}
+        assert all(every[key].tobytes() == few[key].tobytes() for key in few)
+    assert read_map("all.npz").cost_to_go.tobytes() == np.load("all.npz")["cost_to_go"].tobytes()
+    assert read_map("few.npz").cost_to_go is None
+
+
 def test_route_warns_where_costs_look_like_a_map(sh, hall):
     sh("cost hall.yaml -o c.yaml")
     assert sh.err(f"route c.yaml {ENDS} -q") == ""

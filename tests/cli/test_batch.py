@@ -116,13 +116,13 @@ def test_a_dry_run_lists_what_the_run_then_does_and_writes_nothing(sh, maps, tmp
 @pytest.mark.usefixtures("maps")
 def test_a_folder_without_a_map_fails_alone(sh, jobs):
     Path("empty").mkdir()
-    line = f"run maps/b empty none/*.yaml -o out -j {jobs} --no-images --report"
+    line = f"run empty maps/b none/*.yaml -o out -j {jobs} --no-images --report"
     code, out, err = sh(line)
     assert (code, out.count("failed (")) == (5, 2)
     assert "error: empty: is a directory without a map" in err
     entries = json.loads(Path("out/summary.json").read_text())["maps"]
     assert [(entry["map"], entry["status"]) for entry in entries] == [
-        ("m.yaml", "done"), ("n.yaml", "done"), ("empty", "failed"), ("*.yaml", "failed")
+        ("empty", "failed"), ("m.yaml", "done"), ("n.yaml", "done"), ("*.yaml", "failed")
     ]  # fmt: skip
     assert sh(f"{line} --dry-run")[0] == 5
     assert sh("run empty -o alone")[0] == 4

@@ -20,6 +20,7 @@ LINES = [
     "run m.yaml twin.yaml -o out -j 1 --recipe reach.yaml --robot-radius 0.25",
     "local --map m.yaml --pose 0.55,1.05,0 --recipe reach-local.yaml -o out",
     "report m.yaml reach.json -o out/page.html",
+    "view m.yaml reach.json --no-browser",
     f"reach m.yaml {GOAL}",
     f"reach m.yaml {GOAL} -o out/reach.json",
     "route m.yaml --from 0.55,1.05 --to 2.45,1.05 --robot-radius 0.25",
@@ -33,10 +34,10 @@ LINES = [
     "align m.yaml u.yaml",
 ]
 # Commands that write grids, tables or pictures, and no findings with severities. Files that `info`
-# and `query` cannot read are errors of a batch and of lines; `view` shows the page of `report`.
+# and `query` cannot read are errors of a batch and of lines.
 WITHOUT_FINDINGS = {
     "active", "build", "clean", "completion", "convert", "cost", "edit", "esdf", "inflate", "info",
-    "merge", "pack", "potential", "query", "rescale", "rotate", "shift", "unpack", "view", "window",
+    "merge", "pack", "potential", "query", "rescale", "rotate", "shift", "unpack", "window",
 }  # fmt: skip
 
 
@@ -71,7 +72,7 @@ def files(here):
 @pytest.mark.parametrize("more", ["", " -q", " --strict -q"])
 @pytest.mark.parametrize("line", LINES)
 def test_a_finding_of_severity_error_ends_with_1(sh, line, more):
-    if line.startswith("report"):
+    if line.startswith(("report", "view")):
         sh(f"reach m.yaml {GOAL} -o reach.json")
     code, _, err = sh(line + more)
     is_run = line.startswith("run")
@@ -98,3 +99,13 @@ def test_a_batch_with_failures_still_ends_with_5(sh):
     line = f"run m.yaml broken.yaml -o out -j 1 --report {GOAL}"
     assert sh(line)[0] == 5
     assert sh(f"{line} --force -q")[0] == 5
+
+
+def test_a_page_without_an_error_is_viewed_with_0(sh):
+    assert sh("view m.yaml --no-browser")[0] == 0
+
+
+def test_a_page_that_exists_is_viewed_without_judging_it(sh):
+    assert sh(f"reach m.yaml {GOAL} -o reach.json")[0] == 1
+    assert sh("report m.yaml reach.json -o page.html")[0] == 1
+    assert sh("view page.html --no-browser")[0] == 0

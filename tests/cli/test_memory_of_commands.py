@@ -3,6 +3,7 @@
 Processes of their own are measured, since a peak is never taken back.
 """
 
+import json
 import re
 import struct
 import zipfile
@@ -208,6 +209,7 @@ def site(folder, side):
     shifted = np.roll(values, 3, axis=0)
     write_map(folder / "other.yaml", OccupancyGrid(shifted, 0.05, (2.5, -2.0, 0.0)))
     write_map(folder / "cost.npz", Costmap((values == 100).astype(np.uint8) * 254, 0.05))
+    write_map(folder / "other_cost.npz", Costmap((shifted == 100).astype(np.uint8) * 254, 0.05))
     write_bit_map(folder / "bits.pbm", BitMap.from_occupancy(grid))
     write_map(folder / "esdf.npz", esdf(grid))
     around = grid.frame.window(-1, -2, side + 3, side + 105)
@@ -216,6 +218,10 @@ def site(folder, side):
     write_map(folder / "potential.npz", PotentialField(repulsive, values, 0.05, goal=(1.0, 2.0)))
     scans(folder / "scans.npz", np.zeros((100, 3)))
     np.save(folder / "cloud.npy", np.ones((10, 3)))
+    for name, radius in (("robot", 0.04), ("wide", 0.06)):
+        parameters = {"robot_radius": radius, "footprint_padding": 0.0}
+        nodes = {"global_costmap": {"global_costmap": {"ros__parameters": parameters}}}
+        (folder / f"{name}.yaml").write_text(json.dumps(nodes))
     (folder / "pairs.csv").write_text("0.1,0.1,70.1,70.1\n")
 
 
@@ -253,6 +259,9 @@ COMMANDS = {
     "costs of a field on a canvas": "cost canvas.npz -q -o out.npz",
     "pack": "pack site.yaml -o out.pbm",
     "diff": "diff site.yaml other.yaml",
+    "diff of costs": "diff cost.npz other_cost.npz",
+    "diff of costs drawn": "diff cost.npz other_cost.npz --image d.png --force",
+    "diff of robots": "diff site.yaml --params-file robot.yaml --against wide.yaml -q",
     "merge": f"merge site.yaml other.yaml {OUT}",
     "merge turned": f"merge site.yaml turned.yaml other.yaml {OUT} --image o.png",
     "merge by evidence": "merge odds.npz turned.yaml --rule evidence -q -o out.npz",
@@ -295,6 +304,51 @@ def test_the_memory_that_a_command_asks_for_is_enough_and_not_much_too_much(ordi
     assert code in (0, 1), output  # 1: they differ, no way leads there
     assert peak < SLACK * allowed * 1_000_000
     assert allowed < 3 * peak / 1_000_000
+
+
+def shapes():
+    """Maps whose tables, rows or columns take more than their cells."""
+    rows, cols = np.indices((1500, 1400), sparse=True)
+    noise = np.random.default_rng(3).integers(0, 3, (1500, 1400))
+    line = np.where(np.random.default_rng(4).random(2_000_000) < 0.5, 100, 0)
+    yield "checkerboard", np.where((rows + cols) % 2, 0, 100)
+    yield "thirds", np.array([0, -1, 100])[noise]
+    yield "comb", np.where((cols % 2 == 0) | (rows == 0), 0, 100) + 0 * rows
+    yield "row", line[np.newaxis]
+    yield "column", line[:, np.newaxis]
+
+
+@pytest.fixture(scope="module")
+def odd_maps(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shapes")
+    for name, values in shapes():
+        write_map(folder / f"{name}.yaml", OccupancyGrid(values.astype(np.int8), 0.05))
+    return folder
+
+
+ON_SHAPES = {
+    "info": "info {}.yaml",
+    "reach": "reach {}.yaml -q -o o.json --force",
+    "lint for a robot": "lint {}.yaml -q --robot-radius 0.02",
+    "report": "report {}.yaml -q -o o.html --force",
+    "align": "align {0}.yaml {0}.yaml",
+    "diff": "diff {0}.yaml {0}.yaml",
+    "merge": "merge {0}.yaml {0}.yaml -q -o o.yaml --force",
+}
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="the figures are of the compiled kernels")
+@pytest.mark.parametrize("name", ["checkerboard", "thirds", "comb", "row", "column"])
+@pytest.mark.parametrize("line", ON_SHAPES.values(), ids=ON_SHAPES)
+def test_maps_of_odd_shapes_take_no_more_than_they_are_granted(odd_maps, line, name):
+    allowed, needed = 0.0, 60.0
+    while needed > allowed:
+        allowed = needed
+        code, output, peak = measured(odd_maps, line.format(name), f"{allowed}MB")
+        more = re.search(r"needs? ([0-9.]+) MB of memory", output)
+        needed = float(more[1]) if more else allowed
+    assert code in (0, 1), output
+    assert peak < SLACK * allowed * 1_000_000
 
 
 def test_a_repair_that_turns_a_large_map_is_refused_before_it_begins(ordinary):

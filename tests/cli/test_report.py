@@ -1,8 +1,11 @@
 """``mapdeal report`` and ``run --report``: their files, their messages, their exit codes."""
 
+import html
 import json
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import mapdeal
@@ -168,3 +171,73 @@ def test_a_run_does_not_replace_what_is_no_page_of_ours(sh):
 def test_a_dry_run_says_where_the_page_goes(sh):
     assert "and out/report.html and out/report.json" in sh(f"{RUN} --dry-run")[1]
     assert not Path("out").exists()
+
+
+FROM, LAB = "0.55,1.05", "2.45,1.05"  # on both sides of a door of 0.3 m
+ROBOT = "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.1}}}\n"
+BOX = "[[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1], [0.1, -0.1]]"
+# The reported run, and the command that the verdict proposes, with its exit code.
+NEXT = [
+    ("run hall.yaml -o out",
+     "run hall.yaml -o nav2 --recipe nav2 --robot-radius 0.22 --report", 0),
+    ("run hall.yaml -o out --robot-radius 0.05", "reach hall.yaml --robot-radius 0.05", 0),
+    ("run hall.yaml -o out --params-file robot.yaml --dialect ros1 --max-cells 999",
+     "reach hall.yaml --max-cells 999 --dialect ros1 --params-file robot.yaml", 0),
+    (f"run hall.yaml -o out --from {FROM} --to lab={LAB}",
+     f"reach hall.yaml --from {FROM} --to lab={LAB} --robot-radius 0.22", 1),
+    (f"run hall.yaml -o out --from {FROM} --to lab={LAB} --robot-radius 0.05",
+     f"route hall.yaml --from {FROM} --to {LAB} --robot-radius 0.05", 0),
+    (f"run hall.yaml -o out --from {FROM} --to 'the lab={LAB}' {FROM} --robot-radius 0.3",
+     f"reach hall.yaml --from {FROM} --to 'the lab={LAB}' {FROM} --robot-radius 0.3", 1),
+    (f"run hall.yaml -o out --from {FROM},0.5 --to {LAB} --footprint '{BOX}'",
+     f"route hall.yaml --from {FROM} --to {LAB} --footprint '{BOX}'", 0),
+    ("run hall.yaml -o out --robot-radius 0.05 --from 999,0",
+     "reach hall.yaml --robot-radius 0.05", 0),
+    ("run 'odd name/it is.yaml' -o out --robot-radius 0.05",
+     "reach 'odd name/it is.yaml' --robot-radius 0.05", 0),
+    ("run bare.pgm --resolution 0.25 --origin 1,2,0.5 -o out --robot-radius 0.05",
+     "lint bare.pgm --resolution 0.25 --origin 1,2,0.5", 0),
+    ("run hall.yaml -o out --mask hall.yaml",
+     "run hall.yaml -o nav2 --recipe nav2 --robot-radius 0.22 --mask hall.yaml --report", 0),
+    ("run hall.yaml -o out --params-file robots.yaml --namespace b --costmap local",
+     "reach hall.yaml --params-file robots.yaml --costmap local --namespace /b", 0),
+    ("run hall.yaml broken.yaml -o out -j 1", "lint broken.yaml", 1),
+    ("run hall.yaml 'none*.yaml' -o out -j 1", "info out", 0),
+    ("report hall.yaml", "lint hall.yaml", 0),
+    ("report hall.yaml lint.json", "reach hall.yaml --robot-radius 0.22", 0),
+    ("report hall.yaml reach.json",
+     f"route hall.yaml --from {FROM} --to {LAB} --robot-radius 0.05", 0),
+    ("report made/hall", "info made/hall", 0),
+    ("report made/hall/cost.npz", "info made/hall/cost.npz", 0),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("line", "proposed", "code"), NEXT)
+def test_the_command_that_a_verdict_proposes_can_be_typed(sh, line, proposed, code):
+    cells = np.zeros((21, 30), dtype=np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    cells[:9, 15] = cells[12:, 15] = 100
+    grid = mapdeal.OccupancyGrid(cells, 0.1)
+    mapdeal.write_map("hall.yaml", grid)
+    mapdeal.write_map("odd name/it is.yaml", grid)
+    Path("bare.pgm").write_bytes(Path("hall.pgm").read_bytes())
+    Path("broken.yaml").write_text("image: none.pgm\nresolution: 0.1\n")
+    Path("robot.yaml").write_text(ROBOT)
+    own = ROBOT.replace("global", "local").replace("\n", "")
+    Path("robots.yaml").write_text(f"a: {{{own}}}\nb: {{{own}}}\n")
+    sh("run hall.yaml -o made")
+    sh(f"reach hall.yaml --from {FROM} --to {LAB} --robot-radius 0.05 -o reach.json")
+    Path("lint.json").write_text(sh("lint hall.yaml --json")[1])
+    is_run = line.startswith("run")
+    page = "out/report.html" if is_run else "page.html"
+    _, out, err = sh(f"{line} --report" if is_run else f"{line} -o {page}")
+    assert f"Next: mapdeal {proposed}" in out.splitlines(), out + err
+    assert f"Next: mapdeal {proposed}" in shown_text(page)
+    if is_run:
+        entries = json.loads(Path("out/report.json").read_text())["entries"]
+        assert f"mapdeal {proposed}" in [entry["next"] for entry in entries]
+    assert sh(proposed)[0] == code
+
+
+def shown_text(page):
+    return html.unescape(re.sub("<[^>]*>", "", Path(page).read_text()))

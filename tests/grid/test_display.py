@@ -22,6 +22,7 @@ DRAWING = """
     ..+#.
     .....
 """
+EXAMPLES = Path(__file__).parents[2] / "examples"
 START = "start (2, -1.5), Footprint(circle, radius 0.2 m)"
 RADII = "inscribed_radius 0.2 m, circumscribed_radius 0.2 m"
 PLACE = "5 x 3 cells, 0.25 m, origin (1.5, -2, 0.4)"
@@ -60,7 +61,11 @@ def samples():
     narrow = mapdeal.Bottleneck(1.5, -2.0, 0.8)
     reached = mapdeal.GoalReach(mapdeal.Goal(2.0, -1.5, "hall"), False, 0, 0.4, narrow)
     passage = mapdeal.Passage(1.5, -2.0, 0.8, 12.25, False, ((1.0, -2.0), (2.0, -2.0)))
-    merged = mapdeal.merge(shared_maps())
+    merged, costs = mapdeal.merge(shared_maps()), mapdeal.compare_costmaps(costmap, costmap)
+    example = mapdeal.read_robot_parameters(EXAMPLES / "robots" / "nav2_params.yaml")
+    robots = mapdeal.compare_robots(
+        mapdeal.read_map(EXAMPLES / "maps" / "office.yaml"), example, example
+    )
     above = np.array([[0.1 * x, 0.1 * y, 1.0 * (x == 20)] for x in range(21) for y in range(20)])
     inflation = InflationLayer("inflation", 0.2)
     layers = (
@@ -81,6 +86,7 @@ def samples():
             mapdeal.Scans([[0, 0, 0]], [0.0, 0.5], [[1.0, 1.2]]), mapper,
             mapdeal.MapBuilder(map_.frame), mapdeal.RollingMapper([[0, 0, 0]], options, keep=1),
             mapdeal.load_recipe("nav2"), mapdeal.draw_picture(map_), finding, checked,
+            costs, costs.changes["closed"], robots,
             mapdeal.diff(map_, map_.with_values(np.zeros_like(map_.occupancy))),
             mapdeal.cost_curve(0.25, inscribed_radius=0.1), mapdeal.align(map_, map_),
             mapdeal.score(map_.as_amcl_sees_it(), minimum={"corners": 0}),

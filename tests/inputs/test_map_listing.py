@@ -144,7 +144,7 @@ def test_what_cannot_be_followed_may_be_a_map_or_a_folder_of_maps(folder):
     (["maps/deep/er/*.yaml", "oth*"], ParameterError, "matches no"),
     ([""], ParameterError, "must not be empty"),
     (["empty"], FileAccessError, "empty: is a directory without a map"),
-    (["empty", "out"], FileAccessError, "outside of"),
+    (["empty", "out"], FileAccessError, "outside of the folder of outputs"),
 ])  # fmt: skip
 def test_names_that_stand_for_no_map(folder, names, error, message):
     (folder / "empty").mkdir()

@@ -1,14 +1,40 @@
 """Outlines of cells, held against shapely."""
 
+from itertools import pairwise
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.kernels.outlines import corner_count, outlines
+from mapdeal.kernels import outlines as kernel
+from mapdeal.kernels.engine import VARIABLE
+from mapdeal.kernels.outlines import corner_count
 from strategies import masks
 
 shapely = pytest.importorskip("shapely")
+
+
+class Outline(NamedTuple):
+    shell: np.ndarray
+    holes: list
+    cells: int
+    area: float
+
+    @property
+    def rings(self):
+        return [self.shell, *self.holes]
+
+
+def outlines(mask, tolerance=0.0):
+    found = kernel.outlines(mask, tolerance)
+    rings = np.split(found.corners, found.ring_ends[:-1])
+    bounds = pairwise([*found.shells, len(found.ring_ends)])
+    return [
+        Outline(rings[start], rings[start + 1 : end], cells, area)
+        for (start, end), cells, area in zip(bounds, found.cells, found.areas, strict=True)
+    ]
 
 
 def polygon(outline):
@@ -74,3 +100,60 @@ def test_a_ring_that_touches_itself_is_an_outline_and_a_hole():
     assert [len(ring) for ring in outline.rings] == [6, 4]
     assert polygon(outline).is_valid
     assert outlines(np.zeros((3, 4), bool), 0.5) == []
+
+
+def next_corner(mask, at, step):
+    """Walk along a ring, the marked cells on its left, to where it turns; return the new step."""
+    cells = np.pad(mask, 1)
+
+    def is_marked(row, col, side):  # the cell ahead of a lattice point, left or right of a step
+        up, right = step
+        side_up, side_right = (right, -up) if side == "left" else (-right, up)
+        return cells[row + (1 + up + side_up) // 2, col + (1 + right + side_right) // 2]
+
+    while True:
+        at = at[0] + step[0], at[1] + step[1]
+        if not is_marked(*at, "left"):
+            return at, (step[1], -step[0])
+        if is_marked(*at, "right"):
+            return at, (-step[1], step[0])
+
+
+@given(masks(12))
+def test_rings_are_those_of_a_walk_along_the_cells(mask):
+    steps = set()  # unit steps of all walks, each begun at the lower side of a cell
+    padded = np.pad(mask, 1)
+    for row, col in np.argwhere(padded[1:-1, 1:-1] & ~padded[:-2, 1:-1]).tolist():
+        if ((row, col), (row, col + 1)) in steps:
+            continue
+        at, step = (row, col), (0, 1)
+        while True:
+            corner, turned = next_corner(mask, at, step)
+            length = abs(corner[0] - at[0]) + abs(corner[1] - at[1])
+            points = [(at[0] + k * step[0], at[1] + k * step[1]) for k in range(length + 1)]
+            if set(pairwise(points)) <= steps:
+                break
+            steps |= set(pairwise(points))
+            at, step = corner, turned
+    found = set()
+    for ring in (ring for outline in outlines(mask) for ring in outline.rings):
+        corners = [tuple(map(int, corner)) for corner in ring]
+        assert len(set(corners)) == len(corners)  # no point twice
+        for (row, col), (to_row, to_col) in pairwise([*corners, corners[0]]):
+            length = abs(to_row - row) + abs(to_col - col)
+            step = (to_row - row) // length, (to_col - col) // length
+            points = [(row + k * step[0], col + k * step[1]) for k in range(length + 1)]
+            assert found.isdisjoint(pairwise(points))
+            found |= set(pairwise(points))
+    assert found == steps
+
+
+@given(masks(24), st.sampled_from([0.0, 0.2, 0.5]))
+def test_both_engines_make_the_same_polygons(mask, tolerance):
+    with pytest.MonkeyPatch.context() as patch:
+        results = []
+        for engine in ("compiled", "scipy"):
+            patch.setenv(VARIABLE, engine)
+            results.append(kernel.outlines(mask, tolerance))
+    for name in ("corners", "ring_ends", "shells", "cells"):
+        assert getattr(results[0], name).tobytes() == getattr(results[1], name).tobytes()

@@ -81,7 +81,7 @@ OBSTACLES = {"s": "costmap_2d::StaticLayer", "o": "costmap_2d::ObstacleLayer"}
     (nav2("s", STATIC, costmap="local", robot_radius=0.01, rolling_window="true",
           use_maximum="true", track_unknown_space="true"),
      ["--costmap", "local"], [254, 0, 0, 0, 255, 255, 0]),
-    # sonars have no effect without readings, but some thresholds let them act
+    # sonars act without readings if their thresholds say so, else they have no effect
     (nav2("sr", STATIC, 'r: {plugin: "nav2_costmap_2d::RangeSensorLayer"}', robot_radius=0.01,
           track_unknown_space="true"), [], [254, 0, 0, 0, 255, 255, 0]),
     (nav2("sr", STATIC, 'r: {plugin: "nav2_costmap_2d::RangeSensorLayer", clear_threshold: 0.6}',

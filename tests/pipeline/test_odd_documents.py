@@ -11,7 +11,14 @@ from pathlib import Path
 import pytest
 
 from drawn import grid_from_text
-from mapdeal import FileAccessError, MalformedInputError, MapdealError, write_map
+from mapdeal import (
+    FileAccessError,
+    MalformedInputError,
+    MapdealError,
+    exponential_cost,
+    read_map,
+    write_map,
+)
 from mapdeal.checks.lint import lint_file
 from mapdeal.cli.main import main
 from mapdeal.commands.report import gathered
@@ -47,6 +54,11 @@ COMMANDS = {
     ),
     "route.json": ("route", "a.yaml", "--from", "2,-1.5", "--to", "4.2,-1"),
     "diff.json": ("diff", *AB, "--json"),
+    "cost_diff.json": ("diff", "a.npz", "b.npz", "--json"),
+    "robot_diff.json": (
+        "diff", "a.yaml", "--params-file", ROBOTS / "nav2_params.yaml", "--against",
+        ROBOTS / "nav2_params.yaml", "--to", "4,-1", "--json",
+    ),
     "align.json": ("align", *AB, "--json"),
     "merge.json": (*MERGED, "--json"),
     "score.json": ("score", "a.yaml", "--truth", "b.yaml", "--min", "coverage=0.5", "--json"),
@@ -89,6 +101,8 @@ def written(tmp_path_factory):
         patch.chdir(tmp_path_factory.mktemp("documents"))
         write_map("a.yaml", grid)
         write_map("b.yaml", type(grid)(cells, grid.resolution, grid.origin))
+        for name in ("a", "b"):
+            write_map(f"{name}.npz", exponential_cost(read_map(f"{name}.yaml")))
         for name, words in COMMANDS.items():
             with contextlib.redirect_stdout(io.StringIO()) as out, warnings.catch_warnings():
                 main([str(word) for word in words])

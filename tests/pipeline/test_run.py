@@ -173,6 +173,8 @@ def test_a_run_on_the_whole_canvas_is_the_run_without_padded_by_hand(room, tmp_p
                 assert old.files == new.files
                 for key in old.files:
                     expected = np.array(origin) if key == "origin" else padded(old[key], shape, box)
+                if key == "cost_to_go":  # no way leads there
+                    expected[np.isnan(expected)] = np.inf
                     np.testing.assert_array_equal(new[key], expected, err_msg=key)
         elif path.suffix == ".pgm":
             keys = yaml.safe_load(path.with_suffix(".yaml").read_text())

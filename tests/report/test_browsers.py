@@ -1,9 +1,15 @@
 """The page in real browsers, against what the library says of the same grids."""
 
+import json
+import shutil
+import subprocess
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import mapdeal
+from mapdeal.maps.zones import read_zones
 from mapdeal.report.document import Claim, Entry, Item, Report, Table, page_layers
 from mapdeal.report.page import page_of
 from report.browsers import in_time, started
@@ -513,25 +519,181 @@ def test_a_corner_of_a_zone_can_be_dragged(chromium, pages):
     assert np.allclose(zone[3][0], POINTS["b"], atol=0.1)
 
 
-@pytest.mark.parametrize(("text", "status"), [
-    (('{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {"kind": '
-     '"<i>odd", "speed": "x", "name": 5}, "geometry": {"type": "Polygon", "coordinates": '
-     '[[[0, 8], [3, 8], [1, 12], [0, 8]]]}}]}'), "f.geojson: 1 zones."),
-    ('{"features": [{"geometry": {"type": "Point", "coordinates": [[[0, 1]]]}}]}', "not opened"),
-    (('{"features": [{"geometry": {"type": "Polygon", "coordinates": [[[0, 1], ["a", 2], [1, 1], '
-     '[0, 1]]]}}]}'), "not opened"),
-    ("[]", "not opened"),
-    ("{", "not opened"),
+RING = [[0, 8], [3, 8], [1, 12], [0, 8]]
+
+
+def features(*rings, kind="keepout", geometry="Polygon", **properties):
+    shape = {"type": geometry, "coordinates": list(rings)}
+    feature = {"type": "Feature", "properties": {"kind": kind, **properties}, "geometry": shape}
+    return json.dumps({"type": "FeatureCollection", "features": [feature]})
+
+
+def bare(**feature):
+    return json.dumps({"features": [feature]})
+
+
+POLYGON = {"type": "Polygon", "coordinates": [RING]}
+
+
+@pytest.mark.parametrize(("text", "zone"), [
+    (features(RING, kind="binary", name=5), ["binary", None, "5"]),
+    (features(RING, kind="speed", speed=40, name="slow"), ["speed", 40, "slow"]),
+    (features(RING, kind="keepout", speed=40, name=["odd"]), ["keepout", None, ""]),
+    (features(RING, kind=None), ["keepout", None, ""]),
+    (bare(geometry=POLYGON), ["keepout", None, ""]),
+    (bare(geometry=POLYGON, properties=None), ["keepout", None, ""]),
+    (bare(geometry=POLYGON, properties={"speed": 20}), ["speed", 20, ""]),
 ])  # fmt: skip
-def test_files_of_zones_are_opened_or_refused(chromium, pages, text, status):
+def test_files_of_zones_are_opened(chromium, pages, text, zone):
+    assert opened_zones(chromium, pages, text) == ("f.geojson: 1 zone.", [zone])
+
+
+OF_TWO = "must have points of two numbers in metres, got "
+OF_FOUR = "must have rings of at least 4 points, of which the last repeats the first"
+OF_KIND = "must be of the kind keepout, speed, binary, got "
+OF_SPEED = "must have a speed above 0 and at most 100 percent, got "
+
+
+@pytest.mark.parametrize(("text", "reason"), [
+    ("", "it is empty"),
+    ("{", "it is not JSON"),
+    ("image: m.pgm", "it is not JSON"),
+    ("[]", "it is not a GeoJSON FeatureCollection"),
+    ("null", "it is not a GeoJSON FeatureCollection"),
+    (json.dumps(POLYGON), "it is not a GeoJSON FeatureCollection"),
+    ('{"features": 3}', "it is not a GeoJSON FeatureCollection"),
+    ('{"features": []}', "it has no features"),
+    ('{"features": [null]}', "feature 1 has no geometry"),
+    (bare(geometry=None), "feature 1 has no geometry"),
+    (bare(geometry={"type": "GeometryCollection", "geometries": [POLYGON]}),
+     'feature 1 must be a Polygon, got "GeometryCollection"'),
+    (features(RING, geometry="MultiPolygon"), 'feature 1 must be a Polygon, got "MultiPolygon"'),
+    (bare(geometry={"type": "Polygon"}), "feature 1 has no coordinates"),
+    (bare(geometry={"type": "Polygon", "coordinates": "x"}), "feature 1 has no coordinates"),
+    (features(), "feature 1 has no coordinates"),
+    (features("wrong"), f"feature 1 {OF_FOUR}"),
+    (features(RING[:3]), f"feature 1 {OF_FOUR}"),
+    (features([[0, 1], ["a", 2], [1, 1], [0, 1]]), f'feature 1 {OF_TWO}["a",2]'),
+    (features([[0, 1], None, [1, 1], [0, 1]]), f"feature 1 {OF_TWO}null"),
+    (features([[0, 1], [1e300, 2], [1, 1], [0, 1]]), f"feature 1 {OF_TWO}[1e+300,2]"),
+    (features(RING, kind="<i>odd"), f'feature 1 {OF_KIND}"<i>odd"'),
+    (features(RING, kind={"a": 1}), f'feature 1 {OF_KIND}{{"a":1}}'),
+    (features(RING, kind="speed", speed="x"), f'feature 1 {OF_SPEED}"x"'),
+    (features(RING, kind="speed", speed="40"), f'feature 1 {OF_SPEED}"40"'),
+    (features(RING, kind="speed", speed=0), f"feature 1 {OF_SPEED}0"),
+    (features(RING, kind="speed", speed=101), f"feature 1 {OF_SPEED}101"),
+    (features([[k, k % 7] for k in range(5002)]), "it has more than 5000 corners"),
+    (" " * 20_000_001, "it is larger than 20 MB"),
+])  # fmt: skip
+def test_files_that_hold_other_things_than_zones_are_refused(chromium, pages, text, reason):
+    line = f"f.geojson was not opened: {reason}."
+    assert opened_zones(chromium, pages, text) == (line, [])
+
+
+def opened_zones(chromium, pages, text):
+    """Open a file on a page; return what the page says, and the zones that it has then."""
     chromium.show(pages(small()))
     file = {"name": "f.geojson", "mimeType": "application/json", "buffer": text.encode()}
     chromium.page.locator("#zones [type=file]").set_input_files(file)
     chromium.page.wait_for_function("() => document.getElementById('status').textContent")
-    assert status in chromium.texts("#status")[0]
-    zones = chromium.evaluate(ZONES)
-    assert [zone[:3] for zone in zones] == ([] if "not" in status else [["<i>odd", None, "5"]])
     assert chromium.complaints == []
+    return chromium.texts("#status")[0], [zone[:3] for zone in chromium.evaluate(ZONES)]
+
+
+def test_a_speed_zone_is_saved_with_its_limit_alone(chromium, pages, tmp_path):
+    chromium.show(pages(small()))
+    chromium.press("z Enter ArrowRight Enter ArrowUp Enter c")
+    chromium.fill("#zones [name=kind]", "speed")
+    for value in ("", "0", "101"):
+        chromium.fill("#zones [name=speed]", value)
+        chromium.page.get_by_text("Save 1 speed zone").click()
+        (line,) = chromium.texts("#status")
+        assert line == "Not saved: a speed zone needs a speed above 0 and at most 100 percent."
+    chromium.fill("#zones [name=speed]", "40")
+    assert "speed 40 %" in chromium.texts("#zones li")[0]
+    with chromium.page.expect_download() as download:
+        chromium.page.get_by_text("Save 1 speed zone").click()
+    download.value.save_as(tmp_path / "zones.geojson")
+    (zone,) = read_zones(tmp_path / "zones.geojson")
+    assert (zone.kind, zone.speed) == ("speed", 40)
+
+
+def noted(checks):
+    """Return a page with 20 places of a note of each check, the first at the centre of the map."""
+    steps = np.linspace(0, 1, 20)[:, np.newaxis]
+    places = np.array(CENTRE) + steps * (np.array(CORNER) - np.array(CENTRE))
+    items = [
+        Item("finding", f"{check}: place {k + 1} of 20", "note", (x, y), group=f"note {check}")
+        for check in checks for k, (x, y) in enumerate(places.tolist())
+    ]  # fmt: skip
+    blank = mapdeal.OccupancyGrid(np.zeros_like(GRID.occupancy), GRID.resolution, GRID.origin)
+    claims = (Claim("map", "good", "The map is sound"),)
+    entry = Entry("noted", page_layers(blank, "map", "Map"), tuple(items), claims=claims)
+    return Report(f"noted {checks}", (entry,), "1.0")
+
+
+def test_notes_are_on_the_map_while_their_line_of_the_list_is_open(browser, pages):
+    browser.show(pages(noted("a")))
+    assert browser.pixel(CENTRE, lambda colour: colour == [255] * 3) == [255] * 3
+    browser.click(".items summary")
+    blue = [0x0B, 0x57, 0xC0]
+    assert browser.pixel(CENTRE, lambda colour: colour == blue) == blue
+    browser.click(".items summary")
+    assert browser.pixel(CENTRE, lambda colour: colour == [255] * 3) == [255] * 3
+    assert browser.complaints == []
+
+
+def test_notes_of_many_checks_are_one_line(chromium, pages):
+    chromium.show(pages(noted("abcd")))
+    visible = "() => [...document.querySelectorAll('.items summary')].filter((e) => e.checkVisibility()).map((e) => e.textContent)"  # noqa: E501
+    assert chromium.evaluate(visible) == ["4 notes"]
+    chromium.click(".items summary")
+    assert len(chromium.evaluate(visible)) == 5
+    # each line has its own places
+    assert chromium.pixel(CENTRE, lambda colour: colour == [255] * 3) == [255] * 3
+
+
+def test_a_page_counts_as_loaded_when_its_map_is_drawn(browser, pages):
+    browser.open(pages(small()))  # which waits for the event load
+    assert browser.evaluate("() => performance.getEntriesByName('mapdeal').length") > 0
+    assert browser.evaluate("() => document.querySelectorAll('iframe').length") == 0
+
+
+def test_the_first_sheet_of_paper_has_verdict_and_map(chromium, pages, tmp_path):
+    report = noted("abcd")
+    entry = replace(report.entries[0], warnings=tuple(f"warning {k}" for k in range(100)))
+    chromium.show(pages(Report("printed", (entry,), "1.0")), width=718, height=1047)  # of A4
+    chromium.page.emulate_media(media="print")
+    chromium.page.evaluate("() => dispatchEvent(new Event('beforeprint'))")
+    boxes = """() => [".verdict", "#map"].map((css) => {
+      const box = document.querySelector(css).getBoundingClientRect();
+      return [box.top + scrollY, box.bottom + scrollY, box.width / box.height];
+    })"""
+    verdict, canvas = chromium.evaluate(boxes)
+    assert 0 < verdict[0] < verdict[1] <= canvas[0] < canvas[1] < 1047
+    fits = chromium.evaluate("() => getComputedStyle(document.getElementById('map')).objectFit")
+    assert fits == "contain"  # not stretched to the width of the paper
+    assert chromium.evaluate("() => document.querySelectorAll('.notes[open]').length") == 0
+    chromium.page.emulate_media(media="screen")
+
+
+@pytest.mark.skipif(shutil.which("pdfimages") is None, reason="needs poppler-utils")
+def test_the_first_page_of_a_pdf_has_verdict_and_map(pages, tmp_path):
+    path = tmp_path / "page.pdf"
+    options = ["--headless", "--no-sandbox", f"--user-data-dir={tmp_path}"]
+    words = ["chromium", *options, f"--print-to-pdf={path}", pages(noted("abcd")).as_uri()]
+    subprocess.run(words, check=True, capture_output=True, timeout=120)
+    text, images = (
+        subprocess.run(
+            [*command, str(path), *options_after], check=True, capture_output=True
+        ).stdout
+        for command, options_after in (
+            (["pdftotext", "-l", "1"], ["-"]),
+            (["pdfimages", "-list"], []),
+        )
+    )
+    assert b"The map is sound" in text
+    assert b"1" in [line.split()[0] for line in images.splitlines()[2:]]  # the page of each
 
 
 def test_a_page_is_left_without_a_question_unless_zones_are_not_saved(chromium, pages):

@@ -5,7 +5,7 @@ import pytest
 import mapdeal
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage
 from mapdeal.report.document import Claim
-from mapdeal.report.verdict import on_costs, on_findings, on_goals, settled
+from mapdeal.report.verdict import on_costs, on_failure, on_findings, on_goals, settled
 
 ROBOT = mapdeal.Footprint.circle(0.3)
 DOOR = Bottleneck(1.0, 2.0, 0.5)
@@ -91,6 +91,12 @@ def test_costs(manifest, state, words):
 def test_three_claims_are_left_of_those_about_the_same_the_worst():
     claims = [
         Claim("goals", "good", "g"), Claim("map", "good", "m"), Claim("map", "error", "e"),
-        Claim("cells", "warning", "c"), Claim("run", "unknown", "r"), Claim("map", "warning", "w"),
+        Claim("cells", "warning", "c"), Claim("costmap", "unknown", "u"),
+        Claim("map", "warning", "w"),
     ]  # fmt: skip
-    assert [claim.text for claim in settled(claims)] == ["r", "e", "g"]
+    assert [claim.text for claim in settled(claims)] == ["e", "u", "g"]
+
+
+def test_a_failed_run_has_one_claim():
+    failure = on_failure("the image does not exist")
+    assert settled([Claim("map", "error", "the image does not exist"), failure]) == (failure,)

@@ -20,7 +20,7 @@ from mapdeal.errors import (
     capture_warnings,
     emit_warning,
 )
-from mapdeal.files.source import BIT_MAP, claim
+from mapdeal.files.source import BIT_MAP, bytes_of_lines, claim, claimed
 from mapdeal.files.yaml_text import Entry, parse_mapping, read_mapping
 from mapdeal.grid.costmap import Costmap, figures_of_costs
 from mapdeal.grid.field import FieldView, ViewScale
@@ -28,7 +28,7 @@ from mapdeal.grid.filters import FilterInfo
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame, Point
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import Goal, Reach
+from mapdeal.grid.reach import Goal, Passage, Reach
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.inputs.kinds import MAP, recognised
 from mapdeal.kernels.arrays import Integers
@@ -443,6 +443,12 @@ class RobotFacts:
 
 _HEAD = 1 << 16
 
+_LEAST_CUT_OFF = 4.0
+"""Least area for a warning, square metres of positions of the robot's centre. Smaller areas are
+niches, shafts, or the floor between the legs of a desk."""
+
+_LINE_BYTES = 120  # of runs, per row and column: a band has at least one row
+
 _ROOM_BYTES = {"compiled": 22, "scipy": 106}
 """Peak memory of the search for passages, bytes per cell, by engine."""
 
@@ -474,10 +480,16 @@ class GridFacts:
 
 @dataclass(frozen=True, eq=False)
 class RoomFacts:
-    """A map in memory, and the radius of a robot, metres."""
+    """The passages of a map that stop a robot, each with a room on both sides."""
 
-    grid: OccupancyGrid
+    passages: Sequence[Passage]
     radius: float
+
+    @classmethod
+    def of(cls, grid: OccupancyGrid, radius: float) -> RoomFacts:
+        from mapdeal.grid.reaching import disconnected  # of use to few, and slow to import
+
+        return cls(disconnected(grid, radius, _LEAST_CUT_OFF), radius)
 
 
 @dataclass(frozen=True, eq=False)
@@ -590,8 +602,9 @@ def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> 
     with capture_warnings(), open_map(path, max_cells=max_cells) as file:
         height, width = file.shape()
         needed = file.memory_to_read() + _ROOM_BYTES[engine_name()] * height * width
-        claim(path, needed, what=f"{width} x {height} cells")
-        return RoomFacts(as_occupancy(file.read().grid, path), radius)
+        needed += bytes_of_lines((height, width), _LINE_BYTES)
+        with claimed(path, needed, what=f"{width} x {height} cells"):
+            return RoomFacts.of(as_occupancy(file.read().grid, path), radius)
 
 
 def _gather_npz(path: Path, max_cells: int | None) -> GridFacts | None:
@@ -620,6 +633,7 @@ def _gather_pair(
     else:
         image = map_server.find_bits(bits, path, metadata)
     with open_for_one_pass(image, max_cells=max_cells) as (strips, head):
+        claim(path, bytes_of_lines(strips.shape, _LINE_BYTES))
         kind, pixels, cells = _count_pixels(strips, metadata, image)
     if pixels.lost:
         text = f"{image}: {map_server.remark_on_lost(pixels.lost)}"

@@ -277,10 +277,6 @@ def open_border(facts: GridFacts) -> Iterator[Remark]:
         yield Remark(text, places=facts.places(facts.cells.free_stretches))
 
 
-_LEAST_CUT_OFF = 4.0
-"""Least area for a warning, square metres of positions of the robot's centre. Smaller areas are
-niches, shafts, or the floor between the legs of a desk."""
-
 _MOST_PASSAGES, _MOST_PLACES = 10, 20
 
 
@@ -290,11 +286,8 @@ _MOST_PASSAGES, _MOST_PLACES = 10, 20
     "areas joined only by passages too narrow for the robot; needs a robot's shape",
 )
 def disconnected(facts: RoomFacts) -> Iterator[Remark]:
-    from mapdeal.grid.reaching import disconnected as passages_between
-
     needed = 2 * facts.radius
-    passages = passages_between(facts.grid, facts.radius, _LEAST_CUT_OFF)
-    passages.sort(key=lambda p: -p.cut_off)
+    passages = sorted(facts.passages, key=lambda p: -p.cut_off)
     for p in passages[:_MOST_PASSAGES]:
         x, y = round(p.x, 2) + 0.0, round(p.y, 2) + 0.0
         text = (

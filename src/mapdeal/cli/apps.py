@@ -144,7 +144,7 @@ def stage_app(name: str) -> typer.Typer:
     shared = [one.name for one in own if one.name not in ("source", "output")]
     if has_robot:
         replaced = next(stage.robot.replaces for stage in models.values() if stage.robot)
-        shared.insert(shared.index(replaced) + 1, "robot")
+        shared.insert(shared.index(replaced) + 1 if replaced in shared else len(shared), "robot")
     shared.append("files")
     if first.makes is Costmap:
         own.append(_stage_option("recipe", _RECIPE, None))
@@ -308,7 +308,9 @@ def _warn_of_unused(step: Step, robot: RobotParameters) -> None:
         )
 
 
-_OF_ROBOT = {"footprint": "--footprint, --robot-radius", "robot": "--params-file"}
+_OF_ROBOT = {
+    "footprint": "--footprint, --robot-radius", "robot": "--params-file", "against": "--against"
+}  # fmt: skip
 """Parameters that options in common stand for, and which these are."""
 
 _OF_SETTINGS = SHARED_OPTIONS.keys() & {one.name for one in fields(Settings)} - {*opt.OF_IMAGES}

@@ -178,7 +178,7 @@ def robot_parameters(
 
 Command = Callable[..., None]
 
-_ROBOT, _ALWAYS = "robot", "always"
+_ROBOT, _AGAINST, _ALWAYS = "robot", "against", "always"
 
 _OF_FILES = ("params_file", "costmap", "namespace")
 """The options of the group ``robot`` that are about a robot's own parameters."""
@@ -202,7 +202,7 @@ class SharedOption(NamedTuple):
 
     @property
     def panel(self) -> str:
-        return "Robot" if self.group == _ROBOT or self.marks else "Common options"
+        return "Robot" if self.group in (_ROBOT, _AGAINST) or self.marks else "Common options"
 
     def parameter(self, name: str, text: str | None) -> Argument:
         flag = [f"--{name.replace('_', '-')}"] if self.kind is bool else []
@@ -243,6 +243,12 @@ SHARED_OPTIONS = {
     ),
     "costmap": _robots(CostmapName | None, "Costmap of --params-file.  [default: global]"),
     "namespace": _robots(str | None, "Robot of --params-file, if it contains several.", "NS"),
+    "against": SharedOption(
+        list[Path] | None,
+        "Compare with the costmap of these parameters; can be repeated, later files win.",
+        "FILE",
+        group=_AGAINST,
+    ),
     "image": SharedOption(Path | None, "Also write a picture of the result.", "FILE.png"),
     "image_extent": SharedOption(
         ImageExtent,
@@ -346,17 +352,19 @@ def with_shared_options(
         with strict_warnings(settings.strict):
             if robot:
                 shape = {name: given[name] for name in robot if name not in _OF_FILES}
-                values["footprint"] = robot_shape(**shape)
+                values |= {"footprint": robot_shape(**shape)} if shape else {}
             if "params_file" in shared:
                 files = {name: given[name] for name in _OF_FILES}
-                is_shape, dialect = not makes_costs(values), settings.dialect
-                values["robot"] = robot_parameters(
-                    **files,
-                    dialect=dialect,
-                    is_shape=is_shape,
+                read_parameters = partial(
+                    robot_parameters,
+                    dialect=settings.dialect,
+                    is_shape=not makes_costs(values),
                     has_mask=values.get("mask") is not None,
                     has_pose=values.get("pose") is not None,
                 )
+                values["robot"] = read_parameters(**files)
+                if given.get("against"):
+                    values["against"] = read_parameters(**files | {"params_file": given["against"]})
             if settings.resolution is not None and not _names_image(values):
                 rule = "applies to images without their .yaml, and none is named"
                 raise ParameterError(rule, source="--resolution")
@@ -368,7 +376,8 @@ def with_shared_options(
                 read = {name: piped_values.pop(name) for name in of_streams}
                 if "mask" in read and makes_costs(values):
                     read["mask"] = used_mask(read["mask"], values.get("robot"))
-                function(**{**piped_values, "settings": replace(settings, **read)})
+                with terminal.activity_shown(function.__name__):
+                    function(**{**piped_values, "settings": replace(settings, **read)})
 
     typed: Any = command
     parameters = [p.replace(annotation=_for_typer(p.annotation)) for p in parameters]

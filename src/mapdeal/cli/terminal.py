@@ -7,6 +7,7 @@ import io
 import json
 import os
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -22,10 +23,16 @@ from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, Parame
 _CHUNK = 1 << 18
 _FEW = 10
 _CLEAR = "\r\x1b[K"
+_WIDTH = 80  # of a terminal that does not report its own
 PROGRESS_SECONDS = 10.0  # seconds between two lines of progress where there is no bar
 
 _stdout_problem: str | None = None
 _stdout_dropped = False
+_LINE_AFTER, _LINE_EVERY = 1.0, 0.5
+"""Seconds until the first line of progress, and between two of them."""
+
+_writing = threading.RLock()  # held while text is written, so that a line of progress cannot mix
+_has_line = False
 _has_bar = False
 _quiet = False
 _verbose = False
@@ -179,6 +186,46 @@ def detail(text: str) -> None:
         _say(one_line(text))
 
 
+@contextmanager
+def activity_shown(command: str) -> Iterator[None]:
+    """Show the work under way and its duration in a line of the terminal, then erase it."""
+    if _quiet or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        yield
+        return
+    from mapdeal.kernels.blocks import activities
+
+    started, has_ended, names = time.monotonic(), threading.Event(), list[str]()
+
+    def show() -> None:
+        pause = _LINE_AFTER
+        while not has_ended.wait(pause):
+            pause = _LINE_EVERY
+            doing = one_line(": ".join(dict.fromkeys([command, *names[-1:]])))
+            with _writing:
+                if not (has_ended.is_set() or _has_bar):
+                    _show_line(f"{doing}, {time.monotonic() - started:.0f} s")
+
+    token = activities.set(names)
+    with contextlib.suppress(RuntimeError):  # the system allows no further thread
+        threading.Thread(target=show, daemon=True).start()
+    try:
+        yield
+    finally:
+        activities.reset(token)
+        has_ended.set()
+        _show_line("")
+
+
+def _show_line(text: str) -> None:
+    """Show a line of progress in the place of the last one; an empty one erases it."""
+    global _has_line
+    with _writing, contextlib.suppress(OSError):
+        if text or _has_line:
+            width = os.get_terminal_size(sys.stderr.fileno()).columns or _WIDTH
+            _has_line = bool(text)
+            print(f"{_CLEAR}{text[: width - 1]}", end="", file=sys.stderr, flush=True)  # noqa: T201
+
+
 class Progress:
     """How far a command is: a bar on a terminal; elsewhere, of many things, a line now and then."""
 
@@ -212,7 +259,9 @@ class Progress:
     def __enter__(self) -> Self:
         global _has_bar
         if self._bar is not None:
-            _has_bar = True
+            with _writing:
+                _show_line("")
+                _has_bar = True
             self._bar.__enter__()
         return self
 
@@ -288,7 +337,9 @@ def _to_stdout(write: Callable[[], object]) -> None:
     """
     global _stdout_problem, _stdout_dropped
     try:
-        write()
+        with _writing:
+            _show_line("")
+            write()
     except OSError as error:
         if not isinstance(error, BrokenPipeError):  # whose reader has seen enough
             _stdout_problem = error.strerror or str(error)
@@ -301,7 +352,8 @@ _COLOURS = {"error": "31;1", "warning": "33", "hint": "36"}
 
 def _say(text: str) -> None:
     # What nobody can read on stderr must not change what is done, nor the exit code.
-    with contextlib.suppress(OSError):
+    with _writing, contextlib.suppress(OSError):
+        _show_line("")
         text = _as_called(text)
         word, colon, rest = text.partition(":")
         if colon and word in _COLOURS and _has_colours():

@@ -21,7 +21,8 @@ _NO_CHOICE = re.compile(r": '(?P<word>[^']*)' is not one of ")
 _NUMBERS = ("int", "float")
 _FLAGS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
 _OF_POINTS = {
-    "query": "--at", "edit": "--point", "reach": "--to", "run": "--to", "graph": "--to"
+    "query": "--at", "edit": "--point", "reach": "--to", "run": "--to", "graph": "--to",
+    "diff": "--to",
 }  # fmt: skip
 _SYNONYMS = {
     "show": "view", "plot": "view", "open": "view", "display": "view", "crop": "window",

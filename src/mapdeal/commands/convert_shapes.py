@@ -38,7 +38,7 @@ from mapdeal.stages.reach import reach
 AREA_ENDINGS = (".geojson", ".svg")
 SHAPE_ENDINGS = (*AREA_ENDINGS, *WORLD_ENDINGS)
 
-_PER_CELL, _PER_CORNER, _PER_RUN = 16.0, 700, 1500
+_PER_CELL, _PER_CORNER, _PER_RUN = 16.0, 240, 1500
 """Bytes of labels and masks for each cell; of points and lists for each corner, or run of walls."""
 
 _REACH_PER_CELL = 40.0
@@ -127,7 +127,7 @@ def convert_area(
         (outlines_of(cells, grid.frame, tolerance, name), fill) for name, cells, fill in wanted
     ]
     shown = layers[0][0]
-    if not shown.polygons:
+    if not len(shown.polygons):
         raise MalformedInputError(f"has no {_CELLS[shown.name]} cell", source=source)
     if is_drawing:
         background = UNKNOWN_FILL if of is None else None

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
@@ -21,11 +20,14 @@ from mapdeal.command import (
     parameters_of,
 )
 from mapdeal.commands import two_maps
+from mapdeal.commands.diff_costs import costmaps_compared
+from mapdeal.commands.diff_robots import compare_robots, robots_compared
+from mapdeal.commands.reach import goals_in, goals_of, start_of
 from mapdeal.compare import faults as finding
 from mapdeal.compare.difference import STATES, Bound, Difference, WallShift, compare, frame_around
 from mapdeal.compare.score import states_of
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import ParameterError, emit_warning, one_line
+from mapdeal.errors import ParameterError, one_line
 from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -33,12 +35,13 @@ from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text
 from mapdeal.kernels.lookup import histogram
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
-from mapdeal.pipeline.inputs import Map, MapInput, Reading, claim_for, errors_named, opened
+from mapdeal.pipeline.inputs import Map, MapInput, Reading, claim_for, errors_named, opened, refuse
+from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import transform_document
 
 File = str | PathLike[str]
 
-_PER_CELL, _PER_WALL = 30, 75
+_PER_CELL, _PER_WALL = 30, 120
 """Bytes for each cell of a grid around both maps, and for each occupied cell of one."""
 
 _SHOWN, _LISTED = 5, 20  # changes in the text and in the document
@@ -131,14 +134,7 @@ class DiffReport(Difference, Result):
                 for one in self.largest_changes(_LISTED)[0]
             ],
             "walls": {name: None if one is None else asdict(one) for name, one in shifts.items()},
-            "bounds": {
-                bound.name.replace("-", "_"): {
-                    "allowed": bound.allowed,
-                    "found": bound.found if math.isfinite(bound.found) else None,
-                    "holds": bound.holds,
-                }
-                for bound in self.bounds
-            },
+            "bounds": {bound.name.replace("-", "_"): bound.document() for bound in self.bounds},
             "passes": self.passes,
         }
 
@@ -156,8 +152,7 @@ class DiffReport(Difference, Result):
         if self.symmetry is not None:
             yield f"  symmetry  B is much more like A if it is {self.symmetry}"
         if self.transform is not None:
-            x, y, yaw = (round(value, 4) + 0.0 for value in self.transform.pose)
-            yield f"  moved     A by x {x:g} m, y {y:g} m, yaw {yaw:g} rad"
+            yield two_maps.moved_line(self.transform)
         for number, fault in enumerate(self.faults):
             yield f"  {'and' if number else 'B has':<9} {fault.text}"
         largest, left = self.largest_changes(_SHOWN)
@@ -168,7 +163,7 @@ class DiffReport(Difference, Result):
         yield f"  walls     {_shift_text('A to B', self.first_to_second)}"
         yield f"  walls     {_shift_text('B to A', self.second_to_first)}"
         for bound in self.bounds:
-            yield f"  bound     {_bound_text(bound)}"
+            yield f"  bound     {bound.text}"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         """Return the picture of `changes`."""
@@ -206,16 +201,6 @@ class DiffReport(Difference, Result):
                 yield f"directed Hausdorff distance {name}: {shift.largest:.4g} m"
 
 
-def _bound_text(bound: Bound) -> str:
-    text = f"--{bound.name} {bound.allowed:g} {bound.unit}: {'holds' if bound.holds else 'missed'}"
-    if math.isnan(bound.found):
-        return f"{text}, the maps have no common cell"
-    if math.isinf(bound.found):
-        return f"{text}, only one of the maps has obstacles"
-    # 9 digits: a figure that is shown as the bound itself is not beyond it
-    return f"{text}, found {bound.found:.9g} {bound.unit}"
-
-
 def _shift_text(name: str, shift: WallShift | None) -> str:
     if shift is None:
         return f"{name}: no obstacles"
@@ -223,13 +208,6 @@ def _shift_text(name: str, shift: WallShift | None) -> str:
     return text + f"{shift.percentile_95:.4g} m, mean {shift.mean:.4g} m"
 
 
-@command(
-    group="Two maps of one place",
-    example="""\
-mapdeal edit line examples/maps/office.yaml -o out/new.yaml \\
-    --point 1,-0.8 1.5,-0.8 --value 100
-mapdeal diff examples/maps/office.yaml out/new.yaml --tolerance 1""",
-)
 def diff(
     first: Annotated[Map, Words("A")],
     second: Annotated[Map, Words("B")],
@@ -243,16 +221,14 @@ def diff(
 ) -> DiffReport:
     """Compare two maps of one place.
 
-    Size, origin, yaw and resolution may differ: cells are compared where both maps have some. Exit
-    code 0 if the maps are equal within the tolerance, 1 if not. With --max-shift or --max-differing
-    the exit code is 0 if the differences in the common area stay within these bounds, whatever the
-    geometry of the maps.
+    Size, origin, yaw and resolution may differ: cells are compared where both maps have some.
 
     Parameters
     ----------
     first : path, str or grid
-        A map: .yaml, .pbm or .npz. In Python, a grid serves as well. Fields and costs are compared
-        as the maps that ROS would publish.
+        A map: .yaml, .pbm or .npz, or a grid. Fields are compared as their maps, and costs with a
+        map as the map that ROS would publish; `compare_costmaps` compares costs with
+        costs.
     second : path, str or grid
         Another map.
     tolerance : float
@@ -283,7 +259,8 @@ def diff(
     FileAccessError, MalformedInputError
         If a file cannot be read.
     ParameterError
-        If the tolerance is not in 0..1000, a bound is invalid, or the maps are too far apart.
+        If the tolerance is not in 0..1000, a bound is invalid, the maps are too far apart, or both
+        are costs.
 
     Warns
     -----
@@ -304,25 +281,95 @@ def diff(
     """
     given = {"tolerance": tolerance, "max_shift": max_shift, "max_differing": max_differing}
     limits = accept_parameters(parameters_of(diff), given, "diff")
-    if align and by is not None:
-        raise ParameterError("cannot be given together with --by", place="align")
-    told, files = two_maps.given_transform(by, place="by")
-    a, b = maps = opened(first, second, names=("map A", "map B"), also=files, **reading)
-    move = None
-    if align:
-        claim_for(maps, two_maps.bytes_to_place(maps), "maps that are aligned", **reading)
-        move = two_maps.aligned(maps, hint="--by FILE uses a transform as it is")
-    elif told is not None:
-        move = two_maps.transform_in(told, files, maps)
-    else:
+    maps, move = two_maps.opened_in_one_frame(first, second, align=align, by=by, **reading)
+    if two_maps.are_costs(maps):
+        hint = "compare_costmaps compares costs"
+        raise ParameterError("are both costs", place="first, second", hint=hint)
+    return _maps_compared(maps, move, limits, reading)
+
+
+def _maps_compared(
+    maps: Sequence[MapInput], move: Transform | None, limits: Mapping[str, Any], reading: Reading
+) -> DiffReport:
+    a, b = maps
+    if move is None:
         two_maps.warn_of_frames(maps, "--align compares them so")
     found = compared([a, b], tolerance=limits["tolerance"], move=move, **reading)
     bounds = found.bounds_of(limits["max_shift"], limits["max_differing"])
-    if bounds and found.not_compared:
-        text = f"does not cover {found.not_compared} known cells of {a.name}"
-        emit_warning(f"{b.name}: {text}, which are not compared", stacklevel=2)
+    two_maps.warn_of_uncovered(maps, bounds, found.not_compared)
     faults = () if found.is_equal else _faults(a, b, move)
     return DiffReport(**vars(found), bounds=bounds, maps=(a, b), transform=move, faults=faults)
+
+
+@command(
+    name="diff",
+    also={"": diff, "With --against": compare_robots},
+    shared=("params_file", "costmap", "namespace", "against", "files"),
+    words={
+        "start": Words("X,Y[,YAW]", start_of, "from"),
+        "goals": Words("[NAME=]X,Y", goals_of, "to", is_repeated=True),
+    },
+    group="Two maps of one place",
+    example="""\
+mapdeal edit line examples/maps/office.yaml -o out/new.yaml \\
+    --point 1,-0.8 1.5,-0.8 --value 100
+mapdeal diff examples/maps/office.yaml out/new.yaml --tolerance 1
+mapdeal diff examples/maps/office.yaml \\
+    --params-file examples/robots/nav2_params.yaml \\
+    --against examples/robots/nav2_params.yaml \\
+    --against examples/robots/nav2_wider.yaml""",
+)
+def differences(
+    first: Annotated[Map, Words("A")],
+    second: Annotated[Map | None, Words("[B]")] = None,
+    *,
+    points: Annotated[Path | None, Words("FILE|-")] = None,
+    robot: Annotated[RobotParameters | None, Words()] = None,
+    against: Annotated[RobotParameters | None, Words()] = None,
+    **parameters: Any,
+) -> Result:
+    """Compare two maps, two costmaps, or a robot's parameters on a map.
+
+    Size, origin, yaw and resolution may differ: cells are compared where both maps have some. Exit
+    code 0 if the maps are equal within the tolerance, 1 if not. With --max-shift or --max-differing
+    the exit code is 0 if the differences in the common area stay within these bounds, whatever the
+    geometry of the maps. Of two costmaps the costs are compared, on costmap_2d's scale. With
+    --params-file and --against both costmaps are computed on one map; the exit code is 1 if a
+    passage closes or a goal is lost.
+
+    Parameters
+    ----------
+    first : path
+        A map or costs: .yaml, .pbm or .npz. Costs are compared with a map as the map that ROS would
+        publish, and fields as their maps.
+    second : path, optional
+        Another map, or other costs; none with --against.
+    points : path, optional
+        With --against: file of goals, one [NAME=]x,y or JSON object per line; - reads standard
+        input.
+    robot, against : RobotParameters, optional
+        Two versions of a robot's parameters.
+    """
+    start, goals = parameters.pop("start", None), parameters.pop("goals", ())
+    if robot is not None and against is not None and second is None:
+        refuse("applies to two files", **parameters)
+        goals = (*goals, *(() if points is None else goals_in(points)))
+        also = [*robot.paths, *against.paths, *([] if points is None else [points])]
+        (source,) = opened(first, names=("the map",), also=also)
+        return robots_compared(source, robot, against, start, goals)
+    if second is None:
+        hint = "diff A B compares two files, diff MAP --params-file A --against B two robots"
+        raise ParameterError("needs two files, or --params-file and --against", hint=hint)
+    rule = "applies to one map, with --params-file and --against"
+    refuse(rule, robot=robot, against=against, start=start, goals=goals, points=points)
+    align, by = parameters.pop("align", False), parameters.pop("by", None)
+    limits = accept_parameters(parameters_of(diff), parameters, "diff")
+    maps, move = two_maps.opened_in_one_frame(first, second, align=align, by=by)
+    if not two_maps.are_costs(maps):
+        return _maps_compared(maps, move, limits, {})
+    refuse("applies to maps, and both are costs", max_shift=limits["max_shift"])
+    refuse("applies to maps, and both are costs", tolerance=limits["tolerance"] or None)
+    return costmaps_compared(maps, move, limits["max_differing"])
 
 
 def _faults(a: MapInput, b: MapInput, move: Transform | None) -> tuple[finding.Fault, ...]:

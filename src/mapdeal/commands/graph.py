@@ -200,9 +200,11 @@ def graph(
     (one,) = inputs.opened(map, names=("map",), also=robot.paths if robot else (), **reading)
     coarse = coarse_step(reach_radius(shape), one.grid.resolution) ** 2
     per_cell = step.memory + _PER_CELL + _PER_COARSE_CELL / coarse
-    with inputs.settings_of(**reading).reading():
-        inputs.claim_work(one.name, one.grid, per_cell, besides=_LIBRARIES)
-    with inputs.errors_named(one.name):
+    with (
+        inputs.settings_of(**reading).reading(),
+        inputs.work_claimed(one.name, one.grid, per_cell, besides=_LIBRARIES),
+        inputs.errors_named(one.name),
+    ):
         grid = one.grid
         check_wishes(wishes, grid.resolution)
         if not isinstance(grid, Costmap):

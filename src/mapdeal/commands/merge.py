@@ -19,7 +19,7 @@ from mapdeal.compare.align import bytes_to_align
 from mapdeal.compare.align import placed as placed_on
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
-from mapdeal.files.source import claim, holding
+from mapdeal.files.source import bytes_of_lines, claim, holding
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import check_choice, count_text
@@ -45,6 +45,7 @@ _PER_CELL, _OF_EVIDENCE, _PER_WALL = 26, 26, 60
 """Bytes for each cell of the result, more of them for sums, and for each wall cell of a map; each
 map takes another one for each cell."""
 
+_PER_LINE = 350  # bytes of corners of known cells, for each row
 _OF_PICTURE = 2  # bytes more for a picture, besides its own
 
 Placing = Sequence[Transform | str | PathLike[str] | None]
@@ -297,6 +298,7 @@ def merge(
     grids = [merging.check_is_map(one.grid, one.name) for one in inputs]
     settings = settings_of(**reading)
     with settings.reading(), holding(sum(map(bytes_of, grids))):
+        claim(inputs[0].name, max(bytes_of_lines(grid.shape, _PER_LINE) for grid in grids))
         layers = _evidence_of(inputs, rule, evidence, settings.max_cells)
         if files:
             places = _by_files(files, inputs)

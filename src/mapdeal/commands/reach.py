@@ -242,8 +242,12 @@ def reach_on_input(
     mask: inputs.KeepoutMask | None,
 ) -> Reach:  # fmt: skip
     """Return what the stage finds on a map, or on the costs that a robot's layers make of it."""
-    inputs.claim_cells(one, step.memory + COSTS_PER_CELL * (robot is not None))
-    with inputs.errors_named(one.name):
+    per_cell = step.memory + COSTS_PER_CELL * (robot is not None)
+    with (
+        inputs.settings_of().reading(),
+        inputs.work_claimed(one.name, one.grid, per_cell),
+        inputs.errors_named(one.name),
+    ):
         grid = one.grid
         if not isinstance(grid, Costmap):
             inputs.warn_of_published_costs(one)

@@ -29,6 +29,7 @@ from mapdeal.commands.report_entries import (
     rows_of,
     runs_in,
     two_maps,
+    two_robots,
 )
 from mapdeal.errors import (
     FileAccessError,
@@ -39,7 +40,15 @@ from mapdeal.errors import (
     emit_warning,
     one_line,
 )
-from mapdeal.files.json_values import ALIGNMENT, COMPARISON, DIFF, LINT, SCORE
+from mapdeal.files.json_values import (
+    ALIGNMENT,
+    COMPARISON,
+    COST_DIFF,
+    DIFF,
+    LINT,
+    ROBOT_DIFF,
+    SCORE,
+)
 from mapdeal.files.source import (
     NAMED_MAPS,
     YAML,
@@ -64,7 +73,7 @@ from mapdeal.pipeline.folder import MANIFEST
 from mapdeal.pipeline.settings import Settings, is_whole
 from mapdeal.report.document import Report, State, Table, Verdict, worst_of
 from mapdeal.report.page import page_of
-from mapdeal.report.verdict import on_no_lint, verdicts_of
+from mapdeal.report.verdict import most_urgent, on_no_lint, verdicts_of
 from mapdeal.version import __version__
 
 File = str | PathLike[str]
@@ -115,6 +124,8 @@ class WrittenReport(Result):
         entries = [asdict(one) for one in self.verdicts]
         for claim in (claim for entry in entries for claim in entry["claims"]):
             del claim["evidence"]  # a place on the page
+        for entry in entries:
+            entry["next"] = entry.pop("next_command")
         return {
             "format": _VERDICT_FORMAT, "path": str(self.path), "maps": self.maps,
             "bytes": self.size, "state": self.state, "entries": entries,
@@ -123,6 +134,8 @@ class WrittenReport(Result):
     def lines(self) -> Iterator[str]:
         """Yield what ``mapdeal report`` prints."""
         yield f"{self.path}: {count_text(self.maps, 'map')}, {size_text(self.size)}"
+        if command := most_urgent(self.verdicts):
+            yield f"Next: {command}"
 
     def check(self) -> None:
         """Raise FindingError if a map on the page has a problem."""
@@ -161,7 +174,7 @@ def write_report(
     The page is a single file that needs no network. It begins with a verdict on each map. Below are
     all layers to zoom and pan, with the values under the pointer; findings, passages and routes in
     their places; parameters, figures and checksums. Several maps become a table with thumbnails.
-    Polygons drawn over a map are saved as zones for mapdeal edit --file.
+    Polygons drawn over a map are saved as zones for mapdeal mask.
 
     Each run and each map is an entry of its own. The map that a run was made from joins that run;
     a field or costmap joins the entry named before it, if it covers the same cells. JSON of reach
@@ -284,6 +297,9 @@ def gathered(
     seen: set[object] = set()
     entries_of = {path: _entries_of(path, grids, seen) for path in paths}
     gathering.runs = [draft for found in entries_of.values() for draft in found or ()]
+    if asked is not None:
+        for draft in gathering.runs:
+            draft.map_path, draft.question = asked.map_of_folder.get(draft.path), asked.question
     for path in paths:
         found = entries_of[path]
         if found is not None:
@@ -306,7 +322,7 @@ def gathered(
     files = {*paths, *grids.files, *(one for draft in gathering.drafts for one in draft.places)}
     names = {*gathering.named, *map(str, files)}
     folders = {folder for name in names if (folder := folder_of(name)) is not None}
-    entries = tuple(draft.entry(folders) for draft in gathering.drafts)
+    entries = tuple(draft.entry(grids.settings, folders) for draft in gathering.drafts)
     if title is None:
         title = entries[0].name if len(entries) == 1 else count_text(len(entries), "map")
     return Report(title, entries, __version__)
@@ -381,6 +397,8 @@ class _Gathering:
         if draft is None or opened.kind is OccupancyGrid or not fits:
             draft = Draft(path.stem, path)
             self.drafts.append(draft)
+        if opened.kind is OccupancyGrid and draft.map_path is None:
+            draft.map_path = path
         name = draft.free_name(path.stem)
         add_layers(draft, self._grids.layers(path, name, grid.kind.capitalize()))
         draft.paths.append(path)
@@ -408,6 +426,7 @@ class _Gathering:
             of_map = columns_of({name: self._grids.grid(opened.path).figures()})
             run.figures = {**of_map, **{k: v for k, v in run.figures.items() if k not in of_map}}
             run.paths.append(opened.path)
+            run.map_path = opened.path
             run.warn(opened.heard, opened.files)
         return runs
 
@@ -415,8 +434,10 @@ class _Gathering:
         """Read a document; its content goes where it belongs, at the end."""
         results = read_results(path)
         self.named |= set(results.files)
-        if results.kind in (DIFF, ALIGNMENT):
+        if results.kind in (DIFF, COST_DIFF, ALIGNMENT):
             self.drafts.append(two_maps(path, results, self._grids))
+        elif results.kind == ROBOT_DIFF:
+            self.drafts.append(two_robots(path, results, self._grids))
         elif results.kind == COMPARISON:
             rule = "is what build --compare has written beside its maps"
             raise ParameterError(rule, source=path, hint=f"name the folder, {path.parent}")
@@ -448,7 +469,7 @@ class _Gathering:
             try:
                 self.add_grid(path)
             except MapdealError as error:
-                self.drafts.append(Draft(path.stem, path))
+                self.drafts.append(Draft(path.stem, path, map_path=path))
                 self.drafts[-1].lacks("this map", path, error)
 
     def add_lint(self, paths: Sequence[Path], asked: Asked) -> None:

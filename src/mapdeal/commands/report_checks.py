@@ -16,6 +16,7 @@ from mapdeal.commands.lint import lint
 from mapdeal.commands.reach import Reachability, reach_on_input
 from mapdeal.commands.report_documents import Results, results_of, short
 from mapdeal.commands.report_entries import Draft
+from mapdeal.commands.report_next import ReachQuestion, robot_words, typed_path
 from mapdeal.errors import MapdealError, one_line
 from mapdeal.files.json_values import JsonValue, json_of
 from mapdeal.files.source import holding
@@ -57,6 +58,8 @@ class Asked:
         Where it starts, as for `reach`.
     goals : sequence of Goal
         Where it must get to.
+    map_of_folder : mapping of Path to Path
+        The map of each folder of a run.
     """
 
     settings: Settings
@@ -64,6 +67,7 @@ class Asked:
     robot: RobotParameters | None = None
     start: tuple[float, ...] | None = None
     goals: Sequence[Goal] = field(default=())
+    map_of_folder: Mapping[Path, Path] = field(default_factory=dict)
     _done: set[int] = field(default_factory=set)
 
     @property
@@ -75,6 +79,19 @@ class Asked:
         if self.footprint is None and self.robot is not None:
             return planned_shape(self.robot)
         return self.footprint
+
+    @property
+    def question(self) -> ReachQuestion:
+        """The start, the goals and the options of the robot, as they were typed."""
+        robot, words = self.robot, [*robot_words(self.footprint)]
+        if robot is not None:
+            words += [text for path in robot.paths for text in ("--params-file", typed_path(path))]
+            words += [] if robot.costmap == "global" else ["--costmap", robot.costmap]
+            namespace, _, node = robot.node.partition(f"/{robot.costmap}_costmap/")
+            words += ["--namespace", namespace] if namespace and node else []
+        mask = self.settings.mask
+        words += [] if mask is None else ["--mask", typed_path(mask)]
+        return ReachQuestion(tuple(self.start or ()), tuple(self.goals), tuple(words))
 
     @cached_property
     def _mask(self) -> KeepoutMask | None:

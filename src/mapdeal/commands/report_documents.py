@@ -12,21 +12,26 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import cast, get_args
+from typing import NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.checks.findings import SEVERITIES, Finding, Severity
+from mapdeal.commands.diff_robots import passage_text
+from mapdeal.commands.report_next import ReachQuestion, robot_words
 from mapdeal.compare.bounds import figure_text, figures_named
+from mapdeal.compare.costs import CostChange
 from mapdeal.compare.difference import Change
 from mapdeal.errors import MalformedInputError, ParameterError, one_line
 from mapdeal.files.json_values import (
     ALIGNMENT,
     COMPARISON,
+    COST_DIFF,
     DIFF,
     LINT,
     REACH,
+    ROBOT_DIFF,
     ROUTE,
     ROUTE_GRAPH,
     SCORE,
@@ -37,6 +42,7 @@ from mapdeal.files.json_values import (
     read_document,
 )
 from mapdeal.files.source import head_of
+from mapdeal.grid.filters import KINDS
 from mapdeal.grid.footprint import Footprint, checked_corners
 from mapdeal.grid.frame import FARTHEST, Frame, Point, Transform
 from mapdeal.grid.reach import (
@@ -52,13 +58,14 @@ from mapdeal.grid.reach import (
 )
 from mapdeal.grid.route_graph import RouteNode
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
-from mapdeal.grid.values import count_text
+from mapdeal.grid.values import CostScale, count_text
 from mapdeal.inputs.kinds import SHAPES, recognised
 from mapdeal.maps.route_graphs import parsed_graph
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
-from mapdeal.report.document import Claim, Item, ItemKind, Table, Tone, Zone
+from mapdeal.report.document import About, Claim, Item, ItemKind, Table, Tone, Zone
 from mapdeal.report.outlines import outlines_of
-from mapdeal.report.verdict import on_findings, on_goals
+from mapdeal.report.verdict import GEOMETRY, on_findings, on_goals
+from mapdeal.ros.robot import CostmapName
 
 MOST_ITEMS = 1000
 """Of one kind: nobody looks through more, and a page with a million of them opens nowhere."""
@@ -66,6 +73,7 @@ MOST_ITEMS = 1000
 MOST_POINTS = 20_000
 """Of a route on a page, which would grow by some megabytes for a million of them."""
 
+_MOST_OF_A_CHANGE = 5  # regions that are listed of costs that changed in one way
 MOST_CHANGES = 20  # places that are listed of obstacles that are new, or gone
 _MOST_ROWS = 200
 _LONGEST = 400
@@ -120,6 +128,20 @@ def costmap_subject(name: str, files: Iterable[tuple[str, str]]) -> Subject:
     return Subject("costmap", (name, sums), f"the {name} costmap of {', '.join(names)}")
 
 
+class NamedFile(NamedTuple):
+    file: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class NamedRobot:
+    """The parameter files of a robot, and which of its costmaps is read from them."""
+
+    files: tuple[NamedFile, ...]
+    costmap: CostmapName
+    namespace: str | None
+
+
 @dataclass(frozen=True)
 class Results:
     """What a document says of maps, as a page shows it."""
@@ -135,6 +157,10 @@ class Results:
     tolerance: float = 0.0  # cells
     claims: tuple[Claim, ...] = ()
     subjects: tuple[Subject, ...] = ()
+    question: ReachQuestion | None = None
+    start: tuple[float, ...] = ()
+    goals: tuple[Goal, ...] = ()
+    robots: tuple[NamedRobot, ...] = ()  # whose parameters are compared
 
 
 def read_results(path: Path) -> Results:
@@ -238,6 +264,9 @@ def _reach(document: JsonValue) -> Results:
             robot.circumscribed_radius if robot.vertices else None,
         )
     ]  # fmt: skip
+    words = (*robot_words(robot), *(("--through-unknown",) if is_open else ()))
+    start_pose = place if yaw.is_null else (*place, yaw.number())
+    question = ReachQuestion(start_pose, tuple(goal.goal for goal in goals), words)
     costmap, about = document.get("costmap"), document.get("map")
     named = None if about is None else named_map(about)
     if costmap is not None and not costmap.is_null:
@@ -248,6 +277,7 @@ def _reach(document: JsonValue) -> Results:
     return Results(
         REACH, items, [Table("What the robot can reach", rows)], claims=claims,
         maps=(named,), files=() if named is None else (named.file,), subjects=tuple(subjects),
+        question=question,
     )  # fmt: skip
 
 
@@ -421,14 +451,14 @@ def shape_items(shapes: Sequence[Shape], zones: Sequence[Zone] = ()) -> list[Ite
 
 
 def _zone_item(item: Item, zone: Zone) -> Item:
-    speed = "" if zone.speed is None else f", speed {zone.speed:g}"
-    kind = f"{zone.kind} zone{speed}" if zone.kind else "zone"
+    speed = "" if zone.speed is None else f", speed {zone.speed:g} %"
+    kind = f"{zone.kind} zone{speed}"
     text = f"{zone.name}: {kind}, {item.text}" if zone.name else f"{kind}, {item.text}"
     return replace(item, text=short(text), label=zone.name or zone.kind, zone=zone)
 
 
 def zones_in(document: object) -> list[Zone]:
-    """Return what the polygons of a file are for; none if it holds anything else."""
+    """Return the zones in a file of shapes, if all are polygons that have a zone's kind."""
     features = document.get("features") if isinstance(document, dict) else None
     zones = []
     for one in features if isinstance(features, list) else ():
@@ -438,9 +468,11 @@ def zones_in(document: object) -> list[Zone]:
         known = known if isinstance(known, dict) else {}
         kind, name, speed = (known.get(key) for key in ("kind", "name", "speed"))
         number = None if isinstance(speed, bool) or not isinstance(speed, int | float) else speed
-        texts = [short(text) if isinstance(text, str) else "" for text in (kind, name)]
-        is_speed = number is not None and abs(number) <= _LARGEST
-        zones.append(Zone(texts[0], number if is_speed else None, texts[1]))
+        if kind not in KINDS:
+            return []
+        is_speed = kind == "speed" and number is not None and 0 < number <= _LARGEST
+        label = short(name) if isinstance(name, str) else ""
+        zones.append(Zone(kind, number if is_speed else None, label))
     return zones
 
 
@@ -497,17 +529,32 @@ def _alignment(document: JsonValue) -> Results:
     return Results(ALIGNMENT, [], [table], [], maps, files, transform, claims=claims)
 
 
+_COUNTS_OF_DIFF = {
+    "common_cells": "common cells", "differing": "differing",
+    "beyond_tolerance": "beyond the tolerance", "known_only_in_first": "known in the first alone",
+}  # fmt: skip
+
+
+def _rows_of_diff(document: JsonValue, maps: Iterable[NamedMap | None]) -> list[Row]:
+    rows = [(key, "yes" if document[key].flag() else "no") for key in ("equal", "passes")]
+    for title, named in zip(("first map", "second map"), maps, strict=True):
+        rows += [] if named is None else [(title, short(named.file))]
+    for key, title in _COUNTS_OF_DIFF.items():
+        if key != "beyond_tolerance" or "confusion" in document.fields():
+            rows.append((title, str(document[key].integer())))
+    return rows
+
+
+def _claims_on_bounds(document: JsonValue, about: About, evidence: str) -> tuple[Claim, ...]:
+    bounds = document["bounds"].fields()
+    missed = [name for name, bound in bounds.items() if not bound["holds"].flag()]
+    text = f"The bound on {short(' and '.join(missed))} does not hold"
+    return (Claim(about, "error", text, evidence),) if missed else ()
+
+
 def _diff(document: JsonValue) -> Results:
     maps, files = _named(document, "first", "second")
-    rows = [(key, "yes" if document[key].flag() else "no") for key in ("equal", "passes")]
-    for what, named in zip(("first map", "second map"), maps, strict=True):
-        rows += [] if named is None else [(what, short(named.file))]
-    for key, what in (
-        ("common_cells", "common cells"), ("differing", "differing"),
-        ("beyond_tolerance", "beyond the tolerance"),
-        ("known_only_in_first", "known in the first alone"),
-    ):  # fmt: skip
-        rows.append((what, str(document[key].integer())))
+    rows = _rows_of_diff(document, maps)
     symmetry = document["symmetry"].or_none(JsonValue.text)
     if symmetry is not None:
         rows.append(("the second is much more like it", f"if it is {short(symmetry)}"))
@@ -520,7 +567,7 @@ def _diff(document: JsonValue) -> Results:
     tables = [Table("What differs", tuple(rows))]
     pairs = {**_pairs(document["geometry"]), **_pairs(document["metadata"])}
     if pairs:
-        tables.append(Table("Geometry and metadata, first → second", tuple(pairs.items())))
+        tables.append(Table(GEOMETRY, tuple(pairs.items())))
     cells = [
         (short(f"{state} → {other}"), count.integer())
         for state, row in document["confusion"].fields().items()
@@ -529,14 +576,67 @@ def _diff(document: JsonValue) -> Results:
     counted = tuple((what, str(count)) for what, count in cells if count)
     tables.append(Table("Cells, first → second", counted))
     moved, tolerance = document.get("transform"), document.get("tolerance")
-    missed = [name for name, one in document["bounds"].fields().items() if not one["holds"].flag()]
-    text = f"The bound on {short(' and '.join(missed))} does not hold"
     return Results(
         DIFF, [], tables, [], maps, files,
         transform=None if moved is None else moved.or_none(_transform),
         tolerance=0.0 if tolerance is None else tolerance.number(least=0),
-        claims=(Claim("obstacles", "error", text, tables[0].title),) if missed else (),
+        claims=_claims_on_bounds(document, "obstacles", tables[0].title),
     )  # fmt: skip
+
+
+def _cost_diff(document: JsonValue) -> Results:
+    maps, files = _named(document, "first", "second")
+    rows = _rows_of_diff(document, maps)
+    rows.append(("cost scale", document["cost_scale"].word(*get_args(CostScale))))
+    for name, bound in document["bounds"].fields().items():
+        rows.append((short(name), _bound_of_diff(bound)))
+    tables = [Table("What differs", tuple(rows))]
+    if pairs := _pairs(document["geometry"]):
+        tables.append(Table(GEOMETRY, tuple(pairs.items())))
+    return Results(
+        COST_DIFF, [], tables, [], maps, files,
+        transform=document["transform"].or_none(_transform),
+        claims=_claims_on_bounds(document, "cells", tables[0].title),
+    )  # fmt: skip
+
+
+def _robot_diff(document: JsonValue) -> Results:
+    maps, files = _named(document, "map")
+    robots = tuple(
+        NamedRobot(
+            tuple(
+                NamedFile(file["file"].text(), file["sha256"].sha256())
+                for file in robot["files"].items()
+            ),
+            cast("CostmapName", robot["costmap"].word(*get_args(CostmapName))),
+            robot["namespace"].or_none(JsonValue.text),
+        )
+        for robot in document["robots"].items()
+    )
+    if len(robots) != 2 or not all(robot.files for robot in robots):
+        raise document["robots"].error("must be two robots with parameter files")
+    start = tuple(number.number() for number in document["start"].items())
+    reaches = document["reach"].items()[:1]  # both have the same goals
+    goals = tuple(goal_of(goal).goal for reach in reaches for goal in reach["goals"].items())
+    files += tuple(file.file for robot in robots for file in robot.files)
+    return Results(ROBOT_DIFF, maps=maps, files=files, start=start, goals=goals, robots=robots)
+
+
+def passage_change_items(passages: Iterable[Passage], word: str, tone: Tone) -> list[Item]:
+    """Return passages that close or open, as `word` says."""
+    return [
+        replace(item, tone=tone, text=f"passage that {word}: {passage_text(passage)}")
+        for item, passage in zip(passage_items(passages), passages, strict=False)
+    ]
+
+
+def cost_change_items(changes: Iterable[CostChange], frame: Frame) -> list[Item]:
+    """Return the largest regions of each change; only those of closed cells with outlines."""
+    listed = [region for change in changes for region in change.largest[:_MOST_OF_A_CHANGE]]
+    if not listed:
+        return []
+    items = change_items(listed, sum(change.regions for change in changes) - len(listed), frame)
+    return [replace(item, lines=()) if item.kind in ("rose", "fell") else item for item in items]
 
 
 def _transform_text(one: Transform) -> str:
@@ -703,5 +803,6 @@ def _at(point: Sequence[float]) -> str:
 
 _READERS: dict[str | None, Callable[[JsonValue], Results]] = {
     LINT: _lint, REACH: _reach, ROUTE: _route, DIFF: _diff, COMPARISON: _comparison,
-    SCORE: _score, ALIGNMENT: _alignment, ROUTE_GRAPH: _route_graph,
+    SCORE: _score, ALIGNMENT: _alignment, ROUTE_GRAPH: _route_graph, COST_DIFF: _cost_diff,
+    ROBOT_DIFF: _robot_diff,
 }  # fmt: skip

@@ -15,17 +15,26 @@ import numpy as np
 
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.diff import compared
+from mapdeal.commands.diff_costs import change_codes, change_text, costmaps_compared
+from mapdeal.commands.diff_robots import robots_compared, value_text
 from mapdeal.commands.report_documents import (
     MOST_CHANGES,
+    NamedFile,
     Part,
     Results,
     Subject,
     change_items,
+    cost_change_items,
     costmap_subject,
+    goal_items,
+    passage_change_items,
     read_results,
     robot_subject,
     short,
 )
+from mapdeal.commands.report_next import ReachQuestion, next_command
+from mapdeal.commands.two_maps import names_of_two
+from mapdeal.compare.costs import CostDifference
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
@@ -35,9 +44,11 @@ from mapdeal.errors import (
     emit_warning,
     one_line,
 )
-from mapdeal.files.json_values import COMPARISON, DIFF, NamedMap, read_json
+from mapdeal.files.json_values import COMPARISON, COST_DIFF, DIFF, NamedMap, read_json
 from mapdeal.files.source import (
     CHANGED,
+    bytes_of_lines,
+    claim,
     contents_of,
     exists,
     holds,
@@ -51,16 +62,25 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.inputs.listing import folders_below
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy, lazy_layer
 from mapdeal.maps.npz import Grid, holds_reach, open_npz, read_cloud_layers, read_reach
-from mapdeal.maps.reading import MapFile, open_map
-from mapdeal.pictures.styles import difference_style
+from mapdeal.maps.reading import MapFile, is_bare_image, open_map
+from mapdeal.pictures.styles import cost_change_style, difference_style
 from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST, manifest_in, product_of, said
-from mapdeal.pipeline.inputs import bytes_of, map_input, read_together
+from mapdeal.pipeline.inputs import Reading, bytes_of, map_input, read_together
 from mapdeal.pipeline.settings import Settings, heard, portable
 from mapdeal.pipeline.step import Step, make_step
-from mapdeal.report.document import MAP, Claim, Entry, Item, PageLayer, Table, kinds_of
+from mapdeal.report.document import MAP, Claim, Entry, Item, PageLayer, Table, kinds_of, page_layers
 from mapdeal.report.tiles import extent_of
-from mapdeal.report.verdict import on_costs, on_difference, on_failure, settled
+from mapdeal.report.verdict import (
+    COST_CHANGES,
+    on_cost_difference,
+    on_costs,
+    on_difference,
+    on_failure,
+    on_robots,
+    settled,
+)
+from mapdeal.ros.load import read_robot
 
 Kind = TypeVar("Kind")
 
@@ -95,6 +115,8 @@ class Draft:
     claims: list[Claim] = field(default_factory=list)
     outputs: set[str] = field(default_factory=set)  # checksums of what the run wrote
     subjects: list[tuple[Path, Subject]] = field(default_factory=list)
+    map_path: Path | None = None  # of the map that this is about
+    question: ReachQuestion | None = None
 
     @property
     def places(self) -> tuple[Path, ...]:
@@ -146,13 +168,25 @@ class Draft:
         self.items += one.items
         self.tables += one.tables
         self.claims += one.claims
+        if isinstance(one, Results):
+            self.question = self.question or one.question
 
     def free_name(self, name: str) -> str:
         taken = {layer.name for layer in self.layers}
         names = (name if number == 1 else f"{name}-{number}" for number in range(1, len(taken) + 2))
         return next(one for one in names if one not in taken)
 
-    def entry(self, folders: Collection[str] = ()) -> Entry:
+    def next_command(self, settings: Settings, claims: Iterable[Claim]) -> str:
+        named = next(path for path in (self.path, *self.path.parents) if exists(path))
+        options = [] if settings.max_cells is None else ["--max-cells", str(settings.max_cells)]
+        if self.map_path is not None and is_bare_image(self.map_path) and self.layers:
+            frame = self.layers[0].frame
+            origin = ",".join(f"{value:.9g}" for value in frame.origin)
+            options += ["--resolution", f"{frame.resolution:.9g}", "--origin", origin]
+        dialect = [] if settings.dialect == "nav2" else ["--dialect", settings.dialect]
+        return next_command(claims, named, self.map_path, self.question, options, dialect)
+
+    def entry(self, settings: Settings, folders: Collection[str] = ()) -> Entry:
         """Return the entry as it is now; of very many items, tables and rows the first ones."""
         # Texts name files without the absolute `folders`, of this machine or of a document's.
 
@@ -164,13 +198,14 @@ class Draft:
         for table in _first(self.tables, lambda rest: Table(rest, ())):
             rows = _first(table.rows, lambda rest: (rest, ""))
             tables.append(Table(shown(table.title), tuple((shown(k), shown(v)) for k, v in rows)))
+        claims = settled(self.claims)
         return Entry(
             shown(self.name), tuple(self.layers),
             tuple(replace(one, text=shown(one.text)) for one in items), tuple(tables),
             tuple(map(shown, _first(tuple(self.warnings), str))), self.status,
             dict(self.figures), self.curve, self.compared, extent_of(self.layers, self.items),
-            tuple(replace(one, text=shown(one.text)) for one in settled(self.claims)),
-            self.opens_swiped,
+            tuple(replace(claim, text=shown(claim.text)) for claim in claims),
+            self.opens_swiped, self.next_command(settings, claims),
         )  # fmt: skip
 
 
@@ -197,6 +232,9 @@ def _first(found: Sequence[Kind], told: Callable[[str], Kind]) -> tuple[Kind, ..
         return tuple(found)
     return (*found[:_MOST], told(f"{len(found) - _MOST} more are not listed"))
 
+
+_OF_PAGE, _PER_LINE = 20_000_000, 16
+"""Bytes of a page while it is made, and of each row and column of a map on it."""
 
 _SHARE = 4  # of the memory that may be used the part that grids may take which are kept
 _ROWS = 512
@@ -294,6 +332,7 @@ class Grids:
             file = stack.enter_context(
                 open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
             )
+            claim(path, _OF_PAGE + bytes_of_lines(file.shape(), _PER_LINE))
             is_npz = path.suffix.lower() == ".npz"
             if is_npz and holds_reach(path):
                 return read_reach(path, max_cells=settings.max_cells), file
@@ -612,8 +651,8 @@ def _ends_with(file: str, name: str) -> bool:
     return bool(parts) and PurePath(file).parts[-len(parts) :] == parts
 
 
-def place_of(named: NamedMap, document: Path) -> Path:
-    """Return where a map is: as it was named, or beside the document."""
+def place_of(named: NamedMap | NamedFile, document: Path) -> Path:
+    """Return where a file is: as it was named, or beside the document."""
     places = (Path(named.file), document.parent / Path(named.file).name)
     return next((one for one in places if exists(one)), places[0])
 
@@ -661,12 +700,12 @@ def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
     """Return the draft of a document of ``diff`` or ``align``: one map over the other."""
     # The maps are read again. A map that is missing, or has changed since, is reported.
     first, second = results.maps
-    is_diff = results.kind == DIFF
+    is_diff = results.kind in (DIFF, COST_DIFF)
     if first is None or second is None:
         hint = "mapdeal diff A B --json also writes their names" if is_diff else None
         raise MalformedInputError("does not name its two maps", source=path, hint=hint)
-    stems = [Path(one.file).stem for one in (first, second)]
-    draft = Draft(f" {'and' if is_diff else 'on'} ".join(stems), path, tables=list(results.tables))
+    names = names_of_two(Path(first.file), Path(second.file))
+    draft = Draft(f" {'and' if is_diff else 'on'} ".join(names), path, tables=list(results.tables))
     found = []
     for named, name in ((first, "first"), (second, "second")):
         place = place_of(named, path)
@@ -704,12 +743,80 @@ def _add_difference(
     with capture_warnings():  # they were given when the maps were opened
         sources = zip(paths, read_together(paths, settings), strict=True)
         maps = [map_input(one, path) for path, one in sources]
-        found = compared(
-            maps, tolerance=results.tolerance, move=results.transform,
-            max_memory=settings.max_memory,
-        )  # fmt: skip
+        reading: Reading = {"max_memory": settings.max_memory}
+        if results.kind == DIFF:
+            found = compared(maps, tolerance=results.tolerance, move=results.transform, **reading)
+    if results.kind == COST_DIFF:
+        try:
+            costs = costmaps_compared(maps, results.transform, None, **reading).costs
+            add_cost_changes(draft, costs)
+            draft.items += cost_change_items(costs.changes.values(), costs.frame)
+            draft.claims += on_cost_difference(costs)
+        except ParameterError as error:  # a file that was replaced by a map
+            draft.lacks("what differs", Path(str(error.source)), error)
+        return
     style, title = difference_style(), "What differs"
     draft.layers.append(PageLayer("difference", title, found.frame, found.changes, style))
     changes, left = found.largest_changes(MOST_CHANGES)
     draft.items += change_items(changes, left, found.frame)
     draft.claims += on_difference(found, changes, left)
+
+
+def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
+    """Return the draft of two versions of a robot's parameters, which are read again."""
+    (named,), settings = results.maps, grids.settings
+    if named is None:
+        raise MalformedInputError("does not name its map", source=path)
+    place = place_of(named, path)
+    draft = Draft("", path, paths=[place])
+    with capture_warnings():
+        robots = [
+            read_robot(
+                [place_of(file, path) for file in robot.files],
+                costmap=robot.costmap, namespace=robot.namespace,
+                older=settings.dialect != "nav2",
+            )
+            for robot in results.robots
+        ]  # fmt: skip
+        (source,) = read_together([place], settings)
+        reading: Reading = {"max_memory": settings.max_memory}
+        found = robots_compared(
+            map_input(source, place), robots[0], robots[1], results.start, results.goals, **reading
+        )
+    sums = grids.open(place).sums
+    draft.compare_sums(place, dict(sums), dict(named.sha256), f"{path.name} names")
+    for robot, named_robot in zip(robots, results.robots, strict=True):
+        for file, named_file in zip(robot.files, named_robot.files, strict=False):
+            if file.sha256 != named_file.sha256:
+                draft.miss(f"{file.path}: is not the file that {path.name} names", file.path)
+    draft.name = f"{Path(place).stem}: {' → '.join(found.names)}"
+    draft.layers += grids.layers(place, "map", f"Map: {place.name}")[-1:]
+    for name, shown, costmap in zip(("first", "second"), found.names, found.costmaps, strict=True):
+        draft.layers += page_layers(costmap, name, f"Costs of {shown}")
+    pairs = {name: " → ".join(map(value_text, pair)) for name, pair in found.parameters.items()}
+    draft.tables.append(Table("Parameters that differ", rows_of(pairs)))
+    draft.tables.append(Table("Reach", (("reached", found.reach_text()), *found.goal_rows())))
+    draft.compared = "first", "second"
+    draft.opens_swiped = False
+    after = found.reaches[1]
+    draft.items += passage_change_items(found.closed, "closes", "error")
+    draft.items += passage_change_items(found.opened, "opens", "good")
+    draft.items += goal_items(after.goals, after.robot, after.heading_count)
+    add_cost_changes(draft, found.costs)
+    draft.claims += on_robots(
+        list(pairs),
+        found.verdict,
+        found.reach_text().replace("->", "→"),
+        found.costs,
+        passes=found.passes,
+    )
+    return draft
+
+
+def add_cost_changes(draft: Draft, found: CostDifference) -> None:
+    """Add the layer and the table of what differs between two costmaps."""
+    style, title = cost_change_style(), "Change of the cost"
+    draft.layers.append(PageLayer("difference", title, found.frame, change_codes(found), style))
+    changes = [change for change in found.changes.values() if change.cells]
+    rows = tuple((change.kind, change_text(change)) for change in changes)
+    draft.tables.append(Table(COST_CHANGES, rows or (("changes", "none"),)))

@@ -335,8 +335,9 @@ def run_maps(
     if report or start is not None or goals or points is not None:
         from mapdeal.commands.report_checks import Asked
 
+        map_of_folder = {job.folder: job.path for job in all_jobs if job.error is None}
         listed = [*goals, *([] if points is None else goals_in(points))]
-        goal_check = Asked(settings, shape, robot, start, listed)
+        goal_check = Asked(settings, shape, robot, start, listed, map_of_folder)
     if dry_run:
         others = [*([output / batch.SUMMARY] if is_batch else [])]
         others += [page, output / VERDICT] if page else []

@@ -10,8 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from mapdeal.compare.align import bytes_to_align, placed
-from mapdeal.errors import FindingError, MalformedInputError, emit_warning
+from mapdeal.compare.difference import Bound
+from mapdeal.compatibility import Unpack
+from mapdeal.errors import FindingError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import claim
+from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.distance import squared_distance
@@ -51,6 +54,50 @@ def transform_in(
         what = f"leads from {maps[1].title} to {maps[0].title}; its inverse is used"
     emit_warning(f"{files[0]}: {what}", stacklevel=3)
     return told.transform.inverse() if is_other_way else told.transform
+
+
+def opened_in_one_frame(
+    first: inputs.Map, second: inputs.Map, *, align: bool,
+    by: str | PathLike[str] | Transform | Sequence[float] | None,
+    **reading: Unpack[inputs.Reading],
+) -> tuple[list[inputs.MapInput], Transform | None]:  # fmt: skip
+    """Read two maps, and return them with the transform between them if any is used."""
+    if align and by is not None:
+        raise ParameterError("cannot be given together with --by", place="align")
+    transform, files = given_transform(by, place="by")
+    maps = inputs.opened(first, second, names=("map A", "map B"), also=files, **reading)
+    if align:
+        inputs.claim_for(maps, bytes_to_place(maps), "maps that are aligned", **reading)
+        return maps, aligned(maps, hint="--by FILE uses a transform as it is")
+    if transform is not None:
+        return maps, transform_in(transform, files, maps)
+    return maps, None
+
+
+def are_costs(maps: Sequence[inputs.MapInput]) -> bool:
+    return all(isinstance(source.grid, Costmap) for source in maps)
+
+
+def names_of_two(first: Path, second: Path) -> list[str]:
+    """Return the names of two files without endings, with folders where the names are equal."""
+    parts = [path.with_suffix("").parts for path in (first, second)]
+    count = next((k for k in range(1, max(map(len, parts)) + 1)
+                  if parts[0][-k:] != parts[1][-k:]), 1)  # fmt: skip
+    return ["/".join(names[-count:]) for names in parts]
+
+
+def moved_line(transform: Transform) -> str:
+    x, y, yaw = (round(value, 4) + 0.0 for value in transform.pose)
+    return f"  moved     A by x {x:g} m, y {y:g} m, yaw {yaw:g} rad"
+
+
+def warn_of_uncovered(
+    maps: Sequence[inputs.MapInput], bounds: Sequence[Bound], not_compared: int
+) -> None:
+    """Warn of bounds that say nothing of the known cells of the first map beyond the second."""
+    if bounds and not_compared:
+        text = f"does not cover {not_compared} known cells of {maps[0].name}"
+        emit_warning(f"{maps[1].name}: {text}, which are not compared", stacklevel=3)
 
 
 def aligned(maps: Sequence[inputs.MapInput], *, hint: str) -> Transform:

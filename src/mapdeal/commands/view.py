@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from mapdeal.command import Result, Words, command
 from mapdeal.commands.info import maps_in
-from mapdeal.commands.report import write_report
+from mapdeal.commands.report import WrittenReport, write_report
 from mapdeal.files.source import absolute_path, is_folder, status_of
 from mapdeal.files.transaction import lasting_folder
 from mapdeal.pipeline.inputs import Work
@@ -25,6 +25,7 @@ class Viewed(Result):
     path: Path
     is_opened: bool
     is_wanted: bool
+    report: WrittenReport | None = None  # unless the page was there already
 
     def document(self) -> dict[str, Any]:
         return {"path": str(self.path), "opened": self.is_opened}
@@ -35,6 +36,10 @@ class Viewed(Result):
     def remarks(self) -> Iterator[str]:
         if self.is_wanted and not self.is_opened:
             yield "no browser was found; open the page by hand"
+
+    def check(self) -> None:
+        if self.report is not None:
+            self.report.check()
 
 
 @command(
@@ -53,7 +58,7 @@ def view(
     """Show maps, runs and results in the browser.
 
     Writes the page that `mapdeal report` writes to a temporary folder, and opens it. A report that
-    exists is opened as it is.
+    exists is opened as it is. If a verdict on the page is Problem, the exit code is 1.
 
     Parameters
     ----------
@@ -67,6 +72,7 @@ def view(
         status_of(path)
     found = [one for path in sources for one in maps_in(path, work)]
     # what belongs to a map stands behind it
+    report: WrittenReport | None = None
     first, *others = sorted(found, key=lambda one: one.suffix.lower() == ".json")
     if first.suffix.lower() in _PAGES and not others:
         page = absolute_path(first)
@@ -74,5 +80,7 @@ def view(
         settings = work.settings
         name = first.name if is_folder(first) else first.stem
         page = lasting_folder() / f"{name or 'report'}.html"
-        write_report(page, [first, *others], dialect=settings.dialect, max_cells=settings.max_cells)
-    return Viewed(page, browser and webbrowser.open(page.as_uri()), browser)
+        report = write_report(
+            page, [first, *others], dialect=settings.dialect, max_cells=settings.max_cells
+        )
+    return Viewed(page, browser and webbrowser.open(page.as_uri()), browser, report)

@@ -121,10 +121,11 @@ def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | No
 
 
 def pooled(cells: Mask, factor: int) -> NDArray[np.int64]:
-    height, width = (-(-side // factor) for side in cells.shape)
-    padded = np.zeros((height * factor, width * factor), dtype=cells.dtype)
+    rows, cols = (min(factor, side) for side in cells.shape)  # of a block
+    height, width = -(-cells.shape[0] // rows), -(-cells.shape[1] // cols)
+    padded = np.zeros((height * rows, width * cols), dtype=cells.dtype)
     padded[: cells.shape[0], : cells.shape[1]] = cells
-    counts: NDArray[np.int64] = padded.reshape(height, factor, width, factor).sum(axis=(1, 3))
+    counts: NDArray[np.int64] = padded.reshape(height, rows, width, cols).sum(axis=(1, 3))
     return counts
 
 

@@ -219,13 +219,17 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 SHAPES, MANIFEST, SUMMARY = "shapes", "manifest", "summary"
 ROUTE, REACH, LINT, DIFF, COMPARISON = "route", "reach", "lint", "diff", "comparison"
 SCORE, ALIGNMENT = "score", "alignment"
+COST_DIFF, ROBOT_DIFF = "difference of costs", "difference of robots"
 ROUTE_GRAPH = "route graph"
 
 COMPARISON_FORMAT = "mapdeal-comparison/1"
 SCORE_FORMAT = "mapdeal-score/1"
 ALIGNMENT_FORMAT = "mapdeal-alignment/1"
+COST_DIFF_FORMAT = "mapdeal-cost-difference/1"
+ROBOT_DIFF_FORMAT = "mapdeal-robot-difference/1"
 _BY_FORMAT = {
-    COMPARISON_FORMAT: COMPARISON, SCORE_FORMAT: SCORE, ALIGNMENT_FORMAT: ALIGNMENT
+    COMPARISON_FORMAT: COMPARISON, SCORE_FORMAT: SCORE, ALIGNMENT_FORMAT: ALIGNMENT,
+    COST_DIFF_FORMAT: COST_DIFF, ROBOT_DIFF_FORMAT: ROBOT_DIFF,
 }  # fmt: skip
 _GEOMETRIES = (
     "FeatureCollection", "Feature", "GeometryCollection", "Polygon", "LineString", "Point",

@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 from mapdeal.compatibility import file_digest
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
+from mapdeal.kernels.tables import tables_claimed
 
 YAML, BIT_MAP = (".yaml", ".yml"), ".pbm"
 MAPS = (*YAML, ".npz")  # the likeliest first; a bit map is an image that stands for its YAML
@@ -427,6 +428,22 @@ def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> No
     more = f"--max-memory {size} allows more, if that much is available"
     hint = f"{more}; {hint}" if hint else more
     raise MalformedInputError(rule + budget.origin, source=path, hint=hint)
+
+
+_FEW_LINES = 1 << 14
+
+
+def bytes_of_lines(shape: tuple[int, int], of_each: int) -> int:
+    """Return the bytes of tables for each row and column of a map; 0 for a few thousand lines."""
+    return of_each * max(sum(shape) - _FEW_LINES, 0)
+
+
+@contextmanager
+def claimed(path: Path | str, count: int, *, what: str = "") -> Iterator[None]:
+    """Claim bytes, and the tables that kernels claim within a ``with`` block."""
+    claim(path, count, what=what)
+    with tables_claimed(lambda size: claim(path, count + size, what=what)):
+        yield
 
 
 def most_expanded(stored: int) -> int:

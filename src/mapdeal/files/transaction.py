@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from mapdeal.compatibility import file_digest
 from mapdeal.errors import FileAccessError, ParameterError, refuse_warnings
 from mapdeal.files.source import holds, is_same_file, real_path
-from mapdeal.kernels.blocks import Layer, swept
+from mapdeal.kernels.blocks import Layer, activity, swept
 from mapdeal.kernels.threads import ThreadPool, thread_count
 
 if TYPE_CHECKING:
@@ -97,7 +97,8 @@ class Temporary:
     def fill(self, writer: Writer, with_checksum: bool) -> str:
         """Write the contents; return their sha256, or an empty text without `with_checksum`."""
         file = self.file
-        writer(file)
+        with activity(f"writing {self.destination.name}"):
+            writer(file)
         file.flush()
         if not with_checksum:
             return ""

@@ -286,6 +286,7 @@ def largest_closed_square(radius: float, frame: Frame) -> int:
     return largest_square_within(min(radius, max(frame.size_xy)), frame.resolution)
 
 
+DEFAULT_HEADINGS = 72
 DEFAULT_MARGIN = 0.1  # of radius, metres: a robot that is larger by as much would be stopped
 DEFAULT_MIN_AREA = 1.0  # square metres on each side of a passage
 
@@ -567,6 +568,21 @@ def reach_on(
     )
 
 
+def cells_open_to(ground: Ground, robot: Footprint | None, start: Cell) -> NDArray[np.bool_]:
+    """Return the cells that a robot may use on its ways from a cell, shape (H, W)."""
+    # Those that are open to a round robot need not all be connected.
+    if robot is None or not robot.vertices:
+        is_open = squares_to(ground.obstacles) > largest_closed_square(
+            reach_radius(robot), ground.frame
+        )
+        is_open &= ~ground.blocked
+        return is_open
+    footprints = footprint_spans(robot, ground.frame, DEFAULT_HEADINGS)
+    poses = ConfigurationSpace(ground.untouchable, footprints, closed=ground.keepout)
+    seeds = [(int(heading), *start) for heading in np.flatnonzero(poses.open_headings(*start))]
+    return poses.reach(seeds).reachable.view(np.bool_)
+
+
 class _RoundPoses:
     """The poses of a round robot, which fits in all headings or none; as `ConfigurationSpace`."""
 
@@ -639,9 +655,10 @@ def _widest_place(ground: Ground, ways: Ways, closed_up_to: int) -> Cell | None:
         return None
     room = squares_to(ground.blocked)
     room[~inside] = -1
-    places = np.flatnonzero(room == room.max())
-    best = places[np.argmax(ways.squared.reshape(-1)[places])]  # of equal ones away from walls
-    row, col = divmod(int(best), room.shape[1])
+    is_widest = room == room.max()
+    np.copyto(room, ways.squared, where=is_widest)  # of equal ones the one farthest from walls
+    room[~is_widest] = -1
+    row, col = divmod(int(np.argmax(room)), room.shape[1])
     return row, col
 
 

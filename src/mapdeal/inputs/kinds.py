@@ -285,6 +285,12 @@ _DOCUMENTS = {
     "diff": (
         "what differs between two maps (JSON)", "cells=common_cells differing", _REPORT_USE
     ),
+    "difference of costs": (
+        "what differs between two costmaps (JSON)", "cells=common_cells differing", _REPORT_USE
+    ),
+    "difference of robots": (
+        "what a change of a robot's parameters means (JSON)", "", _REPORT_USE
+    ),
     "alignment": (
         "where one map lies in the frame of another (JSON)", "same_place",
         f"{_REPORT_USE}; mapdeal merge --by takes it",

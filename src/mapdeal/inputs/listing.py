@@ -334,7 +334,7 @@ def _without_images(files: list[Path], *, keep_all: bool) -> list[Path]:
 
 def _outside_of(output: Path | None) -> str:
     is_there = output is not None and exists(output)
-    return f" outside of {output}, where outputs go" if is_there else ""
+    return " outside of the folder of outputs" if is_there else ""
 
 
 def _lies_in(folder: Path, output: Path | None) -> bool:

@@ -82,6 +82,15 @@ def flood(
     lengths: NDArray[Any],
     origin: NDArray[Any],
 ) -> None: ...
+def costs_to_go(
+    classes: NDArray[Any],
+    weights: NDArray[Any],
+    sources: NDArray[Any],
+    starts: NDArray[Any],
+    lists_per_cost: float,
+    list_count: int,
+    costs: NDArray[Any],
+) -> None: ...
 def look_along_lines(
     values: NDArray[Any],
     is_open: NDArray[Any],
@@ -91,4 +100,15 @@ def look_along_lines(
     near: float,
     least: NDArray[Any],
     are_open: NDArray[Any],
+) -> None: ...
+def trace_rings(
+    follows: NDArray[Any],
+    partner: NDArray[Any],
+    stack: NDArray[Any],
+    places: NDArray[Any],
+    order: NDArray[Any],
+    ends: NDArray[Any],
+) -> int: ...
+def straighten(
+    corners: NDArray[Any], chains: NDArray[Any], tolerances: NDArray[Any], is_kept: NDArray[Any]
 ) -> None: ...

@@ -3,12 +3,12 @@
 """Compiled kernels, without the GIL: distance transforms in bands of rows, table look-ups,
 interpolation, footprints, lines, the search for paths, floods, and LZF.
 
-The modules compiled.py, lookup.py, polygons.py, paths.py, skeleton.py and sensing.py are
-their face to the rest; the algorithms are in the headers.
+The modules compiled.py, lookup.py, outlines.py, polygons.py, paths.py, skeleton.py and sensing.py
+are their face to the rest; the algorithms are in the headers.
 """
 
 from cpython.exc cimport PyErr_CheckSignals
-from libc.math cimport INFINITY
+from libc.math cimport INFINITY, M_PI, asin, atan2, remainder, sqrt
 from libc.stdint cimport int8_t, int32_t, int64_t, uint8_t, uint32_t, uint64_t
 from libc.stdlib cimport calloc, free, malloc
 from libc.string cimport memset
@@ -127,6 +127,18 @@ cdef extern from "flood.h" nogil:
         int64_t waiting
         CellList *lists
     int flood_on(Flood *flood)
+
+cdef extern from "eikonal.h" nogil:
+    ctypedef struct Front:
+        const uint8_t *classes
+        const double *weights
+        int64_t width
+        double *costs
+        double lists_per_cost
+        CellList *lists
+        int64_t list_count, waiting
+    int lower_cost(Front *front, int64_t cell, double cost)
+    int advance_front(Front *front)
 
 cdef extern from "sweep.h" nogil:
     ctypedef struct Plane:
@@ -569,6 +581,48 @@ def flood(
         raise MemoryError
 
 
+def costs_to_go(
+    const uint8_t[:, ::1] classes,
+    const double[::1] weights,
+    const int64_t[::1] sources,
+    const double[::1] starts,
+    double lists_per_cost,
+    int64_t list_count,
+    double[:, ::1] costs,
+):
+    """Lower `costs` to those of the cheapest ways to sources, cells with costs of their own.
+
+    Cells along the border are closed. All of the ring of lists must hold the dearest step.
+    """
+    cdef Front task
+    cdef Py_ssize_t k
+    cdef int has_memory = True
+    if classes.shape[0] != costs.shape[0] or classes.shape[1] != costs.shape[1]:
+        raise ValueError("the arrays have not the same size")
+    if weights.shape[0] != 256 or sources.shape[0] != starts.shape[0] or list_count < 1:
+        raise ValueError("there must be 256 weights, a cost for each source, and a list")
+    memset(&task, 0, sizeof(task))
+    task.classes, task.weights, task.width = &classes[0, 0], &weights[0], classes.shape[1]
+    task.costs, task.lists_per_cost, task.list_count = &costs[0, 0], lists_per_cost, list_count
+    task.lists = <CellList *>calloc(list_count, sizeof(CellList))
+    try:
+        if task.lists == NULL:
+            raise MemoryError
+        for k in range(sources.shape[0]):
+            has_memory = has_memory and lower_cost(&task, sources[k], starts[k])
+        while has_memory and task.waiting:
+            with nogil:
+                has_memory = advance_front(&task)
+            PyErr_CheckSignals()
+    finally:
+        if task.lists != NULL:
+            for k in range(list_count):
+                free(task.lists[k].cells)
+            free(task.lists)
+    if not has_memory:
+        raise MemoryError
+
+
 def look_along_lines(
     const int32_t[:, ::1] values,
     const uint8_t[:, ::1] is_open,
@@ -598,3 +652,89 @@ def look_along_lines(
                 &plane, &starts[line, 0], &ends[line, 0], counts[line], &least[line],
                 &are_open[line],
             )
+
+
+def trace_rings(
+    const int64_t[::1] follows, const int64_t[::1] partner, int64_t[::1] stack,
+    int64_t[::1] places, int64_t[::1] order, int64_t[::1] ends,
+):
+    """Write the turns of rings in a row, and where each ends; return how many rings there are.
+
+    `places` are those in the stack: -1 behind it, -2 for all that is ahead.
+    """
+    cdef int64_t count = follows.shape[0], rings = 0, size = 0
+    cdef int64_t first, node, start, depth, k
+    if not (
+        partner.shape[0] == stack.shape[0] == places.shape[0] == order.shape[0] == ends.shape[0]
+        == count
+    ):
+        raise ValueError("the arrays have not the same size")
+    with nogil:
+        for first in range(count):
+            node, depth = first, 0
+            while places[node] == -2:
+                start = -1 if partner[node] < 0 else places[partner[node]]
+                places[node] = -1
+                if start < 0:
+                    places[node] = depth
+                    stack[depth] = node
+                    depth += 1
+                else:  # the ring is at this point again
+                    for k in range(start, depth):
+                        order[size] = stack[k]
+                        places[stack[k]] = start if k == start else -1
+                        size += 1
+                    ends[rings] = size
+                    rings += 1
+                    depth = start + 1
+                node = follows[node]
+            for k in range(depth):
+                order[size] = stack[k]
+                places[stack[k]] = -1
+                size += 1
+            if depth:
+                ends[rings] = size
+                rings += 1
+    return rings
+
+
+def straighten(
+    const double[:, ::1] corners, const int64_t[:, ::1] chains, const double[::1] tolerances,
+    uint8_t[::1] is_kept,
+):
+    """Mark the places of chains of corners that stay, as outlines.py says."""
+    cdef int64_t chain, at, end, best, place
+    cdef double up, right, far, angle, base, low, high, spread, tolerance
+    cdef bint has_base
+    if chains.shape[1] != tolerances.shape[0] or is_kept.shape[0] != 2 * corners.shape[0]:
+        raise ValueError("the arrays have not the same size")
+    with nogil:
+        for chain in range(tolerances.shape[0]):
+            at, end, tolerance = 2 * chains[0, chain], 2 * chains[1, chain], tolerances[chain]
+            while at < end:
+                best, low, high, base, has_base = at + 1, -INFINITY, INFINITY, 0.0, False
+                for place in range(at + 1, end + 1):
+                    up, right = _ahead(corners, at, place, 0), _ahead(corners, at, place, 1)
+                    far = sqrt(up * up + right * right)
+                    if far <= tolerance:
+                        continue
+                    angle = atan2(up, right)
+                    if not has_base:
+                        base, has_base = angle, True
+                    angle = remainder(angle - base, 2 * M_PI)
+                    if low <= angle <= high and (place % 2 or place == end):
+                        best = place
+                    if place % 2 == 0:
+                        spread = asin(tolerance / far)
+                        low, high = max(low, angle - spread), min(high, angle + spread)
+                        if low > high:
+                            break
+                is_kept[best] = True
+                at = best
+
+
+cdef inline double _ahead(const double[:, ::1] corners, int64_t at, int64_t to, int axis) nogil:
+    return (
+        (corners[to // 2, axis] + corners[(to + 1) // 2, axis])
+        - (corners[at // 2, axis] + corners[(at + 1) // 2, axis])
+    ) / 2

@@ -31,6 +31,9 @@ ReportRows = Callable[[int, int], object]
 
 _reported_to: ContextVar[ReportRows | None] = ContextVar("reported_to", default=None)
 
+activities: ContextVar[list[str] | None] = ContextVar("activities", default=None)
+"""Names of the work under way, see `activity`; set by whoever shows them."""
+
 _LOOKED_AT_TOGETHER = 1 << 20
 
 
@@ -159,6 +162,18 @@ def rows_reported(report: ReportRows) -> Iterator[None]:
         yield
     finally:
         _reported_to.reset(token)
+
+
+@contextmanager
+def activity(name: str) -> Iterator[None]:
+    """Name the work of a ``with`` block, such as a stage, for a line of progress."""
+    names = activities.get()
+    names = [] if names is None else names
+    names.append(name)
+    try:
+        yield
+    finally:
+        names.remove(name)
 
 
 def report_rows(layer: Layer, rows: slice) -> None:

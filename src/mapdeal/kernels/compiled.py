@@ -18,8 +18,16 @@ from mapdeal.kernels._configuration_space import PoseMaker, flood
 from mapdeal.kernels.arrays import Bytes, Integers, Mask, Metres
 from mapdeal.kernels.blocks import Layer
 from mapdeal.kernels.distance import Halo, Runs, SquaredDistances, dtype_of_squares, unreachable
-from mapdeal.kernels.paths import Basins, ClearanceTree, Pose, RootedTree
+from mapdeal.kernels.paths import (
+    BYTES_OF_BASIN,
+    BYTES_OF_EDGE,
+    Basins,
+    ClearanceTree,
+    Pose,
+    RootedTree,
+)
 from mapdeal.kernels.polygons import Cell, Spans, halves
+from mapdeal.kernels.tables import claim_tables
 from mapdeal.kernels.threads import for_rows, in_bands
 
 if TYPE_CHECKING:
@@ -97,6 +105,7 @@ def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> Clearance
     work = _clearance_tree.Basins(narrow, mask, basins)
     in_bands(work.point, work.bands, narrow.size)
     peak_count, edge_count = work.counts()
+    claim_tables(BYTES_OF_BASIN * peak_count + BYTES_OF_EDGE * edge_count)
     peaks, peak_cells = np.empty(peak_count, np.int64), np.empty(peak_count, np.int64)
     work.number(peaks, peak_cells)
     work.join()
@@ -231,6 +240,8 @@ class OpenPoses:
 
     def _made(self, numbers: Bytes | None = None) -> Words:
         height, width = self.shape
+        words = height * -(-width // _WORD) * self._count
+        claim_tables(8 * words - self._count * height * width // 8)  # the last words of all rows
         planes = np.empty((height, -(-width // _WORD), self._count), dtype=np.uint64)
 
         def make(rows: slice) -> None:

@@ -8,17 +8,15 @@ anticlockwise, holes clockwise. Two marked cells that share a corner alone are n
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.components import labelled
-
-Ring = NDArray[np.float64]  # corners (row, col) in cells, shape (N, 2); the last is not the first
+from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.polygons import enumerated
 
 _E, _N, _W, _S = range(4)
 # Of the cells south-west 1, south-east 2, north-west 4 and north-east 8 of a corner: by which
@@ -41,27 +39,40 @@ _MOST_HALVINGS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
-    """The outer ring of a 4-connected component, its holes, and its number of cells."""
+class Polygons:
+    """Outlines of 4-connected components: rings in a row, each outer one before its holes."""
 
-    shell: Ring
-    holes: tuple[Ring, ...]
-    cells: int
+    corners: Floats  # (row, col) in cells, shape (N, 2); the last of a ring is not its first
+    ring_ends: Integers  # where the corners of each ring end
+    shells: Integers  # which ring is the outer one of each polygon
+    cells: Integers  # number of cells of each component
+
+    def __len__(self) -> int:
+        return len(self.cells)
 
     @property
-    def rings(self) -> tuple[Ring, ...]:
-        return (self.shell, *self.holes)
-
-    @property
-    def area(self) -> float:
-        """Its area in cells; holes run the other way round."""
-        return sum(map(area_of, self.rings))
+    def areas(self) -> Floats:
+        """Area of each polygon in cells; holes run the other way round."""
+        areas = _areas(self.corners, self.ring_ends)
+        return np.add.reduceat(areas, self.shells) if len(self) else areas
 
 
-def area_of(ring: Ring) -> float:
-    """Return the area of a ring in cells, negative if it runs clockwise."""
-    rows, cols = (ring - ring[0]).T
-    return float((cols * np.roll(rows, -1) - rows * np.roll(cols, -1)).sum()) / 2
+def _neighbours(ends: Integers) -> tuple[Integers, Integers]:
+    """Return which corners come before and after each one in its ring."""
+    starts = np.concatenate([[0], ends[:-1]])
+    starts, ends = starts[starts < ends], ends[starts < ends]
+    count = ends[-1] if len(ends) else 0
+    before, after = np.arange(-1, count - 1), np.arange(1, count + 1)
+    before[starts], after[ends - 1] = ends - 1, starts
+    return before, after
+
+
+def _areas(corners: Floats, ends: Integers) -> Floats:
+    """Return the area of each ring in cells, negative if it runs clockwise."""
+    ahead = corners[_neighbours(ends)[1]] - corners
+    doubled = corners[:, 1] * ahead[:, 0] - corners[:, 0] * ahead[:, 1]
+    ring_of = np.repeat(np.arange(len(ends)), np.diff(ends, prepend=0))
+    return np.bincount(ring_of, doubled, minlength=len(ends)) / 2
 
 
 def corner_count(marked: Mask) -> int:
@@ -70,107 +81,105 @@ def corner_count(marked: Mask) -> int:
     return int(counts[list(_TURNS)].sum() + 2 * counts[list(_CROSSINGS)].sum())
 
 
-def outlines(marked: Mask, tolerance: float = 0.0) -> list[Outline]:
+def outlines(marked: Mask, tolerance: float = 0.0) -> Polygons:
     """Return the outlines of marked cells, the largest first, moved by at most `tolerance` cells.
 
     Rings do not cross, and touch at corners of cells alone. The area of each polygon changes by at
     most 1 %. With tolerance 0 rings are those of the cells.
     """
     components = labelled(marked, corners=False)
-    if len(components.sizes) == 1:
-        return []
-    shells: dict[int, _Ring] = {}
-    holes: dict[int, list[_Ring]] = {}
-    for ring in _rings(marked, components.cells):
-        if ring.area > 0:
-            shells[ring.component] = ring
-        else:
-            holes.setdefault(ring.component, []).append(ring)
-    found = [
-        _outline([shell, *holes.get(number, ())], int(components.sizes[number]), tolerance)
-        for number, shell in shells.items()
-    ]
-    return sorted(found, key=lambda one: (-one.cells, *one.shell[0]))
+    cells = components.sizes[1:]
+    rings = _rings(marked, components.cells)
+    del components
+    corners, starts, stops = _moved(rings, cells, tolerance)
+    is_shell = rings.areas > 0
+    shells = np.flatnonzero(is_shell)
+    cells = cells[rings.owners[shells]]
+    order = np.lexsort([*corners[starts[shells]].T[::-1], -cells])
+    places = np.empty(len(cells), dtype=np.int64)
+    places[rings.owners[shells[order]]] = np.arange(len(cells))
+    ring_order = np.lexsort([~is_shell, places[rings.owners]])
+    starts, stops = starts[ring_order], stops[ring_order]
+    corners = corners[enumerated(starts, stops)[1]]
+    return Polygons(
+        corners, np.cumsum(stops - starts), np.flatnonzero(is_shell[ring_order]), cells[order]
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _Ring:
+class _Rings:
     corners: Floats  # (row, col), shape (N, 2)
     stays: Mask  # which corners have to stay, shape (N,)
-    component: int
-    area: float
+    ends: Integers
+    owners: Integers  # component of each ring, from 0
+    areas: Floats
 
 
-def _rings(marked: Mask, labels: NDArray[np.int32]) -> Iterator[_Ring]:
-    nodes = _corners(marked)
-    follows = _joined(nodes).tolist()
-    points = (nodes.row * (marked.shape[1] + 1) + nodes.col).tolist()
-    crossings = set(np.flatnonzero(nodes.is_crossing).tolist())
-    order: list[int] = []
-    ends: list[int] = []
-    seen = bytearray(len(follows))
-    for first in range(len(follows)):
-        if seen[first]:
-            continue
-        ring, node = [], first
-        while not seen[node]:
-            seen[node] = 1
-            ring.append(node)
-            node = follows[node]
-        for part in [ring] if crossings.isdisjoint(ring) else _parts(ring, points):
-            order += part
-            ends.append(len(order))
-    yield from _measured(nodes, np.array(order), np.array(ends), labels)
-
-
-def _measured(
-    nodes: _Corners, order: Integers, ends: Integers, labels: NDArray[np.int32]
-) -> Iterator[_Ring]:
-    """Yield rings that are one after the other, all of them measured together."""
+def _rings(marked: Mask, labels: NDArray[np.int32]) -> _Rings:
     # Corners of two long edges stay, both ends of an edge at which the ring turns the same way, as
     # of the end of a wall, and corners that another outline goes through. Between them are steps of
     # slanted lines.
-    starts = np.concatenate([[0], ends[:-1]])
-    after, before = np.arange(1, len(order) + 1), np.arange(-1, len(order) - 1)
-    after[ends - 1], before[starts] = starts, ends - 1
+    nodes = _corners(marked)
+    order, ends = _traced(_joined(nodes), nodes.partner)
+    before, after = _neighbours(ends)
     corners = np.stack([nodes.row[order], nodes.col[order]], axis=1).astype(np.float64)
     ahead = corners[after] - corners
     length, behind = np.abs(ahead).sum(axis=1), ahead[before]
     turn = behind[:, 1] * ahead[:, 0] - behind[:, 0] * ahead[:, 1]
     is_end = turn * turn[after] > 0
-    stays = nodes.is_crossing[order] | is_end | is_end[before]
+    stays = (nodes.partner[order] >= 0) | is_end | is_end[before]
     stays |= (length >= _LONG) & (length[before] >= _LONG)
-    rows, cols = corners.T
-    areas = np.add.reduceat(cols * ahead[:, 0] - rows * ahead[:, 1], starts) / 2
-    firsts = order[starts]
-    owners = labels[nodes.inside_row[firsts], nodes.inside_col[firsts]]
-    for start, end, owner, area in zip(
-        starts.tolist(), ends.tolist(), owners.tolist(), areas.tolist(), strict=True
-    ):
-        yield _Ring(corners[start:end], stays[start:end], owner, area)
+    firsts = order[np.concatenate([[0], ends])[: len(ends)]]
+    owners = labels[nodes.inside_row[firsts], nodes.inside_col[firsts]] - 1
+    return _Rings(corners, stays, ends, owners, _areas(corners, ends))
 
 
-def _parts(ring: list[int], points: list[int]) -> Iterator[list[int]]:
-    """Yield the rings that a ring falls into at the corners that it goes through twice."""
-    stack: list[int] = []
-    place: dict[int, int] = {}
-    for node in ring:
-        point = points[node]
-        if point in place:
-            start = place[point]
-            yield stack[start:]
-            for other in stack[start + 1 :]:
-                del place[points[other]]
-            del stack[start + 1 :]
-        else:
-            place[point] = len(stack)
-            stack.append(node)
-    yield stack
+def _traced(follows: Integers, partner: Integers) -> tuple[Integers, Integers]:
+    """Return the turns of all rings in a row, and where each ring ends.
+
+    A ring that goes through a lattice point twice is divided there.
+    """
+    order, ends = np.empty_like(follows), np.empty_like(follows)
+    if engine_name() == "compiled":
+        from mapdeal.kernels import _compiled
+
+        stack, in_stack = np.empty_like(follows), np.full_like(follows, -2)
+        count = _compiled.trace_rings(follows, partner, stack, in_stack, order, ends)
+        return order, ends[:count]
+    count = size = 0
+    following, partners = follows.tolist(), partner.tolist()
+    is_seen = bytearray(len(following))
+    for first in range(len(following)):
+        node = first
+        ring: list[int] = []
+        places: dict[int, int] = {}
+        while not is_seen[node]:
+            is_seen[node] = 1
+            start = places.get(partners[node])
+            if start is None:
+                places[node] = len(ring)
+                ring.append(node)
+            else:
+                order[size : size + len(ring) - start] = ring[start:]
+                size += len(ring) - start
+                ends[count], count = size, count + 1
+                for inner in ring[start + 1 :]:
+                    del places[inner]
+                del ring[start + 1 :]
+            node = following[node]
+        if ring:
+            order[size : size + len(ring)] = ring
+            size += len(ring)
+            ends[count], count = size, count + 1
+    return order, ends[:count]
 
 
 @dataclass(frozen=True, eq=False)
 class _Corners:
-    """Turns of rings: where they are, how rings come and go, and a marked cell beside each."""
+    """Turns of rings: where they are, how rings come and go, and a marked cell beside each.
+
+    The partner is the other turn at the same lattice point, -1 without one.
+    """
 
     row: Integers
     col: Integers
@@ -178,7 +187,7 @@ class _Corners:
     goes: Integers
     inside_row: Integers
     inside_col: Integers
-    is_crossing: Mask
+    partner: Integers
 
 
 def _codes(marked: Mask) -> NDArray[np.uint8]:
@@ -196,8 +205,7 @@ def _corners(marked: Mask) -> _Corners:
     is_turn[[*_TURNS, *_CROSSINGS]] = True
     at = np.flatnonzero(is_turn[codes])
     code = codes.reshape(-1)[at]
-    is_crossing = np.isin(code, list(_CROSSINGS))
-    second = np.flatnonzero(is_crossing)
+    second = np.flatnonzero(np.isin(code, list(_CROSSINGS)))
     first_turn, second_turn = np.arange(16), np.arange(16)
     for both, (one, other) in _CROSSINGS.items():
         first_turn[both], second_turn[both] = one, other
@@ -208,8 +216,9 @@ def _corners(marked: Mask) -> _Corners:
         table[turn] = values
     comes, goes, down, left = table[turns].T
     row, col = np.divmod(at, codes.shape[1])
-    crossing = np.concatenate([is_crossing, np.ones(len(second), dtype=np.bool_)])
-    return _Corners(row, col, comes, goes, row + down, col + left, crossing)
+    partner = np.full(len(at), -1)
+    partner[second], partner[len(code) :] = np.arange(len(code), len(at)), second
+    return _Corners(row, col, comes, goes, row + down, col + left, partner)
 
 
 def _joined(nodes: _Corners) -> Integers:
@@ -217,8 +226,10 @@ def _joined(nodes: _Corners) -> Integers:
     # Edges of one direction in one row or column do not overlap: the starts of all of them, in
     # order, belong to their ends in order.
     follows = np.empty(len(nodes.row), dtype=np.int64)
+    row, col = (places.astype(np.min_scalar_type(places.max(initial=0)))  # 16 bits: a radix sort
+                for places in (nodes.row, nodes.col))  # fmt: skip
     for direction in (_E, _N, _W, _S):
-        keys = (nodes.col, nodes.row) if direction in (_E, _W) else (nodes.row, nodes.col)
+        keys = (col, row) if direction in (_E, _W) else (row, col)
         ends = []
         for has in (nodes.goes, nodes.comes):
             some = np.flatnonzero(has == direction)
@@ -227,85 +238,111 @@ def _joined(nodes: _Corners) -> Integers:
     return follows
 
 
-def _outline(rings: list[_Ring], cells: int, tolerance: float) -> Outline:
-    """Return the rings of a component, simplified as far as its area allows."""
-    made = [ring.corners for ring in rings]
-    simple = [] if tolerance == 0 else [i for i, one in enumerate(rings) if not one.stays.all()]
-    allowed = dict.fromkeys(simple, min(tolerance, MOST_TOLERANCE) * _BELOW)
-    areas = [ring.area for ring in rings]
-    wrong = simple
+def _moved(rings: _Rings, cells: Integers, tolerance: float) -> tuple[Floats, Integers, Integers]:
+    """Return corners, and which of them are each ring, simplified as far as areas allow."""
+    parts = [rings.corners]
+    starts, stops = np.concatenate([[0], rings.ends])[: len(rings.ends)], rings.ends.copy()
+    if not tolerance or not len(starts):
+        return rings.corners, starts, stops
+    can_move = ~np.logical_and.reduceat(rings.stays, starts)
+    allowed = np.full(len(starts), min(tolerance, MOST_TOLERANCE) * _BELOW)
+    areas, wrong = rings.areas.copy(), np.flatnonzero(can_move)
     for _ in range(_MOST_HALVINGS):
-        for index in wrong:
-            made[index] = _simplified(rings[index], allowed[index])
-            areas[index] = area_of(made[index])
-            allowed[index] /= 2
-        is_off = abs(sum(areas) - cells) > _LEAST_SHARE * cells
-        wrong = [
-            index
-            for index in simple
-            if (is_off and areas[index] != rings[index].area)
-            or abs(areas[index] - rings[index].area) > _LEAST_OF_RING * abs(rings[index].area)
-        ]
-        if not wrong:
+        if not len(wrong):
             break
-    for index in wrong:
-        made[index] = rings[index].corners
-    return Outline(made[0], tuple(made[1:]), cells)
+        corners, ends = _simplified(rings, wrong, allowed[wrong])
+        size = sum(map(len, parts))
+        starts[wrong], stops[wrong] = size + np.concatenate([[0], ends[:-1]]), size + ends
+        parts.append(corners)
+        areas[wrong] = _areas(corners, ends)
+        allowed[wrong] /= 2
+        is_off = np.abs(np.bincount(rings.owners, areas) - cells) > _LEAST_SHARE * cells
+        change = np.abs(areas - rings.areas)
+        is_wrong = is_off[rings.owners] & (change > 0)
+        wrong = np.flatnonzero(can_move & (is_wrong | (change > _LEAST_OF_RING * abs(rings.areas))))
+    stops[wrong] = rings.ends[wrong]
+    starts[wrong] = np.concatenate([[0], rings.ends])[wrong]
+    return np.concatenate(parts), starts, stops
 
 
-def _simplified(ring: _Ring, tolerance: float) -> Ring:
-    """Return a ring with fewer points, whose corners lie within some cells of it."""
+def _simplified(rings: _Rings, chosen: Integers, tolerances: Floats) -> tuple[Floats, Integers]:
+    """Return some rings with fewer corners, which lie within some cells of them."""
     # New corners lie on the ring: at its corners, or half-way between two.
-    corners, stays = ring.corners, ring.stays
-    if not stays.any():
-        off = np.square(corners - corners.mean(axis=0)).sum(axis=1)
-        stays = np.arange(len(corners)) == off.argmax()
-    first = int(stays.argmax())
-    order = (np.arange(len(corners) + 1) + first) % len(corners)
-    points = np.empty((2 * len(corners) + 1, 2))
-    points[::2] = corners[order]
-    points[1::2] = (points[:-2:2] + points[2::2]) / 2
-    ends = (2 * np.flatnonzero(stays[order])).tolist()
-    kept = [0]
-    rows, cols = points[:, 0].tolist(), points[:, 1].tolist()
-    for start, end in pairwise(ends):
-        if end - start == 2:
-            kept.append(end)
-        else:
-            kept += _along(rows, cols, start, end, tolerance)
-    made = points[kept[:-1]]
-    to, on = made - np.roll(made, 1, axis=0), np.roll(made, -1, axis=0) - made
-    turns: Mask = to[:, 0] * on[:, 1] != to[:, 1] * on[:, 0]
-    return made[turns]
+    stops = rings.ends[chosen]
+    begins = np.concatenate([[0], rings.ends])[chosen]
+    ring_of, at = enumerated(begins, stops)
+    stays = rings.stays[at]
+    sizes = stops - begins
+    offsets = np.cumsum(sizes) - sizes
+    has_none = ~np.logical_or.reduceat(stays, offsets)
+    if has_none.any():  # the corner that is farthest from their middle stays
+        corners = rings.corners[at]
+        sums = [np.bincount(ring_of, places) for places in corners.T]
+        middles = np.stack(sums, axis=1) / sizes[:, np.newaxis]
+        away = np.square(corners - middles[ring_of]).sum(axis=1)
+        is_farthest = away == np.maximum.reduceat(away, offsets)[ring_of]
+        stays[_firsts_of(ring_of, is_farthest & has_none[ring_of])] = True
+    # each ring from the first corner that stays to the same corner
+    shifts = _firsts_of(ring_of, stays) - offsets
+    ring_of, number = enumerated(np.zeros_like(sizes), sizes + 1)
+    order = (number + shifts[ring_of]) % sizes[ring_of] + offsets[ring_of]
+    corners, bounds = rings.corners[at[order]], np.flatnonzero(stays[order])
+    is_kept = np.zeros(2 * len(corners), dtype=np.bool_)
+    is_kept[2 * bounds] = True
+    chains = np.stack([bounds[:-1], bounds[1:]])[:, np.diff(bounds) > 1]
+    _straighten(corners, chains, tolerances[ring_of[chains[0]]], is_kept)
+    is_kept[2 * (np.cumsum(sizes + 1) - 1)] = False
+    remaining = np.flatnonzero(is_kept)
+    corners = (corners[remaining // 2] + corners[(remaining + 1) // 2]) / 2
+    ring_of = ring_of[remaining // 2]
+    before, after = _neighbours(np.cumsum(np.bincount(ring_of)))
+    behind, ahead = corners - corners[before], corners[after] - corners
+    is_turn = behind[:, 0] * ahead[:, 1] != behind[:, 1] * ahead[:, 0]
+    counts = np.bincount(ring_of[is_turn], minlength=len(sizes))
+    return corners[is_turn], np.cumsum(counts)
 
 
-def _along(
-    rows: list[float], cols: list[float], start: int, end: int, tolerance: float
-) -> Iterator[int]:
-    """Yield the points that stay behind the start of a chain, the last of which is its end."""
+def _firsts_of(ring_of: Integers, chosen: Mask) -> Integers:
+    """Return the first of the chosen corners in each ring."""
+    at = np.flatnonzero(chosen)
+    firsts: Integers = at[np.diff(ring_of[at], prepend=-1) != 0]
+    return firsts
+
+
+def _straighten(corners: Floats, chains: Integers, tolerances: Floats, is_kept: Mask) -> None:
+    """Mark the places of chains that stay: 2 k for corner k, 2 k + 1 for half-way to the next."""
     # From each the next is the farthest one to which a line passes all corners within the
     # tolerance: these narrow the angle of such lines. It is half-way between corners if possible:
     # from a corner no line passes between those on both sides for long.
-    at = start
-    while at < end:
-        row, col = rows[at], cols[at]
-        best, low, high = at + 1, -math.inf, math.inf
-        base: float | None = None
-        for index in range(at + 1, end + 1):
-            up, right = rows[index] - row, cols[index] - col
-            far = math.hypot(up, right)
-            if far <= tolerance:
-                continue
-            angle = math.atan2(up, right)
-            if base is None:
-                base = angle
-            angle = math.remainder(angle - base, math.tau)
-            if low <= angle <= high and (index % 2 or index == end):
-                best = index
-            if index % 2 == 0:
-                spread = math.asin(tolerance / far)
-                low, high = max(low, angle - spread), min(high, angle + spread)
-                if low > high:
-                    break
-        yield best
-        at = best
+    if engine_name() == "compiled":
+        from mapdeal.kernels import _compiled
+
+        ends = np.ascontiguousarray(chains)
+        _compiled.straighten(corners, ends, tolerances, is_kept.view(np.uint8))
+        return
+    for first, last, tolerance in zip(*chains.tolist(), tolerances.tolist(), strict=True):
+        points = np.repeat(corners[first : last + 1], 2, axis=0)[:-1]
+        points[1::2] = (points[:-2:2] + points[2::2]) / 2
+        rows, cols = points.T.tolist()
+        at, end = 0, len(rows) - 1
+        while at < end:
+            best, low, high = at + 1, -math.inf, math.inf
+            base: float | None = None
+            for index in range(at + 1, end + 1):
+                up, right = rows[index] - rows[at], cols[index] - cols[at]
+                far = math.sqrt(up * up + right * right)
+                if far <= tolerance:
+                    continue
+                angle = math.atan2(up, right)
+                if base is None:
+                    base = angle
+                angle = math.remainder(angle - base, math.tau)
+                if low <= angle <= high and (index % 2 or index == end):
+                    best = index
+                if index % 2 == 0:
+                    spread = math.asin(tolerance / far)
+                    low, high = max(low, angle - spread), min(high, angle + spread)
+                    if low > high:
+                        break
+            is_kept[2 * first + best] = True
+            at = best

@@ -135,6 +135,9 @@ def _diagonal(weight: float) -> float:
 
 Basins = NDArray[np.int32]
 
+BYTES_OF_BASIN, BYTES_OF_EDGE = 100, 16
+"""Bytes of all tables that are made of a clearance tree, for each basin and each edge found."""
+
 
 @dataclass(frozen=True, eq=False)
 class ClearanceTree:

@@ -49,7 +49,15 @@ class Spans(NamedTuple):
         return Spans(self.rows[kept], starts[kept], stops[kept])
 
 
-def paint(values: NDArray[Any], spans: Spans, value: int, *, over: Mask | None = None) -> None:
+def paint(
+    values: NDArray[Any], spans: Spans, value: int | Integers, *, over: Mask | None = None
+) -> None:
+    """Set the cells of runs to a value, or to one for each run, one run after the other."""
+    if isinstance(value, np.ndarray):
+        columns = (*spans, value)
+        for row, start, stop, own in zip(*(column.tolist() for column in columns), strict=True):
+            values[row, start:stop] = own
+        return
     is_long = spans.stops - spans.starts > _SHORT
     for row, start, stop in zip(*(column[is_long].tolist() for column in spans), strict=True):
         cells = values[row, start:stop]
@@ -241,16 +249,15 @@ def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> It
     # the corners were moved to their cells, since that keeps their order along both axes; and a
     # cell between the two lines of cells lies between the edges.
     ring_of = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
-    yield from _drawn(_edges_of(rings), ring_of, shape)
+    yield from _drawn(edges_of_rings(rings), ring_of, shape)
 
 
-def stacked_spans(outlines: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Iterator[Spans]:
-    """Return the cells of many polygons that share no rows: as `polygon_spans` does of each."""
-    edges = _edges_of(outlines)
+def stacked_spans(edges: Edges, shape: tuple[int, int]) -> Iterator[Spans]:
+    """Return the cells of many polygons that share no rows, in the order of their rows."""
     yield from _drawn(edges, np.zeros(len(edges.row), dtype=np.int64), shape)
 
 
-def _edges_of(rings: Sequence[Sequence[Cell]]) -> Edges:
+def edges_of_rings(rings: Sequence[Sequence[Cell]]) -> Edges:
     of_rings = [edges_through(ring, closed=True) for ring in rings]
     return Edges(*(np.concatenate(columns) for columns in zip(*of_rings, strict=True)))
 

@@ -19,8 +19,9 @@ from mapdeal.kernels.distance import (
     squares_of_block,
     unreachable,
 )
-from mapdeal.kernels.paths import Basins, ClearanceTree, Pose, RootedTree
+from mapdeal.kernels.paths import BYTES_OF_BASIN, Basins, ClearanceTree, Pose, RootedTree
 from mapdeal.kernels.polygons import Cell, Spans, enumerated, halves
+from mapdeal.kernels.tables import claim_tables
 from mapdeal.kernels.threads import for_rows
 
 
@@ -94,6 +95,7 @@ def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> Clearance
     numbers = np.full(len(towards), -1, dtype=np.int32)
     numbers[peak_cells] = np.arange(len(peak_cells))
     basins: Basins = numbers[towards]
+    claim_tables(BYTES_OF_BASIN * len(peak_cells))
     # of the falling order of cells: the larger neighbour of a cell comes first
     narrower, wider = _pairs_of_basins(flat, basins, width)
     best = np.lexsort((narrower - wider, -narrower, -flat[narrower]))

@@ -10,22 +10,22 @@ Scalable Vector Graphics (SVG) 1.1, W3C Recommendation.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
-from itertools import islice
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import one_line
 from mapdeal.grid.frame import Frame
-from mapdeal.kernels.arrays import Mask
-from mapdeal.kernels.outlines import Outline, outlines
+from mapdeal.kernels.arrays import Floats, Mask
+from mapdeal.kernels.outlines import Polygons, outlines
 
 Area = Literal["free", "obstacles"]
 DrawingUnit = Literal["mm", "m"]
+_Rings = list[list[list[float]]]
 
 _DECIMALS = 6  # micrometres
 _MM = 1000.0
@@ -39,51 +39,58 @@ WALL_FILL, UNKNOWN_FILL = "#000000", "#d9d9d9"
 class Outlines:
     """Polygons around a set of cells."""
 
-    polygons: list[Outline]
+    polygons: Polygons
     frame: Frame
-    name: str = ""
+    name: str
 
     @property
     def area(self) -> float:
         """Area of the polygons, square metres."""
-        return sum(polygon.area for polygon in self.polygons) * self.frame.resolution**2
+        return float(self.polygons.areas.sum()) * self.frame.resolution**2
 
     @property
     def corners(self) -> int:
-        return sum(len(ring) for polygon in self.polygons for ring in polygon.rings)
+        return len(self.polygons.corners)
 
-    def points(self) -> Iterator[list[NDArray[np.float64]]]:
-        """Yield the rings of each polygon in the map frame, shape (N, 2) each, metres."""
-        for first in range(0, len(self.polygons), _AT_ONCE):
-            polygons = self.polygons[first : first + _AT_ONCE]
-            rings = [ring for polygon in polygons for ring in polygon.rings]
-            xy = self.frame.xy_from_continuous_rowcol(np.concatenate(rings))
-            parts = np.split(np.round(xy, _DECIMALS) + 0.0, np.cumsum([*map(len, rings)])[:-1])
-            ring_points = iter(parts)
-            for polygon in polygons:
-                yield list(islice(ring_points, len(polygon.rings)))
+    def points(
+        self, moved: Callable[[Floats], Floats] = lambda points: points
+    ) -> Iterator[list[_Rings]]:
+        """Yield the rings of some polygons at a time in the map frame, metres."""
+        polygons = self.polygons
+        ring_ends = [0, *polygons.ring_ends.tolist()]
+        firsts = [*polygons.shells.tolist(), len(polygons.ring_ends)]
+        for first in range(0, len(polygons), _AT_ONCE):  # one by one takes ten times as long
+            shells = firsts[first : first + _AT_ONCE + 1]
+            offset = ring_ends[shells[0]]
+            corners = polygons.corners[offset : ring_ends[shells[-1]]]
+            rounded = np.round(self.frame.xy_from_continuous_rowcol(corners), _DECIMALS) + 0.0
+            points = moved(rounded).tolist()
+            ends = [end - offset for end in ring_ends[shells[0] : shells[-1] + 1]]
+            rings = [points[start:end] for start, end in pairwise(ends)]
+            yield [rings[start - shells[0] : end - shells[0]] for start, end in pairwise(shells)]
 
 
-def outlines_of(cells: Mask, frame: Frame, tolerance: float, name: str = "") -> Outlines:
-    """Return the polygons around cells, simplified by at most `tolerance` metres."""
+def outlines_of(cells: Mask, frame: Frame, tolerance: float, name: str) -> Outlines:
+    """Return the polygons around cells, simplified by at most a tolerance in metres."""
     return Outlines(outlines(cells, tolerance / frame.resolution), frame, name)
 
 
-def geojson_parts(areas: Outlines) -> Iterator[bytes]:
+def geojson_parts(layer: Outlines) -> Iterator[bytes]:
     """Yield a FeatureCollection with one polygon per area, the largest first, one per line."""
     yield b'{"type": "FeatureCollection", "features": [\n'
-    pairs = zip(areas.polygons, areas.points(), strict=True)
-    for number, (polygon, points) in enumerate(pairs):
-        rings = [ring.tolist() for ring in points]
-        feature = {
-            "type": "Feature",
-            "properties": {
-                "name": f"{areas.name} {number + 1}".strip(),
-                "area": round(polygon.area * areas.frame.resolution**2, _DECIMALS),
-            },
-            "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]] for ring in rings]},
-        }
-        yield (b",\n" if number else b"") + json.dumps(feature).encode()
+    areas = iter((layer.polygons.areas * layer.frame.resolution**2).tolist())
+    number = 0
+    for polygons in layer.points():
+        closed = [[[*ring, ring[0]] for ring in rings] for rings in polygons]
+        texts = json.dumps(closed)[4:-4].split("]]], [[[")  # all at once: three times as fast
+        features = [
+            f'{{"type": "Feature", "properties": {{"name": "{layer.name} {number + index}", '
+            f'"area": {round(area, _DECIMALS)}}}, '
+            f'"geometry": {{"type": "Polygon", "coordinates": [[[{text}]]]}}}}'
+            for index, (text, area) in enumerate(zip(texts, areas, strict=False), 1)
+        ]
+        yield (",\n" * bool(number) + ",\n".join(features)).encode()
+        number += len(features)
     yield b"\n]}\n"
 
 
@@ -95,19 +102,22 @@ def svg_parts(
 
     User units are millimetres or metres.
     """
-    shells = np.concatenate([area.shell for layer, _ in layers for area in layer.polygons])
-    shells_xy = frame.xy_from_continuous_rowcol(shells)
-    west, south = np.round(shells_xy.min(axis=0) - _MARGIN * frame.resolution, _DECIMALS)
-    east, north = np.round(shells_xy.max(axis=0) + _MARGIN * frame.resolution, _DECIMALS)
+    corners = np.concatenate([layer.polygons.corners for layer, _ in layers])
+    points = frame.xy_from_continuous_rowcol(corners)
+    west, south = np.round(points.min(axis=0) - _MARGIN * frame.resolution, _DECIMALS)
+    east, north = np.round(points.max(axis=0) + _MARGIN * frame.resolution, _DECIMALS)
     width, height = east - west, north - south
     sheet = np.array([[west, south], [east, south], [east, north], [west, north]])
     scale = _MM if unit == "mm" else 1.0
 
-    def path(rings: Sequence[NDArray[np.float64]]) -> str:
+    def on_sheet(points: Floats) -> Floats:
+        places: Floats = (points - (west, south)) * (scale, -scale) + (0, height * scale)
+        return places
+
+    def path(rings: _Rings) -> str:
         text = ""
         for points in rings:
-            places = (points - (west, south)) * (scale, -scale) + (0, height * scale)
-            numbers = (f"{_number(x)} {_number(y)}" for x, y in places.tolist())
+            numbers = (f"{_number(x)} {_number(y)}" for x, y in points)
             text += f"M{' L'.join(numbers)}Z"
         return text
 
@@ -121,11 +131,11 @@ def svg_parts(
         f"{_number(south + height)} m, and y points up.</desc>\n"
     ).encode()
     if background is not None:
-        yield f'<path fill="{background}" d="{path([sheet])}"/>\n'.encode()
+        yield f'<path fill="{background}" d="{path([on_sheet(sheet).tolist()])}"/>\n'.encode()
     for layer, fill in layers:
         yield f'<g id="{escape(layer.name)}" fill="{fill}" fill-rule="evenodd">\n'.encode()
-        for rings in layer.points():
-            yield f'<path d="{path(rings)}"/>\n'.encode()
+        for polygons in layer.points(on_sheet):
+            yield "".join(f'<path d="{path(rings)}"/>\n' for rings in polygons).encode()
         yield b"</g>\n"
     yield b"</svg>\n"
 

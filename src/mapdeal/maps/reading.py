@@ -41,7 +41,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import check_choice
 from mapdeal.inputs.kinds import MAP, recognised
-from mapdeal.kernels.blocks import CacheBudget
+from mapdeal.kernels.blocks import CacheBudget, activity
 from mapdeal.maps import map_server
 from mapdeal.maps.dialects import Dialect, MapMetadata, Mode, read_metadata
 from mapdeal.maps.images import IMAGE_SUFFIXES, BinaryRows, PnmImage, open_image
@@ -109,6 +109,10 @@ class MapFile:
         return Frame(*self.shape(), self.metadata.resolution, self.metadata.origin)
 
     def read(self) -> Source:
+        with activity(f"reading {self.path.name}"):
+            return self._source_of(self._grid())
+
+    def _grid(self) -> Grid:
         if self.metadata is None:
             grid: Grid = read_npz(self.path, max_cells=self._max_cells)
             if type(grid) is OccupancyGrid and holds_reach(self.path):
@@ -117,7 +121,7 @@ class MapFile:
         else:
             grid = map_server.read_cells(self.path, self.metadata, self._image, self._dialect)
         self.check_unchanged()
-        return self._source_of(grid)
+        return grid
 
     def by_rows(self, *, block_height: int, budget: CacheBudget | None = None) -> Source:
         """Return the map with rows that are read on demand, which needs `shape_by_rows`."""

@@ -125,9 +125,8 @@ def stl_parts(mesh: Mesh, source: Path, resolution: float) -> Iterator[bytes]:
     """Yield a binary STL file; refuse corners that its float32 would merge, or move visibly."""
     title = f"mapdeal {source.stem}, metres, z up".encode("ascii", "replace")[:80]
     yield title.ljust(80) + len(mesh.triangles).to_bytes(4, "little")
-    layout = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
     for first in range(0, len(mesh.triangles), _ROWS_AT_ONCE):
-        corners = mesh.corners[mesh.triangles[first : first + _ROWS_AT_ONCE]]
+        corners = np.take(mesh.corners, mesh.triangles[first : first + _ROWS_AT_ONCE], axis=0)
         rounded = corners.astype(np.float32).astype(np.float64)
         error = np.abs(rounded - corners).max()
         if error > _MOST_ERROR * resolution or not _area_vectors(rounded).any(axis=1).all():
@@ -136,9 +135,10 @@ def stl_parts(mesh: Mesh, source: Path, resolution: float) -> Iterator[bytes]:
             raise ParameterError(rule, source=source, place="origin", hint=hint)
         normals = _area_vectors(corners)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        part = np.zeros(len(corners), dtype=layout)
-        part["normal"], part["corners"] = normals, corners
-        yield part.tobytes()
+        numbers = np.concatenate([normals, corners.reshape(-1, 9)], axis=1).astype("<f4")
+        records = np.zeros((len(corners), 50), dtype=np.uint8)  # the last two bytes are 0
+        records[:, :48] = numbers.view(np.uint8)
+        yield records.tobytes()
 
 
 def _area_vectors(corners: NDArray[np.float64]) -> NDArray[np.float64]:

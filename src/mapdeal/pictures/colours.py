@@ -39,6 +39,11 @@ REMOVED = (225, 30, 60)
 CHANGED = (250, 220, 130)
 FILLED = (110, 200, 90)
 OUTSIDE = (225, 225, 225)
+CLOSED_IN_BOTH = (96, 96, 100)
+NOW_CLOSED = (170, 0, 170)
+NOW_OPEN = (0, 150, 90)
+NOW_UNKNOWN = (120, 90, 30)
+NOW_KNOWN = (240, 215, 120)
 
 # Reach of a robot; people with colour blindness can distinguish these, too.
 REACHABLE = (110, 215, 190)

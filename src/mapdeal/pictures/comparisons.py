@@ -34,14 +34,15 @@ _SMALL_SIDE = 1200  # pixels; enlarges small maps until single cells are visible
 def difference_image(
     changes: NDArray[np.uint8], frame: Frame, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all", only_in: tuple[str, str] | None = None,
-    style: LayerStyle | None = None,
+    style: LayerStyle | None = None, before: str = "",
 ) -> Image:  # fmt: skip
     is_fine = only_in is not None or style is not None
     more = {"small_side": _SMALL_SIDE} if is_fine else {}
     part = shown_part(changes, frame, image_extent, is_known=lambda kinds: kinds > _UNKNOWN)
     raster = Raster.fitting(frame.shape, image_max, part=part, **more)
     pixels = raster.enlarged(raster.largest(changes))
-    return on_sheet(pixels, style or difference_style(only_in), frame, raster, title=title)
+    style = style or difference_style(only_in)
+    return on_sheet(pixels, style, frame, raster, title=title, before=before)
 
 
 _NOT_KNOWN, _FREE, _OCCUPIED, _NO_CONFLICT = 0, 1, 101, 101

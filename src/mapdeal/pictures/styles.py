@@ -6,9 +6,10 @@ Pictures, and pages that show the same layers, draw with these.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from itertools import pairwise
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,9 +79,10 @@ class CostPalette:
 _NUMBER_LEVELS = 200
 
 POTENTIAL_LEVELS = 100
+_LINES = 20  # of equal length to the goal, about
 _HIGHEST_NORMALISED = 10.0
-POTENTIAL_OBSTACLE, POTENTIAL_ARROW, POTENTIAL_GOAL, POTENTIAL_NOWHERE = range(
-    2 * POTENTIAL_LEVELS, 2 * POTENTIAL_LEVELS + 4
+POTENTIAL_OBSTACLE, POTENTIAL_ARROW, POTENTIAL_GOAL, POTENTIAL_NOWHERE, POTENTIAL_LINE = range(
+    2 * POTENTIAL_LEVELS, 2 * POTENTIAL_LEVELS + 5
 )
 """Palette indices of a potential after those of its scale and its faded scale."""
 
@@ -137,7 +139,7 @@ def bounds_circumscribed(costmap: Costmap) -> bool:
 def potential_style(field: PotentialField) -> LayerStyle:
     """Return the even scale of a normalised potential, 0 to 10; unknown cells are faded."""
     scale = colours.interpolated(colours.POTENTIAL_ANCHORS, POTENTIAL_LEVELS)
-    special = [colours.LETHAL, colours.ARROW, colours.GOAL, colours.RVIZ_UNKNOWN]
+    special = [colours.LETHAL, colours.ARROW, colours.GOAL, colours.RVIZ_UNKNOWN, colours.ROUTE]
     swatches = [
         Swatch(POTENTIAL_OBSTACLE, "obstacle"),
         Swatch(POTENTIAL_LEVELS + POTENTIAL_LEVELS // 4, "unknown: faded"),
@@ -147,6 +149,9 @@ def potential_style(field: PotentialField) -> LayerStyle:
         swatches.append(Swatch(POTENTIAL_GOAL, "goal"))
     if field.region is not None:
         swatches.append(Swatch(POTENTIAL_NOWHERE, "no potential"))
+    if field.cost_to_go is not None:
+        spacing = length_between_lines(field.cost_to_go)
+        swatches.append(Swatch(POTENTIAL_LINE, f"every {spacing:g} m to go"))
     ticks = [(value / _HIGHEST_NORMALISED, f"{value}") for value in range(0, 11, 2)]
     return LayerStyle(
         palette_of(scale, colours.mixed(scale, colours.RVIZ_UNKNOWN, 0.6), special),
@@ -154,6 +159,12 @@ def potential_style(field: PotentialField) -> LayerStyle:
         swatches=tuple(swatches), bar=ColourBar(range(POTENTIAL_LEVELS), ticks, "normalised"),
         nowhere=POTENTIAL_NOWHERE, faded_by=POTENTIAL_LEVELS,
     )  # fmt: skip
+
+
+def length_between_lines(lengths: NDArray[np.float64]) -> float:
+    """Return a round length of which the longest finite one has about twenty."""
+    longest = float(lengths.max(where=np.isfinite(lengths), initial=0.0))
+    return round_length(longest / _LINES) if longest > 0 else 1.0
 
 
 def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
@@ -164,6 +175,60 @@ def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
         names += [f"wall only by {name}" for name in only_in]
         kinds[3:] = [(name, colour) for name, (_, colour) in zip(names, kinds[3:], strict=True)]
     return _style_of_kinds(kinds)
+
+
+_CHANGE_LEVELS = 100  # colours for lower costs, and as many for higher costs
+_LARGEST_CHANGE = LETHAL_OBSTACLE
+_FIRST_CHANGE = 4  # index of the smallest change, behind those of the kinds of unchanged cells
+_FIRST_KIND = _FIRST_CHANGE + 2 * _CHANGE_LEVELS
+_KINDS_OF_COSTS = (
+    ("only in one costmap", colours.OUTSIDE), ("unknown in both", colours.RVIZ_UNKNOWN),
+    ("equal", colours.RVIZ_FREE), ("closed in both", colours.CLOSED_IN_BOTH),
+)  # fmt: skip
+_KINDS_OF_COST_CHANGES = (
+    ("no longer unknown", colours.NOW_KNOWN), ("now unknown", colours.NOW_UNKNOWN),
+    ("no longer closed", colours.NOW_OPEN), ("now closed", colours.NOW_CLOSED),
+)  # fmt: skip
+
+
+def cost_change_codes(
+    first: NDArray[np.uint8], second: NDArray[np.uint8], is_common: NDArray[np.bool_],
+    masks: Mapping[Any, NDArray[np.bool_]],
+) -> NDArray[np.uint8]:  # fmt: skip
+    """Return the palette index of each cell of two costmaps; a larger change has a larger one."""
+    rise = second.astype(np.int16) - first
+    levels = (np.abs(rise) - 1) * _CHANGE_LEVELS // _LARGEST_CHANGE
+    codes = np.where(rise == 0, 2, _FIRST_CHANGE + 2 * levels + (rise > 0)).astype(np.uint8)
+    codes[(rise == 0) & (first >= INSCRIBED_INFLATED_OBSTACLE)] = 3
+    codes[(rise == 0) & (first == NO_INFORMATION)] = 1
+    codes[~is_common] = 0
+    for code, kind in enumerate(("known", "unknown", "opened", "closed"), _FIRST_KIND):
+        codes[masks[kind]] = code
+    return codes
+
+
+def cost_change_style() -> LayerStyle:
+    """Return the diverging scale of changed costs, and the colours of cells that changed state."""
+    fell = colours.interpolated(colours.FREE_ANCHORS[1:], _CHANGE_LEVELS)
+    rose = colours.interpolated(colours.OBSTACLE_ANCHORS, _CHANGE_LEVELS)
+    kinds = [*enumerate(_KINDS_OF_COSTS), *enumerate(_KINDS_OF_COST_CHANGES, _FIRST_KIND)]
+    labels = {code: name for code, (name, _) in kinds}
+    ends = [-(-level * _LARGEST_CHANGE // _CHANGE_LEVELS) for level in range(_CHANGE_LEVELS + 1)]
+    for level, (below, most) in enumerate(pairwise(ends)):
+        code = _FIRST_CHANGE + 2 * level
+        by = f"by {below + 1} to {most}"
+        labels |= {code: f"fell {by}", code + 1: f"rose {by}"}
+    indices = [*range(_FIRST_KIND - 2, 2, -2), 2, *range(_FIRST_CHANGE + 1, _FIRST_KIND, 2)]
+    ticks = [(0.5 + share / 2, f"{share * _LARGEST_CHANGE:+.0f}") for share in (-1, -0.5, 0.5, 1)]
+    graded = np.stack([fell, rose], axis=1).reshape(-1, 3)
+    groups = (_KINDS_OF_COSTS, _KINDS_OF_COST_CHANGES)
+    equal, changed = ([colour for _, colour in group] for group in groups)
+    palette = palette_of(equal, graded, changed)
+    return LayerStyle(
+        palette, by_value=np.minimum(np.arange(256), len(palette) - 1).astype(np.uint8),
+        swatches=tuple(Swatch(code, name) for code, (name, _) in reversed(kinds)),
+        bar=ColourBar(indices, [*ticks, (0.5, "0")], "change of the cost"), labels=labels,
+    )  # fmt: skip
 
 
 def cleaning_style() -> LayerStyle:

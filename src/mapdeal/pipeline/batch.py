@@ -142,12 +142,10 @@ def internal_error(job: Job, problem: BaseException) -> MapdealError:
 
 def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
     jobs: dict[Path, Job] = {}
-    failed = [
-        Job(listed.path, output / listed.name, listed.name, listed.name, error=listed.error)
-        for listed in maps if listed.error is not None
-    ]  # fmt: skip
+    in_order: list[Job] = []
     for one in maps:
         if one.error is not None:
+            in_order.append(Job(one.path, output / one.name, one.name, one.name, error=one.error))
             continue
         place = one.place
         odd = [part for part in place.parts if part in ("", ".", "..")]
@@ -163,6 +161,7 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
             )
             raise ParameterError(rule, source=one.path, hint=hint)
         jobs[place] = Job(one.path, output / place, one.name, place.as_posix())
+        in_order.append(jobs[place])
     for place, job in jobs.items():
         # the folder of one run may lie in that of another, but not in the place of its files
         for above in place.parents:
@@ -175,7 +174,7 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
         if other is not job and ignores_case(output):
             rule = f"would write into {job.folder}, as {other.path} does: the disk ignores case"
             raise ParameterError(rule, source=job.path)
-    return [*jobs.values(), *failed]
+    return in_order
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,10 @@ def summary_of(figures: Figures) -> str:
         x, y = figures["goal"] or (None, None)
         what = "no goal, repulsion" if x is None else f"goal {x:.10g}, {y:.10g}, potential"
         text = f"{what} {least:.5g} .. {most:.5g}"
-        return f"{text}, gradient up to {figures['steepest_gradient']:.5g} per metre{around}"
+        text += f", gradient up to {figures['steepest_gradient']:.5g} per metre"
+        if "cost_to_go_of" in figures:
+            text += f", cost to go of {figures['cost_to_go_of']}"
+        return text + around
     if "reachable_m2" in figures:
         return _summary_of_reach(figures)
     if "lethal" in figures:
@@ -291,7 +294,7 @@ def reach_document(reach: Reach) -> dict[str, Any]:
         "free_m2": rounded(reach.free_area),
         "share": rounded(reach.share),
         "goals": [_goal(one) for one in reach.goals],
-        "passages": [_passage(one) for one in reach.passages],
+        "passages": [passage_document(passage) for passage in reach.passages],
     }
 
 
@@ -313,13 +316,13 @@ def _goal(one: GoalReach) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _passage(one: Passage) -> dict[str, Any]:
+def passage_document(passage: Passage) -> dict[str, Any]:
     return {
-        **_place(one.x, one.y),
-        "width_m": rounded(one.width),
-        "cuts_off_m2": rounded(one.cut_off),
-        "open": one.is_open,
-        "ends": [[rounded(x), rounded(y)] for x, y in one.ends],
+        **_place(passage.x, passage.y),
+        "width_m": rounded(passage.width),
+        "cuts_off_m2": rounded(passage.cut_off),
+        "open": passage.is_open,
+        "ends": [[rounded(x), rounded(y)] for x, y in passage.ends],
     }
 
 

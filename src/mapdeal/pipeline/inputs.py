@@ -17,8 +17,10 @@ from mapdeal.command import is_plain
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning, one_line
 from mapdeal.files.source import (
+    bytes_of_lines,
     chunks_of,
     claim,
+    claimed,
     default_limit,
     holding,
     memory_limit,
@@ -36,6 +38,7 @@ from mapdeal.kernels.blocks import CacheBudget, lazy_layer, swept
 from mapdeal.kernels.distance import dtype_of_squares
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import histogram
+from mapdeal.kernels.tables import tables_claimed
 from mapdeal.kernels.threads import thread_count, use_threads
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.npz import Grid
@@ -46,7 +49,11 @@ from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import apply_keepout_mask
 
 _PER_PIXEL = 10  # bytes that pictures take while they are drawn, two at the same time
-_PER_LONG_SQUARE = 50  # bytes of a cell while distances are measured in squares of 64 bits
+_PER_LONG_SQUARE = 10  # bytes more for each cell where squares of distances have 64 bits
+_PER_LINE, _PER_MEASURED_LINE = 16, 130
+"""Bytes for each row and column, and where distances are measured: a band has a row at least, and
+sides above `LONGEST_SIDE` are left to scipy."""
+
 _ON_CANVAS = 0.75
 """Of what a stage takes, what it takes again where its product is put onto a larger canvas."""
 
@@ -83,6 +90,7 @@ def bytes_in_memory(
     per_cell = _DEMANDS[engine_name()].more + _READ + products
     libraries = max((step.stage.of_library for step in steps), default=0)
     working = _base(shape, image_max) + libraries + int(per_cell * shape[0] * shape[1])
+    working += _bytes_to_measure(shape) if steps else 0
     return max(working, bytes_to_read(reading))
 
 
@@ -91,8 +99,15 @@ def bytes_to_read(reading: int) -> int:
     return _DEMANDS[engine_name()].base + reading
 
 
+def _bytes_to_measure(shape: tuple[int, int]) -> int:
+    """Return what distances take on a map with long sides, beside the bytes of a stage."""
+    is_long = dtype_of_squares(shape) is np.int64
+    squares = _PER_LONG_SQUARE * shape[0] * shape[1] if is_long else 0
+    return squares + bytes_of_lines(shape, _PER_MEASURED_LINE)
+
+
 def _base(shape: tuple[int, int], image_max: int | None) -> int:
-    base = _DEMANDS[engine_name()].base
+    base = _DEMANDS[engine_name()].base + bytes_of_lines(shape, _PER_LINE)
     if image_max is None:
         return base
     height, width = shape
@@ -113,6 +128,10 @@ def opened_map(
                 open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
             )
             source = _read(file, steps, image_max, settings.canvas)
+        shape = source.grid.shape
+        work = bytes_in_memory(shape, steps, image_max, canvas=settings.canvas) - bytes_to_read(0)
+        cells = f"{shape[1]} x {shape[0]} cells"
+        stack.enter_context(tables_claimed(lambda size: claim(path, work + size, what=cells)))
         yield replace(source, sums=file.sums_by_name(sums) if with_sums else {})
 
 
@@ -176,21 +195,33 @@ def check_fits(
 ) -> None:  # fmt: skip
     """Refuse a map that is yet to be made, and stages on it, if they take too much memory."""
     count = bytes_in_memory(shape, steps, image_max) - _DEMANDS[engine_name()].base
-    if dtype_of_squares(shape) is np.int64:
-        count += _PER_LONG_SQUARE * shape[0] * shape[1]
     claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
 
 
 def claim_work(
-    path: Path | str, grid: Framed, per_cell: float, *, cells: int | None = None, besides: int = 0
+    path: Path | str, grid: Framed, per_cell: float, *, cells: int | None = None,
+    besides: int = 0, measures: bool = False,
 ) -> None:  # fmt: skip
     """Refuse what is about to be done with a grid that was read, if it takes too much memory."""
+    with work_claimed(path, grid, per_cell, cells=cells, besides=besides, measures=measures):
+        pass
+
+
+@contextmanager
+def work_claimed(
+    path: Path | str, grid: Framed, per_cell: float, *, cells: int | None = None,
+    besides: int = 0, measures: bool = True,
+) -> Iterator[None]:  # fmt: skip
+    """Refuse work as `claim_work` does, and what its tables take while it is under way."""
     height, width = grid.shape
     more = int(per_cell * (height * width if cells is None else cells))
     crop = _bytes_of_crop(grid)
     if crop:  # all is done with the box, and put back
         more = 2 * more + crop
-    claim(path, bytes_of(grid) + more + besides, what=f"{width} x {height} cells")
+    more += bytes_of_lines(grid.shape, _PER_LINE)
+    more += _bytes_to_measure(grid.shape) if measures else 0
+    with claimed(path, bytes_of(grid) + more + besides, what=f"{width} x {height} cells"):
+        yield
 
 
 def claim_step(path: Path, grid: Grid, step: Step) -> None:
@@ -198,11 +229,11 @@ def claim_step(path: Path, grid: Grid, step: Step) -> None:
     if grid.is_lazy:
         return
     if step.stage.cells is None or not step.moves:
-        claim_work(path, grid, step.memory, besides=step.stage.of_library)
+        claim_work(path, grid, step.memory, besides=step.stage.of_library, measures=True)
         return
     with errors_named(path):
         for count in step.stage.cells(grid, step.parameters):
-            claim_work(path, grid, step.stage.memory, cells=count)
+            claim_work(path, grid, step.stage.memory, cells=count, measures=True)
 
 
 def bytes_of(grid: Framed) -> int:
@@ -267,7 +298,7 @@ def _cut(
         while most < least:
             left = max(left + left // 50, per_row)
             least, most = fitting(left)
-        raise _too_large(path, shape, int(1.01 * (base + left)), budget)
+        raise _too_large(path, shape, min(needed, int(1.01 * (base + left))), budget)
     rows = int(min(max(_BLOCK_CELLS // width, least), most, height, (1 << 16) - 1))
     runs = _PER_COLUMN_OF_BLOCK * width * -(-height // rows)
     return rows, CacheBudget(left - per_row * rows - runs)
@@ -533,10 +564,12 @@ def _numbers_in(given: Any, count: int, rule: str, place: str | None) -> tuple[f
     return numbers
 
 
-def claim_cells(one: MapInput, per_cell: float, **reading: Unpack[Reading]) -> None:
+def claim_cells(
+    one: MapInput, per_cell: float, *, measures: bool = False, **reading: Unpack[Reading]
+) -> None:  # fmt: skip
     """Refuse what is about to be done with each cell of a map, if it takes too much memory."""
     with settings_of(**reading).reading():
-        claim_work(one.name, one.grid, per_cell)
+        claim_work(one.name, one.grid, per_cell, measures=measures)
 
 
 def claim_for(

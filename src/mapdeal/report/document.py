@@ -35,8 +35,9 @@ Tone = Literal["error", "warning", "note", "good", "plain"]
 """Severity of an item: its colour on the page, never the only sign of it."""
 
 ItemKind = Literal[
-    "finding", "passage", "start", "goal", "route", "graph", "shape", "added", "removed"
-]
+    "finding", "passage", "start", "goal", "route", "graph", "shape", "added", "removed",
+    "closed", "opened", "unknown", "known", "rose", "fell",
+]  # fmt: skip
 
 State = Literal["error", "warning", "unknown", "good"]
 """What a claim comes to, the worst first; ``unknown`` if nobody has looked."""
@@ -103,8 +104,8 @@ class PageLayer:
 class Zone:
     """What a polygon of a file is for, so that it can be edited on the page."""
 
-    kind: str = ""
-    speed: float | None = None
+    kind: str
+    speed: float | None = None  # percent of the robot's maximum
     name: str = ""
 
 
@@ -148,15 +149,17 @@ class Entry:
     extent: tuple[float, float, float, float] | None = None
     claims: tuple[Claim, ...] = ()
     opens_swiped: bool = True  # where two layers are compared
+    next_command: str = ""  # as it is typed
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is claimed of a map, and what it comes to."""
+    """The claims about a map, the state that follows, and the command to type next."""
 
     name: str
     state: State
     claims: tuple[Claim, ...]
+    next_command: str = ""
 
 
 @dataclass(frozen=True, eq=False)

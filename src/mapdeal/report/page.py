@@ -20,6 +20,7 @@ from typing import Any, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.compare.difference import ChangeKind
 from mapdeal.errors import one_line
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.values import count_text
@@ -28,7 +29,7 @@ from mapdeal.pictures.colours import ColourBar, LayerStyle
 from mapdeal.pictures.cost_curve import ZONE_COLOURS, Plot, described
 from mapdeal.report.document import Claim, Entry, Item, PageLayer, Report, State, Table
 from mapdeal.report.tiles import TILE, encoded
-from mapdeal.report.verdict import MOST_CLAIMS, shared_by, state_of
+from mapdeal.report.verdict import MOST_CLAIMS, most_urgent, shared_by, state_of, verdicts_of
 
 Value = str | int | float | bool | None
 """Of an attribute: True for its name alone, False and None for no attribute."""
@@ -282,13 +283,15 @@ class _Plot(Plot):
 
 
 _KINDS = {
-    "added": "Added", "removed": "Removed", "passage": "Passages", "start": "Starts",
+    "added": "Added", "removed": "Removed", "closed": "Now closed", "opened": "No longer closed",
+    "unknown": "Now unknown", "known": "No longer unknown", "rose": "Higher cost",
+    "fell": "Lower cost", "passage": "Passages", "start": "Starts",
     "goal": "Goals", "route": "Routes", "graph": "Route graphs", "finding": "Findings",
     "shape": "Shapes",
 }  # fmt: skip
 """What items are called, in the order in which they are listed."""
 
-_IN_ONE_LIST = dict.fromkeys(("added", "removed"), "Largest changes")
+_IN_ONE_LIST = dict.fromkeys(get_args(ChangeKind), "Largest changes")
 
 _STATES = {"error": "Problem", "warning": "Check", "unknown": "Not checked", "good": "OK"}
 """What a verdict says of its states: they have colours, but nobody needs to see these."""
@@ -357,9 +360,11 @@ def _counts(entry: Entry) -> tuple[int, int]:
     return errors, warnings + len(entry.warnings)
 
 
-def _verdict(claims: Iterable[Content]) -> Markup:
-    lines = element("ul", *claims)
-    return element("section", lines, class_="verdict", aria_label="Verdict")
+def _verdict(claims: Iterable[Content], command: str) -> Markup:
+    parts = [element("ul", *claims)]
+    if command:
+        parts.append(element("p", "Next: ", element("code", command), class_="next"))
+    return element("section", *parts, class_="verdict", aria_label="Verdict")
 
 
 def _claim(state: State, *content: Content) -> Markup:
@@ -383,7 +388,7 @@ def _verdict_on(entry: Entry, number: int) -> Markup:
             [" ", element("a", title, href=f"#{place}", class_="evidence")] if place else []
         )
         claims.append(_claim(one.state, f"{one.text}.", *link))
-    return _verdict(claims)
+    return _verdict(claims, entry.next_command)
 
 
 def _verdict_on_all(entries: tuple[Entry, ...]) -> Markup:
@@ -406,7 +411,7 @@ def _verdict_on_all(entries: tuple[Entry, ...]) -> Markup:
     told += [f"{unknown} {'was' if unknown == 1 else 'were'} not checked"] if unknown else []
     if told:
         claims.append(_claim("good" if good else "unknown", f"{', '.join(told)}."))
-    return _verdict(claims[:MOST_CLAIMS])
+    return _verdict(claims[:MOST_CLAIMS], most_urgent(verdicts_of(entries)))
 
 
 def _links(numbers: Sequence[int], entries: tuple[Entry, ...]) -> Iterator[Content]:
@@ -545,7 +550,7 @@ def _entry(entry: Entry, number: int, *, several: bool) -> Markup:
         parts.append(element("p", status, class_="subtitle"))
     else:
         parts.append(element("h2", entry.name, class_="unseen"))  # between headings 1 and 3
-    if entry.claims:
+    if entry.claims or entry.next_command:
         parts.append(_verdict_on(entry, number))
     if entry.warnings and not (entry.status == _FAILED and entry.claims):  # which is the verdict
         lines = element("ul", *(element("li", text) for text in entry.warnings))
@@ -668,7 +673,7 @@ def _items(entry: Entry, number: int) -> Markup:
         for k, item in enumerate(items):
             if item.kind in kinds:
                 groups.setdefault(item.group or k, []).append(k)
-        rows = [_group(items, group) for group in groups.values()]
+        rows = _folded(items, groups.values())
         name = f"list-{number}-{index}"
         lists.append(element("ul", *rows, aria_label=title, id=name, tabindex=-1))
     return _section("On the map", element("p", *boxes, class_="kinds"), *lists, class_="items")
@@ -678,6 +683,20 @@ def _count(items: Sequence[Item], kind: str) -> int:
     """Return the number of items of a kind, without the line about changes that are left out."""
     own = [item for item in items if item.kind == kind]
     return sum(item.place is not None for item in own) if kind in _IN_ONE_LIST else len(own)
+
+
+def _folded(items: Sequence[Item], groups: Iterable[Sequence[int]]) -> list[Markup]:
+    """Return groups of items as rows of a list, many notes in one row that opens."""
+    rows: list[Markup] = []
+    notes: list[Markup] = []
+    for group in groups:
+        first = items[group[0]]
+        is_note = first.kind == "finding" and first.tone == "note"
+        (notes if is_note else rows).append(_group(items, group))
+    if len(notes) > _MOST_NOTES:
+        head = element("summary", element("b", f"{len(notes)} notes", class_="tone note"))
+        notes = [element("li", element("details", head, element("ul", *notes), class_="notes"))]
+    return rows + notes
 
 
 def _group(items: Sequence[Item], group: Sequence[int]) -> Markup:
@@ -697,9 +716,11 @@ def _group(items: Sequence[Item], group: Sequence[int]) -> Markup:
         shown = f"{text} at {_at(place)}" if place is not None and is_bare else text
         rows.append(_item(items[k], k, shown, is_told=False))
     head = element("summary", _told(first, first.text), " ", element("i", f"({count})"))
-    return element("li", element("details", head, element("ul", *rows)))
+    css = _css(notes=first.tone == "note")
+    return element("li", element("details", head, element("ul", *rows), class_=css))
 
 
+_MOST_NOTES = 3  # kinds of notes that a list shows one by one
 _PLACE = "place "  # what the text of a further place of a finding begins with
 
 

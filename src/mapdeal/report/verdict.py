@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, get_args
 
+from mapdeal.compare.costs import CostDifference
 from mapdeal.compare.difference import Change, Difference
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import RADIUS_TOLERANCE
@@ -34,18 +35,21 @@ _ABOUT_COSTS = {
 
 def settled(claims: Iterable[Claim]) -> tuple[Claim, ...]:
     """Return at most three claims, of those about the same the worst, in the order of `About`."""
+    # A failed run has one claim: findings of lint would repeat its reason.
     chosen: dict[About, Claim] = {}
     for one in claims:
         known = chosen.get(one.about)
         if known is None or worst_of([one.state, known.state]) != known.state:
             chosen[one.about] = one
+    if "run" in chosen and chosen["run"].state == "error":
+        chosen = {"run": chosen["run"]}
     return tuple(sorted(chosen.values(), key=lambda one: get_args(About).index(one.about)))[
         :MOST_CLAIMS
     ]
 
 
 def on_failure(reason: str) -> Claim:
-    return Claim("run", "error", f"Nothing was made of this map: {reason}")
+    return Claim("run", "error", f"Processing failed: {reason}", "finding")
 
 
 def on_findings(messages: Mapping[str, Sequence[str]]) -> Claim:
@@ -194,19 +198,82 @@ def on_difference(found: Difference, changes: Sequence[Change], left: int) -> li
     if found.symmetry is not None:
         text = f"The second map would be much more like the first if {found.symmetry}"
         claims.append(Claim("geometry", "error", text, "What differs"))
-    elif found.geometry:
-        names = ", ".join(found.geometry)
-        text = f"The maps do not cover the same cells: {names} differ{'s' * (',' not in names)}"
-        title = "Geometry and metadata, first \u2192 second"
-        claims.append(Claim("geometry", "warning", text, title))
     else:
-        claims.append(Claim("geometry", "good", "Both maps cover the same cells"))
+        claims.append(_on_geometry(found.geometry))
     return claims
+
+
+GEOMETRY = "Geometry and metadata, first \u2192 second"
+"""Title of the table of what differs in the geometry of two maps."""
+
+
+def _on_geometry(geometry: Mapping[str, object]) -> Claim:
+    if not geometry:
+        return Claim("geometry", "good", "Both maps cover the same cells")
+    names = ", ".join(geometry)
+    text = f"The maps do not cover the same cells: {names} differ{'s' * (',' not in names)}"
+    return Claim("geometry", "warning", text, GEOMETRY)
+
+
+COST_CHANGES = "Changes of the cost"
+"""Title of the table of what differs between two costmaps."""
+
+
+def on_cost_difference(found: CostDifference) -> list[Claim]:
+    """Return how much two costmaps differ: closed cells, all costs, and geometry."""
+    if not found.common_cells:
+        return [Claim("costmap", "error", "The costmaps have no cell in common")]
+    closed, opened, _, _, rose, fell = found.changes.values()
+    claims = [Claim("costmap", "good", "The same cells are closed in both costmaps")]
+    if closed.cells or opened.cells:
+        parts = [
+            f"{change.area:.3g} m2 {words} closed"
+            for change, words in ((closed, "are now"), (opened, "are no longer"))
+            if change.cells
+        ]
+        text = f"The closed cells differ: {' and '.join(parts)}"
+        claims = [Claim("costmap", "warning", text, COST_CHANGES)]
+    share = 100 * found.differing / found.common_cells
+    text = "All common cells have the same cost"
+    if share:
+        parts = [
+            f"{change.kind} on {change.area:.3g} m2" for change in (rose, fell) if change.cells
+        ]
+        text = f"{share:.3g} % of the common cells have another cost"
+        text += f": it {' and '.join(parts)}" if parts else ""
+    claims.append(Claim("cells", "warning" if share else "good", text, COST_CHANGES))
+    return [*claims, _on_geometry(found.geometry)]
+
+
+def on_robots(
+    parameters: Sequence[str], verdict: str, reach: str, costs: CostDifference, *, passes: bool
+) -> list[Claim]:
+    """Return which parameters of a robot differ, and what this means for where it gets."""
+    text = f"{count_text(len(parameters), 'parameter')} of the costmap differ"
+    text += f": {', '.join(parameters[:MOST_CLAIMS])}" if parameters else ""
+    text += f" and {len(parameters) - MOST_CLAIMS} more" if len(parameters) > MOST_CLAIMS else ""
+    state: State = "good" if passes else "error"
+    text_on_goals = f"{verdict[:1].upper()}{verdict[1:]}; reached {reach}"
+    return [
+        Claim("run", "good", text, "Parameters that differ"),
+        Claim("goals", state, text_on_goals, "Reach" if passes else "passage"),
+        on_cost_difference(costs)[0],
+    ]
 
 
 def verdicts_of(entries: Sequence[Entry]) -> tuple[Verdict, ...]:
     shared = shared_by(entries)
-    return tuple(Verdict(one.name, state_of(one, shared), one.claims) for one in entries)
+    return tuple(
+        Verdict(entry.name, state_of(entry, shared), entry.claims, entry.next_command)
+        for entry in entries
+    )
+
+
+def most_urgent(verdicts: Sequence[Verdict]) -> str:
+    """Return the next command of the verdict with the worst state that has one."""
+    order = get_args(State).index
+    found = [verdict for verdict in verdicts if verdict.next_command]
+    return min(found, key=lambda verdict: order(verdict.state)).next_command if found else ""
 
 
 def shared_by(entries: Sequence[Entry]) -> tuple[Claim, ...]:

@@ -38,7 +38,7 @@ def read_robot(
     texts = tuple(_line_of(problem, paths) for problem in reported)
     for text in texts:
         emit_warning(text, stacklevel=2)
-    return replace(robot, remarks=texts)
+    return replace(robot, remarks=texts, namespace=namespace)
 
 
 def load_robot(

@@ -247,6 +247,8 @@ class RobotParameters(OneLine):
     area : CostmapArea, optional
         Size and place that the files give to the costmap; where a static layer reads a map, and the
         costmap does not roll, the map's count instead.
+    namespace : str, optional
+        Namespace that was asked for when the files were read.
     """
 
     flavour: Flavour
@@ -263,6 +265,7 @@ class RobotParameters(OneLine):
     circumscribed_radius: float
     remarks: tuple[str, ...] = ()
     area: CostmapArea | None = None
+    namespace: str | None = None
 
     @property
     def paths(self) -> tuple[Path, ...]:

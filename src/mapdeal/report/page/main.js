@@ -196,7 +196,13 @@ else {
 	document.documentElement.className = "scripted";
 	new ResizeObserver(resize).observe(canvas);
 	for (const one of every("[data-entry]")) watch.observe(one);
-	const fold = (open) => () => every("details").forEach((one) => (one.open = open));
+	const fold = (open) => () => every("details:not(.notes)").forEach((one) => (one.open = open));
 	Object.assign(window, { onbeforeprint: fold(true), onafterprint: fold(false), onhashchange: open });
+	document.addEventListener("toggle", redraw, true);
 	open();
+	if (entry && !performance.getEntriesByName("mapdeal").length) {
+		// The page counts as loaded once the map is drawn, so that it is there when the page is printed at once.
+		loading = document.body.appendChild(Object.assign(document.createElement("iframe"), { hidden: true }));
+		loading.contentDocument.open();
+	}
 }

@@ -2,7 +2,8 @@
 
 const DARK = "#1f2937", TONES = { error: "#c4122f", warning: "#b45309", note: "#0b57c0", good: "#0a7a4b", plain: DARK };
 
-const CHANGES = { added: "#0078dc", removed: "#e11e3c" }; // as the layer of what differs has them
+// As the layers of what differs have them.
+const CHANGES = { added: "#0078dc", removed: "#e11e3c", closed: "#aa00aa", opened: "#00965a", unknown: "#785a1e", known: "#a8861a", rose: "#b22230", fell: "#184f8c" };
 
 function strokePath(path, colour, width, dash = []) {
 	context.lineJoin = context.lineCap = "round";

@@ -3,7 +3,7 @@
 const find = (selector, within = section) => within.querySelector(selector);
 const every = (selector, within = section) => [...within.querySelectorAll(selector)];
 let section = document, entry, view, pointer, pinned, ends, selected, byKeys, asked, beat, later, latest = [];
-let blinks = 0, busy = 0, wanted = [];
+let blinks = 0, busy = 0, wanted = [], loading = null;
 const canvas = find("#map"), context = canvas.getContext("2d");
 
 const box = (name) => find(`[name=${name}]`) ?? {};
@@ -23,9 +23,16 @@ const stackOf = () => every(".layer").reverse().map((row, k) =>
 
 const comparedPair = () => every(".compare select").map(({ value }) => entry.layers[value]);
 
+// A note in a closed part of the list is not on the map: many would hide it.
+function isFolded(item, k) {
+	if (item.kind !== "finding" || item.tone !== "note" || item === selected) return false;
+	item.row ??= find(`[data-item="${k}"]`);
+	return item.row?.closest("details:not([open])");
+}
+
 function shownItems() {
 	const kinds = every(".kinds :checked").map(({ value }) => value);
-	return entry.items.filter(({ kind, zone }) => kinds.includes(kind) && !zone);
+	return entry.items.filter((item, k) => kinds.includes(item.kind) && !item.zone && !isFolded(item, k));
 }
 
 function draw() {
@@ -46,7 +53,9 @@ function draw() {
 	for (let k = 0; k < panes(); k++) inPane(k, ratio, 0, view.width, () => drawOver(how, how === "beside" ? [pair[k]] : pair, shown));
 	context.setTransform(ratio, 0, 0, ratio, 0, 0);
 	if (how === "swipe" || how === "beside") strokePath(new Path2D(`M${how === "swipe" ? divider() : view.width} 0v${view.height}`), DARK, 2);
-	if (!wanted.length && !busy) performance.mark("mapdeal");
+	if (wanted.length || busy) return;
+	performance.mark("mapdeal");
+	loading?.remove();
 }
 
 // Draw within a part of one of the panes beside each other.

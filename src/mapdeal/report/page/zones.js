@@ -1,11 +1,11 @@
 // Zones: polygons that are drawn over the map, and saved as GeoJSON in metres of the map frame.
 
 const zonesPanel = find("#zones", document), DOT = matchMedia("(pointer: coarse)").matches ? 20 : 12; // pixels
-const ZONE_COLOURS = { keepout: "#c4122f", speed: "#0b57c0" };
+const ZONE_COLOURS = { keepout: "#c4122f", speed: "#0b57c0", binary: "#6b21a8" }, KINDS = Object.keys(ZONE_COLOURS);
 let ring = null, chosen = null, dragged = null, steps = [], isChanged = false, savedKinds = [];
 
 const isDrawing = () => box("draw").checked;
-const zoneColour = ({ kind }) => ZONE_COLOURS[kind] ?? "#6b21a8";
+const zoneColour = ({ kind }) => ZONE_COLOURS[kind];
 const areaOf = (points) => points.reduce((sum, [x, y], k) => {
 	const [u, v] = points[(k + 1) % points.length];
 	return sum + (x * v - u * y) / 2;
@@ -89,7 +89,7 @@ function zoneTyped() {
 }
 
 const zoneText = (zone) => {
-	const words = [zone.name, zone.speed === null ? zone.kind : `${zone.kind} ${zone.speed} m/s`].filter(Boolean).join(": ");
+	const words = [zone.name, zone.speed === null ? zone.kind : `${zone.kind} ${zone.speed} %`].filter(Boolean).join(": ");
 	return `${words}, ${metres(zoneArea(zone), 2)} m\u00b2, ${zone.rings[0].length} corners${zone.rings.some(crosses) ? ", crosses itself" : ""}`;
 };
 
@@ -104,11 +104,7 @@ function listZones(zone, isTyped) {
 		row.append(button);
 		return row;
 	}));
-	if (chosen && !isTyped) {
-		const select = box("kind");
-		if (![...select.options].some(({ value }) => value === chosen.kind)) select.append(new Option(chosen.kind, chosen.kind));
-		for (const name of ["kind", "speed", "name"]) box(name).value = chosen[name] ?? "";
-	}
+	if (chosen && !isTyped) for (const name of ["kind", "speed", "name"]) box(name).value = chosen[name] ?? "";
 	zonesPanel.classList.toggle("with-speed", box("kind").value === "speed");
 	const kinds = [...new Set(entry.zones.map(({ kind }) => kind))];
 	find(".saves", zonesPanel).replaceChildren(...kinds.map((kind) => {
@@ -140,32 +136,55 @@ function geojsonOf(zones) {
 function saveZones(kind) {
 	const zones = entry.zones.filter((one) => one.kind === kind), bad = zones.find(({ rings }) => rings.some(crosses));
 	if (bad) return say(`Not saved: ${bad.name || "a zone"} crosses itself.`);
+	const unlimited = zones.find((zone) => kind === "speed" && !(zone.speed > 0 && zone.speed <= 100));
+	if (unlimited) return say(`Not saved: ${unlimited.name || "a speed zone"} needs a speed above 0 and at most 100 percent.`);
 	const link = document.createElement("a"), url = URL.createObjectURL(new Blob([geojsonOf(zones)], { type: "application/geo+json" }));
-	Object.assign(link, { href: url, download: `${entry.name.split("/").pop()}_${kind || "zones"}.geojson` });
+	Object.assign(link, { href: url, download: `${entry.name.split("/").pop()}_${kind}.geojson` });
 	link.click();
 	setTimeout(() => URL.revokeObjectURL(url), 60000);
 	savedKinds.push(kind);
 	say(`Saved ${zones.length === 1 ? "1 zone" : `${zones.length} zones`} as ${link.download}.`);
 }
 
-// Add the polygons of a GeoJSON file to the zones.
-function openZones(text, name) {
-	const features = JSON.parse(text).features, isPair = (one) => one.length > 1 && one.slice(0, 2).every(Number.isFinite);
-	const zones = features.map(({ properties, geometry: { type, coordinates } }) => {
-		const rings = coordinates.map((points) => points.slice(0, -1).map((point) => point.slice(0, 2)));
-		if (type !== "Polygon" || !rings.every((points) => points.length > 2 && points.every(isPair))) throw Error("it holds other things than polygons");
-		const { kind = "keepout", speed = null, name = "" } = properties ?? {};
-		return { kind: `${kind}`, speed: Number.isFinite(speed) ? speed : null, name: `${name}`, rings };
+const MOST_BYTES = 2e7, MOST_CORNERS = 5000, FARTHEST = 1e6; // a page stays quick; metres
+
+// Return the zone that a feature of a GeoJSON file is.
+function zoneOf(feature, number) {
+	const refuse = (rule, value) => { throw Error(`feature ${number} ${rule}${value === undefined ? "" : `, got ${JSON.stringify(value)?.slice(0, 60)}`}`); };
+	const { type, coordinates } = feature?.geometry ?? {}, isPair = (point) => Array.isArray(point) && point.length > 1
+		&& point.slice(0, 2).every((part) => Number.isFinite(part) && abs(part) <= FARTHEST);
+	if (type !== "Polygon") refuse(type ? "must be a Polygon" : "has no geometry", type);
+	if (!Array.isArray(coordinates) || !coordinates.length) refuse("has no coordinates");
+	const rings = coordinates.map((points) => {
+		if (!Array.isArray(points) || points.length < 4) refuse("must have rings of at least 4 points, of which the last repeats the first");
+		const bad = points.find((point) => !isPair(point));
+		if (bad !== undefined) refuse("must have points of two numbers in metres", bad);
+		return points.slice(0, -1).map((point) => point.slice(0, 2));
 	});
+	const { speed = null, name, kind: own } = feature.properties ?? {}, kind = own ?? (speed === null ? "keepout" : "speed");
+	if (!KINDS.includes(kind)) refuse(`must be of the kind ${KINDS.join(", ")}`, kind);
+	if (speed !== null && !(speed > 0 && speed <= 100 && Number.isFinite(speed))) refuse("must have a speed above 0 and at most 100 percent", speed);
+	return { kind, speed: kind === "speed" ? speed : null, name: ["string", "number"].includes(typeof name) ? `${name}` : "", rings };
+}
+
+// Add the polygons of a GeoJSON file to the zones.
+async function openZones(file) {
+	if (file.size > MOST_BYTES) throw Error("it is larger than 20 MB");
+	let collection = null;
+	try { collection = JSON.parse(await file.text()); } catch { throw Error(file.size ? "it is not JSON" : "it is empty"); }
+	if (!Array.isArray(collection?.features)) throw Error("it is not a GeoJSON FeatureCollection");
+	const zones = collection.features.map((feature, k) => zoneOf(feature, k + 1));
+	if (!zones.length) throw Error("it has no features");
+	if (zones.flatMap(({ rings }) => rings.flat()).length > MOST_CORNERS) throw Error(`it has more than ${MOST_CORNERS} corners`);
 	remember();
 	entry.zones.push(...zones);
 	listZones(zones[0]);
-	say(`${name}: ${zones.length} zones.`);
+	say(`${file.name}: ${zones.length === 1 ? "1 zone" : `${zones.length} zones`}.`);
 }
 
 find("[type=file]", zonesPanel).onchange = async ({ target }) => {
 	for (const file of target.files)
-		try { openZones(await file.text(), file.name); } catch ({ message }) { say(`${file.name} was not opened: ${message}`); }
+		try { await openZones(file); } catch ({ message }) { say(`${file.name} was not opened: ${message}.`); }
 	target.value = "";
 };
 onbeforeunload = (event) => { // any other value than none would ask, too
