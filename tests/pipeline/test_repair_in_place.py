@@ -263,7 +263,7 @@ def test_other_forms_tell_repairs_too(fixed):
     assert fixed("--format", "json")[2] == ""
 
 
-@pytest.mark.parametrize("when", ["gather", "edited"])
+@pytest.mark.parametrize("when", ["gather", "with_values"])
 def test_a_map_that_changes_while_it_is_repaired_is_left(fixed, folder, monkeypatch, when):
     write(yaml_text(free_thresh="0.25"))
     theirs = yaml_text(free_thresh="0.3") + "# a change by somebody else\n"

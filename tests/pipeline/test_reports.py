@@ -487,7 +487,7 @@ def test_an_entry_lists_no_more_than_browsers_can_show():
     draft.tables = [Table("first", tuple((str(number), "x") for number in range(6000)))]
     draft.tables += [Table("other", (("a", "b"),))] * 5000
     draft.warn(str(number) for number in range(5000))
-    entry = draft.entry()
+    entry = draft.entry(DEFAULT_SETTINGS)
     assert [item.text for item in entry.items[4999:]] == ["4999", "2 more are not listed"]
     assert entry.tables[0].rows[4999:] == (("4999", "x"), ("1000 more are not listed", ""))
     assert (len(entry.tables), entry.tables[-1].title) == (5001, "1 more are not listed")

@@ -82,7 +82,7 @@ def test_a_chosen_model_follows_the_robots_layers_or_is_refused():
         step_for("cost", two, {"model": "exponential"})
     assert "model layers can" in caught.value.hint
     # parameters of one inflation, and of other models
-    with pytest.raises(ParameterError, match=r"must be one inflation layer .* there are: i, j"):
+    with pytest.raises(ParameterError, match=r"needs exactly one inflation layer, found: i, j"):
         step_for("cost", two, {"inflation_radius": 0.9})
     with pytest.raises(ParameterError, match="is a parameter of model rings, not of layers"):
         step_for("cost", two, {"values": (90, 70)})
