@@ -48,10 +48,10 @@ def test_a_route_to_a_goal_beyond_ends_at_the_best_border_cell(sh, here, world, 
         if row not in (0, window.shape[0] - 1) and col not in (0, window.shape[1] - 1):
             continue
         centre = tuple(window.frame.xy_from_rowcol([[row, col]])[0].round(9).tolist())
-        rest = np.hypot(centre[0] - 11, centre[1] - 1.2)
+        straight = np.hypot(centre[0] - 11, centre[1] - 1.2)
         if window.cost[row, col] < 253:
             totals[centre] = find(window, (2.25, -0.25), centre).length + (
-                find(wide, centre, (11, 1.2)).length if known else rest
+                find(wide, centre, (11, 1.2)).length if known else straight
             )
     assert totals[x, y] <= min(totals.values()) + 0.5  # lengths of first order
     assert sh(f"{line} --strict")[0] == 1

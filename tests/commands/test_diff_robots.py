@@ -171,8 +171,10 @@ def test_a_passage_closes_if_it_is_between_as_wide_as_both_robots(tmp_path, door
     goals = [Goal(*place(grid, 35, 16 + 31 * index), str(index)) for index in range(len(doors))]
     result = mapdeal.compare_robots(grid, *robots, start=place(grid, 12, 12), goals=goals)
     widths = [2 * ((door + 1) // 2) * RESOLUTION for door in doors]
-    passed = [{str(k) for k, width in enumerate(widths) if 2 * one.inscribed_radius < width - 1e-6}
-              for one in robots]  # fmt: skip
+    passed = [
+        {str(k) for k, width in enumerate(widths) if 2 * shape.inscribed_radius < width - 1e-6}
+        for shape in robots
+    ]
     closed, opened = sorted(passed[0] - passed[1]), sorted(passed[1] - passed[0])
     assert sorted(passage.width for passage in result.closed) == pytest.approx(
         sorted(widths[int(k)] for k in closed)

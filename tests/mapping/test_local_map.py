@@ -270,10 +270,10 @@ def test_points_beyond_the_angles_are_left_out(first, last, frame, has_map):
     options = {"size": (8, 8), "resolution": 0.5, "frame": frame}
     if has_map:
         options["global_map"] = known
-    seen = points if frame == "robot" else points - pose[:2]
+    from_robot = points if frame == "robot" else points - pose[:2]
     turn = 0.0 if frame == "robot" else pose[2]
     used = []
-    for point, (x, y) in zip(points, seen, strict=True):
+    for point, (x, y) in zip(points, from_robot, strict=True):
         from_first = (math.atan2(y, x) - turn - first) % (2 * math.pi)
         end = last - first if last > first else last - first + 2 * math.pi
         if from_first <= end:

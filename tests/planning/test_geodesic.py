@@ -46,13 +46,13 @@ def test_ways_are_within_a_fiftieth_of_the_shortest_and_in_open_cells(case):
         return
     assert exact * FRAME[0] * (1 - 1e-5) <= route.length <= exact * FRAME[0] * 1.02 + 1e-6
     assert route.points_xy[[0, -1]].tolist() == ends
-    way = costmap.frame.continuous_rowcol_from_xy(route.points_xy)
-    assert np.hypot(*np.diff(way, axis=0).T).max(initial=0.0) <= 0.5 + 1e-6
+    places = costmap.frame.continuous_rowcol_from_xy(route.points_xy)
+    assert np.hypot(*np.diff(places, axis=0).T).max(initial=0.0) <= 0.5 + 1e-6
 
     def opens(cell):
         return all(0 <= k < n for k, n in zip(cell, is_open.shape, strict=True)) and is_open[cell]
 
-    inner = list(map(tuple, way.tolist()))
+    inner = list(map(tuple, places.tolist()))
     assert all(is_line_clear(opens, *piece) for piece in pairwise(inner))
 
 
