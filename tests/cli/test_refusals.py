@@ -169,8 +169,6 @@ ROWS = [
     ("route m.yaml --from 1,1", "--from, --to: both are required, unless pairs are given"),
     ("route m.yaml --pairs p.csv --from 1,1", "--from: applies to one route"),
     ("route m.yaml --pairs p.csv --heuristic field", "--heuristic: applies to one route"),
-    ("route m.yaml --pairs p.csv --repulsive-gain 2", "--repulsive-gain: applies to one route"),
-    ("route m.yaml --pairs p.csv --method descent", "--pairs: compares routes of method astar"),
     ("route m.yaml --pairs p.csv --image o.png", "--image: applies to one route"),
     ("route m.yaml --pairs p.csv --compare plain,fast", "must be some of plain, cost, heuristic"),
     ("route m.yaml --pairs p.csv -o o.json", "--output: must end in .jsonl"),
