@@ -16,7 +16,7 @@ from mapdeal.grid.filters import KINDS, FilterInfo, FilterKind, SpeedUnit, mask_
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
-from mapdeal.grid.values import OCCUPIED, count_text
+from mapdeal.grid.values import OCCUPIED, count_text, decimal_text
 from mapdeal.kernels.lookup import histogram
 from mapdeal.maps.dialects import Mode
 from mapdeal.maps.map_server import pair_paths
@@ -63,7 +63,7 @@ class FilterMask:
     def line(self) -> str:
         document = self.document()
         text = f"{self.path.name}: {count_text(len(self.zones), f'{self.kind} zone')}, "
-        text += f"{document['area_m2']:.4g} m2"
+        text += f"{decimal_text(document['area_m2'])} m2"
         if self.kind == "speed":
             limits = sorted(one["limit"] for one in document["limits"] if one["limit"] is not None)
             listed = ", ".join(f"{one:.4g} {self.info.sign}" for one in limits)

@@ -17,7 +17,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, GoalReach, Reach, reach_radius
-from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
+from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN, decimal_text
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import as_occupancy, write_grid
 from mapdeal.pictures.canvas import Image
@@ -79,7 +79,7 @@ class Reachability(Spread):
         for door in self.reach.passages:
             state = "open" if door.is_open else "closed"
             text = f"  passage {door.x + 0.0:.4g},{door.y + 0.0:.4g}: {door.width:.4g} m wide, "
-            yield text + f"{state}, {door.cut_off:.4g} m2 behind it"
+            yield text + f"{state}, {decimal_text(door.cut_off)} m2 behind it"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         from mapdeal.pictures.reach import reach_image
