@@ -479,7 +479,8 @@ def _arguments(definition: Command) -> Iterator[Argument]:
         yield _argument("output", Annotated[(kind, declared, *marks)], default)
     for name, parameter in definition.parameters.items():
         if name not in {*_OF_ROBOT, *_OF_SETTINGS, "output"} and not parameter.from_robot:
-            yield _argument(name, _option(parameter, first_sentence(meanings[name])), None)
+            default = Argument.empty if parameter.is_required else None
+            yield _argument(name, _option(parameter, first_sentence(meanings[name])), default)
     if definition.json != "never":
         yield _argument("as_json", _JSON, False)
 

@@ -403,7 +403,8 @@ def output_of(step: Step, output: Path) -> list[Path]:
     endings = files_of(step.stage.makes).endings
     if output.suffix not in endings:
         hint = "--image writes a picture" if output.suffix == PICTURE else None
-        rule = f"the output must end in {' or '.join(e for e in endings if e != '.yml')}"
+        *first, last = (ending for ending in endings if ending != ".yml")
+        rule = f"the output must end in {' or '.join(filter(None, [', '.join(first), last]))}"
         raise ParameterError(rule, source=output, hint=hint)
     if output.suffix == ".npy":
         return [output, output.with_suffix(".yaml")]
