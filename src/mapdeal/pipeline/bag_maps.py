@@ -157,7 +157,11 @@ def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dic
         told = bag.summary()
         decoder = Decoder(bag)
         topics = list(_topics(bag, told, decoder))
-        edges = _edges(bag, decoder, progress or report_nothing)
+        edges = []
+        try:
+            edges = _edges(bag, decoder, progress or report_nothing)
+        except ParameterError as error:  # without lz4
+            bag.remark(f"{error.rule} for frames and transforms")
         whole = reduce(Recorded.joined, told.values(), Recorded())
         if not whole.count:
             bag.remark("holds no messages")
@@ -199,7 +203,7 @@ def _frame(bag: Bag, connections: list[Connection], decoder: Decoder) -> str | N
     for one in connections:
         for piece in bag.pieces([one.id]):
             if len(piece):
-                with suppress(MalformedInputError):
+                with suppress(MalformedInputError, ParameterError):
                     return decoder.header(piece[0])[1]
     return None
 
