@@ -130,6 +130,7 @@ def _spread(words: Sequence[str], option: str | None) -> list[str]:
 def _suggested_options(command: Any, context: Any, words: Sequence[str]) -> str | None:
     """Return extra words as the options that they seem to be values of, if all of them do."""
     from mapdeal.cli.options import SHARED_OPTIONS
+    from mapdeal.files.source import exists
 
     try:
         used, extra, _ = command.make_parser(context).parse_args(list(words))
@@ -141,7 +142,7 @@ def _suggested_options(command: Any, context: Any, words: Sequence[str]) -> str 
         and (option.required or option.name not in SHARED_OPTIONS)
     ]  # fmt: skip
     last = next((value[-1] for value in used.values() if isinstance(value, tuple) and value), None)
-    if not extra and last is not None and not Path(last).exists():
+    if not extra and last is not None and not exists(Path(last)):
         extra = [last]  # of commands that take many files
     suggested: list[str] = []
     for word in extra:
