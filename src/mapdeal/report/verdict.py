@@ -230,7 +230,7 @@ def on_cost_difference(found: CostDifference) -> list[Claim]:
     claims = [Claim("costmap", "good", "The same cells are closed in both costmaps")]
     if closed.cells or opened.cells:
         parts = [
-            f"{change.area:.3g} m2 {words} closed"
+            f"{decimal_text(change.area, 3)} m2 {words} closed"
             for change, words in ((closed, "are now"), (opened, "are no longer"))
             if change.cells
         ]
@@ -240,7 +240,9 @@ def on_cost_difference(found: CostDifference) -> list[Claim]:
     text = "All common cells have the same cost"
     if share:
         parts = [
-            f"{change.kind} on {change.area:.3g} m2" for change in (rose, fell) if change.cells
+            f"{change.kind} on {decimal_text(change.area, 3)} m2"
+            for change in (rose, fell)
+            if change.cells
         ]
         text = f"{share:.3g} % of the common cells have another cost"
         text += f": it {' and '.join(parts)}" if parts else ""
