@@ -50,9 +50,9 @@ class _LazyGroup(TyperGroup):
         elif cmd_name == "completion":
             from mapdeal.cli.completion import app
         elif cmd_name in command_names():
-            from mapdeal.cli.apps import stage_app
+            from mapdeal.cli.apps import command_app
 
-            app = stage_app(cmd_name)
+            app = command_app(cmd_name)
         else:
             return None
         begin_work()

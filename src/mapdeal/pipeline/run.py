@@ -15,7 +15,7 @@ import numpy as np
 
 from mapdeal.command import Result
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
-from mapdeal.files.json_values import read_json
+from mapdeal.files.json_values import json_of, read_json
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.costmap import CostCurve, Costmap
@@ -45,6 +45,7 @@ from mapdeal.pipeline.folder import (
     write_image,
     write_picture,
     write_product,
+    written_line,
 )
 from mapdeal.pipeline.recipe import (
     DEFAULT,
@@ -407,14 +408,34 @@ def used_mask(recipe: Recipe, mask: inputs.Mask) -> inputs.Mask | None:
     return inputs.used_mask(mask, recipe.robot)
 
 
-@dataclass(frozen=True)
-class SingleResult:
-    """What one stage has made of a file, as it returns it, and the checksums of what was read."""
+@dataclass(frozen=True, repr=False)
+class SingleResult(Result):
+    """What a stage returned for a file, and the checksums of the files that were read."""
 
+    source: Path
+    output: Path
+    step: Step
     figures: Figures
     result: Any
     sums: Mapping[str, str]
     curve: CostCurve | None = None
+
+    def document(self) -> dict[str, Any]:
+        if hasattr(self.result, "document"):
+            file = {"file": str(self.source), "sha256": self.sums}
+            return {"map": file, **self.result.document()}
+        parameters = self.step.described()[self.step.name]
+        document = {"parameters": parameters, "figures": self.figures}
+        if self.step.stage.makes is not Costmap:
+            return document
+        return {**document, **({"curve": None} if self.curve is None else self.curve.document())}
+
+    def parts(self) -> Iterator[str]:
+        yield json_of(self.document()).decode().removesuffix("\n")
+
+    def lines(self) -> Iterator[str]:
+        yield written_line(self.output, self.figures, with_origin=self.step.moves)
+        yield from getattr(self.result, "lines", tuple)()
 
 
 def apply_to_file(
@@ -481,7 +502,7 @@ def apply_to_file(
             remark = step.remark_on(figures)
             if remark is not None:
                 emit_warning(f"{path}: {remark}", stacklevel=2)
-            return SingleResult(figures, result, source.sums, costs)
+            return SingleResult(path, output, step, figures, result, source.sums, costs)
 
 
 _FILLED = 7  # of the picture: unknown cells that are now free; see `cleaning_style`
