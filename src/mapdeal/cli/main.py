@@ -16,7 +16,7 @@ from typer.core import TyperGroup
 
 from mapdeal.cli import terminal
 from mapdeal.cli.help_pages import lay_out, overview, write_commands
-from mapdeal.cli.process import begin_work, ending, release_reserve
+from mapdeal.cli.signals import begin_work, ending, release_reserve
 from mapdeal.cli.usage import accept_words, point_hint, usage_error
 from mapdeal.errors import FileAccessError, FindingError, MapdealError, refusal_of_the_system
 

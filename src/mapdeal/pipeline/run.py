@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from mapdeal.grid.values import count_text
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import Grid
-from mapdeal.maps.reading import output_paths, read_map, write_grid
+from mapdeal.maps.reading import Source, output_paths, read_map, write_grid
 from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import (
@@ -57,9 +57,6 @@ from mapdeal.pipeline.recipe import (
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Canvas, Settings, heard, passes_reported
 from mapdeal.pipeline.step import Step, grid_of
 from mapdeal.ros.robot import CostmapName, RobotParameters
-
-if TYPE_CHECKING:  # only runs around a robot need what it imports
-    from mapdeal.pipeline.local import Around
 
 _LEAST_COLUMN = 8
 _ALL_AROUND = 2 * math.pi - 0.1
@@ -158,6 +155,19 @@ def _summary_of_local(local: Figures) -> str:
         ends = f"from {local['angle_min']:.4g} to {local['angle_max']:.4g} rad of its heading"
         parts.append(f"seen {'all around' if around else ends}")
     return ", ".join([*parts, f"robot's back at {local['rear_heading']:.4g} rad"])
+
+
+class LocalOfRun(Protocol):
+    """The local map that a run makes besides, see `mapdeal.pipeline.local.Around`."""
+
+    @property
+    def files(self) -> tuple[Path, ...]: ...
+    def filling(
+        self, folder: Path, source: Source, settings: Settings, heard: Sequence[str]
+    ) -> Filling: ...
+    def folder(
+        self, folder: Path, sums: Mapping[str, str], resolution: float, settings: Settings
+    ) -> OutputFolder: ...
 
 
 def products_of(
@@ -318,7 +328,7 @@ def costmap(
 
 def run_map(
     path: Path, folder: Path, recipe: Recipe, settings: Settings = DEFAULT_SETTINGS,
-    around: Around | None = None,
+    around: LocalOfRun | None = None,
 ) -> RunReport:  # fmt: skip
     """Read a map, apply a recipe and write everything into a folder."""
     texts: list[str] = []
