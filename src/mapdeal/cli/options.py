@@ -1,4 +1,4 @@
-"""Arguments and values of options, and the one way to make a stage's options."""
+"""Options and their values: those of parameters, and those that many commands share."""
 
 from __future__ import annotations
 
@@ -33,10 +33,8 @@ OR_STDOUT = "Or - for an .npz on stdout."
 
 
 def option_of(parameter: Parameter, help_text: str, *, is_flag: bool = False) -> Any:
-    """Return the option of a parameter: its name with dashes, its default shown.
-
-    The option's own default is None, "not given": the value stands in the function's signature.
-    """
+    """Return the option of a parameter; its help shows the default of the function."""
+    # An option with the default None is absent from the function's arguments.
     words = parameter.words or Words()
     default = None if parameter.is_required else parameter.default
     metavar = words.metavar or (parameter.unit.metavar if parameter.unit else None)
@@ -88,7 +86,7 @@ def robot_shape(
     footprint_padding: float,
     robot_16_gon: bool | None = None,
 ) -> Footprint | None:
-    """Return the robot's shape; without the option for it, a round one has 16 corners, always."""
+    """Return the robot's shape; commands without --robot-16-gon always use 16 corners."""
     if robot_16_gon and robot_radius is None:
         raise ParameterError("needs --robot-radius", source="--robot-16-gon")
     if footprint is not None and robot_radius is not None:
@@ -117,8 +115,7 @@ def robot_parameters(
 ) -> RobotParameters | None:
     """Return the robot that parameter files describe, if there are any, and report its layers.
 
-    Readers older than today's Nav2 stand for its older costmap, too. Layers are not reported where
-    only the shape is wanted.
+    Dialects before nav2 select the older inflation layer. With `is_shape`, layers are not reported.
     """
     if not params_file:
         for option, value in (("--costmap", costmap), ("--namespace", namespace)):
@@ -164,12 +161,12 @@ Command = Callable[..., None]
 _ROBOT, _AGAINST, _ALWAYS = "robot", "against", "always"
 
 _OF_FILES = ("params_file", "costmap", "namespace")
-"""The options of the group ``robot`` that are about a robot's own parameters."""
+"""Options of the group ``robot`` for a robot's own parameter files."""
 
 OF_IMAGES = ("resolution", "origin")
 """The options for images without a YAML file; some commands have others of these names."""
 
-_OF_SETTINGS = {one.name for one in fields(Settings)}
+_OF_SETTINGS = {setting.name for setting in fields(Settings)}
 
 
 class SharedOption(NamedTuple):
@@ -286,7 +283,7 @@ SHARED_OPTIONS = {
     "quiet": _always("Print only errors and requested results."),
     "verbose": _always("Print what is read and done."),
 }
-"""By name of the parameter; a group has this order. Every command ends with ``always``."""
+"""Options by parameter, in the order of their groups. All commands end with ``always``."""
 
 
 def expanded(names: Iterable[str]) -> list[str]:
@@ -295,8 +292,8 @@ def expanded(names: Iterable[str]) -> list[str]:
         if option.group is not None:
             groups.setdefault(option.group, []).append(name)
     names = list(names)
-    own = {*names, *(("origin",) if "resolution" in names else ())}  # of what the command makes
-    groups["files"] = [one for one in groups["files"] if one not in own & {*OF_IMAGES}]
+    own = {*names, *(("origin",) if "resolution" in names else ())}  # of the output
+    groups["files"] = [name for name in groups["files"] if name not in own & {*OF_IMAGES}]
     return [member for name in names for member in groups.get(name, [name])]
 
 
@@ -309,8 +306,8 @@ def with_shared_options(
     makes_costs: Callable[[Mapping[str, Any]], bool] = lambda _: True,
     ending: str = ".npz",
 ) -> Command:
-    """Return a command that hands a function `Settings`, the robot, and its own options."""
-    by_name = {one.name: one for one in own}
+    """Return a command that calls a function with `Settings`, the robot, and its own options."""
+    by_name = {argument.name: argument for argument in own}
     parameters = _spliced(function.__name__, by_name, names, help_texts)
     ordered = expanded([*names, _ALWAYS])
     shared = [name for name in SHARED_OPTIONS if name in ordered and name not in by_name]
@@ -325,19 +322,19 @@ def with_shared_options(
         for name, value in values.items():
             if isinstance(value, Enum):
                 values[name] = value.value
-            elif value in ([], ()):  # typer before 0.13 has no None for options that are repeated
+            elif value in ([], ()):  # typer before 0.13 has this for repeated options
                 values[name] = defaults[name]
-        given = {name: values.pop(name) for name in shared}
-        if given["quiet"] and given["verbose"]:
+        shared_values = {name: values.pop(name) for name in shared}
+        if shared_values["quiet"] and shared_values["verbose"]:
             raise ParameterError("cannot be given together with --quiet", source="--verbose")
-        terminal.configure(**{name: given[name] for name in ("quiet", "verbose", "strict")})
-        values["settings"] = settings = _settings_of(given)
+        terminal.configure(**{name: shared_values[name] for name in ("quiet", "verbose", "strict")})
+        values["settings"] = settings = _settings_of(shared_values)
         with strict_warnings(settings.strict):
             if robot:
-                shape = {name: given[name] for name in robot if name not in _OF_FILES}
+                shape = {name: shared_values[name] for name in robot if name not in _OF_FILES}
                 values |= {"footprint": robot_shape(**shape)} if shape else {}
             if "params_file" in shared:
-                files = {name: given[name] for name in _OF_FILES}
+                files = {name: shared_values[name] for name in _OF_FILES}
                 read_parameters = partial(
                     robot_parameters,
                     dialect=settings.dialect,
@@ -346,8 +343,9 @@ def with_shared_options(
                     has_pose=values.get("pose") is not None,
                 )
                 values["robot"] = read_parameters(**files)
-                if given.get("against"):
-                    values["against"] = read_parameters(**files | {"params_file": given["against"]})
+                if shared_values.get("against"):
+                    files["params_file"] = shared_values["against"]
+                    values["against"] = read_parameters(**files)
             if settings.resolution is not None and not _names_image(values):
                 rule = "applies to images without their .yaml, and none is named"
                 raise ParameterError(rule, source="--resolution")
@@ -370,7 +368,7 @@ def with_shared_options(
 
 
 def _for_typer(annotation: Any) -> Any:
-    """Return an annotation as typer 0.9, of Ubuntu 24.04, reads it: no ``|`` and no Literal."""
+    """Return an annotation that typer 0.9, of Ubuntu 24.04, reads: without ``|`` and Literal."""
     hint, *marks = get_args(annotation) if get_origin(annotation) is Annotated else [annotation]
     kind, is_optional = split_optional(hint)
     if get_origin(kind) is Literal:
@@ -382,9 +380,9 @@ def _for_typer(annotation: Any) -> Any:
 def _names_image(values: Mapping[str, Any]) -> bool:
     """Return whether an input, or one of several, is an image."""
     named = [value for name, value in values.items() if name != "output"]
-    texts = [one for value in named for one in (value if isinstance(value, list) else [value])]
-    return any(Path(one).suffix.lower() in IMAGE_SUFFIXES for one in texts
-               if isinstance(one, str | Path))  # fmt: skip
+    texts = [item for value in named for item in (value if isinstance(value, list) else [value])]
+    return any(Path(item).suffix.lower() in IMAGE_SUFFIXES for item in texts
+               if isinstance(item, str | Path))  # fmt: skip
 
 
 def _spliced(
@@ -401,18 +399,18 @@ def _spliced(
         if ordered.count(name) > 1 or is_twice:
             raise ValueError(f"{command}: option {name!r} comes twice")
     texts = dict(help_texts or {})
-    parameters = {name: one for name, one in own.items() if name not in ordered}
+    parameters = {name: argument for name, argument in own.items() if name not in ordered}
     for name in ordered:
         parameters[name] = own.get(name) or SHARED_OPTIONS[name].parameter(
             name, texts.pop(name, None)
         )
     if texts:
         raise ValueError(f"{command}: no shared option {next(iter(texts))!r}")
-    return [one.replace(kind=Argument.KEYWORD_ONLY) for one in parameters.values()]
+    return [argument.replace(kind=Argument.KEYWORD_ONLY) for argument in parameters.values()]
 
 
-def _settings_of(given: Mapping[str, Any]) -> Settings:
-    values = {name: given[name] for name in given if name in _OF_SETTINGS}
+def _settings_of(shared_values: Mapping[str, Any]) -> Settings:
+    values = {name: shared_values[name] for name in shared_values if name in _OF_SETTINGS}
     if values.get("origin") is None:
         values.pop("origin", None)
     elif values.get("resolution") is None:
@@ -421,6 +419,6 @@ def _settings_of(given: Mapping[str, Any]) -> Settings:
         values["origin"] = numbers_of(values["origin"], "X,Y,YAW", place="--origin")
     if values.get("max_memory") is not None:
         values["max_memory"] = size_of(values["max_memory"], "--max-memory")
-    if "no_images" in given:
-        values["images"] = not given["no_images"]
+    if "no_images" in shared_values:
+        values["images"] = not shared_values["no_images"]
     return Settings(**values, progress=terminal.blocks_done)

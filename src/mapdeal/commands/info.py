@@ -34,7 +34,7 @@ from mapdeal.inputs.listing import list_maps
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.npz import holds_reach, read_reach
 from mapdeal.maps.reading import open_map
-from mapdeal.pipeline.folder import MANIFEST, manifest_in, said, stages_behind, summary_of
+from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, stages_behind, summary_of
 from mapdeal.pipeline.inputs import Work, claim_work
 from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.ros.load import flavour_of_file, read_robot
@@ -307,7 +307,7 @@ def _lines_of(report: Report) -> Iterator[str]:
 
 
 def _rows_of_run(report: Report) -> Iterator[Row]:
-    yield "kind", f"run of mapdeal {said(report['version'])}"
+    yield "kind", f"run of mapdeal {format_value(report['version'])}"
     yield "inputs", _listed(report["inputs"], with_values=False)
     yield "options", _listed(report["options"])
     if "robot" in report:
@@ -326,7 +326,7 @@ def _robot_of_run(robot: Any) -> str:
         radii = [f"{name} {robot[name]:.6g} m" for name in _RADII]
         return f"{robot['node']} of {names}, {', '.join(radii)}"
     except (LookupError, TypeError, ValueError):
-        return said(robot)
+        return format_value(robot)
 
 
 def _rows_of_file(report: Report) -> Iterator[Row]:
@@ -346,8 +346,8 @@ def _figures(figures: Report) -> str:
 
 def _listed(values: object, *, with_values: bool = True) -> str:
     if not isinstance(values, dict):
-        return said(values)
-    return ", ".join(f"{key} {said(one)}" if with_values else key
+        return format_value(values)
+    return ", ".join(f"{key} {format_value(one)}" if with_values else key
                      for key, one in values.items())  # fmt: skip
 
 
@@ -355,7 +355,7 @@ def _measured(figures: Report) -> str:
     """Return figures with counts in front of what they count: ``5 points, encoding ascii``."""
     parts = []
     for name, value in figures.items():
-        text = f"{value} {name}" if isinstance(value, int) else f"{name} {said(value)}"
+        text = f"{value} {name}" if isinstance(value, int) else f"{name} {format_value(value)}"
         parts.append(text.removesuffix("s") if value == 1 else text)
     return ", ".join(parts)
 

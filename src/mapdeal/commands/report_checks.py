@@ -25,7 +25,7 @@ from mapdeal.grid.reach import Goal, Reach
 from mapdeal.pipeline.folder import reach_document
 from mapdeal.pipeline.inputs import KeepoutMask, Work, map_input, mask_of, read_input
 from mapdeal.pipeline.recipe import planned_shape
-from mapdeal.pipeline.settings import Settings, heard
+from mapdeal.pipeline.settings import Settings, adding_warnings
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.report.document import Claim, PageLayer, State, page_layers
 from mapdeal.report.verdict import on_no_robot
@@ -149,7 +149,7 @@ class Asked:
             return
         texts: list[str] = []
         try:
-            with heard(texts), holding(held):
+            with adding_warnings(texts), holding(held):
                 found = self.reachability(path).reach
         except MapdealError as error:
             is_too_large = error.hint is not None and "--max-memory" in error.hint

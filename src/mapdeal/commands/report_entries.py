@@ -65,9 +65,9 @@ from mapdeal.maps.npz import Grid, holds_reach, open_npz, read_cloud_layers, rea
 from mapdeal.maps.reading import MapFile, is_bare_image, open_map
 from mapdeal.pictures.styles import cost_change_style, difference_style
 from mapdeal.pipeline.batch import SUMMARY
-from mapdeal.pipeline.folder import MANIFEST, manifest_in, product_of, said
+from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, product_of
 from mapdeal.pipeline.inputs import Reading, bytes_of, map_input, read_together
-from mapdeal.pipeline.settings import Settings, heard, portable
+from mapdeal.pipeline.settings import Settings, adding_warnings, portable
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.report.document import MAP, Claim, Entry, Item, PageLayer, Table, kinds_of, page_layers
 from mapdeal.report.tiles import extent_of
@@ -288,7 +288,7 @@ class Grids:
             with ExitStack() as stack:
                 if quietly:
                     stack.enter_context(capture_warnings())
-                stack.enter_context(heard(texts))
+                stack.enter_context(adding_warnings(texts))
                 read = stack.enter_context(sums_of_reads())
                 grid, file = self._read(path)
                 sums = file.sums_by_name(read)
@@ -440,7 +440,7 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
             Table(f"{name}: figures", rows_of(figures)),
         ]
         draft.curve = _curve_of(name, parameters, figures) or draft.curve
-    version = ("mapdeal", said(manifest.get("version")))
+    version = ("mapdeal", format_value(manifest.get("version")))
     draft.tables += [
         Table("Run", (version, *rows_of(manifest.get("options")))),
         Table("Robot", rows_of(manifest.get("robot"))),
@@ -612,7 +612,9 @@ def _is_figure(value: object) -> TypeGuard[int | float]:
 def rows_of(values: object) -> tuple[tuple[str, str], ...]:
     if not isinstance(values, dict):
         return ()
-    return tuple((str(name), one_line(said(_as_written(value)))) for name, value in values.items())
+    return tuple(
+        (str(name), one_line(format_value(_as_written(value)))) for name, value in values.items()
+    )
 
 
 _DIGITS = 6  # of numbers as people write them: ROS's float32 has 0.19 as 0.19000000692903996

@@ -44,7 +44,7 @@ _LONGEST_REASON = 100
 
 @dataclass(frozen=True)
 class Job:
-    """One input of a batch, and where what is made of it goes."""
+    """One input of a batch, and the folder of its outputs."""
 
     path: Path
     folder: Path
@@ -111,25 +111,26 @@ class MapRun:
             return run_map(job.path, job.folder, self.recipe, settings, self.around)
 
 
-def jobs_at_once(wanted: int | None, maps: int, terminal: Terminal) -> int:
+def jobs_at_once(requested: int | None, maps: int, terminal: Terminal) -> int:
     """Return how many jobs there are at the same time: not more than can be of use."""
     processors = available_threads()
     most = max(_LEAST_CAP, _MOST_PER_PROCESSOR * processors)
-    if wanted is not None and wanted > most:
-        terminal.remark([f"note: --jobs {wanted}: using {most}, as there are {processors} cores"])
-    return min(wanted or processors, maps, most)
+    if requested is not None and requested > most:
+        text = f"note: --jobs {requested}: using {most}, as there are {processors} cores"
+        terminal.remark([text])
+    return min(requested or processors, maps, most)
 
 
-def attempt(run_one: Callable[[Any], Any], job: Job) -> Outcome:
+def attempt(run_job: Callable[[Any], Any], job: Job) -> Outcome:
     """Do a job; whatever it raises or warns of is part of the outcome."""
-    with capture_warnings() as kept:
+    with capture_warnings() as warnings:
         try:
-            result = run_one(job)
+            result = run_job(job)
         except MapdealError as error:
             result = error
         except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
             result = refusal_of_the_system(problem, job.path) or internal_error(job, problem)
-    return Outcome(result, tuple(one_line(str(one)) for one in kept))
+    return Outcome(result, tuple(one_line(str(warning)) for warning in warnings))
 
 
 def internal_error(job: Job, problem: BaseException) -> MapdealError:
@@ -140,24 +141,25 @@ def internal_error(job: Job, problem: BaseException) -> MapdealError:
 def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
     jobs: dict[Path, Job] = {}
     in_order: list[Job] = []
-    for one in maps:
-        if one.error is not None:
-            in_order.append(Job(one.path, output / one.name, one.name, one.name, error=one.error))
+    for listed in maps:
+        if listed.error is not None:
+            name = listed.name
+            in_order.append(Job(listed.path, output / name, name, name, error=listed.error))
             continue
-        place = one.place
+        place = listed.place
         odd = [part for part in place.parts if part in ("", ".", "..")]
         if odd or not place.name:
             rule = "the map's name cannot be the name of a folder"
-            raise ParameterError(rule, source=one.path, got=odd[0] if odd else place.name)
+            raise ParameterError(rule, source=listed.path, got=odd[0] if odd else place.name)
         if len(maps) > 1 and place.parts[0] == SUMMARY:
-            raise ParameterError(f"would write into the place of {SUMMARY}", source=one.path)
+            raise ParameterError(f"would write into the place of {SUMMARY}", source=listed.path)
         if place in jobs:
             rule = f"would write into {output / place}, as {jobs[place].path} does"
             hint = (
                 "maps of a folder, a quoted pattern or @LIST.txt keep their path below the output"
             )
-            raise ParameterError(rule, source=one.path, hint=hint)
-        jobs[place] = Job(one.path, output / place, one.name, place.as_posix())
+            raise ParameterError(rule, source=listed.path, hint=hint)
+        jobs[place] = Job(listed.path, output / place, listed.name, place.as_posix())
         in_order.append(jobs[place])
     for place, job in jobs.items():
         # the folder of one run may lie in that of another, but not in the place of its files
@@ -165,11 +167,11 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
             if above in jobs and place.relative_to(above).parts[0] in outputs:
                 rule = f"would write into the place of a file of {jobs[above].path}"
                 raise ParameterError(rule, source=job.path)
-    alike: dict[str, Job] = {}
+    by_folded_name: dict[str, Job] = {}
     for place, job in jobs.items():
-        other = alike.setdefault(place.as_posix().casefold(), job)
-        if other is not job and ignores_case(output):
-            rule = f"would write into {job.folder}, as {other.path} does: the disk ignores case"
+        first_job = by_folded_name.setdefault(place.as_posix().casefold(), job)
+        if first_job is not job and ignores_case(output):
+            rule = f"would write into {job.folder}, as {first_job.path} does: the disk ignores case"
             raise ParameterError(rule, source=job.path)
     return in_order
 
@@ -177,7 +179,7 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
 @dataclass(frozen=True)
 class Plan:
     job: Job
-    what: Literal["new", "replace", "unchanged", "refused", "failed"]
+    status: Literal["new", "replace", "unchanged", "refused", "failed"]
     height: int = 0
     width: int = 0
     need: Need | None = None
@@ -189,17 +191,17 @@ class Plan:
     def row(self) -> tuple[str, ...]:
         size = f"{self.width} x {self.height}"
         if self.error is not None:
-            what = f"{self.what} ({self.error.exit_code})"
-            return what, "-", size if self.height else "-", "-", _failure(self.error, self.job)
+            status = f"{self.status} ({self.error.exit_code})"
+            return status, "-", size if self.height else "-", "-", _failure(self.error, self.job)
         memory = "-"
         if self.need is not None:
             memory = size_text(self.need.memory) + " in blocks" * self.need.by_blocks
         where = f"{self.job.name} -> {self.job.folder}"
-        return self.what, str(len(self.writes)) if self.writes else "-", size, memory, where
+        return self.status, str(len(self.writes)) if self.writes else "-", size, memory, where
 
     def document(self) -> dict[str, Any]:
         document: dict[str, Any] = {"map": self.job.name, "folder": self.job.place}
-        document |= {"status": self.what, "width": self.width, "height": self.height}
+        document |= {"status": self.status, "width": self.width, "height": self.height}
         if self.need is not None:
             document |= {"memory": self.need.memory, "in_blocks": self.need.by_blocks}
         document |= {"reads": list(map(str, self.reads)), "writes": list(map(str, self.writes))}
@@ -232,7 +234,7 @@ def plan_of(job: Job, run: MapRun) -> Plan:
             files = (*files, *run.around.files)
         for target in folders:
             target.check_inputs(files)
-        new = [one for one in folders if settings.force or one.unchanged_figures() is None]
+        new = [folder for folder in folders if settings.force or folder.unchanged_figures() is None]
     except MapdealError as error:
         return Plan(job, "failed", *size, error=error)
     if not new:
@@ -257,13 +259,13 @@ class Plans(Result):
 
     plans: Sequence[Plan]
     at_once: int | None  # number of jobs, None on a cluster
-    others: Sequence[Path]
+    also_written: Sequence[Path]
 
     def document(self) -> dict[str, Any]:
         return {
             "dry_run": True,
             "maps": [plan.document() for plan in self.plans],
-            "also_writes": list(map(str, self.others)),
+            "also_writes": list(map(str, self.also_written)),
         }
 
     def lines(self) -> Iterator[str]:
@@ -271,13 +273,13 @@ class Plans(Result):
         ordered = sorted(self.plans, key=lambda plan: plan.error is not None)
         head = ("what", "files", "cells", "memory", "map -> folder")
         yield from _aligned([head, *(plan.row for plan in ordered)])
-        counts = Counter(plan.what for plan in self.plans)
+        counts = Counter(plan.status for plan in self.plans)
         running, failing = counts["new"] + counts["replace"], counts["refused"] + counts["failed"]
-        others = f", and {' and '.join(map(str, self.others))}" if self.others else ""
+        also = f", and {' and '.join(map(str, self.also_written))}" if self.also_written else ""
         yield (
             f"{count_text(len(self.plans), 'map')}: {running} to run, {counts['unchanged']} "
             f"unchanged, {failing} that would fail; "
-            f"{sum(len(plan.writes) for plan in self.plans)} files to write{others}"
+            f"{sum(len(plan.writes) for plan in self.plans)} files to write{also}"
         )
         needed = sorted((plan.need.memory for plan in self.plans if plan.need), reverse=True)
         if needed:
@@ -318,13 +320,13 @@ class Workers(Protocol):
 
     def started(self, size: int, work: Work) -> AbstractContextManager[Submit]:
         """Run `size` workers within a ``with`` block; yield a function that sends them a job."""
-        # An exception that leaves the block stops what they do. A future raises `BrokenExecutor` if
-        # it is not known which worker died, and of what.
+        # An exception that leaves the block stops them. A future raises `BrokenExecutor` if it is
+        # unknown which worker died, and why.
 
 
 def dispatch(
     count: int, job_of: Callable[[int], Job], work: Work, workers: Workers,
-    done: Callable[[int, Outcome], None],
+    on_outcome: Callable[[int, Outcome], None],
 ) -> None:  # fmt: skip
     # When a process dies, its pool is lost, and any of the jobs that were under way may be why.
     # Each of them is tried again, alone. If that kills its process, too, it has failed; all others
@@ -343,7 +345,7 @@ def dispatch(
                         except BrokenExecutor:
                             suspects.append(index)
                         except MapdealError as error:
-                            done(index, Outcome(error))
+                            on_outcome(index, Outcome(error))
                     finished, _ = wait(under_way, return_when=FIRST_COMPLETED)
                     for future in sorted(finished, key=under_way.__getitem__):
                         index = under_way[future]
@@ -351,12 +353,12 @@ def dispatch(
                         if outcome is None:
                             suspects.append(index)
                         else:
-                            done(index, outcome)
+                            on_outcome(index, outcome)
                         del under_way[future]
-        except KeyboardInterrupt:  # what was finished all the same is told
+        except KeyboardInterrupt:  # report the jobs that have finished
             for future, index in under_way.items():
                 if future.done() and not future.cancelled() and future.exception() is None:
-                    done(index, future.result())
+                    on_outcome(index, future.result())
             raise
         return sorted(suspects)
 
@@ -366,7 +368,7 @@ def dispatch(
             if until_broken(deque([suspect]), 1):
                 rule = "the worker process died, and again with this map alone"
                 error = WorkerDiedError(rule, source=job_of(suspect).path, hint=TOO_LARGE)
-                done(suspect, Outcome(error))
+                on_outcome(suspect, Outcome(error))
 
 
 def _outcome_of(future: Future[Outcome], job: Job) -> Outcome | None:
@@ -382,7 +384,7 @@ def _outcome_of(future: Future[Outcome], job: Job) -> Outcome | None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Batch(Result):
-    what: ClassVar[str] = "map"
+    noun: ClassVar[str] = "map"
     is_brief: ClassVar[bool] = False
     """Whether only the first line of each job is printed, and warnings as they are."""
 
@@ -393,7 +395,7 @@ class Batch(Result):
 
     def document(self) -> dict[str, Any]:
         maps = [
-            {self.what: job.name, "folder": job.place, **outcome.document(job)}
+            {self.noun: job.name, "folder": job.place, **outcome.document(job)}
             for job, outcome in zip(self.jobs, self.outcomes, strict=True)
         ]
         return {"maps": maps}
@@ -418,7 +420,7 @@ class Batch(Result):
                 rows.append((result.status, size, job.name))
         yield from _aligned([*rows, *failed])
         counts = [f"{self.count(status)} {status}" for status in ("done", "unchanged", "failed")]
-        yield f"{count_text(len(self.jobs), self.what)}: {', '.join(counts)}"
+        yield f"{count_text(len(self.jobs), self.noun)}: {', '.join(counts)}"
 
     def check(self) -> None:
         failed = self.count("failed")
@@ -440,7 +442,7 @@ B = TypeVar("B", bound=Batch)
 
 
 def run_all(
-    jobs: Sequence[Job], output: Path, run_one: Callable[[Job], RunReport],
+    jobs: Sequence[Job], output: Path, run_job: Callable[[Job], RunReport],
     on_done: Callable[[Job, Outcome], None], kind: type[B], *, workers: Workers | None = None,
 ) -> B:  # fmt: skip
     """Run every job, none stopped by another's failure, and write ``summary.json``."""
@@ -453,7 +455,7 @@ def run_all(
             marked[index] = replace(jobs[index], is_new=not exists(jobs[index].folder))
         return marked[index]
 
-    def done(index: int, outcome: Outcome) -> None:
+    def record(index: int, outcome: Outcome) -> None:
         outcomes[index] = outcome
         on_done(jobs[index], outcome)
 
@@ -469,13 +471,13 @@ def run_all(
     try:
         if workers is None:
             for index in range(len(jobs)):
-                done(index, attempt(run_one, job_of(index)))
+                record(index, attempt(run_job, job_of(index)))
         else:
-            dispatch(len(jobs), job_of, partial(attempt, run_one), workers, done)
+            dispatch(len(jobs), job_of, partial(attempt, run_job), workers, record)
     except KeyboardInterrupt:
         summarised()
-        told = f"{len(outcomes)} of {len(jobs)} {kind.what}s are done"
-        raise KeyboardInterrupt(f"{told}, run the same command to continue") from None
+        progress = f"{len(outcomes)} of {len(jobs)} {kind.noun}s are done"
+        raise KeyboardInterrupt(f"{progress}, run the same command to continue") from None
     except MapdealError:
         if outcomes:
             summarised()
@@ -484,12 +486,12 @@ def run_all(
 
 
 def run_and_report(
-    jobs: Sequence[Job], output: Path, run_one: Callable[[Job], RunReport], kind: type[B],
+    jobs: Sequence[Job], output: Path, run_job: Callable[[Job], RunReport], kind: type[B],
     terminal: Terminal, *, workers: Workers | None = None,
 ) -> B:  # fmt: skip
     """Run every job as `run_all` does; report failures and warnings when they happen."""
     with (
-        terminal.counted(len(jobs), kind.what) as advance,
+        terminal.counted(len(jobs), kind.noun) as advance,
         terminal.few_warnings(f"{output / SUMMARY} has them all") as warn,
     ):
 
@@ -504,7 +506,7 @@ def run_and_report(
                     terminal.detail(line)
             advance(failed=outcome.status == "failed")
 
-        return run_all(jobs, output, run_one, report, kind, workers=workers)
+        return run_all(jobs, output, run_job, report, kind, workers=workers)
 
 
 def _failure(error: MapdealError, job: Job) -> str:

@@ -1,4 +1,4 @@
-"""A run: one map through one recipe into one folder, and what is around a robot into another."""
+"""A run: one map through one recipe into one folder, and perhaps a local map into another."""
 
 from __future__ import annotations
 
@@ -54,13 +54,19 @@ from mapdeal.pipeline.recipe import (
     load_recipe,
     read_robot_parameters,
 )
-from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Canvas, Settings, heard, passes_reported
+from mapdeal.pipeline.settings import (
+    DEFAULT_SETTINGS,
+    Canvas,
+    Settings,
+    adding_warnings,
+    passes_reported,
+)
 from mapdeal.pipeline.step import Step, grid_of
 from mapdeal.ros.robot import CostmapName, RobotParameters
 
 _LEAST_COLUMN = 8
 _ALL_AROUND = 2 * math.pi - 0.1
-"""Radians: with gaps as short as this there is no direction that a cloud does not cover."""
+"""Radians: from this angle on, a cloud counts as covering all directions."""
 
 LOCAL_RECIPE = "local"  # the recipe for local maps, and the folder of the one that a run makes
 
@@ -163,7 +169,7 @@ class LocalOfRun(Protocol):
     @property
     def files(self) -> tuple[Path, ...]: ...
     def filling(
-        self, folder: Path, source: Source, settings: Settings, heard: Sequence[str]
+        self, folder: Path, source: Source, settings: Settings, warnings: Sequence[str]
     ) -> Filling: ...
     def folder(
         self, folder: Path, sums: Mapping[str, str], resolution: float, settings: Settings
@@ -184,7 +190,7 @@ def products_of(
         is_elsewhere = is_elsewhere or step.moves
         if is_elsewhere and path is not None:
             inputs.claim_step(path, grid, step)
-        if mask is not None and step.stage.makes is Costmap:
+        if mask is not None and step.stage.product_type is Costmap:
             without, costs = mask.costs_of(step, grid, path)
             product: Grid = costs if step.accepts_mask else without
             if canvas is not None:
@@ -251,15 +257,15 @@ def apply_recipe(
         raise ParameterError("takes a grid", place="apply_recipe", got=grid, hint=hint)
     canvas = Settings(canvas=canvas).canvas
     loaded = load_recipe(recipe, changes, footprint=footprint, sim=sim, robot_radius=robot_radius)
-    made = {}
-    whole = grid.frame if canvas == "full" else None
-    over = inputs.mask_of(used_mask(loaded, mask), DEFAULT_SETTINGS)
-    for product in products_of(loaded, grid, None, canvas=whole, mask=over):
-        made[product.step.name] = product.grid
+    products = {}
+    full_frame = grid.frame if canvas == "full" else None
+    keepout = inputs.mask_of(used_mask(loaded, mask), DEFAULT_SETTINGS)
+    for product in products_of(loaded, grid, None, canvas=full_frame, mask=keepout):
+        products[product.step.name] = product.grid
         remark = product.step.remark_on(product.grid.figures())
         if remark is not None:
             emit_warning(remark, stacklevel=2)
-    return made
+    return products
 
 
 def costmap(
@@ -334,7 +340,7 @@ def run_map(
     texts: list[str] = []
     with ExitStack() as stack:
         stack.enter_context(use_threads(settings.threads))
-        with heard(texts):
+        with adding_warnings(texts):
             source = stack.enter_context(
                 inputs.opened_map(
                     path, recipe.steps, settings, image_max=settings.picture_size, with_sums=True
@@ -350,7 +356,7 @@ def run_map(
         fillings = [
             Filling(
                 target, products, path.stem, (*source.files, *recipe.files, *also), path,
-                by_blocks=source.grid.is_lazy, heard=remarks, read=source.grid, robot=robot,
+                by_blocks=source.grid.is_lazy, warnings=remarks, read=source.grid, robot=robot,
             )
         ]  # fmt: skip
         if around is not None:
@@ -362,7 +368,7 @@ def run_map(
 def fill(
     source: Path, fillings: Sequence[Filling], settings: Settings, *, skip: bool = True
 ) -> list[RunReport]:
-    """Fill folders together, but those that are to be skipped as they hold all this already."""
+    """Write the folders in one pass; skip those that are up to date."""
     found = []
     for filling in fillings:
         filling.folder.check_inputs(filling.files)
@@ -375,9 +381,9 @@ def fill(
     if len(fillings) == 1 and new and new[0].folder.shows_input:
         _warn_of_another(around_in(new[0].folder.path))
     with use_threads(settings.threads):
-        made = iter(fill_together(new) if new else [])
+        figures_of_new = iter(fill_together(new) if new else [])
     return [
-        RunReport(filling.folder.path, "done", next(made), source)
+        RunReport(filling.folder.path, "done", next(figures_of_new), source)
         if old is None
         else RunReport(filling.folder.path, "unchanged", old, source)
         for filling, old in zip(fillings, found, strict=True)
@@ -411,7 +417,7 @@ def output_folder(
 def used_mask(recipe: Recipe, mask: inputs.Mask) -> inputs.Mask | None:
     """Return a keepout mask, or None if the recipe's robot ignores it; refuse it without costs."""
     if mask is not None and not any(
-        step.stage.makes is Costmap or step.accepts_mask for step in recipe.steps
+        step.stage.product_type is Costmap or step.accepts_mask for step in recipe.steps
     ):
         rule = "the recipe makes no costs, which alone a mask applies to"
         raise ParameterError(rule, place="mask")
@@ -436,7 +442,7 @@ class SingleResult(Result):
             return {"map": file, **self.result.document()}
         parameters = self.step.described()[self.step.name]
         document = {"parameters": parameters, "figures": self.figures}
-        if self.step.stage.makes is not Costmap:
+        if self.step.stage.product_type is not Costmap:
             return document
         return {**document, **({"curve": None} if self.curve is None else self.curve.document())}
 
@@ -462,44 +468,46 @@ def apply_to_file(
     image_max = None if settings.image is None else settings.image_max
     opened = inputs.opened_map(path, [step], settings, image_max=image_max, with_sums=with_sums)
     with use_threads(settings.threads), opened as source:
-        over = inputs.mask_of(settings.mask, settings, source.grid)
-        read = [*source.files, *(over.files if over else ()), *also_read]
+        keepout = inputs.mask_of(settings.mask, settings, source.grid)
+        read = [*source.files, *(keepout.files if keepout else ()), *also_read]
         progress = settings.progress if source.grid.is_lazy else None
         with (
             passes_reported(progress, passes_of(step, endings)),
             inputs.outputs_of(outputs, read, settings, curve=curve) as transaction,
             inputs.errors_named(path),
         ):
-            taken = source.grid if stage.edits else step.taken(source.grid, path)
+            accepted = source.grid if stage.edits else step.input_of(source.grid, path)
             if step.moves:
-                inputs.claim_step(path, taken, step)
+                inputs.claim_step(path, accepted, step)
             masked: Costmap | None = None
-            if over is not None and stage.makes is Costmap:
-                result, masked = over.costs_of(step, taken, path)
+            if keepout is not None and stage.product_type is Costmap:
+                result, masked = keepout.costs_of(step, accepted, path)
             else:
-                result = step.result_of(taken, path)
+                result = step.result_of(accepted, path)
             grid, title = grid_of(result), step.title
-            costs = step.curve_on(taken) if curve is not None or with_curve else None
+            costs = step.curve_on(accepted) if curve is not None or with_curve else None
             if curve is not None and costs is None:
                 raise step.no_curve()
             overlays = robot_overlays(step)
-            if over is not None and masked is not None and isinstance(grid, Costmap):
+            if keepout is not None and masked is not None and isinstance(grid, Costmap):
                 overlays.insert(0, KeepoutOverlay.of(grid, masked))
-                grid, title = masked, f"{title}, with {Path(over.path).name}"
+                grid, title = masked, f"{title}, with {Path(keepout.path).name}"
             title = f"{path.stem}: {title}"
-            with one_pass(transaction, grid) as asked:
+            with one_pass(transaction, grid) as pass_grid:
                 if stage.edits:
                     # with the scale of costs and further keys of the YAML that it was read from
                     metadata = source.metadata
                     as_bytes = metadata is not None and metadata.cost_scale is not None
                     scale: Encoding = "costmap2d" if as_bytes else "occupancy"
                     extra = dict(metadata.extra) if metadata else {}
-                    edited = asked if output.suffix == ".npz" else grid
+                    edited = pass_grid if output.suffix == ".npz" else grid
                     write_grid(transaction, output, edited, encoding=scale, extra=extra)
                 else:
-                    write_product(transaction, output, grid, step, asked=asked, encoding=encoding)
+                    write_product(
+                        transaction, output, grid, step, pass_grid=pass_grid, encoding=encoding
+                    )
                 if stage.shows_changes:
-                    _add_changes(transaction, settings, taken, grid, title)
+                    _add_changes(transaction, settings, accepted, grid, title)
                 elif settings.image is not None:
                     overlay = together(overlays)
                     write_picture(transaction, settings.image, grid, title, settings, overlay)
