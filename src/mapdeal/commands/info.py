@@ -14,14 +14,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from mapdeal import errors
 from mapdeal.command import Result, Words, command
-from mapdeal.errors import (
-    BatchError,
-    FileAccessError,
-    MalformedInputError,
-    MapdealError,
-    capture_warnings,
-)
 from mapdeal.files.source import exists, is_folder, sha256_of, status_of, sums_of_reads
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import PotentialField
@@ -96,7 +90,7 @@ class Descriptions(Result):
     """Descriptions of files, each made when its turn comes."""
 
     reports: Iterator[Report]
-    failed: list[MapdealError] = field(default_factory=list)
+    failed: list[errors.MapdealError] = field(default_factory=list)
     """Errors of files, one of several, that have been met so far."""
 
     def document(self) -> dict[str, Any]:
@@ -114,7 +108,7 @@ class Descriptions(Result):
 
     def check(self) -> None:
         if self.failed:
-            raise BatchError(f"{count_text(len(self.failed), 'file')} cannot be described")
+            raise errors.BatchError(f"{count_text(len(self.failed), 'file')} cannot be described")
 
 
 @command(
@@ -170,7 +164,7 @@ def describe(
             for is_robot, group in groups
             for part in ([(True, group)] if is_robot else [(False, [one]) for one in group])
         ]
-    failed: list[MapdealError] = []
+    failed: list[errors.MapdealError] = []
 
     def reports() -> Iterator[Report]:
         for is_robot, group in groups:
@@ -179,7 +173,7 @@ def describe(
                     yield _describe_robot(group, costmap or "global", namespace, dialect, of_map)
                 else:
                     yield _described(group[0], settings, work.counted)
-            except MapdealError as error:
+            except errors.MapdealError as error:
                 if len(groups) == 1:
                     raise
                 failed.append(error)
@@ -201,7 +195,7 @@ def _describe_robot(
     map_path: Path | None,
 ) -> Report:  # fmt: skip
     """Return what a robot's parameter files say of one of its costmaps, as JSON can hold it."""
-    with capture_warnings():
+    with errors.capture_warnings():
         robot = read_robot(paths, costmap=costmap, namespace=namespace, older=dialect != "nav2")
     report = {"file": str(paths[-1]), "kind": "robot parameters", **robot.described()}
     for entry, one in zip(report["layers"], robot.layers, strict=True):
@@ -223,7 +217,7 @@ def _described(
         if path.suffix.lower() == ".npz" and holds_reach(path):
             return _describe_reach(path, settings.max_cells)
         return _describe_map(path, settings.dialect, settings.max_cells)
-    except (MalformedInputError, FileAccessError) as error:
+    except (errors.MalformedInputError, errors.FileAccessError) as error:
         # an error about a file that a map names is not about what the map is
         kind = kind_of(path) if str(error.source) == str(path) else None
         if kind is None or kind.name in (MAP, IMAGE, POINTER):

@@ -13,19 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, TypeVar
 
+from mapdeal import errors
 from mapdeal.command import Result
-from mapdeal.errors import (
-    BatchError,
-    FileAccessError,
-    FindingError,
-    MapdealError,
-    ParameterError,
-    capture_warnings,
-    one_line,
-    refusal_of_the_system,
-    refuse_warnings,
-    strict_warnings,
-)
 from mapdeal.files.source import exists, ignores_case, is_same_file, size_text, sums_of_reads
 from mapdeal.files.transaction import Transaction, make_folder
 from mapdeal.grid.values import count_text
@@ -51,7 +40,7 @@ class Job:
     name: str
     place: str
     is_new: bool = False
-    error: MapdealError | None = None
+    error: errors.MapdealError | None = None
     """Why there is no map to run."""
 
 
@@ -64,14 +53,14 @@ class Outcome:
     def status(self) -> str:
         if self.result is None:
             return "interrupted"
-        if isinstance(self.result, MapdealError):
+        if isinstance(self.result, errors.MapdealError):
             return "failed"
         local = getattr(self.result, "local", None)
         return "done" if local is not None and local.status == "done" else str(self.result.status)
 
     def document(self, job: Job) -> dict[str, Any]:
         document: dict[str, Any] = {"status": self.status}
-        if isinstance(self.result, MapdealError):
+        if isinstance(self.result, errors.MapdealError):
             error = text_of(str(self.result), job)
             document |= {"exit_code": self.result.exit_code, "error": error}
         elif self.result is not None:
@@ -107,7 +96,7 @@ class MapRun:
         if job.error is not None:
             raise job.error
         settings = replace(self.settings, force=self.settings.force or job.is_new)
-        with settings.reading(anew=True), strict_warnings(settings.strict, job.path):
+        with settings.reading(anew=True), errors.strict_warnings(settings.strict, job.path):
             return run_map(job.path, job.folder, self.recipe, settings, self.around)
 
 
@@ -123,19 +112,19 @@ def jobs_at_once(requested: int | None, maps: int, terminal: Terminal) -> int:
 
 def attempt(run_job: Callable[[Any], Any], job: Job) -> Outcome:
     """Do a job; whatever it raises or warns of is part of the outcome."""
-    with capture_warnings() as warnings:
+    with errors.capture_warnings() as warnings:
         try:
             result = run_job(job)
-        except MapdealError as error:
+        except errors.MapdealError as error:
             result = error
         except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
-            result = refusal_of_the_system(problem, job.path) or internal_error(job, problem)
-    return Outcome(result, tuple(one_line(str(warning)) for warning in warnings))
+            result = errors.refusal_of_the_system(problem, job.path) or internal_error(job, problem)
+    return Outcome(result, tuple(errors.one_line(str(warning)) for warning in warnings))
 
 
-def internal_error(job: Job, problem: BaseException) -> MapdealError:
+def internal_error(job: Job, problem: BaseException) -> errors.MapdealError:
     text = f"internal error: {type(problem).__name__}: {problem}"
-    return MapdealError(text, source=job.path, hint="this is a bug in mapdeal")
+    return errors.MapdealError(text, source=job.path, hint="this is a bug in mapdeal")
 
 
 def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
@@ -150,15 +139,17 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
         odd = [part for part in place.parts if part in ("", ".", "..")]
         if odd or not place.name:
             rule = "the map's name cannot be the name of a folder"
-            raise ParameterError(rule, source=listed.path, got=odd[0] if odd else place.name)
+            raise errors.ParameterError(rule, source=listed.path, got=odd[0] if odd else place.name)
         if len(maps) > 1 and place.parts[0] == SUMMARY:
-            raise ParameterError(f"would write into the place of {SUMMARY}", source=listed.path)
+            raise errors.ParameterError(
+                f"would write into the place of {SUMMARY}", source=listed.path
+            )
         if place in jobs:
             rule = f"would write into {output / place}, as {jobs[place].path} does"
             hint = (
                 "maps of a folder, a quoted pattern or @LIST.txt keep their path below the output"
             )
-            raise ParameterError(rule, source=listed.path, hint=hint)
+            raise errors.ParameterError(rule, source=listed.path, hint=hint)
         jobs[place] = Job(listed.path, output / place, listed.name, place.as_posix())
         in_order.append(jobs[place])
     for place, job in jobs.items():
@@ -166,13 +157,13 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
         for above in place.parents:
             if above in jobs and place.relative_to(above).parts[0] in outputs:
                 rule = f"would write into the place of a file of {jobs[above].path}"
-                raise ParameterError(rule, source=job.path)
+                raise errors.ParameterError(rule, source=job.path)
     by_folded_name: dict[str, Job] = {}
     for place, job in jobs.items():
         first_job = by_folded_name.setdefault(place.as_posix().casefold(), job)
         if first_job is not job and ignores_case(output):
             rule = f"would write into {job.folder}, as {first_job.path} does: the disk ignores case"
-            raise ParameterError(rule, source=job.path)
+            raise errors.ParameterError(rule, source=job.path)
     return in_order
 
 
@@ -185,7 +176,7 @@ class Plan:
     need: Need | None = None
     reads: tuple[Path, ...] = ()
     writes: tuple[Path, ...] = ()
-    error: MapdealError | None = None
+    error: errors.MapdealError | None = None
 
     @property
     def row(self) -> tuple[str, ...]:
@@ -218,7 +209,7 @@ def plan_of(job: Job, run: MapRun) -> Plan:
         return Plan(job, "failed", *size, error=job.error)
     try:
         with (
-            capture_warnings(),  # the run itself warns
+            errors.capture_warnings(),  # the run itself warns
             sums_of_reads() as sums,
             open_map(job.path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
         ):
@@ -235,7 +226,7 @@ def plan_of(job: Job, run: MapRun) -> Plan:
         for target in folders:
             target.check_inputs(files)
         new = [folder for folder in folders if settings.force or folder.unchanged_figures() is None]
-    except MapdealError as error:
+    except errors.MapdealError as error:
         return Plan(job, "failed", *size, error=error)
     if not new:
         return Plan(job, "unchanged", *size, reads=files)
@@ -244,10 +235,10 @@ def plan_of(job: Job, run: MapRun) -> Plan:
     inputs = [path for path in existing if any(is_same_file(path, file) for file in files)]
     refusal = None
     if inputs:
-        refusal = FileAccessError("the output is the input", source=inputs[0])
+        refusal = errors.FileAccessError("the output is the input", source=inputs[0])
     elif existing and not settings.force:
         hint = "--force replaces it"
-        refusal = FileAccessError("the output exists", source=existing[0], hint=hint)
+        refusal = errors.FileAccessError("the output exists", source=existing[0], hint=hint)
     if refusal is not None:
         return Plan(job, "refused", *size, reads=files, error=refusal)
     return Plan(job, "replace" if existing else "new", *size, need, files, outputs)
@@ -299,7 +290,7 @@ class Plans(Result):
         failing = sum(plan.error is not None for plan in self.plans)
         if failing:
             rule = f"{failing} of {count_text(len(self.plans), 'map')} would fail"
-            raise BatchError(rule, source="--dry-run")
+            raise errors.BatchError(rule, source="--dry-run")
 
 
 Work = Callable[[Job], Outcome]
@@ -309,8 +300,8 @@ Submit = Callable[[Job], Future[Outcome]]
 TOO_LARGE = "it may have run out of memory: mapdeal run --dry-run shows what a map needs"
 
 
-class WorkerDiedError(MapdealError):
-    exit_code = BatchError.exit_code
+class WorkerDiedError(errors.MapdealError):
+    exit_code = errors.BatchError.exit_code
 
 
 class Workers(Protocol):
@@ -344,7 +335,7 @@ def dispatch(
                             under_way[submit(job_of(index))] = index
                         except BrokenExecutor:
                             suspects.append(index)
-                        except MapdealError as error:
+                        except errors.MapdealError as error:
                             on_outcome(index, Outcome(error))
                     finished, _ = wait(under_way, return_when=FIRST_COMPLETED)
                     for future in sorted(finished, key=under_way.__getitem__):
@@ -376,7 +367,7 @@ def _outcome_of(future: Future[Outcome], job: Job) -> Outcome | None:
         return future.result()
     except BrokenExecutor:
         return None
-    except MapdealError as error:
+    except errors.MapdealError as error:
         return Outcome(error)
     except Exception as problem:  # noqa: BLE001 - such as a result that cannot be sent
         return Outcome(internal_error(job, problem))
@@ -413,7 +404,7 @@ class Batch(Result):
         rows, failed = [("status", "cells", "map")], []
         for job, outcome in zip(self.jobs, self.outcomes, strict=True):
             result = outcome.result
-            if isinstance(result, MapdealError):
+            if isinstance(result, errors.MapdealError):
                 failed.append((f"failed ({result.exit_code})", "-", _failure(result, job)))
             elif result is not None:
                 size = cells_text(next(iter(result.figures.values())))
@@ -426,11 +417,11 @@ class Batch(Result):
         failed = self.count("failed")
         if failed:
             rule = f"{failed} of {len(self.jobs)} maps failed"
-            raise BatchError(rule, source=self.output / SUMMARY)
+            raise errors.BatchError(rule, source=self.output / SUMMARY)
         missing = sum(bool(outcome.result.missed_goals) for outcome in self.outcomes)
         if missing:
             rule = f"on {missing} of {len(self.jobs)} maps the robot does not reach every goal"
-            raise FindingError(rule, source=self.output / SUMMARY)
+            raise errors.FindingError(rule, source=self.output / SUMMARY)
 
     @classmethod
     def printed(cls, job: Job, warning: str) -> str:
@@ -466,7 +457,7 @@ def run_all(
             transaction.write_json(output / SUMMARY, batch.document())
         return batch
 
-    refuse_warnings()
+    errors.refuse_warnings()
     make_folder(output)
     try:
         if workers is None:
@@ -478,7 +469,7 @@ def run_all(
         summarised()
         progress = f"{len(outcomes)} of {len(jobs)} {kind.noun}s are done"
         raise KeyboardInterrupt(f"{progress}, run the same command to continue") from None
-    except MapdealError:
+    except errors.MapdealError:
         if outcomes:
             summarised()
         raise
@@ -498,7 +489,7 @@ def run_and_report(
         def report(job: Job, outcome: Outcome) -> None:
             for text in outcome.warnings:
                 warn(kind.printed(job, text))
-            if isinstance(outcome.result, MapdealError):
+            if isinstance(outcome.result, errors.MapdealError):
                 terminal.error(outcome.result)
             elif outcome.result is not None:
                 lines = list(outcome.result.lines())
@@ -509,10 +500,10 @@ def run_and_report(
         return run_all(jobs, output, run_job, report, kind, workers=workers)
 
 
-def _failure(error: MapdealError, job: Job) -> str:
+def _failure(error: errors.MapdealError, job: Job) -> str:
     text = text_of(str(error), job)
     for source in (job.name, str(job.path)):
-        text = text.removeprefix(f"{one_line(source)}: ")
+        text = text.removeprefix(f"{errors.one_line(source)}: ")
     shown = text if len(text) <= _LONGEST_REASON else f"{text[: _LONGEST_REASON - 3]}..."
     return f"{job.name}: {shown}"
 

@@ -16,14 +16,8 @@ from typing import Any, BinaryIO, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal import errors
 from mapdeal.command import Result
-from mapdeal.errors import (
-    FileAccessError,
-    MalformedInputError,
-    ParameterError,
-    emit_warning,
-    one_line,
-)
 from mapdeal.files.json_values import json_of, read_json
 from mapdeal.files.source import MAPS, YAML, exists, holds, is_same_file, real_path, status_of
 from mapdeal.files.transaction import OpenOutput, PutRows, RowsWriter, Transaction
@@ -240,7 +234,7 @@ def _failing_at(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         rule = f"cannot be written: {error.strerror or error}"
-        raise FileAccessError(rule, source=path) from None
+        raise errors.FileAccessError(rule, source=path) from None
 
 
 _DECIMALS = 9  # of metres: further ones are rounding errors of binary fractions
@@ -406,7 +400,7 @@ def output_of(step: Step, output: Path) -> list[Path]:
         hint = "--image writes a picture" if output.suffix == PICTURE else None
         *first, last = (ending for ending in endings if ending != ".yml")
         rule = f"the output must end in {' or '.join(filter(None, [', '.join(first), last]))}"
-        raise ParameterError(rule, source=output, hint=hint)
+        raise errors.ParameterError(rule, source=output, hint=hint)
     if output.suffix == ".npy":
         return [output, output.with_suffix(".yaml")]
     return list(output_paths(output))
@@ -447,12 +441,14 @@ def write_picture(
     }  # fmt: skip
     make_drawing = files.drawing
     if make_drawing is None:
-        write_image(transaction, path, lambda: files.draw(grid, title=one_line(title), **options))
+        write_image(
+            transaction, path, lambda: files.draw(grid, title=errors.one_line(title), **options)
+        )
         return
 
     def begin(file: BinaryIO) -> tuple[PutRows, Callable[[], object]]:
         drawing = make_drawing(grid, **options)
-        return drawing.take, lambda: _encode(file, drawing.image(one_line(title)))
+        return drawing.take, lambda: _encode(file, drawing.image(errors.one_line(title)))
 
     transaction.write(path, RowsWriter(grid.layer, begin))
 
@@ -518,7 +514,7 @@ class OutputFolder:
             if any(is_same_file(path.parent, self.path) for path in (file, real_path(file))):
                 rule = f"lies in {self.path}, where the outputs go"
                 hint = "move it, or name another folder for the outputs"
-                raise FileAccessError(rule, source=file, hint=hint)
+                raise errors.FileAccessError(rule, source=file, hint=hint)
 
     def unchanged_figures(self) -> dict[str, Figures] | None:
         old = self._stored()
@@ -541,7 +537,7 @@ class OutputFolder:
         texts = [str(remark) for remark in remarks] if isinstance(remarks, list) else []
         for text in located(texts, filling.named):
             if text not in filling.warnings:
-                emit_warning(text, stacklevel=2)
+                errors.emit_warning(text, stacklevel=2)
 
     def passes(self) -> int:
         """Return the number of passes through the rows of lazy products."""
@@ -579,7 +575,7 @@ class OutputFolder:
             remark = step.remark_on(figures[step.name])
             if remark is not None:
                 texts.append(f"{filling.subject}: {remark}")
-                emit_warning(texts[-1], stacklevel=2)
+                errors.emit_warning(texts[-1], stacklevel=2)
             overlays = robot_overlays(step, filling.robot)
             overlays[:0] = filter(None, (filling.overlay, product.overlay))
             overlay = together(overlays)
@@ -673,7 +669,7 @@ def fill_together(fillings: Sequence[Filling]) -> list[dict[str, Figures]]:
 def manifest_in(folder: Path) -> dict[str, Any]:
     manifest = read_json(folder / MANIFEST)
     if not _is_manifest(manifest):
-        raise MalformedInputError("is not the manifest of a run", source=folder / MANIFEST)
+        raise errors.MalformedInputError("is not the manifest of a run", source=folder / MANIFEST)
     return manifest
 
 
@@ -726,9 +722,9 @@ def differences_from_golden(folder: Path, golden: Path, place: str | None = None
     stored = golden / (place or folder.name) / MANIFEST
     try:
         status_of(stored)
-    except FileAccessError as error:
+    except errors.FileAccessError as error:
         rule, hint = f"no golden run: {error.rule}", "--update-golden stores it"
-        raise FileAccessError(rule, source=stored, hint=hint) from None
+        raise errors.FileAccessError(rule, source=stored, hint=hint) from None
     new, old = manifest_in(folder), manifest_in(stored.parent)
     lines = []
     for stage in dict.fromkeys([*old["figures"], *new["figures"]]):
@@ -763,5 +759,5 @@ def _difference(stage: str, old: dict[str, Any], new: dict[str, Any]) -> str | N
 
 def _changes(old: Figures, new: Figures) -> str:
     texts = changes_between(old, new)
-    shown = one_line(", ".join(texts[:_SHOWN]))
+    shown = errors.one_line(", ".join(texts[:_SHOWN]))
     return shown + (f" and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else "")

@@ -14,14 +14,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal import errors
 from mapdeal.command import Stage
-from mapdeal.errors import (
-    FileAccessError,
-    MalformedInputError,
-    MapdealError,
-    ParameterError,
-    emit_warning,
-)
 from mapdeal.files.json_values import json_of
 from mapdeal.files.source import (
     FileState,
@@ -156,7 +150,7 @@ class LocalJob:
         if self.cloud is not None:
             return self.cloud.path
         if common.global_map is None:
-            raise ParameterError("a cloud or a global map must be given", place="cloud")
+            raise errors.ParameterError("a cloud or a global map must be given", place="cloud")
         return common.global_map.files[0]
 
 
@@ -260,7 +254,7 @@ def _products(
     if known is not None and not frames_overlap(local.grid.frame, known.grid.frame):
         x, y = local.pose[:2]
         text = f"{known.files[0]}: the map does not reach into the window around {x:.10g}, {y:.10g}"
-        emit_warning(text, stacklevel=2)
+        errors.emit_warning(text, stacklevel=2)
     yield Product(first, local.grid, _figures_of(local, job, common))
     for product in products_of(common.recipe, local.grid, source):
         if product.step.stage.robot is not None and isinstance(product.grid, OccupancyGrid):
@@ -282,8 +276,8 @@ def _check_points(local: LocalMap, cloud: Path, *, required: bool) -> None:
     parts = [f"{count} {reason}" for reason, count in named.items() if count]
     why = f"of {counts.points} points {', '.join(parts)}" if parts else "it holds no points"
     if required:
-        raise MalformedInputError(f"no point marks a cell: {why}", source=cloud)
-    emit_warning(f"{cloud}: no point marks a cell: {why}", stacklevel=2)
+        raise errors.MalformedInputError(f"no point marks a cell: {why}", source=cloud)
+    errors.emit_warning(f"{cloud}: no point marks a cell: {why}", stacklevel=2)
 
 
 def _check_robot(inflated: OccupancyGrid, local: LocalMap, cloud: Path) -> None:
@@ -294,7 +288,7 @@ def _check_robot(inflated: OccupancyGrid, local: LocalMap, cloud: Path) -> None:
     text = "the robot's own cell is an obstacle once inflated"
     if local.counts.marking:
         text += "; a larger min_range drops points of the robot itself"
-    emit_warning(f"{cloud}: {text}", stacklevel=2)
+    errors.emit_warning(f"{cloud}: {text}", stacklevel=2)
 
 
 def _figures_of(local: LocalMap, job: LocalJob, common: LocalCommon) -> Figures:
@@ -330,7 +324,7 @@ def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[Lo
     for path in (poses_file, *clouds):
         if real_path(path).parent in places:
             rule = "lies where outputs go; they need a folder of their own"
-            raise FileAccessError(rule, source=path)
+            raise errors.FileAccessError(rule, source=path)
     return jobs
 
 
@@ -338,7 +332,7 @@ def poses_for(count: int, path: Path) -> list[Pose]:
     poses = [(x, y, yaw) for x, y, yaw in read_poses(path).tolist()]
     if len(poses) != count:
         rule = f"must have a pose for each of {count} clouds"
-        raise MalformedInputError(rule, source=path, got=len(poses))
+        raise errors.MalformedInputError(rule, source=path, got=len(poses))
     return poses
 
 
@@ -361,7 +355,9 @@ def only_cloud(names: Sequence[str]) -> FileCloud:
     clouds = _clouds_of(names)
     if len(clouds) > 1:
         rule = f"applies to one cloud, there are {len(clouds)}"
-        raise ParameterError(rule, source="--pose", hint="--poses FILE takes a pose for each")
+        raise errors.ParameterError(
+            rule, source="--pose", hint="--poses FILE takes a pose for each"
+        )
     return FileCloud.of(clouds[0])
 
 
@@ -376,7 +372,7 @@ class RollingRun:
 
     def __init__(self, jobs: Sequence[LocalJob], common: LocalCommon) -> None:
         if common.keep is None:
-            raise ParameterError("must be given", place="keep")
+            raise errors.ParameterError("must be given", place="keep")
         known = common.global_map
         self._jobs = jobs
         self._common = common
@@ -400,7 +396,7 @@ class RollingRun:
         job = self._jobs[index]
         self._summed.append(None)  # unless it can be read
         if job.cloud is None:
-            raise ParameterError("must be given", place="cloud")
+            raise errors.ParameterError("must be given", place="cloud")
         summed = job.cloud.summed()
         first = 0 if self._keep is None else max(0, index + 1 - self._keep)
         before = self._summed[first:index]
@@ -430,18 +426,18 @@ class RollingRun:
         self._add(index)
         if missing:
             text = f"{missing} of the clouds before it could not be read: the map is without them"
-            emit_warning(f"{self._cloud(index)}: {text}", stacklevel=2)
+            errors.emit_warning(f"{self._cloud(index)}: {text}", stacklevel=2)
         return self._mapper.result()
 
     def _add(self, turn: int) -> None:
         """Add a cloud; one that cannot be read is left out of the maps after it."""
         known = self._summed[turn]
         if known is None:
-            raise ParameterError("was not read", source=self._cloud(turn))
+            raise errors.ParameterError("was not read", source=self._cloud(turn))
         try:
             with errors_named(self._cloud(turn)):
                 self._mapper.add_in_parts(known.points())
-        except MapdealError:
+        except errors.MapdealError:
             self._summed[turn] = None
             self._mapper.skip()
             raise
