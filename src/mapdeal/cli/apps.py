@@ -55,17 +55,12 @@ _EDITED = "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz."
 
 
 def _apply_stage(
-    models: Mapping[str | None, Stage],
-    *,
-    source: Path,
-    output: Path,
-    footprint: Footprint | None = None,
-    robot: Annotated[RobotParameters | None, Words()] = None,
+    models: Mapping[str | None, Stage], *, source: Path, output: Path,
+    footprint: Footprint | None = None, robot: Annotated[RobotParameters | None, Words()] = None,
     recipe: Annotated[str | None, Words("NAME|FILE", completed=recipe_words)] = None,
-    encoding: Encoding = "occupancy",
-    curve: Annotated[Path | None, Words("FILE.png")] = None,
+    encoding: Encoding = "occupancy", curve: Annotated[Path | None, Words("FILE.png")] = None,
     **values: Any,
-) -> SingleResult:
+) -> SingleResult:  # fmt: skip
     """Apply a stage to a file.
 
     Parameters

@@ -80,12 +80,9 @@ def type_of(parameter: Parameter) -> Any:
 
 
 def robot_shape(
-    *,
-    footprint: str | None,
-    robot_radius: float | None,
-    footprint_padding: float,
+    *, footprint: str | None, robot_radius: float | None, footprint_padding: float,
     robot_16_gon: bool | None = None,
-) -> Footprint | None:
+) -> Footprint | None:  # fmt: skip
     """Return the robot's shape; commands without --robot-16-gon always use 16 corners."""
     if robot_16_gon and robot_radius is None:
         raise ParameterError("needs --robot-radius", source="--robot-16-gon")
@@ -104,15 +101,9 @@ def robot_shape(
 
 
 def robot_parameters(
-    *,
-    params_file: Sequence[Path] | None,
-    costmap: CostmapName | None,
-    namespace: str | None,
-    dialect: Dialect,
-    is_shape: bool = False,
-    has_mask: bool = False,
-    has_pose: bool = False,
-) -> RobotParameters | None:
+    *, params_file: Sequence[Path] | None, costmap: CostmapName | None, namespace: str | None,
+    dialect: Dialect, is_shape: bool = False, has_mask: bool = False, has_pose: bool = False,
+) -> RobotParameters | None:  # fmt: skip
     """Return the robot that parameter files describe, if there are any, and report its layers.
 
     Dialects before nav2 select the older inflation layer. With `is_shape`, layers are not reported.
@@ -211,34 +202,29 @@ SHARED_OPTIONS = {
         float, "Distance to move the edges of the shape outwards, metres; ROS uses 0.01.", "M", 0.0
     ),
     "robot_16_gon": _robots(
-        bool,
-        "Treat a round robot as a polygon of 16 corners, as costmap_2d does.  [default: no]",
-        default=False,
+        bool, "Treat a round robot as a polygon of 16 corners, as costmap_2d does.  [default: no]",
+        default=False
     ),
     "params_file": _robots(
         list[Path] | None,
         "Take shape and costs from a robot's own parameters: a Nav2 file, or ROS 1's costmap "
-        "files; can be repeated, later files win.",
-        "FILE",
+        "files; can be repeated, later files win.", "FILE"
     ),
     "costmap": _robots(CostmapName | None, "Costmap of --params-file.  [default: global]"),
     "namespace": _robots(str | None, "Robot of --params-file, if it contains several.", "NS"),
     "against": SharedOption(
         list[Path] | None,
-        "Compare with the costmap of these parameters; can be repeated, later files win.",
-        "FILE",
-        group=_AGAINST,
+        "Compare with the costmap of these parameters; can be repeated, later files win.", "FILE",
+        group=_AGAINST
     ),
     "image": SharedOption(Path | None, "Also write a picture of the result.", "FILE.png"),
     "image_extent": SharedOption(
-        ImageExtent,
-        "Extent of pictures: the known cells and a margin, or the whole map.",
-        default=Settings.image_extent,
+        ImageExtent, "Extent of pictures: the known cells and a margin, or the whole map.",
+        default=Settings.image_extent
     ),
     "dialect": SharedOption(
-        Dialect,
-        "How the image is read: as nav2 (jazzy and newer), humble or ros1.",
-        default=Settings.dialect,
+        Dialect, "How the image is read: as nav2 (jazzy and newer), humble or ros1.",
+        default=Settings.dialect
     ),
     "resolution": SharedOption(
         float | None, "For an image without its .yaml: side of a cell, metres.", "M"
@@ -246,43 +232,34 @@ SHARED_OPTIONS = {
     "origin": SharedOption(
         str | None,
         "For an image without its .yaml: pose of its lower left corner.  [default: 0,0,0]",
-        "X,Y,YAW",
+        "X,Y,YAW"
     ),
     "max_cells": SharedOption(
         int | None,
         "Refuse larger images before allocating memory.  [default: 2e8 for compressed images, "
-        "1e9 for others]",
-        "N",
-        least=1,
+        "1e9 for others]", "N", least=1
     ),
     "force": SharedOption(bool, "Replace existing outputs.", default=False),
     "threads": SharedOption(int | None, "Threads to use.  [default: all cores]", "N", least=1),
     "max_memory": SharedOption(
         str | None,
         "Memory to use, such as 4G or 500M; what needs more is refused.  [default: half of the "
-        "free memory]",
-        "SIZE",
+        "free memory]", "SIZE"
     ),
     "image_max": SharedOption(
-        int,
-        "Longest side of pictures, pixels; 0 for one pixel per cell.",
-        "PIXELS",
-        Settings.image_max,
-        group=None,
-        least=0,
+        int, "Longest side of pictures, pixels; 0 for one pixel per cell.", "PIXELS",
+        Settings.image_max, group=None, least=0
     ),
     "mask": SharedOption(
         Path | None,
         "Keepout mask, a map: the lower bound of the costs; robots stay out of where it is 100.",
-        "MASK",
-        group=None,
-        marks=(FROM_STDIN,),
+        "MASK", group=None, marks=(FROM_STDIN,)
     ),
     "no_images": SharedOption(bool, "Write no pictures.", default=False, group=None),
     "strict": _always("Exit with 1, and write nothing, if there is a warning."),
     "quiet": _always("Print only errors and requested results."),
     "verbose": _always("Print what is read and done."),
-}
+}  # fmt: skip
 """Options by parameter, in the order of their groups. All commands end with ``always``."""
 
 
@@ -298,14 +275,10 @@ def expanded(names: Iterable[str]) -> list[str]:
 
 
 def with_shared_options(
-    function: Command,
-    own: Iterable[Argument],
-    names: Sequence[str],
-    *,
+    function: Command, own: Iterable[Argument], names: Sequence[str], *,
     help_texts: Mapping[str, str] | None = None,
-    makes_costs: Callable[[Mapping[str, Any]], bool] = lambda _: True,
-    ending: str = ".npz",
-) -> Command:
+    makes_costs: Callable[[Mapping[str, Any]], bool] = lambda _: True, ending: str = ".npz",
+) -> Command:  # fmt: skip
     """Return a command that calls a function with `Settings`, the robot, and its own options."""
     by_name = {argument.name: argument for argument in own}
     parameters = _spliced(function.__name__, by_name, names, help_texts)
@@ -386,11 +359,9 @@ def _names_image(values: Mapping[str, Any]) -> bool:
 
 
 def _spliced(
-    command: str,
-    own: Mapping[str, Argument],
-    names: Sequence[str],
+    command: str, own: Mapping[str, Argument], names: Sequence[str],
     help_texts: Mapping[str, str] | None,
-) -> list[Argument]:
+) -> list[Argument]:  # fmt: skip
     ordered = expanded([*names, _ALWAYS])
     for name in ordered:
         if name not in own and name not in SHARED_OPTIONS:

@@ -540,13 +540,9 @@ def _value_of(target: str, text: str) -> object:
 
 
 def _apply_change(
-    draft: Draft,
-    target: str,
-    value: object,
-    name: str,
-    option: str | None,
+    draft: Draft, target: str, value: object, name: str, option: str | None,
     setting: str | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Set ``stage.parameter`` to a value; errors show the setting that asks for it."""
     setting = setting or target
     stage, dot, parameter = str(target).partition(".")
