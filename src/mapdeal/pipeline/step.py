@@ -76,7 +76,7 @@ class Step:
             values["mask"] = mask
         if self.stage.where_it_fits is not None:
             argument, products, per_cell = self.stage.where_it_fits
-            cells, available = taken.shape[0] * taken.shape[1], room()
+            cells, available = grid.shape[0] * grid.shape[1], room()
             values[argument] = available is None or per_cell * cells <= available
             if not values[argument]:
                 size = size_text(int(per_cell * cells))
