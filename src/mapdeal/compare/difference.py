@@ -133,6 +133,16 @@ class Change:
         x, y = frame.xy_from_rowcol([cells[int(np.argmin(away))].tolist()])[0].tolist()
         return cls(kind, len(cells) * frame.resolution**2, x, y, cells)
 
+    @classmethod
+    def largest(
+        cls, kind: ChangeKind, marked: NDArray[np.bool_], frame: Frame, most: int
+    ) -> tuple[list[Change], int]:
+        """Return the largest regions of cells that touch, corners included, and how many exist."""
+        cells, regions = touching_groups(marked)
+        sizes = np.bincount(regions)
+        order = np.argsort(-sizes, kind="stable")[:most]
+        return [cls.of(kind, cells[regions == region], frame) for region in order], len(sizes)
+
     @property
     def place(self) -> str:
         return f"{decimal_text(self.area, 3)} m2 at {self.x + 0.0:.6g},{self.y + 0.0:.6g}"
@@ -157,23 +167,15 @@ class Difference:
     beyond: NDArray[np.bool_]
 
     def largest_changes(self, most: int) -> tuple[list[Change], int]:
-        """Return the largest groups of obstacles that one map alone has, and how many more are."""
-        # Within the tolerance there are none.
-        found, count = [], 0
-        kinds: tuple[tuple[int, Literal["added", "removed"]], ...]
-        kinds = (ADDED, "added"), (REMOVED, "removed")
-        for kind, name in kinds:
-            cells, groups = touching_groups((self.changes == kind) & self.beyond)
-            sizes = np.bincount(groups)
-            count += len(sizes)
-            for group in np.argsort(-sizes, kind="stable")[:most].tolist():
-                own = cells[groups == group]
-                away = np.square(own - own.mean(axis=0)).sum(axis=1)
-                x, y = self.frame.xy_from_rowcol([own[int(np.argmin(away))].tolist()])[0].tolist()
-                area = int(sizes[group]) * self.frame.resolution**2
-                found.append(Change(name, area, x, y, own))
-        found = sorted(found, key=lambda one: -one.area)[:most]
-        return found, count - len(found)
+        """Return the largest regions of obstacles that only one map has, and the number of others.
+
+        Regions within the tolerance do not count.
+        """
+        is_added, is_removed = ((self.changes == code) & self.beyond for code in (ADDED, REMOVED))
+        added, added_count = Change.largest("added", is_added, self.frame, most)
+        removed, removed_count = Change.largest("removed", is_removed, self.frame, most)
+        changes = sorted(added + removed, key=lambda change: -change.area)[:most]
+        return changes, added_count + removed_count - len(changes)
 
     @property
     def is_equal(self) -> bool:
