@@ -190,7 +190,7 @@ _AXES = {
 }
 
 
-class Plot:
+class _Drawing:
     def __init__(self, curve: CostCurve) -> None:
         self.curve, self.half = curve, curve.resolution / 2
         self.palette = CostPalette.of(curve.scale)
@@ -200,6 +200,13 @@ class Plot:
         self.ticks = _TICKS[curve.scale]
         self.axis = _AXES[curve.metric]
         self.is_along_row = curve.cells == np.floor(curve.cells)
+        self.per_cost = _PER_COST[curve.scale]
+        self.pen = Pen(_SIZE)
+        self.left_x = _SIZE + text_width("254", _SIZE) + int(1.6 * _SIZE)
+        self.band_top = _SIZE + int(3.4 * _SIZE) + _LINE
+        self.top = self.band_top + _BAND + 1 + int(_ROW * len(self.marks) + 0.4 * _SIZE)
+        self.bottom = self.top + self.palette.lethal_cost * self.per_cost
+        self.right = self.left_x + _WIDTH
 
     def formula(self, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Return `count` distances and their costs by the formula, if it can be drawn."""
@@ -207,19 +214,6 @@ class Plot:
             return None
         metres = np.linspace(self.half, min(self.curve.reach, self.end), count)
         return metres, np.minimum(self.curve.formula(metres), self.palette.lethal_cost - 1.0)
-
-
-class _Drawing(Plot):
-    def __init__(self, curve: CostCurve) -> None:
-        super().__init__(curve)
-        self.per_cost = _PER_COST[curve.scale]
-        self.pen = Pen(_SIZE)
-        top_cost = self.palette.lethal_cost
-        self.left_x = _SIZE + text_width("254", _SIZE) + int(1.6 * _SIZE)
-        self.band_top = _SIZE + int(3.4 * _SIZE) + _LINE
-        self.top = self.band_top + _BAND + 1 + int(_ROW * len(self.marks) + 0.4 * _SIZE)
-        self.bottom = self.top + top_cost * self.per_cost
-        self.right = self.left_x + _WIDTH
 
     def image(self, title: str) -> Image:
         pen = self.pen
@@ -433,6 +427,14 @@ def _cell_ticks(per_cell: float) -> list[tuple[int, str]]:
     room = text_width(str(last), _SIZE) + 1.2 * _SIZE
     step = int(max(round_step(room / per_cell), 1.0))
     return [(round((k + 0.5) * per_cell), str(k)) for k in range(0, last + 1, step)]
+
+
+def curve_text(curve: CostCurve) -> str:
+    """Return the picture in words: the zones with their costs, and the notable distances."""
+    end = end_of(curve)
+    zones = "; ".join(f"{zone.kind.value} {described(zone, end)}" for zone in zones_of(curve, end))
+    marks = "; ".join(mark.label for mark in marks_of(curve))
+    return f"Cost over the distance from the nearest obstacle. {zones}. {marks}."
 
 
 def cost_curve_image(curve: CostCurve, *, title: str) -> Image:

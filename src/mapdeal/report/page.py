@@ -8,12 +8,12 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
+import io
 import json
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from string import Template
 from typing import Any, cast, get_args
 
@@ -24,9 +24,9 @@ from mapdeal.compare.difference import ChangeKind
 from mapdeal.errors import one_line
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.values import count_text
-from mapdeal.pictures.canvas import round_step
+from mapdeal.maps.png import write_indexed_png
 from mapdeal.pictures.colours import ColourBar, LayerStyle
-from mapdeal.pictures.cost_curve import ZONE_COLOURS, Plot, described
+from mapdeal.pictures.cost_curve import cost_curve_image, curve_text
 from mapdeal.report.document import Claim, Entry, Item, PageLayer, Report, State, Table
 from mapdeal.report.tiles import TILE, encoded
 from mapdeal.report.verdict import MOST_CLAIMS, most_urgent, shared_by, state_of, verdicts_of
@@ -34,7 +34,8 @@ from mapdeal.report.verdict import MOST_CLAIMS, most_urgent, shared_by, state_of
 Value = str | int | float | bool | None
 """Of an attribute: True for its name alone, False and None for no attribute."""
 
-_VOID = {"input", "meta", "br", "wbr", "rect", "line", "circle", "path", "polyline", "stop"}
+_PNG = "data:image/png;base64,"
+_VOID = {"input", "meta", "br", "wbr", "img", "rect", "line", "circle", "path", "polyline", "stop"}
 _RAW = {"script", "style"}
 
 
@@ -54,7 +55,7 @@ def element(name: str, /, *content: Content, **attributes: Value) -> Markup:
     parts = (_attribute(k.rstrip("_").replace("_", "-"), v) for k, v in attributes.items())
     start = f"<{name}{''.join(parts)}"
     if name in _VOID:
-        return Markup(f"{start}{'>' if name in ('input', 'meta', 'br', 'wbr') else '/>'}")
+        return Markup(f"{start}{'>' if name in ('input', 'meta', 'br', 'wbr', 'img') else '/>'}")
     return Markup(f"{start}>{joined(content).text}</{name}>")
 
 
@@ -73,7 +74,8 @@ def escaped(text: str) -> str:
 def _attribute(name: str, value: Value) -> str:
     if value is None or value is False:
         return ""
-    if name == "style" or name.startswith("on") or name in ("src", "srcset", "action"):
+    is_picture = name == "src" and str(value).startswith(_PNG)
+    if (name in ("style", "src", "srcset", "action") and not is_picture) or name.startswith("on"):
         raise ValueError(f"no attribute {name} is allowed")
     if value is True:
         return f" {name}"
@@ -169,117 +171,17 @@ def _ticks(ticks: Sequence[tuple[float, str]]) -> list[Markup]:
     return parts
 
 
-_LEFT, _RIGHT, _WIDTH = 44, 16, 700  # pixels
-_MARK, _PLOT, _BELOW = 18, 220, 40
-_COLUMNS = 700
-_LETTER = 6.4
-
-
 def curve_figure(curve: CostCurve) -> Markup:
-    plot = _Plot(curve)
-    zones = []
-    for zone in plot.zones:
-        square, kind = swatch(ZONE_COLOURS[zone.kind]), element("b", zone.kind.value)
-        zones.append(element("li", square, " ", kind, " ", described(zone, plot.end)))
-    caption = f"Cells of {curve.resolution:.6g} m" + (f"; {curve.note}" if curve.note else "")
+    """Return the picture of a cost curve, its zones and distances in words as its text."""
+    image, file = cost_curve_image(curve, title="Cost curve"), io.BytesIO()
+    write_indexed_png(file, image.indices, image.palette)
+    source = f"{_PNG}{base64.b64encode(file.getvalue()).decode()}"
+    picture = element("img", src=source, alt=curve_text(curve))
     return element(
         "figure",
-        element("div", plot.drawn(), class_="wide", tabindex=0, role="group", aria_label="Plot"),
-        element("figcaption", caption),
-        element("ul", *zones, class_="zones"),
+        element("div", picture, class_="wide", tabindex=0, role="group", aria_label="Plot"),
         class_="curve",
     )
-
-
-class _Plot(Plot):
-    def __init__(self, curve: CostCurve) -> None:
-        super().__init__(curve)
-        self.marks = [mark for mark in self.marks if mark.distance <= self.end]
-        self.top = 14 + _MARK * len(self.marks)
-        self.bottom = self.top + _PLOT
-
-    def x(self, metres: float) -> float:
-        share = (metres + self.half) / (self.end + self.half)
-        return round(_LEFT + share * (_WIDTH - _LEFT - _RIGHT), 2)
-
-    def y(self, cost: float) -> float:
-        return round(self.bottom - _PLOT * cost / self.palette.lethal_cost, 2)
-
-    def drawn(self) -> Markup:
-        return element(
-            "svg",
-            *self._bars(), *self._axes(), *self._line(), *self._dots(), *self._marks(),
-            viewBox=f"0 0 {_WIDTH} {self.bottom + _BELOW}", role="img", aria_label=self._told(),
-        )  # fmt: skip
-
-    def _told(self) -> str:
-        zones = "; ".join(f"{zone.kind.value} {described(zone, self.end)}" for zone in self.zones)
-        return f"Cost over the distance from the nearest obstacle. {zones}."
-
-    def _bars(self) -> list[Markup]:
-        curve = self.curve
-        edges = np.linspace(-self.half, self.end, _COLUMNS + 1)
-        middles = np.maximum((edges[1:] + edges[:-1]) / 2, 0.0)
-        costs = curve.cost_near(middles / curve.resolution)
-        starts = np.flatnonzero(np.diff(costs, prepend=-1))
-        parts = []
-        for first, last in pairwise([*starts.tolist(), _COLUMNS]):
-            cost = int(costs[first])
-            if cost == 0:
-                continue
-            left, right = self.x(edges[first]), self.x(edges[last])
-            colour = hex_of(self.palette.colours[self.palette.by_value[cost]])
-            width, height = round(right - left, 2), round(self.bottom - self.y(cost), 2)
-            parts.append(
-                element("rect", x=left, y=self.y(cost), width=width, height=height, fill=colour)
-            )
-        return parts
-
-    def _axes(self) -> list[Markup]:
-        parts = []
-        left, right = self.x(-self.half), self.x(self.end)
-        for cost in self.ticks:
-            y = self.y(cost)
-            parts.append(element("line", x1=left, x2=right, y1=y, y2=y, class_="rule"))
-            parts.append(element("text", str(cost), x=left - 6, y=y + 4, text_anchor="end"))
-        step = round_step(self.end / 8)
-        for k in range(int(self.end / step) + 1):
-            x = self.x(k * step)
-            line = element("line", x1=x, x2=x, y1=self.bottom, y2=self.bottom + 5, class_="tick")
-            text = f"{k * step:.6g}"
-            parts += [line, element("text", text, x=x, y=self.bottom + 18, text_anchor="middle")]
-        low, bottom = self.bottom + 35, self.bottom
-        parts.append(element("line", x1=left, x2=right, y1=bottom, y2=bottom, class_="tick"))
-        middle = (left + right) / 2
-        parts.append(element("text", f"{self.axis}, m", x=middle, y=low, text_anchor="middle"))
-        parts.append(element("text", "cost", x=left - 6, y=self.top - 10, text_anchor="end"))
-        return parts
-
-    def _line(self) -> list[Markup]:
-        line = self.formula(200)
-        if line is None:
-            return []
-        pairs = zip(*(numbers.tolist() for numbers in line), strict=True)
-        points = " ".join(f"{self.x(m):g},{self.y(c):g}" for m, c in pairs)
-        return [element("polyline", points=points, class_="formula")]
-
-    def _dots(self) -> list[Markup]:
-        curve = self.curve
-        if (_WIDTH - _LEFT - _RIGHT) * curve.resolution / (self.end + self.half) < 6:
-            return []
-        shown = self.is_along_row & (curve.distance <= self.end)
-        pairs = zip(curve.distance[shown].tolist(), curve.cost[shown].tolist(), strict=True)
-        return [element("circle", cx=self.x(m), cy=self.y(c), r=3, class_="dot") for m, c in pairs]
-
-    def _marks(self) -> list[Markup]:
-        parts = []
-        for row, mark in enumerate(self.marks):
-            x, y = self.x(mark.distance), 12 + row * _MARK
-            parts.append(element("line", x1=x, x2=x, y1=y - 8, y2=self.bottom, class_="mark"))
-            fits = x + 6 + _LETTER * len(mark.label) <= _WIDTH
-            at, anchor = (x + 5, "start") if fits else (x - 5, "end")
-            parts.append(element("text", mark.label, x=at, y=y, text_anchor=anchor))
-        return parts
 
 
 _KINDS = {
@@ -771,7 +673,7 @@ def page_of(report: Report, *, size: int) -> Iterator[bytes]:
     fields = {
         "policy": (
             f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; "
-            "base-uri 'none'; form-action 'none'"
+            "img-src data:; base-uri 'none'; form-action 'none'"
         ),
         "title": escaped(report.title),
         "subtitle": escaped(subtitle_of(report)),
