@@ -24,23 +24,8 @@ from mapdeal.compare.bounds import figure_text, figures_named
 from mapdeal.compare.costs import CostChange
 from mapdeal.compare.difference import Change
 from mapdeal.errors import MalformedInputError, ParameterError, one_line
-from mapdeal.files.json_values import (
-    ALIGNMENT,
-    COMPARISON,
-    COST_DIFF,
-    DIFF,
-    LINT,
-    REACH,
-    ROBOT_DIFF,
-    ROUTE,
-    ROUTE_GRAPH,
-    SCORE,
-    JsonValue,
-    NamedMap,
-    document_kind,
-    named_map,
-    read_document,
-)
+from mapdeal.files import json_values
+from mapdeal.files.json_values import JsonValue, NamedMap
 from mapdeal.files.source import head_of
 from mapdeal.grid.filters import KINDS
 from mapdeal.grid.footprint import Footprint, checked_corners
@@ -167,8 +152,8 @@ def read_results(path: Path) -> Results:
     """Return what lint, reach, route, diff, align, score or build --compare wrote, or shapes."""
     if not head_of(path, 1 << 10).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
         return Results(SHAPES, shape_items(read_shapes(path)))
-    document = read_document(path)
-    name = document_kind(document.value)
+    document = json_values.read_document(path)
+    name = json_values.document_kind(document.value)
     if name == SHAPES:
         return Results(SHAPES, shape_items(geojson_shapes(document), zones_in(document.value)))
     if name not in _READERS:
@@ -180,7 +165,7 @@ def read_results(path: Path) -> Results:
 def results_of(document: JsonValue) -> Results:
     """Return what a document says that a command has written, or would write."""
     try:
-        return _READERS[document_kind(document.value)](document)
+        return _READERS[json_values.document_kind(document.value)](document)
     except RecursionError:  # a value that is shown, or kept as it is
         raise MalformedInputError("nested too deep", source=document.source) from None
 
@@ -191,7 +176,7 @@ def _lint(document: JsonValue) -> Results:
     parts += [_linted(one, is_map=True) for one in document["maps"].items()]
     for key in ("errors", "warnings", "notes", "suppressed"):
         document[key].integer()
-    return Results(LINT, parts=parts, files=tuple(part.name for part in parts))
+    return Results(json_values.LINT, parts=parts, files=tuple(part.name for part in parts))
 
 
 def _linted(one: JsonValue, *, is_map: bool) -> Part:
@@ -268,14 +253,14 @@ def _reach(document: JsonValue) -> Results:
     start_pose = place if yaw.is_null else (*place, yaw.number())
     question = ReachQuestion(start_pose, tuple(goal.goal for goal in goals), words)
     costmap, about = document.get("costmap"), document.get("map")
-    named = None if about is None else named_map(about)
+    named = None if about is None else json_values.named_map(about)
     if costmap is not None and not costmap.is_null:
         files = [
             (file["name"].text(), file["sha256"].sha256()) for file in costmap["files"].items()
         ]
         subjects.append(costmap_subject(costmap["costmap"].text(), files))
     return Results(
-        REACH, items, [Table("What the robot can reach", rows)], claims=claims,
+        json_values.REACH, items, [Table("What the robot can reach", rows)], claims=claims,
         maps=(named,), files=() if named is None else (named.file,), subjects=tuple(subjects),
         question=question,
     )  # fmt: skip
@@ -376,7 +361,7 @@ def _route(document: JsonValue) -> Results:
         ("cells expanded", "-" if route.expanded is None else str(route.expanded)),
         ("certainly the cheapest", "yes" if route.optimal else "no"),
     )
-    return Results(ROUTE, route_items(route), [Table("Route", rows)])
+    return Results(json_values.ROUTE, route_items(route), [Table("Route", rows)])
 
 
 def route_of(document: JsonValue) -> Route:
@@ -423,7 +408,7 @@ def route_items(route: Route) -> list[Item]:
 def _route_graph(document: JsonValue) -> Results:
     graph = parsed_graph(document).graph
     if not len(graph.edges):
-        return Results(ROUTE_GRAPH)
+        return Results(json_values.ROUTE_GRAPH)
     lines = graph.points_xy[np.unique(np.sort(graph.ends, axis=1), axis=0)]
     nodes, edges = count_text(len(graph.nodes), "node"), count_text(len(graph.edges), "edge")
     text = f"route graph of {nodes} and {edges}"
@@ -431,7 +416,7 @@ def _route_graph(document: JsonValue) -> Results:
     items += _shortened((_node_item(one) for one in graph.nodes), "graph")
     lengths = f"{float(graph.lengths.sum()):.6g} m, each direction by itself"
     rows = (("nodes", str(len(graph.nodes))), ("edges", str(len(graph.edges))), ("length", lengths))
-    return Results(ROUTE_GRAPH, items, [Table("Route graph", rows)])
+    return Results(json_values.ROUTE_GRAPH, items, [Table("Route graph", rows)])
 
 
 def _node_item(node: RouteNode) -> Item:
@@ -502,7 +487,7 @@ def _shape_item(shape: Shape) -> Item:
 
 
 def _named(document: JsonValue, *keys: str) -> tuple[tuple[NamedMap | None, ...], tuple[str, ...]]:
-    maps = tuple(named_map(document[key]) for key in keys)
+    maps = tuple(json_values.named_map(document[key]) for key in keys)
     return maps, tuple(one.file for one in maps if one is not None)
 
 
@@ -526,7 +511,7 @@ def _alignment(document: JsonValue) -> Results:
     if not is_same:
         words = f"It is not sure that the two maps show the same place: {short(reason or '')}"
     claims = (Claim("geometry", "good" if is_same else "warning", words, table.title),)
-    return Results(ALIGNMENT, [], [table], [], maps, files, transform, claims=claims)
+    return Results(json_values.ALIGNMENT, [], [table], [], maps, files, transform, claims=claims)
 
 
 _COUNTS_OF_DIFF = {
@@ -577,7 +562,7 @@ def _diff(document: JsonValue) -> Results:
     tables.append(Table("Cells, first → second", counted))
     moved, tolerance = document.get("transform"), document.get("tolerance")
     return Results(
-        DIFF, [], tables, [], maps, files,
+        json_values.DIFF, [], tables, [], maps, files,
         transform=None if moved is None else moved.or_none(_transform),
         tolerance=0.0 if tolerance is None else tolerance.number(least=0),
         claims=_claims_on_bounds(document, "obstacles", tables[0].title),
@@ -594,7 +579,7 @@ def _cost_diff(document: JsonValue) -> Results:
     if pairs := _pairs(document["geometry"]):
         tables.append(Table(GEOMETRY, tuple(pairs.items())))
     return Results(
-        COST_DIFF, [], tables, [], maps, files,
+        json_values.COST_DIFF, [], tables, [], maps, files,
         transform=document["transform"].or_none(_transform),
         claims=_claims_on_bounds(document, "cells", tables[0].title),
     )  # fmt: skip
@@ -619,7 +604,9 @@ def _robot_diff(document: JsonValue) -> Results:
     reaches = document["reach"].items()[:1]  # both have the same goals
     goals = tuple(goal_of(goal).goal for reach in reaches for goal in reach["goals"].items())
     files += tuple(file.file for robot in robots for file in robot.files)
-    return Results(ROBOT_DIFF, maps=maps, files=files, start=start, goals=goals, robots=robots)
+    return Results(
+        json_values.ROBOT_DIFF, maps=maps, files=files, start=start, goals=goals, robots=robots
+    )
 
 
 def passage_change_items(passages: Iterable[Passage], word: str, tone: Tone) -> list[Item]:
@@ -707,7 +694,7 @@ def _comparison(document: JsonValue) -> Results:
         pairs[short(f"{one['first'].text()}, {one['second'].text()}")] = one["differing"].integer()
     rows = tuple((name, str(count)) for name, count in pairs.items())
     tables = [table for part in parts for table in part.tables]
-    return Results(COMPARISON, [], [*tables, Table("Differing cells", rows)], parts)
+    return Results(json_values.COMPARISON, [], [*tables, Table("Differing cells", rows)], parts)
 
 
 def _method(name: str, one: JsonValue) -> Part:
@@ -751,7 +738,7 @@ def _score(document: JsonValue) -> Results:
     title = f"Score: {verdict}" if document["bounds"].items() else "Score"
     table = Table(title, tuple(rows[:_MOST_ROWS]))
     files += () if truth_file is None else (truth_file,)
-    return Results(SCORE, [], [table], [], maps, files)
+    return Results(json_values.SCORE, [], [table], [], maps, files)
 
 
 def _bound(one: JsonValue) -> str:
@@ -802,7 +789,9 @@ def _at(point: Sequence[float]) -> str:
 
 
 _READERS: dict[str | None, Callable[[JsonValue], Results]] = {
-    LINT: _lint, REACH: _reach, ROUTE: _route, DIFF: _diff, COMPARISON: _comparison,
-    SCORE: _score, ALIGNMENT: _alignment, ROUTE_GRAPH: _route_graph, COST_DIFF: _cost_diff,
-    ROBOT_DIFF: _robot_diff,
+    json_values.LINT: _lint, json_values.REACH: _reach, json_values.ROUTE: _route,
+    json_values.DIFF: _diff, json_values.COST_DIFF: _cost_diff,
+    json_values.ROBOT_DIFF: _robot_diff, json_values.COMPARISON: _comparison,
+    json_values.SCORE: _score, json_values.ALIGNMENT: _alignment,
+    json_values.ROUTE_GRAPH: _route_graph,
 }  # fmt: skip

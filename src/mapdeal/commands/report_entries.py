@@ -13,25 +13,12 @@ from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 
+from mapdeal.commands import report_documents
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.diff import compared
 from mapdeal.commands.diff_costs import change_codes, change_text, costmaps_compared
 from mapdeal.commands.diff_robots import robots_compared, value_text
-from mapdeal.commands.report_documents import (
-    MOST_CHANGES,
-    NamedFile,
-    Part,
-    Results,
-    Subject,
-    change_items,
-    cost_change_items,
-    costmap_subject,
-    goal_items,
-    passage_change_items,
-    read_results,
-    robot_subject,
-    short,
-)
+from mapdeal.commands.report_documents import NamedFile, Part, Results, Subject
 from mapdeal.commands.report_next import ReachQuestion, next_command
 from mapdeal.commands.two_maps import names_of_two
 from mapdeal.compare.costs import CostDifference
@@ -69,17 +56,9 @@ from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, product
 from mapdeal.pipeline.inputs import Reading, bytes_of, map_input, read_together
 from mapdeal.pipeline.settings import Settings, adding_warnings, portable
 from mapdeal.pipeline.step import Step, make_step
+from mapdeal.report import verdict
 from mapdeal.report.document import MAP, Claim, Entry, Item, PageLayer, Table, kinds_of, page_layers
 from mapdeal.report.tiles import extent_of
-from mapdeal.report.verdict import (
-    COST_CHANGES,
-    on_cost_difference,
-    on_costs,
-    on_difference,
-    on_failure,
-    on_robots,
-    settled,
-)
 from mapdeal.ros.load import read_robot
 
 Kind = TypeVar("Kind")
@@ -160,7 +139,9 @@ class Draft:
         known = self.sums | self.outputs
         for named in results.maps:
             if named is not None and known and not set(named.sha256.values()) <= known:
-                self.miss(f"{path}: another map than here: {short(named.file)}", path)
+                self.miss(
+                    f"{path}: another map than here: {report_documents.short(named.file)}", path
+                )
         self.add_subjects(path, results.subjects)
         self.add(results)
 
@@ -198,7 +179,7 @@ class Draft:
         for table in _first(self.tables, lambda rest: Table(rest, ())):
             rows = _first(table.rows, lambda rest: (rest, ""))
             tables.append(Table(shown(table.title), tuple((shown(k), shown(v)) for k, v in rows)))
-        claims = settled(self.claims)
+        claims = verdict.settled(self.claims)
         return Entry(
             shown(self.name), tuple(self.layers),
             tuple(replace(one, text=shown(one.text)) for one in items), tuple(tables),
@@ -412,7 +393,9 @@ def _drafts_of_batch(folder: Path, told: Mapping[str, Any]) -> Iterator[Draft]:
         draft.tables.append(Table("Input", (("map", name),)))
         reason = str(told.get("error", status))
         draft.warn([reason])
-        draft.claims.append(on_failure(short(reason).removeprefix(f"{one_line(name)}: ")))
+        draft.claims.append(
+            verdict.on_failure(report_documents.short(reason).removeprefix(f"{one_line(name)}: "))
+        )
     yield draft
     if "local" in told:
         yield Draft(f"{place}/local", folder / place / "local", status=status)
@@ -453,8 +436,8 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     draft.figures |= {name: value for name, value in made.items() if name not in _OF_MAPS}
     warnings = manifest.get("warnings")
     draft.warn(map(str, warnings if isinstance(warnings, list) else ()))
-    if (costs := on_costs(manifest)) is not None:
-        draft.claims.append(replace(costs, text=short(costs.text)))
+    if (costs := verdict.on_costs(manifest)) is not None:
+        draft.claims.append(replace(costs, text=report_documents.short(costs.text)))
 
 
 def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
@@ -467,7 +450,7 @@ def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
         files = robot.get("files")
         if isinstance(files, list) and all(isinstance(file, dict) for file in files):
             named = [(str(file.get("name")), str(file.get("sha256"))) for file in files]
-            yield costmap_subject(str(robot.get("costmap")), named)
+            yield report_documents.costmap_subject(str(robot.get("costmap")), named)
         if robot.get("robot_radius") is not None:
             radii = radii[0], None
     elif shape is not None:
@@ -485,7 +468,7 @@ def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
         outer = radii[1] if _is_figure(radii[1]) else None
         text = f"a robot of radius {radii[0]:.4g} m"
         text += "" if outer is None else f" to {outer:.4g} m"
-        yield robot_subject(text, radii[0], outer)
+        yield report_documents.robot_subject(text, radii[0], outer)
 
 
 def _is_shape(parameters: object) -> bool:
@@ -532,7 +515,7 @@ def _add_results(draft: Draft, name: str, manifest: Mapping[str, Any]) -> None:
     if name not in manifest["outputs"]:
         return
     try:
-        draft.add(read_results(draft.path / name))
+        draft.add(report_documents.read_results(draft.path / name))
     except MapdealError as error:
         draft.miss(one_line(str(error)), draft.path / name)
 
@@ -672,14 +655,14 @@ def give_score(document: Path, results: Results, drafts: list[Draft], grids: Gri
                 found, told = (sorted(one.values()) for one in (grids.open(path).sums, own.sha256))
                 draft.compare_sums(path, found, told, f"{document.name} scores")
     if not owners:
-        name = "a map that is not a file" if own is None else short(own.file)
+        name = "a map that is not a file" if own is None else report_documents.short(own.file)
         text = f"{document}: the score of {name} is left out: the map is not shown here"
         emit_warning(text, stacklevel=2)
 
 
 def methods_in(folder: Path, grids: Grids) -> Draft:
     """Return the draft of a folder of ``build --compare``: a layer for each method."""
-    results = read_results(folder / DOCUMENT)
+    results = report_documents.read_results(folder / DOCUMENT)
     if results.kind != COMPARISON:
         raise MalformedInputError("is not a comparison of methods", source=folder / DOCUMENT)
     draft = Draft(folder.name or str(folder), folder, tables=list(results.tables))
@@ -752,16 +735,16 @@ def _add_difference(
         try:
             costs = costmaps_compared(maps, results.transform, None, **reading).costs
             add_cost_changes(draft, costs)
-            draft.items += cost_change_items(costs.changes.values(), costs.frame)
-            draft.claims += on_cost_difference(costs)
+            draft.items += report_documents.cost_change_items(costs.changes.values(), costs.frame)
+            draft.claims += verdict.on_cost_difference(costs)
         except ParameterError as error:  # a file that was replaced by a map
             draft.lacks("what differs", Path(str(error.source)), error)
         return
     style, title = difference_style(), "What differs"
     draft.layers.append(PageLayer("difference", title, found.frame, found.changes, style))
-    changes, left = found.largest_changes(MOST_CHANGES)
-    draft.items += change_items(changes, left, found.frame)
-    draft.claims += on_difference(found, changes, left)
+    changes, left = found.largest_changes(report_documents.MOST_CHANGES)
+    draft.items += report_documents.change_items(changes, left, found.frame)
+    draft.claims += verdict.on_difference(found, changes, left)
 
 
 def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
@@ -801,11 +784,11 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
     draft.compared = "first", "second"
     draft.opens_swiped = False
     after = found.reaches[1]
-    draft.items += passage_change_items(found.closed, "closes", "error")
-    draft.items += passage_change_items(found.opened, "opens", "good")
-    draft.items += goal_items(after.goals, after.robot, after.heading_count)
+    draft.items += report_documents.passage_change_items(found.closed, "closes", "error")
+    draft.items += report_documents.passage_change_items(found.opened, "opens", "good")
+    draft.items += report_documents.goal_items(after.goals, after.robot, after.heading_count)
     add_cost_changes(draft, found.costs)
-    draft.claims += on_robots(
+    draft.claims += verdict.on_robots(
         list(pairs),
         found.verdict,
         found.reach_text().replace("->", "→"),
@@ -821,4 +804,4 @@ def add_cost_changes(draft: Draft, found: CostDifference) -> None:
     draft.layers.append(PageLayer("difference", title, found.frame, change_codes(found), style))
     changes = [change for change in found.changes.values() if change.cells]
     rows = tuple((change.kind, change_text(change)) for change in changes)
-    draft.tables.append(Table(COST_CHANGES, rows or (("changes", "none"),)))
+    draft.tables.append(Table(verdict.COST_CHANGES, rows or (("changes", "none"),)))

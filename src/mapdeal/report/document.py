@@ -17,17 +17,9 @@ from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import FREE, OCCUPIED, Convention
 from mapdeal.kernels.blocks import Layer, counts_of, mapped
+from mapdeal.pictures import styles
 from mapdeal.pictures.colours import LayerStyle
-from mapdeal.pictures.styles import (
-    POTENTIAL_OBSTACLE,
-    FieldEnds,
-    cost_style,
-    field_style,
-    number_style,
-    occupancy_style,
-    potential_style,
-    reach_codes,
-)
+from mapdeal.pictures.styles import FieldEnds
 
 Points = NDArray[np.float64]
 
@@ -223,26 +215,26 @@ _ABOVE_UNKNOWN.flags.writeable = False
 
 def _map_of(grid: Any) -> dict[str, Any]:
     threshold = getattr(grid, "lethal_threshold", OCCUPIED)
-    style = occupancy_style()
+    style = styles.occupancy_style()
     if not counts_of(grid.occupancy)[FREE + 1 : OCCUPIED].any():  # black and white need no scale
         style = replace(style, bar=None)
     return {"style": style, "rank": _ABOVE_UNKNOWN, "lethal_threshold": threshold}
 
 
 def _cost(costmap: Costmap) -> dict[str, Any]:
-    return {"style": cost_style(costmap), "rank": _ABOVE_UNKNOWN}
+    return {"style": styles.cost_style(costmap), "rank": _ABOVE_UNKNOWN}
 
 
 def _field(field: DistanceField) -> dict[str, Any]:
     return {
-        "style": field_style(field, FieldEnds.of(field)), "unit": "m", "pooled": "smallest",
+        "style": styles.field_style(field, FieldEnds.of(field)), "unit": "m", "pooled": "smallest",
         "convention": field.convention, "lethal_threshold": field.lethal_threshold,
         "strength": field.strength,
     }  # fmt: skip
 
 
 def _potential(field: PotentialField) -> dict[str, Any]:
-    return {"style": replace(potential_style(field), line=POTENTIAL_OBSTACLE)}
+    return {"style": replace(styles.potential_style(field), line=styles.POTENTIAL_OBSTACLE)}
 
 
 def _numbers(name: str, title: str, unit: str = "m", *, is_from_0: bool = True) -> LayerKind:
@@ -252,7 +244,7 @@ def _numbers(name: str, title: str, unit: str = "m", *, is_from_0: bool = True) 
     def about(grid: Any) -> dict[str, Any]:
         finite = values(grid)[np.isfinite(values(grid))]
         low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
-        return {"style": number_style(0.0 if is_from_0 else low, high, unit), "unit": unit}
+        return {"style": styles.number_style(0.0 if is_from_0 else low, high, unit), "unit": unit}
 
     return LayerKind(name, title, values, about)
 
@@ -279,8 +271,8 @@ _KINDS: dict[type[Any], tuple[LayerKind, ...]] = {
         _numbers("clearance", "distance to the nearest obstacle"),
         _numbers("widest", "radius of the largest round robot that gets here"),
         LayerKind(
-            "", "", lambda reach: reach_codes(reach)[0],
-            lambda reach: {"style": reach_codes(reach)[1]},
+            "", "", lambda reach: styles.reach_codes(reach)[0],
+            lambda reach: {"style": styles.reach_codes(reach)[1]},
         ),
     ),
 }  # fmt: skip
