@@ -420,7 +420,7 @@ class _Gathering:
                 self._add_maps(Path(part.name) for part in results.parts if part.is_map)
             maps = [(own, path) for path, results in scored for own in results.maps]
             self._add_maps(
-                report_entries.place_of(own, path) for own, path in maps if own is not None
+                report_entries.place_of(own.file, path) for own, path in maps if own is not None
             )
         if not self.drafts:  # such as findings about parameter files alone
             rule = "belongs to a map or a run, and none is named"

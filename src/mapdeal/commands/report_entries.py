@@ -18,7 +18,7 @@ from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.diff import compared
 from mapdeal.commands.diff_costs import change_codes, change_text, costmaps_compared
 from mapdeal.commands.diff_robots import robots_compared, value_text
-from mapdeal.commands.report_documents import NamedFile, Part, Results, Subject
+from mapdeal.commands.report_documents import Part, Results, Subject
 from mapdeal.commands.report_next import ReachQuestion, next_command
 from mapdeal.commands.two_maps import names_of_two
 from mapdeal.compare.costs import CostDifference
@@ -31,7 +31,7 @@ from mapdeal.errors import (
     emit_warning,
     one_line,
 )
-from mapdeal.files.json_values import COMPARISON, COST_DIFF, DIFF, NamedMap, read_json
+from mapdeal.files.json_values import COMPARISON, COST_DIFF, DIFF, read_json
 from mapdeal.files.source import (
     CHANGED,
     bytes_of_lines,
@@ -636,15 +636,15 @@ def _ends_with(file: str, name: str) -> bool:
     return bool(parts) and PurePath(file).parts[-len(parts) :] == parts
 
 
-def place_of(named: NamedMap | NamedFile, document: Path) -> Path:
+def place_of(name: str, document: Path) -> Path:
     """Return where a file is: as it was named, or beside the document."""
-    places = (Path(named.file), document.parent / Path(named.file).name)
-    return next((one for one in places if exists(one)), places[0])
+    beside = document.parent / Path(name).name
+    return beside if exists(beside) and not exists(Path(name)) else Path(name)
 
 
 def give_score(document: Path, results: Results, drafts: list[Draft], grids: Grids) -> None:
     (own,) = results.maps
-    place = None if own is None else place_of(own, document)
+    place = None if own is None else place_of(own.file, document)
     owners = [] if place is None else drafts_about(str(place), drafts)
     if not owners and len(drafts) == 1:
         owners = drafts
@@ -693,7 +693,7 @@ def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
     draft = Draft(f" {'and' if is_diff else 'on'} ".join(names), path, tables=list(results.tables))
     found = []
     for named, name in ((first, "first"), (second, "second")):
-        place = place_of(named, path)
+        place = place_of(named.file, path)
         if not grids.is_there(place, draft, "this map"):
             continue
         found.append(place)
@@ -752,12 +752,12 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
     (named,), settings = results.maps, grids.settings
     if named is None:
         raise MalformedInputError("does not name its map", source=path)
-    place = place_of(named, path)
+    place = place_of(named.file, path)
     draft = Draft("", path, paths=[place])
     with capture_warnings():
         robots = [
             read_robot(
-                [place_of(file, path) for file in robot.files],
+                [place_of(name, path) for name, _ in robot.files],
                 costmap=robot.costmap, namespace=robot.namespace,
                 older=settings.dialect != "nav2",
             )
@@ -771,8 +771,8 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
     sums = grids.open(place).sums
     draft.compare_sums(place, dict(sums), dict(named.sha256), f"{path.name} names")
     for robot, named_robot in zip(robots, results.robots, strict=True):
-        for file, named_file in zip(robot.files, named_robot.files, strict=False):
-            if file.sha256 != named_file.sha256:
+        for file, (_, sha256) in zip(robot.files, named_robot.files, strict=False):
+            if file.sha256 != sha256:
                 draft.miss(f"{file.path}: is not the file that {path.name} names", file.path)
     draft.name = f"{Path(place).stem}: {' → '.join(found.names)}"
     draft.layers += grids.layers(place, "map", f"Map: {place.name}")[-1:]
