@@ -1,4 +1,4 @@
-"""``mapdeal report``: one page of runs, maps, and what was found out about them."""
+"""``mapdeal report``: one page of runs, maps, and results about them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from mapdeal.command import Output, Result, Words, command
 from mapdeal.commands import report_entries
 from mapdeal.commands.build import DOCUMENT
-from mapdeal.commands.report_checks import Asked
+from mapdeal.commands.report_checks import RunChecks
 from mapdeal.commands.report_documents import Results, read_results
 from mapdeal.commands.report_entries import Draft, Grids, Opened
 from mapdeal.errors import (
@@ -76,8 +76,8 @@ class WrittenReport(Result):
     @property
     def state(self) -> State:
         """The worst that is claimed of a map."""
-        claims = (claim.state for one in self.verdicts for claim in one.claims)
-        return worst_of([*claims, *(one.state for one in self.verdicts)]) or "unknown"
+        claims = (claim.state for verdict in self.verdicts for claim in verdict.claims)
+        return worst_of([*claims, *(verdict.state for verdict in self.verdicts)]) or "unknown"
 
     def _repr_parts(self) -> Iterator[str]:
         yield str(self.path)
@@ -85,8 +85,8 @@ class WrittenReport(Result):
         yield f"{self.size} bytes"
 
     def document(self) -> dict[str, Any]:
-        """Return what ``--json`` prints: the page, and what it concludes about each map."""
-        entries = [asdict(one) for one in self.verdicts]
+        """Return what ``--json`` prints: the page, and the verdict on each map."""
+        entries = [asdict(verdict) for verdict in self.verdicts]
         for claim in (claim for entry in entries for claim in entry["claims"]):
             del claim["evidence"]  # a place on the page
         for entry in entries:
@@ -203,16 +203,16 @@ def write_report(
 
 def _written(
     output: Path, paths: Sequence[Path], settings: Settings, *, title: str | None = None,
-    size: int = LARGEST_PAGE, inputs: Sequence[Path] = (), asked: Asked | None = None,
+    size: int = LARGEST_PAGE, inputs: Sequence[Path] = (), checks: RunChecks | None = None,
 ) -> WrittenReport:  # fmt: skip
     """Write a page, see `gathered`; of an error nothing is changed."""
     # With what a run has asked of its maps, the verdict goes beside the page as JSON.
     if output.suffix.lower() not in _ENDINGS:
         raise ParameterError("the page must end in .html", source=output)
     with settings.reading(), use_threads(settings.threads), Grids(settings) as grids:
-        report = gathered(paths, grids, title=title, inputs=inputs, asked=asked)
+        report = gathered(paths, grids, title=title, inputs=inputs, checks=checks)
         read = [*paths, *grids.files]
-        verdict = [] if asked is None else [output.with_name(VERDICT)]
+        verdict = [] if checks is None else [output.with_name(VERDICT)]
         verdicts = verdicts_of(report.entries)
         with Transaction([output, *verdict], inputs=read, force=settings.force) as transaction:
             sizes: list[int] = []
@@ -223,10 +223,10 @@ def _written(
                     yield part
 
             transaction.write_parts(output, measured())
-            made = WrittenReport(output, len(report.entries), sum(sizes), verdicts)
+            report_written = WrittenReport(output, len(report.entries), sum(sizes), verdicts)
             for path in verdict:
-                transaction.write_json(path, made.document())
-    return made
+                transaction.write_json(path, report_written.document())
+    return report_written
 
 
 def page_in(folder: Path) -> Path:
@@ -243,15 +243,15 @@ def page_in(folder: Path) -> Path:
 
 
 def report_of_runs(
-    page: Path, paths: Sequence[Path], inputs: Sequence[Path], asked: Asked
+    page: Path, paths: Sequence[Path], inputs: Sequence[Path], checks: RunChecks
 ) -> WrittenReport:
     """Write a page of the runs that have been made; their `inputs` join them."""
-    return _written(page, paths, replace(asked.settings, force=True), inputs=inputs, asked=asked)
+    return _written(page, paths, replace(checks.settings, force=True), inputs=inputs, checks=checks)
 
 
 def gathered(
     paths: Sequence[Path], grids: Grids, *, title: str | None = None, inputs: Sequence[Path] = (),
-    asked: Asked | None = None,
+    checks: RunChecks | None = None,
 ) -> Report:  # fmt: skip
     """Return the content of a page; maps among `inputs` join the runs that were made of them."""
     gathering = _Gathering(grids)
@@ -259,12 +259,13 @@ def gathered(
     for path in paths:
         first_names.setdefault(source.identity_of(path) or path, path)
     paths = list(first_names.values())
-    seen: set[object] = set()
-    entries_of = {path: _entries_of(path, grids, seen) for path in paths}
+    known: set[object] = set()
+    entries_of = {path: _entries_of(path, grids, known) for path in paths}
     gathering.runs = [draft for found in entries_of.values() for draft in found or ()]
-    if asked is not None:
+    if checks is not None:
         for draft in gathering.runs:
-            draft.map_path, draft.question = asked.map_of_folder.get(draft.path), asked.question
+            draft.map_path = checks.map_of_folder.get(draft.path)
+            draft.question = checks.question
     for path in paths:
         found = entries_of[path]
         if found is not None:
@@ -274,17 +275,17 @@ def gathered(
         else:
             gathering.add_document(path)
     for path in inputs:
-        with suppress(MapdealError):  # whoever made the run has told of it
+        with suppress(MapdealError):  # the run has reported this error
             runs = gathering.add_input(grids.open(path, quietly=True))
             for run in runs:
-                if asked is not None:
-                    asked.add_reach(
-                        run, path, with_layer=len(inputs) == 1, held=grids.held
+                if checks is not None:
+                    checks.add_reach(
+                        run, path, with_layer=len(inputs) == 1, grid_bytes=grids.bytes_in_memory
                     )  # fmt: skip
-    if asked is not None:
-        gathering.add_lint(inputs, asked)
+    if checks is not None:
+        gathering.add_lint(inputs, checks)
     gathering.settle(paths[0])
-    files = {*paths, *grids.files, *(one for draft in gathering.drafts for one in draft.places)}
+    files = {*paths, *grids.files, *(place for draft in gathering.drafts for place in draft.places)}
     names = {*gathering.named, *map(str, files)}
     folders = {folder for name in names if (folder := report_entries.folder_of(name)) is not None}
     entries = tuple(draft.entry(grids.settings, folders) for draft in gathering.drafts)
@@ -293,21 +294,23 @@ def gathered(
     return Report(title, entries, __version__)
 
 
-def _entries_of(path: Path, grids: Grids, seen: set[object]) -> list[Draft] | None:
+def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | None:
     """Return the entries in a folder, but for runs that were `seen`; None of another file."""
     folder = path.parent if path.name in (MANIFEST, SUMMARY, DOCUMENT) else path
     source.status_of(folder)
     if not source.is_folder(folder):
         return None
     if source.exists(folder / DOCUMENT):
-        return [report_entries.methods_in(folder, grids)] if _is_first(folder, seen) else []
+        return [report_entries.methods_in(folder, grids)] if _is_first(folder, known) else []
     found = report_entries.runs_in(folder)
     if found is None:
         rule = f"contains no run: no {MANIFEST} in it or below"
         hint = "mapdeal run MAP -o DIR makes one; maps in a folder are named one by one"
         raise FileAccessError(rule, source=folder, hint=hint)
     found = [
-        one for one in found if one.status == report_entries.NOT_SHOWN or _is_first(one.path, seen)
+        draft
+        for draft in found
+        if draft.status == report_entries.NOT_SHOWN or _is_first(draft.path, known)
     ]
     for draft in found:
         try:
@@ -327,10 +330,10 @@ def _filter_of(path: Path) -> FilterInfo | None:
         return FilterInfo.of(read_metadata(path).extra)
 
 
-def _is_first(path: Path, seen: set[object]) -> bool:
+def _is_first(path: Path, known: set[object]) -> bool:
     key = source.identity_of(path) or path
-    is_first = key not in seen
-    seen.add(key)
+    is_first = key not in known
+    known.add(key)
     return is_first
 
 
@@ -349,12 +352,12 @@ class _Gathering:
         self.runs: list[Draft] = []
         self.drafts: list[Draft] = []
         self.named: set[str] = set()
-        self._seen: set[object] = set()
+        self._known_files: set[object] = set()
         self._waiting: list[tuple[Path, Results, Draft | None]] = []
 
     def add_grid(self, path: Path) -> None:
         """Add the grid of a file to the draft that it belongs to, or to a new one, once."""
-        if not _is_first(path, self._seen):
+        if not _is_first(path, self._known_files):
             return
         opened = self._grids.open(path)
         if self.add_input(opened):
@@ -380,7 +383,7 @@ class _Gathering:
             Table(f"{name}: figures", report_entries.rows_of(figures)),
             Table(f"{name}: SHA-256", report_entries.rows_of(opened.sums)),
         ]
-        draft.warn(opened.heard, opened.files)
+        draft.warn(opened.warnings, opened.files)
 
     def add_input(self, opened: Opened) -> list[Draft]:
         """Add a map to the runs that were made of it, and return these."""
@@ -394,7 +397,7 @@ class _Gathering:
             run.figures = {**of_map, **{k: v for k, v in run.figures.items() if k not in of_map}}
             run.paths.append(opened.path)
             run.map_path = opened.path
-            run.warn(opened.heard, opened.files)
+            run.warn(opened.warnings, opened.files)
         return runs
 
     def add_document(self, path: Path) -> None:
@@ -413,8 +416,10 @@ class _Gathering:
 
     def settle(self, first: Path) -> None:
         """Add the content of documents, `first` among them, to the entries that they belong to."""
-        linted = [(path, one) for path, one, _ in self._waiting if one.kind == json_values.LINT]
-        scored = [(path, one) for path, one, _ in self._waiting if one.kind == json_values.SCORE]
+        linted, scored = (
+            [(path, results) for path, results, _ in self._waiting if results.kind == kind]
+            for kind in (json_values.LINT, json_values.SCORE)
+        )
         if not self.drafts:
             for _, results in linted:
                 self._add_maps(Path(part.name) for part in results.parts if part.is_map)
@@ -441,10 +446,10 @@ class _Gathering:
                 self.drafts.append(Draft(path.stem, path, map_path=path))
                 self.drafts[-1].lacks("this map", path, error)
 
-    def add_lint(self, paths: Sequence[Path], asked: Asked) -> None:
+    def add_lint(self, paths: Sequence[Path], checks: RunChecks) -> None:
         """Add what lint finds in the maps of a run, unless its configuration is invalid."""
         try:
-            results = asked.findings(paths)
+            results = checks.findings(paths)
         except MapdealError as error:
             text = f"{one_line(str(error))}, so findings of lint are not shown"
             emit_warning(text, stacklevel=2)

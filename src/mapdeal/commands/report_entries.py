@@ -1,4 +1,4 @@
-"""Entries of a report: what it shows of files, of runs in folders, and of maps in documents."""
+"""Entries of a report: the content of files, of runs in folders, and of maps in documents."""
 
 from __future__ import annotations
 
@@ -114,15 +114,15 @@ class Draft:
         emit_warning(text, stacklevel=2)
         self.warn([text], [file])
 
-    def lacks(self, what: str, file: Path, error: MapdealError) -> None:
-        self.miss(f"{one_line(str(error))}, so {what} is not shown", file)
+    def lacks(self, content: str, file: Path, error: MapdealError) -> None:
+        self.miss(f"{one_line(str(error))}, so {content} is not shown", file)
 
     def compare_sums(
-        self, file: Path, found: Collection[object], told: Collection[object], what: str
+        self, file: Path, found: Collection[object], named: Collection[object], claim: str
     ) -> None:
         """Warn of a map that is not what a document is of, given the checksums of both."""
-        if told and found != told:
-            self.miss(f"{file}: is not the map that {what}: its checksum differs", file)
+        if named and found != named:
+            self.miss(f"{file}: is not the map that {claim}: its checksum differs", file)
 
     def add_subjects(self, path: Path, subjects: Iterable[Subject]) -> None:
         """Note the robot and costmap of a result; warn if they differ from those of an earlier."""
@@ -145,17 +145,17 @@ class Draft:
         self.add_subjects(path, results.subjects)
         self.add(results)
 
-    def add(self, one: Part | Results) -> None:
-        self.items += one.items
-        self.tables += one.tables
-        self.claims += one.claims
-        if isinstance(one, Results):
-            self.question = self.question or one.question
+    def add(self, results: Part | Results) -> None:
+        self.items += results.items
+        self.tables += results.tables
+        self.claims += results.claims
+        if isinstance(results, Results):
+            self.question = self.question or results.question
 
     def free_name(self, name: str) -> str:
-        taken = {layer.name for layer in self.layers}
-        names = (name if number == 1 else f"{name}-{number}" for number in range(1, len(taken) + 2))
-        return next(one for one in names if one not in taken)
+        used = {layer.name for layer in self.layers}
+        names = (name if number == 1 else f"{name}-{number}" for number in range(1, len(used) + 2))
+        return next(candidate for candidate in names if candidate not in used)
 
     def next_command(self, settings: Settings, claims: Iterable[Claim]) -> str:
         named = next(path for path in (self.path, *self.path.parents) if exists(path))
@@ -174,15 +174,15 @@ class Draft:
         def shown(text: str) -> str:
             return without_folders(text, folders)
 
-        items = _first(self.items, lambda rest: Item("finding", rest, "note"))
+        items = _first(self.items, lambda text: Item("finding", text, "note"))
         tables = []
-        for table in _first(self.tables, lambda rest: Table(rest, ())):
-            rows = _first(table.rows, lambda rest: (rest, ""))
+        for table in _first(self.tables, lambda text: Table(text, ())):
+            rows = _first(table.rows, lambda text: (text, ""))
             tables.append(Table(shown(table.title), tuple((shown(k), shown(v)) for k, v in rows)))
         claims = verdict.settled(self.claims)
         return Entry(
             shown(self.name), tuple(self.layers),
-            tuple(replace(one, text=shown(one.text)) for one in items), tuple(tables),
+            tuple(replace(item, text=shown(item.text)) for item in items), tuple(tables),
             tuple(map(shown, _first(tuple(self.warnings), str))), self.status,
             dict(self.figures), self.curve, self.compared, extent_of(self.layers, self.items),
             tuple(replace(claim, text=shown(claim.text)) for claim in claims),
@@ -198,20 +198,20 @@ def folder_of(name: str) -> str | None:
 
 def without_folders(text: str, folders: Collection[str]) -> str:
     """Return a text in which names of files lack those `folders` that they begin with."""
-    shown, done = "", 0
+    shown, copied_to = "", 0
     for start in (match.start() for match in _ABSOLUTE.finditer(text)):
         parts = islice(_SEPARATOR.finditer(text, start + 1), _DEEPEST)
         ends = [part.end() for part in parts if text[start : part.start()] in folders]
-        if ends and start >= done:
-            shown, done = shown + text[done:start], ends[-1]
-    return shown + text[done:]
+        if ends and start >= copied_to:
+            shown, copied_to = shown + text[copied_to:start], ends[-1]
+    return shown + text[copied_to:]
 
 
-def _first(found: Sequence[Kind], told: Callable[[str], Kind]) -> tuple[Kind, ...]:
+def _first(found: Sequence[Kind], make_item: Callable[[str], Kind]) -> tuple[Kind, ...]:
     """Return the first of very many, and one that counts the rest."""
     if len(found) <= _MOST:
         return tuple(found)
-    return (*found[:_MOST], told(f"{len(found) - _MOST} more are not listed"))
+    return (*found[:_MOST], make_item(f"{len(found) - _MOST} more are not listed"))
 
 
 _OF_PAGE, _PER_LINE = 20_000_000, 16
@@ -228,7 +228,7 @@ class Opened:
     kind: type[Any]
     files: tuple[Path, ...]
     sums: Mapping[str, str]
-    heard: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 class Grids:
@@ -242,15 +242,15 @@ class Grids:
         self._room = _NO_LIMIT if limit is None else limit // _SHARE
         self._stack = ExitStack()
         self._opened: dict[Path, Opened] = {}
-        self._kept: OrderedDict[Path, Grid] = OrderedDict()
-        self._made: tuple[tuple[Path, int], Layer] | None = None
+        self._grids: OrderedDict[Path, Grid] = OrderedDict()
+        self._layer_read: tuple[tuple[Path, int], Layer] | None = None
 
     def __enter__(self) -> Grids:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._kept.clear()
-        self._made = None
+        self._grids.clear()
+        self._layer_read = None
         self._stack.close()
 
     @property
@@ -258,9 +258,9 @@ class Grids:
         return tuple(file for opened in self._opened.values() for file in opened.files)
 
     @property
-    def held(self) -> int:
+    def bytes_in_memory(self) -> int:
         """Bytes of the grids in memory."""
-        return sum(0 if grid.is_lazy else bytes_of(grid) for grid in self._kept.values())
+        return sum(0 if grid.is_lazy else bytes_of(grid) for grid in self._grids.values())
 
     def open(self, path: Path, *, quietly: bool = False) -> Opened:
         """Read a file for the first time; what reading warns of is given, unless `quietly`."""
@@ -277,26 +277,26 @@ class Grids:
             self._opened[path] = Opened(path, type(grid), file.files, sums, tuple(texts))
         return self._opened[path]
 
-    def is_there(self, path: Path, draft: Draft, what: str, *, quietly: bool = False) -> bool:
+    def is_there(self, path: Path, draft: Draft, content: str, *, quietly: bool = False) -> bool:
         """Open a file as `open` does; if it cannot be read, warn that `what` is not shown."""
         try:
             self.open(path, quietly=quietly)
         except MapdealError as error:
-            draft.lacks(what, path, error)
+            draft.lacks(content, path, error)
             return False
         return True
 
     def grid(self, path: Path) -> Grid:
         # A `FileAccessError` if it has changed since.
-        if path not in self._kept:
+        if path not in self._grids:
             with capture_warnings(), sums_of_reads() as read:  # they were given when it was opened
                 grid, file = self._read(path)
                 sums = file.sums_by_name(read)
             if sums != self._opened[path].sums:
                 raise FileAccessError(CHANGED, source=path)
             self._keep(path, grid)
-        self._kept.move_to_end(path)
-        return self._kept[path]
+        self._grids.move_to_end(path)
+        return self._grids[path]
 
     def layers(self, path: Path, name: str, title: str) -> list[PageLayer]:
         """Return the layers of a page that the grid of a file becomes, read when asked for."""
@@ -334,26 +334,26 @@ class Grids:
             return layer
 
         def rows(some: slice) -> Any:
-            if self._made is None or self._made[0] != (path, index):
+            if self._layer_read is None or self._layer_read[0] != (path, index):
                 grid = self.grid(path)
-                self._made = (path, index), kinds_of(grid)[index].values(grid)
-            return self._made[1][some]
+                self._layer_read = (path, index), kinds_of(grid)[index].values(grid)
+            return self._layer_read[1][some]
 
         values = lazy_layer(layer.frame.shape, layer.values.dtype, rows, block_height=_ROWS)
         return replace(layer, values=values)
 
     def _keep(self, path: Path, grid: Grid) -> None:
-        """Keep a grid, and let those go that were asked for longest ago."""
-        self._kept[path] = grid
-        while len(self._kept) > 1 and self.held > self._room:
-            self._kept.popitem(last=False)
+        """Store a grid, and drop the least recently used ones if memory runs out."""
+        self._grids[path] = grid
+        while len(self._grids) > 1 and self.bytes_in_memory > self._room:
+            self._grids.popitem(last=False)
 
 
 NOT_SHOWN = "not shown"  # the status of a run of a batch that is in no folder of it
 _GRIDS = (".npz", ".yaml")  # the files of a product that hold its values, the most exact first
 _MOST_WRONG = 20  # files of a run that are warned of one by one
 _LARGEST_FIGURE = 1e15  # up to here a float has all whole numbers of a manifest
-_DONE = ("done", "unchanged")
+_FINISHED = ("done", "unchanged")
 
 _OF_MAPS = ("occupied %", "free %", "unknown %")  # columns about the map that a run was made of
 _UNKNOWN_MAP = np.full((1, 1), -1, dtype=np.int8)
@@ -361,24 +361,24 @@ _UNKNOWN_MAP = np.full((1, 1), -1, dtype=np.int8)
 
 def runs_in(folder: Path) -> list[Draft] | None:
     """Return a draft for each run in a folder: its own, those of a batch, or those below it."""
-    # Those that have failed have what its summary contains. None if there is none.
+    # Failed runs show their part of the summary.
     if exists(folder / MANIFEST):
-        local = (one for one in contents_of(folder)[0] if exists(folder / one / MANIFEST))
+        local = (name for name in contents_of(folder)[0] if exists(folder / name / MANIFEST))
         return [
             Draft(folder.name or str(folder), folder),
-            *(Draft(f"{folder.name}/{one}", folder / one) for one in local),
+            *(Draft(f"{folder.name}/{name}", folder / name) for name in local),
         ]
     summary = read_json(folder / SUMMARY)
     entries = summary.get("maps") if isinstance(summary, dict) else None
-    if isinstance(entries, list) and entries and all(isinstance(one, dict) for one in entries):
-        return [draft for one in entries for draft in _drafts_of_batch(folder, one)]
+    if isinstance(entries, list) and entries and all(isinstance(row, dict) for row in entries):
+        return [draft for record in entries for draft in _drafts_of_batch(folder, record)]
     found = [path for path, files in folders_below([folder], contents_of) if MANIFEST in files]
     return [Draft(str(path.relative_to(folder)), path) for path in sorted(found)] or None
 
 
-def _drafts_of_batch(folder: Path, told: Mapping[str, Any]) -> Iterator[Draft]:
+def _drafts_of_batch(folder: Path, record: Mapping[str, Any]) -> Iterator[Draft]:
     """Yield what a summary contains about a map, and about the local map beside it."""
-    place, status, name = str(told.get("folder")), str(told.get("status")), str(told.get("map"))
+    place, status, name = (str(record.get(key)) for key in ("folder", "status", "map"))
     parts = PurePath(place).parts
     if not parts or ".." in parts or PurePath(place).is_absolute():  # whatever there is
         draft = Draft(place, folder, status=NOT_SHOWN)
@@ -387,23 +387,23 @@ def _drafts_of_batch(folder: Path, told: Mapping[str, Any]) -> Iterator[Draft]:
         yield draft
         return
     # a run that was there already is the same run
-    status = _DONE[0] if status in _DONE else status
+    status = _FINISHED[0] if status in _FINISHED else status
     draft = Draft(place, folder / place, status=status, names={name})
-    if status not in _DONE:
+    if status not in _FINISHED:
         draft.tables.append(Table("Input", (("map", name),)))
-        reason = str(told.get("error", status))
+        reason = str(record.get("error", status))
         draft.warn([reason])
         draft.claims.append(
             verdict.on_failure(report_documents.short(reason).removeprefix(f"{one_line(name)}: "))
         )
     yield draft
-    if "local" in told:
+    if "local" in record:
         yield Draft(f"{place}/local", folder / place / "local", status=status)
 
 
 def fill_from_run(draft: Draft, grids: Grids) -> None:
-    # What does not match the manifest, or is not there, becomes a warning; the rest is shown.
-    if draft.status and draft.status not in _DONE and not exists(draft.path / MANIFEST):
+    # Missing files, and files that differ from the manifest, become warnings.
+    if draft.status and draft.status not in _FINISHED and not exists(draft.path / MANIFEST):
         return
     manifest = manifest_in(draft.path)
     inputs = manifest.get("inputs")
@@ -432,8 +432,8 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     ]
     draft.tables = [table for table in draft.tables if table.rows]
     # what a stage has made of a map says little of the map: inflated, most of it is occupied
-    made = columns_of(manifest["figures"])
-    draft.figures |= {name: value for name, value in made.items() if name not in _OF_MAPS}
+    columns = columns_of(manifest["figures"])
+    draft.figures |= {name: value for name, value in columns.items() if name not in _OF_MAPS}
     warnings = manifest.get("warnings")
     draft.warn(map(str, warnings if isinstance(warnings, list) else ()))
     if (costs := verdict.on_costs(manifest)) is not None:
@@ -480,8 +480,8 @@ def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:
     wrong = _wrong_outputs(draft.path, manifest["outputs"])
     for path, rule in islice(wrong, _MOST_WRONG):
         draft.miss(f"{path}: {rule}", path)
-    if left := sum(1 for _ in wrong):
-        rule = f"{left} more of the files that it lists are missing, or are others"
+    if unlisted := sum(1 for _ in wrong):
+        rule = f"{unlisted} more of the files that it lists are missing, or are others"
         draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
 
 
@@ -500,7 +500,7 @@ def _add_product(
 ) -> None:  # fmt: skip
     product = product_of(stage)
     names = [f"{product}{ending}" for ending in _GRIDS]
-    path = next((draft.path / one for one in names if one in manifest["outputs"]), None)
+    path = next((draft.path / name for name in names if name in manifest["outputs"]), None)
     if path is None:
         rule = f"the run wrote no values of stage {stage}"
         draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
@@ -525,21 +525,21 @@ def add_layers(draft: Draft, layers: Iterable[PageLayer]) -> None:
     instead: dict[str | None, str] = {}
     for layer in layers:
         if layer.name.endswith(f"-{MAP}"):
-            same = next((one for one in draft.layers if _are_equal(one, layer)), None)
+            same = next((earlier for earlier in draft.layers if _are_equal(earlier, layer)), None)
             if same is not None:
                 instead[layer.name] = same.name
                 continue
         draft.layers.append(replace(layer, states=instead.get(layer.states, layer.states)))
 
 
-def _are_equal(one: PageLayer, other: PageLayer) -> bool:
-    colours = one.style.by_value, other.style.by_value
-    if one.frame != other.frame or colours[0] is None or colours[1] is None:
+def _are_equal(layer: PageLayer, earlier: PageLayer) -> bool:
+    colours = layer.style.by_value, earlier.style.by_value
+    if layer.frame != earlier.frame or colours[0] is None or colours[1] is None:
         return False
     if not np.array_equal(colours[0], colours[1]):
         return False
-    blocks = blocks_of(one.values)
-    return all(np.array_equal(one.values[rows], other.values[rows]) for rows in blocks)
+    blocks = blocks_of(layer.values)
+    return all(np.array_equal(layer.values[rows], earlier.values[rows]) for rows in blocks)
 
 
 def _step_of(stage: str, parameters: Mapping[str, Any]) -> Step | None:
@@ -561,16 +561,16 @@ def _curve_of(stage: str, parameters: Mapping[str, Any], figures: object) -> Cos
 def columns_of(figures: Mapping[str, Any]) -> dict[str, str | float]:
     """Return figures of some stages as columns of a table of maps."""
     columns: dict[str, str | float] = {}
-    for told in figures.values():
-        if isinstance(told, dict):
-            for name, value in _columns_of_grid(told).items():
+    for record in figures.values():
+        if isinstance(record, dict):
+            for name, value in _columns_of_grid(record).items():
                 columns.setdefault(name, value)
     return columns
 
 
-def _columns_of_grid(told: Mapping[str, Any]) -> dict[str, str | float]:
+def _columns_of_grid(figures: Mapping[str, Any]) -> dict[str, str | float]:
     """Return the columns of those figures that are numbers: anybody may have written them."""
-    known = {name: value for name, value in told.items() if _is_figure(value)}
+    known = {name: value for name, value in figures.items() if _is_figure(value)}
     cells = known.get("width", 0) * known.get("height", 0)
     columns: dict[str, str | float] = {}
     if cells > 0:
@@ -607,9 +607,9 @@ _LARGEST_ROUNDED = 1e6
 def _as_written(value: object) -> object:
     """Return a value of a manifest with its numbers rounded, not so that a page must be long."""
     if isinstance(value, dict):
-        return {key: _as_written(one) for key, one in value.items()}
+        return {key: _as_written(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [_as_written(one) for one in value]
+        return [_as_written(item) for item in value]
     if isinstance(value, float) and abs(value) < _LARGEST_ROUNDED:
         return float(f"{value:.{_DIGITS}g}")
     return value
@@ -621,7 +621,7 @@ def drafts_about(file: str, drafts: Sequence[Draft]) -> list[Draft]:
     # gives a map, or a folder; then a file that a run was made of, if no other run was made of one
     # of its name.
     path = Path(file)
-    same = [draft for draft in drafts if any(is_same_file(path, one) for one in draft.places)]
+    same = [draft for draft in drafts if any(is_same_file(path, place) for place in draft.places)]
     if same:
         return same
     ends = [draft for draft in drafts if any(_ends_with(file, name) for name in draft.names)]
@@ -652,8 +652,10 @@ def give_score(document: Path, results: Results, drafts: list[Draft], grids: Gri
         draft.tables += results.tables
         for path in draft.paths:
             if own is not None and place is not None and is_same_file(place, path):
-                found, told = (sorted(one.values()) for one in (grids.open(path).sums, own.sha256))
-                draft.compare_sums(path, found, told, f"{document.name} scores")
+                found, named = (
+                    sorted(sums.values()) for sums in (grids.open(path).sums, own.sha256)
+                )
+                draft.compare_sums(path, found, named, f"{document.name} scores")
     if not owners:
         name = "a map that is not a file" if own is None else report_documents.short(own.file)
         text = f"{document}: the score of {name} is left out: the map is not shown here"
@@ -705,7 +707,7 @@ def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
         title = f"{name.capitalize()} map{'' if moved is None else ', moved'}: {place.name}"
         layers = grids.layers(place, name, title)
         if moved is not None:
-            layers = [replace(one, frame=moved.frame(one.frame)) for one in layers]
+            layers = [replace(layer, frame=moved.frame(layer.frame)) for layer in layers]
         if is_diff:
             layers = layers[-1:]
             draft.paths.append(place)
@@ -727,7 +729,7 @@ def _add_difference(
     settings = grids.settings
     with capture_warnings():  # they were given when the maps were opened
         sources = zip(paths, read_together(paths, settings), strict=True)
-        maps = [map_input(one, path) for path, one in sources]
+        maps = [map_input(grid, path) for path, grid in sources]
         reading: Reading = {"max_memory": settings.max_memory}
         if results.kind == DIFF:
             found = compared(maps, tolerance=results.tolerance, move=results.transform, **reading)
@@ -742,9 +744,9 @@ def _add_difference(
         return
     style, title = difference_style(), "What differs"
     draft.layers.append(PageLayer("difference", title, found.frame, found.changes, style))
-    changes, left = found.largest_changes(report_documents.MOST_CHANGES)
-    draft.items += report_documents.change_items(changes, left, found.frame)
-    draft.claims += verdict.on_difference(found, changes, left)
+    changes, unlisted = found.largest_changes(report_documents.MOST_CHANGES)
+    draft.items += report_documents.change_items(changes, unlisted, found.frame)
+    draft.claims += verdict.on_difference(found, changes, unlisted)
 
 
 def two_robots(path: Path, results: Results, grids: Grids) -> Draft:

@@ -46,7 +46,7 @@ from mapdeal.ros.robot import RobotParameters
 
 if TYPE_CHECKING:
     from mapdeal.commands.report import WrittenReport
-    from mapdeal.commands.report_checks import Asked, GoalAnswer
+    from mapdeal.commands.report_checks import GoalAnswer, RunChecks
     from mapdeal.pipeline.local import Around
 
 _LOCAL_SET = "--local-set"
@@ -328,17 +328,17 @@ def run_maps(
         size = batch.jobs_at_once(jobs, len(all_jobs), terminal)
         map_run = map_run.sharing(size)
     page: Path | None = None
-    goal_check: Asked | None = None
+    goal_check: RunChecks | None = None
     if report:
         from mapdeal.commands.report import VERDICT, page_in, report_of_runs
 
         page = page_in(output)
     if report or start is not None or goals or points is not None:
-        from mapdeal.commands.report_checks import Asked
+        from mapdeal.commands.report_checks import RunChecks
 
         map_of_folder = {job.folder: job.path for job in all_jobs if job.error is None}
         listed = chosen_goals(goals, points)
-        goal_check = Asked(settings, shape, robot, start, listed, map_of_folder)
+        goal_check = RunChecks(settings, shape, robot, start, listed, map_of_folder)
     if dry_run:
         also_written = [output / batch.SUMMARY] if is_batch else []
         also_written += [page, output / VERDICT] if page else []

@@ -277,10 +277,10 @@ def confusion_of(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray
 
 def frame_around(first: Frame, second: Frame) -> Frame:
     """Return the cells of the first lattice that both maps lie in."""
-    other = region_around(first, second)
-    row, col = min(other.row, 0), min(other.col, 0)
-    height = max(other.row + other.height, first.height) - row
-    width = max(other.col + other.width, first.width) - col
+    second_region = region_around(first, second)
+    row, col = min(second_region.row, 0), min(second_region.col, 0)
+    height = max(second_region.row + second_region.height, first.height) - row
+    width = max(second_region.col + second_region.width, first.width) - col
     if height * width > MOST_CELLS:
         rule = f"the maps lie too far apart: {width} x {height} cells hold both"
         raise ParameterError(rule, place="origin")
@@ -294,9 +294,9 @@ def _is_beyond(
     beyond = np.zeros(both.shape, dtype=np.bool_)
     for state in range(len(STATES)):
         of_first, of_second = (first == state) & both, (second == state) & both
-        for own, other in ((of_first, of_second), (of_second, of_first)):
+        for own, opposite in ((of_first, of_second), (of_second, of_first)):
             if own.any():
-                beyond |= own & ~within_distance(other, square)
+                beyond |= own & ~within_distance(opposite, square)
     return beyond
 
 
@@ -315,14 +315,14 @@ def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str |
 
 
 def _shift(
-    walls: NDArray[np.float64], obstacles: NDArray[np.float64], apart: NDArray[np.bool_]
+    walls: NDArray[np.float64], opposite_walls: NDArray[np.float64], apart: NDArray[np.bool_]
 ) -> WallShift | None:
-    """Return the distances of walls from obstacles; walls that are not apart have the same cell."""
-    if not len(walls) or not len(obstacles):
+    """Return the distances of walls from opposite_walls; walls that are not apart have the same cell."""
+    if not len(walls) or not len(opposite_walls):
         return None
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(obstacles, balanced_tree=False, compact_nodes=False)  # three times as fast
+    tree = cKDTree(opposite_walls, balanced_tree=False, compact_nodes=False)  # three times as fast
     distance, _ = tree.query(walls[apart])
     clean = np.zeros(len(walls))
     clean[apart] = np.where(distance < 1e-9, 0.0, distance)

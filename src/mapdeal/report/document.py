@@ -44,9 +44,9 @@ class Claim:
     Parameters
     ----------
     about : str
-        What it is about; an entry has one claim about each, the worst.
+        Subject; an entry shows the worst claim about each subject.
     state : {'error', 'warning', 'unknown', 'good'}
-        What it comes to.
+        State of the subject.
     text : str
         The sentence.
     evidence : str
@@ -94,7 +94,7 @@ class PageLayer:
 
 @dataclass(frozen=True)
 class Zone:
-    """What a polygon of a file is for, so that it can be edited on the page."""
+    """Purpose of a polygon of a file; the page can edit it."""
 
     kind: str
     speed: float | None = None  # percent of the robot's maximum
@@ -195,13 +195,13 @@ def page_layers(grid: Any, name: str, title: str) -> list[PageLayer]:
 
 def _of_cells(style: LayerStyle) -> LayerStyle:
     """Return a style without the swatches of colours that no value takes."""
-    taken: set[int | None] = set() if style.by_value is None else set(style.by_value.tolist())
+    used: set[int | None] = set() if style.by_value is None else set(style.by_value.tolist())
     if style.scale is not None:
         levels = range(style.scale.first, style.scale.first + style.scale.levels)
-        taken = {*levels, style.nowhere, style.line}
-        taken |= {level + style.faded_by for level in levels if style.faded_by is not None}
-    kept = tuple(swatch for swatch in style.swatches if swatch.index in taken)
-    return replace(style, swatches=kept)
+        used = {*levels, style.nowhere, style.line}
+        used |= {level + style.faded_by for level in levels if style.faded_by is not None}
+    swatches = tuple(swatch for swatch in style.swatches if swatch.index in used)
+    return replace(style, swatches=swatches)
 
 
 def _as_bytes(layer: Layer) -> Layer:
