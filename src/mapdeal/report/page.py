@@ -32,7 +32,7 @@ from mapdeal.report.tiles import TILE, encoded
 from mapdeal.report.verdict import MOST_CLAIMS, most_urgent, shared_by, state_of, verdicts_of
 
 Value = str | int | float | bool | None
-"""Of an attribute: True for its name alone, False and None for no attribute."""
+"""Value of an attribute: True writes its name alone, False and None omit it."""
 
 _PNG = "data:image/png;base64,"
 _VOID = {"input", "meta", "br", "wbr", "img", "rect", "line", "circle", "path", "polyline", "stop"}
@@ -61,7 +61,8 @@ def element(name: str, /, *content: Content, **attributes: Value) -> Markup:
 
 def joined(content: Iterable[Content]) -> Markup:
     """Return pieces one behind the other, text escaped."""
-    return Markup("".join(one.text if isinstance(one, Markup) else escaped(one) for one in content))
+    texts = (piece.text if isinstance(piece, Markup) else escaped(piece) for piece in content)
+    return Markup("".join(texts))
 
 
 def escaped(text: str) -> str:
@@ -91,14 +92,14 @@ _CLOSE = 2.0  # levels that a gradient may differ from the palette
 
 
 def legend_of(style: LayerStyle, key: str) -> Markup:
-    """Return swatches and colour bar of a style; `key` tells it from others on the page."""
+    """Return swatches and colour bar of a style; `key` is unique on the page."""
     parts: list[Content] = []
     if style.bar is not None:
         parts.append(_bar(style, style.bar, key))
     if style.swatches:
         swatches = [
-            element("li", swatch(style.colours[one.index]), " ", one.label)
-            for one in style.swatches
+            element("li", swatch(style.colours[swatch_style.index]), " ", swatch_style.label)
+            for swatch_style in style.swatches
         ]
         parts.append(element("ul", *swatches, class_="swatches"))
     return joined(parts)
@@ -155,15 +156,15 @@ def _stops(colours: NDArray[np.float64]) -> list[int]:
 
 def _ticks(ticks: Sequence[tuple[float, str]]) -> list[Markup]:
     """Return ticks and labels; the ends come first, others where there is room."""
-    taken: list[tuple[float, float]] = []
+    used_ranges: list[tuple[float, float]] = []
     parts = []
     for share, text in sorted(ticks, key=lambda tick: (0 < tick[0] < 1, tick[0])):
         x = 0.5 + share * (_BAR_WIDTH - 1)
         width = _BAR_LETTER * len(text)
         start = min(max(x - width / 2, 0.0), _BAR_WIDTH - width)
-        if any(start < end + 4 and begin < start + width + 4 for begin, end in taken):
+        if any(start < end + 4 and begin < start + width + 4 for begin, end in used_ranges):
             continue
-        taken.append((start, start + width))
+        used_ranges.append((start, start + width))
         anchor = "start" if start == 0 else "end" if start == _BAR_WIDTH - width else "middle"
         at = {"start": 0.0, "end": float(_BAR_WIDTH), "middle": x}[anchor]
         parts.append(element("line", x1=x, x2=x, y1=_BAR, y2=_BAR + 4, stroke="currentColor"))
@@ -199,7 +200,7 @@ _STATES = {"error": "Problem", "warning": "Check", "unknown": "Not checked", "go
 """What a verdict says of its states: they have colours, but nobody needs to see these."""
 
 _FAILED = "failed"
-_TOLD_BY_SIZE = ("cells", "m per cell")
+_IN_SIZE_TEXT = ("cells", "m per cell")
 _NAMED = 3  # maps that a line of the verdict on several maps names
 
 
@@ -213,20 +214,20 @@ def body_of(report: Report) -> Markup:
 def subtitle_of(report: Report) -> str:
     if len(report.entries) > 1:
         counts = [_counts(entry) for entry in report.entries]
-        told = [
+        parts = [
             count_text(sum(count[k] for count in counts), name)
             for k, name in enumerate(("error", "warning"))
         ]
         failed = sum(entry.status == _FAILED for entry in report.entries)
         bare = sum(not entry.layers for entry in report.entries if entry.status != _FAILED)
-        told += [f"{failed} failed"] if failed else []
-        told += [f"{bare} without layers"] if bare else []
+        parts += [f"{failed} failed"] if failed else []
+        parts += [f"{bare} without layers"] if bare else []
         shared = shared_by(report.entries)
         sound = sum(state_of(entry, shared) == "good" for entry in report.entries)
-        told += [f"{sound} sound"] if sound else []
-        return ", ".join([count_text(len(report.entries), "map"), *told])
+        parts += [f"{sound} sound"] if sound else []
+        return ", ".join([count_text(len(report.entries), "map"), *parts])
     entry = report.entries[0]
-    figures = [_figure(k, v) for k, v in entry.figures.items() if k not in _TOLD_BY_SIZE]
+    figures = [_figure(k, v) for k, v in entry.figures.items() if k not in _IN_SIZE_TEXT]
     return ", ".join([_size_text(entry), *figures])
 
 
@@ -257,7 +258,7 @@ def _text(value: str | float) -> str:
 def _counts(entry: Entry) -> tuple[int, int]:
     errors = sum(item.tone == "error" for item in entry.items)
     warnings = sum(item.tone == "warning" for item in entry.items)
-    if entry.status == _FAILED:  # what is listed as a warning is why
+    if entry.status == _FAILED:  # its warnings are the reasons
         return errors or max(1, len(entry.warnings)), warnings
     return errors, warnings + len(entry.warnings)
 
@@ -281,15 +282,16 @@ def _verdict_on(entry: Entry, number: int) -> Markup:
     """Return the claims about an entry, each with a link to where its evidence is."""
     places = {kind: (f"list-{number}-{k}", title) for k, (title, kinds) in enumerate(_lists(entry))
               for kind in kinds}  # fmt: skip
-    tables = {one.title: (f"table-{number}-{k}", one.title) for k, one in enumerate(entry.tables)}
+    titles = [table.title for table in entry.tables]
+    tables = {title: (f"table-{number}-{k}", title) for k, title in enumerate(titles)}
     claims: list[Content] = []
-    worst_first = sorted(entry.claims, key=lambda one: get_args(State).index(one.state))
-    for one in worst_first:
-        place, title = (tables | places).get(one.evidence, ("", ""))
+    worst_first = sorted(entry.claims, key=lambda claim: get_args(State).index(claim.state))
+    for claim in worst_first:
+        place, title = (tables | places).get(claim.evidence, ("", ""))
         link: list[Content] = (
             [" ", element("a", title, href=f"#{place}", class_="evidence")] if place else []
         )
-        claims.append(_claim(one.state, f"{one.text}.", *link))
+        claims.append(_claim(claim.state, f"{claim.text}.", *link))
     return _verdict(claims, entry.next_command)
 
 
@@ -303,16 +305,16 @@ def _verdict_on_all(entries: tuple[Entry, ...]) -> Markup:
     claims = []
     for state, words in (("error", "has a problem"), ("warning", "should be checked")):
         if found := numbers[state]:
-            what = words if len(found) == 1 else words.replace("has", "have")
+            verb = words if len(found) == 1 else words.replace("has", "have")
             also = f" ({failed} failed)" if failed and state == "error" else ""
-            text = f"{len(found)} of {count_text(len(entries), 'map')} {what}{also}: "
+            text = f"{len(found)} of {count_text(len(entries), 'map')} {verb}{also}: "
             claims.append(_claim(cast("State", state), text, *_links(found, entries)))
-    claims += [_claim(one.state, f"All maps: {one.text}.") for one in shared]
+    claims += [_claim(claim.state, f"All maps: {claim.text}.") for claim in shared]
     good, unknown = len(numbers["good"]), len(numbers["unknown"])
-    told = [f"{good} {'is' if good == 1 else 'are'} sound"] if good else []
-    told += [f"{unknown} {'was' if unknown == 1 else 'were'} not checked"] if unknown else []
-    if told:
-        claims.append(_claim("good" if good else "unknown", f"{', '.join(told)}."))
+    counts = [f"{good} {'is' if good == 1 else 'are'} sound"] if good else []
+    counts += [f"{unknown} {'was' if unknown == 1 else 'were'} not checked"] if unknown else []
+    if counts:
+        claims.append(_claim("good" if good else "unknown", f"{', '.join(counts)}."))
     return _verdict(claims[:MOST_CLAIMS], most_urgent(verdicts_of(entries)))
 
 
@@ -358,7 +360,7 @@ def _maps(entries: tuple[Entry, ...]) -> Markup:
 
 
 def _columns(entries: tuple[Entry, ...]) -> list[str]:
-    """Return the names of figures, but of those that are equal in all entries the first."""
+    """Return the names of figures; figures equal in all entries share the first name."""
     columns: dict[tuple[object, ...], str] = {}
     for name in dict.fromkeys(name for entry in entries for name in entry.figures):
         columns.setdefault(tuple(entry.figures.get(name) for entry in entries), name)
@@ -414,8 +416,9 @@ def _row(entry: Entry, number: int, names: list[str], shared: Sequence[Claim]) -
         aria_label=f"Thumbnail of {entry.name}",
     )  # fmt: skip
     link = element("a", *_broken(entry.name), href=f"#entry-{number}")
-    by_state = [one for state in ("error", "warning") for one in entry.claims if one.state == state]
-    reasons = [_reason(one) for one in by_state if one not in shared]
+    claims = [claim for claim in entry.claims if claim not in shared]
+    reasons = [_reason(claim) for state in ("error", "warning") for claim in claims
+               if claim.state == state]  # fmt: skip
     reason = [element("span", reasons[0], class_="reason")] if reasons else []
     head = element("th", link, *reason, scope="row", data_value=entry.name)
     state = state_of(entry, shared)
@@ -438,7 +441,7 @@ def _row(entry: Entry, number: int, names: list[str], shared: Sequence[Claim]) -
 
 
 def _reason(claim: Claim) -> str:
-    """Return why a map is to be looked at, without the counts that are in the row anyhow."""
+    """Return the reason to check a map, without the counts, which the row has."""
     return claim.text.partition(": ")[2] if claim.about == "map" else claim.text
 
 
@@ -456,16 +459,16 @@ def _entry(entry: Entry, number: int, *, several: bool) -> Markup:
         parts.append(_verdict_on(entry, number))
     if entry.warnings and not (entry.status == _FAILED and entry.claims):  # which is the verdict
         lines = element("ul", *(element("li", text) for text in entry.warnings))
-        what = "error" if entry.status == _FAILED else "warning"
-        title = count_text(len(entry.warnings), what)
-        parts.append(_section(title, lines, class_=f"warnings {what}"))
-    rest = element("div", *_below(entry, number), class_="rest")
+        noun = "error" if entry.status == _FAILED else "warning"
+        title = count_text(len(entry.warnings), noun)
+        parts.append(_section(title, lines, class_=f"warnings {noun}"))
+    below = element("div", *_below(entry, number), class_="rest")
     if entry.layers:
         slot = element("div", class_="slot")
-        parts.append(element("div", slot, _panels(entry, number), rest, class_="work"))
+        parts.append(element("div", slot, _panels(entry, number), below, class_="work"))
     else:
         parts.append(element("p", "This map has no layer to show.", class_="notice"))
-        parts += [_items(entry, number), rest]
+        parts += [_items(entry, number), below]
     return element("section", *parts, class_="entry", id=f"entry-{number}", aria_label=entry.name)
 
 
@@ -506,7 +509,7 @@ def _layer(layer: PageLayer, k: int, number: int, count: int) -> Markup:
 _MODES = {
     "layers": "Layers", "swipe": "Swipe", "beside": "Side by side", "blink": "Blink"
 }  # fmt: skip
-"""Ways to look at two layers, and what they are called."""
+"""Titles of the views of two layers."""
 
 
 def _compare(entry: Entry, number: int) -> Markup:
@@ -607,17 +610,17 @@ def _group(items: Sequence[Item], group: Sequence[int]) -> Markup:
     if len(group) == 1:
         return _item(first, group[0], first.text)
     words = [items[k].text.partition(": ")[2] or items[k].text for k in group]
-    own = sum(not one.startswith(_PLACE) for one in words)  # findings, each at its first place
+    own = sum(not text.startswith(_PLACE) for text in words)  # findings, each at its first place
     count = count_text(len(group), "place") if own == 1 else count_text(own, "finding")
     if words[1].startswith(_PLACE):
-        words[0] = f"{_PLACE}1"  # what it says is in the line above
+        words[0] = f"{_PLACE}1"  # the line above has its text
     rows = []
     for k, text in zip(group, words, strict=True):
         place = items[k].place
         is_bare = place is not None and text.startswith(_PLACE)
         shown = f"{text} at {_at(place)}" if place is not None and is_bare else text
-        rows.append(_item(items[k], k, shown, is_told=False))
-    head = element("summary", _told(first, first.text), " ", element("i", f"({count})"))
+        rows.append(_item(items[k], k, shown, has_tone=False))
+    head = element("summary", _with_tone(first, first.text), " ", element("i", f"({count})"))
     css = _css(notes=first.tone == "note")
     return element("li", element("details", head, element("ul", *rows), class_=css))
 
@@ -630,14 +633,14 @@ def _at(place: tuple[float, float]) -> str:
     return ", ".join(f"{part + 0.0:.6g}" for part in place)
 
 
-def _item(item: Item, number: int, words: str, *, is_told: bool = True) -> Markup:
-    text: Content = _told(item, words) if is_told else words
+def _item(item: Item, number: int, words: str, *, has_tone: bool = True) -> Markup:
+    text: Content = _with_tone(item, words) if has_tone else words
     if item.place is None and not item.lines:
         return element("li", element("span", text))
     return element("li", element("button", text, type="button", data_item=number))
 
 
-def _told(item: Item, words: str) -> Content:
+def _with_tone(item: Item, words: str) -> Content:
     """Return a text behind the word for its severity, or for its kind."""
     tone = item.kind if item.kind in _IN_ONE_LIST else item.tone
     if tone in ("good", "plain"):
@@ -782,11 +785,11 @@ def _page_entry(entry: Entry) -> dict[str, Any]:
         )
         for layer in entry.layers
     ]
-    whole = _box(np.vstack(corners)) if corners else None
+    full_box = _box(np.vstack(corners)) if corners else None
     return {
         "name": one_line(entry.name),
-        "whole": whole,
-        "extent": whole if entry.extent is None else list(entry.extent),
+        "whole": full_box,
+        "extent": full_box if entry.extent is None else list(entry.extent),
         "items": [_page_item(item) for item in entry.items],
     }
 
@@ -797,7 +800,7 @@ def _box(points: NDArray[np.float64]) -> list[float]:
 
 def _page_item(item: Item) -> dict[str, Any]:
     places = [] if item.place is None else [np.array([item.place], dtype=np.float64)]
-    points = [one for one in (*places, *item.lines) if len(one)]
+    points = [line for line in (*places, *item.lines) if len(line)]
     return {
         "kind": item.kind,
         "tone": item.tone,
