@@ -187,8 +187,9 @@ def _part_of_lint(document: JsonValue, *, is_map: bool) -> Part:
 
 
 def _finding(document: JsonValue, file: str) -> Finding:
+    severity = cast("Severity", document["severity"].word(*SEVERITIES))
     return Finding(
-        document["check"].text(), cast("Severity", document["severity"].word(*SEVERITIES)), file,
+        document["check"].text(), severity, file,
         document["message"].text(), document["line"].or_none(JsonValue.integer),
         tuple(place.point() for place in document["places"].items()),
     )  # fmt: skip
@@ -661,8 +662,8 @@ def _comparison(document: JsonValue) -> Results:
     parts = [_method(name, method) for name, method in document["methods"].fields().items()]
     pairs = {}
     for pair in document["pairs"].items():
-        names = f"{pair['first'].text()}, {pair['second'].text()}"
-        pairs[short(names)] = pair["differing"].integer()
+        differing = pair["differing"].integer()
+        pairs[short(f"{pair['first'].text()}, {pair['second'].text()}")] = differing
     rows = tuple((name, str(count)) for name, count in pairs.items())
     tables = [table for part in parts for table in part.tables]
     return Results(json_values.COMPARISON, [], [*tables, Table("Differing cells", rows)], parts)
