@@ -1,4 +1,4 @@
-"""The pieces that bad inputs are made of, and a look at what is left of a folder."""
+"""Parts of bad inputs, and a check of the files that remain in a folder."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def cells_of(path, layer="occupancy"):
 
 
 def check_failure(code, out, err, exit_code, named, hint):
-    """Hold a failure to its exit code and to one clear line that names what is at fault."""
+    """Check the exit code of a failure and that one line of it names the faulty input."""
     lines = err.splitlines()
     errors = [line for line in lines if line.startswith("error: ")]
     hints = [line for line in lines if line.startswith("hint: ")]

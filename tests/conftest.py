@@ -22,7 +22,7 @@ settings.register_profile("quick", deadline=None, max_examples=10)
 settings.register_profile("thorough", deadline=None, max_examples=500)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "mapdeal"))
 
-WHOLE = frozenset({"command", "project", "real_maps", "running"})
+OF_WHOLE_COMMANDS = frozenset({"command", "project", "real_maps", "running"})
 """Fixtures that run whole commands, pages, real maps and browsers."""
 OF_WHOLES = {ROOT / "tests" / name for name in ("commands", "cli", "pipeline", "report")}
 
@@ -54,9 +54,9 @@ def pytest_ignore_collect(collection_path, config):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark as slow what is thorough, and what runs more than a part of the program."""
+    """Mark as slow all thorough tests, and those that run more than a part of the program."""
     for item in items:
-        is_whole = not OF_WHOLES.isdisjoint(item.path.parents) or WHOLE & set(
+        is_whole = not OF_WHOLES.isdisjoint(item.path.parents) or OF_WHOLE_COMMANDS & set(
             getattr(item, "fixturenames", ())
         )
         if is_whole or item.get_closest_marker("thorough"):
@@ -64,16 +64,16 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """Leave the tests themselves out of every search for garbage."""
+    """Exclude the tests themselves from every search for garbage."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _no_waiting_for_the_disk():
-    """Leave it to processes of their own to have the disk keep what they write."""
+    """Replace fsync in this process; processes of their own still wait for the disk."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(os, "fsync", os.fstat)  # which refuses what is not open, too
+        patch.setattr(os, "fsync", os.fstat)  # fstat refuses closed descriptors, too
         yield
 
 
@@ -100,7 +100,7 @@ def command(capsys):
 
 @pytest.fixture
 def mapdeal_warnings():
-    """Let mapdeal's warnings pass, where a test is about something else."""
+    """Ignore mapdeal's warnings in tests of other behaviour."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MapdealWarning)
         yield
@@ -116,19 +116,19 @@ def one_core(monkeypatch):
 @pytest.fixture
 def scarce_threads(monkeypatch):
     """Return what lets only so many threads be started from then on."""
-    left = [0]
+    available = [0]
 
     def limited(start):
         def start_if_any(*arguments):
-            if left[0] == 0:
+            if available[0] == 0:
                 raise RuntimeError("can't start new thread")
-            left[0] -= 1
+            available[0] -= 1
             return start(*arguments)
 
         return start_if_any
 
     def allow(count):
-        left[0] = count
+        available[0] = count
         for owner, name in ((threading.Thread, "start"), (threads, "start_new_thread")):
             monkeypatch.setattr(owner, name, limited(getattr(owner, name)))
 

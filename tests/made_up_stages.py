@@ -9,7 +9,7 @@ from mapdeal.command import AT_LEAST_0, METRES, RobotShape, stage, stage_of
 from mapdeal.stages import catalogue
 from mapdeal.stages.structured import Goals
 
-seen = []
+visited = []
 """The grids that `visit` was given, the last at the end."""
 
 
@@ -42,12 +42,12 @@ def visit(
     footprint : Footprint, optional
         The robot's shape.
     """
-    seen.append(source)
+    visited.append(source)
     return OccupancyGrid(np.zeros(source.shape, np.int8), source.resolution, source.origin)
 
 
 def list_visit(monkeypatch):
-    """Put the stage at the end of the list of stages."""
+    """Append the stage to the list of stages."""
     monkeypatch.setattr(catalogue, "STAGES", (*catalogue.STAGES, stage_of(visit)))
     monkeypatch.setattr(catalogue, "STAGE_NAMES", (*catalogue.STAGE_NAMES, "visit"))
     for module in ("step", "recipe"):

@@ -16,8 +16,8 @@ sys.exit(os.waitstatus_to_exitcode(status))
 
 
 def measured(folder, *words):
-    """Exit code, what it said and peak bytes of a command in a folder."""
+    """Return the exit code, output and peak bytes of a command in a folder."""
     command = [sys.executable, "-c", _PROGRAM, *map(str, words)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    *out, peak = done.stdout.splitlines()
-    return done.returncode, "\n".join(out) + done.stderr, int(peak) * 1024
+    completed = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    *out, peak = completed.stdout.splitlines()
+    return completed.returncode, "\n".join(out) + completed.stderr, int(peak) * 1024

@@ -8,7 +8,7 @@ from pathlib import Path
 def private(folder, monkeypatch):
     """Close a folder to everybody, also to root, for whom no permission is missing.
 
-    It cannot be listed, and what is in it can neither be looked at nor opened, by whatever link.
+    It cannot be listed, and its files can be neither examined nor opened, by any link.
     """
     closed = Path(os.path.realpath(folder))
 

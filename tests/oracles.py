@@ -10,7 +10,7 @@ import numpy as np
 
 
 def squared_distance(marked):
-    """Squared distance in cells to the nearest marked cell; None where there is none."""
+    """Return squared distances in cells to the nearest marked cell, or None."""
     sites = np.argwhere(marked)
     result = np.empty(marked.shape, dtype=object)
     for row, col in np.ndindex(marked.shape):
@@ -46,13 +46,13 @@ AROUND = [*EDGES, (1, 1), (1, -1), (-1, 1), (-1, -1)]
 
 def groups(marked, steps=AROUND):
     """Sets of cells that such steps connect, by flooding."""
-    left = {tuple(cell) for cell in np.argwhere(marked).tolist()}
-    while left:
-        group, edge = set(), {left.pop()}
+    remaining = {tuple(cell) for cell in np.argwhere(marked).tolist()}
+    while remaining:
+        group, edge = set(), {remaining.pop()}
         while edge:
             group |= edge
-            edge = {(r + i, c + j) for r, c in edge for i, j in steps} & left
-            left -= edge
+            edge = {(r + i, c + j) for r, c in edge for i, j in steps} & remaining
+            remaining -= edge
         yield group
 
 
@@ -216,7 +216,7 @@ def root(square):
 
 
 def whole_part(product):
-    """A product rounded to 1e-9, without what is left of its fraction."""
+    """Round a product to 1e-9 and drop its remaining fraction."""
     return int(product.quantize(Decimal("1e-9")))
 
 
@@ -312,16 +312,16 @@ def convex_fill(corners):
 
 
 def ring_fill(rings, width, height):
-    """The outlines, and the cells whose ray to the left leaves an odd number of times."""
+    """Return the outlines, and the cells with an odd number of edges to their left."""
     cells = {c for ring in rings for c in outline(ring)}
     edges = [e for ring in rings for e in zip(ring, ring[1:] + ring[:1], strict=True)]
     for x in range(width):
         for y in range(height):
-            left = 0
+            crossings = 0
             for (x0, y0), (x1, y1) in edges:
                 if (y0 > y) != (y1 > y):
-                    left += x0 + Fraction((y - y0) * (x1 - x0), y1 - y0) < x
-            if left % 2:
+                    crossings += x0 + Fraction((y - y0) * (x1 - x0), y1 - y0) < x
+            if crossings % 2:
                 cells.add((x, y))
     return {(x, y) for x, y in cells if 0 <= x < width and 0 <= y < height}
 
@@ -469,16 +469,16 @@ def best_first(weights, surcharges, start, goal):
     their diagonals and surcharges are whole numbers of 2^-24.
     """
     unit = 1 << 24
-    whole = [[max(1, round(w * unit)) if w > 0 else 0 for w in row] for row in weights]
+    scaled = [[max(1, round(w * unit)) if w > 0 else 0 for w in row] for row in weights]
     extra = [[round(s * unit) for s in row] for row in surcharges]
-    least = min(w for row in whole for w in row if w)
+    least = min(w for row in scaled for w in row if w)
 
     def estimate(row, col):
         rows, cols = abs(row - goal[0]), abs(col - goal[1])
         straight, diagonal = abs(rows - cols), min(rows, cols)
         return least * straight + round(least * math.sqrt(2)) * diagonal + extra[row][col]
 
-    cost, before, done = {start: 0}, {start: None}, set()
+    cost, before, expanded = {start: 0}, {start: None}, set()
     waiting = [(estimate(*start), 0, start)]
     while waiting:
         first = min(entry[0] for entry in waiting)
@@ -489,24 +489,24 @@ def best_first(weights, surcharges, start, goal):
             while cell is not None:
                 path.append(list(cell))
                 cell = before[cell]
-            return path[::-1], cost[goal] / unit, len(done)
-        if cell in done or so_far > cost[cell]:
+            return path[::-1], cost[goal] / unit, len(expanded)
+        if cell in expanded or so_far > cost[cell]:
             continue
-        done.add(cell)
+        expanded.add(cell)
         row, col = cell
-        for r in range(max(row - 1, 0), min(row + 2, len(whole))):
-            for c in range(max(col - 1, 0), min(col + 2, len(whole[0]))):
-                if (r, c) in done or whole[r][c] == 0:
+        for r in range(max(row - 1, 0), min(row + 2, len(scaled))):
+            for c in range(max(col - 1, 0), min(col + 2, len(scaled[0]))):
+                if (r, c) in expanded or scaled[r][c] == 0:
                     continue
-                step = whole[r][c]
+                step = scaled[r][c]
                 if r != row and c != col:
-                    if whole[r][col] == 0 and whole[row][c] == 0:
+                    if scaled[r][col] == 0 and scaled[row][c] == 0:
                         continue
                     step = round(step * math.sqrt(2))
                 if so_far + step < cost.get((r, c), math.inf):
                     cost[r, c], before[r, c] = so_far + step, cell
                     waiting.append((so_far + step + estimate(r, c), so_far + step, (r, c)))
-    return [], math.inf, len(done)
+    return [], math.inf, len(expanded)
 
 
 def lowest_cost(weights, start, goal):
@@ -563,14 +563,14 @@ def merged_basins(squared, is_open):
     for cell in order:
         row, col = cell
         beside = [(row + 1, col), (row, col + 1), (row, col - 1), (row - 1, col)]
-        near = [one for one in beside if one in basin]
+        near = [neighbour for neighbour in beside if neighbour in basin]
         first = min(near, key=place.get, default=None)
         basin[cell] = cell if first is None else basin[first]
         group.setdefault(basin[cell], {basin[cell]})
-        for other in near:
-            if basin[other] not in group[basin[cell]]:
-                merges.append((int(squared[cell]), cell, basin[cell], basin[other]))
-                both = group[basin[cell]] | group[basin[other]]
+        for neighbour in near:
+            if basin[neighbour] not in group[basin[cell]]:
+                merges.append((int(squared[cell]), cell, basin[cell], basin[neighbour]))
+                both = group[basin[cell]] | group[basin[neighbour]]
                 group.update(dict.fromkeys(both, both))
     return basin, merges
 
@@ -602,3 +602,71 @@ def reached_poses(opened, seeds):
         steps += [(k, row + r, col + c) for r, c in ((0, 1), (0, -1), (1, 0), (-1, 0))]
         waiting += [s for s in steps if 0 <= s[1] < height and 0 <= s[2] < width and opened[s]]
     return reached
+
+
+def costs_to_go(weights, sources):
+    """Costs over the eight triangles of each cell, updated until none falls, as a list of rows."""
+    height, width = len(weights), len(weights[0])
+    costs = {(r, c): math.inf for r in range(-1, height + 1) for c in range(-1, width + 1)}
+    open_cells = [(r, c) for r in range(height) for c in range(width) if weights[r][c] > 0]
+    costs.update(sources)
+    is_lower = True
+    while is_lower:
+        is_lower = False
+        for row, col in open_cells:
+            weight, found = weights[row][col], [costs[row, col]]
+            for r, c in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+                beside = costs[row + r, col + c]
+                if math.isinf(beside):
+                    continue
+                found.append(beside + weight)
+                for turn in (-1, 1):
+                    diagonal = costs[row + r + turn * c, col + c + turn * r]
+                    drop = beside - diagonal
+                    if drop > 0 and 2 * drop * drop < weight * weight:
+                        found.append(beside + math.sqrt(weight * weight - drop * drop))
+                    found.append(diagonal + weight * math.sqrt(2))
+            if min(found) < costs[row, col]:
+                costs[row, col], is_lower = min(found), True
+    return [[costs[row, col] for col in range(width)] for row in range(height)]
+
+
+def shortest_way(is_open, start, goal):
+    """Length in cells of the shortest way in any direction, over corners that see one another.
+
+    Closed cells are grown by a little, so that none is passed at a corner that two have in common,
+    and corners lie a little farther outside.
+    """
+    grown = 1e-9
+    closed = np.argwhere(~np.pad(is_open, 1)) - 1
+    squares = set(map(tuple, closed.tolist()))
+    nodes = [start, goal]
+    for row, col in np.ndindex(is_open.shape[0] + 1, is_open.shape[1] + 1):
+        around = [(row + r, col + c) for r in (-1, 0) for c in (-1, 0)]
+        beside = [cell for cell in around if cell in squares]
+        if len(beside) == 1:
+            away = [2 * grown * (1 if k != at else -1)
+                    for k, at in zip(beside[0], (row, col), strict=True)]  # fmt: skip
+            nodes.append((row + away[0], col + away[1]))
+
+    def sees(first_point, second_point):
+        """By clipping the line with all squares at once (Liang and Barsky)."""
+        along = np.subtract(second_point, first_point)
+        along[along == 0] = 1e-300
+        first = (closed - grown - first_point) / along
+        last = (closed + 1 + grown - first_point) / along
+        enters = np.minimum(first, last).max(axis=1).clip(0, 1)
+        return not (enters < np.maximum(first, last).min(axis=1).clip(0, 1)).any()
+
+    lengths, waiting = dict.fromkeys(range(len(nodes)), math.inf), set(range(len(nodes)))
+    lengths[0] = 0.0
+    while waiting:
+        here = min(waiting, key=lengths.get)
+        waiting.remove(here)
+        if here == 1 or math.isinf(lengths[here]):
+            break
+        for there in waiting:
+            length = lengths[here] + math.dist(nodes[here], nodes[there])
+            if length < lengths[there] and sees(nodes[here], nodes[there]):
+                lengths[there] = length
+    return lengths[1]

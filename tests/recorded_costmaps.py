@@ -27,33 +27,33 @@ class Recorded:
         about, resolved = self.about, self.about["resolved"]
         static = resolved.get("static_layers", about.get("static_layers", {}))
         inflation = {
-            name.rpartition("/")[2]: one for name, one in resolved["inflation_layers"].items()
+            name.rpartition("/")[2]: layer for name, layer in resolved["inflation_layers"].items()
         }
-        names = resolved.get("plugins") or [one["name"] for one in about["plugins"]]
+        names = resolved.get("plugins") or [layer["name"] for layer in about["plugins"]]
         for name in names:
-            one = static.get(name) or inflation.get(name)
-            if one is None or not one["enabled"]:
+            settings = static.get(name) or inflation.get(name)
+            if settings is None or not settings["enabled"]:
                 continue
             if name in static:
                 yield StaticLayer(
                     name,
-                    track_unknown_space=one["track_unknown_space"],
-                    lethal_cost_threshold=min(max(one["lethal_cost_threshold"], 0), 100),
-                    trinary_costmap=one["trinary_costmap"],
-                    unknown_cost_value=one["unknown_cost_value"] % 256,
-                    inscribed_obstacle_cost_value=one.get("inscribed_obstacle_cost_value"),
-                    use_maximum=one["use_maximum"],
+                    track_unknown_space=settings["track_unknown_space"],
+                    lethal_cost_threshold=min(max(settings["lethal_cost_threshold"], 0), 100),
+                    trinary_costmap=settings["trinary_costmap"],
+                    unknown_cost_value=settings["unknown_cost_value"] % 256,
+                    inscribed_obstacle_cost_value=settings.get("inscribed_obstacle_cost_value"),
+                    use_maximum=settings["use_maximum"],
                 )
             else:
                 # Nav2's older layer does not know custom_inscribed_radius
-                radius = one["inscribed_radius_used"]
+                radius = settings["inscribed_radius_used"]
                 yield InflationLayer(
                     name,
                     inscribed_radius=radius if lookup == "nav2" else resolved["inscribed_radius"],
-                    inflation_radius=one["inflation_radius"],
-                    cost_scaling_factor=one["cost_scaling_factor"],
-                    inflate_unknown=one["inflate_unknown"],
-                    inflate_around_unknown=one.get("inflate_around_unknown", False),
+                    inflation_radius=settings["inflation_radius"],
+                    cost_scaling_factor=settings["cost_scaling_factor"],
+                    inflate_unknown=settings["inflate_unknown"],
+                    inflate_around_unknown=settings.get("inflate_around_unknown", False),
                     lookup=lookup,
                 )
 

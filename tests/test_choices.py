@@ -25,11 +25,11 @@ def definitions():
 
 def test_every_choice_is_named_by_a_test():
     assert not [
-        f"{one.key} {word}"
+        f"{parameter.key} {word}"
         for definition in definitions()
-        for one in definition.parameters.values()
-        for word in one.choices or ()
-        if word != one.default  # which tests need not name
+        for parameter in definition.parameters.values()
+        for word in parameter.choices or ()
+        if word != parameter.default  # which tests need not name
         and f'"{word}"' not in TESTS
-        and f"--{one.key.replace('_', '-')} {word}" not in TESTS
+        and f"--{parameter.key.replace('_', '-')} {word}" not in TESTS
     ]

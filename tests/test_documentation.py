@@ -61,7 +61,7 @@ def project(tmp_path, monkeypatch, one_core):
 
 
 def _run(line, command):
-    """Run a line as a shell would; return what it prints on stdout and on stderr."""
+    """Run a line as a shell would; return its stdout and stderr."""
     printed = ["", ""]
     for part in line.split("&&"):
         words = shlex.split(part.strip().removeprefix(".venv/bin/"), comments=True)
@@ -89,7 +89,7 @@ def test_every_command_of_a_page_runs_and_prints_what_is_shown(page, project, co
         streams = ["".join(texts).splitlines() for texts in zip(*printed, strict=True)]
         for line in block.splitlines():  # those that are shown, in order; others are left out
             if line.strip() not in ("", "..."):
-                stream = next((one for one in streams if line in one), None)
+                stream = next((shown_lines for shown_lines in streams if line in shown_lines), None)
                 assert stream is not None, f"{line!r} is not printed there, but {streams}"
                 del stream[: stream.index(line) + 1]
     pictures = _script("figures").PICTURES.get(_name(page).removeprefix("docs/"), {})
@@ -110,13 +110,13 @@ def _colours(picture):
 
 @pytest.mark.parametrize("page", PAGES, ids=_name)
 def test_every_python_example_of_a_page_runs(page, project, capsys):
-    said = []
+    shown = []
     for block in _blocks(page, "python"):
         exec(compile(block, page.name, "exec"), {})  # noqa: S102
-        said += re.findall(r"^print\(.*\)  # (.*)$", block, re.MULTILINE)
-    if page.name == "python.md":  # where comments after print say what is printed
-        assert len(said) > 5
-        assert [line for line in capsys.readouterr().out.splitlines() if line in said] == said
+        shown += re.findall(r"^print\(.*\)  # (.*)$", block, re.MULTILINE)
+    if page.name == "python.md":  # there, comments after print show its output
+        assert len(shown) > 5
+        assert [line for line in capsys.readouterr().out.splitlines() if line in shown] == shown
 
 
 def test_python_page_shows_a_grid_as_it_is(project):

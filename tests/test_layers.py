@@ -1,4 +1,4 @@
-"""What is one layer's business, read off the source; the order of the layers is lint-imports'."""
+"""Rules on the source of each layer; lint-imports checks the order of the layers."""
 
 import re
 import subprocess
@@ -24,7 +24,7 @@ def test_files_terminal_and_other_processes_are_each_one_layers_business(package
     assert not [place for place in users if not re.match(rf"(?:{layers})/", place)]
 
 
-ASKED = re.compile(
+FILE_SYSTEM_CALLS = re.compile(
     r"(?<!os\.path)\.(?:absolute|cwd|exists|expanduser|is_dir|is_file|is_mount|is_symlink|iterdir|lstat|"
     r"readlink|resolve|rglob|samefile|stat)\("
     r"|\b(?:os|path)\.(?:access|getcwd|listdir|scandir|walk|abspath|getsize|getmtime|isdir|isfile|"
@@ -32,9 +32,11 @@ ASKED = re.compile(
 )
 
 
-def test_the_system_is_asked_about_names_in_one_place():
-    """What it raises depends on the name, on who asks, and on the version of Python."""
-    asking = {place_of(path) for path in MODULES if ASKED.search(path.read_text("utf-8"))}
+def test_only_two_modules_call_the_file_system_about_names():
+    """The errors of such calls depend on the name, the caller, and the version of Python."""
+    asking = {
+        place_of(path) for path in MODULES if FILE_SYSTEM_CALLS.search(path.read_text("utf-8"))
+    }
     assert asking == {"files/source.py", "files/transaction.py"}
 
 

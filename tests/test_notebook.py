@@ -1,4 +1,4 @@
-"""The example notebook, run cell by cell, and what it shows."""
+"""The example notebook, run cell by cell, and its output."""
 
 import ast
 import base64
@@ -66,7 +66,7 @@ def test_no_outputs_are_stored():
     assert all(cell.get("execution_count") is None for cell in CELLS.values())
 
 
-def test_each_cell_shows_what_it_should(shown):
+def test_each_cell_shows_the_expected_output(shown):
     assert {name for name, (png, _, _) in shown.items() if png} == SHOWN
     assert all("\n" not in line for _, line, _ in shown.values())
     assert shown["map"][1].startswith("OccupancyGrid(544 x 544 cells, 0.05 m, ")
@@ -99,8 +99,8 @@ def test_its_pictures_and_files_are_those_of_the_commands(shown, folder, command
     for name, picture in titled.items():
         assert np.array_equal(_untitled(shown[name][0]), _untitled((out / picture).read_bytes()))
     assert (folder / "out" / "route.png").read_bytes() == shown["route"][0]
-    for made in (folder / "out" / "office").iterdir():
-        assert made.read_bytes() == (out / "office" / made.name).read_bytes()
+    for file in (folder / "out" / "office").iterdir():
+        assert file.read_bytes() == (out / "office" / file.name).read_bytes()
 
 
 @pytest.mark.thorough

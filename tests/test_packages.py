@@ -46,7 +46,7 @@ def sources(script):
     return script(".backend/project_sources.py")
 
 
-# What belongs to the project
+# Files that belong to the project
 
 
 def test_without_git_the_same_files_belong_to_the_project(sources, tmp_path):
@@ -54,12 +54,12 @@ def test_without_git_the_same_files_belong_to_the_project(sources, tmp_path):
     assert {"README.md", ".ci/run", "tests/test_packages.py", "src/mapdeal/kernels/lanes.h"} <= {
         *files
     }
-    made = [
+    generated = [
         "PKG-INFO", "build/lib/a.py", "dist/a.whl", "out/a.pgm", ".venv/bin/python",
         "src/mapdeal.egg-info/SOURCES.txt", "src/mapdeal/kernels/_rays.so", "tests/.cache/x",
         "src/mapdeal/__pycache__/a.pyc", "src/mapdeal/kernels/_rays.c",
     ]  # fmt: skip
-    for name in [*files, *made]:
+    for name in [*files, *generated]:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes(b"")
     assert sources.project_files(tmp_path) == sorted(files)
@@ -135,10 +135,10 @@ def test_colcon_installs_into_a_ros_2_workspace(sources, tmp_path, monkeypatch):
 def test_headers_of_a_kernel_are_named_where_it_is_built():
     modules = PROJECT["tool"]["setuptools"]["ext-modules"]
     folder = ROOT / "src/mapdeal/kernels"
-    assert {Path(one["sources"][0]).stem for one in modules} == {
+    assert {Path(module["sources"][0]).stem for module in modules} == {
         path.stem for path in folder.glob("*.pyx")
     }
-    assert all(one["optional"] for one in modules)
+    assert all(module["optional"] for module in modules)
 
     def included(path):
         found = set(
@@ -146,9 +146,9 @@ def test_headers_of_a_kernel_are_named_where_it_is_built():
         )
         return found.union(*(included(folder / name) for name in found)) if found else set()
 
-    for one in modules:
-        (source,) = one["sources"]
-        assert {Path(name).name for name in one["depends"]} == included(ROOT / source)
+    for module in modules:
+        (source,) = module["sources"]
+        assert {Path(name).name for name in module["depends"]} == included(ROOT / source)
 
 
 COMPILER = shutil.which("cc")
@@ -168,8 +168,8 @@ def test_kernels_are_plain_c11_where_the_compiler_is_not_gcc(header, tmp_path):
     (tmp_path / "a.c").write_text(text)
     strict = ["-std=c11", "-pedantic-errors", "-Werror=vla", "-fsyntax-only"]
     words = [COMPILER, *strict, f"-I{header.parent}", str(tmp_path / "a.c")]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    completed = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert completed.returncode == 0, completed.stderr
 
 
 # What builds and publishes them
@@ -192,8 +192,8 @@ def test_files_of_the_project_are_as_their_schemas_say(schema, files):
     paths = sorted(map(str, GITHUB.glob(files)))
     assert paths
     words = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", f"vendor.{schema}"]
-    done = subprocess.run([*words, *paths], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
+    completed = subprocess.run([*words, *paths], capture_output=True, text=True, check=False)
+    assert completed.returncode == 0, completed.stdout + completed.stderr
 
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
@@ -221,7 +221,9 @@ def test_ci_runs_the_two_commands_of_readme_on_every_python():
     for runs in ([step.get("run") for step in job["steps"]], script):
         assert [block for block in blocks if block not in runs] == []
     pythons = [
-        one.rpartition(" ")[2] for one in PROJECT["project"]["classifiers"] if ":: 3." in one
+        classifier.rpartition(" ")[2]
+        for classifier in PROJECT["project"]["classifiers"]
+        if ":: 3." in classifier
     ]
     assert job["strategy"]["matrix"]["python"] == pythons
     built = [name.removesuffix("-*") for name in PROJECT["tool"]["cibuildwheel"]["build"]]

@@ -21,8 +21,8 @@ OURS = {
 }  # fmt: skip
 """Matched against docstrings of the project alone."""
 
-MADE = {"pipeline/batch.py": r"(?<![\w./-])/some/folder/"}
-"""What a pattern that is put together looks like, by file."""
+ASSEMBLED = {"pipeline/batch.py": r"(?<![\w./-])/some/folder/"}
+"""Examples of patterns that are put together, by file."""
 
 LENGTH = 100_000
 LIMIT = 60  # seconds for all tries of a pattern, which take far less, or far more if quadratic
@@ -50,7 +50,7 @@ def patterns_in_the_source():
         compiled, uses_of = {}, {}
         for node in filter(called, nodes):
             pattern = node.args[0]
-            text = text_of(pattern.value) if isinstance(pattern, ast.Constant) else MADE[name]
+            text = text_of(pattern.value) if isinstance(pattern, ast.Constant) else ASSEMBLED[name]
             uses = found.setdefault(text, set())
             if called(node) == "compile":
                 compiled[node] = uses
@@ -100,7 +100,9 @@ def test_exponential_repeats_are_seen():
 
 def test_no_repeat_without_a_bound_stands_within_another(from_users):
     assert len(from_users) > 40
-    assert not [one for one in from_users if any(unbounded_repeats(re._parser.parse(one)))]
+    assert not [
+        pattern for pattern in from_users if any(unbounded_repeats(re._parser.parse(pattern)))
+    ]
 
 
 CODE = """

@@ -1,4 +1,4 @@
-"""What `import mapdeal` gives, and how it is told."""
+"""The names that `import mapdeal` provides, and how their errors are printed."""
 
 import pickle
 import pydoc
@@ -29,7 +29,7 @@ def test_every_public_name_has_a_docstring():
 
 
 @pytest.mark.parametrize("words", [{"mode": "ternary"}, {"encoding": "costmap"}])
-def test_words_that_are_no_choice_are_refused(tmp_path, words):
+def test_invalid_choices_are_refused(tmp_path, words):
     grid = mapdeal.OccupancyGrid(np.zeros((2, 3), np.int8), 0.5, (1, 2, 0.3))
     path = tmp_path / "a.yaml"
     with pytest.raises(mapdeal.ParameterError, match=rf"^{next(iter(words))}: must be one of "):
@@ -44,13 +44,13 @@ def test_pythons_traceback_shows_the_hint_of_an_error():
     with pytest.raises(mapdeal.ParameterError) as caught:
         mapdeal.load_recipe("nav")
     error = caught.value
-    told = error.hint
-    for one in (error, pickle.loads(pickle.dumps(error))):  # noqa: S301 - as from a worker
-        *_, last, hint = "".join(traceback.format_exception(one)).splitlines()
+    hint_text = error.hint
+    for raised in (error, pickle.loads(pickle.dumps(error))):  # noqa: S301 - as from a worker
+        *_, last, hint = "".join(traceback.format_exception(raised)).splitlines()
         assert last == "mapdeal.errors.ParameterError: no such recipe, got 'nav'"
-        assert hint == f"hint: {told}" == "hint: did you mean nav2?"
-        assert one.hint == told
-        one.hint = "other"
-        assert one.__notes__ == ["hint: other"]
-        one.hint = None
-        assert not one.__notes__
+        assert hint == f"hint: {hint_text}" == "hint: did you mean nav2?"
+        assert raised.hint == hint_text
+        raised.hint = "other"
+        assert raised.__notes__ == ["hint: other"]
+        raised.hint = None
+        assert not raised.__notes__

@@ -1,4 +1,4 @@
-"""What is ready to be used elsewhere: the hook for pre-commit, the action, the workflows."""
+"""Files for use in other projects: the hook for pre-commit, the action, the workflows."""
 
 import json
 import os
@@ -29,9 +29,9 @@ needs_git = pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
 
 def environment(**more):
     """Without what a hook of git, under which tests may run, sets; and with this mapdeal."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
-    path = [str(Path(mapdeal.__file__).parents[1]), kept.get("PYTHONPATH", "")]
-    return {**kept, "PYTHONPATH": os.pathsep.join(filter(None, path)), **more}
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    path = [str(Path(mapdeal.__file__).parents[1]), inherited.get("PYTHONPATH", "")]
+    return {**inherited, "PYTHONPATH": os.pathsep.join(filter(None, path)), **more}
 
 
 @pytest.fixture
@@ -76,11 +76,11 @@ def repository(maps):
     def git(*words):
         return run("git", *words, **more)
 
-    done = run(sys.executable, "-m", "pre_commit", "validate-manifest", str(HOOKS))
-    assert (done.returncode, done.stderr) == (0, "")
+    completed = run(sys.executable, "-m", "pre_commit", "validate-manifest", str(HOOKS))
+    assert (completed.returncode, completed.stderr) == (0, "")
     assert git("init", "-q").returncode == 0
-    done = run(sys.executable, "-m", "pre_commit", "install", **more)
-    assert done.returncode == 0, done.stderr
+    completed = run(sys.executable, "-m", "pre_commit", "install", **more)
+    assert completed.returncode == 0, completed.stderr
     return git
 
 
@@ -88,15 +88,15 @@ def repository(maps):
 def test_a_commit_is_refused_by_the_hook_if_a_map_is_bad(repository):
     def commit(*files):
         assert repository("add", *files).returncode == 0
-        done = repository("commit", "-m", "of maps")
-        told = done.stdout + done.stderr
-        return done.returncode == 0, re.search(r"mapdeal lint\.+(.*)", told)[1], told
+        completed = repository("commit", "-m", "of maps")
+        output = completed.stdout + completed.stderr
+        return completed.returncode == 0, re.search(r"mapdeal lint\.+(.*)", output)[1], output
 
     assert commit("maps", ".pre-commit-config.yaml")[:2] == (True, "Passed")
     Path("maps/good.pgm").write_bytes(Path("maps/good.pgm").read_bytes()[:-20])
-    *found, told = commit("maps/good.pgm")
+    *found, output = commit("maps/good.pgm")
     assert found == [False, "Failed"]
-    assert "maps/good.yaml: error: file.malformed: " in told
+    assert "maps/good.yaml: error: file.malformed: " in output
 
 
 @pytest.mark.thorough
@@ -110,17 +110,17 @@ def test_arguments_of_a_users_configuration_are_taken(repository):
     hook.update(example)
     path.write_text(yaml.safe_dump(config))
     repository("add", "-A")
-    done = repository("commit", "-m", "strict")
-    assert done.returncode == 1
-    assert "maps/turned map.yaml:4: warning: yaml.origin-yaw" in done.stdout + done.stderr
+    completed = repository("commit", "-m", "strict")
+    assert completed.returncode == 1
+    assert "maps/turned map.yaml:4: warning: yaml.origin-yaw" in completed.stdout + completed.stderr
 
 
 def test_the_hook_looks_at_files_of_maps():
     (hook,) = yaml.safe_load(HOOKS.read_text())
     looked_at = ["maps/m.yaml", "m.yml", "a/M.PGM", "m.png", "m.tiff", "m.jpeg", "m.npz",
                  "pyproject.toml", "a/mapdeal.toml"]  # fmt: skip
-    others = ["m.py", "yaml", "m.yaml.txt", "x-mapdeal.toml", "m.toml"]
-    assert [name for name in looked_at + others if re.search(hook["files"], name)] == looked_at
+    ignored = ["m.py", "yaml", "m.yaml.txt", "x-mapdeal.toml", "m.toml"]
+    assert [name for name in looked_at + ignored if re.search(hook["files"], name)] == looked_at
 
 
 # The action and the workflows
@@ -139,14 +139,14 @@ def test_the_workflows_of_the_page_are_as_their_schema_says(tmp_path):
     for path, text in zip(paths, blocks("# .github/workflows/"), strict=True):
         path.write_text(text)
     words = ["-m", "check_jsonschema", "--builtin-schema", "vendor.github-workflows"]
-    done = run(sys.executable, *words, *map(str, paths))
-    assert done.returncode == 0, done.stdout + done.stderr
+    completed = run(sys.executable, *words, *map(str, paths))
+    assert completed.returncode == 0, completed.stdout + completed.stderr
 
 
 @pytest.mark.parametrize("number", [0, 1])
 def test_the_workflows_of_the_page_give_inputs_that_the_action_has(number):
     (job,) = yaml.safe_load(blocks("# .github/workflows/")[number])["jobs"].values()
-    (step,) = [one for one in job["steps"] if "mapdeal-lint" in one.get("uses", "")]
+    (step,) = [entry for entry in job["steps"] if "mapdeal-lint" in entry.get("uses", "")]
     assert ROOT / step["uses"].removeprefix("./mapdeal/") == ACTION.parent
     assert set(step["with"]) <= set(INPUTS)
 
@@ -158,7 +158,7 @@ def test_the_page_has_every_input_of_the_action():
 
 def run_step(name, folder, python=sys.executable, **inputs):
     """Run a step of the action as a runner does: inputs come by the environment alone."""
-    (step,) = [one for one in RUNS["steps"] if one.get("name") == name]
+    (step,) = [entry for entry in RUNS["steps"] if entry.get("name") == name]
     assert "${{" not in step["run"]
     values = {f"inputs.{name}": entry["default"] for name, entry in INPUTS.items()}
     values |= {f"inputs.{name}": value for name, value in inputs.items()}
@@ -176,21 +176,21 @@ def run_step(name, folder, python=sys.executable, **inputs):
      ({"strict": "true", "select": "image,map"}, 0), ({}, 0)],
 )  # fmt: skip
 def test_the_action_annotates_and_ends_as_lint_does(maps, inputs, code):
-    done = run_step("Lint maps", maps, **{"paths": "maps", **inputs})
-    assert done.returncode == code, done.stderr
-    told = "::warning file=maps/turned map.yaml,line=4,title=yaml.origin-yaw"
-    assert done.stdout.startswith(told) == (inputs in ({}, {"strict": "true"}))
+    completed = run_step("Lint maps", maps, **{"paths": "maps", **inputs})
+    assert completed.returncode == code, completed.stderr
+    annotation = "::warning file=maps/turned map.yaml,line=4,title=yaml.origin-yaw"
+    assert completed.stdout.startswith(annotation) == (inputs in ({}, {"strict": "true"}))
 
 
 @needs_bash
 def test_paths_of_the_action_are_lines_and_never_commands(maps):
     paths = "\nmaps/good.yaml\r\nmaps/turned map.yaml\n$(touch oops); `touch oops`\n"
-    done = run_step("Lint maps", maps, paths=paths, **{"sarif-file": "maps.sarif"})
-    assert done.returncode == 1
-    assert "file.access" in done.stdout
+    completed = run_step("Lint maps", maps, paths=paths, **{"sarif-file": "maps.sarif"})
+    assert completed.returncode == 1
+    assert "file.access" in completed.stdout
     found = json.loads(Path("maps.sarif").read_text())["runs"][0]["results"]
-    assert {one["ruleId"] for one in found} == {"yaml.origin-yaw", "file.access"}
-    assert "turned map.yaml,line=4" in done.stdout
+    assert {result["ruleId"] for result in found} == {"yaml.origin-yaw", "file.access"}
+    assert "turned map.yaml,line=4" in completed.stdout
     assert not Path("oops").exists()
 
 
@@ -198,8 +198,8 @@ def test_paths_of_the_action_are_lines_and_never_commands(maps):
 def test_the_action_installs_the_copy_that_it_lies_in(maps):
     (maps / "python").write_text('#!/bin/sh\nfor word; do echo "$word"; done\n')
     (maps / "python").chmod(0o755)
-    done = run_step("Install mapdeal", maps, python=str(maps / "python"))
-    words = done.stdout.splitlines()
+    completed = run_step("Install mapdeal", maps, python=str(maps / "python"))
+    words = completed.stdout.splitlines()
     assert words[:3] == ["-m", "pip", "install"]
     assert words[-1] == f"{ACTION.parent}/../../.."
     assert (ACTION.parent / "../../..").resolve() == ROOT

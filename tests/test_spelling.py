@@ -43,8 +43,8 @@ def test_every_choice_of_every_stage_is_known_by_its_other_spelling():
         for parameter in stage.parameters.values():
             for choice in parameter.choices:
                 for british, american in BRITISH_AND_AMERICAN:
-                    for one, other in ((british, american), (american, british)):
-                        if one in choice:
+                    for spelling, counterpart in ((british, american), (american, british)):
+                        if spelling in choice:
                             tried.add(choice)
-                            assert parameter.accept(choice.replace(one, other)) == choice
+                            assert parameter.accept(choice.replace(spelling, counterpart)) == choice
     assert {"center", "disc"} <= tried  # else the test has gone blind

@@ -87,7 +87,7 @@ def targets(page, lines, pictures):
 
 
 def untranslated(line):
-    """What is left of English in a line, or an empty text."""
+    """Return the English words that remain in a line, or an empty text."""
     text = LINK.sub(r"\2", SPAN.sub("", line))
     if re.search(r"<a id=", text):
         return ""
@@ -112,9 +112,9 @@ SAME = {
 }
 
 
-@pytest.mark.parametrize("what", SAME)
-def test_both_languages_have_the_same(pair, what):
-    english, chinese = map(SAME[what], pair)
+@pytest.mark.parametrize("trait", SAME)
+def test_both_languages_have_the_same(pair, trait):
+    english, chinese = map(SAME[trait], pair)
     assert chinese == english
 
 
@@ -142,10 +142,10 @@ def test_a_paragraph_is_one_line(pair):
 
 def test_each_page_links_to_its_other_language_at_its_top(pair):
     english, chinese = pair
-    for page, other, label in ((chinese, english, "English"), (english, chinese, "中文")):
+    for page, counterpart, label in ((chinese, english, "English"), (english, chinese, "中文")):
         if page == ROOT / "README.md":
             continue
         label_and_target = re.match(r"# .*\n\n\[(.*?)\]\((.*?)\)\n\n", page.read_text("utf-8"))
         assert label_and_target is not None, page.name
         assert label_and_target[1] == label
-        assert resolved(page, label_and_target[2]) == (other, "")
+        assert resolved(page, label_and_target[2]) == (counterpart, "")

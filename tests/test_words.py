@@ -32,7 +32,7 @@ ANY = re.compile("|".join(WORDS), re.IGNORECASE)
 
 def found(text):
     """Return such words outside of code."""
-    return [one[0] for one in ANY.finditer(re.sub(r"`[^`\n]*`", "", text))]
+    return [match[0] for match in ANY.finditer(re.sub(r"`[^`\n]*`", "", text))]
 
 
 def prose(path):

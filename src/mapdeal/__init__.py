@@ -69,9 +69,10 @@ def __getattr__(name: str) -> object:
     if "mapdeal.grid.values" in sys.modules:  # grids lie below what draws them
         import_module("mapdeal.grid.values").draw_with(_draw)
     if getattr(value, "__annotations__", None) and not isinstance(value, type):
-        value = import_module("mapdeal.command").with_plain_errors(value)
+        if not hasattr(value, "__wrapped__"):  # stages check their own arguments
+            value = import_module("mapdeal.command").with_plain_errors(value)
+            setattr(sys.modules[value.__module__], name, value)  # where pickle looks for it
         _show_plain_types(value)
-        setattr(sys.modules[value.__module__], name, value)  # where pickle looks for it
     globals()[name] = value
     return value
 

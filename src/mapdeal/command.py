@@ -408,6 +408,10 @@ class Stage:
     passes: int = 0
     more_memory: Callable[[Parameters], float] = lambda _: 0.0
     of_library: int = 0  # bytes of a library, in addition to those per cell
+    where_it_fits: tuple[str, str, float] | None = None
+    """Argument of the function that is False where memory is short, the products left out then, and
+    the bytes for each cell of a run with these products."""
+
     cells: Callable[[Any, Parameters], Iterable[int]] | None = None
     """Yields the cells that need `memory` each, as several numbers; by default all cells."""
 
@@ -681,7 +685,7 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
     """Wrap a function to check and convert its keyword arguments by its signature."""
     # With `is_cropped`, the function receives only the box of a field that has numbers in one box
     # of cells, and its result is extended to the field's frame.
-    known = parameters_of(function, of_stage=True)
+    known, signature = parameters_of(function, of_stage=True), inspect.signature(function)
 
     @functools.cache  # evaluated late, because types are slow to import
     def accepted_types() -> tuple[type[Any], ...]:
@@ -689,6 +693,7 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
 
     @functools.wraps(function)
     def with_checks(*args: P.args, **kwargs: P.kwargs) -> R:
+        _bound(function.__name__, signature, args, kwargs)
         accepted: dict[str, Any] = {
             name: known[name].accept(value) if name in known else value
             for name, value in kwargs.items()
@@ -724,10 +729,7 @@ def with_plain_errors(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def checked_call(*args: P.args, **kwargs: P.kwargs) -> R:
-        try:
-            bound = signature.bind(*args, **kwargs)
-        except TypeError as error:
-            raise _call_error(function.__name__, signature, args, kwargs, str(error)) from None
+        bound = _bound(function.__name__, signature, args, kwargs)
         try:
             return function(*args, **kwargs)
         except (TypeError, AttributeError):
@@ -739,20 +741,24 @@ def with_plain_errors(function: Callable[P, R]) -> Callable[P, R]:
     return checked_call
 
 
-def _call_error(
-    name: str, signature: inspect.Signature, args: tuple[Any, ...], kwargs: Mapping[str, Any],
-    text: str,
-) -> ParameterError:  # fmt: skip
-    """Return the error for arguments that do not fit a signature."""
-    by_name = [p.name for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY]
-    positional = [p for p in signature.parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
+def _bound(
+    name: str, signature: inspect.Signature, args: tuple[Any, ...], kwargs: Mapping[str, Any]
+) -> inspect.BoundArguments:  # fmt: skip
+    """Return the arguments of a call by name; refuse those that do not fit the signature."""
+    try:
+        return signature.bind(*args, **kwargs)
+    except TypeError as error:
+        text = str(error)
+    parameters = signature.parameters
+    by_name = [p.name for p in parameters.values() if p.kind is p.KEYWORD_ONLY]
+    positional = [p for p in parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
     hint = None
     if len(args) > len(positional) and by_name:
         hint = f"further arguments are named, as {by_name[0]}=..."
-    unknown = [word for word in kwargs if word not in signature.parameters]
+    unknown = [word for word in kwargs if word not in parameters]
     if unknown:
-        hint = nearest_hint(unknown[0], signature.parameters)
-    return ParameterError(text, source=f"{name}()", hint=hint)
+        hint = nearest_hint(unknown[0], parameters)
+    raise ParameterError(text, source=f"{name}()", hint=hint)
 
 
 _AS_GRID: dict[type[Any], str] = {

@@ -44,10 +44,10 @@ def accepted(command, folder):
 
 @pytest.fixture
 def info(accepted):
-    """What `info --json` tells of m.yaml, and the warnings it makes."""
+    """Return a function that reads `info --json` of m.yaml, and its warnings."""
 
-    def tell(*options):
+    def read_info(*options):
         out, warned = accepted("info", "m.yaml", "--json", *options)
         return json.loads(out), warned
 
-    return tell
+    return read_info

@@ -14,7 +14,7 @@ from PIL import Image
 from bad_maps import DRAWING, PGM, PIXELS, cells_of, named, write_map, yaml_text
 from drawn import cells
 from maps.pngs import chunk, file_of
-from taken import memory_below
+from traced_memory import memory_below
 
 
 def encoded(picture, image_format, **options):
@@ -61,7 +61,7 @@ BAD_IMAGES = [
 
 @pytest.fixture
 def image_refused(folder, refused):
-    """Write an image into the map, or leave what is there; hold two commands to its refusal."""
+    """Return a function that writes a bad image and checks that two commands refuse it."""
 
     def check(exit_code, *named, image=None, hint="", options=()):
         if image is not None:
@@ -95,7 +95,7 @@ def test_a_bad_image_is_refused(image_refused, image, place):
     (HUGE_BMP, 99, []),
     (b"P5\n20000 10000\n255\n", 200_000_019, ["--max-cells", "1000"]),
 ], ids=["pgm", "png", "bmp", "large file"])  # fmt: skip
-def test_an_image_above_the_limit_is_refused_before_memory_is_taken_i13(
+def test_an_image_above_the_limit_is_refused_before_memory_is_taken(
     folder, image_refused, image, size, options
 ):
     write_map(folder, image=image)
@@ -104,19 +104,19 @@ def test_an_image_above_the_limit_is_refused_before_memory_is_taken_i13(
         image_refused(3, "m.pgm", options=options)
 
 
-@pytest.mark.parametrize(("make", "told"), [
+@pytest.mark.parametrize(("make", "message"), [
     (lambda path: os.truncate(path, 1 << 40), ""),
     (lambda path: (path.unlink(), os.mkfifo(path)), "not a regular file"),
     (lambda path: (path.unlink(), path.symlink_to("/dev/zero")), "not a regular file"),
     (lambda path: (path.unlink(), path.mkdir()), "directory"),
 ], ids=["sparse tebibyte", "pipe", "device", "folder"])  # fmt: skip
-def test_what_is_no_file_of_pixels_is_refused_unread(folder, image_refused, make, told):
+def test_what_is_no_file_of_pixels_is_refused_unread(folder, image_refused, make, message):
     make(folder / "m.pgm")
-    image_refused(4, "m.pgm", told)
+    image_refused(4, "m.pgm", message)
 
 
 @pytest.mark.parametrize("name", ["elsewhere.txt", "M.PGM", "m.png", "map.pgm"])
-def test_a_missing_image_is_refused_with_the_nearest_names_i1(folder, image_refused, name):
+def test_a_missing_image_is_refused_with_the_nearest_names(folder, image_refused, name):
     (folder / "m.pgm").rename(folder / name)
     image_refused(4, "m.yaml", "m.pgm", hint="" if name.endswith("txt") else name)
 
@@ -133,13 +133,13 @@ READABLE = [
 
 
 @pytest.mark.parametrize(("image", "drawing"), named(READABLE))
-def test_an_odd_image_is_read_for_what_it_holds(read_cells, image, drawing):
+def test_odd_images_are_read_as_their_pixels(read_cells, image, drawing):
     occupancy, warned = read_cells(image)
     assert occupancy == cells(drawing).tolist()
     assert image[:3] != b"P5\r" or "m.pgm" in warned[0]
 
 
-def test_a_jpeg_named_pgm_is_warned_of_i12(read_cells):
+def test_a_jpeg_named_pgm_is_warned_of(read_cells):
     occupancy, warned = read_cells(encoded(Image.new("L", (3, 2), 255), "JPEG"))
     assert occupancy == [[0, 0, 0], [0, 0, 0]]
     assert any("lossy" in line for line in warned)
@@ -158,10 +158,10 @@ def test_a_damaged_compressed_tiff_has_one_line_on_the_real_stderr(folder):
     start = image.index(b"\x78")
     write_map(folder, image=image[: start + 2] + b"\xff" * 12 + image[start + 14 :])
     words = [sys.executable, "-m", "mapdeal", "info", "m.yaml"]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 3
-    assert done.stderr.startswith("error: m.pgm: ")
-    assert len(done.stderr.splitlines()) == 1
+    completed = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert completed.returncode == 3
+    assert completed.stderr.startswith("error: m.pgm: ")
+    assert len(completed.stderr.splitlines()) == 1
 
 
 def drawn_pgm(drawing):
@@ -174,7 +174,7 @@ def drawn_pgm(drawing):
     "active m.yaml -o new/o.yaml --image p.png", "run m.yaml -o out --sim",
     "run m.yaml -o new/out --recipe design-sim",
 ])  # fmt: skip
-def test_a_map_without_a_known_cell_has_no_active_region_g4(folder, refused, words):
+def test_a_map_without_a_known_cell_has_no_active_region(folder, refused, words):
     write_map(folder, image=drawn_pgm("???\n???"))
     refused(words.split(), 3, "no active cells", "m.yaml")
 

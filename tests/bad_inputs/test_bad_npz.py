@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bad_maps import PGM, named
-from taken import memory_below
+from traced_memory import memory_below
 
 OCCUPANCY = np.array([[0, 0, 100], [100, 0, -1]], dtype=np.int8)
 GEOMETRY = {"format": "mapdeal/1", "resolution": 0.05, "origin": [1.5, -2.0, 0.4]}

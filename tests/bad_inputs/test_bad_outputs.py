@@ -17,7 +17,7 @@ def test_an_output_that_exists_is_refused_unless_forced(folder, refused, accepte
     assert b"precious" not in (folder / existing).read_bytes()
 
 
-def test_a_run_up_to_date_is_skipped_and_one_into_the_outputs_of_another_refused_f1(
+def test_a_run_up_to_date_is_skipped_and_one_into_the_outputs_of_another_refused(
     folder, accepted, refused
 ):
     accepted("run", "m.yaml", "-o", "new/out")  # which makes the folder
@@ -29,7 +29,7 @@ def test_a_run_up_to_date_is_skipped_and_one_into_the_outputs_of_another_refused
 
 
 @pytest.mark.parametrize("name", ["...yaml", "..yaml"])
-def test_a_map_named_by_dots_writes_nothing_beside_its_own_folder_f11(folder, command, name):
+def test_a_map_named_by_dots_writes_nothing_beside_its_own_folder(folder, command, name):
     (folder / name).write_text(yaml_text())
     before = tree(folder)
     code, _, err = command("run", name, "-o", "out")
@@ -38,7 +38,7 @@ def test_a_map_named_by_dots_writes_nothing_beside_its_own_folder_f11(folder, co
     assert not (folder / "out" / "manifest.json").exists()
 
 
-def test_a_map_whose_name_is_not_utf_8_is_run_f11(folder, accepted):
+def test_a_map_whose_name_is_not_utf_8_is_run(folder, accepted):
     (folder / "m.yaml").rename(folder / os.fsdecode(b"\xff.yaml"))
     accepted("run", os.fsdecode(b"\xff.yaml"), "-o", "out")
     assert json.loads((folder / "out" / os.fsdecode(b"\xff") / "manifest.json").read_text())
@@ -68,7 +68,7 @@ OWN_INPUTS = [
 
 @pytest.mark.parametrize("force", [[], ["--force"]], ids=["plain", "forced"])
 @pytest.mark.parametrize(("words", "place"), OWN_INPUTS)
-def test_an_output_that_is_the_input_is_refused_always_f3(folder, refused, words, place, force):
+def test_an_output_that_is_the_input_is_refused_always(folder, refused, words, place, force):
     write_map(folder / "inflated", yaml_text(image="m.pgm"))
     (folder / "inflated" / "m.yaml").rename(folder / "inflated" / "inflated.yaml")
     (folder / "sub").mkdir()
@@ -84,7 +84,7 @@ LONG = '{"figures": {}, "outputs": {"' + "n" * 300 + '": "0"}}'
 
 
 @pytest.mark.parametrize("manifest", ["{", "[]", '{"outputs": 3}', LONG], ids=lambda m: m[:20])
-def test_a_manifest_that_is_none_counts_as_stale_f16(folder, accepted, manifest):
+def test_a_malformed_manifest_counts_as_stale(folder, accepted, manifest):
     accepted("run", "m.yaml", "-o", "out")
     (folder / "out" / "m" / "manifest.json").write_text(manifest)
     accepted("run", "m.yaml", "-o", "out", "--force")
@@ -113,8 +113,8 @@ def test_left_overs_of_a_replaced_run_go_unless_they_are_changed_or_read(folder,
     (folder / "m.yaml").hardlink_to(out / "active.yaml")
     (folder / "active.pgm").write_bytes((out / "active.pgm").read_bytes())
     accepted("run", "m.yaml", "-o", "out", "--force")
-    left = {path.name for path in out.iterdir() if path.stem == "active"}
-    assert left == {"active.png", "active.yaml"}
+    names = {path.name for path in out.iterdir() if path.stem == "active"}
+    assert names == {"active.png", "active.yaml"}
 
 
 def test_a_link_that_leads_nowhere_is_an_output_that_exists(folder, refused, accepted):

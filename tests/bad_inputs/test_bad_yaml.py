@@ -1,4 +1,4 @@
-"""Bad YAML files (rows Y): what each is refused with, and what is read after all."""
+"""Bad YAML files: how they are refused, and which are read all the same."""
 
 import os
 import re
@@ -11,7 +11,7 @@ from bad_maps import DRAWING, PGM, cells_of, named, write_map, yaml_text
 from drawn import cells
 from mapdeal import MalformedInputError
 from mapdeal.files.yaml_text import YamlLimits, read_mapping
-from taken import memory_below
+from traced_memory import memory_below
 
 MALFORMED_FILES = [
     ("Y2-empty", b"", "no mapping in file"),
@@ -33,7 +33,7 @@ MALFORMED_FILES = [
 
 
 @pytest.mark.parametrize(("text", "place"), named(MALFORMED_FILES))
-def test_a_file_that_is_no_map_yaml_is_refused(folder, refused, text, place):
+def test_yaml_files_that_describe_no_map_are_refused(folder, refused, text, place):
     write_map(folder, text)
     refused(["info", "m.yaml"], 3, "m.yaml", place)
     refused(["run", "m.yaml", "-o", "out"], 3, "m.yaml", place)
@@ -73,7 +73,7 @@ def test_a_value_that_is_not_allowed_is_refused(folder, refused, key, value, hin
     ("loop.yaml", "symbolic links"), ("m.yaml/m.yaml", "Not a directory"),
     *(("n" * 300 + ending, "name too long") for ending in (".yaml", ".npz", ".pgm")),
 ])  # fmt: skip
-def test_a_map_that_cannot_be_opened_is_refused_y1(folder, refused, name, text):
+def test_a_map_that_cannot_be_opened_is_refused(folder, refused, name, text):
     (folder / "maps.yaml").mkdir()
     (folder / "loop.yaml").symlink_to("loop.yaml")
     refused(["info", name], 4, name[:20], text)
@@ -114,13 +114,13 @@ EIGHT = "[1, 2, 3, 4, 5, 6, 7, 8]"
     (f"a: {EIGHT}\nb: {EIGHT}\n", "line 2: more than 20 keys and values"),
     ("a: &a [1]\nb: *a\nc: *a\n", None),
     ("a: &a [1]\nb: [*a, *a, *a]\n", "line 2: more than 2 aliases"),
-    # aliases count as what they stand for
+    # an alias counts as the keys and items that it repeats
     ("a: &a [1, 1, 1, 1, 1]\nb: [*a, *a]\n", "line 2: more than 20 keys"),
     ("a: &a [1, [*a]]\n", "line 1: an alias within its own anchor"),
     ("a: *b\n", "line 1, column 4: not valid YAML: found undefined alias"),
     ("# " + "x" * 298 + "\n", "must not be larger than 300 bytes"),
 ])  # fmt: skip
-def test_limits_are_the_callers_y7(tmp_path, text, place):
+def test_limits_are_the_callers(tmp_path, text, place):
     path = tmp_path / "f.yaml"
     path.write_text(text)
     if place is None:
@@ -130,13 +130,13 @@ def test_limits_are_the_callers_y7(tmp_path, text, place):
             read_mapping(path, LIMITS_OF_MAPS)
 
 
-def test_a_yaml_file_of_200_megabytes_is_refused_before_it_is_read_y7(folder, refused):
+def test_a_yaml_file_of_200_megabytes_is_refused_before_it_is_read(folder, refused):
     os.truncate(folder / "m.yaml", 200_000_000)
     with memory_below(16_000_000):
         refused(["info", "m.yaml"], 3, "m.yaml", "bytes")
 
 
-def test_a_pgm_passed_as_the_map_is_refused_with_its_yaml_named_y31(refused):
+def test_a_pgm_passed_as_the_map_is_refused_with_its_yaml_named(refused):
     refused(["info", "m.pgm"], 3, "m.pgm", hint="m.yaml")
 
 
@@ -163,7 +163,7 @@ def test_an_odd_value_with_a_plain_meaning_is_read(folder, info, text, expected)
     assert {key: report[key] for key in expected} == expected
 
 
-def test_missing_thresholds_and_negate_take_their_defaults_with_a_warning_y11(folder, info):
+def test_missing_thresholds_and_negate_take_their_defaults_with_a_warning(folder, info):
     write_map(folder, yaml_text(negate=None, occupied_thresh=None, free_thresh=None))
     report, (warned,) = info()
     assert (report["negate"], report["occupied_thresh"], report["free_thresh"]) == (0, 0.65, 0.196)
@@ -171,17 +171,17 @@ def test_missing_thresholds_and_negate_take_their_defaults_with_a_warning_y11(fo
     assert "missing: negate, occupied_thresh, free_thresh (ROS requires them); assuming" in warned
 
 
-@pytest.mark.parametrize(("changes", "place", "told"), [
+@pytest.mark.parametrize(("changes", "place", "rule"), [
     ({"free_thresh": None, "occupied_thresh": "0.05"}, "free_thresh",
      "is missing and its default 0.196 exceeds occupied_thresh 0.05"),
     ({"free_thresh": "0.7", "occupied_thresh": None}, "occupied_thresh",
      "is missing and its default 0.65 is below free_thresh 0.7"),
 ])  # fmt: skip
 def test_a_missing_threshold_whose_default_does_not_fit_is_refused(
-    folder, refused, changes, place, told
+    folder, refused, changes, place, rule
 ):
     write_map(folder, yaml_text(**changes))
-    refused(["info", "m.yaml"], 3, f"m.yaml: {place}: {told}", hint=f"write {place}")
+    refused(["info", "m.yaml"], 3, f"m.yaml: {place}: {rule}", hint=f"write {place}")
 
 
 # Darkness of the pixels: 1 twice, 0.196 once, 0.004 thrice; thresholds both 1: only nav2 lets
@@ -222,7 +222,7 @@ def test_an_image_path_that_no_file_can_have_is_refused(folder, refused, name):
 
 
 @pytest.mark.skipif(not yaml.__with_libyaml__, reason="PyYAML comes without libyaml here")
-def test_half_a_character_is_refused_y27(folder, refused):
+def test_half_a_character_is_refused(folder, refused):
     write_map(folder, yaml_text(image='"~\\ud800/m.pgm"'))
     refused(["info", "m.yaml"], 3, "m.yaml", "line 1, column 12")
 
@@ -235,14 +235,14 @@ def test_an_image_named_like_another_kind_of_value_is_found(folder, info, name):
     assert report["image"] == name
 
 
-def test_unknown_keys_are_kept_through_a_round_trip_y30(folder, accepted):
+def test_unknown_keys_are_kept_through_a_round_trip(folder, accepted):
     write_map(folder, yaml_text() + "building: hall\nfloors: [1, 2]\n")
     accepted("convert", "m.yaml", "-o", "o.yaml")
     written = (folder / "o.yaml").read_text().splitlines()
     assert {"building: hall", "floors: [1, 2]"} <= set(written)
 
 
-def test_an_unknown_key_with_a_number_of_5000_digits_does_no_harm_y30(folder, command):
+def test_an_unknown_key_with_a_number_of_5000_digits_does_no_harm(folder, command):
     write_map(folder, yaml_text() + f"serial: 0x{'f' * 5000}\n")
     code, _, err = command("convert", "m.yaml", "-o", "o.yaml")
     assert code in (0, 3)

@@ -128,7 +128,7 @@ REFUSED = [
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def inputs(tmp_path_factory):
     """Contents of all files that rows name, and the middle of an occupied cell."""
     folder = tmp_path_factory.mktemp("made")
     write_pair(folder)
@@ -142,13 +142,13 @@ def made(tmp_path_factory):
 
 
 @pytest.mark.parametrize("row", REFUSED, ids=lambda row: row[0][:90])
-def test_what_cannot_be_is_refused(folder, made, refused, row):
-    words, code, told, *hint = row
-    files, wall = made
+def test_what_cannot_be_is_refused(folder, inputs, refused, row):
+    words, code, message, *hint = row
+    files, wall = inputs
     for name, data in files.items():
         if Path(name).stem in words:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(data)
     (folder / "sub.npz").mkdir()
     os.mkfifo(folder / "pipe")
-    refused(shlex.split(words.replace("{wall}", wall)), code, told, hint="".join(hint))
+    refused(shlex.split(words.replace("{wall}", wall)), code, message, hint="".join(hint))

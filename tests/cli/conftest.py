@@ -15,7 +15,7 @@ from mapdeal import read_map, write_map
 
 
 class Shell:
-    """Runs lines of `mapdeal` in this process; what it is not told to expect is an error."""
+    """Runs lines of `mapdeal` in this process; exit codes and warnings must be as expected."""
 
     def __init__(self, command):
         self.command = command

@@ -1,4 +1,4 @@
-"""The command align: what it prints and writes, and its exit codes."""
+"""The command align: its output, its files, and its exit codes."""
 
 import json
 import math
@@ -29,12 +29,12 @@ def maps(here):
 def test_a_transform_is_found_written_and_printed(sh):
     out = sh.ok("align a.yaml b.yaml -o t.json --image t.png")
     assert out.startswith("a.yaml, b.yaml: the same place\n  transform  x ")
-    told = read_transform(Path("t.json"))
-    off, turn = errors(told.transform, TRUE, mapdeal.read_map("a.yaml"))
+    written = read_transform(Path("t.json"))
+    off, turn = errors(written.transform, TRUE, mapdeal.read_map("a.yaml"))
     assert off < 0.1
     assert turn < 0.3
-    assert set(told.first) == {"a.yaml", "a.pgm"}
-    assert set(told.second) == {"b.yaml", "b.pgm"}
+    assert set(written.first) == {"a.yaml", "a.pgm"}
+    assert set(written.second) == {"b.yaml", "b.pgm"}
     with Image.open("t.png") as image:
         colours = image.convert("RGB").getcolors(1 << 20)
     walls_of_both = sum(count for count, colour in colours if colour == (0, 0, 0))
@@ -49,7 +49,7 @@ def test_a_transform_is_found_written_and_printed(sh):
     assert found.transform.pose == (document["x"], document["y"], document["yaw"])
 
 
-def test_what_is_not_sure_is_said_and_written_and_ends_with_1(sh):
+def test_an_uncertain_transform_is_warned_of_and_written_and_ends_with_1(sh):
     line = "align hall.yaml turned.yaml"
     code, out, _ = sh(f"{line} -o t.json")
     assert (code, "not sure: another place fits nearly as well" in out) == (1, True)

@@ -30,19 +30,19 @@ def hall(here):
 
 
 @pytest.fixture
-def asked(sh):
-    """What gives the answers of a line that may end with any code."""
+def answers_to(sh):
+    """Return a function that gives the answers of a line, whatever its exit code."""
     return lambda line: [json.loads(answer) for answer in sh(line)[1].splitlines()]
 
 
 @pytest.mark.parametrize("source", ["room.yaml", "e.npz"])
-def test_query_answers_what_the_library_does(sh, asked, room, source):
+def test_query_answers_what_the_library_does(sh, answers_to, room, source):
     sh("esdf room.yaml -o e.npz")
     field = mapdeal.esdf(room)
     points = field.frame.xy_from_continuous_rowcol([[0.7, 2.2], [2.5, 1.5], [1.2, 6.9], [9, 9]])
     line = f"query {source} " + " ".join(f"--at {x!r},{y!r}" for x, y in points.tolist())
     sh.ok(line)
-    samples, (*answers, outside) = field.query(points), asked(line)
+    samples, (*answers, outside) = field.query(points), answers_to(line)
     assert [answer["state"] for answer in answers] == ["free", "occupied", "unknown"]
     assert [(a["row"], a["col"]) for a in answers] == [(0, 2), (2, 1), (1, 6)]
     for index, answer in enumerate(answers):
@@ -56,9 +56,9 @@ def test_query_answers_what_the_library_does(sh, asked, room, source):
     assert outside == {**nothing, "x": points[3, 0], "y": points[3, 1]}
 
 
-def test_query_says_null_for_what_is_infinite_or_not_finite(asked):
+def test_query_says_null_for_what_is_infinite_or_not_finite(answers_to):
     write_map("m.yaml", grid_from_text("...", 0.5, (0.0, 0.0, 0.0)))
-    free, nowhere = asked("query m.yaml --at 0.6,0.2 --at nan,1")
+    free, nowhere = answers_to("query m.yaml --at 0.6,0.2 --at nan,1")
     assert (free["inside"], free["state"]) == (True, "free")
     assert free["distance"] is free["gradient"] is free["cell_distance"] is None
     assert (nowhere["inside"], nowhere["x"], nowhere["y"]) == (False, None, 1.0)
@@ -74,9 +74,11 @@ def test_query_says_null_for_what_is_infinite_or_not_finite(asked):
         ("--unknown occupied", ["unknown", "free"], [0.0, 0.5]),
     ],
 )
-def test_query_takes_the_field_s_parameters_for_a_map_only(sh, asked, option, states, distances):
+def test_query_takes_the_field_s_parameters_for_a_map_only(
+    sh, answers_to, option, states, distances
+):
     write_map("m.yaml", grid_from_text("?+#", 0.5, (0.0, 0.0, 0.0)))
-    answers = asked(f"query m.yaml --at 0.25,0.25 --at 0.75,0.25 {option}")
+    answers = answers_to(f"query m.yaml --at 0.25,0.25 --at 0.75,0.25 {option}")
     assert [answer["state"] for answer in answers] == states
     assert [answer["cell_distance"] for answer in answers] == distances
     sh("esdf m.yaml -o e.npz")
@@ -90,27 +92,27 @@ def test_several_points_may_follow_one_option(sh, room):
 
 
 @pytest.mark.parametrize("words", ["query p.npz --at", "route p.npz --to 1.7,-1.8 --from"])
-def test_of_a_potential_field_only_the_map_is_asked_with_a_warning(sh, room, words):
+def test_of_a_potential_field_the_map_is_read_with_a_warning(sh, room, words):
     sh("potential room.yaml -o p.npz")
     code, _, err = sh(f"{words} 1.7,-1.8")
     assert code in (0, 2)
     assert err.startswith("warning: p.npz: is a potential field")
 
 
-def test_query_p7_has_a_status_for_every_line_and_is_strict_on_demand(sh, asked, room):
+def test_query_of_points_has_a_status_for_every_line_and_is_strict_on_demand(sh, answers_to, room):
     x, y = room.frame.xy_from_rowcol([[0, 0]])[0]
     edge = room.frame.xy_from_continuous_rowcol([[1.0, 8.0]])[0].tolist()
     lines = [f"{x},{y}", "nan,1", "1,2,3", "", f"{edge[0]!r},{edge[1]!r}", f'{{"x":{x},"y":{y}}}']
     Path("p.csv").write_text("\n".join(lines) + "\n")
     line = "query room.yaml --points p.csv"
-    answers = asked(line)
+    answers = answers_to(line)
     assert sh.err(line) == "warning: p.csv: 3 of 6 hold no finite point\n"
     assert [answer["inside"] for answer in answers] == [True] + [False] * 4 + [True]
     assert answers[0] == answers[5]
-    told = [(a["line"], "error" in a) for a in answers if "line" in a]
-    assert told == [(2, True), (3, True), (4, True)]
+    statuses = [(a["line"], "error" in a) for a in answers if "line" in a]
+    assert statuses == [(2, True), (3, True), (4, True)]
     assert "4 of 6 points" in sh.err(f"{line} --strict", 1)
-    assert asked(f"{line} --strict") == answers
+    assert answers_to(f"{line} --strict") == answers
     sh.ok(f"query room.yaml --at {x},{y} --strict")
 
 
@@ -122,13 +124,13 @@ def test_strict_counts_the_points_of_all_sources(sh, room):
     assert sh.err(f"{line} -v") == "3 points, 2 of them outside of the map\n"
 
 
-def test_query_tells_distances_of_a_hair_and_no_noise_of_rounding(asked):
+def test_query_prints_tiny_distances_and_no_noise_of_rounding(answers_to):
     write_map("m.yaml", grid_from_text("#...", 1e-5, (0.0, 0.0, 0.0)))
-    (one,) = asked("query m.yaml --at 1.5e-5,0.5e-5")
-    assert (one["distance"], one["cell_distance"]) == (1e-5, 1e-5)
+    (answer,) = answers_to("query m.yaml --at 1.5e-5,0.5e-5")
+    assert (answer["distance"], answer["cell_distance"]) == (1e-5, 1e-5)
     write_map("t.yaml", grid_from_text("...\n.#.\n...", 0.1, (0.0, 0.0, 1.1)))
     x, y = read_map("t.yaml").frame.xy_from_continuous_rowcol([[1.5, 1.5]])[0]
-    assert asked(f"query t.yaml --at {x},{y}")[0]["distance"] == 0.0
+    assert answers_to(f"query t.yaml --at {x},{y}")[0]["distance"] == 0.0
 
 
 # query and route as processes
@@ -140,7 +142,7 @@ def bash(line):
 
 
 @pytest.mark.parametrize(
-    ("words", "lines", "key", "told"),
+    ("words", "lines", "key", "message"),
     [
         ("query room.yaml --points -", ["1.55,-1.9", "1.6,-1.9"], "inside", ""),
         ("query room.yaml --robot-radius 0.05 --poses -", ["1.6 -1.9 0.5"] * 2, "yaw", ""),
@@ -149,7 +151,7 @@ def bash(line):
     ],
 )  # fmt: skip
 @pytest.mark.usefixtures("room", "hall")
-def test_standard_input_is_answered_at_once(words, lines, key, told):
+def test_standard_input_is_answered_at_once(words, lines, key, message):
     with subprocess.Popen(
         [sys.executable, "-m", "mapdeal", *words.split()],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -159,28 +161,28 @@ def test_standard_input_is_answered_at_once(words, lines, key, told):
             process.stdin.flush()
             assert key in json.loads(process.stdout.readline())
         _, err = process.communicate(timeout=60)
-    assert (process.returncode, err[:16]) == (0, told)
+    assert (process.returncode, err[:16]) == (0, message)
 
 
-def test_query_without_standard_input_f12(room):
-    done = bash("mapdeal query room.yaml --points - <&-")
-    told = "error: standard input: is closed\n"
-    assert (done.returncode, done.stdout, done.stderr) == (2, "", told)
+def test_query_without_standard_input(room):
+    completed = bash("mapdeal query room.yaml --points - <&-")
+    message = "error: standard input: is closed\n"
+    assert (completed.returncode, completed.stdout, completed.stderr) == (2, "", message)
 
 
 def test_query_ends_quietly_with_its_reader_though_points_go_on(room):
     line = "yes 1.55,-1.9 | { mapdeal query room.yaml --points -; echo $? > code; } | head -n 1"
-    done = bash(line)
-    assert (done.stdout.count("\n"), done.stderr) == (1, "")
+    completed = bash(line)
+    assert (completed.stdout.count("\n"), completed.stderr) == (1, "")
     assert Path("code").read_text() == "0\n"
 
 
 def test_lost_answers_are_worse_than_a_finding(sh, room):
     line = "query room.yaml --at 99,99 --strict"
     assert sh(line)[0] == 1
-    done = bash(f"mapdeal {line} > /dev/full")
-    assert (done.returncode, done.stderr.count("error:")) == (4, 1)
-    assert done.stderr.startswith("error: standard output: cannot be written")
+    completed = bash(f"mapdeal {line} > /dev/full")
+    assert (completed.returncode, completed.stderr.count("error:")) == (4, 1)
+    assert completed.stderr.startswith("error: standard output: cannot be written")
 
 
 # potential
@@ -203,7 +205,7 @@ def test_potential_is_a_stage_of_recipes_that_hands_its_map_on(sh, room):
     )
     sh.ok("run room.yaml -o out --recipe r.yaml")
     folder = Path("out/room")
-    assert {"potential.npz", "potential.png"} == {one.name for one in folder.glob("potential*")}
+    assert {"potential.npz", "potential.png"} == {file.name for file in folder.glob("potential*")}
     expected = exponential_cost(mapdeal.esdf(room), inflation_radius=0.2).cost
     assert np.array_equal(read_map(folder / "cost.npz").cost, expected)
     assert read_map(folder / "potential.npz").goal == (1.6, -1.9)
@@ -231,8 +233,8 @@ def test_route_prints_its_answer_or_writes_it(sh, hall):
     assert answer["mean_clearance_m"] > answer["min_clearance_m"] > 0.22
     assert (answer["points"][0], answer["points"][-1]) == ([1.0, 1.0], [5.0, 1.0])
     assert answer["cost"] >= answer["length_m"] > 2 * math.hypot(2, 1.8)
-    told = sh.ok(f"{line} -o r.json --image r.png")
-    assert told.startswith(f"r.json: {answer['length_m']:.2f} m")
+    output = sh.ok(f"{line} -o r.json --image r.png")
+    assert output.startswith(f"r.json: {answer['length_m']:.2f} m")
     assert Path("r.json").read_text() == out
     assert Path("r.png").read_bytes().startswith(b"\x89PNG")
 
@@ -282,6 +284,48 @@ def test_route_by_descent_reaches_the_goal_or_tells_the_local_minimum(sh, hall):
     assert Path("r.png").exists()
 
 
+def test_pairs_go_by_methods_other_than_astar(sh, hall):
+    Path("pairs.csv").write_text("2,3.5,5,3.6\n2,3.5,5.5,3.5\n")
+    line = "route hall.yaml --pairs pairs.csv --method"
+    for method, options in (("descent", "--attractive-gain 100"), ("geodesic", "")):
+        _, out, _ = sh(f"{line} {method} {options}")
+        for answer, ends in zip(
+            map(json.loads, out.splitlines()), ("5,3.6", "5.5,3.5"), strict=True
+        ):
+            own = sh(f"route hall.yaml --from 2,3.5 --to {ends} --method {method} {options}")[1]
+            keys = ("method", "reached", "start", "goal", "length_m", "cost")
+            assert [answer[key] for key in keys] == [json.loads(own)[key] for key in keys]
+    assert "attractive" in sh.err(f"{line} geodesic --attractive-gain 3", 2)
+    assert "compare" in sh.err(f"{line} geodesic --compare plain", 2)
+
+
+def test_geodesic_reaches_every_pair_of_the_office_where_descent_stops(sh):
+    folder = Path(__file__).parents[2] / "examples"
+    line = f"route {folder}/maps/office.yaml --pairs {folder}/points/office_pairs.csv --method"
+    answers = [json.loads(text) for text in sh(f"{line} geodesic")[1].splitlines()]
+    assert [answer["reached"] for answer in answers] == [True] * 20
+    _, out, err = sh(
+        f"route {folder}/maps/office.yaml --from -7.5,2.5 --to 9,5 --method descent "
+        "--attractive-gain 50"
+    )
+    x, y = (round(value, 3) for value in json.loads(out)["local_minimum"])
+    assert f"stopped at {x}, {y}, in a local minimum" in err
+    assert "--method geodesic finds its way" in err
+
+
+def test_potential_leaves_the_cost_to_go_out_where_memory_is_short(sh, room, monkeypatch):
+    x, y = room.frame.xy_from_rowcol([[3, 6]])[0]
+    sh.ok(f"potential room.yaml --goal {x},{y} -o all.npz")
+    monkeypatch.setattr("mapdeal.pipeline.step.room", lambda: 1000)
+    err = sh.err(f"potential room.yaml --goal {x},{y} -o few.npz")
+    assert "cost_to_go and its gradient are left out: with them it would take " in err
+    with np.load("all.npz") as every, np.load("few.npz") as few:
+        assert set(every) - set(few) == {"cost_to_go", "cost_to_go_gradient"}
+        assert all(every[key].tobytes() == few[key].tobytes() for key in few)
+    assert read_map("all.npz").cost_to_go.tobytes() == np.load("all.npz")["cost_to_go"].tobytes()
+    assert read_map("few.npz").cost_to_go is None
+
+
 def test_route_warns_where_costs_look_like_a_map(sh, hall):
     sh("cost hall.yaml -o c.yaml")
     assert sh.err(f"route c.yaml {ENDS} -q") == ""
@@ -298,7 +342,7 @@ def test_a_field_keeps_its_own_obstacles_on_a_route(sh, hall):
 
 @pytest.mark.parametrize("method", ["astar", "descent"])
 @pytest.mark.parametrize(("more", "cost"), [("", 4.0), ("--cost-travel-multiplier 6", 8.0)])
-def test_route_weighs_costs_as_nav2_does_unless_it_is_told_otherwise(sh, method, more, cost):
+def test_route_weighs_costs_as_nav2_does_unless_options_say_otherwise(sh, method, more, cost):
     # half of 252, the highest cost that is open: 2 m of 1 + 2 * 126 / 252
     write_map("c.npz", mapdeal.Costmap(np.full((1, 5), 126, np.uint8), 0.5))
     route = sh.json(f"route c.npz --from 0.25,0.25 --to 2.25,0.25 --method {method} {more}")
@@ -316,11 +360,16 @@ def test_costs_of_a_route_reach_beyond_every_robot(x, y, inflation_radius):
     assert cost.parameters["inscribed_radius"] == min(x, y)
 
 
-def test_the_field_in_the_heuristic_weighs_what_it_is_told_to(sh, hall):
+def test_the_field_in_the_heuristic_has_the_weight_of_its_option(sh, hall):
     line = f"route hall.yaml {ENDS}"
     plain, field, more, none = (
-        sh.json(f"{line} --heuristic {how}")
-        for how in ("octile", "field", "field --heuristic-weight 6", "field --heuristic-weight 0")
+        sh.json(f"{line} --heuristic {heuristic}")
+        for heuristic in (
+            "octile",
+            "field",
+            "field --heuristic-weight 6",
+            "field --heuristic-weight 0",
+        )
     )
     assert none == plain == sh.json(line)
     assert (field["optimal"], plain["optimal"]) == (False, True)
@@ -331,7 +380,7 @@ def test_the_field_in_the_heuristic_weighs_what_it_is_told_to(sh, hall):
 # route --pairs
 
 
-def means_told(err):
+def printed_means(err):
     head, *rows = err.splitlines()
     assert head.startswith("means of ")
     return {row.split()[0]: row.split()[1:] for row in rows}
@@ -344,47 +393,51 @@ def pairs(hall):
     return text
 
 
-def test_pairs_get_a_line_for_each_method_and_their_means(sh, asked, pairs):
+def test_pairs_get_a_line_for_each_method_and_their_means(sh, answers_to, pairs):
     line = "route hall.yaml --pairs p.csv"
-    lines, told = asked(line), means_told(sh.err(line))
-    ways = {"plain": "", "cost": "--field-weight 1", "heuristic": "--heuristic field"}
-    assert [(one["pair"], one["method"]) for one in lines] == [(p, m) for p in (1, 2) for m in ways]
-    assert all(list(one) == ["pair", "method", *ROUTE_KEYS] for one in lines)
-    for one in lines:
-        start, goal = (",".join(map(str, one[end])) for end in ("start", "goal"))
-        single = sh.json(f"route hall.yaml --from {start} --to {goal} {ways[one['method']]}")
-        same = set(ROUTE_KEYS) - ({"cost"} if one["method"] == "cost" else set())
-        assert {key: one[key] for key in same} == {key: single[key] for key in same}
-    by_plain = {one["method"]: one["cost"] for one in lines[:3]}
+    lines, means = answers_to(line), printed_means(sh.err(line))
+    options = {"plain": "", "cost": "--field-weight 1", "heuristic": "--heuristic field"}
+    assert [(answer["pair"], answer["method"]) for answer in lines] == [
+        (p, m) for p in (1, 2) for m in options
+    ]
+    assert all(list(answer) == ["pair", "method", *ROUTE_KEYS] for answer in lines)
+    for answer in lines:
+        start, goal = (",".join(map(str, answer[end])) for end in ("start", "goal"))
+        single = sh.json(f"route hall.yaml --from {start} --to {goal} {options[answer['method']]}")
+        same = set(ROUTE_KEYS) - ({"cost"} if answer["method"] == "cost" else set())
+        assert {key: answer[key] for key in same} == {key: single[key] for key in same}
+    by_plain = {answer["method"]: answer["cost"] for answer in lines[:3]}
     assert by_plain["plain"] <= min(by_plain["cost"], by_plain["heuristic"])
     keys = ["mean_clearance_m", "min_clearance_m", "length_m", "cost", "expanded"]
-    for method in ways:
-        of_method = [one for one in lines if one["method"] == method]
-        mean, least, length, cost, expanded = (sum(one[k] for one in of_method) / 2 for k in keys)
+    for method in options:
+        of_method = [answer for answer in lines if answer["method"] == method]
+        mean, least, length, cost, expanded = (
+            sum(answer[k] for answer in of_method) / 2 for k in keys
+        )
         figures = f"{mean:.3f} m {least:.3f} m {length:.2f} m {cost:.2f} {expanded:.0f}"
-        assert told[method] == figures.split()
+        assert means[method] == figures.split()
     assert sh(f"{line} -o new/r.jsonl -q")[:2] == (0, "")
     assert Path("new/r.jsonl").read_text() == sh(line)[1]
 
 
-def test_pairs_are_compared_by_the_methods_and_weights_that_are_asked_for(sh, asked, pairs):
+def test_pairs_are_compared_by_chosen_methods_and_weights(sh, answers_to, pairs):
     line = "route hall.yaml --pairs p.csv --through-unknown --compare"
     single = "route hall.yaml --from 1.05,1.05 --to 5.05,1.05"
     both = f"{line} heuristic,plain,plain --heuristic-weight 6"
-    assert list(means_told(sh.err(both))) == ["heuristic", "plain"]
-    assert [one["method"] for one in asked(both)] == ["heuristic", "plain"] * 2
+    assert list(printed_means(sh.err(both))) == ["heuristic", "plain"]
+    assert [answer["method"] for answer in answers_to(both)] == ["heuristic", "plain"] * 2
     alone = sh.json(f"{single} --heuristic field --heuristic-weight 6")
-    assert asked(both)[0]["length_m"] == alone["length_m"]
+    assert answers_to(both)[0]["length_m"] == alone["length_m"]
     alone = sh.json(f"{single} --field-weight 7")
-    assert asked(f"{line} cost --field-weight 7 -q")[0]["length_m"] == alone["length_m"]
+    assert answers_to(f"{line} cost --field-weight 7 -q")[0]["length_m"] == alone["length_m"]
 
 
-def test_pairs_that_cannot_be_planned_are_told_and_the_others_go_on(sh, hall):
+def test_pairs_that_cannot_be_planned_are_reported_and_the_others_go_on(sh, hall):
     Path("p.csv").write_text("1,1,5,1\n3.05,1,5,1\n1,1\n99,1,5,1\n1,1,5,3\n")
     code, out, err = sh("route hall.yaml --pairs p.csv --compare plain -o r.jsonl")
     assert (code, out) == (5, "r.jsonl: 5 pairs by plain\n")
-    lines = [json.loads(one) for one in Path("r.jsonl").read_text().splitlines()]
-    assert [(one["pair"], "error" in one) for one in lines] == [
+    lines = [json.loads(line) for line in Path("r.jsonl").read_text().splitlines()]
+    assert [(answer["pair"], "error" in answer) for answer in lines] == [
         (1, False), (2, True), (3, True), (4, True), (5, False),
     ]  # fmt: skip
     assert lines[1]["error"].startswith("start: lies in a closed cell")
@@ -397,12 +450,12 @@ def test_pairs_that_cannot_be_planned_are_told_and_the_others_go_on(sh, hall):
     assert err.endswith("\nerror: p.csv: 3 of 5 pairs have no routes\n")
 
 
-def test_pairs_without_a_way_are_a_finding_and_no_pairs_an_error(sh, asked, hall):
+def test_pairs_without_a_way_are_a_finding_and_no_pairs_an_error(sh, answers_to, hall):
     write_map("c.npz", exponential_cost(hall, inscribed_radius=1.3, inflation_radius=1.4))
     Path("p.csv").write_text("1,1,5,1\n1,1,1.5,1\n")
     line = "route c.npz --pairs p.csv"
     err = sh.err(line, 1)
-    assert [one["reached"] for one in asked(line)] == [False] * 3 + [True] * 3
+    assert [answer["reached"] for answer in answers_to(line)] == [False] * 3 + [True] * 3
     assert err.startswith("means of 1 pair  ")
     assert "no route leads from start to goal in 1 of 2 pairs" in err
     Path("p.csv").write_text("1,1,5,1\n")
@@ -412,14 +465,14 @@ def test_pairs_without_a_way_are_a_finding_and_no_pairs_an_error(sh, asked, hall
     assert not Path("r.jsonl").exists()
 
 
-def test_pairs_without_obstacles_have_no_clearance(sh, asked):
+def test_pairs_without_obstacles_have_no_clearance(sh, answers_to):
     write_map("free.npz", mapdeal.Costmap(np.zeros((9, 9), np.uint8), 0.1))
     Path("p.csv").write_text("0.1,0.1,0.7,0.7\n")
     line = "route free.npz --pairs p.csv"
     warning, _, means = sh.err(line).partition("\n")
-    assert asked(line)[0]["mean_clearance_m"] is None
+    assert answers_to(line)[0]["mean_clearance_m"] is None
     assert warning.endswith("free.npz: 100 % of the open cells cost 0: there is no obstacle")
-    assert means_told(means)["plain"][:2] == ["-", "-"]
+    assert printed_means(means)["plain"][:2] == ["-", "-"]
 
 
 # query for the cost of a robot at poses
@@ -432,9 +485,9 @@ QUERY = f"query cost.npz --footprint {ROBOT}"
 
 @pytest.fixture
 def costmap(room):
-    made = mapdeal.exponential_cost(room, inscribed_radius=0.06, inflation_radius=0.4)
-    write_map("cost.npz", made)
-    return made
+    costs = mapdeal.exponential_cost(room, inscribed_radius=0.06, inflation_radius=0.4)
+    write_map("cost.npz", costs)
+    return costs
 
 
 def poses_at(grid, *places):
@@ -448,10 +501,10 @@ def at(poses):
     return " ".join("--at " + ",".join(map(repr, pose)) for pose in poses)
 
 
-def test_costs_at_poses_are_those_of_the_library(asked, costmap):
+def test_costs_at_poses_are_those_of_the_library(answers_to, costmap):
     poses = poses_at(costmap, (1.5, 5.5, 0), (0.9, 4.5, 0), (1.5, 6.5, 0), (3.6, 4, 1.5), (9, 9, 0))
     keys = ["x", "y", "yaw", "inside", "cost", "state"]
-    answers = asked(f"{QUERY} {at(poses)}")
+    answers = answers_to(f"{QUERY} {at(poses)}")
     assert [list(answer) for answer in answers] == [keys] * 5
     assert [[answer[key] for key in keys[:3]] for answer in answers] == poses
     found = [answer["cost"] for answer in answers]
@@ -474,37 +527,37 @@ FREE, HIT, UNKNOWN = (0, "free"), (254, "collision"), (255, "unknown")
         ("--unknown occupied", [HIT, HIT, HIT, FREE]),
     ],
 )
-def test_all_states_and_rules_of_a_map(asked, room, words, expected):
+def test_all_states_and_rules_of_a_map(answers_to, room, words, expected):
     robot = "[[0.14,0.1],[0.14,-0.1],[-0.14,-0.1],[-0.14,0.1]]"
     poses = at(poses_at(room, (1.5, 4.5, 0), (1.5, 3.5, 0), (2.5, 5.5, 0), (2.5, 1.5, 0)))
-    answers = asked(f"query room.yaml --footprint {robot} {poses} {words}")
+    answers = answers_to(f"query room.yaml --footprint {robot} {poses} {words}")
     assert [(answer["cost"], answer["state"]) for answer in answers] == expected
 
 
 @pytest.mark.parametrize(
     ("words", "costs"), [("", [0, 0, 0, 254]), ("--lethal-threshold 50", [0, 254, 254, 254])]
 )
-def test_the_threshold_of_a_map_is_that_of_other_commands(asked, here, words, costs):
+def test_the_threshold_of_a_map_is_that_of_other_commands(answers_to, here, words, costs):
     write_map("m.npz", OccupancyGrid([[0, 50, 99, 100]], 0.5, (0.0, 0.0, 0.0)))
     poses = at([[0.25 + 0.5 * col, 0.25, 0.0] for col in range(4)])
-    answers = asked(f"query m.npz --robot-radius 0.01 {poses} {words}")
+    answers = answers_to(f"query m.npz --robot-radius 0.01 {poses} {words}")
     assert [answer["cost"] for answer in answers] == costs
 
 
-def test_a_round_robot_is_padded_as_costmap_2d_pads_its_16_corners(asked, costmap):
+def test_a_round_robot_is_padded_as_costmap_2d_pads_its_16_corners(answers_to, costmap):
     poses = poses_at(costmap, *np.random.default_rng(0).uniform((1, 1, -3), (3, 7, 3), (80, 3)))
-    answers = asked(f"query cost.npz --robot-radius 0.05 --footprint-padding 0.04 {at(poses)}")
+    answers = answers_to(f"query cost.npz --robot-radius 0.05 --footprint-padding 0.04 {at(poses)}")
     expected = footprint_costs(costmap, Footprint.sixteen_gon(0.05).padded(0.04), poses).tolist()
     assert [answer["cost"] for answer in answers] == expected
     assert expected != footprint_costs(costmap, Footprint.sixteen_gon(0.09), poses).tolist()
 
 
-def test_a_file_of_poses_is_answered_line_by_line(sh, asked, costmap):
+def test_a_file_of_poses_is_answered_line_by_line(sh, answers_to, costmap):
     (x, y, yaw), = poses_at(costmap, (2.5, 4.5, 0))  # fmt: skip
     lines = ["x y theta", f"{x!r} {y!r} {yaw!r}", "1,2", "", f"[{x!r}, {y!r}, {yaw!r}]", "nan 1 2"]
     Path("p.txt").write_text("\n".join(lines) + "\n")
     line = f"{QUERY} --poses p.txt"
-    answers = asked(line)
+    answers = answers_to(line)
     assert answers[0] == answers[3]
     assert answers[0]["inside"] is True
     nothing = {"inside": False, "cost": None, "state": None}
@@ -514,45 +567,45 @@ def test_a_file_of_poses_is_answered_line_by_line(sh, asked, costmap):
     assert (answers[4]["x"], answers[4]["yaw"], answers[4]["line"]) == (None, 2.0, 6)
     assert sh.err(line) == "warning: p.txt: 3 of 5 hold no finite pose\n"
     assert "3 of 5 poses are not inside of the map" in sh.err(f"{line} --strict", 1)
-    given = poses_at(costmap, (2.5, 4.5, 0), (2.5, 4.2, 1))  # these come first
-    yaws = [answer["yaw"] for answer in asked(f"{line} {at(given)}")]
-    assert yaws == [given[0][2], given[1][2], *(answer["yaw"] for answer in answers)]
+    first_poses = poses_at(costmap, (2.5, 4.5, 0), (2.5, 4.2, 1))  # these come first
+    yaws = [answer["yaw"] for answer in answers_to(f"{line} {at(first_poses)}")]
+    assert yaws == [first_poses[0][2], first_poses[1][2], *(answer["yaw"] for answer in answers)]
 
 
 def test_degrees_are_warned_of(sh, costmap):
-    told = "1 of 2 poses have a yaw of more than a turn; is it in degrees?"
-    assert sh.err(f"{QUERY} --at 1.6,-1.9,90 1.6,-1.9,1") == f"warning: {told}\n"
+    message = "1 of 2 poses have a yaw of more than a turn; is it in degrees?"
+    assert sh.err(f"{QUERY} --at 1.6,-1.9,90 1.6,-1.9,1") == f"warning: {message}\n"
 
 
 @pytest.mark.parametrize("pose", ["nan,1,1", "1,inf,1", "1e308,-1e308,1", "1,1,1e308", "1,1,-inf"])
-def test_any_number_is_answered(asked, costmap, pose):
-    (answer,) = asked(f"{QUERY} --at {pose}")
+def test_any_number_is_answered(answers_to, costmap, pose):
+    (answer,) = answers_to(f"{QUERY} --at {pose}")
     assert answer["inside"] is False
     assert answer["state"] == (None if "n" in pose else "outside")
 
 
-def test_published_costs_in_a_pair_are_warned_of(sh, asked, costmap):
+def test_published_costs_in_a_pair_are_warned_of(sh, answers_to, costmap):
     write_map("c.yaml", costmap)
     line = f"{QUERY} {at(poses_at(costmap, (2.5, 4.5, 0)))}"
-    assert asked(line)[0]["cost"] not in (0, 254)
+    assert answers_to(line)[0]["cost"] not in (0, 254)
     line = line.replace("cost.npz", "c.yaml")
-    assert asked(line)[0]["cost"] == 0
+    assert answers_to(line)[0]["cost"] == 0
     assert "cells of 1..99 are not obstacles; costs are read from an npz" in sh.err(line)
 
 
-def test_without_a_robot_costs_are_asked_for_distances(sh, costmap):
+def test_without_a_robot_costs_are_queried_for_distances(sh, costmap):
     code, out, err = sh("query cost.npz --at 1.6,-1.9")
     assert (code, "gradient" in json.loads(out)) == (0, True)
     assert "read as the occupancy that ROS would publish" in err
 
 
-def test_many_poses_are_those_of_the_library(asked, here):
+def test_many_poses_are_those_of_the_library(answers_to, here):
     rng = np.random.default_rng(2)
     cells = rng.choice(np.array([0, 99, 254, 255], np.uint8), (60, 90), p=[0.9, 0.05, 0.03, 0.02])
     costmap = mapdeal.Costmap(cells, 0.1, (1.5, -2.0, 0.4))
     write_map("cost.npz", costmap)
     poses = rng.uniform((-1, -1, -3), (9, 9, 3), (9_000, 3))
     np.savetxt("p.csv", poses, fmt="%.17g", delimiter=",")
-    found = [answer["cost"] for answer in asked(f"{QUERY} --poses p.csv")]
+    found = [answer["cost"] for answer in answers_to(f"{QUERY} --poses p.csv")]
     assert found == footprint_costs(costmap, SHAPE, poses).tolist()
     assert len(set(found)) == 4

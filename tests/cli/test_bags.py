@@ -1,4 +1,4 @@
-"""Bags on the command line: maps out of them, maps of what they hold, and maps into them."""
+"""Bags on the command line: maps and clouds read from bags, and maps written to bags."""
 
 import json
 import math
@@ -63,9 +63,9 @@ class Drive:
         self.turns = -self.angles if is_flipped else self.angles
         self.times = [START + k * FIFTH for k in range(SCANS + 1)]
         self.poses = [product(robot_at(k), mount) for k in range(SCANS)]
-        self.ranges = [self.seen(*pose) for pose in self.poses]
+        self.ranges = [self.ranges_at(*pose) for pose in self.poses]
 
-    def seen(self, x, y, yaw):
+    def ranges_at(self, x, y, yaw):
         c, s = np.cos(yaw + self.turns), np.sin(yaw + self.turns)
         found = np.minimum(
             np.where(c > 0, (7.02 - x) / c, (-0.53 - x) / c),
@@ -92,10 +92,10 @@ class Drive:
         for time, ranges in zip(self.times, self.ranges, strict=False):
             time += FIFTH // 4
             stamp = time if is_timed else 0
-            made = scan(stamp, ranges, frame=frame, start=FIRST_ANGLE, step=STEP, **options)
-            maker.add(topic, LASER, time, made)
+            message = scan(stamp, ranges, frame=frame, start=FIRST_ANGLE, step=STEP, **options)
+            maker.add(topic, LASER, time, message)
 
-    def whole(self, turn=None, **options):
+    def full_bag(self, turn=None, **options):
         """Return a bag with transforms and scans."""
         maker = Maker()
         self.mounted(maker, turn=turn)
@@ -115,9 +115,9 @@ def _here(here):
     return here
 
 
-def same(found, wanted):
-    assert np.array_equal(found.occupancy, wanted.occupancy)
-    assert found.frame == wanted.frame
+def same(found, expected):
+    assert np.array_equal(found.occupancy, expected.occupancy)
+    assert found.frame == expected.frame
 
 
 def same_as_of(found, parts, method="counting"):
@@ -137,13 +137,13 @@ def bag_of(maker, form="mcap"):
 
 def contents(path):
     files = [path] if path.is_file() else sorted(path.iterdir())
-    return {one.name: one.read_bytes() for one in files}
+    return {file.name: file.read_bytes() for file in files}
 
 
-def built(sh, path, options="", told=""):
+def built(sh, path, options="", warning=""):
     """Build a map, which must be warned of in these words, if any; return it."""
     code, _, err = sh(f"build {path} -o m.yaml {options}")
-    assert (code, told in err, bool(err)) == (0, True, bool(told)), err
+    assert (code, warning in err, bool(err)) == (0, True, bool(warning)), err
     return read_map("m.yaml")
 
 
@@ -155,14 +155,14 @@ def built(sh, path, options="", told=""):
 )
 def test_a_map_of_a_bag_is_that_of_its_scans(sh, form, is_flipped):
     drive = Drive(is_flipped=is_flipped)
-    out = sh.ok(f"build {bag_of(drive.whole(), form=form)} -o m.yaml --method counting")
+    out = sh.ok(f"build {bag_of(drive.full_bag(), form=form)} -o m.yaml --method counting")
     assert f"{SCANS} scans, {SCANS * BEAMS} beams" in out
     same(read_map("m.yaml"), drive.map(method="counting"))
 
 
 def test_compared_methods_take_bags(sh):
     drive = Drive()
-    assert sh.json(f"build {bag_of(drive.whole())} -o all --compare --json")["scans"] == SCANS
+    assert sh.json(f"build {bag_of(drive.full_bag())} -o all --compare --json")["scans"] == SCANS
     same_as_of(read_map("all/counting.yaml"), [drive.as_scans()])
 
 
@@ -180,30 +180,32 @@ def test_old_transforms_are_taken_and_frames_may_begin_with_a_slash(sh):
 
 def test_scans_outside_of_the_transforms_are_left_out_and_counted(sh):
     drive = Drive()
-    maker = drive.whole()
+    maker = drive.full_bag()
     first, last = drive.times[2], drive.times[6]
     maker.messages = [m for m in maker.messages if m[1] != "/tf" or first <= m[0] <= last]
-    told = "4 of 8 scans are left out: where laser was is known from 1700000000.400 to 1700000001.2"
-    found = built(sh, bag_of(maker), told=told)
+    warning = (
+        "4 of 8 scans are left out: where laser was is known from 1700000000.400 to 1700000001.2"
+    )
+    found = built(sh, bag_of(maker), warning=warning)
     drive.poses, drive.ranges = drive.poses[2:6], drive.ranges[2:6]
     same(found, drive.map())
 
 
-def test_what_a_bag_leaves_open_is_told_and_changes_no_map(sh):
+def test_assumptions_about_a_bag_are_warned_of_and_change_no_map(sh):
     drive = Drive()
-    both_kinds = drive.whole()
+    both_kinds = drive.full_bag()
     stale = tf(drive.times[4], ("odom", "base_link", (9, 9, 0), (0, 0, 0, 1)))
     both_kinds.add("/tf_static", TF, drive.times[4], stale)
-    for maker, told in (
+    for maker, warning in (
         (both_kinds, "odom -> base_link is both static and dynamic: the more frequent kind"),
-        (drive.whole(is_timed=False), "8 scans have no time: that of their recording is taken"),
+        (drive.full_bag(is_timed=False), "8 scans have no time: that of their recording is taken"),
     ):
-        same(built(sh, bag_of(maker), "--force", told=told), drive.map())
+        same(built(sh, bag_of(maker), "--force", warning=warning), drive.map())
 
 
 def test_two_scanners_make_one_map(sh):
     front, rear = Drive(), Drive(mount=(-0.3, 0.1, 3.0), is_flipped=True)
-    maker = front.whole()
+    maker = front.full_bag()
     rear.mounted(maker, "rear")
     rear.scans(maker, "/back", "rear")
     path = bag_of(maker)
@@ -217,12 +219,12 @@ def test_two_scanners_make_one_map(sh):
 def test_a_sensor_that_leans_sees_less_far_and_beyond_10_degrees_nothing(sh):
     drive = Drive(mount=(*MOUNT[:2], 0))
     less, more = (math.radians(degrees) / 2 for degrees in (8, 12))
-    maker = drive.whole(turn=(0, math.sin(less), 0, math.cos(less)))
+    maker = drive.full_bag(turn=(0, math.sin(less), 0, math.cos(less)))
     across, along = np.cos(drive.angles) * math.cos(2 * less), np.sin(drive.angles)
     reach = np.float64(drive.ranges) * np.hypot(across, along)
-    seen = Scans(drive.poses, np.arctan2(along, across), reach)
-    same_as_of(built(sh, bag_of(maker), "--method counting"), [seen])
-    maker = drive.whole(turn=(0, math.sin(more), 0, math.cos(more)))
+    visible = Scans(drive.poses, np.arctan2(along, across), reach)
+    same_as_of(built(sh, bag_of(maker), "--method counting"), [visible])
+    maker = drive.full_bag(turn=(0, math.sin(more), 0, math.cos(more)))
     err = sh.err(f"build {bag_of(maker)} -o b.yaml", 3)
     assert "8 of 8 scans are left out: their sensor leans by more than 10 degrees" in err
 
@@ -233,9 +235,9 @@ def test_odometry_serves_where_transforms_do_not_lead(sh):
     for k, time in enumerate(drive.times):
         maker.add("/odom", ODOMETRY, time, making.odometry(time, *odom_to_base(k)))
     drive.scans(maker)
-    told = "no transforms lead to map: the map is made in odom, with whatever its odometry"
+    warning = "no transforms lead to map: the map is made in odom, with whatever its odometry"
     path = bag_of(maker, "ros1-lz4")
-    found = built(sh, path, told=told)
+    found = built(sh, path, warning=warning)
     drive.poses = [product(odom_to_base(k + 0.25), MOUNT) for k in range(SCANS)]
     same(found, drive.map())
     err = sh.err(f"build {path} -o n.yaml --fixed-frame map", 3)
@@ -255,8 +257,8 @@ def test_poses_of_a_file_and_a_mount_stand_for_transforms(sh):
                 turn = f"{math.sin(yaw / 2)!r} {math.cos(yaw / 2)!r}"
                 file.write(f"{(time + FIFTH // 4) / 1e9:.9f} {x!r} {y!r} 0 0 0 {turn}\n")
     mount = "--mount " + ",".join(map(str, MOUNT))
-    told = "sensor.txt is taken for the poses of laser"
-    for options, words in (("--poses sensor.txt", told), (f"--poses base.txt {mount}", "")):
+    message = "sensor.txt is taken for the poses of laser"
+    for options, words in (("--poses sensor.txt", message), (f"--poses base.txt {mount}", "")):
         # times in text are as good as a float64 of seconds, about 0.2 microseconds
         found = built(sh, path, f"{options} --force", words).occupancy
         assert np.count_nonzero(found != drive.map().occupancy) <= 3
@@ -264,15 +266,15 @@ def test_poses_of_a_file_and_a_mount_stand_for_transforms(sh):
     assert "has poses without times" in sh.err(f"build {path} -o o.yaml --poses flat.txt", 3)
     drive.scans(maker, "/back", "rear")
     both = f"build {bag_of(maker)} --topic scan --topic back -o p.yaml --poses base.txt"
-    told = "no transforms lead from base_link to laser, rear: whose poses are they?"
-    assert told in sh.err(both, 3)
+    message = "no transforms lead from base_link to laser, rear: whose poses are they?"
+    assert message in sh.err(both, 3)
     assert "--mount: applies to one sensor, and there are" in sh.err(f"{both} {mount}", 2)
 
 
 def test_each_beam_has_the_pose_of_its_own_time(sh):
     """The same beams, one by one, with poses that are interpolated here."""
     drive, between = Drive(), 0.002
-    found = built(sh, bag_of(drive.whole(between=between)), "--deskew --method counting")
+    found = built(sh, bag_of(drive.full_bag(between=between)), "--deskew --method counting")
     step = round(float(np.float32(between)) * 1e9) / FIFTH
     beams = []
     for m, angle in enumerate(drive.angles):
@@ -280,8 +282,8 @@ def test_each_beam_has_the_pose_of_its_own_time(sh):
         beams.append(Scans(poses, [angle], [[ranges[m]] for ranges in drive.ranges]))
     same_as_of(found, beams)
     assert not np.array_equal(found.occupancy, drive.map(method="counting").occupancy)
-    told = "no scan has a time between beams: --deskew has no effect"
-    built(sh, bag_of(drive.whole()), "--deskew --force", told)
+    warning = "no scan has a time between beams: --deskew has no effect"
+    built(sh, bag_of(drive.full_bag()), "--deskew --force", warning)
 
 
 # convert
@@ -302,7 +304,7 @@ def of_maps():
     return maker
 
 
-def test_the_last_map_of_a_topic_is_converted_unless_others_are_asked_for(sh):
+def test_the_last_map_of_a_topic_is_converted_by_default(sh):
     path = bag_of(of_maps(), form="sqlite3")
     line = f"convert {path} --topic map"
     sh.ok(f"{line} -o m.yaml")
@@ -332,7 +334,7 @@ PUBLISHED = "/global_costmap/costmap"
         ("/costmap_raw", "costmap2d", [[0, 253, 254, 255]]),
     ],
 )
-def test_costs_keep_their_scale_unless_a_map_is_asked_for(sh, words, scale, cost):
+def test_costs_keep_their_scale_by_default(sh, words, scale, cost):
     path = bag_of(of_maps())
     sh(f"convert {path} --topic {words} -o c.npz")
     found = read_map("c.npz")
@@ -363,7 +365,7 @@ def test_a_map_in_a_bag_is_read_back_by_others(sh, here, suffix):
         assert getattr(connection.ext, "latching", 1) == 1
     assert (connection.topic, connection.msgtype, time) == ("/robot/map", MAP, SECOND)
     if qos is not None:
-        assert [one.durability.name for one in qos] == ["TRANSIENT_LOCAL"]
+        assert [profile.durability.name for profile in qos] == ["TRANSIENT_LOCAL"]
     assert message.header.frame_id == "world"
     assert message.data.tolist() == GRID.occupancy.ravel().tolist()
     assert (message.info.height, message.info.width) == GRID.shape
@@ -392,10 +394,10 @@ def test_an_mcap_file_is_read_by_the_package_of_its_makers_with_all_checksums(sh
     assert decoded.data.tolist() == GRID.occupancy.ravel().tolist()
     with open("out.mcap", "rb") as file:
         records = StreamReader(file, emit_chunks=True, validate_crcs=True).records
-        told = {type(one).__name__: one for one in records}
-    assert told["Chunk"].uncompressed_crc
-    assert told["DataEnd"].data_section_crc
-    assert told["Footer"].summary_crc
+        by_type = {type(record).__name__: record for record in records}
+    assert by_type["Chunk"].uncompressed_crc
+    assert by_type["DataEnd"].data_section_crc
+    assert by_type["Footer"].summary_crc
 
 
 def test_four_kib_that_are_zeroed_are_refused(sh):
@@ -418,14 +420,14 @@ def test_costs_become_the_message_of_their_scale(sh, own):
     assert (back.scale, back.cost.tolist()) == ("costmap2d", own.cost.tolist())
     assert "ROS 1 publishes costs as 0 to 100" in sh.err("convert c.npz -o c.bag")
     sh("convert c.bag -o published.npz")
-    published, wanted = read_map("published.npz"), own.to_occupancy().occupancy.tolist()
-    assert (published.scale, published.cost.tolist()) == ("occupancy", wanted)
+    published, expected = read_map("published.npz"), own.to_occupancy().occupancy.tolist()
+    assert (published.scale, published.cost.tolist()) == ("occupancy", expected)
 
 
 @pytest.mark.usefixtures("own")
 @pytest.mark.parametrize("more", ["", "--force"])
 def test_a_folder_with_a_recording_of_others_is_left_alone(sh, more):
-    recorded = bag_of(Drive().whole(), form="sqlite3").rename("rec.db3")
+    recorded = bag_of(Drive().full_bag(), form="sqlite3").rename("rec.db3")
     (recorded / "bag.db3").rename(recorded / "rec_0.db3")
     before = contents(recorded)
     err = sh.err(f"convert map.npz -o rec.db3 {more}", 4)
@@ -470,8 +472,8 @@ def of_clouds(frame="lidar"):
     for k, time in enumerate(drive.times[:3]):
         time += FIFTH // 4
         data = (POINTS + np.float32([k, 0, 0])).tobytes()
-        made = making.cloud(time, data, fields, width=4, step=12, frame=frame)
-        maker.add("/points", CLOUD, time, made)
+        message = making.cloud(time, data, fields, width=4, step=12, frame=frame)
+        maker.add("/points", CLOUD, time, message)
     return maker
 
 
@@ -480,10 +482,10 @@ def as_robot_sees(k):
 
 
 def same_window(folder, points, pose, **options):
-    wanted = mapdeal.local_map(points, pose, size=(12, 9), resolution=0.1, **options)
+    expected = mapdeal.local_map(points, pose, size=(12, 9), resolution=0.1, **options)
     found = read_map(f"{folder}/local.yaml")
-    assert np.array_equal(found.occupancy, wanted.occupancy)
-    np.testing.assert_allclose(found.origin, wanted.origin, atol=1e-9)
+    assert np.array_equal(found.occupancy, expected.occupancy)
+    np.testing.assert_allclose(found.origin, expected.origin, atol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -512,14 +514,16 @@ def test_a_bag_is_a_sequence(sh):
     sh(f"{line} --poses poses.txt -o posed")
     for first, second in (("kept", "files"), ("posed", "seq")):
         for k in range(3):
-            one, other = (read_map(f"{name}/{k:04}/local.yaml") for name in (first, second))
-            assert np.array_equal(one.occupancy, other.occupancy)
+            first_map, second_map = (
+                read_map(f"{name}/{k:04}/local.yaml") for name in (first, second)
+            )
+            assert np.array_equal(first_map.occupancy, second_map.occupancy)
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_scans_are_clouds(sh):
     drive = Drive()
-    sh(f"local --cloud {bag_of(drive.whole())} --index 3 {WINDOW} -o out")
+    sh(f"local --cloud {bag_of(drive.full_bag())} --index 3 {WINDOW} -o out")
     points = np.stack([np.cos(drive.angles), np.sin(drive.angles)], 1)
     points *= np.float64(drive.ranges[3])[:, np.newaxis]
     c, s = math.cos(MOUNT[2]), math.sin(MOUNT[2])
@@ -529,14 +533,14 @@ def test_scans_are_clouds(sh):
 @pytest.mark.filterwarnings("ignore")
 def test_points_of_the_map_stay_where_they_are(sh):
     maker = of_clouds(frame="map")
-    maker.messages = [one for one in maker.messages if one[1] == "/points"]
+    maker.messages = [entry for entry in maker.messages if entry[1] == "/points"]
     line = f"local --cloud {bag_of(maker)} --pose 1,2,0 {WINDOW} -o a"
     assert "the points of /points are in frame map" in sh.err(line, 2)
     sh(f"{line} --frame map")
     same_window("a", np.float64(POINTS) + np.array([2, 0, 0]), (1, 2, 0), frame="map")
 
 
-# what is refused
+# refusals
 
 
 @pytest.fixture(scope="module")
@@ -545,7 +549,7 @@ def odd(tmp_path_factory):
     folder = tmp_path_factory.mktemp("odd")
     maps = of_maps()
     maps.messages.pop()  # ROS 1 has no such message
-    for name, maker in (("scans", Drive().whole()), ("maps", maps), ("clouds", of_clouds())):
+    for name, maker in (("scans", Drive().full_bag()), ("maps", maps), ("clouds", of_clouds())):
         (folder / name).mkdir()
         maker.write(folder / name, "ros1").rename(folder / f"{name}.bag")
     mapdeal.write_map(folder / "map.npz", GRID)
@@ -557,7 +561,7 @@ def odd(tmp_path_factory):
 
 
 LAST = "convert maps.bag --topic /map -o o"
-CLOUDS, ONE = "local -o o --cloud clouds.bag", "local -o o --cloud c.csv --pose 0,0,0"
+CLOUDS, ONE_CLOUD = "local -o o --cloud clouds.bag", "local -o o --cloud c.csv --pose 0,0,0"
 REFUSED = [
     *((2, f"build a.log -o o.yaml {option}", f"{option.split()[0]}: needs a bag for LOG")
       for option in ("--topic /scan", "--deskew", "--mount 1,2,3", "--fixed-frame m")),
@@ -585,17 +589,17 @@ REFUSED = [
     (2, f"{CLOUDS} --pose 0,0,0 --all", "--pose: applies to one cloud"),
     (3, f"{CLOUDS} --poses two.txt", "must have a pose for each of 3 clouds"),
     (3, f"{CLOUDS} --topic /tf", "/tf is of type tf2_msgs/TFMessage"),
-    (2, f"{ONE} --all", "--all: needs a bag"),
-    (2, f"{ONE} --topic /p", "--topic: needs a bag"),
+    (2, f"{ONE_CLOUD} --all", "--all: needs a bag"),
+    (2, f"{ONE_CLOUD} --topic /p", "--topic: needs a bag"),
     (2, "local -o o --cloud c.csv", "--pose or --poses is required"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("code", "line", "told"), REFUSED)
-def test_what_is_refused_is_one_line(sh, odd, monkeypatch, code, line, told):
+@pytest.mark.parametrize(("code", "line", "message"), REFUSED)
+def test_what_is_refused_is_one_line(sh, odd, monkeypatch, code, line, message):
     monkeypatch.chdir(odd)
     err = sh.err(line, code)
-    assert told in err
+    assert message in err
     assert err.count("error: ") == 1
     assert not list(odd.glob("o*"))
 
@@ -615,7 +619,7 @@ def test_a_bag_with_nothing_in_it_says_so(sh):
 
 
 def test_info_lists_topics_transforms_and_uses(sh):
-    maker = Drive().whole()
+    maker = Drive().full_bag()
     maker.add("/talk", "std_msgs/msg/String", START + 7, making.words("hello"))
     path = bag_of(maker)
     lines = sh.ok(f"info {path}").splitlines()
@@ -629,26 +633,30 @@ def test_info_lists_topics_transforms_and_uses(sh):
     ]
     report = sh.json(f"info {path} --json")
     assert (report["start_ns"], report["end_ns"]) == (START, START + SCANS * FIFTH)
-    assert [one["count"] for one in report["topics"]] == [8, 1, 18, 1]
+    assert [topic["count"] for topic in report["topics"]] == [8, 1, 18, 1]
     # types are spelled as the bag does
-    assert "/tf         tf2_msgs/TFM" in sh.ok(f"info {bag_of(Drive().whole(), form='ros1')}")
+    assert "/tf         tf2_msgs/TFM" in sh.ok(f"info {bag_of(Drive().full_bag(), form='ros1')}")
 
 
 @pytest.mark.usefixtures("own")
 @pytest.mark.parametrize("name", ["rosbags", "apsw"])
 def test_the_missing_extra_is_one_line(sh, monkeypatch, name):
-    path = bag_of(Drive().whole(), form="ros1")
-    for module in [one for one in sys.modules if one.partition(".")[0] in ("rosbags", name)]:
+    path = bag_of(Drive().full_bag(), form="ros1")
+    for module in [
+        module_name
+        for module_name in sys.modules
+        if module_name.partition(".")[0] in ("rosbags", name)
+    ]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, name, None)
-    told = "needs the extra 'bags'"
+    message = "needs the extra 'bags'"
     err = sh.err("convert map.npz -o a.mcap", 2)
-    assert told in err
+    assert message in err
     assert err.endswith("hint: pip install 'rosbags>=0.11'\n")
     reading = (f"info {path}", f"build {path} -o a.yaml", f"convert {path} --topic /scan -o a.yaml",
                f"local --cloud {path} --no-images -o b")  # fmt: skip
     for line in reading:  # which does without apsw
-        assert (told in sh(line)[2]) == (name == "rosbags")
+        assert (message in sh(line)[2]) == (name == "rosbags")
         assert name == "apsw" or not list(Path().glob("[ab].*"))
 
 
@@ -657,7 +665,7 @@ def test_an_extra_without_room_is_not_called_missing(sh, monkeypatch):
         raise ImportError("failed to map", name=name, path="backend.so")
 
     monkeypatch.setattr("mapdeal.bags.reader.import_module", without_room)
-    err = sh.err(f"info {bag_of(Drive().whole(), form='ros1')}", 4)
+    err = sh.err(f"info {bag_of(Drive().full_bag(), form='ros1')}", 4)
     assert err.splitlines()[0] == "error: a library cannot be loaded: failed to map"
 
 
@@ -666,5 +674,5 @@ def test_a_chunk_is_not_called_damaged_for_lack_of_memory(monkeypatch, here):
         raise MemoryError
 
     monkeypatch.setitem(chunked._EXPANDERS, "lz4", without_memory)
-    with pytest.raises(MemoryError):  # and not what comes before it, as of a truncated bag
+    with pytest.raises(MemoryError):  # and no MalformedInputError of a damaged bag
         chunked.decompress(b"abc", "lz4", 10, here, partly=True)

@@ -37,7 +37,7 @@ def make_map(path, seed, side=40):
 
 @pytest.fixture
 def maps(tmp_path, monkeypatch):
-    """A folder with five maps, one of which is broken, and a YAML file that is no map."""
+    """A folder with five maps, one of which is broken, and another YAML file."""
     monkeypatch.chdir(tmp_path)
     for seed, name in enumerate(["a/m.yaml", "a/b/m.yaml", "b/m.yaml", "b/n.yaml"]):
         make_map(tmp_path / "maps" / name, seed)
@@ -50,7 +50,7 @@ def contents(folder):
     return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-def test_a_folder_is_run_with_any_number_of_jobs_as_its_maps_alone_f9(sh, maps, tmp_path):
+def test_a_folder_is_run_with_any_number_of_jobs_as_its_maps_alone(sh, maps, tmp_path):
     found = {}
     for jobs in (1, 3):
         code, out, err = sh(f"run maps -o o{jobs} --jobs {jobs} --no-images")
@@ -63,10 +63,10 @@ def test_a_folder_is_run_with_any_number_of_jobs_as_its_maps_alone_f9(sh, maps, 
         sh.ok(f"run maps/{name}.yaml -o single/{name}/.. --no-images")
         assert contents(tmp_path / "single" / name) == contents(tmp_path / "o3" / name)
     summary = json.loads(Path("o3/summary.json").read_text())
-    told = [(one["map"], one["folder"], one["status"]) for one in summary["maps"]]
+    states = [(entry["map"], entry["folder"], entry["status"]) for entry in summary["maps"]]
     names = ["a/b/m", "a/bad", "a/m", "b/m", "b/n"]
-    done = {"a/bad": "failed"}
-    assert told == [(f"{name}.yaml", name, done.get(name, "done")) for name in names]
+    exceptions = {"a/bad": "failed"}
+    assert states == [(f"{name}.yaml", name, exceptions.get(name, "done")) for name in names]
 
 
 def test_what_is_unchanged_is_skipped_unless_forced(sh, maps, tmp_path):
@@ -90,7 +90,7 @@ LITTLE = "61M" if engine_name() == "compiled" else "112M"
 
 
 @pytest.mark.parametrize("more", ["-j 2", "--force", f"--max-memory {LITTLE}"])
-def test_a_dry_run_tells_what_the_run_then_does_and_writes_nothing(sh, maps, tmp_path, more):
+def test_a_dry_run_lists_what_the_run_then_does_and_writes_nothing(sh, maps, tmp_path, more):
     make_map(maps / "large.yaml", 3, side=1200 if LITTLE in more else 50)
     assert sh("run maps/b -o o/b --no-images")[0] == 0
     make_map(maps / "b" / "n.yaml", 9)  # its outputs are there, and not this map's
@@ -103,10 +103,10 @@ def test_a_dry_run_tells_what_the_run_then_does_and_writes_nothing(sh, maps, tmp
     words_of = {"new": "done", "replace": "done", "unchanged": "unchanged"}
     assert sh(line)[0] == 5
     summary = json.loads((tmp_path / "o" / "summary.json").read_text())["maps"]
-    found = {one["map"]: one["status"] for one in summary if one["status"] != "failed"}
+    found = {entry["map"]: entry["status"] for entry in summary if entry["status"] != "failed"}
     assert found == {row[-3]: words_of[row[0]] for row in rows}
-    made = contents(tmp_path)
-    changed = {str(path) for path in made if before.get(path) != made[path]} - {"o/summary.json"}
+    after = contents(tmp_path)
+    changed = {str(path) for path in after if before.get(path) != after[path]} - {"o/summary.json"}
     assert changed <= written
     assert changed == written or more != "-j 2"  # then files are replaced by equal ones
     assert ("in blocks" in out) == (LITTLE in more)
@@ -121,7 +121,7 @@ def test_a_folder_without_a_map_fails_alone(sh, jobs):
     assert (code, out.count("failed (")) == (5, 2)
     assert "error: empty: is a directory without a map" in err
     entries = json.loads(Path("out/summary.json").read_text())["maps"]
-    assert [(one["map"], one["status"]) for one in entries] == [
+    assert [(entry["map"], entry["status"]) for entry in entries] == [
         ("empty", "failed"), ("m.yaml", "done"), ("n.yaml", "done"), ("*.yaml", "failed")
     ]  # fmt: skip
     assert sh(f"{line} --dry-run")[0] == 5
@@ -150,7 +150,7 @@ def test_jobs_share_out_threads_and_memory(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("wanted", "maps", "processors", "size", "most"),
+    ("requested", "maps", "processors", "size", "most"),
     [
         (None, 20, 3, 3, None),
         (None, 2, 3, 2, None),
@@ -163,12 +163,12 @@ def test_jobs_share_out_threads_and_memory(monkeypatch):
     ],
 )
 def test_jobs_are_bounded_by_maps_and_processors(
-    monkeypatch, capsys, wanted, maps, processors, size, most
+    monkeypatch, capsys, requested, maps, processors, size, most
 ):
     terminal.configure(quiet=False, verbose=False)
     monkeypatch.setattr(batch, "available_threads", lambda: processors)
-    assert batch.jobs_at_once(wanted, maps, terminal) == size
-    note = f"note: --jobs {wanted}: using {most}, as there are {processors} cores\n"
+    assert batch.jobs_at_once(requested, maps, terminal) == size
+    note = f"note: --jobs {requested}: using {most}, as there are {processors} cores\n"
     assert capsys.readouterr().err == ("" if most is None else note)
 
 
@@ -227,7 +227,7 @@ def start(folder, *more, until=both_write):
 
 
 def members(group):
-    """The processes of a session, but those that have ended and wait for somebody to ask."""
+    """Yield the processes of a session, except those that have ended as zombies."""
     for folder in Path("/proc").iterdir():
         with contextlib.suppress(OSError, ValueError):
             state = (folder / "stat").read_text().rpartition(")")[2].split()[0]
@@ -243,7 +243,7 @@ def wait_for_end_of(group):
 
 
 def without_progress(err):
-    """The lines of stderr, but those that a slow machine has time for."""
+    """Return the lines of stderr without reports of progress, which only slow machines print."""
     return [line for line in err.splitlines() if not line.endswith("maps done")]
 
 
@@ -251,9 +251,9 @@ def without_progress(err):
 @needs_proc
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(large_maps, sent):
-    one = (large_maps / "maps" / "0.yaml").read_text()
-    for number in range(8, 20):  # so many that a slow machine is not done before it is told
-        (large_maps / "maps" / f"{number}.yaml").write_text(one)
+    text = (large_maps / "maps" / "0.yaml").read_text()
+    for number in range(8, 20):  # so many that a slow machine still works at the signal
+        (large_maps / "maps" / f"{number}.yaml").write_text(text)
     process = start(large_maps, until=lambda folder: any((folder / "o").glob("*/manifest.json")))
     os.killpg(process.pid, sent)  # as a terminal does: everyone gets it
     out, err = process.communicate(timeout=120)
@@ -262,13 +262,13 @@ def test_a_signal_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(
     wait_for_end_of(process.pid)
     assert nothing_is_left(large_maps)
     summary = json.loads((large_maps / "o" / "summary.json").read_text())["maps"]
-    statuses = [one["status"] for one in summary]
-    done = statuses.count("done")
-    assert done <= complete <= done + 2  # of which two may have been done that very moment
-    assert statuses.count("interrupted") == 20 - done > 0
-    how = "interrupted" if sent == signal.SIGINT else f"terminated by {sent.name}"
+    statuses = [entry["status"] for entry in summary]
+    count = statuses.count("done")
+    assert count <= complete <= count + 2  # of which two may have been done that very moment
+    assert statuses.count("interrupted") == 20 - count > 0
+    ending = "interrupted" if sent == signal.SIGINT else f"terminated by {sent.name}"
     assert without_progress(err) == [
-        f"error: {how}; {done} of 20 maps are done, run the same command to continue"
+        f"error: {ending}; {count} of 20 maps are done, run the same command to continue"
     ]
     again = subprocess.run([*RUN, "maps", "-o", "o", "-j", "2"], capture_output=True, text=True)
     assert again.returncode == 0, again.stderr
@@ -299,7 +299,7 @@ def worker_that_writes(run):
 
 @pytest.mark.thorough
 @needs_proc
-def test_a_worker_that_is_killed_once_costs_no_map_f10(large_maps):
+def test_a_worker_that_is_killed_once_costs_no_map(large_maps):
     process = start(large_maps)
     os.kill(worker_that_writes(process), signal.SIGKILL)
     out, err = process.communicate(timeout=120)

@@ -126,7 +126,7 @@ def write_poles(*places):
         for y in (0.0125, 0.0525, 0.0925)
         for reading in [2.0] * 3 + [6.0] * 9
     ]
-    Path("poles.log").write_text("".join(flaser(*one, k) for k, one in enumerate(scans)))
+    Path("poles.log").write_text("".join(flaser(*scan, k) for k, scan in enumerate(scans)))
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def write_poles(*places):
         ("tsdf", "--method counting with a small --ratio keeps them"),
     ],
 )
-def test_groups_of_hits_that_the_map_lacks_are_told(sh, here, method, advice):
+def test_groups_of_hits_that_the_map_lacks_are_counted(sh, here, method, advice):
     line = f"build poles.log -o m.npz --force --method {method} --resolution 0.04"
     write_poles(1.0, 3.0)
     assert sh.err(line) == (

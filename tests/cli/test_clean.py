@@ -32,14 +32,14 @@ def test_json_has_the_counts_the_limits_and_what_was_read(sh):
     document = sh.json("clean room.yaml -o c.npz --json --min-hole 2")
     files = ("room.yaml", "room.pgm")
     sums = {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in files}
-    one = {"components": 1, "cells": 1}
+    single_cell = {"components": 1, "cells": 1}
     assert document == {
         "map": {"file": "room.yaml", "sha256": sums},
         "limits": {"min_obstacle": 3, "min_hole": 2, "min_free": 100},
-        "islands": one,
+        "islands": single_cell,
         "free_holes": {"components": 0, "cells": 0},
-        "wall_holes": one,
-        "specks": one,
+        "wall_holes": single_cell,
+        "specks": single_cell,
         "changed": 3,
     }
 

@@ -56,11 +56,11 @@ class Cluster:
     def wait_for_workers(self, count):
         """Wait until the scheduler knows that many."""
 
-        def asked():
+        def are_enough():
             if (self.folder / "worker.log").read_text().count("Registered to") < count:
                 raise ValueError(count)
 
-        self._wait(asked)
+        self._wait(are_enough)
 
     def _wait(self, ask):
         end = time.monotonic() + 120
@@ -110,7 +110,7 @@ def writes(process):
     """Whether a worker has a temporary file of an output open."""
     with contextlib.suppress(OSError):
         folder = Path(f"/proc/{process.pid}/fd")
-        return any(".mapdeal-" in str(one.readlink()) for one in folder.iterdir())
+        return any(".mapdeal-" in str(link.readlink()) for link in folder.iterdir())
     return False
 
 
@@ -160,7 +160,7 @@ def test_a_job_that_kills_its_worker_is_done_by_another_which_may_replace_what_i
         outcomes = run_all(
             jobs, tmp_path / "o", batch_work.do, lambda *_: None, Batch, workers=workers
         ).outcomes
-        assert [one.status for one in outcomes] == ["done", "done", "failed", "done"]
+        assert [outcome.status for outcome in outcomes] == ["done", "done", "failed", "done"]
         assert str(outcomes[2].result) == f"{tmp_path}/bad.yaml: key: is bad, got [1]"
         assert sorted(process.poll() is None for process in dask.workers) == [False, True]
         dask.scheduler.kill()
@@ -168,39 +168,39 @@ def test_a_job_that_kills_its_worker_is_done_by_another_which_may_replace_what_i
         outcomes = run_all(
             slow, tmp_path / "o", batch_work.do, lambda *_: None, Batch, workers=workers
         ).outcomes
-    assert [one.status for one in outcomes] == ["failed"]
+    assert [outcome.status for outcome in outcomes] == ["failed"]
     assert "scheduler" in str(outcomes[0].result)
 
 
 @pytest.mark.thorough
 def test_workers_of_another_version_are_refused(dask, maps, tmp_path):
-    other = tmp_path / "other" / "mapdeal"
-    other.mkdir(parents=True)
-    (other / "__init__.py").write_text("")
-    (other / "version.py").write_text("__version__ = '0.0.1'")
+    package = tmp_path / "other" / "mapdeal"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "version.py").write_text("__version__ = '0.0.1'")
     words = [*RUN, "maps", "-o", "o", "--scheduler", dask.address]
-    dask.start_workers(1, path=other.parent)
+    dask.start_workers(1, path=package.parent)
     dask.wait_for_workers(3)
-    told = subprocess.run(words, capture_output=True, text=True)
-    assert told.returncode == 2
-    lines = told.stderr.splitlines()
+    completed = subprocess.run(words, capture_output=True, text=True)
+    assert completed.returncode == 2
+    lines = completed.stderr.splitlines()
     assert len(lines) == 2
     assert "has mapdeal 0.0.1, here it is " in lines[0]
     assert lines[1].startswith("hint: ")
 
 
 @pytest.mark.parametrize("is_missing", [False, True])
-def test_no_scheduler_or_no_extra_is_told_in_one_line_f19(sh, maps, monkeypatch, is_missing):
+def test_a_missing_scheduler_or_extra_is_one_line(sh, maps, monkeypatch, is_missing):
     monkeypatch.setattr(cluster, "_TIMEOUT", 0.5)
-    told = (4, "error: tcp://127.0.0.1:9: the scheduler does not answer: ")
+    exit_code, start = 4, "error: tcp://127.0.0.1:9: the scheduler does not answer: "
     if is_missing:
         monkeypatch.setitem(sys.modules, "distributed", None)
-        told = (
+        exit_code, start = (
             2,
             "error: --scheduler: needs dask.distributed: pip install 'distributed>=2024.8'\n",
         )
     code, out, err = sh("run maps -o o --scheduler tcp://127.0.0.1:9")
-    assert (code, out, err[: len(told[1])], err.count("\n")) == (told[0], "", told[1], 1)
+    assert (code, out, err[: len(start)], err.count("\n")) == (exit_code, "", start, 1)
     assert not (maps / "o").exists()
 
 
@@ -235,7 +235,7 @@ def other_server(reply):
         (bytes(1000), "does not answer as a dask scheduler"),
     ],
 )
-def test_programs_that_are_no_scheduler_are_refused_in_time(sh, maps, monkeypatch, reply, message):
+def test_servers_of_other_programs_are_refused_in_time(sh, maps, monkeypatch, reply, message):
     monkeypatch.setattr(cluster, "_TIMEOUT", 0.5)
     with other_server(reply) as port:
         begin = time.monotonic()
@@ -265,7 +265,7 @@ def test_impossible_addresses_are_refused_before_a_connection(address):
 
 
 @pytest.mark.parametrize("scheme", ["tls", "ucx"])
-def test_schemes_that_are_not_set_up_are_refused_with_what_they_need(sh, maps, scheme):
+def test_schemes_that_are_not_set_up_are_refused_with_a_hint(sh, maps, scheme):
     code, out, err = sh(f"run maps/0.yaml -o o --scheduler {scheme}://127.0.0.1:9")
     error, hint = err.splitlines()
     assert (code, out) == (2, "")
@@ -311,7 +311,7 @@ def test_jobs_that_a_closed_client_refuses_have_failed(tmp_path):
     assert outcome.result.exit_code == 5
 
 
-def test_what_befalls_a_cluster_is_told_of_the_map():
+def test_failures_of_a_cluster_are_outcomes_of_their_map():
     from distributed import KilledWorker
 
     job = Job(Path("/d/m.yaml"), Path("/d/o"), "m.yaml", "m")
@@ -321,13 +321,13 @@ def test_what_befalls_a_cluster_is_told_of_the_map():
         (ZeroDivisionError("x"), "/d/m.yaml: was lost: x"),
     ):
         sent = Future()
-        told = cluster._told_as_ours(sent, job)
+        future = cluster._told_as_ours(sent, job)
         if isinstance(problem, CancelledError):
             sent.cancel()
             sent.set_running_or_notify_cancel()
         else:
             sent.set_exception(problem)
-        assert str(told.exception(timeout=120)) == text
+        assert str(future.exception(timeout=120)) == text
 
 
 def test_a_worker_that_comes_later_with_another_version_does_no_job(tmp_path):

@@ -1,4 +1,4 @@
-"""Commands of one map: what they write, and what they say of it."""
+"""Commands of one map: the files they write, and the lines they print."""
 
 import json
 import re
@@ -42,23 +42,23 @@ AS_IN_PYTHON = {
 @pytest.mark.parametrize("line", AS_IN_PYTHON)
 def test_a_command_writes_what_its_function_makes(sh, room, line):
     assert sh(f"{line} room.yaml -o o.npz")[0] == 0
-    found, made = read_map("o.npz"), AS_IN_PYTHON[line](room)
-    assert (type(found), found.frame) == (type(made), made.frame)
-    np.testing.assert_array_equal(found.layer, made.layer)
+    found, expected = read_map("o.npz"), AS_IN_PYTHON[line](room)
+    assert (type(found), found.frame) == (type(expected), expected.frame)
+    np.testing.assert_array_equal(found.layer, expected.layer)
 
 
-def test_what_a_turn_and_another_resolution_come_to_is_told(sh, room):
-    written, told = sh.ok("rotate room.yaml -o o.yaml --yaw 0").splitlines()
+def test_the_results_of_a_turn_and_another_resolution_are_printed(sh, room):
+    written, line = sh.ok("rotate room.yaml -o o.yaml --yaw 0").splitlines()
     assert re.match(r"o.yaml: \d+ x \d+ cells at 1.3, -2, occupied ", written)
-    assert told == "turned by 0 rad (0 degrees) about x 0, y 0"
+    assert line == "turned by 0 rad (0 degrees) about x 0, y 0"
     assert yaml.safe_load(Path("o.yaml").read_text())["origin"] == [1.3, -2.0, 0.0]
     out = sh.ok("rotate room.yaml -o p.npz --yaw -1.2")
     assert "turned by -1.2 rad (-68.7549 degrees) about x 0, y 0" in out
     out = sh.ok("rescale room.yaml -o r.yaml --resolution 0.25")
     assert out.startswith("r.yaml: 4 x 2 cells at 1.5, -2, yaw 0.4, occupied ")
     write_map("empty.yaml", room.with_values(np.zeros_like(room.occupancy)))
-    told = "warning: rotate: no direction of walls stands out, the map is not turned\n"
-    assert sh.err("rotate empty.yaml -o e.yaml --straighten") == told
+    line = "warning: rotate: no direction of walls stands out, the map is not turned\n"
+    assert sh.err("rotate empty.yaml -o e.yaml --straighten") == line
     assert read_map("e.yaml").frame == room.frame
 
 
@@ -147,7 +147,7 @@ def test_costs_that_are_passed_as_a_map_are_warned_of(sh, room):
     assert "contains costs" in sh.err("inflate c.npz -o i.npz")
 
 
-def test_convert_tells_what_it_wrote_not_what_it_read(sh):
+def test_convert_prints_the_counts_of_its_output(sh):
     write_map("raw.yaml", OccupancyGrid([[0, 20, 50, 80]], 0.25))
     _, out, err = sh("convert raw.yaml -o t.yaml --mode trinary")
     assert "3 values" in err

@@ -121,21 +121,21 @@ def test_pairs_are_counted_cell_by_cell_and_drawn(sh, run):
         }
         assert pair["cells"] == cells
         assert pair["differing"] == (first != second).sum() > 0
-        seen = colours("_".join(names))
+        drawn = colours("_".join(names))
         only_first = cells["occupied"]["free"] + cells["occupied"]["unknown"]
         only_second = cells["free"]["occupied"] + cells["unknown"]["occupied"]
-        assert ((red in seen), (blue in seen)) == (only_first > 0, only_second > 0)
+        assert ((red in drawn), (blue in drawn)) == (only_first > 0, only_second > 0)
 
 
 def test_all_methods_take_their_own_numbers(sh, run):
     numbers = "--log-occ 4 --ratio 0.05 --truncation 1.5 --truncation-behind 3"
     assert sh(f"{LINE} {numbers} -o out")[0] == 0
-    given = {
+    options = {
         "log-odds": {"log_occ": 4},
         "counting": {"ratio": 0.05},
         "tsdf": {"truncation": 1.5, "truncation_behind": 3},
     }
-    for method, parameters in given.items():
+    for method, parameters in options.items():
         grid = build_map(*run, method=method, **parameters, **GRID).grid
         assert np.array_equal(read_map(f"out/{method}.yaml").occupancy, grid.occupancy)
         used = document()["methods"][method]["parameters"]
@@ -148,19 +148,19 @@ def test_all_methods_take_their_own_numbers(sh, run):
     assert used == {"truncation": 2.0, "truncation_behind": 3.0, "as_written": True}
     # the grid holds what the method that reaches farthest behind hits does: 4.5 cells
     assert sh(f"{COMPARE} {numbers} -o a")[0] == 0
-    alone = build_map(*run, method="tsdf", resolution=0.1, **given["tsdf"]).grid
+    alone = build_map(*run, method="tsdf", resolution=0.1, **options["tsdf"]).grid
     assert read_map("a/log-odds.yaml").frame == alone.frame
 
 
 @pytest.mark.usefixtures("run")
-def test_the_table_is_for_people_and_json_for_programs(sh):
+def test_the_table_and_json_hold_the_same_figures(sh):
     lines = sh.ok(f"{LINE} -o out").splitlines()
     assert lines[0] == "out: 73 x 51 cells at -0.55, -0.35"
     for line, (method, its) in zip(lines[4:7], document()["methods"].items(), strict=True):
         share = f"{100 * its['one_cell_wide_share']:.1f}"
         mean = f"{its['mean_thickness_cells']:.2f}"
-        told = [method, *(str(its[state]) for state in STATES.values()), share, "%", mean, "1"]
-        assert line.split()[:8] == told
+        cells = [method, *(str(its[state]) for state in STATES.values()), share, "%", mean, "1"]
+        assert line.split()[:8] == cells
     timed = sh.json(f"{LINE} -o other --json")
     assert all(timed["methods"][method].pop("seconds") > 0 for method in METHODS)
     assert timed == document("other") == document("out")
@@ -168,9 +168,9 @@ def test_the_table_is_for_people_and_json_for_programs(sh):
 
 
 @pytest.mark.usefixtures("run")
-def test_a_folder_is_asked_for_and_files_in_it_are_kept(sh):
-    told = "must be a folder: a comparison writes several maps, got 'out.yaml'"
-    assert told in sh.err(f"{COMPARE} -o out.yaml", 2)
+def test_the_output_must_be_a_folder_and_files_in_it_stay(sh):
+    message = "must be a folder: a comparison writes several maps, got 'out.yaml'"
+    assert message in sh.err(f"{COMPARE} -o out.yaml", 2)
     Path("out").mkdir()
     Path("out/tsdf.png").write_bytes(b"mine")
     assert "out/tsdf.png" in sh.err(f"{COMPARE} -o out", 4)

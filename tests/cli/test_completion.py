@@ -22,8 +22,8 @@ from mapdeal.stages.catalogue import STAGES
 
 SHELLS = ["bash", "zsh", "fish", "powershell"]
 
-# Words of a command line, the last of them to be completed, and what is offered; nothing, and the
-# shell offers files.
+# Words of a command line, the last of them to be completed, with their completions. Where there
+# are none, the shell offers files.
 CASES = [
     (["r"], {"run", "reach", "route", "rotate", "rescale", "report"}),
     (["edit", "polygon", "--overlay", ""], {"seq", "max", "min"}),
@@ -85,20 +85,20 @@ def test_powershell_is_answered(answer):
     assert answer("powershell", **variables).startswith("--kernel:::")
 
 
-def test_every_option_that_help_tells_of_is_offered(offered, command):
+def test_every_option_in_the_help_is_offered(offered, command):
     names = [name for name in command_names() if name != "edit"]
     for name in (*names, *(f"edit {shape}" for shape in offered("edit", ""))):
-        made = offered(*name.split(), "-")
-        told = command(*name.split(), "--help")[1]
-        listed = " ".join(re.findall(r"(?m)^  (-.*?)(?:  |$)", told))
+        completions = offered(*name.split(), "-")
+        help_text = command(*name.split(), "--help")[1]
+        listed = " ".join(re.findall(r"(?m)^  (-.*?)(?:  |$)", help_text))
         expected = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", listed))
-        assert expected <= made, name
-        assert made - {"-h"} <= set(re.findall(r"--?[\w-]+", told)), name
+        assert expected <= completions, name
+        assert completions - {"-h"} <= set(re.findall(r"--?[\w-]+", help_text)), name
 
 
 def test_every_parameter_recipe_and_check_is_offered(offered):
     settings = offered("run", "--set", "")
-    assert {one.partition("=")[0] for one in settings} >= {
+    assert {setting.partition("=")[0] for setting in settings} >= {
         f"{stage.name}.{name}" for stage in STAGES for name in stage.parameters
     }
     assert offered("run", "--recipe", "") == set(BUILT_IN)
@@ -117,7 +117,7 @@ TYPED = {
     "run --set cost.model=t": "cost.model=threshold",
     "inflate map.y": "map.yaml",
 }
-# The program is a function there that prints what it is given; the script starts the process.
+# The program is a function there that prints its arguments; the script starts the process.
 PRINT = "mapdeal() { local IFS='|'; printf 'GO''T<%s>\\n' \"$*\"; }"
 STARTS = {
     "bash": (["--norc", "--noprofile"], ""),
@@ -148,11 +148,13 @@ def test_fish_completes(shell_finds):
     code = "source ../script\n" + "".join(
         f"complete -C 'mapdeal {line}'; echo ----\n" for line in TYPED
     )
-    done = subprocess.run(
+    completed = subprocess.run(
         ["fish", "-c", code], cwd="work", capture_output=True, text=True, check=True
     )
-    made = [re.sub(r"\t.*", "", one).strip() for one in done.stdout.split("----\n")[:-1]]
-    assert made == list(TYPED.values())
+    completions = [
+        re.sub(r"\t.*", "", answer).strip() for answer in completed.stdout.split("----\n")[:-1]
+    ]
+    assert completions == list(TYPED.values())
 
 
 @pytest.mark.slow

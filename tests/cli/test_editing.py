@@ -123,7 +123,7 @@ def test_the_obstacles_in_bits_and_back(sh, room):
     assert np.array_equal(grid.occupancy, np.maximum(room.occupancy, 0))
     assert (grid.resolution, grid.origin) == (0.1, (1.5, -2.0, 0.0))
     sh("esdf room.yaml -o e.npz --unknown occupied")
-    sh.ok("pack e.npz -o e.pbm")  # of a field what it counts as obstacles
+    sh.ok("pack e.npz -o e.pbm")  # a field keeps the obstacles that it was computed with
     assert mapdeal.read_bit_map("e.pbm").count() == 4
 
 

@@ -46,7 +46,7 @@ def streams(monkeypatch):
 
 @pytest.mark.parametrize("name", NAMES, ids=ascii)
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252", "utf-8"])
-def test_names_that_a_stream_cannot_encode_are_written_as_escapes_f14(streams, encoding, name):
+def test_names_that_a_stream_cannot_encode_are_written_as_escapes(streams, encoding, name):
     Path("m.yaml").rename(name)
     for line in LINES:
         written = streams(encoding)
@@ -102,14 +102,14 @@ def test_a_batch_tells_how_far_it_is_without_a_thread_for_that(sh, scarce_thread
     ],
     ids=lambda environment: next(iter(environment)),
 )  # fmt: skip
-def test_odd_variables_do_not_change_what_is_done_f14_f15(environment):
+def test_odd_variables_do_not_change_the_files(environment):
     Path("m.yaml").rename("Küche.yaml")
     words = ["run", "Küche.yaml", "-o", "out", *QUIETLY.split()]
-    told = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, "-m", "mapdeal", *words], capture_output=True, text=True,
         env={"PYTHONPATH": os.pathsep.join(map(str, sys.path)), **environment},
     )  # fmt: skip
-    assert (told.returncode, told.stderr) == (0, "")
+    assert (completed.returncode, completed.stderr) == (0, "")
     assert Path("out/Küche/manifest.json").exists()
 
 

@@ -20,16 +20,18 @@ EXAMPLE_FILES = Path(__file__).parents[2] / "examples"
 def every_command():
     group = typer.main.get_command(app)
     for name in command_names():
-        one = group.get_command(None, name)
-        yield name, one
-        yield from ((f"{name} {word}", own) for word, own in getattr(one, "commands", {}).items())
+        command = group.get_command(None, name)
+        yield name, command
+        yield from (
+            (f"{name} {word}", own) for word, own in getattr(command, "commands", {}).items()
+        )
 
 
 COMMANDS = dict(every_command())
 
 
 def test_every_command_stands_in_one_group(sh):
-    assert {one.rich_help_panel for one in COMMANDS.values()} == set(GROUPS)
+    assert {command.rich_help_panel for command in COMMANDS.values()} == set(GROUPS)
     out = sh.ok("--help")
     assert re.findall(r"^(\S.*):$", out, re.MULTILINE) == ["Options", *GROUPS]
     listed = re.findall(r"^  ([a-z][a-z-]+)  ", out, re.MULTILINE)

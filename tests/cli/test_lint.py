@@ -12,7 +12,7 @@ from mapdeal import OccupancyGrid, write_map
 
 @pytest.fixture
 def maps(here):
-    """A folder with a good map, a turned one, and a YAML file that is no map."""
+    """A folder with a good map, a turned one, and another YAML file."""
     cells = np.pad(np.zeros((7, 12), np.int8), 1, constant_values=100)
     Path("maps/old").mkdir(parents=True)
     for name, yaw in (("good", 0.0), ("old/turned", 0.5)):
@@ -22,10 +22,10 @@ def maps(here):
 
 
 def test_a_folder_is_gated_by_one_line(sh, maps):
-    told = "yaml.origin-yaw: yaw 0.5 rad is ignored by costmap_2d and AMCL"
+    message = "yaml.origin-yaw: yaw 0.5 rad is ignored by costmap_2d and AMCL"
     code, out, err = sh("lint maps")
     line, total = out.splitlines()
-    assert (code, line) == (0, f"maps/old/turned.yaml:4: warning: {told}")
+    assert (code, line) == (0, f"maps/old/turned.yaml:4: warning: {message}")
     assert total == "2 maps: 0 errors, 1 warning, 0 notes"
     assert err == "note: 1 YAML file without the key image was left out: maps/params.yaml\n"
     assert sh("lint maps -q") == (0, f"{line}\n", "")
@@ -62,10 +62,10 @@ def test_the_command_line_comes_before_the_file(sh, maps):
 
 def test_what_is_suppressed_is_counted(sh, maps):
     Path("mapdeal.toml").write_text('[lint.per-file-ignores]\n"maps/old" = ["yaml"]\n')
-    told = "2 maps: 0 errors, 0 warnings, 0 notes, 1 suppressed\n"
-    assert sh("lint maps --strict")[:2] == (0, told)
+    line = "2 maps: 0 errors, 0 warnings, 0 notes, 1 suppressed\n"
+    assert sh("lint maps --strict")[:2] == (0, line)
     document = sh.json("lint maps --format json")
-    assert [one["suppressed"] for one in document["maps"]] == [0, 1]
+    assert [part["suppressed"] for part in document["maps"]] == [0, 1]
     assert document["suppressed"] == 1
 
 
@@ -80,13 +80,13 @@ def test_what_is_suppressed_is_counted(sh, maps):
     ],
 )
 def test_stdout_holds_the_report_alone(sh, maps, form, start, end):
-    """With its exit code, so that it can be redirected: `mapdeal lint ... > lint.sarif`."""
+    """Standard output can then be redirected: `mapdeal lint ... > lint.sarif`."""
     code, out, err = sh(f"lint maps maps/good.yaml --strict --format {form}")
     assert (code, out.startswith(start), out.endswith(end)) == (1, True, True)
     if start == "{":
         json.loads(out)
-    said = "1 map was named more than once, and is checked once" in err
-    assert said == (form != "json -q")
+    is_noted = "1 map was named more than once, and is checked once" in err
+    assert is_noted == (form != "json -q")
     if form.startswith("json"):
         assert sh("lint maps maps/good.yaml --strict --json")[:2] == (1, out)
     else:
@@ -107,8 +107,8 @@ def test_a_link_to_nothing_beside_a_good_map_is_an_error(sh, maps):
     assert sh("lint maps/g*.yaml")[0] == 1
     # a run of the folder, too, says so of each, and goes on with the others
     assert sh("run maps -o o --no-images -j 1")[0] == 5
-    told = json.loads(Path("o/summary.json").read_text())["maps"]
-    assert {one["map"]: (one["status"], one.get("exit_code")) for one in told} == {
+    entries = json.loads(Path("o/summary.json").read_text())["maps"]
+    assert {entry["map"]: (entry["status"], entry.get("exit_code")) for entry in entries} == {
         "good.yaml": ("done", None), "old/turned.yaml": ("done", None),
         **dict.fromkeys(("gone.yaml", "loop.yaml", "site"), ("failed", 4)),
     }  # fmt: skip
@@ -153,7 +153,7 @@ def robot(here):
 
 
 def test_a_file_that_nav2_refuses_ends_with_1(sh, here):
-    """Of which all mistakes are told; Nav2 itself stops at the first."""
+    """Lint lists all mistakes; Nav2 itself stops at the first."""
     Path("nav2.yaml").write_text(
         'global_costmap: {global_costmap: {ros__parameters: {robot_radius: "0.3", plugins: [s],\n'
         's: {plugin: "nav2_costmap_2d::StaticLayr"}}}}\n'
@@ -166,17 +166,21 @@ def test_a_file_that_nav2_refuses_ends_with_1(sh, here):
     assert (code, total) == (1, "1 parameter file: 2 errors, 0 warnings, 0 notes")
 
 
-def test_every_form_of_the_report_tells_five_mistakes_with_their_lines(sh, robot):
+def test_every_form_of_the_report_lists_five_mistakes_with_their_lines(sh, robot):
     assert sh.ok(ROBOT_LINT).splitlines()[-1] == "1 parameter file: 0 errors, 5 warnings, 1 note"
     assert sh(f"{ROBOT_LINT} --strict")[0] == 1
     document = sh.json(f"{ROBOT_LINT} --format json")
     (entry,) = document["parameter_files"]
-    told = [(one["line"], one["severity"], one["check"]) for one in entry["findings"]]
-    assert (entry["file"], document["maps"], told) == ("robot.yaml", [], FIVE_MISTAKES)
+    found = [
+        (finding["line"], finding["severity"], finding["check"]) for finding in entry["findings"]
+    ]
+    assert (entry["file"], document["maps"], found) == ("robot.yaml", [], FIVE_MISTAKES)
     (run,) = sh.json(f"{ROBOT_LINT} --format sarif")["runs"]
-    places = [one["locations"][0]["physicalLocation"] for one in run["results"]]
-    assert {one["artifactLocation"]["uri"] for one in places} == {"robot.yaml"}
-    assert [one["region"]["startLine"] for one in places] == [line for line, *_ in FIVE_MISTAKES]
+    places = [result["locations"][0]["physicalLocation"] for result in run["results"]]
+    assert {place["artifactLocation"]["uri"] for place in places} == {"robot.yaml"}
+    assert [place["region"]["startLine"] for place in places] == [
+        line for line, *_ in FIVE_MISTAKES
+    ]
     github = sh(f"{ROBOT_LINT} --format github")[1].splitlines()
     assert github[0].startswith("::warning file=robot.yaml,line=2,title=params.radius-and-")
     assert len(github) == len(FIVE_MISTAKES)
@@ -185,8 +189,8 @@ def test_every_form_of_the_report_tells_five_mistakes_with_their_lines(sh, robot
 
 def test_parameters_and_maps_are_linted_together(sh, maps, robot):
     out = sh("lint maps --params-file robot.yaml --select params,yaml")[1]
-    told = "resolution 0.05 m has no effect: the static layer takes the map's, 0.25 m "
-    assert f"robot.yaml:8: note: params.resolution: {told}(good.yaml and 1 more)\n" in out
+    message = "resolution 0.05 m has no effect: the static layer takes the map's, 0.25 m "
+    assert f"robot.yaml:8: note: params.resolution: {message}(good.yaml and 1 more)\n" in out
     assert "maps/old/turned.yaml:4: warning: yaml.origin-yaw" in out
     assert out.splitlines()[-1].startswith("1 parameter file, 2 maps: ")
 
@@ -238,11 +242,11 @@ def test_a_parameter_file_is_recognised_among_maps(sh, maps, robot):
 def test_findings_name_their_costmap(sh, here):
     Path("local.yaml").write_text(NAV2.format("local"))
     Path("both.yaml").write_text(NAV2.format("global") + NAV2.format("local"))
-    told = "warning: params.no-inflation: {} costmap: no inflation layer is listed: "
-    assert told.format("local") in sh("lint local.yaml")[1]
+    template = "warning: params.no-inflation: {} costmap: no inflation layer is listed: "
+    assert template.format("local") in sh("lint local.yaml")[1]
     first, second, _ = sh("lint both.yaml")[1].splitlines()
-    assert first.startswith("both.yaml:6: " + told.format("global"))
-    assert second.startswith("both.yaml:13: " + told.format("local"))
+    assert first.startswith("both.yaml:6: " + template.format("global"))
+    assert second.startswith("both.yaml:13: " + template.format("local"))
     Path("common.yaml").write_text("robot_radius: 1\nplugins: []\n")
     for name in ("global", "local"):
         Path(f"{name}.yaml").write_text(f"{name}_costmap: {{global_frame: map}}\n")

@@ -1,4 +1,4 @@
-"""The command local: clouds, sequences, what it says and what it leaves."""
+"""The command local: clouds and sequences, the lines it prints and the files that remain."""
 
 import json
 import math
@@ -120,8 +120,8 @@ def test_a_global_map_is_joined(sh, points):
 def test_a_global_map_elsewhere_is_warned_of(sh, points):
     write_map("known.yaml", grid_from_text("#..#\n....", 0.1, (8.0, 0.5, 0.3)))
     code, out, err = sh(f"{LOCAL} --map known.yaml -o o --min-range 0.5")
-    told = "the map does not reach into the window around -1.5, 0.7"
-    assert (code, err) == (0, f"warning: known.yaml: {told}\n")
+    message = "the map does not reach into the window around -1.5, 0.7"
+    assert (code, err) == (0, f"warning: known.yaml: {message}\n")
     assert "0 cells from the map" in out
 
 
@@ -205,8 +205,8 @@ def test_a_bad_cloud_does_not_stop_the_others_and_a_longer_sequence_is_warned_of
     assert not Path("o/0004").exists()
     assert (summary()[4]["status"], summary()[4]["exit_code"]) == ("failed", 3)
     Path("poses.txt").write_text("0 0 0\n")
-    told = sh.err(f"{SEQUENCE} scans/3.csv --force").splitlines()[-1]
-    assert told == "warning: 10 folders are not of this sequence, such as o/0001"
+    warning = sh.err(f"{SEQUENCE} scans/3.csv --force").splitlines()[-1]
+    assert warning == "warning: 10 folders are not of this sequence, such as o/0001"
 
 
 def test_many_warnings_of_a_sequence_are_counted(sh, sequence):
@@ -271,21 +271,21 @@ def known(here):
 def test_without_a_cloud_it_is_the_map_s_window(sh, known):
     out = sh.ok("local --map known.yaml --pose 0.52,0.31,1.2 -o o --size 3,2 --no-images")
     assert out.startswith("known.yaml -> o: ")
-    made = read_map("o/local.yaml")
-    assert (made.resolution, made.shape) == (0.1, (20, 30))  # the map's, not 0.05
-    (first,) = known.frame.unbounded_rowcol_from_xy(made.frame.xy_from_rowcol([[0, 0]]))
+    window = read_map("o/local.yaml")
+    assert (window.resolution, window.shape) == (0.1, (20, 30))  # the map's, not 0.05
+    (first,) = known.frame.unbounded_rowcol_from_xy(window.frame.xy_from_rowcol([[0, 0]]))
     assert first.tolist() == [3, 10]
-    assert np.array_equal(made.occupancy, known.occupancy[3:23, 10:40])
+    assert np.array_equal(window.occupancy, known.occupancy[3:23, 10:40])
     manifest = manifest_of("o")
     assert set(manifest["inputs"]) == {"known.yaml", "known.pgm"}
     figures = manifest["figures"]["local"]
     assert (figures["from_map"], "points" in figures) == (figures["occupied"], False)
 
 
-def test_unknown_keep_without_anything_to_know_from_is_told(sh, known):
+def test_unknown_keep_without_a_source_of_cells_is_warned_of(sh, known):
     line = "local --cloud c.csv --pose 0,0,0 --size 3,2 --resolution 0.1 --no-images -o"
-    told = "--unknown keep has no effect without --map or --keep: cells without points are free"
-    assert sh.err(f"{line} a --unknown keep") == f"warning: {told}\n"
+    message = "--unknown keep has no effect without --map or --keep: cells without points are free"
+    assert sh.err(f"{line} a --unknown keep") == f"warning: {message}\n"
     sh.ok(f"{line} b")
     assert set(np.unique(read_map("a/local.yaml").occupancy)) == {0, 100}
 
@@ -304,21 +304,21 @@ def rolling(here):
 
 
 def check(keep, without=(), in_the_way=(), *, global_map=None, **options):
-    """Hold the local maps to those of the library; return those."""
+    """Compare the local maps with those of the library; return these."""
     options = LocalOptions(size=(3, 2), resolution=0.1, **options)
     mapper = RollingMapper(ROLLING_POSES, options, keep=keep, global_map=global_map)
-    made = {}
+    rolled = {}
     for k in range(7):
         if k in without:
             mapper.skip()
             continue
         mapper.add(np.loadtxt(f"scans/{k}.csv", delimiter=",", ndmin=2))
-        made[k] = mapper.result()
+        rolled[k] = mapper.result()
         if k not in in_the_way:
             found = read_map(f"o/{k:04}/local.yaml")
-            assert np.array_equal(found.occupancy, made[k].grid.occupancy)
-            assert found.origin == made[k].grid.origin
-    return made
+            assert np.array_equal(found.occupancy, rolled[k].grid.occupancy)
+            assert found.origin == rolled[k].grid.origin
+    return rolled
 
 
 SMALL = grid_from_text("#..?\n....\n.#..", 0.1, (-0.5, 0.5, 0.0))
@@ -332,11 +332,11 @@ OF_MAP = {"global_map": SMALL, "unknown": "free", "max_range": 1.2, "raytrace_ra
 def test_a_rolling_sequence(sh, words, number, options, rolling):
     write_map("small.npz", SMALL)
     assert sh(f"{ROLLING} --keep {words}")[1].startswith("o: 7 done")
-    for k, made in check(number, **options).items():
+    for k, rolled in check(number, **options).items():
         manifest = manifest_of(f"o/{k:04}")
         figures = manifest["figures"]["local"]
         assert figures["clouds"] == min(k + 1, number or 7)
-        assert figures["from_earlier"] == made.from_earlier
+        assert figures["from_earlier"] == rolled.from_earlier
         assert manifest["stages"][0]["local"]["keep"] == (number or "all")
         assert next(iter(manifest["inputs"])) == f"{k}.csv"
 
@@ -347,12 +347,12 @@ def test_a_rolling_sequence_goes_on_where_it_stopped(sh, here, keep, rolling):
         return {name: data for name, data in tree(here / "o").items() if name != "summary.json"}
 
     assert sh(f"{ROLLING} --keep {keep}")[0] == 0
-    whole = contents()
+    before = contents()
     for k in (3, 5, 6):
         shutil.rmtree(f"o/{k:04}")
     code, out, _ = sh(f"{ROLLING} --keep {keep}")
     assert (code, out[:27]) == (0, "o: 3 done, 4 unchanged, 0 f")
-    assert contents() == whole
+    assert contents() == before
 
 
 def test_a_cloud_that_changes_changes_the_maps_after_it(sh, rolling):
@@ -360,8 +360,8 @@ def test_a_cloud_that_changes_changes_the_maps_after_it(sh, rolling):
     assert sh(line)[0] == 0
     np.savetxt("scans/2.csv", [[0.5, 0.1]], delimiter=",")
     err = sh.err(line, 5)
-    told = [text.split("/")[1] for text in err.splitlines() if text.startswith("error: o/")]
-    assert told == ["0002", "0003", "0004"]
+    folders = [text.split("/")[1] for text in err.splitlines() if text.startswith("error: o/")]
+    assert folders == ["0002", "0003", "0004"]
     np.savetxt("poses.txt", [*ROLLING_POSES[:-2], (0.4, 0, 0), ROLLING_POSES[-1]])
     sh(f"{line} --force")
     code, out, _ = sh(line)
@@ -373,8 +373,8 @@ def test_a_bad_cloud_is_left_out_of_the_maps_after_it(sh, rolling):
     code, out, err = sh(f"{ROLLING} --keep 3")
     assert (code, "6 done, 0 unchanged, 1 failed" in out) == (5, True)
     assert "error: scans/3.csv: line 2" in err
-    told = "1 of the clouds before it could not be read: the map is without them"
-    warned = [line.split(":")[1].strip() for line in err.splitlines() if told in line]
+    message = "1 of the clouds before it could not be read: the map is without them"
+    warned = [line.split(":")[1].strip() for line in err.splitlines() if message in line]
     assert warned == ["scans/4.csv", "scans/5.csv"]
     check(3, without=[3])
     assert not Path("o/0003").exists()

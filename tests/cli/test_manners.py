@@ -26,7 +26,7 @@ def terminal(monkeypatch):
     monkeypatch.setattr("mapdeal.cli.terminal.has_reader", lambda: True)
 
 
-ASKED = {
+ANSWERS = {
     "reach room.yaml --from 2,4 --to dock=5,4 wall=1.2,4 --robot-radius 0.4": [
         "room.yaml, reach of a robot of radius 0.4 m: from 2, 4 the robot reaches",
         "  goal dock 5,4: reached; the room at the start is 2 m wide",
@@ -41,17 +41,19 @@ ASKED = {
 }
 
 
-@pytest.mark.parametrize("line", ASKED)
+@pytest.mark.parametrize("line", ANSWERS)
 def test_answers_are_lines_on_a_terminal_and_json_elsewhere(sh, room, terminal, monkeypatch, line):
     lines = sh(line)[1].splitlines()
-    for line_told, begins in zip(lines, ASKED[line], strict=False):
-        assert line_told.startswith(begins)
-    assert len(lines) >= len(ASKED[line])
-    asked = sh(f"{line} --json")[1]
+    for printed, begins in zip(lines, ANSWERS[line], strict=False):
+        assert printed.startswith(begins)
+    assert len(lines) >= len(ANSWERS[line])
+    document = sh(f"{line} --json")[1]
     monkeypatch.setattr("mapdeal.cli.terminal.has_reader", lambda: False)
     piped = sh(line)[1]
-    assert asked == piped
-    assert [json.loads(one) for one in ([piped] if piped.startswith("{\n") else piped.splitlines())]
+    assert document == piped
+    assert [
+        json.loads(text) for text in ([piped] if piped.startswith("{\n") else piped.splitlines())
+    ]
 
 
 @pytest.mark.parametrize(
@@ -113,7 +115,7 @@ def test_colours_are_for_terminals_alone(sh, here, monkeypatch, no_color):
     assert ("\x1b[31;1merror:\x1b[0m" in sh("rnu")[2]) == (no_color == "")
 
 
-def test_info_describes_what_it_can(sh, room):
+def test_info_describes_readable_files_and_reports_others(sh, room):
     (Path("maps/inner")).mkdir(parents=True)
     mapdeal.write_map("maps/inner/a.yaml", OccupancyGrid(ROOM, 0.5))
     Path("bad.txt").write_text("nothing")
@@ -125,9 +127,15 @@ def test_info_describes_what_it_can(sh, room):
     ]
     assert "error: bad.txt: is not a kind of file" in err
     assert err.endswith("error: 1 file cannot be described\n")
-    told = [json.loads(line) for line in sh("info maps bad.txt room.yaml --json")[1].splitlines()]
-    assert [one["kind"] for one in told] == ["occupancy grid", "error", "occupancy grid"]
-    assert "is not a kind" in told[1]["error"]
+    documents = [
+        json.loads(line) for line in sh("info maps bad.txt room.yaml --json")[1].splitlines()
+    ]
+    assert [document["kind"] for document in documents] == [
+        "occupancy grid",
+        "error",
+        "occupancy grid",
+    ]
+    assert "is not a kind" in documents[1]["error"]
 
 
 BARE = (
@@ -161,7 +169,7 @@ def test_the_geometry_of_a_bare_image_is_that_of_the_options(sh, room):
     assert "image.yaml-not-read" in sh.ok("lint room.pgm --resolution 0.25")
 
 
-def test_who_gives_no_robot_is_told_so(sh, room):
+def test_a_run_without_a_robot_names_the_radius_it_uses(sh, room):
     assert "no robot is given: walls are inflated by 0.3 m" in sh("run room.yaml -o out")[1]
     for shape, hint in (
         ("--robot-radius 0.2", "--recipe nav2 --robot-radius 0.2"),
@@ -170,9 +178,9 @@ def test_who_gives_no_robot_is_told_so(sh, room):
             "--recipe nav2 --footprint F",
         ),
     ):
-        told = sh(f"run room.yaml -o out --force {shape}")[1]
-        assert "recipe default: walls are inflated by 0.2" in told
-        assert f"{hint}, makes the costmap of Nav2" in told
+        output = sh(f"run room.yaml -o out --force {shape}")[1]
+        assert "recipe default: walls are inflated by 0.2" in output
+        assert f"{hint}, makes the costmap of Nav2" in output
         assert "recipe default" not in sh(f"run room.yaml -o nav2 --force --recipe nav2 {shape}")[1]
     for own in ("--recipe nav2", "--robot-radius 0.2", "--set inflate.radius=0.2"):
         assert "no robot" not in sh(f"run room.yaml -o out --force {own}")[1]

@@ -47,8 +47,8 @@ def test_a_run_lays_the_mask_over_costs_and_nothing_else(sh, files):
     mapdeal.write_map("mask.npz", mask_of(np.s_[:2, :2]), force=True)
     assert "the output exists" in sh.err(with_mask, 4)
     assert sh(f"{line} masked")[0] == 4
-    made = mapdeal.apply_recipe(room, "nav2", mask=mask, robot_radius=0.1)
-    assert np.array_equal(made["cost"].cost, masked.cost)
+    products = mapdeal.apply_recipe(room, "nav2", mask=mask, robot_radius=0.1)
+    assert np.array_equal(products["cost"].cost, masked.cost)
 
 
 AREA = np.s_[3:9, 5:9]

@@ -51,7 +51,7 @@ def twice(command, building, tmp_path):
     """What runs a command in plenty of memory and in little: its outputs must be the same."""
 
     def run(words, output="", memory=LITTLE, *, source=building):
-        told = []
+        warnings = []
         for name, size in (("whole", PLENTY), ("blocks", memory)):
             folder = tmp_path / name
             folder.mkdir()
@@ -61,12 +61,12 @@ def twice(command, building, tmp_path):
             assert code == 0, err
             assert (IN_BLOCKS in err) == (name == "blocks")
             lines = err.replace(str(folder), "").splitlines()
-            told.append([one for one in lines if one.startswith("warning: ")])
-        assert told[0] == told[1]
-        whole, blocks = contents(tmp_path / "whole"), contents(tmp_path / "blocks")
-        assert whole.keys() == blocks.keys() != set()
-        assert [name for name in whole if whole[name] != blocks[name]] == []
-        return told[0]
+            warnings.append([line for line in lines if line.startswith("warning: ")])
+        assert warnings[0] == warnings[1]
+        unlimited, blocks = contents(tmp_path / "whole"), contents(tmp_path / "blocks")
+        assert unlimited.keys() == blocks.keys() != set()
+        assert [name for name in unlimited if unlimited[name] != blocks[name]] == []
+        return warnings[0]
 
     return run
 
@@ -79,8 +79,10 @@ def twice(command, building, tmp_path):
     ],
 )  # fmt: skip
 def test_run(twice, recipe, memory):
-    told = twice(f"run --recipe {recipe}", memory=memory)
-    assert ["the open cells cost 99" in one for one in told] == [True] * (recipe == "design-real")
+    warnings = twice(f"run --recipe {recipe}", memory=memory)
+    assert ["the open cells cost 99" in warning for warning in warnings] == [True] * (
+        recipe == "design-real"
+    )
 
 
 STAGES = [
@@ -101,7 +103,9 @@ def test_stages(twice, monkeypatch, stage, ending, options):
 
 
 @pytest.mark.parametrize("line", ["inflate -o FOLDER/in.npz --radius 0", "pack -o FOLDER/bits.pbm"])
-def test_maps_that_are_no_p5_are_processed_in_blocks_too(twice, sh, building, tmp_path, line):
+def test_maps_in_formats_besides_p5_are_processed_in_blocks_too(
+    twice, sh, building, tmp_path, line
+):
     words = line.replace("FOLDER", str(tmp_path)).split()
     assert sh.command(words[0], building, *words[1:])[0] == 0
     twice("run", source=words[2])
@@ -125,15 +129,15 @@ def test_a_mask(twice, sh, building, tmp_path, monkeypatch):
         ("potential", "o.npz", f"{BASE + 20} MB"),
     ],
 )  # fmt: skip
-def test_too_little_memory_is_one_line_that_tells_how_much_it_takes(
+def test_too_little_memory_is_one_line_with_the_size_it_takes(
     command, building, tmp_path, name, output, memory
 ):
     words = [name, building, "-o", tmp_path / output, "--threads", 2, "--max-memory"]
     code, out, err = command(*words, memory)
     assert (code, out) == (3, "")
-    told = re.escape(f"error: {building}: 701 x 613 cells need ") + r"([0-9.]+ MB) of memory, "
+    message = re.escape(f"error: {building}: 701 x 613 cells need ") + r"([0-9.]+ MB) of memory, "
     first, hint = err.splitlines()
-    needed = re.fullmatch(f"{told}{memory} may be used", first)[1]
+    needed = re.fullmatch(f"{message}{memory} may be used", first)[1]
     assert "--max-memory" in hint
     assert list(tmp_path.iterdir()) == []
     if name == "run":
@@ -159,7 +163,7 @@ def test_groups_of_cells_need_the_whole_map(command, building, tmp_path):
 
 
 class Watched:
-    """Collects what is told of progress."""
+    """Collects the reports of progress."""
 
     def __init__(self):
         self.total, self.steps = None, []
@@ -177,10 +181,10 @@ class Watched:
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_progress_of_a_run_ends_with_its_end(building, tmp_path, recipe, canvas, images):
     little = size_of(LITTLE, "") if images else size_of(LITTLE, "") - 4 * 10**6
-    given = {"force": True, "threads": 2, "images": images, "canvas": canvas}
+    options = {"force": True, "threads": 2, "images": images, "canvas": canvas}
     for size in (10**12, little):
         watch = Watched()
-        settings = Settings(max_memory=size, progress=watch, **given)
+        settings = Settings(max_memory=size, progress=watch, **options)
         run_map(building, tmp_path, load_recipe(recipe), settings)
         if size == little:
             assert len(watch.steps) > 20
@@ -214,6 +218,6 @@ def test_sizes(text, size):
 
 
 @pytest.mark.parametrize("text", ["", "G", "-4G", "4X", "0", "1e9", "4G4", "nan", "٤G"])
-def test_sizes_that_are_none(text):
+def test_invalid_sizes_are_refused(text):
     with pytest.raises(ParameterError, match="--max-memory"):
         size_of(text, "--max-memory")

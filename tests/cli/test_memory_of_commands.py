@@ -141,8 +141,8 @@ def test_what_would_take_too_much_is_refused_before(bombs, line):
     code, err, peak = measured(bombs, line, f"{MOST}MB")
     assert code == 3, err
     first, hint = err.splitlines()
-    told = rf"error: .*needs? ([0-9.]+) [MG]B of memory, {MOST} MB may be used"
-    assert re.fullmatch(told, first)
+    pattern = rf"error: .*needs? ([0-9.]+) [MG]B of memory, {MOST} MB may be used"
+    assert re.fullmatch(pattern, first)
     assert "--max-memory" in hint
     assert peak < ENOUGH
     assert sorted(path.name for path in bombs.iterdir()) == before
@@ -150,16 +150,16 @@ def test_what_would_take_too_much_is_refused_before(bombs, line):
 
 @pytest.mark.parametrize("name", ["header.npz", "header.npy"])
 def test_headers_of_arrays_are_not_read_at_any_length(bombs, name):
-    code, told, peak = measured(bombs, f"local --cloud {name} --pose 0,0,0 -o out", "1GB")
+    code, output, peak = measured(bombs, f"local --cloud {name} --pose 0,0,0 -o out", "1GB")
     assert code == 3
-    assert re.search(r"array header, expected \d+ bytes", told)
+    assert re.search(r"array header, expected \d+ bytes", output)
     assert peak < ENOUGH
 
 
-def test_lint_tells_of_it_as_of_every_file_that_cannot_be_read(bombs):
-    code, told, peak = measured(bombs, "lint map.npz", f"{MOST}MB")
+def test_lint_reports_it_as_every_file_that_cannot_be_read(bombs):
+    code, output, peak = measured(bombs, "lint map.npz", f"{MOST}MB")
     assert code == 1
-    assert re.search(rf"error: file.malformed: needs .* of memory, {MOST} MB may be used", told)
+    assert re.search(rf"error: file.malformed: needs .* of memory, {MOST} MB may be used", output)
     assert peak < ENOUGH
 
 
@@ -174,8 +174,8 @@ def test_what_expands_as_no_honest_file_does_is_refused_whatever_is_free(bombs, 
 
 
 def test_a_memory_that_was_chosen_reads_what_expands(bombs):
-    code, told, _ = measured(bombs, "info potential.npz", "2GB")
-    assert code == 0, told
+    code, output, _ = measured(bombs, "info potential.npz", "2GB")
+    assert code == 0, output
 
 
 @pytest.mark.parametrize("ending", [".npz", ".png", ".yaml"])
@@ -189,8 +189,8 @@ def test_an_empty_map_of_mapdeals_own_is_no_bomb(tmp_path, ending):
 
 def test_an_empty_png_of_another_program_is_no_bomb(bombs):
     assert (bombs / "blank.png").stat().st_size * 1000 < 9000**2
-    code, told, _ = measured(bombs, "info blank.yaml")
-    assert code == 0, told
+    code, output, _ = measured(bombs, "info blank.yaml")
+    assert code == 0, output
 
 
 def site(folder, side):
@@ -298,10 +298,10 @@ def test_the_memory_that_a_command_asks_for_is_enough_and_not_much_too_much(ordi
     allowed, needed = 0.0, 51.0
     while needed > allowed:  # reading may ask for less than what follows
         allowed = needed
-        code, told, peak = measured(ordinary, line, f"{allowed}MB")
-        more = re.search(r"needs? ([0-9.]+) MB of memory", told)
+        code, output, peak = measured(ordinary, line, f"{allowed}MB")
+        more = re.search(r"needs? ([0-9.]+) MB of memory", output)
         needed = float(more[1]) if more else allowed
-    assert code in (0, 1), told  # 1: they differ, no way leads there
+    assert code in (0, 1), output  # 1: they differ, no way leads there
     assert peak < SLACK * allowed * 1_000_000
     assert allowed < 3 * peak / 1_000_000
 
@@ -344,25 +344,25 @@ def test_maps_of_odd_shapes_take_no_more_than_they_are_granted(odd_maps, line, n
     allowed, needed = 0.0, 60.0
     while needed > allowed:
         allowed = needed
-        code, told, peak = measured(odd_maps, line.format(name), f"{allowed}MB")
-        more = re.search(r"needs? ([0-9.]+) MB of memory", told)
+        code, output, peak = measured(odd_maps, line.format(name), f"{allowed}MB")
+        more = re.search(r"needs? ([0-9.]+) MB of memory", output)
         needed = float(more[1]) if more else allowed
-    assert code in (0, 1), told
+    assert code in (0, 1), output
     assert peak < SLACK * allowed * 1_000_000
 
 
 def test_a_repair_that_turns_a_large_map_is_refused_before_it_begins(ordinary):
-    code, told, _ = measured(ordinary, f"lint turned.yaml --fix {OUT} --force", "80MB")
-    assert (code, "turned.yaml: needs" in told) == (3, True), told
+    code, output, _ = measured(ordinary, f"lint turned.yaml --fix {OUT} --force", "80MB")
+    assert (code, "turned.yaml: needs" in output) == (3, True), output
 
 
 @pytest.mark.skipif(not IS_COMPILED, reason="takes minutes without compiled kernels")
 @pytest.mark.parametrize(("command", "most"), [("cost -o cost.yaml", 120), ("run -o out", 150)])
-def test_memory_stays_within_the_budget_i14(tmp_path, command, most):
+def test_memory_stays_within_the_budget(tmp_path, command, most):
     values = np.zeros((5000, 6001), np.int8)
     values[::50, 7::70] = 100
     values[:, -500:] = -1
     write_map(tmp_path / "site.yaml", OccupancyGrid(values, 0.05, (1.5, -2.0, 0.4)))
-    code, told, peak = measured(tmp_path, f"{command} site.yaml -q --threads 2", f"{most}MB")
-    assert (code, told) == (0, "")
+    code, output, peak = measured(tmp_path, f"{command} site.yaml -q --threads 2", f"{most}MB")
+    assert (code, output) == (0, "")
     assert peak < most * 1_000_000  # in memory: 170 and 440 MB

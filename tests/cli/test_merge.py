@@ -37,9 +37,9 @@ def maps(*names):
 
 
 def end(name):
-    """What a document of align says of one of its maps."""
+    """Return the part of a document of align about one of its maps."""
     files = [Path(f"{name}.yaml"), Path(f"{name}.pgm")]
-    return {"file": f"{name}.yaml", "sha256": {one.name: sha256_of(one) for one in files}}
+    return {"file": f"{name}.yaml", "sha256": {file.name: sha256_of(file) for file in files}}
 
 
 def transform_file(name, transform, first=None, second=None):
@@ -69,7 +69,7 @@ def test_maps_of_one_frame_are_merged(sh, folder, rule):
     assert (f"{expected.kept} cells are from before it" in out) == (rule == "newest")
 
 
-def test_by_hand_what_is_told(sh, folder):
+def test_the_printed_table_agrees_with_counts_by_hand(sh, folder):
     """Of a and b: HALL's columns 2.. and rows 1.. under PART's, cell by cell."""
     document = sh.json("merge a.yaml b.yaml -o o.yaml --same-wall 0 --json")
     # north to south, HALL above and PART below: "#####" ....#  known by both: 1, occupied in both
@@ -89,53 +89,53 @@ def test_by_hand_what_is_told(sh, folder):
 
 
 STEP = mapdeal.Transform(0.7, -0.3, 0.9)
-OTHER = mapdeal.Transform(-0.2, 0.5, -2.0)
+TURNED = mapdeal.Transform(-0.2, 0.5, -2.0)
 
 
 def placed(folder):
     """As a, b and c, but b lies in a frame that STEP leads to, and c in one that OTHER does."""
     a, b, c = maps("a", "b", "c")
-    for name, grid, transform in (("b", b, STEP), ("c", c, OTHER)):
+    for name, grid, transform in (("b", b, STEP), ("c", c, TURNED)):
         moved = transform.frame(grid.frame)
         grid = OccupancyGrid(grid.occupancy, grid.resolution, moved.origin)
         write_map(f"{name}.yaml", grid, force=True)
     return merge([a, b, c])
 
 
-TO_B, TO_C = ("s.json", STEP), ("o.json", OTHER)
+TO_B, TO_C = ("s.json", STEP), ("o.json", TURNED)
 IN_ORDER = [(*TO_B, ""), (*TO_C, "")]
 BY_SUMS = [(*TO_C, "ac"), (*TO_B, "ab")]
-TURNED_ROUND = [("o.json", OTHER.inverse(), "ca"), (*TO_B, "ab")]
-CHAINED = [("o.json", STEP.after(OTHER.inverse()), "cb"), ("s.json", STEP.inverse(), "ba")]
+TURNED_ROUND = [("o.json", TURNED.inverse(), "ca"), (*TO_B, "ab")]
+CHAINED = [("o.json", STEP.after(TURNED.inverse()), "cb"), ("s.json", STEP.inverse(), "ba")]
 
 
 @pytest.mark.parametrize("files", [IN_ORDER, BY_SUMS, TURNED_ROUND, CHAINED], ids=range(4))
 def test_transforms_of_files(sh, folder, files):
     expected = placed(folder)
-    given = [f"--by {transform_file(name, move, *ends)}" for name, move, ends in files]
-    document = sh.json(f"merge a.yaml b.yaml c.yaml -o o.npz {' '.join(given)} --json")
+    options = [f"--by {transform_file(name, move, *ends)}" for name, move, ends in files]
+    document = sh.json(f"merge a.yaml b.yaml c.yaml -o o.npz {' '.join(options)} --json")
     same("o.npz", expected)
     found = document["merged"][2]["transform"]
-    assert (found["x"], found["y"], found["yaw"]) == pytest.approx(OTHER.pose)
+    assert (found["x"], found["y"], found["yaw"]) == pytest.approx(TURNED.pose)
 
 
 def test_files_serve_python_as_they_do_the_shell(folder):
     expected = placed(folder)
-    files = [transform_file("s.json", STEP), folder / transform_file("o.json", OTHER)]
+    files = [transform_file("s.json", STEP), folder / transform_file("o.json", TURNED)]
     a, b, _ = maps("a", "b", "c")
-    for given, transforms in (
-        (["a.yaml", b, folder / "c.yaml"], files), ([a, "b.yaml", "c.yaml"], [STEP, OTHER.pose])
+    for sources, transforms in (
+        (["a.yaml", b, folder / "c.yaml"], files), ([a, "b.yaml", "c.yaml"], [STEP, TURNED.pose])
     ):  # fmt: skip
-        found = merge(given, transforms=transforms)
+        found = merge(sources, transforms=transforms)
         np.testing.assert_array_equal(found.grid.occupancy, expected.grid.occupancy)
-        assert found.transforms == (mapdeal.Transform(), STEP, OTHER)
+        assert found.transforms == (mapdeal.Transform(), STEP, TURNED)
 
 
 def test_checksums_that_are_of_no_map_are_warned_of(sh, folder):
     placed(folder)
     transform_file("s.json", STEP, "a", "c")
-    told = "its checksums are not those of the maps; used as the transform from a.yaml to b.yaml"
-    assert sh.err("merge a.yaml b.yaml -o o.npz --by s.json") == f"warning: s.json: {told}\n"
+    message = "its checksums are not those of the maps; used as the transform from a.yaml to b.yaml"
+    assert sh.err("merge a.yaml b.yaml -o o.npz --by s.json") == f"warning: s.json: {message}\n"
     same("o.npz", merge(maps("a", "b"), transforms=[STEP]))
 
 
@@ -143,34 +143,34 @@ def test_the_same_map_twice_needs_no_transform_of_its_own(sh, folder):
     placed(folder)
     transform_file("s.json", STEP, "a", "b")
     code, out, err = sh("merge a.yaml b.yaml b.yaml -o o.npz --by s.json --json")
-    told = "adds nothing: the maps before it know all of its cells and obstacles"
-    assert (code, err) == (0, f"warning: b.yaml: {told}\n")
-    first, second = (one["transform"] for one in json.loads(out)["merged"][1:])
+    message = "adds nothing: the maps before it know all of its cells and obstacles"
+    assert (code, err) == (0, f"warning: b.yaml: {message}\n")
+    first, second = (entry["transform"] for entry in json.loads(out)["merged"][1:])
     assert first == second
 
 
 @pytest.fixture
 def aligned(monkeypatch):
-    """What stands for the search, and the pairs of maps that it was asked of."""
-    asked = []
+    """Replace the search; return a function that returns the list of pairs searched."""
+    pairs = []
 
     def use(same_place):
         def search(*pair):
-            asked.append(pair)
-            told = {"same_place": same_place, "reason": "another place fits as well"}
-            return types.SimpleNamespace(transform=STEP, **told)
+            pairs.append(pair)
+            fields = {"same_place": same_place, "reason": "another place fits as well"}
+            return types.SimpleNamespace(transform=STEP, **fields)
 
         monkeypatch.setattr("mapdeal.commands.merge.placed_on", search)
-        return asked
+        return pairs
 
     return use
 
 
 def test_maps_are_aligned_to_the_first(sh, folder, aligned):
     placed(folder)
-    asked = aligned(True)
+    pairs = aligned(True)
     document = sh.json("merge a.yaml b.yaml -o o.npz --by align --json")
-    ((first, second),) = asked
+    ((first, second),) = pairs
     np.testing.assert_array_equal(first.occupancy, cells(HALL))
     np.testing.assert_array_equal(second.occupancy, cells(PART))
     assert document["merged"][1]["transform"]["x"] == STEP.x
@@ -180,9 +180,9 @@ def test_maps_are_aligned_to_the_first(sh, folder, aligned):
 def test_a_map_that_is_perhaps_of_another_place_is_not_merged(sh, folder, aligned):
     aligned(False)
     before = tree(folder)
-    told = "b.yaml: its placement on a.yaml is uncertain: another place fits as well"
+    message = "b.yaml: its placement on a.yaml is uncertain: another place fits as well"
     code, out, err = sh("merge a.yaml b.yaml -o o.yaml --by align")
-    assert (code, out, err.splitlines()[0]) == (1, "", f"error: {told}")
+    assert (code, out, err.splitlines()[0]) == (1, "", f"error: {message}")
     assert tree(folder) == before
 
 
@@ -203,7 +203,7 @@ def test_evidence_of_build_is_summed(sh, folder):
     # 50, and hits times 7/3 less misses
     expected = [50 + 2 * 7 / 3 - 10, 50 + 4 * 7 / 3 - 8, 50 + 7 / 3 - 14]
     np.testing.assert_allclose(np.load("o.npz")["log_odds"], [expected])
-    # what was merged can be merged: three are the same, however they are put together
+    # a merged map can be merged: three give the same evidence in any order
     sh(line.format("o.npz", "p.npz"))
     three = merge(["a.npz", "b.npz", "b.npz"], rule="evidence")
     np.testing.assert_allclose(np.load("p.npz")["log_odds"], three.log_odds)
@@ -226,8 +226,8 @@ def test_the_picture_shows_conflicts(sh, folder):
 
 def test_transforms_must_lead_to_every_map(sh, folder):
     transform_file("t.json", STEP, "a", "c")
-    told = "--by: no transforms lead from a.yaml to b.yaml"
-    assert told in sh.err("merge a.yaml b.yaml c.yaml -o o.yaml --by t.json", 2)
+    message = "--by: no transforms lead from a.yaml to b.yaml"
+    assert message in sh.err("merge a.yaml b.yaml c.yaml -o o.yaml --by t.json", 2)
     assert not Path("o.yaml").exists()
 
 
@@ -237,7 +237,7 @@ def test_the_maps_of_one_floor_lie_on_each_other(sh, real_maps):
     if not place.is_dir():
         pytest.skip(NO_TEST_DATA)
     real = json.loads((real_maps / "expected" / "align.json").read_text())["real"]
-    truth = {one["id"]: one["truth"] for one in real}
+    truth = {entry["id"]: entry["truth"] for entry in real}
     files = ""
     for name in ("tmcl-youbot-faro", "tmcl-youbot-gmap"):
         yaw = math.radians(truth[name]["dtheta_deg"])
@@ -246,7 +246,7 @@ def test_the_maps_of_one_floor_lie_on_each_other(sh, real_maps):
     names = ["2021_10_27/YouBotMap.yaml", "Faro/FMap.yaml", "GMap/GMap.yaml"]
     first, second, third = (place / name for name in names)
     counts = json.loads(sh.ok(f"merge {first} {second} {third} -o o.npz {files} --json"))
-    assert all(one["met"] > 0.85 * one["walls"] for one in counts["merged"])
+    assert all(count["met"] > 0.85 * count["walls"] for count in counts["merged"])
     # and as their own walls place them
     found = json.loads(sh.ok(f"merge {third} {first} -o q.npz --by align --json"))
     found = found["merged"][1]["transform"]

@@ -128,16 +128,16 @@ def check(command, folder, monkeypatch, line, name, before, *, is_output):
     lines = err.splitlines()
     assert code in (0, 1, 2, 3, 4, 5), err
     assert "Traceback" not in err
-    assert all(one.startswith(("error: ", "hint: ", "warning: ", "note: ")) for one in lines), err
-    errors = [one for one in lines if one.startswith("error: ")]
-    if code != 5 and not BATCHES & set(words):  # each of whose maps tells its own
+    assert all(text.startswith(("error: ", "hint: ", "warning: ", "note: ")) for text in lines), err
+    errors = [text for text in lines if text.startswith("error: ")]
+    if code != 5 and not BATCHES & set(words):  # batches print an error for each map
         assert len(errors) == (code > 1) or (code == 1 and len(errors) == 1), err
         assert code in (0, 1) or "--golden" in words or after == before
     if not is_output:
         assert code != 0 or words[0] == "run" or name in ("zeros", "full", "surrogate")
-    for left in after.keys() - before:
-        shutil.rmtree(folder / left, ignore_errors=True)
-        (folder / left).unlink(missing_ok=True)
+    for path in after.keys() - before:
+        shutil.rmtree(folder / path, ignore_errors=True)
+        (folder / path).unlink(missing_ok=True)
     return {path: data for path, data in after.items() if path in before}
 
 

@@ -76,8 +76,8 @@ def test_it_has_a_command(sh, listed):
     assert "Free obstacle cells that touch no other." in text
     assert "--lethal-threshold N Occupancy of an obstacle, 1..100. [default: 100]" in text
     assert "first sentence" not in text
-    others = sh.ok("--help").split("Changing a map:")[1]
-    assert ("drop-lone" in others, "..." in others) == (True, False)
+    listed_commands = sh.ok("--help").split("Changing a map:")[1]
+    assert ("drop-lone" in listed_commands, "..." in listed_commands) == (True, False)
     sh.ok("drop-lone room.yaml -o out.yaml --image out.png")
     assert Path("out.png").exists()
     cleaned, before = read_map("out.yaml").occupancy, read_map("room.yaml").occupancy
@@ -99,14 +99,14 @@ def test_its_models_options_join_the_command(sh, listed):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         ("--beyond 7", "is a parameter of model flat, not of exponential"),
         ("--model flat --curve c.png", "cost flat: no cost depends on the distance from an obs"),
     ],
 )
-def test_what_its_model_has_no_part_in_is_refused(sh, here, listed, words, told):
-    assert told in sh.err(f"cost room.yaml -o c.npz {words}", 2)
+def test_parameters_of_other_models_are_refused(sh, here, listed, words, message):
+    assert message in sh.err(f"cost room.yaml -o c.npz {words}", 2)
     assert {path.name for path in here.iterdir()} == {"room.pgm", "room.yaml"}
 
 
@@ -128,11 +128,12 @@ def test_it_runs_in_recipes_whole_and_in_blocks(sh, listed, monkeypatch):
 
 
 def test_names_that_collide_are_refused(listed, monkeypatch):
-    other = replace(stage_of(flat_cost), model="flatter")
-    other.__dict__["own_parameters"] = {
-        name: replace(one, default=9.0) for name, one in stage_of(flat_cost).parameters.items()
+    clone = replace(stage_of(flat_cost), model="flatter")
+    clone.__dict__["own_parameters"] = {
+        name: replace(parameter, default=9.0)
+        for name, parameter in stage_of(flat_cost).parameters.items()
     }
-    monkeypatch.setattr(catalogue, "STAGES", (*catalogue.STAGES, other))
+    monkeypatch.setattr(catalogue, "STAGES", (*catalogue.STAGES, clone))
     with pytest.raises(ValueError, match=r"flat, flatter of cost .* one name: beyond"):
         stage_app("cost")
 
@@ -159,15 +160,15 @@ def test_it_measures_a_map_in_the_shell_as_in_python(stats, sh):
     found = stats(office)
     assert found.free == pytest.approx((office.occupancy == 0).sum() * 0.05**2)
     assert 0.5 < found.corridor_width < 3
-    told = sh.ok(f"stats {OFFICE}").splitlines()
-    assert told == [line.replace("the map", str(OFFICE)) for line in found.lines()]
+    lines = sh.ok(f"stats {OFFICE}").splitlines()
+    assert lines == [line.replace("the map", str(OFFICE)) for line in found.lines()]
     document = json.loads(sh.ok(f"stats {OFFICE} --json"))
     assert document == {**found.document(), "name": str(OFFICE)}
 
 
 def test_its_parameters_are_checked_and_its_help_is_complete(stats, sh):
-    told = "error: --widest: must be a finite number, above 0, got -1.0\n"
-    assert sh.err(f"stats {OFFICE} --widest -1", 2) == told
+    message = "error: --widest: must be a finite number, above 0, got -1.0\n"
+    assert sh.err(f"stats {OFFICE} --widest -1", 2) == message
     out = sh.ok("stats --help")
     assert "What is wider is not a corridor, metres." in out
     assert "mapdeal stats examples/maps/office.yaml" in out

@@ -22,8 +22,10 @@ def commands():
     group = typer.main.get_command(app)
     for name in command_names():
         command = group.get_command(None, name)
-        for below, one in getattr(command, "commands", {"": command}).items():
-            options = [p for p in one.params if p.param_type_name == "option" and not p.is_flag]
+        for below, subcommand in getattr(command, "commands", {"": command}).items():
+            options = [
+                p for p in subcommand.params if p.param_type_name == "option" and not p.is_flag
+            ]
             yield f"{name} {below}".strip(), {max(p.opts, key=len): p for p in options}
 
 
@@ -47,13 +49,13 @@ def written(metavar, value):
 
 def without(line, option):
     """Return the words of a line without an option, wherever it stands, and its values."""
-    kept = line.split()
-    while option in kept:
-        start = end = kept.index(option)
-        while end + 1 < len(kept) and not kept[end + 1].startswith("--"):
+    words = line.split()
+    while option in words:
+        start = end = words.index(option)
+        while end + 1 < len(words) and not words[end + 1].startswith("--"):
             end += 1
-        del kept[start : end + 1]
-    return " ".join(kept)
+        del words[start : end + 1]
+    return " ".join(words)
 
 
 @pytest.mark.thorough
@@ -79,4 +81,4 @@ def test_a_number_gives_a_result_or_one_line(sh, name):
                 check_failure(code, out, err, code, [], "")
             else:
                 starts = ("warning: ", "note: ", "error: ", "hint: ")
-                assert all(one.startswith(starts) for one in err.splitlines()), tried
+                assert all(text.startswith(starts) for text in err.splitlines()), tried

@@ -90,18 +90,18 @@ def test_a_run_makes_field_and_costs_and_keeps_the_robot_in_its_manifest(sh):
     assert sh.err(RUN) == IGNORED
     costs_of(OF_RUN)
     manifest = manifest_of("out/hall")
-    assert [list(one) for one in manifest["stages"]] == [["esdf"], ["cost"]]
+    assert [list(stage) for stage in manifest["stages"]] == [["esdf"], ["cost"]]
     robot = manifest["robot"]
     sha256 = hashlib.sha256(NAV2.encode()).hexdigest()
     assert robot["files"] == [{"name": "nav2.yaml", "sha256": sha256}]
     assert robot["node"] == "/global_costmap/global_costmap"
     assert robot["inscribed_radius"] == pytest.approx(INSCRIBED, abs=1e-12)
     assert robot["circumscribed_radius"] == pytest.approx(CIRCUMSCRIBED, abs=1e-12)
-    by_name = {one["name"]: one for one in robot["layers"]}
+    by_name = {layer["name"]: layer for layer in robot["layers"]}
     assert by_name["inflation_layer"]["cost_scaling_factor"] == 2.5
     assert by_name["obstacle_layer"]["needs"] == "observations"
-    told = "/global_costmap/global_costmap of nav2.yaml, inscribed_radius 0.2 m"
-    assert f"  robot       {told}" in sh("info out/hall")[1]
+    line = "/global_costmap/global_costmap of nav2.yaml, inscribed_radius 0.2 m"
+    assert f"  robot       {line}" in sh("info out/hall")[1]
 
 
 def test_the_same_run_is_unchanged_until_the_parameters_change(sh, here, nav2):
@@ -133,9 +133,9 @@ def test_options_win_over_the_file(sh, option, value, changes):
     costs_of(OF_RUN, **changes)
 
 
-def test_another_model_says_what_it_takes_of_the_file(sh):
-    told = "warning: --params-file: model rings takes no shape and no costs"
-    assert told in sh.err(f"{COST} --model rings")
+def test_another_model_warns_of_what_it_ignores_of_the_file(sh):
+    warning = "warning: --params-file: model rings takes no shape and no costs"
+    assert warning in sh.err(f"{COST} --model rings")
     assert "warning" not in sh.err(f"{COST} --model layers --force")
     costs_of("c.npz")
 
@@ -145,8 +145,8 @@ def test_the_files_of_ros_1_are_taken_together(sh):
     assert "sonar" in sh.err(f"cost hall.npz -o c.npz {files}")
     costs_of("c.npz", lookup="exact")  # ROS 1 pads by a double
     out = sh("info common.yaml ours.yaml nav2.yaml hall.npz --json")[1]
-    first, *others = [json.loads(line) for line in out.splitlines()]
-    assert [one["kind"] for one in others] == ["robot parameters", "occupancy grid"]
+    first, *documents = [json.loads(line) for line in out.splitlines()]
+    assert [document["kind"] for document in documents] == ["robot parameters", "occupancy grid"]
     assert [file["name"] for file in first["files"]] == ["common.yaml", "ours.yaml"]
 
 
@@ -177,8 +177,8 @@ def test_routes_go_through_the_robots_costs(sh):
     with_file, with_costs = sh(f"route walled.npz {ends} {FILE}"), sh(f"route c.npz {ends}")
     assert with_file[0] == with_costs[0] == 0
     assert with_file[1] == with_costs[1] != sh(f"route walled.npz {ends}")[1]
-    told = "--params-file: applies to maps: these costs are already computed"
-    assert told in sh.err(f"route c.npz {ends} {FILE}", 2)
+    message = "--params-file: applies to maps: these costs are already computed"
+    assert message in sh.err(f"route c.npz {ends} {FILE}", 2)
 
 
 TAKERS = [
@@ -189,27 +189,33 @@ TAKERS = [
     "reach hall.npz -o o.json --from 2,-1",
     "query hall.npz --at 2,-1,0",
 ]
-OTHERS = "amcl: {ros__parameters: {alpha1: 0.2}}\ncontroller_server: {ros__parameters: {x: 1}}\n"
+OTHER_NODES = (
+    "amcl: {ros__parameters: {alpha1: 0.2}}\ncontroller_server: {ros__parameters: {x: 1}}\n"
+)
 REFUSED = {
     "type": (NAV2.replace("us: 0.85", "us: 1"), "line 12", ": must be a double, is an integer"),
     "level": (NAV2.replace("  global_costmap:\n", ""), "line 2", "applies to no node: Nav2's cost"),
     "none": (f"amcl:\n  ros__parameters:\n    # x: 1\n{NAV2}", "line 2", "holds no parameters, a"),
-    "others": (OTHERS, "", "holds no parameter of /global_costmap/global_costmap; it has /amcl, "),
+    "others": (
+        OTHER_NODES,
+        "",
+        "holds no parameter of /global_costmap/global_costmap; it has /amcl, ",
+    ),
 }
 
 
-@pytest.mark.parametrize(("text", "place", "told"), REFUSED.values(), ids=REFUSED)
-def test_what_the_node_refuses_is_refused_by_all_commands(sh, here, nav2, text, place, told):
+@pytest.mark.parametrize(("text", "place", "message"), REFUSED.values(), ids=REFUSED)
+def test_what_the_node_refuses_is_refused_by_all_commands(sh, here, nav2, text, place, message):
     nav2(text)
     before = tree(here)
     for line in TAKERS:
         code, out, err = sh(f"{line} {FILE}")
         assert (code, out) == (3, ""), line
         assert err.startswith("error: nav2.yaml: ")
-        assert all(text in err for text in (place, told, "hint: "))
+        assert all(text in err for text in (place, message, "hint: "))
     assert sh("info nav2.yaml")[0] == 3
     code, out, _ = sh(f"lint {FILE}")
-    assert (code, out.count(": error: "), told in out) == (1, 1, True)
+    assert (code, out.count(": error: "), message in out) == (1, 1, True)
     assert tree(here) == before
 
 
@@ -222,11 +228,11 @@ def test_warnings_of_the_parameters_are_kept_and_end_strict_runs(sh, here, nav2)
     manifest = manifest_of("out/hall")
     assert any("no static layer" in text for text in manifest["warnings"])
     assert not any(str(here) in text for text in manifest["warnings"])
-    assert [list(one) for one in manifest["stages"]] == [["cost"]]
+    assert [list(stage) for stage in manifest["stages"]] == [["cost"]]
 
 
 def test_a_recipe_takes_the_shape_alone_and_says_nothing_of_layers(sh, nav2):
-    """An inflated map is none that "is all free", and no layer could have had a part in it."""
+    """The map is inflated, so no warning may call it all free, nor name layers."""
     nav2(NAV2.replace('["static_layer", "obstacle_layer", ', '["obstacle_layer", '))
     sh.ok(f"inflate hall.npz -o i.npz {FILE}")
     assert "layer" not in sh.err(f"{RUN} --strict --recipe default")
@@ -240,8 +246,8 @@ def test_a_recipe_takes_the_shape_alone_and_says_nothing_of_layers(sh, nav2):
 
 def test_info_says_what_a_file_comes_to_on_a_map(sh):
     # ceil(0.85 / float32(0.15)) = 6
-    told = "on the map    hall.npz: inflation_layer reaches 6 cells, 0.9 m"
-    assert told in sh.ok("info nav2.yaml --map hall.npz")
+    line = "on the map    hall.npz: inflation_layer reaches 6 cells, 0.9 m"
+    assert line in sh.ok("info nav2.yaml --map hall.npz")
     report = sh.json("info nav2.yaml --json")
     assert (report["kind"], "on_map" in report) == ("robot parameters", False)
     assert report["inscribed_radius"] == pytest.approx(INSCRIBED, abs=1e-12)
@@ -249,6 +255,6 @@ def test_info_says_what_a_file_comes_to_on_a_map(sh):
 
 def test_a_local_costmap_without_a_static_layer_gets_the_map_in_front(sh, nav2):
     nav2(NAV2 + NAV2.replace("global", "local").replace('"static_layer", ', ""))
-    told = "nav2.yaml: the local costmap has no static layer; the map is put in front"
-    assert told in sh.err(f"{COST} --costmap local")
+    message = "nav2.yaml: the local costmap has no static layer; the map is put in front"
+    assert message in sh.err(f"{COST} --costmap local")
     costs_of("c.npz")

@@ -1,4 +1,4 @@
-"""The command line as a process: how it starts, ends, and what it says at its end."""
+"""The command line as a process: its start, its end, and its last lines."""
 
 import errno
 import json
@@ -46,54 +46,56 @@ def shell(line):
 
 
 def test_a_process_ends_with_all_of_its_output():
-    told = process("info", *["a.yaml"] * 40, "--json")
-    assert (told.returncode, told.stderr) == (0, "")
-    assert len(told.stdout.splitlines()) == 40
+    completed = process("info", *["a.yaml"] * 40, "--json")
+    assert (completed.returncode, completed.stderr) == (0, "")
+    assert len(completed.stdout.splitlines()) == 40
 
 
 @pytest.mark.parametrize("redirection", [">&-", ">&- 2>&-", "2> >(true)", "2>&1 | true"])
 def test_closed_streams_and_readers_that_go_away_do_not_change_what_is_done(redirection):
-    told = shell(f"$mapdeal run -v a.yaml b.yaml -o out --no-images -j 1 {redirection}")
-    assert told.returncode == 0, told.stderr
+    completed = shell(f"$mapdeal run -v a.yaml b.yaml -o out --no-images -j 1 {redirection}")
+    assert completed.returncode == 0, completed.stderr
     summary = json.loads(Path("out/summary.json").read_text())
     assert [entry["status"] for entry in summary["maps"]] == ["done", "done"]
 
 
 @pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full"])
 def test_an_error_keeps_its_exit_code_without_stderr(redirection):
-    told = shell(f"$mapdeal inflate nope.yaml -o o.yaml {redirection}")
-    assert (told.returncode, told.stdout) == (4, "")
+    completed = shell(f"$mapdeal inflate nope.yaml -o o.yaml {redirection}")
+    assert (completed.returncode, completed.stdout) == (4, "")
 
 
 @pytest.mark.parametrize("words", ["--version", "run a.yaml -o out --no-images"])
-def test_a_full_disk_behind_stdout_is_told_in_one_line(words):
-    told = shell(f"$mapdeal {words} > /dev/full")
-    assert told.returncode == 4
-    assert told.stderr == "error: standard output: cannot be written: No space left on device\n"
+def test_a_full_disk_behind_stdout_is_one_line(words):
+    completed = shell(f"$mapdeal {words} > /dev/full")
+    assert completed.returncode == 4
+    assert (
+        completed.stderr == "error: standard output: cannot be written: No space left on device\n"
+    )
 
 
 @pytest.mark.parametrize("words", ["--help", "info a.yaml"])
-def test_a_reader_that_has_seen_enough_is_no_error_f13(words):
-    told = shell(f"$mapdeal {words} | true")
-    assert (told.returncode, told.stderr) == (0, "")
+def test_a_reader_that_has_seen_enough_is_no_error(words):
+    completed = shell(f"$mapdeal {words} | true")
+    assert (completed.returncode, completed.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(
-    ("wanted", "found"),
+    ("requested", "found"),
     [
         ("", "scipy" if engine.compiled_module() is None else "compiled"),
         ("scipy", "scipy"),
     ],
 )
-def test_the_version_says_which_kernels_are_in_use(wanted, found):
-    assert f"(kernels: {found})" in process("--version", MAPDEAL_KERNELS=wanted).stdout
+def test_the_version_says_which_kernels_are_in_use(requested, found):
+    assert f"(kernels: {found})" in process("--version", MAPDEAL_KERNELS=requested).stdout
 
 
-def test_an_engine_that_there_is_not_is_an_error_on_one_line():
+def test_an_unknown_engine_is_an_error_on_one_line():
     for words in (["--version"], ["inflate", "a.yaml", "-o", "o.yaml"]):
-        told = process(*words, MAPDEAL_KERNELS="opencv")
+        completed = process(*words, MAPDEAL_KERNELS="opencv")
         line = "error: MAPDEAL_KERNELS: must be compiled or scipy, got 'opencv'\n"
-        assert (told.returncode, told.stderr) == (2, line)
+        assert (completed.returncode, completed.stderr) == (2, line)
     assert not Path("o.yaml").exists()
 
 
@@ -120,8 +122,8 @@ def test_bytes_do_not_depend_on_engine_or_threads(here, line):
     written = []
     for kernels, threads in (("scipy", "1"), ("compiled", "2"), ("compiled", "1")):
         words = line.replace("OUT", f"{kernels}{threads}").split()
-        told = process(*words, "--threads", threads, MAPDEAL_KERNELS=kernels)
-        assert told.returncode == 0, told.stderr
+        completed = process(*words, "--threads", threads, MAPDEAL_KERNELS=kernels)
+        assert completed.returncode == 0, completed.stderr
         written.append(tree(here / f"{kernels}{threads}"))
     assert written[0] == written[1] == written[2] != {}
 
@@ -148,9 +150,12 @@ run_process()
     [("1", "SIGINT"), ("120", "SIGINT"), ("5", "SIGTERM"), ("60", "SIGHUP")],
 )
 def test_a_signal_during_the_start_is_one_line(which, sent):
-    done = process(which, sent, "inflate", "a.yaml", "-o", "o.yaml", code=SIGNALLED)
-    how = "interrupted" if sent == "SIGINT" else f"terminated by {sent}"
-    assert (done.returncode, done.stderr) == (128 + signal.Signals[sent], f"error: {how}\n")
+    completed = process(which, sent, "inflate", "a.yaml", "-o", "o.yaml", code=SIGNALLED)
+    ending = "interrupted" if sent == "SIGINT" else f"terminated by {sent}"
+    assert (completed.returncode, completed.stderr) == (
+        128 + signal.Signals[sent],
+        f"error: {ending}\n",
+    )
     assert not Path("o.yaml").exists()
 
 
@@ -190,5 +195,5 @@ def test_what_else_may_end_a_command_has_its_code(command, monkeypatch, problem,
 
 def test_garbage_is_looked_for_once_a_command_works_but_not_among_imports():
     code = "import gc; gc.disable(); from mapdeal.cli.process import begin_work; begin_work()"
-    done = process(code=f"{code}; print(gc.isenabled(), gc.get_freeze_count() > 0)")
-    assert done.stdout == "True True\n"
+    completed = process(code=f"{code}; print(gc.isenabled(), gc.get_freeze_count() > 0)")
+    assert completed.stdout == "True True\n"

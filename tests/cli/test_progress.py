@@ -53,13 +53,13 @@ class Screen:
 @pytest.fixture
 def screen(monkeypatch):
     """A terminal behind stderr, and a line of progress that comes at once."""
-    main, other = pty.openpty()
+    main, screen_end = pty.openpty()
     monkeypatch.setattr(terminal, "_LINE_AFTER", 0.001)
     monkeypatch.setattr(terminal, "_LINE_EVERY", 0.001)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("NO_COLOR", "1")
     terminal.configure(quiet=False, verbose=False)
-    with open(other, "w", encoding="utf-8", buffering=1) as stream:
+    with open(screen_end, "w", encoding="utf-8", buffering=1) as stream:
         screen = Screen(main, stream)
         yield screen
     screen.reader.join()  # it ends with the stream; the next terminal may get the same number
@@ -121,18 +121,18 @@ def test_nothing_is_shown_where_it_is_of_no_use(screen, monkeypatch, case):
     if case == "pipe":
         screen.stream = io.StringIO()
     with screen.shows("run"):
-        assert activities.get() is None  # nobody asks what is being done
+        assert activities.get() is None  # no list collects names of activities
         time.sleep(0.05)
     assert screen.shown == b""
 
 
 def test_commands_name_what_they_read_write_and_compute(sh):
-    seen = []
+    activity_names = []
     write_map("m.yaml", grid_from_text("...#\n.?..", 0.1, (1, -2, 0.4)))
 
     class Names(list):
         def append(self, name):
-            seen.append(name)
+            activity_names.append(name)
             super().append(name)
 
     token = activities.set(Names())
@@ -140,4 +140,4 @@ def test_commands_name_what_they_read_write_and_compute(sh):
         sh("esdf m.yaml -o field.npz")
     finally:
         activities.reset(token)
-    assert seen == ["reading m.yaml", "esdf", "writing field.npz"]
+    assert activity_names == ["reading m.yaml", "esdf", "writing field.npz"]

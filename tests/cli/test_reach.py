@@ -1,4 +1,4 @@
-"""``mapdeal reach``: what it prints, what it writes, and how it ends."""
+"""``mapdeal reach``: its output, its files, and its exit codes."""
 
 import json
 from pathlib import Path
@@ -77,27 +77,27 @@ def test_closed_cells_are_refused_with_the_nearest_open_one(sh, at):
     err = sh.err(f"{line} {at(3, 0)}", 2)
     assert "lies in a closed cell (an obstacle)" in err
     assert "the nearest open cell is 0.5 m away" in err
-    told = "0.25 m from an obstacle, the robot's radius is 0.26 m"
-    assert told in sh.err(f"{line} {at(3, 1)}", 2)
+    message = "0.25 m from an obstacle, the robot's radius is 0.26 m"
+    assert message in sh.err(f"{line} {at(3, 1)}", 2)
 
 
 def test_goals_in_closed_cells_are_not_reached_and_the_others_are_answered(sh, at):
     goals = f"--to wall={at(3, 0)} {at(3, 4)} lab={at(3, -4)}"
     line = f"reach rooms.yaml --from {at(3, 2)} {goals} --robot-radius 0.24 --image out.png"
     code, out, err = sh(line)
-    told = "its cell is an obstacle; 1 more of 3 goals is not reachable"
-    assert (code, f"(wall) is not reachable: {told}" in err) == (1, True)
+    message = "its cell is an obstacle; 1 more of 3 goals is not reachable"
+    assert (code, f"(wall) is not reachable: {message}" in err) == (1, True)
     goals = json.loads(out)["goals"]
-    assert [one["reachable"] for one in goals] == [False, True, False]
-    assert [one["reason"] for one in goals] == ["an obstacle", None, "outside of the map"]
+    assert [goal["reachable"] for goal in goals] == [False, True, False]
+    assert [goal["reason"] for goal in goals] == ["an obstacle", None, "outside of the map"]
     x, y = map(float, at(3, 1).split(","))
     near = {"x": pytest.approx(x, abs=2e-6), "y": pytest.approx(y, abs=2e-6)}
-    assert [one["nearest_open"] for one in goals] == [near, None, near]
+    assert [goal["nearest_open"] for goal in goals] == [near, None, near]
     assert f"hint: the nearest open cell is at {x},{y}" in err
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "message"),
     [
         ("--robot-radius 5", 3, "no cell is open to a robot of radius 5 m"),
         ("", 0, "no start is given: it is"),
@@ -105,8 +105,8 @@ def test_goals_in_closed_cells_are_not_reached_and_the_others_are_answered(sh, a
         ("--footprint [[0.9,0.1],[0.9,-0.1],[0.5,-0.1],[0.5,0.1]]", 0, "lies outside"),
     ],
 )
-def test_what_is_said_of_odd_robots_and_of_what_the_tool_chose(sh, at, words, code, told):
-    assert told in sh.err(f"reach rooms.yaml {words}", code)
+def test_odd_robots_and_defaults_are_reported(sh, at, words, code, message):
+    assert message in sh.err(f"reach rooms.yaml {words}", code)
 
 
 def test_goals_from_a_file(sh, at):
@@ -116,9 +116,9 @@ def test_goals_from_a_file(sh, at):
     goals.write_text(f'{at(3, 2)}\nkitchen={at(3, 2)}\n{{"name": "lab", "x": {x}, "y": {y}}}\n')
     found = [(goal.get("name"), goal["reachable"]) for goal in sh.json(line)["goals"]]
     assert found == [(None, True), ("kitchen", True), ("lab", True)]
-    for text, told in (("1,2\nkitchen\n", "line 2"), ("", "holds no points")):
+    for text, message in (("1,2\nkitchen\n", "line 2"), ("", "holds no points")):
         goals.write_text(text)
-        assert told in sh.err(line, 3)
+        assert message in sh.err(line, 3)
 
 
 def write_robot(tracks, layers="", more=""):
@@ -137,8 +137,8 @@ def test_the_map_of_a_robot_s_own_parameters(sh, here, tracks):
     write_robot(str(tracks).lower())
     ends = f"--from {place(grid, 1, 1)} --to {place(grid, 1, 3)}"
     code, out, err = sh(f"reach map.yaml {ends} --params-file robot.yaml")
-    told = "costmap treats unknown cells as free, 6.67 % of the map: the robot drives through"
-    assert (code, told in err) == (int(tracks), not tracks)
+    message = "costmap treats unknown cells as free, 6.67 % of the map: the robot drives through"
+    assert (code, message in err) == (int(tracks), not tracks)
     radius = json.loads(out)["robot"]["radius"]
     assert radius == pytest.approx((0.2 + 0.01) * np.cos(np.pi / 16), abs=0.01)
 
@@ -202,8 +202,8 @@ def test_the_graph_its_figures_and_its_picture(sh, along):
 
 def test_a_goal_in_a_wall_ends_with_1_and_a_point_is_warned_of(sh, here, along):
     line = "graph rooms.yaml -o g.geojson"
-    told = "goal wall is not reachable"
-    assert told in sh.err(f"{line} --robot-radius 0.2 --to wall=0,0", 1)
+    message = "goal wall is not reachable"
+    assert message in sh.err(f"{line} --robot-radius 0.2 --to wall=0,0", 1)
     assert not list(here.glob("g.*"))
     assert "no robot is given" in sh.err(line)
 
@@ -216,9 +216,9 @@ def test_a_route_goes_by_the_graph(sh, along):
     alone = json.loads(sh.ok(line))
     assert (found["method"], found["reached"]) == ("graph", True)
     assert alone["length_m"] <= found["length_m"] + 0.5 < 1.3 * alone["length_m"]
-    nodes = {tuple(one["geometry"]["coordinates"])
-             for one in json.loads(Path("g.geojson").read_text())["features"]
-             if one["geometry"]["type"] == "Point"}  # fmt: skip
+    nodes = {tuple(feature["geometry"]["coordinates"])
+             for feature in json.loads(Path("g.geojson").read_text())["features"]
+             if feature["geometry"]["type"] == "Point"}  # fmt: skip
     assert sum(tuple(point) in nodes for point in found["points"]) > 5
     sh.ok("report rooms.yaml g.geojson -o page.html")
     assert "graph needs --graph" in sh.err(f"{line} --method graph", 2)

@@ -169,8 +169,6 @@ ROWS = [
     ("route m.yaml --from 1,1", "--from, --to: both are required, unless pairs are given"),
     ("route m.yaml --pairs p.csv --from 1,1", "--from: applies to one route"),
     ("route m.yaml --pairs p.csv --heuristic field", "--heuristic: applies to one route"),
-    ("route m.yaml --pairs p.csv --repulsive-gain 2", "--repulsive-gain: applies to one route"),
-    ("route m.yaml --pairs p.csv --method descent", "--pairs: compares routes of method astar"),
     ("route m.yaml --pairs p.csv --image o.png", "--image: applies to one route"),
     ("route m.yaml --pairs p.csv --compare plain,fast", "must be some of plain, cost, heuristic"),
     ("route m.yaml --pairs p.csv -o o.json", "--output: must end in .jsonl"),
@@ -212,7 +210,7 @@ ROWS = [
     ("align m.yaml m2.yaml --prior 1,2", "--prior: must be a transform, or three numbers"),
     ("align m.yaml m2.yaml --rotation north", "--rotation: must be degrees such as 0,90,180,270"),
     ("merge m.yaml -o o.yaml", "maps: takes two maps or more, got 1"),
-    *((code, f"merge m.yaml {words} -o o.npz", told) for code, words, told in MERGES),
+    *((code, f"merge m.yaml {words} -o o.npz", message) for code, words, message in MERGES),
     # outputs that are inputs
     *((4, f"{line} --force", "the output is the input") for line in REPLACED),
     (4, "run m.yaml -o made --params-file made/m/nav2.yaml", "where the outputs go"),
@@ -260,9 +258,9 @@ def place(tmp_path_factory):
         write(folder / name, room)
     small = grid_from_text("..#..\n.....", 0.1)
     field = esdf(small)
-    made = {"field": field, "rings": ring_cost(small), "steps": threshold_cost(field),
+    products = {"field": field, "rings": ring_cost(small), "steps": threshold_cost(field),
             "potential": potential(field)}  # fmt: skip
-    for name, product in {**made, "cost": exponential_cost(small)}.items():
+    for name, product in {**products, "cost": exponential_cost(small)}.items():
         write(folder / f"{name}.npz", product)
     write(folder / "far.yaml", grid_from_text("..#", 0.1, (1e7, 0.0, 0.0)))
     with (folder / "odd.npz").open("wb") as file:
@@ -277,13 +275,13 @@ def place(tmp_path_factory):
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row[-2])
-def test_it_is_told_and_nothing_is_written(command, place, monkeypatch, row):
-    code, line, told = row if len(row) == 3 else (2, *row)
+def test_it_is_refused_by_name_and_nothing_is_written(command, place, monkeypatch, row):
+    code, line, message = row if len(row) == 3 else (2, *row)
     monkeypatch.chdir(place)
     before = tree(place)
     found, out, err = command(*line.split())
     assert (found, out) == (code, "")
-    assert told in err
-    lines = [one for one in err.splitlines() if not one.startswith("warning: ")]
-    assert [one.split(": ")[0] for one in lines] in (["error"], ["error", "hint"])
+    assert message in err
+    lines = [text for text in err.splitlines() if not text.startswith("warning: ")]
+    assert [text.split(": ")[0] for text in lines] in (["error"], ["error", "hint"])
     assert tree(place) == before

@@ -1,4 +1,4 @@
-"""``mapdeal report`` and ``run --report``: what is written, what is said, and how they end."""
+"""``mapdeal report`` and ``run --report``: their files, their messages, their exit codes."""
 
 import html
 import json
@@ -35,16 +35,16 @@ def run(sh):
 def test_python_writes_the_bytes_of_the_command(sh, run):
     out = sh.ok("report out/rooms reach.json -o new/one.html --title Rooms --threads 3")
     assert out.startswith("new/one.html: 1 map, ")  # to which the document belongs
-    made = mapdeal.write_report("two.html", ["out/rooms", "reach.json"], title="Rooms")
+    report = mapdeal.write_report("two.html", ["out/rooms", "reach.json"], title="Rooms")
     page = Path("new/one.html").read_bytes()
     assert page.startswith(b"<!doctype html>")
-    assert page == made.path.read_bytes()
-    assert (made.maps, made.size) == (1, made.path.stat().st_size)
+    assert page == report.path.read_bytes()
+    assert (report.maps, report.size) == (1, report.path.stat().st_size)
 
 
 def test_a_run_writes_its_page_with_the_map_as_read(sh):
-    told = sh(RUN)[1]
-    assert "out/report.html: 1 map, " in told
+    output = sh(RUN)[1]
+    assert "out/report.html: 1 map, " in output
     names = ("report.html", "report.json")
     first = [Path("out", name).read_bytes() for name in names]
     assert b"Map as read" in first[0]
@@ -52,16 +52,18 @@ def test_a_run_writes_its_page_with_the_map_as_read(sh):
     assert [Path("out", name).read_bytes() for name in names] == first
 
 
-def test_a_run_with_a_page_is_checked_by_lint_and_asked_where_the_robot_gets_to(sh):
+def test_a_run_with_a_page_is_checked_by_lint_and_reach(sh):
     points = mapdeal.read_map("rooms.yaml").frame.xy_from_rowcol([(2, 4), (2, 10)])
     start, lab = (f"{x:g},{y:g}" for x, y in points.tolist())
-    asked = f"--from {start} --to lab={lab} here={start}"
+    ends = f"--from {start} --to lab={lab} here={start}"
     states = {}
     for radius in (0.1, 0.3):
-        code = sh(f"run rooms.yaml -o r{radius} --robot-radius {radius} --report {asked}")[0]
+        code = sh(f"run rooms.yaml -o r{radius} --robot-radius {radius} --report {ends}")[0]
         assert code == (radius == 0.3)
         (entry,) = json.loads(Path(f"r{radius}/report.json").read_text())["entries"]
-        states[radius] = {one["about"]: (one["state"], one["text"]) for one in entry["claims"]}
+        states[radius] = {
+            claim["about"]: (claim["state"], claim["text"]) for claim in entry["claims"]
+        }
         page = Path(f"r{radius}/report.html").read_text()
         assert "goal lab" in page
         assert "robot of radius" in page or "round robot" in page
@@ -73,7 +75,7 @@ def test_a_run_with_a_page_is_checked_by_lint_and_asked_where_the_robot_gets_to(
     assert states[0.3]["map"][0] == (
         "error" if found.errors else "warning" if found.warnings else "good"
     )
-    # without a robot nobody has looked, which is no error
+    # goals stay unchecked if there is no robot; this is no error
     sh("run rooms.yaml -o none --report")
     (entry,) = json.loads(Path("none/report.json").read_text())["entries"]
     assert entry["claims"][-1]["state"] == "unknown"
@@ -94,19 +96,23 @@ def test_an_invalid_configuration_of_lint_leaves_the_rest_of_the_page(sh, rooms)
     assert "mapdeal.toml: lint.select: must be a list of names" in err
     assert "so findings of lint are not shown" in err
     (entry,) = json.loads(Path("out/report.json").read_text())["entries"]
-    assert {one["about"]: one["state"] for one in entry["claims"]}["map"] == "unknown"
+    assert {claim["about"]: claim["state"] for claim in entry["claims"]}["map"] == "unknown"
 
 
 def test_the_verdict_as_json(sh, run):
     assert sh("lint rooms.yaml --format json")[0] == 0
     Path("lint.json").write_text(sh("lint rooms.yaml --format json")[1])
-    told = json.loads(sh.ok("report out/rooms rooms.yaml lint.json -o page.html --json"))
-    assert (told["format"], told["maps"], told["path"]) == ("mapdeal-report/1", 1, "page.html")
-    assert told["bytes"] == Path("page.html").stat().st_size
-    (entry,) = told["entries"]
-    assert [one["about"] for one in entry["claims"]] == ["map", "costmap"]
+    document = json.loads(sh.ok("report out/rooms rooms.yaml lint.json -o page.html --json"))
+    assert (document["format"], document["maps"], document["path"]) == (
+        "mapdeal-report/1",
+        1,
+        "page.html",
+    )
+    assert document["bytes"] == Path("page.html").stat().st_size
+    (entry,) = document["entries"]
+    assert [claim["about"] for claim in entry["claims"]] == ["map", "costmap"]
     assert set(entry["claims"][0]) == {"about", "state", "text"}
-    assert told["state"] == "warning"  # the costs are nobody's
+    assert document["state"] == "warning"  # the costs are nobody's
 
 
 def test_results_about_another_map_robot_or_costmap_are_warned_of(sh):
@@ -125,7 +131,7 @@ def test_results_about_another_map_robot_or_costmap_are_warned_of(sh):
         ("costmap", "rooms.yaml --params-file nav3.yaml"),
     ):  # fmt: skip
         assert sh(f"reach {words} -o {name}.json")[0] == 0
-    for paths, told in (
+    for paths, warning in (
         ("out/rooms same.json", None), ("own/rooms own.json", None), ("rooms.yaml own.json", None),
         ("out/rooms robot.json", "robot.json: another robot than in out/rooms: a robot of radius"),
         ("rooms.yaml same.json robot.json", "robot.json: another robot than in same.json"),
@@ -133,21 +139,21 @@ def test_results_about_another_map_robot_or_costmap_are_warned_of(sh):
         ("own/rooms costmap.json", "costmap.json: another costmap than in own/rooms"),
     ):  # fmt: skip
         code, _, err = sh(f"report {paths} -o page.html --force")
-        assert (code, "another" in err) == (0, told is not None), err
+        assert (code, "another" in err) == (0, warning is not None), err
         page = Path("page.html").read_text()
-        assert told is None or (told in err and told.partition(": ")[2][:12] in page)
+        assert warning is None or (warning in err and warning.partition(": ")[2][:12] in page)
 
 
 def test_a_batch_has_its_page_even_if_maps_fail(sh):
     mapdeal.write_map("maps/a/one.yaml", grid_from_text(ROOMS))
     Path("maps/bad.yaml").write_text("image: none.pgm\nresolution: x\n")
-    code, told, _ = sh("run maps -o out --report -j 1")
-    assert (code, "out/report.html: 2 maps, " in told) == (5, True)
+    code, output, _ = sh("run maps -o out --report -j 1")
+    assert (code, "out/report.html: 2 maps, " in output) == (5, True)
     page = Path("out/report.html").read_text()
     assert "a/<wbr>one" in page
     assert "failed" in page
     verdict = json.loads(Path("out/report.json").read_text())
-    assert {one["name"]: one["state"] for one in verdict["entries"]}["bad"] == "error"
+    assert {entry["name"]: entry["state"] for entry in verdict["entries"]}["bad"] == "error"
     assert sh("run maps -o out --report")[0] == 5
     assert Path("out/report.html").read_text() == page  # though one is unchanged now
 
@@ -170,7 +176,7 @@ def test_a_dry_run_says_where_the_page_goes(sh):
 FROM, LAB = "0.55,1.05", "2.45,1.05"  # on both sides of a door of 0.3 m
 ROBOT = "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.1}}}\n"
 BOX = "[[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1], [0.1, -0.1]]"
-# What is reported, and the command that the verdict proposes, with its exit code.
+# The reported run, and the command that the verdict proposes, with its exit code.
 NEXT = [
     ("run hall.yaml -o out",
      "run hall.yaml -o nav2 --recipe nav2 --robot-radius 0.22 --report", 0),

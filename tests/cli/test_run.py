@@ -1,4 +1,4 @@
-"""The command `run`: what it says of maps and stages."""
+"""The command `run`: its messages about maps and stages."""
 
 import json
 from pathlib import Path
@@ -14,12 +14,12 @@ ROOM = "#......\n.......\n......."
 
 def test_a_map_that_is_named_twice_is_run_once_and_said(sh, here):
     write_map("m.yaml", grid_from_text("#..\n..."))
-    told = "1 map was named more than once, and is run once: m.yaml"
-    assert sh.err("run m.yaml m.yaml -o o --no-images") == f"note: {told}\n"
+    message = "1 map was named more than once, and is run once: m.yaml"
+    assert sh.err("run m.yaml m.yaml -o o --no-images") == f"note: {message}\n"
     assert Path("o/m/manifest.json").exists()
 
 
-def test_json_of_a_run_says_what_its_files_do(sh, here):
+def test_json_of_a_run_agrees_with_its_files(sh, here):
     for name in "ab":
         write_map(f"{name}.yaml", grid_from_text(ROOM))
     plan = sh.json("run a.yaml -o alone --dry-run --json")
@@ -27,9 +27,9 @@ def test_json_of_a_run_says_what_its_files_do(sh, here):
     wrote = sorted(str(path) for path in Path("alone").rglob("*") if path.is_file())
     assert sorted(plan["maps"][0]["writes"]) == wrote
     assert plan["maps"][0]["reads"] == ["a.yaml", "a.pgm"]
-    told = sh.json("run a.yaml b.yaml -o o --no-images --json")
-    assert told == json.loads(Path("o/summary.json").read_text())
-    assert told["maps"][0] == alone["maps"][0]
+    document = sh.json("run a.yaml b.yaml -o o --no-images --json")
+    assert document == json.loads(Path("o/summary.json").read_text())
+    assert document["maps"][0] == alone["maps"][0]
     assert sh.json("run a.yaml -o alone --json")["maps"][0]["status"] == "unchanged"
     page = sh.json("run a.yaml -o o --no-images --report --json")["report"]
     assert page == json.loads(Path("o/report.json").read_text())
@@ -41,7 +41,7 @@ def test_json_of_a_run_says_what_its_files_do(sh, here):
     assert sh(f"{line} -q") == (code, f"{differing[0]}\n", err)
 
 
-def test_the_radius_of_a_footprint_is_told_everywhere(sh, here):
+def test_the_radius_of_a_footprint_is_named_everywhere(sh, here):
     """0.5 m, by hand: the corner lies 0.3 and 0.4 m from the centre."""
     write_map("m.yaml", grid_from_text(ROOM))
     shape = "--footprint [[0.3,0.4],[0.3,-0.4],[-0.3,-0.4],[-0.3,0.4]] -v"
@@ -65,8 +65,8 @@ def test_info_says_how_a_file_was_made_of_the_run_s_own_files_alone(sh, here):
     write_map("o/m/own.npz", grid_from_text("#."))
     Path("o/m/inflated.pgm").write_bytes(Path("m.pgm").read_bytes())
     names = ["cost.npz", "esdf.npz", "own.npz", "inflated.yaml"]
-    made = [name for name in names if "made_by" in sh.json(f"info o/m/{name} --json")]
-    assert made == ["cost.npz"]
+    described = [name for name in names if "made_by" in sh.json(f"info o/m/{name} --json")]
+    assert described == ["cost.npz"]
     assert sh.ok("info .").startswith("m.yaml\n")
 
 
@@ -76,10 +76,10 @@ def test_the_whole_canvas_in_a_batch_with_worker_processes(sh, here):
         write_map(f"{name}.yaml", grid_from_text(CROPPED, 0.3))
     line = "run a.yaml b.yaml -o o --sim --canvas full --no-images --jobs 2"
     assert sh(line)[0] == 0
-    whole = read_map("a.yaml")
+    grid = read_map("a.yaml")
     for name in ("a", "b"):
         field = read_map(f"o/{name}/esdf.npz")
-        assert (field.frame, field.region) == (whole.frame, (1, 1, 2, 3))
+        assert (field.frame, field.region) == (grid.frame, (1, 1, 2, 3))
         assert read_map(f"o/{name}/cost.npz").shape == (4, 5)
     assert "2 unchanged" in sh(f"{line} -n")[1]
 
@@ -110,7 +110,7 @@ def test_what_a_run_has_cropped_is_put_back_by_window(sh, cropped, where):
         assert Path("again", name).read_bytes() == Path("full/m", name).read_bytes()
 
 
-def test_a_field_on_the_whole_canvas_is_asked_and_converted(sh, cropped):
+def test_a_field_on_the_whole_canvas_is_queried_and_converted(sh, cropped):
     field = "full/m/esdf.npz"
     out = sh.ok(f"query {field} --at 2.25,2.75 1.25,2.25")
     inner, outer = (json.loads(line) for line in out.splitlines())

@@ -71,7 +71,7 @@ def test_what_the_local_map_is_warned_of_is_not_said_of_the_whole_map(sh, place)
         assert "m.yaml: cost: every cell is unknown" not in err
 
 
-def test_what_is_there_is_not_made_again(sh, place):
+def test_existing_outputs_are_not_written_again(sh, place):
     def times():
         return {p: p.stat().st_mtime_ns for p in (place / "o").rglob("*")}
 
@@ -81,14 +81,14 @@ def test_what_is_there_is_not_made_again(sh, place):
     assert out == "m.yaml -> o/m: unchanged\nm.yaml -> o/m/local: unchanged\n"
     assert times() == before
     # another pose: only the local map differs, and is not replaced unasked
-    other = around(IN_RUN, pose="--pose 0.6,0.3,1.2")
-    error, hint = sh.err(other, 4).splitlines()[:2]
+    elsewhere = around(IN_RUN, pose="--pose 0.6,0.3,1.2")
+    error, hint = sh.err(elsewhere, 4).splitlines()[:2]
     assert error == "error: o/m/local/local.pgm: the output exists"
     assert hint.startswith("hint: --force replaces it")
     assert times() == before
     for path in Path("o/m/local").iterdir():
         path.unlink()
-    out = sh(other)[1]
+    out = sh(elsewhere)[1]
     assert out.startswith("m.yaml -> o/m: unchanged\nm.yaml -> o/m/local: 2 of 3 points")
 
 
@@ -115,9 +115,9 @@ def test_blocks_give_the_same_bytes(sh, place):
     assert sh(around(f"{IN_RUN} --threads 1", out="whole"))[0] == 0
     little = 56 if engine_name() == "compiled" else 106  # MiB, those included that are taken anyhow
     line = around(f"{IN_RUN} --threads 1 --max-memory {little}M", out="blocks")
-    told = sh(f"{line} --dry-run")[1]
+    output = sh(f"{line} --dry-run")[1]
     in_decimal = little * 1.048576
-    assert 0 <= float(re.search(r"([0-9.]+) MB in blocks", told)[1]) - in_decimal < 1
+    assert 0 <= float(re.search(r"([0-9.]+) MB in blocks", output)[1]) - in_decimal < 1
     sh.ok(line)
     assert tree(place / "whole") == tree(place / "blocks")
 
@@ -156,8 +156,8 @@ def test_a_folder_of_one_map_and_its_summary(sh, place):
 
 def test_later_runs_and_lint_look_at_the_local_map_too(sh, place):
     sh(around())
-    told = "o/m/local: holds the local map of an earlier run, which is left as it is"
-    assert sh.err("run m.yaml -o o --no-images --force") == f"warning: {told}\n"
+    message = "o/m/local: holds the local map of an earlier run, which is left as it is"
+    assert sh.err("run m.yaml -o o --no-images --force") == f"warning: {message}\n"
     assert sh("lint o/m")[0] == 0
     Path("o/m/local/cost.npz").write_bytes(b"other")
     code, out, _ = sh("lint o/m")

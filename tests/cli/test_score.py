@@ -74,24 +74,24 @@ def test_a_transform_brings_the_map_onto_the_truth(answer):
 
 def named(name):
     files = [Path(f"{name}.yaml"), Path(f"{name}.pgm")]
-    sums = {one.name: hashlib.sha256(one.read_bytes()).hexdigest() for one in files}
+    sums = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
     return {"file": f"{name}.yaml", "sha256": sums}
 
 
 @pytest.mark.parametrize(
-    ("own", "truth", "told"),
+    ("own", "truth", "message"),
     [
         ("other", "own", None),
         ("own", "other", "aligned.json: leads from other to own; its inverse is used"),
         ("far", "own", "aligned.json: is between other maps"),
     ],
 )
-def test_a_transform_with_the_checksums_of_its_maps(answer, own, truth, told):
+def test_a_transform_with_the_checksums_of_its_maps(answer, own, truth, message):
     document = {"first": named("other"), "second": named("own")}
     document["transform"] = {"x": 10, "y": -4, "yaw": 0}
     Path("aligned.json").write_text(json.dumps(document))
     _, found, err = answer(f"{own}.yaml --truth {truth}.yaml --transform aligned.json")
-    assert told in err if told else err == ""
+    assert message in err if message else err == ""
     assert (found["values"]["iou_occupied"] == 1.0) == (own != "far")
 
 
@@ -140,14 +140,14 @@ BOUNDS = [
 
 
 @pytest.mark.usefixtures("answer")
-@pytest.mark.parametrize(("words", "code", "told"), BOUNDS)
-def test_bounds_decide_the_exit_code_and_are_told(sh, words, code, told):
+@pytest.mark.parametrize(("words", "code", "message"), BOUNDS)
+def test_bounds_decide_the_exit_code_and_are_printed(sh, words, code, message):
     found, out, _ = sh(f"score {words}")
-    assert (found, told in out) == (code, True), out
+    assert (found, message in out) == (code, True), out
 
 
 @pytest.mark.parametrize(
-    ("own", "truth", "told"),
+    ("own", "truth", "message"),
     [
         ("empty", "truth", "empty.yaml: has no occupied cell there, so no distances"),
         ("truth", "empty", "empty.yaml: has no occupied cell there, so no distances"),
@@ -156,16 +156,16 @@ def test_bounds_decide_the_exit_code_and_are_told(sh, words, code, told):
         ("fine", "truth", "fine.yaml: has cells of 0.125 m, truth.yaml of 0.25 m"),
     ],
 )
-def test_what_says_little_is_warned_of(answer, own, truth, told):
+def test_what_says_little_is_warned_of(answer, own, truth, message):
     line = f"{own}.yaml --truth {truth}.yaml --max dist_est_to_truth_m.mean=0.5"
     code, found, err = answer(line)
-    assert told in err
+    assert message in err
     mean = found["values"]["dist_est_to_truth_m"]["mean"]
     assert (code, mean is None) == ((0, False) if own == "fine" else (1, True))
     assert found["bounds"][0]["found"] == mean
 
 
-def test_values_between_are_told_of(answer):
+def test_values_between_states_are_reported(answer):
     write_map("raw.npz", OccupancyGrid(np.where(room() == 0, 30, room()), 0.25, (1.5, -2.0, 0.3)))
     _, found, err = answer("raw.npz --truth truth.yaml")
     assert "raw.npz: 104 cells of 1..99 count as unknown" in err
@@ -177,13 +177,13 @@ def test_python_gives_what_the_command_prints(answer):
     words = " ".join(f"--min {name}={value}" for name, value in bounds.items())
     code, printed, _ = answer(f"{MOVED} {words}")
     assert (code, printed["passes"]) == (1, False)
-    told = [(one["name"], one["side"], one["holds"]) for one in printed["bounds"]]
-    assert told == [(name, "min", not name.startswith("dist")) for name in bounds]
+    printed_bounds = [(bound["name"], bound["side"], bound["holds"]) for bound in printed["bounds"]]
+    assert printed_bounds == [(name, "min", not name.startswith("dist")) for name in bounds]
     found = mapdeal.score("other.yaml", "own.yaml", transform="move.json", minimum=bounds)
     assert found.document() == printed
-    other, own = (mapdeal.read_map(f"{name}.yaml") for name in ("other", "own"))
-    same = mapdeal.score(other, own, transform=(10, -4, 0), minimum=bounds)
+    other_map, own = (mapdeal.read_map(f"{name}.yaml") for name in ("other", "own"))
+    same = mapdeal.score(other_map, own, transform=(10, -4, 0), minimum=bounds)
     assert same.values == printed["values"]
     assert same.document() == {**printed, "map": None, "truth": None}
-    assert mapdeal.score(other, "own.yaml", transform="move.json").values == printed["values"]
+    assert mapdeal.score(other_map, "own.yaml", transform="move.json").values == printed["values"]
     assert mapdeal.score(own).values["enclosed_areas"] == 2

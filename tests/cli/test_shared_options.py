@@ -33,7 +33,7 @@ def room(here):
 @pytest.mark.parametrize("path", ALL_COMMANDS, ids=" ".join)
 def test_every_command_ends_with_strict_quiet_and_verbose(path):
     parameters = [parameter.name for parameter in ALL_COMMANDS[path].params]
-    assert [one for one in parameters if one != "help"][-3:] == ["strict", "quiet", "verbose"]
+    assert [name for name in parameters if name != "help"][-3:] == ["strict", "quiet", "verbose"]
     assert path[0] in command_names()
 
 
@@ -49,7 +49,9 @@ def test_a_shared_option_is_the_same_in_all_commands(path):
 
 
 def test_what_prints_json_and_what_writes_it_to_files():
-    without = {" ".join(path) for path, one in ALL_COMMANDS.items() if not _has(one, "as_json")}
+    without = {
+        " ".join(path) for path, command in ALL_COMMANDS.items() if not _has(command, "as_json")
+    }
     assert without == {"completion"}  # a script for a shell
 
 
@@ -61,8 +63,8 @@ def test_json_of_commands_that_write_a_map_counts_its_cells(command, room):
         figures = json.loads(command(*line.split(), "--json")[1])["figures"]
         assert (figures["width"], figures["height"]) == (4, 3)
     for line in ("convert room.yaml -o d.png", "pack room.yaml -o e.pbm", "unpack e.pbm -o f.yaml"):
-        told = json.loads(command(*line.split(), "--json")[1])
-        assert (told["width"], told["height"], told["occupied"]) == (4, 3, 1)
+        document = json.loads(command(*line.split(), "--json")[1])
+        assert (document["width"], document["height"], document["occupied"]) == (4, 3, 1)
 
 
 def _has(command, name):
@@ -93,11 +95,11 @@ def test_so_many_threads_are_used(sh, room, monkeypatch, count):
     used = set()
     real = threads.in_bands
 
-    def seen(*given):
+    def record(*arguments):
         used.add(threads.thread_count())
-        return real(*given)
+        return real(*arguments)
 
-    monkeypatch.setattr(threads, "in_bands", seen)
+    monkeypatch.setattr(threads, "in_bands", record)
     sh.ok(f"esdf room.yaml -o a.npz --threads {count}")
     assert used == {count}
 

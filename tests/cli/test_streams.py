@@ -41,7 +41,7 @@ def temporary(here, monkeypatch):
 
 @pytest.fixture
 def stdin(monkeypatch):
-    """Have commands that are run in this process get some bytes, some at a time."""
+    """Return a function that makes some bytes the standard input, in pieces."""
 
     def give(data):
         chunks = [data[k : k + 1000] for k in range(0, len(data), 1000)]
@@ -115,7 +115,7 @@ def test_every_command_with_an_npz_writes_it_to_a_pipe(sh, stdin, sent, line):
         "info m.yaml {}",
     ],
 )  # fmt: skip
-def test_what_is_told_of_a_pipe_is_what_is_told_of_the_file(sh, here, stdin, line):
+def test_messages_about_a_pipe_are_those_about_the_file(sh, here, stdin, line):
     of_file = sh(line.format("m.npz"))
     stdin(Path("m.npz").read_bytes())
     code, out, err = sh(line.format("-"))
@@ -154,13 +154,13 @@ def test_what_has_no_end_is_refused(sh, stdin, monkeypatch):
             yield bytes(1 << 20)
 
     stdin(b"")
-    for first, told in (
+    for first, message in (
         (b"", "standard input: is not an npz"),
         (b"PK\3\4", "standard input: needs"),
     ):
         monkeypatch.setattr(terminal, "input_chunks", lambda first=first: endless(first))
         err = sh.err("info - --max-memory 70M", 3)
-        assert told in err
+        assert message in err
     assert "73.5 MB may be used" in err  # 70 x 1024 x 1024
 
 
@@ -201,23 +201,23 @@ def test_a_reader_that_has_gone_ends_the_command_in_peace():
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux")
-def test_a_full_disk_is_told():
+def test_a_full_disk_is_one_line():
     with open("/dev/full", "wb") as full, program("convert m.yaml -o -", stdout=full) as process:
         assert b"error: standard output: cannot be written" in process.stderr.read()
     assert process.returncode == 4
 
 
 def test_terminals_are_refused():
-    main, other = pty.openpty()
+    main, terminal = pty.openpty()
     try:
         for words, streams, name in (
-            ("convert m.yaml -o -", {"stdout": other}, b"-o -"),
-            ("info -", {"stdin": other}, b"-"),
+            ("convert m.yaml -o -", {"stdout": terminal}, b"-o -"),
+            ("info -", {"stdin": terminal}, b"-"),
         ):
             with program(words, **streams) as process:
-                told = process.stderr.read().splitlines()[0]
-            assert told == b"error: %s: is a terminal, and an npz is not text" % name
+                line = process.stderr.read().splitlines()[0]
+            assert line == b"error: %s: is a terminal, and an npz is not text" % name
             assert process.returncode == 2
     finally:
         os.close(main)
-        os.close(other)
+        os.close(terminal)

@@ -100,9 +100,9 @@ def test_every_command_that_warns_is_run_strictly():
 def test_a_strict_command_that_warns_ends_with_1_and_writes_nothing(sh, maps, bits_and_log, line):
     before = tree(maps)
     code, out, err = sh(f"{line} --strict -q")
-    told = warned(err)
-    count = "1 warning" if len(told) == 1 else f"{len(told)} warnings"
-    assert (code, tree(maps), bool(told)) == (1, before, True)
+    warnings = warned(err)
+    count = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
+    assert (code, tree(maps), bool(warnings)) == (1, before, True)
     assert err.splitlines()[-1].split(";")[0].endswith(f"{count}, and --strict allows none")
     if line.endswith("-o -"):
         assert out == ""
@@ -110,7 +110,7 @@ def test_a_strict_command_that_warns_ends_with_1_and_writes_nothing(sh, maps, bi
     # without the option the same words write, and warn of the same
     code, _, err = sh(line)
     assert code == usual_code(line)
-    assert warned(err)[: len(told)] == told
+    assert warned(err)[: len(warnings)] == warnings
     assert err.count(FREED) == ("m.yaml" in line)  # once, however often it is read
     assert Path("new").is_dir() == ("new/" in line or "-o new" in line)
     assert IMAGE not in line or Path("new/deep/o.png").read_bytes().startswith(b"\x89PNG")
@@ -136,8 +136,8 @@ def test_a_sequence_is_strict_cloud_by_cloud(sh, maps):
         assert sorted(path.name for path in Path("strict").iterdir()) == ["0000", "summary.json"]
     Path("new/0007").mkdir()
     before = tree(maps)
-    told = "warning: 1 folders are not of this sequence"
-    assert told in sh.err(f"{line} -o new --strict --force", 1)
+    warning = "warning: 1 folders are not of this sequence"
+    assert warning in sh.err(f"{line} -o new --strict --force", 1)
     assert tree(maps) == before
 
 
@@ -161,7 +161,7 @@ def test_what_is_known_last_of_all_is_warned_of_before_anything_is_written(sh, m
     assert tree(maps) != before
 
 
-def test_manifests_and_summaries_keep_it_whoever_works(sh):
+def test_manifests_and_summaries_record_warnings_with_any_workers(sh):
     for more in ("-j 1", "--max-memory 120M -j 2"):
         line = f"run m.yaml good.yaml -o o{more[-1]} --no-images {more}"
         assert sh.err(line) == f"warning: {FREED}\n"
@@ -181,7 +181,7 @@ def test_manifests_name_files_as_they_would_anywhere(sh, maps):
 
 
 @pytest.mark.parametrize(
-    ("words", "count", "told"),
+    ("words", "count", "message"),
     [
         ("m.yaml", 1, FREED),
         ("u.yaml", 2, "cost: every cell is unknown"),
@@ -193,10 +193,10 @@ def test_manifests_name_files_as_they_would_anywhere(sh, maps):
         ("good.yaml --set cost.inscribed_radius=0.1", 1, "so the robot's radius counts twice"),
     ],
 )  # fmt: skip
-def test_a_strict_run_leaves_what_an_earlier_one_has_written(sh, maps, words, count, told):
+def test_a_strict_run_leaves_what_an_earlier_one_has_written(sh, maps, words, count, message):
     for _ in range(2):  # done, and unchanged
         lines = warned(sh.err(f"run {words} -o o --no-images"))
-        assert (len(lines), told in lines[-1]) == (count, True)
+        assert (len(lines), message in lines[-1]) == (count, True)
     assert json.loads(next(Path("o").rglob("manifest.json")).read_text())["warnings"]
     before = tree(maps)
     for folder in ("s", "o"):
@@ -214,8 +214,8 @@ def test_python_is_as_strict():
 
 
 def test_a_strict_batch_goes_on_with_other_maps(sh):
-    told = "m.yaml: 1 warning, and --strict allows none"
-    assert told in sh.err("run m.yaml good.yaml -o o --no-images --strict -j 1", 5)
+    message = "m.yaml: 1 warning, and --strict allows none"
+    assert message in sh.err("run m.yaml good.yaml -o o --no-images --strict -j 1", 5)
     m, good = json.loads(Path("o/summary.json").read_text())["maps"]
     assert (m["status"], m["exit_code"], m["warnings"]) == ("failed", 1, [FREED])
     assert good["status"] == "done"

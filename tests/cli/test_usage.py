@@ -64,22 +64,22 @@ def test_a_mistyped_file_gets_the_one_that_was_meant(sh, line, near):
     assert not Path("out").exists()
 
 
-@pytest.mark.parametrize("name", [one for one in command_names() if one[-1] != one[-2]])
+@pytest.mark.parametrize("name", [name for name in command_names() if name[-1] != name[-2]])
 def test_every_command_is_found_with_two_letters_swapped(sh, name):
-    told = sh.err(name[:-2] + name[-1] + name[-2], 2).splitlines()
-    assert told[-1] == f"hint: did you mean {name}?"
+    lines = sh.err(name[:-2] + name[-1] + name[-2], 2).splitlines()
+    assert lines[-1] == f"hint: did you mean {name}?"
 
 
 @pytest.mark.parametrize(
-    ("line", "one", "other"),
+    ("line", "spelling", "counterpart"),
     [
         ("esdf m.yaml --convention", "center", "centre"),
         ("inflate m.yaml --radius 0.4 --kernel", "disc", "disk"),
     ],
 )
-def test_either_spelling_of_a_choice_is_taken(sh, line, one, other):
-    assert sh(f"{line} {one} -o one.npz")[0] == 0
-    assert sh(f"{line} {other} -o other.npz")[0] == 0
+def test_either_spelling_of_a_choice_is_taken(sh, line, spelling, counterpart):
+    assert sh(f"{line} {spelling} -o one.npz")[0] == 0
+    assert sh(f"{line} {counterpart} -o other.npz")[0] == 0
     assert Path("one.npz").read_bytes() == Path("other.npz").read_bytes()
 
 

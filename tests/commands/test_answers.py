@@ -98,27 +98,27 @@ def test_tables_hold_what_documents_say(read, name):
 
 def test_what_lint_has_found(read):
     results = read(LINT)
-    parameters, one = results.parts
+    parameters, map_part = results.parts
     assert results.files == ("nav2.yaml", "a<b>.yaml")
     assert (parameters.items, parameters.is_map, parameters.is_clean) == ([], False, True)
-    assert (one.name, one.is_map, one.is_clean) == ("a<b>.yaml", True, False)
-    assert dict(one.tables[0].rows) == {
+    assert (map_part.name, map_part.is_map, map_part.is_clean) == ("a<b>.yaml", True, False)
+    assert dict(map_part.tables[0].rows) == {
         "errors": "0", "warnings": "1", "notes": "1", "suppressed": "2",
         "repair 1": "free_thresh 0.196",
     }  # fmt: skip
-    assert [(item.text, item.tone, item.place) for item in one.items] == [
+    assert [(item.text, item.tone, item.place) for item in map_part.items] == [
         ("map.islands: <img onerror=1>\\n\\x07", "warning", (1.5, -2.0)),
         ("map.islands: place 2 of 2", "warning", (0.0, 3.0)),
         ("yaml.origin-yaw: turned (line 3)", "note", None),
     ]
 
 
-def test_where_reach_and_methods_show_what_they_say(read):
-    start, dock, other, passage = read(REACH).items
-    assert (start.place, dock.place, other.place) == ((1.5, -2.0), (3.0, 4.0), (-3.0, 4.0))
+def test_items_of_reach_and_methods_have_their_places(read):
+    start, dock, unreachable, passage = read(REACH).items
+    assert (start.place, dock.place, unreachable.place) == ((1.5, -2.0), (3.0, 4.0), (-3.0, 4.0))
     assert start.text.startswith("start at 1.5, -2, yaw 0.5: ")
     assert (dock.text, dock.tone) == ("goal dock: reachable in 7 of 16 headings", "good")
-    assert (other.tone, passage.place) == ("error", (-2.0, 1.0))
+    assert (unreachable.tone, passage.place) == ("error", (-2.0, 1.0))
     assert passage.lines[0].tolist() == [[-2.0, 0.7], [-2.0, 1.3]]
     (tsdf,) = read(COMPARISON).parts
     assert [(item.text, item.place) for item in tsdf.items] == [
@@ -132,8 +132,8 @@ def test_where_reach_and_methods_show_what_they_say(read):
 ], ids=["diff", "alignment", "score", "no map"])  # fmt: skip
 def test_maps_are_named_with_their_sums(read, document, file):
     results = read(document)
-    first, *others = results.maps
-    assert (first and first.file, [*others]) == (file, [None] * len(others))
+    first, *later = results.maps
+    assert (first and first.file, [*later]) == (file, [None] * len(later))
     assert results.files == ((file,) if file else ())
     if document is DIFF:
         assert first.sha256 == {"a.yaml": "ab" * 32, "a.pgm": "0" * 64}
@@ -141,19 +141,19 @@ def test_maps_are_named_with_their_sums(read, document, file):
         assert results.transform.pose == (1.5, -2.0, 0.25)
 
 
-def test_a_score_tells_its_bounds_first_and_then_its_figures(read):
+def test_a_score_lists_its_bounds_first_and_then_its_figures(read):
     (table,) = read(SCORE).tables
     assert table.title == "Score: does not pass"
-    first, second, *others = table.rows
+    first, second, *figures = table.rows
     assert first == ("bound", "coverage at least 0.8: holds, found 0.9")
     assert second == ("bound", "ssim_gauss at most 1: missed, not measured")
-    shown = {name.rpartition("(")[2].rstrip(")"): text for name, text in others}
+    shown = {name.rpartition("(")[2].rstrip(")"): text for name, text in figures}
     assert (shown["coverage"], shown["ssim_gauss"]) == ("90.0 %", "-")
     assert shown["dist_est_to_truth_m.mean"] == "0.5 m"
 
 
 def values_in(document, key, read):
-    return [read(one) for one in JsonValue(Path("answer.json"), document)[key].items()]
+    return [read(item) for item in JsonValue(Path("answer.json"), document)[key].items()]
 
 
 def test_keys_that_are_not_known_yet_are_passed_over(read):
@@ -168,7 +168,7 @@ FINDING = ("maps", 0, "findings", 0)
 GONE = object()
 
 
-@pytest.mark.parametrize(("document", "place", "value", "told"), [
+@pytest.mark.parametrize(("document", "place", "value", "message"), [
     (LINT, (*FINDING, "check"), GONE, "maps[0].findings[0]: must have a key check"),
     (LINT, (*FINDING, "severity"), "bad",
      "maps[0].findings[0].severity: must be one of error, warning, note, got 'bad'"),
@@ -198,10 +198,10 @@ GONE = object()
     (b"image: a.pgm\nresolution: 1\n", (), None, "is a map, not a file of shapes"),
     (b"", (), None, "answer.json"),
 ], ids=lambda value: value if isinstance(value, str) else "")  # fmt: skip
-def test_what_must_not_be_believed_names_the_key(read, document, place, value, told):
+def test_what_must_not_be_believed_names_the_key(read, document, place, value, message):
     if place:
         document = with_part(document, place, value, leave_out=value is GONE)
-    with pytest.raises(MalformedInputError, match=re.escape(told)) as caught:
+    with pytest.raises(MalformedInputError, match=re.escape(message)) as caught:
         read(document)
     assert "answer.json" in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -278,10 +278,10 @@ def test_reach_comes_back_as_it_was_written(
     assert tuple(values_in(document, "goals", goal_of)) == goals
     assert tuple(values_in(document, "passages", passage_of)) == passages
     results = read_results(path)
-    place, *others = results.items
+    place, *items = results.items
     assert place.place == start[:2]
     expected = [*goal_items(goals, robot, headings), *passage_items(passages)]
-    assert [one.text for one in others] == [one.text for one in expected]
+    assert [item.text for item in items] == [item.text for item in expected]
     rows = dict(results.tables[0].rows)
     assert rows["headings"] == str(headings)
     assert rows["robot"] == robot_text(robot)
@@ -306,10 +306,10 @@ def test_routes_come_back_as_they_were_written(
     path = tmp_path_factory.getbasetemp() / "route_again.json"
     path.write_text("".join(route.parts()))
     found = route_of(read_document(path))
-    assert [one.kind for one in read_results(path).items] == ["start", "goal", "route"]
+    assert [item.kind for item in read_results(path).items] == ["start", "goal", "route"]
     assert found.points_xy.tolist() == [list(point) for point in points]
-    told = (found.start, found.goal, found.local_minimum, found.expanded, found.reached)
-    assert told == (points[0], points[-1], minimum, expanded, minimum is None)
+    summary = (found.start, found.goal, found.local_minimum, found.expanded, found.reached)
+    assert summary == (points[0], points[-1], minimum, expanded, minimum is None)
     assert (found.length, found.cost, found.min_clearance, found.mean_clearance) == figures
 
 
@@ -351,14 +351,14 @@ def test_findings_come_back_as_they_were_written_whatever_they_say(read):
     maps = (MapReport("a\udcff.yaml", findings, suppressed=1), MapReport("b", (), is_folder=True))
     results = read(json.dumps(LintReport(maps, "1.0").document()).encode())
     assert results.files == ("a\udcff.yaml", "b")
-    one, other = results.parts
-    first, second, *_, last = one.items
+    faulty, sound = results.parts
+    first, second, *_, last = faulty.items
     assert (first.text, first.tone) == (r'image.lossy: a "quoted" \u2028 name (line 4)', "warning")
     assert second.text.startswith(r"yaml.origin: <img onerror=1>\x1b[2Jxxx")
     assert (second.text.isprintable(), len(second.text) < 500, second.place) == (True, True, None)
-    assert (len(one.items), last.text) == (MOST_ITEMS + 1, "2 more findings not listed")
-    assert other.is_clean
-    assert dict(one.tables[0].rows) == {
+    assert (len(faulty.items), last.text) == (MOST_ITEMS + 1, "2 more findings not listed")
+    assert sound.is_clean
+    assert dict(faulty.tables[0].rows) == {
         "errors": str(MOST_ITEMS + 1), "warnings": "1", "notes": "0", "suppressed": "1",
     }  # fmt: skip
 
@@ -391,12 +391,12 @@ ENDS = ((0.0, 1.0), (2.0, 3.0))
      "route by astar: no way", None),
 ], ids=["reached", "stuck", "no way"])  # fmt: skip
 def test_a_route_is_a_line_from_its_start_to_its_goal(route, goal, text, place):
-    start, end, way = route_items(route)
+    start, end, line = route_items(route)
     assert (start.place, end.place, end.text) == (*ENDS, goal)
-    assert end.tone == way.tone == ("good" if route.reached else "error")
-    assert (way.text, way.place) == (text, place)
+    assert end.tone == line.tone == ("good" if route.reached else "error")
+    assert (line.text, line.place) == (text, place)
     assert np.array_equal(
-        np.concatenate([*way.lines, np.empty((0, 2))]), np.reshape(route.points_xy, (-1, 2))
+        np.concatenate([*line.lines, np.empty((0, 2))]), np.reshape(route.points_xy, (-1, 2))
     )
 
 
@@ -415,7 +415,7 @@ def test_shapes_of_either_form_have_outlines(read):
     """
     polygon, line = read(yaml, "s.yaml").items
     assert polygon.text == "polygon with 3 corners and 1 hole, value 100"
-    assert [one.tolist() for one in polygon.lines] == [
+    assert [ring.tolist() for ring in polygon.lines] == [
         [[0, 0], [4, 0], [4, 2], [0, 0]], [[2, 0.5], [3, 0.5], [3, 1], [2, 0.5]],
     ]  # fmt: skip
     assert polygon.place == (2.0, 1.0)

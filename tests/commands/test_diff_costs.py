@@ -23,7 +23,7 @@ def compared(paths):
 
 
 @pytest.fixture
-def said(command, tmp_path):
+def save_output(command, tmp_path):
     def write(name, *words):
         (tmp_path / name).write_text(command(*words)[1])
         return tmp_path / name
@@ -130,8 +130,8 @@ def test_the_picture_has_the_colours_of_what_changed(command, pair):
     assert NOW_OPEN not in colours
 
 
-def test_the_page_shows_costs_and_never_says_that_obstacles_are_the_same(said, pair):
-    path = said("diff.json", "diff", *pair, "--json")
+def test_the_page_shows_costs_and_never_says_that_obstacles_are_the_same(save_output, pair):
+    path = save_output("diff.json", "diff", *pair, "--json")
     (entry,) = entries_of(path)
     assert (entry.name, layer_names(entry)) == (
         "A/cost and B/cost", ["first", "second", "difference"],
@@ -151,18 +151,18 @@ def test_the_page_shows_costs_and_never_says_that_obstacles_are_the_same(said, p
     labels = difference.style.labels
     now_closed = next(code for code, label in labels.items() if label == "now closed")
     assert (difference.values[:] == now_closed).sum() == result.changes["closed"].cells
-    same = said("same.json", "diff", pair[0], "A/cost.yaml", "--json")
+    same = save_output("same.json", "diff", pair[0], "A/cost.yaml", "--json")
     (entry,) = entries_of(same)
     assert {claim.state for claim in entry.claims} == {"good"}
-    missed = said("missed.json", "diff", *pair, "--json", "--max-differing", 1)
+    missed = save_output("missed.json", "diff", *pair, "--json", "--max-differing", 1)
     (entry,) = entries_of(missed)
     assert [claim.text for claim in entry.claims if claim.state == "error"] == [
         "The bound on max_differing does not hold"
     ]
 
 
-def test_a_page_of_costs_that_became_a_map_says_so(said, pair):
-    path = said("diff.json", "diff", *pair, "--json")
+def test_a_page_of_costs_that_became_a_map_says_so(save_output, pair):
+    path = save_output("diff.json", "diff", *pair, "--json")
     write_map("B/cost.npz", grid_from_text(ROOM), force=True)
     with pytest.warns(mapdeal.MapdealWarning) as caught:
         (entry,) = entries_of(path)

@@ -171,8 +171,10 @@ def test_a_passage_closes_if_it_is_between_as_wide_as_both_robots(tmp_path, door
     goals = [Goal(*place(grid, 35, 16 + 31 * index), str(index)) for index in range(len(doors))]
     result = mapdeal.compare_robots(grid, *robots, start=place(grid, 12, 12), goals=goals)
     widths = [2 * ((door + 1) // 2) * RESOLUTION for door in doors]
-    passed = [{str(k) for k, width in enumerate(widths) if 2 * one.inscribed_radius < width - 1e-6}
-              for one in robots]  # fmt: skip
+    passed = [
+        {str(k) for k, width in enumerate(widths) if 2 * shape.inscribed_radius < width - 1e-6}
+        for shape in robots
+    ]
     closed, opened = sorted(passed[0] - passed[1]), sorted(passed[1] - passed[0])
     assert sorted(passage.width for passage in result.closed) == pytest.approx(
         sorted(widths[int(k)] for k in closed)
@@ -188,6 +190,19 @@ def test_without_a_start_it_is_one_that_suits_both(command, site):
         document = json.loads(command(*words(*pair, "--json"))[1])
         starts = [(reach["start"]["x"], reach["start"]["y"]) for reach in document["reach"]]
         assert starts[0] == starts[1] == tuple(document["start"])
+
+
+def test_unknown_cells_open_to_the_wider_robot_alone_are_no_start(command, site):
+    cells = np.full((60, 200), -1, np.int8)
+    cells[5:25, 5:25] = 0  # all that is known; the wider robot has most room far from it
+    cells[5:25, 4] = 100
+    write_map("site.yaml", OccupancyGrid(cells, RESOLUTION, ORIGIN), force=True)
+    through = Path("wide.yaml").read_text().replace("space: true", "space: false")
+    Path("through.yaml").write_text(through)
+    code, out, err = command(*words("slim.yaml", "through.yaml", "--json"))
+    assert code in (0, 1), err
+    x, y = json.loads(out)["start"]
+    assert mapdeal.read_map("site.yaml").query([x, y]).values.tolist() == [0]
 
 
 def test_later_files_win_and_points_are_goals(command, site):

@@ -31,19 +31,22 @@ def test_findings_are_those_of_the_command(command, paths, words, options):
     code, out, _ = command("lint", *paths, *words, "--format", "json")
     assert report.passes == (code == 0)
     document = json.loads(out)["maps"]
-    assert [one.file for one in report.maps] == [one["file"] for one in document]
+    assert [part.file for part in report.maps] == [part["file"] for part in document]
     for part, expected in zip(report.maps, document, strict=True):
-        told = [(one.check, one.severity, one.message, one.line) for one in part.findings]
+        found = [
+            (finding.check, finding.severity, finding.message, finding.line)
+            for finding in part.findings
+        ]
         keys = ("check", "severity", "message", "line")
-        assert told == [tuple(one[key] for key in keys) for one in expected["findings"]]
-        assert {one.file for one in part.findings} <= {part.file}
+        assert found == [tuple(entry[key] for key in keys) for entry in expected["findings"]]
+        assert {finding.file for finding in part.findings} <= {part.file}
     out = command("lint", *paths, *words)[1]
     assert [str(finding) for finding in report] == out.splitlines()[: len(report)]
 
 
 def test_a_report_is_a_sequence_of_findings():
     sound = mapdeal.lint(Path("maps/sound.yaml"))
-    assert [one.file for one in sound.maps] == ["maps/sound.yaml"]
+    assert [part.file for part in sound.maps] == ["maps/sound.yaml"]
     assert (list(sound.errors), sound.passes) == ([], True)
     report = mapdeal.lint("maps/odd.yaml")
     assert len(report) == len(list(report)) > 0
@@ -68,7 +71,7 @@ def test_a_finding_is_its_line_of_text():
 def test_parameter_files_are_linted_with_and_without_maps():
     Path("robot.yaml").write_text("robot_radius: 0.3\nstatic_map: 1\n")
     report = mapdeal.lint(params_file="robot.yaml")
-    assert ("params.silent-default", 2) in [(one.check, one.line) for one in report]
-    assert [one.is_parameters for one in report.maps] == [True]
+    assert ("params.silent-default", 2) in [(finding.check, finding.line) for finding in report]
+    assert [part.is_parameters for part in report.maps] == [True]
     report = mapdeal.lint("maps/sound.yaml", params_file=[Path("robot.yaml")], costmap="local")
-    assert [one.is_parameters for one in report.maps] == [True, False]
+    assert [part.is_parameters for part in report.maps] == [True, False]

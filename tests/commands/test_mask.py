@@ -28,14 +28,14 @@ def folder(tmp_path, command):
 
 def test_the_folder_has_masks_parameters_and_a_launch_file(folder):
     path, document = folder
-    assert sorted(one.name for one in path.iterdir()) == [
+    assert sorted(entry.name for entry in path.iterdir()) == [
         "binary_mask.pgm", "binary_mask.yaml", "filters.launch.py", "filters.yaml",
         "keepout_mask.pgm", "keepout_mask.yaml", "speed_mask.pgm", "speed_mask.yaml",
     ]  # fmt: skip
     keepout, speed, binary = document["masks"]
-    assert [one["type"] for one in (keepout, speed, binary)] == [0, 1, 3]
-    assert {(one["limit"]) for one in speed["limits"]} == {20, 40}
-    assert [one["name"] for one in speed["zones"]] == ["corridor", "crossing"]
+    assert [document["type"] for document in (keepout, speed, binary)] == [0, 1, 3]
+    assert {(limit["limit"]) for limit in speed["limits"]} == {20, 40}
+    assert [zone["name"] for zone in speed["zones"]] == ["corridor", "crossing"]
 
 
 @pytest.mark.parametrize("dialect", ["nav2", "humble"])
@@ -45,24 +45,28 @@ def test_map_server_serves_the_values_that_the_filters_need(folder, dialect):
         kind: mapdeal.read_map(path / f"{kind}_mask.yaml", dialect=dialect)
         for kind in ("keepout", "speed", "binary")
     }
-    values = {kind: set(one.occupancy.ravel().tolist()) for kind, one in grids.items()}
+    values = {kind: set(grid.occupancy.ravel().tolist()) for kind, grid in grids.items()}
     assert values == {"keepout": {-1, 100}, "speed": {0, 60, 80}, "binary": {0, 100}}
     office = mapdeal.read_map(OFFICE)
-    assert all(one.frame == office.frame for one in grids.values())
+    assert all(grid.frame == office.frame for grid in grids.values())
 
 
 def test_servers_and_filters_agree(folder):
     """By the types that the nodes of Nav2 declare, and by the names that they look up."""
     path, _ = folder
     read = read_ros2([path / "filters.yaml"])
-    nodes = {one.name: read.for_node(one.name) for one in read.nodes}
-    (managed,) = (one["node_names"].value for one in nodes.values() if "node_names" in one)
+    nodes = {node.name: read.for_node(node.name) for node in read.nodes}
+    (managed,) = (
+        parameters["node_names"].value
+        for parameters in nodes.values()
+        if "node_names" in parameters
+    )
     for kind, number in {"keepout": 0, "speed": 1, "binary": 3}.items():
         server, info = (
             nodes[f"/{kind}_filter_mask_server"],
             nodes[f"/{kind}_costmap_filter_info_server"],
         )
-        kinds = {name: (one.kind, one.value) for name, one in info.items()}
+        kinds = {name: (parameter.kind, parameter.value) for name, parameter in info.items()}
         assert kinds["type"] == ("integer", number)
         assert kinds["base"][0] == kinds["multiplier"][0] == "double"
         assert kinds["mask_topic"][1] == server["topic_name"].value
@@ -87,20 +91,20 @@ def test_lint_finds_nothing_in_the_parameters_with_a_robots_own(folder, command,
 def test_the_launch_file_starts_all_nodes_of_the_parameters(folder, monkeypatch):
     path, _ = folder
 
-    def made(*entities, **given):
-        return SimpleNamespace(entities=entities, **given)
+    def record(*entities, **arguments):
+        return SimpleNamespace(entities=entities, **arguments)
 
     modules = {
         "launch": {"LaunchDescription": list},
-        "launch.actions": {"DeclareLaunchArgument": made},
+        "launch.actions": {"DeclareLaunchArgument": record},
         "launch.substitutions": {"LaunchConfiguration": str},
         "launch_ros": {},
-        "launch_ros.actions": {"Node": made},
+        "launch_ros.actions": {"Node": record},
     }
     for name, contents in modules.items():
         monkeypatch.setitem(sys.modules, name, SimpleNamespace(**contents))
     description = runpy.run_path(str(path / "filters.launch.py"))["generate_launch_description"]()
-    nodes = {one.name: one for one in description if hasattr(one, "executable")}
+    nodes = {entity.name: entity for entity in description if hasattr(entity, "executable")}
     parameters = yaml.safe_load((path / "filters.yaml").read_text())
     servers = {name for name in parameters if not name.endswith("_costmap")}
     assert set(nodes) == servers

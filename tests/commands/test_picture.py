@@ -50,12 +50,12 @@ def drawn_by(command, tmp_path):
      "office: potential field", None),
 ], ids=["convert", "inflate", "esdf", "cost", "potential"])  # fmt: skip
 def test_each_command_of_a_stage_writes_these_bytes(office, drawn_by, words, make, title, robot):
-    made, expected = make(office), drawn_by(words[0], OFFICE, *words[1:])
+    product, expected = make(office), drawn_by(words[0], OFFICE, *words[1:])
     if title is not None:
-        assert mapdeal.draw_picture(made, title=title, robot=robot).png() == expected
+        assert mapdeal.draw_picture(product, title=title, robot=robot).png() == expected
     if robot is None:  # and notebooks are given the picture under a plain title
         below = [np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))[60:]
-                 for png in (made._repr_png_(), expected)]  # fmt: skip
+                 for png in (product._repr_png_(), expected)]  # fmt: skip
         assert np.array_equal(*below)
 
 
@@ -70,24 +70,24 @@ def test_a_route_over_costs_is_the_commands_picture(office, drawn_by):
 def test_comparisons_and_merged_maps_are_the_commands_pictures(office, drawn_by, tmp_path):
     """Of two maps of one name, which the command calls as Python does."""
     later = mapdeal.draw(office, [mapdeal.Circle((1.0, -2.0), 0.4)], value=100)
-    other = str(tmp_path / "later" / "office.yaml")
-    mapdeal.write_map(other, later)
+    later_path = str(tmp_path / "later" / "office.yaml")
+    mapdeal.write_map(later_path, later)
     merged = mapdeal.draw_picture(mapdeal.merge([office, later]))
-    assert merged.png() == drawn_by("merge", OFFICE, other)
-    differing = mapdeal.draw_picture(mapdeal.diff(OFFICE, other))
-    assert differing.png() == drawn_by("diff", OFFICE, other, "--force", out=None)
+    assert merged.png() == drawn_by("merge", OFFICE, later_path)
+    differing = mapdeal.draw_picture(mapdeal.diff(OFFICE, later_path))
+    assert differing.png() == drawn_by("diff", OFFICE, later_path, "--force", out=None)
 
 
 def test_pictures_of_a_run_are_these_of_applied_recipes(office, tmp_path):
     report = mapdeal.run(OFFICE, tmp_path, "default", image_max=200)
-    made = mapdeal.apply_recipe(office, "default")
+    products = mapdeal.apply_recipe(office, "default")
     for stage, name, title, robot in (
         ("inflate", "inflated", "inflated by 0.3 m (disc)", ROUND),
         ("esdf", "esdf", "signed distance field", None),
         ("cost", "cost", COST, None),
     ):
         title = f"office: {title}"
-        picture = mapdeal.draw_picture(made[stage], title=title, image_max=200, robot=robot)
+        picture = mapdeal.draw_picture(products[stage], title=title, image_max=200, robot=robot)
         assert picture.png() == (report.folder / f"{name}.png").read_bytes()
 
 
@@ -108,19 +108,19 @@ def test_an_array_of_a_picture_shows_each_cell_north_up(yaw):
 def test_write_picture_draws_and_refuses_as_commands_do(office, tmp_path):
     path = tmp_path / "new" / "office.png"
     mapdeal.write_picture(str(path), office, title="one")
-    one = mapdeal.draw_picture(office, title="one")
-    assert path.read_bytes() == one.png()
+    picture = mapdeal.draw_picture(office, title="one")
+    assert path.read_bytes() == picture.png()
     with Image.open(path) as image:
-        assert np.array_equal(np.asarray(image.convert("RGB")), one.rgb())
+        assert np.array_equal(np.asarray(image.convert("RGB")), picture.rgb())
     with pytest.raises(mapdeal.FileAccessError, match="exists"):
         mapdeal.write_picture(path, office, title="two")
-    assert path.read_bytes() == one.png()
+    assert path.read_bytes() == picture.png()
     mapdeal.write_picture(path, office, title="two", force=True)
-    assert path.read_bytes() == mapdeal.draw_picture(office, title="two").png() != one.png()
+    assert path.read_bytes() == mapdeal.draw_picture(office, title="two").png() != picture.png()
     with pytest.raises(mapdeal.ParameterError, match=r"must end in \.png"):
         mapdeal.write_picture(tmp_path / "office.jpg", office)
     with pytest.raises(mapdeal.ParameterError, match="drawn already"):
-        mapdeal.write_picture(path, one, title="three", force=True)
+        mapdeal.write_picture(path, picture, title="three", force=True)
 
 
 def test_notebooks_show_what_stands_for_a_map():
@@ -161,7 +161,7 @@ def test_pictures_of_notebooks_have_a_longest_side():
     for shown, most in ((grid, 1400), (mapdeal.diff(grid, grid), 1500),
                         (mapdeal.merge([grid, beside]), 1500)):  # fmt: skip
         with Image.open(io.BytesIO(shown._repr_png_())) as image:
-            assert 1000 <= image.width < most  # three cells a pixel, and what is around
+            assert 1000 <= image.width < most  # three pixels a cell, and a margin
 
 
 def test_a_route_and_a_robot_are_drawn_over_the_same_map(office):
@@ -169,7 +169,7 @@ def test_a_route_and_a_robot_are_drawn_over_the_same_map(office):
     route = {"route": mapdeal.shortest_route(costs, START, GOAL)}
     pose = {"pose": (-2.0, 0.0, 0.5)}
 
-    def drawn(**over):  # in the whole picture, of which what is drawn over it has no say
+    def drawn(**over):  # the whole map, so that overlays do not move the extent
         return np.asarray(mapdeal.draw_picture(costs, image_extent="all", **over))
 
     both = drawn(**route, **pose)
@@ -178,5 +178,5 @@ def test_a_route_and_a_robot_are_drawn_over_the_same_map(office):
         for colour in of_it:
             there = (alone == colour).all(axis=2)[60:1100, :1100]
             assert there.sum() > 20
-            kept = (both[60:1100, :1100][there] == colour).all(axis=1)
-            assert kept.mean() > 0.9  # the axes may be drawn over each other, no more
+            is_drawn = (both[60:1100, :1100][there] == colour).all(axis=1)
+            assert is_drawn.mean() > 0.9  # the axes may be drawn over each other, no more

@@ -1,4 +1,4 @@
-"""What Python's functions do not take: the argument, and what is said of it."""
+"""Arguments that functions of Python refuse, and the messages of their errors."""
 
 import math
 import re
@@ -82,7 +82,7 @@ REFUSED = [
     (draw(route=[(0, 0), (1, 1)]), "route: must be a Route"),
     (draw(robot=0.3), "robot: must be a Footprint, got 0.3"),
     (draw(image_extent="some"), "image_extent"),
-    *[(draw(other), "picture: must be a grid") for other in (GRID.occupancy, None, "m.yaml")],
+    *[(draw(picture), "picture: must be a grid") for picture in (GRID.occupancy, None, "m.yaml")],
     (draw(mapdeal.diff(GRID, GRID), pose=(0, 0, 0)), "over a comparison"),
     (draw(mapdeal.merge([GRID, LATER]), pose=(0, 0, 0)), "over merged maps"),
     (lambda: mapdeal.read_robot_parameters(NAV2, costmap="both"), "costmap"),
@@ -157,10 +157,10 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("call", "told"), REFUSED, ids=lambda value: value if isinstance(value, str) else ""
+    ("call", "message"), REFUSED, ids=lambda value: value if isinstance(value, str) else ""
 )
-def test_arguments_that_are_not_allowed(call, told):
-    with pytest.raises(ParameterError, match=re.escape(told)):
+def test_arguments_that_are_not_allowed(call, message):
+    with pytest.raises(ParameterError, match=re.escape(message)):
         call()
     assert not Path("out").exists()
 

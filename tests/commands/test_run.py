@@ -57,14 +57,14 @@ def test_a_run_writes_the_files_of_the_command(command, words, arguments):
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_recipe_in_memory_makes_what_a_run_writes(name, canvas):
     report = mapdeal.run("room.yaml", "out", name, canvas=canvas, images=False)
-    made = mapdeal.apply_recipe(mapdeal.read_map("room.yaml"), name, canvas=canvas)
-    assert list(made) == list(report.figures)
-    for stage, grid in made.items():
+    products = mapdeal.apply_recipe(mapdeal.read_map("room.yaml"), name, canvas=canvas)
+    assert list(products) == list(report.figures)
+    for stage, grid in products.items():
         assert grid.figures() == report.figures[stage]
     for stage, layer in (("esdf", "distance"), ("cost", "cost")):
         written = mapdeal.read_map(report.folder / f"{stage}.npz")
-        assert made[stage].origin == written.origin
-        np.testing.assert_array_equal(getattr(made[stage], layer), getattr(written, layer))
+        assert products[stage].origin == written.origin
+        np.testing.assert_array_equal(getattr(products[stage], layer), getattr(written, layer))
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
@@ -84,7 +84,7 @@ def test_changes_are_values_of_python_and_numpy_or_texts():
         "cost.inflation_radius": "1",
     }
     recipe = mapdeal.load_recipe("default", changes)
-    inflate, esdf, cost = (next(iter(one.values())) for one in recipe.described())
+    inflate, esdf, cost = (next(iter(stage.values())) for stage in recipe.described())
     assert (inflate["radius"], inflate["lethal_threshold"]) == (0.5, 80)
     assert inflate["inflate_unknown"] is False
     assert (esdf["max_distance"], cost["inflation_radius"]) == (None, 1.0)
@@ -144,10 +144,10 @@ def test_a_run_for_a_robot_is_the_commands(command, tmp_path):
 def test_a_grid_gets_the_costs_of_a_robot_and_changes_of_them():
     robot = mapdeal.read_robot_parameters([NAV2])
     grid = mapdeal.read_map(OFFICE)
-    made = mapdeal.apply_recipe(grid, robot)
-    assert list(made) == ["esdf", "cost"]
+    products = mapdeal.apply_recipe(grid, robot)
+    assert list(products) == ["esdf", "cost"]
     # by hand: 252 exp(-4 (0.30 - 0.19)) at six cells of float32(0.05) m
-    costs = made["cost"].cost
+    costs = products["cost"].cost
     assert {253, 162} <= set(np.unique(costs).tolist())
     wider = mapdeal.apply_recipe(grid, robot, {"cost.inflation_radius": 0.9})["cost"].cost
     assert (wider > 0).sum() > (costs > 0).sum()
@@ -159,6 +159,6 @@ def test_the_local_costmap_and_older_inflation_can_be_asked_for():
     local = mapdeal.read_robot_parameters(NAV2, costmap="local")
     assert local.rolling_window
     assert [layer.name for layer in local.static_layers] == ["injected_static"]
-    assert [one.lookup for one in local.inflation_layers] == ["nav2"]
+    assert [layer.lookup for layer in local.inflation_layers] == ["nav2"]
     older = mapdeal.read_robot_parameters(NAV2, dialect="humble")
-    assert [one.lookup for one in older.inflation_layers] == ["exact"]
+    assert [layer.lookup for layer in older.inflation_layers] == ["exact"]

@@ -182,8 +182,8 @@ def test_turns_by_walls_are_the_right_one_and_its_quarters():
     found = yaws_by_walls(first, second)
     assert np.diff(found)[::2] == pytest.approx(math.pi)
     off = [math.degrees(abs(math.remainder(yaw - true, math.pi / 2))) for yaw in found]
-    assert max(off[:4]) < 0.5  # the right way round and the other, along and across
-    assert min(off[6:]) > 0.7  # and what lies beside these
+    assert max(off[:4]) < 0.5  # the true turn and its quarters
+    assert min(off[6:]) > 0.7  # the turns next to these
     assert max(off[6:]) < 1.7
     assert min(abs(math.remainder(yaw - true, 2 * math.pi)) for yaw in found) < math.radians(0.5)
 

@@ -57,7 +57,7 @@ def test_points_moved_there_and_back_are_where_they_were(seed):
 
 
 @pytest.mark.parametrize("amount", [0.3, 0.5])
-def test_a_bent_building_is_found_and_its_bend_told(amount):
+def test_a_bent_building_is_found_and_its_bend_measured(amount):
     first, there = drawn(WALLS, 0.1), Transform(4.0, -2.0, 0.8)
     found = placed(bent(first, amount), drawn(WALLS, 0.1, there))
     assert found.same_place, found.reason

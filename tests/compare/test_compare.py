@@ -78,18 +78,18 @@ def counted(estimate, truth):
         return few.sum() / many.sum() if many.any() else None
 
     def table(some):
-        ones, others = own_walls[some], true_walls[some]
-        cells = ones & others, ~ones & ~others, ones & ~others, ~ones & others
-        count = {k: one.sum() for k, one in zip(("tp", "tn", "fp", "fn"), cells, strict=True)}
-        is_told = len(np.unique(ones)) == len(np.unique(others)) == 2
-        return count, float(np.corrcoef(ones, others)[0, 1]) if is_told else None
+        is_own, is_true = own_walls[some], true_walls[some]
+        cells = is_own & is_true, ~is_own & ~is_true, is_own & ~is_true, ~is_own & is_true
+        count = {k: mask.sum() for k, mask in zip(("tp", "tn", "fp", "fn"), cells, strict=True)}
+        has_both = len(np.unique(is_own)) == len(np.unique(is_true)) == 2
+        return count, float(np.corrcoef(is_own, is_true)[0, 1]) if has_both else None
 
     (own_walls, own_free, own_known), (true_walls, true_free, true_known) = (
-        (one == OCCUPIED, one == FREE, one != UNKNOWN) for one in (estimate, truth)
+        (states == OCCUPIED, states == FREE, states != UNKNOWN) for states in (estimate, truth)
     )
     both, hits = own_known & true_known, own_walls & true_walls
     of_known, mcc_known = table(both)
-    whole, mcc_whole = table(np.ones_like(both))
+    on_lattice, mcc_on_lattice = table(np.ones_like(both))
     return {
         "iou_occupied": part(hits, own_walls | true_walls),
         "iou_free": part(own_free & true_free, own_free | true_free),
@@ -100,8 +100,8 @@ def counted(estimate, truth):
         "known_in_both": both.sum(),
         "mcc_known_in_both": mcc_known,
         "confusion_known_in_both": of_known,
-        "mcc_whole_lattice": mcc_whole,
-        "confusion_whole_lattice": whole,
+        "mcc_whole_lattice": mcc_on_lattice,
+        "confusion_whole_lattice": on_lattice,
     }
 
 
@@ -178,8 +178,8 @@ EVEN = np.full((7, 7), 1 / 49)
 def test_both_are_the_formula_over_all_windows(height, width, seed):
     rng = np.random.default_rng(seed)
     first = rng.integers(0, 3, (height, width), dtype=np.uint8)
-    other = rng.integers(0, 3, first.shape, dtype=np.uint8)
-    second = np.where(rng.random(first.shape) < 0.3, other, first)
+    noise = rng.integers(0, 3, first.shape, dtype=np.uint8)
+    second = np.where(rng.random(first.shape) < 0.3, noise, first)
     expected = by_windows(first, second, EVEN, 49 / 48)
     assert uniform_similarity(first, second) == pytest.approx(expected, abs=1e-12)
     expected = by_windows(first, second, BELL, 1.0)
@@ -201,8 +201,8 @@ def test_bands_and_threads_change_nothing(monkeypatch):
 
 
 def test_maps_smaller_than_a_window_have_none():
-    one, row = np.ones((6, 40), np.uint8), np.ones((8, 10), np.uint8)
-    assert uniform_similarity(one, one) is None
+    square, row = np.ones((6, 40), np.uint8), np.ones((8, 10), np.uint8)
+    assert uniform_similarity(square, square) is None
     assert uniform_similarity(row, row) == 1.0
     assert gaussian_similarity(row, row) is None
 
@@ -265,8 +265,8 @@ def corner_places(walls):
 def test_an_l_has_a_corner_at_its_bend_and_one_at_each_end(degrees, thickness):
     bend, angles = np.array([45.0, 43.0]), np.radians([degrees, degrees + 90])
     arms = bend + 30 * np.column_stack([np.sin(angles), np.cos(angles)])
-    one, other = (thick_line((91, 87), (bend, arm), thickness) for arm in arms)
-    found = corner_places(one | other)
+    first_arm, second_arm = (thick_line((91, 87), (bend, arm), thickness) for arm in arms)
+    found = corner_places(first_arm | second_arm)
     assert len(found) == 3
     for place in (bend, *arms):
         assert min(np.abs(place - corner).max() for corner in found) <= 4
@@ -339,7 +339,7 @@ def test_a_bound_holds(side, allowed, found, holds):
 
 
 @pytest.mark.parametrize(
-    ("minimum", "maximum", "with_truth", "told", "hint"),
+    ("minimum", "maximum", "with_truth", "message", "hint"),
     [
         ({}, {"zzzz": 1}, True, "is not a figure", "--json"),
         ({"coverage": 1}, {}, False, "needs a truth", "--truth"),
@@ -349,10 +349,10 @@ def test_a_bound_holds(side, allowed, found, holds):
         ({"cells": 1}, {}, True, "is not a figure", None),
     ],
 )
-def test_what_cannot_be_a_bound_is_refused(minimum, maximum, with_truth, told, hint):
+def test_what_cannot_be_a_bound_is_refused(minimum, maximum, with_truth, message, hint):
     with pytest.raises(ParameterError) as error:
         checked_bounds(minimum, maximum, with_truth=with_truth)
-    assert told in str(error.value)
+    assert message in str(error.value)
     assert hint is None or hint in error.value.hint
 
 
@@ -360,7 +360,7 @@ def test_names_lead_into_groups():
     maximum = {"confusion-known-in-both.fp": 3}
     bounds = checked_bounds({"coverage": 0.5}, maximum, with_truth=True)
     found = judged(bounds, {"coverage": None, "confusion_known_in_both": {"fp": 4}})
-    assert [(one.name, one.found, one.holds) for one in found] == [
+    assert [(bound.name, bound.found, bound.holds) for bound in found] == [
         ("coverage", None, False),
         ("confusion_known_in_both.fp", 4.0, False),
     ]
@@ -388,9 +388,9 @@ def states_in(path):
 
 
 def disagreeing(values, pair):
-    told = agreement(values, pair["values"])
-    assert len(told) == 48
-    return [name for name, agrees in told.items() if not agrees]
+    agreements = agreement(values, pair["values"])
+    assert len(agreements) == 48
+    return [name for name, agrees in agreements.items() if not agrees]
 
 
 @pytest.mark.parametrize("name", PAIRS[3:])  # of the others the maps are
@@ -434,4 +434,6 @@ def generated(folder):
     )
     table = np.zeros(256, np.int8)
     table[[0, 205, 254]] = 100, -1, 0
-    return [OccupancyGrid(table[made], cell, origin) for made, cell, origin in (estimate, truth)]
+    return [
+        OccupancyGrid(table[states], cell, origin) for states, cell, origin in (estimate, truth)
+    ]

@@ -24,8 +24,8 @@ def costs(longest=6):
     )
 
 
-def ways(a, b):
-    """Return in which ways a cost has changed."""
+def kinds_of_change(a, b):
+    """Return the kinds of change of a cost."""
     closed = [cost in (253, 254) for cost in (a, b)]
     unknown = [cost == 255 for cost in (a, b)]
     found = set()
@@ -40,14 +40,14 @@ def ways(a, b):
 
 def regions_of(cells):
     """Return groups of cells that touch, corners included, the largest first."""
-    left, groups = set(cells), []
-    while left:
-        group, queue = set(), deque([left.pop()])
+    remaining, groups = set(cells), []
+    while remaining:
+        group, queue = set(), deque([remaining.pop()])
         while queue:
             row, col = queue.popleft()
             group.add((row, col))
-            near = {(row + i, col + j) for i in (-1, 0, 1) for j in (-1, 0, 1)} & left
-            left -= near
+            near = {(row + i, col + j) for i in (-1, 0, 1) for j in (-1, 0, 1)} & remaining
+            remaining -= near
             queue.extend(near)
         groups.append(group)
     return sorted(groups, key=len, reverse=True)
@@ -73,7 +73,7 @@ def test_costs_are_compared_where_both_costmaps_have_some(a, b, shift, yaw):
     known = sum(a[cell] != 255 for cell in np.ndindex(a.shape) if cell not in pairs)
     assert result.not_compared == known
     for change in result.changes.values():
-        cells = {cell for cell, pair in pairs.items() if change.kind in ways(*pair)}
+        cells = {cell for cell, pair in pairs.items() if change.kind in kinds_of_change(*pair)}
         assert (change.cells, change.area) == (len(cells), len(cells) * RESOLUTION**2)
         groups = regions_of(cells)
         assert change.regions == len(groups)
@@ -105,7 +105,7 @@ def test_every_pair_of_costs_has_the_colour_of_its_change():
     states = {"closed": "now closed", "opened": "no longer closed", "unknown": "now unknown",
               "known": "no longer unknown"}  # fmt: skip
     for a, b in np.ndindex(256, 256):
-        label, found = style.labels[int(codes[a, b])], ways(a, b)
+        label, found = style.labels[int(codes[a, b])], kinds_of_change(a, b)
         expected = next((states[kind] for kind in states if kind in found), None)
         if expected is None and found:
             name, _, least, _, most = label.split()

@@ -41,13 +41,13 @@ def test_maps_of_some_scans_each_merge_into_the_map_of_all(method, seeds):
     each = [built(method, part) for part in parts]
     together = built(method, *parts)
     merged = merge(
-        [one.grid for one in each], rule="evidence", evidence=[one.layers for one in each]
+        [built.grid for built in each], rule="evidence", evidence=[built.layers for built in each]
     )
     sums = merged.log_odds
     # An even sum is a matter of taste: where the maps differ, an obstacle is kept.
     even = sums == 50
     np.testing.assert_array_equal(merged.grid.occupancy[~even], together.grid.occupancy[~even])
-    largest = np.max([one.grid.occupancy for one in each], axis=0)
+    largest = np.max([built.grid.occupancy for built in each], axis=0)
     np.testing.assert_array_equal(merged.grid.occupancy[even], largest[even])
     assert np.array_equal(np.isnan(sums), merged.grid.occupancy == -1)
     if method == "log-odds":
@@ -67,7 +67,7 @@ def test_hits_decide_above_the_share_that_counting_has(hits, misses, order):
     ]
     order.shuffle(layers)
     known = [0 if layer["hits"] + layer["misses"] else -1 for layer in layers]
-    maps = [OccupancyGrid([[one]], 0.3, (1.0, 2.0, 0.7)) for one in known]
+    maps = [OccupancyGrid([[state]], 0.3, (1.0, 2.0, 0.7)) for state in known]
     value = merge(maps, rule="evidence", evidence=layers).grid.occupancy[0, 0]
     all_hits, visits = sum(hits), sum(hits) + sum(misses[: len(hits)])
     if not visits:

@@ -1,4 +1,4 @@
-"""What is wrong with a map, of maps that are made wrong in one way."""
+"""Kinds of faults, found in maps that each have one of them."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ RNG = np.random.default_rng(4)
 
 
 @pytest.fixture(scope="module")
-def whole():
+def true_map():
     return drawn(WALLS, 0.1)
 
 
@@ -45,31 +45,31 @@ CASES = {
 
 
 @pytest.mark.parametrize("kind", CASES)
-def test_the_worst_fault_names_the_verdict(whole, kind):
-    values = np.array(whole.occupancy)
+def test_the_worst_fault_names_the_verdict(true_map, kind):
+    values = np.array(true_map.occupancy)
     CASES[kind](values)
-    found = faults_of(states_of(values), states_of(whole.occupancy), whole.frame)
+    found = faults_of(states_of(values), states_of(true_map.occupancy), true_map.frame)
     assert verdict(found) == kind
 
 
-def test_amount_and_place_of_what_is_missing(whole):
-    values = np.array(whole.occupancy)
+def test_amount_and_place_of_what_is_missing(true_map):
+    values = np.array(true_map.occupancy)
     without_a_quarter(values)
-    wrong = whole.with_values(values)
-    missing = (np.asarray(whole.occupancy) == 0) & (values == -1)
-    told = score(wrong, whole)
-    (fault,) = (one for one in told.faults if one.kind == "missing area")
+    wrong = true_map.with_values(values)
+    missing = (np.asarray(true_map.occupancy) == 0) & (values == -1)
+    result = score(wrong, true_map)
+    (fault,) = (fault for fault in result.faults if fault.kind == "missing area")
     assert fault.amount == pytest.approx(missing.sum() * 0.01)
     assert fault.place.startswith("in the north-east")
-    assert told.document()["verdict"] == "missing area"
-    assert any("verdict   missing area: " in line for line in told.lines())
-    assert diff(whole, wrong).faults == told.faults
-    assert diff(whole, whole).faults == ()
+    assert result.document()["verdict"] == "missing area"
+    assert any("verdict   missing area: " in line for line in result.lines())
+    assert diff(true_map, wrong).faults == result.faults
+    assert diff(true_map, true_map).faults == ()
 
 
-def test_a_bent_map_is_bent_and_has_no_ghosts(whole):
-    wrong = bent(whole, 0.4)
-    found = faults_of(states_of(wrong.occupancy), states_of(whole.occupancy), whole.frame)
+def test_a_bent_map_is_bent_and_has_no_ghosts(true_map):
+    wrong = bent(true_map, 0.4)
+    found = faults_of(states_of(wrong.occupancy), states_of(true_map.occupancy), true_map.frame)
     assert verdict(found) == "bent"
     assert found[0].amount == pytest.approx(0.4, abs=0.12)
-    assert "ghost walls" not in {one.kind for one in found}
+    assert "ghost walls" not in {fault.kind for fault in found}

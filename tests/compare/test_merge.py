@@ -18,7 +18,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
 
 YAWS = st.one_of(st.sampled_from([0.0, math.pi / 2, -math.pi, math.pi / 4]), st.floats(-4, 4))
 EDGE = 1e-4
-"""In cells: what lies so near to the edge of a cell is not asked about."""
+"""In cells: the tests skip points closer to the edge of a cell."""
 
 
 def place_in(grid, point):
@@ -34,7 +34,7 @@ def square(grid, row, col):
 
 
 def overlapping(grid, polygon):
-    """The largest value above 0 under a square of the map frame; None where that is not sure."""
+    """Return the largest value above 0 under a square of the map frame; None if uncertain."""
     largest, least = 0, min(grid.resolution, math.dist(*polygon[:2])) ** 2
     for row, col in np.argwhere(grid.occupancy > 0).tolist():
         area = oracles.shared_area(polygon.tolist(), square(grid, row, col).tolist()) / least
@@ -69,19 +69,19 @@ def test_cells_are_what_plain_python_makes_of_them(case, rule):
     maps, transforms = case
     grid = merge(maps, transforms=transforms, rule=rule, same_wall=0).grid
     for row, col in np.ndindex(grid.shape):
-        wanted = -1
-        for number, one in enumerate(maps):
+        expected = -1
+        for number, source in enumerate(maps):
             target = square(grid, row, col)
             if number:
                 target = transforms[number - 1].points(target)
-            value = oracles.value_at(one, target.mean(axis=0), EDGE)
-            above = overlapping(one, target) if number else 0
+            value = oracles.value_at(source, target.mean(axis=0), EDGE)
+            above = overlapping(source, target) if number else 0
             if value is None or above is None:
                 break
             value = max(value, above or -1)
-            wanted = max(wanted, value) if rule == "occupied" or value == -1 else value
+            expected = max(expected, value) if rule == "occupied" or value == -1 else value
         else:
-            assert grid.occupancy[row, col] == wanted
+            assert grid.occupancy[row, col] == expected
 
 
 @given(placed_maps(), st.sampled_from(["occupied", "newest", "evidence"]))
@@ -99,9 +99,9 @@ def test_the_first_maps_cells_stay_and_the_lattice_is_no_larger_than_needed(case
     if rule == "occupied":
         assert (own >= first.occupancy).all()
     places = [(0.0, 0.0), first.shape[::-1]]
-    for one, transform in zip(maps[1:], transforms, strict=True):
-        for cell in np.argwhere(one.occupancy >= 0).tolist():
-            corners = transform.inverse().points(square(one, *cell))
+    for source, transform in zip(maps[1:], transforms, strict=True):
+        for cell in np.argwhere(source.occupancy >= 0).tolist():
+            corners = transform.inverse().points(square(source, *cell))
             places += [place_in(first, corner) for corner in corners]
     places = np.array(places)
     off = np.abs(places - np.round(places))
@@ -126,10 +126,10 @@ def test_counts_rules_and_conflicts_on_one_lattice_by_hand(arrays, data):
         OccupancyGrid(a, 0.07, lattice.window(*place, *a.shape).origin)
         for a, place in zip(arrays, places, strict=True)
     ]
-    told = {}  # by cell of the lattice what each map says
+    by_cell = {}  # by cell of the lattice what each map says
     for number, (a, (row, col)) in enumerate(zip(arrays, places, strict=True)):
         for r, c in np.ndindex(a.shape):
-            told.setdefault((r + row, c + col), [-1] * len(arrays))[number] = int(a[r, c])
+            by_cell.setdefault((r + row, c + col), [-1] * len(arrays))[number] = int(a[r, c])
 
     def newest(values):
         return [-1, *(value for value in values if value >= 0)][-1]
@@ -140,29 +140,35 @@ def test_counts_rules_and_conflicts_on_one_lattice_by_hand(arrays, data):
 
     for rule, decide in (("occupied", max), ("newest", newest), ("evidence", votes)):
         merged = merge(maps, rule=rule, same_wall=0)
-        decided = {cell: decide(values) for cell, values in told.items()}
-        wanted = {cell: value for cell, value in decided.items() if value >= 0}
-        assert known_places(merged.grid, lattice) == wanted
+        decided = {cell: decide(values) for cell, values in by_cell.items()}
+        expected = {cell: value for cell, value in decided.items() if value >= 0}
+        assert known_places(merged.grid, lattice) == expected
 
     kinds = {}
-    for cell, values in told.items():
+    for cell, values in by_cell.items():
         if 100 in values and 0 in values:
             kinds[cell] = {100: 1, 0: 2}.get(values[0], 3)
     conflicts = OccupancyGrid(merged.conflicts, 0.07, merged.grid.origin)
     found = {cell: kind for cell, kind in known_places(conflicts, lattice).items() if kind}
     assert found == kinds
     for number, counts in enumerate(merged.maps):
-        own = {cell: (v[number], v[:number] + v[number + 1 :]) for cell, v in told.items()}
-        walls = [cell for cell, (mine, rest) in own.items() if mine == 100 and max(rest) >= 0]
-        others = [cell for cell, (_, rest) in own.items() if 100 in rest]
-        before = [(v[number], max([-1, *v[:number]])) for v in told.values()]
+        own = {cell: (v[number], v[:number] + v[number + 1 :]) for cell, v in by_cell.items()}
+        walls = [
+            cell for cell, (mine, elsewhere) in own.items() if mine == 100 and max(elsewhere) >= 0
+        ]
+        walls_elsewhere = [cell for cell, (_, elsewhere) in own.items() if 100 in elsewhere]
+        before = [(v[number], max([-1, *v[:number]])) for v in by_cell.values()]
         expected = {
             "known": sum(mine >= 0 for mine, _ in own.values()),
-            "common": sum(mine >= 0 and max(rest) >= 0 for mine, rest in own.values()),
-            "occupied_here": sum(mine == 100 and 0 in rest for mine, rest in own.values()),
-            "free_here": sum(mine == 0 and 100 in rest for mine, rest in own.values()),
+            "common": sum(mine >= 0 and max(elsewhere) >= 0 for mine, elsewhere in own.values()),
+            "occupied_here": sum(
+                mine == 100 and 0 in elsewhere for mine, elsewhere in own.values()
+            ),
+            "free_here": sum(mine == 0 and 100 in elsewhere for mine, elsewhere in own.values()),
             "walls": len(walls),
-            "met": sum(any(math.dist(cell, other) <= 2 for other in others) for cell in walls),
+            "met": sum(
+                any(math.dist(cell, wall) <= 2 for wall in walls_elsewhere) for cell in walls
+            ),
             "added": sum((m >= 0 > b) or (m == 100 > b) for m, b in before),
         }
         assert {name: getattr(counts, name) for name in expected} == expected
@@ -196,11 +202,11 @@ def room():
     return values
 
 
-def said(maps, **options):
+def texts_of(maps, **options):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", MapdealWarning)
         merge(maps, **options)
-    return [str(one.message) for one in caught]
+    return [str(warning.message) for warning in caught]
 
 
 def test_what_is_odd_is_warned_of():
@@ -209,17 +215,17 @@ def test_what_is_odd_is_warned_of():
     def shifted(by):
         return first.with_values(first.occupancy, first.frame.window(by, by, *first.shape).origin)
 
-    assert said([first, first]) == [
+    assert texts_of([first, first]) == [
         "map 2: adds nothing: the maps before it know all of its cells and obstacles"
     ]
-    assert said([first, shifted(400)]) == ["map 2: knows no cell that another map knows"]
-    assert said([first, shifted(1)]) == []
-    (text,) = said([first, shifted(5)], same_wall=0)
+    assert texts_of([first, shifted(400)]) == ["map 2: knows no cell that another map knows"]
+    assert texts_of([first, shifted(1)]) == []
+    (text,) = texts_of([first, shifted(5)], same_wall=0)
     # 35 x 55 cells in common. Of either map two edges and the wall between them lie there, which
     # meet in two cells, and meet the other map's in four.
     conflicts, shared = 2 * (55 + 35 + 35 - 2 - 4), 35 * 55
     assert text.startswith(f"map 2: contradicts the other maps on {100 * conflicts / shared:.1f} %")
-    assert said([first, shifted(1)], rule="evidence") == [
+    assert texts_of([first, shifted(1)], rule="evidence") == [
         "no map has evidence layers; each of their cells counts as one vote"
     ]
 
@@ -233,23 +239,25 @@ def seen_by(grid, cells):
 @given(st.data(), st.sampled_from(["occupied", "newest"]), st.sampled_from([1.0, 1.5, 2.3]))
 @settings(max_examples=40)
 def test_walls_of_two_maps_are_one_within_a_distance(data, rule, reach):
-    """The cells that go are those near the other map's walls, and far from what stands out."""
+    """The cells dropped are near the other map's walls, and far from walls that only one has."""
     shape = data.draw(st.tuples(st.integers(3, 9), st.integers(3, 9)))
     values = st.lists(st.sampled_from([-1, 0, 0, 0, 100]), min_size=81, max_size=81)
     first, second = (
         np.array(data.draw(values), np.int8)[: shape[0] * shape[1]].reshape(shape) for _ in range(2)
     )
-    merged = merge([OccupancyGrid(one, 1.0) for one in (first, second)], rule=rule, same_wall=reach)
-    kept, dropped = (first, second) if rule == "occupied" else (second, first)
+    merged = merge(
+        [OccupancyGrid(cells, 1.0) for cells in (first, second)], rule=rule, same_wall=reach
+    )
+    stronger, dropped = (first, second) if rule == "occupied" else (second, first)
     own = dropped == 100
-    alone = np.where(own & ~seen_by(kept, 2 * reach), 100, 0)
-    goes = own & seen_by(kept, reach) & ~seen_by(alone, 2 * reach + 1) & (kept != 100)
-    rest = np.where(goes, -1, dropped)
-    newest = np.where(kept == -1, rest, kept)
-    expected = np.maximum(kept, rest) if rule == "occupied" else newest
+    alone = np.where(own & ~seen_by(stronger, 2 * reach), 100, 0)
+    goes = own & seen_by(stronger, reach) & ~seen_by(alone, 2 * reach + 1) & (stronger != 100)
+    weaker = np.where(goes, -1, dropped)
+    newest = np.where(stronger == -1, weaker, stronger)
+    expected = np.maximum(stronger, weaker) if rule == "occupied" else newest
     np.testing.assert_array_equal(merged.grid.occupancy, expected)
-    for one, counts in zip((first, second), merged.maps, strict=True):
-        walls = one == 100
+    for occupancy, counts in zip((first, second), merged.maps, strict=True):
+        walls = occupancy == 100
         share = {
             cells: float((seen_by(expected, cells) & walls).sum() / walls.sum())
             if walls.any()

@@ -20,11 +20,11 @@ from mapdeal.compare.align import placed
 GRID = grid_from_text("..#\n...")
 COSTS = exponential_cost(GRID, inscribed_radius=0.1, inflation_radius=0.3)
 ROW = OccupancyGrid([[100, 0]], 0.5)
-ONES = np.array([[1, 2]])
+EVIDENCE = np.array([[1, 2]])
 
 
 @pytest.mark.parametrize(
-    ("maps", "options", "told"),
+    ("maps", "options", "message"),
     [
         ([], {}, "^maps: takes two maps or more, got "),
         ([GRID], {}, "^maps: takes two maps or more, got "),
@@ -39,23 +39,23 @@ ONES = np.array([[1, 2]])
         ([ROW, ROW], {"evidence": [None, None]}, "^evidence: is for rule evidence alone"),
         ([ROW, ROW], {"rule": "evidence", "evidence": [None]},
          "^evidence: must be 2, one for each map, got 1"),
-        *[([ROW, ROW], {"rule": "evidence", "evidence": [None, layers]}, f"^map 2: {told}")
-          for layers, told in [
+        *[([ROW, ROW], {"rule": "evidence", "evidence": [None, layers]}, f"^map 2: {message}")
+          for layers, message in [
               ({"log_odds": np.zeros((2, 1))}, "log_odds: must be of the map's 2 x 1 cells"),
-              ({"hits": ONES}, "misses: is missing"),
-              ({"hits": ONES, "misses": -ONES}, r"misses: must lie in 0..1e\+09, got -1"),
-              ({"hits": ONES * np.nan, "misses": ONES}, "hits: must lie in .*, got nan"),
-              ({"log_odds": ONES * np.inf}, "log_odds: must lie in .*, got inf"),
+              ({"hits": EVIDENCE}, "misses: is missing"),
+              ({"hits": EVIDENCE, "misses": -EVIDENCE}, r"misses: must lie in 0..1e\+09, got -1"),
+              ({"hits": EVIDENCE * np.nan, "misses": EVIDENCE}, "hits: must lie in .*, got nan"),
+              ({"log_odds": EVIDENCE * np.inf}, "log_odds: must lie in .*, got inf"),
               ({"log_odds": np.array([["a", "b"]])}, "log_odds: must be numbers, got '<U1'"),
           ]],
     ],
 )  # fmt: skip
-def test_what_cannot_be_merged_is_refused(maps, options, told):
-    with pytest.raises(ParameterError, match=told):
+def test_what_cannot_be_merged_is_refused(maps, options, message):
+    with pytest.raises(ParameterError, match=message):
         merge(maps, **options)
 
 
 @pytest.mark.parametrize("rotations", [[], [math.nan], [math.inf]])
-def test_turns_that_are_none_are_refused(rotations):
+def test_invalid_rotations_are_refused(rotations):
     with pytest.raises(ParameterError, match="rotations"):
         placed(GRID, GRID, rotations=rotations)

@@ -32,8 +32,8 @@ def pillow(mode, **options):
     return write
 
 
-def given(make):
-    """What writes a picture of bytes."""
+def by_function(make):
+    """Return a function that writes a picture of the bytes of a function."""
 
     def write(path):
         path.write_bytes(make())
@@ -54,7 +54,7 @@ IMAGES = {
     "palette.png": pillow("P"),
     "bits.png": pillow("1"),
     "wide.png": pillow("I;16"),
-    "interlaced.png": given(lambda: adam7(GREYS)),
+    "interlaced.png": by_function(lambda: adam7(GREYS)),
     "grey.tif": pillow("L", compression="tiff_adobe_deflate"),
     "raw.tif": pillow("L"),
     "colours.tif": pillow("RGB", compression="tiff_lzw"),
@@ -65,13 +65,13 @@ IMAGES = {
     "grey.jpg": pillow("L"),
     "colours.jpg": pillow("RGB"),
     "progressive.jpg": pillow("RGB", progressive=True),
-    "p1.pbm": given(lambda: b"P1\n%d %d\n" % (W, H) + b"0 1 " * (H * W // 2)),
-    "p2.pgm": given(lambda: b"P2\n%d %d\n255\n" % (W, H // 2) + text(W)),
-    "p3.ppm": given(lambda: b"P3\n%d %d\n255\n" % (W, H // 2) + text(3 * W)),
-    "p4.pbm": given(lambda: b"P4\n%d %d\n" % (8 * (W // 8), H) + bytes(W // 8 * H)),
-    "p5.pgm": given(lambda: b"P5\n%d %d\n255\n" % (W, H) + bytes(W * H)),
-    "p5-wide.pgm": given(lambda: b"P5\n%d %d\n999\n" % (W, H) + bytes(2 * W * H)),
-    "p6.ppm": given(lambda: b"P6\n%d %d\n255\n" % (W, H) + bytes(3 * W * H)),
+    "p1.pbm": by_function(lambda: b"P1\n%d %d\n" % (W, H) + b"0 1 " * (H * W // 2)),
+    "p2.pgm": by_function(lambda: b"P2\n%d %d\n255\n" % (W, H // 2) + text(W)),
+    "p3.ppm": by_function(lambda: b"P3\n%d %d\n255\n" % (W, H // 2) + text(3 * W)),
+    "p4.pbm": by_function(lambda: b"P4\n%d %d\n" % (8 * (W // 8), H) + bytes(W // 8 * H)),
+    "p5.pgm": by_function(lambda: b"P5\n%d %d\n255\n" % (W, H) + bytes(W * H)),
+    "p5-wide.pgm": by_function(lambda: b"P5\n%d %d\n999\n" % (W, H) + bytes(2 * W * H)),
+    "p6.ppm": by_function(lambda: b"P6\n%d %d\n255\n" % (W, H) + bytes(3 * W * H)),
 }
 
 
@@ -113,7 +113,7 @@ def lines(line, count):
     return lambda path: path.write_text("".join(line.format(k) for k in range(count)))
 
 
-OTHERS = {
+OTHER_READERS = {
     "columns.npz": arrays(points=np.ones((POINTS, 3), order="F")),
     "compressed.pcd": compressed_pcd,
     "all.npz": arrays(points=np.ones((POINTS, 3), np.int8)),

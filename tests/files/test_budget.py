@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from files.large_files import GRIDS, IMAGES, OTHERS
+from files.large_files import GRIDS, IMAGES, OTHER_READERS
 from mapdeal import read_bit_map, read_cloud, read_map
 from mapdeal.errors import MalformedInputError
 from mapdeal.files import source as budget
@@ -146,7 +146,7 @@ for code in sys.argv[2:]:
 @pytest.mark.parametrize(("name", "codes"), READERS)
 def test_readers_and_lint_take_what_they_say_before(tmp_path, name, codes):
     path = tmp_path / name
-    {**IMAGES, **GRIDS, **OTHERS}[name](path)
+    {**IMAGES, **GRIDS, **OTHER_READERS}[name](path)
     words = [sys.executable, "-c", MEASURE, str(path), *codes]
     process = subprocess.run(words, capture_output=True, text=True, check=True)
     for line in process.stdout.splitlines():
@@ -161,7 +161,7 @@ def test_readers_and_lint_take_what_they_say_before(tmp_path, name, codes):
     ("read", "name"), [(read_map, "map.npz"), (read_bit_map, "p1.pbm"), (read_cloud, "all.npz")]
 )
 def test_readers_of_python_take_a_budget(tmp_path, free, read, name):
-    {**IMAGES, **GRIDS, **OTHERS}[name](tmp_path / name)
+    {**IMAGES, **GRIDS, **OTHER_READERS}[name](tmp_path / name)
     free(100 * MB)
     with pytest.raises(MalformedInputError, match="of memory, 40 MB may be used"):
         read(tmp_path / name, max_memory=40 * MB)

@@ -49,10 +49,10 @@ def test_between_them_nine_digits_are_written(numbers, binary):
     assert _texts(numbers, Kind.SINGLE) == [_single(number) for number in numbers]
 
 
-WHOLE = st.integers(-9, 9) | st.integers(-(10**15) + 1, 10**15 - 1)
+INTEGERS = st.integers(-9, 9) | st.integers(-(10**15) + 1, 10**15 - 1)
 
 
-@given(st.lists(st.tuples(st.floats(-99, 99), WHOLE, st.integers(0, 2)), max_size=40))
+@given(st.lists(st.tuples(st.floats(-99, 99), INTEGERS, st.integers(0, 2)), max_size=40))
 def test_rows_have_the_form_that_is_chosen(rows):
     forms = [
         Form(('{"k": 0, "x": ', "}\n"), (0,)),

@@ -158,7 +158,7 @@ def test_a_value_of_a_public_type_is_shown_in_one_line(name):
         ("LintReport", "1 map: 0 errors, 1 warning, 0 notes"),
     ],
 )  # fmt: skip
-def test_the_line_says_what_there_is(name, expected):
+def test_the_line_describes_the_grid(name, expected):
     assert repr(SAMPLES[name]) == f"{name}({expected})"
 
 

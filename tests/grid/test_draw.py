@@ -155,7 +155,7 @@ def test_many_shapes_are_those_drawn_one_by_one(drawn, overlay, together, backgr
         warnings.simplefilter("always")
         patch.setattr("mapdeal.grid.shapes._ROWS_TOGETHER", together)
         at_once = draw(grid, shapes, overlay=overlay)
-    texts = sorted(str(one.message).split(": ", 1)[1] for one in found)
+    texts = sorted(str(warning.message).split(": ", 1)[1] for warning in found)
     expected = grid.occupancy.copy()
     texts_alone = []
     for shape in shapes:
@@ -163,7 +163,7 @@ def test_many_shapes_are_those_drawn_one_by_one(drawn, overlay, together, backgr
         with warnings.catch_warnings(record=True) as found:
             warnings.simplefilter("always")
             with_hole = draw(blank, replaced(shape), value=100, overlay="max").occupancy == 100
-        texts_alone += [str(one.message).split(": ", 1)[1] for one in found]
+        texts_alone += [str(warning.message).split(": ", 1)[1] for warning in found]
         own, old = shape.value, expected[with_hole]
         wins = {
             "seq": np.full(old.shape, True),

@@ -47,7 +47,7 @@ def test_distances_and_gradients_are_those_of_the_interpolant_in_the_map_frame(
     assert found.gradient == pytest.approx(expected, rel=1e-6, abs=1e-6 / resolution)
 
 
-def test_outside_is_said_and_has_no_number():
+def test_points_outside_are_marked_and_have_no_number():
     field = esdf(grid_from_text("......#\n.#.....\n.....?.\n...#...", 0.25, (1.5, -2.0, 0.0)))
     upper = [1.5 + 7 * 0.25, -2.0 + 4 * 0.25]
     far = [[np.nan, 0], [np.inf, 0], [1e300, 0]]

@@ -100,7 +100,9 @@ def test_costs_of_the_view_are_those_of_the_field(command, files, view):
     assert np.array_equal(mapdeal.read_map("e.yaml.cost.npz").cost, expected.cost)
 
 
-TAKEN = "warning: v.yaml: is the 0..100 view of a distance field; its values are read as a map's\n"
+READ_AS_A_MAP = (
+    "warning: v.yaml: is the 0..100 view of a distance field; its values are read as a map's\n"
+)
 NEEDS_A_MAP = "error: v.yaml: "
 
 
@@ -113,13 +115,13 @@ NEEDS_A_MAP = "error: v.yaml: "
      "align v.yaml m.yaml", "route v.yaml --from 1.5,2.5 --to 1.5,2.5"],
 )  # fmt: skip
 def test_what_takes_maps_says_that_it_takes_the_values_of_a_view(command, files, words):
-    assert command(*words.split())[2].count(TAKEN) == 1
+    assert command(*words.split())[2].count(READ_AS_A_MAP) == 1
 
 
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        ("run v.yaml -o o --strict", 1, TAKEN),
+        ("run v.yaml -o o --strict", 1, READ_AS_A_MAP),
         ("run v.yaml -o o --strict --recipe nav2", 1, "--strict allows none; nothing was written"),
         ("clean v.yaml -o o.yaml", 2, NEEDS_A_MAP),
         ("merge v.yaml m.yaml -o o.yaml", 2, NEEDS_A_MAP),

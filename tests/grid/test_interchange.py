@@ -47,12 +47,12 @@ def test_the_transform_leads_from_columns_and_rows_to_metres(yaw, x, resolution,
         x + resolution * (col * cos - row * sin), 2 * x + resolution * (col * sin + row * cos), 1
     )  # fmt: skip
     assert np.allclose(place, expected)
-    left, bottom, right, top = grid.bounds
-    assert left - 1e-6 <= place[0] <= right + 1e-6
+    west, bottom, east, top = grid.bounds
+    assert west - 1e-6 <= place[0] <= east + 1e-6
     assert bottom - 1e-6 <= place[1] <= top + 1e-6
 
 
-def test_values_are_asked_for_by_metres():
+def test_values_are_read_by_metres():
     values, inside = COSTS.query([[1.05, 2.1], [50.0, 2.0]])
     assert (values.tolist(), inside.tolist()) == ([0, 255], [True, False])
     rows, cols = np.indices(COSTS.shape).reshape(2, -1)

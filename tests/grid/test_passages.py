@@ -25,18 +25,18 @@ from mapdeal.kernels.paths import clearance_tree
 RESOLUTION, ORIGIN = 0.07, (3.0, -2.0, 0.4)
 
 
-def ways_of(grid):
+def clearances_of(grid):
     return Ground(grid.occupancy, grid.frame, through_unknown=False).ways()
 
 
-def open_cells(ways, radius):
-    distance = np.sqrt(ways.squared.astype(float)) * ways.frame.resolution
-    return (ways.tree.basins >= 0) & (distance > radius)
+def open_cells(clearances, radius):
+    distance = np.sqrt(clearances.squared.astype(float)) * clearances.frame.resolution
+    return (clearances.tree.basins >= 0) & (distance > radius)
 
 
 def found(grid, start, radius, **options):
-    ways = ways_of(grid)
-    return passages(ways, open_cells(ways, radius), start, radius=radius, **options)
+    clearances = clearances_of(grid)
+    return passages(clearances, open_cells(clearances, radius), start, radius=radius, **options)
 
 
 def flooded(is_open, start):
@@ -87,7 +87,7 @@ def test_a_closed_door_is_where_it_is_and_cuts_off_the_room_behind(door, thickne
     assert abs(ends[0, 1] - (22 + (thickness - 1) / 2)) <= 0.51
     assert (passage.x, passage.y) == pytest.approx(tuple(np.mean(passage.ends, axis=0)))
     # 21 cells less 2 that are too near on each side; a bulge before the door of thin walls
-    behind = flooded(open_cells(ways_of(grid), radius), (10, grid.shape[1] - 10))
+    behind = flooded(open_cells(clearances_of(grid), radius), (10, grid.shape[1] - 10))
     assert behind.sum() >= 17 * 17
     assert passage.cut_off == pytest.approx(behind.sum() * RESOLUTION**2)
 
@@ -113,7 +113,10 @@ def test_a_door_is_open_below_half_its_width_and_tight_up_to_a_margin(radius, ma
     doors = found(grid, (3, 3), radius, margin=margin, min_area=0.5)
     assert [door.is_open for door in doors] == are_open
     if radius < HALF:  # a robot that can turn everywhere gets the same result
-        everywhere = {"is_reached": open_cells(ways_of(grid), radius), "circumscribed_radius": 0.5}
+        everywhere = {
+            "is_reached": open_cells(clearances_of(grid), radius),
+            "circumscribed_radius": 0.5,
+        }
         doors = found(grid, (3, 3), radius, margin=margin, min_area=0.5, **everywhere)
         assert [door.is_open for door in doors] == are_open
 
@@ -132,14 +135,14 @@ def test_a_door_is_open_below_half_its_width_and_tight_up_to_a_margin(radius, ma
 )
 def test_a_robot_that_turns_is_stopped_where_it_does_not_get_through(reached, expected):
     grid = rooms(7, 7, 5)  # doors of 4, 4 and 3 cells to each side: 0.28, 0.28, 0.21 m
-    is_reached = open_cells(ways_of(grid), 0.15) & (np.arange(grid.shape[1]) < reached)
+    is_reached = open_cells(clearances_of(grid), 0.15) & (np.arange(grid.shape[1]) < reached)
     doors = found(grid, (3, 3), 0.15, is_reached=is_reached, circumscribed_radius=0.4)
     assert [(round(door.width / RESOLUTION / 2), door.is_open) for door in doors] == expected
 
 
 def test_a_robot_that_turns_is_through_with_half_of_what_lies_behind():
     grid = rooms(7)
-    is_open = open_cells(ways_of(grid), 0.2)
+    is_open = open_cells(clearances_of(grid), 0.2)
     behind = np.argwhere(is_open & (np.arange(grid.shape[1]) > 21))
     count = len(behind)
     for reached, cells_needed, is_through in (
@@ -202,17 +205,17 @@ def brute_open(squared, is_open, is_traversable, start, radius, margin, min_cell
         is_certain &= len(merged) == len(set(merged))
         is_tight = radius < math.sqrt(squared[cell]) <= radius + margin
         for place in places:
-            if (one := group[cell]) is (other := group[place]):
+            if (near := group[cell]) is (far := group[place]):
                 continue
-            is_meeting = all(any(area <= side for area in large) for side in (one, other))
+            is_meeting = all(any(area <= side for area in large) for side in (near, far))
             links.append((cell, place, is_meeting and is_tight))
-            group |= dict.fromkeys(one | other, one | other)
+            group |= dict.fromkeys(near | far, near | far)
     stopping = []
     for link in links:
         if link[2] and group[link[0]] is group[start]:
             without = DisjointSet(group)
-            for one, other, _ in (one for one in links if one is not link):
-                without.merge(one, other)
+            for near, far, _ in (connection for connection in links if connection is not link):
+                without.merge(near, far)
             side = without[start]
             behind = sum(is_open[cell] and without[cell] != side for cell in group[start])
             if behind:
@@ -247,12 +250,12 @@ def brute_closed(squared, is_traversable, start, radius, min_cells):
             if joined[cell] == joined[place]:
                 continue
             joined.merge(cell, place)
-            one, other = home[cell], home[place]
-            if owner[one] and owner[other] and owner[one] != owner[other]:
-                links.append((cell, owner[one], owner[other]))
+            near, far = home[cell], home[place]
+            if owner[near] and owner[far] and owner[near] != owner[far]:
+                links.append((cell, owner[near], owner[far]))
             else:
-                home.merge(one, other)
-                owner[home[one]] = owner[one] or owner[other]
+                home.merge(near, far)
+                owner[home[near]] = owner[near] or owner[far]
     group, is_meeting = DisjointSet(every), []
     for _, *ends in links:
         of_large = {group[k] for k in large}
@@ -323,8 +326,8 @@ def borders_of(owned, squared):
         corners = set(door[0][-1])
         while more := [border for border in borders if border[-1] & corners]:
             door += more
-            corners = corners.union(*(one[-1] for one in more))
-            borders = [one for one in borders if one not in more]
+            corners = corners.union(*(border[-1] for border in more))
+            borders = [border for border in borders if border not in more]
         yield door
 
 
@@ -336,9 +339,11 @@ def test_passages_are_those_of_the_definition(drawn, radius, margin, min_cells, 
     assume(is_traversable.any())
     start = data.draw(st.sampled_from(cells_in(is_traversable)))
     frame = Frame(*squared.shape, 1.0)
-    ways = Ways(clearance_tree(squared, is_traversable), squared, frame)
+    clearances = Ways(clearance_tree(squared, is_traversable), squared, frame)
     is_open = is_traversable & (np.sqrt(squared) > radius)
-    doors = passages(ways, is_open, start, radius=radius, margin=margin, min_area=float(min_cells))
+    doors = passages(
+        clearances, is_open, start, radius=radius, margin=margin, min_area=float(min_cells)
+    )
     expected, is_certain = brute_open(
         squared, is_open, is_traversable, start, radius, margin, min_cells
     )
@@ -356,11 +361,11 @@ def test_passages_are_those_of_the_definition(drawn, radius, margin, min_cells, 
 
 def assert_split_by(grid, passage, start, radius):
     """A robot a hair narrower than a passage passes, and one a hair wider does not."""
-    ways = ways_of(grid)
-    distance = np.sqrt(ways.squared.astype(float)) * grid.resolution
-    is_traversable = ways.tree.basins >= 0
+    clearances = clearances_of(grid)
+    distance = np.sqrt(clearances.squared.astype(float)) * grid.resolution
+    is_traversable = clearances.tree.basins >= 0
     half = passage.width / 2
-    start = climbed(ways.squared, is_traversable, start)
+    start = climbed(clearances.squared, is_traversable, start)
     place = grid.frame.continuous_rowcol_from_xy([(passage.x, passage.y)])[0].astype(int)
     near = np.argwhere(abs(distance - half) < 1e-9)
     near = near[np.hypot(*(near - place).T) <= 2.5]
@@ -368,7 +373,10 @@ def assert_split_by(grid, passage, start, radius):
     def sides_of(cell):
         narrower = flooded(is_traversable & (distance > half - 1e-6), cell)
         labels, count = ndimage.label(narrower & (distance > half + 1e-6))
-        hills = [np.isin(ways.tree.basins, ways.tree.basins[labels == k + 1]) for k in range(count)]
+        hills = [
+            np.isin(clearances.tree.basins, clearances.tree.basins[labels == k + 1])
+            for k in range(count)
+        ]
         is_open = distance > radius
         return sum((hill & is_open).any() or labels[start] == k for k, hill in enumerate(hills, 1))
 
@@ -410,9 +418,9 @@ def test_a_robot_a_hair_narrower_passes_and_one_a_hair_wider_does_not(seed, radi
 )
 def test_doors_of_real_maps(real_maps, name, count, closed):
     grid = read_map(real_maps / f"{name}.yaml")
-    ways = ways_of(grid)
-    largest = ways.in_largest_area(largest_closed_square(0.45, grid.frame))
-    start = divmod(int(np.where(largest, ways.squared, 0).argmax()), grid.shape[1])
+    clearances = clearances_of(grid)
+    largest = clearances.in_largest_area(largest_closed_square(0.45, grid.frame))
+    start = divmod(int(np.where(largest, clearances.squared, 0).argmax()), grid.shape[1])
     doors = found(grid, start, 0.45)
     assert len(doors) == count
     assert [warning.is_open for warning in doors] == [False] * closed + [True] * (count - closed)

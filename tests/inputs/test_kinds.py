@@ -139,7 +139,7 @@ def test_a_parameter_file_that_only_ros_1_reads_is_one(tmp_path):
 
 
 # For bags and parameters info prints more, and images are refused as maps.
-OTHERS = ("bag", "ROS parameters", "image", "Git LFS pointer")
+OTHER_KINDS = ("bag", "ROS parameters", "image", "Git LFS pointer")
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -154,7 +154,7 @@ def test_a_file_is_what_it_is_by_its_bytes_whatever_its_name_and_info_tells(
     assert description in found.what
     assert use in found.use
     assert "{" not in found.use
-    if kind not in OTHERS:
+    if kind not in OTHER_KINDS:
         code, out, err = command("info", path)
         first, kind_line, *of_figures, last = out.splitlines()
         assert (code, err, first, len(of_figures)) == (0, "", str(path), 1 if figures else 0)
@@ -301,7 +301,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("words", "name", "rule"), WRONG)
-def test_every_command_says_what_it_was_given(command, here, words, name, rule):
+def test_every_command_names_the_kind_of_a_wrong_file(command, here, words, name, rule):
     before = sorted(here.iterdir())
     code, out, err = command(*words.format(name).split())
     message, hint = err.splitlines()
@@ -320,7 +320,7 @@ def test_a_recipe_that_is_a_map_is_usage_and_lint_finds_what_files_and_folders_a
     assert "bag: error: run.no-manifest: is a folder with a ROS 2 bag, not a folder of maps" in out
 
 
-def test_info_of_a_run_is_for_people(command, here):
+def test_info_of_a_run_prints_a_table(command, here):
     assert command("run", "map.yaml", "-o", "out", "-q", "--no-images")[0] == 0
     code, out, _ = command("info", "out/map")
     assert code == 0

@@ -75,7 +75,7 @@ def test_the_parents_of_listed_files_count_for_the_common_root(folder):
     ("maps\n".encode("utf-16"), "must be UTF-8"),
     (None, "cannot be read"),
 ])  # fmt: skip
-def test_lists_that_are_none(folder, content, message):
+def test_malformed_lists_are_refused(folder, content, message):
     if content is not None:
         (folder / "list.txt").write_bytes(content)
     with pytest.raises((ParameterError, FileAccessError), match=message):
@@ -115,7 +115,7 @@ def test_what_is_named_twice_is_one_map_at_its_first_place_and_other_yaml_is_lef
     assert [path.name for path in found.left_out] == ["params.yaml", "recipe.yaml"]
 
 
-def test_links_in_circles_end_and_give_each_map_once_f17(folder):
+def test_links_in_circles_end_and_give_each_map_once(folder):
     (folder / "maps" / "deep" / "up").symlink_to(folder / "maps", target_is_directory=True)
     (folder / "maps" / "self").symlink_to("self")
     (folder / "linked").symlink_to(folder / "maps" / "deep", target_is_directory=True)

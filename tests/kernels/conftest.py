@@ -17,9 +17,9 @@ def by_each_engine(work, threads=(1,)):
     """What the compiled kernels make of some work, with so many threads each, and their twins."""
     if engine.compiled_module() is None:
         pytest.skip("the compiled kernels were not built")
-    made = []
+    products = []
     for name, count in [*(("compiled", count) for count in threads), ("scipy", 1)]:
         with pytest.MonkeyPatch.context() as patch, use_threads(count):
             patch.setenv(engine.VARIABLE, name)
-            made.append(work())
-    return made
+            products.append(work())
+    return products

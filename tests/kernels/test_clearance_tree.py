@@ -92,7 +92,7 @@ def test_basins_and_edges_are_those_that_appear_as_cells_are_added(each_engine, 
     assert all(at[tree.basins[cell]] == peak for cell, peak in basin.items())
     edges = zip(tree.squares, tree.cells, tree.one, tree.other, strict=True)
     width = squared.shape[1]
-    assert [(s, divmod(c, width), at[one], at[other]) for s, c, one, other in edges] == merges
+    assert [(s, divmod(c, width), at[first], at[second]) for s, c, first, second in edges] == merges
     areas = paths.basin_areas(tree, squared, above)
     counted = [((tree.basins == k) & (squared > above)).sum() for k in range(len(tree.peaks))]
     assert areas.tolist() == counted
@@ -108,22 +108,22 @@ def test_a_rooted_tree_leads_from_each_basin_to_the_root(each_engine, grid, choi
     if not len(tree.peaks):
         return
     root = choice % len(tree.peaks)
-    seen = paths.rooted(tree, root)
-    assert seen.order[0] == root
-    assert seen.parent_edges[root] == -1
-    assert seen.bottlenecks[root] == tree.peaks[root]
+    rooted = paths.rooted(tree, root)
+    assert rooted.order[0] == root
+    assert rooted.parent_edges[root] == -1
+    assert rooted.bottlenecks[root] == tree.peaks[root]
     depths = {root: 0}
-    for basin in seen.order[1:].tolist():
-        edge = seen.parent_edges[basin]
+    for basin in rooted.order[1:].tolist():
+        edge = rooted.parent_edges[basin]
         ends = {int(tree.one[edge]), int(tree.other[edge])}
         (parent,) = ends - {basin}
-        assert seen.bottlenecks[basin] == min(seen.bottlenecks[parent], tree.squares[edge])
+        assert rooted.bottlenecks[basin] == min(rooted.bottlenecks[parent], tree.squares[edge])
         depths[basin] = depths[parent] + 1
     assert list(depths.values()) == sorted(depths.values())
-    beyond = np.delete(np.arange(len(tree.peaks)), seen.order)
+    beyond = np.delete(np.arange(len(tree.peaks)), rooted.order)
     assert len(beyond) == len(tree.peaks) - len(depths)
-    assert (seen.parent_edges[beyond] == -1).all()
-    assert (seen.bottlenecks[beyond] == -1).all()
+    assert (rooted.parent_edges[beyond] == -1).all()
+    assert (rooted.bottlenecks[beyond] == -1).all()
     labels = ndimage.label(is_open)[0].reshape(-1)[tree.peak_cells]
     assert set(depths) == set(np.flatnonzero(labels == labels[root]).tolist())
 
@@ -146,7 +146,7 @@ def test_widest_ways_through_real_buildings_are_those_of_labels(each_engine, rea
     start = divmod(int(tree.peak_cells[np.argmax(tree.peaks)]), squared.shape[1])
     widest = np.rint(paths.widest_metres(tree, squared, start, 1.0).astype(float) ** 2)
     some = tree.squares[:: max(1, len(tree.squares) // 12)].tolist()
-    for square in {least for one in some for least in (one, one + 1)}:
+    for square in {limit for peak in some for limit in (peak, peak + 1)}:
         labels, _ = ndimage.label(is_free & (squared >= square))
         assert np.array_equal(widest >= square, (labels == labels[start]) & (labels > 0))
 
@@ -160,21 +160,21 @@ def check(squared, is_open, resolution=0.05, choice=0):
     from mapdeal.kernels import compiled
 
     assert compiled.fits(squared)
-    made = []
+    results_of_engines = []
     for engine in (compiled, scipy_twins):
         tree = engine.clearance_tree(squared, is_open)
         results = [getattr(tree, name) for name in tree.__dataclass_fields__]
         if len(tree.peaks):
-            seen = engine.rooted(tree, choice % len(tree.peaks))
-            results += [getattr(seen, name) for name in seen.__dataclass_fields__]
+            rooted = engine.rooted(tree, choice % len(tree.peaks))
+            results += [getattr(rooted, name) for name in rooted.__dataclass_fields__]
             results.append(engine.basin_areas(tree.basins, squared, 3, len(tree.peaks)))
-            limits = np.concatenate([[0], np.maximum(seen.bottlenecks, 0)])
+            limits = np.concatenate([[0], np.maximum(rooted.bottlenecks, 0)])
             widest, metres = np.empty((2, *squared.shape), np.float32)
             engine.widest_metres(tree.basins, squared, limits, resolution, widest)
             engine.clearance_metres(squared, resolution, metres)
             results += [widest, metres]
-        made.append([bits(array) for array in results])
-    assert made[0] == made[1]
+        results_of_engines.append([bits(array) for array in results])
+    assert results_of_engines[0] == results_of_engines[1]
 
 
 @pytest.mark.slow
@@ -200,8 +200,8 @@ def test_both_engines_agree_where_one_way_crosses_all_bands_many_times():
     """It winds up and down through all columns, and pointers lead along it to its end."""
     winding = np.zeros((600, 600), np.int32)
     for k in range(300):
-        way = np.arange(601 * k + 1, 601 * (k + 1))
-        winding[:, 2 * k] = way if k % 2 == 0 else way[::-1]
+        cells = np.arange(601 * k + 1, 601 * (k + 1))
+        winding[:, 2 * k] = cells if k % 2 == 0 else cells[::-1]
         winding[-1 if k % 2 == 0 else 0, 2 * k + 1] = 601 * (k + 1)
     for turned in (winding, winding[::-1].copy()):
         check(turned, turned > 0)

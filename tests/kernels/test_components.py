@@ -67,16 +67,16 @@ def test_memory_does_not_grow_with_the_rows():
     tracemalloc.start()
     for _ in range(50):
         found.add(band)
-    held, peak = tracemalloc.get_traced_memory()
+    used, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     sizes, counts = found.sizes()
     assert (sizes.tolist(), counts.tolist()) == ([1], [51 * 32 * 256])
-    assert held < 100_000
+    assert used < 100_000
     assert peak < 4_000_000
 
 
 @given(masks(), masks(), st.booleans(), st.sampled_from([1, 13, 1 << 20]))
-def test_components_are_those_of_a_flood(marked, others, corners, together):
+def test_components_are_those_of_a_flood(marked, neighbours, corners, together):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(components, "_CELLS_TOGETHER", together)  # counted in bands of rows
         found = labelled(marked, corners=corners)
@@ -93,7 +93,7 @@ def test_components_are_those_of_a_flood(marked, others, corners, together):
     assert found.sizes[0] == 0
     assert all(found.sizes[label] == len(group) for group, label in groups.items())
     assert np.array_equal(cells, found.cells % 2 == 1)
-    touching = np.resize(others, marked.shape)
+    touching = np.resize(neighbours, marked.shape)
     touched = {label for g, label in groups.items() if any(touching[cell] for cell in g)}
     assert set(np.flatnonzero(found.touched_by(touching)).tolist()) == touched
 
@@ -133,9 +133,9 @@ def test_the_bar_lies_across_the_middle_of_the_door(gap, thickness, turned):
             ends = [end[::-1] for end in bar_at(occupied.T.copy(), (col, row))]
         else:
             ends = bar_at(occupied, (row, col))
-        (low, column), (high, other) = ends
+        (low, column), (high, end_column) = ends
         assert (low, high) == (8, 9 + gap)
-        assert column == other
+        assert column == end_column
         assert abs(column - (12 + (thickness - 1) / 2)) <= 0.5
 
 
@@ -156,7 +156,7 @@ def test_a_diagonal_gap_is_crossed_from_corner_to_corner():
     assert second in {(11.0, 11.0), (11.0, 12.0)}
 
 
-def test_where_there_is_no_obstacle_opposite_the_bar_ends_where_ways_do():
+def test_without_an_opposite_obstacle_the_bar_ends_with_the_open_cells():
     occupied = np.zeros((12, 20), dtype=bool)
     occupied[2] = True
     basins = np.where(occupied, -1, 0).astype(np.int32)
@@ -177,6 +177,6 @@ def test_the_bar_lies_in_the_middle_of_a_long_door():
     occupied = np.ones((9, 300), dtype=bool)
     occupied[1:8, 1:20] = occupied[1:8, 280:299] = occupied[3:6, 20:280] = False
     for col in (25, 140, 275):
-        (low, column), (high, other) = bar_at(occupied, (4, col))
+        (low, column), (high, end_column) = bar_at(occupied, (4, col))
         assert (low, high) == (2, 6)
-        assert column == other == pytest.approx(149.5, abs=1)
+        assert column == end_column == pytest.approx(149.5, abs=1)

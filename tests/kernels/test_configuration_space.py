@@ -26,7 +26,7 @@ def covered(runs):
 
 
 def check(blocked, footprints, seeds, cells):
-    """Hold a space to the search, for footprints as lists of runs."""
+    """Compare a space with a search cell by cell, for footprints as lists of runs."""
     space = ConfigurationSpace(blocked, [as_spans(runs) for runs in footprints])
     opened = oracles.open_poses(blocked, [covered(runs) for runs in footprints])
     reached = oracles.reached_poses(opened, seeds)
@@ -118,21 +118,21 @@ def test_both_engines_give_the_same_bytes_with_any_threads(shape):
     blocked, spans, seeds = random_case(np.random.default_rng(7), shape)
     cells = [(row, col) for _, row, col in seeds]
 
-    def made():
+    def contents():
         space = ConfigurationSpace(blocked, spans)
         opened = np.array([space.open_headings(*cell) for cell in cells])
         found = space.reach(seeds, cells)
         assert 0 < found.reachable.sum() < found.reachable.size
         arrays = space.headings, opened, found.reachable, found.headings
-        return [(one.dtype, one.tolist()) for one in arrays]
+        return [(array.dtype, array.tolist()) for array in arrays]
 
-    first, *others = by_each_engine(made, threads=(1, 3))
-    assert others == [first, first]
+    first, *repeated = by_each_engine(contents, threads=(1, 3))
+    assert repeated == [first, first]
 
 
 @pytest.fixture
 def rounds(monkeypatch):
-    """Let few words of cells wait at a time, and return how often that were too few."""
+    """Limit the words of cells that wait at a time; return how often the limit was reached."""
     from mapdeal.kernels import compiled
 
     counted, flood = [], compiled.flood
@@ -161,8 +161,8 @@ def test_what_finds_no_room_to_wait_is_not_lost(rounds, monkeypatch):
 @pytest.mark.parametrize("along", [False, True])
 def test_combs_are_reached_to_the_tips(rounds, along):
     blocked = np.zeros((150, 1500), dtype=bool)
-    ways = blocked if along else blocked.T
-    ways[1::2, 1:] = True
+    teeth = blocked if along else blocked.T
+    teeth[1::2, 1:] = True
     a_cell = Spans(*np.array([[0], [0], [1]]))
     found = ConfigurationSpace(blocked, [a_cell] * 5).reach([(2, 0, 0)])
     np.testing.assert_array_equal(found.reachable, ~blocked)

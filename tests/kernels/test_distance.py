@@ -53,20 +53,20 @@ def test_squares_equal_brute_force_and_are_negative_inside(occupied):
 @given(masks(), st.integers(0, 300))
 def test_a_limit_makes_what_lies_beyond_unreachable(marked, limit):
     endless = np.iinfo(np.int32).max
-    for cut_off, whole in [
+    for cut_off, unlimited in [
         (squared_distance(marked, limit=limit), squared_distance(marked)),
         (signed_squared_distance(marked, limit=limit), signed_squared_distance(marked)),
     ]:
-        far = np.abs(whole) > limit
-        assert np.array_equal(cut_off, np.where(far, np.sign(whole) * endless, whole))
+        far = np.abs(unlimited) > limit
+        assert np.array_equal(cut_off, np.where(far, np.sign(unlimited) * endless, unlimited))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("limit", [0, 36, 9215, 9216, 9217, 30_975, 30_976, 30_977])
 def test_limits_hold_at_every_distance(limit):
     marked = maps(370, 3e-4)
-    whole = oracles.squared_distance_by_columns(marked)
-    expected = np.where(whole > limit, np.iinfo(np.int32).max, whole)
+    unlimited = oracles.squared_distance_by_columns(marked)
+    expected = np.where(unlimited > limit, np.iinfo(np.int32).max, unlimited)
     assert np.array_equal(squared_distance(marked, limit=limit), expected)
 
 
@@ -203,8 +203,8 @@ def test_blocks_equal_the_whole_bit_for_bit(cut, clip):
     measure = {
         "scale": 0.05, "outside_shift": 0.0, "inside_shift": 0.05, "clip": clip, "gain": 1.5
     }  # fmt: skip
-    whole = signed_distance(marked, **measure)
-    assert by_blocks(marked, blocks, **measure).tobytes() == whole.tobytes()
+    expected = signed_distance(marked, **measure)
+    assert by_blocks(marked, blocks, **measure).tobytes() == expected.tobytes()
 
 
 @pytest.mark.parametrize(
@@ -250,9 +250,9 @@ def test_large_shapes_equal_those_of_scipy(shape, density):
     near = ndimage.distance_transform_cdt(~np.pad(marked, 1), "chessboard")[1:-1, 1:-1]
     squares = ndimage.distance_transform_edt(~marked) ** 2 if marked.any() else np.full(shape, 1e9)
     for reach in REACHES:
-        wanted = near <= reach if marked.any() else marked
+        expected = near <= reach if marked.any() else marked
         with use_threads(2):
-            assert np.array_equal(dilate_square(marked, reach), wanted), reach
+            assert np.array_equal(dilate_square(marked, reach), expected), reach
             for square in (reach * reach, reach * reach + reach):
                 found = within_distance(marked, square)
                 assert np.array_equal(found, squares <= square + 1e-6), square
@@ -273,7 +273,7 @@ METRIC = {"scale": 0.05, "outside_shift": -0.025, "inside_shift": 0.05, "clip": 
 @pytest.mark.parametrize("each_engine", ["compiled"], indirect=True)
 @pytest.mark.parametrize("density", [1e-4, 0.9, *MORE_DENSITIES])
 def test_both_engines_agree_on_2000_x_500_cells(each_engine, density):
-    """Many bands of rows, and rows that are longer than what is tried at a time."""
+    """Use many bands of rows, and rows longer than one pass of the kernel."""
     from mapdeal.kernels import compiled
 
     rng = np.random.default_rng(7)

@@ -39,13 +39,13 @@ def test_a_value_gets_its_entry_of_the_table(each_engine, values, table):
 
 @given(st.data(), BYTE_ARRAYS, st.sampled_from([1, 253]))
 def test_costs_are_raised_cell_by_cell(each_engine, data, costs, least):
-    asked = data.draw(arrays.arrays(np.uint8, costs.shape))
+    raised = data.draw(arrays.arrays(np.uint8, costs.shape))
     costs = np.where(data.draw(arrays.arrays(np.bool_, costs.shape)), 255, costs).astype(np.uint8)
     expected = [
         (new if new >= least else 255) if old == 255 else max(old, new)
-        for old, new in zip(costs.ravel().tolist(), asked.ravel().tolist(), strict=True)
+        for old, new in zip(costs.ravel().tolist(), raised.ravel().tolist(), strict=True)
     ]
-    lookup.raise_bytes(costs, asked, least=least, unknown=255)
+    lookup.raise_bytes(costs, raised, least=least, unknown=255)
     assert costs.ravel().tolist() == expected
 
 
@@ -137,7 +137,7 @@ def test_values_and_slopes_are_those_of_the_formula(each_engine, values, shares)
         assert (value, *slope) == pytest.approx(expected, abs=1e-10)
 
 
-def test_near_an_infinite_value_the_nearest_cell_tells_and_there_is_no_slope(each_engine):
+def test_near_an_infinite_value_the_nearest_cell_counts_without_a_slope(each_engine):
     """Of two halfway the later one."""
     values = np.array([[np.inf, 2.0, 3.0]], dtype=np.float32)
     places = np.array([[0.5, 0.9], [0.5, 1.0], [0.5, 1.1], [0.5, 2.0]])
@@ -173,9 +173,9 @@ SMALL = np.array([[1, 0, 9], [4, 0, 0]], np.uint8)
 def test_views_and_empty_arrays():
     turned = np.rot90(np.repeat(SMALL, 2, axis=0)[::2])
     assert largest_under(turned, turned.shape, Lattice(0, 0, 1.0)).tolist() == turned.tolist()
-    one = largest_under(turned, (4, 4), Lattice(-0.5, -0.5, 1.0, 0.3))
-    other = largest_under(np.ascontiguousarray(turned), (4, 4), Lattice(-0.5, -0.5, 1.0, 0.3))
-    assert one.tolist() == other.tolist()
+    of_view = largest_under(turned, (4, 4), Lattice(-0.5, -0.5, 1.0, 0.3))
+    of_copy = largest_under(np.ascontiguousarray(turned), (4, 4), Lattice(-0.5, -0.5, 1.0, 0.3))
+    assert of_view.tolist() == of_copy.tolist()
     for values, shape in ((np.zeros((0, 3), np.uint8), (2, 2)), (SMALL, (0, 4))):
         assert not largest_under(values, shape, Lattice(0, 0, 1.0, 0.3)).any()
         assert not lookup.nearest_under(values, shape, Lattice(0, 0, 1.0, 0.3))[1].any()

@@ -37,8 +37,8 @@ def outlines(mask, tolerance=0.0):
     ]
 
 
-def polygon(one):
-    return shapely.Polygon(one.shell[:, ::-1], [hole[:, ::-1] for hole in one.holes])
+def polygon(outline):
+    return shapely.Polygon(outline.shell[:, ::-1], [hole[:, ::-1] for hole in outline.holes])
 
 
 def union_of_cells(mask):
@@ -48,29 +48,31 @@ def union_of_cells(mask):
 @given(masks(18))
 def test_exact_outlines_are_the_union_of_the_cells(mask):
     found = outlines(mask)
-    polygons = [polygon(one) for one in found]
-    assert all(one.is_valid and shapely.is_ccw(one.exterior) for one in polygons)
-    assert all(not shapely.is_ccw(ring) for one in polygons for ring in one.interiors)
-    assert sum(one.area for one in polygons) == mask.sum()
+    polygons = [polygon(outline) for outline in found]
+    assert all(polygon.is_valid and shapely.is_ccw(polygon.exterior) for polygon in polygons)
+    assert all(not shapely.is_ccw(ring) for polygon in polygons for ring in polygon.interiors)
+    assert sum(polygon.area for polygon in polygons) == mask.sum()
     cells = union_of_cells(mask)
     assert shapely.equals(shapely.union_all(polygons), cells)
     own = list(cells.geoms) if hasattr(cells, "geoms") else [cells] * bool(mask.any())
-    assert sorted(one.cells for one in found) == sorted(one.area for one in own)
-    assert [one.cells for one in found] == sorted((one.cells for one in found), reverse=True)
-    corners = sum(len(ring) for one in found for ring in one.rings)
+    assert sorted(outline.cells for outline in found) == sorted(outline.area for outline in own)
+    assert [outline.cells for outline in found] == sorted(
+        (outline.cells for outline in found), reverse=True
+    )
+    corners = sum(len(ring) for outline in found for ring in outline.rings)
     assert corners <= corner_count(mask) <= 4 * mask.sum()
 
 
 @given(masks(18), st.sampled_from([0.1, 0.36, 0.5]))
 def test_simpler_outlines_stay_near_valid_and_as_large(mask, tolerance):
     found = outlines(mask, tolerance)
-    polygons = [polygon(one) for one in found]
+    polygons = [polygon(outline) for outline in found]
     together = shapely.MultiPolygon(polygons)
     assert together.is_valid, shapely.is_valid_reason(together)
-    for one, own in zip(polygons, found, strict=True):
-        assert abs(one.area - own.cells) <= 0.01 * own.cells
-        assert own.area == pytest.approx(one.area)
-        assert shapely.is_ccw(one.exterior)
+    for shape, own in zip(polygons, found, strict=True):
+        assert abs(shape.area - own.cells) <= 0.01 * own.cells
+        assert own.area == pytest.approx(shape.area)
+        assert shapely.is_ccw(shape.exterior)
     if polygons:
         exact = union_of_cells(mask).boundary
         distance = shapely.hausdorff_distance(together.boundary, exact, densify=0.1)
@@ -94,9 +96,9 @@ def test_slanted_lines_become_straight_and_rooms_keep_their_corners():
 
 def test_a_ring_that_touches_itself_is_an_outline_and_a_hole():
     mask = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 0]], bool)
-    (one,) = outlines(mask)
-    assert [len(ring) for ring in one.rings] == [6, 4]
-    assert polygon(one).is_valid
+    (outline,) = outlines(mask)
+    assert [len(ring) for ring in outline.rings] == [6, 4]
+    assert polygon(outline).is_valid
     assert outlines(np.zeros((3, 4), bool), 0.5) == []
 
 
@@ -134,7 +136,7 @@ def test_rings_are_those_of_a_walk_along_the_cells(mask):
             steps |= set(pairwise(points))
             at, step = corner, turned
     found = set()
-    for ring in (ring for one in outlines(mask) for ring in one.rings):
+    for ring in (ring for outline in outlines(mask) for ring in outline.rings):
         corners = [tuple(map(int, corner)) for corner in ring]
         assert len(set(corners)) == len(corners)  # no point twice
         for (row, col), (to_row, to_col) in pairwise([*corners, corners[0]]):

@@ -178,10 +178,10 @@ def test_costs_are_those_that_are_found_cell_by_cell(each_engine, costs, corners
     corners = np.array(corners) / 4
     for filled, cost_of in FOUND_BY:
         found, inside = costs_at_poses(costs, lattice, corners, poses, filled=filled)
-        for pose, cost, held in zip(poses.tolist(), found, inside, strict=True):
+        for pose, cost, is_inside in zip(poses.tolist(), found, inside, strict=True):
             cells = oracles.corner_cells(lattice, costs.shape, corners.tolist(), pose)
-            assert held == (cells is not None)
-            assert cost == (cost_of(costs.tolist(), cells) if held else 254)
+            assert is_inside == (cells is not None)
+            assert cost == (cost_of(costs.tolist(), cells) if is_inside else 254)
 
 
 @given(COSTS, st.data())
@@ -207,11 +207,14 @@ def test_a_corner_outside_is_a_collision_wherever_it_is(each_engine):
 def test_upper_edges_belong_to_no_cell(each_engine):
     poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [-5e-324, 0.0, 0.0]])
     costs = np.array([[3, 8]], np.uint8)
-    for resolution, held in ((0.5, [True, False, False, False]), (1e6, [True, True, True, False])):
+    for resolution, expected in (
+        (0.5, [True, False, False, False]),
+        (1e6, [True, True, True, False]),
+    ):
         lattice = Lattice(resolution, 0.0, 0.0, 0.0)
         found, inside = costs_at_poses(costs, lattice, np.zeros((3, 2)), poses, filled=False)
-        assert inside.tolist() == held
-        assert found.tolist() == np.where(held, 3, 254).tolist()
+        assert inside.tolist() == expected
+        assert found.tolist() == np.where(expected, 3, 254).tolist()
 
 
 @needs_compiled
@@ -229,5 +232,5 @@ def test_engines_threads_and_parts_do_not_matter(seed, filled, together):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(polygons, "_CELLS_TOGETHER", together)
-        first, *others = by_each_engine(found, threads=(1, 3))
-    assert others == [first, first]
+        first, *repeated = by_each_engine(found, threads=(1, 3))
+    assert repeated == [first, first]

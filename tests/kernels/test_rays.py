@@ -40,9 +40,9 @@ def test_long_lines_move_where_their_equation_says(length, minor, is_upright):
     step = np.arange(length)
     for low in {0, max(0, minor - 15)}:
         moves = (length // 2 + step * minor) // length - low
-        kept = (moves >= 0) & (moves < 16)
+        is_within = (moves >= 0) & (moves < 16)
         expected = np.zeros(shape, dtype=np.int32)
-        expected[moves[kept], step[kept]] = 1
+        expected[moves[is_within], step[is_within]] = 1
         start, end = (-low, 0), (minor - low, length)
         if is_upright:
             start, end, expected = start[::-1], end[::-1], expected.T
@@ -64,15 +64,15 @@ def test_many_rays_give_the_same_bytes_on_both_engines_and_any_threads():
 
     def layers():
         hits, misses, values, weights = np.zeros((4, *shape), dtype=np.int32)
-        seen, sums = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.int64)
+        touched, sums = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.int64)
         count_rays(starts, ends, is_hit, hits, misses)
-        weigh_rays(starts, ends, is_hit, Odds(-1, 2, -40, 50), values, seen)
+        weigh_rays(starts, ends, is_hit, Odds(-1, 2, -40, 50), values, touched)
         measure_rays(starts, ends, sensors, ranges, 2.5, 1.7, sums, weights)
         assert misses.sum() > sensing._CELLS_TOGETHER
-        return [layer.tobytes() for layer in (hits, misses, values, seen, sums, weights)]
+        return [layer.tobytes() for layer in (hits, misses, values, touched, sums, weights)]
 
-    first, *others = by_each_engine(layers, threads=(1, 3))
-    assert others == [first, first]
+    first, *repeated = by_each_engine(layers, threads=(1, 3))
+    assert repeated == [first, first]
 
 
 @pytest.mark.usefixtures("each_engine")

@@ -20,13 +20,13 @@ def test_the_arc_is_run_through_at_one_speed(axis, angle, share):
     """Of turns around one axis, however small: the share of the angle."""
     start, axis = Rotation.from_rotvec([0.3, -1.1, 0.7]), np.array(axis) / np.linalg.norm(axis)
     end = start * Rotation.from_rotvec(axis * angle)
-    wanted = start * Rotation.from_rotvec(axis * angle * share)
+    expected = start * Rotation.from_rotvec(axis * angle * share)
     for sign in (1, -1):  # a quaternion and its negative are one rotation
         found = rotations.slerp(
             start.as_quat()[None], sign * end.as_quat()[None], np.array([share])
         )[0]
         assert np.linalg.norm(found) == pytest.approx(1, abs=1e-15)
-        off = (Rotation.from_quat(found) * wanted.inv()).magnitude()
+        off = (Rotation.from_quat(found) * expected.inv()).magnitude()
         assert off < 1e-11
 
 
@@ -38,21 +38,21 @@ def test_half_a_turn_keeps_to_a_rotation():
 @pytest.mark.parametrize("shape", [(), (1,), (2, 3)])
 def test_many_are_done_as_one_is(shape):
     rng = np.random.default_rng(7)
-    quats, others = rotations.normalised(rng.normal(size=(2, *shape, 4)))
+    quats, second_quats = rotations.normalised(rng.normal(size=(2, *shape, 4)))
     vectors, moves = rng.normal(size=(2, *shape, 3))
-    one, two = (Rotation.from_quat(some.reshape(-1, 4)) for some in (quats, others))
+    first, second = (Rotation.from_quat(some.reshape(-1, 4)) for some in (quats, second_quats))
     flat, flat_moves = vectors.reshape(-1, 3), moves.reshape(-1, 3)
 
-    def same(found, wanted):
-        np.testing.assert_allclose(found.reshape(wanted.shape), wanted, atol=1e-14)
+    def same(found, expected):
+        np.testing.assert_allclose(found.reshape(expected.shape), expected, atol=1e-14)
 
-    same(rotations.rotated(quats, vectors), one.apply(flat))
-    same(rotations.rotated(rotations.undone((vectors, quats))[1], vectors), one.inv().apply(flat))
-    made = Rotation.from_quat(rotations.multiplied(quats, others).reshape(-1, 4))
-    same(made.as_matrix(), (one * two).as_matrix())
-    move, turn = rotations.composed((moves, quats), (vectors, others))
-    same(move, one.apply(flat) + flat_moves)
-    same(turn, rotations.multiplied(quats, others))
+    same(rotations.rotated(quats, vectors), first.apply(flat))
+    same(rotations.rotated(rotations.undone((vectors, quats))[1], vectors), first.inv().apply(flat))
+    product = Rotation.from_quat(rotations.multiplied(quats, second_quats).reshape(-1, 4))
+    same(product.as_matrix(), (first * second).as_matrix())
+    move, turn = rotations.composed((moves, quats), (vectors, second_quats))
+    same(move, first.apply(flat) + flat_moves)
+    same(turn, rotations.multiplied(quats, second_quats))
     move, turn = rotations.composed(rotations.undone((moves, quats)), (moves, quats))
     same(move, np.zeros_like(flat))
     same(turn, np.broadcast_to([0.0, 0.0, 0.0, 1.0], quats.shape).reshape(-1, 4))
@@ -61,8 +61,8 @@ def test_many_are_done_as_one_is(shape):
 def test_yaws_turn_the_x_axis():
     yaws = np.array([[-3.0, -0.4, 0.0], [0.7, 1.9, 3.1]])
     ahead = rotations.rotated(rotations.from_yaw(yaws), np.array([1.0, 0.0, 0.0]))
-    wanted = np.stack([np.cos(yaws), np.sin(yaws), np.zeros_like(yaws)], axis=-1)
-    np.testing.assert_allclose(ahead, wanted, atol=1e-15)
+    expected = np.stack([np.cos(yaws), np.sin(yaws), np.zeros_like(yaws)], axis=-1)
+    np.testing.assert_allclose(ahead, expected, atol=1e-15)
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (4, 5)])
@@ -110,7 +110,7 @@ def rooms(turn, shape=(260, 340)):
 def test_the_main_direction_is_that_of_a_turned_building(degrees):
     found = rotations.main_direction(rooms(math.radians(degrees)))
     wrong = math.degrees(math.remainder(found - math.radians(degrees), math.pi / 2))
-    assert abs(wrong) < (0.1 if degrees else 1e-300)  # what is straight is not turned at all
+    assert abs(wrong) < (0.1 if degrees else 1e-300)  # a straight map gives exactly 0
     assert abs(found) <= math.pi / 4 + 1e-9
 
 

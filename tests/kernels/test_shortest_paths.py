@@ -37,13 +37,13 @@ def _cost_of(weights, cells):
     return total
 
 
-def _told(found):
+def _summary_of(found):
     return found.cells.tolist(), found.cost, found.expanded
 
 
 @st.composite
 def surcharged(draw, longest=9):
-    """A field, and what is added to the estimates of its cells."""
+    """Draw a field and the surcharges on the estimates of its cells."""
     weights, start, goal = draw(fields(longest))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     choices = draw(st.sampled_from([[0.0], [0.0, 0.5, 1.0], [0.0, 0.1, 7.0, 40.0]]))
@@ -56,7 +56,7 @@ def test_a_search_takes_the_least_estimate_first_and_no_cell_twice(each_engine, 
     weights, start, goal, surcharges = field
     expected = oracles.best_first(weights.tolist(), surcharges.tolist(), start, goal)
     found = cheapest_path(weights, start, goal, surcharges=surcharges)
-    assert _told(found) == expected
+    assert _summary_of(found) == expected
     assert found.expanded <= np.count_nonzero(weights)
     lowest = oracles.lowest_cost(weights.tolist(), start, goal)
     assert (lowest is None) == (len(found.cells) == 0)
@@ -71,7 +71,9 @@ def test_a_search_takes_the_least_estimate_first_and_no_cell_twice(each_engine, 
 def test_both_engines_find_the_same_path(field, is_plain):
     *field, surcharges = field
     surcharges = None if is_plain else surcharges
-    compiled, twin = by_each_engine(lambda: _told(cheapest_path(*field, surcharges=surcharges)))
+    compiled, twin = by_each_engine(
+        lambda: _summary_of(cheapest_path(*field, surcharges=surcharges))
+    )
     assert compiled == twin
 
 

@@ -12,12 +12,12 @@ trimesh = pytest.importorskip("trimesh")
 
 @given(masks(12))
 def test_the_surface_is_closed_and_has_no_face_inside(mask):
-    made = surface(mask)
+    product = surface(mask)
     if not mask.any():
-        assert len(made.triangles) == 0
+        assert len(product.triangles) == 0
         return
-    corners = np.column_stack([made.corners[:, ::-1], made.levels * 0.75])
-    mesh = trimesh.Trimesh(corners, made.triangles, process=True)  # which joins equal corners
+    corners = np.column_stack([product.corners[:, ::-1], product.levels * 0.75])
+    mesh = trimesh.Trimesh(corners, product.triangles, process=True)  # which joins equal corners
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     assert mesh.volume == pytest.approx(1.5 * mask.sum(), rel=1e-12)
@@ -41,4 +41,9 @@ def test_walls_along_either_axis_are_one_rectangle_each():
     mask = np.zeros((20, 30), bool)
     mask[2:18, 4:6] = True
     mask[12, 10:29] = True
-    assert [one.tolist() for one in rectangles(mask)] == [[2, 12], [18, 13], [4, 10], [6, 29]]
+    assert [rectangle.tolist() for rectangle in rectangles(mask)] == [
+        [2, 12],
+        [18, 13],
+        [4, 10],
+        [6, 29],
+    ]

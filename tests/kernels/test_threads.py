@@ -19,18 +19,18 @@ from mapdeal.kernels.threads import (
 @pytest.mark.parametrize(("threads", "count"), [(1, 100), (2, 0), (2, 1), (7, 3), (7, 1000)])
 def test_the_parts_are_all_of_the_work_once(scarce_threads, available, threads, count):
     scarce_threads(available)
-    done = []
+    parts = []
     with use_threads(threads):
-        in_parallel(lambda first, end: done.extend(range(first, end)), count)
-    assert sorted(done) == list(range(count))
+        in_parallel(lambda first, end: parts.extend(range(first, end)), count)
+    assert sorted(parts) == list(range(count))
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3000, 7), (2, 300_000), (1001, 999)])
 def test_bands_of_rows_are_all_rows_once(shape):
-    seen = []
+    rows_seen = []
     with use_threads(3):
-        for_rows(lambda rows: seen.extend(range(rows.start, rows.stop)), shape)
-    assert sorted(seen) == list(range(shape[0]))
+        for_rows(lambda rows: rows_seen.extend(range(rows.start, rows.stop)), shape)
+    assert sorted(rows_seen) == list(range(shape[0]))
 
 
 def test_small_arrays_start_no_threads():
@@ -112,11 +112,11 @@ def busy(size):
 
 def test_what_is_not_begun_can_be_dropped():
     pool, first, may_end = busy(1)
-    rest = [pool.submit(int) for _ in range(5)]
+    waiting = [pool.submit(int) for _ in range(5)]
     threading.Timer(0.01, may_end.set).start()
     pool.shutdown(cancel_futures=True)
     assert first.result() is True
-    for future in rest:
+    for future in waiting:
         with pytest.raises(CancelledError):
             future.result()
 
@@ -158,17 +158,17 @@ def test_a_thread_that_finds_no_memory_to_begin_with_is_not_waited_for(monkeypat
     monkeypatch.setattr(
         "mapdeal.kernels.threads.start_new_thread", lambda *_: started.append(threading.get_ident())
     )
-    done = []
+    parts = []
 
     def all_of_it():
         with use_threads(4):
-            in_parallel(lambda first, end: done.extend(range(first, end)), 64)
+            in_parallel(lambda first, end: parts.extend(range(first, end)), 64)
         with ThreadPool(2) as pool:
-            done.append(pool.submit(int, "64").result(20))
+            parts.append(pool.submit(int, "64").result(20))
 
-    other = threading.Thread(target=all_of_it, daemon=True)
-    other.start()
-    other.join(20)
-    assert not other.is_alive()
-    assert done == list(range(65))
+    thread = threading.Thread(target=all_of_it, daemon=True)
+    thread.start()
+    thread.join(20)
+    assert not thread.is_alive()
+    assert parts == list(range(65))
     assert len(started) == 2

@@ -21,14 +21,17 @@ STATIC = 's: {plugin: "nav2_costmap_2d::StaticLayer"}'
 def nav2(plugins, *sections, costmap="global", **parameters):
     lines = [f"{costmap}_costmap:", f"  {costmap}_costmap:", "    ros__parameters:"]
     lines += [f"      {name}: {value}" for name, value in parameters.items()]
-    lines += [f"      plugins: [{', '.join(plugins)}]", *(f"      {one}" for one in sections)]
+    lines += [
+        f"      plugins: [{', '.join(plugins)}]",
+        *(f"      {section}" for section in sections),
+    ]
     return "\n".join(lines) + "\n"
 
 
 def ros1(types, *sections, costmap="global", **parameters):
     lines = [f"{costmap}_costmap:", *(f"  {name}: {value}" for name, value in parameters.items())]
     lines += ["  plugins:", *(f'    - {{name: {n}, type: "{t}"}}' for n, t in types.items())]
-    return "\n".join([*lines, *(f"  {one}" for one in sections)]) + "\n"
+    return "\n".join([*lines, *(f"  {section}" for section in sections)]) + "\n"
 
 
 @pytest.fixture
@@ -78,7 +81,7 @@ OBSTACLES = {"s": "costmap_2d::StaticLayer", "o": "costmap_2d::ObstacleLayer"}
     (nav2("s", STATIC, costmap="local", robot_radius=0.01, rolling_window="true",
           use_maximum="true", track_unknown_space="true"),
      ["--costmap", "local"], [254, 0, 0, 0, 255, 255, 0]),
-    # sonars have no effect without readings, unless their thresholds say so
+    # sonars act without readings if their thresholds say so, else they have no effect
     (nav2("sr", STATIC, 'r: {plugin: "nav2_costmap_2d::RangeSensorLayer"}', robot_radius=0.01,
           track_unknown_space="true"), [], [254, 0, 0, 0, 255, 255, 0]),
     (nav2("sr", STATIC, 'r: {plugin: "nav2_costmap_2d::RangeSensorLayer", clear_threshold: 0.6}',
@@ -129,8 +132,8 @@ def test_a_mask_without_use_is_warned_of(cost, tmp_path):
     grid = mapdeal.read_map(tmp_path / "m.npz")
     robot = mapdeal.read_robot_parameters(tmp_path / "p.yaml")
     with pytest.warns(MapdealWarning, match=r"params\.mask-unused"):
-        made = mapdeal.apply_recipe(grid, robot, mask=mask)
-    assert made["cost"].cost.tolist() == found.cost.tolist()
+        products = mapdeal.apply_recipe(grid, robot, mask=mask)
+    assert products["cost"].cost.tolist() == found.cost.tolist()
 
 
 def test_reach_sees_a_mask_that_is_inflated(cost, tmp_path, command):
@@ -263,14 +266,14 @@ def test_a_costmap_of_ros_1_without_a_map_has_the_size_of_its_parameters(cost):
 
 
 @pytest.mark.parametrize("layer", LAYERS, ids=lambda layer: layer.key)
-def test_every_layer_goes_through_recipes_and_says_what_it_does(layer):
-    one = layer()
+def test_every_layer_goes_through_recipes_and_describes_its_effect(layer):
+    default = layer()
     grid = grid_from_text("#..?", resolution=0.5)
-    made = layered_cost(grid, layers=["static", {layer.key: {"name": "mine"}}, one])
-    same = layered_cost(grid, layers=["static", one.described(), one])
-    assert np.array_equal(made.cost, same.cost)
+    costs = layered_cost(grid, layers=["static", {layer.key: {"name": "mine"}}, default])
+    same = layered_cost(grid, layers=["static", default.described(), default])
+    assert np.array_equal(costs.cost, same.cost)
     assert layer.about
-    assert one.effect()
+    assert default.effect()
     assert {"plugin", "enabled"} <= layer.known_parameters("")
     assert layer.nav2_plugins
 

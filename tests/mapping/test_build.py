@@ -153,7 +153,7 @@ def _check_surface(built, sums, weights):
 
 
 @pytest.mark.parametrize("clear_max", [0.0, 7.0])
-def test_each_reading_is_counted_once_s8(clear_max):
+def test_each_reading_is_counted_once(clear_max):
     ranges = [[1.0, 0.49, 0.5, 29.999, 30.0, math.inf, math.nan, -1.0, 0.0, -math.inf]]
     limits = evidence.BeamLimits(0.5, 30.0, clear_max)
     beams = evidence.beams_of(Scans([[0, 0, 0]], np.zeros(10), ranges), limits)

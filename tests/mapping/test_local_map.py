@@ -3,9 +3,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import mapdeal
 from kernels.conftest import by_each_engine
 from mapdeal import LocalMapper, LocalOptions, OccupancyGrid
 from mapdeal import local_map as make
@@ -254,3 +255,34 @@ def test_angles_across_pi_and_below_zero():
 )  # fmt: skip
 def test_the_rear_heading(yaw, rear):
     assert LocalMapper((0, 0, yaw), LocalOptions()).result().rear_heading == pytest.approx(rear)
+
+
+@settings(max_examples=40)
+@given(
+    st.floats(-3.2, 3.2), st.floats(-3.2, 3.2), st.sampled_from(["robot", "map"]), st.booleans(),
+)  # fmt: skip
+def test_points_beyond_the_angles_are_left_out(first, last, frame, has_map):
+    if first == last:
+        return
+    rng = np.random.default_rng(7)
+    points, pose = rng.uniform(-3, 3, (60, 2)), (0.3, -0.2, 0.7)
+    known = mapdeal.OccupancyGrid(np.full((20, 20), -1, np.int8), 0.5, (-5, -5, 0))
+    options = {"size": (8, 8), "resolution": 0.5, "frame": frame}
+    if has_map:
+        options["global_map"] = known
+    from_robot = points if frame == "robot" else points - pose[:2]
+    turn = 0.0 if frame == "robot" else pose[2]
+    used = []
+    for point, (x, y) in zip(points, from_robot, strict=True):
+        from_first = (math.atan2(y, x) - turn - first) % (2 * math.pi)
+        end = last - first if last > first else last - first + 2 * math.pi
+        if from_first <= end:
+            used.append(point)
+    found = mapdeal.local_map(points, pose, angle_min=first, angle_max=last, **options)
+    expected = mapdeal.local_map(np.reshape(used, (-1, 2)), pose, **options)
+    assert (found.occupancy == expected.occupancy).all()
+
+
+def test_angles_come_in_pairs():
+    with pytest.raises(mapdeal.ParameterError, match="must both be given, and differ"):
+        mapdeal.LocalOptions(angle_min=0.3)

@@ -12,7 +12,7 @@ from mapdeal import MalformedInputError
 from mapdeal.kernels.rotations import normalised
 from mapdeal.mapping.evidence import beams_in_plane, stances
 from mapdeal.mapping.transforms import TransformTree
-from taken import memory_below
+from traced_memory import memory_below
 
 T0, MS = 1_700_000_000_123_456_789, 1_000_000
 numbers = st.floats(-10, 10, allow_subnormal=False)

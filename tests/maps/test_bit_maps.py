@@ -101,7 +101,7 @@ BROKEN = [
 @pytest.mark.parametrize(
     ("change", "code", "message"), BROKEN, ids=[message for *_, message in BROKEN]
 )
-def test_a_bit_map_that_is_no_map_is_one_line(pair, command, tmp_path, change, code, message):
+def test_an_unreadable_bit_map_is_one_line(pair, command, tmp_path, change, code, message):
     (pair.parent / "c.pbm").write_bytes(pair.read_bytes())
     change(pair)
     with pytest.raises(FileAccessError if code == 4 else MalformedInputError):
@@ -121,7 +121,7 @@ def test_a_bit_map_that_is_no_map_is_one_line(pair, command, tmp_path, change, c
     (lambda p: _rewrite(p, "trinary", "raw"), "trinary"),
     (lambda p: _rewrite(p, "mode:", "cost_scale: costmap2d\nmode:"), "cannot hold costs"),
 ])  # fmt: skip
-def test_pictures_that_are_no_bits_are_refused(pair, change, message):
+def test_malformed_pictures_of_bits_are_refused(pair, change, message):
     change(pair)
     with pytest.raises(MalformedInputError, match=message):
         read_bit_map(pair)

@@ -58,7 +58,7 @@ def test_a_pair_is_what_map_saver_writes_with_digits_kept_and_the_north_on_top(t
     assert (tmp_path / "map.pgm").read_bytes() == head + bytes([0, 254, 205, 254, 254, 254])
 
 
-def test_values_in_between_are_written_raw_unless_a_mode_is_asked_for(tmp_path):
+def test_values_in_between_are_written_raw_by_default(tmp_path):
     """Trinary keeps free up to 25 and occupied from 65."""
     grid = OccupancyGrid([[0, 1, 25, 26, 64, 65, 99, 100, -1]], 0.25)
     write_map(tmp_path / "raw.yaml", grid)

@@ -13,7 +13,7 @@ from mapdeal.files.source import use_memory
 from mapdeal.kernels.blocks import blocks_of
 from mapdeal.maps.npz import open_npz, read_npz
 from mapdeal.maps.reading import open_map
-from taken import memory_below
+from traced_memory import memory_below
 
 ORIGIN = (-3.5, 7.25, 0.3)
 

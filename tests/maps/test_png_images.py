@@ -16,7 +16,7 @@ from mapdeal.maps import picture as strips
 from mapdeal.maps.dialects import DIALECTS, MapMetadata, cells_of
 from mapdeal.maps.images import open_strips, read_image, read_image_size
 from maps.pngs import adam7, chunk, file_of
-from taken import memory_below
+from traced_memory import memory_below
 
 CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 KINDS = [(0, 1), (0, 2), (0, 4), (0, 8), (0, 16), (2, 8), (2, 16), (3, 1), (3, 2), (3, 4), (3, 8),
@@ -184,7 +184,7 @@ def test_a_chunk_of_more_bytes_than_the_memory_is_refused_unread(tmp_path, read)
         read(tmp_path / "m.png")
 
 
-def test_files_may_give_fewer_bytes_than_they_are_asked_for(tmp_path, monkeypatch):
+def test_files_may_give_fewer_bytes_than_requested(tmp_path, monkeypatch):
     """As those of other machines do."""
     (tmp_path / "m.png").write_bytes(SOUND)
     pread = os.pread

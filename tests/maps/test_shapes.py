@@ -117,7 +117,7 @@ def ring(*points):
     ("[" * 100_000, "nested too deep"),
     ('{"type": "\udcff"}', "UTF-8"),
 ], ids=lambda text: text[:70])  # fmt: skip
-def test_files_that_are_no_shapes(tmp_path, text, message):
+def test_malformed_files_of_shapes_are_refused(tmp_path, text, message):
     path = tmp_path / ("zones.json" if text[:1] in ("[", "{") else "zones.yaml")
     path.write_bytes(text.encode(errors="surrogateescape"))
     with pytest.raises(MalformedInputError) as caught:

@@ -47,7 +47,7 @@ def nav2_limit(info, value):
     st.lists(st.integers(1, 99), min_size=1, max_size=5), st.sampled_from([0.01, 0.05, 0.25]),
     st.sampled_from(["percent", "m/s"]),
 )  # fmt: skip
-def test_the_filter_gets_the_speeds_that_were_asked_for(numbers, step, unit):
+def test_the_filter_gets_the_requested_speeds(numbers, step, unit):
     speeds = [float(n) if unit == "percent" else n * step for n in numbers]
     info = info_for("speed", speeds, unit=unit)
     for speed in speeds:

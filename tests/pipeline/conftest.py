@@ -21,8 +21,8 @@ def run(rooms, tmp_path):
 
 
 @pytest.fixture
-def said(command, tmp_path):
-    """Return a function that writes what a command says on standard output to a file."""
+def save_output(command, tmp_path):
+    """Return a function that writes the standard output of a command to a file."""
 
     def write(name, *words):
         path = tmp_path / name

@@ -52,7 +52,7 @@ def document(path):
 
 
 def changed(path, change):
-    """Have a function change a JSON document in its file."""
-    told = document(path)
-    change(told)
-    path.write_text(json.dumps(told))
+    """Apply a function to a JSON document in its file."""
+    parsed = document(path)
+    change(parsed)
+    path.write_text(json.dumps(parsed))

@@ -48,22 +48,22 @@ def test_each_works_on_what_the_one_before_it_made(room, command):
     words = "run", "room.yaml", "-o", "out", "--recipe", recipe_of(**STAGES, esdf={})
     assert command(*words)[0] == 0
     for name, grid in expected.items():
-        made = read_map(f"out/room/{name}")
-        assert made.frame == grid.frame
-        assert np.array_equal(made.layer, grid.layer), name
+        written = read_map(f"out/room/{name}")
+        assert written.frame == grid.frame
+        assert np.array_equal(written.layer, grid.layer), name
     assert "unchanged" in command(*words)[1]
 
 
 def test_a_map_is_straightened_before_others_work_on_it(room):
     crooked = mapdeal.rotate(room, 0.3)
-    made = mapdeal.apply_recipe(crooked, recipe_of(rotate={"straighten": True}))
-    assert np.array_equal(made["rotate"].occupancy, mapdeal.straighten(crooked).occupancy)
+    products = mapdeal.apply_recipe(crooked, recipe_of(rotate={"straighten": True}))
+    assert np.array_equal(products["rotate"].occupancy, mapdeal.straighten(crooked).occupancy)
 
 
 def test_the_frame_of_another_map_can_be_written_out(room):
     like = {"height": 6, "width": 9, "resolution": 0.1, "origin": [1.7, -1.8, 0]}
-    made = mapdeal.apply_recipe(room, recipe_of(window={"like": like}))["window"]
-    assert made.frame == mapdeal.Frame(6, 9, 0.1, (1.7, -1.8, 0.0))
+    window = mapdeal.apply_recipe(room, recipe_of(window={"like": like}))["window"]
+    assert window.frame == mapdeal.Frame(6, 9, 0.1, (1.7, -1.8, 0.0))
     for wrong in ({**like, "height": 0}, {"height": 6}, "room.yaml", {**like, "width": 10**9}):
         with pytest.raises(ParameterError, match=r"window\.like"):
             mapdeal.load_recipe(recipe_of(window={"like": wrong}))
@@ -72,17 +72,17 @@ def test_the_frame_of_another_map_can_be_written_out(room):
 def test_costs_and_fields_are_edited_as_the_maps_that_they_are_of(room):
     costs = mapdeal.exponential_cost(room)
     with pytest.warns(mapdeal.MapdealWarning, match="occupancy that ROS would publish"):
-        made = mapdeal.apply_recipe(costs, recipe_of(rescale={"resolution": 0.2}))
-    assert isinstance(made["rescale"], mapdeal.OccupancyGrid)
+        products = mapdeal.apply_recipe(costs, recipe_of(rescale={"resolution": 0.2}))
+    assert isinstance(products["rescale"], mapdeal.OccupancyGrid)
     with pytest.raises(ParameterError, match="window: cannot follow cost"):
         mapdeal.load_recipe(recipe_of(cost={}, window=STAGES["window"]))
 
 
 def test_the_whole_extent_is_that_of_the_map_that_was_moved(room):
     recipe = recipe_of(window={"size": [9.0, 9.0], "corner": [0.0, -5.0]}, active={})
-    made = mapdeal.apply_recipe(room, recipe, canvas="full")
-    assert made["active"].frame == made["window"].frame
-    assert made["window"].shape == (90, 90)
+    products = mapdeal.apply_recipe(room, recipe, canvas="full")
+    assert products["active"].frame == products["window"].frame
+    assert products["window"].shape == (90, 90)
 
 
 @pytest.mark.parametrize("more", [{}, {"inflate": {}}])

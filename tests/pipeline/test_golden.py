@@ -26,7 +26,7 @@ def golden(command, tmp_path, monkeypatch):
     def run(*words, output="new", stored="gold"):
         code, out, err = command("run", "m.yaml", "-o", output, "--golden", stored, *words)
         lines = out.splitlines()
-        return code, [one for one in lines if one.startswith("m: ")], lines[-1], err
+        return code, [line for line in lines if line.startswith("m: ")], lines[-1], err
 
     return run
 
@@ -41,7 +41,7 @@ def test_an_equal_run_passes_with_or_without_pictures(golden):
         assert (code, last) == (0, f"{stored}: all stages as stored")
 
 
-def test_another_map_differs_in_the_stages_that_it_changes_f18(golden):
+def test_another_map_differs_in_the_stages_that_it_changes(golden):
     code, lines, *_ = golden("--recipe", "nav2")
     assert (code, "m: inflate: is missing" in lines) == (1, True)
     write_map("m.yaml", grid_from_text(ROOM.replace(POST, EMPTY), 0.1), force=True)
@@ -54,7 +54,7 @@ def test_another_map_differs_in_the_stages_that_it_changes_f18(golden):
 
 def test_bytes_that_differ_count_even_if_no_figure_does(golden, tmp_path):
     changed(tmp_path / "gold/m/manifest.json",
-            lambda told: told["outputs"].update({"cost.npz": "0" * 64}))  # fmt: skip
+            lambda manifest: manifest["outputs"].update({"cost.npz": "0" * 64}))  # fmt: skip
     code, lines, _, err = golden()
     assert (code, lines) == (1, ["m: cost: cost.npz differ"])
     assert "1 stage differs from the golden run" in err
@@ -78,7 +78,7 @@ FIGURES = {
 HALL = {"goals": {"hall": [1, 2]}, "margin": 0.1}
 
 
-@pytest.mark.parametrize(("figures", "parameters", "told"), [
+@pytest.mark.parametrize(("figures", "parameters", "message"), [
     ({}, HALL, None),
     ({"goals": {"kitchen": False, "hall": False, "1.5,-2": True}}, HALL,
      "visit.json differ: kitchen, hall no longer reachable, 1.5,-2 reachable now"),
@@ -97,20 +97,20 @@ HALL = {"goals": {"hall": [1, 2]}, "margin": 0.1}
     ({"goals": {**FIGURES["goals"], "a\nb": True}}, HALL,
      "visit.json differ: goals.a\\nb None -> True"),
 ])  # fmt: skip
-def test_what_differs_of_a_stage_is_told_in_words(tmp_path, figures, parameters, told):
-    for place, found, given in (("gold", FIGURES, HALL), ("out", FIGURES | figures, parameters)):
+def test_differences_of_a_stage_are_given_in_words(tmp_path, figures, parameters, message):
+    for place, found, values in (("gold", FIGURES, HALL), ("out", FIGURES | figures, parameters)):
         folder = tmp_path / place / "m"
         folder.mkdir(parents=True)
         outputs = {"visit.json": str(sorted(found.items())), "visit.png": place}
-        document = {"stages": [{"visit": given}], "figures": {"visit": found}, "outputs": outputs}
+        document = {"stages": [{"visit": values}], "figures": {"visit": found}, "outputs": outputs}
         (folder / "manifest.json").write_text(json.dumps(document))
     lines = differences_from_golden(tmp_path / "out" / "m", tmp_path / "gold")
-    assert lines == ([] if told is None else [f"m: visit: {told}"])
+    assert lines == ([] if message is None else [f"m: visit: {message}"])
 
 
-def test_changes_are_counted_and_told_by_their_place():
+def test_changes_are_counted_and_named_by_their_place():
     goals = {f"room {k}": True for k in range(5)}
-    (told, *_) = changes_between({"goals": goals}, {"goals": dict.fromkeys(goals, False)})
-    assert told == "room 0, room 1, room 2 and 2 more no longer reachable"
-    deep, other = ({"a": {"b": {"c": {"d": {"e": k}}}}} for k in (1, 2))
-    assert changes_between(deep, other) == ["a.b.c.d {'e': 1} -> {'e': 2}"]
+    (change, *_) = changes_between({"goals": goals}, {"goals": dict.fromkeys(goals, False)})
+    assert change == "room 0, room 1, room 2 and 2 more no longer reachable"
+    deep, later = ({"a": {"b": {"c": {"d": {"e": k}}}}} for k in (1, 2))
+    assert changes_between(deep, later) == ["a.b.c.d {'e': 1} -> {'e': 2}"]

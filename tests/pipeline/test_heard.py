@@ -26,7 +26,7 @@ def make_map(folder, name, more=""):
 def test_runs_in_threads_hear_their_own_warnings_and_leave_the_filters_alone(tmp_path):
     recipe, settings = load_recipe("default"), Settings(images=False, threads=1)
     names = [f"{kind}{index}" for index in range(3) for kind in ("odd", "good")]
-    paths = {one: make_map(tmp_path, one, "negate: 0\n" * ("good" in one)) for one in names}
+    paths = {name: make_map(tmp_path, name, "negate: 0\n" * ("good" in name)) for name in names}
     start = threading.Barrier(len(names))
 
     def work(name):
@@ -43,8 +43,8 @@ def test_runs_in_threads_hear_their_own_warnings_and_leave_the_filters_alone(tmp
         for thread in threads:
             thread.join()
         assert (list(warnings.filters), warnings.showwarning) == (filters, show)
-        told = [str(one.message) for one in caught if NO_NEGATE in str(one.message)]
-    assert sorted(told) == sorted(
+        messages = [str(warning.message) for warning in caught if NO_NEGATE in str(warning.message)]
+    assert sorted(messages) == sorted(
         f"{paths[name]}: {NO_NEGATE}" for name in names if "odd" in name for _ in range(2)
     )
     for path in (tmp_path / "out").rglob("manifest.json"):
@@ -53,7 +53,7 @@ def test_runs_in_threads_hear_their_own_warnings_and_leave_the_filters_alone(tmp
         assert mine == ([f"{name}.yaml: {NO_NEGATE}"] if "odd" in name else [])
 
 
-def test_what_was_warned_of_before_an_error_is_told(tmp_path):
+def test_warnings_before_an_error_are_printed(tmp_path):
     path = make_map(tmp_path, "short")
     path.with_suffix(".pgm").write_bytes(b"P5\n4 3\n255\n123")
     with (
@@ -78,7 +78,7 @@ def test_filters_of_who_calls_decide_what_becomes_of_warnings(action):
     assert len(caught) == (action == "once")
 
 
-def test_a_warning_is_about_the_code_that_its_level_tells(recwarn):
+def test_a_warning_is_about_the_code_that_its_level_names(recwarn):
     def work():
         emit_warning("odd", stacklevel=2)
 
@@ -86,10 +86,10 @@ def test_a_warning_is_about_the_code_that_its_level_tells(recwarn):
     with heard([]):
         work()
     lines = Path(__file__).read_text().splitlines()
-    assert [lines[one.lineno - 1].strip() for one in recwarn] == ["work()"] * 2
+    assert [lines[warning.lineno - 1].strip() for warning in recwarn] == ["work()"] * 2
 
 
-def test_warnings_that_are_heard_twice_keep_their_place():
-    with capture_warnings() as kept, heard(texts := []):
+def test_warnings_that_are_captured_twice_keep_their_place():
+    with capture_warnings() as captured, heard(texts := []):
         emit_warning(MapdealWarning("odd", "image.lossy"))
-    assert (texts, [one.check for one in kept]) == (["odd"], ["image.lossy"])
+    assert (texts, [warning.check for warning in captured]) == (["odd"], ["image.lossy"])

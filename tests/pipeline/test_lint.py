@@ -50,11 +50,11 @@ def maps(tmp_path, monkeypatch):
 
 def listed(*names):
     found = list_maps(names, None, lambda: (), exempt=RUN_FOLDERS)
-    return [str(one.path) for one in found.maps]
+    return [str(entry.path) for entry in found.maps]
 
 
 def checks_of(report):
-    return {one.file: [found.check for found in one.findings] for one in report.maps}
+    return {part.file: [found.check for found in part.findings] for part in report.maps}
 
 
 def test_a_folder_stands_for_its_maps_and_runs_and_not_for_what_runs_have_written(maps):
@@ -77,8 +77,10 @@ def test_a_manifest_of_another_program_hides_no_map(maps):
         assert listed("maps") == [PLAIN, BROKEN, TURNED]
     (maps / "manifest.json").write_text("{damaged")
     assert "maps" in listed("maps")
-    report = next(one for one in lint(maps).maps if one.file == "maps")
-    assert [one.message for one in report.findings] == ["its manifest.json is not that of a run"]
+    report = next(part for part in lint(maps).maps if part.file == "maps")
+    assert [finding.message for finding in report.findings] == [
+        "its manifest.json is not that of a run"
+    ]
 
 
 def test_a_folder_without_maps_or_that_cannot_be_read_is_a_finding(maps, monkeypatch):
@@ -93,8 +95,8 @@ def test_a_folder_without_maps_or_that_cannot_be_read_is_a_finding(maps, monkeyp
     (maps / "empty").mkdir()
     report = lint(listed("maps/empty", "maps"))
     assert not report.passes
-    messages = {(one.file, found.check): found.message for one in report.maps
-                for found in one.findings}  # fmt: skip
+    messages = {(part.file, found.check): found.message for part in report.maps
+                for found in part.findings}  # fmt: skip
     assert list(messages) == [("maps/empty", "run.no-manifest"), ("maps/b", "file.access")]
     assert "no map in it or below" in messages["maps/empty", "run.no-manifest"]
     assert messages["maps/b", "file.access"] == "cannot be read: Permission denied"
@@ -109,7 +111,7 @@ def test_a_map_has_the_rules_of_the_nearest_file_unless_one_holds_for_all(maps):
         PLAIN: [], "maps/a/turned.yaml": ["yaml.origin-yaw"],
         BROKEN: ["yaml.defaults"], TURNED: ["yaml.origin-yaw"],
     }  # fmt: skip
-    assert [bool(one.failures) for one in report.maps] == [False, True, False, False]
+    assert [bool(part.failures) for part in report.maps] == [False, True, False, False]
     assert not report.passes
     assert mapdeal.lint(TURNED).passes
     assert not mapdeal.lint(TURNED, config=maps / "pyproject.toml").passes
@@ -123,7 +125,9 @@ def test_comments_of_a_broken_map_count_too(maps):
         Path(path).write_text(Path(path).read_text() + text)
     broken, turned = lint([BROKEN, TURNED]).maps
     assert (broken.findings, broken.suppressed, turned.suppressed) == ((), 2, 1)
-    assert [(one.check, one.line) for one in turned.findings] == [("lint.unused-ignore", 8)]
+    assert [(finding.check, finding.line) for finding in turned.findings] == [
+        ("lint.unused-ignore", 8)
+    ]
 
 
 @pytest.fixture
@@ -131,35 +135,35 @@ def many(maps, monkeypatch):
     for k in range(5):
         make_map(f"maps/many/{k}.yaml", yaw=k / 10, side=10 + k)
     monkeypatch.setattr("mapdeal.commands.lint._CELLS_WORTH_WORKERS", 0)
-    return [Path(one) for one in listed("maps")]
+    return [Path(path) for path in listed("maps")]
 
 
 @pytest.mark.slow
 def test_the_report_is_the_same_with_any_number_of_processes(many):
-    done, rules = [], Selections((), (), strict=False, config=True)
-    one, other = (
-        _Lint(rules, Settings(), None, jobs)(many, lambda *_, jobs=jobs: done.append(jobs))
+    used, rules = [], Selections((), (), strict=False, config=True)
+    alone, shared = (
+        _Lint(rules, Settings(), None, jobs)(many, lambda *_, jobs=jobs: used.append(jobs))
         for jobs in (1, 2)
     )
-    assert one == other  # and so is whatever is told of it
-    assert [done.count(jobs) for jobs in (1, 2)] == [len(many)] * 2
+    assert alone == shared  # and so are the messages about them
+    assert [used.count(jobs) for jobs in (1, 2)] == [len(many)] * 2
 
 
 @pytest.fixture
 def workers(monkeypatch):
     """Workers in this process; return a dict that says by the name of a map what befalls them."""
     fates = {}
-    made = partial(HereWorkers, fates=fates)
-    monkeypatch.setattr("mapdeal.pipeline.workers.ProcessWorkers", made)
+    fated = partial(HereWorkers, fates=fates)
+    monkeypatch.setattr("mapdeal.pipeline.workers.ProcessWorkers", fated)
     return fates
 
 
 def test_a_map_that_its_worker_dies_of_is_a_finding(many, workers):
     workers["3"] = die_of(BrokenProcessPool())
     report = lint(many, jobs=2)
-    (found,) = next(one for one in report.maps if one.file == "maps/many/3.yaml").findings
-    told = "the worker process died, and again with this map alone"
-    assert (found.check, found.message) == ("lint.not-checked", told)
+    (found,) = next(part for part in report.maps if part.file == "maps/many/3.yaml").findings
+    message = "the worker process died, and again with this map alone"
+    assert (found.check, found.message) == ("lint.not-checked", message)
     alone = checks_of(lint(many))
     differ = [file for file, found in checks_of(report).items() if found != alone[file]]
     assert differ == ["maps/many/3.yaml"]
@@ -168,7 +172,7 @@ def test_a_map_that_its_worker_dies_of_is_a_finding(many, workers):
 
 @pytest.fixture
 def met(monkeypatch):
-    """Return a function that has lint of a map raise an error at first, and tells its turns."""
+    """Return a function that makes lint of some maps raise an error, and returns the calls."""
 
     def meet(name, problem):
         turns = []
@@ -191,15 +195,15 @@ def test_a_map_that_only_its_share_of_memory_refuses_is_checked_alone(many, work
     assert turns.count("2.yaml") == 2
 
 
-@pytest.mark.parametrize(("problem", "told"), [
+@pytest.mark.parametrize(("problem", "message"), [
     (ZeroDivisionError("of mine"), "internal error: ZeroDivisionError: of mine; this is a bug"),
     (MemoryError(), "not enough memory for a map of this size"),
     (OSError(errno.ENOMEM, "Cannot"), "a system resource is exhausted: Cannot"),
 ])  # fmt: skip
-def test_a_bug_met_by_one_map_is_a_finding_of_it(maps, met, problem, told):
+def test_a_bug_met_by_one_map_is_a_finding_of_it(maps, met, problem, message):
     met("plain.yaml", problem)
     report = lint(listed("maps"))
     (found,) = report.maps[0].findings
     assert (found.check, found.severity) == ("lint.not-checked", "error")
-    assert found.message.startswith(told)
+    assert found.message.startswith(message)
     assert len(report.maps) == 3

@@ -1,4 +1,4 @@
-"""Stages that only look at what they work on: what they take, and where a robot's shape goes."""
+"""Stages that only look at a grid: which grids they accept, and which get a robot's shape."""
 
 import warnings
 
@@ -25,7 +25,7 @@ def visit(monkeypatch):
 
 def recipe(tmp_path, stages, **options):
     path = tmp_path / "r.yaml"
-    path.write_text("stages:\n" + "".join(f"  - {one}\n" for one in stages.split()))
+    path.write_text("stages:\n" + "".join(f"  - {stage}\n" for stage in stages.split()))
     return {step.name: step for step in load_recipe(str(path), **options).steps}
 
 
@@ -34,17 +34,17 @@ def recipe(tmp_path, stages, **options):
     "grid", [MAP, esdf(MAP), layered_cost(MAP), field_view(esdf(MAP))],
     ids=["map", "field", "costs", "view"],
 )  # fmt: skip
-def test_a_stage_is_given_what_its_function_takes(visit, grid):
+def test_a_stage_passes_the_parameters_of_its_function(visit, grid):
     make_step("visit", {}).apply(grid, None)
     assert visit == [grid]
 
 
-@pytest.mark.parametrize(("name", "grid", "told"), [
+@pytest.mark.parametrize(("name", "grid", "message"), [
     *[(name, layered_cost(MAP), "contains costs") for name in ("inflate", "esdf", "cost")],
     ("inflate", field_view(esdf(MAP)), "view of a distance field"),
 ])  # fmt: skip
-def test_a_stage_that_takes_no_costs_or_views_gets_the_map_in_them(name, grid, told):
-    with pytest.warns(MapdealWarning, match=told):
+def test_a_stage_that_takes_no_costs_or_views_gets_the_map_in_them(name, grid, message):
+    with pytest.warns(MapdealWarning, match=message):
         assert type(make_step(name, {}).taken(grid)) is OccupancyGrid
 
 
@@ -79,12 +79,12 @@ def test_only_a_stage_that_takes_costs_can_follow_cost(tmp_path, visit):
     ("visit esdf cost", {"visit": ROUND, "cost": 0.2}),
     ("visit", {"visit": ROUND}),
     ("inflate visit", {"inflate": ROUND, "visit": None}),  # no shape on top
-    ("cost visit", {"cost": 0.2, "visit": ROUND}),  # as costs tell obstacles
+    ("cost visit", {"cost": 0.2, "visit": ROUND}),  # costs hold obstacles, not the shape
 ])  # fmt: skip
 def test_a_shape_goes_to_stages_that_look_and_to_the_first_that_hands_on(
     tmp_path, stages, expected
 ):
     steps = recipe(tmp_path, stages, footprint=ROUND)
     for name, value in expected.items():
-        taken = "inscribed_radius" if name == "cost" else "footprint"
-        assert steps[name].parameters[taken] == value
+        key = "inscribed_radius" if name == "cost" else "footprint"
+        assert steps[name].parameters[key] == value

@@ -26,12 +26,12 @@ class Step:
     stage = SimpleNamespace(of_library=0)
 
 
-def cut(left, *, base=500, threads=1, shape=(3000, 1000), steps=(Step,)):
+def cut(available, *, base=500, threads=1, shape=(3000, 1000), steps=(Step,)):
     with use_threads(threads):
-        return memory._cut(Path("m.pgm"), shape, steps, base + left, base, needed=10**9)
+        return memory._cut(Path("m.pgm"), shape, steps, base + available, base, needed=10**9)
 
 
-@pytest.mark.parametrize(("left", "threads", "rows", "kept"), [
+@pytest.mark.parametrize(("available", "threads", "rows", "unused"), [
     # 40 bytes for a cell, in one thread and once more: 80 000 a row, of half the memory;
     # 20 bytes for each of 1000 columns of each block
     (80_000_000, 1, 500, 80_000_000 - 500 * 80_000 - 6 * 20_000),
@@ -40,9 +40,9 @@ def cut(left, *, base=500, threads=1, shape=(3000, 1000), steps=(Step,)):
     # what blocks keep of their columns would fit a quarter of the memory from 25 rows on
     (2_400_000 * 4, 1, 60, 9_600_000 - 60 * 80_000 - 50 * 20_000),
 ])  # fmt: skip
-def test_half_of_the_memory_is_for_blocks(left, threads, rows, kept):
-    found, budget = cut(left, threads=threads)
-    assert (found, budget._left) == (rows, kept)
+def test_half_of_the_memory_is_for_blocks(available, threads, rows, unused):
+    found, budget = cut(available, threads=threads)
+    assert (found, budget._left) == (rows, unused)
 
 
 def test_blocks_are_no_larger_than_is_of_use():
@@ -59,14 +59,14 @@ def test_too_little_memory_says_how_much_would_do():
     with pytest.raises(MalformedInputError):
         cut(0.9 * needed)
 
-    class Whole(Step):
+    class InMemory(Step):
         is_whole = True
 
     with pytest.raises(MalformedInputError, match="need 1 GB of memory, 80 MB may be used"):
-        cut(80_000_000, base=0, steps=(Step, Whole))
+        cut(80_000_000, base=0, steps=(Step, InMemory))
 
 
-def test_a_map_in_memory_takes_what_its_steps_say_and_its_pictures():
+def test_the_memory_of_a_map_includes_its_steps_and_pictures():
     # 1000 of the engine; 3 of the engine, 1 of the map and 1.5 of the step for each of 12 cells
     assert memory.bytes_in_memory((3, 4), [Step], None) == 1000 + 66
     assert memory.bytes_in_memory((3, 4), [Step, Step], 0) == 1000 + 84 + 10 * 12
@@ -74,15 +74,15 @@ def test_a_map_in_memory_takes_what_its_steps_say_and_its_pictures():
     assert memory.bytes_in_memory((30, 4), [], 20) == 1000 + 480 + 10 * 15 * 2
 
 
-@pytest.mark.parametrize(("given", "free", "jobs", "budget"), [
+@pytest.mark.parametrize(("chosen", "free", "jobs", "budget"), [
     (7, 10**9, 1, 7), (None, None, 1, 1 << 62), (None, 10**9, 1, 500_000_000),
     (None, 300_000_000, 1, 256_000_000), (None, 200_000_000, 1, 200_000_000),
     (None, 100_000_000, 1, 128_000_000), (None, 2 * 10**9, 4, 250_000_000),
     (None, 10**9, 4, 128_000_000),
 ])  # fmt: skip
-def test_the_budget_is_half_of_what_is_free_shared_by_jobs(monkeypatch, given, free, jobs, budget):
+def test_the_budget_is_half_of_what_is_free_shared_by_jobs(monkeypatch, chosen, free, jobs, budget):
     monkeypatch.setattr(budget_of_readers, "free_memory", lambda: free)
-    assert memory.memory_budget(given, jobs) == budget
+    assert memory.memory_budget(chosen, jobs) == budget
 
 
 class File:

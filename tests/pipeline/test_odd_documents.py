@@ -43,7 +43,7 @@ ROOMS = """
 """
 AB = ("a.yaml", "b.yaml")
 MERGED = ("merge", *AB, "-o", "m.yaml", "--force")
-MADE = {
+COMMANDS = {
     "lint.json": ("lint", *AB, "--format", "json"),
     "params.json": ("lint", "--params-file", ROBOTS / "nav2_params.yaml", "--format", "json"),
     "mistakes.json": (
@@ -103,7 +103,7 @@ def written(tmp_path_factory):
         write_map("b.yaml", type(grid)(cells, grid.resolution, grid.origin))
         for name in ("a", "b"):
             write_map(f"{name}.npz", exponential_cost(read_map(f"{name}.yaml")))
-        for name, words in MADE.items():
+        for name, words in COMMANDS.items():
             with contextlib.redirect_stdout(io.StringIO()) as out, warnings.catch_warnings():
                 main([str(word) for word in words])
             if not Path(name).exists():
@@ -115,7 +115,7 @@ def written(tmp_path_factory):
 def documents(written, tmp_path, monkeypatch):
     shutil.copytree(written, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    return {name: json.loads(Path(name).read_text()) for name in MADE}
+    return {name: json.loads(Path(name).read_text()) for name in COMMANDS}
 
 
 def paths_in(value, path=()):
@@ -141,11 +141,11 @@ def emptied(value, empty):
     """Return a document with each value that a function knows replaced."""
     value = empty(value)
     if isinstance(value, dict):
-        return {key: emptied(one, empty) for key, one in value.items()}
-    return [emptied(one, empty) for one in value] if isinstance(value, list) else value
+        return {key: emptied(part, empty) for key, part in value.items()}
+    return [emptied(part, empty) for part in value] if isinstance(value, list) else value
 
 
-WHOLE = [
+CLEARED = [
     lambda value: [] if isinstance(value, list) else value,
     lambda value: 0 if isinstance(value, int | float) else value,
     lambda value: "" if isinstance(value, str) else value,
@@ -163,7 +163,7 @@ def without(document, places):
 
 @pytest.fixture
 def check(command):
-    """Give a document to all that reads it; each ends with a line, and never as a bug of ours."""
+    """Return a function that gives a document to all its readers; none may fail as a bug."""
 
     def read(name, document, grids, *, info=True, alone=False):
         before = Path(name).read_bytes()
@@ -187,7 +187,7 @@ def test_documents_of_which_all_of_a_kind_is_empty(check, documents):
     for name, document in documents.items():
         with Grids(DEFAULT_SETTINGS) as grids:
             check(name, document, grids, alone=True)
-            for empty in WHOLE:
+            for empty in CLEARED:
                 check(name, emptied(document, empty), grids)
 
 
@@ -200,7 +200,7 @@ def test_documents_without_a_part(check, documents):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_documents_with_any_part_empty(check, documents, name):
     document = documents[name]
     with Grids(DEFAULT_SETTINGS) as grids:
@@ -236,7 +236,7 @@ def odd_ones(path):
 
 def test_a_run_over_an_odd_manifest_is_done_already_or_not_ours(runs):
     path, recipe = runs / "out/m/manifest.json", load_recipe("default")
-    before = {one.name: one.read_bytes() for one in path.parent.iterdir() if one != path}
+    before = {file.name: file.read_bytes() for file in path.parent.iterdir() if file != path}
     for where, odd, is_same in odd_ones(path):
         try:
             report = run_map(runs / "m.yaml", path.parent, recipe, SETTINGS)
@@ -246,8 +246,12 @@ def test_a_run_over_an_odd_manifest_is_done_already_or_not_ours(runs):
             assert report.status == "unchanged", (where, odd)
             assert is_same or where[0] in ("figures", "warnings")
             assert [*report.figures] == ["inflate", "esdf", "cost"]
-            assert all(one["width"] > 0 < one["height"] for one in report.figures.values())
-    assert {one.name: one.read_bytes() for one in path.parent.iterdir() if one != path} == before
+            assert all(
+                figures["width"] > 0 < figures["height"] for figures in report.figures.values()
+            )
+    assert {
+        file.name: file.read_bytes() for file in path.parent.iterdir() if file != path
+    } == before
 
 
 def test_lint_of_an_odd_manifest_has_findings_or_none(runs):
@@ -258,28 +262,28 @@ def test_lint_of_an_odd_manifest_has_findings_or_none(runs):
         is_less = odd == "left out" and len(where) == 2
         is_closed = where[-1:] == ("most_common",) and odd is None
         assert bool(findings) == (touches_outputs and not is_less) or is_closed, (where, odd)
-        assert all(one.check.startswith("run.") for one in findings)
+        assert all(finding.check.startswith("run.") for finding in findings)
 
 
 def test_an_odd_golden_manifest_is_refused_or_differs(runs):
-    path, told = runs / "gold/m/manifest.json", set()
+    path, outcomes = runs / "gold/m/manifest.json", set()
     for where, odd, _ in odd_ones(path):
         try:
             lines = differences_from_golden(runs / "out/m", runs / "gold")
         except MalformedInputError as error:
             assert str(error) == f"{path}: is not the manifest of a run"
-            told.add("refused")
+            outcomes.add("refused")
         else:
             assert all(isinstance(line, str) for line in lines), (where, odd)
-            told.add("differs" if lines else "equal")
-    assert told == {"refused", "differs", "equal"}
+            outcomes.add("differs" if lines else "equal")
+    assert outcomes == {"refused", "differs", "equal"}
 
 
 @pytest.mark.parametrize("text", [
     b'{"figures": {}, "outputs": {}, "stages": 5}', b"[" * 100_000, b"1" * 5000, b"NaN",
     b'{"x": 1e999}', b"\xff\xfe", b" " * (1 << 23),
 ], ids=["stages of 5", "nested", "a long number", "nan", "1e999", "no text", "8 MiB"])  # fmt: skip
-def test_a_manifest_that_is_none_is_one_line_in_every_command(command, runs, text):
+def test_a_malformed_manifest_is_one_line_in_every_command(command, runs, text):
     for name in ("out", "gold"):
         (runs / name / "m" / "manifest.json").write_bytes(text)
     for more, expected in (
@@ -289,7 +293,7 @@ def test_a_manifest_that_is_none_is_one_line_in_every_command(command, runs, tex
         assert code == expected, err
         assert len([line for line in err.splitlines() if line.startswith("error: ")]) == 1
         assert "internal" not in err
-    told = "error: out/m/manifest.json: is not the manifest of a run\n"
-    assert command("info", "out/m")[::2] == (3, told)
+    line = "error: out/m/manifest.json: is not the manifest of a run\n"
+    assert command("info", "out/m")[::2] == (3, line)
     code, out, err = command("lint", "out/m")
     assert (code, err, "run.no-manifest" in out) == (1, "", True)

@@ -18,15 +18,15 @@ from mapdeal.stages import esdf as esdf_module
 from mapdeal.stages import exponential_cost as exponential
 from pipeline.reported import write_cells
 
-WHOLE = np.random.default_rng(5).integers(-1, 101, (23, 4)).astype(np.int8)
+VALUES = np.random.default_rng(5).integers(-1, 101, (23, 4)).astype(np.int8)
 
 
-def lazy_grid(asked):
+def lazy_grid(requested):
     def make(rows):
-        asked.append((rows.start, rows.stop))
-        return WHOLE[rows]
+        requested.append((rows.start, rows.stop))
+        return VALUES[rows]
 
-    return OccupancyGrid(LazyLayer(WHOLE.shape, np.int8, make, block_height=5, keep=1), 0.1)
+    return OccupancyGrid(LazyLayer(VALUES.shape, np.int8, make, block_height=5, keep=1), 0.1)
 
 
 def by_rows(grid):
@@ -47,30 +47,30 @@ def asking(grid, count):
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("count", [0, 10, 23])
 def test_all_files_are_whole_and_each_row_is_made_once(tmp_path, threads, count):
-    asked, told = [], []
+    requested, reports = [], []
     paths = [tmp_path / name for name in "abc"]
-    grid = lazy_grid(asked)
+    grid = lazy_grid(requested)
     with (
         use_threads(threads),
-        rows_reported(lambda rows, height: told.append((rows, height))),
+        rows_reported(lambda rows, height: reports.append((rows, height))),
         Transaction(paths) as transaction,
-        one_pass(transaction, grid) as given,
+        one_pass(transaction, grid) as shared,
     ):
         transaction.write(paths[0], by_rows(grid))
-        transaction.write(paths[1], asking(given, count))
+        transaction.write(paths[1], asking(shared, count))
         transaction.write(paths[2], by_rows(grid))
-    whole = WHOLE.tobytes() + b"END"
-    again = WHOLE[:5].tobytes() + WHOLE[:count].tobytes()
-    assert [path.read_bytes() for path in paths] == [whole, again, whole]
+    content = VALUES.tobytes() + b"END"
+    again = VALUES[:5].tobytes() + VALUES[:count].tobytes()
+    assert [path.read_bytes() for path in paths] == [content, again, content]
     in_order = [(0, 5), (5, 10), (10, 15), (15, 20), (20, 23)]
-    assert [one for one in asked if one != (0, 5)] == in_order[1:]
-    assert sum(rows for rows, _ in told) == 23
-    assert {height for _, height in told} == {23}
+    assert [rows for rows in requested if rows != (0, 5)] == in_order[1:]
+    assert sum(rows for rows, _ in reports) == 23
+    assert {height for _, height in reports} == {23}
 
 
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("where", ["begin", "rows", "finish", "asking"])
-def test_a_full_disk_is_told_with_the_file_that_did_not_fit(tmp_path, threads, where):
+def test_the_message_of_a_full_disk_names_the_file_that_did_not_fit(tmp_path, threads, where):
     grid = lazy_grid([])
     good, bad = tmp_path / "good", tmp_path / "bad"
 
@@ -80,16 +80,16 @@ def test_a_full_disk_is_told_with_the_file_that_did_not_fit(tmp_path, threads, w
     def begin(_):
         if where == "begin":
             fail()
-        put = fail if where == "rows" else lambda _: None
-        return put, fail if where == "finish" else lambda: None
+        write_rows = fail if where == "rows" else lambda _: None
+        return write_rows, fail if where == "finish" else lambda: None
 
     with (
         pytest.raises(FileAccessError, match=r"bad: cannot be written: No space left"),
         use_threads(threads),
         Transaction([good, bad]) as transaction,
-        one_pass(transaction, grid) as given,
+        one_pass(transaction, grid) as shared,
     ):
-        transaction.write(good, asking(given, 23))
+        transaction.write(good, asking(shared, 23))
         transaction.write(bad, fail if where == "asking" else RowsWriter(grid.layer, begin))
     assert list(tmp_path.iterdir()) == []
 
@@ -112,13 +112,13 @@ def building(tmp_path):
 def test_layers_are_made_once_for_figures_and_once_for_all_files(
     building, tmp_path, monkeypatch, room, expected
 ):
-    made = {"distances": 0, "costs": 0}
+    counts = {"distances": 0, "costs": 0}
 
-    def count(what, owner, name, rows_of):
+    def count(kind, owner, name, rows_of):
         method = getattr(owner, name)
 
         def counted(*args, **kwargs):
-            made[what] += rows_of(*args)
+            counts[kind] += rows_of(*args)
             return method(*args, **kwargs)
 
         monkeypatch.setattr(owner, name, counted)
@@ -131,4 +131,4 @@ def test_layers_are_made_once_for_figures_and_once_for_all_files(
     monkeypatch.setattr(memory, "_way_of", in_blocks_of_40_rows)
     recipe, settings = load_recipe("default"), Settings(threads=1, images=False)
     run_map(building, tmp_path / "out", recipe, settings)
-    assert made == expected
+    assert counts == expected

@@ -15,10 +15,10 @@ def part(place, keep=np.isfinite):
 
 
 def test_a_map_that_only_overlaps_another_one_is_placed_by_that():
-    west, whole, east = PLACES
-    parts = [part(west, lambda x: x < 11), part(east, lambda x: x > 13), part(whole)]
+    west, middle, east = PLACES
+    parts = [part(west, lambda x: x < 11), part(east, lambda x: x > 13), part(middle)]
     found = merge(parts, transforms="align").transforms
-    for transform, place in zip(found[1:], (east, whole), strict=True):
+    for transform, place in zip(found[1:], (east, middle), strict=True):
         off, turn = errors(transform, between(west, place), parts[0])
         assert off < 0.15
         assert turn < 0.5

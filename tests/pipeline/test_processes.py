@@ -1,4 +1,4 @@
-"""Worker processes where the system has little to give, and what they leave."""
+"""Worker processes where the system is short of resources, and the files that remain."""
 
 import contextlib
 import errno
@@ -81,23 +81,23 @@ def test_processes_without_a_server_start_afresh(monkeypatch):
 
 
 def batch(tmp_path, folder="T", limit=None):
-    """Run two maps in two processes; return what came of it and what is left in TMPDIR."""
+    """Run two maps in two processes; return the process and the files in TMPDIR after it."""
     for name in ("a", "b"):
         write_map(tmp_path / f"{name}.yaml", rooms_grid())
     (tmp_path / folder).mkdir()
     words = ["-m", "mapdeal", "run", "a.yaml", "b.yaml", "-o", "o", "-j", "2", "--no-images"]
-    told = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, *words], capture_output=True, text=True, cwd=tmp_path,
         env={**os.environ, "TMPDIR": str(tmp_path / folder)},
         preexec_fn=limit and (lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))),
     )  # fmt: skip
-    return told, list((tmp_path / folder).iterdir())
+    return completed, list((tmp_path / folder).iterdir())
 
 
 @pytest.mark.parametrize("folder", ["T", "T" * 120])
 def test_a_batch_leaves_nothing_among_temporary_files_however_long_their_folder(tmp_path, folder):
-    told, left = batch(tmp_path, folder)
-    assert (told.returncode, told.stderr, left) == (0, "", [])
+    completed, remaining = batch(tmp_path, folder)
+    assert (completed.returncode, completed.stderr, remaining) == (0, "", [])
 
 
 def processes_of_session(number):
@@ -138,8 +138,8 @@ def test_no_process_outlives_its_command(tmp_path, second_map, stop, code):
 
 @pytest.mark.parametrize("descriptors", [8, 12])
 def test_a_batch_without_descriptors_ends_with_one_line_and_leaves_nothing(tmp_path, descriptors):
-    told, left = batch(tmp_path, limit=descriptors)
-    assert (told.returncode, told.stdout, left) == (4, "", [])
-    error, hint = told.stderr.splitlines()
+    completed, remaining = batch(tmp_path, limit=descriptors)
+    assert (completed.returncode, completed.stdout, remaining) == (4, "", [])
+    error, hint = completed.stderr.splitlines()
     assert error.startswith(f"error: {CANNOT}")
     assert hint.startswith("hint: --jobs 1 ")

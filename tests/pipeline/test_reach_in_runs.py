@@ -68,9 +68,9 @@ def reach_of(stages, **options):
 
 
 def test_the_example_reaches_its_goals(command):
-    code, said, err = command("run", OFFICE, "-o", "out", "--recipe", RECIPE)
+    code, output, err = command("run", OFFICE, "-o", "out", "--recipe", RECIPE)
     assert code == 0, err
-    assert "; 3 of 3 goals; " in said
+    assert "; 3 of 3 goals; " in output
     manifest = json.loads(Path("out/office/manifest.json").read_text())
     assert FILES | {"cost.npz", "inflated.pgm"} <= set(manifest["outputs"])
     assert manifest["figures"]["reach"]["goals"] == dict.fromkeys(["kitchen", "lab", "store"], True)
@@ -80,7 +80,7 @@ def test_the_example_reaches_its_goals(command):
         area = np.count_nonzero(layers["reachable"]) * 0.05**2
     assert answer["reachable_m2"] == pytest.approx(area)
     assert manifest["figures"]["reach"]["reachable_m2"] == pytest.approx(area)
-    # it only looks: the rest is what it is without it
+    # the stage only looks: the other outputs are those of a run without it
     inflated = read_map("out/office/inflated.yaml").occupancy
     expected = mapdeal.inflate(read_map(OFFICE), radius=0.3).occupancy
     np.testing.assert_array_equal(inflated == 100, expected == 100)
@@ -92,38 +92,40 @@ def test_ci_sees_that_the_kitchen_is_no_longer_reachable(run, command):
     assert run(*golden, folder="same")[0] == 0
     door = ["--point", "0.9,-0.825", "--point", "2.2,-0.825", "--value", "100"]
     assert command("edit", "line", OFFICE, "-o", "new/office.yaml", *door)[0] == 0
-    code, said, manifest = run(*golden, source="new/office.yaml", folder="changed")
+    code, output, manifest = run(*golden, source="new/office.yaml", folder="changed")
     assert code == 1
-    (line,) = (line for line in said.splitlines() if line.startswith("office: reach: "))
-    told = "office: reach: reach.json, reach.npz differ: kitchen no longer reachable, reachable_m2 "
-    assert line.startswith(told)
+    (line,) = (line for line in output.splitlines() if line.startswith("office: reach: "))
+    message = (
+        "office: reach: reach.json, reach.npz differ: kitchen no longer reachable, reachable_m2 "
+    )
+    assert line.startswith(message)
     assert manifest["figures"]["reach"]["goals"] == {"kitchen": False, "lab": True, "store": True}
 
 
 def test_a_goal_that_is_not_reached_is_warned_of(run):
     words = ["--set", "reach.goals={cupboard: [9, 3], lift: [-7, 3]}"]
-    code, said, manifest = run(*words)
+    code, output, manifest = run(*words)
     assert code == 1
     assert manifest["figures"]["reach"]["goals"] == {"cupboard": False, "lift": True}
-    told = "reach: not reachable: cupboard (its cell is unknown)"
-    assert said.count(told) == 1
-    assert [text.endswith(told) for text in manifest["warnings"]] == [True]
+    message = "reach: not reachable: cupboard (its cell is unknown)"
+    assert output.count(message) == 1
+    assert [text.endswith(message) for text in manifest["warnings"]] == [True]
     assert run(*words, "--strict", folder="strict")[0] == 1
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_run_with_the_robot_s_files_reaches_what_the_command_does(run, command):
     robot(threshold=65)
-    code, said, manifest = run("--params-file", "p.yaml")
-    assert code == 0, said
+    code, output, manifest = run("--params-file", "p.yaml")
+    assert code == 0, output
     words = "--from", "-8,0", "--to", "kitchen=3,-4", "--layers", "l.npz"
     code, out, err = command("reach", OFFICE, "--params-file", "p.yaml", *words)
     assert code == 0, err
     found = json.loads(out)["reachable_m2"]
     assert manifest["figures"]["reach"]["reachable_m2"] == pytest.approx(found)
-    with np.load("l.npz") as one, np.load("out/office/reach.npz") as other:
+    with np.load("l.npz") as by_command, np.load("out/office/reach.npz") as by_run:
         for name in ("reachable", "headings", "clearance", "widest"):
-            np.testing.assert_array_equal(one[name], other[name])
+            np.testing.assert_array_equal(by_command[name], by_run[name])
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")

@@ -1,4 +1,4 @@
-"""Recipes: what they come to, and what a robot's shape and settings make of them."""
+"""Recipes: the parameters of their stages, and how a robot's shape and settings change them."""
 
 import hashlib
 import json
@@ -66,8 +66,8 @@ def test_the_built_in_recipes_have_the_documented_values(name, stages, values):
     found = described(name)
     assert list(found) == stages
     assert name not in ("default", "nav2") or found == values
-    for stage, wanted in values.items():
-        assert found[stage] == {**found[stage], **wanted}
+    for stage, expected in values.items():
+        assert found[stage] == {**found[stage], **expected}
     recipe = load_recipe(name)  # and can be sent to workers
     assert pickle.loads(pickle.dumps(recipe)) == recipe  # noqa: S301 - our own
 
@@ -112,8 +112,8 @@ def test_the_recipe_nav2_makes_the_costs_of_nav2_bringup_s_own_parameters(real_m
         grid = read_map(real_maps / case["map"])
         for step in load_recipe("nav2", footprint=shape).steps:
             grid = step.apply(grid, Path("m"))
-        made = hashlib.sha256(np.ascontiguousarray(grid.cost).tobytes()).hexdigest()
-        assert made == case["distance_transform"]["sha256"], case["id"]
+        found = hashlib.sha256(np.ascontiguousarray(grid.cost).tobytes()).hexdigest()
+        assert found == case["distance_transform"]["sha256"], case["id"]
 
 
 def test_sim_cuts_out_the_active_region_and_counts_unknown_as_occupied_unless_settings_say_else():
@@ -142,20 +142,20 @@ def test_a_shape_goes_into_inflate_with_its_radius_or_else_into_cost():
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("recipe", ["default", "nav2", "local", "design-real"])
-def test_the_radius_that_is_told_is_the_one_that_acts(recipe, shape):
-    """Stages without the shape, with what was recorded as the radius, make the same cells."""
+def test_the_radius_that_is_recorded_is_the_one_that_acts(recipe, shape):
+    """Stages without the shape, but with the recorded radius, give the same cells."""
     grid = OccupancyGrid(np.eye(12, 17, dtype=np.int8) * 100, 0.1, (1.5, -2.0, 0.4))
-    told = load_recipe(recipe, footprint=shape)
+    by_shape = load_recipe(recipe, footprint=shape)
     settings = []
-    for step in told.steps:
+    for step in by_shape.steps:
         if step.stage.robot is not None:
             name = step.stage.robot.replaces
             settings.append(f"{step.name}.{name}={step.described()[step.name][name]!r}")
     by_radius = load_recipe(recipe, changes=settings)
-    for with_shape, without in zip(told.steps, by_radius.steps, strict=True):
+    for with_shape, without in zip(by_shape.steps, by_radius.steps, strict=True):
         assert with_shape.title == without.title
-        made = [step.apply(grid, Path("m")) for step in (with_shape, without)]
-        np.testing.assert_array_equal(made[0].layer, made[1].layer)
+        products = [step.apply(grid, Path("m")) for step in (with_shape, without)]
+        np.testing.assert_array_equal(products[0].layer, products[1].layer)
 
 
 def test_of_a_radius_and_a_shape_the_later_setting_counts():
@@ -178,8 +178,8 @@ def test_a_radius_that_counts_twice_is_warned_of():
         load_recipe("default", changes=["cost.inscribed_radius=0.2"])
     model = "cost.model=layers"
     layers = "cost.layers=[static, inflation: {inscribed_radius: 0.2}, inflation]"
-    told = r"inscribed_radius 0.2 m comes on top of stage inflate"
-    with pytest.warns(MapdealWarning, match=told):
+    message = r"inscribed_radius 0.2 m comes on top of stage inflate"
+    with pytest.warns(MapdealWarning, match=message):
         load_recipe("default", changes=[model, layers])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -203,7 +203,7 @@ def test_mappings_that_are_merged_give_way_to_what_stands_beside_them(file):
         "  - esdf: &b {lethal_threshold: 70}\n"
         "  - cost:\n      <<: [{lethal_threshold: 80, model: threshold}, *b]\n"
     )
-    thresholds = [one["lethal_threshold"] for one in described(file(text)).values()]
+    thresholds = [parameters["lethal_threshold"] for parameters in described(file(text)).values()]
     assert thresholds == [60, 70, 80]
     text += "      lethal_threshold: *n\n"
     assert described(file(text))["cost"]["lethal_threshold"] == 60
@@ -218,7 +218,7 @@ def test_mappings_that_are_merged_give_way_to_what_stands_beside_them(file):
     "stages:\n",
     "stages: esdf\n",
 ])  # fmt: skip
-def test_a_recipe_of_another_shape_is_told_how_one_looks(file, text):
+def test_the_hint_for_a_malformed_recipe_shows_a_sound_one(file, text):
     path = file(text)
     with pytest.raises(ParameterError) as caught:
         load_recipe(path)

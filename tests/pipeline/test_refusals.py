@@ -1,4 +1,4 @@
-"""What recipes, runs and lint do not take: the line or the option, and what is said."""
+"""Recipes, runs and lint refused: the line or the option named, and the message."""
 
 import json
 
@@ -53,7 +53,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("text", "rule"), WRONG)
 def test_the_line_of_a_recipe_that_is_wrong_is_named(tmp_path, text, rule):
-    (line,) = [k for k, one in enumerate(text.splitlines(), 1) if one.endswith(MARK)]
+    (line,) = [k for k, row in enumerate(text.splitlines(), 1) if row.endswith(MARK)]
     path = tmp_path / "r.yaml"
     path.write_text(text)
     with pytest.raises(ParameterError) as caught:
@@ -65,7 +65,7 @@ def test_the_line_of_a_recipe_that_is_wrong_is_named(tmp_path, text, rule):
 LIKE = "must look like stage.parameter=value"
 
 
-@pytest.mark.parametrize(("name", "setting", "told", "hint"), [
+@pytest.mark.parametrize(("name", "setting", "message", "hint"), [
     ("default", "radius=0.3", LIKE, "did you mean inflate.radius?"),
     ("default", "inflate.radius", LIKE, None),
     ("default", "inflat.radius=1", "no such stage", "did you mean inflate?"),
@@ -79,17 +79,17 @@ LIKE = "must look like stage.parameter=value"
      "did you mean esdf.lethal_threshold or cost.lethal_threshold?"),
     ("nav2", "nothing=1", LIKE, ""),
 ])  # fmt: skip
-def test_settings(command, here, name, setting, told, hint):
+def test_settings(command, here, name, setting, message, hint):
     code, out, err = command("run", "m.yaml", "-o", "out", "--recipe", name, "--set", setting)
     assert (code, out) == (2, "")
-    assert told in err
+    assert message in err
     assert hint is None or hint in err
     assert hint != "" or "hint:" not in err
 
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """A folder with a map, a recipe, and what is no golden run."""
+    """A folder with a map, a recipe, and a folder that is not of a run."""
     monkeypatch.chdir(tmp_path)
     write_map("m.yaml", rooms_grid())
     (tmp_path / "r.yaml").write_text("stages:\n  - inflate:\n      radius: 0.3\n  - esdf\n")
@@ -98,7 +98,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize(("words", "code", "told"), [
+@pytest.mark.parametrize(("words", "code", "message"), [
     ("run m.yaml -o new --golden nowhere", 4, "no golden run"),
     ("run m.yaml -o new --golden bad", 3, "not the manifest"),
     ("run m.yaml -o new --update-golden", 2, "--golden"),
@@ -109,10 +109,10 @@ def here(tmp_path, monkeypatch):
     ("lint m.yaml -o x.yaml", 2, "error: --output: needs --fix"),
     ("lint m.yaml n.yaml --fix -o x.yaml", 2, "error: -o: takes one map, got 2"),
 ])  # fmt: skip
-def test_options(command, here, words, code, told):
+def test_options(command, here, words, code, message):
     before = sorted(here.iterdir())
     found, _, err = command(*words.split())
-    assert (found, told in err) == (code, True), err
+    assert (found, message in err) == (code, True), err
     assert "lint" not in words or sorted(here.iterdir()) == before
 
 

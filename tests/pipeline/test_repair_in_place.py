@@ -1,4 +1,4 @@
-"""Repairs of maps in their own files, against copies of them and by what is left."""
+"""Repairs of maps in their own files, compared with copies, and the files that remain."""
 
 import io
 import json
@@ -97,7 +97,7 @@ def test_values_are_replaced_where_they_stand(fixed, before, after, count):
     assert code == 0
     assert Path("m.yaml").read_bytes() == after.encode()
     assert Path("m.pgm").read_bytes() == PGM
-    assert {one.check for one in lint_file(Path("m.yaml"))} <= {"yaml.unknown-key"}
+    assert {finding.check for finding in lint_file(Path("m.yaml"))} <= {"yaml.unknown-key"}
     assert sum(line.startswith("m.yaml: repaired: ") for line in out.splitlines()) == count
     assert out.endswith(", 1 repaired\n")
 
@@ -109,24 +109,24 @@ def test_a_name_like_a_date_gets_quotes(fixed):
     assert yaml.safe_load(Path("m.yaml").read_text())["image"] == "2024-01-01"
 
 
-@pytest.mark.parametrize(("text", "words", "code", "told"), [
+@pytest.mark.parametrize(("text", "words", "code", "message"), [
     (yaml_text(), [], 0, ""),
     (NOISE, ["--ignore", "yaml.resolution-noise"], 0, ""),
     (NOISE, ["--select", "image"], 0, ""),
     (NOISE + "# mapdeal: ignore yaml\n", [], 0, ""),
     (flow(MISSING), [], 3, "m.yaml: its YAML is written in a way that cannot be edited"),
 ], ids=["good", "ignored", "not selected", "a comment", "cannot be edited"])  # fmt: skip
-def test_what_does_not_count_or_cannot_be_edited_is_left(fixed, folder, text, words, code, told):
+def test_what_does_not_count_or_cannot_be_edited_is_left(fixed, folder, text, words, code, message):
     write(text)
     before = tree(folder)
     times = [path.stat().st_mtime_ns for path in folder.iterdir()]
     found, out, err = fixed(*words)
-    assert (found, told in err, "repaired" in out) == (code, True, False)
+    assert (found, message in err, "repaired" in out) == (code, True, False)
     assert tree(folder) == before
     assert [path.stat().st_mtime_ns for path in folder.iterdir()] == times
 
 
-def test_maps_that_are_no_pairs_are_left(command, fixed, folder):
+def test_fix_leaves_npz_maps_unchanged(command, fixed, folder):
     assert command("convert", "m.yaml", "-o", "m.npz")[0] == 0
     before = tree(folder)
     assert fixed(name="m.npz")[0] == 0
@@ -200,8 +200,8 @@ def test_an_image_that_another_map_uses_is_left_to_it(fixed, name):
     Path("m.yaml").rename("turned.yaml")
     code, out, _ = fixed(name="turned.yaml")
     assert code == 0
-    told = "turned.yaml: repaired: turned.pgm written beside m.pgm, which user.yaml also uses"
-    assert told in out
+    message = "turned.yaml: repaired: turned.pgm written beside m.pgm, which user.yaml also uses"
+    assert message in out
     assert Path("m.pgm").read_bytes() == PGM
     assert np.array_equal(read_map("user.yaml").occupancy, before.occupancy)
     assert read_map("turned.yaml").origin[2] == 0
@@ -214,9 +214,9 @@ def test_a_file_in_the_place_of_a_new_image_is_not_replaced_and_the_others_go_on
     text = Path("turned.yaml").read_bytes()
     code, out, err = fixed(name=".")
     assert code == 4
-    told = "its image m.pgm, which m.yaml also uses, would become turned.pgm, which exists"
+    message = "its image m.pgm, which m.yaml also uses, would become turned.pgm, which exists"
     hint = "mapdeal lint MAP --fix -o OUT writes a repaired copy"
-    assert err.splitlines() == [f"error: turned.yaml: {told}", f"hint: {hint}"]
+    assert err.splitlines() == [f"error: turned.yaml: {message}", f"hint: {hint}"]
     assert (Path("turned.yaml").read_bytes(), Path("turned.pgm").read_text()) == (text, "mine")
     assert "m.yaml: repaired: free_thresh 0.196" in out
 
@@ -243,7 +243,7 @@ def test_a_failure_leaves_both_files_as_they_were(fixed, folder, monkeypatch):
 
     def fails_for_the_yaml(self, target):
         if Path(target).name == "m.yaml" and not failed:
-            failed.append(target)  # once: what is undone goes the same way
+            failed.append(target)  # fail once: the old file returns by the same call
             raise PermissionError(13, "Permission denied")
         return replace(self, target)
 
@@ -263,14 +263,14 @@ def test_other_forms_tell_repairs_too(fixed):
     assert fixed("--format", "json")[2] == ""
 
 
-@pytest.mark.parametrize("when", ["gather", "edited"])
+@pytest.mark.parametrize("when", ["gather", "with_values"])
 def test_a_map_that_changes_while_it_is_repaired_is_left(fixed, folder, monkeypatch, when):
     write(yaml_text(free_thresh="0.25"))
     theirs = yaml_text(free_thresh="0.3") + "# a change by somebody else\n"
     real = getattr(repair, when)
 
-    def meanwhile(*given, **words):
-        found = real(*given, **words)
+    def meanwhile(*arguments, **words):
+        found = real(*arguments, **words)
         write(theirs)
         return found
 

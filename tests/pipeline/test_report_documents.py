@@ -1,4 +1,4 @@
-"""Documents in a report: which entry gets what lint, reach, route, diff, score and align tell."""
+"""Documents in a report: the entry that shows each of lint, reach, route, diff, score, align."""
 
 import json
 import shutil
@@ -30,8 +30,8 @@ def place(path, row, col):
     return f"{x:.6f},{y:.6f}"
 
 
-def test_reach_belongs_to_what_is_named_before_it(said, rooms, shut):
-    reach = said(
+def test_reach_belongs_to_what_is_named_before_it(save_output, rooms, shut):
+    reach = save_output(
         "reach.json", "reach", shut, "--from", place(shut, 3, 4), "--to",
         f"lab={place(shut, 4, 14)}", "--robot-radius", 0.3, "--min-area", 0.1,
     )  # fmt: skip
@@ -40,7 +40,7 @@ def test_reach_belongs_to_what_is_named_before_it(said, rooms, shut):
     orders = ((rooms, shut, reach), 1), ((shut, reach, rooms), 0), ((reach, shut, rooms), 0)
     for paths, owner in orders:
         entries = entries_of(*paths)
-        assert [bool(one.items) for one in entries] == [number == owner for number in (0, 1)]
+        assert [bool(entry.items) for entry in entries] == [number == owner for number in (0, 1)]
         items = {item.kind: item for item in entries[owner].items}
         assert list(items) == ["start", "goal", "passage"]
         assert items["passage"].place == (passage["x"], passage["y"])
@@ -48,9 +48,9 @@ def test_reach_belongs_to_what_is_named_before_it(said, rooms, shut):
         assert (items["goal"].tone, items["goal"].label) == ("error", "lab")
 
 
-def test_a_route_is_a_line(said, rooms):
+def test_a_route_is_a_line(save_output, rooms):
     ends = "--from", place(rooms, 3, 4), "--to", place(rooms, 3, 14)
-    path = said("route.json", "route", rooms, "--robot-radius", 0.2, *ends)
+    path = save_output("route.json", "route", rooms, "--robot-radius", 0.2, *ends)
     (entry,) = entries_of(rooms, path)
     (route,) = (item for item in entry.items if item.kind == "route")
     assert np.array_equal(route.lines[0], document(path)["points"])
@@ -67,20 +67,22 @@ def test_a_long_route_keeps_its_ends_and_few_of_its_points():
 
 
 @pytest.fixture
-def findings(said, rooms, shut):
+def findings(save_output, rooms, shut):
     """Return a function that lints maps into a document."""
-    return lambda *maps: said("lint.json", "lint", *maps, "--robot-radius", 0.3, "--format", "json")
+    return lambda *maps: save_output(
+        "lint.json", "lint", *maps, "--robot-radius", 0.3, "--format", "json"
+    )
 
 
 def test_findings_belong_to_the_maps_that_they_name(findings, rooms, shut):
     path = findings(rooms, shut)
-    changed(path, lambda told: told["maps"][0]["findings"][0].update(message="of this map"))
-    told = {one["file"]: one["findings"] for one in document(path)["maps"]}
+    changed(path, lambda lint: lint["maps"][0]["findings"][0].update(message="of this map"))
+    by_file = {part["file"]: part["findings"] for part in document(path)["maps"]}
     for paths in ((rooms, shut), (shut, rooms)):
-        for one, entry in zip(paths, entries_of(*paths, path), strict=True):
+        for map_path, entry in zip(paths, entries_of(*paths, path), strict=True):
             texts = [item.text for item in entry.items if ": place " not in item.text]
-            assert len(texts) == len(told[str(one)])
-            for finding in told[str(one)]:
+            assert len(texts) == len(by_file[str(map_path)])
+            for finding in by_file[str(map_path)]:
                 assert any(finding["message"] in text for text in texts)
 
 
@@ -95,17 +97,17 @@ def test_findings_alone_bring_the_maps_with_them(findings, rooms):
     assert (entry.name, entry.layers) == ("gone", ())
 
 
-def test_findings_of_other_maps_are_told_not_guessed(findings, rooms, shut, tmp_path):
+def test_findings_of_other_maps_are_counted_not_guessed(findings, rooms, shut, tmp_path):
     path = findings(shut, rooms)
     (tmp_path / "other").mkdir()
-    other = shutil.copy(shut, tmp_path / "other" / "third.yaml")
+    third = shutil.copy(shut, tmp_path / "other" / "third.yaml")
     shutil.copy(shut.with_suffix(".pgm"), tmp_path / "other")
     with pytest.warns(mapdeal.MapdealWarning, match=r"findings of .*shut\.yaml"):
-        (entry,) = entries_of(other, path)
+        (entry,) = entries_of(third, path)
     assert entry.items == ()
     clean = {"file": "far.yaml", "findings": [], "suppressed": 0}
-    changed(path, lambda told: told.update(maps=[clean, clean]))
-    assert entries_of(other, path)[0].items == ()  # a warning would be an error
+    changed(path, lambda lint: lint.update(maps=[clean, clean]))
+    assert entries_of(third, path)[0].items == ()  # a warning would be an error
 
 
 @pytest.mark.parametrize(("file", "found"), [
@@ -123,15 +125,15 @@ def test_which_entries_a_name_is_of(file, found, tmp_path):
         draft.names.add(f"{draft.name}.yaml")
         draft.files.add("one.yaml")
     drafts[2].files |= {"two.yaml", "two.pgm"}
-    assert [drafts.index(one) for one in drafts_about(file, drafts)] == found
+    assert [drafts.index(draft) for draft in drafts_about(file, drafts)] == found
 
 
-def test_a_diff_shows_both_maps_and_what_differs(said, rooms, shut, tmp_path):
+def test_a_diff_shows_both_maps_and_what_differs(save_output, rooms, shut, tmp_path):
     changes = mapdeal.read_map(rooms).occupancy != mapdeal.read_map(shut).occupancy
-    path, sent = said("diff.json", "diff", rooms, shut, "--json"), tmp_path / "sent"
+    path, sent = save_output("diff.json", "diff", rooms, shut, "--json"), tmp_path / "sent"
     sent.mkdir()  # maps are looked for beside the document, too
-    for one in (path, rooms, rooms.with_suffix(".pgm"), shut, shut.with_suffix(".pgm")):
-        shutil.move(one, sent)
+    for file in (path, rooms, rooms.with_suffix(".pgm"), shut, shut.with_suffix(".pgm")):
+        shutil.move(file, sent)
     (entry,) = entries_of(sent / "diff.json")
     assert layer_names(entry) == ["first", "second", "difference"]
     assert entry.compared == ("first", "second")
@@ -170,18 +172,18 @@ def test_a_diff_with_a_tolerance_or_a_transform_shows_what_it_found(command, roo
             assert np.allclose(entry.layers[1].frame.origin, entry.layers[0].frame.origin)
 
 
-def difference(said, tmp_path, before, after):
+def difference(save_output, tmp_path, before, after):
     maps = (write_cells(tmp_path / f"{k}.yaml", cells) for k, cells in enumerate((before, after)))
-    (entry,) = entries_of(said("diff.json", "diff", *maps, "--json"))
+    (entry,) = entries_of(save_output("diff.json", "diff", *maps, "--json"))
     return entry
 
 
-def test_groups_of_cells_that_differ_are_listed_by_size(said, tmp_path):
+def test_groups_of_cells_that_differ_are_listed_by_size(save_output, tmp_path):
     before, after = np.zeros((30, 40), np.int8), np.zeros((30, 40), np.int8)
     before[3, 4:9] = 100  # gone
     after[20:22, 30] = after[22, 31] = 100  # touch over a corner
     after[10, 10] = 100
-    entry = difference(said, tmp_path, before, after)
+    entry = difference(save_output, tmp_path, before, after)
     assert [(item.kind, item.text.partition(" at ")[0]) for item in entry.items] == [
         ("removed", "1. 0.312 m2"), ("added", "2. 0.188 m2"), ("added", "3. 0.0625 m2")
     ]  # fmt: skip
@@ -190,21 +192,21 @@ def test_groups_of_cells_that_differ_are_listed_by_size(said, tmp_path):
     # of many, twenty
     walls = np.zeros_like(after)
     walls[1:23:3, 2::4], walls[26, 2:6] = 100, 100
-    items = difference(said, tmp_path, np.zeros_like(after), walls).items
+    items = difference(save_output, tmp_path, np.zeros_like(after), walls).items
     assert items[0].text.startswith("1. 0.25 m2 at ")
     assert (len(items), items[-1].text) == (21, "61 smaller changes not listed")
 
 
-def test_a_diff_of_maps_that_are_gone_or_changed_says_so(said, rooms, shut):
-    path = said("diff.json", "diff", rooms, shut, "--json")
+def test_a_diff_of_maps_that_are_gone_or_changed_says_so(save_output, rooms, shut):
+    path = save_output("diff.json", "diff", rooms, shut, "--json")
     mapdeal.write_map(shut, grid_from_text(ROOMS), force=True)
     with pytest.warns(mapdeal.MapdealWarning, match=r"shut\.yaml: is not the map that diff\.json"):
         (entry,) = entries_of(path)
     assert len(entry.layers) == 3
     rooms.unlink()
-    with pytest.warns(mapdeal.MapdealWarning) as given:
+    with pytest.warns(mapdeal.MapdealWarning) as caught:
         (entry,) = entries_of(path)
-    assert "so this map is not shown" in str(given[0].message)
+    assert "so this map is not shown" in str(caught[0].message)
     assert layer_names(entry) == ["second"]
     assert [text.partition(":")[0] for text in entry.warnings] == ["rooms.yaml", "shut.yaml"]
 
@@ -213,20 +215,20 @@ def scores_of(entry):
     return [table for table in entry.tables if "Score" in table.title]
 
 
-def test_a_score_is_a_table_of_the_map_that_it_names(said, rooms, shut):
+def test_a_score_is_a_table_of_the_map_that_it_names(save_output, rooms, shut):
     bounds = ("--min", "coverage=0.9", "--max", "dist_truth_to_est_m.mean=0.001")
-    path = said("score.json", "score", rooms, "--truth", shut, *bounds, "--json")
+    path = save_output("score.json", "score", rooms, "--truth", shut, *bounds, "--json")
     values = document(path)["values"]
     for paths, owner in (((shut, rooms), 1), ((), 0)):
         entries = entries_of(*paths, path)
-        tables = [scores_of(one) for one in entries]
+        tables = [scores_of(entry) for entry in entries]
         assert [len(found) for found in tables] == [k == owner for k in range(len(entries))]
         (table,) = tables[owner]
         assert table.title == "Score: does not pass"
         rows = dict(table.rows)
         assert rows["truth"] == "shut.yaml"
-        told = f"{100 * values['coverage']:.1f} %"
-        assert rows["known area of the true map that the map knows (coverage)"] == told
+        coverage = f"{100 * values['coverage']:.1f} %"
+        assert rows["known area of the true map that the map knows (coverage)"] == coverage
         far = values["dist_truth_to_est_m"]["mean"]
         assert [text for name, text in table.rows if name == "bound"] == [
             f"coverage at least 0.9: holds, found {values['coverage']:.9g}",
@@ -235,29 +237,31 @@ def test_a_score_is_a_table_of_the_map_that_it_names(said, rooms, shut):
     assert entries[0].name == "rooms"
 
 
-def test_the_score_of_a_map_that_is_not_here_or_has_changed_is_told_of(said, rooms, shut, tmp_path):
-    path = said("score.json", "score", rooms, "--json")
+def test_the_score_of_a_map_that_is_missing_or_has_changed_is_warned_of(
+    save_output, rooms, shut, tmp_path
+):
+    path = save_output("score.json", "score", rooms, "--json")
     mapdeal.write_map(tmp_path / "third.yaml", grid_from_text(ROOMS))
     with pytest.warns(mapdeal.MapdealWarning, match=r"score of .*rooms\.yaml is left out"):
         entries = entries_of(shut, tmp_path / "third.yaml", path)
-    assert [scores_of(one) for one in entries] == [[], []]
+    assert [scores_of(entry) for entry in entries] == [[], []]
     ((score,),) = map(scores_of, entries_of(path))
     rows = dict(score.rows)
     assert rows["corners and ends of walls (corners)"].isdigit()
     assert "truth" not in rows
     mapdeal.write_map(rooms, grid_from_text(SHUT), force=True)
-    told = r"rooms\.yaml: is not the map that score\.json"
-    with pytest.warns(mapdeal.MapdealWarning, match=told):
+    message = r"rooms\.yaml: is not the map that score\.json"
+    with pytest.warns(mapdeal.MapdealWarning, match=message):
         (entry,) = entries_of(rooms, path)
     assert any("score.json" in text for text in entry.warnings)
 
 
-def test_an_alignment_shows_the_first_map_where_it_lies_on_the_second(said, tmp_path):
+def test_an_alignment_shows_the_first_map_where_it_lies_on_the_second(save_output, tmp_path):
     here, there = Transform(-3.2, 11.7, 0.3), Transform(5.0, 2.0, 2.2)
     maps = tmp_path / "a.yaml", tmp_path / "b.yaml"
     for path, where in zip(maps, (here, there), strict=True):
         mapdeal.write_map(path, drawn(WALLS, 0.2, where))
-    align = said("t.json", "align", *maps, "--json")
+    align = save_output("t.json", "align", *maps, "--json")
     (entry,) = entries_of(align)
     assert entry.compared == ("first", "second")
     first, second = (layer.frame for layer in entry.layers)

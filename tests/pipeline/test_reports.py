@@ -1,6 +1,6 @@
-"""What a report gathers: which paths become entries, which join others, and what is warned of.
+"""Paths of a report: which become entries, which join other entries, and the warnings.
 
-Anybody may have written the documents: they are shown as far as they tell anything.
+Anybody may have written the documents: the page shows every part that it can read.
 """
 
 import json
@@ -28,26 +28,26 @@ from pipeline.reported import (
     write_cells,
 )  # fmt: skip
 
-OTHER = grid_from_text("#####\n#...#\n#####")
+ROOM = grid_from_text("#####\n#...#\n#####")
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STAGES = ["inflated", "esdf", "cost"]
 
 
-def test_a_run_has_a_layer_for_each_stage_and_all_that_its_manifest_tells(run):
+def test_a_run_has_a_layer_for_each_stage_and_all_that_its_manifest_lists(run):
     (entry,) = entries_of(run)
     assert (entry.name, layer_names(entry), entry.warnings) == ("rooms", STAGES, ())
     inflated, field, _ = entry.layers
     titles = ("Inflated by 0.25 m (disc)", "Signed distance field")
     assert (inflated.title, field.title) == titles
     assert (field.states, field.convention, field.unit) == ("inflated", "fast-planner", "m")
-    told = {table.title: dict(table.rows) for table in entry.tables}
+    tables = {table.title: dict(table.rows) for table in entry.tables}
     manifest = document(run / "manifest.json")
-    assert told["inflate: parameters"]["radius"] == "0.25"
-    assert told["Files written, and their SHA-256"] == manifest["outputs"]
-    assert told["Files read, and their SHA-256"] == manifest["inputs"]
+    assert tables["inflate: parameters"]["radius"] == "0.25"
+    assert tables["Files written, and their SHA-256"] == manifest["outputs"]
+    assert tables["Files read, and their SHA-256"] == manifest["inputs"]
     assert (entry.figures["cells"], entry.figures["m per cell"]) == ("20 x 8", 0.25)
     # the curve of the costs stays whatever comes behind them
-    changed(run / "manifest.json", lambda told: told["stages"].append(told["stages"].pop(0)))
+    changed(run / "manifest.json", lambda file: file["stages"].append(file["stages"].pop(0)))
     assert entry.curve.inflation_radius == entries_of(run)[0].curve.inflation_radius == 0.8
 
 
@@ -65,14 +65,14 @@ def test_the_map_that_a_run_was_made_of_joins_it_in_whatever_order(run, rooms, t
 
 def test_grids_join_what_covers_the_same_cells_and_maps_do_not(rooms, tmp_path):
     near, far, again = (tmp_path / name for name in ("near.npz", "far.npz", "again.yaml"))
-    mapdeal.write_map(far, mapdeal.esdf(OTHER))
+    mapdeal.write_map(far, mapdeal.esdf(ROOM))
     mapdeal.write_map(near, mapdeal.esdf(rooms_grid()))
     mapdeal.write_map(again, rooms_grid())
     joined, alone = entries_of(rooms, near, far)
     assert layer_names(joined) == ["rooms", "near"]  # its map is that of the entry
     assert joined.layers[1].states == "rooms"
     assert layer_names(alone) == ["far-map", "far"]
-    assert [layer_names(one) for one in entries_of(rooms, again)] == [["rooms"], ["again"]]
+    assert [layer_names(entry) for entry in entries_of(rooms, again)] == [["rooms"], ["again"]]
 
 
 def test_a_map_that_has_changed_since_does_not_join_its_run(run, rooms):
@@ -86,7 +86,7 @@ def test_a_map_that_has_changed_since_does_not_join_its_run(run, rooms):
 def maps_run(tmp_path, command):
     (tmp_path / "maps" / "a").mkdir(parents=True)
     mapdeal.write_map(tmp_path / "maps" / "a" / "one.yaml", rooms_grid())
-    mapdeal.write_map(tmp_path / "maps" / "two.yaml", OTHER)
+    mapdeal.write_map(tmp_path / "maps" / "two.yaml", ROOM)
     (tmp_path / "maps" / "bad.yaml").write_text("image: none.pgm\nresolution: x\n")
     words = ["run", tmp_path / "maps", "-o", tmp_path / "batch", "--jobs", 1, "--no-images"]
     assert command(*words)[0] == 5
@@ -100,9 +100,9 @@ def test_a_batch_has_an_entry_for_each_map_and_one_that_failed_has_the_reason(ma
     assert entries["bad"].layers == ()
     assert "bad.yaml" in entries["bad"].warnings[0]
     shutil.rmtree(maps_run / "two")
-    with pytest.warns(mapdeal.MapdealWarning) as given:
+    with pytest.warns(mapdeal.MapdealWarning) as caught:
         entries = {entry.name: entry for entry in entries_of(maps_run)}
-    assert (len(given), len(entries["a/one"].layers), entries["two"].layers) == (1, 3, ())
+    assert (len(caught), len(entries["a/one"].layers), entries["two"].layers) == (1, 3, ())
     assert entries["two"].warnings[0].endswith("so this run is not shown")
 
 
@@ -187,46 +187,48 @@ def test_what_reading_a_map_warns_of_is_on_the_page_and_given_once(tmp_path, fit
         monkeypatch.setattr("mapdeal.commands.report_entries.memory_limit", lambda: (0, ""))
     dark = np.full((8, 20), -1, np.int8)
     paths = [write_cells(tmp_path / f"{name}.yaml", dark) for name in ("one", "two")]
-    with pytest.warns(mapdeal.MapdealWarning, match="known") as given:
+    with pytest.warns(mapdeal.MapdealWarning, match="known") as caught:
         entries = entries_of(*paths)
     texts = [entry.warnings[0] for entry in entries]
     assert [text.partition(": ")[0] for text in texts] == ["one.yaml", "two.yaml"]
-    assert len(given) == 2
+    assert len(caught) == 2
 
 
 def test_what_reading_the_map_of_a_run_warns_of_is_on_its_page(rooms, run):
     rooms.write_text(rooms.read_text().replace("free_thresh: ", "free_thresh: 0.3 # "))
     paths = (rooms, rooms.with_suffix(".pgm"))
     sums = {path.name: sha256(path.read_bytes()).hexdigest() for path in paths}
-    changed(run / "manifest.json", lambda told: told.update(inputs=sums, warnings=[]))
-    with pytest.warns(mapdeal.MapdealWarning) as given:
+    changed(run / "manifest.json", lambda document: document.update(inputs=sums, warnings=[]))
+    with pytest.warns(mapdeal.MapdealWarning) as caught:
         (entry,) = entries_of(run, rooms)
     assert layer_names(entry)[0] == "input"
-    assert [text.partition(":")[0] for text in entry.warnings] == ["rooms.yaml"] * len(given)
+    assert [text.partition(":")[0] for text in entry.warnings] == ["rooms.yaml"] * len(caught)
 
 
 @pytest.fixture
-def machine(tmp_path, rooms, command, said):
+def machine(tmp_path, rooms, command, save_output):
     """A folder of documents that name maps of this machine by absolute paths, and others."""
-    other, imageless, robot = (tmp_path / f"{one}.yaml" for one in ("other", "imageless", "robot"))
-    mapdeal.write_map(other, rooms_grid(walls=3))
+    shifted, imageless, robot = (
+        tmp_path / f"{name}.yaml" for name in ("other", "imageless", "robot")
+    )
+    mapdeal.write_map(shifted, rooms_grid(walls=3))
     imageless.write_text(rooms.read_text().replace("rooms.pgm", "no.pgm"))
     robot.write_text("global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.2}}}\n")
-    maps = [rooms, other, imageless, tmp_path / "gone.yaml", robot]
+    maps = [rooms, shifted, imageless, tmp_path / "gone.yaml", robot]
     (tmp_path / "documents").mkdir()
     ends = rooms_grid().frame.xy_from_rowcol([(3, 4), (3, 14)]).tolist()
     start, goal = (f"{x},{y}" for x, y in ends)
     at = ["--from", start, "--to", goal, "--robot-radius", "0.05"]
     for name, words in {
-        "align": ["align", rooms, other, "--json"],
-        "diff": ["diff", rooms, other, "--json"],
+        "align": ["align", rooms, shifted, "--json"],
+        "diff": ["diff", rooms, shifted, "--json"],
         "lint": ["lint", *maps, "--format", "json"],
         "params": ["lint", rooms, "--params-file", robot, "--format", "json"],
-        "score": ["score", rooms, "--truth", other, "--json"],
+        "score": ["score", rooms, "--truth", shifted, "--json"],
         "reach": ["reach", rooms, *at],
         "route": ["route", rooms, *at],
     }.items():
-        said(f"documents/{name}.json", *words)
+        save_output(f"documents/{name}.json", *words)
     command("run", imageless, rooms, "-o", tmp_path / "batch", "-q", "--jobs", 1, "--no-images")
     return tmp_path / "documents"
 
@@ -250,9 +252,9 @@ def test_pages_show_no_absolute_path(machine, command, state):
 
 
 def test_documents_of_another_system_show_no_folder_of_it(machine):
-    told = document(machine / "diff.json")
-    told["first"]["file"], told["second"]["file"] = "C:\\maps\\a.yaml", "/home/me/my maps/b.yaml"
-    (machine / "diff.json").write_text(json.dumps(told))
+    diff = document(machine / "diff.json")
+    diff["first"]["file"], diff["second"]["file"] = "C:\\maps\\a.yaml", "/home/me/my maps/b.yaml"
+    (machine / "diff.json").write_text(json.dumps(diff))
     with pytest.warns(mapdeal.MapdealWarning, match="is not shown"):
         (entry,) = entries_of(machine / "diff.json")
     rows = dict(row for table in entry.tables for row in table.rows)
@@ -260,16 +262,18 @@ def test_documents_of_another_system_show_no_folder_of_it(machine):
     assert [text.split(":")[0] for text in entry.warnings] == ["a.yaml", "b.yaml"]
 
 
-def test_a_map_that_is_named_many_times_is_on_the_page_once(rooms, tmp_path, said, monkeypatch):
+def test_a_map_that_is_named_many_times_is_on_the_page_once(
+    rooms, tmp_path, save_output, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "deep").mkdir()
     Path("link.yaml").symlink_to("rooms.yaml")
     Path("hard.yaml").hardlink_to("rooms.yaml")
     names = ["rooms.yaml", "./rooms.yaml", "deep/../rooms.yaml", "link.yaml", "hard.yaml", rooms]
-    lint = said("lint.json", "lint", "rooms.yaml", "--format", "json")
+    lint = save_output("lint.json", "lint", "rooms.yaml", "--format", "json")
     maps = [{**document(lint)["maps"][0], "file": str(names[k % 6])} for k in range(301)]
-    changed(lint, lambda told: told.update(maps=maps))
-    (entry,) = entries_of(lint, said("score.json", "score", "link.yaml", "--json"))
+    changed(lint, lambda document: document.update(maps=maps))
+    (entry,) = entries_of(lint, save_output("score.json", "score", "link.yaml", "--json"))
     assert layer_names(entry) == ["rooms"]
     assert sum(table.title.startswith("Score") for table in entry.tables) == 1
     (entry,) = entries_of(*(tmp_path / name for name in names))
@@ -277,10 +281,12 @@ def test_a_map_that_is_named_many_times_is_on_the_page_once(rooms, tmp_path, sai
 
 
 def test_a_run_that_is_named_many_times_is_on_the_page_once(run, tmp_path):
-    told = {"map": "rooms.yaml", "folder": "rooms", "status": "done"}
+    entry_of_run = {"map": "rooms.yaml", "folder": "rooms", "status": "done"}
     places = ["rooms", "./rooms", "rooms/."] * 100
     summary = run.parent / "summary.json"
-    summary.write_text(json.dumps({"maps": [{**told, "folder": one} for one in places]}))
+    summary.write_text(
+        json.dumps({"maps": [{**entry_of_run, "folder": place} for place in places]})
+    )
     for paths in ([summary], [run, run / "manifest.json"], [run.parent, run]):
         (entry,) = entries_of(*paths)
         assert layer_names(entry) == STAGES
@@ -299,7 +305,9 @@ def test_a_method_that_has_many_names_is_on_the_page_once(command, tmp_path):
     names = [f"{k}/tsdf" for k in range(301)]
     changed(
         tmp_path / "c/comparison.json",
-        lambda told: told["methods"].update(dict.fromkeys(names, told["methods"]["tsdf"])),
+        lambda document: document["methods"].update(
+            dict.fromkeys(names, document["methods"]["tsdf"])
+        ),
     )
     (entry,) = entries_of(tmp_path / "c")
     assert layer_names(entry) == ["log-odds", "counting", "tsdf"]
@@ -307,8 +315,8 @@ def test_a_method_that_has_many_names_is_on_the_page_once(command, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["esdf.npz", "inflated.yaml"])
-@pytest.mark.parametrize("other", ["smaller", "of another kind"])
-def test_a_file_that_changes_while_a_page_is_made_ends_it(run, name, other):
+@pytest.mark.parametrize("change", ["smaller", "of another kind"])
+def test_a_file_that_changes_while_a_page_is_made_ends_it(run, name, change):
     """Of many files those that were used longest ago are read again when their rows are due."""
     with Grids(DEFAULT_SETTINGS) as grids:
         (entry,) = gathered([run], grids).entries
@@ -317,10 +325,10 @@ def test_a_file_that_changes_while_a_page_is_made_ends_it(run, name, other):
                 grids._kept.pop(path, None)
         grids._made = None
         (run / name).unlink()
-        if other == "smaller":
+        if change == "smaller":
             grid = grid_from_text("..#")
-            made = mapdeal.esdf(grid) if name == "esdf.npz" else grid
-            mapdeal.write_map(run / name, made, force=True)
+            product = mapdeal.esdf(grid) if name == "esdf.npz" else grid
+            mapdeal.write_map(run / name, product, force=True)
         else:
             shutil.copy((run / "cost").with_suffix((run / name).suffix), run / name)
         with pytest.raises(FileAccessError, match="changed while it was read"):
@@ -331,14 +339,14 @@ def test_a_file_that_changes_while_a_page_is_made_ends_it(run, name, other):
 def test_the_local_run_of_a_batch_has_an_entry_of_its_own(run):
     shutil.copytree(run, run.parent / "copy")
     shutil.move(run.parent / "copy", run / "local")
-    told = {"map": "rooms.yaml", "folder": "rooms", "status": "unchanged", "local": {}}
-    (run.parent / "summary.json").write_text(json.dumps({"maps": [told]}))
+    map_entry = {"map": "rooms.yaml", "folder": "rooms", "status": "unchanged", "local": {}}
+    (run.parent / "summary.json").write_text(json.dumps({"maps": [map_entry]}))
     entries = entries_of(run.parent)
     for found in (entries, entries_of(run)):
         assert [entry.name for entry in found] == ["rooms", "rooms/local"]
     for entry in entries:
         assert len(entry.layers) == 3
-        assert "Input" not in [table.title for table in entry.tables]  # of those that failed
+        assert "Input" not in [table.title for table in entry.tables]  # failed maps alone have it
 
 
 def test_a_page_is_not_written_over_a_file_that_was_read(run, command):
@@ -356,15 +364,15 @@ def manifest(run):
 
 @pytest.fixture
 def batch(run):
-    told = {"map": "rooms.yaml", "folder": run.name, "status": "done"}
-    (run.parent / "summary.json").write_text(json.dumps({"maps": [told, dict(told)]}))
+    map_entry = {"map": "rooms.yaml", "folder": run.name, "status": "done"}
+    (run.parent / "summary.json").write_text(json.dumps({"maps": [map_entry, dict(map_entry)]}))
     return run.parent
 
 
 @pytest.mark.parametrize(("name", "column"), [
     ("width", "cells"), ("height", "cells"), ("resolution", "m per cell"), ("lethal", "lethal %"),
 ])  # fmt: skip
-def test_figures_that_are_no_numbers_are_no_columns(name, column):
+def test_texts_lists_and_huge_numbers_become_no_columns(name, column):
     """A text times a height, or a list, would fill the memory."""
     good = {"width": 20, "height": 10**9, "resolution": 0.25, "lethal": 7}
     assert column in columns_of({"cost": good})
@@ -384,8 +392,8 @@ def test_columns_of_figures():
 
 def test_a_stage_is_in_a_manifest_but_once(run, manifest):
     """Recipes have each stage once; a hundred thousand of them would be as many layers."""
-    told = document(manifest)
-    for odd in ({**told, "stages": [*told["stages"], {"esdf": {}}]}, []):
+    original = document(manifest)
+    for odd in ({**original, "stages": [*original["stages"], {"esdf": {}}]}, []):
         manifest.write_text(json.dumps(odd))
         with pytest.raises(MalformedInputError, match="is not the manifest of a run"):
             entries_of(run)
@@ -396,21 +404,21 @@ MANY = {f"f{k}": "00" for k in range(300)}
 ELSEWHERE = [{"../esdf": {}}, {"/etc/passwd": {}}, {"": {}}, {"a\0": {}}]
 
 
-def without_costs(told, folder):
+def without_costs(manifest, folder):
     """Name costs that lie outside of the folder of the run instead of its own."""
-    del told["outputs"]["cost.npz"], told["outputs"]["cost.yaml"]
-    told["outputs"] |= dict.fromkeys([*OUTSIDE, str(folder.parent / "cost.npz")], "00")
+    del manifest["outputs"]["cost.npz"], manifest["outputs"]["cost.yaml"]
+    manifest["outputs"] |= dict.fromkeys([*OUTSIDE, str(folder.parent / "cost.npz")], "00")
 
 
 @pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")
-@pytest.mark.parametrize(("change", "layers", "count", "told"), [
-    *[(lambda told, _, value=value: told.update(warnings=value), STAGES, 0, [])
+@pytest.mark.parametrize(("change", "layers", "count", "expected"), [
+    *[(lambda document, _, value=value: document.update(warnings=value), STAGES, 0, [])
       for value in (5, True, "text", {"a": 1}, None)],
-    (lambda told, _: told["outputs"].update(MANY), STAGES, 21,
+    (lambda document, _: document["outputs"].update(MANY), STAGES, 21,
      ["f19: is missing, though the manifest lists it",
       "manifest.json: 280 more of the files that it lists are missing, or are others"]),
     (without_costs, STAGES[:2], 7, ["manifest.json: the run wrote no values of stage cost"]),
-    (lambda told, _: told["stages"].extend(ELSEWHERE), STAGES, 4,
+    (lambda document, _: document["stages"].extend(ELSEWHERE), STAGES, 4,
      ["manifest.json: the run wrote no values of stage ../esdf"]),
     (lambda _, folder: (folder / "cost.npz").write_bytes(b"PK"), STAGES[:2], 2,
      ["cost.npz: is not what the run wrote: its checksum differs",
@@ -418,23 +426,23 @@ def without_costs(told, folder):
     (lambda _, folder: (folder / "cost.npz").unlink(), STAGES[:2], 2,
      ["cost.npz: is missing, though the manifest lists it"]),
 ])  # fmt: skip
-def test_an_odd_manifest_or_file_leaves_the_rest(run, manifest, change, layers, count, told):
+def test_an_odd_manifest_or_file_leaves_the_rest(run, manifest, change, layers, count, expected):
     for name in ("cost.npz", "cost.yaml"):  # where the run must not look for them
         (run.parent / name).write_bytes((run / name).read_bytes())
     changed(manifest, lambda document: change(document, run))
     (entry,) = entries_of(run)
     assert (layer_names(entry), len(entry.warnings)) == (layers, count)
-    assert set(told) <= set(entry.warnings)
+    assert set(expected) <= set(entry.warnings)
 
 
 @pytest.mark.parametrize("place", ["..", "../out/rooms", "rooms/../rooms", ".", "", "/etc", None])
 def test_a_batch_shows_no_run_outside_of_its_folder(batch, place):
     place = str(batch / "rooms") if place is None else place
     changed(batch / "summary.json", lambda summary: summary["maps"][0].update(folder=place))
-    with pytest.warns(mapdeal.MapdealWarning) as given:
+    with pytest.warns(mapdeal.MapdealWarning) as caught:
         first, second = entries_of(batch)
     rule = f"{place} is in no folder of this batch, so it is not shown"
-    assert [str(one.message) for one in given] == [f"{batch}/summary.json: {rule}"]
+    assert [str(warning.message) for warning in caught] == [f"{batch}/summary.json: {rule}"]
     assert first.warnings == (f"summary.json: {rule.removeprefix(f'{batch}/')}",)
     assert (len(first.layers), len(second.layers)) == (0, 3)
 
@@ -453,17 +461,22 @@ BAD = "<img src=x onerror=alert(1)></script></title>-->]]>\u2028\u202e\0\ud800"
 
 @pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")
 def test_names_in_documents_are_text_on_the_page(manifest, batch, tmp_path):
-    def change(told):
-        told["stages"].append({BAD: {BAD: BAD}})
-        told["figures"][BAD] = {BAD: BAD}
-        told |= {"warnings": [BAD], "options": {BAD: BAD}, "robot": {BAD: [BAD]}, "version": BAD}
-        told["inputs"] = told["outputs"] = {**told["outputs"], BAD: BAD}
+    def change(document):
+        document["stages"].append({BAD: {BAD: BAD}})
+        document["figures"][BAD] = {BAD: BAD}
+        document |= {
+            "warnings": [BAD],
+            "options": {BAD: BAD},
+            "robot": {BAD: [BAD]},
+            "version": BAD,
+        }
+        document["inputs"] = document["outputs"] = {**document["outputs"], BAD: BAD}
 
     of_batch = {"map": BAD, "folder": BAD, "status": BAD, "error": BAD}
     changed(manifest, change)
     changed(batch / "summary.json", lambda summary: summary["maps"][1].update(of_batch))
     page = mapdeal.write_report(tmp_path / "page.html", batch).path.read_text()
-    assert not [one for one in ("<img", "\0", "\u2028", "\u202e") if one in page]
+    assert not [character for character in ("<img", "\0", "\u2028", "\u202e") if character in page]
     assert page.count("&lt;img src=x onerror=alert(1)&gt;&lt;/script&gt;") > 10
     assert (page.count("</script>"), page.count("</title>")) == (3, 1)
 
@@ -474,8 +487,8 @@ def test_an_entry_lists_no_more_than_browsers_can_show():
     draft.tables = [Table("first", tuple((str(number), "x") for number in range(6000)))]
     draft.tables += [Table("other", (("a", "b"),))] * 5000
     draft.warn(str(number) for number in range(5000))
-    entry = draft.entry()
-    assert [one.text for one in entry.items[4999:]] == ["4999", "2 more are not listed"]
+    entry = draft.entry(DEFAULT_SETTINGS)
+    assert [item.text for item in entry.items[4999:]] == ["4999", "2 more are not listed"]
     assert entry.tables[0].rows[4999:] == (("4999", "x"), ("1000 more are not listed", ""))
     assert (len(entry.tables), entry.tables[-1].title) == (5001, "1 more are not listed")
     assert entry.warnings[-1] == "4999"

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")
 
 
 def _robot(*layers, track=True):
-    listed = tuple(ListedLayer(one.name, "a::B", one) for one in layers)
+    listed = tuple(ListedLayer(layer.name, "a::B", layer) for layer in layers)
     shape = Footprint.polygon([(0.3, 0.2), (0.3, -0.2), (-0.2, -0.2), (-0.2, 0.2)])
     return RobotParameters(
         "nav2", "global", "/a", shape, 0.0, None, track, False, listed, (), 0.2, 0.36
@@ -30,8 +30,8 @@ def test_unknown_cells_that_a_second_map_takes_to_be_lethal_are_no_obstacles_of_
     second = StaticLayer(
         unknown_cost_value=0, use_maximum=True, unknown_is_highest=True, track_unknown_space=False
     )
-    made = apply_recipe(OccupancyGrid([[-1]], 0.1), _robot(first, second))
-    assert made["cost"].cost.tolist() == [[255]]
+    products = apply_recipe(OccupancyGrid([[-1]], 0.1), _robot(first, second))
+    assert products["cost"].cost.tolist() == [[255]]
 
 
 @pytest.mark.slow
@@ -39,16 +39,16 @@ def test_unknown_cells_that_a_second_map_takes_to_be_lethal_are_no_obstacles_of_
 @given(st.lists(LAYERS, max_size=4), st.booleans(), occupancies())
 def test_the_recipe_of_a_robot_makes_its_master_grid(layers, track, occupancy):
     robot = _robot(*layers, track=track)
-    made = apply_recipe(OccupancyGrid(occupancy, 0.1, (1.5, -2.0, 0.4)), robot)
+    products = apply_recipe(OccupancyGrid(occupancy, 0.1, (1.5, -2.0, 0.4)), robot)
     np.testing.assert_array_equal(
-        made["cost"].cost, master_grid(occupancy, 0.1, layers, 255 if track else 0)
+        products["cost"].cost, master_grid(occupancy, 0.1, layers, 255 if track else 0)
     )
 
 
 def test_one_static_and_one_inflation_layer_become_model_exponential():
     inflation = InflationLayer("i", 0.2, 0.7, 3.0, lookup="nav2")
     recipe = load_recipe(_robot(StaticLayer("s", lethal_cost_threshold=70), inflation))
-    esdf, cost = (next(iter(one.values())) for one in recipe.described())
+    esdf, cost = (next(iter(step.values())) for step in recipe.described())
     assert (esdf["lethal_threshold"], cost["lethal_threshold"]) == (70, 70)
     assert (cost["model"], cost["lookup"], cost["inflation_radius"]) == ("exponential", "nav2", 0.7)
     assert cost["circumscribed_radius"] == 0.36
@@ -57,32 +57,32 @@ def test_one_static_and_one_inflation_layer_become_model_exponential():
 def test_another_shape_changes_the_radii_but_not_one_that_the_file_chose():
     own, custom = InflationLayer("a", 0.2, 0.7), InflationLayer("b", 0.25, 0.9)
     robot = _robot(StaticLayer(), own, custom).with_shape(Footprint.circle(0.5))
-    assert [one.inscribed_radius for one in robot.inflation_layers] == [0.5, 0.25]
+    assert [layer.inscribed_radius for layer in robot.inflation_layers] == [0.5, 0.25]
     assert (robot.inscribed_radius, robot.circumscribed_radius) == (0.5, 0.5)
 
 
-@pytest.mark.parametrize(("stage", "given_", "expected"), [
+@pytest.mark.parametrize(("stage", "chosen", "expected"), [
     ("cost", {"inflation_radius": 0.9, "lookup": "nav2"},
      {"inflation_radius": 0.9, "inscribed_radius": 0.2, "cost_scaling_factor": 3.0}),
     ("inflate", {}, {"radius": pytest.approx((0.3**2 + 0.2**2) ** 0.5), "lethal_threshold": 60}),
     ("cost", {"model": "rings"}, {"lethal_threshold": 60}),
 ])  # fmt: skip
-def test_parameters_that_are_given_win_over_the_robots(stage, given_, expected):
+def test_parameters_that_are_given_win_over_the_robots(stage, chosen, expected):
     robot = _robot(StaticLayer("s", lethal_cost_threshold=60), InflationLayer("i", 0.2, 0.7, 3.0))
-    parameters = step_for(stage, robot, given_).parameters
+    parameters = step_for(stage, robot, chosen).parameters
     assert {name: parameters[name] for name in expected} == expected
 
 
-def test_a_model_that_is_asked_for_follows_the_robots_layers_or_is_refused():
+def test_a_chosen_model_follows_the_robots_layers_or_is_refused():
     static, inflation = StaticLayer("s"), InflationLayer("i", 0.2, 0.7, 3.0, lookup="nav2")
-    one = step_for("cost", _robot(static, inflation), {"model": "layers"})
-    assert one.parameters["layers"] == (static, inflation)
+    step = step_for("cost", _robot(static, inflation), {"model": "layers"})
+    assert step.parameters["layers"] == (static, inflation)
     two = _robot(static, inflation, InflationLayer("j", 0.2, 0.9))
     with pytest.raises(ParameterError, match="cannot make what the layers") as caught:
         step_for("cost", two, {"model": "exponential"})
     assert "model layers can" in caught.value.hint
     # parameters of one inflation, and of other models
-    with pytest.raises(ParameterError, match=r"must be one inflation layer .* there are: i, j"):
+    with pytest.raises(ParameterError, match=r"needs exactly one inflation layer, found: i, j"):
         step_for("cost", two, {"inflation_radius": 0.9})
     with pytest.raises(ParameterError, match="is a parameter of model rings, not of layers"):
         step_for("cost", two, {"values": (90, 70)})
@@ -92,10 +92,10 @@ def test_a_model_that_is_asked_for_follows_the_robots_layers_or_is_refused():
 def test_layers_take_what_is_given_by_hand(by_set):
     robot = _robot(StaticLayer(unknown_cost_value=0), InflationLayer("a", 0.2, 0.7, lookup="nav2"))
 
-    def layers(**given_):
+    def layers(**chosen):
         if not by_set:
-            return step_for("cost", robot, given_).parameters["layers"]
-        changes = {f"cost.{name}": value for name, value in given_.items()}
+            return step_for("cost", robot, chosen).parameters["layers"]
+        changes = {f"cost.{name}": value for name, value in chosen.items()}
         return load_recipe(robot, changes).steps[-1].parameters["layers"]
 
     static, inflation = layers(inflation_radius=0.9, lookup="exact", lethal_threshold=50)
@@ -105,4 +105,4 @@ def test_layers_take_what_is_given_by_hand(by_set):
         layers(inflation_radius=-1)
     two = _robot(StaticLayer(), InflationLayer("a"), InflationLayer("b", lookup="nav2"))
     found = step_for("cost", two, {"lookup": "exact"}).parameters["layers"]
-    assert [one.lookup for one in found[1:]] == ["exact", "exact"]
+    assert [layer.lookup for layer in found[1:]] == ["exact", "exact"]

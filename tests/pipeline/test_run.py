@@ -1,4 +1,4 @@
-"""Runs of one map: what is written, what is left alone, and the whole canvas."""
+"""Runs of one map: the files written, the files left alone, and the whole canvas."""
 
 import hashlib
 import json
@@ -18,7 +18,7 @@ from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings
 
 ROOM = "\n".join(["?" * 30, *["??" + "#" * 20 + "?" * 8]] + ["??#" + "." * 18 + "#" + "?" * 8] * 9)
-OTHER = ROOM.replace("#", ".", 1)
+GAPPED_ROOM = ROOM.replace("#", ".", 1)
 BARE = Settings(images=False)
 
 
@@ -57,7 +57,7 @@ def edited(change):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("file", "change"), [
-    ("../room.yaml", lambda path: write_map(path, grid_from_text(OTHER, 0.1), force=True)),
+    ("../room.yaml", lambda path: write_map(path, grid_from_text(GAPPED_ROOM, 0.1), force=True)),
     ("cost.pgm", lambda path: path.write_bytes(b"edited by hand")),
     ("manifest.json", lambda path: path.write_text("{")),
     ("manifest.json", edited({"version": "0.0.0"})),
@@ -91,8 +91,8 @@ def test_a_replaced_run_leaves_no_outputs_of_the_old_one_behind(room, tmp_path):
     (folder / "notes.txt").write_text("mine")
     (folder / "active.png").write_bytes(b"edited by hand")
     run_map(room, folder, load_recipe("nav2"), Settings(force=True, images=False))
-    left = {"esdf.npz", "esdf.pgm", "esdf.yaml", "cost.npz", "cost.pgm", "cost.yaml"}
-    assert set(contents(folder)) == {*left, "manifest.json", "notes.txt", "active.png"}
+    remaining = {"esdf.npz", "esdf.pgm", "esdf.yaml", "cost.npz", "cost.pgm", "cost.yaml"}
+    assert set(contents(folder)) == {*remaining, "manifest.json", "notes.txt", "active.png"}
 
 
 def test_outputs_never_replace_the_input(room, tmp_path):
@@ -142,13 +142,13 @@ WIDER = (slice(0, 11), slice(0, 24))
 
 
 def padded(array, shape, box):
-    """Pad the last two axes by hand with what stands for nothing known; others as they are."""
+    """Pad the last two axes by hand with the value of unknown cells; smaller arrays unchanged."""
     if array.ndim < 2:
         return array
     outside = {"i": -1, "u": 255, "f": np.nan}[array.dtype.kind]
-    whole = np.full((*array.shape[:-2], *shape), outside, dtype=array.dtype)
-    whole[(..., *box)] = array
-    return whole
+    canvas = np.full((*array.shape[:-2], *shape), outside, dtype=array.dtype)
+    canvas[(..., *box)] = array
+    return canvas
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
@@ -167,21 +167,23 @@ def test_a_run_on_the_whole_canvas_is_the_run_without_padded_by_hand(room, tmp_p
     origin, shape = source.origin, source.shape
     assert {path.name for path in crop.iterdir()} == {path.name for path in full.iterdir()}
     for path in crop.iterdir():
-        other = full / path.name
+        full_path = full / path.name
         if path.suffix == ".npz":
-            with np.load(path) as old, np.load(other) as new:
+            with np.load(path) as old, np.load(full_path) as new:
                 assert old.files == new.files
                 for key in old.files:
                     expected = np.array(origin) if key == "origin" else padded(old[key], shape, box)
+                if key == "cost_to_go":  # no way leads there
+                    expected[np.isnan(expected)] = np.inf
                     np.testing.assert_array_equal(new[key], expected, err_msg=key)
         elif path.suffix == ".pgm":
             keys = yaml.safe_load(path.with_suffix(".yaml").read_text())
-            old, new = (np.asarray(Image.open(one))[::-1] for one in (path, other))
+            old, new = (np.asarray(Image.open(image))[::-1] for image in (path, full_path))
             expected = np.full(shape, 205 if keys["mode"] == "trinary" else 255)
             expected[box] = old
             np.testing.assert_array_equal(new, expected)
         elif path.suffix == ".yaml":
-            old, new = (yaml.safe_load(one.read_text()) for one in (path, other))
+            old, new = (yaml.safe_load(image.read_text()) for image in (path, full_path))
             assert new == {**old, "origin": list(origin)}
     endings = {".npz", ".pgm", ".yaml", ".png", ".json"}
     assert {path.suffix for path in crop.iterdir()} == endings

@@ -108,16 +108,16 @@ def test_what_the_remark_on_thresholds_says_makes_a_difference(parameters, advic
     model = {"model": "threshold", **parameters}
     assert remark_on(WALL, model).endswith(advice)
     for change in changes:
-        given = {name: one for name, one in {**model, **change}.items() if one is not None}
-        assert remark_on(WALL, given) is None
+        options = {name: value for name, value in {**model, **change}.items() if value is not None}
+        assert remark_on(WALL, options) is None
 
 
 def test_exactly_98_percent_are_not_too_many():
     step = make_step("cost", {})
-    for graded, is_told in ((2, False), (1, True)):
+    for graded, is_remarked in ((2, False), (1, True)):
         cost = np.zeros((1, 101), np.uint8)
         cost[0, 0], cost[0, 1 : 1 + graded] = 254, 7
-        assert (step.remark_on(Costmap(cost, 0.1).figures()) is not None) == is_told
+        assert (step.remark_on(Costmap(cost, 0.1).figures()) is not None) == is_remarked
 
 
 @pytest.fixture
@@ -134,9 +134,9 @@ def test_a_run_warns_once_and_its_manifest_and_a_second_run_say_it_again(command
     code, _, err = command(*words)
     assert (code, err.count("warning"), err.count("% of the open cells")) == (0, 1, 1)
     manifest = json.loads((wall / "o" / "m" / "manifest.json").read_text())
-    (told,) = manifest["warnings"]
-    assert told.startswith("m.yaml: cost: ")
-    assert err == f"warning: {told}\n"
+    (message,) = manifest["warnings"]
+    assert message.startswith("m.yaml: cost: ")
+    assert err == f"warning: {message}\n"
     share = manifest["figures"]["cost"]["most_common"]["share"]
     assert share == np.mean(np.load(wall / "o" / "m" / "cost.npz")["cost"][:, 2:] == 0)
     assert command(*words)[1:] == ("m.yaml -> o/m: unchanged\n", err)

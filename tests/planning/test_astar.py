@@ -177,7 +177,7 @@ def test_on_the_occupancy_scale_99_and_100_are_closed_and_98_is_the_highest_cost
 @pytest.mark.parametrize(
     ("start", "text"), [((0.25, 0.25), "cost 254"), ((0.75, 0.25), "unknown"), ((9, 0), "outside")]
 )
-def test_start_and_goal_must_be_open_and_the_nearest_open_cell_is_told(start, text):
+def test_start_and_goal_must_be_open_and_the_nearest_open_cell_is_named(start, text):
     costmap = Costmap(np.array([[254, 255, 253, 0, 0]], np.uint8), 0.5)
     good = (2.25, 0.25)
     for points, name in (((start, good), "start"), ((good, start), "goal")):
@@ -220,11 +220,11 @@ def ends(hall):
 def test_files_and_grids_have_the_routes_of_the_command(command, hall, ends):
     start, goal = (",".join(map(str, ends[name])) for name in ("start", "goal"))
     descent = {"method": "descent", "attractive_gain": 50.0}
-    for how in ({}, {"heuristic": "field"}, descent):
-        more = [f"--{name.replace('_', '-')}={value}" for name, value in how.items()]
+    for options in ({}, {"heuristic": "field"}, descent):
+        more = [f"--{name.replace('_', '-')}={value}" for name, value in options.items()]
         code, out, _ = command("route", hall, f"--from={start}", f"--to={goal}", *more)
         for source in (hall, str(hall), read_map(hall)):
-            found = mapdeal.route(source, **ends, **how)
+            found = mapdeal.route(source, **ends, **options)
             assert "".join(found.parts()) + "\n" == out
             assert found.document() == json.loads(out)
             assert found.passes is (code == 0)

@@ -82,7 +82,7 @@ TRAP = """
 """
 
 
-def test_a_pocket_is_a_local_minimum_and_its_place_is_told():
+def test_a_pocket_is_a_local_minimum_and_its_place_is_named():
     grid = grid_from_text(TRAP, 0.25, ORIGIN)
     route = _descent(grid, (3.5, 1.5), (3.5, 13.5), attractive_gain=100.0)
     assert not route.reached

@@ -18,7 +18,7 @@ ENDS = {"start": (0.25, 0.25), "goal": (3.75, 1.25)}
 
 
 @pytest.mark.parametrize(
-    ("call", "told"),
+    ("call", "message"),
     [
         (lambda: shortest_route(GRID, INSIDE, INSIDE), "exponential_cost"),
         (lambda: shortest_route(FREE, (1.6, 1.8, 0.5), (1.6, 1.8)), "two numbers"),
@@ -39,8 +39,8 @@ ENDS = {"start": (0.25, 0.25), "goal": (3.75, 1.25)}
          "^footprint: applies to maps"),
     ],
 )  # fmt: skip
-def test_what_does_not_go_together_is_refused(call, told):
-    with pytest.raises(ParameterError, match=told):
+def test_what_does_not_go_together_is_refused(call, message):
+    with pytest.raises(ParameterError, match=message):
         call()
 
 

@@ -51,7 +51,7 @@ def rooms(draw):
 
 def flooded(is_open, sources, limit=math.inf):
     """The length in cells of the shortest way to each cell, by Dijkstra on a dict."""
-    best, heap = dict.fromkeys(sources, 0.0), [(0.0, one) for one in sources]
+    best, heap = dict.fromkeys(sources, 0.0), [(0.0, cell) for cell in sources]
     heapq.heapify(heap)
     while heap:
         length, (row, col) = heapq.heappop(heap)
@@ -98,7 +98,7 @@ def check_graph(grid, robot, graph, cover):
     cells = grid.frame.unbounded_rowcol_from_xy(graph.points_xy)
     assert all(is_open[row, col] for row, col in cells.tolist())
     assert parts_of(graph) == 1
-    ids = [one.id for one in (*graph.nodes, *graph.edges)]
+    ids = [feature.id for feature in (*graph.nodes, *graph.edges)]
     assert sorted(ids) == list(range(1, len(ids) + 1))
     assert np.bincount(graph.ends[:, 0], minlength=1).max() <= MOST_EDGES
     plain = Costmap(np.choose((occupancy == 100) + 2 * (occupancy == -1), [0, 254, 255])
@@ -129,11 +129,11 @@ def test_graphs_keep_all_promises(grid, robot, one_way):
         found = reach(grid, footprint=robot)
     except MalformedInputError:
         return  # the robot stands nowhere
-    made = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
-    check_graph(grid, robot, made.graph, 2.0)
+    result = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
+    check_graph(grid, robot, result.graph, 2.0)
     if robot is not BOX:
-        assert made.parts == 1
-        assert made.covered == pytest.approx(made.reachable)
+        assert result.parts == 1
+        assert result.covered == pytest.approx(result.reachable)
 
 
 def cluttered(size, share, seed):
@@ -147,16 +147,16 @@ def cluttered(size, share, seed):
 def test_nothing_leads_where_a_robot_gets_only_sideways(one_way):
     grid = cluttered(30, 0.03, 4)
     found = reach(grid, footprint=BOX)
-    made = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
-    assert made.covered < made.reachable
-    check_graph(grid, BOX, made.graph, 2.0)
+    result = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
+    assert result.covered < result.reachable
+    check_graph(grid, BOX, result.graph, 2.0)
 
 
 def test_lengths_may_be_longer_than_any_way():
     grid, robot = cluttered(30, 0.03, 4), Footprint.circle(0.15)
     for longest in (1e6, 1e308):
-        made = route_graph_of(reach(grid, footprint=robot), Wishes(longest, longest, longest))
-        check_graph(grid, robot, made.graph, math.inf)
+        result = route_graph_of(reach(grid, footprint=robot), Wishes(longest, longest, longest))
+        check_graph(grid, robot, result.graph, math.inf)
 
 
 def test_goals_at_the_edges_of_cells_lie_in_the_cells_that_the_frame_says():
@@ -165,8 +165,8 @@ def test_goals_at_the_edges_of_cells_lie_in_the_cells_that_the_frame_says():
         ((x, y),) = grid.frame.xy_from_continuous_rowcol([corner]).tolist()
         found = reach(grid, footprint=POINT, goals=[Goal(x, y, "goal")])
         if found.goals[0].reachable:
-            made = route_graph_of(found, Wishes(1.0, 4.0, 1.0))
-            (goal,) = (one for one in made.graph.nodes if one.metadata["kind"] == "goal")
+            result = route_graph_of(found, Wishes(1.0, 4.0, 1.0))
+            (goal,) = (node for node in result.graph.nodes if node.metadata["kind"] == "goal")
             (cell,) = grid.frame.unbounded_rowcol_from_xy([[goal.x, goal.y]]).tolist()
             assert grid.occupancy[tuple(cell)] == 0
 
@@ -201,22 +201,22 @@ def test_lanes_go_with_the_parts_that_are_dropped():
 ................""", 1.0, (0.0, 0.0, 0.0))  # fmt: skip
     robot = Footprint.polygon([[0.5, 0.25], [0.5, -0.25], [-0.5, -0.25], [-0.5, 0.25]])
     found = reach(grid, footprint=robot)
-    made = route_graph_of(found, Wishes(8.0, 4.0, 8.0, one_way="right"))
-    check_graph(grid, robot, made.graph, 8.0)
+    result = route_graph_of(found, Wishes(8.0, 4.0, 8.0, one_way="right"))
+    check_graph(grid, robot, result.graph, 8.0)
 
 
 def test_crowded_places_have_few_nodes():
     grid, robot = cluttered(80, 0.01, 1), Footprint.circle(0.15)
-    made = route_graph_of(reach(grid, footprint=robot), Wishes())
-    assert made.reachable / len(made.graph.nodes) >= AREA_PER_NODE
-    check_graph(grid, robot, made.graph, 3.0)
+    result = route_graph_of(reach(grid, footprint=robot), Wishes())
+    assert result.reachable / len(result.graph.nodes) >= AREA_PER_NODE
+    check_graph(grid, robot, result.graph, 3.0)
 
 
 def test_what_the_footprint_hits_is_gone_before_nodes_are_taken_out():
     grid = cluttered(120, 0.015, 2)
-    made = route_graph_of(reach(grid, footprint=BOX), Wishes())
-    assert made.covered > 0.99 * made.reachable  # 55 % the other way round
-    check_graph(grid, BOX, made.graph, 3.0)
+    result = route_graph_of(reach(grid, footprint=BOX), Wishes())
+    assert result.covered > 0.99 * result.reachable  # 55 % the other way round
+    check_graph(grid, BOX, result.graph, 3.0)
 
 
 TWO_ROOMS = """
@@ -233,24 +233,24 @@ TWO_ROOMS = """
 """
 
 
-def graph_of(text, radius=0.2, resolution=0.25, goals=(), **wishes):
+def graph_of(text, radius=0.2, resolution=0.25, goals=(), **options):
     found = reach(grid_from_text(text, resolution), radius=radius, goals=goals)
-    return route_graph_of(found, Wishes(**wishes)).graph
+    return route_graph_of(found, Wishes(**options)).graph
 
 
 def test_a_door_has_a_node_in_its_middle_with_its_width_and_a_goal_has_its_own():
     x, y = grid_from_text(TWO_ROOMS).frame.xy_from_rowcol([(2, 3)])[0].tolist()
     graph = graph_of(TWO_ROOMS, hall=9.0, goals=(Goal(x, y, "dock"),))
-    (node,) = [one for one in graph.nodes if one.metadata["kind"] == "goal"]
+    (node,) = [node for node in graph.nodes if node.metadata["kind"] == "goal"]
     assert node.metadata["name"] == "dock"
     assert math.dist((node.x, node.y), (x, y)) < 1e-3
-    assert any(node.id == one.start for one in graph.edges)
-    (door,) = [one for one in graph.nodes if one.metadata["kind"] == "door"]
+    assert any(node.id == edge.start for edge in graph.edges)
+    (door,) = [node for node in graph.nodes if node.metadata["kind"] == "door"]
     assert door.metadata["width"] == 0.5
     middle = grid_from_text(TWO_ROOMS).frame.xy_from_continuous_rowcol([[5, 15]])[0]
     assert math.dist(middle, (door.x, door.y)) < 0.3
     widths = [
-        one.metadata.get("door_width") for one in graph.edges if door.id in (one.start, one.end)
+        edge.metadata.get("door_width") for edge in graph.edges if door.id in (edge.start, edge.end)
     ]
     assert set(widths) == {0.5}
 
@@ -268,7 +268,7 @@ def test_a_corridor_has_its_nodes_in_the_middle_at_the_spacing():
 def test_a_hall_has_a_lattice_and_no_single_line():
     text = "\n".join(["." * 60] * 40)
     graph = graph_of(text)
-    assert {one.metadata["kind"] for one in graph.nodes} == {"hall"}
+    assert {node.metadata["kind"] for node in graph.nodes} == {"hall"}
     rows = grid_from_text(text).frame.continuous_rowcol_from_xy(graph.points_xy)
     assert len(set(rows[:, 0].round(2))) == 5
     assert 15.0 * 10.0 / len(graph.nodes) > AREA_PER_NODE
@@ -294,7 +294,7 @@ def test_lanes_are_on_the_right_and_lead_both_ways():
 def test_speed_limits_stand_on_all_edges_and_fall_with_the_room():
     graph = graph_of(TWO_ROOMS, hall=9.0, slow_below=0.6)
     limits = [edge.metadata["speed_limit"] for edge in graph.edges]
-    assert all(type(one) is float for one in limits)
+    assert all(type(limit) is float for limit in limits)
     assert min(limits) < max(limits) == 100.0
     for edge in graph.edges:
         share = edge.metadata["min_clearance"] / 0.6
@@ -310,7 +310,7 @@ def test_lengths_are_those_of_dijkstra(closed, count, seed):
     sources = np.random.default_rng(seed).choice(places, count)
     lengths, origin = nearest_from(is_open, sources)
     width = is_open.shape[1]
-    expected = flooded(is_open, [divmod(int(one), width) for one in sources])
+    expected = flooded(is_open, [divmod(int(index), width) for index in sources])
     for (row, col), length in np.ndenumerate(lengths):
         if (row, col) not in expected:
             assert length == origin[row, col] == -1
@@ -327,11 +327,11 @@ def test_lengths_are_those_of_dijkstra(closed, count, seed):
 def test_both_engines_give_the_same_lengths_and_sources(closed, count, seed):
     rng = np.random.default_rng(seed)
     sources = rng.integers(0, closed.size, count)
-    given = rng.integers(0, 60, count) if seed % 2 else None
+    offsets = rng.integers(0, 60, count) if seed % 2 else None
     limit = int(rng.integers(0, 200)) if seed % 3 else None
     compiled, twin = by_each_engine(
-        lambda: [*nearest_from(~closed, sources, given=given, limit=limit),
-                 lengths_from(~closed, sources, given=given, limit=limit)]
+        lambda: [*nearest_from(~closed, sources, given=offsets, limit=limit),
+                 lengths_from(~closed, sources, given=offsets, limit=limit)]
     )  # fmt: skip
     np.testing.assert_array_equal(compiled, twin)
     np.testing.assert_array_equal(compiled[0], compiled[2])
@@ -345,13 +345,13 @@ def test_a_skeleton_has_the_parts_and_holes_of_its_area(area):
     lines = skeleton(levels, np.zeros_like(area), peaks)
     assert not (lines & ~area).any()
     eight = np.ones((3, 3))
-    for one in (area, lines):
-        labels, count = ndimage.label(one, eight)
-        holes = ndimage.label(np.pad(~one, 1, constant_values=True))[1]
-        if one is area:
-            whole = labels, count, holes
-    assert (count, holes) == whole[1:]
-    assert len(np.unique(whole[0][lines])) == count
+    for mask in (area, lines):
+        labels, count = ndimage.label(mask, eight)
+        holes = ndimage.label(np.pad(~mask, 1, constant_values=True))[1]
+        if mask is area:
+            of_area = labels, count, holes
+    assert (count, holes) == of_area[1:]
+    assert len(np.unique(of_area[0][lines])) == count
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 12))
@@ -377,7 +377,7 @@ def test_routes_on_graphs_are_the_cheapest_ones(seed, count):
     found = route_on_graph(terrain, graph, tuple(points[0]), tuple(points[-1]))
     if not np.isfinite(expected):
         return  # it may begin at another node
-    passed = [int(np.flatnonzero((points == one).all(axis=1))[0]) for one in found.points_xy]
+    passed = [int(np.flatnonzero((points == point).all(axis=1))[0]) for point in found.points_xy]
     assert (passed[0], passed[-1]) == (0, count - 1)
     cost = sum(weights[a, b] for a, b in pairwise(passed))
     assert cost == pytest.approx(expected)
@@ -401,8 +401,8 @@ def test_without_obstacles_every_method_goes_straight(tmp_path, method):
     points = tuple(RouteNode(k, *node) for k, node in enumerate(nodes))
     graph = RouteGraph(points, (RouteEdge(2, 0, 1),))
     (tmp_path / "graph.geojson").write_text("\n".join(graph_text(graph)))
-    how = {"graph": tmp_path / "graph.geojson"} if method == "graph" else {}
+    options = {"graph": tmp_path / "graph.geojson"} if method == "graph" else {}
     free = Costmap(np.zeros((14, 24), np.uint8), 0.25, (1.5, -2.0, 0.4))
-    found = mapdeal.route(free, start=tuple(start), goal=tuple(goal), method=method, **how)
+    found = mapdeal.route(free, start=tuple(start), goal=tuple(goal), method=method, **options)
     assert (found.method, found.reached) == (method, True)
     assert found.length == pytest.approx(18 * 0.25)

@@ -14,10 +14,10 @@ import time
 
 import pytest
 
-# Numbers that JSON does not have come as text; Firefox hands out what is the page's own wrapped.
+# JSON has no inf and nan: they are returned as text; Firefox wraps objects of the page
 WRAPPED = """
 const page = window.wrappedJSObject ?? window, mapdeal = page.mapdeal;
-const told = JSON.stringify(await (%s)(argument), (_, value) =>
+const answer = JSON.stringify(await (%s)(argument), (_, value) =>
   (typeof value === "number" && !Number.isFinite(value) ? String(value) : value));
 """
 KEY = """(key) => {
@@ -29,7 +29,7 @@ PIXEL = """([x, y]) => {
   const canvas = document.getElementById("map"), { view } = mapdeal.state();
   const sx = view.width / 2 + (x - view.x) * view.scale;
   const sy = view.height / 2 - (y - view.y) * view.scale;
-  const [px, py] = [sx, sy].map((one) => Math.floor((one * canvas.width) / view.width));
+  const [px, py] = [sx, sy].map((length) => Math.floor((length * canvas.width) / view.width));
   return [...canvas.getContext("2d").getImageData(px, py, 1, 1).data].slice(0, 3);
 }"""
 
@@ -62,7 +62,7 @@ class Browser:
     def click(self, selector):
         self.evaluate("(selector) => document.querySelector(selector).click()", selector)
 
-    def put(self, selector, value):
+    def fill(self, selector, value):
         """Enter a value, as who types or drags does."""
         code = """([selector, value]) => {
           const field = document.querySelector(selector);
@@ -134,9 +134,9 @@ class Chromium(Browser):
             self.complaints.append(text)
 
     def evaluate(self, function, argument=None):
-        code = f"async (argument) => {{ {WRAPPED % function} return told; }}"
-        told = self.page.evaluate(code, argument)
-        return None if told is None else json.loads(told)
+        code = f"async (argument) => {{ {WRAPPED % function} return answer; }}"
+        answer = self.page.evaluate(code, argument)
+        return None if answer is None else json.loads(answer)
 
     def close(self):
         self._closed.close()
@@ -191,9 +191,9 @@ class Firefox(Browser):
 
     def _in_chrome(self, script):
         self.command("Marionette:SetContext", value="chrome")
-        told = self.command("WebDriver:ExecuteScript", script=script, args=[])
+        answer = self.command("WebDriver:ExecuteScript", script=script, args=[])
         self.command("Marionette:SetContext", value="content")
-        return told
+        return answer
 
     @property
     def complaints(self):
@@ -216,12 +216,12 @@ class Firefox(Browser):
     def evaluate(self, function, argument=None):
         code = """
             const [argument, done] = arguments;
-            (async () => { %s return told; })()
-                .then((told) => done([told]), (error) => done([null, String(error)]));
+            (async () => { %s return answer; })()
+                .then((answer) => done([answer]), (error) => done([null, String(error)]));
         """ % (WRAPPED % function)  # fmt: skip
-        told, *error = self.command("WebDriver:ExecuteAsyncScript", script=code, args=[argument])
+        answer, *error = self.command("WebDriver:ExecuteAsyncScript", script=code, args=[argument])
         assert not error, error
-        return None if told is None else json.loads(told)
+        return None if answer is None else json.loads(answer)
 
     def close(self):
         with contextlib.suppress(Exception):

@@ -80,7 +80,7 @@ def chromium(running):
     return running("chromium")
 
 
-def one():
+def small():
     curve = mapdeal.cost_curve(0.07, inscribed_radius=0.2, inflation_radius=0.8)
     tables = (Table("Figures", (("cells", "371000"),)),)
     entry = Entry("scattered", LAYERS, ITEMS, tables, ("one warning",), curve=curve)
@@ -116,14 +116,14 @@ READ_ALL = "(points) => Promise.all(points.map(([x, y]) => mapdeal.readout(x, y)
 
 
 def test_values_are_those_of_the_library(browser, pages):
-    path = pages(one())
+    path = pages(small())
     browser.show(path)
     points = points_of(GRID.frame, 400, 5)
-    told = browser.evaluate(READ_ALL, points.tolist())
+    answers = browser.evaluate(READ_ALL, points.tolist())
     distance, gradient, inside = FIELD.query(points)
     cells, _ = GRID.frame.bounded_rowcol_from_xy(points)
     assert 0 < np.count_nonzero(~inside) < 100
-    for k, (states, metres, cost) in enumerate(told):
+    for k, (states, metres, cost) in enumerate(answers):
         if not inside[k]:
             assert [states["cell"], metres["cell"], cost["cell"]] == [None] * 3
             continue
@@ -133,7 +133,7 @@ def test_values_are_those_of_the_library(browser, pages):
         assert cost["value"] == COSTS.cost[row, col]
         assert metres["value"] == pytest.approx(distance[k], abs=1e-6)
         assert metres["gradient"] == pytest.approx(gradient[k].tolist(), abs=1e-4)
-    labels = {states["label"] for states, _, _ in told if states["cell"]}
+    labels = {states["label"] for states, _, _ in answers if states["cell"]}
     assert labels == {"free", "occupied", "unknown"}
     assert_quiet(browser, path)
 
@@ -152,12 +152,12 @@ def test_distances_without_obstacles_are_infinite_and_have_no_gradient(browser, 
 @pytest.mark.thorough
 def test_a_page_from_which_the_finest_level_is_left_out_says_so(browser, tmp_path):
     path = tmp_path / "small.html"
-    path.write_bytes(b"".join(page_of(one(), size=20_000)))
+    path.write_bytes(b"".join(page_of(small(), size=20_000)))
     browser.show(path)
     ((states, metres, _),) = browser.evaluate(READ_ALL, [CENTRE])
     reduce = metres["reduce"]
     assert reduce > 1
-    row, col = (int(one) // reduce * reduce for one in (265, 350))
+    row, col = (int(index) // reduce * reduce for index in (265, 350))
     block = np.s_[row : row + reduce, col : col + reduce]
     assert metres["value"] == pytest.approx(float(FIELD.distance[block].min()), abs=1e-3)
     assert "gradient" not in metres
@@ -202,8 +202,8 @@ def test_the_rim_of_a_wall_is_red_where_a_tile_ends(chromium, pages):
 
 @pytest.mark.thorough
 def test_an_opacity_of_a_half_mixes_two_layers(chromium, pages):
-    chromium.show(pages(one()))
-    chromium.put(".layer [type=range]", 50)
+    chromium.show(pages(small()))
+    chromium.fill(".layer [type=range]", 50)
     chromium.go(CORNER)
     row, col = GRID.frame.bounded_rowcol_from_xy([CORNER])[0][0].tolist()
     aside = GRID.frame.xy_from_rowcol([[row, col + 2]])[0].tolist()  # beside a finding's mark
@@ -218,7 +218,7 @@ BOXES = """() => [...document.querySelectorAll(".layer [type=checkbox]")]
 
 
 def test_keys_pan_zoom_fit_pin_measure_and_choose_layers(browser, pages):
-    browser.show(pages(one()))
+    browser.show(pages(small()))
     start = browser.view()
     browser.press("+ + ArrowRight ArrowUp")
     now = browser.view()
@@ -239,7 +239,7 @@ def test_keys_pan_zoom_fit_pin_measure_and_choose_layers(browser, pages):
 
 
 def test_a_click_in_the_list_goes_there(browser, pages):
-    browser.show(pages(one()))
+    browser.show(pages(small()))
     middle = (np.array(CENTRE) + CORNER) / 2
     for number, tone, place in ((0, "warning", CORNER), (1, "error", middle)):
         browser.click(f"[data-item='{number}']")
@@ -264,7 +264,7 @@ def test_two_layers_are_compared_by_a_slider_and_by_blinking(browser, pages):
     browser.press("+")
     browser.go(place)
     for value, layer in (("100", 0), ("0", 2), ("100", 0)):
-        browser.put("#divider", value)
+        browser.fill("#divider", value)
         expected = colour_of(LAYERS[layer], place)
         assert browser.pixel(place, expected.__eq__) == expected
     browser.click("[value=blink]")
@@ -296,7 +296,7 @@ def test_the_table_sorts_filters_and_opens(browser, pages):
     ):
         browser.evaluate(HEAD, head)
         assert (browser.evaluate(NAMES), browser.evaluate(sorts).count(sort)) == (names, 1)
-    browser.put("#filter", "b1 CHECKED")
+    browser.fill("#filter", "b1 CHECKED")
     assert browser.evaluate(NAMES) == ["b10"]
     assert browser.texts("#count") == ["1 of 4 maps"]
     browser.click("#maps tbody a[href='#entry-0']")
@@ -321,7 +321,7 @@ def test_names_with_markup_are_shown_and_never_run(browser, pages):
 
 
 def test_the_policy_refuses_scripts_styles_and_requests(chromium, pages):
-    chromium.show(pages(one()))
+    chromium.show(pages(small()))
     found = chromium.evaluate("""async () => {
       const broken = [];
       const hear = (event) => broken.push(event.effectiveDirective);
@@ -340,7 +340,7 @@ def test_the_policy_refuses_scripts_styles_and_requests(chromium, pages):
 
 
 def test_a_mouse_drags_zooms_at_the_pointer_pins_and_measures(chromium, pages):
-    chromium.show(pages(one()))
+    chromium.show(pages(small()))
     mouse, before = chromium.page.mouse, chromium.view()
     box = chromium.page.locator("#map").bounding_box()
     sx, sy = box["x"] + 301, box["y"] + 201
@@ -374,7 +374,7 @@ def test_a_mouse_drags_zooms_at_the_pointer_pins_and_measures(chromium, pages):
 
 @pytest.mark.thorough
 def test_two_fingers_zoom_between_them(chromium, pages):
-    chromium.show(pages(one()), width=390, height=844, phone=True)
+    chromium.show(pages(small()), width=390, height=844, phone=True)
     before, box = chromium.view(), chromium.page.locator("#map").bounding_box()
     touch = chromium.page.context.new_cdp_session(chromium.page)
     x, y = (box[a] + 1 + before[size] / 2 for a, size in (("x", "width"), ("y", "height")))
@@ -393,7 +393,7 @@ def test_two_fingers_zoom_between_them(chromium, pages):
 
 
 def test_the_list_can_hide_kinds(chromium, pages):
-    chromium.show(pages(one()))
+    chromium.show(pages(small()))
     chromium.click("[data-item='2']")
     goal = chromium.pixel(CENTRE)
     chromium.click(".kinds [value=goal]")
@@ -401,20 +401,20 @@ def test_the_list_can_hide_kinds(chromium, pages):
 
 
 @pytest.mark.parametrize(("make", "look"), [
-    (one, {}),
+    (small, {}),
     (several, {"dark": True, **PHONE}),
     *[pytest.param(make, look, marks=pytest.mark.thorough)
-      for make in (one, several) for look in ({"dark": True}, PHONE)],
+      for make in (small, several) for look in ({"dark": True}, PHONE)],
     pytest.param(several, {}, marks=pytest.mark.thorough),
 ])  # fmt: skip
 def test_axe_finds_nothing_serious(chromium, pages, make, look):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     chromium.open(pages(make()), **look)
-    if make is one:
+    if make is small:
         chromium.settle()
     found = axe.run(chromium.page).response["violations"]
-    bad = {one["id"]: [node["html"] for node in one["nodes"]][:3] for one in found
-           if one["impact"] in ("serious", "critical")}  # fmt: skip
+    bad = {violation["id"]: [node["html"] for node in violation["nodes"]][:3] for violation in found
+           if violation["impact"] in ("serious", "critical")}  # fmt: skip
     assert bad == {}
     across = chromium.page.evaluate("document.documentElement.scrollWidth")
     assert across <= look.get("width", 1400)
@@ -443,11 +443,11 @@ def drawn_zone(browser, points, *, tap=False):
 
 @pytest.mark.parametrize("phone", [False, True])
 def test_zones_are_drawn_saved_and_drawn_into_a_map(chromium, pages, tmp_path, phone):
-    chromium.show(pages(one()), **(PHONE if phone else {}))
+    chromium.show(pages(small()), **(PHONE if phone else {}))
     chromium.evaluate("() => document.getElementById('viewer').scrollIntoView()")
     chromium.click("[name=draw]")
     drawn_zone(chromium, POINTS["hall"], tap=phone)
-    chromium.put("#zones [name=name]", "<b>hall</b>")
+    chromium.fill("#zones [name=name]", "<b>hall</b>")
     (zone,) = chromium.evaluate(ZONES)
     assert zone[:3] == ["keepout", None, "<b>hall</b>"]
     near = 1.0 if phone else 0.1  # pixels are larger there
@@ -462,13 +462,13 @@ def test_zones_are_drawn_saved_and_drawn_into_a_map(chromium, pages, tmp_path, p
     assert np.allclose(shape.points_xy, zone[3][0], atol=1e-4)  # counterclockwise as it was drawn
     mask = mapdeal.draw(mapdeal.blank(GRID, -1), [shape])
     area = np.count_nonzero(mask.occupancy == 100) * GRID.resolution**2
-    told = float(chromium.texts("#zones li")[0].split(", ")[1][:-3])
-    assert area == pytest.approx(told, rel=0.02)
+    shown = float(chromium.texts("#zones li")[0].split(", ")[1][:-3])
+    assert area == pytest.approx(shown, rel=0.02)
     assert chromium.complaints == []
     # and they come back on a page, where they can be changed
     mapdeal.write_map(tmp_path / "map.yaml", GRID)
-    made = mapdeal.write_report(tmp_path / "again.html", [tmp_path / "map.yaml", saved])
-    chromium.show(made.path)
+    report = mapdeal.write_report(tmp_path / "again.html", [tmp_path / "map.yaml", saved])
+    chromium.show(report.path)
     (again,) = chromium.evaluate(ZONES)
     assert again[:3] == zone[:3]
     assert np.allclose(again[3][0], zone[3][0], atol=1e-4)
@@ -476,7 +476,7 @@ def test_zones_are_drawn_saved_and_drawn_into_a_map(chromium, pages, tmp_path, p
 
 
 def test_zones_by_keys_undo_delete_and_what_crosses_itself(browser, pages):
-    browser.show(pages(one()))
+    browser.show(pages(small()))
     browser.press("z Enter ArrowRight Enter ArrowUp Enter ArrowLeft Enter")
     assert len(browser.state()["ring"]) == 4
     browser.press("u")
@@ -486,8 +486,8 @@ def test_zones_by_keys_undo_delete_and_what_crosses_itself(browser, pages):
     step = 60 / browser.view()["scale"]
     assert kind == "keepout"
     assert np.allclose(np.diff(points, axis=0), [[step, 0], [0, step]])
-    browser.put("#zones [name=kind]", "speed")
-    browser.put("#zones [name=speed]", "0.3")
+    browser.fill("#zones [name=kind]", "speed")
+    browser.fill("#zones [name=speed]", "0.3")
     assert browser.evaluate(ZONES)[0][:2] == ["speed", 0.3]
     assert '"speed":0.3' in browser.evaluate("() => mapdeal.geojson()")
     browser.press("Delete")
@@ -503,7 +503,7 @@ def test_zones_by_keys_undo_delete_and_what_crosses_itself(browser, pages):
 
 
 def test_a_corner_of_a_zone_can_be_dragged(chromium, pages):
-    chromium.show(pages(one()))
+    chromium.show(pages(small()))
     chromium.click("[name=draw]")
     drawn_zone(chromium, POINTS["b"])
     before, mouse = chromium.view(), chromium.page.mouse
@@ -592,7 +592,7 @@ def test_files_that_hold_other_things_than_zones_are_refused(chromium, pages, te
 
 def opened_zones(chromium, pages, text):
     """Open a file on a page; return what the page says, and the zones that it has then."""
-    chromium.show(pages(one()))
+    chromium.show(pages(small()))
     file = {"name": "f.geojson", "mimeType": "application/json", "buffer": text.encode()}
     chromium.page.locator("#zones [type=file]").set_input_files(file)
     chromium.page.wait_for_function("() => document.getElementById('status').textContent")
@@ -601,15 +601,15 @@ def opened_zones(chromium, pages, text):
 
 
 def test_a_speed_zone_is_saved_with_its_limit_alone(chromium, pages, tmp_path):
-    chromium.show(pages(one()))
+    chromium.show(pages(small()))
     chromium.press("z Enter ArrowRight Enter ArrowUp Enter c")
-    chromium.put("#zones [name=kind]", "speed")
+    chromium.fill("#zones [name=kind]", "speed")
     for value in ("", "0", "101"):
-        chromium.put("#zones [name=speed]", value)
+        chromium.fill("#zones [name=speed]", value)
         chromium.page.get_by_text("Save 1 speed zone").click()
         (line,) = chromium.texts("#status")
         assert line == "Not saved: a speed zone needs a speed above 0 and at most 100 percent."
-    chromium.put("#zones [name=speed]", "40")
+    chromium.fill("#zones [name=speed]", "40")
     assert "speed 40 %" in chromium.texts("#zones li")[0]
     with chromium.page.expect_download() as download:
         chromium.page.get_by_text("Save 1 speed zone").click()
@@ -654,7 +654,7 @@ def test_notes_of_many_checks_are_one_line(chromium, pages):
 
 
 def test_a_page_counts_as_loaded_when_its_map_is_drawn(browser, pages):
-    browser.open(pages(one()))  # which waits for the event load
+    browser.open(pages(small()))  # which waits for the event load
     assert browser.evaluate("() => performance.getEntriesByName('mapdeal').length") > 0
     assert browser.evaluate("() => document.querySelectorAll('iframe').length") == 0
 
@@ -684,15 +684,20 @@ def test_the_first_page_of_a_pdf_has_verdict_and_map(pages, tmp_path):
     words = ["chromium", *options, f"--print-to-pdf={path}", pages(noted("abcd")).as_uri()]
     subprocess.run(words, check=True, capture_output=True, timeout=120)
     text, images = (
-        subprocess.run([*command, str(path), *rest], check=True, capture_output=True).stdout
-        for command, rest in ((["pdftotext", "-l", "1"], ["-"]), (["pdfimages", "-list"], []))
+        subprocess.run(
+            [*command, str(path), *options_after], check=True, capture_output=True
+        ).stdout
+        for command, options_after in (
+            (["pdftotext", "-l", "1"], ["-"]),
+            (["pdfimages", "-list"], []),
+        )
     )
     assert b"The map is sound" in text
     assert b"1" in [line.split()[0] for line in images.splitlines()[2:]]  # the page of each
 
 
 def test_a_page_is_left_without_a_question_unless_zones_are_not_saved(chromium, pages):
-    chromium.show(pages(one()))
+    chromium.show(pages(small()))
     questions = []
     chromium.page.on("dialog", lambda dialog: (questions.append(dialog.type), dialog.accept()))
     for is_saved in (True, False):
@@ -704,7 +709,7 @@ def test_a_page_is_left_without_a_question_unless_zones_are_not_saved(chromium, 
         chromium.page.reload()
         assert questions == ([] if is_saved else ["beforeunload"])
         chromium.settle()
-    chromium.complaints.clear()  # the question is heard there, too
+    chromium.complaints.clear()  # the browser reports the question as a complaint
 
 
 def test_side_by_side_shows_the_same_place_twice(chromium, pages):
@@ -735,13 +740,15 @@ def test_evidence_is_a_click_away_and_values_stand_with_the_map(chromium, pages)
     claims = (Claim("costmap", "good", "own", "Robot"), Claim("map", "error", "bad", "finding"))
     entry = Entry("claimed", LAYERS, ITEMS, (Table("Run", ()), table), claims=claims)
     chromium.show(pages(Report("claims", (entry,), "1.0")), **PHONE)
-    details = "() => [...document.querySelectorAll('details')].map((one) => one.open)"
+    details = "() => [...document.querySelectorAll('details')].map((element) => element.open)"
     assert chromium.evaluate(details) == [False, False]
     chromium.page.get_by_role("link", name="Robot").click()
     opened = [False, True]
     assert in_time(lambda: chromium.evaluate(details), opened.__eq__) == opened
     assert chromium.page.get_by_role("cell", name="0.3").is_visible()
     chromium.page.get_by_role("link", name="Findings").click()
-    map_, values = (chromium.page.locator(one).bounding_box() for one in ("#map", ".readout"))
+    map_, values = (
+        chromium.page.locator(selector).bounding_box() for selector in ("#map", ".readout")
+    )
     assert 0 < values["y"] - map_["y"] - map_["height"] < 60
     assert chromium.texts(".readout tbody th")[2:] == [layer.title for layer in LAYERS]

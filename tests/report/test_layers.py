@@ -29,22 +29,22 @@ GRIDS = {
 }
 
 
-@pytest.mark.parametrize("made", _FILES, ids=lambda made: made.__name__)
-def test_every_type_of_grid_that_is_written_becomes_layers(made):
-    grid = GRIDS[made]
-    assert type(grid) is made
+@pytest.mark.parametrize("grid_type", _FILES, ids=lambda grid_type: grid_type.__name__)
+def test_every_type_of_grid_that_is_written_becomes_layers(grid_type):
+    grid = GRIDS[grid_type]
+    assert type(grid) is grid_type
     layers = page_layers(grid, "name", "Title")
     assert layers[-1].name == "name"  # its own is on top
     for layer in layers:
         assert layer.frame == grid.frame
         assert layer.values.dtype == (np.uint8 if layer.style.by_value is not None else np.float32)
         assert (layer.style.scale is None) == layer.is_bytes
-        assert layer.states in (None, *(one.name for one in layers))
+        assert layer.states in (None, *(page_layer.name for page_layer in layers))
 
 
 def test_unknown_cells_give_way_where_cells_share_a_pixel():
-    for made in (mapdeal.OccupancyGrid, mapdeal.Costmap):
-        rank = page_layers(GRIDS[made], "name", "Title")[-1].rank
+    for grid_type in (mapdeal.OccupancyGrid, mapdeal.Costmap):
+        rank = page_layers(GRIDS[grid_type], "name", "Title")[-1].rank
         assert rank[255] == 0
         assert (np.diff(rank[:255].astype(int)) == 1).all()
 
@@ -105,8 +105,8 @@ def test_two_maps_that_are_compared_are_chosen():
     layers = [page_layers(OccupancyGrid([[0, 100]], 0.25), name, name)[0] for name in "abc"]
     entry = Entry("e", tuple(layers), compared=("c", "a"))
     text = body_of(Report("t", (entry,), "1")).text
-    left, right = text.split("<select")[1:3]
-    assert 'value="2" selected' in left
+    first_choice, right = text.split("<select")[1:3]
+    assert 'value="2" selected' in first_choice
     assert 'value="0" selected' in right
     plain = body_of(Report("t", (Entry("e", tuple(layers)),), "1")).text
     assert 'value="1" selected' in plain.split("<select")[1]
@@ -141,8 +141,8 @@ def test_items_lie_within_the_extent():
     cells[2, 3] = 0
     lines = (np.array([[-5.0, 0.0], [0.0, 30.0]]),)
     items = Item("goal", "far", place=(40.0, 1.0)), Item("route", "", lines=lines), Item("a", "b")
-    left, bottom, right, top = extent(cells, items)
-    assert left < -5 < 40 < right
+    west, bottom, east, top = extent(cells, items)
+    assert west < -5 < 40 < east
     assert bottom < -2 < 30 < top
 
 

@@ -53,7 +53,7 @@ NASTY = st.text(
 
 
 @given(NASTY, NASTY)
-def test_text_and_attributes_stay_what_they_are(text, value):
+def test_texts_and_attributes_are_read_back(text, value):
     tags, found = read(element("p", text, title=value))
     assert [tag for tag, _ in tags] == ["p"]
     if (text + value).isprintable():
@@ -78,19 +78,19 @@ def test_pieces_are_joined_as_they_are_and_text_is_not():
 
 
 def test_attributes_may_be_names_alone_or_left_out():
-    made = element("input", checked=True, hidden=False, value=None, max=0.5, aria_label="x")
-    assert made == Markup('<input checked max="0.5" aria-label="x">')
+    markup = element("input", checked=True, hidden=False, value=None, max=0.5, aria_label="x")
+    assert markup == Markup('<input checked max="0.5" aria-label="x">')
 
 
-@pytest.mark.parametrize(("name", "attributes", "told"), [
+@pytest.mark.parametrize(("name", "attributes", "message"), [
     *[("p", {name: "x"}, name)
       for name in ("style", "onclick", "onerror", "src", "srcset", "action")],
     *[("a", {"href": link}, "page itself")
       for link in ("https://example.org", "javascript:alert(1)", " #a", "")],
     ("script", {}, "script"), ("style", {}, "style"),
 ])  # fmt: skip
-def test_what_runs_loads_or_leads_elsewhere_is_refused(name, attributes, told):
-    with pytest.raises(ValueError, match=told):
+def test_what_runs_loads_or_leads_elsewhere_is_refused(name, attributes, message):
+    with pytest.raises(ValueError, match=message):
         element(name, "x", **attributes)
 
 
@@ -109,12 +109,12 @@ def test_dots_stand_at_each_whole_cell_with_its_cost():
     dots = [(float(x), float(y)) for x, y in circles]
     metres = [m0 + (x - x0) / (x1 - x0) * (m1 - m0) for x, _ in dots]
     costs = [(rows[0.0] - y) / (rows[0.0] - rows[254.0]) * 254 for _, y in dots]
-    whole = CURVE.cells == np.floor(CURVE.cells)
-    assert metres == pytest.approx((CURVE.cells[whole] * 0.05).tolist(), abs=1e-3)
-    assert costs == pytest.approx(CURVE.cost[whole].tolist(), abs=0.05)
+    is_integer = CURVE.cells == np.floor(CURVE.cells)
+    assert metres == pytest.approx((CURVE.cells[is_integer] * 0.05).tolist(), abs=1e-3)
+    assert costs == pytest.approx(CURVE.cost[is_integer].tolist(), abs=0.05)
 
 
-def test_zones_and_marks_are_told_in_words_and_colours_are_attributes():
+def test_zones_and_marks_are_described_in_words_and_colours_are_attributes():
     tags, text = read(curve_figure(CURVE))
     for words in ("inscribed radius: 0.2 m", "inflation radius: 0.6 m"):
         assert words in text

@@ -22,12 +22,12 @@ ATTACKS = (
 )  # fmt: skip
 
 
-def made(report, size=25_000_000):
+def page_bytes(report, size=25_000_000):
     return b"".join(page_of(report, size=size))
 
 
 def parsed(report):
-    return Reader(made(report).decode())
+    return Reader(page_bytes(report).decode())
 
 
 def report_saying(*texts):
@@ -70,7 +70,7 @@ def test_the_policy_allows_what_the_page_holds_and_nothing_else():
 def test_markup_in_names_adds_no_element():
     nasty, tame = nasty_report(), report_saying(*["plain/words"] * len(ATTACKS))
     page = parsed(nasty)
-    counts = [[tag for tag, _ in one.tags] for one in (page, parsed(tame))]
+    counts = [[tag for tag, _ in parser.tags] for parser in (page, parsed(tame))]
     assert set(counts[0]) == set(counts[1])
     for tag in ("script", "style", "input", "li", "tr", "h2"):
         assert counts[0].count(tag) == counts[1].count(tag)
@@ -105,7 +105,7 @@ def test_the_header_describes_what_the_data_hold():
     data = page.script("data").strip()
     levels = [level for layer in entry["layers"] for level in layer["levels"]]
     assert max(sum(tile) for level in levels for tile in level["tiles"]) == len(data)
-    # equal styles are told once
+    # equal styles appear once
     entries = (entry_of(GRID, "a"), entry_of(GRID, "b"))
     header = json.loads(parsed(Report("two", entries, "1.0")).script("report"))
     assert len(header["styles"]) == 3
@@ -120,10 +120,10 @@ def test_an_entry_without_layers_and_a_page_without_its_script_have_words():
 
 
 def test_findings_of_a_kind_are_one_line_with_their_places_behind_it():
-    told = ["x.y: 20 specks", *(f"x.y: place {k} of 20" for k in range(2, 21))]
+    texts = ["x.y: 20 specks", *(f"x.y: place {k} of 20" for k in range(2, 21))]
     items = [
         Item("finding", text, "warning", (0.1 * k, 0.25), group="x.y")
-        for k, text in enumerate(told)
+        for k, text in enumerate(texts)
     ]
     items += [Item("finding", "a.b: alone", "error", (0.0, 0.0), group="a.b")]
     items += [Item("finding", f"c.d: door {k}", "error", (0.0, 0.0), group="c.d") for k in "ab"]

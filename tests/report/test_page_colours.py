@@ -16,27 +16,34 @@ ORIGIN = (1.5, -2.0, 0.4)
 
 def pictured(draw, grid):
     """Return the colours in the middles of the cells of a picture, row 0 in the south."""
-    seen = {}
+    recorded = {}
 
-    def record(pixels, palette, **rest):
-        seen.update(pixels=pixels, palette=palette)
-        return sheet(pixels, palette, **rest)
+    def record(pixels, palette, **options):
+        recorded.update(pixels=pixels, palette=palette)
+        return sheet(pixels, palette, **options)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mapdeal.pictures.canvas.sheet", record)
         draw(grid, title="t")
-    pixels = np.asarray(seen["pixels"])
+    pixels = np.asarray(recorded["pixels"])
     step = pixels.shape[0] // grid.shape[0]
     assert step >= 3  # otherwise outlines cover cells
     middles = pixels[step // 2 :: step, step // 2 :: step][: grid.shape[0], : grid.shape[1]]
-    return seen["palette"][middles]
+    return recorded["palette"][middles]
 
 
 def shown(layers):
     """Return the colours of the last layer, cell by cell, as its style is described."""
     layer = layers[-1]
     style, values = layer.style, np.asarray(layer.values[:])
-    states = next((np.asarray(one.values[:]) for one in layers if one.name == layer.states), None)
+    states = next(
+        (
+            np.asarray(other_layer.values[:])
+            for other_layer in layers
+            if other_layer.name == layer.states
+        ),
+        None,
+    )
     colours = np.empty((*values.shape, 3), dtype=np.uint8)
     for cell, value in np.ndenumerate(values):
         if style.by_value is not None:
@@ -63,7 +70,7 @@ def shown(layers):
 def test_maps_and_fields_have_the_colours_of_their_pictures(convention, shape):
     random = np.random.default_rng(shape[0])
     occupancy = random.choice(np.array([0, 0, 0, 100, -1, 37], dtype=np.int8), shape)
-    occupancy[0, 0] = occupancy[-1, -1] = 0  # pictures show what is known
+    occupancy[0, 0] = occupancy[-1, -1] = 0  # the extent of a picture is that of known cells
     grid = OccupancyGrid(occupancy, 0.25, ORIGIN)
     assert np.array_equal(shown(page_layers(grid, "m", "M")), pictured(occupancy_image, grid))
     field = esdf(grid, convention=convention)

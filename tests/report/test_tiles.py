@@ -41,32 +41,34 @@ def _decoded_tile(coding, data, width, height):
     """Return the values of an inflated tile, as docs/report.md describes the format."""
     if coding["kind"] == "bytes":
         return np.frombuffer(data, dtype=np.uint8).reshape(height, width)
-    way_index, planes, top, count = struct.unpack_from("<4i", data)
-    others = struct.unpack_from(f"<{count}f", data, 16)
+    scheme_index, planes, top, count = struct.unpack_from("<4i", data)
+    exceptions = struct.unpack_from(f"<{count}f", data, 16)
     start, size = 16 + 4 * count, width * height
     assert len(data) == start + planes * size
-    rest = np.zeros((height, width), dtype=np.int64)
+    numbers = np.zeros((height, width), dtype=np.int64)
     for plane in range(planes):
         part = np.frombuffer(data, dtype=np.uint8, count=size, offset=start + plane * size)
-        rest += part.reshape(height, width).astype(np.int64) * 256**plane
-    rest = np.where(rest % 2 == 1, -(rest + 1) // 2, rest // 2)
-    # each is left + below - below left + rest, so all of them are the sums of what is south-west
-    numbers = rest.cumsum(axis=0).cumsum(axis=1)
+        numbers += part.reshape(height, width).astype(np.int64) * 256**plane
+    numbers = np.where(numbers % 2 == 1, -(numbers + 1) // 2, numbers // 2)
+    # each number is left + below - below left + its residue: a sum over cells south-west of it
+    numbers = numbers.cumsum(axis=0).cumsum(axis=1)
     numbers = (numbers + 2**31) % 2**32 - 2**31
-    way, distinct = coding["ways"][way_index], np.unique(numbers)
-    meanings = [_meaning(way, n) if n <= top else others[n - top - 1] for n in distinct.tolist()]
+    scheme, distinct = coding["ways"][scheme_index], np.unique(numbers)
+    meanings = [
+        _meaning(scheme, n) if n <= top else exceptions[n - top - 1] for n in distinct.tolist()
+    ]
     return np.array(meanings, dtype=np.float32)[np.searchsorted(distinct, numbers)]
 
 
-def _meaning(way, number):
-    if way["kind"] == "steps":
-        return number * way["step"]
-    if way["kind"] == "squares":
-        offset, unit = way["above"] if number >= 0 else way["below"]
+def _meaning(scheme, number):
+    if scheme["kind"] == "steps":
+        return number * scheme["step"]
+    if scheme["kind"] == "squares":
+        offset, unit = scheme["above"] if number >= 0 else scheme["below"]
         distance = (math.sqrt(abs(number)) - offset) * unit
         return distance if number >= 0 else -distance
-    assert way["kind"] == "bits"
-    bits = number << way["hidden"]
+    assert scheme["kind"] == "bits"
+    bits = number << scheme["hidden"]
     pattern = bits if bits >= 0 else bits ^ 0x7FFFFFFF
     return struct.unpack("<f", struct.pack("<i", pattern))[0]
 
@@ -101,19 +103,19 @@ def _decoded(result, place=0):
     return levels
 
 
-def _ways_taken(result):
-    """Return the kinds of ways that the tiles of the finest level of a layer took."""
+def _schemes_used(result):
+    """Return the kinds of schemes in the tiles of the finest level of a layer."""
     header = result.layers[0]
     data = [_inflated(result, where) for where in header["levels"][-1]["tiles"]]
-    return {header["coding"]["ways"][struct.unpack_from("<i", one)[0]]["kind"] for one in data}
+    return {header["coding"]["ways"][struct.unpack_from("<i", tile)[0]]["kind"] for tile in data}
 
 
 def _same(found, values, *, within=0.0, relative=0.0):
     strange = ~np.isfinite(values)
     np.testing.assert_array_equal(found[strange], values[strange])
-    wanted = values[~strange].astype(np.float64)
-    error = np.abs(found[~strange].astype(np.float64) - wanted)
-    assert np.all(error <= within + relative * np.abs(wanted)), error.max()
+    expected = values[~strange].astype(np.float64)
+    error = np.abs(found[~strange].astype(np.float64) - expected)
+    assert np.all(error <= within + relative * np.abs(expected)), error.max()
 
 
 SHAPES = st.one_of(
@@ -137,14 +139,14 @@ def _numbers(draw, scales=(1e-3, 0.05, 7.0, 3000.0)):
 
 @settings(max_examples=12)
 @given(values=_numbers(), convention=st.sampled_from([None, "fast-planner", "center", "border"]))
-def test_metres_are_told_to_half_a_millimetre_whatever_they_are(values, convention):
+def test_metres_are_exact_to_half_a_millimetre_whatever_they_are(values, convention):
     result = encoded([_layer(values, unit="m", convention=convention)], size=ROOM)
     _same(_decoded(result)[1], values, within=0.00051, relative=2**-24)
 
 
 @settings(max_examples=10)
 @given(values=_numbers(scales=(1e-20, 1.0, 1e9, 1e37)))
-def test_other_numbers_are_told_to_four_digits_at_any_scale(values):
+def test_other_numbers_are_exact_to_four_digits_at_any_scale(values):
     result = encoded([_layer(values)], size=ROOM)
     _same(_decoded(result)[1], values, within=1e-30, relative=2**-15)
 
@@ -158,7 +160,7 @@ def test_other_numbers_are_told_to_four_digits_at_any_scale(values):
     strength=st.sampled_from([1.0, 1.7, 1e-3]),
     max_distance=st.sampled_from([None, 0.13, 1.03]),
 )
-def test_fields_are_told_by_their_squares(shape, seed, share, convention, strength, max_distance):
+def test_fields_are_stored_as_their_squares(shape, seed, share, convention, strength, max_distance):
     random = np.random.default_rng(seed)
     occupancy = np.where(random.random(shape) < share, 100, 0).astype(np.int8)
     if share == 0.02:
@@ -168,7 +170,7 @@ def test_fields_are_told_by_their_squares(shape, seed, share, convention, streng
     layer = _layer(field.distance, unit="m", **more)
     result = encoded([layer], size=ROOM)
     _same(_decoded(result)[1], field.distance, within=1e-4)
-    assert _ways_taken(result) == {"squares"}
+    assert _schemes_used(result) == {"squares"}
 
 
 def _roots(factor):
@@ -183,20 +185,20 @@ BEYOND = [[46_340.0, 46_341.0, 60_000.0, -46_341.0, 65_536.0]]
 """Their squares are beyond what a whole number holds."""
 
 
-@pytest.mark.parametrize(("values", "more", "within", "way"), [
+@pytest.mark.parametrize(("values", "more", "within", "scheme"), [
     ([[3e6, -3e6, 0.001]], {}, 0.00051, None),  # beyond the range of steps
     ([[1e30, -1e30, 0.0]], {}, 0.00051, None),
     ([[2147483.5, -2147483.5, 1e-9]], {}, 0.00051, None),
     (BEYOND, {"convention": "center", "resolution": 1.0}, 0.00051, None),
     (_roots(1), {}, 1e-4, "squares"),  # clearances
     (_roots(2), {}, 1e-4, "squares"),  # widths
-    (STEEP, {"convention": "fast-planner"}, 0.00051, "steps"),  # the factor is not told
+    (STEEP, {"convention": "fast-planner"}, 0.00051, "steps"),  # tiles lack the factor
 ], ids=["3e6", "1e30", "2e6", "beyond", "clearances", "widths", "steep"])  # fmt: skip
-def test_metres_are_told_by_squares_where_these_fit(values, more, within, way):
+def test_metres_are_stored_as_squares_where_these_fit(values, more, within, scheme):
     values = np.array(values, dtype=np.float32)
     result = encoded([_layer(values, unit="m", **more)], size=ROOM)
     _same(_decoded(result)[1], values, within=within, relative=2**-24)
-    assert way is None or _ways_taken(result) == {way}
+    assert scheme is None or _schemes_used(result) == {scheme}
 
 
 def test_a_field_takes_a_quarter_of_npz_or_less():
@@ -209,7 +211,7 @@ def test_a_field_takes_a_quarter_of_npz_or_less():
 
 
 def _pooled(values, reduce, choose):
-    """Return what stands for each square of cells, cell by cell."""
+    """Return the value of each square of cells, cell by cell."""
     height, width = (math.ceil(length / reduce) for length in values.shape)
     pooled = np.empty((height, width), dtype=values.dtype)
     for row in range(height):
@@ -268,21 +270,21 @@ def _some_layers(make=lambda values: values):
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_lazy_layers_are_read_once_in_order_and_give_the_same_bytes(threads):
-    asked = []
+    requested = []
 
     def lazily(values):
         def make(rows):
-            asked.append((rows.start, rows.stop))
+            requested.append((rows.start, rows.stop))
             return values[rows]
 
         return lazy_layer(values.shape, values.dtype, make, block_height=37)
 
     with use_threads(2):
-        whole = encoded(_some_layers(), size=ROOM)
+        expected = encoded(_some_layers(), size=ROOM)
     with use_threads(threads):
         result = encoded(_some_layers(lazily), size=ROOM)
-    assert (result.layers, result.data) == (whole.layers, whole.data)
-    assert asked == 2 * [(0, 512), (512, 1024), (1024, 1100)]
+    assert (result.layers, result.data) == (expected.layers, expected.data)
+    assert requested == 2 * [(0, 512), (512, 1024), (1024, 1100)]
 
 
 def _noise(side, seed, **more):
@@ -296,9 +298,9 @@ def _reduces(result):
 
 def test_what_is_too_large_gets_coarser_cells_where_that_saves_most():
     layers = [_noise(300, 1), _noise(600, 2), _noise(600, 3), _noise(450, 4)]
-    whole = encoded(layers, size=ROOM)
-    assert _reduces(whole) == [[4, 1], [4, 1], [4, 1], [4, 1]]
-    result = encoded(layers, size=whole.size - 1)
+    complete = encoded(layers, size=ROOM)
+    assert _reduces(complete) == [[4, 1], [4, 1], [4, 1], [4, 1]]
+    result = encoded(layers, size=complete.size - 1)
     assert _reduces(result) == [[4, 1], [8, 2], [8, 2], [4, 1]]
     np.testing.assert_array_equal(_decoded(result, 3)[1], layers[3].values)
     np.testing.assert_array_equal(_decoded(result, 2)[2], _pooled(layers[2].values, 2, max))
@@ -347,10 +349,10 @@ def test_a_large_layer_is_read_without_being_held(monkeypatch):
     values = lazy_layer(shape, np.uint8, make, block_height=512)
     result = encoded([_layer(values, shape=shape)], size=ROOM)
     assert _reduces(result) == [[64, 16, 4]]
-    wanted = np.zeros((1125, 75), dtype=np.uint8)
-    wanted[:, ::25] = 100
-    wanted[::128, 1] = 200
-    np.testing.assert_array_equal(_decoded(result)[4], wanted)
+    expected = np.zeros((1125, 75), dtype=np.uint8)
+    expected[:, ::25] = 100
+    expected[::128, 1] = 200
+    np.testing.assert_array_equal(_decoded(result)[4], expected)
     assert max(rows_at_once) <= 512
 
 
@@ -372,14 +374,14 @@ def test_the_page_reads_what_is_written(tmp_path):
     page.write_text(json.dumps({"data": b"".join(result.data).decode(), "layers": result.layers}))
     script = Path(__file__).with_name("decode_page.mjs")
     out = subprocess.run([node, script, DECODER, page], capture_output=True, check=True)
-    told = iter(json.loads(out.stdout))
+    tiles = iter(json.loads(out.stdout))
     for place, header in enumerate(result.layers):
         levels = _decoded(result, place)
         for level, rows, columns, _ in _tiles_of(header["levels"]):
-            wanted = levels[level["reduce"]][rows, columns]
-            tile = next(told)
-            assert (tile["height"], tile["width"]) == wanted.shape
-            assert tile["type"] == {"u": "Uint8Array", "f": "Float32Array"}[wanted.dtype.kind]
-            found = np.frombuffer(base64.b64decode(tile["values"]), dtype=wanted.dtype)
-            np.testing.assert_array_equal(found.reshape(wanted.shape), wanted)
-    assert next(told, None) is None
+            expected = levels[level["reduce"]][rows, columns]
+            tile = next(tiles)
+            assert (tile["height"], tile["width"]) == expected.shape
+            assert tile["type"] == {"u": "Uint8Array", "f": "Float32Array"}[expected.dtype.kind]
+            found = np.frombuffer(base64.b64decode(tile["values"]), dtype=expected.dtype)
+            np.testing.assert_array_equal(found.reshape(expected.shape), expected)
+    assert next(tiles, None) is None

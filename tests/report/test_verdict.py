@@ -59,9 +59,9 @@ def manifest_of(robot=None, **more):
     return {"stages": [{"inflate": {"radius": 0.3}}, {"cost": cost}], "robot": robot, **more}
 
 
-def robot_of(*others):
+def robot_of(*entries):
     layers = [{"name": "inflation_layer"}]
-    layers += [{"name": f"l{k}", **other} for k, other in enumerate(others)]
+    layers += [{"name": f"l{k}", **entry} for k, entry in enumerate(entries)]
     return {"files": [{"name": "nav2.yaml"}], "costmap": "global", "layers": layers}
 
 
@@ -89,12 +89,12 @@ def test_costs(manifest, state, words):
 
 
 def test_three_claims_are_left_of_those_about_the_same_the_worst():
-    told = [
+    claims = [
         Claim("goals", "good", "g"), Claim("map", "good", "m"), Claim("map", "error", "e"),
         Claim("cells", "warning", "c"), Claim("costmap", "unknown", "u"),
         Claim("map", "warning", "w"),
     ]  # fmt: skip
-    assert [one.text for one in settled(told)] == ["e", "u", "g"]
+    assert [claim.text for claim in settled(claims)] == ["e", "u", "g"]
 
 
 def test_a_failed_run_has_one_claim():

@@ -2,8 +2,8 @@
 
 Run it as ``python tests/robustness/fuzz_readers.py [--inputs 200000] [--seed 1] [--reader NAME]``;
 the suite does the same with fewer mutants, see test_fuzz.py. Readers and good files stand in
-readers.py, what must hold of what they return in reading.py, the damage in mutation.py. Whatever it
-is given, a reader gives a result that keeps what its format promises, or raises those errors that
+readers.py, the checks of their results in reading.py, the damage in mutation.py. Given any file,
+a reader gives a result that keeps what its format promises, or raises those errors that
 are meant for it; it warns by mapdeal's warnings alone, writes nothing to the terminal, ends soon,
 and takes no more than 256 MiB. Ends with exit code 1 if anything is wrong.
 """
@@ -53,13 +53,13 @@ class Found:
 
 
 def main():
-    """Fuzz, and print what was found."""
+    """Fuzz, and print the problems that were found."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--inputs", type=int, default=200_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--reader", help="only those with this in their name")
     options = parser.parse_args()
-    readers = [one for one in READERS if (options.reader or "") in one.name]
+    readers = [reader for reader in READERS if (options.reader or "") in reader.name]
     each = options.inputs / sum(reader.share for reader in readers)
     problems = 0
     print("| reader | read | refused | wrong | seconds | slowest |\n|---|---|---|---|---|---|")
@@ -84,10 +84,10 @@ def fuzz(reader, mutants, folder, seed, longest):
     """
     rng = random.Random(f"{reader.name} {seed}")
     found = Found()
-    read_seeds(reader, folder / "good")  # what is imported late is not counted as theirs
+    read_seeds(reader, folder / "good")  # late imports do not count as memory of the reader
     paths = _files_of(reader.seeds, folder)
-    alike = {one.packed: [other.data for other in reader.seeds if other.packed == one.packed]
-             for one in reader.seeds}  # fmt: skip
+    alike = {good.packed: [like.data for like in reader.seeds if like.packed == good.packed]
+             for good in reader.seeds}  # fmt: skip
     with use_memory(MEMORY, is_chosen=False), _watched() as caught:
         for number in range(mutants):
             good, path = rng.choice(list(zip(reader.seeds, paths, strict=True)))
@@ -96,9 +96,10 @@ def fuzz(reader, mutants, folder, seed, longest):
             started = time.perf_counter()
             problem = _problem_of(reader, path, data, found, longest)
             found.slowest = max(found.slowest, time.perf_counter() - started)
-            for one in caught:
-                if problem is None and not issubclass(one.category, MapdealWarning):
-                    problem = f"warned by {one.category.__name__}: {one.message} ({one.filename})"
+            for warning in caught:
+                if problem is None and not issubclass(warning.category, MapdealWarning):
+                    source = f"{warning.message} ({warning.filename})"
+                    problem = f"warned by {warning.category.__name__}: {source}"
             caught.clear()
             if problem is not None:
                 found.problems.append(f"{reader.name} {number}: {problem}\n    {data!r}")
@@ -114,7 +115,7 @@ def read_seeds(reader, folder):
 
 
 def _problem_of(reader, path, data, found, longest):
-    """Return what is wrong with how a reader takes some data, None if nothing is."""
+    """Return the problem of a reader with some data, or None."""
     signal.setitimer(signal.ITIMER_REAL, longest)
     try:
         reader.read(path, data)
@@ -146,7 +147,7 @@ def _last_lines():
 
 
 def _files_of(seeds, folder):
-    """Write each seed into a folder with what stands beside it; return the paths."""
+    """Write each seed and its side files into a folder; return the paths."""
     for index, good in enumerate(seeds):
         files = {**good.beside, good.name or "text": good.packed(good.data)}
         for name, data in files.items():
@@ -158,7 +159,7 @@ def _files_of(seeds, folder):
 
 @contextmanager
 def _watched():
-    """Give the list that warnings go to; hold memory, where the system tells it, and time."""
+    """Yield the list of warnings; limit memory, if the system reports it, and time."""
 
     def end(*_):
         raise TooLongError

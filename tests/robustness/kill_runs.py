@@ -1,9 +1,9 @@
-"""Kill runs at random moments, and look at what is left.
+"""Kill runs at random moments, and check the files that remain.
 
 Run it as ``python tests/robustness/kill_runs.py [--kills 200]``. Each time a folder with the
 outputs of one run is written over by another run, which is killed (SIGKILL). Every file must be
 that of the old or of the new run; a set of both must be found by ``lint``, and by it alone; and
-then a run must go on and clean up. Prints what it saw; ends with exit code 1 if anything is wrong.
+then a run must go on and clean up. Prints the outcomes; exits with 1 if there is a problem.
 """
 
 import argparse
@@ -35,8 +35,8 @@ def main():
         occupancy = (rng.random((700, 900)) < 0.02).astype(np.int8) * 100
         write_map(folder / "m.yaml", OccupancyGrid(occupancy, 0.05, (1.0, -2.0, 0.4)))
         found, problems = kill_all(folder, options.kills)
-    told = ", ".join(f"{count} {what}" for what, count in sorted(found.items()))
-    print(f"{options.kills} kills left sets that are: {told}; {len(problems)} problems")
+    counts = ", ".join(f"{count} {kind}" for kind, count in sorted(found.items()))
+    print(f"{options.kills} kills left sets that are: {counts}; {len(problems)} problems")
     for problem in problems:
         print(f"problem: {problem}")
     return bool(problems)
@@ -44,9 +44,9 @@ def main():
 
 def kill_all(folder, kills):
     started = time.perf_counter()
-    done(command(folder, "new", NEW)).check_returncode()
+    run_process(command(folder, "new", NEW)).check_returncode()
     duration = time.perf_counter() - started
-    done(command(folder, "old", OLD)).check_returncode()
+    run_process(command(folder, "old", OLD)).check_returncode()
     sums = {which: sums_of(folder / which / "m") for which in ("old", "new")}
     moments = random.Random(1)
     found = Counter()
@@ -62,41 +62,41 @@ def kill_all(folder, kills):
         time.sleep(moments.uniform(low, 1.05) * duration)
         process.send_signal(signal.SIGKILL)
         process.wait()
-        kind, told = judge(folder, sums)
+        kind, problems_of_set = judge(folder, sums)
         found[kind] += 1
-        problems += [f"kill {kill}: {problem}" for problem in told]
+        problems += [f"kill {kill}: {problem}" for problem in problems_of_set]
     return found, problems
 
 
 def judge(folder, sums):
-    """Return what a set is, and what is wrong with it and with what comes after it."""
-    left = folder / "out" / "m"
-    kind, problems = kind_of(left, sums)
-    lint = done([sys.executable, "-m", "mapdeal", "lint", str(left)])
+    """Return the kind of a set, and the problems of its files and of the commands after it."""
+    remaining = folder / "out" / "m"
+    kind, problems = kind_of(remaining, sums)
+    lint = run_process([sys.executable, "-m", "mapdeal", "lint", str(remaining)])
     if (lint.returncode == 1) != (kind == "mixed"):
         problems.append(f"lint of a set that is {kind}: {lint.stdout}{lint.stderr}")
-    again = done(command(folder, "out", [*NEW, *([] if kind == "new" else ["--force"])]))
+    again = run_process(command(folder, "out", [*NEW, *([] if kind == "new" else ["--force"])]))
     if again.returncode or ("unchanged" in again.stdout) != (kind == "new"):
         problems.append(f"the next run over a set that is {kind}: {again.stdout}{again.stderr}")
-    # a run that has nothing to do writes nothing, and so removes nothing
-    if kind != "new" and list(left.glob(".mapdeal-*")):
+    # a run that is up to date writes nothing and leaves temporary files
+    if kind != "new" and list(remaining.glob(".mapdeal-*")):
         problems.append("the next run leaves temporary files")
-    if sums_of(left) != sums["new"]:
+    if sums_of(remaining) != sums["new"]:
         problems.append("the next run does not leave its own files alone")
     return kind, problems
 
 
-def kind_of(left, sums):
-    """Return whether a set is old, new or mixed, and what is wrong with its files."""
+def kind_of(remaining, sums):
+    """Return whether a set is old, new or mixed, and the problems of its files."""
     old, new = (set(sums[which].items()) for which in ("old", "new"))
-    found = set(sums_of(left).items())
+    found = set(sums_of(remaining).items())
     kinds = [which for which, own in (("old", old - new), ("new", new - old)) if found & own]
     problems = [f"{name} is torn" for name, _ in found - old - new]
-    problems += [f"{name} is gone" for name in sums["old"].keys() - sums_of(left)]
+    problems += [f"{name} is gone" for name in sums["old"].keys() - sums_of(remaining)]
     return "mixed" if len(kinds) == 2 else [*kinds, "old"][0], problems
 
 
-def done(words):
+def run_process(words):
     return subprocess.run(words, capture_output=True, text=True, check=False)
 
 

@@ -6,7 +6,7 @@ import struct
 from robustness.words import words_of
 
 NUMBERS = words_of("numbers")
-"""What may stand for a number in a text: limits of types, odd spellings, what is none."""
+"""Replacements of a number in a text: limits of types, odd spellings, and other words."""
 
 BYTES = b"\0\1\x7f\x80\xff \t\n\r\v\f\x1a\x1c\x85\xa0\xc3#,;:.-+/\\'\"[]{}()<>&*!|%@~=?_$`^019eEnxX"
 """Bytes that mean something in one format or another."""
@@ -25,19 +25,19 @@ _FLOATS = (0.0, -0.0, 1.0, -1.0, 0.5, 1e-320, 1e-40, 1e12, 1e13, 3e38, 1e39, -1e
 _SINGLE_LIMIT = 3e38
 
 
-def mutant(data, others, words, rng):
+def mutant(data, alike, words, rng):
     """Return `data` with some damage.
 
-    `others` are good files of the same kind, to take parts of; `words` are what may be put in,
-    beside what is put into all kinds of files.
+    `alike` are good files of the same kind, to take parts of; `words` are texts to insert, besides
+    those that are inserted into all kinds of files.
     """
     text = bytearray(data)
     for _ in range(rng.choice((1, 1, 1, 2, 2, 4))):
-        rng.choice(_DAMAGES)(text, others, words, rng)
+        rng.choice(_DAMAGES)(text, alike, words, rng)
     return bytes(text)
 
 
-def _damage_bytes(text, others, words, rng):
+def _damage_bytes(text, alike, words, rng):
     """Change a bit, a byte, or what may be a binary number."""
     kind = rng.randrange(7)
     at = rng.randrange(len(text)) if text else 0
@@ -54,7 +54,7 @@ def _damage_bytes(text, others, words, rng):
 
 
 def _damage_number(text, rng):
-    """Put a limit, the length of the file, a neighbour, or a float where a number may be."""
+    """Write a limit, the length of the file, a neighbour, or a float where a number may be."""
     code = rng.choice("BBHHIIQQfd")
     layout = rng.choice("<>") + code
     size = struct.calcsize(layout)
@@ -73,8 +73,8 @@ def _damage_number(text, rng):
     struct.pack_into(layout, text, at, value & (1 << 8 * size) - 1)
 
 
-def _damage_parts(text, others, words, rng):
-    """Put in, leave out, repeat, move, or overwrite some bytes, or go on with another file."""
+def _damage_parts(text, alike, words, rng):
+    """Insert, leave out, repeat, move, or overwrite some bytes, or go on with another file."""
     start = rng.randrange(len(text) + 1)
     stop = start + 1 + rng.randrange(rng.choice((1, 4, 16, 60)))  # most parts are short
     at = rng.randrange(len(text) + 1)
@@ -99,12 +99,12 @@ def _damage_parts(text, others, words, rng):
         case 7:
             text[at : at + len(part)] = part
         case 8:
-            other = rng.choice(others)
-            text[at:] = other[at if rng.randrange(2) else rng.randrange(len(other) + 1) :]
+            donor = rng.choice(alike)
+            text[at:] = donor[at if rng.randrange(2) else rng.randrange(len(donor) + 1) :]
 
 
-def _damage_words(text, others, words, rng):
-    """Put other numbers into a text, something else for what brackets hold, or repeat a word."""
+def _damage_words(text, alike, words, rng):
+    """Replace numbers of a text or the contents of brackets, or repeat a word."""
     pattern = rng.choice((_NUMBER, _NUMBER, _NUMBER, _OPENING, _OPENING, _WORD))
     found = pattern.search(text, rng.randrange(len(text) + 1)) or pattern.search(text)
     if found is None:
@@ -115,9 +115,9 @@ def _damage_words(text, others, words, rng):
         between = rng.choice((b" ", b",", b", ", b"", b"\n"))
         text[found.end() : found.end()] = (between + found[0]) * rng.choice((1, 1, 2, 40))
     else:
-        other = rng.choice(words) if words and rng.randrange(2) else rng.choice(NUMBERS)
+        replacement = rng.choice(words) if words and rng.randrange(2) else rng.choice(NUMBERS)
         text[found.start() : _end_of_group(text, found)] = rng.choice(
-            (other, other, b"[]", b"{}", b'""', b"[" + other + b"]")
+            (replacement, replacement, b"[]", b"{}", b'""', b"[" + replacement + b"]")
         )
 
 
@@ -133,17 +133,17 @@ def _end_of_group(text, opening):
     return stop
 
 
-def _damage_lines(text, others, words, rng):
+def _damage_lines(text, alike, words, rng):
     """Swap, drop or repeat lines, or end them otherwise."""
     lines = text.split(b"\n")
-    one, other = rng.randrange(len(lines)), rng.randrange(len(lines))
+    first, second = rng.randrange(len(lines)), rng.randrange(len(lines))
     match rng.randrange(4):
         case 0:
-            lines[one], lines[other] = lines[other], lines[one]
+            lines[first], lines[second] = lines[second], lines[first]
         case 1:
-            del lines[one]
+            del lines[first]
         case 2:
-            lines[one:one] = [lines[one]] * rng.choice((1, 1, 2, 20))
+            lines[first:first] = [lines[first]] * rng.choice((1, 1, 2, 20))
         case 3:
             lines = text.replace(b"\n", rng.choice((b"\r\n", b"\r", b"\n\n", b" \n"))).split(b"\n")
     text[:] = b"\n".join(lines)

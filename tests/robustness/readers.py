@@ -23,7 +23,7 @@ ROS1_WORDS, ROS2_WORDS = words_of("yaml", "ros1"), words_of("yaml", "ros2")
 
 @dataclass(frozen=True)
 class Seed:
-    """A good file: its name, what is damaged of it, and the other files of its folder."""
+    """A good file: its name, the data to damage, and the other files of its folder."""
 
     name: str
     data: bytes
@@ -37,7 +37,7 @@ class Seed:
 class Reader:
     """A reader under test: its name, on which the mutants depend, too, and its good files.
 
-    ``read(path, data)`` reads a file, or a text, checks what it is given, and may return that.
+    ``read(path, data)`` reads a file or a text, checks the result, and may return it.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Reader:
     words: Sequence[bytes] = ()
     """What may be put into its files."""
     refusals: tuple[type[MapdealError], ...] = (MalformedInputError,)
-    """What it may raise."""
+    """Errors that it may raise."""
     is_file: bool = True
     """Whether errors must name the file."""
     share: float = 1.0
@@ -69,9 +69,9 @@ def _zips(names, called):
 
 
 def _pictures(folder):
-    made = _seeds(files_of(folder), "m.image")
+    found = _seeds(files_of(folder), "m.image")
     again = _seeds(files_of(folder), "m.image", packed=seeds.with_checksums)
-    return made + again if folder == "png" else made
+    return found + again if folder == "png" else found
 
 
 def _logs():
@@ -87,7 +87,9 @@ def _scan_texts():
 
 
 def _dumped(folder):
-    return {name: json.dumps(one).encode() for name, one in seeds.documents_of(folder).items()}
+    return {
+        name: json.dumps(document).encode() for name, document in seeds.documents_of(folder).items()
+    }
 
 
 def _documents(folder):
@@ -99,8 +101,8 @@ _RUNS = _dumped("runs")
 
 def _manifests():
     good = _RUNS["manifest"]
-    other = good.replace(b'"2222', b'"5222').replace(b"0.3", b"0.4").replace(b"-0.5", b"-0.7")
-    return [Seed("manifest.json", good, beside={"golden/run/manifest.json": other})]
+    golden = good.replace(b'"2222', b'"5222').replace(b"0.3", b"0.4").replace(b"-0.5", b"-0.7")
+    return [Seed("manifest.json", good, beside={"golden/run/manifest.json": golden})]
 
 
 def _shown():
@@ -150,7 +152,7 @@ _GRIDS = "occupancy field costs potential"
 _IMAGES = {"PNM": 1.0, "PNG": 1.0, "BMP": 0.7, "TIFF": 0.6, "JPEG": 0.6}
 
 _USAGE = (ParameterError,)
-_PAIR = (MalformedInputError, FileAccessError)  # what is named may not be there
+_PAIR = (MalformedInputError, FileAccessError)  # a file that it names may be missing
 
 
 def _text(name, file, read, share=1.0):

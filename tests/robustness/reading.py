@@ -1,4 +1,4 @@
-"""Every reader of the project, as it is tested: reading, and what must hold for what was read.
+"""Every reader of the project, with checks of its results.
 
 Each takes a path and the bytes that are there. `readers` says which files they are given.
 """
@@ -56,7 +56,7 @@ _LARGEST_RATIO = 300
 
 
 def kind_of_file(path, data):
-    """What a file is, and the figures that its header tells, as JSON can hold them."""
+    """Return the kind of a file and the figures of its header as JSON can hold them."""
     kind = kind_of(path)
     if kind is None:
         return None
@@ -105,7 +105,7 @@ def _check_occupancy(occupancy, shape):
 
 @contextmanager
 def _refused_alike(read, path):
-    """What is refused within must be refused by another reader, too."""
+    """Check that a second reader refuses a file, too, with the same type of error."""
     try:
         yield
     except mapdeal.MapdealError as error:
@@ -126,10 +126,10 @@ def read_by_rows(path, data):
         with _refused_alike(images.read_image, path):
             strips = list(pixels.strips().pictures())
         rows = [pixels.part(slice(k, min(k + 4, height))).joined() for k in range(0, height, 4)]
-    whole = images.read_image(path)
+    image = images.read_image(path)
     for parts in (strips, rows[::-1]):
-        assert np.array_equal(np.concatenate([one.samples for one in parts]), whole.samples)
-    return whole
+        assert np.array_equal(np.concatenate([part.samples for part in parts]), image.samples)
+    return image
 
 
 def map_reader(dialect):
@@ -190,11 +190,11 @@ def read_npz_by_rows(path, data):
             name: np.concatenate([getattr(grid, name)[some] for some in rows])
             for name in grid.layer_names
         }
-    whole = read_npz(path)
-    assert type(grid) is type(whole)
-    assert grid.frame == whole.frame
+    in_memory = read_npz(path)
+    assert type(grid) is type(in_memory)
+    assert grid.frame == in_memory.frame
     for name, values in layers.items():
-        assert np.array_equal(values, getattr(whole, name))
+        assert np.array_equal(values, getattr(in_memory, name))
 
 
 def read_reached(path, data):
@@ -224,15 +224,15 @@ def read_evidence_layers(path, data):
 
 
 def read_bag(path, data):
-    """Take all that commands take out of a bag: topics, maps, a map of scans, clouds."""
+    """Read everything that commands read of a bag: topics, maps, a map of scans, clouds."""
     if path.suffix == ".yaml":
         path = path.parent
     report = describe_bag(path)
     assert json.dumps(report)
     grids = []
-    for one in report["topics"]:
-        if "convert" in one["commands"]:
-            grids.append(mapdeal.read_map_from_bag(path, one["topic"], index=0))
+    for topic in report["topics"]:
+        if "convert" in topic["commands"]:
+            grids.append(mapdeal.read_map_from_bag(path, topic["topic"], index=0))
             _check_grid(grids[-1])
     kinds = (messages.LASER_SCAN, messages.POINT_CLOUD)
     with open_bag(path) as bag:
@@ -257,11 +257,11 @@ def decode_bits(path, data):
     with opened(path) as file:
         image = images.PnmImage(file)
         packed, width = image.bits(), image.width
-        whole = images.read_image(path)
+        image = images.read_image(path)
     assert packed.dtype == np.uint8
     assert packed.shape[1] == (width + 7) // 8
     assert 0 < packed.size <= len(data)
-    assert (whole.samples == 0).sum() == np.unpackbits(packed, axis=1, count=width).sum()
+    assert (image.samples == 0).sum() == np.unpackbits(packed, axis=1, count=width).sum()
 
 
 def read_bits(path, data):
@@ -274,20 +274,20 @@ def lint(path, data):
     findings = lint_file(path)
     assert all(finding.message.isprintable() for finding in findings), findings
     (report,) = mapdeal.lint(path, config=False).maps
-    assert {one.check for one in report.findings} - {one.check for one in findings} <= {
-        "lint.unused-ignore"
-    }
+    assert {finding.check for finding in report.findings} - {
+        finding.check for finding in findings
+    } <= {"lint.unused-ignore"}
     assert report.suppressed + len(report.findings) >= len(findings)
     repaired = mapdeal.lint(path, config=False, fix=True, in_place=True)
     assert all(
-        isinstance(one, (mapdeal.MalformedInputError, mapdeal.FileAccessError))
-        for one in repaired.problems
+        isinstance(problem, (mapdeal.MalformedInputError, mapdeal.FileAccessError))
+        for problem in repaired.problems
     )
     assert len(repaired.findings) <= len(report.findings) or repaired.maps[0].repairs
 
 
 def read_ros1_robot(path, data):
-    """Resolve a file of ROS 1 for both costmaps; what is wrong with it is no error."""
+    """Resolve a file of ROS 1 for both costmaps; problems in it are no errors."""
     return _resolve(ros1_robot, path, data)
 
 
@@ -301,20 +301,25 @@ def lint_parameter_files(path, data):
     """Look at a file of parameters with all checks, whatever is wrong with it."""
     (report,) = mapdeal.lint(params_file=path, config=False).maps
     assert report.file == str(path)
-    for one in report.findings:
-        assert one.check != "lint.not-checked"
-        assert one.line is None or 1 <= one.line <= data.count(b"\n") + data.count(b"\r") + 3
-        assert "\n" not in one.message
+    for finding in report.findings:
+        assert finding.check != "lint.not-checked"
+        assert (
+            finding.line is None or 1 <= finding.line <= data.count(b"\n") + data.count(b"\r") + 3
+        )
+        assert "\n" not in finding.message
 
 
 def _resolve(resolve, path, data):
     refusals, resolved = [], []
     for costmap in ("global", "local"):
         robot, problems = resolve([path], costmap=costmap)
-        for one in problems:
-            assert one.text.isprintable() or "\n" not in one.text
-            assert one.line is None or 1 <= one.line <= data.count(b"\n") + data.count(b"\r") + 3
-        refused = [one for one in problems if one.level == "refused"]
+        for problem in problems:
+            assert problem.text.isprintable() or "\n" not in problem.text
+            assert (
+                problem.line is None
+                or 1 <= problem.line <= data.count(b"\n") + data.count(b"\r") + 3
+            )
+        refused = [problem for problem in problems if problem.level == "refused"]
         assert robot is not None or refused
         if refused:
             refusals.append(refused[0].text)
@@ -334,13 +339,13 @@ def read_ros2_parameters(path, data):
     last = data.count(b"\n") + data.count(b"\r") + 3
     for node in parameters.nodes:
         assert node.name.startswith("/")
-        for _, one in node.entries:
-            assert 1 <= one.line <= last
-            if one.kind in kinds:
-                assert type(one.value) is kinds[one.kind]
-            elif one.kind != "not set":
-                kind = kinds[one.kind.removesuffix("_array")]
-                assert {type(item) for item in one.value} == {kind}
+        for _, entry in node.entries:
+            assert 1 <= entry.line <= last
+            if entry.kind in kinds:
+                assert type(entry.value) is kinds[entry.kind]
+            elif entry.kind != "not set":
+                kind = kinds[entry.kind.removesuffix("_array")]
+                assert {type(item) for item in entry.value} == {kind}
 
 
 def read_config(path, data):
@@ -373,8 +378,8 @@ def read_text_points(path, data):
     """Read a cloud of text: each line is a point, but for names, comments and empty ones."""
     points = read_cloud_points(path, data)
     lines = [line.strip() for line in data.removeprefix(b"\xef\xbb\xbf").split(b"\n")]
-    told = sum(bool(line) and not line.startswith(b"#") for line in lines)
-    assert len(points) in (told, told - 1)
+    count = sum(bool(line) and not line.startswith(b"#") for line in lines)
+    assert len(points) in (count, count - 1)
 
 
 def read_log(path, data):
@@ -418,21 +423,21 @@ def lines_of(kind):
     read = LINES[kind]
 
     def read_lines(path, data):
-        whole, third = list(read([data])), len(data) // 3
+        expected, third = list(read([data])), len(data) // 3
         for parts in (
             data.splitlines(keepends=True),
             [data[:third], data[third : 2 * third], data[2 * third :]],
         ):
-            assert repr(list(read(parts))) == repr(whole)
-        assert [line for line, *_ in whole] == sorted({line for line, *_ in whole})
-        for _, row, error in whole:
-            numbers = [one for one in row or [math.nan] if isinstance(one, (int, float))]
+            assert repr(list(read(parts))) == repr(expected)
+        assert [line for line, *_ in expected] == sorted({line for line, *_ in expected})
+        for _, row, error in expected:
+            numbers = [value for value in row or [math.nan] if isinstance(value, (int, float))]
             assert np.isfinite(numbers).all() == (error is None)
 
     return read_lines
 
 
-# What is drawn, done and asked for
+# Results of commands
 
 
 def read_one_transform(path, data):
@@ -450,9 +455,9 @@ def read_one_answer(path, data):
         places = [item.place for item in items if item.place is not None]
         places += [place for item in items for line in item.lines for place in line.tolist()]
         assert all(abs(value) <= FARTHEST for place in places for value in place)
-    told = [item.text + item.label for item in items]
-    told += [text for table in tables for row in table.rows for text in row]
-    assert all(not text or text.isprintable() for text in told)
+    texts = [item.text + item.label for item in items]
+    texts += [text for table in tables for row in table.rows for text in row]
+    assert all(not text or text.isprintable() for text in texts)
 
 
 def read_all_zones(path, data):
@@ -512,7 +517,7 @@ def compare_with_golden(path, data):
 
 
 def show_runs(path, data):
-    """Make a page of a run or a batch: what its documents tell is text, and only of its folder."""
+    """Make a page of a run or a batch: its documents give text, and files of its folder alone."""
     with Grids(DEFAULT_SETTINGS) as grids:
         report = gathered([path], grids)
         page = b"".join(page_of(report, size=1 << 20))
@@ -530,11 +535,11 @@ def list_all_maps(path, data):
     try:
         listing = list_maps(["@" + path.name], Path("out"), list)
         with_runs = list_maps(["@" + path.name], None, list, exempt=RUN_FOLDERS)
-        assert {one.path for one in listing.maps} <= {one.path for one in with_runs.maps}
+        assert {entry.path for entry in listing.maps} <= {entry.path for entry in with_runs.maps}
     finally:
         os.chdir(before)
     assert len(listing.maps) > 0
-    assert all(not Path(one.name).is_absolute() for one in listing.maps)
+    assert all(not Path(entry.name).is_absolute() for entry in listing.maps)
 
 
 def within_folder(data):
@@ -560,7 +565,7 @@ def parse_numbers(path, data):
 
 def accept_parameters(path, data):
     """Offer a text to every parameter of every stage; refusals must be mapdeal's own."""
-    text, taken = text_of(data), 0
+    text, accepted = text_of(data), 0
     for stage in STAGES:
         for parameter in stage.own_parameters.values():
             try:
@@ -568,9 +573,9 @@ def accept_parameters(path, data):
             except mapdeal.ParameterError as error:
                 last = error
                 continue
-            taken += 1
+            accepted += 1
             assert not isinstance(value, float) or math.isfinite(value)
-    if not taken:
+    if not accepted:
         raise last
 
 

@@ -2,7 +2,7 @@
 
 ``python tests/robustness/record_commands.py FOLDER... > a.txt`` runs the commands that take each
 map, cloud, log, bag and parameter file below some folders, with the mapdeal of this interpreter:
-exit codes, what is printed, and the files: arrays of npz and npy, the bytes of images of maps,
+exit codes, output, and the files: arrays of npz and npy, the bytes of images of maps,
 texts, of pictures the size alone. Do so before a redesign and after it; then ``diff a.txt b.txt``
 shows what differs. Files that commands take from the project's examples must be the same in both:
 name the folders by absolute paths.
@@ -112,11 +112,11 @@ def commands(folders: list[Path]) -> Iterator[str]:
 
 
 def recorded(command: str) -> dict[str, object]:
-    """Run a command in a folder of its own, and return what it has done."""
+    """Run a command in a folder of its own; return its exit code, output and files."""
     surroundings = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "100"}
     with tempfile.TemporaryDirectory() as name:
         try:
-            done = subprocess.run(
+            completed = subprocess.run(
                 [sys.executable, "-c", ENTRY, *shlex.split(command)],
                 cwd=name, env=surroundings, capture_output=True, timeout=LONGEST, check=False,
             )  # fmt: skip
@@ -127,8 +127,14 @@ def recorded(command: str) -> dict[str, object]:
             for path in sorted(Path(name).rglob("*"))
             if path.is_file()
         }
-        out, err = (contents("", data, name) for data in (done.stdout, done.stderr))
-    return {"command": command, "code": done.returncode, "out": out, "err": err, "files": files}
+        out, err = (contents("", data, name) for data in (completed.stdout, completed.stderr))
+    return {
+        "command": command,
+        "code": completed.returncode,
+        "out": out,
+        "err": err,
+        "files": files,
+    }
 
 
 def contents(ending: str, data: bytes, folder: str) -> object:
@@ -137,8 +143,8 @@ def contents(ending: str, data: bytes, folder: str) -> object:
         found = np.load(io.BytesIO(data))
         arrays = {"": found} if isinstance(found, np.ndarray) else found
         return {
-            name: [str(one.dtype), one.shape, hashlib.sha256(one.tobytes()).hexdigest()]
-            for name, one in arrays.items()
+            name: [str(array.dtype), array.shape, hashlib.sha256(array.tobytes()).hexdigest()]
+            for name, array in arrays.items()
         }
     if ending == ".png":
         return Image.open(io.BytesIO(data)).size
@@ -160,10 +166,12 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=[], metavar="COMMAND")
     options = parser.parse_args()
     every = commands([path.absolute() for path in options.folders])
-    chosen = (one for one in every if not options.only or one.split()[0] in options.only)
+    chosen = (
+        command for command in every if not options.only or command.split()[0] in options.only
+    )
     with multiprocessing.Pool() as pool:
-        for one in pool.imap(recorded, chosen, 4):
-            print(json.dumps(one, indent=1), flush=True)
+        for record in pool.imap(recorded, chosen, 4):
+            print(json.dumps(record, indent=1), flush=True)
 
 
 if __name__ == "__main__":

@@ -42,7 +42,7 @@ def words(folder, out, *more):
     return [*start, str(folder / "r.yaml"), "-o", str(out), *more]
 
 
-OTHER = ("--force", "--set", "inflate.radius=0.2")
+WIDER = ("--force", "--set", "inflate.radius=0.2")
 
 
 def run(folder, out, *more, **options):
@@ -56,7 +56,7 @@ def run_here(folder, out, *more):
 
 
 @pytest.mark.thorough
-def test_the_bytes_of_a_run_depend_on_its_input_alone_f14_f15(folder):
+def test_the_bytes_of_a_run_depend_on_its_input_alone(folder):
     """Not on threads, the engine, the folder, the locale, the terminal, or when it is run."""
     (folder / "elsewhere").mkdir()
     for name in ("m.yaml", "m.pgm", "r.yaml"):
@@ -74,8 +74,8 @@ def test_the_bytes_of_a_run_depend_on_its_input_alone_f14_f15(folder):
     found = []
     for source, more, environment in cases:
         before = {path.name for path in source.iterdir()}
-        done = run(source, "out", *more, "--force", cwd=source, env=environment)
-        assert (done.returncode, done.stderr) == (0, "")
+        completed = run(source, "out", *more, "--force", cwd=source, env=environment)
+        assert (completed.returncode, completed.stderr) == (0, "")
         assert {path.name for path in source.iterdir()} == before | {"out"}
         found.append(tree(source / "out" / "m"))
         shutil.rmtree(source / "out")
@@ -83,19 +83,19 @@ def test_the_bytes_of_a_run_depend_on_its_input_alone_f14_f15(folder):
     assert found[1:] == found[:1] * 4
 
 
-def test_a_full_disk_leaves_the_old_outputs_f4(folder):
+def test_a_full_disk_leaves_the_old_outputs(folder):
     """A limit on the size of files stands for the disk: the npz files are larger."""
     run_here(folder, "out")
     before = tree(folder / "out" / "m")
     limit = (resource.RLIMIT_FSIZE, (30_000, 30_000))
-    done = run(folder, "out", *OTHER, preexec_fn=lambda: resource.setrlimit(*limit))
-    assert (done.returncode, done.stderr[:7]) == (4, "error: ")
-    assert "Traceback" not in done.stderr
+    completed = run(folder, "out", *WIDER, preexec_fn=lambda: resource.setrlimit(*limit))
+    assert (completed.returncode, completed.stderr[:7]) == (4, "error: ")
+    assert "Traceback" not in completed.stderr
     assert tree(folder / "out" / "m") == before
 
 
 @pytest.mark.thorough
-def test_two_runs_into_one_folder_do_not_mix_f6(folder):
+def test_two_runs_into_one_folder_do_not_mix(folder):
     radii = ("0.1", "0.2")
     known = []
     for radius in radii:
@@ -119,24 +119,24 @@ def test_two_runs_into_one_folder_do_not_mix_f6(folder):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_that_cannot_be_written_f2(folder):
+def test_a_run_into_a_read_only_folder_is_one_line(folder):
     (folder / "locked").mkdir(mode=0o555)
-    done = run(folder, "locked")
-    assert done.returncode == 4
-    assert len(done.stderr.splitlines()) == 1
+    completed = run(folder, "locked")
+    assert completed.returncode == 4
+    assert len(completed.stderr.splitlines()) == 1
     assert not list((folder / "locked").iterdir())
 
 
-def test_a_replaced_file_keeps_its_permissions_f20(folder):
+def test_a_replaced_file_keeps_its_permissions(folder):
     run_here(folder, "out")
     target = folder / "out" / "m" / "cost.pgm"
     target.chmod(0o640)
-    assert run(folder, "out", *OTHER, umask=0o077).returncode == 0
+    assert run(folder, "out", *WIDER, umask=0o077).returncode == 0
     assert target.stat().st_mode & 0o777 == 0o640
 
 
 @pytest.mark.thorough
-def test_a_run_that_is_killed_leaves_whole_files_and_the_next_cleans_up_f5(folder):
+def test_a_run_that_is_killed_leaves_whole_files_and_the_next_cleans_up(folder):
     found, problems = kill_all(folder, 8)
     assert problems == []
     assert sum(found.values()) == 8

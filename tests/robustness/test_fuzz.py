@@ -1,4 +1,4 @@
-"""Every reader, fed hundreds of damaged files; fuzz_readers.py feeds as many as one likes."""
+"""Every reader on hundreds of damaged files; fuzz_readers.py feeds any number of them."""
 
 import inspect
 import os
@@ -26,7 +26,7 @@ LONGEST = 60.0
 """Seconds: a thousand times what a mutant takes, on however slow a machine."""
 
 TELLING = ("lint", "lines")
-"""What readers begin with that tell of damage in what they return."""
+"""First words of messages about damage in the results of readers."""
 
 every_reader = pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
 

@@ -30,40 +30,45 @@ def run(words, folder, limit=None):
             resource.setrlimit(resource.RLIMIT_AS, (limit << 10, limit << 10))
 
     folder.mkdir()
-    done = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, "-m", "mapdeal", *words.split()], cwd=folder, preexec_fn=restrict,
         capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     written = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
-    return done, written
+    return completed, written
 
 
 def check(words, folder, limits):
     usual, files = run(words, folder / "usual")
     assert usual.returncode in (0, 1)
     for limit in limits:
-        done, written = run(words, folder / str(limit), limit)
-        if done.returncode in (3, 4):
-            said = done.stderr.splitlines()
-            lines = [one for one in said if not one.startswith("warning: ")]
+        completed, written = run(words, folder / str(limit), limit)
+        if completed.returncode in (3, 4):
+            stderr_lines = completed.stderr.splitlines()
+            lines = [line for line in stderr_lines if not line.startswith("warning: ")]
             assert lines[0].startswith("error: ")
-            assert all(line.startswith("hint: ") for line in lines[1:]), done.stderr
+            assert all(line.startswith("hint: ") for line in lines[1:]), completed.stderr
             assert not written
-        elif "--jobs" not in words or done.returncode != 5:  # some maps failed, each with a reason
-            assert (done.returncode, written) == (usual.returncode, files), (limit, done.stderr)
-            assert done.stderr == usual.stderr
-        assert "Traceback" not in done.stderr
+        elif (
+            "--jobs" not in words or completed.returncode != 5
+        ):  # some maps failed, each with a reason
+            assert (completed.returncode, written) == (usual.returncode, files), (
+                limit,
+                completed.stderr,
+            )
+            assert completed.stderr == usual.stderr
+        assert "Traceback" not in completed.stderr
 
 
 @pytest.mark.parametrize("words", FEW, ids=lambda words: words.split()[0])
-def test_a_library_without_room_is_told_in_one_line(tmp_path, words):
+def test_a_library_without_room_ends_with_one_line(tmp_path, words):
     check(words, tmp_path, FEW[words])
 
 
 @pytest.mark.parametrize(
     "raised", ["MemoryError()", "SystemError('error return without exception set')"]
 )
-def test_what_leaves_the_command_for_want_of_memory_is_told_in_one_line(raised):
+def test_a_command_that_runs_out_of_memory_ends_with_one_line(raised):
     code = f"""
 import mapdeal.cli.main, mapdeal.cli.process
 def main():
@@ -71,9 +76,11 @@ def main():
 mapdeal.cli.main.main = main
 mapdeal.cli.process.run_process()
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    told = "error: not enough memory for a map of this size\n"
-    assert (done.returncode, done.stderr) == (3, told)
+    completed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    message = "error: not enough memory for a map of this size\n"
+    assert (completed.returncode, completed.stderr) == (3, message)
 
 
 @pytest.mark.thorough

@@ -1,6 +1,6 @@
 """Inputs that are replaced while they are read: a result is of the old ones or of the new ones.
 
-Never of both, and never with the checksums of others than those it was made of. The moments are
+Never of both, and always with the checksums of the very files that were read. The moments are
 the calls to the system that a command makes, so they are the same on every machine.
 """
 
@@ -56,7 +56,7 @@ def pairs(tmp_path, monkeypatch):
 
 
 def put_new(folder, name="m.pgm"):
-    """Put a file of the new map into the place of the old one."""
+    """Replace a file of the old map by that of the new one."""
     shutil.copy(folder / "new" / name, folder / "next")
     (folder / "next").replace(folder / name)
 
@@ -138,8 +138,8 @@ def test_a_result_is_of_the_old_inputs_or_of_the_new_ones(
     def begin():
         shutil.rmtree(outputs, ignore_errors=True)
         outputs.mkdir()
-        for one in (pairs / "old").iterdir():
-            shutil.copy(one, pairs / one.name)
+        for file in (pairs / "old").iterdir():
+            shutil.copy(file, pairs / file.name)
 
     def act(replace=put_new):
         replace(pairs)
@@ -159,7 +159,7 @@ def test_a_result_is_of_the_old_inputs_or_of_the_new_ones(
     command(*words)
     calls = moments.count
     assert calls > 2 * FEW
-    seen = []
+    outcomes = []
     for index in range(count):
         begin()
         moments.action = partial(act, REPLACEMENTS[index % len(REPLACEMENTS)])
@@ -168,15 +168,15 @@ def test_a_result_is_of_the_old_inputs_or_of_the_new_ones(
         moments.at = None
         if code == 0:
             assert contents(outputs) in known, index
-            seen.append(known.index(contents(outputs)))
+            outcomes.append(known.index(contents(outputs)))
         elif name == "batch" and code == 5:
             assert "changed while it was read" in err
             assert not (outputs / "set" / "m").exists()
         else:
             assert (code, "changed while it was read" in err) == (4, True), (index, err)
             assert contents(outputs) == {}
-            seen.append(None)
-    assert len(set(seen)) >= 2, seen  # the moments were such that it mattered
+            outcomes.append(None)
+    assert len(set(outcomes)) >= 2, outcomes  # the moments were such that it mattered
 
 
 def test_a_batch_over_maps_that_change_all_the_time_mixes_none(pairs, command):

@@ -30,7 +30,7 @@ COMMANDS = {
 
 
 def session(leader):
-    """The processes of a session, but those that have ended."""
+    """Yield the processes of a session, except those that have ended."""
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
             fields = stat.read_text().rpartition(")")[2].split()
@@ -53,7 +53,7 @@ def sets(folder):
 @pytest.mark.thorough
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")
 @pytest.mark.parametrize("words", COMMANDS)
-def test_a_signal_at_any_moment_leaves_one_set_and_nothing_else_f5(tmp_path, words):
+def test_a_signal_at_any_moment_leaves_one_set_and_nothing_else(tmp_path, words):
     if "{bag}" in words:
         zstandard = pytest.importorskip("zstandard")
         bag = (EXAMPLES / "bags" / "office.mcap").read_bytes()
@@ -95,16 +95,16 @@ def test_a_signal_at_any_moment_leaves_one_set_and_nothing_else_f5(tmp_path, wor
         lines = [line for line in err.splitlines() if not line.startswith("warning: ")]
         if process.returncode:
             assert process.returncode == 128 + sent, err
-            how = "interrupted" if sent == signal.SIGINT else f"terminated by {sent.name}"
+            ending = "interrupted" if sent == signal.SIGINT else f"terminated by {sent.name}"
             assert len(lines) == 1
-            assert lines[0].startswith(f"error: {how}")
+            assert lines[0].startswith(f"error: {ending}")
         end = time.monotonic() + 60
         while list(session(process.pid)) and time.monotonic() < end:
             time.sleep(0.05)
         assert not list(session(process.pid))
         assert not list((tmp_path / "temporary").iterdir())
         for place, files in sets(tmp_path / "here").items():
-            assert files in [one.get(place) for one in known]
+            assert files in [known_files.get(place) for known_files in known]
 
 
 def test_who_writes_in_a_thread_stops_when_the_outputs_are_dropped(tmp_path):
@@ -137,9 +137,11 @@ Transaction.__exit__ = interrupted
 sys.argv = ["mapdeal", "inflate", {str(OFFICE)!r}, "-o", {str(tmp_path / "new" / "o.yaml")!r}]
 run_process()
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    how = "interrupted" if sent == signal.SIGINT else f"terminated by {sent.name}"
-    assert (done.returncode, done.stderr) == (128 + sent, f"error: {how}\n")
+    completed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    ending = "interrupted" if sent == signal.SIGINT else f"terminated by {sent.name}"
+    assert (completed.returncode, completed.stderr) == (128 + sent, f"error: {ending}\n")
     assert not list(tmp_path.iterdir())
 
 
@@ -159,14 +161,14 @@ def test_signals_that_are_ignored_stay_ignored(tmp_path):
 def test_only_a_command_that_writes_removes_what_a_killed_one_has_left(tmp_path, command):
     shutil.copy(OFFICE, tmp_path / "m.yaml")
     shutil.copy(OFFICE.with_suffix(".pgm"), tmp_path / "office.pgm")
-    left = tmp_path / ".mapdeal-0123456789ab.tmp"
-    left.write_text("of a killed process")
-    held = Temporary(tmp_path / "other")
-    held.open()
+    stale = tmp_path / ".mapdeal-0123456789ab.tmp"
+    stale.write_text("of a killed process")
+    locked = Temporary(tmp_path / "other")
+    locked.open()
     for words in (["info"], ["lint"], ["query", "--at", "0,0"]):
         assert command(*words, tmp_path / "m.yaml")[0] == 0
-        assert left.exists()
+        assert stale.exists()
     assert command("inflate", tmp_path / "m.yaml", "-o", tmp_path / "o.yaml")[0] == 0
-    assert not left.exists()
-    assert held.path.exists()
-    held.remove()
+    assert not stale.exists()
+    assert locked.path.exists()
+    locked.remove()

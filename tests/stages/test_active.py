@@ -74,7 +74,7 @@ KINDS = [
     (mapdeal.Costmap(VALUES.astype(np.uint8), 0.5), 255),
     (mapdeal.Costmap(VALUES, 0.5, scale="occupancy"), -1),
 ]
-"""Grids, and what is unknown to them."""
+"""Grids, each with its value of unknown cells."""
 
 
 @given(st.floats(-3, 3), COORDINATES, COORDINATES, SIZES, SIZES, st.sampled_from(KINDS))
@@ -91,7 +91,7 @@ def test_every_cell_of_a_window_keeps_its_place_and_value(yaw, x, y, size_x, siz
         warnings.simplefilter("ignore", mapdeal.MapdealWarning)
         size = (size_x, size_y)
         part = mapdeal.window(source, corner_xy=(x, y), size_xy=size)
-        shape = tuple(max(1, math.ceil(one / 0.5 - 1e-9)) for one in (size_y, size_x))
+        shape = tuple(max(1, math.ceil(size / 0.5 - 1e-9)) for size in (size_y, size_x))
         assert part.shape == shape
         assert part.frame.bounded_rowcol_from_xy([[x, y]])[0].tolist() == [[0, 0]]
         assert np.array_equal(part.layer, expected_on(part.frame, unknown))
@@ -105,7 +105,7 @@ def test_every_cell_of_a_window_keeps_its_place_and_value(yaw, x, y, size_x, siz
         middle = tuple(shifted.frame.xy_from_rowcol([[1, 1]])[0])
         around = mapdeal.window(source, center_xy=middle, size_xy=(1.5, 1.5))
         assert np.array_equal(around.layer, expected_on(shifted.frame, unknown)[:, :3])
-        # what a window shows is what is reset
+        # the reset is of the cells that the window shows
         inside = part.frame.contains(source.frame.xy_from_rowcol(np.argwhere(source.layer >= 0)))
         reset = mapdeal.reset_region(source, corner_xy=(x, y), size_xy=size, value=50).layer
         assert np.array_equal(reset.ravel(), np.where(inside, 50, source.layer.ravel()))
@@ -153,14 +153,14 @@ def test_places_without_a_common_cell_are_warned_of():
 
 
 def test_a_window_on_the_canvas_of_another_grid():
-    whole = grid_from_text("?????\n?#..?\n?..#?\n?????", 0.3, (1.5, -2.0, 0.7))
-    known = active_region(whole)
+    source = grid_from_text("?????\n?#..?\n?..#?\n?????", 0.3, (1.5, -2.0, 0.7))
+    known = active_region(source)
     costs = mapdeal.exponential_cost(known), mapdeal.ring_cost(known)
-    for made in (known, mapdeal.esdf(known), *costs):
-        back = mapdeal.window(made, frame=whole.frame)
-        assert back.frame == whole.frame  # the origin bit for bit
+    for product in (known, mapdeal.esdf(known), *costs):
+        back = mapdeal.window(product, frame=source.frame)
+        assert back.frame == source.frame  # the origin bit for bit
         again = mapdeal.window(back, frame=known.frame)
-        np.testing.assert_array_equal(again.layer, made.layer)
+        np.testing.assert_array_equal(again.layer, product.layer)
         assert again.frame == known.frame
 
 

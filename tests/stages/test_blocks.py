@@ -1,4 +1,4 @@
-"""Stages on maps in blocks of any height give, cell by cell, what they give on whole maps."""
+"""Stages on maps in blocks of any height give, cell by cell, the results on maps in memory."""
 
 import numpy as np
 import pytest
@@ -72,14 +72,14 @@ def in_blocks(grid, block_height):
     return OccupancyGrid(layer, grid.resolution, grid.origin)
 
 
-def assert_same(whole, blocks, step):
-    assert (type(whole), whole.frame) == (type(blocks), blocks.frame)
-    assert whole.figures() == blocks.figures()
-    for name in whole.layer_names:
-        expected, layer = getattr(whole, name), getattr(blocks, name)
-        pieces = [layer[first : first + step] for first in range(0, whole.shape[0], step)]
-        assert np.vstack(pieces).dtype == expected.dtype
-        assert np.array_equal(np.vstack(pieces), expected), name
+def assert_same(expected, blocks, step):
+    assert (type(expected), expected.frame) == (type(blocks), blocks.frame)
+    assert expected.figures() == blocks.figures()
+    for name in expected.layer_names:
+        rows, layer = getattr(expected, name), getattr(blocks, name)
+        pieces = [layer[first : first + step] for first in range(0, len(rows), step)]
+        assert np.vstack(pieces).dtype == rows.dtype
+        assert np.array_equal(np.vstack(pieces), rows), name
 
 
 def outcome(function, *arguments, **parameters):
@@ -112,23 +112,23 @@ def drawn(choices):
 def test_every_stage_on_maps_and_fields(stage, data):
     grid, block_height, step = data.draw(cases())
     chosen = data.draw(drawn(DRAWN[stage.name, stage.model]))
-    whole, blocks = grid, in_blocks(grid, block_height)
+    in_memory, blocks = grid, in_blocks(grid, block_height)
     if mapdeal.DistanceField in stage.takes and data.draw(st.booleans()):
         of_field = data.draw(drawn(FIELDS))
-        whole, blocks = (mapdeal.esdf(source, **of_field) for source in (whole, blocks))
-    expected, made = (outcome(stage.function, source, **chosen) for source in (whole, blocks))
+        in_memory, blocks = (mapdeal.esdf(source, **of_field) for source in (in_memory, blocks))
+    expected, found = (outcome(stage.function, source, **chosen) for source in (in_memory, blocks))
     if isinstance(expected, str):
-        assert made == expected
+        assert found == expected
         return
-    expected, made = grid_of(expected), grid_of(made)
-    assert made.is_lazy != stage.is_whole({**dict.fromkeys(stage.parameters), **chosen}) or (
-        stage.name == "active"  # what is whole is the search for the box
-        or (stage.moves and not frames_overlap(grid.frame, made.frame))
-        or made is blocks
+    expected, found = grid_of(expected), grid_of(found)
+    assert found.is_lazy != stage.is_whole({**dict.fromkeys(stage.parameters), **chosen}) or (
+        stage.name == "active"  # only the search for its box needs all rows
+        or (stage.moves and not frames_overlap(grid.frame, found.frame))
+        or found is blocks
     )
-    assert_same(expected, made, step)
-    assert getattr(expected, "scale", None) == getattr(made, "scale", None)
-    assert getattr(expected, "circumscribed_cost", 0) == getattr(made, "circumscribed_cost", 0)
+    assert_same(expected, found, step)
+    assert getattr(expected, "scale", None) == getattr(found, "scale", None)
+    assert getattr(expected, "circumscribed_cost", 0) == getattr(found, "circumscribed_cost", 0)
 
 
 @given(cases(), drawn(FIELDS), st.sampled_from(["per-map", "metric"]), occupancies(longest=9))

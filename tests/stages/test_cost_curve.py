@@ -43,7 +43,7 @@ def table_of(costmap, distance=lambda row, col: row * row + col * col):
 
 
 def check(curve, table, reach):
-    """Hold a curve to all distances of a map: those up to the squared reach, and 0 beyond."""
+    """Check a curve at all distances of a map: those up to the squared reach, and 0 beyond."""
     listed = {
         round(cells * cells): cost
         for cells, cost in zip(curve.cells.tolist(), curve.cost.tolist(), strict=True)
@@ -86,16 +86,18 @@ MAXIMUM = {"static": {"use_maximum": True}}
 def test_layers_have_the_costs_of_the_map(layers, inflations):
     grid = around_one_obstacle(0.07)
     curve = mapdeal.cost_curve(grid, model="layers", layers=layers)
-    reach = max((math.ceil(one["inflation_radius"] / 0.07) for one in inflations), default=0)
+    reach = max(
+        (math.ceil(inflation["inflation_radius"] / 0.07) for inflation in inflations), default=0
+    )
     check(curve, table_of(mapdeal.layered_cost(grid, layers=layers)), reach**2)
     if not inflations:
         return
-    *others, largest = sorted(one["inflation_radius"] for one in inflations)
+    *radii, largest = sorted(inflation["inflation_radius"] for inflation in inflations)
     assert (curve.inflation_radius, curve.inscribed_radius) == (largest, 0.2)
-    assert [metres for _, metres in curve.marks] == others
+    assert [metres for _, metres in curve.marks] == radii
     near = curve.distance <= curve.reach
     above = curve.formula(curve.distance[near][1:]) - curve.cost[near][1:]
-    assert all(-2 < one < 3 for one in above)
+    assert all(-2 < metres < 3 for metres in above)
 
 
 @pytest.mark.parametrize("view", ["metric", "per-map"])
@@ -150,14 +152,14 @@ def test_of_many_distances_the_ends_of_each_cost_are_listed(lookup):
     assert len(entries) < MOST_LISTED
     places = np.searchsorted(curve.cells, [entry["cells"] for entry in entries])
     assert curve.cells[places].tolist() == [entry["cells"] for entry in entries]
-    told = np.zeros(len(curve.cells), int)
+    listed = np.zeros(len(curve.cells), int)
     for (first, entry), (last, _) in pairwise(zip(places, entries, strict=True)):
-        told[first:last] = entry["cost"]
-    told[-1] = entries[-1]["cost"]
-    assert np.array_equal(told, curve.cost)
+        listed[first:last] = entry["cost"]
+    listed[-1] = entries[-1]["cost"]
+    assert np.array_equal(listed, curve.cost)
 
 
-def test_a_reach_beyond_all_bounds_is_told():
+def test_a_reach_beyond_all_bounds_is_refused():
     curve = mapdeal.cost_curve(0.05, inflation_radius=1e300, cost_scaling_factor=0.0)
     assert curve.reach > 1e12
     assert curve.cost_at_reach == 252

@@ -14,7 +14,7 @@ from mapdeal.command import parameters_of
 from mapdeal.pipeline.step import grid_of, make_step
 from mapdeal.stages import catalogue
 
-STAGES = {" ".join(filter(None, (one.name, one.model))): one for one in catalogue.STAGES}
+STAGES = {" ".join(filter(None, (stage.name, stage.model))): stage for stage in catalogue.STAGES}
 NEEDED = {
     "window": {"size": (1.0, 0.5), "corner": (0.0, 0.0)},
     "shift": {"origin": (0.25, 0.0)},
@@ -79,24 +79,24 @@ def test_a_bare_array_is_refused_with_what_to_pass_and_a_view_where_fields_are_m
 def test_grids_that_a_stage_does_not_take_are_refused(stage):
     grid = OccupancyGrid([[100, 0, 0]], 0.25)
     field = mapdeal.esdf(grid)
-    others = [field, mapdeal.ring_cost(grid), mapdeal.potential(grid), mapdeal.reach(grid), 5]
-    for other in (one for one in others if not isinstance(one, stage.takes)):
-        with pytest.raises(ParameterError, match=f"takes a grid: .*got '{type(other).__name__}'"):
-            stage.function(other)
+    grids = [field, mapdeal.ring_cost(grid), mapdeal.potential(grid), mapdeal.reach(grid), 5]
+    for refused in (source for source in grids if not isinstance(source, stage.takes)):
+        with pytest.raises(ParameterError, match=f"takes a grid: .*got '{type(refused).__name__}'"):
+            stage.function(refused)
 
 
 def test_every_stage_of_the_folder_is_listed():
     folder = Path(catalogue.__file__).parent
-    made = {
+    in_folder = {
         p.stem
         for p in folder.glob("*.py")
         if re.search(r"^@(stage|cost_model)\(", p.read_text(), re.MULTILINE)
     }
-    listed = {one.function.__module__.rpartition(".")[2] for one in catalogue.STAGES}
-    assert made == listed
+    listed = {stage.function.__module__.rpartition(".")[2] for stage in catalogue.STAGES}
+    assert in_folder == listed
 
 
-@pytest.mark.parametrize("stage", [one for one in catalogue.STAGES if one.edits],
+@pytest.mark.parametrize("stage", [stage for stage in catalogue.STAGES if stage.edits],
                          ids=lambda stage: stage.name)  # fmt: skip
 def test_what_a_stage_needs_is_named_and_described_as_it_is_read(stage):
     step = make_step(stage.name, NEEDED.get(stage.name, {}))
@@ -111,7 +111,7 @@ def test_what_a_stage_needs_is_named_and_described_as_it_is_read(stage):
     ("name", "text", "value"),
     [("goal", "1.5,-2", (1.5, -2.0)), ("goal", "none", None), ("goal", None, None)],
 )
-def test_an_optional_parameter_is_none_only_if_it_says_so(name, text, value):
+def test_only_optional_parameters_accept_none(name, text, value):
     parameters = parameters_of(mapdeal.potential)
     assert parameters[name].accept(text) == value
     with pytest.raises(ParameterError, match="repulsive_cap"):

@@ -31,8 +31,8 @@ def row_of(length, resolution):
 )  # fmt: skip
 def test_golden_costs_along_a_row(resolution, options, expected):
     grid = row_of(len(expected), resolution)
-    made = mapdeal.exponential_cost(grid, inflation_radius=1.0, **options)
-    assert made.cost.tolist() == [expected]
+    costs = mapdeal.exponential_cost(grid, inflation_radius=1.0, **options)
+    assert costs.cost.tolist() == [expected]
 
 
 def test_the_map_of_costmap_2d_s_own_tests(real_maps):
@@ -89,12 +89,12 @@ def test_the_rules_of_the_static_layer_and_of_nav2_s_lookup_equal_brute_force(
             float32=about["float32_resolution"] or about["lookup"] == "nav2",
         )  # fmt: skip
 
-    made = mapdeal.exponential_cost(grid, **about).cost
-    assert np.array_equal(made, expected(unknown_is_lethal=False))
+    cost = mapdeal.exponential_cost(grid, **about).cost
+    assert np.array_equal(cost, expected(unknown_is_lethal=False))
     field = mapdeal.esdf(grid, lethal_threshold=about["lethal_threshold"], **of_field)
-    made = mapdeal.exponential_cost(field, **about).cost
+    cost = mapdeal.exponential_cost(field, **about).cost
     is_lethal = of_field["unknown"] == "occupied"
-    assert np.array_equal(made, expected(unknown_is_lethal=is_lethal))
+    assert np.array_equal(cost, expected(unknown_is_lethal=is_lethal))
 
 
 @pytest.mark.parametrize("convention", ["fast-planner", "border"])
@@ -102,10 +102,10 @@ def test_the_rules_of_the_static_layer_and_of_nav2_s_lookup_equal_brute_force(
 def test_a_field_clipped_at_the_reach_or_beyond_gives_the_same_costs(convention, max_distance):
     grid = grid_from_text("#.........", resolution=0.1)
     parameters = {"inflation_radius": 0.6, "cost_scaling_factor": 1.0}
-    whole = mapdeal.exponential_cost(grid, **parameters).cost
+    expected = mapdeal.exponential_cost(grid, **parameters).cost
     clipped = mapdeal.esdf(grid, convention=convention, max_distance=max_distance)
-    assert np.array_equal(mapdeal.exponential_cost(clipped, **parameters).cost, whole)
-    assert whole[0, 6] > 0 == whole[0, 7]
+    assert np.array_equal(mapdeal.exponential_cost(clipped, **parameters).cost, expected)
+    assert expected[0, 6] > 0 == expected[0, 7]
 
 
 @given(occupancies(), st.sampled_from([0.0, 1e-6, 0.3, 3.0, 40.0]), st.sampled_from([0.0, 0.4]))

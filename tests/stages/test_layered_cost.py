@@ -29,35 +29,35 @@ pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 def test_costs_are_those_that_the_real_code_has_made_of_robots_files(real_maps, monkeypatch, name):
     """Nav2's, byte for byte; those of older layers with the exact distances of the recording."""
     monkeypatch.setenv(engine.VARIABLE, name)
-    seen, in_blocks_every = 0, 90 if name == "scipy" else 10  # it is slow
+    count, in_blocks_every = 0, 90 if name == "scipy" else 10  # it is slow
     for case in recorded_costmaps(real_maps):
         about, grid = case.about, case.grid
         older = about.get("legacy") or about["ros1"]
-        wanted = {"exact": older.get("exact_distances", older)}
+        recorded = {"exact": older.get("exact_distances", older)}
         if about["flavour"] == "nav2":
-            wanted["nav2"] = about["distance_transform"]
-        for lookup, costs in wanted.items():
-            seen += 1
-            if name == "scipy" and (lookup == "exact" or seen % 24):
+            recorded["nav2"] = about["distance_transform"]
+        for lookup, costs in recorded.items():
+            count += 1
+            if name == "scipy" and (lookup == "exact" or count % 24):
                 continue
             layers = tuple(case.layers(lookup))
             parameters = exponential_parameters(layers, case.default_cost)
             in_blocks = lazy_layer(grid.shape, np.int8, grid.occupancy.__getitem__, block_height=97)
             sources = [grid, OccupancyGrid(in_blocks, grid.resolution, grid.origin)]
-            for source in sources[: 2 if seen % in_blocks_every == 0 else 1]:
-                made = layered_cost(source, layers=layers, default_cost=case.default_cost)
-                assert sum_of(np.asarray(made.cost)) == costs["sha256"], (about["id"], lookup)
-                if parameters is not None and seen % 3 == 0:
+            for source in sources[: 2 if count % in_blocks_every == 0 else 1]:
+                found = layered_cost(source, layers=layers, default_cost=case.default_cost)
+                assert sum_of(np.asarray(found.cost)) == costs["sha256"], (about["id"], lookup)
+                if parameters is not None and count % 3 == 0:
                     if source is not grid:
                         source = esdf(source, lethal_threshold=parameters["lethal_threshold"])
-                    made = exponential_cost(source, **parameters)
-                    assert sum_of(np.asarray(made.cost)) == costs["sha256"], (about["id"], lookup)
-    assert seen >= 240
+                    found = exponential_cost(source, **parameters)
+                    assert sum_of(np.asarray(found.cost)) == costs["sha256"], (about["id"], lookup)
+    assert count >= 240
 
 
 def test_small_groups_go_as_the_real_denoise_layer_takes_them(real_maps, tmp_path):
     cases = json.loads((real_maps / "expected" / "denoise.json").read_text())["cases"]
-    grids = {name: mapdeal.read_map(real_maps / name) for name in {one["map"] for one in cases}}
+    grids = {name: mapdeal.read_map(real_maps / name) for name in {case["map"] for case in cases}}
     for number, case in enumerate(cases):
         grid = grids[case["map"]]
         path = tmp_path / "nav2.yaml"
@@ -66,8 +66,8 @@ def test_small_groups_go_as_the_real_denoise_layer_takes_them(real_maps, tmp_pat
         if number % 5 == 0:
             lazy = lazy_layer(grid.shape, np.int8, grid.occupancy.__getitem__, block_height=37)
             grid = OccupancyGrid(lazy, grid.resolution, grid.origin)
-        made = layered_cost(grid, layers=layers.layers, default_cost=layers.default_cost)
-        assert sum_of(np.asarray(made.cost)) == case["sha256"], case["params"]
+        found = layered_cost(grid, layers=layers.layers, default_cost=layers.default_cost)
+        assert sum_of(np.asarray(found.cost)) == case["sha256"], case["params"]
     assert len(cases) == 88
 
 
@@ -86,8 +86,8 @@ def test_any_sequence_of_layers_equals_brute_force(
     lazy = lazy_layer(grid.shape, np.int8, occupancy.__getitem__, block_height=block_height)
     expected = oracles.master_grid(occupancy, resolution, layers, default_cost)
     for source in (grid, OccupancyGrid(lazy, resolution, grid.origin)):
-        made = layered_cost(source, layers=layers, default_cost=default_cost)
-        assert np.array_equal(np.asarray(made.cost), expected)
+        found = layered_cost(source, layers=layers, default_cost=default_cost)
+        assert np.array_equal(np.asarray(found.cost), expected)
     parameters = exponential_parameters(layers, default_cost)
     if parameters is not None:
         for source in (grid, esdf(grid, lethal_threshold=parameters["lethal_threshold"])):
@@ -96,8 +96,8 @@ def test_any_sequence_of_layers_equals_brute_force(
 
 def test_a_value_that_counts_as_unknown_is_freed_by_an_obstacle_layer():
     static = StaticLayer(unknown_cost_value=0)
-    made = layered_cost(OccupancyGrid([[0, 100, -1]], 0.1), layers=[static, ObstacleLayer()])
-    assert made.cost.tolist() == [[0, 254, 254]]
+    found = layered_cost(OccupancyGrid([[0, 100, -1]], 0.1), layers=[static, ObstacleLayer()])
+    assert found.cost.tolist() == [[0, 254, 254]]
 
 
 def test_unknown_cells_that_a_field_counts_as_obstacles_are_lethal():
@@ -112,8 +112,8 @@ def test_the_circumscribed_cost_is_that_of_the_last_inflation():
     grid = OccupancyGrid([[100] + [0] * 11], 0.05)
     radii = {"inscribed_radius": 0.2, "inflation_radius": 0.55}
     layers = ["static", {"inflation": {"inflation_radius": 0.1}}, {"inflation": radii}]
-    made = layered_cost(grid, layers=layers, circumscribed_radius=0.35)
-    assert made.circumscribed_cost == int(252 * math.exp(-10 * (0.35 - 0.2)))
+    found = layered_cost(grid, layers=layers, circumscribed_radius=0.35)
+    assert found.circumscribed_cost == int(252 * math.exp(-10 * (0.35 - 0.2)))
     assert layered_cost(grid, layers=["static"]).circumscribed_cost is None
     with pytest.warns(MapdealWarning, match="inscribed_radius 0.6 m is larger"):
         layered_cost(grid, layers=[{"inflation": {"inscribed_radius": 0.6}}])
@@ -136,11 +136,11 @@ def test_layers_in_recipes_settings_and_manifests(tmp_path):
         InflationLayer(inflation_radius=0.7, cost_scaling_factor=3.0, lookup="nav2"),
         StaticLayer(),
     )
-    told = json.loads(json.dumps(step.described()))
-    assert told["cost"]["layers"][2] == {"static": asdict(StaticLayer())}
+    document = json.loads(json.dumps(step.described()))
+    assert document["cost"]["layers"][2] == {"static": asdict(StaticLayer())}
     path = tmp_path / "recipe.yaml"
-    path.write_text(json.dumps({"stages": [told]}))
-    assert load_recipe(str(path)).described() == [told]
+    path.write_text(json.dumps({"stages": [document]}))
+    assert load_recipe(str(path)).described() == [document]
     text = (
         "[{static: {name: map, track_unknown_space: no, lethal_cost_threshold: 65}}, "
         "{inflation: {inflation_radius: 7e-1, cost_scaling_factor: 3, lookup: nav2}}, static]"
@@ -148,5 +148,5 @@ def test_layers_in_recipes_settings_and_manifests(tmp_path):
     for more in ({}, {"default_cost": 255}):
         changes = [f"cost.layers={text}", "cost.model=layers"]
         changes += [f"cost.{name}={value}" for name, value in more.items()]
-        made = load_recipe("default", changes=changes).described()[-1]
-        assert made == {"cost": {**told["cost"], **more}}
+        described = load_recipe("default", changes=changes).described()[-1]
+        assert described == {"cost": {**document["cost"], **more}}

@@ -33,17 +33,17 @@ def site(tmp_path_factory):
 
 def peak(*words):
     """The most bytes that a command takes."""
-    code, said, taken = measured(None, *words, "-q", "--threads", "2")
-    assert (code, said) == (0, "")
-    return taken
+    code, output, peak_bytes = measured(None, *words, "-q", "--threads", "2")
+    assert (code, output) == (0, "")
+    return peak_bytes
 
 
 @pytest.mark.parametrize(
     "stage",
-    [one for one in STAGES if one.cells is None],  # others: test_memory_of_commands.py
+    [stage for stage in STAGES if stage.cells is None],  # others: test_memory_of_commands.py
     ids=lambda stage: f"{stage.name} {stage.model or ''}",
 )
-def test_a_command_takes_no_more_memory_than_its_stage_says(site, tmp_path, stage):
+def test_a_command_takes_no_more_memory_than_its_stage_estimates(site, tmp_path, stage):
     model = {"model": stage.model} if stage.model else {}
     if stage.name == "shift":
         model["origin"] = "20,30"
@@ -57,12 +57,12 @@ def test_a_command_takes_no_more_memory_than_its_stage_says(site, tmp_path, stag
     assert over < 0, f"{stage.name}: memory= must be at least {needed:.1f} bytes a cell"
 
 
-def test_many_headings_take_no_more_memory_than_is_said(site, tmp_path):
+def test_many_headings_take_no_more_memory_than_estimated(site, tmp_path):
     corners = [[0.45, 0.2], [0.45, -0.2], [-0.45, -0.2], [-0.45, 0.2]]
     robot = ["--footprint", str(corners), "--headings", "255"]
-    taken = peak("reach", str(site), "-o", str(tmp_path / "out.json"), *robot)
+    used = peak("reach", str(site), "-o", str(tmp_path / "out.json"), *robot)
     few, many = (
         bytes_in_memory(SIDES, [make_step("reach", {"footprint": corners, **more})], None)
         for more in ({}, {"headings": 255})
     )
-    assert few < taken < many
+    assert few < used < many

@@ -57,20 +57,20 @@ def test_a_view_gives_the_costs_of_its_field():
     grid = OccupancyGrid([[100, 0, 0, 0, 0, -1], [-1, 0, 0, 30, 0, 100]], 0.25, (1.0, 2.0, 0.3))
     field = esdf(grid, strength=1.3)
     for view in ("metric", "per-map"):
-        made = field_view(field, view=view, view_range=1.5)
+        shown = field_view(field, view=view, view_range=1.5)
         # metres that are multiples of the cells; of others a view has no more than its steps
         for more in ({}, {"down_distance": 0.65, "up_distance": 0.325, "down_factor": 0.4}):
             options = {"view": view, "view_range": 1.5, **more}
-            expected, found = threshold_cost(field, **options), threshold_cost(made, **options)
+            expected, found = threshold_cost(field, **options), threshold_cost(shown, **options)
             assert np.array_equal(found.cost, expected.cost)
             assert (found.origin, found.scale) == (expected.origin, expected.scale)
 
 
 def test_what_of_a_field_or_a_view_does_not_count_is_warned_of():
     grid = grid_from_text("#...", 0.25)
-    made = field_view(esdf(grid), view_range=1.0)
+    view = field_view(esdf(grid), view_range=1.0)
     with pytest.warns(MapdealWarning, match="a view already, metric, 0 at 1 m"):
-        assert threshold_cost(made, view_range=2.0).cost.tolist() == [[100, 99, 0, 0]]
+        assert threshold_cost(view, view_range=2.0).cost.tolist() == [[100, 99, 0, 0]]
     for model in (exponential_cost, ring_cost):
         with pytest.warns(MapdealWarning, match=r"no account of the field's strength, 1\.5"):
             found = model(esdf(grid, strength=1.5))
@@ -94,8 +94,8 @@ def test_a_field_may_be_clipped_where_costs_no_longer_fall(clip, strength, optio
         with pytest.raises(ParameterError, match=r"max_distance: .*view still falls"):
             threshold_cost(field, **options)
         return
-    whole = threshold_cost(esdf(cells, strength=strength), **options).cost
-    assert np.array_equal(threshold_cost(field, **options).cost, whole)
+    expected = threshold_cost(esdf(cells, strength=strength), **options).cost
+    assert np.array_equal(threshold_cost(field, **options).cost, expected)
 
 
 @given(occupancies(), st.lists(st.integers(0, 100), min_size=1, max_size=4), st.booleans())
@@ -148,12 +148,12 @@ def test_a_mask_of_any_geometry(scale, turn, x, y, resolution, seed):
         assert getattr(result, name) == getattr(costmap, name)
 
 
-@pytest.mark.parametrize(("place", "told", "expected"), [
+@pytest.mark.parametrize(("place", "message", "expected"), [
     (PLACE, "2 unknown cells", [0, 0, 254, 0]),  # which become free
     ((50.0, 2.0, 0.0), "covers no cell", [255, 255, 255, 0]),
 ])  # fmt: skip
-def test_masks_that_free_cells_or_miss_the_map_are_warned_of(place, told, expected):
+def test_masks_that_free_cells_or_miss_the_map_are_warned_of(place, message, expected):
     costmap = Costmap([[255, 255, 255, 0]], 0.5, PLACE)
-    with pytest.warns(MapdealWarning, match=told):
+    with pytest.warns(MapdealWarning, match=message):
         result = apply_keepout_mask(costmap, OccupancyGrid([[0, 0, 100, 0]], 0.5, place))
     assert result.cost.tolist() == [expected]

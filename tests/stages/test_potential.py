@@ -123,3 +123,45 @@ def test_a_file_holds_every_layer_and_gives_the_field_back(tmp_path, goal):
         assert getattr(again, name) == getattr(field, name)
     for name in ("potential", "gradient", "occupancy"):
         assert np.array_equal(getattr(again, name), getattr(field, name))
+
+
+@settings(max_examples=30)
+@given(occupancies(longest=9), st.sampled_from([0.0, 0.4]), st.booleans(), st.sampled_from("prc"))
+def test_lengths_to_the_goal_are_finite_where_reach_gets_to(occupancy, yaw, through_unknown, shape):
+    grid = mapdeal.OccupancyGrid(occupancy, 0.25, (1.5, -2.0, yaw))
+    robot = {
+        "p": {}, "r": {"radius": 0.3},
+        "c": {"footprint": mapdeal.Footprint([(0.3, 0.1), (0.3, -0.1), (-0.2, -0.1), (-0.2, 0.1)])},
+    }[shape]  # fmt: skip
+    cell = tuple((np.array(occupancy.shape) // 2).tolist())
+    if occupancy[cell] == 100:
+        return
+    goal = tuple((grid.frame.xy_from_rowcol([cell])[0] + 0.01).tolist())
+    robot["through_unknown"] = through_unknown
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", mapdeal.MapdealWarning)
+        field = mapdeal.potential(grid, goal=goal, **robot)
+    try:
+        reached = mapdeal.reach(grid, start=goal, **robot).reachable.astype(bool)
+    except mapdeal.MapdealError:  # closed there, or everywhere
+        reached = np.zeros(grid.shape, bool)
+        assert "cost_to_go is inf everywhere" in str(caught[0].message)
+    assert (np.isfinite(field.cost_to_go) == reached).all()
+    assert (np.isfinite(field.cost_to_go_gradient) == reached).all()
+    away = grid.frame.xy_from_rowcol(np.argwhere(reached)) - goal
+    assert (field.cost_to_go[reached] >= np.hypot(*away.T) * (1 - 1e-9)).all()
+
+
+def test_gradients_of_lengths_lead_away_from_the_goal_in_the_map_frame():
+    grid = mapdeal.OccupancyGrid(np.zeros((41, 31), np.int8), 0.25, (1.5, -2.0, 0.4))
+    goal = tuple(grid.frame.xy_from_rowcol([[20, 15]])[0].tolist())
+    field = mapdeal.potential(grid, goal=goal)
+    rows, cols = np.indices(grid.shape)
+    away = grid.frame.xy_from_rowcol(np.stack([rows, cols], axis=-1).reshape(-1, 2)) - goal
+    length = np.hypot(*away.T)
+    is_far = length > 1.0
+    expected = away[is_far] / length[is_far, np.newaxis]
+    found = field.cost_to_go_gradient.reshape(2, -1).T[is_far]
+    assert found == pytest.approx(expected, abs=0.12)
+    assert field.cost_to_go[20, 17] == pytest.approx(0.5)
+    assert mapdeal.potential(grid).cost_to_go is None

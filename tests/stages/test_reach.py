@@ -68,9 +68,9 @@ def test_two_rooms_and_a_door_by_hand():
     start, goal = centre(grid, 3, 2), centre(grid, 3, 11)
     # the passage limits before the start, which is as narrow; two places in a room are limited
     corner, beside = centre(grid, 1, 1), centre(grid, 3, 3)
-    for one, other, at in ((corner, goal, "passage"), (corner, beside, "start"),
-                           (beside, corner, "goal"), (beside, beside, "start")):  # fmt: skip
-        (answer,) = mapdeal.reach(grid, start=one, goals=[other]).goals
+    for first, last, at in ((corner, goal, "passage"), (corner, beside, "start"),
+                            (beside, corner, "goal"), (beside, beside, "start")):  # fmt: skip
+        (answer,) = mapdeal.reach(grid, start=first, goals=[last]).goals
         assert answer.limited_by.at == at
     # the door is one cell wide: its centre is a cell, 0.25 m, from either jamb
     found = mapdeal.reach(grid, start=start, goals=[goal], radius=0.24)
@@ -79,7 +79,7 @@ def test_two_rooms_and_a_door_by_hand():
     assert found.headings.max() == 72
     stopped = mapdeal.reach(grid, start=start, goals=[goal], radius=0.25, min_area=0.25)
     assert (stopped.goals[0].reachable, stopped.goals[0].heading_count) == (False, 0)
-    (passage,) = [one for one in stopped.passages if not one.is_open]
+    (passage,) = [passage for passage in stopped.passages if not passage.is_open]
     for place in (found.goals[0].limited_by, passage):
         assert place.width == 0.5
         assert (place.x, place.y) == pytest.approx(centre(grid, 3, 7))
@@ -190,20 +190,20 @@ def test_no_goal_takes_the_answers_for_the_others():
     places = [(3, 4), (2, 7), (1, 10), (1, 2), (3, -5), (10**12, -(10**12))]
     goals = [Goal(*centre(grid, *place)) for place in places]
     found = mapdeal.reach(grid, start=centre(grid, 3, 2), goals=goals, radius=0.3)
-    assert [one.reachable for one in found.goals] == [True] + [False] * 5
-    assert [one.reason for one in found.goals] == [
+    assert [goal.reachable for goal in found.goals] == [True] + [False] * 5
+    assert [goal.reason for goal in found.goals] == [
         None, "an obstacle", "unknown", "0.25 m from an obstacle, the robot's radius is 0.3 m",
         "outside of the map", "outside of the map",
     ]  # fmt: skip
     is_open = grid.frame.xy_from_rowcol(np.argwhere(found.headings > 0))
-    for one in found.goals[1:]:
-        goal = one.goal.x, one.goal.y
-        nearest = np.hypot(*(is_open - goal).T).min()
-        assert math.dist(one.nearest_open, goal) == pytest.approx(nearest)
+    for goal in found.goals[1:]:
+        place = goal.goal.x, goal.goal.y
+        nearest = np.hypot(*(is_open - place).T).min()
+        assert math.dist(goal.nearest_open, place) == pytest.approx(nearest)
     robot = mapdeal.Footprint.polygon([[0.4, 0.1], [0.4, -0.1], [-0.4, -0.1], [-0.4, 0.1]])
     found = mapdeal.reach(grid, start=centre(grid, 3, 2), goals=goals, footprint=robot)
-    assert [one.reachable for one in found.goals] == [True] + [False] * 5
-    assert [one.reason for one in found.goals] == [
+    assert [goal.reachable for goal in found.goals] == [True] + [False] * 5
+    assert [goal.reason for goal in found.goals] == [
         None, "an obstacle", "unknown", "too narrow for the robot in every heading",
         "outside of the map", "outside of the map",
     ]  # fmt: skip
@@ -267,7 +267,7 @@ def test_a_robot_exactly_as_wide_as_the_door_does_not_pass(cells):
             inflated = mapdeal.inflate(grid, radius=robot)
             assert mapdeal.reach(inflated, start=start, goals=[goal]).goals[0].reachable == passes
         doors = [] if passes else [2 * radius]
-        assert [one.width for one in disconnected(grid, robot, 0.001)] == doors
+        assert [passage.width for passage in disconnected(grid, robot, 0.001)] == doors
     assert found.passages[0].width == 2 * radius
 
 
@@ -282,7 +282,7 @@ def real_grids(folder, every):
 @pytest.mark.usefixtures("mapdeal_warnings")
 @pytest.mark.parametrize("every", [16, pytest.param(1, marks=pytest.mark.thorough)])
 def test_real_maps_are_reached_as_over_inscribed_costs(real_maps, every):
-    seen = 0
+    checked = 0
     for grid in real_grids(real_maps, every):
         radius = 4.51 * grid.resolution
         walls = np.pad(grid.occupancy, 1, constant_values=100)
@@ -299,8 +299,8 @@ def test_real_maps_are_reached_as_over_inscribed_costs(real_maps, every):
             start = centre(grid, *cells[len(cells) // 2])
             found = mapdeal.reach(grid, start=start, radius=radius)
             assert np.array_equal(found.reachable, groups == group)
-            seen += 1
-    assert seen > 4
+            checked += 1
+    assert checked > 4
 
 
 KITCHEN, HALL = Goal(7.1, 3.2, "kitchen"), Goal(1.5, -2.0, "hall")

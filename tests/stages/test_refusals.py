@@ -29,14 +29,14 @@ def layers(*some):
 
 
 REFUSED = {
-    "inflate": [("radius", {"radius": one}) for one in (-0.1, math.inf, "wide", True, None)],
+    "inflate": [("radius", {"radius": value}) for value in (-0.1, math.inf, "wide", True, None)],
     "esdf": [
-        *[(name, {name: one}) for name, one in [
+        *[(name, {name: value}) for name, value in [
             ("unknown", "lethal"), ("max_distance", 0), ("strength", -1),
             ("lethal_threshold", 50.5),
         ]],
     ],
-    "clean": [("clean: takes a map with free", {"grid": one}) for one in (FIELD, VIEW)],
+    "clean": [("clean: takes a map with free", {"grid": value}) for value in (FIELD, VIEW)],
     "exponential_cost": [
         ("float32_resolution: cannot be no with lookup nav2",
          {"lookup": "nav2", "float32_resolution": False}),
@@ -44,7 +44,7 @@ REFUSED = {
         ("lethal_threshold", {"grid": esdf(ROW, lethal_threshold=50), "lethal_threshold": 100}),
     ],
     "ring_cost": [
-        *[("values", {"values": one}) for one in ((), (101,), ("a",), 5, "90,x")],
+        *[("values", {"values": value}) for value in ((), (101,), ("a",), 5, "90,x")],
     ],
     "threshold_cost": [
         ("down", {"down": 60, "up": 50}),
@@ -61,8 +61,8 @@ REFUSED = {
     ],
     "potential": [
         ("made with 50", {"grid": esdf(ROW, lethal_threshold=50), "lethal_threshold": 60}),
-        *[("goal", {"grid": PILLAR, "goal": one}) for one in ((0.3, 0.1), (0.26, 0.01))],
-        *[("goal", {"goal": one}) for one in ((1.0,), (1.0, 2.0, 3.0), "1", (1e13, 0.0))],
+        *[("goal", {"grid": PILLAR, "goal": value}) for value in ((0.3, 0.1), (0.26, 0.01))],
+        *[("goal", {"goal": value}) for value in ((1.0,), (1.0, 2.0, 3.0), "1", (1e13, 0.0))],
     ],
     "reach": [
         ("start: lies outside of the map", {"start": (99.0, 0.0)}),
@@ -70,7 +70,7 @@ REFUSED = {
         ("between 4 and 255", {"headings": 256}),
     ],
     "rescale": [
-        *[("resolution", {"resolution": one}) for one in (math.nan, 0)],
+        *[("resolution", {"resolution": value}) for value in (math.nan, 0)],
         (r"resolution: .*1000000000 cells", {"grid": KNOWN, "resolution": 1e-5}),
     ],
     "shift_origin": [
@@ -78,8 +78,9 @@ REFUSED = {
         ("-1 to 100", {"origin_xy": (1.5, -2.0), "default": 101}),
     ],
     "window": [
-        *[("frame", one)
-          for one in ({}, {"corner_xy": (1.0, 2.0)}, {"corner_xy": (1.0, 2.0), "frame": ROW.frame},
+        *[("frame", value)
+          for value in ({}, {"corner_xy": (1.0, 2.0)},
+                        {"corner_xy": (1.0, 2.0), "frame": ROW.frame},
                       {"size_xy": (1.0, 1.0), "frame": ROW.frame})],
         ("frame: .*must have cells of 0.3 m as the grid has, not of 0.31 m",
          {"grid": KNOWN, "frame": Frame(4, 5, 0.31, (1.5, -2.0, 0.7))}),
@@ -88,8 +89,8 @@ REFUSED = {
         ("frame: .*the edges of the cells must coincide: the origins are not whole",
          {"grid": KNOWN, "frame": Frame(4, 5, 0.3, (1.6, -2.0, 0.7))}),
         *[("no cell of it has a distance",
-           {"grid": one, "corner_xy": (30.0, 1.5), "size_xy": (0.5, 0.5)})
-          for one in (FIELD, PART)],
+           {"grid": value, "corner_xy": (30.0, 1.5), "size_xy": (0.5, 0.5)})
+          for value in (FIELD, PART)],
         ("takes none",
          {"grid": FIELD, "corner_xy": (1.5, -2.0), "size_xy": (0.5, 0.5), "default": 0}),
         (None, {"corner_xy": (1.0, 2.0), "size_xy": (1e11, 1e11)}),
@@ -111,7 +112,7 @@ REFUSED = {
 @pytest.mark.parametrize(
     ("function", "words", "options"),
     [(name, *row) for name, rows in REFUSED.items() for row in rows],
-    ids=lambda one: str(one)[:40],
+    ids=lambda value: str(value)[:40],
 )
 def test_options_that_cannot_be_are_refused(function, words, options):
     options = dict(options)
@@ -154,7 +155,7 @@ def test_a_potential_holds_finite_repulsion():
         mapdeal.PotentialField([[1.0]], np.zeros((1, 1), np.int8), 0.5, attractive_gain=-1e-9)
 
 
-@pytest.mark.parametrize(("told", "parameters"), [
+@pytest.mark.parametrize(("message", "parameters"), [
     (r"cost\.float32_resolution", {"lookup": "nav2", "float32_resolution": "no"}),
     ("cost.layers: must be a list of layers such as", {"model": "layers", "layers": "static"}),
     (r"cost.layers 1: must look like one of \[\{static", layers(3)),
@@ -171,12 +172,12 @@ def test_a_potential_holds_finite_repulsion():
     ("cost.layers 1 static.name: must be a word", layers({"static": {"name": ""}})),
     ("must be one of exact, nav2", layers({"inflation": {"lookup": "older"}})),
 ])  # fmt: skip
-def test_steps_of_costs_are_refused_with_their_place(told, parameters):
-    with pytest.raises(ParameterError, match=told):
+def test_steps_of_costs_are_refused_with_their_place(message, parameters):
+    with pytest.raises(ParameterError, match=message):
         make_step("cost", parameters)
 
 
-@pytest.mark.parametrize(("name", "text", "told"), [
+@pytest.mark.parametrize(("name", "text", "message"), [
     ("cost.layers", "[{static: {use_maximum: yes, use_maximum: no}}]", "key appears twice"),
     ("cost.layers", "[{inflation: {inflation_radius: 010}}]", "must be a decimal number"),
     ("cost.layers", "[" * 30, "nested deeper"),
@@ -185,16 +186,16 @@ def test_steps_of_costs_are_refused_with_their_place(told, parameters):
     ("visit.goals", "{kitchen: [7.1]}", "kitchen: must be (a list of )?2 numbers"),
     ("visit.goals", "{a: [1, 2], a: [3, 4]}", "appears twice"),
 ])  # fmt: skip
-def test_settings_are_read_as_recipes_are(tmp_path, monkeypatch, name, text, told):
+def test_settings_are_read_as_recipes_are(tmp_path, monkeypatch, name, text, message):
     list_visit(monkeypatch)
     path = tmp_path / "r.yaml"
     path.write_text("stages:\n  - visit:\n  - cost: {model: layers}\n")
-    with pytest.raises(ParameterError, match=told) as caught:
+    with pytest.raises(ParameterError, match=message) as caught:
         load_recipe(str(path), changes=[f"{name}={text}"])
     assert str(caught.value).startswith(f"--set: {name}")
 
 
-@pytest.mark.parametrize(("value", "said"), [
+@pytest.mark.parametrize(("value", "message"), [
     (7.1, r"^goals: must look like {kitchen: \[7.1, 3.2\], ...} or"),
     (None, "must look like"),
     ({"kitchen": [7.1]}, "goals kitchen: must be (a list of )?2 numbers"),
@@ -211,6 +212,6 @@ def test_settings_are_read_as_recipes_are(tmp_path, monkeypatch, name, text, tol
     ("kitchen", "goals 1: must be a finite number"),
     ("1,2,3", "goals 1: must be (a list of )?2 numbers"),
 ])  # fmt: skip
-def test_what_is_no_goal_is_refused_by_its_number_or_name(value, said):
-    with pytest.raises(ParameterError, match=said):
+def test_what_is_no_goal_is_refused_by_its_number_or_name(value, message):
+    with pytest.raises(ParameterError, match=message):
         accept_goals("goals", value)

@@ -126,7 +126,7 @@ def test_walls_that_border_on_unknown_alone_and_lethal_costs_are_walls():
 
 
 def rescaled_by_hand(values, ratio, rule):
-    """In fractions: the largest above 0 that is overlapped, else what is at the centre."""
+    """Compute with fractions: the largest value above 0 that overlaps, else that at the centre."""
     height, width = (math.ceil(Fraction(size) / ratio) for size in values.shape)
     result = np.full((height, width), -1, np.int8)
     for row, col in np.ndindex(height, width):

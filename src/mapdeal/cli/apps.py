@@ -144,7 +144,7 @@ def stage_app(name: str) -> typer.Typer:
     shared = [one.name for one in own if one.name not in ("source", "output")]
     if has_robot:
         replaced = next(stage.robot.replaces for stage in models.values() if stage.robot)
-        shared.insert(shared.index(replaced) + 1, "robot")
+        shared.insert(shared.index(replaced) + 1 if replaced in shared else len(shared), "robot")
     shared.append("files")
     if first.makes is Costmap:
         own.append(_stage_option("recipe", _RECIPE, None))

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from mapdeal.command import Output, Words, command, parameters_of
+from mapdeal.command import POINT, Output, Words, command, parameters_of
+from mapdeal.commands.local_routes import ROUTE, WindowPlanner, describe
 from mapdeal.errors import BatchError, ParameterError, emit_warning, strict_warnings
 from mapdeal.grid.footprint import Footprint
 from mapdeal.inputs.kinds import is_bag
@@ -75,6 +76,7 @@ def local(
     require_points: bool = False,
     recipe: RecipeName = LOCAL_RECIPE,
     changes: Changes = None,
+    route_to: Annotated[tuple[float, float] | None, POINT] = None,
     footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
     **more: Any,
@@ -98,7 +100,7 @@ def local(
     pose : tuple of float, optional
         Pose of the robot, metres and radians. [default: from a bag's transforms]
     poses : path, optional
-        Text file with one pose per cloud: x y yaw, or TUM format.
+        Text file with one pose per cloud, or window of --map: x y yaw, or TUM format.
     topics : sequence of str
         With a bag: topic to read, if there are several; can be repeated.
     index : int, optional
@@ -121,6 +123,11 @@ def local(
         One of default, nav2, local, arena, design-real, design-sim, design-local, or a file.
     changes : list of str, optional
         Set a parameter of a stage; can be repeated.
+    route_to : tuple of float, optional
+        Also plan the shortest route over the costs to this point, metres: route.json and route.png;
+        of a sequence also routes.json and routes.png, with all routes and the path driven. To a
+        point beyond the window, the route ends at the border cell nearest to it, by the route so
+        far and the rest on --map, or else in a straight line.
     robot : RobotParameters, optional
         The robot's own parameters, of which the shape is taken.
     **more
@@ -146,7 +153,7 @@ def local(
             if name not in local_maps.OF_WINDOWS and value != getattr(LocalOptions, name)
         }  # fmt: skip
         rule = "applies to clouds: it needs --cloud"
-        refuse(rule, poses=poses, **changed, require_points=require_points)
+        refuse(rule, keep=keep, **changed, require_points=require_points)
     if pose is not None:
         pose = check_pose(pose, "--pose")
     if is_sequence:
@@ -163,13 +170,15 @@ def local(
     loaded = load_recipe(recipe, changes, footprint=footprint, robot=robot)
     options = LocalOptions(**more)
     common = local_maps.LocalCommon(options, loaded, work.settings, known, require_points, keep)
+    planner = None if route_to is None else WindowPlanner.for_goal(route_to, common)
     for step in loaded.steps:
         work.terminal.detail(step_line(step))
     if bag is None and poses is not None:
-        return _sequence(local_maps.sequence_of(clouds or [], poses, output), output, common, work)
+        jobs = local_maps.sequence_of(clouds or [], poses, output)
+        return _sequence(jobs, output, common, work, planner)
     if bag is None:
         cloud = local_maps.only_cloud(clouds) if clouds else None
-        return local_maps.make_local(local_maps.LocalJob(cloud, pose or (), output), common)
+        return _single(local_maps.LocalJob(cloud, pose or (), output), common, work, planner)
     from mapdeal.pipeline.bag_maps import clouds_of_bag  # of use to bags alone
 
     trajectory = poses if poses is not None and has_times(poses) else None
@@ -184,17 +193,26 @@ def local(
             source.prepare(advance)
         if is_sequence:
             jobs = local_maps.sequence_of_bag(source, None if trajectory else poses, output)
-            return _sequence(jobs, output, common, work)
+            return _sequence(jobs, output, common, work, planner)
         number = source.number(index)
         place = source.pose(number) if pose is None else pose
-        return local_maps.make_local(
-            local_maps.LocalJob(source.cloud(number), place, output), common
-        )
+        job = local_maps.LocalJob(source.cloud(number), place, output)
+        return _single(job, common, work, planner)
+
+
+def _single(
+    job: local_maps.LocalJob, common: local_maps.LocalCommon, work: Work,
+    planner: WindowPlanner | None,
+) -> RunReport:  # fmt: skip
+    report = local_maps.make_local(job, common)
+    if planner is not None:
+        work.terminal.summary([describe(planner.plan(job), job.folder / ROUTE)])
+    return report
 
 
 def _sequence(
     sequence: Sequence[local_maps.LocalJob], output: Path, common: local_maps.LocalCommon,
-    work: Work,
+    work: Work, planner: WindowPlanner | None,
 ) -> LocalMaps:  # fmt: skip
     others = local_maps.other_folders(sequence, output)
     if others:
@@ -210,8 +228,14 @@ def _sequence(
             return local_maps.make_local(sequence[number], common, skip=True)
 
     jobs = [
-        Job(cloud.path, job.folder, cloud.name, job.folder.name)
-        for job in sequence
-        if (cloud := job.cloud) is not None
-    ]
-    return run_and_report(jobs, output, run_one, LocalMaps, work.terminal)
+        Job(
+            job.source(common), job.folder,
+            f"pose {number}" if job.cloud is None else job.cloud.name, job.folder.name,
+        )
+        for number, job in enumerate(sequence)
+    ]  # fmt: skip
+    report = run_and_report(jobs, output, run_one, LocalMaps, work.terminal)
+    if planner is not None:
+        report.check()
+        work.terminal.summary([planner.plan_steps(sequence, output)])
+    return report

@@ -41,9 +41,12 @@ def robot_words(footprint: Footprint | None) -> tuple[str, ...]:
 
 
 def typed_path(path: Path) -> str:
-    """Return the name of a file from the working folder, which a page may show."""
-    is_elsewhere = path.is_absolute() and path.drive == absolute_path(Path()).drive
-    text = os.path.relpath(path) if is_elsewhere else str(path)
+    """Return the name of a file from the working folder; no page shows an absolute one."""
+    text = str(path)
+    if path.is_absolute():
+        folder = absolute_path(Path())
+        has_common_folder = len({*path.parents} & {folder, *folder.parents}) > 1
+        text = os.path.relpath(path) if has_common_folder else path.name
     return f"./{text}" if text.startswith("-") else text
 
 

@@ -5,18 +5,26 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from mapdeal.command import FACTOR, METRES, REPULSION, OnlyInPython, Output, Words, command
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import BatchError, FindingError, MalformedInputError, ParameterError
+from mapdeal.errors import (
+    BatchError,
+    FindingError,
+    MalformedInputError,
+    ParameterError,
+    emit_warning,
+)
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint, shape_of
 from mapdeal.grid.frame import Point
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Method, Route, reach_radius
 from mapdeal.grid.reaching import largest_closed_square, squares_to
 from mapdeal.grid.route_graph import RouteGraph
@@ -30,6 +38,7 @@ from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import Spread, rounded, spread_json
 from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape
 from mapdeal.planning import routes
+from mapdeal.planning.goal_routes import route_in_window, shortest_over
 from mapdeal.planning.graph_routes import route_on_graph
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import PairLine, read_pairs
@@ -41,7 +50,9 @@ WAYS = ("plain", "cost", "heuristic")
 """Where the distance field acts: nowhere, in the cost of a step, or in the heuristic."""
 
 _RECIPE = "nav2"
-_PER_CELL: dict[Method, float] = {"astar": 36.0, "descent": 126.0, "graph": 36.0}
+_PER_CELL: dict[Method, float] = {
+    "astar": 36.0, "descent": 126.0, "geodesic": 56.0, "graph": 36.0,
+}  # fmt: skip
 """Bytes for each cell, those of the recipe included."""
 
 _PER_CELL_OF_PAIRS = 60.0
@@ -81,15 +92,11 @@ class PlannedRoute(Route, Spread):
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
-        """Whether the goal is reached."""
-        return self.reached
+        """Whether the goal is reached, or the border on the way to one beyond the map."""
+        return self.reached or self.beyond_window
 
     def document(self) -> dict[str, Any]:
-        minimum = self.local_minimum
-        document = {"method": self.method, **_entries(self)}
-        if self.method == "descent":
-            document["local_minimum"] = None if minimum is None else _place(minimum)
-        return {**document, "points": list(map(_place, self.points_xy.tolist()))}
+        return route_document(self)
 
     def parts(self) -> Iterator[str]:
         yield spread_json(self.document(), "points")
@@ -102,7 +109,8 @@ class PlannedRoute(Route, Spread):
         if math.isfinite(self.min_clearance):
             text += f", at least {self.min_clearance:.2f} m from obstacles"
             text += f", {self.mean_clearance:.2f} m on average"
-        yield text if self.reached else f"not reached: {text}"
+        ending = "to the border, the goal is beyond it" if self.beyond_window else "not reached"
+        yield text if self.reached else f"{ending}: {text}"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         """Return the route over the costs."""
@@ -115,8 +123,8 @@ class PlannedRoute(Route, Spread):
         return cost_image(self.costs, title=title, overlay=overlay, **look)
 
     def check(self) -> None:
-        """Raise FindingError if the goal is not reached."""
-        if self.reached:
+        """Raise FindingError if the goal is not reached, nor the border on the way to it."""
+        if self.passes:
             return
         goal = f"{self.goal[0]:.10g}, {self.goal[1]:.10g}"
         hint = None
@@ -124,7 +132,7 @@ class PlannedRoute(Route, Spread):
             x, y = (round(value, 3) + 0.0 for value in self.local_minimum)
             rule = f"stopped at {x:.10g}, {y:.10g}, in a local minimum of the potential over "
             rule += "open cells"
-            hint = "every potential may have some; --method astar finds its way around them"
+            hint = "every potential may have some; --method geodesic finds its way around them"
         elif len(self.points_xy):
             rule = f"stopped after {self.length:.4g} m on the way to {goal}"
         elif self.method == "graph":
@@ -141,14 +149,13 @@ class PlannedRoute(Route, Spread):
 class PairedRoutes(Spread):
     """Routes of many pairs of points by several ways, found as the pairs are read.
 
-    `searches` has what each way hands to `route_over`; `sums` those of the figures of each way over
-    the pairs whose goals are all reached.
+    `searches` finds a route each way; `sums` are those of the figures of each way over the pairs
+    whose goals are all reached.
     """
 
     pairs: Iterable[PairLine]
     pairs_in: Path | str
-    terrain: routes.Terrain
-    searches: Mapping[str, Mapping[str, Any]]
+    searches: Mapping[str, Callable[[Point, Point], Route]]
     counts: Counter[str] = field(default_factory=Counter)
     sums: dict[tuple[str, str], float] = field(default_factory=lambda: defaultdict(float))
 
@@ -164,7 +171,8 @@ class PairedRoutes(Spread):
             if all(route.reached for route in found.values()):
                 for way, route in found.items():
                     for name, _ in _MEANS.values():
-                        self.sums[way, name] += getattr(route, name)
+                        figure = getattr(route, name)
+                        self.sums[way, name] += math.nan if figure is None else figure
             else:
                 self.counts["unreached"] += 1
             for way, route in found.items():
@@ -177,10 +185,8 @@ class PairedRoutes(Spread):
         if pair.start is None or pair.goal is None:
             return {}, {"error": pair.error}
         try:
-            return {
-                way: routes.route_over(self.terrain, pair.start, pair.goal, **search)
-                for way, search in self.searches.items()
-            }, {}
+            found = {name: find(pair.start, pair.goal) for name, find in self.searches.items()}
+            return found, {}
         except ParameterError as error:
             places = {"start": _place(pair.start), "goal": _place(pair.goal)}
             return {}, {**places, "error": str(error), **_given(hint=error.hint)}
@@ -228,6 +234,16 @@ class PairedRoutes(Spread):
             raise FindingError(rule, source=self.pairs_in)
 
 
+def route_document(route: Route) -> dict[str, Any]:
+    document = {"method": route.method, **_entries(route)}
+    if route.method == "descent":
+        minimum = route.local_minimum
+        document["local_minimum"] = None if minimum is None else _place(minimum)
+    if route.beyond_window:
+        document["beyond_window"] = True
+    return {**document, "points": list(map(_place, route.points_xy.tolist()))}
+
+
 def _entries(route: Route) -> dict[str, Any]:
     return {
         "reached": route.reached,
@@ -273,6 +289,7 @@ def route(
     compare: Annotated[Sequence[str] | None, Words("METHOD,...", lambda t: t.split(","))] = None,
     method: Method | None = None,
     graph: Annotated[Path | None, Words("GRAPH.geojson")] = None,
+    global_map: Annotated[inputs.Map | None, Words("GLOBAL", name="map", typed=Path)] = None,
     through_unknown: bool = False,
     cost_travel_multiplier: Annotated[float, FACTOR] = 2.0,
     field_weight: Annotated[float | None, Words("W")] = None,
@@ -292,7 +309,8 @@ def route(
     Lethal, inscribed and unknown cells are closed. A map gets the costs of --params-file, or else
     those of the recipe nav2; the shape of a robot replaces its radius of 0.22 m. Without -o the
     result is printed, on a terminal as lines, elsewhere as JSON. With --pairs, one line is printed
-    for each pair and method, and their means on stderr.
+    for each pair and method, and their means on stderr. To a goal beyond the map, the route ends at
+    the border cell with the least cost so far plus remaining distance, with a warning.
 
     Parameters
     ----------
@@ -308,11 +326,15 @@ def route(
     compare : sequence of {'plain', 'cost', 'heuristic'}, optional
         With pairs: search without the distance field (plain), with it in the cost, or in the
         heuristic; by default all three.
-    method : {'astar', 'descent', 'graph'}, optional
-        Cheapest route (astar, the default), steepest descent of the potential (descent), or the
-        cheapest on a route graph (graph, the default with one).
+    method : {'astar', 'descent', 'geodesic', 'graph'}, optional
+        Cheapest route over cells (astar, the default), steepest descent of the potential (descent),
+        shortest route in any direction (geodesic), or the cheapest on a route graph (graph, the
+        default with one).
     graph : path, optional
         Route graph to go by: a GeoJSON file for Nav2's route server.
+    global_map : path or grid, optional
+        Map or costs of the surroundings, which say how far it is from the border to a goal that
+        is beyond the map, or behind what closes it; the straight distance by default.
     through_unknown : bool
         Treat unknown cells as free, at the highest cost.
     cost_travel_multiplier : float
@@ -380,26 +402,33 @@ def route(
     if method != "graph":
         inputs.refuse(f"does not apply to method {method}", graph=graph)
     if pairs is not None:
-        of_one = {"start": start, "goal": goal, "heuristic": heuristic, **gains}
+        of_one = {"start": start, "goal": goal, "heuristic": heuristic}
         image = inputs.settings_of(**reading).image
         inputs.refuse("applies to one route, not to pairs", **of_one, image=image)
+        if method == "graph":
+            raise ParameterError("are for methods astar, descent and geodesic", place="pairs")
+        compared: tuple[str, ...] = (method,)
+        if method == "astar":
+            compared = tuple(dict.fromkeys(WAYS if compare is None else compare))
+            if not compared or not set(compared) <= set(WAYS):
+                rule = f"must be some of {', '.join(WAYS)}"
+                raise ParameterError(rule, place="compare", got=",".join(compared))
+        for name, search in (("field_weight", "cost"), ("heuristic_weight", "heuristic")):
+            if name in of_field and search not in compared:
+                raise ParameterError(f"needs {search} among the methods to compare", place=name)
         if method != "astar":
-            raise ParameterError("compares routes of method astar", place="pairs")
-        ways = tuple(dict.fromkeys(WAYS if compare is None else compare))
-        if not ways or not set(ways) <= set(WAYS):
-            rule = f"must be some of {', '.join(WAYS)}"
-            raise ParameterError(rule, place="compare", got=",".join(ways))
-        for name, way in (("field_weight", "cost"), ("heuristic_weight", "heuristic")):
-            if name in of_field and way not in ways:
-                raise ParameterError(f"needs {way} among the methods to compare", place=name)
+            inputs.refuse("compares routes of method astar", compare=compare)
+        if method != "descent":
+            inputs.refuse(f"does not apply to method {method}", **gains)
         inputs.need_ending(".jsonl")
         chunks, pairs_in = inputs.text_in(pairs)
         files = [pairs_in] if isinstance(pairs_in, Path) else []
-        one, costs = _costs_of(map, footprint, robot, mask, files, _PER_CELL_OF_PAIRS, reading)
-        with inputs.errors_named(one.name):
+        per_cell = max(_PER_CELL_OF_PAIRS, _PER_CELL[method])
+        source, costs = _costs_of(map, footprint, robot, mask, files, per_cell, reading)
+        with inputs.errors_named(source.name):
             terrain = routes.Terrain.of(costs, **weights)
-            searches = {way: _search_by(way, terrain, **of_field) for way in ways}
-        return PairedRoutes(read_pairs(chunks, pairs_in), pairs_in, terrain, searches)
+            searches = {name: _search_by(name, terrain, gains, **of_field) for name in compared}
+        return PairedRoutes(read_pairs(chunks, pairs_in), pairs_in, searches)
     inputs.refuse("applies to pairs alone", compare=compare)
     if start is None or goal is None:
         raise ParameterError("both are required, unless pairs are given", place="start, goal")
@@ -415,18 +444,27 @@ def route(
     per_cell = _PER_CELL[method] + _OF_HEURISTIC * bool(of_field.get("heuristic_weight"))
     followed = None if graph is None else read_route_graph(graph)
     files = [] if graph is None else [graph]
-    one, costs = _costs_of(map, footprint, robot, mask, files, per_cell, reading)
-    with inputs.errors_named(one.name):
+    shape = (footprint, robot, mask, files, per_cell, reading)
+    source, costs = _costs_of(map, *shape, is_local=global_map is not None)
+    known = None
+    if global_map is not None:
+        known = routes.Terrain.of(_costs_of(global_map, *shape)[1], **weights)
+    with inputs.errors_named(source.name):
+        is_inside = bool(costs.frame.contains([goal])[0])
+        terrain = routes.Terrain.of(costs, **weights, **_given(field_weight=field_weight))
         if followed is not None:
-            terrain = routes.Terrain.of(costs, **weights)
             found = route_on_graph(terrain, followed, start, goal)
-        elif method == "astar":
-            found = routes.shortest_route(costs, start, goal, **weights, **of_field)
         else:
-            published = costs.to_occupancy()
-            lethal = published.with_values(published.occupied().astype("int8") * OCCUPIED)
-            found = routes.descend(costs, potential(lethal, goal=goal, **gains), start, **weights)
-    return PlannedRoute(**vars(found), map=one, costs=costs, graph=followed)
+            name = "heuristic" if method == "astar" and heuristic == "field" else method
+            find = _search_by(name, terrain, gains, **_given(heuristic_weight=heuristic_weight))
+            by_length = method != "astar"
+            found = route_in_window(terrain, find, start, goal, by_length=by_length, known=known)
+            if found.beyond_window:
+                x, y = (round(value, 3) + 0.0 for value in found.points_xy[-1].tolist())
+                place = "not reachable within" if is_inside else "beyond"
+                text = f"the goal {goal[0]:.10g}, {goal[1]:.10g} is {place} the map"
+                emit_warning(f"{text}: the route ends at its border, at {x:.10g}, {y:.10g}")
+    return PlannedRoute(**vars(found), map=source, costs=costs, graph=followed)
 
 
 def _given(**options: Any) -> dict[str, Any]:
@@ -434,20 +472,32 @@ def _given(**options: Any) -> dict[str, Any]:
 
 
 def _search_by(
-    way: str, terrain: routes.Terrain, *, field_weight: float = _FIELD_WEIGHT,
-    heuristic_weight: float = _HEURISTIC_WEIGHT,
-) -> dict[str, Any]:  # fmt: skip
-    if way == "cost":
-        return {"weights": terrain.weights_near_obstacles(field_weight)}
-    if way == "heuristic":
-        return {"surcharges": routes.surcharges_near_obstacles(terrain, heuristic_weight)}
-    return {}
+    name: str, terrain: routes.Terrain, gains: Mapping[str, Any], *,
+    field_weight: float = _FIELD_WEIGHT, heuristic_weight: float = _HEURISTIC_WEIGHT,
+) -> Callable[[Point, Point], Route]:  # fmt: skip
+    """Return what finds a route by a method, or one of the ways of A*."""
+    if name == "geodesic":
+        return partial(shortest_over, terrain)
+    if name == "descent":
+        repulsion = potential(_lethal_cells(terrain.costmap), **gains)
+        return lambda start, goal: routes.descend_on(terrain, replace(repulsion, goal=goal), start)
+    search: dict[str, Any] = {}
+    if name == "cost":
+        search = {"weights": terrain.weights_near_obstacles(field_weight)}
+    elif name == "heuristic":
+        search = {"surcharges": routes.surcharges_near_obstacles(terrain, heuristic_weight)}
+    return partial(routes.route_over, terrain, **search)
+
+
+def _lethal_cells(costs: Costmap) -> OccupancyGrid:
+    published = costs.to_occupancy()
+    return published.with_values(published.occupied().astype("int8") * OCCUPIED)
 
 
 def _costs_of(
     map: inputs.Map,  # noqa: A002 - as the command calls it
     footprint: Footprint | None, robot: RobotParameters | None, mask: inputs.Map | None,
-    files: Sequence[Path], per_cell: float, reading: inputs.Reading,
+    files: Sequence[Path], per_cell: float, reading: inputs.Reading, *, is_local: bool = False,
 ) -> tuple[inputs.MapInput, Costmap]:  # fmt: skip
     """Return a map and its costs: those in the file, the robot's, or the recipe ``nav2``'s."""
     over = inputs.mask_of(mask, inputs.settings_of(**reading))
@@ -457,7 +507,8 @@ def _costs_of(
     grid = one.grid
     if isinstance(grid, Costmap):
         rule = "applies to maps: these costs are already computed"
-        inputs.refuse(rule, robot=robot, footprint=footprint)
+        if not is_local:  # otherwise they are for the global map
+            inputs.refuse(rule, robot=robot, footprint=footprint)
         return one, grid if over is None else over.over(grid)
     inputs.warn_of_published_costs(one)
     inputs.warn_of_potential(one)

@@ -402,6 +402,10 @@ class PotentialField(FieldGrid):
         Upper bound of `repulsive`, per metre.
     region : Region, optional
         Box of the cells that have a potential, None if all have one. It is detected for arrays.
+    cost_to_go : array_like of float64, shape (H, W), optional
+        Length of the shortest way around obstacles to the goal, metres; inf where there is none.
+    cost_to_go_of : str, optional
+        The robot whose ways these are, in words.
 
     Raises
     ------
@@ -422,6 +426,8 @@ class PotentialField(FieldGrid):
     repulsive_gain: float = 1.0
     repulsive_cap: float = 1e5
     region: Region | None = None
+    cost_to_go: NDArray[np.float64] | None = None
+    cost_to_go_of: str | None = None
 
     def __post_init__(self) -> None:
         repulsive = as_layer(self.repulsive, np.float64, "repulsive")
@@ -441,12 +447,22 @@ class PotentialField(FieldGrid):
             raise ParameterError(rule, place="repulsive_cap", got=self.repulsive_cap)
         if self.goal is not None:
             object.__setattr__(self, "goal", check_point(self.goal, "goal"))
-        self._freeze(repulsive=repulsive, occupancy=as_occupancy_layer(self.occupancy))
+        layers = {"repulsive": repulsive, "occupancy": as_occupancy_layer(self.occupancy)}
+        if self.cost_to_go is not None:
+            layers["cost_to_go"] = as_layer(self.cost_to_go, np.float64, "cost_to_go")
+        object.__setattr__(self, "layer_names", tuple(layers))
+        self._freeze(**layers)
         self._find_region()
+
+    @property
+    def outside_values(self) -> dict[str, float]:
+        lengths = {} if self.cost_to_go is None else {"cost_to_go": math.inf}
+        return {**super().outside_values, **lengths}
 
     def _own_figures(self) -> Figures:
         return {
             "goal": None if self.goal is None else list(self.goal),
+            **({} if self.cost_to_go_of is None else {"cost_to_go_of": self.cost_to_go_of}),
             "obstacles": int(np.count_nonzero(self.obstacles())),
             "lowest_potential": float(self.potential.min()),
             "highest_potential": float(self.potential.max()),
@@ -467,6 +483,9 @@ class PotentialField(FieldGrid):
         if self.goal is not None:
             entries |= {"attractive": self.attractive, "potential": self.potential}
         entries |= {"gradient": self.gradient, "gradient_magnitude": self.gradient_magnitude}
+        if self.cost_to_go is not None:
+            entries["cost_to_go"] = self.cost_to_go
+            entries["cost_to_go_gradient"] = self.cost_to_go_gradient
         if self.goal is not None:
             entries["goal"] = np.array(self.goal)
         return entries | {
@@ -524,6 +543,16 @@ class PotentialField(FieldGrid):
         magnitude: NDArray[np.float64] = np.hypot(*self.gradient)
         return magnitude
 
+    @layer_of_box
+    def cost_to_go_gradient(self) -> NDArray[np.float64] | None:
+        """Gradient of `cost_to_go`, as `gradient`, shape (2, H, W); nan where that is infinite.
+
+        Beside cells without a way to the goal, the differences are one-sided.
+        """
+        if self.cost_to_go is None:
+            return None
+        return self._along_map_axes(*(_rises(self.cost_to_go, axis) for axis in (0, 1)))
+
     def downhill_surface(self) -> NDArray[np.float64]:
         """Return the potential with obstacle cells raised, shape (H, W), for descending it.
 
@@ -555,10 +584,31 @@ class PotentialField(FieldGrid):
         height, width = self.shape
         along_rows = np.gradient(values, axis=0) if height > 1 else np.zeros(self.shape)
         along_cols = np.gradient(values, axis=1) if width > 1 else np.zeros(self.shape)
+        return self._along_map_axes(along_rows, along_cols)
+
+    def _along_map_axes(
+        self, along_rows: NDArray[np.float64], along_cols: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         yaw = self.origin[2]
         cos, sin = math.cos(yaw), math.sin(yaw)
-        slopes = np.empty((2, height, width))
+        slopes = np.empty((2, *self.shape))
         np.subtract(along_cols * cos, along_rows * sin, out=slopes[0])
         np.add(along_cols * sin, along_rows * cos, out=slopes[1])
         slopes /= self.resolution
         return slopes
+
+
+def _rises(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    """Return central differences of finite values along an axis, one-sided beside others, nan."""
+    with np.errstate(invalid="ignore"):
+        steps = np.diff(values, axis=axis)
+    is_known = np.isfinite(steps)
+    steps[~is_known] = 0
+    total, count = np.zeros_like(values), np.zeros(values.shape, np.uint8)
+    for side in (np.s_[1:], np.s_[:-1]):
+        cells = (side, np.s_[:]) if axis == 0 else (np.s_[:], side)
+        total[cells] += steps
+        count[cells] += is_known
+    total /= np.maximum(count, 1)
+    total[~np.isfinite(values)] = np.nan
+    return total

@@ -17,7 +17,7 @@ from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import UNKNOWN, OneLine, count_text, numbers_text
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
-Method = Literal["astar", "descent", "graph"]
+Method = Literal["astar", "descent", "geodesic", "graph"]
 
 _ROUNDING = 12
 """Decimals of widths, so that twice six cells of 0.05 m are 0.6 m and not wider by a last bit."""
@@ -315,7 +315,7 @@ class Route(OneLine):
 
     Parameters
     ----------
-    method : {'astar', 'descent', 'graph'}
+    method : {'astar', 'descent', 'geodesic', 'graph'}
         Search method.
     reached : bool
         Whether the last point is the goal.
@@ -341,6 +341,8 @@ class Route(OneLine):
         Number of cells, or nodes of a graph, that the search expanded; None for a descent.
     optimal : bool
         Whether the search guarantees the lowest cost.
+    beyond_window : bool
+        Whether the route ends at the border of the map, on the best way found to a goal beyond it.
     """
 
     method: Method
@@ -355,6 +357,7 @@ class Route(OneLine):
     mean_clearance: float = math.nan
     expanded: int | None = None
     optimal: bool = False
+    beyond_window: bool = False
 
     def __post_init__(self) -> None:
         points = np.asarray(self.points_xy, dtype=np.float64).reshape(-1, 2).view()
@@ -363,7 +366,8 @@ class Route(OneLine):
 
     def _repr_parts(self) -> Iterator[str]:
         yield self.method
-        yield "reached" if self.reached else "not reached"
+        beyond = ", beyond the window" if self.beyond_window else ""
+        yield "reached" if self.reached else f"not reached{beyond}"
         yield f"{numbers_text(self.start)} to {numbers_text(self.goal)}"
         if len(self.points_xy):
             yield count_text(len(self.points_xy), "point")

@@ -286,6 +286,7 @@ def largest_closed_square(radius: float, frame: Frame) -> int:
     return largest_square_within(min(radius, max(frame.size_xy)), frame.resolution)
 
 
+DEFAULT_HEADINGS = 72
 DEFAULT_MARGIN = 0.1  # of radius, metres: a robot that is larger by as much would be stopped
 DEFAULT_MIN_AREA = 1.0  # square metres on each side of a passage
 
@@ -565,6 +566,21 @@ def reach_on(
         goals=tuple(answers),
         passages=found,
     )
+
+
+def cells_open_to(ground: Ground, robot: Footprint | None, start: Cell) -> NDArray[np.bool_]:
+    """Return the cells that a robot may use on its ways from a cell, shape (H, W)."""
+    # Those that are open to a round robot need not all be connected.
+    if robot is None or not robot.vertices:
+        is_open = squares_to(ground.obstacles) > largest_closed_square(
+            reach_radius(robot), ground.frame
+        )
+        is_open &= ~ground.blocked
+        return is_open
+    footprints = footprint_spans(robot, ground.frame, DEFAULT_HEADINGS)
+    poses = ConfigurationSpace(ground.untouchable, footprints, closed=ground.keepout)
+    seeds = [(int(heading), *start) for heading in np.flatnonzero(poses.open_headings(*start))]
+    return poses.reach(seeds).reachable.view(np.bool_)
 
 
 class _RoundPoses:

@@ -82,6 +82,15 @@ def flood(
     lengths: NDArray[Any],
     origin: NDArray[Any],
 ) -> None: ...
+def costs_to_go(
+    classes: NDArray[Any],
+    weights: NDArray[Any],
+    sources: NDArray[Any],
+    starts: NDArray[Any],
+    lists_per_cost: float,
+    list_count: int,
+    costs: NDArray[Any],
+) -> None: ...
 def look_along_lines(
     values: NDArray[Any],
     is_open: NDArray[Any],

@@ -128,6 +128,18 @@ cdef extern from "flood.h" nogil:
         CellList *lists
     int flood_on(Flood *flood)
 
+cdef extern from "eikonal.h" nogil:
+    ctypedef struct Front:
+        const uint8_t *classes
+        const double *weights
+        int64_t width
+        double *costs
+        double lists_per_cost
+        CellList *lists
+        int64_t list_count, waiting
+    int lower_cost(Front *front, int64_t cell, double cost)
+    int advance_front(Front *front)
+
 cdef extern from "sweep.h" nogil:
     ctypedef struct Plane:
         const int32_t *values
@@ -565,6 +577,48 @@ def flood(
         for k in range(LISTS):
             free(task.lists[k].cells)
         free(task.steps)
+    if not has_memory:
+        raise MemoryError
+
+
+def costs_to_go(
+    const uint8_t[:, ::1] classes,
+    const double[::1] weights,
+    const int64_t[::1] sources,
+    const double[::1] starts,
+    double lists_per_cost,
+    int64_t list_count,
+    double[:, ::1] costs,
+):
+    """Lower `costs` to those of the cheapest ways to sources, cells with costs of their own.
+
+    Cells along the border are closed. All of the ring of lists must hold the dearest step.
+    """
+    cdef Front task
+    cdef Py_ssize_t k
+    cdef int has_memory = True
+    if classes.shape[0] != costs.shape[0] or classes.shape[1] != costs.shape[1]:
+        raise ValueError("the arrays have not the same size")
+    if weights.shape[0] != 256 or sources.shape[0] != starts.shape[0] or list_count < 1:
+        raise ValueError("there must be 256 weights, a cost for each source, and a list")
+    memset(&task, 0, sizeof(task))
+    task.classes, task.weights, task.width = &classes[0, 0], &weights[0], classes.shape[1]
+    task.costs, task.lists_per_cost, task.list_count = &costs[0, 0], lists_per_cost, list_count
+    task.lists = <CellList *>calloc(list_count, sizeof(CellList))
+    try:
+        if task.lists == NULL:
+            raise MemoryError
+        for k in range(sources.shape[0]):
+            has_memory = has_memory and lower_cost(&task, sources[k], starts[k])
+        while has_memory and task.waiting:
+            with nogil:
+                has_memory = advance_front(&task)
+            PyErr_CheckSignals()
+    finally:
+        if task.lists != NULL:
+            for k in range(list_count):
+                free(task.lists[k].cells)
+            free(task.lists)
     if not has_memory:
         raise MemoryError
 

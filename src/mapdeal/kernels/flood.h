@@ -1,6 +1,9 @@
 /* Lengths of the shortest ways from several cells: Dijkstra's algorithm, with a list of cells for
  * each length. skeleton.py has the rules. */
 
+#ifndef MAPDEAL_FLOOD_H
+#define MAPDEAL_FLOOD_H
+
 #include <stdint.h>
 #include <stdlib.h>
 
@@ -23,9 +26,8 @@ typedef struct {
     CellList lists[LISTS];
 } Flood;
 
-static int note_cell(Flood *flood, int64_t length, int64_t cell)
+static int append_cell(CellList *list, int64_t cell)
 {
-    CellList *list = &flood->lists[length % LISTS];
     if (list->count == list->room) {
         const int64_t room = list->room ? 2 * list->room : 256;
         int64_t *cells = realloc(list->cells, (size_t)room * sizeof(int64_t));
@@ -34,8 +36,13 @@ static int note_cell(Flood *flood, int64_t length, int64_t cell)
         list->room = room;
     }
     list->cells[list->count++] = cell;
-    flood->waiting++;
     return 1;
+}
+
+static int note_cell(Flood *flood, int64_t length, int64_t cell)
+{
+    flood->waiting++;
+    return append_cell(&flood->lists[length % LISTS], cell);
 }
 
 /* Go one step on from all cells at the next length. Returns 0 if there is no memory. */
@@ -70,3 +77,5 @@ static int flood_on(Flood *flood)
     now->count = 0;
     return 1;
 }
+
+#endif

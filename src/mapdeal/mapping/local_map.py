@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapdeal.command import AT_LEAST_0, METRES, Words, parameters_of
+from mapdeal.command import AT_LEAST_0, METRES, RADIANS, Words, parameters_of
 from mapdeal.errors import ParameterError
 from mapdeal.grid.canvas import contained_in, is_turned, obstacles_in, rows_and_cols_under
 from mapdeal.grid.frame import (
@@ -68,6 +68,12 @@ class LocalOptions:
         Smallest horizontal distance from the robot of the points to use, metres.
     max_range : float, optional
         Largest horizontal distance from the robot of the points to use, metres.
+    angle_min : float, optional
+        First direction of the points to use, radians from the robot's heading, anticlockwise; needs
+        `angle_max`.
+    angle_max : float, optional
+        Last direction of the points to use, anticlockwise from `angle_min`, radians; below it, the
+        fan includes the robot's back.
     raytrace_range : float, optional
         Distance from the robot up to which beams clear cells, metres. [default: `max_range`, else
         up to the point]
@@ -89,6 +95,8 @@ class LocalOptions:
     max_height: Annotated[float | None, METRES] = None
     min_range: Annotated[float | None, AT_LEAST_0, METRES] = None
     max_range: Annotated[float | None, AT_LEAST_0, METRES] = None
+    angle_min: Annotated[float | None, RADIANS] = None
+    angle_max: Annotated[float | None, RADIANS] = None
     raytrace_range: Annotated[float | None, AT_LEAST_0, METRES] = None
     unknown: Unknown = "keep"
 
@@ -102,6 +110,11 @@ class LocalOptions:
             low, high = getattr(self, least), getattr(self, most)
             if low is not None and high is not None and low > high:
                 raise ParameterError(f"must not be above {most}, {high:g}", place=least, got=low)
+        if (self.angle_min is None) != (self.angle_max is None) or (
+            self.angle_min is not None and self.angle_min == self.angle_max
+        ):
+            rule = "must both be given, and differ"
+            raise ParameterError(rule, place="angle_min, angle_max")
 
     @property
     def asks_for_heights(self) -> bool:
@@ -128,6 +141,7 @@ class CloudCounts:
     beyond_range: int = 0
     outside: int = 0
     marking: int = 0
+    beyond_angle: int = 0
 
 
 class SeenCloud:
@@ -141,6 +155,7 @@ class SeenCloud:
         self._with_beams = with_beams
         self._counts = np.zeros(6, dtype=np.int64)
         self._angles = CoveredAngles()
+        self._beyond_angle = 0
         self._marks, self._ends = np.zeros((2, 0), dtype=np.int64)
         self.is_hit = np.zeros(self._frame.shape, dtype=np.bool_)
         """Cells of the window with a point."""
@@ -153,6 +168,7 @@ class SeenCloud:
         if self._options.asks_for_heights and points.shape[1] < 3:
             rule = "the cloud has no heights"
             raise ParameterError(rule, place="min_height, max_height")
+        points = self._in_fan(points)
         if engine_name() == "compiled" and not self._with_beams:
             counts, from_robot = mark_cloud(
                 points, self._rule(), self.is_hit, is_placed=self._options.frame == "map"
@@ -184,9 +200,25 @@ class SeenCloud:
         outside = len(placed) - len(cells)
         self._counts += (count, not_finite, beyond_height, beyond_range, outside, len(cells))
 
+    def _in_fan(self, points: Floats) -> Floats:
+        """Return the points within the angles, and all points that are not finite."""
+        first, last = self._options.angle_min, self._options.angle_max
+        if first is None or last is None:
+            return points
+        with np.errstate(over="ignore", invalid="ignore"):
+            from_robot, _ = self._from_robot(points[:, :2])
+            behind = (np.arctan2(from_robot[:, 1], from_robot[:, 0]) - first + ROUNDING) % (
+                2 * math.pi
+            )
+        width = last - first if last > first else last - first + 2 * math.pi
+        is_beyond = behind > width + 2 * ROUNDING
+        self._beyond_angle += int(np.count_nonzero(is_beyond))
+        return points[~is_beyond]
+
     @property
     def counts(self) -> CloudCounts:
-        return CloudCounts(*self._counts.tolist())
+        counts, count = CloudCounts(*self._counts.tolist()), self._beyond_angle
+        return replace(counts, points=counts.points + count, beyond_angle=count)
 
     @property
     def angles(self) -> tuple[float, float] | None:

@@ -247,6 +247,7 @@ def potential_image(
     levels[obstacles] = styles.POTENTIAL_OBSTACLE
     levels[nowhere] = styles.POTENTIAL_NOWHERE
     pixels = raster.enlarged(levels).copy()
+    has_lines = field.cost_to_go is not None and _draw_isolines(pixels, field.cost_to_go, raster)
     on = Surface(pixels, frame, raster)
     arrows = _draw_arrows(on, field)
     has_goal = False
@@ -259,12 +260,28 @@ def potential_image(
         styles.POTENTIAL_ARROW: arrows,
         styles.POTENTIAL_GOAL: has_goal,
         styles.POTENTIAL_NOWHERE: nowhere.any(),
+        styles.POTENTIAL_LINE: has_lines,
     }
     swatches = [swatch for swatch in style.swatches if occurs.get(swatch.index, unknown.any())]
     return on_sheet(
         pixels, style, field.frame, raster, title=title, more=_range_text(field),
         swatches=swatches, overlay=overlay,
     )  # fmt: skip
+
+
+def _draw_isolines(
+    pixels: NDArray[np.uint8], lengths: NDArray[np.float64], raster: Raster
+) -> bool:  # fmt: skip
+    """Draw lines of equal length to the goal; return whether there are any."""
+    bands = np.floor(lengths / styles.length_between_lines(lengths))
+    bands = raster.enlarged(raster.smallest(np.where(np.isfinite(bands), bands, -1)))
+    lines = np.zeros(bands.shape, np.bool_)
+    for nearer, farther in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+        lines[farther] |= (
+            (bands[nearer] != bands[farther]) & (bands[nearer] >= 0) & (bands[farther] >= 0)
+        )
+    pixels[lines] = styles.POTENTIAL_LINE
+    return bool(lines.any())
 
 
 def _range_text(field: PotentialField) -> str:

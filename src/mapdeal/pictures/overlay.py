@@ -401,6 +401,31 @@ class RouteOverlay(Overlay):
         return swatches
 
 
+@dataclass(frozen=True)
+class StepsOverlay(Overlay):
+    """The routes planned at each pose of a path to a goal, and the path through all poses."""
+
+    routes: Sequence[Route]
+    driven_xy: NDArray[np.float64]
+
+    colours = (ROUTE, ROBOT, START, GOAL)
+
+    @property
+    def places_xy(self) -> NDArray[np.float64]:
+        return np.concatenate([self.driven_xy, *(route.points_xy for route in self.routes)])
+
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
+        brush, thickness = Brush(on.pixels), max(1, round(on.side / 500))
+        for route in self.routes:
+            brush.polyline(on.places(route.points_xy), first_index, thickness=thickness)
+        brush.polyline(on.places(self.driven_xy), first_index + 1, thickness=3 * thickness)
+        start, goal = on.places([self.driven_xy[0], self.routes[-1].goal])
+        for place, number in ((goal, 3), (start, 2)):
+            brush.dot(place, first_index + number, radius=max(4.0, on.side / 110))
+        names = ("routes of all steps", "driven", "start", "goal")
+        return [Swatch(first_index + number, name) for number, name in enumerate(names)]
+
+
 _AWAY = 10  # pixels between the shape and the edges
 _LEAST, _LARGEST_SHARE = 4, 0.4
 """Least size of a drawn shape in pixels, and its largest share of the picture's sides."""

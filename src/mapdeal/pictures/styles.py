@@ -79,9 +79,10 @@ class CostPalette:
 _NUMBER_LEVELS = 200
 
 POTENTIAL_LEVELS = 100
+_LINES = 20  # of equal length to the goal, about
 _HIGHEST_NORMALISED = 10.0
-POTENTIAL_OBSTACLE, POTENTIAL_ARROW, POTENTIAL_GOAL, POTENTIAL_NOWHERE = range(
-    2 * POTENTIAL_LEVELS, 2 * POTENTIAL_LEVELS + 4
+POTENTIAL_OBSTACLE, POTENTIAL_ARROW, POTENTIAL_GOAL, POTENTIAL_NOWHERE, POTENTIAL_LINE = range(
+    2 * POTENTIAL_LEVELS, 2 * POTENTIAL_LEVELS + 5
 )
 """Palette indices of a potential after those of its scale and its faded scale."""
 
@@ -138,7 +139,7 @@ def bounds_circumscribed(costmap: Costmap) -> bool:
 def potential_style(field: PotentialField) -> LayerStyle:
     """Return the even scale of a normalised potential, 0 to 10; unknown cells are faded."""
     scale = colours.interpolated(colours.POTENTIAL_ANCHORS, POTENTIAL_LEVELS)
-    special = [colours.LETHAL, colours.ARROW, colours.GOAL, colours.RVIZ_UNKNOWN]
+    special = [colours.LETHAL, colours.ARROW, colours.GOAL, colours.RVIZ_UNKNOWN, colours.ROUTE]
     swatches = [
         Swatch(POTENTIAL_OBSTACLE, "obstacle"),
         Swatch(POTENTIAL_LEVELS + POTENTIAL_LEVELS // 4, "unknown: faded"),
@@ -148,6 +149,9 @@ def potential_style(field: PotentialField) -> LayerStyle:
         swatches.append(Swatch(POTENTIAL_GOAL, "goal"))
     if field.region is not None:
         swatches.append(Swatch(POTENTIAL_NOWHERE, "no potential"))
+    if field.cost_to_go is not None:
+        spacing = length_between_lines(field.cost_to_go)
+        swatches.append(Swatch(POTENTIAL_LINE, f"every {spacing:g} m to go"))
     ticks = [(value / _HIGHEST_NORMALISED, f"{value}") for value in range(0, 11, 2)]
     return LayerStyle(
         palette_of(scale, colours.mixed(scale, colours.RVIZ_UNKNOWN, 0.6), special),
@@ -155,6 +159,12 @@ def potential_style(field: PotentialField) -> LayerStyle:
         swatches=tuple(swatches), bar=ColourBar(range(POTENTIAL_LEVELS), ticks, "normalised"),
         nowhere=POTENTIAL_NOWHERE, faded_by=POTENTIAL_LEVELS,
     )  # fmt: skip
+
+
+def length_between_lines(lengths: NDArray[np.float64]) -> float:
+    """Return a round length of which the longest finite one has about twenty."""
+    longest = float(lengths.max(where=np.isfinite(lengths), initial=0.0))
+    return round_length(longest / _LINES) if longest > 0 else 1.0
 
 
 def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:

@@ -78,7 +78,10 @@ def summary_of(figures: Figures) -> str:
         x, y = figures["goal"] or (None, None)
         what = "no goal, repulsion" if x is None else f"goal {x:.10g}, {y:.10g}, potential"
         text = f"{what} {least:.5g} .. {most:.5g}"
-        return f"{text}, gradient up to {figures['steepest_gradient']:.5g} per metre{around}"
+        text += f", gradient up to {figures['steepest_gradient']:.5g} per metre"
+        if "cost_to_go_of" in figures:
+            text += f", cost to go of {figures['cost_to_go_of']}"
+        return text + around
     if "reachable_m2" in figures:
         return _summary_of_reach(figures)
     if "lethal" in figures:

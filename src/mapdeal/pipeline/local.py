@@ -278,6 +278,7 @@ def _check_points(made: LocalMap, cloud: Path, *, required: bool) -> None:
         "are not finite": counts.not_finite,
         "are beyond the height limits": counts.beyond_height,
         "are beyond the range limits": counts.beyond_range,
+        "are beyond the angles": counts.beyond_angle,
         "lie outside of the window": counts.outside,
     }
     parts = [f"{count} {what}" for what, count in named.items() if count]
@@ -303,6 +304,8 @@ def _figures_of(made: LocalMap, job: LocalJob, common: LocalCommon) -> Figures:
     if job.cloud is not None:
         first, last = made.angles or (None, None)
         figures |= {**asdict(made.counts), "angle_min": first, "angle_max": last}
+        if common.options.angle_min is None:
+            del figures["beyond_angle"]
     if common.global_map is not None:
         figures["from_map"] = made.from_map
     if common.keep is not None:
@@ -318,6 +321,10 @@ def other_folders(sequence: Sequence[LocalJob], output: Path) -> list[Path]:
 
 def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[LocalJob]:
     """Return the jobs of a sequence: its clouds in order, a pose and a numbered folder for each."""
+    # Without clouds, each pose has the window of the global map around it.
+    if not names:
+        windows = [(x, y, yaw) for x, y, yaw in read_poses(poses_file).tolist()]
+        return numbered_jobs([None] * len(windows), windows, output)
     clouds = [cloud for cloud in _clouds_of(names) if not is_same_file(cloud, poses_file)]
     poses = _poses_for(len(clouds), poses_file)
     jobs = numbered_jobs(list(map(FileCloud.of, clouds)), poses, output)
@@ -338,7 +345,7 @@ def _poses_for(count: int, path: Path) -> list[Pose]:
 
 
 def numbered_jobs(
-    clouds: Sequence[Cloud], poses: Sequence[Sequence[float]], output: Path
+    clouds: Sequence[Cloud | None], poses: Sequence[Sequence[float]], output: Path
 ) -> list[LocalJob]:
     digits = max(_DIGITS, len(str(len(clouds) - 1)))
     return [

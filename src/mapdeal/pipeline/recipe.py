@@ -216,6 +216,8 @@ def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> 
     static_layers = robot.costmap_layers.static_layers
     if stage is not None and "lethal_threshold" in stage.parameters and static_layers:
         values["lethal_threshold"] = max(static_layers[-1].lethal_cost_threshold, 1)
+    if stage is not None and "through_unknown" in stage.parameters:
+        values["through_unknown"] = not robot.costmap_layers.keeps_unknown
     return make_step(name, {**values, **given})
 
 

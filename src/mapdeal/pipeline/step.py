@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.command import Stage, accept_parameters, unknown_name, unknown_parameter
-from mapdeal.errors import MapdealError, ParameterError
+from mapdeal.errors import MapdealError, ParameterError, emit_warning
+from mapdeal.files.source import room, size_text
 from mapdeal.grid.canvas import FieldGrid
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.field import DistanceField, FieldView
@@ -73,6 +74,14 @@ class Step:
         values = {known[key].name: value for key, value in self.parameters.items()}
         if mask is not None and self.accepts_mask:
             values["mask"] = mask
+        if self.stage.where_it_fits is not None:
+            argument, products, per_cell = self.stage.where_it_fits
+            cells, available = taken.shape[0] * taken.shape[1], room()
+            values[argument] = available is None or per_cell * cells <= available
+            if not values[argument]:
+                size = size_text(int(per_cell * cells))
+                text = f"{products} are left out: with them it would take {size} of memory"
+                emit_warning(f"{self.name}: {text}, which --max-memory can allow", stacklevel=3)
         try:
             with activity(self.name):
                 return self.stage.function(taken, **values)

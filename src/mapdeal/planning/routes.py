@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -15,6 +13,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.frame import Point
+from mapdeal.grid.goal_field import Place, is_line_clear, lengths_to, weighted_lengths_to
 from mapdeal.grid.reach import Route
 from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED
@@ -30,8 +29,6 @@ _AT_CENTRE = 1e-6  # in cells: more than what rounding moves a centre by
 _LARGEST_TOLD_APART = 1 << 20
 """Squares of cells up to which distances of float32 tell neighbouring ones apart."""
 
-Place = tuple[float, float]
-
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
@@ -40,6 +37,7 @@ class Terrain:
     costmap: Costmap
     weights: NDArray[np.float64]
     field: DistanceField
+    weights_by_cost: NDArray[np.float64]
 
     @classmethod
     def of(
@@ -64,7 +62,7 @@ class Terrain:
         occupancy = np.where(obstacles, OCCUPIED, 0).astype(np.int8)
         field = DistanceField(distance, occupancy, resolution, origin, convention="center")
         by_cost = _weights_by_cost(costmap, cost_travel_multiplier, through_unknown)
-        terrain = cls(costmap, by_cost[costmap.cost.view(np.uint8)], field)
+        terrain = cls(costmap, by_cost[costmap.cost.view(np.uint8)], field, by_cost)
         return replace(terrain, weights=terrain.weights_near_obstacles(field_weight))
 
     def weights_near_obstacles(self, field_weight: float) -> NDArray[np.float64]:
@@ -83,22 +81,25 @@ class Terrain:
         np.clip(near, 0, 1, out=near)
         return np.subtract(1, near, out=near)
 
+    def costs_to(self, point: Point, *, by_length: bool) -> NDArray[np.float64]:
+        """Return the lowest cost from each cell to a point, or the length, metres; inf if none."""
+        (place,), inside = self.costmap.frame.bounded_continuous_rowcol_from_xy([point])
+        if not inside[0]:
+            return np.full(self.weights.shape, math.inf)
+        row, col = place.tolist()
+        if by_length:
+            costs = lengths_to(self.weights > 0, (row, col))
+        else:
+            classes = self.costmap.cost.view(np.uint8)
+            costs = weighted_lengths_to(classes, self.weights_by_cost, (row, col))
+        return costs * self.costmap.resolution
+
     def is_open(self, cell: Cell) -> bool:
         return self.costmap.frame.holds(cell) and bool(self.weights[cell] > 0)
 
-    def allows_step(self, cell: Cell, following: Cell) -> bool:
-        """Return whether a neighbour is open, and not diagonally between two closed cells."""
-        if not self.is_open(following):
-            return False
-        beside = ((cell[0], following[1]), (following[0], cell[1]))
-        return any(self.is_open(side) for side in beside)
-
     def is_clear(self, start: Place, end: Place) -> bool:
         """Return whether a straight way is in open cells, never between two closed at a corner."""
-        cells = list(_cells_on(start, end))
-        return self.is_open(cells[0]) and all(
-            self.allows_step(cell, following) for cell, following in pairwise(cells)
-        )
+        return is_line_clear(self.is_open, start, end)
 
     def open_cell_of(self, point: Point, name: str) -> Cell:
         frame = self.costmap.frame
@@ -154,25 +155,6 @@ def check_factor(name: str, value: float) -> float:
         rule = f"must lie between 0 and {_LARGEST_FACTOR:g}"
         raise ParameterError(rule, place=name, got=value)
     return value
-
-
-def _cells_on(start: Place, end: Place) -> Iterator[Cell]:
-    """Yield the cells that a straight piece of way passes, one after the other."""
-    way = (end[0] - start[0], end[1] - start[1])
-    shares = {0.0, 1.0}
-    for from_, along in zip(start, way, strict=True):
-        if along:
-            low, high = sorted((from_, from_ + along))
-            shares |= {
-                (edge - from_) / along for edge in range(math.ceil(low), math.floor(high) + 1)
-            }
-    last = None
-    for before, after in pairwise(sorted(share for share in shares if 0 <= share <= 1)):
-        middle = (before + after) / 2
-        cell = (math.floor(start[0] + middle * way[0]), math.floor(start[1] + middle * way[1]))
-        if cell != last:
-            yield cell
-        last = cell
 
 
 def _weights_by_cost(
@@ -367,11 +349,15 @@ def descend(
     terrain = Terrain.of(
         costmap, cost_travel_multiplier=cost_travel_multiplier, through_unknown=through_unknown
     )
-    if potential.frame != costmap.frame:
-        raise ParameterError("potential and costmap must have the same cells")
+    return descend_on(terrain, potential, start_xy)
+
+
+def descend_on(terrain: Terrain, potential: PotentialField, start_xy: Point) -> Route:
+    frame = terrain.costmap.frame
+    if potential.frame != frame or potential.goal is None:
+        raise ParameterError("potential and costmap must have the same cells, and a goal")
     terrain.open_cell_of(start_xy, "start")
     terrain.open_cell_of(potential.goal, "goal")
-    frame = costmap.frame
     start, goal = frame.continuous_rowcol_from_xy([start_xy, potential.goal]).tolist()
     slope = _Slope(potential.downhill_surface(), terrain)
     places, ending = _followed(slope, tuple(start), tuple(goal))

@@ -2,14 +2,33 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mapdeal.command import FACTOR, POINT, REPULSION, Condition, LethalThreshold, stage
+from mapdeal.command import (
+    AT_LEAST_0,
+    FACTOR,
+    METRES,
+    POINT,
+    REPULSION,
+    Condition,
+    FromRobot,
+    InPlaceOf,
+    LethalThreshold,
+    OnlyInPython,
+    RobotShape,
+    stage,
+)
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.field import LARGEST_GAIN, LARGEST_REPULSION, PotentialField
-from mapdeal.grid.frame import check_point
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import Point, check_point
+from mapdeal.grid.goal_field import lengths_to
+from mapdeal.grid.reach import reach_radius, robot_text
+from mapdeal.grid.reaching import Ground, cells_open_to
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.lookup import sum_of_inverse_distances
 from mapdeal.stages.cost import ObstacleSource, obstacles_of
@@ -31,11 +50,15 @@ mapdeal potential examples/maps/office.yaml -o out/potential.npz --goal 9,5 \\
     --attractive-gain 50 --image out/potential.png""",
     summary="Compute the artificial potential field of a map.",
     details="Repulsion is the sum of 1 / distance to every obstacle cell. MAP may also be a "
-    "distance field, whose obstacles then count.",
+    "distance field, whose obstacles then count. With a goal, cost_to_go is the length of the "
+    "shortest way to it around obstacles, for the robot given.",
     title=lambda parameters: "potential field" if parameters["goal"] else "repulsive field",
     memory=125.0,
     is_whole=lambda _: True,
     passes_output_on=False,
+    robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
+    in_place_of={"footprint": InPlaceOf("radius", lambda p: reach_radius(p["footprint"]))},
+    where_it_fits=("with_cost_to_go", "cost_to_go and its gradient", 200.0),
 )
 def potential(
     source: ObstacleSource,
@@ -45,6 +68,10 @@ def potential(
     attractive_gain: Annotated[float, GAIN, FACTOR] = 1.0,
     repulsive_gain: Annotated[float, GAIN, FACTOR] = 1.0,
     lethal_threshold: LethalThreshold | None = None,
+    radius: Annotated[float, AT_LEAST_0, METRES, FromRobot] = 0.0,
+    footprint: Footprint | None = None,
+    through_unknown: bool = False,
+    with_cost_to_go: Annotated[bool, OnlyInPython] = True,
 ) -> PotentialField:
     """Compute the artificial potential field of a map.
 
@@ -62,6 +89,14 @@ def potential(
         Weight of the repulsion.
     lethal_threshold : int, optional
         Least occupancy of an obstacle, 1..100; 100 for a map, the field's own for a field.
+    radius : float
+        Radius of a round robot, whose ways to the goal `cost_to_go` measures, metres; 0 is a point.
+    footprint : Footprint, optional
+        The robot's corners, instead of a radius, or in a recipe {radius: R} for a round robot.
+    through_unknown : bool
+        Whether ways to the goal lead through unknown cells.
+    with_cost_to_go : bool
+        Whether to compute `cost_to_go` if there is a goal.
 
     Returns
     -------
@@ -70,7 +105,8 @@ def potential(
         in metres between cell centres, omitting terms with d <= 0.001 m; ``attractive``, the
         distance to the goal in metres; ``potential``, the sum of both times their gains;
         ``gradient`` and ``gradient_magnitude`` of the potential, or of the repulsion if there is no
-        goal.
+        goal; ``cost_to_go``, the length of the shortest way to the goal around obstacles, metres,
+        inf where `reach` does not get to, and ``cost_to_go_gradient``.
 
     Raises
     ------
@@ -80,10 +116,15 @@ def potential(
     Warns
     -----
     MapdealWarning
-        If the goal lies outside the map.
+        If the goal lies outside the map, or the robot cannot stand there.
 
     Notes
     -----
+    Ways lead through the cells that are open to the robot in `reach`. Their lengths are those of
+    the eikonal equation of first order, over the eight triangles around each cell centre: exact
+    within 10 cells of the goal in sight of it, at most 1.2 % too long in the open, and up to a cell
+    too long for each corner that a way passes, 2 % on average in dense clutter.
+
     The sums are exact up to rounding. Every obstacle cell counts, so that repulsion grows with the
     number of cells in a wall: with cells of half the size it is twice as strong. For the distance
     to the nearest obstacle see `esdf`.
@@ -103,6 +144,8 @@ def potential(
     [[1.5, 1.0, 0.5, 0.0]]
     """
     obstacles = np.asarray(obstacles_of(source, lethal_threshold))
+    occupancy = np.where(obstacles, np.int8(OCCUPIED), np.asarray(source.occupancy))
+    cost_to_go = cost_to_go_of = None
     if goal is not None:
         cells, inside = source.frame.bounded_rowcol_from_xy([check_point(goal, "goal")])
         if not inside[0]:
@@ -110,16 +153,35 @@ def potential(
             emit_warning(text, stacklevel=3)
         elif obstacles[tuple(cells[0])]:
             raise ParameterError("lies in an obstacle", place="goal", got=goal)
+        if with_cost_to_go:
+            robot = footprint or (Footprint.circle(radius) if radius > 0 else None)
+            ground = Ground(occupancy, source.frame, through_unknown)
+            cost_to_go, cost_to_go_of = _lengths_to(goal, ground, robot), robot_text(robot)
+            if inside[0] and np.isinf(cost_to_go[tuple(cells[0])]):
+                text = f"the goal {goal[0]:.10g}, {goal[1]:.10g} is closed to {cost_to_go_of}"
+                emit_warning(f"potential: {text}: cost_to_go is inf everywhere", stacklevel=3)
     repulsive = sum_of_inverse_distances(
         obstacles, scale=source.resolution, least=LEAST_DISTANCE * (1 + 1e-9)
     )
     return PotentialField(
         np.minimum(repulsive, repulsive_cap),
-        np.where(obstacles, np.int8(OCCUPIED), np.asarray(source.occupancy)),
+        occupancy,
         source.resolution,
         source.origin,
         goal=goal,
         attractive_gain=attractive_gain,
         repulsive_gain=repulsive_gain,
         repulsive_cap=repulsive_cap,
+        cost_to_go=cost_to_go,
+        cost_to_go_of=cost_to_go_of,
     )
+
+
+def _lengths_to(goal: Point, ground: Ground, robot: Footprint | None) -> NDArray[np.float64]:
+    """Return the length of the shortest way from each cell to a goal, metres; inf if none."""
+    places, inside = ground.frame.bounded_continuous_rowcol_from_xy([goal])
+    if not inside[0]:
+        return np.full(ground.occupancy.shape, np.inf)
+    row, col = places[0].tolist()
+    is_open = cells_open_to(ground, robot, (math.floor(row), math.floor(col)))
+    return lengths_to(is_open, (row, col)) * ground.frame.resolution

@@ -1,4 +1,4 @@
-"""What Python takes of memory."""
+"""Memory of Python objects."""
 
 import tracemalloc
 from contextlib import contextmanager
@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def memory_below(count):
-    """Hold what is done to fewer bytes at its peak."""
+    """Check that the peak of memory in a block is below a number of bytes."""
     tracemalloc.start()
     try:
         yield

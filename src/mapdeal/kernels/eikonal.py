@@ -1,0 +1,99 @@
+"""Costs of the cheapest ways to a goal over a plane of cells: the eikonal equation.
+
+A cell gets its cost across one of the eight triangles of its centre, that of a cell beside it and
+that of a diagonal one: costs are linear between the two others, which is of first order, and a way
+goes straight through a triangle. Along the eight directions of a grid the costs are exact, between
+them they are too high. The centre of a triangle's diagonal touches a fourth cell, which may be
+closed; so a way never passes between two closed cells that touch.
+
+The cost of a cell is at least 1 / sqrt(2) of its weight above those that it follows from. So all
+cells whose costs differ by less are final at once, in any order, and the lists of cells by costs
+need no order of their own (J. Tsitsiklis, "Efficient Algorithms for Globally Optimal Trajectories",
+1995).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+
+import numpy as np
+
+from mapdeal.kernels.arrays import Bytes, Floats, Integers
+from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.paths import ROOT_OF_2
+
+_LEAST_RISE = 0.7  # of a cell's weight, below 1 / sqrt(2) by more than rounding
+LARGEST_WEIGHT_RATIO = 1e6
+
+
+def costs_to_go(classes: Bytes, weights: Floats, sources: Integers, starts: Floats) -> Floats:
+    """Return the lowest cost from each cell to a source, which has a cost of its own; inf if none.
+
+    A way of one cell's length costs the weight of the cell's class, 0 if it is closed. `sources`
+    are rows and columns, shape (N, 2).
+    """
+    used = weights[np.unique(classes)]
+    used = used[used > 0]
+    if not len(used):
+        return np.full(classes.shape, math.inf)
+    if used.max() > LARGEST_WEIGHT_RATIO * used.min():
+        raise ValueError(f"weights must not differ by more than a factor of {LARGEST_WEIGHT_RATIO}")
+    if not (weights[classes[sources[:, 0], sources[:, 1]]] > 0).all():
+        raise ValueError("sources must be open cells")
+    table = np.zeros(256)
+    table[: len(weights)] = weights
+    closed = int(np.argmin(table))
+    if table[closed] > 0:
+        raise ValueError("one class must be closed")
+    height, width = classes.shape
+    padded = np.full((height + 2, width + 2), closed, np.uint8)
+    padded[1:-1, 1:-1] = classes
+    costs = np.full(padded.shape, math.inf)
+    cells = (sources[:, 0] + 1) * (width + 2) + sources[:, 1] + 1
+    lists_per_cost = 1 / (_LEAST_RISE * float(used.min()))
+    longest = max(ROOT_OF_2 * float(used.max()), float(starts.max(initial=0.0)))
+    count = int(longest * lists_per_cost) + 3
+    if engine_name() == "compiled":
+        from mapdeal.kernels import _compiled
+
+        _compiled.costs_to_go(padded, table, cells, starts, lists_per_cost, count, costs)
+    else:
+        _costs_to_go(padded, table, cells, starts, lists_per_cost, costs)
+    return costs[1:-1, 1:-1]
+
+
+def _costs_to_go(
+    classes: Bytes, table: Floats, sources: Integers, starts: Floats, per_cost: float, costs: Floats
+) -> None:
+    """Do as eikonal.h does, with all cells of a list at once."""
+    width = classes.shape[1]
+    weights, flat = table[classes.reshape(-1)], costs.reshape(-1)
+    lists: dict[int, list[Integers]] = defaultdict(list)
+
+    def lower(cells: Integers, lowered: Floats) -> None:
+        is_lower = lowered < flat[cells]
+        cells, lowered = cells[is_lower], lowered[is_lower]
+        np.minimum.at(flat, cells, lowered)
+        places = (lowered * per_cost).astype(np.int64)
+        for place in np.unique(places).tolist():
+            lists[place].append(cells[places == place])
+
+    lower(sources, starts)
+    while lists:
+        place = min(lists)
+        cells = np.unique(np.concatenate(lists.pop(place)))
+        cells = cells[(flat[cells] * per_cost).astype(np.int64) == place]
+        for step, side in ((-width, 1), (-1, width), (1, width), (width, 1)):
+            beside = cells + step
+            is_open = weights[beside] > 0
+            cell, beside = cells[is_open], beside[is_open]
+            cost, weight = flat[cell], weights[beside]
+            drop = cost - np.minimum(flat[cell - side], flat[cell + side])
+            square = weight * weight - drop * drop
+            lower(beside, np.where(drop <= 0, cost + weight, math.inf))
+            across = (drop > 0) & (square > drop * drop)
+            lower(beside[across], cost[across] + np.sqrt(square[across]))
+            for turn in (-side, side):
+                beyond = weights[beside + turn] * ROOT_OF_2
+                lower((beside + turn)[beyond > 0], (cost + beyond)[beyond > 0])
