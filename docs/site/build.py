@@ -66,6 +66,7 @@ def main(folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     pages = folder / "docs"
     shutil.copytree(DOCS / "images", pages / "images")
+    shutil.copy(SITE / "site.css", pages)
     sources = {page.relative_to(DOCS).as_posix(): page for page in DOCS.rglob("*.md")}
     sources |= {"index.md": ROOT / "README.md", "changelog.md": ROOT / "CHANGELOG.md"}
     for name, source in sources.items():

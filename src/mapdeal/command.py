@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import (
     Annotated,
     Any,
+    ClassVar,
     Literal,
     ParamSpec,
     TypeVar,
@@ -584,6 +585,7 @@ class Command:
 
     json: Literal["asked", "default", "never"] = "asked"
     makes_costs: Callable[[Mapping[str, Any]], bool] = lambda _: True
+    flags_have_opposites: ClassVar[bool] = False  # ``--no-x`` for each ``--x``
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", self.name or self.function.__name__)

@@ -17,7 +17,7 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import Costmap, commands, read_map, write_map
-from mapdeal.cli.apps import stage_app
+from mapdeal.cli.apps import command_app
 from mapdeal.command import AT_LEAST_0, METRES, stage_of
 from mapdeal.pipeline import inputs as memory
 from mapdeal.stages import catalogue
@@ -135,7 +135,7 @@ def test_names_that_collide_are_refused(listed, monkeypatch):
     }
     monkeypatch.setattr(catalogue, "STAGES", (*catalogue.STAGES, clone))
     with pytest.raises(ValueError, match=r"flat, flatter of cost .* one name: beyond"):
-        stage_app("cost")
+        command_app("cost")
 
 
 # the command that is printed there

@@ -194,6 +194,6 @@ def test_what_else_may_end_a_command_has_its_code(command, monkeypatch, problem,
 
 
 def test_garbage_is_looked_for_once_a_command_works_but_not_among_imports():
-    code = "import gc; gc.disable(); from mapdeal.cli.process import begin_work; begin_work()"
+    code = "import gc; gc.disable(); from mapdeal.cli.signals import begin_work; begin_work()"
     completed = process(code=f"{code}; print(gc.isenabled(), gc.get_freeze_count() > 0)")
     assert completed.stdout == "True True\n"

@@ -121,6 +121,33 @@ def test_goals_from_a_file(sh, at):
         assert message in sh.err(line, 3)
 
 
+def test_goals_from_a_file_by_name(sh, at):
+    (x, y), (west, south) = at(3, 12).split(","), at(3, 2).split(",")
+    Path("goals.csv").write_text(f"name,x,y\nkitchen,{x},{y}\nlab,{west},{south}\n")
+    points = [
+        {"type": "Feature", "properties": {"name": name}, "geometry": {
+            "type": "Point", "coordinates": [float(xy[0]), float(xy[1])]}}
+        for name, xy in (("kitchen", (x, y)), ("lab", (west, south)))
+    ]  # fmt: skip
+    document = {"type": "FeatureCollection", "features": points}
+    Path("goals.geojson").write_text(json.dumps(document))
+    for name in ("goals.csv", "goals.geojson"):
+        line = f"reach rooms.yaml --points {name} --robot-radius 0.2"
+        both = [(goal["name"], goal["x"], goal["y"]) for goal in sh.json(line)["goals"]]
+        assert both == [("kitchen", float(x), float(y)), ("lab", float(west), float(south))]
+        chosen = sh.json(f"{line} --to lab dock={at(3, 2)}")["goals"]
+        assert [goal["name"] for goal in chosen] == ["lab", "dock"]
+        told = f"error: --to: {name} has no such name, got 'kichen'\nhint: did you mean kitchen?\n"
+        assert sh.err(f"{line} --to kichen", 2) == told
+        sh.ok(f"run rooms.yaml -o out --force --points {name} --to lab")
+    for place in ([], [1], 1, ["a", 2]):
+        points[1]["geometry"]["coordinates"] = place
+        Path("goals.geojson").write_text(json.dumps(document))
+        assert "features[1].geometry.coordinates" in sh.err(line, 3)
+    told = sh.err("reach rooms.yaml --robot-radius 0.2 --to lab", 2)
+    assert told.endswith("hint: a name alone is that of a point in --points FILE\n")
+
+
 def write_robot(tracks, layers="", more=""):
     Path("robot.yaml").write_text(
         "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.2, "

@@ -190,7 +190,7 @@ ROWS = [
     ("graph m.yaml --spacing 0.3 -o g.geojson", "spacing: must be at least four cells, 0.4 m"),
     (3, "graph m.yaml --robot-radius 9 -o g.geojson", "no cell is open"),
     # masks of filters
-    ("mask m.yaml -o f", "--file: is required"),
+    ("mask m.yaml -o f", "missing option '--file'"),
     (f"{MASK} --kind other", "must be one of keepout, speed, binary"),
     (f"{MASK} --kind binary --base 1", "--base: applies to speed zones"),
     (f"{MASK} --kind speed --to 1,2", "--to: applies to keepout zones"),

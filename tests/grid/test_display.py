@@ -12,6 +12,7 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal.grid.canvas import on_canvas
+from mapdeal.grid.values import decimal_text
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.layers.static import StaticLayer
@@ -207,3 +208,15 @@ def test_importing_the_package_loads_nothing_of_it_and_pictures_no_scipy():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.split() == ["['mapdeal.version']", "[]"]
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [
+        (275_812.4, "275,800"), (9999.6, "10,000"), (1234.5, "1,234"), (29.354, "29.35"),
+        (0.00001234, "0.00001234"), (100.0, "100"), (0.0, "0"), (float("inf"), "inf"),
+    ],
+)  # fmt: skip
+def test_areas_in_texts_have_four_digits_and_no_exponent(number, text):
+    assert decimal_text(number) == text
+    assert float(text.replace(",", "")) == pytest.approx(number, rel=5e-4)

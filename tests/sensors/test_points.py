@@ -55,7 +55,8 @@ TEXTS = {
          9: "must be finite, got 'nan,inf'"},
     ),
     "named": (
-        ('x,y\n1,2\n# why\nkitchen=3,4\n our = lab = -1, .5\n{"name": "Büro", "x": 5, "y": 6}\n'
+        ('name,x,y\n1,2\n# why\nkitchen,3,4\n our = lab = -1, .5\n'
+         '{"name": "Büro", "x": 5, "y": 6}\n'
         '[7, 8]\n{"x": 9, "y": 0}\n\n'),
         {2: [None, 1, 2], 4: ["kitchen", 3, 4], 5: ["our = lab", -1, 0.5], 6: ["Büro", 5, 6],
          7: [None, 7, 8], 8: [None, 9, 0]},
@@ -133,8 +134,9 @@ BAD_LINES = [
         '"1","2"', "0x10,1", "\udcff,3")],
     ("points", "1e400,2", "must be finite"),
     ("points", "[1" + "0" * 400 + ", 1]", '{"x": x, "y": y}'),
-    ("named", "kitchen", "must be x,y or NAME=x,y, got 'kitchen'"),
-    ("named", "=1,2", "must be x,y or NAME=x,y"),
+    ("named", "kitchen", "must be x,y, NAME,x,y or NAME=x,y, got 'kitchen'"),
+    ("named", "=1,2", "must be x,y, NAME,x,y or NAME=x,y"),
+    ("named", "1,2,3", "must be x,y, NAME,x,y or NAME=x,y, got '1,2,3'"),
     ("named", '{"name": " ", "x": 1, "y": 2}', NAME),
     ("named", '{"name": "a", "x": 1}', NAME),
     ("named", "[1, 2, 3]", "or [x, y]"),

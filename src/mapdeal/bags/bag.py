@@ -261,9 +261,10 @@ def decompress(
         check_expansion(path, len(data), size)
         claim(path, len(data) + 2 * size, what=f"the {size} bytes of a chunk")
     most = most_expanded(len(data)) if size is None else size
+    expander = _EXPANDERS[compression](path)
     try:
         # one byte above the declared size reveals a wrong size, and limits decompression bombs
-        content = bytes(_EXPANDERS[compression]().decompress(data, most + 1))
+        content = bytes(expander.decompress(data, most + 1))
     except MemoryError:  # the memory was claimed above, so the chunk is not the cause
         raise
     except Exception as error:  # noqa: BLE001 - each library has errors of its own
@@ -281,13 +282,34 @@ def decompress(
     return content
 
 
-def zstd_module() -> Any:
+def needs_bags(source: Path | str, *modules: str) -> None:
+    """Import modules of rosbags, or raise the error that it is not installed."""
+    try:
+        for module in modules or ("rosbags.typesys",):
+            import_module(module)
+    except ImportError as error:
+        if error.path and not error.path.endswith(".py"):
+            raise  # a compiled module that fails to load, for example without memory
+        missing = (error.name or "").partition(".")[0] in ("rosbags", "lz4", "backports", "")
+        reason = "" if missing else f" ({error})"
+        hint = "pip install 'rosbags>=0.11'"
+        raise ParameterError(f"needs the extra 'bags'{reason}", source=source, hint=hint) from None
+
+
+def zstd_module(path: Path) -> Any:
     """Return the module that reads zstd: Python's since 3.14, before that rosbags' dependency."""
-    return import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
+    name = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+    needs_bags(path, name)
+    return import_module(name)
 
 
-_EXPANDERS: dict[str, Callable[[], Any]] = {
-    "bz2": bz2.BZ2Decompressor,
-    "lz4": lambda: import_module("lz4.frame").LZ4FrameDecompressor(),
-    "zstd": lambda: zstd_module().ZstdDecompressor(),
+def _lz4_module(path: Path) -> Any:
+    needs_bags(path, "lz4.frame")
+    return import_module("lz4.frame")
+
+
+_EXPANDERS: dict[str, Callable[[Path], Any]] = {
+    "bz2": lambda _: bz2.BZ2Decompressor(),
+    "lz4": lambda path: _lz4_module(path).LZ4FrameDecompressor(),
+    "zstd": lambda path: zstd_module(path).ZstdDecompressor(),
 }

@@ -8,7 +8,7 @@ import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple, TypeVar
@@ -25,10 +25,12 @@ from mapdeal.bags.bag import (
     check_frame,
     check_topic,
     name_inside,
+    needs_bags,
+    normalised_type,
 )
 from mapdeal.bags.checksums import add_checksums
+from mapdeal.bags.decoding import KNOWN, check_array_lengths, check_length, decoder_of
 from mapdeal.bags.livox import CUSTOM_TYPES
-from mapdeal.bags.reader import needs_bags
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import access_to, chunks_of, claim
 from mapdeal.files.transaction import Transaction, temporary_folder
@@ -287,24 +289,7 @@ def points_of_scan(scan: LaserScan) -> NDArray[np.float64]:
 
 _T = TypeVar("_T")
 
-_COSTMAP = """\
-std_msgs/Header header
-nav2_msgs/CostmapMetaData metadata
-uint8[] data
-"""
-_COSTMAP_METADATA = """\
-builtin_interfaces/Time map_load_time
-builtin_interfaces/Time update_time
-string layer
-float32 resolution
-uint32 size_x
-uint32 size_y
-geometry_msgs/Pose origin
-"""
-
 _SEPARATOR = "=" * 80
-_LONGEST_DEFINITION = 100_000  # characters; definitions of common types have a few thousand
-_LONGEST_ARRAYS = 10_000
 _ARRAY_FACTOR, _OBJECT_FACTOR = 4, 30  # memory for decoding a message, relative to its length
 
 
@@ -312,7 +297,6 @@ class Decoder:
     # The bag's own definition of a type is used. Bags before ROS 2 Iron have none; they use the
     # definitions of the latest ROS 2, which have never changed for the types read here.
     def __init__(self, bag: Bag) -> None:
-        needs_bags(bag.path)
         self._bag = bag
         self._connections = {connection.id: connection for connection in bag.connections}
         self._deserializers: dict[int, Callable[[bytes], Any]] = {}
@@ -362,32 +346,26 @@ class Decoder:
 
     def _deserializer(self, connection: Connection) -> Callable[[bytes], Any]:
         name = connection.type
+        if connection.is_idl:
+            needs_bags(self._bag.path)
         try:
-            store = _store(name, connection.definition, connection.is_idl)
-            if name not in store.fielddefs:
-                raise self._bag.malformed(f"its type {name} has no definition", connection.topic)
+            if connection.is_idl:
+                return partial(_idl_store(connection.definition).deserialize_cdr, typename=name)
+            is_ros1 = connection.encoding == "ros1"
+            return decoder_of(name, connection.definition, is_ros1=is_ros1)
         except Exception as error:  # noqa: BLE001 - parsers of damaged texts fail in many ways
             rule = f"its type {name} cannot be parsed: {error}"
             raise self._bag.malformed(rule, connection.topic) from None
-        if connection.encoding == "ros1":
-            return lambda data: store.deserialize_ros1(data, name)
-        return lambda data: store.deserialize_cdr(data, name)
 
 
 @lru_cache(maxsize=32)  # for all bags: to compile a store takes longer than to decode messages
-def _store(name: str, definition: str, is_idl: bool) -> Any:
-    """Return the types in a definition; those of the latest ROS 2 if the definition is empty."""
-    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+def _idl_store(definition: str) -> Any:
+    """Return the types in a definition in IDL."""
+    from rosbags.typesys import Stores, get_types_from_idl, get_typestore
 
-    if not definition:
-        store = get_typestore(Stores.LATEST)
-        store.register(costmap_types())
-        return store
-    if len(definition) > _LONGEST_DEFINITION:
-        raise ValueError(f"{len(definition)} characters, the limit is {_LONGEST_DEFINITION}")
+    check_length(definition)
     store = get_typestore(Stores.EMPTY)
-    msg_types = [get_types_from_msg(definition, name)] if not is_idl else []
-    for types in msg_types or map(get_types_from_idl, _idl_parts(definition)):
+    for types in map(get_types_from_idl, _idl_parts(definition)):
         _check_arrays(types)
         store.register(types)
     return store
@@ -398,18 +376,18 @@ def _check_arrays(types: Any) -> None:
     from rosbags.interfaces import Nodetype
 
     kinds = [kind for _, fields in types.values() for _, kind in fields]
-    lengths = [item[1] for kind, item in kinds if kind == Nodetype.ARRAY]
-    if min(lengths, default=1) < 1 or sum(lengths) > _LONGEST_ARRAYS:
-        rule = f"fixed lengths of arrays must be 1 or more, and {_LONGEST_ARRAYS} together at most"
-        raise ValueError(rule)
+    check_array_lengths([item[1] for kind, item in kinds if kind == Nodetype.ARRAY])
 
 
 def costmap_types() -> Any:
     """Return the types of Nav2's costmap, which are missing in rosbags."""
     from rosbags.typesys import get_types_from_msg
 
-    types = get_types_from_msg(_COSTMAP, "nav2_msgs/msg/Costmap")
-    return types | get_types_from_msg(_COSTMAP_METADATA, "nav2_msgs/msg/CostmapMetaData")
+    names = ("nav2_msgs/Costmap", "nav2_msgs/CostmapMetaData")
+    texts = {normalised_type(name): KNOWN[name].replace("; ", "\n") for name in names}
+    return {
+        key: value for name in texts for key, value in get_types_from_msg(texts[name], name).items()
+    }
 
 
 def _idl_parts(text: str) -> list[str]:
@@ -430,7 +408,7 @@ def write_bag(
     transaction: Transaction, output: Path, grid: OccupancyGrid | Costmap, *,
     topic: str | None = None, frame: str = FRAME,
 ) -> None:  # fmt: skip
-    needs_bags(output, "rosbags.rosbag1", "rosbags.rosbag2")
+    needs_bags(output, "rosbags.typesys", "rosbags.rosbag1", "rosbags.rosbag2")
     claim(output, _COPIES * grid.layer.size, what="messages of this size")
     is_ros1 = output.suffix == ".bag"
     if topic is None:

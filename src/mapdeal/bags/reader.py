@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import NamedTuple
 
@@ -25,7 +24,7 @@ from mapdeal.bags.bag import (
 )
 from mapdeal.bags.chunked import MCAP_MAGIC, McapBag, Ros1Bag
 from mapdeal.bags.sqlite import SQLITE_MAGIC, SqliteBag
-from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import (
     access_to,
     check_expansion,
@@ -179,7 +178,7 @@ def _plain_file(path: Path) -> Iterator[Path]:
     if path.suffix.lower() not in _ZSTD_SUFFIXES:
         yield path
         return
-    zstd = zstd_module()
+    zstd = zstd_module(path)
     stored = status_of(path).st_size
     with temporary_folder() as folder:
         file = folder / path.stem
@@ -217,23 +216,8 @@ def _plain(name: str) -> str:
     return name[: -len(suffix)] if suffix in _ZSTD_SUFFIXES else name
 
 
-def needs_bags(source: Path | str, *modules: str) -> None:
-    """Import modules of rosbags, or raise the error that it is not installed."""
-    try:
-        for module in ("rosbags.typesys", *modules):
-            import_module(module)
-    except ImportError as error:
-        if error.path and not error.path.endswith(".py"):
-            raise  # a compiled module that fails to load, for example without memory
-        missing = (error.name or "").partition(".")[0] in ("rosbags", "")
-        reason = "" if missing else f" ({error})"
-        hint = "pip install 'rosbags>=0.11'"
-        raise ParameterError(f"needs the extra 'bags'{reason}", source=source, hint=hint) from None
-
-
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    needs_bags(path)
     if path.name == METADATA:
         path = path.parent
     with ExitStack() as stack:

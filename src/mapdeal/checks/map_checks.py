@@ -17,7 +17,7 @@ from mapdeal.files.json_values import read_json
 from mapdeal.files.source import contents_of, exists, holds
 from mapdeal.grid.costmap import UNIFORM_SHARE
 from mapdeal.grid.filters import FILTER_KEYS
-from mapdeal.grid.values import count_text
+from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.inputs.kinds import kind_of
 from mapdeal.inputs.listing import ListedFolders
 from mapdeal.maps.dialects import MapMetadata
@@ -248,8 +248,8 @@ def islands(facts: GridFacts) -> Iterator[Remark]:
         largest = facts.cells.free_components[0][-1] * facts.frame.resolution**2
         parts = "area" if count == 1 else "areas"
         text = (
-            f"{count} {parts} of free space, {area:.3g} m2, cannot be reached from"
-            f" the largest, {largest:.4g} m2"
+            f"{count} {parts} of free space, {decimal_text(area, 3)} m2, cannot be reached from"
+            f" the largest, {decimal_text(largest)} m2"
         )
         least = int(sizes[is_large][0])
         cells = facts.cells.places_of_components(least, facts.cells.size)
@@ -291,13 +291,14 @@ def disconnected(facts: RoomFacts) -> Iterator[Remark]:
     for p in passages[:_MOST_PASSAGES]:
         x, y = round(p.x, 2) + 0.0, round(p.y, 2) + 0.0
         text = (
-            f"{p.cut_off:.4g} m2 are cut off by a passage of {p.width:.3g} m at {x:.10g}, "
-            f"{y:.10g}; the robot needs more than {needed:.3g} m"
+            f"{decimal_text(p.cut_off)} m2 are cut off by a passage of {p.width:.3g} m at "
+            f"{x:.10g}, {y:.10g}; the robot needs more than {needed:.3g} m"
         )
         yield Remark(text, places=places_of([(p.x, p.y)]))
     omitted = passages[_MOST_PASSAGES:]
     if omitted:
-        text = f"{len(omitted)} more passages cut off {omitted[0].cut_off:.4g} m2 or less each"
+        most = decimal_text(omitted[0].cut_off)
+        text = f"{len(omitted)} more passages cut off {most} m2 or less each"
         yield Remark(text, places=places_of((p.x, p.y) for p in omitted[:_MOST_PLACES]))
 
 

@@ -17,7 +17,7 @@ from mapdeal.checks.facts import FilterFacts, MaskFacts, check
 from mapdeal.checks.findings import Remark, places_of
 from mapdeal.grid.filters import limits_in
 from mapdeal.grid.frame import Frame, Point
-from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_text
 from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.components import Labels, labelled
 from mapdeal.kernels.distance import dilate_square
@@ -169,8 +169,9 @@ def closes(facts: MaskFacts) -> Iterator[Remark]:
         x, y = _middle(facts.grid.frame, cells)
         zone_texts = (f"{facts.name_of(xy) or 'the zone'} at {_text_of(xy)}" for xy in places[:3])
         zones_text = " and ".join(zone_texts) + (" cuts" if len(places) == 1 else " together cut")
-        text = f"{zones_text} off {areas[number]:.4g} m2 around {_text_of((x, y))}; reachable are "
-        text += f"{before.reachable_area:.4g} m2 without the mask, {after.reachable_area:.4g} m2 "
+        text = f"{zones_text} off {decimal_text(areas[number])} m2 around {_text_of((x, y))}; "
+        text += f"reachable are {decimal_text(before.reachable_area)} m2 without the mask, "
+        text += f"{decimal_text(after.reachable_area)} m2 "
         yield Remark(f"{text}with it", places=places_of([*places, (x, y)]))
 
 

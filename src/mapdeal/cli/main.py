@@ -16,8 +16,8 @@ from typer.core import TyperGroup
 
 from mapdeal.cli import terminal
 from mapdeal.cli.help_pages import lay_out, overview, write_commands
-from mapdeal.cli.process import begin_work, ending, release_reserve
-from mapdeal.cli.usage import accept_words, usage_error
+from mapdeal.cli.signals import begin_work, ending, release_reserve
+from mapdeal.cli.usage import accept_words, point_hint, usage_error
 from mapdeal.errors import FileAccessError, FindingError, MapdealError, refusal_of_the_system
 
 # typer brings its own copy of click in new versions and uses the package in old ones; both
@@ -50,9 +50,9 @@ class _LazyGroup(TyperGroup):
         elif cmd_name == "completion":
             from mapdeal.cli.completion import app
         elif cmd_name in command_names():
-            from mapdeal.cli.apps import stage_app
+            from mapdeal.cli.apps import command_app
 
-            app = stage_app(cmd_name)
+            app = command_app(cmd_name)
         else:
             return None
         begin_work()
@@ -137,7 +137,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.is_missing and error.hint is None:
             from mapdeal.files.source import similar_file_hint
 
-            error.hint = similar_file_hint(str(error.source))
+            name = str(error.source)
+            error.hint = point_hint(name, words[0]) or similar_file_hint(name)
         return _told(error)
     except MapdealError as error:
         return _told(error)

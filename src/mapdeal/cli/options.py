@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Optional, get_args, get_
 import typer
 
 from mapdeal.cli import terminal
-from mapdeal.cli.terminal import FROM_STDIN, TO_STDOUT, piped, streamed
+from mapdeal.cli.terminal import FROM_STDIN, piped, streamed
 from mapdeal.command import Parameter, Words, split_optional
 from mapdeal.errors import ParameterError, strict_warnings
 from mapdeal.files.source import size_of
@@ -30,19 +30,6 @@ from mapdeal.ros.robot import INJECTED, CostmapName, RobotParameters
 
 OR_STDIN = "Or - for an .npz on stdin."
 OR_STDOUT = "Or - for an .npz on stdout."
-
-
-def output_argument(metavar: str, help_text: str) -> Any:
-    return typer.Option("--output", "-o", metavar=metavar, help=help_text)
-
-
-GridOutput = Annotated[
-    Path,
-    output_argument(
-        "OUT", f"The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz. {OR_STDOUT}"
-    ),
-    TO_STDOUT,
-]
 
 
 def option_of(parameter: Parameter, help_text: str, *, is_flag: bool = False) -> Any:
@@ -92,10 +79,6 @@ def type_of(parameter: Parameter) -> Any:
     if get_origin(parameter.kind) in (list, Sequence):
         return list[Path] if get_args(parameter.kind)[0] is Path else list[str]
     return str
-
-
-def given(**options: object) -> dict[str, object]:
-    return {name: value for name, value in options.items() if value is not None}
 
 
 def robot_shape(

@@ -24,6 +24,14 @@ _OF_POINTS = {
     "query": "--at", "edit": "--point", "reach": "--to", "run": "--to", "graph": "--to",
     "diff": "--to",
 }  # fmt: skip
+_SAME_OPTIONS = (
+    ("from", "start", "begin", "origin"), ("to", "goal", "goals", "target", "end"),
+    ("at", "point", "pose", "xy", "position", "center", "centre"), ("points", "goals-file"),
+    ("output", "out", "output-dir"), ("params-file", "params", "robot", "config"),
+    ("file", "zones"), ("robot-radius", "radius"),
+)  # fmt: skip
+"""Names of one option in several programs."""
+
 _SYNONYMS = {
     "show": "view", "plot": "view", "open": "view", "display": "view", "crop": "window",
     "compare": "diff", "inflation": "inflate", "costmap": "cost", "distance": "esdf",
@@ -33,6 +41,7 @@ _SYNONYMS = {
 }  # fmt: skip
 """What other programs call what commands do."""
 
+_USAGE_ERROR: Any = typer.BadParameter.__mro__[1]  # click's, of which typer may have a copy
 _POINT = re.compile(r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
 
 
@@ -47,7 +56,13 @@ def accept_words(command: Any, name: str) -> None:
     }
 
     def parse_args(context: Any, words: Sequence[str]) -> Any:
-        return parse(context, _spread(_joined(words, flags), _OF_POINTS.get(name)))
+        words = _spread(_joined(words, flags), _OF_POINTS.get(name))
+        try:
+            return parse(context, list(words))
+        except _USAGE_ERROR as error:
+            if not hasattr(command, "commands") and getattr(error, "ctx", None) is context:
+                error.suggested = _suggested_options(command, context, words)
+            raise
 
     command.parse_args = parse_args
     for parameter in command.params:
@@ -112,6 +127,56 @@ def _spread(words: Sequence[str], option: str | None) -> list[str]:
     return spread
 
 
+def _suggested_options(command: Any, context: Any, words: Sequence[str]) -> str | None:
+    """Return extra words as the options that they seem to be values of, if all of them do."""
+    from mapdeal.cli.options import SHARED_OPTIONS
+    from mapdeal.files.source import exists
+
+    try:
+        used, extra, _ = command.make_parser(context).parse_args(list(words))
+    except _USAGE_ERROR:
+        return None
+    unused = [
+        option for option in command.params
+        if option.opts[0][:2] == "--" and not used.get(option.name)
+        and (option.required or option.name not in SHARED_OPTIONS)
+    ]  # fmt: skip
+    last = next((value[-1] for value in used.values() if isinstance(value, tuple) and value), None)
+    if not extra and last is not None and not exists(Path(last)):
+        extra = [last]  # of commands that take many files
+    suggested: list[str] = []
+    for word in extra:
+        before = words[len(words) - 2 - words[::-1].index(word)]
+        if _NUMBER.fullmatch(word) and _NUMBER.fullmatch(before):  # a point with a space
+            return None
+        option = next((option for option in unused if _fits(word, option, suggested)), None)
+        if option is None:
+            return None
+        suggested.append(f"{'-o' if option.name == 'output' else option.opts[0]} {word}")
+        if not option.multiple:
+            unused.remove(option)
+    return f"did you mean {' '.join(suggested)}?" if suggested else None
+
+
+def _fits(word: str, option: Any, suggested: Sequence[str]) -> bool:
+    """Return whether a word looks like a value of an option, after those already suggested."""
+    metavar = option.metavar or ""
+    if _NUMBER.fullmatch(word):
+        return bool(option.type.name.startswith(_NUMBERS))
+    if _POINT.fullmatch(word):
+        is_next = not suggested or option.multiple or option.opts[0] == "--to"
+        return is_next and "X,Y" in metavar and "[[" not in metavar
+    if option.name == "output":
+        return (Path(word).suffix == "") == (metavar == "DIR")
+    return bool(option.required and option.type.name == "path")
+
+
+def point_hint(word: str, command: str) -> str | None:
+    """Return the hint for a point where a command reads a file of points."""
+    option = _OF_POINTS.get(command)
+    return f"did you mean {option} {word}?" if option and _POINT.fullmatch(word) else None
+
+
 def usage_error(error: Any) -> ParameterError:
     """Return click's error as one of ours, on one line."""
     message = " ".join(error.format_message().split()).removesuffix(".")
@@ -120,7 +185,7 @@ def usage_error(error: Any) -> ParameterError:
     command, path = getattr(context, "command", None), getattr(context, "command_path", "mapdeal")
     unknown, no_choice = _UNKNOWN.match(message), _NO_CHOICE.search(message)
     is_astray = message.startswith(("got unexpected extra", "no such option"))
-    hint = None
+    hint = getattr(error, "suggested", None)
     if unknown is not None:  # click adds what is near to some of them, in ways of its own
         message = unknown[0]
         hint = _meant(unknown["name"], command, context)
@@ -145,6 +210,12 @@ def _meant(word: str, command: Any, context: Any) -> str | None:
             return f"did you mean {_SYNONYMS[word.lower()]}?"
         return nearest_hint(word, [*known, "help"])
     options = [name for one in command.params for name in (*one.opts, *one.secondary_opts)]
+    same = {name for names in _SAME_OPTIONS if word.lstrip("-") in names for name in names}
+    for option in options:
+        if option[:2] == "--" and option[2:] in same:
+            return f"did you mean {option}?"
+    if command.name == "report" and word in ("--params-file", "--robot-radius", "--footprint"):
+        return f"mapdeal run MAP {word} ... --report -o DIR makes the page of a robot"
     near = nearest(word.lstrip("-"), [name[2:] for name in options if name[:2] == "--"])
     if near is not None or command.name != "run":
         return near and f"did you mean --{near}?"

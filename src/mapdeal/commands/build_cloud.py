@@ -16,7 +16,7 @@ from mapdeal.commands.pack import Made
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import check_state, claim, is_same_file, state_of
 from mapdeal.grid.frame import Figures, Point
-from mapdeal.grid.values import OCCUPIED
+from mapdeal.grid.values import OCCUPIED, decimal_text
 from mapdeal.inputs.kinds import is_bag
 from mapdeal.inputs.listing import list_files
 from mapdeal.kernels.rotations import from_yaw, rotated
@@ -200,7 +200,9 @@ def _warn(cloud_map: CloudMap, options: CloudOptions, named: Path) -> None:
         emit_warning(text, stacklevel=2)
     if cloud_map.overlaid_m2 > 0:
         heights = ", ".join(f"{height:.2f}" for height in cloud_map.storeys)
-        text = f"{named}: floors lie above each other on {cloud_map.overlaid_m2:.3g} m2"
+        text = (
+            f"{named}: floors lie above each other on {decimal_text(cloud_map.overlaid_m2, 3)} m2"
+        )
         text += f": --at X,Y,Z shows another storey, at {heights} m" if heights else ""
         emit_warning(text, stacklevel=2)
     if cloud_map.may_be_upside_down:

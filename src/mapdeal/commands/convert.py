@@ -148,8 +148,12 @@ def convert(
         refuse(not_with_all, mode=mode, static_layer=static_layer, image=image, encoding=is_amcl)
     reads_bag, writes_bag = is_bag(source), output.suffix in BAG_OUTPUTS and not takes_all
     if not takes_all:
-        paths = bag_paths if writes_bag else output_paths
-        work.outputs += [output] if ending in SHAPE_ENDINGS else paths(output)
+        if ending in SHAPE_ENDINGS:
+            work.outputs.append(output)
+        elif writes_bag:
+            work.outputs += bag_paths(output)
+        else:
+            work.outputs += output_paths(output, (*SHAPE_ENDINGS, *BAG_OUTPUTS))
     if not reads_bag:
         refuse("applies to reading bags", index=index, read_as=read_as)
     if not writes_bag:

@@ -15,7 +15,7 @@ from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_text
 from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.outlines import MOST_TOLERANCE, corner_count
 from mapdeal.kernels.solids import rectangles, run_count, surface
@@ -136,7 +136,7 @@ def convert_area(
         parts = geojson_parts(shown)
     transaction.write_parts(output, parts)
     told = [
-        f"{one.name} {one.area:.4g} m2 in {count_text(len(one.polygons), 'polygon')}, "
+        f"{one.name} {decimal_text(one.area)} m2 in {count_text(len(one.polygons), 'polygon')}, "
         f"{count_text(one.corners, 'corner')}"
         for one, _ in layers
     ]

@@ -15,7 +15,7 @@ from mapdeal.errors import ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import COST_DIFF_FORMAT
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Transform
-from mapdeal.grid.values import count_text
+from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.styles import cost_change_codes, cost_change_style
@@ -34,7 +34,9 @@ _WORDS = {
 
 def change_text(change: CostChange) -> str:
     """Return what has changed in one way, with the largest of its regions."""
-    text = f"{count_text(change.cells, 'cell')} ({change.area:.4g} m2) {_WORDS[change.kind]}"
+    text = (
+        f"{count_text(change.cells, 'cell')} ({decimal_text(change.area)} m2) {_WORDS[change.kind]}"
+    )
     if change.by_size:
         sizes = (f"{count} by {size}" for size, count in change.by_size.items() if count)
         text += f": {', '.join(sizes)}"
@@ -69,7 +71,7 @@ def costs_document(found: CostDifference) -> dict[str, Any]:
 
 def costs_lines(found: CostDifference) -> Iterator[str]:
     counts = f"{found.common_cells} cells in both, {found.differing} differ"
-    yield f"  costs     {counts} ({found.differing * found.frame.resolution**2:.4g} m2)"
+    yield f"  costs     {counts} ({decimal_text(found.differing * found.frame.resolution**2)} m2)"
     for kind, change in found.changes.items():
         if change.cells:
             yield f"  {kind:<9} {change_text(change)}"

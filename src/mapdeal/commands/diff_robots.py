@@ -19,7 +19,7 @@ from mapdeal.errors import ParameterError, one_line
 from mapdeal.files.json_values import ROBOT_DIFF_FORMAT
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.reach import GoalReach, Passage, Reach, reach_radius
-from mapdeal.grid.values import count_text
+from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.pictures.canvas import Image
 from mapdeal.pipeline.folder import passage_document, reach_document, rounded, said
 from mapdeal.pipeline.inputs import Map, MapInput, Reading, claim_cells, opened
@@ -151,7 +151,7 @@ class RobotDiff(Result):
         """Return the areas that both versions reach, and how many goals."""
         first, second = self.reaches
         x, y = first.start[:2]
-        areas = f"{first.reachable_area:.4g} -> {second.reachable_area:.4g} m2"
+        areas = f"{decimal_text(first.reachable_area)} -> {decimal_text(second.reachable_area)} m2"
         text = f"from {x:.6g},{y:.6g}: {areas}"
         if first.goals:
             counts = [sum(goal.reachable for goal in reach.goals) for reach in self.reaches]
@@ -166,7 +166,7 @@ class RobotDiff(Result):
 
 def passage_text(passage: Passage) -> str:
     place = f"{passage.x + 0.0:.4g},{passage.y + 0.0:.4g}"
-    return f"at {place}, {passage.width:.4g} m wide, {passage.cut_off:.4g} m2 behind it"
+    return f"at {place}, {passage.width:.4g} m wide, {decimal_text(passage.cut_off)} m2 behind it"
 
 
 def value_text(value: Any) -> str:

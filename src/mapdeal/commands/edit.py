@@ -60,7 +60,9 @@ def _edits(
     output = Output(
         "OUT",
         "The result: .yaml or .pgm (a pgm pair), .png (a pair), .npz, or of a .pbm also .pbm.",
-        paths=lambda path: list((bit_map_paths if path.suffix == BIT_MAP else output_paths)(path)),
+        paths=lambda path: (
+            bit_map_paths(path) if path.suffix == BIT_MAP else output_paths(path, (BIT_MAP,))
+        ),
     )
     return command(
         name=f"edit {name}",
@@ -242,7 +244,7 @@ mapdeal edit reset examples/maps/office.yaml -o out/forgotten.yaml \\
 def reset(
     source: Source,
     *,
-    size: Annotated[Point | None, Pair("WX,WY")] = None,
+    size: Annotated[Point, Pair("WX,WY")],
     at: Annotated[Point | None, Pair("X,Y")] = None,
     corner: Annotated[Point | None, Pair("X,Y")] = None,
     value: Annotated[int, VALUE] | None = None,
@@ -271,8 +273,6 @@ def reset(
         the rectangle.
     """
     start = _start(blank, background)
-    if size is None:
-        raise ParameterError("is required", place="size")
     if (at is None) == (corner is None):
         one = "one of the two is required" if at is None else "cannot be given together"
         raise ParameterError(one, place="at, corner")

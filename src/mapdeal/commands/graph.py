@@ -16,6 +16,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Goal, Reach, reach_radius
 from mapdeal.grid.route_graph import RouteGraph
+from mapdeal.grid.values import decimal_text
 from mapdeal.maps.route_graphs import graph_text
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import occupancy_image
@@ -84,8 +85,8 @@ class PlannedGraph(Result):
     def lines(self) -> Iterator[str]:
         yield (
             f"{self.map.title}: {len(self.graph.nodes)} nodes, {len(self.graph.edges)} edges, "
-            f"covers {self.made.covered:.4g} of {self.made.reachable:.4g} m2 within "
-            f"{self.cover:g} m, least clearance {self.min_clearance:.2f} m"
+            f"covers {decimal_text(self.made.covered)} of {decimal_text(self.made.reachable)} m2 "
+            f"within {self.cover:g} m, least clearance {self.min_clearance:.2f} m"
         )
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
@@ -232,8 +233,8 @@ def _warn(made: Made, name: str, cover: float, *, has_corners: bool) -> None:
         if has_corners:
             why = "it gets there only sideways, or turning as it goes"
         emit_warning(
-            f"{name}: {missing:.3g} of {made.reachable:.4g} m2 that the robot reaches are farther "
-            f"than {cover:g} m from all nodes: {why}",
+            f"{name}: {decimal_text(missing, 3)} of {decimal_text(made.reachable)} m2 that the "
+            f"robot reaches are farther than {cover:g} m from all nodes: {why}",
             stacklevel=2,
         )
     if made.parts > 1:

@@ -179,7 +179,7 @@ def local(
     if bag is None:
         cloud = local_maps.only_cloud(clouds) if clouds else None
         return _single(local_maps.LocalJob(cloud, pose or (), output), common, work, planner)
-    from mapdeal.pipeline.bag_maps import clouds_of_bag  # of use to bags alone
+    from mapdeal.pipeline.bag_maps import clouds_of_bag, sequence_of_bag  # few commands read bags
 
     trajectory = poses if poses is not None and has_times(poses) else None
     with clouds_of_bag(
@@ -192,7 +192,7 @@ def local(
         with work.counted(source.preparation) as advance:
             source.prepare(advance)
         if is_sequence:
-            jobs = local_maps.sequence_of_bag(source, None if trajectory else poses, output)
+            jobs = sequence_of_bag(source, None if trajectory else poses, output)
             return _sequence(jobs, output, common, work, planner)
         number = source.number(index)
         place = source.pose(number) if pose is None else pose

@@ -11,12 +11,12 @@ from mapdeal.checks.lint import lint_mask
 from mapdeal.command import Condition, Output, Result, Words, command
 from mapdeal.commands.mask_facts import PER_CELL, mask_facts
 from mapdeal.commands.reach import goals_of, start_of
-from mapdeal.errors import FindingError, ParameterError, emit_warning
+from mapdeal.errors import FindingError, emit_warning
 from mapdeal.grid.filters import KINDS, FilterInfo, FilterKind, SpeedUnit, mask_description
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
-from mapdeal.grid.values import OCCUPIED, count_text
+from mapdeal.grid.values import OCCUPIED, count_text, decimal_text
 from mapdeal.kernels.lookup import histogram
 from mapdeal.maps.dialects import Mode
 from mapdeal.maps.map_server import pair_paths
@@ -63,7 +63,7 @@ class FilterMask:
     def line(self) -> str:
         document = self.document()
         text = f"{self.path.name}: {count_text(len(self.zones), f'{self.kind} zone')}, "
-        text += f"{document['area_m2']:.4g} m2"
+        text += f"{decimal_text(document['area_m2'])} m2"
         if self.kind == "speed":
             limits = sorted(one["limit"] for one in document["limits"] if one["limit"] is not None)
             listed = ", ".join(f"{one:.4g} {self.info.sign}" for one in limits)
@@ -122,7 +122,7 @@ def mask(
     source: Annotated[Path, Words("MAP", streams=True)],
     *,
     output: Path,
-    file: Annotated[Path | None, Words("ZONES")] = None,
+    file: Annotated[Path, Words("ZONES")],
     kind: FilterKind | None = None,
     speed_unit: SpeedUnit = "percent",
     base: float | None = None,
@@ -167,8 +167,6 @@ def mask(
         The robot's shape, instead of that of `robot`.
     """
     work = Work.in_shell()
-    if file is None:
-        raise ParameterError("is required", place="file")
     zones = read_zones(file, kind)
     kinds = [one for one in KINDS if any(zone.kind == one for zone in zones)]
     if "speed" not in kinds:

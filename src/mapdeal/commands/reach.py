@@ -11,13 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.command import Output, Words, command
-from mapdeal.errors import FindingError, MalformedInputError, ParameterError, emit_warning
+from mapdeal.errors import (
+    FindingError,
+    MalformedInputError,
+    ParameterError,
+    emit_warning,
+    nearest_hint,
+)
+from mapdeal.files.json_values import JsonValue, read_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, GoalReach, Reach, reach_radius
-from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
+from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN, decimal_text
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import as_occupancy, write_grid
 from mapdeal.pictures.canvas import Image
@@ -79,7 +86,7 @@ class Reachability(Spread):
         for door in self.reach.passages:
             state = "open" if door.is_open else "closed"
             text = f"  passage {door.x + 0.0:.4g},{door.y + 0.0:.4g}: {door.width:.4g} m wide, "
-            yield text + f"{state}, {door.cut_off:.4g} m2 behind it"
+            yield text + f"{state}, {decimal_text(door.cut_off)} m2 behind it"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         from mapdeal.pictures.reach import reach_image
@@ -145,9 +152,43 @@ def goals_of(texts: Sequence[str]) -> list[Goal]:
     return goals
 
 
+def goals_or_names(texts: Sequence[str]) -> list[Goal | str]:
+    """Return the goals of texts; a text without a comma is the name of a point in a file."""
+    return [goal for text in texts for goal in (goals_of([text]) if "," in text else [text])]
+
+
+def chosen_goals(goals: Sequence[Goal | str], points: Path | None) -> list[Goal]:
+    """Return goals and those of a file: its points of the given names, or else all of them."""
+    listed = [] if points is None else goals_in(points)
+    names = [goal for goal in goals if isinstance(goal, str)]
+    by_name = {goal.name: goal for goal in listed if goal.name is not None}
+    for name in names:
+        if points is None:
+            rule, hint = "must be [NAME=]X,Y", "a name alone is that of a point in --points FILE"
+            raise ParameterError(rule, place="goals", got=name, hint=hint)
+        if name not in by_name:
+            known = nearest_hint(name, by_name) or f"it names {', '.join(by_name) or 'no point'}"
+            raise ParameterError(f"{points} has no such name", place="goals", got=name, hint=known)
+    chosen = [by_name[goal] if isinstance(goal, str) else goal for goal in goals]
+    return chosen if names else [*chosen, *listed]
+
+
+def _named_points(path: Path) -> Iterator[Goal]:
+    """Yield the points of a GeoJSON file, and their property ``name``."""
+    for feature in read_document(path)["features"].items():
+        geometry, properties = feature["geometry"], feature.get("properties")
+        geometry["type"].word("Point")
+        place = geometry["coordinates"]
+        if len(place.items()) < 2:
+            raise place.error("must be [x, y]")
+        x, y = (number.number() for number in place.items()[:2])
+        name = None if properties is None or properties.is_null else properties.get("name")
+        yield Goal(x, y, None if name is None else name.or_none(JsonValue.text))
+
+
 def goals_in(path: Path) -> list[Goal]:
-    chunks, name = inputs.text_in(path)
-    found = []
+    found = list(_named_points(path)) if path.suffix == ".geojson" else []
+    chunks, name = ([], path) if path.suffix == ".geojson" else inputs.text_in(path)
     for one in read_named_points(chunks, name):
         if one.point is None:
             raise MalformedInputError(one.error or "", source=name, place=f"line {one.line}")
@@ -166,7 +207,7 @@ def goals_in(path: Path) -> list[Goal]:
     also={"": reach},
     words={
         "start": Words("X,Y[,YAW]", start_of, "from"),
-        "goals": Words("[NAME=]X,Y", goals_of, "to", is_repeated=True),
+        "goals": Words("[NAME=]X,Y|NAME", goals_or_names, "to", is_repeated=True),
     },
     example="""\
 mapdeal reach examples/maps/office.yaml --from -8,0 --to kitchen=3,-4 lab=9,4 \\
@@ -197,9 +238,10 @@ def reachability(
         Start, metres and radians; without a yaw, every heading that is free there; by default the
         widest place of the largest free area.
     goals : sequence of Goal, optional
-        Goal, metres; more may follow.
+        Goal, metres, or the name of one in --points; more may follow.
     points : path, optional
-        File of goals, one [NAME=]x,y or JSON object per line; - reads standard input.
+        File of goals: x,y, NAME,x,y, NAME=x,y or a JSON object per line, or points in .geojson; -
+        reads standard input. With names in --to only these.
     layers : path, optional
         Write reachable, headings, clearance and widest for every cell.
     footprint : Footprint, optional
@@ -218,8 +260,7 @@ def reachability(
         if layers.suffix != ".npz":
             raise ParameterError("must end in .npz", place="layers", got=str(layers))
         work.outputs.append(layers)
-    from_file = [] if points is None else goals_in(points)
-    parameters["goals"] = (*parameters.get("goals", ()), *from_file)
+    parameters["goals"] = tuple(chosen_goals(parameters.get("goals", ()), points))
     shape = planned_shape(robot) if footprint is None and robot is not None else footprint
     step = make_step("reach", {**parameters, "footprint": shape})
     mask = inputs.mask_of(work.settings.mask, work.settings)

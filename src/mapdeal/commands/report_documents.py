@@ -58,7 +58,7 @@ from mapdeal.grid.reach import (
 )
 from mapdeal.grid.route_graph import RouteNode
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
-from mapdeal.grid.values import CostScale, count_text
+from mapdeal.grid.values import CostScale, count_text, decimal_text
 from mapdeal.inputs.kinds import SHAPES, recognised
 from mapdeal.maps.route_graphs import parsed_graph
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
@@ -351,7 +351,7 @@ def passage_items(passages: Iterable[Passage]) -> list[Item]:
     """Return passages, each a line between the obstacles on both sides of it."""
     items = []
     for one in passages:
-        width, area = _metres(one.width), f"{one.cut_off:.4g} m2"
+        width, area = _metres(one.width), f"{decimal_text(one.cut_off)} m2"
         text = f"closed passage of {width}, cuts off {area}"
         tone: Tone = "error"
         if one.is_open:
@@ -687,7 +687,7 @@ def change_items(changes: Sequence[Change], left: int, frame: Frame) -> list[Ite
         kind: ItemKind = one.kind
         place = one.x, one.y
         at = ", ".join(f"{round(part, 2) + 0.0:.6g}" for part in place)
-        text, label = f"{number}. {one.area:.3g} m2 at {at}", str(number)
+        text, label = f"{number}. {decimal_text(one.area, 3)} m2 at {at}", str(number)
         items.append(Item(kind, text, "plain", place, tuple(lines), label))
     if left:
         items.append(Item(changes[-1].kind, f"{count_text(left, 'smaller change')} not listed"))

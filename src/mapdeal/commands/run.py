@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, overload
 
 from mapdeal.command import AT_LEAST_1, Output, Result, Words, command, parameters_of, unknown_name
-from mapdeal.commands.reach import goals_in, goals_of, start_of
+from mapdeal.commands.reach import chosen_goals, goals_or_names, start_of
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import (
     FindingError,
@@ -196,7 +196,9 @@ def run_maps(
     scheduler: Annotated[str | None, Words("tcp://HOST:PORT")] = None,
     report: bool = False,
     start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
-    goals: Annotated[Sequence[Goal], Words("[NAME=]X,Y", goals_of, "to", is_repeated=True)] = (),
+    goals: Annotated[
+        Sequence[Goal | str], Words("[NAME=]X,Y|NAME", goals_or_names, "to", is_repeated=True)
+    ] = (),
     points: Annotated[Path | None, Words("FILE|-")] = None,
     dry_run: Annotated[bool, Words(short="n")] = False,
     footprint: Footprint | None = None,
@@ -265,9 +267,10 @@ def run_maps(
     start : tuple of float, optional
         Where the robot starts, metres and radians, as for `mapdeal reach`.
     goals : sequence of Goal
-        Goal that the robot must reach, metres; more may follow; exit with 1 if it is not reached.
+        Goal that the robot must reach, metres, or the name of one in --points; more may follow;
+        exit with 1 if it is not reached.
     points : path, optional
-        File of goals, one [NAME=]x,y or JSON object per line; - reads standard input.
+        File of goals, as for `reach`; - reads standard input.
     dry_run : bool
         Say what would be read, written, skipped and refused, and the memory it takes.
     """
@@ -336,7 +339,7 @@ def run_maps(
         from mapdeal.commands.report_checks import Asked
 
         map_of_folder = {job.folder: job.path for job in all_jobs if job.error is None}
-        listed = [*goals, *([] if points is None else goals_in(points))]
+        listed = chosen_goals(goals, points)
         goal_check = Asked(settings, shape, robot, start, listed, map_of_folder)
     if dry_run:
         others = [*([output / batch.SUMMARY] if is_batch else [])]

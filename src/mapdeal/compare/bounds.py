@@ -10,6 +10,7 @@ from numbers import Real
 from typing import Any, Literal
 
 from mapdeal.errors import ParameterError, as_known, nearest
+from mapdeal.grid.values import decimal_text
 
 METRES, SHARE, COUNT, NUMBER, AREA = "m", "share", "count", "number", "m2"
 
@@ -107,7 +108,7 @@ def figure_text(value: float | None, unit: str) -> str:
         return str(int(value))
     if unit == NUMBER:
         return f"{value:.3f}"
-    return f"{float(f'{value:.4g}'):g} {unit}"
+    return f"{decimal_text(value)} {unit}"
 
 
 Side = Literal["min", "max"]

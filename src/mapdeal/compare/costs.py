@@ -21,6 +21,7 @@ from mapdeal.grid.values import (
     OneLine,
     cost_from_occupancy,
     count_text,
+    decimal_text,
 )
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.lookup import look_up
@@ -65,7 +66,7 @@ class CostChange(OneLine):
     by_size: dict[str, int]
 
     def _repr_parts(self) -> Iterator[str]:
-        yield f"{self.kind}, {count_text(self.cells, 'cell')}, {self.area:.4g} m2"
+        yield f"{self.kind}, {count_text(self.cells, 'cell')}, {decimal_text(self.area)} m2"
         yield count_text(self.regions, "region")
 
 

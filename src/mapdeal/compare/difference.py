@@ -14,7 +14,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.canvas import region_on_lattice, sampled
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import OCCUPIED
+from mapdeal.grid.values import OCCUPIED, decimal_text
 from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.distance import within_distance
 
@@ -135,7 +135,7 @@ class Change:
 
     @property
     def place(self) -> str:
-        return f"{self.area:.3g} m2 at {self.x + 0.0:.6g},{self.y + 0.0:.6g}"
+        return f"{decimal_text(self.area, 3)} m2 at {self.x + 0.0:.6g},{self.y + 0.0:.6g}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

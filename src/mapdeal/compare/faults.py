@@ -15,6 +15,7 @@ from mapdeal.compare.score import FREE, LEAST_PIECE, OCCUPIED, UNKNOWN, States, 
 from mapdeal.grid import values as map_values
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import decimal_text
 from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.distance import within_distance
 
@@ -75,7 +76,8 @@ class Fault:
 
     @property
     def text(self) -> str:
-        amount = f"{self.amount:.0f}" if not self.unit else f"{self.amount:.3g} {self.unit}"
+        amount = decimal_text(self.amount, 3) if self.unit else f"{self.amount:.0f}"
+        amount += f" {self.unit}" if self.unit else ""
         if self.share is None:
             return f"{self.kind}: by up to {amount}, most {self.place}"
         of = {

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import OCCUPIED
+from mapdeal.grid.values import OCCUPIED, decimal_text
 from mapdeal.kernels.lookup import histogram
 
 FilterKind = Literal["keepout", "speed", "binary"]
@@ -136,14 +136,14 @@ def mask_description(info: FilterInfo, grid: OccupancyGrid) -> dict[str, Any]:
 def mask_rows(description: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the result of `mask_description` as rows of a table."""
     if description["kind"] != "speed":
-        yield "filter", f"{description['kind']}, zones of {description['area_m2']:.4g} m2"
+        yield "filter", f"{description['kind']}, zones of {decimal_text(description['area_m2'])} m2"
         return
     scale = f"base {description['base']:g}, multiplier {description['multiplier']:g}"
     yield "filter", f"{description['kind']}, {scale}"
     sign = "%" if description["unit"] == "percent" else "m/s"
     for entry in description["limits"]:
         limit = "no limit" if entry["limit"] is None else f"limit {entry['limit']:.4g} {sign}"
-        yield limit, f"{entry['area_m2']:.4g} m2"
+        yield limit, f"{decimal_text(entry['area_m2'])} m2"
 
 
 def limits_in(info: FilterInfo, counts: NDArray[np.int64]) -> list[tuple[int, float | None, int]]:

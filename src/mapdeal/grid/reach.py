@@ -14,7 +14,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint, contains_centre
 from mapdeal.grid.frame import Figures, Framed, Origin, Point, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
-from mapdeal.grid.values import UNKNOWN, OneLine, count_text, numbers_text
+from mapdeal.grid.values import UNKNOWN, OneLine, count_text, decimal_text, numbers_text
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
 Method = Literal["astar", "descent", "geodesic", "graph"]
@@ -164,7 +164,7 @@ class Passage(OneLine):
     def _repr_parts(self) -> Iterator[str]:
         yield f"{self.width:.4g} m at {numbers_text((self.x, self.y))}"
         yield "open" if self.is_open else "closed"
-        yield f"{self.cut_off:.4g} m2 behind it"
+        yield f"{decimal_text(self.cut_off)} m2 behind it"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -289,7 +289,7 @@ class Reach(Framed):
         yield "a point" if self.robot is None else repr(self.robot)
 
     def _repr_values(self) -> Iterator[str]:
-        yield f"reaches {self.reachable_area:.4g} of {self.open_area:.4g} m2"
+        yield f"reaches {decimal_text(self.reachable_area)} of {decimal_text(self.open_area)} m2"
         if self.goals:
             got = sum(answer.reachable for answer in self.goals)
             yield f"{got} of {count_text(len(self.goals), 'goal')}"

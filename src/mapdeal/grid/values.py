@@ -10,8 +10,10 @@ References
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from decimal import Decimal
 from typing import Any, Final, Literal, get_args
 
 import numpy as np
@@ -148,3 +150,8 @@ def points_text(points: Sequence[Sequence[float]]) -> str:
 def count_text(count: int, noun: str) -> str:
     """Return a count with its noun, in the plural unless the count is 1."""
     return f"{count} {noun}{'s' * (count != 1)}"
+
+
+def decimal_text(number: float, digits: int = 4) -> str:
+    """Return a number with a few digits and without an exponent, such as 275,800 or 0.00125."""
+    return f"{Decimal(f'{number:.{digits}g}'):,f}" if math.isfinite(number) else f"{number}"

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
+from mapdeal.grid.values import decimal_text
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.mapping.cloud_floor import (
     Levels,
@@ -72,7 +73,8 @@ class Evidence(NamedTuple):
     def contradiction(self, area: float) -> str | None:
         """Return the reason why the level cannot be the floor of a cloud of an area, if any."""
         least = max(_LEAST_STANDING, _STANDING_PER_SIDE * math.sqrt(self.level))
-        under = f"{self.below:.3g} m2 of it have points below" if self.below else ""
+        standing = decimal_text(self.standing, 3)
+        under = f"{decimal_text(self.below, 3)} m2 of it have points below" if self.below else ""
         is_open = self.inner > _SHARE_INNER and self.level > _SHARE_ALONE * area
         is_open &= self.hanging == 0
         if self.standing < least:
@@ -81,23 +83,24 @@ class Evidence(NamedTuple):
         if self.below > self.standing or (
             self.below > _SHARE_BELOW * self.standing and self.is_above_others
         ):
-            return f"{under}, while things stand on {self.standing:.3g} m2"
+            return f"{under}, while things stand on {standing} m2"
         if is_open:
             return None
         is_scan = area <= _LARGEST_SCAN and self.level <= _LARGEST_OF_SCAN
         if self.inner < _SHARE_INNER and not is_scan:
             return "most of it is as narrow as walls"
         if self.touching < _SHARE_TOUCHING * self.standing:
-            return f"only {self.touching:.3g} of {self.standing:.3g} m2 above it reach down to it"
+            touching = decimal_text(self.touching, 3)
+            return f"only {touching} of {standing} m2 above it reach down to it"
         if self.level < max(_SHARE_OF_STANDING * self.standing, _SHARE_OF_AREA * area):
-            return f"things stand on {self.standing:.3g} m2 of it; {area:.3g} m2 have points in all"
+            points = decimal_text(area, 3)
+            return f"things stand on {standing} m2 of it; {points} m2 have points in all"
         # a small level is a floor only if a large share of the other points stands on it
         of_small = 0.0 if is_scan else _SHARE_OF_SMALL * area / self.level
         least_share = max(_SHARE_OF_ELSEWHERE, of_small)
         if self.standing < least_share * (area - self.level):
-            return (
-                f"only {self.standing:.3g} m2 of {area - self.level:.3g} m2 elsewhere stand on it"
-            )
+            elsewhere = decimal_text(area - self.level, 3)
+            return f"only {standing} m2 of {elsewhere} m2 elsewhere stand on it"
         return None
 
 
@@ -150,9 +153,8 @@ def floor_in(
             return Floor(
                 tiles, spacing, tilt, *above, evidence.may_be_ceiling, evidence.is_above_others
             )
-        refusals.append(
-            f"the level at {evidence.height:.2f} m has {evidence.level:.3g} m2, {reason}"
-        )
+        size = decimal_text(evidence.level, 3)
+        refusals.append(f"the level at {evidence.height:.2f} m has {size} m2, {reason}")
     raise MalformedInputError(f"no floor found: {'; '.join(refusals[:2])}", hint=_HINT)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
+from mapdeal.grid.values import decimal_text
 from mapdeal.kernels.arrays import Floats, Integers
 
 Claim = Callable[[int, str], object]
@@ -273,10 +274,9 @@ def check_upright(columns: Columns) -> None:
             continue
         area, z_area = (_lowest_level(np.roll(voxels, 2 - k, axis=1)) * side**2 for k in (axis, 2))
         if area > _LARGER * z_area:
-            rule = (
-                f"z does not seem to point up: the lowest level along z has {z_area:.3g} m2 in a "
-            )
-            rule += f"cloud {sizes[2]:.3g} m high, that along {name} {area:.3g} m2 in "
+            areas = decimal_text(z_area, 3), decimal_text(area, 3)
+            rule = f"z does not seem to point up: the lowest level along z has {areas[0]} m2 in a "
+            rule += f"cloud {sizes[2]:.3g} m high, that along {name} {areas[1]} m2 in "
             hint = f"--up {name} or --up -{name} turns the cloud; --up z if z does point up"
             raise MalformedInputError(f"{rule}{sizes[axis]:.3g} m", hint=hint)
 

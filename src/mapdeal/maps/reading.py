@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -234,8 +234,8 @@ def _refuse_image(path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix in IMAGE_SUFFIXES:
         sibling = path.with_suffix(".yaml")
-        hint = f"mapdeal convert {path} --resolution R -o MAP.yaml makes a map without a .yaml"
-        hint = f"pass {sibling}" if exists(sibling) else f"pass its .yaml; {hint}"
+        hint = "pass its .yaml, or --resolution R to read the image without one"
+        hint = f"pass {sibling}" if exists(sibling) else hint
         status_of(path)
         raise MalformedInputError("looks like an image, not a map's YAML", source=path, hint=hint)
 
@@ -320,12 +320,14 @@ def read_map(
     return grid
 
 
-def output_paths(output: Path) -> tuple[Path, ...]:
+def output_paths(output: Path, more: Sequence[str] = ()) -> tuple[Path, ...]:
+    """Return the files that a map becomes; errors also list `more` endings of the command."""
     if output.suffix == ".npz":
         return (output,)
     if output.suffix in (*YAML, ".pgm", ".png"):
         return map_server.pair_paths(output)
-    rule = "an output must end in .yaml, .npz, .pgm or .png"
+    *first, last = (".yaml", ".npz", ".pgm", ".png", *more)
+    rule = f"an output must end in {', '.join(first)} or {last}"
     hint = "mapdeal pack makes a bit map of a map" if output.suffix == BIT_MAP else None
     raise ParameterError(rule, source=output, hint=hint)
 

@@ -27,8 +27,8 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.rotations import from_yaw, rotated
 from mapdeal.mapping.evidence import FARTHEST_POSE, Stances, beams_in_plane, stances
 from mapdeal.mapping.transforms import FrameOptions, Pose, Posed, TransformTree
+from mapdeal.pipeline import local
 from mapdeal.pipeline.inputs import errors_named
-from mapdeal.pipeline.local import Cloud, Points, SummedCloud
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
 from mapdeal.sensors.points import read_trajectory
 from mapdeal.sensors.scans import ScanArrays, ScanSource
@@ -157,7 +157,11 @@ def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dic
         told = bag.summary()
         decoder = Decoder(bag)
         topics = list(_topics(bag, told, decoder))
-        edges = _edges(bag, decoder, progress or report_nothing)
+        edges = []
+        try:
+            edges = _edges(bag, decoder, progress or report_nothing)
+        except ParameterError as error:  # without lz4
+            bag.remark(f"{error.rule} for frames and transforms")
         whole = reduce(Recorded.joined, told.values(), Recorded())
         if not whole.count:
             bag.remark("holds no messages")
@@ -199,7 +203,7 @@ def _frame(bag: Bag, connections: list[Connection], decoder: Decoder) -> str | N
     for one in connections:
         for piece in bag.pieces([one.id]):
             if len(piece):
-                with suppress(MalformedInputError):
+                with suppress(MalformedInputError, ParameterError):
                     return decoder.header(piece[0])[1]
     return None
 
@@ -504,7 +508,7 @@ class BagClouds:
         path = Path(f"{self.bag.path}, message {number}")
         return BagCloud(path, f"{path.name} of {self.topic}", self.files, self, number)
 
-    def points(self, number: int) -> Points:
+    def points(self, number: int) -> local.Points:
         """Return the points of a cloud, shape (N, 3), as the robot sees them."""
         place = self._index[number]
         connection = self._connections[place.connection]
@@ -522,7 +526,7 @@ class BagClouds:
         with np.errstate(invalid="ignore"):
             return np.asarray(rotated(turns, points) + moves)
 
-    def _points_of_livox(self, data: bytes, connection: Connection) -> Points:
+    def _points_of_livox(self, data: bytes, connection: Connection) -> local.Points:
         claim(self.bag.path, 2 * len(data), what="the points of a cloud")
         try:
             return livox.points_of_custom(data, connection.encoding)
@@ -530,7 +534,7 @@ class BagClouds:
             error.place = error.place or connection.topic
             raise error.found_in(self.bag.path) from None
 
-    def _points_of(self, message: Any) -> Points:
+    def _points_of(self, message: Any) -> local.Points:
         count = int(message.width) * int(message.height)
         claim(self.bag.path, _BYTES * count, what="the points of a cloud")
         return messages.points_of(message)
@@ -566,20 +570,20 @@ class BagClouds:
         return posed.translations[0], posed.quaternions[0]
 
 
-def _points_of_scan(message: Any) -> Points:
+def _points_of_scan(message: Any) -> local.Points:
     return messages.points_of_scan(messages.laser_scan_of(message))
 
 
 @dataclass(frozen=True, eq=False)
-class BagCloud(Cloud):
+class BagCloud(local.Cloud):
     source: BagClouds
     number: int
 
-    def summed(self) -> SummedCloud:
+    def summed(self) -> local.SummedCloud:
         options = {**self.source.topic_and_mount, "message": str(self.number)}
-        return SummedCloud(self, self.source.sums, options, self.source.states)
+        return local.SummedCloud(self, self.source.sums, options, self.source.states)
 
-    def chunks(self) -> Iterator[Points]:
+    def chunks(self) -> Iterator[local.Points]:
         points = self.source.points(self.number)
         for first in range(0, len(points), _POINTS_TOGETHER):
             yield points[first : first + _POINTS_TOGETHER]
@@ -592,6 +596,19 @@ def clouds_of_bag(
 ) -> Iterator[BagClouds]:  # fmt: skip
     with open_bag(path) as bag:
         yield BagClouds(bag, topics, options, has_poses=has_poses, is_raw=is_raw)
+
+
+def sequence_of_bag(
+    source: BagClouds, poses_file: Path | None, output: Path
+) -> list[local.LocalJob]:
+    count = len(source)
+    found: Sequence[Pose | None]
+    found = source.poses(range(count)) if poses_file is None else local.poses_for(count, poses_file)
+    known = {number: pose for number, pose in enumerate(found) if pose is not None}
+    if not known:
+        rule = "of no cloud it is known where the robot was"
+        raise MalformedInputError(rule, source=source.bag.path)
+    return local.numbered_jobs(list(map(source.cloud, known)), list(known.values()), output)
 
 
 _SCANS_TOGETHER = 512

@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
+from typing import Any, ClassVar, Literal, Protocol, TypeVar
 
 from mapdeal.command import Result
 from mapdeal.errors import (
@@ -34,11 +34,8 @@ from mapdeal.kernels.threads import available_threads
 from mapdeal.maps.reading import open_map
 from mapdeal.pipeline.inputs import Need, Terminal, memory_budget, need_of
 from mapdeal.pipeline.recipe import Recipe
-from mapdeal.pipeline.run import RunReport, cells_text, output_folder, run_map
+from mapdeal.pipeline.run import LocalOfRun, RunReport, cells_text, output_folder, run_map
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
-
-if TYPE_CHECKING:
-    from mapdeal.pipeline.local import Around
 
 SUMMARY = "summary.json"
 _MOST_PER_PROCESSOR, _LEAST_CAP = 4, 8
@@ -89,7 +86,7 @@ class MapRun:
 
     recipe: Recipe
     settings: Settings = DEFAULT_SETTINGS
-    around: Around | None = None
+    around: LocalOfRun | None = None
 
     def sharing(self, jobs: int) -> MapRun:
         """Return it with a job's part of processors and memory, where there is no other rule."""

@@ -34,7 +34,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import GoalReach, Passage, Reach
-from mapdeal.grid.values import count_text
+from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.kernels.blocks import blocks_of, gathered, made_by_rows, report_rows
 from mapdeal.kernels.lookup import histogram
 from mapdeal.maps.map_server import Encoding
@@ -104,8 +104,8 @@ def written_line(output: Path, figures: Figures, *, with_origin: bool = False) -
 
 def _summary_of_reach(figures: Figures) -> str:
     x, y, *_ = figures["start"]
-    reached, room = figures["reachable_m2"], figures["open_m2"]
-    parts = [f"from {x:.10g}, {y:.10g} the robot reaches {reached:.4g} of {room:.4g} m2 open to it"]
+    reached, room = (decimal_text(figures[key]) for key in ("reachable_m2", "open_m2"))
+    parts = [f"from {x:.10g}, {y:.10g} the robot reaches {reached} of {room} m2 open to it"]
     goals = dict(figures.get("goals", {}))
     missed = [name for name, is_reached in goals.items() if not is_reached]
     if goals:
@@ -403,7 +403,8 @@ def output_of(step: Step, output: Path) -> list[Path]:
     endings = files_of(step.stage.makes).endings
     if output.suffix not in endings:
         hint = "--image writes a picture" if output.suffix == PICTURE else None
-        rule = f"the output must end in {' or '.join(e for e in endings if e != '.yml')}"
+        *first, last = (ending for ending in endings if ending != ".yml")
+        rule = f"the output must end in {' or '.join(filter(None, [', '.join(first), last]))}"
         raise ParameterError(rule, source=output, hint=hint)
     if output.suffix == ".npy":
         return [output, output.with_suffix(".yaml")]

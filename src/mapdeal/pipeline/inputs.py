@@ -407,8 +407,10 @@ class Work:
     current: ContextVar[Work | None] = ContextVar("work", default=None)
 
     def __init__(
-        self, settings: Settings, outputs: Sequence[Path], stack: ExitStack, terminal: Terminal
-    ) -> None:
+        self, settings: Settings, outputs: Sequence[Path], stack: ExitStack, terminal: Terminal, *,
+        as_json: bool = False,
+    ) -> None:  # fmt: skip
+        self.as_json = as_json
         self.settings, self.outputs, self.terminal = settings, list(outputs), terminal
         self.counted: ProgressCallback = terminal.counted
         self._stack = stack

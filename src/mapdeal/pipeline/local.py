@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,9 +51,6 @@ from mapdeal.pipeline.settings import Settings, heard
 from mapdeal.pipeline.step import Step
 from mapdeal.sensors.clouds import CLOUD_SUFFIXES, cloud_chunks
 from mapdeal.sensors.points import read_poses
-
-if TYPE_CHECKING:
-    from mapdeal.pipeline.bag_maps import BagClouds
 
 Points = NDArray[np.float64]
 
@@ -326,7 +323,7 @@ def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[Lo
         windows = [(x, y, yaw) for x, y, yaw in read_poses(poses_file).tolist()]
         return numbered_jobs([None] * len(windows), windows, output)
     clouds = [cloud for cloud in _clouds_of(names) if not is_same_file(cloud, poses_file)]
-    poses = _poses_for(len(clouds), poses_file)
+    poses = poses_for(len(clouds), poses_file)
     jobs = numbered_jobs(list(map(FileCloud.of, clouds)), poses, output)
     places = {real_path(output), *(real_path(job.folder) for job in jobs)}
     for path in (poses_file, *clouds):
@@ -336,7 +333,7 @@ def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[Lo
     return jobs
 
 
-def _poses_for(count: int, path: Path) -> list[Pose]:
+def poses_for(count: int, path: Path) -> list[Pose]:
     poses = [(x, y, yaw) for x, y, yaw in read_poses(path).tolist()]
     if len(poses) != count:
         rule = f"must have a pose for each of {count} clouds"
@@ -352,17 +349,6 @@ def numbered_jobs(
         LocalJob(cloud, tuple(pose), output / f"{k:0{digits}}")
         for k, (cloud, pose) in enumerate(zip(clouds, poses, strict=True))
     ]
-
-
-def sequence_of_bag(source: BagClouds, poses_file: Path | None, output: Path) -> list[LocalJob]:
-    count = len(source)
-    found: Sequence[Pose | None]
-    found = source.poses(range(count)) if poses_file is None else _poses_for(count, poses_file)
-    known = {number: pose for number, pose in enumerate(found) if pose is not None}
-    if not known:
-        rule = "of no cloud it is known where the robot was"
-        raise MalformedInputError(rule, source=source.bag.path)
-    return numbered_jobs(list(map(source.cloud, known)), list(known.values()), output)
 
 
 def _clouds_of(names: Sequence[str]) -> list[Path]:

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from mapdeal.command import Result
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
-from mapdeal.files.json_values import read_json
+from mapdeal.files.json_values import json_of, read_json
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.costmap import CostCurve, Costmap
@@ -26,7 +26,7 @@ from mapdeal.grid.values import count_text
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import Grid
-from mapdeal.maps.reading import output_paths, read_map, write_grid
+from mapdeal.maps.reading import Source, output_paths, read_map, write_grid
 from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import (
@@ -45,6 +45,7 @@ from mapdeal.pipeline.folder import (
     write_image,
     write_picture,
     write_product,
+    written_line,
 )
 from mapdeal.pipeline.recipe import (
     DEFAULT,
@@ -56,9 +57,6 @@ from mapdeal.pipeline.recipe import (
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Canvas, Settings, heard, passes_reported
 from mapdeal.pipeline.step import Step, grid_of
 from mapdeal.ros.robot import CostmapName, RobotParameters
-
-if TYPE_CHECKING:  # only runs around a robot need what it imports
-    from mapdeal.pipeline.local import Around
 
 _LEAST_COLUMN = 8
 _ALL_AROUND = 2 * math.pi - 0.1
@@ -157,6 +155,19 @@ def _summary_of_local(local: Figures) -> str:
         ends = f"from {local['angle_min']:.4g} to {local['angle_max']:.4g} rad of its heading"
         parts.append(f"seen {'all around' if around else ends}")
     return ", ".join([*parts, f"robot's back at {local['rear_heading']:.4g} rad"])
+
+
+class LocalOfRun(Protocol):
+    """The local map that a run makes besides, see `mapdeal.pipeline.local.Around`."""
+
+    @property
+    def files(self) -> tuple[Path, ...]: ...
+    def filling(
+        self, folder: Path, source: Source, settings: Settings, heard: Sequence[str]
+    ) -> Filling: ...
+    def folder(
+        self, folder: Path, sums: Mapping[str, str], resolution: float, settings: Settings
+    ) -> OutputFolder: ...
 
 
 def products_of(
@@ -317,7 +328,7 @@ def costmap(
 
 def run_map(
     path: Path, folder: Path, recipe: Recipe, settings: Settings = DEFAULT_SETTINGS,
-    around: Around | None = None,
+    around: LocalOfRun | None = None,
 ) -> RunReport:  # fmt: skip
     """Read a map, apply a recipe and write everything into a folder."""
     texts: list[str] = []
@@ -407,14 +418,34 @@ def used_mask(recipe: Recipe, mask: inputs.Mask) -> inputs.Mask | None:
     return inputs.used_mask(mask, recipe.robot)
 
 
-@dataclass(frozen=True)
-class SingleResult:
-    """What one stage has made of a file, as it returns it, and the checksums of what was read."""
+@dataclass(frozen=True, repr=False)
+class SingleResult(Result):
+    """What a stage returned for a file, and the checksums of the files that were read."""
 
+    source: Path
+    output: Path
+    step: Step
     figures: Figures
     result: Any
     sums: Mapping[str, str]
     curve: CostCurve | None = None
+
+    def document(self) -> dict[str, Any]:
+        if hasattr(self.result, "document"):
+            file = {"file": str(self.source), "sha256": self.sums}
+            return {"map": file, **self.result.document()}
+        parameters = self.step.described()[self.step.name]
+        document = {"parameters": parameters, "figures": self.figures}
+        if self.step.stage.makes is not Costmap:
+            return document
+        return {**document, **({"curve": None} if self.curve is None else self.curve.document())}
+
+    def parts(self) -> Iterator[str]:
+        yield json_of(self.document()).decode().removesuffix("\n")
+
+    def lines(self) -> Iterator[str]:
+        yield written_line(self.output, self.figures, with_origin=self.step.moves)
+        yield from getattr(self.result, "lines", tuple)()
 
 
 def apply_to_file(
@@ -481,7 +512,7 @@ def apply_to_file(
             remark = step.remark_on(figures)
             if remark is not None:
                 emit_warning(f"{path}: {remark}", stacklevel=2)
-            return SingleResult(figures, result, source.sums, costs)
+            return SingleResult(path, output, step, figures, result, source.sums, costs)
 
 
 _FILLED = 7  # of the picture: unknown cells that are now free; see `cleaning_style`

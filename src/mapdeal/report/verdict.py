@@ -12,7 +12,7 @@ from mapdeal.compare.difference import Change, Difference
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.reach import GoalReach, Passage, reach_radius
-from mapdeal.grid.values import count_text
+from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.report.document import About, Claim, Entry, State, Verdict, worst_of
 
 MOST_CLAIMS = 3
@@ -182,7 +182,8 @@ def on_difference(found: Difference, changes: Sequence[Change], left: int) -> li
         count = Counter(one.kind for one in changes)
         areas = {kind: sum(one.area for one in changes if one.kind == kind) for kind in count}
         parts = [
-            f"{areas[kind]:.3g} m2 {kind} in {count_text(count[kind], 'place')}" for kind in count
+            f"{decimal_text(areas[kind], 3)} m2 {kind} in {count_text(count[kind], 'place')}"
+            for kind in count
         ]
         more = f", and {count_text(left, 'smaller change')}" if left else ""
         text = f"Obstacles differ: {' and '.join(parts)}{more}"
@@ -193,7 +194,9 @@ def on_difference(found: Difference, changes: Sequence[Change], left: int) -> li
     share = 100 * found.beyond_tolerance / found.common_cells
     alone = found.not_compared
     text = f"{share:.3g} % of the common cells differ" if share else "All common cells are equal"
-    text += f"; {alone * cell:.3g} m2 are known in the first map alone" if alone else ""
+    text += (
+        f"; {decimal_text(alone * cell, 3)} m2 are known in the first map alone" if alone else ""
+    )
     claims.append(Claim("cells", "warning" if share or alone else "good", text, "What differs"))
     if found.symmetry is not None:
         text = f"The second map would be much more like the first if {found.symmetry}"
@@ -227,7 +230,7 @@ def on_cost_difference(found: CostDifference) -> list[Claim]:
     claims = [Claim("costmap", "good", "The same cells are closed in both costmaps")]
     if closed.cells or opened.cells:
         parts = [
-            f"{change.area:.3g} m2 {words} closed"
+            f"{decimal_text(change.area, 3)} m2 {words} closed"
             for change, words in ((closed, "are now"), (opened, "are no longer"))
             if change.cells
         ]
@@ -237,7 +240,9 @@ def on_cost_difference(found: CostDifference) -> list[Claim]:
     text = "All common cells have the same cost"
     if share:
         parts = [
-            f"{change.kind} on {change.area:.3g} m2" for change in (rose, fell) if change.cells
+            f"{change.kind} on {decimal_text(change.area, 3)} m2"
+            for change in (rose, fell)
+            if change.cells
         ]
         text = f"{share:.3g} % of the common cells have another cost"
         text += f": it {' and '.join(parts)}" if parts else ""

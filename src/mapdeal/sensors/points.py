@@ -288,7 +288,7 @@ class _LineFormat(NamedTuple):
         if self is _PAIR:
             are_names = all(word.isidentifier() for word in words)
             return are_names and len(words) == 4 and not {"nan", "inf", "infinity"} & set(words)
-        return words == [*self.names]
+        return words == [*self.names] or (self is _NAMED_POINT and words == ["name", *self.names])
 
 
 _POINT = _LineFormat(("x", "y"), "two numbers x,y", '{"x": x, "y": y} or [x, y]')
@@ -301,7 +301,9 @@ _PAIR = _LineFormat(
     '{"from": [x, y], "to": [x, y]} or [[x, y], [x, y]]',
 )  # fmt: skip
 _NAMED_POINT = _LineFormat(
-    ("x", "y"), "x,y or NAME=x,y", '{"x": x, "y": y}, with a "name" if it has one, or [x, y]'
+    ("x", "y"),
+    "x,y, NAME,x,y or NAME=x,y",
+    '{"x": x, "y": y}, with a "name" if it has one, or [x, y]',
 )
 
 
@@ -490,6 +492,8 @@ def _named_point_of(text: str) -> tuple[Point, str | None]:
         if name is not None and not (isinstance(name, str) and name.strip()):
             raise ValueError
         return _point_of_json(value), name
+    if "=" not in text and text.count(",") == 2 and not is_number(text.split(",")[0].strip()):
+        text = text.replace(",", "=", 1)
     name, equals, place = text.rpartition("=")
     if equals and (not name.strip() or "," in name):
         raise ValueError
