@@ -164,16 +164,24 @@ def parameters_of(words: str) -> str:
 
 
 def layers_of_costmaps(_: str) -> str:
-    """Return the table of the layers that a costmap can have, and what can be set of each."""
-    rows = []
+    """Return the table of the parameters of costmap layers; layers with equal rows share them."""
+    layers_by_row: dict[tuple[str, str, str], list[str]] = {}
     for layer_class in LAYERS:
         ((kind, values),) = layer_class().described().items()
         meanings = meanings_of(layer_class) or meanings_of(layer_class.__base__)
-        for name, default in values.items():
+        for name in (key for key in values if key != "name"):  # the text above the table has it
             words = {None: "none", True: "yes", False: "no"}
-            told = words[default] if default is None or isinstance(default, bool) else str(default)
-            rows.append((f"`{kind}`", f"`{name}`", told, meanings[name].replace("``", "`")))
-    return markdown_table(["layer", "parameter", "default", "meaning"], rows)
+            default = values[name]
+            is_word = default is None or isinstance(default, bool)
+            row = (f"`{name}`", words[default] if is_word else str(default), meanings[name])
+            layers_by_row.setdefault(row, []).append(f"`{kind}`")
+    return markdown_table(
+        ["layer", "parameter", "default", "meaning"],
+        [
+            (", ".join(kinds), name, default, meaning.replace("``", "`"))
+            for (name, default, meaning), kinds in layers_by_row.items()
+        ],
+    )
 
 
 def plugins(_: str) -> str:
