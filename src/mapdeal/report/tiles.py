@@ -1,8 +1,8 @@
 """Pictures of a page, cut into tiles.
 
-Of fields the error of a prediction is kept. The square of an exact distance in cells is a whole
-number, ``(r - r0)^2 + (c - c0)^2`` of the nearest obstacle cell. What it differs from left + below
-- below left is 0 wherever those four cells have the same nearest obstacle, nearly everywhere.
+Fields are stored as errors of a prediction. The square of an exact distance in cells is an integer,
+``(r - r0)^2 + (c - c0)^2`` of the nearest obstacle cell. Predicted by left + below - below left,
+its error is 0 wherever those four cells have the same nearest obstacle, nearly everywhere.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from mapdeal.kernels.threads import ThreadPool, thread_count
 from mapdeal.pictures.overlay import OtherThan, known_box, pooled
 from mapdeal.report.document import Item, PageLayer
 
-_MARGIN = 0.04  # of the longer side: what is shown around the known cells
+_MARGIN = 0.04  # width of the border around the known cells, as a share of the longer side
 _UNKNOWN = 255  # of maps and of costs, as bytes
 
 
@@ -35,10 +35,10 @@ def extent_of(
 ) -> tuple[float, float, float, float] | None:
     """Return the box in the map frame of the known cells of all layers, and of all items."""
     points = []
-    seen: set[Frame] = set()
+    frames: set[Frame] = set()
     for layer in layers:
-        if layer.frame not in seen and layer.style.labels.get(_UNKNOWN) == "unknown":
-            seen.add(layer.frame)
+        if layer.frame not in frames and layer.style.labels.get(_UNKNOWN) == "unknown":
+            frames.add(layer.frame)
             box = known_box(layer.values, OtherThan(_UNKNOWN))
             if box is not None:
                 rows, cols = (box.row, box.row + box.height), (box.col, box.col + box.width)
@@ -63,16 +63,16 @@ SQUARE_ERROR = 1e-4
 
 STEP = 1e-3  # metres of a step
 _STEP_ERROR = 0.51 * STEP
-_MOST_OTHERS = 8
+_MOST_EXCEPTIONS = 8
 _LARGEST = 2.0**31 - 16
 _HIDDEN_BITS = 8
 _RELATIVE_ERROR = 2.0**-16
 _SMALLEST_ERROR = 1e-30
 
 
-# A coding tells numbers by whole ones: `integers_of` returns the whole number next to each value,
-# anything where there is none, `values_of` the numbers of whole ones, and `is_near` where those are
-# near enough to the values.
+# A coding represents numbers by integers: `integers_of` returns the nearest integer of each value,
+# any integer where the value has none, `values_of` the numbers that integers represent, and
+# `is_near` where these are close enough to the values.
 
 
 @dataclass(frozen=True)
@@ -154,56 +154,56 @@ class Bits:
         return {"kind": "bits", "hidden": self.hidden}
 
 
-Way = Squares | Steps | Bits
+Coding = Squares | Steps | Bits
 
 
-def ways_of(
+def codings_of(
     resolution: float, convention: Convention | None, strength: float, *, are_metres: bool
-) -> tuple[Way, ...]:
+) -> tuple[Coding, ...]:
     """Return the codings of a layer's numbers, the best first, the last one always fitting."""
     if not are_metres:
         return Bits(_HIDDEN_BITS), Bits()
     if convention is None:  # a clearance, or a width
-        one, two = (0.0, resolution), (0.0, 2 * resolution)
-        return Squares(one, one), Squares(two, two), Steps(), Bits()
+        by_cell, by_two = (0.0, resolution), (0.0, 2 * resolution)
+        return Squares(by_cell, by_cell), Squares(by_two, by_two), Steps(), Bits()
     offsets = {"fast-planner": (0.0, 1.0), "center": (0.0, 0.0), "border": (0.5, 0.5)}
     above, below = offsets[convention]
     return Squares((above, resolution * strength), (below, resolution)), Steps(), Bits()
 
 
-def packed(values: Numbers, ways: Sequence[Way]) -> bytes:
+def packed(values: Numbers, codings: Sequence[Coding]) -> bytes:
     """Return the bytes of a tile, in the first coding that holds all of its numbers."""
-    for index, way in enumerate(ways):
-        fit = _fit(values, way)
+    for index, coding in enumerate(codings):
+        fit = _fit(values, coding)
         if fit is not None:
-            integers, top, others = fit
+            integers, top, exceptions = fit
             planes = _planes(_folded(integers))
-            header = struct.pack("<4i", index, len(planes), top, len(others))
-            return b"".join([header, others.astype("<f4").tobytes(), *planes])
+            header = struct.pack("<4i", index, len(planes), top, len(exceptions))
+            return b"".join([header, exceptions.astype("<f4").tobytes(), *planes])
     raise AssertionError("the last coding holds any number")
 
 
-def _fit(values: Numbers, way: Way) -> tuple[NDArray[np.int32], int, Numbers] | None:
-    """Return the whole numbers of a tile, the largest, and which others follow it; None if many."""
+def _fit(values: Numbers, coding: Coding) -> tuple[NDArray[np.int32], int, Numbers] | None:
+    """Return a tile's integers, the largest one, and the exceptions; None if these are too many."""
     with np.errstate(invalid="ignore", over="ignore"):
-        integers = way.integers_of(values)
-        told = np.isfinite(values) & (np.abs(integers) < _LARGEST)
-        told &= way.is_near(way.values_of(np.where(told, integers, 0)), values)
-    if told.all():
+        integers = coding.integers_of(values)
+        is_coded = np.isfinite(values) & (np.abs(integers) < _LARGEST)
+        is_coded &= coding.is_near(coding.values_of(np.where(is_coded, integers, 0)), values)
+    if is_coded.all():
         return integers.astype(np.int32), int(integers.max()), np.empty(0, dtype=np.float32)
-    strange = values[~told]
-    others = np.unique(strange)
-    if len(others) > _MOST_OTHERS:
+    exceptional = values[~is_coded]
+    exceptions = np.unique(exceptional)
+    if len(exceptions) > _MOST_EXCEPTIONS:
         return None
-    top = int(integers[told].max()) if told.any() else 0
-    integers[~told] = top + 1 + np.searchsorted(others, strange)
-    return integers.astype(np.int32), top, others
+    top = int(integers[is_coded].max()) if is_coded.any() else 0
+    integers[~is_coded] = top + 1 + np.searchsorted(exceptions, exceptional)
+    return integers.astype(np.int32), top, exceptions
 
 
 def _folded(integers: NDArray[np.int32]) -> NDArray[np.uint32]:
-    """Return what each number differs from the expected one, its sign in the lowest bit."""
-    rest = np.diff(np.diff(integers, axis=0, prepend=np.int32(0)), axis=1, prepend=np.int32(0))
-    return (rest.view(np.uint32) << np.uint32(1)) ^ (rest >> np.int32(31)).view(np.uint32)
+    """Return the error of each number's prediction, the sign in the lowest bit."""
+    residuals = np.diff(np.diff(integers, axis=0, prepend=np.int32(0)), axis=1, prepend=np.int32(0))
+    return (residuals.view(np.uint32) << np.uint32(1)) ^ (residuals >> np.int32(31)).view(np.uint32)
 
 
 def _planes(numbers: NDArray[np.uint32]) -> list[bytes]:
@@ -274,7 +274,7 @@ class Encoded:
     @property
     def data(self) -> list[bytes]:
         """The base64 text of all tiles, in the order of their offsets."""
-        return [tile for one in self.encoded for level in one.levels for tile in level.tiles]
+        return [tile for layer in self.encoded for level in layer.levels for tile in level.tiles]
 
     @property
     def size(self) -> int:
@@ -290,13 +290,13 @@ def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
     # as often as it takes.
     threads = thread_count()
     if threads == 1:
-        made = [_encoded_layer(layer, _Compressor(None, 1)) for layer in layers]
+        encoded_layers = [_encoded_layer(layer, _Compressor(None, 1)) for layer in layers]
     else:
         with ThreadPool(threads) as pool:
             compressor = _Compressor(pool, threads)
-            made = [_encoded_layer(layer, compressor) for layer in layers]
+            encoded_layers = [_encoded_layer(layer, compressor) for layer in layers]
     shapes = [layer.frame.shape for layer in layers]
-    return Encoded(tuple(_fitted(made, shapes, size)))
+    return Encoded(tuple(_fitted(encoded_layers, shapes, size)))
 
 
 def finest_reduce(shape: tuple[int, int]) -> int:
@@ -343,40 +343,40 @@ def _chain(layer: EncodedLayer, left_out: int) -> tuple[Level, ...]:
 
 
 class _Compressor:
-    """Makes tiles in threads, and holds no more cells than those are busy with."""
+    """Compresses tiles in threads; holds only the cells on which they work."""
 
     def __init__(self, pool: ThreadPool | None, threads: int) -> None:
         self._pool = pool
         self._most = 2 * threads
         self._waiting: deque[Future[bytes]] = deque()
 
-    def submit(self, cells: Cells, ways: Sequence[Way], compression: int) -> Future[bytes]:
+    def submit(self, cells: Cells, codings: Sequence[Coding], compression: int) -> Future[bytes]:
         if self._pool is None:
-            done: Future[bytes] = Future()
-            done.set_result(_tile(cells, ways, compression))
-            return done
+            tile: Future[bytes] = Future()
+            tile.set_result(_tile(cells, codings, compression))
+            return tile
         while len(self._waiting) >= self._most:
             self._waiting.popleft().result()
-        future = self._pool.submit(_tile, cells, ways, compression)
+        future = self._pool.submit(_tile, cells, codings, compression)
         self._waiting.append(future)
         return future
 
 
-def _tile(cells: Cells, ways: Sequence[Way], compression: int) -> bytes:
-    data = packed(cells, ways) if ways else cells.tobytes()
+def _tile(cells: Cells, codings: Sequence[Coding], compression: int) -> bytes:
+    data = packed(cells, codings) if codings else cells.tobytes()
     return b64encode(zlib.compress(data, compression))
 
 
 def _encoded_layer(layer: PageLayer, compressor: _Compressor) -> EncodedLayer:
     """Return a layer in all resolutions, each half the one before: `_fitted` chooses of them."""
-    ways: tuple[Way, ...] = ()
+    codings: tuple[Coding, ...] = ()
     coding: dict[str, Any] = {"kind": "bytes"}
     if not layer.is_bytes:
         are_metres = layer.unit == "m" or layer.convention is not None
-        ways = ways_of(
+        codings = codings_of(
             layer.frame.resolution, layer.convention, layer.strength, are_metres=are_metres
         )
-        coding = {"kind": "numbers", "ways": [way.header() for way in ways]}
+        coding = {"kind": "numbers", "ways": [own.header() for own in codings]}
     pooling = _Pooling.of(layer)
     shape = layer.frame.shape
     reduces = [finest_reduce(shape)]
@@ -387,7 +387,7 @@ def _encoded_layer(layer: PageLayer, compressor: _Compressor) -> EncodedLayer:
     maker: _LevelMaker | None = None
     makers = []
     for reduce in reversed(reduces):
-        maker = _LevelMaker(reduce, shape, pooling, ways, compressor, coarser=maker)
+        maker = _LevelMaker(reduce, shape, pooling, codings, compressor, coarser=maker)
         makers.append(maker)
     finest = makers[-1]
     for first in range(0, shape[0], TILE):  # a multiple of any `finest.reduce`
@@ -430,26 +430,26 @@ class _LevelMaker:
     """Cuts the rows of a level into tiles, and hands them on to the next coarser one."""
 
     def __init__(
-        self, reduce: int, shape: tuple[int, int], pooling: _Pooling, ways: Sequence[Way],
+        self, reduce: int, shape: tuple[int, int], pooling: _Pooling, codings: Sequence[Coding],
         compressor: _Compressor, *, coarser: _LevelMaker | None,
     ) -> None:  # fmt: skip
         self.reduce = reduce
         self._is_small = max(shape) <= ALL_CELLS_SIDE
         self._shape = -(-shape[0] // reduce), -(-shape[1] // reduce)
         self._pooling = pooling
-        self._ways = ways
+        self._codings = codings
         self._compressor = compressor
         self._coarser = coarser
         self._band = np.empty((0, 0))
         self._filled = 0
-        self._done = 0
+        self._rows_cut = 0
         self._tiles: list[Future[bytes]] = []
 
     def add(self, rows: Cells) -> None:
-        """Take the next rows, ranked."""
+        """Add the next rows, ranked."""
         while len(rows):
             if not self._filled:
-                height = min(TILE, self._shape[0] - self._done)
+                height = min(TILE, self._shape[0] - self._rows_cut)
                 self._band = np.empty((height, self._shape[1]), dtype=rows.dtype)
             part = rows[: len(self._band) - self._filled]
             self._band[self._filled : self._filled + len(part)] = part
@@ -460,14 +460,14 @@ class _LevelMaker:
 
     def _cut(self) -> None:
         band, self._filled = self._band, 0
-        self._done += len(band)
+        self._rows_cut += len(band)
         if self._coarser is not None:
             self._coarser.add(self._pooling.pooled(band, 2))
         values = self._pooling.values(band)
         for first in range(0, values.shape[1], TILE):
             tile = np.ascontiguousarray(values[:, first : first + TILE])
             compression = _COMPRESSION if self._is_small else _COMPRESSION_OF_LARGE
-            self._tiles.append(self._compressor.submit(tile, self._ways, compression))
+            self._tiles.append(self._compressor.submit(tile, self._codings, compression))
 
     def level(self) -> Level:
         tiles = tuple(tile.result() for tile in self._tiles)
