@@ -317,7 +317,7 @@ def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str |
 def _shift(
     walls: NDArray[np.float64], opposite_walls: NDArray[np.float64], apart: NDArray[np.bool_]
 ) -> WallShift | None:
-    """Return the distances of walls from opposite_walls; walls that are not apart have the same cell."""
+    """Return how far walls are from the opposite ones; those not `apart` share a cell."""
     if not len(walls) or not len(opposite_walls):
         return None
     from scipy.spatial import cKDTree
